@@ -30,11 +30,12 @@ from posefuse.core import Camera, Detections2D, Frame, Rig
 from posefuse.detection import region_from_pose
 from posefuse.detection.build import DetectorChoice, build_detector
 from posefuse.detection.regions import cut
-from posefuse.formats.pixels import PixelConverter
+from posefuse.formats.pixels import DecodedPixels, PixelConverter
 from posefuse.formats.rig import read_rig
 from posefuse.formats.video import VideoWriter
 from posefuse.foundation.channel import Channel
 from posefuse.health.cameras import CameraState
+from posefuse.realtime.capture import SAMPLE_STEP
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.fusion import Fusion
 from posefuse.realtime.joint_centres import Centring
@@ -79,8 +80,10 @@ def capture_stages(video: Path, spent: Spent) -> list[Frame]:
         decoded = container.decode(video=0)
         for i in range(FRAMES):
             frame = spent.of("decode", lambda: next(decoded))
-            image = spent.of("convert to RGB", lambda frame=frame: converter.rgb(frame))
-            spent.of("sample, to see whether it changes", lambda image=image: image[::12, ::12].copy())
+            pixels = DecodedPixels(frame, converter)
+            spent.of("fingerprint, to see whether it changes", lambda pixels=pixels: pixels.fingerprint(SAMPLE_STEP))
+            spent.of("sample, while no person is followed", lambda pixels=pixels: pixels.sample(SAMPLE_STEP))
+            image = spent.of("convert to RGB, when it is looked at", pixels.rgb)
             frames.append(Frame(camera=video.stem, seq=i, t_ns=i, received_ns=i, image=image))
     return frames
 
@@ -183,7 +186,7 @@ def roles(pids: set[int], parent: int) -> dict[int, str]:
 def session(rig: Path, sources: list[str], network: str, seconds: float, lead_s: float, *options: str) -> dict:
     """Processor time of a live session of these sources by what the threads do, and the session's own figures."""
     command = [sys.executable, "-m", "posefuse.cli.main", "live", str(rig), "--json", "--networks", network]
-    command += [*options, "--duration", str(seconds + lead_s + 1), *(part for source in sources for part in ("--source", source))]
+    command += [*options, "--duration", str(seconds + lead_s + 4), *(part for source in sources for part in ("--source", source))]
     live = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     while ": ok" not in (line := live.stderr.readline()):
         if not line:

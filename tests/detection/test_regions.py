@@ -108,3 +108,21 @@ def test_outside_the_image_is_black():
     image = np.full((100, 120, 3), 200, np.uint8)
     assert not cut(image, Region(centre_img=np.array([-500.0, 50.0]), side_px=300.0), 256).any()
     assert cut(image, Region(centre_img=np.array([60.0, 50.0]), side_px=60.0), 256).min() == 200
+
+
+def three_channels(image: np.ndarray, region: Region, side_px: int) -> np.ndarray:
+    """What `cut` computes with four."""
+    finer = int(np.clip(round(region.side_px / side_px / 2), 1, 3))
+    sampled = cv2.warpAffine(image, crop_from_img(region, side_px * finer), (side_px * finer, side_px * finer))
+    return sampled if finer == 1 else cv2.resize(sampled, (side_px, side_px), interpolation=cv2.INTER_AREA)
+
+
+def test_crops_of_images_and_regions_of_any_size_are_those_of_three_channels_one_after_the_other():
+    rng = np.random.default_rng(8)
+    for i in range(60):
+        size = (48, 64) if i % 2 else tuple(rng.integers(20, 200, 2))
+        image = rng.integers(0, 256, (*size, 3), dtype=np.uint8)
+        side_px, angle_rad = float(np.exp(rng.uniform(2, 7))), float(rng.choice([0.0, np.pi / 2, rng.uniform(-4, 4)]))
+        region = Region(centre_img=rng.uniform(-50, 250, 2), side_px=side_px, angle_rad=angle_rad)
+        side = int(rng.choice([32, 64]))
+        np.testing.assert_array_equal(cut(image, region, side), three_channels(image, region, side))

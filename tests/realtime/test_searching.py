@@ -8,43 +8,71 @@ import pytest
 from posefuse.realtime.searching import SearchSchedule
 
 PERIOD_S = 1 / 30
+STEP = 12
 
 
-def room(rng: np.random.Generator, person: int = 0) -> np.ndarray:
-    """Sampled pixels of a room seen by a noisy camera, with a person of so many pixels in it."""
-    sample = 100 + 5.0 * rng.normal(size=(40, 54, 3))
-    sample[10 : 10 + person, 20:22] = 200
-    return sample.clip(0, 255).astype(np.uint8)
+def room(rng: np.random.Generator, person: int = 0, contrast: float = 100.0, noise: float = 5.0) -> np.ndarray:
+    """(480, 648, 3) image of a room seen by a noisy camera, with a person as high as so many sampled pixels in it."""
+    image = np.full((480, 648, 3), 100.0, np.float32)
+    image[10 * STEP : (10 + person) * STEP, 20 * STEP : 21 * STEP] += contrast
+    image += noise * rng.standard_normal(image.shape, np.float32)
+    return image.clip(0, 255).astype(np.uint8)
 
 
-def searches(seconds: float, sample_at, found_at=lambda t_s: False) -> list[float]:
-    """Times at which a camera of 30 frames/s is searched."""
+def searches(seconds: float, image_at, found_at=lambda t_s: False, period_s: float = PERIOD_S) -> list[float]:
+    """Times at which a camera is searched."""
     schedule, done = SearchSchedule(), []
-    for t_s in np.arange(0, seconds, PERIOD_S):
-        sample = sample_at(t_s)
-        if schedule.due(sample, t_s):
-            schedule.searched(sample, t_s, found_at(t_s))
+    for t_s in np.arange(0, seconds, period_s):
+        image = image_at(t_s)
+        sample = image[::STEP, ::STEP].copy()
+        if schedule.due(sample, t_s, lambda image=image: image):
+            schedule.searched(sample, t_s, found_at(t_s), image)
             done.append(float(t_s))
     return done
 
 
-def test_a_room_in_which_nothing_changes_is_searched_ever_more_rarely() -> None:
+def of(images: list[np.ndarray]):
+    """One after the other, again and again: noise for thousands of images would take the test its time."""
+    return lambda t_s: images[round(t_s / PERIOD_S) % len(images)]
+
+
+def test_a_room_in_which_nothing_changes_is_searched_once_a_minute() -> None:
     rng = np.random.default_rng(1)
-    done = searches(120, lambda _: room(rng))
-    waits = np.diff(done)
-    assert len(done) < 20
-    assert waits.max() == pytest.approx(10, abs=2 * PERIOD_S)
-    assert (np.diff(waits) > -2 * PERIOD_S).all()
+    done = searches(300, of([room(rng) for _ in range(7)]))
+    assert np.diff(done) == pytest.approx([60] * (len(done) - 1), abs=11)
+    assert len(done) >= 5
+
+
+def test_a_person_too_faint_to_be_noticed_at_once_is_searched_within_ten_seconds() -> None:
+    rng = np.random.default_rng(4)
+    empty, faint = [[room(rng, person, contrast=20) for _ in range(7)] for person in (0, 8)]
+    done = searches(120, lambda t_s: of(faint if t_s >= 47.3 else empty)(t_s))
+    assert min(t_s for t_s in done if t_s >= 47.3) < 47.3 + 10 + 2 * PERIOD_S
+
+
+def test_what_changes_slowly_is_searched_every_ten_seconds() -> None:
+    rng = np.random.default_rng(5)
+    images = [room(rng, noise=4) for _ in range(7)]
+
+    def dawn(t_s: float) -> np.ndarray:
+        image = of(images)(t_s).copy()
+        image[104:112, 200:208] = np.uint8(t_s)
+        return image
+
+    waits = np.diff([t_s for t_s in searches(120, dawn) if t_s > 10])
+    assert waits == pytest.approx([10] * len(waits), abs=2 * PERIOD_S)
 
 
 def test_a_person_who_comes_in_is_searched_at_once() -> None:
     rng = np.random.default_rng(2)
-    done = searches(60, lambda t_s: room(rng, person=4 if t_s >= 47.3 else 0))
+    empty, there = [[room(rng, person) for _ in range(7)] for person in (0, 4)]
+    done = searches(60, lambda t_s: of(there if t_s >= 47.3 else empty)(t_s))
     assert min(t_s for t_s in done if t_s >= 47.3) < 47.3 + PERIOD_S
 
 
 def test_every_frame_is_searched_while_people_move_or_are_found() -> None:
     rng = np.random.default_rng(3)
-    moving = searches(2, lambda t_s: room(rng, person=3 + round(t_s / PERIOD_S) % 2 * 3))
-    found = searches(2, lambda _: room(rng), found_at=lambda _: True)
+    images = {person: room(rng, person) for person in (3, 9)}
+    moving = searches(2, lambda t_s: images[3 + round(t_s / PERIOD_S) % 2 * 6])
+    found = searches(2, lambda _: images[3], found_at=lambda _: True)
     assert len(moving) == len(found) == 60

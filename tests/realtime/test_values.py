@@ -25,6 +25,7 @@ from posefuse.realtime.news import News
 from posefuse.realtime.output_plan import NoOutputs
 from posefuse.realtime.processes import Groups, _Member, ended
 from posefuse.realtime.scheduling import expected_gain
+from posefuse.sources.arriving import Arrived
 from posefuse.sources.live.stream import StampClock
 
 S = 1_000_000_000
@@ -395,11 +396,11 @@ def test_the_frame_worth_most_is_taken_and_only_the_newest_waits(ring_rig) -> No
         Frame(camera="cam00", seq=i, t_ns=i * PERIOD_NS, received_ns=0, image=np.zeros((4, 4, 3), np.uint8)) for i in range(3)
     ]
     for frame in frames:
-        captures[0].put(Caught(frame, 0, frame.image))
-    captures[1].put(Caught(replace(frames[0], camera="cam01"), 0, frames[0].image))
+        captures[0].put(Caught(Arrived.of(frame), 0))
+    captures[1].put(Caught(Arrived.of(replace(frames[0], camera="cam01")), 0))
     order = [pick(captures, lambda capture: float(capture.entry.camera == "cam01")) for _ in range(2)]
-    assert [taken[1].frame.camera for taken in order if taken] == ["cam01", "cam00"]
-    assert order[1][1].frame is frames[2]
+    assert [taken[1].arrived.camera for taken in order if taken] == ["cam01", "cam00"]
+    assert order[1][1].arrived.pixels.rgb() is frames[2].image
     assert pick(captures, lambda _: 1.0) is None
     state = captures[0].state()
     assert (state.captured, state.used, state.replaced) == (3, 1, 2)
@@ -411,10 +412,11 @@ def test_faults_are_read_and_happen(ring_rig) -> None:
     with pytest.raises(ConfigError, match="melt"):
         faults_from_arguments(["cam01=melt@3"], rig)
     frames = [
-        Frame(camera="a", seq=i, t_ns=i * PERIOD_NS, received_ns=0, image=np.full((4, 4, 3), i, np.uint8)) for i in range(3)
+        Arrived.of(Frame(camera="a", seq=i, t_ns=i * PERIOD_NS, received_ns=0, image=np.full((4, 4, 3), i, np.uint8)))
+        for i in range(3)
     ]
     frozen = list(disturbed(iter(frames), [SourceFault("freeze", 0.0, 1e9)], begun_s=0.0))
-    assert [int(frame.image[0, 0, 0]) for frame, _ in frozen] == [0, 0, 0]
+    assert [int(frame.pixels.rgb()[0, 0, 0]) for frame, _ in frozen] == [0, 0, 0]
     assert [frame.t_ns + wrong.off_ns for frame, wrong in frozen] == [frame.t_ns for frame in frames]
     jumped = disturbed(iter(frames), [SourceFault("jump", 0.0, 1e9)], begun_s=0.0)
     assert [wrong for _, wrong in jumped] == [Wrong(3600 * S)] * 3
@@ -464,8 +466,8 @@ def test_a_video_begins_again_at_every_turn(ring_rig, demo_session) -> None:
     turns = {caught.later_ns for caught in taken}
     assert len(turns) == 3
     assert all(later_ns % (3 * S // 10) == 0 for later_ns in turns)
-    assert all(caught.frame.t_ns < 3 * S // 10 for caught in taken)
-    times = [caught.frame.t_ns + caught.later_ns for caught in taken]
+    assert all(caught.arrived.t_ns < 3 * S // 10 for caught in taken)
+    times = [caught.arrived.t_ns + caught.later_ns for caught in taken]
     assert times == sorted(times)
 
 

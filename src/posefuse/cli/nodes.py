@@ -64,9 +64,11 @@ def camera_node(
     # the whole rig stands on the board, so that gains and regions have one order on all machines
     board = new_board(rig)
     plan = OutputPlan(rig=rig, clock=clock, configs={"ros2": Ros2Config()})
+    # a fusion node on another machine learns of a camera's health by its views
+    groups_of = [replace(one, glances=False) for one in group_plans(rig, inputs, config, plan)]
     with (
         RosNode(f"posefuse_cameras_{topics.ros_name(name)}", network_of(ros_2)) as node,
-        GroupViews(group_plans(rig, inputs, config, plan), board, chooser, terminal.note) as groups,
+        GroupViews(groups_of, board, chooser, terminal.note) as groups,
     ):
         tell_intrinsics(node, rig, [entry.camera for entry in inputs], time.time_ns())
         skeleton = groups.wait_ready()

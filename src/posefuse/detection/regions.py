@@ -6,6 +6,7 @@ view, so a camera whose detector sees no person still contributes.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
 from typing import Any
 
@@ -21,6 +22,9 @@ _LEAST_KEYPOINTS = 4
 _LEAST_RADIUS_PX = 8.0
 _UP_STEP_M = 0.1
 _FINEST = 3
+# what interpolation reads next to a region
+_MARGIN_PX = 3.0
+_rooms = threading.local()
 
 
 def check_regions(frames: Sequence[Frame], regions: Sequence[Sequence[Region] | None]) -> None:
@@ -114,7 +118,23 @@ def cut(image: Array, region: Region, side_px: int) -> Array:
     A large region is sampled more finely and then averaged, so that fine texture does not alias into the crop.
     """
     finer = int(np.clip(round(region.side_px / side_px / 2), 1, _FINEST))
-    sampled = cv2.warpAffine(
-        image, crop_from_img(region, side_px * finer), (side_px * finer, side_px * finer), flags=cv2.INTER_LINEAR
-    )
-    return sampled if finer == 1 else cv2.resize(sampled, (side_px, side_px), interpolation=cv2.INTER_AREA)
+    affine = crop_from_img(region, side_px * finer)
+    # OpenCV samples four channels in half the time that three take, with the same values
+    sampled = cv2.warpAffine(_four_channels(image, region), affine, (side_px * finer, side_px * finer), flags=cv2.INTER_LINEAR)
+    if finer > 1:
+        sampled = cv2.resize(sampled, (side_px, side_px), interpolation=cv2.INTER_AREA)
+    return cv2.cvtColor(sampled, cv2.COLOR_RGBA2RGB)
+
+
+def _four_channels(image: Array, region: Region) -> Array:
+    """(H, W, 4) the image; valid in and next to the region only, and until the thread's next call."""
+    held = getattr(_rooms, "held", None)
+    if held is None or held.shape[:2] != image.shape[:2]:
+        held = _rooms.held = np.empty((*image.shape[:2], 4), np.uint8)
+    reach = region.side_px * (abs(np.cos(region.angle_rad)) + abs(np.sin(region.angle_rad))) / 2 + _MARGIN_PX
+    left, top = (int(max(centre - reach, 0)) for centre in region.centre_img)
+    right, bottom = (int(max(centre + reach, 0)) + 1 for centre in region.centre_img)
+    part = image[top:bottom, left:right]
+    if part.size:
+        cv2.cvtColor(part, cv2.COLOR_RGB2RGBA, dst=held[top:bottom, left:right])
+    return held

@@ -17,6 +17,10 @@ _RETRY_S = 0.01
 class PacketFraming:
     """For sockets that keep message boundaries: a writer killed midway leaves no half message."""
 
+    def __init__(self) -> None:
+        # made when it is needed, as either end may go to another process
+        self._room = bytearray()
+
     def send(self, end: socket.socket, raw: bytes, wait_s: float) -> bool:
         """Whether the message was handed over within `wait_s`; raises OSError when the other end is closed."""
         until_s = time.monotonic() + wait_s
@@ -30,8 +34,10 @@ class PacketFraming:
 
     def receive(self, end: socket.socket) -> bytes | None:
         """The oldest message, None when there is none now, empty when the other end is closed."""
+        # one buffer for all: memory for the longest packet takes longer to get than a packet to read
+        self._room = self._room or bytearray(_LONGEST)
         try:
-            return end.recv(_LONGEST)
+            return bytes(memoryview(self._room)[: end.recv_into(self._room)])
         except BlockingIOError:
             return None
 

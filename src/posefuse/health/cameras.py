@@ -148,21 +148,29 @@ class Monitor:
 
     def admit(self, seen: TimedDetections, now_ns: int) -> Detections2D | None:
         """The view to use, its time put right where its clock has jumped; None when it must not be used."""
-        watch = self._watches.get(seen.detections.camera)
+        view = seen.detections
+        t_ns = self.admit_frame(view.camera, view.t_ns, seen.received_ns, seen.still, now_ns)
+        if t_ns is None:
+            return None
+        return view if t_ns == view.t_ns else replace(view, t_ns=t_ns)
+
+    def admit_frame(self, camera: str, t_ns: int, received_ns: int, still: int, now_ns: int) -> int | None:
+        """The same of a frame that no detector has processed: its time, put right; the rest as in `TimedDetections`."""
+        watch = self._watches.get(camera)
         if watch is None:
             return None
         watch.seen_ns = now_ns
         if self._floods(watch, now_ns):
             _count(watch, "flood")
             return None
-        t_ns = self._timed(watch, seen, now_ns)
-        if t_ns is None:
+        right_ns = self._timed(watch, t_ns, received_ns, now_ns)
+        if right_ns is None:
             _count(watch, "late" if watch.late else "clock")
             return None
-        if self._is_frozen(watch, seen, t_ns):
+        if self._is_frozen(watch, still, right_ns):
             _count(watch, "frozen")
             return None
-        return seen.detections if t_ns == seen.detections.t_ns else replace(seen.detections, t_ns=t_ns)
+        return right_ns
 
     def take_state(self, state: CameraState, now_ns: int) -> None:
         """Take the status that the camera's own process reports."""
@@ -258,10 +266,10 @@ class Monitor:
         watch.flooding_ns, watch.flood_hz = now_ns, watch.in_window * _S / max(now_ns - watch.window_ns, _S // 100)
         return True
 
-    def _timed(self, watch: _Watch, seen: TimedDetections, now_ns: int) -> int | None:
+    def _timed(self, watch: _Watch, stamp_ns: int, received_ns: int, now_ns: int) -> int | None:
         """Mid-exposure by a clock that agrees with arrival; None until enough frames agree."""
-        t_ns = seen.detections.t_ns + watch.shift_ns
-        age_ns = seen.received_ns - t_ns
+        t_ns = stamp_ns + watch.shift_ns
+        age_ns = received_ns - t_ns
         usual_ns = int(median(watch.ages_ns)) if watch.ages_ns else _AGE_UNTIL_KNOWN_NS
         if abs(age_ns - usual_ns) <= JUMP_NS:
             watch.ages_ns.append(age_ns)
@@ -286,8 +294,8 @@ class Monitor:
         watch.strange_ns.clear()
         return t_ns + jump_ns
 
-    def _is_frozen(self, watch: _Watch, seen: TimedDetections, t_ns: int) -> bool:
-        if seen.still == 0 or watch.changed_ns is None:
+    def _is_frozen(self, watch: _Watch, still: int, t_ns: int) -> bool:
+        if still == 0 or watch.changed_ns is None:
             watch.changed_ns = t_ns
         watch.frozen = t_ns - watch.changed_ns >= FROZEN_NS
         # if all cameras are frozen, the scene is static and free of noise

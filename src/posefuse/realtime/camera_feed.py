@@ -88,7 +88,7 @@ class CameraFeed:
         with self._news:
             taken = [capture.take() for capture in self._captures]
         return [
-            FedFrame(number, caught.frame.t_ns + caught.later_ns - capture.zero_ns, caught.frame)
+            FedFrame(number, caught.arrived.t_ns + caught.later_ns - capture.zero_ns, caught.arrived.frame())
             for number, (capture, caught) in enumerate(zip(self._captures, taken, strict=True))
             if caught is not None
         ]

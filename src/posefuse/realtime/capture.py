@@ -6,21 +6,19 @@ import dataclasses
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
-from posefuse.core import Camera, Frame, PosefuseError, Source, SourceError
-from posefuse.core.arrays import Array
+from posefuse.core import Camera, PosefuseError, Source, SourceError
 from posefuse.health.cameras import CameraState
+from posefuse.sources.arriving import Arrived, arriving
 
-from .faults import SourceFault, Wrong, disturbed
+from .faults import NOTHING_WRONG, SourceFault, Wrong, disturbed
 from .video_keeping import VideoKeeper
 
 _RETRY_S = 1.0
-# every so many pixels in both directions are compared to detect a frozen camera
-_SAMPLE_STEP = 12
+# every so many pixels in both directions are compared, to see whether anything changes
+SAMPLE_STEP = 12
 
 
 @dataclass(frozen=True)
@@ -61,21 +59,20 @@ class LiveInput:
         return source
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, slots=True)
 class Caught:
     """A frame in the source's own time.
 
     Attributes:
-        still: for how many frames in a row the image has not changed. sample: (h, w, 3) some of its pixels.
+        still: for how many frames in a row the image has not changed.
         later_ns: when this showing of the source began, after the session's zero.
         wrong: what is wrong with it on purpose.
     """
 
-    frame: Frame
+    arrived: Arrived
     still: int
-    sample: Array
     later_ns: int = 0
-    wrong: Wrong = field(default_factory=Wrong)
+    wrong: Wrong = NOTHING_WRONG
 
 
 class Capture:
@@ -183,21 +180,21 @@ class Capture:
             self._source = self.entry.open(self._camera, zero_ns + later_ns)
         still, before, seq = 0, None, None
         try:
-            frames = self._source.frames()
+            frames = arriving(self._source)
             self._began_s = self._began_s or (zero_ns / 1e9 if self.entry.from_zero else time.monotonic())
             for frame, wrong in disturbed(frames, self.entry.faults, self._began_s):
                 if self._stop.is_set() or (self._loop_ns and frame.t_ns >= self._loop_ns):
                     return
-                sample = frame.image[::_SAMPLE_STEP, ::_SAMPLE_STEP].copy()
-                still = still + 1 if before is not None and np.array_equal(sample, before) else 0
-                before = sample
+                now = frame.pixels.fingerprint(SAMPLE_STEP)
+                still = still + 1 if now == before else 0
+                before = now
                 self._missing += max(0, frame.seq - seq - 1) if seq is not None else 0
                 seq = frame.seq
                 self._state, self._text = "running", ""
                 # another thread may exchange it
                 if (keeper := self._keeper) is not None:
-                    keeper.offer(frame, frame.t_ns + later_ns - self._zero_ns)
-                self.put(Caught(frame, still, sample, later_ns, wrong))
+                    keeper.offer(frame.frame(), frame.t_ns + later_ns - self._zero_ns)
+                self.put(Caught(frame, still, later_ns, wrong))
         finally:
             self._source.close()
             self._source = None

@@ -9,8 +9,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posefuse.core import SE3, Camera, ConfigError, Detections2D, Frame, Region, Rig, SourceError
+from posefuse.core import SE3, Camera, ConfigError, Detections2D, Region, Rig, SourceError
 from posefuse.core.errors import choices
+from posefuse.sources.arriving import Arrived
 
 FAULTS = ("freeze", "jump", "skew", "bump", "flood", "hang", "unplug")
 # about the vertical, to the right, and about the optical axis: as a camera is turned that a person brushes past
@@ -59,9 +60,15 @@ class Wrong:
     bumped: bool = False
 
 
-def disturbed(frames: Iterator[Frame], faults: Sequence[SourceFault], begun_s: float) -> Iterator[tuple[Frame, Wrong]]:
+NOTHING_WRONG = Wrong()
+
+
+def disturbed(frames: Iterator[Arrived], faults: Sequence[SourceFault], begun_s: float) -> Iterator[tuple[Arrived, Wrong]]:
     """The frames of a faulty camera, and what else is wrong with each; `begun_s`: monotonic time that faults count from."""
-    last: Frame | None = None
+    if not faults:
+        yield from ((frame, NOTHING_WRONG) for frame in frames)
+        return
+    last: Arrived | None = None
     for frame in frames:
         active = {fault.kind: fault for fault in faults if fault.start_s <= time.monotonic() - begun_s < fault.end_s}
         if "unplug" in active:
@@ -72,7 +79,7 @@ def disturbed(frames: Iterator[Frame], faults: Sequence[SourceFault], begun_s: f
             last = frame
         off_ns = sum(_OFF_NS.get(kind, 0) for kind in active)
         for copy in range(_COPIES if "flood" in active else 1):
-            yield replace(frame, image=last.image), Wrong(off_ns + copy, "bump" in active)
+            yield replace(frame, pixels=last.pixels), Wrong(off_ns + copy, "bump" in active)
 
 
 def bumped(camera: Camera) -> Camera:

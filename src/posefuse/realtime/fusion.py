@@ -43,7 +43,7 @@ class LiveIntake(Protocol):
         ...
 
     def messages(self) -> Iterable[Any]:
-        """What has come; never waits."""
+        """What has come; never waits. What is not taken is there the next time."""
         ...
 
     def troubles(self) -> Mapping[str, str]:
@@ -145,6 +145,9 @@ class Fusion:
         now_ns = self.clock.now_ns()
         if seen.state is not None:
             self.monitor.take_state(seen.state, now_ns)
+        for glance in seen.glances:
+            admitted = self.monitor.admit_frame(seen.detections.camera, glance.t_ns, glance.received_ns, glance.still, now_ns)
+            self.used[seen.detections.camera] += admitted is not None
         view = self.monitor.admit(seen, now_ns)
         if view is None:
             return
@@ -187,6 +190,9 @@ class Fusion:
             return
         for message in intake.messages():
             self.take(message)
+            # what is left waits in its channel: several views would make the output late
+            if self.clock.now_ns() >= due_ns:
+                return
 
     def _tell(self, t_ns: int) -> None:
         """Put the prediction where camera groups look for it."""
@@ -234,7 +240,7 @@ class Fusion:
 
 def velocity_between(before: Pose3D | None, now: Pose3D) -> Array:
     """(N, K, 3) from the prediction published before; 0 for people or keypoints it did not have."""
-    if before is None or now.t_ns <= before.t_ns or not np.array_equal(before.person_id, now.person_id):
+    if before is None or not len(now.person_id) or now.t_ns <= before.t_ns or not np.array_equal(before.person_id, now.person_id):
         return np.zeros(now.xyz_world.shape)
     return np.nan_to_num((now.xyz_world - before.xyz_world) * (_S / (now.t_ns - before.t_ns)))
 

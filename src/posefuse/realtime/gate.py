@@ -50,6 +50,9 @@ class KeypointGate:
 
     def passed(self, pose: Pose3D) -> Pose3D:
         """The pose without what is withheld."""
+        if not len(pose.person_id):
+            self._measured_ns = {}
+            return pose
         there = pose.kind != Kind.MISSING
         good = there & _known_to(pose.cov_world, self._rules.sigma_m) & self._fresh(pose)
         left = good.any(axis=1)

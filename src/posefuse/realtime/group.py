@@ -13,19 +13,20 @@ from pathlib import Path
 
 import numpy as np
 
-from posefuse.core import Camera, Detections2D, Frame, InputError, JointCentres, PosefuseError, Region, Rig
+from posefuse.core import Camera, Detections2D, InputError, JointCentres, PosefuseError, Region, Rig
 from posefuse.detection import with_clothing, with_depth
 from posefuse.detection.build import DetectorChoice
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.platform import lower_priority
+from posefuse.sources.arriving import Arrived
 
 from .board import Board, Expected
-from .capture import Capture, Caught, LiveInput, pick
+from .capture import SAMPLE_STEP, Capture, Caught, LiveInput, pick
 from .changeable_detector import ChangeableDetector
 from .clock import SessionClock
 from .controls import KeepVideos, ShowImages
 from .faults import before_bump, seen_by_bumped
-from .messages import Centres, Go, GroupFailed, Ready, SeenView, Status, Stop, Use
+from .messages import Centres, Glance, Go, GroupFailed, Ready, SeenView, Status, Stop, Use
 from .preview import preview
 from .scheduling import LEAST_EVERY_S, search_slot
 from .searching import SearchSchedule
@@ -36,6 +37,8 @@ _IDLE_S = 0.05
 _SEND_S = 0.5
 # a prediction older than this is useless for choosing where to look
 _STALE_NS = 1_000_000_000
+# while no person is followed, frames that are not searched are reported together this often
+_GLANCES_S = 0.2
 # leaves the processor to the fusion loop whenever both want it
 _NICENESS = 5
 
@@ -49,6 +52,7 @@ class GroupPlan:
         detector: the detector. clock: the session's.
         most_people: while fewer are followed, whole images are searched every `search_every_s`.
         preview_hz: small images per second and camera; 0 for none.
+        glances: frames that need no look may be reported together, see `messages.Glance`.
         proportions: joint centres by people's proportions, where no table was fitted to the detector.
         videos: an existing folder for the cameras' videos; None: none are kept.
     """
@@ -63,6 +67,7 @@ class GroupPlan:
     preview_hz: float
     proportions: bool = False
     videos: Path | None = None
+    glances: bool = True
 
 
 def run_group(plan: GroupPlan, channel: Channel, board: Board) -> None:
@@ -101,6 +106,8 @@ class Group:
         self._looked_s = dict.fromkeys((entry.camera for entry in plan.inputs), 0.0)
         self._searched_slot = dict.fromkeys(self._looked_s, -1)
         self._previewed_s = dict(self._looked_s)
+        self._sent_s = dict(self._looked_s)
+        self._glances: dict[str, list[Glance]] = {name: [] for name in self._looked_s}
         self._searches = {entry.camera: SearchSchedule() for entry in plan.inputs}
         self._status_s = self._busy_s = 0.0
         self._whole_images = 0
@@ -126,7 +133,7 @@ class Group:
                 cameras = tuple(entry.camera for entry in self._plan.inputs)
                 self._channel.send(Centres(cameras, self.joint_centres()), _SEND_S)
             self._tell_status()
-            self._look_at_best(self._board.read())
+            self._look_at_best()
         for capture in self._captures:
             capture.close()
 
@@ -144,12 +151,14 @@ class Group:
 
         return joint_centres_of(self.detector.now, proportions=self._plan.proportions)
 
-    def _look_at_best(self, expected: Expected) -> None:
+    def _look_at_best(self) -> None:
         with self._news:
-            chosen = pick(self._captures, lambda capture: self._worth(capture, expected))
-            if chosen is None:
-                self._news.wait(_IDLE_S)
+            if all(capture.waiting() is None for capture in self._captures) and not self._news.wait(_IDLE_S):
                 return
+            expected = self._board.read()
+            chosen = pick(self._captures, lambda capture: self._worth(capture, expected))
+        if chosen is None:
+            return
         begun_s = time.monotonic()
         self._look(*chosen, expected)
         self._busy_s += time.monotonic() - begun_s
@@ -172,44 +181,58 @@ class Group:
         return 1e6 * waited_s if waited_s > LEAST_EVERY_S else gain * waited_s
 
     def _look(self, capture: Capture, caught: Caught, expected: Expected) -> None:
-        name, frame = capture.entry.camera, caught.frame
+        name, arrived = capture.entry.camera, caught.arrived
         camera = self._plan.rig[name]
         shift_ns, clock = self._shift_ns[name] + caught.later_ns, self._plan.clock
-        started_ns = clock.now_ns()
-        self._looked_s[name] = time.monotonic()
-        regions = self._regions(camera, caught, frame.t_ns + shift_ns + caught.wrong.off_ns, expected, started_ns)
+        started_ns, now_s = clock.now_ns(), time.monotonic()
+        self._looked_s[name] = now_s
+        t_ns, received_ns = arrived.t_ns + shift_ns + caught.wrong.off_ns, arrived.received_ns + shift_ns
+        followed = len(expected.xyz_world) > 0 and started_ns - expected.t_ns <= _STALE_NS
+        regions = self._regions(camera, t_ns, expected, started_ns) if followed else self._search_or_nothing(caught, now_s)
+        if not followed and regions is not None and self._plan.glances and now_s - self._sent_s[name] < _GLANCES_S:
+            self._glances[name].append(Glance(t_ns, received_ns, caught.still))
+            self._preview(arrived, t_ns)
+            return
         found = self._detected(camera, caught, regions)
         shown = _in_session(found, shift_ns + caught.wrong.off_ns)
         if regions is None:
             self._whole_images += 1
-            self._searches[name].searched(caught.sample, time.monotonic(), found=len(shown) > 0)
+            sample = arrived.pixels.sample(SAMPLE_STEP)
+            self._searches[name].searched(sample, now_s, found=len(shown) > 0, image=arrived.pixels.rgb())
         seen = SeenView(
             detections=shown,
             state=capture.state(),
-            received_ns=frame.received_ns + shift_ns,
+            received_ns=received_ns,
             started_ns=started_ns,
             detected_ns=clock.now_ns(),
             still=caught.still,
             searched=regions is None,
             showing_ns=caught.later_ns,
+            glances=tuple(self._glances[name]),
         )
         self._channel.send(seen, _SEND_S)
-        self._preview(frame, shown.t_ns)
+        self._sent_s[name] = now_s
+        self._glances[name].clear()
+        self._preview(arrived, shown.t_ns)
 
     def _detected(self, camera: Camera, caught: Caught, regions: Sequence[Region] | None) -> Detections2D:
         if regions is not None and not regions:
-            return Detections2D.empty(camera.name, caught.frame.t_ns, self.detector.now.skeleton)
+            return Detections2D.empty(camera.name, caught.arrived.t_ns, self.detector.now.skeleton)
+        frame = caught.arrived.frame()
         if not caught.wrong.bumped:
-            [found] = self.detector.now.detect([caught.frame], [regions])
-            found = with_depth(found, caught.frame.depth)
-            return with_clothing(found, caught.frame.image) if self._plan.most_people > 1 else found
-        [found] = self.detector.now.detect([caught.frame], [regions and [before_bump(region, camera) for region in regions]])
+            [found] = self.detector.now.detect([frame], [regions])
+            found = with_depth(found, frame.depth)
+            return with_clothing(found, frame.image) if self._plan.most_people > 1 else found
+        [found] = self.detector.now.detect([frame], [regions and [before_bump(region, camera) for region in regions]])
         return seen_by_bumped(found, camera)
 
-    def _regions(self, camera: Camera, caught: Caught, t_ns: int, expected: Expected, now_ns: int) -> Sequence[Region] | None:
+    def _search_or_nothing(self, caught: Caught, now_s: float) -> Sequence[Region] | None:
+        """Where to look while no person is followed: None asks for a search of the whole image."""
+        pixels, schedule = caught.arrived.pixels, self._searches[caught.arrived.camera]
+        return None if schedule.due(pixels.sample(SAMPLE_STEP), now_s, pixels.rgb) else ()
+
+    def _regions(self, camera: Camera, t_ns: int, expected: Expected, now_ns: int) -> Sequence[Region] | None:
         """Where the people that are followed should be seen; None asks for a search of the whole image."""
-        if len(expected.xyz_world) == 0 or now_ns - expected.t_ns > _STALE_NS:
-            return None if self._searches[camera.name].due(caught.sample, time.monotonic()) else []
         slot = search_slot(now_ns, self._plan.search_every_s)
         if len(expected.xyz_world) < self._plan.most_people and slot != self._searched_slot[camera.name]:
             self._searched_slot[camera.name] = slot
@@ -220,13 +243,13 @@ class Group:
         looks = [region_from_pose(camera, xyz, skeleton) for xyz in expected.at(t_ns)]
         return [look for look in looks if look is not None]
 
-    def _preview(self, frame: Frame, t_ns: int) -> None:
+    def _preview(self, arrived: Arrived, t_ns: int) -> None:
         if self._plan.preview_hz <= 0:
             return
         now = time.monotonic()
-        if now - self._previewed_s[frame.camera] >= 1 / self._plan.preview_hz:
-            self._previewed_s[frame.camera] = now
-            self._channel.send(preview(frame, t_ns))
+        if now - self._previewed_s[arrived.camera] >= 1 / self._plan.preview_hz:
+            self._previewed_s[arrived.camera] = now
+            self._channel.send(preview(arrived.frame(), t_ns))
 
     def _tell_status(self) -> None:
         now = time.monotonic()

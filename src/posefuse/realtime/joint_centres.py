@@ -42,7 +42,8 @@ class Centring:
         """The next pose at joint centres, where they are wanted and known; poses come in the order of their times."""
         if self._lengths is None or not self._wanted:
             return pose
-        return at_joint_centres(pose, self._lengths.table, self._lengths.step(pose))
+        lengths = self._lengths.step(pose)
+        return at_joint_centres(pose, self._lengths.table, lengths) if len(lengths) else pose
 
 
 def live_centres(centres: Centres, t_ns: int) -> LiveJointCentres:

@@ -22,14 +22,16 @@ class Histogram:
 
     def __init__(self) -> None:
         self._counts = np.zeros(_BINS, np.int64)
-        self.count = 0
+        self._highest = self.count = 0
         self._sum_ms = 0.0
         self.most_ms = 0.0
 
     def add(self, ms: float) -> None:
         """Count one; negative ones (two clocks that disagree a little) count as 0."""
         ms = max(ms, 0.0)
-        self._counts[min(int(ms / _BIN_MS), _BINS - 1)] += 1
+        place = min(int(ms / _BIN_MS), _BINS - 1)
+        self._counts[place] += 1
+        self._highest = max(self._highest, place)
         self.count += 1
         self._sum_ms += ms
         self.most_ms = max(self.most_ms, ms)
@@ -38,7 +40,7 @@ class Histogram:
         """Upper edge of the bin in which that share is reached; NaN when nothing was counted."""
         if not self.count:
             return float("nan")
-        place = int(np.searchsorted(np.cumsum(self._counts), share * self.count))
+        place = int(np.searchsorted(np.cumsum(self._counts[: self._highest + 1]), share * self.count))
         return min((place + 1) * _BIN_MS, self.most_ms)
 
     def figures(self) -> dict[str, float]:

@@ -45,6 +45,15 @@ class Stop:
     """Finish and leave."""
 
 
+@dataclass(frozen=True, slots=True)
+class Glance:
+    """A frame that came while no person was expected and that there was no reason to search; times as in `SeenView`."""
+
+    t_ns: int
+    received_ns: int
+    still: int
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SeenView:
     """One frame looked at.
@@ -56,6 +65,7 @@ class SeenView:
         still: how many frames in a row, this one included, were the same image to the last sampled pixel.
         searched: the whole image was searched for people.
         showing_ns: when this showing of a looped source began, after the session's zero; 0 for all others.
+        glances: the camera's frames since the view before this one.
     """
 
     detections: Detections2D
@@ -66,6 +76,7 @@ class SeenView:
     still: int = 0
     searched: bool = False
     showing_ns: int = 0
+    glances: tuple[Glance, ...] = ()
 
 
 @dataclass(frozen=True)

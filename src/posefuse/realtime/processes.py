@@ -84,6 +84,7 @@ class Groups:
     def __init__(self, plans: Sequence[GroupPlan], board: Board) -> None:
         self._board = board
         self._go: Go | None = None
+        self._first = 0
         self._members = [_Member(plan, *self._start(plan)) for plan in plans]
 
     def __enter__(self) -> Self:
@@ -145,8 +146,12 @@ class Groups:
         return [member.channel for member in self._members if member.again_at_s is None]
 
     def messages(self) -> Iterator[Any]:
-        """What has come, a bounded number per group and call; notices and mends what has died."""
-        for member in self._members:
+        """What has come, a bounded number per group and call; notices and mends what has died.
+
+        Each call begins with another group, as its caller may not take all.
+        """
+        self._first = (self._first + 1) % max(len(self._members), 1)
+        for member in (*self._members[self._first :], *self._members[: self._first]):
             if member.again_at_s is not None:
                 if time.monotonic() >= member.again_at_s:
                     self._restart(member)

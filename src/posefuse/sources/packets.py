@@ -10,8 +10,9 @@ from typing import Any
 
 import av
 
-from posefuse.core import Frame
 from posefuse.core.encoded import EncodedImage
+
+from .arriving import Arrived
 
 # codecs whose packets are written to an .mp4 unchanged
 _COPIED_CODECS = ("h264", "hevc", "mjpeg", "av1", "mpeg4")
@@ -69,7 +70,7 @@ class PendingPackets:
         return None
 
 
-def with_earlier(frame: Frame, left_out: Sequence[Frame]) -> EncodedImage | None:
+def with_earlier(frame: Arrived, left_out: Sequence[Arrived]) -> EncodedImage | None:
     """The frame's packet, with those of frames that were left out since the last one."""
     if frame.encoded is None:
         return None

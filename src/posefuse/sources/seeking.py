@@ -14,10 +14,10 @@ from av.video.frame import VideoFrame
 
 from posefuse.core import Frame, SourceError
 from posefuse.core.arrays import Array
-from posefuse.formats.pixels import PixelConverter
+from posefuse.formats.pixels import DecodedPixels, PixelConverter
 
 from .images import ImagesSource
-from .video import ARBITRARY_START, VideoConfig, opened_video, session_ns, upright
+from .video import ARBITRARY_START, VideoConfig, opened_video, session_ns
 
 # a jump costs about as much as so many frames
 _READ_ON = 8
@@ -88,7 +88,7 @@ class VideoSeeker:
             if self._last is None or self._last[0] != tick:
                 self._last = self._reach(tick)
             decoded = self._last[1]
-            image = upright(self._pixels.rgb(decoded), decoded)
+            image = DecodedPixels(decoded, self._pixels).rgb()
         t_ns = int(self._times_ns[i])
         return Frame(camera=self._config.camera, seq=i, t_ns=t_ns, received_ns=t_ns, image=image)
 

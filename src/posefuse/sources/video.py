@@ -17,8 +17,9 @@ from av.video.stream import VideoStream
 from posefuse.core import Frame, SourceError
 from posefuse.core.arrays import Array
 from posefuse.core.encoded import EncodedImage
-from posefuse.formats.pixels import PixelConverter
+from posefuse.formats.pixels import DecodedPixels, PixelConverter
 
+from .arriving import Arrived
 from .packets import PendingPackets
 
 VIDEO_SUFFIXES = (".mp4", ".mkv", ".mov", ".avi", ".webm", ".m4v", ".mpg", ".mpeg", ".ts", ".mts", ".m2ts")
@@ -82,7 +83,8 @@ class VideoSource:
         first = next(self._decode(), None)
         if first is None:
             raise SourceError(f"{config.path}: camera {config.camera}: no frame can be decoded; is the file complete?")
-        self.size_wh = first.size_wh
+        # one that cannot be converted shows now
+        self.size_wh = first.frame().size_wh
         with opened_video(config) as container:
             self._stated_frames = int(container.streams.video[0].frames)
 
@@ -106,11 +108,15 @@ class VideoSource:
 
     def frames(self) -> Iterator[Frame]:
         """Frames in time order from the start; a frame that cannot be decoded is left out and counted in `broken_frames`."""
+        return (arrived.frame() for arrived in self.arriving())
+
+    def arriving(self) -> Iterator[Arrived]:
+        """See `UnconvertedSource`."""
         self.broken_frames = 0
         last_ns: int | None = None
         for frame in self._decode():
-            if frame.size_wh != self.size_wh:
-                raise SourceError(f"{self._where}: frame {frame.seq} is {frame.size_wh}, the first was {self.size_wh} px")
+            if (size_wh := frame.pixels.size_wh) != self.size_wh:
+                raise SourceError(f"{self._where}: frame {frame.seq} is {size_wh}, the first was {self.size_wh} px")
             if last_ns is not None and frame.t_ns <= last_ns:
                 self.broken_frames += 1
                 continue
@@ -127,23 +133,22 @@ class VideoSource:
     def _session_ns(self, file_time_s: Fraction) -> int:
         return session_ns(self._config, file_time_s)
 
-    def _decode(self) -> Iterator[Frame]:
+    def _decode(self) -> Iterator[Arrived]:
         with opened_video(self._config) as container:
             stream = container.streams.video[0]
             stream.thread_type = "AUTO" if self._config.threads else "SLICE"
-            start_s = Fraction(0)
+            stream_base, start_ticks = Fraction(stream.time_base or 1), 0
             converter = PixelConverter()
             seq = 0
             for decoded, encoded in self._decoded_frames(container, stream):
                 if decoded.pts is None:
                     self.broken_frames += 1
                     continue
-                time_s = decoded.pts * Fraction(decoded.time_base or stream.time_base or 1)
                 if seq == 0 and container.format.name in ARBITRARY_START:
-                    start_s = time_s
-                t_ns = self._session_ns(time_s - start_s)
-                image = upright(converter.rgb(decoded), decoded)
-                yield Frame(camera=self.camera, seq=seq, t_ns=t_ns, received_ns=t_ns, image=image, encoded=encoded)
+                    start_ticks = decoded.pts
+                t_ns = ticks_ns(self._config, decoded.pts - start_ticks, decoded.time_base or stream_base)
+                pixels = DecodedPixels(decoded, converter)
+                yield Arrived(camera=self.camera, seq=seq, t_ns=t_ns, received_ns=t_ns, pixels=pixels, encoded=encoded)
                 seq += 1
 
     def _decoded_frames(
@@ -178,8 +183,17 @@ class VideoSource:
 
 def session_ns(config: VideoConfig, file_time_s: Fraction) -> int:
     """Session time of a time of the file."""
-    drift_ns = float(file_time_s) * config.drift_ppm * 1e3
-    return round(file_time_s * 1_000_000_000) + round(config.offset_s * 1e9 + drift_ns)
+    return ticks_ns(config, file_time_s.numerator, Fraction(1, file_time_s.denominator))
+
+
+def ticks_ns(config: VideoConfig, ticks: int, base_s: Fraction) -> int:
+    """Session time of so many ticks of `base_s` in the file."""
+    # whole numbers: fractions would take a tenth as long as decoding the frame
+    count, per_s = ticks * base_s.numerator, base_s.denominator
+    whole, rest = divmod(count * 1_000_000_000, per_s)
+    # halves to the even side, as `round` does
+    whole += 2 * rest > per_s or (2 * rest == per_s and whole % 2)
+    return whole + round(config.offset_s * 1e9 + count / per_s * config.drift_ppm * 1e3)
 
 
 def opened_video(config: VideoConfig) -> av.container.InputContainer:
@@ -209,9 +223,3 @@ def _ticks(container: av.container.InputContainer, stream: VideoStream) -> set[i
     with suppress(av.error.FFmpegError):
         ticks.update(packet.pts for packet in container.demux(stream) if packet.pts is not None)
     return ticks
-
-
-def upright(image: Array, decoded: VideoFrame) -> Array:
-    """The image (H, W, 3) turned by the file's display rotation."""
-    turns = round(decoded.rotation / 90) % 4
-    return np.ascontiguousarray(np.rot90(image, turns)) if turns else image

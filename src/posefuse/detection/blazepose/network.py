@@ -35,6 +35,10 @@ class BlazePoseNetwork:
         self.side_px = takes.side_px
         compiled = compiled_for_cpu(_pruned(path, outputs, takes), precision, streams)
         self._request = compiled.create_infer_request() if streams == 1 else None
+        self._crop = np.zeros((1, takes.side_px, takes.side_px, 3), np.uint8)
+        if self._request is not None:
+            # given once: OpenVINO's Python layer takes longer to accept an array than to copy a crop
+            self._request.set_input_tensor(ov.Tensor(self._crop, shared_memory=True))
         self._queue = ov.AsyncInferQueue(compiled, streams) if streams > 1 else None
         if self._queue is not None:
             self._queue.set_callback(self._collect)
@@ -43,15 +47,17 @@ class BlazePoseNetwork:
     def __call__(self, crops: Sequence[Array]) -> list[Array]:
         """One array (B, ...) float32 per output, for B crops (side_px, side_px, 3) uint8; valid until the next call."""
         if self._request is not None and len(crops) == 1:
-            self._request.infer({0: crops[0][None]}, share_inputs=True)
+            self._crop[0] = crops[0]
             # heatmaps are large, and little of them is looked at: not copied
+            self._request.infer(share_outputs=True)
             return [self._request.get_output_tensor(k).data for k in range(len(self._shapes))]
         results = [np.empty((len(crops), *shape[1:]), np.float32) for shape in self._shapes]
         for i, crop in enumerate(crops):
             if self._queue is not None:
                 self._queue.start_async({0: crop[None]}, userdata=(results, i))
             elif self._request is not None:
-                self._request.infer({0: crop[None]}, share_inputs=True)
+                self._crop[0] = crop
+                self._request.infer(share_outputs=True)
                 self._collect(self._request, (results, i))
         if self._queue is not None:
             self._queue.wait_all()

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from posefuse.core import Frame
+from posefuse.sources.arriving import Arrived
 from posefuse.sources.packets import with_earlier
 from posefuse.sources.video import VideoConfig, VideoSource
 
 # decoding takes time, too; the first frame may be this late, because its successor is unknown
 _SLACK_NS, _FIRST_NS = 15_000_000, 100_000_000
-
-
-_NO_IMAGE = np.zeros((0, 0, 3), np.uint8)
 
 
 @dataclass(frozen=True)
@@ -56,20 +52,27 @@ class PacedVideoSource:
 
     def frames(self) -> Iterator[Frame]:
         """Frames in time order; `received_ns` is when a frame was handed on, on the file's own clock."""
+        return (arrived.frame() for arrived in self.arriving())
+
+    def arriving(self) -> Iterator[Arrived]:
+        """See `UnconvertedSource`."""
         zero_ns = self._config.zero_ns if self._config.zero_ns is not None else time.monotonic_ns()
         period_ns, before_ns = _FIRST_NS, None
-        left_out: list[Frame] = []
-        for frame in self._video.frames():
+        left_out: list[Arrived] = []
+        for frame in self._video.arriving():
             period_ns = frame.t_ns - before_ns if before_ns is not None else period_ns
             before_ns = frame.t_ns
             now_ns = time.monotonic_ns() - zero_ns
             if now_ns > frame.t_ns + period_ns + _SLACK_NS:
-                left_out.append(replace(frame, image=_NO_IMAGE))
+                left_out.append(frame)
                 continue
             time.sleep(max(0, frame.t_ns - now_ns) / 1e9)
             encoded = with_earlier(frame, left_out)
             left_out = []
-            yield replace(frame, received_ns=time.monotonic_ns() - zero_ns, encoded=encoded)
+            received_ns = time.monotonic_ns() - zero_ns
+            yield Arrived(
+                camera=self.camera, seq=frame.seq, t_ns=frame.t_ns, received_ns=received_ns, pixels=frame.pixels, encoded=encoded
+            )
 
     def close(self) -> None:
         """Nothing stays open between calls of `frames`."""

@@ -19,8 +19,9 @@ import av
 
 from posefuse.core import Frame, SourceError
 from posefuse.core.errors import choices
-from posefuse.formats.pixels import PixelConverter
+from posefuse.formats.pixels import DecodedPixels, PixelConverter
 from posefuse.foundation.platform import usb_camera_address, usb_camera_format, usb_cameras
+from posefuse.sources.arriving import Arrived
 from posefuse.sources.packets import decoded_with_packets
 
 _FOLLOW_NS = 10_000_000_000
@@ -71,18 +72,23 @@ class StreamSource:
         self._times = StampClock(round(config.delay_s * 1e9))
         self._seq = 0
         self._epoch_ns = time.time_ns() - time.monotonic_ns()
-        self._first: Frame | None = self._next()
-        self.size_wh = self._first.size_wh
+        self._first: Arrived | None = self._next()
+        # one that cannot be converted shows now
+        self.size_wh = self._first.frame().size_wh
 
     def frames(self) -> Iterator[Frame]:
         """Frames as they come; raises SourceError when they stop coming or change size."""
+        return (arrived.frame() for arrived in self.arriving())
+
+    def arriving(self) -> Iterator[Arrived]:
+        """See `UnconvertedSource`."""
         if self._first is not None:
             first, self._first = self._first, None
             yield first
         while self._container is not None:
             frame = self._next()
-            if frame.size_wh != self.size_wh:
-                raise SourceError(f"{self._where}: frames were {self.size_wh}, now {frame.size_wh} px")
+            if (size_wh := frame.pixels.size_wh) != self.size_wh:
+                raise SourceError(f"{self._where}: frames were {self.size_wh}, now {size_wh} px")
             yield frame
 
     def close(self) -> None:
@@ -95,7 +101,7 @@ class StreamSource:
     def _where(self) -> str:
         return f"{self._config.where}: camera {self.camera}"
 
-    def _next(self) -> Frame:
+    def _next(self) -> Arrived:
         try:
             decoded, encoded = next(self._decoded)
         except StopIteration:
@@ -108,12 +114,12 @@ class StreamSource:
         stamp_ns = None if decoded.pts is None else round(decoded.pts * decoded.time_base * 1_000_000_000)
         t_ns = self._times.placed(stamp_ns, now_ns)
         self._seq += 1
-        return Frame(
+        return Arrived(
             camera=self.camera,
             seq=self._seq - 1,
             t_ns=t_ns,
             received_ns=now_ns,
-            image=self._converter.rgb(decoded),
+            pixels=DecodedPixels(decoded, self._converter),
             encoded=encoded,
         )
 

@@ -1,0 +1,208 @@
+"""Frames that come while nobody is there: not converted, not sent one by one, and still judged one by one."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from posefuse.core import Detections2D, Frame, Pose3D, Rig, Skeleton
+from posefuse.detection.build import DetectorChoice
+from posefuse.foundation.channel import Channel
+from posefuse.health.cameras import Monitor
+from posefuse.realtime import group as group_module
+from posefuse.realtime.capture import Caught, LiveInput
+from posefuse.realtime.clock import SessionClock
+from posefuse.realtime.config import LiveConfig
+from posefuse.realtime.fusion import Fusion
+from posefuse.realtime.group import Group, GroupPlan
+from posefuse.realtime.joint_centres import Centring
+from posefuse.realtime.messages import SeenView
+from posefuse.realtime.output_plan import NoOutputs
+from posefuse.realtime.session import new_board, ready_tracker
+from posefuse.sources.arriving import Arrived
+
+S = 1_000_000_000
+PERIOD_NS = S // 30
+SKELETON = Skeleton("five", ("a", "b", "c", "d", "e"))
+
+
+class CountedPixels:
+    """An empty room, which counts how often its image is asked for."""
+
+    size_wh = (64, 48)
+
+    def __init__(self) -> None:
+        self.asked = 0
+
+    def rgb(self) -> np.ndarray:
+        self.asked += 1
+        return np.full((48, 64, 3), 90, np.uint8)
+
+    def sample(self, step: int) -> np.ndarray:
+        return np.full((4, 6, 3), 90, np.uint8)
+
+    def fingerprint(self, step: int) -> bytes:
+        return b"same"
+
+
+class NoSource:
+    camera, size_wh = "cam00", (64, 48)
+
+    def frames(self):
+        return iter(())
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+@dataclass(frozen=True)
+class NoSourceConfig:
+    def build(self) -> NoSource:
+        return NoSource()
+
+
+class SeesNobody:
+    """In place of a detector that may be exchanged."""
+
+    network = ""
+
+    def __init__(self, choice: DetectorChoice, rig: Rig) -> None:
+        self.now, self.skeleton, self.searched = self, SKELETON, 0
+
+    def detect(self, frames: list[Frame], regions: list) -> list[Detections2D]:
+        self.searched += sum(one is None for one in regions)
+        return [Detections2D.empty(frame.camera, frame.t_ns, SKELETON) for frame in frames]
+
+
+@pytest.fixture
+def watched(ring_rig, monkeypatch: pytest.MonkeyPatch):
+    """Lets a group look at `count` frames of one camera, and gives (messages, images asked for, searches)."""
+    rig, clock_s = ring_rig(3, size_wh=(64, 48)), itertools.count(1000.0, 1 / 30)
+    monkeypatch.setattr(group_module, "ChangeableDetector", SeesNobody)
+
+    def look(count: int, people: int = 0, glances: bool = True) -> tuple[list[SeenView], int, int]:
+        ours, theirs = Channel.pair()
+        entry = LiveInput("cam00", "test", NoSourceConfig(), False)
+        session = SessionClock.begin()
+        plan = GroupPlan(
+            group=0, rig=rig, inputs=(entry,), detector=DetectorChoice(), clock=session, most_people=1, search_every_s=1e6,
+            preview_hz=0.0, glances=glances,
+        )  # fmt: skip
+        board = new_board(rig)
+        group = Group(plan, theirs, board)
+        group._shift_ns["cam00"] = 0
+        pixels = [CountedPixels() for _ in range(count)]
+        for i, one in enumerate(pixels):
+            if people:
+                far = np.full((people, len(SKELETON), 3), 1e6)
+                board.write(pose_of(far, session.now_ns()), np.zeros_like(far), np.zeros(len(rig)))
+            now_s = next(clock_s)
+            monkeypatch.setattr(group_module.time, "monotonic", lambda now_s=now_s: now_s)
+            t_ns = 100 * S + i * PERIOD_NS
+            arrived = Arrived(camera="cam00", seq=i, t_ns=t_ns, received_ns=t_ns + 20_000_000, pixels=one)
+            group._look(group._captures[0], Caught(arrived, 0), board.read())
+        monkeypatch.undo()
+        messages = list(iter(ours.receive, None))
+        ours.close()
+        theirs.close()
+        return messages, sum(one.asked > 0 for one in pixels), group.detector.searched
+
+    return look
+
+
+def pose_of(xyz: np.ndarray, t_ns: int) -> Pose3D:
+    n, k = xyz.shape[:2]
+    return Pose3D(
+        t_ns=t_ns,
+        skeleton=SKELETON,
+        person_id=np.arange(n),
+        xyz_world=xyz,
+        cov_world=np.tile(np.eye(3), (n, k, 1, 1)),
+        reproj_px=np.ones((n, k)),
+        n_views=np.ones((n, k)),
+        kind=np.ones((n, k)),
+    )
+
+
+def test_frames_without_an_expected_person_are_reported_together_and_not_converted(watched) -> None:
+    messages, converted, searched = watched(90)
+    views, glances = len(messages), sum(len(one.glances) for one in messages)
+    assert 13 <= views <= 18
+    # those of the last fifth of a second have yet to be reported
+    assert 84 <= views + glances <= 90
+    times = [t_ns for one in messages for t_ns in (*(glance.t_ns for glance in one.glances), one.detections.t_ns)]
+    assert times == [100 * S + i * PERIOD_NS for i in range(len(times))]
+    assert searched == 1
+    assert converted <= 4
+
+
+@pytest.mark.parametrize("case", [{"people": 1}, {"glances": False}])
+def test_with_a_person_or_for_other_machines_every_frame_is_reported(watched, case) -> None:
+    messages, _, _ = watched(30, **case)
+    assert len(messages) == 30
+    assert not any(one.glances for one in messages)
+
+
+def test_what_is_reported_together_is_judged_and_counted_frame_by_frame(watched, ring_rig) -> None:
+    messages, _, _ = watched(90)
+    rig = ring_rig(3, size_wh=(64, 48))
+
+    class Clock:
+        def now_ns(self) -> int:
+            return 103 * S
+
+    fusion = Fusion(
+        rig, ready_tracker(rig, SKELETON, LiveConfig()), new_board(rig), Clock(), NoOutputs(), Centring(rig.names, False)
+    )
+    for one in messages:
+        fusion.take(one)
+    assert fusion.used["cam00"] == sum(1 + len(one.glances) for one in messages)
+    # of a frozen camera no frame is let through, one by one or together
+    monitor = Monitor(("cam00", "cam01"))
+    passed = [
+        monitor.admit_frame(name, 100 * S + i * PERIOD_NS, 100 * S + i * PERIOD_NS, i * (name == "cam00"), 100 * S)
+        for i in range(90)
+        for name in ("cam00", "cam01")
+    ]
+    assert all(t_ns is not None for t_ns in passed[1::2])
+    assert [t_ns is not None for t_ns in passed[::2]] == [i * PERIOD_NS < S // 2 for i in range(90)]
+
+
+def test_views_that_would_make_the_next_output_late_wait(watched, ring_rig) -> None:
+    messages, _, _ = watched(5, glances=False)
+    rig = ring_rig(3, size_wh=(64, 48))
+
+    class Clock:
+        """Every look at it takes a tenth of a millisecond: so does a view, which looks several times."""
+
+        now = 101 * S
+
+        def now_ns(self) -> int:
+            self.now += 100_000
+            return self.now
+
+    class Intake:
+        def __init__(self) -> None:
+            self.left = list(messages)
+
+        def channels(self) -> list[Channel]:
+            return []
+
+        def messages(self):
+            while self.left:
+                yield self.left.pop(0)
+
+    clock, intake = Clock(), Intake()
+    fusion = Fusion(
+        rig, ready_tracker(rig, SKELETON, LiveConfig()), new_board(rig), clock, NoOutputs(), Centring(rig.names, False)
+    )
+    due_ns = clock.now + 800_000
+    fusion._listen(intake, due_ns)
+    assert 0 < len(intake.left) < 4
+    assert due_ns <= clock.now < due_ns + 500_000
+    fusion._listen(intake, clock.now + 50_000_000)
+    assert not intake.left
+    assert fusion.used["cam00"] == 5
