@@ -62,7 +62,7 @@ def _solve(
     if settings.swap_correction:
         return solve_with_swaps_corrected(
             rig, xy, score, sigma=sigma, skeleton=views.skeleton, before=before, settings=settings, depth=depth
-        )  # fmt: skip
+        )
     return solve_settled(rig, xy, score, sigma, settings, depth=depth)
 
 

@@ -211,9 +211,7 @@ def settled(
     if solved.contradicted.any():
         at = np.flatnonzero(solved.contradicted)
         deep = None if depth is None else depth[at]
-        again = _solve_robust(
-            rig, xy_img[at], score[at], sigma[at], settings, most_scale=robust.LAST_SCALE, depth=deep
-        )  # fmt: skip
+        again = _solve_robust(rig, xy_img[at], score[at], sigma[at], settings, most_scale=robust.LAST_SCALE, depth=deep)
         at, kept = at[~again.contradicted], np.flatnonzero(~again.contradicted)
         for plane, renewed in zip(vars(points).values(), vars(again.unambiguous()).values(), strict=True):
             plane[at] = renewed[kept]

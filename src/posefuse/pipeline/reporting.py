@@ -44,7 +44,7 @@ def write_report_folder(
     # its own unchanged files can be made again at any time: replaced without being asked
     with output_folder(
         folder, command="report", inputs=files_of_result(result), replace=True, estimated_bytes=size, warn=warn
-    ) as place:  # fmt: skip
+    ) as place:
         made = write_biomechanics(recording, place.folder, settings, title=title or TITLE, progress=progress)
         relative = [path.relative_to(place.folder) for path in made]
     return [folder / path for path in relative]

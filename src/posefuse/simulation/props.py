@@ -35,7 +35,7 @@ _CUBE_FACES = np.array(
         [[0, 0, -1], [1, 0, 0], [0, -1, 0]],
     ],
     dtype=np.float64,
-)  # fmt: skip
+)
 
 
 @settings

@@ -132,7 +132,7 @@ def _smooth_point(t_ns: Array, z: Array, noise: Array, rate_hz: float, settings:
     told = np.isfinite(mean[:, 0])
     smooth_kernels.add_lasting(
         t_s, noise, used, told, rate, settings.lasting_share, settings.lasting_s, settings.max_gap_s, lasting
-    )  # fmt: skip
+    )
     return mean, cov * scale, used, lasting * scale
 
 
