@@ -95,7 +95,7 @@ class CrossCheck:
         return replace(view, t_ns=t_ns, xy_img=view.xy_img + shift)
 
     def _fused(self, together: list[Detections2D], now: Array) -> Array | None:
-        """(K, 3) the person in the views of one moment, each camera for itself; None where it is somebody else."""
+        """(K, 3) the person in the views of one moment, each camera for itself; None where it is another person."""
         xyz = self._solve(together, None).xyz_world
         near_m, found = min(((_median_apart_m(now, one), n) for n, one in enumerate(xyz)), default=(np.inf, 0))
         return xyz[found] if near_m <= _SAME_PERSON_M else None
