@@ -49,11 +49,15 @@ def test_printing_without_sizes_names_the_missing_ones(tmp_path: Path) -> None:
 def test_three_marked_points_are_read_and_a_wrong_key_is_named(tmp_path: Path) -> None:
     path = tmp_path / "floor.toml"
     marked = "[cameras.a]\norigin = [10, 20]\nx = [30.5, 20]\ny = [12, 5]\n[cameras.b]\nx = [7, 8]\n"
+    marked += "[cameras.c]\norigin = [3, 4]\ny = [5, 6]\n"
     path.write_text(f"origin_to_x_m = 1.5\n{marked}")
     rule = read_floor_points(path)
     assert rule.origin_to_x_m == 1.5
     np.testing.assert_array_equal(rule.xy_img["a"], [[10, 20], [30.5, 20], [12, 5]])
     assert np.isnan(rule.xy_img["b"]).tolist() == [[True, True], [False, False], [True, True]]
+    path.write_text(marked.replace("y = [5, 6]", ""))
+    with pytest.raises(ConfigError, match=r"floor\.toml: y: expected to be marked in 2 cameras or more, got 1"):
+        read_floor_points(path)
     path.write_text("[cameras.a]\norigo = [10, 20]\n")
     with pytest.raises(ConfigError, match=r"floor\.toml.*origo"):
         read_floor_points(path)

@@ -99,6 +99,11 @@ def test_a_height_no_person_has_is_refused(height_m: float, said: str) -> None:
     assert KnownLength(stature_m=1.2).stature_m == 1.2
 
 
+def test_the_distance_of_a_camera_to_itself_is_refused() -> None:
+    with pytest.raises(CalibrationError, match="expected the distance of two cameras, got cam00 twice"):
+        KnownLength(cameras=("cam00", "cam00"), distance_m=3.4)
+
+
 def test_intrinsics_alone_are_read_as_intrinsics_and_not_as_a_rig(lab: Any, tmp_path: Path) -> None:
     write_rig(tmp_path / "lenses.toml", Rig(tuple(replace(camera, cam_from_world=SE3.identity()) for camera in lab.rig)))
     assert read_rig(tmp_path / "lenses.toml").names == lab.rig.names

@@ -172,7 +172,7 @@ def test_an_inverted_board_has_its_corners_where_the_usual_one_has_them(target: 
 
 
 def test_a_back_that_cannot_be_is_refused() -> None:
-    with pytest.raises(ConfigError, match="DICT_4X4_50 has 50 markers, both sides together need 70"):
+    with pytest.raises(ConfigError, match="DICT_4X4_50 has markers 0 to 49, this target needs 0 to 69; take a larger dictionary"):
         Charuco(columns=7, rows=10, square_m=0.05, marker_m=0.03, thickness_m=0.005)
     with pytest.raises(ConfigError, match="thickness_mm: only a charuco or an aruco-board"):
         described_target(

@@ -10,6 +10,7 @@ from posefuse.calibration.extrinsics.cause_stamps import FrameTimes
 from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.self_checks import camera_differences
 from posefuse.calibration.extrinsics.target import calibrate_extrinsics
+from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.solving.rotations import Poses, stacked
 
 PERIOD_S = 1 / 30
@@ -22,7 +23,7 @@ def frames(late_periods: np.ndarray, noise_periods: float = 0.0) -> FrameTimes:
     stamps_s = (number + late_periods) * PERIOD_S
     seen = random.random(len(number)) > 0.1
     return FrameTimes(
-        np.round(stamps_s[seen] * 1e9).astype(np.int64), np.where(number % 17 == 5, np.nan, found_s)[seen], PERIOD_S
+        np.round(stamps_s[seen] * 1e9).astype(np.int64), np.where(number % 17 == 5, np.nan, found_s)[seen], 0.0, PERIOD_S
     )
 
 
@@ -51,3 +52,17 @@ def test_a_third_of_a_cameras_frames_stamped_late_does_not_move_the_rig(lab: Any
     found = calibrate_extrinsics(wrong, lab.rig.cameras, lab.target, Options(instants=100, clocks="together"))
     true, got = (stacked([Poses.from_se3(camera.cam_from_world) for camera in rig]) for rig in (lab.rig, found.rig))
     assert camera_differences(true, got)[0].max() < 3e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("camera", [0, 3])
+def test_frames_with_the_time_of_the_next_one_which_is_lost_are_named(lab: Any, camera: int) -> None:
+    """A video has no two frames of one time: the second is left out, and half of those that remain are a period late."""
+    seen = lab.watch()
+    period_ns = round(1e9 / lab.motion.rate_hz)
+    number = np.round(seen.t_ns / period_ns).astype(np.int64)
+    kept = seen.rows((seen.camera != camera) | (number % 3 != 1))
+    first = (kept.camera == camera) & (np.round(kept.t_ns / period_ns).astype(np.int64) % 3 == 0)
+    late = replace(kept, t_ns=kept.t_ns + np.where(first, period_ns, 0))
+    with pytest.raises(RefusedCalibration, match=f"time stamps of cam0{camera} are irregular"):
+        calibrate_extrinsics(late, lab.rig.cameras, lab.target, Options(clocks="auto"))

@@ -14,7 +14,7 @@ from posefuse.calibration.checks import verify as verification
 from posefuse.calibration.clocks.person import clocks_from_person
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.extrinsics import target as moving_target
-from posefuse.calibration.extrinsics.floor import FloorMarker, check_floor, lens_sigma, world_rule
+from posefuse.calibration.extrinsics.floor import FloorMarker, check_floor, lens_sigma, with_floor, world_rule
 from posefuse.calibration.extrinsics.limits import LIMITS
 from posefuse.calibration.extrinsics.own_intrinsics import cameras_of, start_sigma
 from posefuse.calibration.extrinsics.pipeline import Options
@@ -163,7 +163,7 @@ def calibrate_extrinsics(
             for source in sources:
                 lenses[source.camera]
         with shown(progress) as report:
-            seen = observe_sources(sources, kind, every, report)
+            seen = observe_sources(sources, with_floor(kind, floor), every, report)
         check_seen(seen, sources, kind)
     observations, world = world_rule(floor, seen, kind)
     limits = replace(LIMITS, distance_m=(0.0, np.inf)) if any_size else LIMITS

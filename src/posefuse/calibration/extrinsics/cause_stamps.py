@@ -43,11 +43,12 @@ class FrameTimes:
 
     Attributes:
         t_ns: (F,) their stamps. late_s: (F,) how much later they are stamped than most of them; NaN where the target rests.
-        period_s: usual time between frames.
+        usual_s: how late those are against the other cameras. period_s: usual time between frames.
     """
 
     t_ns: Array
     late_s: Array
+    usual_s: float
     period_s: float
 
     @property
@@ -92,7 +93,9 @@ def irregular_stamps(trouble: Trouble) -> Iterator[CauseTrial]:
         late_s = np.where((part.camera == c) & times.wrong[frame], times.late_s[frame], 0.0)
         restamped = replace(part, t_ns=part.t_ns - np.round(late_s * 1e9).astype(np.int64))
         delay_s = solved.solution.state.delay_s
-        clocks = "offset" if delay_s.any() else "together"
+        # against the others, the usual frame may be late too, by more than the step of the search
+        shifted = abs(times.usual_s) > 1.5 * times.period_s / _STEPS
+        clocks = "offset" if shifted or delay_s.any() else "together"
         again, lost = solve_anew(trouble, restamped, trouble.cameras, trouble.target, clocks, delay_s)
         words = f"the time stamps of {trouble.cameras[c].name} are irregular: {times.words}"
         yield from anew_trial(words, _REMEDY, again, lost, 1)
@@ -140,7 +143,9 @@ def frame_times(observations: CornerObservations, zero_ns: int, trouble: Trouble
             each = focal_px * np.linalg.norm(in_cam[:, :2] / in_cam[:, 2:] - xy_norm, axis=1)
         each = np.where(in_cam[:, 2] > 0, np.minimum(each, _MOST_OFF_PX), np.nan)
         off_px[k] = np.bincount(frame, each, len(t_ns)) / np.bincount(frame, minlength=len(t_ns))
-    return FrameTimes(t_ns, _late_s(off_px, tried_s), period_s)
+    late_s = _late_s(off_px, tried_s)
+    usual_s = _usual(late_s[np.isfinite(late_s)])
+    return FrameTimes(t_ns, late_s - usual_s, usual_s, period_s)
 
 
 def _first_prop(solved: Solved) -> PropShape:
@@ -151,12 +156,21 @@ def _first_prop(solved: Solved) -> PropShape:
 
 
 def _late_s(off_px: Array, tried_s: Array) -> Array:
-    """(F,) where the misfit (tried times, F) is least, against the usual frame; NaN where the target rests or is unknown."""
+    """(F,) where the misfit (tried times, F) is least; NaN where the target rests or is unknown."""
     known = np.isfinite(off_px).all(axis=0)
     filled = np.where(known, off_px, 0.0)
     moving = known & (filled.max(axis=0) - filled.min(axis=0) > _MOVING_PX)
-    late_s = np.where(moving, tried_s[filled.argmin(axis=0)], np.nan)
-    return np.asarray(late_s - np.nanmedian(late_s)) if moving.any() else late_s
+    return np.where(moving, tried_s[filled.argmin(axis=0)], np.nan)
+
+
+def _usual(values: Array) -> float:
+    """Middle of the shortest interval with the least share of right frames; a median can lie between two equal groups."""
+    if len(values) == 0:
+        return 0.0
+    ranked = np.sort(values)
+    count = max(int(np.ceil((1 - _MOST_WRONG) * len(ranked))), 1)
+    first = int(np.argmin(ranked[count - 1 :] - ranked[: len(ranked) - count + 1]))
+    return float(np.median(ranked[first : first + count]))
 
 
 def _path_by_others(

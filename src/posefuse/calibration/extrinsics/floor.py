@@ -30,9 +30,20 @@ class FloorMarker:
 
 
 def check_floor(floor: FloorMarker | ThreePoints | None, target: Target) -> None:
-    """Raise InputError where the floor needs another target."""
+    """Raise InputError where the floor needs another target, ConfigError where the dictionary has no such marker."""
     if isinstance(floor, FloorMarker) and not isinstance(target, Markers):
         raise InputError("a marker on the floor (--floor-marker): needs a target of markers, of the same dictionary")
+    if isinstance(floor, FloorMarker) and isinstance(target, Markers):
+        _tile(floor, target)
+
+
+def with_floor(target: Target, floor: FloorMarker | ThreePoints | None) -> Target:
+    """What to look for in the images: the target, and the marker on the floor where the target has markers of its own only."""
+    if not isinstance(floor, FloorMarker) or not isinstance(target, Markers):
+        return target
+    if not target.ids or floor.id in target.ids:
+        return target
+    return replace(target, ids=(*target.ids, floor.id))
 
 
 def world_rule(
@@ -41,9 +52,12 @@ def world_rule(
     """The observations of the moving target alone, and what sets the world; None estimates up from the cameras."""
     if not isinstance(floor, FloorMarker) or not isinstance(target, Markers):
         return observations, floor if isinstance(floor, ThreePoints) else None
-    tile = replace(target, side_m=floor.side_m or target.side_m, ids=(floor.id,))
-    world = FloorTile(observations.of_patches([floor.id]), tile, floor.id)
+    world = FloorTile(observations.of_patches([floor.id]), _tile(floor, target), floor.id)
     return observations.rows(observations.patch != floor.id), world
+
+
+def _tile(floor: FloorMarker, target: Markers) -> Markers:
+    return replace(target, side_m=floor.side_m or target.side_m, ids=(floor.id,))
 
 
 def lens_sigma(percent: float | None, cameras: Sequence[Camera]) -> tuple[float, ...] | None:

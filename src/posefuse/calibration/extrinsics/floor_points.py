@@ -10,6 +10,7 @@ y = [790, 501]             # somewhere on the side of +Y
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 from typing import Annotated
 
@@ -17,8 +18,10 @@ import numpy as np
 from annotated_types import Gt
 
 from posefuse.calibration.extrinsics.world import ThreePoints
+from posefuse.core import ConfigError
 from posefuse.foundation.settings import read_settings, settings
 
+_LEAST_VIEWS = 2
 _UNSEEN = (float("nan"), float("nan"))
 
 
@@ -43,4 +46,8 @@ def read_floor_points(path: Path) -> ThreePoints:
     """How the world is set by the file; raises ConfigError naming what is wrong in it."""
     file = read_settings(path, FloorPoints)
     marked = {name: np.array([points.origin, points.x, points.y]) for name, points in file.cameras.items()}
+    for i, point in enumerate(fields(MarkedPoints)):
+        views = sum(bool(np.isfinite(xy[i]).all()) for xy in marked.values())
+        if views < _LEAST_VIEWS:
+            raise ConfigError(f"{path}: {point.name}: expected to be marked in {_LEAST_VIEWS} cameras or more, got {views}")
     return ThreePoints(marked, file.origin_to_x_m)

@@ -146,12 +146,15 @@ def check_still(cameras: Sequence[Camera], solved: Solved, limits: Limits = LIMI
         share = np.bincount(segment[camera == c], inlier[camera == c], limits.segments) / np.maximum(count, 1)
         bad = (count >= limits.segment_views) & (share < limits.segment_share)
         if bad.any():
-            start, end = edges[np.flatnonzero(bad)[0]] - edges[0], edges[np.flatnonzero(bad)[-1] + 1] - edges[0]
-            return Check(
-                "cameras stand still", False,
-                f"{named.name} disagrees with the others from {start:.0f} s to {end:.0f} s, and agrees at other times",
-                "it was moved, or its clock jumped: calibrate with the part before or after",
-            )  # fmt: skip
+            begin, end = int(np.flatnonzero(bad)[0]), int(np.flatnonzero(bad)[-1]) + 1
+            when = f"from {edges[begin] - edges[0]:.0f} s to {edges[end] - edges[0]:.0f} s"
+            if (begin, end) == (0, limits.segments):
+                when += ", the whole recording"
+                remedy = "it was moved several times, is unsynchronised, or the times of its frames are wrong"
+            else:
+                when += ", and agrees at other times"
+                remedy = "it was moved, or its clock jumped: calibrate with the part before or after"
+            return Check("cameras stand still", False, f"{named.name} disagrees with the others {when}", remedy)
     return Check("cameras stand still", True, "every camera agrees over the whole recording")
 
 

@@ -32,6 +32,8 @@ class KnownLength:
     def __post_init__(self) -> None:
         if (self.stature_m is None) == (self.distance_m is None) or (self.cameras is None) != (self.distance_m is None):
             raise CalibrationError("scale: give either the person's stature, or two cameras and their distance")
+        if self.cameras is not None and self.cameras[0] == self.cameras[1]:
+            raise CalibrationError(f"scale: expected the distance of two cameras, got {self.cameras[0]} twice")
         metres = self.distance_m if self.stature_m is None else self.stature_m
         if not (metres is not None and np.isfinite(metres) and metres > 0):
             raise CalibrationError(f"scale: expected a length > 0 m, got {metres}")

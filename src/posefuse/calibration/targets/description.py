@@ -6,12 +6,13 @@ import json
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from posefuse.core import ConfigError, InputError, PosefuseError
+from posefuse.core.errors import choices
 from posefuse.foundation.atomic import atomic_file
 from posefuse.foundation.output_file import keep_copy
-from posefuse.foundation.settings import read_settings, settings
+from posefuse.foundation.settings import read_mapping, read_settings, settings
 
 from .kinds import ArucoBoard, Charuco, Chessboard, Markers, Target
 
@@ -136,6 +137,10 @@ def read_target(path: Path) -> Target:
     Raises:
         ConfigError: it cannot be read, has an unknown key, or lacks a size that this kind of target needs.
     """
+    if "kind" not in read_mapping(path):
+        raise ConfigError(
+            f"{path}: not a target file: expected kind = {choices(get_args(TargetKind))}; `calibrate print` writes one"
+        )
     said = read_settings(path, TargetDescription)
     return described_target(said, lambda names: ConfigError(f"{path}: {said.kind}: missing {', '.join(names)}"))
 

@@ -8,6 +8,7 @@ Patch axes: x right, y up, z out of the printed face, metres.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -55,7 +56,9 @@ class Markers:
 
     def __post_init__(self) -> None:
         _check_positive("markers", side_m=self.side_m)
-        dictionary_of(self.dictionary)
+        _check_ids("markers", self.dictionary, self.ids)
+        if len(set(self.ids)) < len(self.ids):
+            raise ConfigError(f"markers: ids: expected each once, got {', '.join(map(str, self.ids))}")
 
     def corners(self, patch: int) -> Array:
         """(4, 3) corners of a marker in its own frame: top left, top right, bottom right, bottom left."""
@@ -83,10 +86,12 @@ class Charuco:
     thickness_m: float | None = None
 
     def __post_init__(self) -> None:
-        _check_positive("charuco", square_m=self.square_m, marker_m=self.marker_m, columns=self.columns - 1, rows=self.rows - 1)
+        _check_positive("charuco", square_m=self.square_m, marker_m=self.marker_m)
+        _check_count("charuco", 2, columns=self.columns, rows=self.rows)
         if self.marker_m >= self.square_m:
-            raise ConfigError(f"charuco: marker_m: expected less than square_m {self.square_m}, got {self.marker_m}")
-        _check_sides("charuco", self.dictionary, self.thickness_m, 2 * self.markers)
+            square_mm, marker_mm = round(self.square_m * 1e3, 6), round(self.marker_m * 1e3, 6)
+            raise ConfigError(f"charuco: marker of {marker_mm:g} mm: expected less than the square of {square_mm:g} mm around it")
+        _check_sides("charuco", self.dictionary, self.thickness_m, 0, self.markers)
 
     @property
     def markers(self) -> int:
@@ -122,7 +127,8 @@ class Chessboard:
     square_m: float
 
     def __post_init__(self) -> None:
-        _check_positive("chessboard", square_m=self.square_m, columns=self.columns - 2, rows=self.rows - 2)
+        _check_positive("chessboard", square_m=self.square_m)
+        _check_count("chessboard", 3, columns=self.columns, rows=self.rows)
 
     def corners(self, patch: int) -> Array:
         """(columns*rows, 3) inner corners, row by row from the top left."""
@@ -149,8 +155,9 @@ class ArucoBoard:
     thickness_m: float | None = None
 
     def __post_init__(self) -> None:
-        _check_positive("aruco board", side_m=self.side_m, gap_m=self.gap_m, columns=self.columns, rows=self.rows)
-        _check_sides("aruco board", self.dictionary, self.thickness_m, self.first_id + 2 * self.markers)
+        _check_positive("aruco board", side_m=self.side_m, gap_m=self.gap_m)
+        _check_count("aruco board", 1, columns=self.columns, rows=self.rows)
+        _check_sides("aruco board", self.dictionary, self.thickness_m, self.first_id, self.markers)
 
     @property
     def markers(self) -> int:
@@ -172,16 +179,27 @@ class ArucoBoard:
 Target = Markers | Charuco | Chessboard | ArucoBoard
 
 
-def _check_sides(owner: str, dictionary: str, thickness_m: float | None, ids_end: int) -> None:
-    known = dictionary_of(dictionary)
-    if thickness_m is None:
-        return
-    _check_positive(owner, thickness_m=thickness_m)
-    if ids_end > len(known.bytesList):
+def _check_sides(owner: str, dictionary: str, thickness_m: float | None, first_id: int, markers: int) -> None:
+    """The dictionary has the markers of one side, or of both where there is a thickness."""
+    if thickness_m is not None:
+        _check_positive(owner, thickness_m=thickness_m)
+    sides = 1 if thickness_m is None else 2
+    _check_ids(owner, dictionary, (first_id, first_id + sides * markers - 1))
+
+
+def _check_ids(owner: str, dictionary: str, ids: Sequence[int]) -> None:
+    count = len(dictionary_of(dictionary).bytesList)
+    if any(not 0 <= number < count for number in ids):
+        used = f"{min(ids)} to {max(ids)}" if len(ids) > 1 else f"{ids[0]}"
         raise ConfigError(
-            f"{owner}: {dictionary} has {len(known.bytesList)} markers, both sides together need {ids_end};"
-            " take a larger dictionary"
+            f"{owner}: {dictionary} has markers 0 to {count - 1}, this target needs {used}; take a larger dictionary or other ids"
         )
+
+
+def _check_count(owner: str, least: int, **counts: int) -> None:
+    for name, count in counts.items():
+        if count < least:
+            raise ConfigError(f"{owner}: {name}: expected at least {least}, got {count}")
 
 
 def sides(target: Target) -> dict[int, SE3]:

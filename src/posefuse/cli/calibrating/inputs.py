@@ -17,8 +17,9 @@ from posefuse.pipeline.config import read_config
 
 def target_of(options: TargetOptions) -> Target:
     """The target described, by a file or by options; raises InputError naming the options that are missing or too many."""
-    if options.target.endswith(TARGET_SUFFIX):
-        return _target_of_file(options)
+    path = target_file(options)
+    if path is not None:
+        return _target_of_file(path, options)
     said = TargetDescription(
         kind=options.target,  # type: ignore[arg-type]
         **{field.name: getattr(options, field.name) for field in fields(TargetDescription) if field.name != "kind"},
@@ -28,13 +29,18 @@ def target_of(options: TargetOptions) -> Target:
     )
 
 
-def _target_of_file(options: TargetOptions) -> Target:
+def target_file(options: TargetOptions) -> Path | None:
+    """The file that describes the target; None where options do."""
+    return Path(options.target) if options.target.endswith(TARGET_SUFFIX) else None
+
+
+def _target_of_file(path: Path, options: TargetOptions) -> Target:
     usual = TargetOptions()
     names = [field.name for field in fields(TargetOptions) if field.name != "target"]
     more = [_option(name) for name in names if getattr(options, name) != getattr(usual, name)]
     if more:
         raise InputError(f"--target {options.target}: the file describes the target; leave out {', '.join(more)}")
-    return read_target(Path(options.target))
+    return read_target(path)
 
 
 def target_words(options: TargetOptions) -> str:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from posefuse.api.calibrate import calibrate_extrinsics, calibrate_intrinsics, observe_target, verify
-from posefuse.calibration.extrinsics.floor import FloorMarker, check_floor
+from posefuse.calibration.extrinsics.floor import FloorMarker, check_floor, with_floor
 from posefuse.calibration.extrinsics.floor_points import read_floor_points
 from posefuse.calibration.extrinsics.world import ThreePoints
 from posefuse.calibration.result_files import coverage_path, write_coverage
@@ -32,7 +32,7 @@ from posefuse.foundation.atomic import atomic_file
 from posefuse.foundation.output_file import keep_copy
 from posefuse.pipeline.config import CONFIG_FILE
 
-from .inputs import check_files, clock_offsets_s, clocks_beside, recordings_of, target_of, target_words
+from .inputs import check_files, clock_offsets_s, clocks_beside, recordings_of, target_file, target_of, target_words
 from .next_steps import Asked
 from .showing import reported, show, write_clocks
 
@@ -41,7 +41,7 @@ def intrinsics(
     inputs: Sequence[str], target: TargetOptions, every: int, files: RigOptions, terminal: Terminal
 ) -> Mapping[str, Any]:
     """Intrinsics of each camera from its views of a board: rig file without poses, and reports."""
-    check_files(inputs, (("--out", files.out), ("--report", files.report)), force=files.force)
+    check_files((*inputs, target_file(target)), (("--out", files.out), ("--report", files.report)), force=files.force)
     asked = Asked(step="intrinsics", inputs=inputs, target=target_words(target), out=files.out)
     with reported(files.report, asked), terminal.stages() as progress:
         found = calibrate_intrinsics(recordings_of(inputs), target=target_of(target), every=every, progress=progress)
@@ -66,7 +66,7 @@ def extrinsics(
     """Poses of the cameras from a moving target: rig file, coverage image, report, and clocks where they count."""
     picture = coverage_path(files.out)
     outputs = (("--out", files.out), ("--report", files.report), ("--out", picture))
-    check_files((*inputs, options.intrinsics, floor.floor_points), outputs, force=files.force)
+    check_files((*inputs, target_file(target), options.intrinsics, floor.floor_points), outputs, force=files.force)
     # everything that may be wrong with the command line, before minutes of work
     kind = target_of(target)
     lenses = None if options.intrinsics is None else read_rig(options.intrinsics)
@@ -76,7 +76,7 @@ def extrinsics(
         for name in recordings:
             lenses[name]
     with terminal.stages() as progress:
-        seen = observe_target(recordings, target=kind, every=options.every, progress=progress)
+        seen = observe_target(recordings, target=with_floor(kind, world), every=options.every, progress=progress)
     # before the solve: it is needed most when that refuses
     terminal.note(f"{picture}: {write_coverage(picture, seen).advice()}")
     check_seen(seen, open_sources(recordings), kind)
@@ -129,7 +129,7 @@ def verify_rig(
     inputs: Sequence[str], target: TargetOptions, options: VerifyOptions, files: ReportOptions, terminal: Terminal
 ) -> Mapping[str, Any]:
     """Millimetres and pixels of a rig, from a target that it was not made from."""
-    check_files((*inputs, options.rig), (("--report", files.report),), force=files.force)
+    check_files((*inputs, target_file(target), options.rig), (("--report", files.report),), force=files.force)
     kind, rig = target_of(target), read_placed_rig(options.rig)
     settings = options.rig.with_name(CONFIG_FILE)
     late_s = clock_offsets_s(options.offset_ms, rig) if options.offset_ms else clocks_beside(settings, rig)
