@@ -191,6 +191,7 @@ def test_resume_with_other_inputs_or_settings_is_refused_by_name(
     done = track(own, out, "--resume", *(change if isinstance(change, tuple) else ()))
     assert done.returncode == 1
     assert f"--resume: {named} has changed since the detections were made" in done.stderr.splitlines()[-1]
+    assert "more changed" not in done.stderr
     [left] = find_unfinished(out)
     assert read_log(left / LOG_FILE).batches
 
