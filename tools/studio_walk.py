@@ -75,8 +75,9 @@ class Walk:
             size = page.viewport_size
             assert size is not None
             # in a window that holds all of it: what is outside of the window is not drawn
-            height = max(size["height"], page.evaluate("document.documentElement.scrollHeight"))
-            page.set_viewport_size({"width": size["width"], "height": height})
+            for _ in range(2):  # a higher window may make the page higher, too
+                height = max(size["height"], page.evaluate("document.documentElement.scrollHeight"))
+                page.set_viewport_size({"width": size["width"], "height": height})
             page.wait_for_timeout(_DRAWN_MS)
             page.screenshot(path=self._pictures / f"{name}.png", animations="disabled")
             page.set_viewport_size(size)

@@ -28,7 +28,8 @@ _FULL_COUNT = 12
 
 def lights_table(project: Project, known: Known) -> None:
     """A row per camera, a light per thing that must be known."""
-    with ui.element("div").classes("pf-lights").style(f"grid-template-columns: auto repeat({len(LIGHTS)}, minmax(0, 1fr))"):
+    columns = f"auto repeat({len(LIGHTS)}, minmax(max-content, 1fr))"
+    with ui.element("div").classes("pf-lights").style(f"grid-template-columns: {columns}"):
         ui.label("")
         for name in LIGHTS:
             ui.label(name).classes("pf-small")

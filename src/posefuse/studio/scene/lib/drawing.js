@@ -45,7 +45,10 @@ export class RigDrawing {
     this.setup = { bones: [], bone_rgb: [], keypoint_rgb: [], trails: [], cameras: [], floor: { centre: [0, 0], half_m: 3 } };
     this.shown = { skeletons: true, meshes: false, ellipsoids: true, trails: false, cameras: true };
     this.names = {};
-    this.waiting = this.sized = false;
+    this.waiting = false;
+    // the view fits into the window until the user turns it
+    this.chosen = "home";
+    this.controls.addEventListener("start", () => { this.chosen = ""; });
     this.seen = new Seen(element, () => this.changed());
     this.observer = new ResizeObserver(() => this.resize());
     this.observer.observe(element);
@@ -189,6 +192,7 @@ export class RigDrawing {
   }
 
   look(where) {
+    this.chosen = where;
     const from = { home: [0.53, -0.67, 0.53], top: [0, -0.001, 1], front: [0, -0.98, 0.19], side: [0.98, 0, 0.19] }[where];
     const target = this.controls.target.set(...this.setup.floor.centre, 0.9), direction = new THREE.Vector3(...from);
     for (const far of [() => 1, () => this.distance_to_see(this.whole(), target)]) {
@@ -227,8 +231,7 @@ export class RigDrawing {
     this.labels.setSize(width, height);
     this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
-    if (!this.sized) this.look("home");
-    this.sized = true;
+    if (this.chosen) this.look(this.chosen);
     this.changed();
   }
 
