@@ -41,7 +41,8 @@ from .scheduling import expected_gain
 from .session_plan import Finished, SessionPlan, SessionViews
 
 LEAST_CAMERAS = 2
-_WARM_UP_INSTANTS = 15
+# a second: until then every kernel of the tracker has been used
+_WARM_UP_INSTANTS = 30
 
 
 def run_live(

@@ -77,15 +77,13 @@ class CrossCheck:
         exchanged = self._exchanged(_apart(xyz[self._mirror], now), _apart(xyz, now), 1.0)
         self._turned = np.where(exchanged, self._turned + 1, 0)
         turned = self._turned == _TURNED_CHECKS
-        if turned.any():
-            person.exchange(turned)
-            now = self._with_exchanged(now, turned)
-            exchanged, self._turned = exchanged & ~turned, np.where(turned, 0, self._turned)
-        xyz = self._with_exchanged(xyz, exchanged)
+        self._turned[turned] = 0
+        now = self._with_exchanged(now, turned)
+        xyz = self._with_exchanged(xyz, exchanged & ~turned)
         self._wrong = self._judged(xyz, together)
-        elsewhere = self._elsewhere(xyz, now)
-        if np.isfinite(elsewhere).any():
-            person.begin_again(elsewhere)
+        # called where nothing changes, too: so their kernels are compiled before a session begins
+        person.exchange(turned)
+        person.begin_again(self._elsewhere(xyz, now))
 
     def _at(self, view: Detections2D, person: Person, t_ns: int, now: Array) -> Detections2D:
         """The view as it would be at t_ns, moved by what the person moved since."""

@@ -11,6 +11,7 @@ import numpy as np
 from posefuse.core import ConfigError, Kind, Pose3D, Rig, Skeleton
 from posefuse.core.arrays import Array
 
+from .own_motion import OwnMotion
 from .settings import LiveSettings
 
 _ARMS = ("shoulder", "elbow", "wrist", "pinky", "index", "thumb")
@@ -141,6 +142,7 @@ class Person:
         kernels.born(state, *model.sizes, xyz, cov, _BORN_M_S, model.models)
         self._moments = [_Moment(t_ns, -1, None, state)]
         self._figures = np.empty(kernels.FIGURES)
+        self._own_motion = OwnMotion(model.skeleton, model.sizes, model.models)
 
     def add(self, view: View) -> Array | None:
         """Work a view in at its own time; its figures (`kernels.FIGURES`), or None when it is older than memory."""
@@ -164,7 +166,14 @@ class Person:
         keep = 0
         while keep + 1 < len(self._moments) and self._moments[keep + 1].t_ns <= before_ns:
             keep += 1
+            self._learn(self._moments[keep])
         del self._moments[:keep]
+
+    def _learn(self, settled: _Moment) -> None:
+        """From a moment that nothing changes any more; those up to it are kept."""
+        while (due_ns := self._own_motion.waits_until_ns()) is not None and due_ns <= settled.t_ns:
+            self._own_motion.judge(self.expected(due_ns)[0])
+        self._own_motion.settle(settled.state, settled.t_ns)
 
     def begin_again(self, xyz: Array) -> None:
         """Put keypoints at world places (K, 3) in every kept state, as late views start from older ones; NaN: unchanged."""
@@ -172,6 +181,8 @@ class Person:
 
         for moment in self._moments:
             kernels.begin_again(moment.state, self._model.sizes, xyz)
+        if np.isfinite(xyz).any():
+            self._own_motion.begin_again()
 
     def exchange(self, groups: Array) -> None:
         """Exchange left and right of limbs (`kernels.GROUPS`,), see `Model.group`, in every kept state."""
@@ -179,6 +190,8 @@ class Person:
 
         for moment in self._moments:
             kernels.exchange_groups(moment.state, self._model.sizes, self._model.mirror, self._model.group, groups)
+        if groups.any():
+            self._own_motion.begin_again()
 
     @property
     def measured_ns(self) -> int:
@@ -207,10 +220,14 @@ class Person:
         if t_ns < self._moments[0].t_ns:
             return False
         model = self._model
+        before = self._before(t_ns)
         kernels.pose(
-            self._before(t_ns).state, self._seconds(t_ns), model.cameras, model.ends, model.sizes, model.models,
+            before.state, self._seconds(t_ns), model.cameras, model.ends, model.sizes, model.models,
             model.pose_rules, out.xyz[row], out.cov[row], out.reproj[row], out.n_views[row], out.kind[row],
         )  # fmt: skip
+        correction = self._own_motion.correction(before.state, (t_ns - before.t_ns) * 1e-9)
+        if correction is not None:
+            out.xyz[row] += correction
         return bool(out.kind[row].any())
 
     def _redone(self, place: int) -> Array:

@@ -4,6 +4,7 @@ Times are seconds since the person's birth. Cameras are rows of (R 9, t 3, centr
 `white`, the (2, 2) matrix that turns their errors into sigmas.
 """
 
+from .own_motion import anticipate, learn, missing_per_second
 from .pose import pose, where
 from .rays import agreement, measure
 from .sides import exchange_groups
@@ -15,10 +16,13 @@ __all__ = [
     "FIGURES",
     "GROUPS",
     "agreement",
+    "anticipate",
     "begin_again",
     "born",
     "exchange_groups",
+    "learn",
     "measure",
+    "missing_per_second",
     "pose",
     "state_size",
     "step",

@@ -1,0 +1,127 @@
+"""A prediction as the regression of `tracking.online.own_motion` wants it, and one sample of it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from posefuse.foundation.compiled import kernel
+
+from .pose import where
+from .state import parts
+
+# usual sizes of what is regressed on, m and m/s
+_SCALE_M, _SCALE_M_S = 0.3, 1.5
+_LEAST_M = 0.05
+
+
+@kernel()
+def anticipate(state, horizon_s, newest_s, sizes, models, joints, trunk, frame, features, places, ages):
+    """Predict a person by `horizon_s` from the time of a state; False where the trunk is not known.
+
+    Args:
+        newest_s: views older than this do not count in the age of what is known of a keypoint.
+        joints: (J,) keypoints whose places and velocities against the hips are regressed on. trunk: (4,) hips and shoulders.
+        frame: (3, 3) filled with the axes of the trunk as rows. features: (D,), D = 4 + 6 J, filled. places: (K, 3) predicted.
+        ages: (K,) filled with the mean age of the views of each keypoint at the time of the state, in s.
+    """
+    k, m, count, b = sizes
+    seen, time = parts(state, k, m, count, b)[4], parts(state, k, m, count, b)[11][0]
+    now, sigmas = np.empty((k, 3)), np.empty(k)
+    where(state, time, sizes, models, now, sigmas)
+    where(state, time + horizon_s, sizes, models, places, sigmas)
+    if not _trunk_axes(now, trunk, frame):
+        return False
+    middle, moved = np.empty(3), np.empty(3)
+    for a in range(3):
+        middle[a] = 0.5 * (now[trunk[0], a] + now[trunk[1], a])
+        moved[a] = 0.5 * (places[trunk[0], a] + places[trunk[1], a]) - middle[a]
+    features[0] = 1.0
+    _turned(frame, moved, 1.0 / (horizon_s * _SCALE_M_S), features[1:4])
+    away, faster = np.empty(3), np.empty(3)
+    for n in range(len(joints)):
+        i = joints[n]
+        for a in range(3):
+            away[a] = now[i, a] - middle[a]
+            faster[a] = places[i, a] - now[i, a] - moved[a]
+        _turned(frame, away, 1.0 / _SCALE_M, features[4 + 6 * n : 7 + 6 * n])
+        _turned(frame, faster, 1.0 / (horizon_s * _SCALE_M_S), features[7 + 6 * n : 10 + 6 * n])
+    for d in range(len(features)):
+        # what is not known of the body counts as usual
+        if not math.isfinite(features[d]):
+            features[d] = 0.0
+    for i in range(k):
+        total, views = 0.0, 0
+        for c in range(count):
+            if time - seen[i, c] <= newest_s:
+                total += time - seen[i, c]
+                views += 1
+        ages[i] = total / views if views > 0 else newest_s
+    return True
+
+
+@kernel()
+def _trunk_axes(now, trunk, frame):
+    """Across the hips, and up to the shoulders; False where they are not known."""
+    across, up = np.empty(3), np.empty(3)
+    for a in range(3):
+        across[a] = now[trunk[0], a] - now[trunk[1], a]
+        up[a] = now[trunk[2], a] + now[trunk[3], a] - now[trunk[0], a] - now[trunk[1], a]
+    length = math.sqrt(across @ across)
+    if not length > _LEAST_M:
+        return False
+    across /= length
+    up -= (up @ across) * across
+    length = math.sqrt(up @ up)
+    if not length > _LEAST_M:
+        return False
+    up /= length
+    frame[0], frame[1] = across, up
+    frame[2, 0] = across[1] * up[2] - across[2] * up[1]
+    frame[2, 1] = across[2] * up[0] - across[0] * up[2]
+    frame[2, 2] = across[0] * up[1] - across[1] * up[0]
+    return True
+
+
+@kernel()
+def _turned(frame, vector, scale, out):
+    for i in range(3):
+        out[i] = scale * (frame[i, 0] * vector[0] + frame[i, 1] * vector[1] + frame[i, 2] * vector[2])
+
+
+@kernel()
+def missing_per_second(features, weights, out):
+    """What the regression expects predictions to miss: out (K, 3) from features (D,) and weights (D, K, 3)."""
+    out[:] = 0.0
+    for d in range(len(features)):
+        for i in range(out.shape[0]):
+            for a in range(3):
+                out[i, a] += features[d] * weights[d, i, a]
+
+
+@kernel()
+def learn(features, missed, good, keep, keep_tested, square, cross, weights, tested):
+    """One sample: features (D,) and what the prediction missed per second (K, 3), in the axes of the trunk.
+
+    Older samples count `keep` times less in the normal equations square (D, D), cross (D, K, 3). Keypoints that are not `good`
+    (K,) count as if the weights (D, K, 3) were right about them. tested (K, 2): sums of expected times missed, expected squared.
+    """
+    d, k = len(features), len(missed)
+    for i in range(d):
+        for j in range(d):
+            square[i, j] = keep * square[i, j] + features[i] * features[j]
+    expected = np.empty((k, 3))
+    missing_per_second(features, weights, expected)
+    for i in range(k):
+        both, own = 0.0, 0.0
+        for a in range(3):
+            both += missed[i, a] * expected[i, a]
+            own += expected[i, a] ** 2
+        if good[i]:
+            tested[i, 0] = keep_tested * tested[i, 0] + both
+            tested[i, 1] = keep_tested * tested[i, 1] + own
+        for a in range(3):
+            seen = missed[i, a] if good[i] else expected[i, a]
+            for j in range(d):
+                cross[j, i, a] = keep * cross[j, i, a] + features[j] * seen

@@ -1,0 +1,127 @@
+"""How a person moves on, learnt from the person's own motion while it is tracked.
+
+The motion models of keypoints know nothing of a gait or an exercise. But people repeat themselves, and how a limb is accelerated
+follows from the pose and the velocity of the body. So predictions over `HORIZON_S` are compared with what the views of that time
+showed, and the difference is regressed on pose and velocity: ridge regression, recursive, older samples fade. Nothing is known
+of other people, and a correction counts only as far as the corrections before it were right.
+
+It learns from states that no late view can change any more, so the order in which views arrive makes no difference.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from posefuse.core import Skeleton
+from posefuse.core.arrays import Array
+
+# somewhat longer than a pose is predicted in a live session: over shorter times more of what is missed is noise
+HORIZON_S = 0.1
+_HORIZON_NS = round(HORIZON_S * 1e9)
+_EVERY_NS = 25_000_000
+# who stops at once, or begins another movement, is corrected wrongly until the tests of the last moments show it
+_MEMORY_S, _TESTED_MEMORY_S = 30.0, 0.5
+_KEEP, _KEEP_TESTED = (math.exp(-_EVERY_NS * 1e-9 / memory_s) for memory_s in (_MEMORY_S, _TESTED_MEMORY_S))
+_SOLVE_EVERY = 8
+# the weight of no correction at all, in samples; sum of squared corrections at which they count half, (m/s)^2
+_RIDGE, _TESTED = 0.3, 0.05
+# what is farther off is another thing taken for the keypoint, and no motion; no correction is larger
+_MOST_M = 0.2
+# views older than this do not count in the age of what is known; corrections do not grow beyond that of a pose so old
+_NEWEST_S, _OLDEST_S = 0.15, 0.15
+_JOINTS = ("shoulder", "elbow", "wrist", "knee", "ankle")
+_SIDES = ("left", "right")
+_TRUNK = tuple(f"{side}_{joint}" for joint in ("hip", "shoulder") for side in _SIDES)
+
+
+@dataclass(frozen=True, eq=False)
+class _Prediction:
+    """From a state at t_ns: trunk axes (3, 3), features (D,), places (K, 3) at the horizon, age (K,) of what is known."""
+
+    t_ns: int
+    frame: Array
+    features: Array
+    places: Array
+    ages: Array
+
+
+class OwnMotion:
+    """What is learnt of one person. A skeleton without hips and shoulders has no trunk to refer to: nothing is corrected."""
+
+    def __init__(self, skeleton: Skeleton, sizes: tuple[int, int, int, int], models: Array) -> None:
+        places = {name: i for i, name in enumerate(skeleton.keypoints)}
+        self._sizes, self._models = sizes, models
+        self._joints = np.array([places[f"{s}_{j}"] for s in _SIDES for j in _JOINTS if f"{s}_{j}" in places], np.intp)
+        self._trunk = np.array([places[name] for name in _TRUNK if name in places], np.intp)
+        size, k = 4 + 6 * len(self._joints), len(skeleton)
+        self._square, self._cross, self._weights = np.zeros((size, size)), np.zeros((size, k, 3)), np.zeros((size, k, 3))
+        self._tested = np.zeros((k, 2))
+        self._samples = 0
+        self._waiting: deque[_Prediction] = deque()
+
+    def waits_until_ns(self) -> int | None:
+        """Time at which the next prediction can be judged."""
+        return self._waiting[0].t_ns + _HORIZON_NS if self._waiting else None
+
+    def judge(self, seen: Array) -> None:
+        """The first prediction that waits by where the keypoints (K, 3) were at its time."""
+        from . import kernels
+
+        made = self._waiting.popleft()
+        off_m = seen - made.places
+        good = np.linalg.norm(off_m, axis=-1) < _MOST_M
+        age_s = (made.ages + HORIZON_S)[:, None]
+        missed = np.where(good[:, None], off_m @ made.frame.T / age_s, 0.0)
+        kernels.learn(
+            made.features, missed, good, _KEEP, _KEEP_TESTED, self._square, self._cross, self._weights, self._tested
+        )  # fmt: skip
+        self._samples += 1
+        if self._samples % _SOLVE_EVERY == 0:
+            size = len(self._square)
+            solved = np.linalg.solve(self._square + _RIDGE * np.eye(size), self._cross.reshape(size, -1))
+            self._weights = np.asarray(solved.reshape(self._weights.shape), np.float64)
+
+    def settle(self, state: Array, t_ns: int) -> None:
+        """The state after a view at t_ns, once no earlier view can come: perhaps predict from it."""
+        if self._waiting and t_ns - self._waiting[-1].t_ns < _EVERY_NS:
+            return
+        made = self._predicted(state, t_ns)
+        if made is not None:
+            self._waiting.append(made)
+
+    def begin_again(self) -> None:
+        """What was predicted so far was about something else."""
+        self._waiting.clear()
+
+    def correction(self, state: Array, since_s: float) -> Array | None:
+        """(K, 3) metres in the world to add to a pose that is predicted since_s from the state; None: nothing is known."""
+        from . import kernels
+
+        if self._samples < _SOLVE_EVERY or since_s <= 0:
+            return None
+        made = self._predicted(state, 0)
+        if made is None:
+            return None
+        speed = np.empty(made.places.shape)
+        kernels.missing_per_second(made.features, self._weights, speed)
+        # by how much corrections have to be multiplied to be right on average, as far as they were tested
+        right = np.clip(self._tested[:, 0] / (self._tested[:, 1] + _TESTED), 0.0, 1.0)
+        age_s = np.minimum(made.ages + since_s, _OLDEST_S)
+        return np.clip((age_s * right)[:, None] * (speed @ made.frame), -_MOST_M, _MOST_M)
+
+    def _predicted(self, state: Array, t_ns: int) -> _Prediction | None:
+        from . import kernels
+
+        if len(self._trunk) < len(_TRUNK):
+            return None
+        k = self._sizes[0]
+        made = _Prediction(t_ns, np.empty((3, 3)), np.empty(len(self._weights)), np.empty((k, 3)), np.empty(k))
+        known = kernels.anticipate(
+            state, HORIZON_S, _NEWEST_S, self._sizes, self._models, self._joints, self._trunk, made.frame, made.features,
+            made.places, made.ages,
+        )  # fmt: skip
+        return made if known else None

@@ -1,0 +1,75 @@
+"""What predictions of a person's motion miss is learnt from that motion; of another person nothing is known."""
+
+import numpy as np
+import pytest
+
+from posefuse.core import Skeleton
+from posefuse.core.skeleton import COCO17
+from posefuse.tracking.online import kernels
+from posefuse.tracking.online.own_motion import HORIZON_S, OwnMotion
+
+HANDS = Skeleton("hands", ("left_wrist", "right_wrist"))
+LATE_NS = 100_000_000
+SECONDS = 6.0
+ARMS = [COCO17.index(f"{side}_{joint}") for side in ("left", "right") for joint in ("elbow", "wrist")]
+
+
+def swinging(standing):
+    """The arms of a person who stands go to and fro, as a pendulum does."""
+
+    def at(t_s):
+        xyz = standing.copy()
+        xyz[ARMS] += np.array([0.25, 0.1, 0.05]) * np.sin(2 * np.pi * 1.1 * t_s)
+        return xyz
+
+    return at
+
+
+@pytest.fixture
+def standing(world):
+    return world(motion="stand").place(0.0)
+
+
+def errors_of(w, seed=0):
+    """(T,) times in s and (T, K) errors in m of poses that come out when their views are `LATE_NS` old."""
+    tracker, times, errors = w.tracker(), [], []
+    for view in w.views(SECONDS, seed=seed):
+        tracker.add(view)
+        pose = tracker.at(view.t_ns + LATE_NS)
+        if len(pose.person_id):
+            times.append(pose.t_ns * 1e-9)
+            errors.append(w.error_m(pose))
+    return np.array(times), np.array(errors)
+
+
+def test_a_movement_that_is_repeated_is_predicted_better_and_better(world, standing):
+    t_s, error = errors_of(world(motion=swinging(standing)))
+    arms = error[:, ARMS].mean(axis=1)
+    # a whole swing takes 0.9 s; the first corrections come 0.6 s after the person
+    first, last = arms[t_s < 0.7].mean(), arms[t_s > SECONDS - 1.8].mean()
+    assert last < 0.75 * first
+
+
+def test_a_person_who_stands_is_not_moved(world):
+    """Nothing can be learnt of noise: the error stays what it was before anything was learnt."""
+    t_s, error = errors_of(world(motion="stand"))
+    before, after = error[(t_s > 0.4) & (t_s < 0.8)].mean(), error[t_s > 2.0].mean()
+    assert after < 1.1 * before
+
+
+def test_a_movement_that_ends_is_soon_not_expected_any_more(world, standing):
+    """The arms swing until 3 s and are still from then on: soon no worse than a person who never moved."""
+    swing = swinging(standing)
+    quiet_s = 3.0 + 1.5
+    t_s, error = errors_of(world(motion=lambda t: swing(min(t, 3.0))))
+    t_still, still = errors_of(world(motion=lambda t: swing(3.0)))
+    assert error[t_s > quiet_s].mean() < 1.15 * still[t_still > quiet_s].mean()
+
+
+def test_without_hips_nothing_is_corrected(world):
+    sizes = (len(HANDS), 2, 3, 0)
+    own = OwnMotion(HANDS, sizes, np.ones((2, 2, 2)))
+    state = np.zeros(kernels.state_size(*sizes))
+    own.settle(state, 0)
+    assert own.waits_until_ns() is None
+    assert own.correction(state, HORIZON_S) is None
