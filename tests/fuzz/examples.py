@@ -207,6 +207,7 @@ def _npm(folder: Path) -> None:
 
 def _floor(folder: Path) -> None:
     text = "origin_to_x_m = 1.5\n[cameras.cam01]\norigin = [812, 640]\nx = [1033, 655]\ny = [790, 501]\n"
+    text += "[cameras.cam02]\norigin = [402, 610]\nx = [377, 655]\ny = [640, 571]\n"
     (folder / "a.toml").write_text(text)
 
 
