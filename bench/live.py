@@ -174,8 +174,8 @@ def twins(session: Path, path: Path, copies: int = 1) -> list[str]:
         for c in rig.cameras
     ]
     write_rig(path, replace(rig, cameras=tuple(cameras)))
-    films = {camera.name: session / "videos" / f"{camera.name}.mp4" for camera in rig}
-    return [f"{name}{twin}=video:{film}" for name, film in films.items() for twin in names]
+    videos = {camera.name: session / "videos" / f"{camera.name}.mp4" for camera in rig}
+    return [f"{name}{twin}=video:{video}" for name, video in videos.items() for twin in names]
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Images of decoded frames: converted when somebody asks, and sampled without that."""
+"""Images of decoded frames: converted when they are used, and sampled without that."""
 
 from __future__ import annotations
 

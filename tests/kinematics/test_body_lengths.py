@@ -72,11 +72,11 @@ def test_derivatives_by_lengths_equal_finite_differences(squatter) -> None:
         ), frame
 
     slopes = slopes_of(body, NAMES)
-    told = length_derivatives(packed, slopes, places(packed.tree.offset)[1])
+    derived = length_derivatives(packed, slopes, places(packed.tree.offset)[1])
     for s in range(len(NAMES)):
         ahead, back = (places(packed.tree.offset + sign * 1e-5 * slopes[:, s])[0] for sign in (1, -1))
-        np.testing.assert_allclose(told[..., s], (ahead - back) / 2e-5, atol=1e-8)
-        assert np.abs(told[..., s]).max() > 0.4, NAMES[s]
+        np.testing.assert_allclose(derived[..., s], (ahead - back) / 2e-5, atol=1e-8)
+        assert np.abs(derived[..., s]).max() > 0.4, NAMES[s]
 
 
 def test_every_length_is_recovered_from_a_wrong_start(squatter, ring_rig) -> None:

@@ -96,8 +96,8 @@ def test_the_output_is_at_joint_centres_and_the_views_get_landmarks(ring_rig, so
     assert (np.abs(after.xyz_world - before.xyz_world).max() > 0.01) == wanted
     assert fusion.centring.made_by == (dict.fromkeys(rig.names, FULL.made_by) if wanted else {})
     # the table belongs to the views, wanted or not
-    told = [message for message in kept.offered if isinstance(message, LiveJointCentres)]
-    assert [(message.cameras, message.table) for message in told] == [(rig.names, FULL)]
+    offered = [message for message in kept.offered if isinstance(message, LiveJointCentres)]
+    assert [(message.cameras, message.table) for message in offered] == [(rig.names, FULL)]
 
 
 def test_where_networks_differ_the_first_camera_with_a_table_counts(somebody) -> None:

@@ -1,4 +1,4 @@
-"""Frames that come while nobody is there: not converted, not sent one by one, and still judged one by one."""
+"""Frames that come while no person is followed: not converted, not sent one by one, and still judged one by one."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ def pose(i: int, *people: np.ndarray, kind: Kind = Kind.FUSED, sigma_m: float = 
     )
 
 
-def told(count: int, *bodies: np.ndarray, noise_m: float = 0.0, **how: object) -> np.ndarray:
+def learnt_from(count: int, *bodies: np.ndarray, noise_m: float = 0.0, **how: object) -> np.ndarray:
     """(count, N, S) after each of so many poses."""
     rng, learnt = np.random.default_rng(4), LearntLengths(TABLE)
     shaken = [[body + noise_m * rng.normal(size=body.shape) for body in bodies] for _ in range(count)]
@@ -45,7 +45,7 @@ def told(count: int, *bodies: np.ndarray, noise_m: float = 0.0, **how: object) -
 
 def test_they_go_from_usual_to_what_a_recording_finds_and_nothing_jumps() -> None:
     people = np.array([0.93 * BODY, 1.07 * BODY])
-    lengths = told(3000, *people, noise_m=0.005)
+    lengths = learnt_from(3000, *people, noise_m=0.005)
     np.testing.assert_allclose(lengths[0], [USUAL, USUAL], atol=1e-12)
     always = np.broadcast_to(people, (10, 2, K, 3))
     ones = np.ones(always.shape[:3])
@@ -70,14 +70,14 @@ def test_they_go_from_usual_to_what_a_recording_finds_and_nothing_jumps() -> Non
 
 @pytest.mark.parametrize("how", [{"kind": Kind.PREDICTED}, {"sigma_m": 0.1}])
 def test_what_no_person_measured_well_teaches_nothing(how: dict) -> None:
-    np.testing.assert_array_equal(told(200, 1.05 * BODY, **how)[-1, 0], USUAL)
+    np.testing.assert_array_equal(learnt_from(200, 1.05 * BODY, **how)[-1, 0], USUAL)
 
 
 def test_a_segment_seen_on_one_side_alone_is_learnt_from_it_and_the_others_stay() -> None:
     half = 1.05 * BODY
     half[COCO17.index("right_wrist")] = np.nan
     half[COCO17.indices(["left_ankle", "right_ankle"])] = np.nan
-    lengths, names = told(1000, half)[-1, 0], list(SEGMENT_ENDS)
+    lengths, names = learnt_from(1000, half)[-1, 0], list(SEGMENT_ENDS)
     forearm, shank = names.index("forearm"), names.index("shank")
     left = lengths_at(half, COCO17)[0, forearm]
     assert abs(lengths[forearm] - left) < 0.2 * abs(USUAL[forearm] - left)
@@ -104,7 +104,7 @@ def test_people_learn_apart_whatever_their_order() -> None:
             turned = {name: getattr(both, name)[::-1] for name in ("person_id", "xyz_world", "cov_world")}
             both = replace(both, **turned)
         lengths = learnt.step(both)
-    np.testing.assert_array_equal(lengths[::-1], told(200, BODY, 1.05 * BODY)[-1])
+    np.testing.assert_array_equal(lengths[::-1], learnt_from(200, BODY, 1.05 * BODY)[-1])
 
 
 def test_a_table_without_lengths_leaves_them_unknown() -> None:

@@ -27,7 +27,8 @@ def anticipate(state, horizon_s, newest_s, sizes, models, joints, trunk, frame, 
         ages: (K,) filled with the mean age of the views of each keypoint at the time of the state, in s.
     """
     k, m, count, b = sizes
-    seen, time = parts(state, k, m, count, b)[4], parts(state, k, m, count, b)[11][0]
+    unpacked = parts(state, k, m, count, b)
+    seen, time = unpacked[4], unpacked[11][0]
     now, sigmas = np.empty((k, 3)), np.empty(k)
     where(state, time, sizes, models, now, sigmas)
     where(state, time + horizon_s, sizes, models, places, sigmas)
