@@ -2,6 +2,8 @@
 
 import csv
 import json
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +17,7 @@ import pytest
 from posefuse import __version__
 from posefuse.core import InputError, PoseSequence, Recording, Sink
 from posefuse.formats.c3d import read_c3d
+from posefuse.formats.recording import write_recording
 from posefuse.formats.trc import read_trc
 from posefuse.outputs.c3d import C3dSink
 from posefuse.outputs.json import JsonSink
@@ -81,6 +84,20 @@ def test_csv_is_tidy(tmp_path: Path, make_recording: Make) -> None:
     np.testing.assert_array_equal([float(row[f"{axis}_m"]) for axis in "xyz"], recording.poses.xyz_world[3, 1, 2])
     gone = rows[3 * 2 * 5]
     assert (gone["x_m"], gone["sigma_m"], gone["reproj_px"], gone["n_views"], gone["kind"]) == ("", "", "", "0", "missing")
+
+
+def test_tables_are_written_without_pandas(tmp_path: Path, make_recording: Make) -> None:
+    """Importing it takes longer than writing all outputs of a short recording."""
+    write_recording(tmp_path, make_recording())
+    code = (
+        "import sys; from pathlib import Path\n"
+        "from posefuse.formats.recording import read_recording\n"
+        "from posefuse.outputs.tables import CsvSink, ParquetSink\n"
+        "folder = Path(sys.argv[1]); recording = read_recording(folder)\n"
+        "CsvSink().write(recording, folder); ParquetSink().write(recording, folder)\n"
+        "assert 'pandas' not in sys.modules\n"
+    )
+    subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=True, timeout=120)
 
 
 def test_parquet_equals_csv_and_carries_provenance(tmp_path: Path, make_recording: Make) -> None:

@@ -11,7 +11,17 @@ import pytest
 
 from posefuse.core import Kind, Recording, Sink
 from posefuse.outputs import FrameSink, drawing, write_outputs
-from posefuse.outputs.drawing import LEFT_RGB, MIDDLE_RGB, RIGHT_RGB, bone_colours, draw_skeleton, fitted, grid_for, view_tile
+from posefuse.outputs.drawing import (
+    LEFT_RGB,
+    MIDDLE_RGB,
+    RIGHT_RGB,
+    bone_colours,
+    draw_skeleton,
+    draw_view,
+    fitted,
+    grid_for,
+    view_tile,
+)
 from posefuse.outputs.facts import person_file
 from posefuse.outputs.frames import every_instant
 from posefuse.outputs.json import JsonSink
@@ -67,6 +77,18 @@ def test_the_skeleton_lies_where_the_camera_projects_it(make_recording: Make) ->
             xyz = recording.poses.xyz_world[0, 0, recording.poses.skeleton.index(keypoint)]
             x, y = np.round((camera.project(xyz) + 0.5) / factor - 0.5).astype(int)
             np.testing.assert_allclose(tile[y, x], colour, atol=12)
+
+
+def test_a_view_is_drawn_into_its_part_of_a_larger_image(make_recording: Make) -> None:
+    recording = make_recording(cameras=3)
+    image = np.random.default_rng(3).integers(0, 255, (480, 640, 3), np.uint8)
+    for given, (width, height) in ((image, (640, 480)), (image, (320, 300)), (None, (320, 300))):
+        whole = np.full((height + 9, width + 13, 3), 77, np.uint8)
+        draw_view(whole[4 : 4 + height, 6 : 6 + width], recording, 0, 1, given)
+        tile = whole[4 : 4 + height, 6 : 6 + width].copy()
+        np.testing.assert_array_equal(tile, view_tile(recording, 0, 1, given, (width, height)))
+        whole[4 : 4 + height, 6 : 6 + width] = 77
+        assert (whole == 77).all()
 
 
 def test_raw_detections_and_gaps_are_marked(make_recording: Make) -> None:

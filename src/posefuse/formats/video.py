@@ -10,6 +10,7 @@ from types import TracebackType
 import av
 import numpy as np
 from av.container import OutputContainer
+from av.video.reformatter import VideoReformatter
 
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
@@ -57,7 +58,7 @@ class VideoWriter:
         stream.time_base = stream.codec_context.time_base = TIME_BASE
         stream.codec_context.max_b_frames = 0
         stream.codec_context.gop_size = _KEYFRAME_EVERY
-        self._stream = stream
+        self._stream, self._scaler = stream, VideoReformatter()
 
     def __enter__(self) -> VideoWriter:
         return self
@@ -73,7 +74,9 @@ class VideoWriter:
         if pts <= self._last_pts:
             raise InputError(f"{self._path}: expected times from 0 on, each later than {self._last_pts} us, got {pts} us")
         self._last_pts = pts
-        frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24")
+        # by a scaler of one thread, without a copy: the encoder's own would start a thread for each of its threads
+        given = av.VideoFrame.from_numpy_buffer(np.ascontiguousarray(image), format="rgb24")
+        frame = self._scaler.reformat(given, format=self._stream.pix_fmt, threads=1)
         frame.pts, frame.time_base = pts, TIME_BASE
         self._mux(frame)
 

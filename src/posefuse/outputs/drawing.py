@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from posefuse.core import Kind, Recording, Skeleton
-from posefuse.core.arrays import Array
+from posefuse.core.arrays import Array, frozen
 
 from .surface import draw_surface
 
@@ -22,7 +23,10 @@ EMPTY_RGB = (38, 40, 46)
 _PERSON_RGB = ((255, 255, 255), (255, 230, 80), (120, 240, 240), (255, 160, 220), (170, 255, 150), (200, 180, 255))
 # sixteenths of a pixel in OpenCV's drawing calls
 _SHIFT = 4
+_FAR_PX = 30_000
 _FONT_PX = 22.0
+# two lines, their two ends, in lengths of an arm
+_CROSS = np.array([[[-1, 0], [1, 0]], [[0, -1], [0, 1]]], np.int32)
 
 
 def keypoint_colours(skeleton: Skeleton) -> list[tuple[int, int, int]]:
@@ -80,16 +84,30 @@ def grid_for(sizes_wh: list[tuple[int, int]], most_wh: tuple[int, int]) -> Grid:
 
 def fitted(image: Array | None, size_wh: tuple[int, int], tile_wh: tuple[int, int]) -> tuple[Array, float]:
     """A tile (H, W, 3) with the image in its top left corner, as large as fits, and the scale; a plain one without image."""
+    tile = np.empty((tile_wh[1], tile_wh[0], 3), np.uint8)
+    return tile, fit_into(tile, image, size_wh)
+
+
+def fit_into(tile: Array, image: Array | None, size_wh: tuple[int, int]) -> float:
+    """Fill a tile (H, W, 3), which may be part of a larger image, as `fitted` does; returns the scale."""
     import cv2
 
+    tile_wh: tuple[int, int] = (tile.shape[1], tile.shape[0])
     scale = min(tile_wh[0] / size_wh[0], tile_wh[1] / size_wh[1])
     if image is not None and size_wh == tile_wh:
-        return np.array(image), scale
-    tile = np.full((tile_wh[1], tile_wh[0], 3), EMPTY_RGB, np.uint8)
+        tile[:] = image
+        return scale
+    tile[:] = empty_row(tile_wh[0])
     if image is not None:
         width, height = min(tile_wh[0], round(size_wh[0] * scale)), min(tile_wh[1], round(size_wh[1] * scale))
         tile[:height, :width] = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
-    return tile, scale
+    return scale
+
+
+@lru_cache(maxsize=16)
+def empty_row(width: int) -> Array:
+    """(W, 3) a line of plain ground: an image is filled with lines in a tenth of the time that single pixels take."""
+    return frozen(np.full((width, 3), EMPTY_RGB), np.uint8, "empty_row")
 
 
 def draw_skeleton(tile: Array, xy: Array, kind: Array, skeleton: Skeleton) -> None:
@@ -98,26 +116,34 @@ def draw_skeleton(tile: Array, xy: Array, kind: Array, skeleton: Skeleton) -> No
 
     thick = max(1, round(tile.shape[0] / 260))
     measured = (kind == Kind.FUSED) | (kind == Kind.SMOOTHED)
-    places = _fixed(xy)
-    for (a, b), colour in zip(skeleton.bone_indices.tolist(), bone_colours(skeleton), strict=True):
-        if places[a] is not None and places[b] is not None:
-            width = thick + 1 if measured[a] and measured[b] else 1
-            cv2.line(tile, places[a], places[b], colour, width, cv2.LINE_AA, _SHIFT)
-    for place, sure, colour in zip(places, measured, keypoint_colours(skeleton), strict=True):
-        if place is not None:
-            cv2.circle(tile, place, round((thick + 1.5) * 2**_SHIFT), colour, -1 if sure else 1, cv2.LINE_AA, _SHIFT)
+    good, fixed = _fixed(xy)
+    places, known, sure = fixed.tolist(), good.tolist(), measured.tolist()
+    of_keypoints, bones = _coloured(skeleton)
+    for a, b, colour in bones:
+        if known[a] and known[b]:
+            cv2.line(tile, places[a], places[b], colour, thick + 1 if sure[a] and sure[b] else 1, cv2.LINE_AA, _SHIFT)
+    radius = round((thick + 1.5) * 2**_SHIFT)
+    for k, colour in enumerate(of_keypoints):
+        if known[k]:
+            cv2.circle(tile, places[k], radius, colour, -1 if sure[k] else 1, cv2.LINE_AA, _SHIFT)
+
+
+@lru_cache(maxsize=16)
+def _coloured(skeleton: Skeleton) -> tuple[Sequence[tuple[int, int, int]], Sequence[tuple[int, int, tuple[int, int, int]]]]:
+    """Colours of the keypoints; ends and colour of each bone."""
+    ends = skeleton.bone_indices.tolist()
+    return keypoint_colours(skeleton), [(a, b, rgb) for (a, b), rgb in zip(ends, bone_colours(skeleton), strict=True)]
 
 
 def draw_detections(tile: Array, xy: Array, score: Array) -> None:
     """Draw raw 2D keypoints (K, 2) px of one view as small crosses; those with score 0 are not there."""
     import cv2
 
-    arm = max(2.0, tile.shape[0] / 240) * 2**_SHIFT
-    for place, value in zip(_fixed(xy), score, strict=True):
-        if place is not None and value > 0:
-            (x, y), a = place, int(arm)
-            cv2.line(tile, (x - a, y), (x + a, y), DETECTION_RGB, 1, cv2.LINE_AA, _SHIFT)
-            cv2.line(tile, (x, y - a), (x, y + a), DETECTION_RGB, 1, cv2.LINE_AA, _SHIFT)
+    arm = int(max(2.0, tile.shape[0] / 240) * 2**_SHIFT)
+    good, fixed = _fixed(xy)
+    # (marks * 2, 2, 2): two lines of two ends each
+    lines = fixed[good & (score > 0), None, None] + arm * _CROSS
+    cv2.polylines(tile, list(lines.reshape(-1, 2, 2)), False, DETECTION_RGB, 1, cv2.LINE_AA, _SHIFT)
 
 
 def draw_text(tile: Array, text: str, line: int, colour: tuple[int, int, int] = DETECTION_RGB) -> None:
@@ -174,9 +200,25 @@ def view_tile(
         notes: write camera, time and what is missing into the corner.
         bodies: vertices (V, 3) in the world and faces (F, 3) of surfaces to draw under the skeletons.
     """
+    tile = np.empty((tile_wh[1], tile_wh[0], 3), np.uint8)
+    draw_view(tile, recording, i, c, image, notes=notes, bodies=bodies)
+    return tile
+
+
+def draw_view(
+    tile: Array,
+    recording: Recording,
+    i: int,
+    c: int,
+    image: Array | None,
+    *,
+    notes: bool = True,
+    bodies: Sequence[tuple[Array, Array]] = (),
+) -> None:
+    """`view_tile` into a tile (H, W, 3) that may be part of a larger image."""
     camera, poses = recording.rig.cameras[c], recording.poses
     size_wh = camera.size_wh if image is None else (image.shape[1], image.shape[0])
-    tile, scale = fitted(image, size_wh, tile_wh)
+    scale = fit_into(tile, image, size_wh)
     words = [] if image is not None else ["no frame"]
     for vertices, faces in bodies:
         draw_surface(tile, camera, scale, vertices, faces)
@@ -188,7 +230,7 @@ def view_tile(
     for n in range(len(poses.person_id)):
         draw_name(tile, projected[n], recording, n)
     if not notes:
-        return tile
+        return
     if not (recording.views.score[i, :, c] > 0).any():
         words.append("no person seen")
     gone = int((poses.kind[i] == Kind.MISSING).sum())
@@ -197,7 +239,6 @@ def view_tile(
     draw_text(tile, f"{camera.name}  {poses.t_ns[i] / 1e9:.3f} s", 0)
     for line, word in enumerate(words):
         draw_text(tile, word, line + 1, ALARM_RGB if word != words[-1] or not gone else NOTE_RGB)
-    return tile
 
 
 def jpeg_of(picture: Array, quality: int) -> bytes:
@@ -208,9 +249,10 @@ def jpeg_of(picture: Array, quality: int) -> bytes:
     return encoded.tobytes()
 
 
-def _fixed(xy: Array) -> list[tuple[int, int] | None]:
-    """OpenCV's fixed-point coordinates; None where missing or far outside, where they would overflow."""
-    far = 30_000
-    good = np.isfinite(xy).all(axis=-1) & (np.abs(np.nan_to_num(xy)) < far).all(axis=-1)
-    fixed = np.round(np.nan_to_num(xy).clip(-far, far) * 2**_SHIFT).astype(int)
-    return [(int(x), int(y)) if ok else None for (x, y), ok in zip(fixed, good, strict=True)]
+def _fixed(xy: Array) -> tuple[Array, Array]:
+    """Which points (K, 2) can be drawn, (K,), and OpenCV's fixed-point coordinates (K, 2) of those.
+
+    Those far outside the image would overflow.
+    """
+    good = np.asarray((np.abs(xy) < _FAR_PX).all(axis=-1))
+    return good, np.asarray(np.round(np.where(good[:, None], xy, 0.0) * 2**_SHIFT), np.int32)

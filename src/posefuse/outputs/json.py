@@ -7,16 +7,16 @@ import math
 from pathlib import Path
 from typing import Any, ClassVar
 
-import numpy as np
-
-from posefuse.core import Kind, Pose3D, Recording, Sink
+from posefuse.core import Kind, PoseSequence, Recording, Sink
+from posefuse.core.arrays import Array
 from posefuse.foundation.atomic import atomic_file
 from posefuse.foundation.settings import settings
 
-from .facts import provenance
+from .facts import provenance, sigma_m
 
 COLUMNS = ("x_m", "y_m", "z_m", "sigma_m", "n_views", "reproj_px", "kind")
 _DIGITS = 6
+_KINDS = {int(kind): kind.name.lower() for kind in Kind}
 
 
 @settings
@@ -38,32 +38,32 @@ class JsonSink:
             "world": "right-handed, Z up, metres",
             "skeleton": {"name": poses.skeleton.name, "keypoints": poses.skeleton.keypoints, "bones": poses.skeleton.bones},
             "columns": COLUMNS,
-            "kinds": [kind.name.lower() for kind in Kind],
+            "kinds": list(_KINDS.values()),
         }
-        path = folder / "pose.json"
+        path, sigma = folder / "pose.json", sigma_m(poses)
         with atomic_file(path) as staged, staged.open("w", encoding="utf-8") as file:
             file.write(json.dumps(head, indent=1, ensure_ascii=False, default=str).removesuffix("\n}"))
             file.write(',\n "time_steps": [\n')
             for i in range(len(poses)):
-                file.write("  " + json.dumps(_instant(poses.at(i)), allow_nan=False))
+                file.write("  " + json.dumps(_instant(poses, sigma, i), allow_nan=False))
                 file.write(",\n" if i + 1 < len(poses) else "\n")
             file.write(" ]\n}\n")
         return [path]
 
 
-def _instant(pose: Pose3D) -> dict[str, Any]:
-    people = {str(person): [_keypoint(pose, n, k) for k in range(len(pose.skeleton))] for n, person in enumerate(pose.person_id)}
-    return {"t_s": round(pose.t_ns / 1e9, 9), "people": people}
+def _instant(poses: PoseSequence, sigma: Array, i: int) -> dict[str, Any]:
+    """Time step i; sigma (T, N, K) is that of every point."""
+    columns = (poses.xyz_world[i], sigma[i], poses.n_views[i], poses.reproj_px[i], poses.kind[i])
+    rows = zip(poses.person_id.tolist(), *(column.tolist() for column in columns), strict=True)
+    people = {str(person): [_keypoint(*one) for one in zip(*of_person, strict=True)] for person, *of_person in rows}
+    return {"t_s": round(int(poses.t_ns[i]) / 1e9, 9), "people": people}
 
 
-def _keypoint(pose: Pose3D, n: int, k: int) -> list[Any] | None:
-    xyz = pose.xyz_world[n, k]
-    if not np.isfinite(xyz).all():
+def _keypoint(xyz: list[float], sigma_m: float, n_views: int, reproj_px: float, kind: int) -> list[Any] | None:
+    if not all(map(math.isfinite, xyz)):
         return None
-    sigma_m = float(np.trace(pose.cov_world[n, k]) / 3) ** 0.5
-    plain = [_number(value) for value in (*xyz, sigma_m)]
-    return [*plain, int(pose.n_views[n, k]), _number(pose.reproj_px[n, k]), Kind(int(pose.kind[n, k])).name.lower()]
+    return [*map(_number, xyz), _number(sigma_m), n_views, _number(reproj_px), _KINDS[kind]]
 
 
 def _number(value: float) -> float | None:
-    return round(float(value), _DIGITS) if math.isfinite(value) else None
+    return round(value, _DIGITS) if math.isfinite(value) else None

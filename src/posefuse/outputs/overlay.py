@@ -15,7 +15,7 @@ from posefuse.foundation.atomic import atomic_file
 from posefuse.foundation.background import Background
 from posefuse.foundation.settings import settings
 
-from .drawing import EMPTY_RGB, grid_for, view_tile
+from .drawing import draw_view, empty_row, grid_for
 from .facts import rate_hz
 from .frames import Frames, FrameSink, FrameWriter, write_without_frames
 from .surface import BodySurface
@@ -94,12 +94,13 @@ class _OverlayWriter:
 
     def add(self, i: int, frames: Frames) -> None:
         width, height = self._grid.size_wh
-        picture = np.full((height, width, 3), EMPTY_RGB, np.uint8)
+        picture = np.empty((height, width, 3), np.uint8)
+        picture[:] = empty_row(width)
         tile_width, tile_height = self._grid.tile_wh
         bodies = [(surface.vertices_at(i), surface.faces) for surface in self._surfaces]
         for c, frame in enumerate(frames):
             left, top = self._grid.corner(c)
-            tile = view_tile(self._recording, i, c, None if frame is None else frame.image, self._grid.tile_wh, bodies=bodies)
-            picture[top : top + tile_height, left : left + tile_width] = tile
+            tile = picture[top : top + tile_height, left : left + tile_width]
+            draw_view(tile, self._recording, i, c, None if frame is None else frame.image, bodies=bodies)
         t_ns = self._recording.poses.t_ns
         self._encoding.call(picture, int(t_ns[i] - t_ns[0]))

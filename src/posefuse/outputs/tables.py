@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from posefuse.core import Kind, Recording, Sink
+from posefuse.core.arrays import Array
 from posefuse.foundation.atomic import atomic_file
 from posefuse.foundation.settings import settings
 
@@ -76,18 +78,40 @@ def table_from_recording(recording: Recording) -> pa.Table:
 
     poses = recording.poses
     times, people, keypoints = poses.kind.shape
-    kinds = pa.array([kind.name.lower() for kind in Kind])
-    names = pa.array(poses.skeleton.keypoints)
     columns = {
-        "t_s": np.repeat(poses.t_ns / 1e9, people * keypoints),
-        "person": np.tile(np.repeat(poses.person_id, keypoints), times),
-        "keypoint": names.take(pa.array(np.tile(np.arange(keypoints), times * people))),
-        "x_m": poses.xyz_world[..., 0].ravel(),
-        "y_m": poses.xyz_world[..., 1].ravel(),
-        "z_m": poses.xyz_world[..., 2].ravel(),
-        "sigma_m": sigma_m(poses).ravel(),
-        "n_views": poses.n_views.ravel(),
-        "reproj_px": poses.reproj_px.ravel(),
-        "kind": kinds.take(pa.array(poses.kind.ravel())),
+        "t_s": _numbers(np.repeat(poses.t_ns / 1e9, people * keypoints)),
+        "person": _numbers(np.tile(np.repeat(poses.person_id, keypoints), times)),
+        "keypoint": _words(poses.skeleton.keypoints, np.tile(np.arange(keypoints), times * people)),
+        "x_m": _numbers(poses.xyz_world[..., 0].ravel()),
+        "y_m": _numbers(poses.xyz_world[..., 1].ravel()),
+        "z_m": _numbers(poses.xyz_world[..., 2].ravel()),
+        "sigma_m": _numbers(sigma_m(poses).ravel()),
+        "n_views": _numbers(poses.n_views.ravel()),
+        "reproj_px": _numbers(poses.reproj_px.ravel()),
+        "kind": _words([kind.name.lower() for kind in Kind], poses.kind.ravel()),
     }
-    return pa.table({name: pa.array(values, from_pandas=True) for name, values in columns.items()})
+    return pa.Table.from_arrays(list(columns.values()), names=list(columns))
+
+
+# Columns are made from their buffers (https://arrow.apache.org/docs/format/Columnar.html): `pyarrow.array` and `pyarrow.table`
+# import pandas where it is installed, which takes longer than all outputs of a short recording.
+
+
+def _numbers(values: Array) -> pa.Array:
+    """A column of numbers (R,); NaN is null."""
+    import pyarrow as pa
+
+    missing = np.isnan(values)
+    known = pa.py_buffer(np.packbits(~missing, bitorder="little")) if missing.any() else None
+    return pa.Array.from_buffers(pa.from_numpy_dtype(values.dtype), len(values), [known, pa.py_buffer(values)])
+
+
+def _words(words: Sequence[str], which: Array) -> pa.Array:
+    """A column of words (R,), each given by its place in `words`."""
+    import pyarrow as pa
+
+    encoded = [word.encode() for word in words]
+    ends = np.cumsum(np.array([len(word) for word in encoded])[which])
+    begins = pa.py_buffer(np.concatenate([[0], ends]).astype(np.int32))
+    text = pa.py_buffer(b"".join([encoded[k] for k in which.tolist()]))
+    return pa.Array.from_buffers(pa.string(), len(which), [None, begins, text])
