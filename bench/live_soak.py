@@ -5,11 +5,13 @@
 
 A simulated session is played at the pace of the clock, again and again, and recorded; then Ctrl-C. Every few seconds the memory,
 threads, open files and children of every process are read. Growth is the slope of a straight line through what was read
-after the warm-up. Table on stderr, one JSON object on stdout.
+after the warm-up. Latency over time is read from the recording: from the exposure of an image until its keypoints were in the
+tracker, and by how much outputs were late. Tables on stderr, one JSON object on stdout.
 """
 
 import argparse
 import csv
+import itertools
 import json
 import re
 import signal
@@ -27,12 +29,13 @@ from rich.table import Table
 
 from posefuse.formats.rig import read_rig
 from posefuse.formats.truth import read_truth
-from posefuse.messages.bags import read_poses
+from posefuse.messages.bags import read_detections, read_poses
 
 _START_S = 180.0
 _END_S = 30.0
 _WARM_UP_SHARE = 0.3
 _LEAST_SAMPLES = 5
+_STRETCHES, _PERCENTILES = 6, (50, 95, 99)
 
 
 @dataclass(frozen=True)
@@ -186,6 +189,23 @@ def trend(samples: list[Sample]) -> dict:
     }
 
 
+def over_time(recording: Path) -> list[dict]:
+    """For equal stretches of the session: images and outputs per second, and what they took, ms."""
+    images = np.array([(view.t_ns, stages["fused"]) for view, stages in read_detections(recording)], np.int64)
+    outputs = np.array([(pose.t_ns, stages["output"]) for pose, stages in read_poses(recording)], np.int64)
+    edges = np.linspace(images[0, 0], images[-1, 0], _STRETCHES + 1).astype(np.int64)
+    rows = []
+    for begin, end in itertools.pairwise(edges.tolist()):
+        seconds = (end - begin) / 1e9
+        seen, late = (some[(some[:, 0] >= begin) & (some[:, 0] < end)] for some in (images, outputs))
+        row = {"minutes": (end - edges[0]) / 60e9, "images_per_s": len(seen) / seconds, "outputs_per_s": len(late) / seconds}
+        for name, times in (("fused_ms", seen), ("output_late_ms", late)):
+            found = np.percentile((times[:, 1] - times[:, 0]) / 1e6, _PERCENTILES)
+            row |= {f"{name} p{share}": value for share, value in zip(_PERCENTILES, found.tolist(), strict=True)}
+        rows.append(row)
+    return rows
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--minutes", type=float, default=60.0)
@@ -200,12 +220,14 @@ def main() -> None:
         recording = Path(scratch) / "soak.mcap"
         processes, figures, ended = soak(args, recording)
         recorded = sum(1 for _ in read_poses(recording))
+        stretches = over_time(recording)
         size_mb = recording.stat().st_size / 2**20
     rows = growth(processes)
-    table = Table(*rows[0], title=f"{figures['seconds'] / 60:.0f} minutes, {args.cameras} cameras")
-    for row in rows:
-        table.add_row(*(value if isinstance(value, str) else f"{value:.2f}" for value in row.values()))
-    Console(stderr=True, width=140).print(table)
+    for shown in (rows, stretches):
+        table = Table(*shown[0], title=f"{figures['seconds'] / 60:.0f} minutes, {args.cameras} cameras")
+        for row in shown:
+            table.add_row(*(value if isinstance(value, str) else f"{value:.2f}" for value in row.values()))
+        Console(stderr=True, width=140).print(table)
     latency = figures["latency"]
     facts = {
         "minutes": figures["seconds"] / 60,
@@ -224,7 +246,7 @@ def main() -> None:
         "events": len(figures["events"]),
     }
     Console(stderr=True, width=140).print("\n".join(f"{key}: {value}" for key, value in facts.items()))
-    print(json.dumps({**facts, "processes": rows}, indent=2))
+    print(json.dumps({**facts, "processes": rows, "stretches": stretches}, indent=2))
 
 
 if __name__ == "__main__":
