@@ -7,6 +7,7 @@ import pytest
 
 from posefuse.core.depth import keypoint_depth
 from posefuse.core.skeleton import COCO17
+from posefuse.tracking.online import LiveSettings
 from posefuse.tracking.online.kernels.rays import depth_row, expected_depth
 from posefuse.tracking.online.kernels.updates import update_depth
 from posefuse.tracking.online.person import Model
@@ -95,7 +96,8 @@ def test_the_row_of_depth_is_its_derivative(ring_rig):
     np.testing.assert_allclose(row, -(np.array(steps) - error) / 1e-6, rtol=1e-5)
 
 
-def test_an_update_by_depth_is_that_of_a_kalman_filter():
+def test_an_update_by_depth_is_that_of_a_kalman_filter(ring_rig):
+    rules = Model(ring_rig(1), COCO17, LiveSettings(outlier_chi2=9.0, gate_chi2=36.0)).arrays.rules
     rng = np.random.default_rng(2)
     root = rng.normal(size=(9, 9))
     cov, common = (root @ root.T)[None], np.eye(3) * 0.3
@@ -105,9 +107,9 @@ def test_an_update_by_depth_is_that_of_a_kalman_filter():
     assert expected_depth(row, cov[0, :3, :3] + common) == pytest.approx(s)
     gain = cov[0] @ long_row / s
     wanted_x, wanted_cov = x[0] + gain * 0.7, cov[0] - np.outer(gain, gain) * s
-    assert update_depth(x, cov, np.ones(1), row, away, common, 9.0, 36.0)
+    assert update_depth(x, cov, np.ones(1), row, away, common, rules)
     np.testing.assert_allclose(x[0], wanted_x)
     np.testing.assert_allclose(cov[0], wanted_cov, atol=1e-12)
     # far beyond the gate nothing changes
-    assert not update_depth(x, cov, np.ones(1), row, np.array([1e4]), common, 9.0, 36.0)
+    assert not update_depth(x, cov, np.ones(1), row, np.array([1e4]), common, rules)
     np.testing.assert_allclose(x[0], wanted_x)

@@ -5,8 +5,9 @@ import pytest
 
 from posefuse.core import Skeleton
 from posefuse.core.skeleton import COCO17
-from posefuse.tracking.online import kernels
+from posefuse.tracking.online import LiveSettings, kernels
 from posefuse.tracking.online.own_motion import HORIZON_S, OwnMotion
+from posefuse.tracking.online.person import Model
 
 HANDS = Skeleton("hands", ("left_wrist", "right_wrist"))
 LATE_NS = 100_000_000
@@ -67,9 +68,9 @@ def test_a_movement_that_ends_is_soon_not_expected_any_more(world, standing):
 
 
 def test_without_hips_nothing_is_corrected(world):
-    sizes = (len(HANDS), 2, 3, 0)
-    own = OwnMotion(HANDS, sizes, np.ones((2, 2, 2)))
-    state = np.zeros(kernels.state_size(*sizes))
+    session = Model(world().rig, HANDS, LiveSettings()).arrays
+    own = OwnMotion(HANDS, session)
+    state = np.zeros(kernels.state_size(session))
     own.settle(state, 0)
     assert own.waits_until_ns() is None
     assert own.correction(state, HORIZON_S) is None

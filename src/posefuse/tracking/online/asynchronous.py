@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -18,6 +19,9 @@ from .cross_check import CrossCheck
 from .optics import Optics, Rays
 from .person import Model, Person, Pose3DArrays, View
 from .settings import LiveSettings
+
+if TYPE_CHECKING:
+    from .kernels import ViewFigures
 
 # a person is looked for in views no one claimed that are not older than this against the newest, so often at most
 _BIRTH_WINDOW_NS, _BIRTH_EVERY_NS = 120_000_000, 50_000_000
@@ -49,16 +53,16 @@ class _Figures:
     gated: float = 0.0
     flipped: float = 0.0
 
-    def count(self, figures: Array) -> None:
-        """Apply the answer of `kernels.step` to a view."""
+    def count(self, figures: ViewFigures) -> None:
+        """Apply what was found in a view of this camera."""
         self.used += 1
-        if figures[0] == 0:
+        if figures.measured == 0:
             return
         memory = max(_HEALTH_MEMORY, 1 / self.used)
-        square = float(figures[2] / (2 * figures[0]))
+        square = figures.square / (2 * figures.measured)
         self.square = square if np.isnan(self.square) else self.square + memory * (square - self.square)
-        self.gated += memory * (float(figures[1] / figures[0]) - self.gated)
-        self.flipped += memory * (float(figures[3] > 0) - self.flipped)
+        self.gated += memory * (figures.gated / figures.measured - self.gated)
+        self.flipped += memory * (float(figures.exchanged > 0) - self.flipped)
 
 
 class AsynchronousTracker:
@@ -104,9 +108,9 @@ class AsynchronousTracker:
                 t_ns=detections.t_ns, camera=c, z=z, white=rays.white[p], late_s=rays.late_s[p],
                 sigma_px=rays.sigma_px[p], depth_m=None if rays.depth_m is None else rays.depth_m[p],
             )  # fmt: skip
-            told = person.add(view)
-            if told is not None:
-                figures.count(told)
+            found = person.add(view)
+            if found is not None:
+                figures.count(found)
                 tracks[looked_at[p]] = person.id
         self._cross_check(detections.t_ns)
         self._keep_unclaimed(detections, {p for _, p in claims}, figures)
@@ -127,7 +131,7 @@ class AsynchronousTracker:
         """See `Tracker.at`. Times older than the lag buffer are forgotten: no person."""
         self._admission.asked(t_ns)
         self._asked = True
-        out = Pose3DArrays(len(self._people), self._model.sizes[0])
+        out = Pose3DArrays(len(self._people), len(self._model.skeleton))
         ids: list[int] = []
         for person in self._people:
             if person.pose_into(t_ns, out, len(ids)):

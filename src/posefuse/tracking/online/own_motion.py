@@ -12,12 +12,15 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from posefuse.core import Skeleton
 from posefuse.core.arrays import Array
+
+if TYPE_CHECKING:
+    from .kernels import Prediction, SessionArrays
 
 # somewhat longer than a pose is predicted in a live session: over shorter times more of what is missed is noise
 HORIZON_S = 0.1
@@ -38,60 +41,52 @@ _SIDES = ("left", "right")
 _TRUNK = tuple(f"{side}_{joint}" for joint in ("hip", "shoulder") for side in _SIDES)
 
 
-@dataclass(frozen=True, eq=False)
-class _Prediction:
-    """From a state at t_ns: trunk axes (3, 3), features (D,), places (K, 3) at the horizon, age (K,) of what is known."""
-
-    t_ns: int
-    frame: Array
-    features: Array
-    places: Array
-    ages: Array
-
-
 class OwnMotion:
     """What is learnt of one person. A skeleton without hips and shoulders has no trunk to refer to: nothing is corrected."""
 
-    def __init__(self, skeleton: Skeleton, sizes: tuple[int, int, int, int], models: Array) -> None:
+    def __init__(self, skeleton: Skeleton, session: SessionArrays) -> None:
+        from . import kernels
+
         places = {name: i for i, name in enumerate(skeleton.keypoints)}
-        self._sizes, self._models = sizes, models
-        self._joints = np.array([places[f"{s}_{j}"] for s in _SIDES for j in _JOINTS if f"{s}_{j}" in places], np.intp)
-        self._trunk = np.array([places[name] for name in _TRUNK if name in places], np.intp)
-        size, k = 4 + 6 * len(self._joints), len(skeleton)
-        self._square, self._cross, self._weights = np.zeros((size, size)), np.zeros((size, k, 3)), np.zeros((size, k, 3))
-        self._tested = np.zeros((k, 2))
+        self._session, self._skeleton = session, skeleton
+        joints = np.array([places[f"{s}_{j}"] for s in _SIDES for j in _JOINTS if f"{s}_{j}" in places], np.intp)
+        trunk = np.array([places[name] for name in _TRUNK if name in places], np.intp)
+        self._watched = kernels.WatchedKeypoints(joints, trunk)
+        size, k = 4 + 6 * len(joints), len(skeleton)
+        self._regression = kernels.Regression(
+            square=np.zeros((size, size)), cross=np.zeros((size, k, 3)), weights=np.zeros((size, k, 3)), tested=np.zeros((k, 2))
+        )
         self._samples = 0
-        self._waiting: deque[_Prediction] = deque()
+        # by the time of the state they were made from
+        self._waiting: deque[tuple[int, Prediction]] = deque()
 
     def waits_until_ns(self) -> int | None:
         """Time at which the next prediction can be judged."""
-        return self._waiting[0].t_ns + _HORIZON_NS if self._waiting else None
+        return self._waiting[0][0] + _HORIZON_NS if self._waiting else None
 
     def judge(self, seen: Array) -> None:
         """The first prediction that waits by where the keypoints (K, 3) were at its time."""
         from . import kernels
 
-        made = self._waiting.popleft()
+        _, made = self._waiting.popleft()
         off_m = seen - made.places
         good = np.linalg.norm(off_m, axis=-1) < _MOST_M
         age_s = (made.ages + HORIZON_S)[:, None]
         missed = np.where(good[:, None], off_m @ made.frame.T / age_s, 0.0)
-        kernels.learn(
-            made.features, missed, good, _KEEP, _KEEP_TESTED, self._square, self._cross, self._weights, self._tested
-        )  # fmt: skip
+        kernels.learn(made.features, missed, good, _KEEP, _KEEP_TESTED, self._regression)
         self._samples += 1
         if self._samples % _SOLVE_EVERY == 0:
-            size = len(self._square)
-            solved = np.linalg.solve(self._square + _RIDGE * np.eye(size), self._cross.reshape(size, -1))
-            self._weights = np.asarray(solved.reshape(self._weights.shape), np.float64)
+            square, cross, weights, _ = self._regression
+            solved = np.linalg.solve(square + _RIDGE * np.eye(len(square)), cross.reshape(len(square), -1))
+            weights[:] = solved.reshape(weights.shape)
 
     def settle(self, state: Array, t_ns: int) -> None:
         """The state after a view at t_ns, once no earlier view can come: perhaps predict from it."""
-        if self._waiting and t_ns - self._waiting[-1].t_ns < _EVERY_NS:
+        if self._waiting and t_ns - self._waiting[-1][0] < _EVERY_NS:
             return
-        made = self._predicted(state, t_ns)
+        made = self._predicted(state)
         if made is not None:
-            self._waiting.append(made)
+            self._waiting.append((t_ns, made))
 
     def begin_again(self) -> None:
         """What was predicted so far was about something else."""
@@ -103,25 +98,23 @@ class OwnMotion:
 
         if self._samples < _SOLVE_EVERY or since_s <= 0:
             return None
-        made = self._predicted(state, 0)
+        made = self._predicted(state)
         if made is None:
             return None
         speed = np.empty(made.places.shape)
-        kernels.missing_per_second(made.features, self._weights, speed)
+        kernels.missing_per_second(made.features, self._regression.weights, speed)
         # by how much corrections have to be multiplied to be right on average, as far as they were tested
-        right = np.clip(self._tested[:, 0] / (self._tested[:, 1] + _TESTED), 0.0, 1.0)
+        tested = self._regression.tested
+        right = np.clip(tested[:, 0] / (tested[:, 1] + _TESTED), 0.0, 1.0)
         age_s = np.minimum(made.ages + since_s, _OLDEST_S)
         return np.clip((age_s * right)[:, None] * (speed @ made.frame), -_MOST_M, _MOST_M)
 
-    def _predicted(self, state: Array, t_ns: int) -> _Prediction | None:
+    def _predicted(self, state: Array) -> Prediction | None:
         from . import kernels
 
-        if len(self._trunk) < len(_TRUNK):
+        if len(self._watched.trunk) < len(_TRUNK):
             return None
-        k = self._sizes[0]
-        made = _Prediction(t_ns, np.empty((3, 3)), np.empty(len(self._weights)), np.empty((k, 3)), np.empty(k))
-        known = kernels.anticipate(
-            state, HORIZON_S, _NEWEST_S, self._sizes, self._models, self._joints, self._trunk, made.frame, made.features,
-            made.places, made.ages,
-        )  # fmt: skip
+        k = len(self._skeleton)
+        made = kernels.Prediction(np.empty((3, 3)), np.empty(len(self._regression.square)), np.empty((k, 3)), np.empty(k))
+        known = kernels.anticipate(state, self._session, HORIZON_S, _NEWEST_S, self._watched, made)
         return made if known else None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,12 +15,17 @@ from posefuse.core.arrays import Array
 from .own_motion import OwnMotion
 from .settings import LiveSettings
 
+if TYPE_CHECKING:
+    from .kernels import PoseRow, SessionArrays, ViewFigures
+
 _ARMS = ("shoulder", "elbow", "wrist", "pinky", "index", "thumb")
 _LEGS = ("hip", "knee", "ankle", "heel", "foot_index", "big_toe", "small_toe")
 # what a newborn's keypoint may do, one standard deviation
 _BORN_M_S = 1.5
 # in a count of cameras, the depth of one
 _DEPTH_OF = 1 << 16
+# of keypoints that were measured, and of those that are only predicted
+_KINDS = (int(Kind.FUSED), int(Kind.PREDICTED))
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,11 +40,6 @@ class Model:
         own, body = len(self.settings.motion_models), len(self.settings.body_models)
         if own != body:
             raise ConfigError(f"track.body_models: expected {own}, as many as track.motion_models, got {body}")
-
-    @cached_property
-    def sizes(self) -> tuple[int, int, int, int]:
-        """Keypoints, motion models, cameras, bones."""
-        return len(self.skeleton), len(self.settings.motion_models), len(self.rig), len(self.ends)
 
     @cached_property
     def cameras(self) -> Array:
@@ -91,17 +92,15 @@ class Model:
         return np.array([one + [-1] * (most - len(one)) for one in lists], np.int64)
 
     @cached_property
-    def step_rules(self) -> Array:
-        """As `kernels.step` wants them."""
-        s = self.settings
-        return np.array([s.outlier_chi2, s.gate_chi2, s.switch_s, s.lost_after_s, s.new_share, s.alone_hold_s])
+    def arrays(self) -> SessionArrays:
+        """As the kernels read them."""
+        from . import kernels
 
-    @cached_property
-    def pose_rules(self) -> Array:
-        """As `kernels.pose` wants them."""
-        s = self.settings
-        kinds = [float(Kind.FUSED), float(Kind.PREDICTED)]
-        return np.array([s.measured_s, s.lost_after_s, s.lasting_share, s.averaging, s.bone_sigma_m, *kinds])
+        rules = kernels.Rules(*(float(getattr(self.settings, name)) for name in kernels.Rules._fields))
+        return kernels.SessionArrays(
+            cameras=self.cameras, mirror=self.mirror, group=self.group, neighbours=self.neighbours, ends=self.ends,
+            models=self.models, rules=rules,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -138,14 +137,13 @@ class Person:
         self._model, self._birth_ns = model, t_ns
         # by camera; those of the birth are not distinguished
         self._measured_by_ns = {-2: t_ns, -1: t_ns}
-        state = np.empty(kernels.state_size(*model.sizes))
-        kernels.born(state, *model.sizes, xyz, cov, _BORN_M_S, model.models)
+        state = np.empty(kernels.state_size(model.arrays))
+        kernels.born(state, model.arrays, xyz, cov, _BORN_M_S)
         self._moments = [_Moment(t_ns, -1, None, state)]
-        self._figures = np.empty(kernels.FIGURES)
-        self._own_motion = OwnMotion(model.skeleton, model.sizes, model.models)
+        self._own_motion = OwnMotion(model.skeleton, model.arrays)
 
-    def add(self, view: View) -> Array | None:
-        """Work a view in at its own time; its figures (`kernels.FIGURES`), or None when it is older than memory."""
+    def add(self, view: View) -> ViewFigures | None:
+        """Work a view in at its own time; its figures, or None when it is older than memory."""
         if view.t_ns < self._moments[0].t_ns:
             return None
         place = bisect_right(self._moments, (view.t_ns, view.camera), key=lambda m: (m.t_ns, m.camera))
@@ -153,10 +151,10 @@ class Person:
         figures = newest = self._redone(place)
         for later in range(place + 1, len(self._moments)):
             newest = self._redone(later)
-        self.speed_m_s = float(newest[4])
-        if figures[0] > figures[1]:
+        self.speed_m_s = newest.speed_m_s
+        if figures.measured > figures.gated:
             self._measured_by_ns[view.camera] = max(view.t_ns, self._measured_by_ns.get(view.camera, view.t_ns))
-        if figures[5] > 0:
+        if figures.depths > 0:
             # depth gives the distance of the person, as a second camera does
             self._measured_by_ns[_DEPTH_OF + view.camera] = self._measured_by_ns.get(view.camera, view.t_ns)
         return figures
@@ -180,7 +178,7 @@ class Person:
         from . import kernels
 
         for moment in self._moments:
-            kernels.begin_again(moment.state, self._model.sizes, xyz)
+            kernels.begin_again(moment.state, self._model.arrays, xyz)
         if np.isfinite(xyz).any():
             self._own_motion.begin_again()
 
@@ -189,7 +187,7 @@ class Person:
         from . import kernels
 
         for moment in self._moments:
-            kernels.exchange_groups(moment.state, self._model.sizes, self._model.mirror, self._model.group, groups)
+            kernels.exchange_groups(moment.state, self._model.arrays, groups)
         if groups.any():
             self._own_motion.begin_again()
 
@@ -208,9 +206,9 @@ class Person:
         from . import kernels
 
         model = self._model
-        means, sigmas = np.empty((model.sizes[0], 3)), np.empty(model.sizes[0])
-        state = self._before(t_ns).state
-        kernels.where(state, self._seconds(t_ns), model.sizes, model.models, means, sigmas)
+        k = len(model.skeleton)
+        means, sigmas = np.empty((k, 3)), np.empty(k)
+        kernels.where(self._before(t_ns).state, self._seconds(t_ns), model.arrays, means, sigmas)
         return means, sigmas
 
     def pose_into(self, t_ns: int, out: Pose3DArrays, row: int) -> bool:
@@ -219,29 +217,26 @@ class Person:
 
         if t_ns < self._moments[0].t_ns:
             return False
-        model = self._model
         before = self._before(t_ns)
-        kernels.pose(
-            before.state, self._seconds(t_ns), model.cameras, model.ends, model.sizes, model.models,
-            model.pose_rules, out.xyz[row], out.cov[row], out.reproj[row], out.n_views[row], out.kind[row],
-        )  # fmt: skip
+        kernels.pose(before.state, self._seconds(t_ns), self._model.arrays, _KINDS, out.row(row))
         correction = self._own_motion.correction(before.state, (t_ns - before.t_ns) * 1e-9)
         if correction is not None:
             out.xyz[row] += correction
         return bool(out.kind[row].any())
 
-    def _redone(self, place: int) -> Array:
+    def _redone(self, place: int) -> ViewFigures:
         from . import kernels
 
-        model, now = self._model, self._moments[place]
+        before, now = self._moments[place - 1], self._moments[place]
         view = now.view
         assert view is not None
-        kernels.step(
-            self._moments[place - 1].state, now.state, self._seconds(now.t_ns), view.camera, view.z, view.white, view.late_s,
-            view.sigma_px, model.cameras, model.mirror, model.group, model.neighbours, model.ends, model.sizes, model.models,
-            model.step_rules, self._figures, view.depth_m,
+        rays = kernels.KeypointRays(
+            camera=view.camera, z=view.z, white=view.white, late_s=view.late_s, sigma_px=view.sigma_px
         )  # fmt: skip
-        return self._figures.copy()
+        figures: ViewFigures = kernels.step(
+            before.state, now.state, self._seconds(now.t_ns), rays, self._model.arrays, view.depth_m
+        )  # fmt: skip
+        return figures
 
     def _before(self, t_ns: int) -> _Moment:
         return self._moments[max(0, bisect_right(self._moments, t_ns, key=lambda m: m.t_ns) - 1)]
@@ -256,6 +251,12 @@ class Pose3DArrays:
     def __init__(self, n: int, k: int) -> None:
         self.xyz, self.cov, self.reproj = np.empty((n, k, 3)), np.empty((n, k, 3, 3)), np.empty((n, k))
         self.n_views, self.kind = np.zeros((n, k), np.uint8), np.zeros((n, k), np.uint8)
+
+    def row(self, n: int) -> PoseRow:
+        """Of one person, to be filled."""
+        from . import kernels
+
+        return kernels.PoseRow(self.xyz[n], self.cov[n], self.reproj[n], self.n_views[n], self.kind[n])
 
     def pose(self, t_ns: int, skeleton: Skeleton, ids: list[int]) -> Pose3D:
         """The first rows, one per id, as a value."""

@@ -1,20 +1,28 @@
 """The compiled mathematics of the asynchronous tracker: one view of one person at a time.
 
-Times are seconds since the person's birth. Cameras are rows of (R 9, t 3, centre 3), measurements ideal image-plane points with
-`white`, the (2, 2) matrix that turns their errors into sigmas.
+Times are seconds since the person's birth. Arrays that belong together are one named tuple: `SessionArrays`, `KeypointRays` of
+one view, and `StateParts`, the parts of the flat array that a person is kept as.
 """
 
-from .own_motion import anticipate, learn, missing_per_second
-from .pose import pose, where
+from .own_motion import Prediction, Regression, WatchedKeypoints, anticipate, learn, missing_per_second
+from .pose import PoseRow, pose, where
 from .rays import agreement, measure
+from .session import KeypointRays, Rules, SessionArrays
 from .sides import exchange_groups
 from .state import GROUPS, born, state_size
-from .step import FIGURES, step
+from .step import ViewFigures, step
 from .updates import begin_again
 
 __all__ = [
-    "FIGURES",
     "GROUPS",
+    "KeypointRays",
+    "PoseRow",
+    "Prediction",
+    "Regression",
+    "Rules",
+    "SessionArrays",
+    "ViewFigures",
+    "WatchedKeypoints",
     "agreement",
     "anticipate",
     "begin_again",

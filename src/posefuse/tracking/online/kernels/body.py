@@ -20,8 +20,10 @@ _REACH_M, _FASTEST_M_S = 1.7, 20.0
 
 
 @kernel()
-def start_missing(x, cov, seen, z, now, lost_after, neighbours, acceleration):
-    """Give keypoints that are seen but not tracked a broad start about a tracked neighbour, or about the body."""
+def start_missing(person, z, now, session):
+    """Give keypoints that are seen (K, 2) but not tracked a broad start about a tracked neighbour, or about the body."""
+    x, cov, seen = person.x, person.cov, person.seen
+    lost_after, acceleration = session.rules.lost_after_s, session.models[0, :, 0]
     k, m, _ = x.shape
     k -= 1
     middle, count = np.zeros(3), 0
@@ -38,7 +40,7 @@ def start_missing(x, cov, seen, z, now, lost_after, neighbours, acceleration):
         if math.isfinite(x[i, 0, 0]) or not math.isfinite(z[i, 0]):
             continue
         about, motion, near = middle.copy(), np.zeros(3), 0
-        for o in neighbours[i]:
+        for o in session.neighbours[i]:
             if o >= 0 and math.isfinite(x[o, 0, 0]):
                 if near == 0:
                     about[:] = 0.0

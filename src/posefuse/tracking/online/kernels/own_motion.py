@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
+from posefuse.core.arrays import Array
 from posefuse.foundation.compiled import kernel
 
 from .pose import where
@@ -16,22 +18,55 @@ _SCALE_M, _SCALE_M_S = 0.3, 1.5
 _LEAST_M = 0.05
 
 
+class WatchedKeypoints(NamedTuple):
+    """joints: (J,) keypoints whose places and velocities against the hips are regressed on. trunk: (4,) hips and shoulders."""
+
+    joints: Array
+    trunk: Array
+
+
+class Prediction(NamedTuple):
+    """A person some time after a state.
+
+    frame: (3, 3) the axes of the trunk as rows. features: (D,), D = 4 + 6 J. places: (K, 3) predicted.
+    ages: (K,) mean age of the views of each keypoint at the time of the state, s.
+    """
+
+    frame: Array
+    features: Array
+    places: Array
+    ages: Array
+
+
+class Regression(NamedTuple):
+    """Of what predictions missed on their features.
+
+    square: (D, D) and cross: (D, K, 3), the normal equations. weights: (D, K, 3), their solution.
+    tested: (K, 2) sums of expected times missed, and of expected squared.
+    """
+
+    square: Array
+    cross: Array
+    weights: Array
+    tested: Array
+
+
 @kernel()
-def anticipate(state, horizon_s, newest_s, sizes, models, joints, trunk, frame, features, places, ages):
+def anticipate(state, session, horizon_s, newest_s, watched, made):
     """Predict a person by `horizon_s` from the time of a state; False where the trunk is not known.
 
     Args:
         newest_s: views older than this do not count in the age of what is known of a keypoint.
-        joints: (J,) keypoints whose places and velocities against the hips are regressed on. trunk: (4,) hips and shoulders.
-        frame: (3, 3) filled with the axes of the trunk as rows. features: (D,), D = 4 + 6 J, filled. places: (K, 3) predicted.
-        ages: (K,) filled with the mean age of the views of each keypoint at the time of the state, in s.
+        made: filled.
     """
-    k, m, count, b = sizes
-    unpacked = parts(state, k, m, count, b)
-    seen, time = unpacked[4], unpacked[11][0]
+    joints, trunk = watched
+    frame, features, places, ages = made
+    person = parts(state, session)
+    seen, time = person.seen, person.time[0]
+    k, count = seen.shape
     now, sigmas = np.empty((k, 3)), np.empty(k)
-    where(state, time, sizes, models, now, sigmas)
-    where(state, time + horizon_s, sizes, models, places, sigmas)
+    where(state, time, session, now, sigmas)
+    where(state, time + horizon_s, session, places, sigmas)
     if not _trunk_axes(now, trunk, frame):
         return False
     middle, moved = np.empty(3), np.empty(3)
@@ -102,12 +137,13 @@ def missing_per_second(features, weights, out):
 
 
 @kernel()
-def learn(features, missed, good, keep, keep_tested, square, cross, weights, tested):
+def learn(features, missed, good, keep, keep_tested, regression):
     """One sample: features (D,) and what the prediction missed per second (K, 3), in the axes of the trunk.
 
-    Older samples count `keep` times less in the normal equations square (D, D), cross (D, K, 3). Keypoints that are not `good`
-    (K,) count as if the weights (D, K, 3) were right about them. tested (K, 2): sums of expected times missed, expected squared.
+    Older samples count `keep` times less in the normal equations, and `keep_tested` times less in the tests. Keypoints that are
+    not `good` (K,) count as if the weights were right about them.
     """
+    square, cross, weights, tested = regression
     d, k = len(features), len(missed)
     for i in range(d):
         for j in range(d):

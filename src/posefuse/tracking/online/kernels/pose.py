@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
+from posefuse.core.arrays import Array
 from posefuse.foundation.compiled import kernel
 from posefuse.tracking.matrix_kernels import inverse3
 
@@ -16,13 +18,24 @@ from .state import parts
 _OUT_OF_SIGHT_M = 0.5  # along a ray no other person crosses
 
 
+class PoseRow(NamedTuple):
+    """One person of a pose: positions (K, 3), covariances (K, 3, 3), rms px (K,), views (K,), kind (K,)."""
+
+    xyz: Array
+    cov: Array
+    reproj: Array
+    n_views: Array
+    kind: Array
+
+
 @kernel()
-def where(state, t, sizes, models, means, sigmas):
+def where(state, t, session, means, sigmas):
     """Positions (K, 3) expected at time t and how sure (K,), standard deviation; NaN where not tracked."""
-    k, m, c, b = sizes
+    person = parts(state, session)
+    x, cov, share = person.x, person.cov, person.share
+    k = len(x) - 1
     spread = np.empty((3, 3))
-    x, cov, share, _, _, _, _, _, _, _, _, time = parts(state, k, m, c, b)
-    f, q = all_models(t - time[0], models)
+    f, q = all_models(t - person.time[0], session.models)
     body, common = np.empty(3), np.empty((3, 3))
     position(x[k], cov[k], share[k], f[1], q[1], body, common)
     for i in range(k):
@@ -35,60 +48,59 @@ def where(state, t, sizes, models, means, sigmas):
 
 
 @kernel()
-def pose(state, t, cameras, ends, sizes, models, rules, xyz, cov, reproj, n_views, kind):
-    """What comes out at time t: positions (K, 3), covariances (K, 3, 3), rms px (K,), views (K,), kind (K,).
-
-    rules: measured_s, lost_after_s, lasting_share, averaging, bone_sigma_m, kinds FUSED and PREDICTED.
-    """
-    k, m, count, b = sizes
-    x, p, share, lively, seen, square, precision, deepness, _, _, bones, time = parts(state, k, m, count, b)
-    dt = t - time[0]
-    f, q = all_models(dt, models)
+def pose(state, t, session, kinds, out):
+    """What comes out at time t, filled into out; kinds: FUSED and PREDICTED."""
+    rules = session.rules
+    person = parts(state, session)
+    k = len(person.x) - 1
+    dt = t - person.time[0]
+    f, q = all_models(dt, session.models)
     body, common = np.empty(3), np.empty((3, 3))
-    position(x[k], p[k], share[k], f[1], q[1], body, common)
+    position(person.x[k], person.cov[k], person.share[k], f[1], q[1], body, common)
     place, body_known, known = np.empty(3), np.empty((3, 3)), np.empty((3, 3))
-    combined(x[k], p[k], share[k], place, body_known)
+    combined(person.x[k], person.cov[k], person.share[k], place, body_known)
     for i in range(k):
-        xyz[i], cov[i], reproj[i], n_views[i], kind[i] = np.nan, np.nan, np.nan, 0, 0
-        newest = seen[i].max()
-        if not math.isfinite(x[i, 0, 0]) or t - max(newest, 0.0) > rules[1]:
+        out.xyz[i], out.cov[i], out.reproj[i], out.n_views[i], out.kind[i] = np.nan, np.nan, np.nan, 0, 0
+        newest = person.seen[i].max()
+        if not math.isfinite(person.x[i, 0, 0]) or t - max(newest, 0.0) > rules.lost_after_s:
             continue
-        position(x[i], p[i], share[i], f[0], q[0], xyz[i], cov[i])
-        xyz[i] += body
-        cov[i] += common
-        combined(x[i], p[i], share[i], place, known)
-        _add_lasting(
-            rules[2], rules[3], known + body_known, xyz[i], seen[i], precision[i], deepness[i], newest - rules[0], cameras, cov[i]
-        )  # fmt: skip
+        position(person.x[i], person.cov[i], person.share[i], f[0], q[0], out.xyz[i], out.cov[i])
+        out.xyz[i] += body
+        out.cov[i] += common
+        combined(person.x[i], person.cov[i], person.share[i], place, known)
+        _add_lasting(person, i, known + body_known, out.xyz[i], session, out.cov[i])
         total = 0.0
-        for c in range(count):
-            if t - seen[i, c] <= rules[0]:
-                n_views[i] += 1
-                total += square[i, c]
-        kind[i] = rules[5] if n_views[i] > 0 else rules[6]
-        if n_views[i] > 0:
-            reproj[i] = math.sqrt(total / n_views[i])
-    hold_bones(xyz, cov, bones, ends, rules[4])
+        for c in range(len(session.cameras)):
+            if t - person.seen[i, c] <= rules.measured_s:
+                out.n_views[i] += 1
+                total += person.square[i, c]
+        out.kind[i] = kinds[0] if out.n_views[i] > 0 else kinds[1]
+        if out.n_views[i] > 0:
+            out.reproj[i] = math.sqrt(total / out.n_views[i])
+    hold_bones(out.xyz, out.cov, person.bones, session.ends, rules.bone_sigma_m)
     # since the newest view an acceleration may have begun, as strong as there were lately
     unseen = (0.5 * max(dt, 0.0) ** 2) ** 2
     for i in range(k):
         for a in range(3):
-            cov[i, a, a] += unseen * (lively[i] + lively[k])
+            out.cov[i, a, a] += unseen * (person.lively[i] + person.lively[k])
 
 
 @kernel()
-def _add_lasting(share, averaging, known, mean, seen, precision, deepness, oldest, cameras, spread):
-    """spread += the effect of temporally correlated errors of the views not older than `oldest`.
+def _add_lasting(person, i, known, mean, session, spread):
+    """spread += the effect of temporally correlated errors of the views that measured keypoint i, at mean (3,), last.
 
     It is what these views of one moment would give, less what the filter averages: the longer it looks back, the smaller its
     own covariance `known` after the newest view, and the less is left.
     """
+    cameras, rules = session.cameras, session.rules
+    seen, precision, deepness = person.seen[i], person.precision[i], person.deepness[i]
+    oldest = seen.max() - rules.measured_s
     information, inverse = np.zeros((3, 3)), np.empty((3, 3))
     inverse3(known, inverse)
     for a in range(3):
         information[a, a] = 1.0 / _OUT_OF_SIGHT_M**2
         for d in range(3):
-            information[a, d] += averaging * inverse[a, d]
+            information[a, d] += rules.averaging * inverse[a, d]
     for c in range(len(seen)):
         if seen[c] < oldest:
             continue
@@ -103,4 +115,4 @@ def _add_lasting(share, averaging, known, mean, seen, precision, deepness, oldes
     inverse3(information, inverse)
     for a in range(3):
         for d in range(3):
-            spread[a, d] += share * inverse[a, d]
+            spread[a, d] += rules.lasting_share * inverse[a, d]

@@ -17,12 +17,13 @@ _FLIP_MOST = 16.0  # largest contribution of a keypoint
 
 
 @kernel()
-def flipped_groups(camera, z, white, means, spreads, mirror, group, out):
+def flipped_groups(view, means, spreads, session, out):
     """out (GROUPS,): which limbs fit clearly better with left and right exchanged."""
+    z, white, camera = view.z, view.white, session.cameras[view.camera]
     gain = np.zeros(GROUPS)
     h, slope, rows, error, point = np.empty(2), np.empty((2, 3)), np.empty((2, 3)), np.empty(2), np.empty(3)
     for i in range(len(z)):
-        g, o = group[i], mirror[i]
+        g, o = session.group[i], session.mirror[i]
         if g < 0 or not (math.isfinite(z[i, 0]) and math.isfinite(z[o, 0]) and math.isfinite(means[i, 0])):
             continue
         for turn in range(2):
@@ -42,27 +43,25 @@ def flipped_groups(camera, z, white, means, spreads, mirror, group, out):
 
 
 @kernel()
-def exchange_person(x, cov, share, seen, square, precision, deepness, mirror, group, g):
+def exchange_person(person, session, g):
     """Exchange left and right of one limb of the person."""
-    for i in range(len(mirror)):
-        o = mirror[i]
-        if group[i] == g and i < o:
+    x, cov, share = person.x, person.cov, person.share
+    for i in range(len(session.mirror)):
+        o = session.mirror[i]
+        if session.group[i] == g and i < o:
             kept_x, kept_cov, kept_share = x[i].copy(), cov[i].copy(), share[i].copy()
             x[i], cov[i], share[i] = x[o], cov[o], share[o]
             x[o], cov[o], share[o] = kept_x, kept_cov, kept_share
-            for c in range(seen.shape[1]):
-                seen[i, c], seen[o, c] = seen[o, c], seen[i, c]
-                square[i, c], square[o, c] = square[o, c], square[i, c]
-                precision[i, c], precision[o, c] = precision[o, c], precision[i, c]
-                deepness[i, c], deepness[o, c] = deepness[o, c], deepness[i, c]
+            for of_camera in (person.seen, person.square, person.precision, person.deepness):
+                for c in range(of_camera.shape[1]):
+                    of_camera[i, c], of_camera[o, c] = of_camera[o, c], of_camera[i, c]
 
 
 @kernel()
-def exchange_groups(state, sizes, mirror, group, which):
+def exchange_groups(state, session, which):
     """Exchange left and right of the limbs `which` (GROUPS,) of a person, and forget the views in which they were exchanged."""
-    k, m, c, b = sizes
-    x, cov, share, _, seen, square, precision, deepness, _, flips, _, _ = parts(state, k, m, c, b)
+    person = parts(state, session)
     for g in range(GROUPS):
         if which[g]:
-            exchange_person(x, cov, share, seen, square, precision, deepness, mirror, group, g)
-            flips[g] = 0.0
+            exchange_person(person, session, g)
+            person.flips[g] = 0.0

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
+from posefuse.core.arrays import Array
 from posefuse.foundation.compiled import kernel
 
 GROUPS = 3  # arms, legs, head: what is exchanged together
@@ -13,21 +15,46 @@ NEVER = -1e9
 _BODY_BORN_M = 0.05  # the newborn body's middle
 
 
+class StateParts(NamedTuple):
+    """Views into a state: K keypoints, M motion models, C cameras, B bones.
+
+    x (K + 1, M, 9), cov (K + 1, M, 9, 9) and share (K + 1, M) of each model: the body as a whole in the last row, the keypoints
+    against it in the others. lively (K + 1,): variance of their accelerations lately. Per camera (K, C): seen, when it last
+    measured, s; square, the squared px residual; precision, 1/variance; deepness, 1/variance of its depth (0 where it has none).
+    refused (K,): views refused in a row. flips (GROUPS,): share of exchanged views. bones (B, 2): mean length, views. time (1,).
+    """
+
+    x: Array
+    cov: Array
+    share: Array
+    lively: Array
+    seen: Array
+    square: Array
+    precision: Array
+    deepness: Array
+    refused: Array
+    flips: Array
+    bones: Array
+    time: Array
+
+
 @kernel()
-def state_size(k, m, c, b):
-    """Length of a state of k keypoints, m models, c cameras, b bones."""
+def sizes(session):
+    """Keypoints, motion models, cameras, bones."""
+    return len(session.mirror), session.models.shape[1], len(session.cameras), len(session.ends)
+
+
+@kernel()
+def state_size(session):
+    """Length of a state."""
+    k, m, c, b = sizes(session)
     return (k + 1) * (m * 91 + 1) + 4 * k * c + k + GROUPS + 2 * b + 1
 
 
 @kernel()
-def parts(state, k, m, c, b):
-    """Views into a state.
-
-    x (K + 1, M, 9), its covariance (K + 1, M, 9, 9), the share (K + 1, M) of each model: the body as a whole in the last row,
-    the keypoints against it in the others; variance (K + 1,) of their accelerations lately; per camera (K, C): when it last
-    measured, the squared px residual, 1/variance, 1/variance of its depth (0 where it has none); views refused in a row (K,);
-    share of exchanged views (GROUPS,); bones (B, 2): mean length, views; the time (1,).
-    """
+def parts(state, session):
+    """See `StateParts`."""
+    k, m, c, b = sizes(session)
     rows = k + 1
     at = rows * m * 9
     x = state[:at].reshape(rows, m, 9)
@@ -50,16 +77,18 @@ def parts(state, k, m, c, b):
     flips = state[at : at + GROUPS]
     at += GROUPS
     bones = state[at : at + 2 * b].reshape(b, 2)
-    return x, cov, share, lively, seen, square, precision, deepness, refused, flips, bones, state[at + 2 * b :]
+    time = state[at + 2 * b :]
+    return StateParts(x, cov, share, lively, seen, square, precision, deepness, refused, flips, bones, time)
 
 
 @kernel()
-def born(state, k, m, c, b, xyz, xyz_cov, velocity_m_s, models):
+def born(state, session, xyz, xyz_cov, velocity_m_s):
     """Fill a state at time 0: positions (K, 3) with covariance (K, 3, 3), NaN where not known yet."""
-    x, cov, share, _, seen, _, _, _, _, _, _, time = parts(state, k, m, c, b)
+    person = parts(state, session)
+    x, cov, share = person.x, person.cov, person.share
+    k, m = len(x) - 1, x.shape[1]
     state[:] = 0.0
-    seen[:] = NEVER
-    time[0] = 0.0
+    person.seen[:] = NEVER
     middle, count = np.zeros(3), 0
     for i in range(k):
         if math.isfinite(xyz[i, 0]) and math.isfinite(xyz_cov[i, 0, 0]):
@@ -79,4 +108,4 @@ def born(state, k, m, c, b, xyz, xyz_cov, velocity_m_s, models):
                     for d in range(3):
                         cov[i, j, a, d] = xyz_cov[i, a, d] if known else 0.0
                 cov[i, j, 3 + a, 3 + a] = velocity_m_s * velocity_m_s
-                cov[i, j, 6 + a, 6 + a] = models[1 if i == k else 0, j, 0] ** 2
+                cov[i, j, 6 + a, 6 + a] = session.models[1 if i == k else 0, j, 0] ** 2

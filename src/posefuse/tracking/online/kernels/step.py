@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,59 +16,69 @@ from .sides import exchange_person, flipped_groups
 from .state import GROUPS, parts
 from .updates import doubt, move_body, update, update_depth
 
-FIGURES = 6  # of one view: keypoints measured, gated, sum of squared sigmas, exchanged limbs; the body's speed; depths used
 _FLIP_MEMORY = 0.05  # weight of the newest view in the share of exchanged ones
 _FLIP_STATE = 0.6  # when so many views are exchanged it is the person who is
 _REFUSED_MOST = 4.0  # a keypoint that so many views in a row put elsewhere is elsewhere
 
 
-@kernel()
-def step(
-    before, after, t, c, z, white, late, px_scale, cameras, mirror, group, neighbours, ends, sizes, models, rules, figures,
-    deep=None,
-):  # fmt: skip
-    """One view into a person: state `before` -> `after`, at time t not before it.
+class ViewFigures(NamedTuple):
+    """Of one view of one person.
 
-    Args:
-        c: camera. z (K, 2) ideal points, NaN where unseen; white (K, 2, 2); late (K,) how much after t a row was exposed.
-        px_scale: (K,) pixels per sigma. cameras: (C, 15). mirror, group: (K,). neighbours: (K, n), -1 for none.
-        ends: (B, 2). sizes: (K, M, C, B). models: (2, M, 2) acceleration of keypoints and of the body, and how long it lasts.
-        rules: outlier, gate, switch_s, lost_after_s, new_share, alone_hold_s. figures: (FIGURES,) filled.
-        deep: (K, 2) depth of each keypoint and its sigma, m, NaN where unknown; None compiles a kernel without any of it.
+    measured: keypoints with a ray. gated: those of them that were too far off to be used. square: sum of their squared sigmas.
+    exchanged: limbs with left and right exchanged. speed_m_s: of the body after the view. depths: used for the body.
     """
-    k, m, count, b = sizes
+
+    measured: float
+    gated: float
+    square: float
+    exchanged: float
+    speed_m_s: float
+    depths: float
+
+
+@kernel()
+def step(before, after, t, view, session, deep=None):
+    """One view into a person: state `before` -> `after`, at time t not before it; returns `ViewFigures`.
+
+    deep: (K, 2) depth of each keypoint and its sigma, m, NaN where unknown; None compiles a kernel without any of it.
+    """
     after[:] = before
-    x, cov, share, lively, seen, square, precision, deepness, refused, flips, bones, time = parts(after, k, m, count, b)
-    dt = t - time[0]
-    time[0] = t
-    figures[:] = 0.0
-    start_missing(x, cov, seen, z, t, rules[3], neighbours, models[0, :, 0])
+    person = parts(after, session)
+    k, c = len(view.z), view.camera
+    dt = t - person.time[0]
+    person.time[0] = t
+    start_missing(person, view.z, t, session)
     means, spreads = np.full((k + 1, 3), np.nan), np.empty((k + 1, 3, 3))
-    _carried_on(x, cov, share, dt, rules[2], models, means, spreads)
+    _carried_on(person, dt, session, means, spreads)
     exchanged = np.zeros(GROUPS)
     wheres, wide = means[:k] + means[k], spreads[:k] + spreads[k]
-    flipped_groups(cameras[c], z, white, wheres, wide, mirror, group, exchanged)
-    depths = move_body(
-        cameras[c], z, white, late, x, cov, share, means, spreads, mirror, group, exchanged, rules, deep
-    )  # fmt: skip
-    _work_in(
-        cameras[c], c, t, z, white, late, px_scale, x, cov, share, means, spreads, seen, square, precision, refused,
-        mirror, group, exchanged, rules, figures, deepness, deep,
-    )  # fmt: skip
+    flipped_groups(view, wheres, wide, session, exchanged)
+    source = _sources(exchanged, session)
+    depths = move_body(view, source, person, means, spreads, session, deep)
+    measured, gated, square = _work_in(view, t, source, person, means, spreads, session, deep)
     for g in range(GROUPS):
-        figures[3] += exchanged[g]
-        flips[g] += _FLIP_MEMORY * (exchanged[g] - flips[g])
-        if flips[g] > _FLIP_STATE:
-            exchange_person(x, cov, share, seen, square, precision, deepness, mirror, group, g)
-            flips[g] = 0.0
-    let_go_of_strays(x[:k], share, means[:k])
-    learn_bones(bones, ends, means, spreads)
-    learn_liveliness(lively, share, models, dt)
-    centre_body(x, share)
-    if depths == 0 and alone(seen, c, t) > rules[5]:
-        old = parts(before, k, m, count, b)
-        hold_depth(cameras[c], dt, old[0][k], old[2][k], x[k], cov[k], share[k])
-    figures[4], figures[5] = _body_speed(x[k], share[k]), depths
+        person.flips[g] += _FLIP_MEMORY * (exchanged[g] - person.flips[g])
+        if person.flips[g] > _FLIP_STATE:
+            exchange_person(person, session, g)
+            person.flips[g] = 0.0
+    let_go_of_strays(person.x[:k], person.share, means[:k])
+    learn_bones(person.bones, session.ends, means, spreads)
+    learn_liveliness(person.lively, person.share, session.models, dt)
+    centre_body(person.x, person.share)
+    if depths == 0 and alone(person.seen, c, t) > session.rules.alone_hold_s:
+        old = parts(before, session)
+        hold_depth(session.cameras[c], dt, old.x[k], old.share[k], person.x[k], person.cov[k], person.share[k])
+    return ViewFigures(measured, gated, square, exchanged.sum(), _body_speed(person.x[k], person.share[k]), float(depths))
+
+
+@kernel()
+def _sources(exchanged, session):
+    """(K,) which keypoint of the view each one of the person is: its counterpart where its limb is exchanged (GROUPS,)."""
+    source = np.arange(len(session.mirror))
+    for i in range(len(source)):
+        if session.group[i] >= 0 and exchanged[session.group[i]] > 0.0:
+            source[i] = session.mirror[i]
+    return source
 
 
 @kernel()
@@ -83,11 +94,12 @@ def _body_speed(x, share):
 
 
 @kernel()
-def _carried_on(x, cov, share, dt, switch_s, models, means, spreads):
+def _carried_on(person, dt, session, means, spreads):
     """Everybody `dt` later, in place, models mixed; fills places (K + 1, 3) and their covariances (K + 1, 3, 3)."""
+    x, cov, share = person.x, person.cov, person.share
     k, m = len(x) - 1, x.shape[1]
-    stay = math.exp(-dt / switch_s)
-    f, q = all_models(dt, models)
+    stay = math.exp(-dt / session.rules.switch_s)
+    f, q = all_models(dt, session.models)
     mixed_x, mixed_cov, mixed_share = np.empty((m, 9)), np.empty((m, 9, 9)), np.empty(m)
     for i in range(k + 1):
         if not math.isfinite(x[i, 0, 0]):
@@ -102,11 +114,12 @@ def _carried_on(x, cov, share, dt, switch_s, models, means, spreads):
 
 
 @kernel()
-def _work_in(
-    camera, c, t, z, white, late, px_scale, x, cov, share, means, spreads, seen, square, precision, refused, mirror,
-    group, exchanged, rules, figures, deepness, deep=None,
-):  # fmt: skip
-    """Every keypoint's ray into the keypoint itself, once the body has moved; fills figures but for the exchanged limbs."""
+def _work_in(view, t, source, person, means, spreads, session, deep=None):
+    """Every keypoint's ray into the keypoint itself, once the body has moved; returns the first three of `ViewFigures`."""
+    z, white, late, c = view.z, view.white, view.late_s, view.camera
+    x, cov, share, refused = person.x, person.cov, person.share, person.refused
+    camera, rules = session.cameras[c], session.rules
+    measured, gated, square = 0.0, 0.0, 0.0
     k, m = len(z), x.shape[1]
     body = np.zeros(3)
     for a in range(3):
@@ -115,7 +128,7 @@ def _work_in(
     h, slope, rows, error, row, far = np.empty(2), np.empty((2, 3)), np.empty((2, 3)), np.empty(2), np.empty(3), np.empty(m)
     point, before_m, away = np.empty(3), np.empty(3), np.empty((m, 2))
     for i in range(k):
-        o = mirror[i] if group[i] >= 0 and exchanged[group[i]] > 0.0 else i
+        o = source[i]
         if not (math.isfinite(z[o, 0]) and math.isfinite(means[i, 0])):
             continue
         for a in range(3):
@@ -133,31 +146,31 @@ def _work_in(
                 for a in range(3):
                     away[j, r] -= rows[r, a] * (x[i, j, a] - means[i, a])
         s00, s01, s11 = expected(rows, spreads[i] + spreads[k], 1.0)
-        figures[0] += 1.0
-        figures[2] += min(squared(s00, s01, s11, error[0], error[1]), 4.0 * rules[1])
-        nearest = update(x[i], cov[i], share[i], rows, away, rules[4], spreads[k], rules[0], rules[1])
-        if not nearest <= rules[1]:
-            figures[1] += 1.0
+        measured += 1.0
+        square += min(squared(s00, s01, s11, error[0], error[1]), 4.0 * rules.gate_chi2)
+        nearest = update(x[i], cov[i], share[i], rows, away, spreads[k], rules)
+        if not nearest <= rules.gate_chi2:
+            gated += 1.0
             refused[i] += 1.0
             if refused[i] >= _REFUSED_MOST:
                 refused[i] = 0.0
                 doubt(cov[i])
             continue
         refused[i] = 0.0
-        seen[i, c] = t
+        person.seen[i, c] = t
         combined(x[i], cov[i], share[i], means[i], spreads[i])
         for a in range(3):
             point[a] += means[i, a] - before_m[a]
         if deep is not None:
-            deepness[i, c] = 0.0
+            person.deepness[i, c] = 0.0
             if deep[o, 1] > 0.0:
                 miss = depth_row(camera, point, deep[o], row)
                 for j in range(m):
                     far[j] = miss
                     for a in range(3):
                         far[j] -= row[a] * (x[i, j, a] - means[i, a])
-                if update_depth(x[i], cov[i], share[i], row, far, spreads[k], rules[0], rules[1]):
-                    deepness[i, c] = 1.0 / deep[o, 1] ** 2
+                if update_depth(x[i], cov[i], share[i], row, far, spreads[k], rules):
+                    person.deepness[i, c] = 1.0 / deep[o, 1] ** 2
                     for a in range(3):
                         before_m[a] = means[i, a]
                     combined(x[i], cov[i], share[i], means[i], spreads[i])
@@ -165,5 +178,6 @@ def _work_in(
                         point[a] += means[i, a] - before_m[a]
         if ray(camera, point, h, slope):
             whitened(white[o], slope, z[o], h, rows, error)
-            square[i, c] = (error[0] ** 2 + error[1] ** 2) * px_scale[o] ** 2
-        precision[i, c] = 0.5 * (white[o, 0, 0] ** 2 + white[o, 0, 1] ** 2 + white[o, 1, 0] ** 2 + white[o, 1, 1] ** 2)
+            person.square[i, c] = (error[0] ** 2 + error[1] ** 2) * view.sigma_px[o] ** 2
+        person.precision[i, c] = 0.5 * (white[o, 0, 0] ** 2 + white[o, 0, 1] ** 2 + white[o, 1, 0] ** 2 + white[o, 1, 1] ** 2)
+    return measured, gated, square

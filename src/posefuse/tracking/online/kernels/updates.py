@@ -18,21 +18,21 @@ _FOUND_M = 0.03  # of a place where rays meet
 
 
 @kernel()
-def update(x, cov, share, rows, away, new, common, outlier, gate):
+def update(x, cov, share, rows, away, common, rules):
     """One ray into all models of a keypoint; `away` (M, 2) its error from each, `common` (3, 3) what the body adds to it.
 
-    Whether the ray is an outlier is judged by its stated variance; what counts is the share `new` of it.
-    Returns its squared distance from the model that expected it most; nothing is changed beyond `gate`.
+    Whether the ray is an outlier is judged by its stated variance; what counts is the share `new_share` of it.
+    Returns its squared distance from the model that expected it most; nothing is changed beyond the gate.
     """
     m = len(share)
     nearest = np.inf
     for j in range(m):
         s00, s01, s11 = expected(rows, cov[j, :3, :3] + common, 1.0)
         nearest = min(nearest, squared(s00, s01, s11, away[j, 0], away[j, 1]))
-    if not nearest <= gate:
+    if not nearest <= rules.gate_chi2:
         return nearest
     # beyond the knee a view is believed as if it were as noisy as it turned out to be
-    noise = new + max(nearest / outlier, 1.0) - 1.0
+    noise = rules.new_share + max(nearest / rules.outlier_chi2, 1.0) - 1.0
     best = np.inf
     for j in range(m):
         s00, s01, s11 = expected(rows, cov[j, :3, :3] + common, noise)
@@ -62,15 +62,15 @@ def update(x, cov, share, rows, away, new, common, outlier, gate):
 
 
 @kernel()
-def update_depth(x, cov, share, row, away, common, outlier, gate):
+def update_depth(x, cov, share, row, away, common, rules):
     """One depth into all models of a keypoint, as `update` does a ray; `away` (M,) its error from each. Whether it was used."""
     m = len(share)
     nearest = np.inf
     for j in range(m):
         nearest = min(nearest, away[j] ** 2 / expected_depth(row, cov[j, :3, :3] + common))
-    if not nearest <= gate:
+    if not nearest <= rules.gate_chi2:
         return False
-    extra = max(nearest / outlier, 1.0) - 1.0
+    extra = max(nearest / rules.outlier_chi2, 1.0) - 1.0
     best = np.inf
     for j in range(m):
         best = min(best, away[j] ** 2 / (expected_depth(row, cov[j, :3, :3] + common) + extra))
@@ -92,13 +92,14 @@ def update_depth(x, cov, share, row, away, common, outlier, gate):
 
 
 @kernel()
-def begin_again(state, sizes, xyz):
+def begin_again(state, session, xyz):
     """Put keypoints at world places xyz (K, 3), unsure how fast, into a state; NaN leaves one as it is.
 
     Their places are so sure that the views that were wrong before do not count again.
     """
-    k, m, c, b = sizes
-    x, cov, share, _, _, _, _, _, refused, _, _, _ = parts(state, k, m, c, b)
+    person = parts(state, session)
+    x, cov, share = person.x, person.cov, person.share
+    k, m = len(xyz), x.shape[1]
     body = np.zeros(3)
     for j in range(m):
         for a in range(3):
@@ -106,7 +107,7 @@ def begin_again(state, sizes, xyz):
     for i in range(k):
         if not math.isfinite(xyz[i, 0]):
             continue
-        refused[i] = 0.0
+        person.refused[i] = 0.0
         for j in range(m):
             share[i, j] = 1.0 / m
             x[i, j, :] = 0.0
@@ -127,21 +128,22 @@ def doubt(cov):
 
 
 @kernel()
-def move_body(
-    camera, z, white, late, x, cov, share, means, spreads, mirror, group, exchanged, rules, deep=None
-):  # fmt: skip
+def move_body(view, source, person, means, spreads, session, deep=None):
     """All keypoints of one view together as a measurement of the body's position: one measurement of its three coordinates.
 
     Its information and pull are sums over the keypoints, each with the uncertainty of its position relative to the body.
-    Returns how many depths (K, 2) are among them.
+    Keypoint i of the person is `source[i]` of the view. Returns how many depths (K, 2) are among them.
     """
+    z, white, late = view.z, view.white, view.late_s
+    x, cov, share = person.x, person.cov, person.share
+    camera, rules = session.cameras[view.camera], session.rules
     depths = 0
     k, m = len(z), x.shape[1]
     info, pull = np.zeros((3, 3)), np.zeros(3)
     h, slope, rows, error, point = np.empty(2), np.empty((2, 3)), np.empty((2, 3)), np.empty(2), np.empty(3)
     row = np.empty(3)
     for i in range(k):
-        o = mirror[i] if group[i] >= 0 and exchanged[group[i]] > 0.0 else i
+        o = source[i]
         if not (math.isfinite(z[o, 0]) and math.isfinite(means[i, 0])):
             continue
         for a in range(3):
@@ -154,9 +156,9 @@ def move_body(
         whitened(white[o], slope, z[o], h, rows, error)
         s00, s01, s11 = expected(rows, spreads[i] + spreads[k], 1.0)
         far = squared(s00, s01, s11, error[0], error[1])
-        if not far <= rules[1]:
+        if not far <= rules.gate_chi2:
             continue
-        s00, s01, s11 = expected(rows, spreads[i], rules[4] + max(far / rules[0], 1.0) - 1.0)
+        s00, s01, s11 = expected(rows, spreads[i], rules.new_share + max(far / rules.outlier_chi2, 1.0) - 1.0)
         det = s00 * s11 - s01 * s01
         for a in range(3):
             g0 = (rows[0, a] * s11 - rows[1, a] * s01) / det
@@ -167,8 +169,8 @@ def move_body(
         if deep is not None and deep[o, 1] > 0.0:
             away = depth_row(camera, point, deep[o], row)
             far = away * away / expected_depth(row, spreads[i] + spreads[k])
-            if far <= rules[1]:
-                s = expected_depth(row, spreads[i]) + max(far / rules[0], 1.0) - 1.0
+            if far <= rules.gate_chi2:
+                s = expected_depth(row, spreads[i]) + max(far / rules.outlier_chi2, 1.0) - 1.0
                 for a in range(3):
                     pull[a] += row[a] * away / s
                     for d in range(3):
