@@ -129,9 +129,9 @@ def test_no_person_is_ever_two_tracks_of_one_frame() -> None:
     room.frames(20, {0: (0, 0.0), 1: (1, 2.0), 2: (2, 4.0)})
     room.frames(40, {1: (1, 2.0), 2: (2, 4.0)})
     for i in range(room.i):
-        told = [persons_at(room.state.names, track, i * PERIOD_NS) for track in (1, 2)]
-        told += [persons_at(room.state.names, 0, i * PERIOD_NS)] if i < 40 else []
-        known = [person for person in told if person != UNNAMED]
+        persons = [persons_at(room.state.names, track, i * PERIOD_NS) for track in (1, 2)]
+        persons += [persons_at(room.state.names, 0, i * PERIOD_NS)] if i < 40 else []
+        known = [person for person in persons if person != UNNAMED]
         assert len(set(known)) == len(known)
 
 

@@ -76,16 +76,16 @@ def test_at_the_cameras_frames_are_counted_and_a_dead_one_is_named() -> None:
     marker = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50), 3, 60)
     page = np.full((120, 160, 3), 255, np.uint8)
     page[30:90, 50:110] = marker[..., None]
-    told: list[str] = []
+    shown: list[str] = []
     looks: list[GuideFrame] = []
     inputs = [LiveInput(name, "film", Film((page,), name), reopen=False) for name in ("a", "b")]
     with CameraFeed(inputs) as feed:
-        found = guide(feed, Markers(0.1), lambda state: told.append(state.words), looks.append, 5.0)
+        found = guide(feed, Markers(0.1), lambda state: shown.append(state.words), looks.append, 5.0)
     assert found.coverage.together.tolist() == [[1, 1], [1, 1]]
     assert sorted(look.camera for look in looks) == [0, 1]
     assert looks[-1].state is found
     assert looks[0].corners.patch.tolist() == [3, 3, 3, 3]
-    assert told == ["show the target to a and to b at the same time"]
+    assert shown == ["show the target to a and to b at the same time"]
     broken = LiveInput("b", "film", Film(None, "b"), reopen=False)
     with CameraFeed([inputs[0], broken]) as feed, pytest.raises(SourceError, match="camera b: unplugged"):
         guide(feed, Markers(0.1), lambda state: None, lambda look: None, 5.0)

@@ -218,17 +218,17 @@ def test_a_camera_that_is_put_back_is_correct_and_may_be_moved_again(lab: Any) -
     cameras = list(lab.rig.cameras)
     cameras[1] = replace(cameras[1], cam_from_world=SE3.from_rotvec([0.02, 0, 0], [0, 0, 0]) @ cameras[1].cam_from_world)
     after, random, state = Rig(tuple(cameras)), np.random.default_rng(4), monitor.start(lab.rig)
-    told: list[tuple[float, str]] = []
+    findings: list[tuple[float, str]] = []
     for k in range(200):
         rig = after if 40 <= k < 80 or k >= 140 else lab.rig
         xy = rig.project(walk(np.array([k / 10]))[0]) + random.normal(0, 1.5, (len(rig), 6, 2))
         was, (state, _) = state.findings, monitor.observe(state, lab.rig, round(k * 1e8), xy)
         if len(was) != len(state.findings):
-            told.append((k / 10, "".join(one.kind for one in state.findings)))
-    assert [words for _, words in told] == ["moved", "", "moved"]
-    assert 4 < told[0][0] < 6
-    assert 8 < told[1][0] < 13
-    assert 14 < told[2][0] < 16
+            findings.append((k / 10, "".join(one.kind for one in state.findings)))
+    assert [words for _, words in findings] == ["moved", "", "moved"]
+    assert 4 < findings[0][0] < 6
+    assert 8 < findings[1][0] < 13
+    assert 14 < findings[2][0] < 16
 
 
 def test_a_late_camera_stays_so_while_the_person_stands_still(lab: Any) -> None:

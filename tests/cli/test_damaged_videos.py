@@ -34,8 +34,8 @@ def copied(source: Path, path: Path, frames: int) -> None:
 
 
 def track(session: Path, truth: Path, capsys: pytest.CaptureFixture[str]) -> tuple[dict, str]:
-    told = ("--set", "detector.name=oracle", "--set", f"detector.options.truth={truth}", "--outputs", "", "--json")
-    code = main(["track", str(session), "--out", str(session.with_name("result")), *told])
+    options = ("--set", "detector.name=oracle", "--set", f"detector.options.truth={truth}", "--outputs", "", "--json")
+    code = main(["track", str(session), "--out", str(session.with_name("result")), *options])
     said = capsys.readouterr()
     assert code == 0, said.err
     return json.loads(said.out), said.err

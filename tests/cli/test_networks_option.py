@@ -47,5 +47,5 @@ def test_what_was_parsed_before_does_not_come_back() -> None:
 )
 def test_a_card_that_is_missing_is_one_line(command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*command.split(), "--networks", str(tmp_path / "absent.toml")]) == 1
-    told = capsys.readouterr().err.strip()
-    assert "absent.toml" in told and "\n" not in told
+    error = capsys.readouterr().err.strip()
+    assert "absent.toml" in error and "\n" not in error

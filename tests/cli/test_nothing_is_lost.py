@@ -30,8 +30,8 @@ def tree(folder: Path) -> dict[str, bytes | None]:
 def track(session: Path, out: Path, *options: str) -> int:
     """Track a third of a second with the truth in place of a network."""
     truth = Path(__file__).resolve().parents[2] / "examples" / "demo" / "truth" / "truth.npz"
-    told = ("--set", "detector.name=oracle", "--set", f"detector.options.truth={truth}", "--end", "0.3", "--outputs", "")
-    return main(["track", str(session), "--out", str(out), *told, *options])
+    fixed = ("--set", "detector.name=oracle", "--set", f"detector.options.truth={truth}", "--end", "0.3", "--outputs", "")
+    return main(["track", str(session), "--out", str(out), *fixed, *options])
 
 
 @pytest.fixture(scope="module")

@@ -244,9 +244,9 @@ def test_points_that_coincide_give_no_angles_and_no_error(posed):
     for one, other in sequence.skeleton.bone_indices:
         xyz = np.array(pose.xyz_world)
         xyz[:, one] = xyz[:, other]
-        told = tracker.step(replace(pose, xyz_world=xyz))
+        joints = tracker.step(replace(pose, xyz_world=xyz))
         lost |= {
-            name for name, missing in zip(told.joints, (whole & np.isnan(told.angle_rad))[0, 0], strict=True) if missing.any()
+            name for name, missing in zip(joints.joints, (whole & np.isnan(joints.angle_rad))[0, 0], strict=True) if missing.any()
         }
     assert {"left_knee", "right_elbow", "left_ankle"} <= lost
 

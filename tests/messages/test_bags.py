@@ -41,15 +41,15 @@ def test_a_replay_gives_back_what_was_recorded(made, ring_rig):
 def test_notes_come_back_and_other_libraries_see_them(made, tmp_path, some_pose):
     from mcap.reader import make_reader
 
-    path, told = tmp_path / "noted.mcap", {"settings": '{"rate_hz": 100.0}', "who": "Zoë"}
+    path, note = tmp_path / "noted.mcap", {"settings": '{"rate_hz": 100.0}', "who": "Zoë"}
     with bags.Recorder(path) as recorder:
-        recorder.note("session", told)
+        recorder.note("session", note)
         recorder.publish(topics.POSE, message_from_pose(some_pose(), {}, "world"), some_pose().t_ns)
-    assert bags.read_notes(path, "session") == told
+    assert bags.read_notes(path, "session") == note
     assert bags.read_notes(path, "other") is None
     assert bags.read_notes(made[0], "session") is None
     with path.open("rb") as file:
-        assert [(one.name, one.metadata) for one in make_reader(file).iter_metadata()] == [("session", told)]
+        assert [(one.name, one.metadata) for one in make_reader(file).iter_metadata()] == [("session", note)]
     assert len(list(bags.read_poses(path))) == 1
 
 

@@ -159,13 +159,13 @@ def test_a_list_of_impossible_length_is_refused_immediately():
 
 
 def test_counts_of_the_source_arrive_and_absurd_ones_are_refused(some_detections):
-    told = messages.SourceCounts(captured=900, used=300, showing_ns=4_300_000_000)
-    msg = over_the_wire(messages.message_from_detections(some_detections(), {}, told))
-    assert messages.source_from_message(msg) == told
+    counts = messages.SourceCounts(captured=900, used=300, showing_ns=4_300_000_000)
+    msg = over_the_wire(messages.message_from_detections(some_detections(), {}, counts))
+    assert messages.source_from_message(msg) == counts
     unknown = over_the_wire(messages.message_from_detections(some_detections(), {}))
     assert messages.source_from_message(unknown) == messages.SourceCounts()
     for name, value in (("used", 901), ("captured", 2**60), ("showing_ns", -1), ("showing_ns", 2**60)):
-        wrong = over_the_wire(messages.message_from_detections(some_detections(), {}, told))
+        wrong = over_the_wire(messages.message_from_detections(some_detections(), {}, counts))
         setattr(wrong, name, value)
         with pytest.raises(MessageError, match="frames used, showing at"):
             messages.source_from_message(wrong)

@@ -177,8 +177,8 @@ def test_moments_show_the_truth_and_the_estimate(done: Run) -> None:
 def test_joints_stand_next_to_the_papers(done: Run) -> None:
     from paper.experiments.tables import errors_row
 
-    head, rows = joint_rows({"ours": errors_row(done.default_errors())}, paper.STATIC["free"], {"told": (3.0, 1.0, 9.0)})
-    assert head == ["joint (mm)", "ours", "paper: none", "paper: score", "paper: all", "told"]
+    head, rows = joint_rows({"ours": errors_row(done.default_errors())}, paper.STATIC["free"], {"other": (3.0, 1.0, 9.0)})
+    assert head == ["joint (mm)", "ours", "paper: none", "paper: score", "paper: all", "other"]
     assert [row[0] for row in rows] == [*(j.replace("_", " ") for j in PAPER14.keypoints), "average", "best joint", "worst joint"]
     assert rows[0][2:] == ["13.4 ± 0.4", "13.0 ± 0.4", "14.6 ± 0.4", "–"]
     assert rows[-3][-2:] == ["10.48", "3.00"] and rows[-2][-1] == "1.00" and rows[-1][2] == "376.84"

@@ -45,10 +45,10 @@ def test_a_file_compared_with_its_delayed_copy_of_another_kind(
     lines += [f"{t + 0.1:.6f}," + ",".join(f"{v:.7f}" for v in row[:4].ravel()) for t, row in zip(a.t_s, a.xyz_m, strict=True)]
     csv.write_text("\n".join(lines) + "\n")
     assert main(["compare", str(trc), str(csv), "--json", "--out", str(trc.parent / "out")]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["offset_s"] == pytest.approx(-0.1, abs=5e-4)
-    assert told["mean_mm"] < 0.5
-    assert json.loads((trc.parent / "out" / "compare.json").read_text())["mean_mm"] == told["mean_mm"]
+    figures = json.loads(capsys.readouterr().out)
+    assert figures["offset_s"] == pytest.approx(-0.1, abs=5e-4)
+    assert figures["mean_mm"] < 0.5
+    assert json.loads((trc.parent / "out" / "compare.json").read_text())["mean_mm"] == figures["mean_mm"]
     page = read_page(trc.parent / "out" / "compare.html")
     assert page.headings[0] == "b.csv compared with a.trc" and "right shoulder" in page.tables[1][-1] + page.tables[1][1]
     [one, other] = page.plot("right shoulder, x")["series"]
@@ -66,8 +66,8 @@ def test_a_result_is_the_same_as_each_of_its_files(
         capsys.readouterr()
         [file] = result.glob(f"*.{kind}")
         assert main(["compare", str(result), str(file), "--json"]) == 0
-        told = json.loads(capsys.readouterr().out)
-        assert told["mean_mm"] < 0.01 and abs(told["offset_s"]) < 1e-4 and len(told["points"]) > 12
+        figures = json.loads(capsys.readouterr().out)
+        assert figures["mean_mm"] < 0.01 and abs(figures["offset_s"]) < 1e-4 and len(figures["points"]) > 12
 
 
 def test_mvnx_segments_become_joints(tmp_path: Path) -> None:

@@ -78,7 +78,7 @@ class Stage:
         if pose is None:
             shown = [] if c in self.blind else [here[p] for p in here]
         else:
-            shown = [self.near(here, told) for told in pose.xyz_world]
+            shown = [self.near(here, expected) for expected in pose.xyz_world]
         xy = np.array([self.rig.cameras[c].project(xyz) for xyz in shown]).reshape(-1, K, 2)
         score = np.isfinite(xy[..., 0]).astype(float)
         sigma = np.where(score > 0, 1.5, np.nan)
@@ -93,9 +93,9 @@ class Stage:
         )
 
     @staticmethod
-    def near(here: dict[int, np.ndarray], told: np.ndarray) -> np.ndarray:
+    def near(here: dict[int, np.ndarray], expected: np.ndarray) -> np.ndarray:
         for xyz in here.values():
-            if np.linalg.norm(np.nanmean(told - xyz, axis=0)) < 0.3:
+            if np.linalg.norm(np.nanmean(expected - xyz, axis=0)) < 0.3:
                 return xyz
         return np.full((K, 3), np.nan)
 
@@ -238,9 +238,9 @@ class Runner(Stage):
         return {p: body + [ramp.sum() - 2.5, 0, 0] for p, body in self.people.items()}
 
     @staticmethod
-    def near(here: dict[int, np.ndarray], told: np.ndarray) -> np.ndarray:
+    def near(here: dict[int, np.ndarray], expected: np.ndarray) -> np.ndarray:
         for xyz in here.values():
-            if np.linalg.norm(np.nanmean(told - xyz, axis=0)) < 0.15:
+            if np.linalg.norm(np.nanmean(expected - xyz, axis=0)) < 0.15:
                 return xyz
         return np.full((K, 3), np.nan)
 

@@ -90,8 +90,8 @@ def test_a_trial_of_a_session_uses_the_calibration_above_it(project: Path, tmp_p
 def test_without_a_frame_rate_it_asks_for_one(project: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (project / "Config.toml").write_text('[project]\nframe_rate = "auto"\n')
     assert track(project, tmp_path / "out") == 1
-    told = capsys.readouterr().err.strip().splitlines()[-1]
-    assert "--rate" in told and "rate_hz" in told and "posefuse.toml" in told
+    error = capsys.readouterr().err.strip().splitlines()[-1]
+    assert "--rate" in error and "rate_hz" in error and "posefuse.toml" in error
     assert track(project, tmp_path / "out", "--rate", "25") == 0
     assert set(np.diff(read_recording(tmp_path / "out").poses.t_ns)) == {40_000_000}
 

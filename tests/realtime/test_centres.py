@@ -179,9 +179,9 @@ def test_a_replay_moves_the_poses_as_the_session_did(ring_rig, somebody, tmp_pat
     sink.take(LiveStart(t_ns=start_ns, rig=rig, rate_hz=100.0, clock_offset_ns=clock.offset_ns, notes=notes))
     tracker, centring = ready_tracker(rig, BLAZEPOSE33, config), Centring(rig.names, wanted=True)
     gate = KeypointGate(config.gate)
-    told = Centres(rig.names, FULL)
-    sink.take(live_centres(told, BEGIN_NS))
-    centring.learn(told)
+    centres = Centres(rig.names, FULL)
+    sink.take(live_centres(centres, BEGIN_NS))
+    centring.learn(centres)
     for i in range(30):
         t_ns = BEGIN_NS + i * PERIOD_NS
         camera = rig.cameras[i % 3]

@@ -28,14 +28,14 @@ def views(truth: Truth) -> OracleViews:
 
 def fed(truth: Truth, views: OracleViews, offset_s: np.ndarray, rate_hz: float, seconds: float, seed: int) -> dict[str, float]:
     """What is found after some seconds of the clip, played again and again from any moment, with frames lost at random."""
-    finder, told, rng = ClockFinder(truth.rig), limb_keypoints(truth.skeleton.keypoints), np.random.default_rng(seed)
+    finder, limbs, rng = ClockFinder(truth.rig), limb_keypoints(truth.skeleton.keypoints), np.random.default_rng(seed)
     frames, found = len(truth.t_ns), {}
     begin = int(rng.integers(frames))
     for step in range(round(seconds * RATE_HZ)):
         for c, name in enumerate(truth.rig.names):
             if rng.random() < rate_hz / RATE_HZ:
                 f, t_s = (begin + step) % frames, step / RATE_HZ + offset_s[c]
-                finder.add(name, 10**15 + round(t_s * 1e9), views.xy_img[f, 0, c][told], views.score[f, 0, c][told])
+                finder.add(name, 10**15 + round(t_s * 1e9), views.xy_img[f, 0, c][limbs], views.score[f, 0, c][limbs])
         if step % 30 == 29:
             found = finder.find() or found
     return found
@@ -70,14 +70,14 @@ def test_what_cannot_be_known_is_not_reported(truth: Truth, views: OracleViews) 
 
 
 def test_a_clock_that_is_set_is_followed(truth: Truth, views: OracleViews) -> None:
-    finder, told = ClockFinder(truth.rig), limb_keypoints(truth.skeleton.keypoints)
+    finder, limbs = ClockFinder(truth.rig), limb_keypoints(truth.skeleton.keypoints)
     found: dict[str, float] = {}
     for step in range(50 * 30):
         for c, name in enumerate(truth.rig.names):
             late_s = 0.03 if c == 2 and step > 20 * 30 else 0.0
             f = step % len(truth.t_ns)
             t_ns = 10**15 + round((step / RATE_HZ + late_s) * 1e9)
-            finder.add(name, t_ns, views.xy_img[f, 0, c][told], views.score[f, 0, c][told])
+            finder.add(name, t_ns, views.xy_img[f, 0, c][limbs], views.score[f, 0, c][limbs])
         if step % 30 == 29:
             found = finder.find() or found
     late_s = np.array([found[name] for name in truth.rig.names])

@@ -257,7 +257,7 @@ def test_a_node_that_goes_mad_costs_its_own_cameras_not_the_session(undisturbed:
 # --- what another machine tells of a camera's source
 
 
-def told(used_share: float, showing_ns: int = 0) -> list[SeenView]:
+def views_of(used_share: float, showing_ns: int = 0) -> list[SeenView]:
     """Views of camera a over six seconds, of whose frames that share is used, as the fusion takes them from the network."""
     views, seen = ViewIntake(("a", "b")), []
     views.view(sample(message_from_detections(nobody("a"), {}), "node"), T0)
@@ -272,7 +272,7 @@ def told(used_share: float, showing_ns: int = 0) -> list[SeenView]:
 @pytest.mark.parametrize(("share", "state"), [(1.0, "moved"), (0.4, "overload")])
 def test_overload_of_a_remote_camera_is_called_overload(share: float, state: str) -> None:
     monitor = Monitor(("a", "b"))
-    for seen in told(share):
+    for seen in views_of(share):
         now_ns = seen.detections.t_ns + 20_000_000
         if seen.state is not None:
             monitor.take_state(seen.state, now_ns)
@@ -290,7 +290,7 @@ def test_a_looped_recording_is_announced_as_a_discontinuity(ring_rig) -> None:
     )  # fmt: skip
     lines: list[str] = []
     news = News(fusion, T0, lines.append)
-    for seen in told(1.0, showing_ns=3 * S):
+    for seen in views_of(1.0, showing_ns=3 * S):
         clock.now = seen.detections.t_ns + 20_000_000
         fusion.take(seen)
         fusion._judge(SimpleNamespace(messages=lambda: (), troubles=dict), clock.now)

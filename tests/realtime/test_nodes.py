@@ -112,12 +112,12 @@ def test_strangers_are_counted_and_never_handed_on(ring_rig) -> None:
                 stranger.publish(topics.DETECTIONS, message_from_detections(broken, {}), broken.t_ns)
                 time.sleep(0.05)
             assert writer.readers() > 0
-        skeleton_told = intake.first_skeleton(1.0)
+        known_skeleton = intake.first_skeleton(1.0)
         got = [*intake.messages()]
     finally:
         intake.close()
     assert "elsewhere" in strangers
     assert "scores in 0..1" in counts.last_refusal
-    assert skeleton_told == skeleton
-    assert [told for told in got if isinstance(told, Centres)] == [table]
+    assert known_skeleton == skeleton
+    assert [message for message in got if isinstance(message, Centres)] == [table]
     assert {seen.detections.camera for seen in got if isinstance(seen, SeenView)} == {"cam00"}

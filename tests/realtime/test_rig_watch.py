@@ -80,7 +80,7 @@ def test_memory_stays_bounded() -> None:
 
 def fed(watcher: RigWatcher, truth: Truth, rig: Rig, begin_s: float, seconds: float) -> dict[str, str]:
     """Kinds found by camera, after the clip was shown as cameras at `rig` see it, each at times of its own."""
-    told = limb_keypoints(truth.skeleton.keypoints)
+    limbs = limb_keypoints(truth.skeleton.keypoints)
     stays = np.random.default_rng(5).normal(0, 4.0, (len(rig), len(truth.skeleton), 2))
     times_s = (truth.t_ns - truth.t_ns[0]) / 1e9
     for step in range(round(seconds * RATE_HZ)):
@@ -91,7 +91,7 @@ def fed(watcher: RigWatcher, truth: Truth, rig: Rig, begin_s: float, seconds: fl
             i = min(int(there_s * RATE_HZ), len(times_s) - 2)
             share = (there_s - times_s[i]) * RATE_HZ
             xyz = truth.xyz_world[i, 0] + share * (truth.xyz_world[i + 1, 0] - truth.xyz_world[i, 0])
-            watcher.add(camera.name, round((1000 + t_s) * S), (camera.project(xyz) + stays[c])[told], np.ones(len(told)))
+            watcher.add(camera.name, round((1000 + t_s) * S), (camera.project(xyz) + stays[c])[limbs], np.ones(len(limbs)))
         known = watcher.look()
     return {name: verdict.state for name, verdict in known.ill.items()}
 
@@ -105,10 +105,10 @@ def test_a_moved_camera_is_found_among_cameras_that_do_not_wait_for_each_other(t
     assert fed(watcher, truth, rig, 10.0, 6.0) == {}
 
 
-def told_of_a_loop(truth: Truth, announced: bool) -> set[str]:
+def found_in_a_loop(truth: Truth, announced: bool) -> set[str]:
     """What is said of healthy cameras while a clip of a walking person begins again every two seconds."""
-    told = limb_keypoints(truth.skeleton.keypoints)
-    times_s, xyz = (truth.t_ns - truth.t_ns[0]) / 1e9, truth.xyz_world[:, 0, told]
+    limbs = limb_keypoints(truth.skeleton.keypoints)
+    times_s, xyz = (truth.t_ns - truth.t_ns[0]) / 1e9, truth.xyz_world[:, 0, limbs]
     rng, watcher, said, showing = np.random.default_rng(2), RigWatcher(truth.rig, clocks=False), set(), 0
     for step in range(round(9 * RATE_HZ)):
         for c, camera in enumerate(truth.rig):
@@ -116,17 +116,17 @@ def told_of_a_loop(truth: Truth, announced: bool) -> set[str]:
             if announced and int(t_s / 2) > showing:
                 showing += 1
                 watcher.cut()
-            there = np.array([[np.interp(t_s % 2, times_s, xyz[:, p, i]) for i in range(3)] for p in range(len(told))])
-            seen = camera.project(there) + rng.normal(0, 1.0, (len(told), 2))
-            watcher.add(camera.name, round((1000 + t_s) * S), seen, np.ones(len(told)))
+            there = np.array([[np.interp(t_s % 2, times_s, xyz[:, p, i]) for i in range(3)] for p in range(len(limbs))])
+            seen = camera.project(there) + rng.normal(0, 1.0, (len(limbs), 2))
+            watcher.add(camera.name, round((1000 + t_s) * S), seen, np.ones(len(limbs)))
         if step % 8 == 0:
             said |= {verdict.state for verdict in watcher.look().ill.values()}
     return said
 
 
 def test_the_announced_cut_is_what_keeps_healthy_cameras_from_being_blamed(truth: Truth) -> None:
-    assert told_of_a_loop(truth, announced=True) == set()
-    assert told_of_a_loop(truth, announced=False) != set()
+    assert found_in_a_loop(truth, announced=True) == set()
+    assert found_in_a_loop(truth, announced=False) != set()
 
 
 def test_two_cameras_are_not_watched(truth: Truth) -> None:

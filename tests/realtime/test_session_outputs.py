@@ -85,8 +85,8 @@ def test_a_full_disk_is_reported_and_the_session_records_again_after_space_is_fr
     assert list(read_poses(disk / "a.2.mcap", warn=said.append))
     assert len(said) <= 1
     diagnostics = [entry.msg for entry in read_mcap(disk / "a.2.mcap", {topics.DIAGNOSTICS.name})]
-    [told] = [status for status in diagnostics[-1].status if status.name.endswith("output record")]
-    assert "continues after 1 failures" in told.message and "No space left" in told.message
+    [record] = [status for status in diagnostics[-1].status if status.name.endswith("output record")]
+    assert "continues after 1 failures" in record.message and "No space left" in record.message
 
 
 def fill(path: Path) -> float:

@@ -72,10 +72,10 @@ def test_the_board_gives_back_what_was_written() -> None:
     assert board.read().xyz_world.shape[0] == 0
     pose, velocity = pose_at(7 * S), np.full((2, 5, 3), 0.5)
     board.write(pose, velocity, np.array([1.0, 2.0, 3.0]))
-    told = board.read()
-    np.testing.assert_array_equal(told.xyz_world, pose.xyz_world)
-    np.testing.assert_array_equal(told.gain, [1.0, 2.0, 3.0])
-    np.testing.assert_allclose(told.at(7 * S + S // 10), pose.xyz_world + 0.05)
+    read = board.read()
+    np.testing.assert_array_equal(read.xyz_world, pose.xyz_world)
+    np.testing.assert_array_equal(read.gain, [1.0, 2.0, 3.0])
+    np.testing.assert_allclose(read.at(7 * S + S // 10), pose.xyz_world + 0.05)
 
 
 def test_gain_is_the_entropy_a_frame_takes_away(ring_rig) -> None:

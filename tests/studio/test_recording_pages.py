@@ -236,15 +236,15 @@ def test_videos_outside_the_workspace_are_not_shown(workspace: StudioWorkspace) 
 
 
 def test_jobs_write_into_the_workspace(workspace: StudioWorkspace) -> None:
-    told: list[str] = []
-    progress = lambda stage, done, total, message="": told.append(stage)  # noqa: E731
+    stages: list[str] = []
+    progress = lambda stage, done, total, message="": stages.append(stage)  # noqa: E731
     files = export.run({"result": "result", "out": "exports/walk", "formats": ["trc", "csv"]}, workspace, progress)["files"]
     assert {Path(name).suffix for name in files} >= {".trc", ".csv"}
     assert all(workspace.existing(name).is_file() for name in files)
     done = compare.run({"a": "result", "b": "result", "out": "comparisons/same"}, workspace, progress)
     assert done["mean_mm"] == pytest.approx(0.0, abs=1e-6)
     assert workspace.existing(done["page"]).is_file()
-    assert told
+    assert stages
 
 
 def test_a_report_job_replaces_its_own_report(workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,14 +15,14 @@ from tf2_msgs.msg import TFMessage
 
 joints, topics = json.loads(sys.argv[1]), sys.argv[2:]
 rospy.init_node("robot", disable_signals=True)
-told = {}
+received = {}
 
 
 def hear(any_msg, topic):
     sent = any_msg._connection_header
     cls = generate_dynamic(sent["type"], sent["message_definition"])[sent["type"]]
     assert cls._md5sum == sent["md5sum"]
-    told.setdefault(topic, [sent["type"], str(cls().deserialize(any_msg._buff))])
+    received.setdefault(topic, [sent["type"], str(cls().deserialize(any_msg._buff))])
 
 
 states = rospy.Publisher("/joint_states", JointState, queue_size=1)
@@ -30,7 +30,7 @@ tf = rospy.Publisher("/tf", TFMessage, queue_size=1)
 for topic in topics:
     rospy.Subscriber(topic, rospy.AnyMsg, hear, callback_args=topic)
 end = time.time() + 30
-while time.time() < end and len(told) < len(topics):
+while time.time() < end and len(received) < len(topics):
     state = JointState(name=list(joints), position=list(joints.values()))
     state.header.stamp = rospy.Time.now()
     states.publish(state)
@@ -40,4 +40,4 @@ while time.time() < end and len(told) < len(topics):
     place.transform.rotation.w = 1.0
     tf.publish(TFMessage([place]))
     time.sleep(0.02)
-print(json.dumps(told))
+print(json.dumps(received))

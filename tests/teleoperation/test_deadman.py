@@ -92,8 +92,8 @@ def web():
     switch.close()
 
 
-def post(web, told, path="beat"):
-    body = told if isinstance(told, bytes) else json.dumps(told).encode()
+def post(web, content, path="beat"):
+    body = content if isinstance(content, bytes) else json.dumps(content).encode()
     with urllib.request.urlopen(urllib.request.Request(web.url + path, data=body), timeout=5) as answer:
         return json.loads(answer.read())["echo"]
 
@@ -119,9 +119,11 @@ def test_a_report_counts_once_and_is_as_old_as_the_number_it_echoes(web):
     assert len(beats) == 1 and beats[0].sent_ns <= given_ns
 
 
-@pytest.mark.parametrize("told", [b"", b"[]", b"{", b'{"echo": "x"}', b'{"echo": 1e999, "held": true, "grip": 1}', b"\xff\xfe"])
-def test_what_is_malformed_holds_nothing(web, told):
-    post(web, told)
+@pytest.mark.parametrize(
+    "content", [b"", b"[]", b"{", b'{"echo": "x"}', b'{"echo": 1e999, "held": true, "grip": 1}', b"\xff\xfe"]
+)
+def test_what_is_malformed_holds_nothing(web, content):
+    post(web, content)
     assert not web.poll(0, None).beats
 
 

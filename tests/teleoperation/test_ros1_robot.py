@@ -41,8 +41,8 @@ def test_a_plain_ros1_robot_is_read_and_gets_its_commands(alone, ros1_python, tm
     robot = alone(python, HERE / "ros1_robot.py", json.dumps(JOINTS), *topics)
     driver = alone(sys.executable, HERE / "ros1_driver.py", modules, command, model)
     out, err = robot.communicate(timeout=60)
-    told = json.loads(out or "{}")
-    assert {topic: kind for topic, (kind, _) in told.items()} == topics, err
+    received = json.loads(out or "{}")
+    assert {topic: kind for topic, (kind, _) in received.items()} == topics, err
     driver.terminate()
     line, driver_err = driver.communicate(timeout=20)
     assert line.startswith("["), line + driver_err
@@ -50,11 +50,11 @@ def test_a_plain_ros1_robot_is_read_and_gets_its_commands(alone, ros1_python, tm
     assert fault == ""
     if command == "joints":
         assert q[-7:] == pytest.approx(list(ARM_HOME_RAD))
-        assert "right_j7" in told[CONTROLLER][1]
+        assert "right_j7" in received[CONTROLLER][1]
     else:
         # the base stands at (2, 0), turned by a quarter
         assert xyz == pytest.approx([2.0, 0.3, 0.5])
-        assert "base_link" in told[f"{SPACE}/{'target' if command == 'pose' else 'twist'}"][1]
+        assert "base_link" in received[f"{SPACE}/{'target' if command == 'pose' else 'twist'}"][1]
 
 
 @pytest.mark.slow

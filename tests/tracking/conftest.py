@@ -108,7 +108,7 @@ def world(ring_rig: Callable[..., Rig]) -> Callable[..., World]:
 
 
 @pytest.fixture(scope="session")
-def told() -> Callable[..., Detections2D]:
+def detections_of() -> Callable[..., Detections2D]:
     """(camera, t_s, *people_xy) -> Detections2D."""
     return detections
 

@@ -59,7 +59,7 @@ NEW_AT_REST, WANDERING_AT_REST = (0.35 / 2.0) ** 2, (0.6 / 2.0) ** 2
 
 def with_errors_at_rest(views, rng):
     """Noise of the stated size: a constant of every camera, and a little that wanders and that is new."""
-    constant, wandering, told = {}, {}, []
+    constant, wandering, noisy = {}, {}, []
     for view in views:
         fresh = rng.standard_normal(view.xy_img.shape)
         lasting = constant.setdefault(view.camera, rng.standard_normal(view.xy_img.shape))
@@ -70,13 +70,13 @@ def with_errors_at_rest(views, rng):
         white = rng.standard_normal(view.xy_img.shape)
         stays = 1 - NEW_AT_REST - WANDERING_AT_REST
         errors = np.sqrt(stays) * lasting + np.sqrt(WANDERING_AT_REST) * slow + np.sqrt(NEW_AT_REST) * white
-        told.append(replace(view, xy_img=view.xy_img + errors * view.sigma_px[..., None]))
-    return told
+        noisy.append(replace(view, xy_img=view.xy_img + errors * view.sigma_px[..., None]))
+    return noisy
 
 
 def with_lasting_errors(views, rng):
     """Noise of the stated size, of which a part wanders as `track.lasting` says."""
-    wandering, told = {}, []
+    wandering, noisy = {}, []
     for view in views:
         fresh = rng.standard_normal(view.xy_img.shape)
         before_ns, slow = wandering.get(view.camera, (view.t_ns, fresh))
@@ -85,8 +85,8 @@ def with_lasting_errors(views, rng):
         wandering[view.camera] = view.t_ns, slow
         white = rng.standard_normal(view.xy_img.shape)
         errors = np.sqrt(LASTING_SHARE) * slow + np.sqrt(1 - LASTING_SHARE) * white
-        told.append(replace(view, xy_img=view.xy_img + errors * view.sigma_px[..., None]))
-    return told
+        noisy.append(replace(view, xy_img=view.xy_img + errors * view.sigma_px[..., None]))
+    return noisy
 
 
 def test_what_the_whole_body_does_is_learnt_from_all_keypoints_together(world):
@@ -105,8 +105,8 @@ def test_what_the_whole_body_does_is_learnt_from_all_keypoints_together(world):
         views = w.views(2.2, seed)
         # born of the whole person
         few = [view if view.t_ns < 0.3e9 else keep_only(view, names) for view in views]
-        for told, errors in ((views, together), (few, alone)):
-            errors += [w.error_m(pose)[shown].mean() for pose in run(w, told, 2.2, from_s=1.0)[1]]
+        for come, errors in ((views, together), (few, alone)):
+            errors += [w.error_m(pose)[shown].mean() for pose in run(w, come, 2.2, from_s=1.0)[1]]
     assert np.nanmean(together) < 0.9 * np.nanmean(alone)
 
 
@@ -262,7 +262,7 @@ def test_who_leaves_is_dropped_and_may_return(world):
     assert poses[-1].person_id.tolist() == [0]
 
 
-def test_two_people_keep_their_names_and_a_bystander_has_none(world, told):
+def test_two_people_keep_their_names_and_a_bystander_has_none(world, detections_of):
     w = world(motion="stand")
     body = w.place(0)
     places = [body + (0.0, -0.9, 0.0), body + (0.0, 0.9, 0.0), body + (1.6, 0.0, 0.0)]
@@ -272,7 +272,7 @@ def test_two_people_keep_their_names_and_a_bystander_has_none(world, told):
         c = w.rig.names.index(v.camera)
         shown = [w.rig.cameras[c].project(p) + rng.normal(0, 2, (len(COCO17), 2)) for p in places]
         order = rng.permutation(2 if v.t_ns < 0.3e9 else 3)
-        views.append(told(v.camera, v.t_ns / 1e9, *(shown[i] for i in order)))
+        views.append(detections_of(v.camera, v.t_ns / 1e9, *(shown[i] for i in order)))
     _, poses = run(w, views, 1.5, max_people=2)
     centres = np.array([np.nanmean(pose.xyz_world, axis=1) for pose in poses])
     assert centres.shape[1] == 2
@@ -288,11 +288,11 @@ def test_bent_lenses_are_undone(world):
     assert mean_error_m(w, poses) < 1.2 * mean_error_m(straight, plain)
 
 
-def test_unknown_cameras_and_other_skeletons_are_named(world, told):
+def test_unknown_cameras_and_other_skeletons_are_named(world, detections_of):
     w = world()
     tracker = w.tracker()
     with pytest.raises(ShapeError, match=r"no camera 'cam9' in the rig; there are: cam00, cam01"):
-        tracker.add(told("cam9", 0.0, np.zeros((17, 2))))
+        tracker.add(detections_of("cam9", 0.0, np.zeros((17, 2))))
     other = type(w.view(0, 0.0)).empty("cam00", 0, BODY_25)
     with pytest.raises(ShapeError, match="camera cam00: expected skeleton coco17, got body_25"):
         tracker.add(other)

@@ -18,10 +18,10 @@ def test_cameras_that_agree_correct_a_keypoint_that_began_with_a_wrong_view(worl
     first, _, *others = w.rig.names
     tracker, errors = w.tracker(), {}
     for view in w.views(END_S):
-        told = wrong_wrist(view) if view.camera == first else view
+        changed = wrong_wrist(view) if view.camera == first else view
         if view.camera in others and view.t_ns < BEGIN_S * 1e9:
-            told = without_wrist(told)
-        tracker.add(told)
+            changed = without_wrist(changed)
+        tracker.add(changed)
         pose = tracker.at(view.t_ns)
         if len(pose.person_id):
             errors[view.t_ns * 1e-9] = w.error_m(pose)[WRIST]

@@ -151,13 +151,13 @@ def test_a_flood_is_refused_and_memory_stays_bounded(world):
 
 
 @pytest.mark.parametrize("name", TRACKERS)
-def test_no_person_and_nothing_finite_are_no_one(world, told, name):
+def test_no_person_and_nothing_finite_are_no_one(world, detections_of, name):
     w = world()
     tracker = w.tracker(tracker=name)
     assert len(tracker.at(0).person_id) == 0
     for i, camera in enumerate(w.rig.names):
         tracker.add(Detections2D.empty(camera, i * 1_000_000, COCO17))
-        blank = told(camera, 0.05 + i * 1e-3, np.full((17, 2), 5.0))
+        blank = detections_of(camera, 0.05 + i * 1e-3, np.full((17, 2), 5.0))
         tracker.add(
             replace(blank, xy_img=np.full((1, 17, 2), np.nan), score=np.zeros((1, 17)), sigma_px=np.full((1, 17), np.nan))
         )

@@ -92,8 +92,8 @@ def test_for_people_and_detectors_as_assumed_the_offsets_are_unbiased_with_the_s
     assert np.abs(left.mean(axis=0)).max() < 5e-4
     nees = np.einsum("ni,ij,nj->n", left, np.linalg.inv(covariance), left).mean()
     assert nees == pytest.approx(len(_LENGTHENS), rel=0.02)
-    told = [offset_sigma_m()[joint][direction] for joint, direction in _LENGTHENS]
-    assert left.std(axis=0) == pytest.approx(told, rel=0.03)
+    stated = [offset_sigma_m()[joint][direction] for joint, direction in _LENGTHENS]
+    assert left.std(axis=0) == pytest.approx(stated, rel=0.03)
 
 
 def test_arms_that_come_out_short_are_put_right(table):

@@ -263,10 +263,10 @@ def test_a_wrong_card_is_reported_in_one_line(tmp_path):
     assert "no file" in message(text.replace("n.onnx", "absent.onnx"))
     other = "0" * 64
     sha = text.split('sha256 = "')[1][:64]
-    told = message(text.replace(sha, other))
-    assert sha in told and other in told
-    told = message(text.replace('"halpe_26"', '"coco17"'))
-    assert f"(1, 17, {2 * SIZE[0]})" in told and f"(1, {COUNT}, {2 * SIZE[0]})" in told
+    error = message(text.replace(sha, other))
+    assert sha in error and other in error
+    error = message(text.replace('"halpe_26"', '"coco17"'))
+    assert f"(1, 17, {2 * SIZE[0]})" in error and f"(1, {COUNT}, {2 * SIZE[0]})" in error
     assert "input" in message(text.replace(f"size_wh = [{SIZE[0]}, {SIZE[1]}]", "size_wh = [96, 64]"))
     assert "'absent'" in message(text.replace('"simcc_x", ', '"absent", '))
     assert "halpe_26" in message(text.replace('"halpe_26"', '"halpe"'), ConfigError)
