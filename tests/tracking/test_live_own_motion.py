@@ -73,4 +73,26 @@ def test_without_hips_nothing_is_corrected(world):
     state = np.zeros(kernels.state_size(session))
     own.settle(state, 0)
     assert own.waits_until_ns() is None
-    assert own.correction(state, HORIZON_S) is None
+    xyz = np.ones((len(HANDS), 3))
+    own.correct(state, HORIZON_S, xyz)
+    assert (xyz == 1).all()
+
+
+def test_a_correction_is_as_large_as_its_age_and_its_tests_allow():
+    """Three keypoints: tested and right, tested and always wrong, and one whose correction is beyond all limits."""
+    rng = np.random.default_rng(1)
+    frame = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    features, weights = rng.normal(size=2), 0.1 * rng.normal(size=(2, 3, 3))
+    weights[:, 2] *= 1e3
+    made = kernels.Prediction(frame, features, np.zeros((3, 3)), np.array([0.02, 0.02, 0.5]))
+    tested = np.array([[2.0, 3.0], [-1.0, 2.0], [9.0, 1.0]])
+    regression = kernels.Regression(np.zeros((2, 2)), np.zeros((2, 3, 3)), weights, tested)
+    limits = kernels.CorrectionLimits(tested=1.0, oldest_s=0.15, most_m=0.2)
+    xyz = np.ones((3, 3))
+    kernels.correct(made, regression, 0.05, limits, xyz)
+    speed = np.einsum("d,dka->ka", features, weights) @ frame
+    # half of what is expected counts for the first: it is tested as much as the limit says
+    np.testing.assert_allclose(xyz[0], 1 + 0.07 * 0.5 * speed[0])
+    assert (xyz[1] == 1).all()
+    np.testing.assert_allclose(xyz[2], 1 + np.clip(0.15 * speed[2], -0.2, 0.2))
+    assert np.abs(xyz[2] - 1).max() == pytest.approx(0.2)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -13,15 +12,13 @@ from posefuse.core import Detections2D, Pose3D, Rig, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.core.duplicates import duplicates
 
+from . import kernels
 from .admission import Admission
 from .contract import CameraStatistics, Solve
 from .cross_check import CrossCheck
 from .optics import Optics, Rays
 from .person import Model, Person, Pose3DArrays, View
 from .settings import LiveSettings
-
-if TYPE_CHECKING:
-    from .kernels import ViewFigures
 
 # a person is looked for in views no one claimed that are not older than this against the newest, so often at most
 _BIRTH_WINDOW_NS, _BIRTH_EVERY_NS = 120_000_000, 50_000_000
@@ -53,7 +50,7 @@ class _Figures:
     gated: float = 0.0
     flipped: float = 0.0
 
-    def count(self, figures: ViewFigures) -> None:
+    def count(self, figures: kernels.ViewFigures) -> None:
         """Apply what was found in a view of this camera."""
         self.used += 1
         if figures.measured == 0:
@@ -166,8 +163,6 @@ class AsynchronousTracker:
 
     def _claims(self, rays: Rays, c: int, t_ns: int) -> list[tuple[Person, int]]:
         """Association in one view: pairs of person and detection, each at most once, with the greatest support of all."""
-        from . import kernels
-
         if not self._people or not len(rays):
             return []
         settings, model = self._model.settings, self._model

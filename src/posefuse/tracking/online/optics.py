@@ -10,6 +10,7 @@ from posefuse.core import Camera, Detections2D
 from posefuse.core.arrays import Array
 from posefuse.core.depth import keypoint_depth
 
+from . import kernels
 from .settings import LiveSettings
 
 # of the table of ideal points: between its knots a lens bends by less than a few hundredths of a pixel
@@ -54,8 +55,6 @@ class Optics:
 
     def rays(self, detections: Detections2D) -> Rays:
         """Every keypoint that can be used: scored, finite, where the lens can be inverted."""
-        from . import kernels
-
         xy = detections.xy_img.astype(np.float64)
         sigma = self._sigma_px(xy, detections.score, detections.sigma_px.astype(np.float64))
         z, white = np.empty(xy.shape), np.empty((*xy.shape, 2))

@@ -12,15 +12,13 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from posefuse.core import Skeleton
 from posefuse.core.arrays import Array
 
-if TYPE_CHECKING:
-    from .kernels import Prediction, SessionArrays
+from . import kernels
 
 # somewhat longer than a pose is predicted in a live session: over shorter times more of what is missed is noise
 HORIZON_S = 0.1
@@ -36,6 +34,7 @@ _RIDGE, _TESTED = 0.3, 0.05
 _MOST_M = 0.2
 # views older than this do not count in the age of what is known; corrections do not grow beyond that of a pose so old
 _NEWEST_S, _OLDEST_S = 0.15, 0.15
+_LIMITS = kernels.CorrectionLimits(tested=_TESTED, oldest_s=_OLDEST_S, most_m=_MOST_M)
 _JOINTS = ("shoulder", "elbow", "wrist", "knee", "ankle")
 _SIDES = ("left", "right")
 _TRUNK = tuple(f"{side}_{joint}" for joint in ("hip", "shoulder") for side in _SIDES)
@@ -44,9 +43,7 @@ _TRUNK = tuple(f"{side}_{joint}" for joint in ("hip", "shoulder") for side in _S
 class OwnMotion:
     """What is learnt of one person. A skeleton without hips and shoulders has no trunk to refer to: nothing is corrected."""
 
-    def __init__(self, skeleton: Skeleton, session: SessionArrays) -> None:
-        from . import kernels
-
+    def __init__(self, skeleton: Skeleton, session: kernels.SessionArrays) -> None:
         places = {name: i for i, name in enumerate(skeleton.keypoints)}
         self._session, self._skeleton = session, skeleton
         joints = np.array([places[f"{s}_{j}"] for s in _SIDES for j in _JOINTS if f"{s}_{j}" in places], np.intp)
@@ -58,7 +55,7 @@ class OwnMotion:
         )
         self._samples = 0
         # by the time of the state they were made from
-        self._waiting: deque[tuple[int, Prediction]] = deque()
+        self._waiting: deque[tuple[int, kernels.Prediction]] = deque()
 
     def waits_until_ns(self) -> int | None:
         """Time at which the next prediction can be judged."""
@@ -66,8 +63,6 @@ class OwnMotion:
 
     def judge(self, seen: Array) -> None:
         """The first prediction that waits by where the keypoints (K, 3) were at its time."""
-        from . import kernels
-
         _, made = self._waiting.popleft()
         off_m = seen - made.places
         good = np.linalg.norm(off_m, axis=-1) < _MOST_M
@@ -92,26 +87,15 @@ class OwnMotion:
         """What was predicted so far was about something else."""
         self._waiting.clear()
 
-    def correction(self, state: Array, since_s: float) -> Array | None:
-        """(K, 3) metres in the world to add to a pose that is predicted since_s from the state; None: nothing is known."""
-        from . import kernels
-
+    def correct(self, state: Array, since_s: float, xyz: Array) -> None:
+        """Add to a pose (K, 3) in the world, predicted since_s from the state, what is known that it will miss."""
         if self._samples < _SOLVE_EVERY or since_s <= 0:
-            return None
+            return
         made = self._predicted(state)
-        if made is None:
-            return None
-        speed = np.empty(made.places.shape)
-        kernels.missing_per_second(made.features, self._regression.weights, speed)
-        # by how much corrections have to be multiplied to be right on average, as far as they were tested
-        tested = self._regression.tested
-        right = np.clip(tested[:, 0] / (tested[:, 1] + _TESTED), 0.0, 1.0)
-        age_s = np.minimum(made.ages + since_s, _OLDEST_S)
-        return np.clip((age_s * right)[:, None] * (speed @ made.frame), -_MOST_M, _MOST_M)
+        if made is not None:
+            kernels.correct(made, self._regression, since_s, _LIMITS, xyz)
 
-    def _predicted(self, state: Array) -> Prediction | None:
-        from . import kernels
-
+    def _predicted(self, state: Array) -> kernels.Prediction | None:
         if len(self._watched.trunk) < len(_TRUNK):
             return None
         k = len(self._skeleton)

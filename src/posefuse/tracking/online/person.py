@@ -5,18 +5,15 @@ from __future__ import annotations
 from bisect import bisect_right
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from posefuse.core import ConfigError, Kind, Pose3D, Rig, Skeleton
 from posefuse.core.arrays import Array
 
+from . import kernels
 from .own_motion import OwnMotion
 from .settings import LiveSettings
-
-if TYPE_CHECKING:
-    from .kernels import PoseRow, SessionArrays, ViewFigures
 
 _ARMS = ("shoulder", "elbow", "wrist", "pinky", "index", "thumb")
 _LEGS = ("hip", "knee", "ankle", "heel", "foot_index", "big_toe", "small_toe")
@@ -72,8 +69,6 @@ class Model:
     @property
     def groups(self) -> int:
         """How many groups there are."""
-        from . import kernels
-
         return kernels.GROUPS
 
     @cached_property
@@ -92,10 +87,8 @@ class Model:
         return np.array([one + [-1] * (most - len(one)) for one in lists], np.int64)
 
     @cached_property
-    def arrays(self) -> SessionArrays:
+    def arrays(self) -> kernels.SessionArrays:
         """As the kernels read them."""
-        from . import kernels
-
         rules = kernels.Rules(*(float(getattr(self.settings, name)) for name in kernels.Rules._fields))
         return kernels.SessionArrays(
             cameras=self.cameras, mirror=self.mirror, group=self.group, neighbours=self.neighbours, ends=self.ends,
@@ -130,8 +123,6 @@ class Person:
     """A person from the first view on. For a late view, the state before it is restored and later views are applied again."""
 
     def __init__(self, model: Model, person_id: int, t_ns: int, xyz: Array, cov: Array) -> None:
-        from . import kernels
-
         self.id = person_id
         self.speed_m_s = 0.0
         self._model, self._birth_ns = model, t_ns
@@ -142,7 +133,7 @@ class Person:
         self._moments = [_Moment(t_ns, -1, None, state)]
         self._own_motion = OwnMotion(model.skeleton, model.arrays)
 
-    def add(self, view: View) -> ViewFigures | None:
+    def add(self, view: View) -> kernels.ViewFigures | None:
         """Work a view in at its own time; its figures, or None when it is older than memory."""
         if view.t_ns < self._moments[0].t_ns:
             return None
@@ -175,8 +166,6 @@ class Person:
 
     def begin_again(self, xyz: Array) -> None:
         """Put keypoints at world places (K, 3) in every kept state, as late views start from older ones; NaN: unchanged."""
-        from . import kernels
-
         for moment in self._moments:
             kernels.begin_again(moment.state, self._model.arrays, xyz)
         if np.isfinite(xyz).any():
@@ -184,8 +173,6 @@ class Person:
 
     def exchange(self, groups: Array) -> None:
         """Exchange left and right of limbs (`kernels.GROUPS`,), see `Model.group`, in every kept state."""
-        from . import kernels
-
         for moment in self._moments:
             kernels.exchange_groups(moment.state, self._model.arrays, groups)
         if groups.any():
@@ -203,8 +190,6 @@ class Person:
 
     def expected(self, t_ns: int) -> tuple[Array, Array]:
         """Positions (K, 3) and how sure (K,) at a time, from what came before it."""
-        from . import kernels
-
         model = self._model
         k = len(model.skeleton)
         means, sigmas = np.empty((k, 3)), np.empty(k)
@@ -213,27 +198,22 @@ class Person:
 
     def pose_into(self, t_ns: int, out: Pose3DArrays, row: int) -> bool:
         """Fill row `row` with the pose at t_ns; whether any keypoint of the person is there."""
-        from . import kernels
-
         if t_ns < self._moments[0].t_ns:
             return False
         before = self._before(t_ns)
-        kernels.pose(before.state, self._seconds(t_ns), self._model.arrays, _KINDS, out.row(row))
-        correction = self._own_motion.correction(before.state, (t_ns - before.t_ns) * 1e-9)
-        if correction is not None:
-            out.xyz[row] += correction
-        return bool(out.kind[row].any())
+        filled = out.row(row)
+        kernels.pose(before.state, self._seconds(t_ns), self._model.arrays, _KINDS, filled)
+        self._own_motion.correct(before.state, (t_ns - before.t_ns) * 1e-9, filled.xyz)
+        return bool(filled.kind.any())
 
-    def _redone(self, place: int) -> ViewFigures:
-        from . import kernels
-
+    def _redone(self, place: int) -> kernels.ViewFigures:
         before, now = self._moments[place - 1], self._moments[place]
         view = now.view
         assert view is not None
         rays = kernels.KeypointRays(
             camera=view.camera, z=view.z, white=view.white, late_s=view.late_s, sigma_px=view.sigma_px
         )  # fmt: skip
-        figures: ViewFigures = kernels.step(
+        figures: kernels.ViewFigures = kernels.step(
             before.state, now.state, self._seconds(now.t_ns), rays, self._model.arrays, view.depth_m
         )  # fmt: skip
         return figures
@@ -252,10 +232,8 @@ class Pose3DArrays:
         self.xyz, self.cov, self.reproj = np.empty((n, k, 3)), np.empty((n, k, 3, 3)), np.empty((n, k))
         self.n_views, self.kind = np.zeros((n, k), np.uint8), np.zeros((n, k), np.uint8)
 
-    def row(self, n: int) -> PoseRow:
+    def row(self, n: int) -> kernels.PoseRow:
         """Of one person, to be filled."""
-        from . import kernels
-
         return kernels.PoseRow(self.xyz[n], self.cov[n], self.reproj[n], self.n_views[n], self.kind[n])
 
     def pose(self, t_ns: int, skeleton: Skeleton, ids: list[int]) -> Pose3D:

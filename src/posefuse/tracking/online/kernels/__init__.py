@@ -4,7 +4,7 @@ Times are seconds since the person's birth. Arrays that belong together are one 
 one view, and `StateParts`, the parts of the flat array that a person is kept as.
 """
 
-from .own_motion import Prediction, Regression, WatchedKeypoints, anticipate, learn, missing_per_second
+from .own_motion import CorrectionLimits, Prediction, Regression, WatchedKeypoints, anticipate, correct, learn
 from .pose import PoseRow, pose, where
 from .rays import agreement, measure
 from .session import KeypointRays, Rules, SessionArrays
@@ -15,6 +15,7 @@ from .updates import begin_again
 
 __all__ = [
     "GROUPS",
+    "CorrectionLimits",
     "KeypointRays",
     "PoseRow",
     "Prediction",
@@ -27,10 +28,10 @@ __all__ = [
     "anticipate",
     "begin_again",
     "born",
+    "correct",
     "exchange_groups",
     "learn",
     "measure",
-    "missing_per_second",
     "pose",
     "state_size",
     "step",

@@ -10,7 +10,8 @@ import numpy as np
 from posefuse.core.arrays import Array
 from posefuse.foundation.compiled import kernel
 
-from .pose import where
+from .motion import all_models
+from .pose import places
 from .state import parts
 
 # usual sizes of what is regressed on, m and m/s
@@ -60,19 +61,19 @@ def anticipate(state, session, horizon_s, newest_s, watched, made):
         made: filled.
     """
     joints, trunk = watched
-    frame, features, places, ages = made
+    frame, features, expected, ages = made
     person = parts(state, session)
     seen, time = person.seen, person.time[0]
     k, count = seen.shape
-    now, sigmas = np.empty((k, 3)), np.empty(k)
-    where(state, time, session, now, sigmas)
-    where(state, time + horizon_s, session, places, sigmas)
+    now = np.empty((k, 3))
+    places(person, all_models(0.0, session.models)[0], now)
+    places(person, all_models(horizon_s, session.models)[0], expected)
     if not _trunk_axes(now, trunk, frame):
         return False
     middle, moved = np.empty(3), np.empty(3)
     for a in range(3):
         middle[a] = 0.5 * (now[trunk[0], a] + now[trunk[1], a])
-        moved[a] = 0.5 * (places[trunk[0], a] + places[trunk[1], a]) - middle[a]
+        moved[a] = 0.5 * (expected[trunk[0], a] + expected[trunk[1], a]) - middle[a]
     features[0] = 1.0
     _turned(frame, moved, 1.0 / (horizon_s * _SCALE_M_S), features[1:4])
     away, faster = np.empty(3), np.empty(3)
@@ -80,7 +81,7 @@ def anticipate(state, session, horizon_s, newest_s, watched, made):
         i = joints[n]
         for a in range(3):
             away[a] = now[i, a] - middle[a]
-            faster[a] = places[i, a] - now[i, a] - moved[a]
+            faster[a] = expected[i, a] - now[i, a] - moved[a]
         _turned(frame, away, 1.0 / _SCALE_M, features[4 + 6 * n : 7 + 6 * n])
         _turned(frame, faster, 1.0 / (horizon_s * _SCALE_M_S), features[7 + 6 * n : 10 + 6 * n])
     for d in range(len(features)):
@@ -124,6 +125,35 @@ def _trunk_axes(now, trunk, frame):
 def _turned(frame, vector, scale, out):
     for i in range(3):
         out[i] = scale * (frame[i, 0] * vector[0] + frame[i, 1] * vector[1] + frame[i, 2] * vector[2])
+
+
+class CorrectionLimits(NamedTuple):
+    """Of what is added to a pose.
+
+    tested: sum of squared corrections at which they count half, (m/s)^2. oldest_s: corrections do not grow beyond that of a pose
+    so old. most_m: none is larger.
+    """
+
+    tested: float
+    oldest_s: float
+    most_m: float
+
+
+@kernel()
+def correct(made, regression, since_s, limits, xyz):
+    """Add to positions (K, 3), predicted since_s from a state, what predictions from this state are expected to miss."""
+    tested = regression.tested
+    speed = np.empty(xyz.shape)
+    missing_per_second(made.features, regression.weights, speed)
+    for i in range(len(xyz)):
+        # by how much corrections have to be multiplied to be right on average, as far as they were tested
+        right = min(max(tested[i, 0] / (tested[i, 1] + limits.tested), 0.0), 1.0)
+        age_s = min(made.ages[i] + since_s, limits.oldest_s)
+        for a in range(3):
+            along = 0.0
+            for d in range(3):
+                along += speed[i, d] * made.frame[d, a]
+            xyz[i, a] += min(max(age_s * right * along, -limits.most_m), limits.most_m)
 
 
 @kernel()
