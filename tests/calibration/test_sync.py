@@ -14,7 +14,7 @@ from posefuse.calibration.clocks.person import clocks_from_person
 from posefuse.calibration.clocks.person_tracks import PersonTrack
 from posefuse.calibration.clocks.resample import at_times
 from posefuse.calibration.clocks.start import rough_clocks, rough_clocks_unplaced
-from posefuse.calibration.clocks.sync import ClockEstimate, PointTrack, estimate_clocks
+from posefuse.calibration.clocks.sync import ClockEstimate, estimate_clocks
 from posefuse.calibration.person.views import person_views
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.cli.command_line import parse
@@ -64,10 +64,6 @@ def rig(ring_rig: Callable[..., Rig]) -> Rig:
     return ring_rig(4)
 
 
-def moving(tracks: Sequence[PersonTrack]) -> list[PointTrack]:
-    return [PointTrack(track.t_ns / 1e9, track.xy_img) for track in tracks]
-
-
 def test_clocks_seconds_apart_of_cameras_of_other_rates_are_found_to_milliseconds(rig: Rig) -> None:
     offset_s = (0.0, 3.7, -0.21, 0.113)
     found = clocks_from_person(rig, tracks_of(rig, offset_s, rates_hz=(15, 25, 12.5, 30)), most_s=5.0)
@@ -82,7 +78,7 @@ def test_a_drift_is_found_and_one_that_is_not_asked_for_is_refused(rig: Rig) -> 
     drift = (0.0, 2e-3, 0.0, -1e-3)
     tracks = tracks_of(rig, (0.0, 0.1, 0.0, 0.0), drift)
     start = ClockEstimate.known(np.zeros(4), SECONDS / 2)
-    fit = estimate_clocks(rig, moving(tracks), start, with_drift=True)
+    fit = estimate_clocks(rig, tracks, start, with_drift=True)
     np.testing.assert_allclose(fit.clocks.drift, drift, atol=4e-4)
     assert (np.abs(fit.clocks.drift - drift) <= 4 * fit.clocks.drift_sigma).all()
     with pytest.raises(RefusedCalibration, match=r"parts agree: cam01 runs \+.* ms later after .* try --clocks drift"):
@@ -106,7 +102,7 @@ def test_undetermined_offsets_are_refused_by_name(rig: Rig) -> None:
 
 def test_without_a_rig_the_path_over_the_floor_gives_offsets_to_about_a_frame(rig: Rig) -> None:
     offset_s = (0.0, 1.4, -0.5, 0.2)
-    tracks = moving(tracks_of(rig, offset_s))
+    tracks = tracks_of(rig, offset_s)
     np.testing.assert_allclose(rough_clocks_unplaced(rig.cameras, tracks, 2.0).offset_s, offset_s, atol=0.1)
     np.testing.assert_allclose(rough_clocks(rig, tracks, 2.0).offset_s, offset_s, atol=0.07)
 

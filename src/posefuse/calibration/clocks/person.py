@@ -9,11 +9,11 @@ import numpy as np
 
 from posefuse.calibration.keypoints import MIN_SCORE, limb_keypoints
 from posefuse.calibration.report import CalibrationReport, Check
-from posefuse.core import Rig
+from posefuse.core import Rig, Skeleton
 
 from .person_tracks import PersonTrack
 from .start import RoughClocks, rough_clocks
-from .sync import ClockEstimate, ClockFit, PointTrack, estimate_clocks
+from .sync import ClockEstimate, ClockFit, estimate_clocks
 
 SUBJECT = "clocks from a person"
 _LEAST_FRAMES = 8
@@ -32,11 +32,12 @@ class FoundClocks:
     report: CalibrationReport
 
 
-def moving_points(track: PersonTrack) -> PointTrack:
-    """The points of a person that carry most information about time, where they are well seen."""
+def moving_keypoints(track: PersonTrack) -> PersonTrack:
+    """Only the keypoints that carry most information about time, NaN where they are not well seen."""
     limbs = limb_keypoints(track.skeleton.keypoints)
+    skeleton = Skeleton(f"limbs of {track.skeleton.name}", tuple(track.skeleton.keypoints[k] for k in limbs))
     xy = np.where((track.score >= MIN_SCORE)[..., None], track.xy_img, np.nan)
-    return PointTrack(track.t_ns / 1e9, xy[:, limbs])
+    return PersonTrack(track.camera, skeleton, track.t_ns, xy[:, limbs], track.score[:, limbs], track.sigma_px[:, limbs])
 
 
 def clocks_from_person(rig: Rig, tracks: Sequence[PersonTrack], most_s: float, with_drift: bool = False) -> FoundClocks:
@@ -48,7 +49,7 @@ def clocks_from_person(rig: Rig, tracks: Sequence[PersonTrack], most_s: float, w
     Raises:
         RefusedCalibration: a check fails; it carries the report.
     """
-    moving = [moving_points(track) for track in tracks]
+    moving = [moving_keypoints(track) for track in tracks]
     done = [check_seen(rig.names, moving)]
     _require(done)
     rough = rough_clocks(rig, moving, most_s)
@@ -84,10 +85,10 @@ def _require(done: Sequence[Check]) -> None:
     CalibrationReport(SUBJECT, tuple(done)).require()
 
 
-def check_seen(names: Sequence[str], moving: Sequence[PointTrack]) -> Check:
+def check_seen(names: Sequence[str], moving: Sequence[PersonTrack]) -> Check:
     """Every camera saw a person."""
     seen = [int(np.asarray(np.isfinite(track.xy_img).all(axis=-1)).any(axis=1).sum()) for track in moving]
-    blind = [f"{name} ({n} of {len(track.t_s)} frames)" for name, n, track in zip(names, seen, moving, strict=True)
+    blind = [f"{name} ({n} of {len(track.t_ns)} frames)" for name, n, track in zip(names, seen, moving, strict=True)
              if n < _LEAST_FRAMES]  # fmt: skip
     return Check("person seen", not blind, f"no person found by {', '.join(blind)}" if blind else "every camera saw the person",
                  "walk where this camera looks, or leave it out")  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,6 +31,20 @@ class PersonTrack:
         freeze_fields(self, {"t_ns": np.int64} | dict.fromkeys(("xy_img", "score", "sigma_px"), np.float64))
         check_fields(self, {"t_ns": "F", "xy_img": "F K 2", "score": "F K", "sigma_px": "F K"})
 
+    @classmethod
+    def of(cls, camera: str, frames: Sequence[Detections2D], rows: Iterable[tuple[int, int]]) -> PersonTrack:
+        """The person at such places of these frames: pairs of frame and person; NaN in the other frames."""
+        shape = (len(frames), len(frames[0].skeleton))
+        xy, score, sigma = np.full((*shape, 2), np.nan), np.zeros(shape), np.full(shape, np.nan)
+        for i, p in rows:
+            xy[i], score[i], sigma[i] = frames[i].xy_img[p], frames[i].score[p], frames[i].sigma_px[p]
+        return cls(camera, frames[0].skeleton, np.array([frame.t_ns for frame in frames]), xy, score, sigma)
+
+    @property
+    def t_s(self) -> Array:
+        """(F,) stamps in seconds."""
+        return self.t_ns / 1e9
+
     def at(self, frames: Array) -> PersonTrack:
         """Only the frames of a mask or of indices."""
         seen = {name: getattr(self, name)[frames] for name in ("t_ns", "xy_img", "score", "sigma_px")}
@@ -56,15 +70,14 @@ def person_tracks(detections: Mapping[str, Sequence[Detections2D]]) -> tuple[Per
 
 def _track(camera: str, detections: Sequence[Detections2D]) -> PersonTrack:
     frames = sorted(detections, key=lambda frame: frame.t_ns)
-    shape = (len(frames), len(frames[0].skeleton))
-    xy, score, sigma = np.full((*shape, 2), np.nan), np.zeros(shape), np.full(shape, np.nan)
+    rows: list[tuple[int, int]] = []
     last: Array | None = None
     for i, frame in enumerate(frames):
         person = prominent(frame, last)
         if person is not None:
-            xy[i], score[i], sigma[i] = frame.xy_img[person], frame.score[person], frame.sigma_px[person]
+            rows.append((i, person))
             last = _middles(frame)[person]
-    return PersonTrack(camera, frames[0].skeleton, np.array([frame.t_ns for frame in frames]), xy, score, sigma)
+    return PersonTrack.of(camera, frames, rows)
 
 
 def prominent(frame: Detections2D, last: Array | None = None) -> int | None:

@@ -16,8 +16,8 @@ import numpy as np
 from posefuse.core import Camera, Rig
 from posefuse.core.arrays import Array
 
+from .person_tracks import PersonTrack
 from .resample import at_times
-from .sync import PointTrack
 
 STEP_S = 1 / 15
 # two cameras must have seen so much together at an offset for it to count; without a rig, so much of a way
@@ -57,7 +57,7 @@ class _Pair:
     worth: Array
 
 
-def rough_clocks(rig: Rig, tracks: Sequence[PointTrack], most_s: float) -> RoughClocks:
+def rough_clocks(rig: Rig, tracks: Sequence[PersonTrack], most_s: float) -> RoughClocks:
     """Of cameras with the extrinsics of the rig."""
     grids = [_Grid.of(track) for track in tracks]
     norm = [camera.norm_from_px(grid.xy) for camera, grid in zip(rig, grids, strict=True)]
@@ -79,7 +79,7 @@ def rough_clocks(rig: Rig, tracks: Sequence[PointTrack], most_s: float) -> Rough
     return _agreed(grids, cost, most_s)
 
 
-def rough_clocks_unplaced(cameras: Sequence[Camera], tracks: Sequence[PointTrack], most_s: float) -> RoughClocks:
+def rough_clocks_unplaced(cameras: Sequence[Camera], tracks: Sequence[PersonTrack], most_s: float) -> RoughClocks:
     """Of cameras at unknown places, from the way the person walks over the floor."""
     grids = [_Grid.of(track) for track in tracks]
     ways = [np.moveaxis(camera.norm_from_px(grid.xy), 0, 1) for camera, grid in zip(cameras, grids, strict=True)]
@@ -94,9 +94,10 @@ class _Grid:
     xy: Array
 
     @classmethod
-    def of(cls, track: PointTrack) -> _Grid:
-        first, last = (round(float(t) / STEP_S) for t in track.t_s[[0, -1]])
-        return cls(first, at_times(track.t_s, track.xy_img, np.arange(first, last + 1) * STEP_S))
+    def of(cls, track: PersonTrack) -> _Grid:
+        t_s = track.t_s
+        first, last = (round(float(t) / STEP_S) for t in t_s[[0, -1]])
+        return cls(first, at_times(t_s, track.xy_img, np.arange(first, last + 1) * STEP_S))
 
 
 def _agreed(grids: Sequence[_Grid], cost: Callable[[int, int], Cost], most_s: float) -> RoughClocks:

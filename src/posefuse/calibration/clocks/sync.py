@@ -15,6 +15,7 @@ from posefuse.core import CalibrationError, Rig
 from posefuse.core.arrays import Array
 
 from .paths import ACCELERATIONS_M_S2, APART_S, LEAST_VIEWS, LONGEST_STEP_S, SETTLED_S, ClockSums, MovingViews, Paths
+from .person_tracks import PersonTrack
 
 # seconds of a block, what is looked at besides at its ends, and how many blocks are looked at, spread over the recording
 _BLOCK_S, _MARGIN_S, _MOST_BLOCKS = 4.0, 0.3, 30
@@ -22,14 +23,6 @@ _BLOCK_S, _MARGIN_S, _MOST_BLOCKS = 4.0, 0.3, 30
 _LASTING_S = 1.5e-3
 # of offsets and drifts before anything is seen
 _BEFORE_S, _BEFORE_DRIFT = 0.3, 3e-3
-
-
-@dataclass(frozen=True, eq=False)
-class PointTrack:
-    """What one camera saw of P named points: stamps t_s (F,) and raw px xy_img (F, P, 2), NaN where unseen."""
-
-    t_s: Array
-    xy_img: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,11 +78,11 @@ class ClockFit:
         return first, second
 
 
-def estimate_clocks(rig: Rig, tracks: Sequence[PointTrack], start: ClockEstimate, with_drift: bool = False) -> ClockFit:
+def estimate_clocks(rig: Rig, tracks: Sequence[PersonTrack], start: ClockEstimate, with_drift: bool = False) -> ClockFit:
     """Clocks of all cameras together, from clocks that are right to some frames.
 
     Args:
-        tracks: one per camera of the rig, of the same points. start: as `sync_start` finds them.
+        tracks: one per camera of the rig, of the same keypoints. start: as `sync_start` finds them.
 
     Raises:
         CalibrationError: no two cameras saw the points at one time.
@@ -116,7 +109,7 @@ def estimate_clocks(rig: Rig, tracks: Sequence[PointTrack], start: ClockEstimate
     return ClockFit(clocks, _spread_px(paths, len(rig)), block_s, tuple(sums))
 
 
-def _blocks(rig: Rig, tracks: Sequence[PointTrack], start: ClockEstimate) -> list[tuple[float, MovingViews]]:
+def _blocks(rig: Rig, tracks: Sequence[PersonTrack], start: ClockEstimate) -> list[tuple[float, MovingViews]]:
     """Middle and views of each block in which two cameras saw enough."""
     taken = [start.taken_s(c, track.t_s) for c, track in enumerate(tracks)]
     begin = sorted(t[0] for t in taken if len(t))[1]

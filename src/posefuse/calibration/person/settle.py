@@ -14,7 +14,7 @@ from posefuse.calibration.clocks.person import (
     check_seen,
     fit_checks,
     middle_s,
-    moving_points,
+    moving_keypoints,
 )
 from posefuse.calibration.clocks.person_tracks import PersonTrack
 from posefuse.calibration.clocks.start import rough_clocks_unplaced
@@ -51,7 +51,7 @@ def unplaced_clocks(
     """
     if clocks == "together":
         return None
-    moving = [moving_points(track) for track in tracks]
+    moving = [moving_keypoints(track) for track in tracks]
     CalibrationReport(SUBJECT, (check_seen([track.camera for track in tracks], moving),)).require()
     start = ClockEstimate.known(np.zeros(len(tracks)), middle_s(tracks))
     try:
@@ -125,7 +125,7 @@ def _check_halves(names: Sequence[str], apart_s: Array) -> Check:
 def _settled(
     tracks: Sequence[PersonTrack], cameras: tuple[Camera, ...], length: KnownLength, start: ClockEstimate, with_drift: bool
 ) -> tuple[Rig, ClockFit]:
-    moving, clocks = [moving_points(track) for track in tracks], start
+    moving, clocks = [moving_keypoints(track) for track in tracks], start
     before: tuple[ClockEstimate, ClockEstimate] | None = None
     for _ in range(_MOST_ROUNDS):
         views = person_views(tracks, clocks)

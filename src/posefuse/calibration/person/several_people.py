@@ -75,7 +75,7 @@ def people_tracks(camera: str, frames: Sequence[Detections2D]) -> tuple[PersonTr
         _follow(going, i, frame)
     by_length = sorted([*ended, *going], key=lambda one: -len(one.rows))
     long = [one for one in by_length if len(one.rows) >= _LEAST_SHARE * len(by_length[0].rows)]
-    return tuple(_track(camera, frames, one.rows) for one in long[:_MOST_TRACKS])
+    return tuple(PersonTrack.of(camera, frames, one.rows) for one in long[:_MOST_TRACKS])
 
 
 @dataclass(eq=False)
@@ -109,14 +109,6 @@ def _follow(going: list[_Going], i: int, frame: Detections2D) -> None:
     for p in range(len(seen)):
         if p not in taken:
             going.append(_Going([(i, int(seen[p]))], frame.t_ns, middle[p], np.zeros(2)))
-
-
-def _track(camera: str, frames: Sequence[Detections2D], rows: Sequence[tuple[int, int]]) -> PersonTrack:
-    shape = (len(frames), len(frames[0].skeleton))
-    xy, score, sigma = np.full((*shape, 2), np.nan), np.zeros(shape), np.full(shape, np.nan)
-    for i, p in rows:
-        xy[i], score[i], sigma[i] = frames[i].xy_img[p], frames[i].score[p], frames[i].sigma_px[p]
-    return PersonTrack(camera, frames[0].skeleton, np.array([frame.t_ns for frame in frames]), xy, score, sigma)
 
 
 def _without_duplicates(frames: Sequence[Detections2D]) -> list[Detections2D]:
