@@ -27,7 +27,7 @@ from live_tracking import SIGMA_PX, noise
 from rich.console import Console
 from rich.table import Table
 
-from posefuse.association import AssociateSettings, associate
+from posefuse.association import AssociateSettings
 from posefuse.core import Detections2D, JointCentres, Pose3D, PoseSequence, Rig, Truth
 from posefuse.core.live_observations import observations_from_frames, on_time_steps
 from posefuse.core.skeleton import pick_keypoints
@@ -44,6 +44,7 @@ from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.run import track_session
 from posefuse.pipeline.second_pass import poses_over_time
 from posefuse.pipeline.session import find_session
+from posefuse.realtime.fusion import build_fuse, build_solve
 from posefuse.simulation.scene import Scene
 from posefuse.simulation.session import simulate
 from posefuse.simulation.session_folder import SessionPaths
@@ -122,11 +123,8 @@ def poses_of(mode: str, frames: Sequence[Detections2D], rig: Rig, truth: Truth) 
 
 def live_poses(frames: Sequence[Detections2D], rig: Rig, table: JointCentres | None = None) -> list[Pose3D]:
     """The live tracker's pose `LATE_S` after each view, moved to joint centres by the table."""
-
-    def solve(together: Sequence[Detections2D], previous: Pose3D | None) -> Pose3D:
-        return fuse(associate(together, rig, AssociateSettings(), previous), rig, FuseSettings(), previous)
-
-    tracker, poses = build_tracker(rig, frames[0].skeleton, LiveSettings(), solve), []
+    solve, fused = build_solve(rig, AssociateSettings(), FuseSettings()), build_fuse(rig, FuseSettings())
+    tracker, poses = build_tracker(rig, frames[0].skeleton, LiveSettings(), solve, fused), []
     lengths = LearntLengths(table) if table else None
     for one in frames:
         tracker.add(one)

@@ -13,14 +13,14 @@ import json
 import sys
 
 import numpy as np
-from live_tracking import OUTPUT_HZ, WARM_UP_S, Arrival, arrivals, scene_of, solver
+from live_tracking import OUTPUT_HZ, WARM_UP_S, Arrival, arrivals, new_tracker, scene_of
 from rich.console import Console
 from rich.table import Table
 
 from posefuse.core import Pose3D
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.realtime.gate import KeypointGate, KeypointGateSettings
-from posefuse.tracking.online import LiveSettings, build_tracker
+from posefuse.tracking.online import LiveSettings
 
 LATENCY_S, USED = (0.05, 0.3), 0.5
 CUT_S, ALONE_EVERY_S, ALONE_S = 4.3, 6.0, 1.2
@@ -70,7 +70,7 @@ def main() -> None:
         return whole(np.asarray(t_s) % CUT_S)
 
     come = overloaded(arrivals(rig, place, args.seconds, args.seed, latency_s=LATENCY_S), len(rig), args.seed)
-    tracker, waiting = build_tracker(rig, ANATOMICAL23, LiveSettings(), solver(rig)), iter(come)
+    tracker, waiting = new_tracker(rig, ANATOMICAL23, LiveSettings()), iter(come)
     gate, made, sent = KeypointGate(KeypointGateSettings()), [], []
     head = next(waiting, None)
     for tick in range(int(args.seconds * OUTPUT_HZ)):

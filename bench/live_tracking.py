@@ -14,7 +14,7 @@ import argparse
 import json
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,14 +22,15 @@ from live_motions import Place, jumping, swinging
 from rich.console import Console
 from rich.table import Table
 
-from posefuse.association import AssociateSettings, associate
+from posefuse.association import AssociateSettings
 from posefuse.core import Detections2D, Pose3D, Rig, Skeleton
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.foundation.settings import settings_from_mapping
-from posefuse.fusion import FuseSettings, fuse
+from posefuse.fusion import FuseSettings
+from posefuse.realtime.fusion import build_fuse, build_solve
 from posefuse.simulation.build import live_scene
 from posefuse.simulation.scene import Scene
-from posefuse.tracking.online import TRACKERS, LiveSettings, build_tracker
+from posefuse.tracking.online import TRACKERS, LiveSettings, Tracker, build_tracker
 
 RATE_HZ, OUTPUT_HZ = 30.0, 100.0
 LATENCY_S, LOST = (0.025, 0.125), 0.05
@@ -123,18 +124,15 @@ def view_of(camera: str, t_ns: int, skeleton: Skeleton, xy: np.ndarray, sigma_px
     )
 
 
-def solver(rig: Rig) -> Callable[[Sequence[Detections2D], Pose3D | None], Pose3D]:
-    """Association and fusion of one time step, as the live pipeline has them."""
-
-    def solve(detections: Sequence[Detections2D], previous: Pose3D | None) -> Pose3D:
-        return fuse(associate(detections, rig, AssociateSettings(), previous), rig, FuseSettings(), previous)
-
-    return solve
+def new_tracker(rig: Rig, skeleton: Skeleton, settings: LiveSettings) -> Tracker:
+    """With association and fusion of one time step as the live pipeline has them."""
+    solve, fuse = build_solve(rig, AssociateSettings(), FuseSettings()), build_fuse(rig, FuseSettings())
+    return build_tracker(rig, skeleton, settings, solve, fuse)
 
 
 def tracked(rig: Rig, come: Sequence[Arrival], seconds: float, settings: LiveSettings) -> Iterator[Pose3D]:
     """What comes out at 100 Hz after the warm-up."""
-    tracker = build_tracker(rig, ANATOMICAL23, settings, solver(rig))
+    tracker = new_tracker(rig, ANATOMICAL23, settings)
     waiting = iter(come)
     head = next(waiting, None)
     for tick in range(int(seconds * OUTPUT_HZ)):
@@ -176,7 +174,7 @@ def speed(seconds: float, keypoints_of: Skeleton, cameras: int, seed: int) -> di
     """Microseconds of one `add` and one `at` for one person of 33 keypoints who walks."""
     rig, place = scene_of("walk", cameras, seconds, seed)
     places = np.resize(np.arange(len(ANATOMICAL23)), len(keypoints_of))
-    tracker = build_tracker(rig, keypoints_of, LiveSettings(), solver(rig))
+    tracker = new_tracker(rig, keypoints_of, LiveSettings())
     come = arrivals(rig, place, seconds, seed)
     add_us, at_us = [], []
     tick = 0

@@ -33,7 +33,7 @@ from posefuse.evaluation.crowds import crowd_figures, frame_matches, person_dist
 from posefuse.fusion import FuseSettings
 from posefuse.pipeline.following import PeopleFollower
 from posefuse.realtime.config import LiveConfig
-from posefuse.realtime.fusion import build_solve
+from posefuse.realtime.fusion import build_fuse, build_solve
 from posefuse.realtime.identity import NamedTracker
 from posefuse.tracking.online import LiveSettings, build_tracker
 
@@ -59,7 +59,8 @@ def live(made: Crowd, network: Network, people: int) -> tuple[list[Pose3D], list
     """Poses at every frame, and the processor seconds of each frame's views in the tracker."""
     solve = build_solve(network.rig, AssociateSettings(max_people=people), FuseSettings())
     settings = LiveSettings(max_people=people)
-    tracker = NamedTracker(build_tracker(network.rig, network.skeleton, settings, solve), settings)
+    fuse = build_fuse(network.rig, FuseSettings())
+    tracker = NamedTracker(build_tracker(network.rig, network.skeleton, settings, solve, fuse), settings)
     poses, spent = [], []
     searched_s = np.full(len(network.rig), -1e9)
     expected = np.zeros((0, len(network.skeleton), 3))

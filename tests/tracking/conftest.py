@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from posefuse.association import AssociateSettings, associate
-from posefuse.core import Detections2D, Pose3D, Rig
+from posefuse.core import Detections2D, Pose3D, Rig, Views
 from posefuse.core.skeleton import COCO17
 from posefuse.fusion import FuseSettings, fuse
 from posefuse.tracking.online import LiveSettings, Tracker, build_tracker
@@ -56,7 +56,11 @@ class World:
         def solve(together: Sequence[Detections2D], previous: Pose3D | None) -> Pose3D:
             return fuse(associate(together, self.rig, people, previous), self.rig, FuseSettings(), previous)
 
-        return build_tracker(self.rig, COCO17, live, solve)
+        return build_tracker(self.rig, COCO17, live, solve, self.fuse)
+
+    def fuse(self, views: Views) -> Pose3D:
+        """Fusion of one time step as `app` has it."""
+        return fuse(views, self.rig, FuseSettings())
 
     def error_m(self, pose: Pose3D, person: int = 0) -> np.ndarray:
         """(K,) distances from the truth at the pose's time."""

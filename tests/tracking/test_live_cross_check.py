@@ -3,8 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from posefuse.core.skeleton import COCO17
+from posefuse.tracking.online import LiveSettings
+from posefuse.tracking.online.cross_check import CrossCheck
+from posefuse.tracking.online.person import Model
 
 WRIST = COCO17.index("left_wrist")
 ARMS = [COCO17.index(f"{side}_{joint}") for side in ("left", "right") for joint in ("shoulder", "elbow", "wrist")]
@@ -66,6 +70,52 @@ def test_a_hidden_wrist_does_not_stay_with_the_other_one(world):
     # once it is lost (`LiveSettings.lost_after_s`) it does not begin again there
     after = [error for t_s, error in errors.items() if t_s > BEGIN_S + 1.0]
     assert not any(error > 0.2 for error in after)
+
+
+class Tracked:
+    """Someone who is tracked at (K, 3) in the world, whatever a check says; what each check said is kept."""
+
+    def __init__(self, xyz):
+        self.xyz, self.exchanged, self.began_again = xyz, [], []
+
+    def expected(self, t_ns):
+        return self.xyz, np.full(len(self.xyz), 0.01)
+
+    def exchange(self, groups):
+        self.exchanged.append(bool(groups.any()))
+
+    def begin_again(self, xyz):
+        self.began_again.append(bool(np.isfinite(xyz).any()))
+
+
+def checked(world, xyz, steps):
+    """`Tracked` at xyz after checks 0.2 s apart: in a step ``all`` cameras see the true body, ``two`` do, or an ``other`` one."""
+    standing = world(motion="stand").place(0.0)
+    w = world(cameras=4, motion=lambda t_s: standing + (1.0 if steps[round(t_s / 0.2)] == "other" else 0.0))
+    check, person = CrossCheck(Model(w.rig, COCO17, LiveSettings()), w.fuse), Tracked(xyz)
+    for n, step in enumerate(steps):
+        for c in range(2 if step == "two" else 4):
+            check.keep(w.view(c, 0.2 * n))
+        check.check(person, round(0.2 * n * 1e9))
+    return person
+
+
+@pytest.mark.parametrize("nothing", ["two", "other"])
+def test_arms_are_exchanged_after_three_checks_running_and_a_check_that_found_nothing_ends_a_run(world, nothing):
+    arms_exchanged = world(motion="stand").place(0.0)
+    arms_exchanged[ARMS] = arms_exchanged[np.array(COCO17.mirror)[ARMS]]
+    assert checked(world, arms_exchanged, ["all"] * 3).exchanged == [False, False, True]
+    # a check that judges nothing changes nothing in the person
+    interrupted = checked(world, arms_exchanged, ["all", "all", nothing, "all", "all", "all"])
+    assert interrupted.exchanged == [False, False, False, False, True]
+
+
+@pytest.mark.parametrize("nothing", ["two", "other"])
+def test_a_wrist_begins_elsewhere_after_two_checks_running_and_a_check_that_found_nothing_ends_a_run(world, nothing):
+    off = world(motion="stand").place(0.0)
+    off[WRIST, 2] += 0.3
+    assert checked(world, off, ["all"] * 2).began_again == [False, True]
+    assert checked(world, off, ["all", nothing, "all", "all"]).began_again == [False, False, True]
 
 
 def exchanged(view, keypoints):

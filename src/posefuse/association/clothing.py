@@ -8,8 +8,9 @@ import numpy as np
 
 from posefuse.core import Detections2D
 from posefuse.core.arrays import Array
+from posefuse.core.values import UNSEEN
 
-from .assignment import UNSEEN, Assignment
+from .assignment import Assignment
 
 # numbers that describe the clothes of a person: L*, a* and b* of trunk, thighs and shanks
 CLOTHING_TRAITS = 9

@@ -8,9 +8,9 @@ import numpy as np
 
 from posefuse.core import Detections2D
 from posefuse.core.arrays import Array
-from posefuse.core.values import NO_TRACK
+from posefuse.core.values import NO_TRACK, UNSEEN
 
-from .assignment import UNSEEN, Assignment
+from .assignment import Assignment
 from .candidates import Candidates
 
 # by camera and the number of another tool's track: the person

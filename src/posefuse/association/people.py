@@ -14,8 +14,9 @@ from posefuse.core import Detections2D, Pose3D, Rig, ShapeError, Views
 from posefuse.core.arrays import Array
 from posefuse.core.duplicates import duplicates
 from posefuse.core.errors import choices
+from posefuse.core.values import UNSEEN
 
-from .assignment import UNSEEN, Assignment
+from .assignment import Assignment
 from .candidates import Candidates, agreement, candidates_from_detections, member_points
 from .hints import Hints, hint_weights
 from .members import best_per_camera, settled

@@ -6,7 +6,7 @@ mid-exposure. Lengths m, angles rad, image px. Missing is NaN with score 0 (neve
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -19,6 +19,8 @@ from .encoded import EncodedImage
 from .errors import ShapeError
 from .skeleton import Skeleton
 
+# in place of the number of a detection: the camera does not see the person
+UNSEEN = -1
 # the arrays of `Detections2D` and their axes
 DETECTION_ARRAYS = {
     "xy_img": "P K 2",
@@ -221,6 +223,29 @@ class Views:
 
     def __post_init__(self) -> None:
         check_views(self, VIEW_ARRAYS)
+
+    @staticmethod
+    def of(detections: Sequence[Detections2D], t_ns: int, person_id: Array, place: Array) -> Views:
+        """People (N,) whose detection in camera c is number place[n, c], or `UNSEEN`; one `Detections2D` per camera."""
+        people, cameras, skeleton = len(person_id), len(detections), detections[0].skeleton
+        xy = np.full((people, cameras, len(skeleton), 2), np.nan)
+        score, sigma = np.zeros(xy.shape[:-1]), np.full(xy.shape[:-1], np.nan)
+        depth = None if all(seen.depth_m is None for seen in detections) else np.full(xy.shape, np.nan)
+        for row, c in np.argwhere(place != UNSEEN):
+            seen, p = detections[c], place[row, c]
+            xy[row, c], score[row, c], sigma[row, c] = seen.xy_img[p], seen.score[p], seen.sigma_px[p]
+            if depth is not None and seen.depth_m is not None:
+                depth[row, c] = seen.depth_m[p]
+        return Views(
+            t_ns=t_ns,
+            skeleton=skeleton,
+            camera_names=tuple(seen.camera for seen in detections),
+            person_id=person_id,
+            xy_img=xy,
+            score=score,
+            sigma_px=sigma,
+            depth_m=depth,
+        )
 
     def people(self, which: Array) -> Views:
         """These people only: `which` is (N,) bool, or their places on axis N in the order wanted."""

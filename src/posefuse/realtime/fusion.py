@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from posefuse.core import CameraHealth, LiveDetections, LiveHealth, LivePose, LivePreview, Pose3D, Rig
+from posefuse.core import CameraHealth, LiveDetections, LiveHealth, LivePose, LivePreview, Pose3D, Rig, Views
 from posefuse.core.arrays import Array
 from posefuse.foundation.channel import Channel, wait_any
 from posefuse.health.cameras import Monitor, Verdict
@@ -251,3 +251,10 @@ def build_solve(rig: Rig, associating: Any, fusing: Any) -> Callable[..., Pose3D
     from posefuse.fusion import fuse
 
     return lambda views, previous: fuse(associate(views, rig, associating, previous), rig, fusing, previous)
+
+
+def build_fuse(rig: Rig, fusing: Any) -> Callable[[Views], Pose3D]:
+    """Fusion of one moment, as trackers take it."""
+    from posefuse.fusion import fuse
+
+    return lambda views: fuse(views, rig, fusing)

@@ -25,7 +25,7 @@ from .board import Board
 from .capture import LiveInput, keeping_packets
 from .config import LiveConfig
 from .controls import AddOutput, Controls, KeepVideos, NamePerson, RemoveOutput, ShowImages
-from .fusion import Fusion, build_solve
+from .fusion import Fusion, build_fuse, build_solve
 from .gate import KeypointGate
 from .group import GroupPlan
 from .group_views import GroupViews
@@ -200,8 +200,9 @@ def group_plans(
 def ready_tracker(rig: Rig, skeleton: Skeleton, config: LiveConfig) -> Tracker:
     """A tracker whose kernels are compiled: one made for the purpose has already seen a made-up person."""
     solve = build_solve(rig, replace(config.associate, max_people=config.track.max_people), config.fuse)
-    warm_tracker(build_tracker(rig, skeleton, config.track, solve), rig, skeleton)
-    return NamedTracker(build_tracker(rig, skeleton, config.track, solve), config.track)
+    fuse = build_fuse(rig, config.fuse)
+    warm_tracker(build_tracker(rig, skeleton, config.track, solve, fuse), rig, skeleton)
+    return NamedTracker(build_tracker(rig, skeleton, config.track, solve, fuse), config.track)
 
 
 def ready_joints(skeleton: Skeleton, config: LiveConfig) -> JointTracker | None:

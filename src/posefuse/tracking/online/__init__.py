@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from posefuse.core import Rig, Skeleton
 
-from .contract import CameraStatistics, Solve, Tracker
+from .contract import CameraStatistics, Fuse, Solve, Tracker
 from .settings import TRACKERS, LiveSettings
 
-__all__ = ["TRACKERS", "CameraStatistics", "LiveSettings", "Solve", "Tracker", "build_tracker"]
+__all__ = ["TRACKERS", "CameraStatistics", "Fuse", "LiveSettings", "Solve", "Tracker", "build_tracker"]
 
 
-def build_tracker(rig: Rig, skeleton: Skeleton, settings: LiveSettings, solve: Solve) -> Tracker:
+def build_tracker(rig: Rig, skeleton: Skeleton, settings: LiveSettings, solve: Solve, fuse: Fuse) -> Tracker:
     """A tracker with no person in it yet.
 
     Args:
@@ -21,6 +21,7 @@ def build_tracker(rig: Rig, skeleton: Skeleton, settings: LiveSettings, solve: S
         settings: which tracker, and how it judges.
         solve: association and fusion of one time step, from one view of every camera (empty for those that have none) and the
             pose before. New people come from it, and ``latest`` uses nothing else.
+        fuse: fusion of one time step alone, of views that are known to show the same people.
     """
     if settings.tracker == "latest":
         from .latest import LatestTracker
@@ -28,4 +29,4 @@ def build_tracker(rig: Rig, skeleton: Skeleton, settings: LiveSettings, solve: S
         return LatestTracker(rig, skeleton, settings, solve)
     from .asynchronous import AsynchronousTracker
 
-    return AsynchronousTracker(rig, skeleton, settings, solve)
+    return AsynchronousTracker(rig, skeleton, settings, solve, fuse)

@@ -14,7 +14,7 @@ from posefuse.core.duplicates import duplicates
 
 from . import kernels
 from .admission import Admission
-from .contract import CameraStatistics, Solve
+from .contract import CameraStatistics, Fuse, Solve
 from .cross_check import CrossCheck
 from .optics import Optics, Rays
 from .person import Model, Person, Pose3DArrays, View
@@ -65,9 +65,9 @@ class _Figures:
 class AsynchronousTracker:
     """A Kalman filter bank per keypoint; see `kernels`. A person is born from the robust solve of views no one claimed."""
 
-    def __init__(self, rig: Rig, skeleton: Skeleton, settings: LiveSettings, solve: Solve) -> None:
+    def __init__(self, rig: Rig, skeleton: Skeleton, settings: LiveSettings, solve: Solve, fuse: Fuse) -> None:
         self._model = Model(rig, skeleton, settings)
-        self._solve = solve
+        self._solve, self._fuse = solve, fuse
         self._admission = Admission(rig, skeleton, settings)
         self._place = {name: c for c, name in enumerate(rig.names)}
         self._optics = [Optics(camera, settings) for camera in rig]
@@ -249,7 +249,7 @@ class AsynchronousTracker:
             # with one person a later track is the same person; with several it may be any of them
             self._next_id += self._model.settings.max_people > 1
         self._people.append(Person(self._model, number, t_ns, xyz, cov))
-        self._checks[self._people[-1]] = CrossCheck(self._model, self._solve)
+        self._checks[self._people[-1]] = CrossCheck(self._model, self._fuse)
         self._people.sort(key=lambda person: person.id)
         fresh.append(next(person for person in self._people if person.id == number))
 

@@ -6,11 +6,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from posefuse.core import Detections2D, Pose3D
+from posefuse.core import Detections2D, Pose3D, Views
 from posefuse.core.arrays import Array
 
 # one Detections2D per camera of the rig, in its order, of about one moment; and the pose before, or None -> the people in them
 Solve = Callable[[Sequence[Detections2D], Pose3D | None], Pose3D]
+# the views of one moment that are known to show the same people -> these people, in the same order
+Fuse = Callable[[Views], Pose3D]
 
 
 @dataclass(frozen=True, kw_only=True)

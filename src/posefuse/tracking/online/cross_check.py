@@ -10,10 +10,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from posefuse.core import Detections2D
+from posefuse.core import Detections2D, Views
 from posefuse.core.arrays import Array
+from posefuse.core.values import UNSEEN
 
-from .contract import Solve
+from .contract import Fuse
 from .person import Model, Person
 
 _NEWEST_NS = 150_000_000
@@ -35,8 +36,8 @@ _FAR_CHECKS, _EXCHANGED_CHECKS = 2, 3
 class CrossCheck:
     """The newest views of one person. `checked_ns`: when they were last judged."""
 
-    def __init__(self, model: Model, solve: Solve) -> None:
-        self._rig, self._skeleton, self._solve, self._mirror = model.rig, model.skeleton, solve, model.mirror
+    def __init__(self, model: Model, fuse: Fuse) -> None:
+        self._rig, self._skeleton, self._fuse, self._mirror = model.rig, model.skeleton, fuse, model.mirror
         # (GROUPS, K) of which limbs each keypoint is
         self._limbs = model.group == np.arange(model.groups)[:, None]
         self._focal_px = np.array([camera.K[0, 0] for camera in self._rig])
@@ -62,7 +63,7 @@ class CrossCheck:
         self.checked_ns = t_ns
         fresh = {name: view for name, view in self._newest.items() if abs(t_ns - view.t_ns) <= _NEWEST_NS}
         if len(fresh) < _LEAST_CAMERAS:
-            self._wrong.clear()
+            self._nothing_found()
             return
         now = person.expected(t_ns)[0]
         moved = [self._at(fresh[name], person, t_ns, now) if name in fresh else None for name in self._rig.names]
@@ -72,7 +73,7 @@ class CrossCheck:
         ]
         xyz = self._fused(together, now)
         if xyz is None:
-            self._wrong.clear()
+            self._nothing_found()
             return
         exchanged = self._exchanged(_apart(xyz[self._mirror], now), _apart(xyz, now), 1.0)
         self._turned = np.where(exchanged, self._turned + 1, 0)
@@ -85,6 +86,11 @@ class CrossCheck:
         person.exchange(turned)
         person.begin_again(self._elsewhere(xyz, now))
 
+    def _nothing_found(self) -> None:
+        """A check that judged nothing: what the checks before it saw, they did not see in checks running."""
+        self._wrong.clear()
+        self._far[:], self._turned[:] = 0, 0
+
     def _at(self, view: Detections2D, person: Person, t_ns: int, now: Array) -> Detections2D:
         """The view as it would be at t_ns, moved by what the person moved since."""
         camera = self._rig[view.camera]
@@ -93,10 +99,10 @@ class CrossCheck:
         return replace(view, t_ns=t_ns, xy_img=view.xy_img + shift)
 
     def _fused(self, together: list[Detections2D], now: Array) -> Array | None:
-        """(K, 3) the person in the views of one moment, each camera for itself; None where it is another person."""
-        xyz = self._solve(together, None).xyz_world
-        near_m, found = min(((_median_apart_m(now, one), n) for n, one in enumerate(xyz)), default=(np.inf, 0))
-        return xyz[found] if near_m <= _SAME_PERSON_M else None
+        """(K, 3) the person in the views of one moment; None where most of it is elsewhere: another person."""
+        place = np.array([[0 if len(view) else UNSEEN for view in together]])
+        xyz = self._fuse(Views.of(together, together[0].t_ns, np.zeros(1, np.int64), place)).xyz_world[0]
+        return xyz if _median_apart_m(now, xyz) <= _SAME_PERSON_M else None
 
     def _judged(self, xyz: Array, together: list[Detections2D]) -> dict[str, Array]:
         """By camera (K,) whether it is wrong about a person at (K, 3)."""
