@@ -7,7 +7,7 @@ import pytest
 from posefuse.core import Detections2D
 from posefuse.core.skeleton import BLAZEPOSE33, COCO17, HALPE_26
 from posefuse.detection import with_clothing
-from posefuse.detection.clothing import lab_from_srgb
+from posefuse.detection.clothing import lab_from_srgb, median_colour
 
 SHIRT, TROUSERS, WALL = (178, 38, 38), (26, 38, 89), (200, 200, 200)
 # a person of 180 px in front of the camera: middle (x, y), half width
@@ -69,3 +69,9 @@ def test_what_is_not_seen_has_no_colour() -> None:
     cut = with_clothing(person(), picture()[:120]).clothing_lab[0]
     assert np.isfinite(cut[0]).all() and np.isnan(cut[1:]).all()
     assert with_clothing(Detections2D.empty("a", 0, COCO17), picture()).clothing_lab.shape == (0, 3, 3)
+
+
+@pytest.mark.parametrize("count", [1, 2, 4, 7, 24])
+def test_medians_are_those_of_numpy(count: int) -> None:
+    rgb = np.random.default_rng(count).integers(0, 256, (count, 3), np.uint8)
+    np.testing.assert_array_equal(median_colour(rgb), np.median(rgb, axis=0))

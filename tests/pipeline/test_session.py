@@ -10,7 +10,7 @@ from posefuse.core import CalibrationError, DetectionBatch, Detections2D, InputE
 from posefuse.core.skeleton import COCO17
 from posefuse.formats.rig import write_rig
 from posefuse.pipeline.config import CameraInput, TrackConfig
-from posefuse.pipeline.opening import open_session
+from posefuse.pipeline.opening import build_source, open_session
 from posefuse.pipeline.run import _check_people
 from posefuse.pipeline.session import find_session
 
@@ -134,3 +134,12 @@ def test_a_person_in_too_few_cameras_is_refused_with_their_number(depth: bool, s
         with pytest.raises(InputError, match=rf"a person was found in {seeing} of 3 cameras.*no person in: .*cam2"):
             _check_people(detections_of(found, depth), said.append)
     assert [line.split(":")[0] for line in said] == [f"camera cam{c}" for c in range(seeing, 3)]
+
+
+@pytest.mark.parametrize(("cameras", "own_threads"), [(1, True), (4, True), (5, False), (9, False)])
+def test_videos_have_decoding_threads_of_their_own_only_where_cameras_leave_cores_idle(
+    demo_session: Path, monkeypatch: pytest.MonkeyPatch, cameras: int, own_threads: bool
+) -> None:
+    monkeypatch.setattr("posefuse.pipeline.opening.usable_cores", lambda: 5)
+    entry = find_session(demo_session, TrackConfig()).inputs[0]
+    assert build_source(entry, TrackConfig(), cameras)._config.threads == own_threads

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -74,7 +75,7 @@ class Camera:
             return f"readout_s: expected >= 0 s, got {self.readout_s}"
         return None
 
-    @property
+    @cached_property
     def centre_world(self) -> Array:
         """(3,) optical centre in world metres."""
         return self.cam_from_world.inverse().xyz

@@ -56,8 +56,14 @@ def _colours(detections: Detections2D, image: Array) -> Array:
         mine = slice(begin[part], begin[part + 1])
         for person in np.flatnonzero(inside[:, mine].sum(axis=1) >= _LEAST_PIXELS):
             x, y = at[person, mine][inside[person, mine]].T
-            found[person, part] = np.median(image[y, x], axis=0)
+            found[person, part] = median_colour(image[y, x])
     return lab_from_srgb(found)
+
+
+def median_colour(rgb: Array) -> Array:
+    """(3,) median of colours (S, 3): that of numpy, which takes six times as long for so few."""
+    ordered, count = np.sort(rgb, axis=0).astype(np.float64), len(rgb)
+    return np.asarray((ordered[(count - 1) // 2] + ordered[count // 2]) / 2)
 
 
 @lru_cache

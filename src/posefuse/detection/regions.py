@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, overload
 
 import cv2
 import numpy as np
@@ -124,6 +124,28 @@ def cut(image: Array, region: Region, side_px: int) -> Array:
     if finer > 1:
         sampled = cv2.resize(sampled, (side_px, side_px), interpolation=cv2.INTER_AREA)
     return cv2.cvtColor(sampled, cv2.COLOR_RGBA2RGB)
+
+
+class Crops(Sequence[Array]):
+    """Crops of several images (`cut`), each of them cut when it is first asked for: a network can work on the first meanwhile."""
+
+    def __init__(self, regions: Sequence[tuple[Array, Region]], side_px: int) -> None:
+        self._regions, self._side_px = regions, side_px
+        self._made: dict[int, Array] = {}
+
+    def __len__(self) -> int:
+        return len(self._regions)
+
+    @overload
+    def __getitem__(self, i: int) -> Array: ...
+    @overload
+    def __getitem__(self, i: slice) -> Sequence[Array]: ...
+    def __getitem__(self, i: int | slice) -> Array | Sequence[Array]:
+        if isinstance(i, slice):
+            return [self[k] for k in range(len(self))[i]]
+        if i not in self._made:
+            self._made[i] = cut(*self._regions[i], self._side_px)
+        return self._made[i]
 
 
 def _four_channels(image: Array, region: Region) -> Array:

@@ -57,7 +57,7 @@ def person_in_session(folder: Path, config: TrackConfig, seconds: float, progres
 def _from_images(session: Session, config: TrackConfig, seconds: float, progress: Progress) -> SessionSeen:
     """From videos or image folders, at their own times, without the corrections of the settings."""
     as_recorded = [replace(entry, settings=replace(entry.settings, offset_s=0.0, drift_ppm=0.0)) for entry in session.inputs]
-    sources = [build_source(entry, config) for entry in as_recorded]
+    sources = [build_source(entry, config, len(as_recorded)) for entry in as_recorded]
     cameras = [fitted_camera(session.rig[one.camera], entry, one) for entry, one in zip(as_recorded, sources, strict=True)]
     rig = replace(session.rig, cameras=tuple(cameras))
     times_ns = {source.camera: np.asarray(source.times_ns()) for source in sources}

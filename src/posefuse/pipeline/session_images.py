@@ -81,7 +81,7 @@ def session_frames(
         return
     t_ns = recording.poses.t_ns
     period_ns = int(np.median(np.diff(t_ns))) if len(t_ns) > 1 else 1_000_000_000
-    streams = {entry.camera: FramesAhead(build_source(entry, config)) for entry in inputs}
+    streams = {entry.camera: FramesAhead(build_source(entry, config, len(inputs))) for entry in inputs}
     try:
         sets = frame_sets(streams, int(t_ns[0]), period_ns, int(t_ns[-1]), on_lost=_reported_already)
         for done, one in enumerate(sets, start=1):

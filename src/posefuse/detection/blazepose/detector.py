@@ -13,7 +13,7 @@ from annotated_types import Ge, Le
 from posefuse.core import Detections2D, Frame, JointCentres, Region, Skeleton
 from posefuse.detection.models import EnsembleCard, ModelCard, fetch_all, read_any_card, read_card
 from posefuse.detection.openvino_cpu import Precision
-from posefuse.detection.regions import check_regions, cut, img_from_crop, region_from_keypoints
+from posefuse.detection.regions import Crops, check_regions, img_from_crop, region_from_keypoints
 from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.foundation.platform import usable_cores
 from posefuse.foundation.settings import settings
@@ -156,7 +156,7 @@ class BlazePoseDetector:
 
     def _candidates(self, frames: Sequence[Frame], looks: Sequence[tuple[int, Region]]) -> list[tuple[int, Region]]:
         side = self._persons.network.side_px
-        boxes, logits = self._persons.network([cut(frames[i].image, square, side) for i, square in looks])
+        boxes, logits = self._persons.network(Crops([(frames[i].image, square) for i, square in looks], side))
         least = self._config.least_person
         scored = [
             (score, i, region)
@@ -170,7 +170,7 @@ class BlazePoseDetector:
         if not people:
             return []
         side = self._side_px
-        crops = [cut(frame.image, region, side) for frame, region in people]
+        crops = Crops([(frame.image, region) for frame, region in people], side)
         rounds = [member.look(crops) for member in (self._landmarks if thoroughly else self._landmarks[:1])]
         if thoroughly and self._mirrored:
             rounds += [member.look_in_mirror(crops) for member in self._landmarks]

@@ -34,40 +34,48 @@ class BlazePoseNetwork:
 
         self.side_px = takes.side_px
         compiled = compiled_for_cpu(_pruned(path, outputs, takes), precision, streams)
-        self._request = compiled.create_infer_request() if streams == 1 else None
-        self._crop = np.zeros((1, takes.side_px, takes.side_px, 3), np.uint8)
-        if self._request is not None:
+        self._alone = streams == 1
+        # twice as many as threads: one that has done a crop finds the next one waiting
+        self._requests = [compiled.create_infer_request() for _ in range(1 if self._alone else 2 * streams)]
+        self._crops = np.zeros((len(self._requests), 1, takes.side_px, takes.side_px, 3), np.uint8)
+        for request, crop in zip(self._requests, self._crops, strict=True):
             # given once: OpenVINO's Python layer takes longer to accept an array than to copy a crop
-            self._request.set_input_tensor(ov.Tensor(self._crop, shared_memory=True))
-        self._queue = ov.AsyncInferQueue(compiled, streams) if streams > 1 else None
-        if self._queue is not None:
-            self._queue.set_callback(self._collect)
+            request.set_input_tensor(ov.Tensor(crop, shared_memory=True))
         self._shapes = [tuple(port.shape) for port in compiled.outputs]
 
     def __call__(self, crops: Sequence[Array]) -> list[Array]:
-        """One array (B, ...) float32 per output, for B crops (side_px, side_px, 3) uint8; valid until the next call."""
-        if self._request is not None and len(crops) == 1:
-            self._crop[0] = crops[0]
+        """One array (B, ...) float32 per output, for B crops (side_px, side_px, 3) uint8; valid until the next call.
+
+        Each crop is asked for while other threads work on those before it.
+        """
+        if self._alone and len(crops) == 1:
+            self._start(0, crops[0])
             # heatmaps are large, and little of them is looked at: not copied
-            self._request.infer(share_outputs=True)
-            return [self._request.get_output_tensor(k).data for k in range(len(self._shapes))]
+            return [self._requests[0].get_output_tensor(k).data for k in range(len(self._shapes))]
         results = [np.empty((len(crops), *shape[1:]), np.float32) for shape in self._shapes]
-        for i, crop in enumerate(crops):
-            if self._queue is not None:
-                self._queue.start_async({0: crop[None]}, userdata=(results, i))
-            elif self._request is not None:
-                self._crop[0] = crop
-                self._request.infer(share_outputs=True)
-                self._collect(self._request, (results, i))
-        if self._queue is not None:
-            self._queue.wait_all()
+        size = len(self._requests)
+        for i in range(len(crops) + size):
+            if i >= size:
+                self._take((i - size) % size, [result[i - size] for result in results])
+            if i < len(crops):
+                self._start(i % size, crops[i])
         return results
 
-    @staticmethod
-    def _collect(request: object, userdata: tuple[list[Array], int]) -> None:
-        results, i = userdata
+    def _start(self, place: int, crop: Array) -> None:
+        # a call that was stopped left it at work
+        self._requests[place].wait()
+        self._crops[place, 0] = crop
+        if self._alone:
+            self._requests[place].infer(share_outputs=True)
+        else:
+            self._requests[place].start_async()
+
+    def _take(self, place: int, results: Sequence[Array]) -> None:
+        """Wait for the request and copy its outputs."""
+        request = self._requests[place]
+        request.wait()
         for k, result in enumerate(results):
-            result[i] = request.get_output_tensor(k).data[0]  # type: ignore[attr-defined]
+            result[:] = request.get_output_tensor(k).data[0]
 
 
 def _pruned(path: Path, outputs: Sequence[str], takes: ModelInput) -> Any:

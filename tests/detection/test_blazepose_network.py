@@ -1,0 +1,108 @@
+"""Crops through a network: each answer belongs to its crop, however many threads work and whatever went wrong before."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import openvino as ov
+import pytest
+from openvino import opset8 as ops
+
+from posefuse.core import Region
+from posefuse.detection.blazepose.network import BlazePoseNetwork
+from posefuse.detection.models import ModelInput
+from posefuse.detection.regions import Crops, cut
+
+SIDE = 16
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A network that gives the mean of each colour, and the crop back."""
+    image = ops.parameter((1, SIDE, SIDE, 3), np.float32, name="image")
+    mean, back = ops.reduce_mean(image, ops.constant([1, 2])), ops.add(image, ops.constant(np.float32(1)))
+    for node, name in ((mean, "mean"), (back, "back")):
+        node.output(0).set_names({name})
+    path = tmp_path_factory.mktemp("network") / "mean.xml"
+    ov.save_model(ov.Model([mean, back], [image], "mean"), path, compress_to_fp16=False)
+    return path
+
+
+def network(file: Path, streams: int) -> BlazePoseNetwork:
+    return BlazePoseNetwork(file, ("mean", "back"), ModelInput(side_px=SIDE, low=0.0, high=255.0), "f32", streams)
+
+
+def crops(count: int) -> list[np.ndarray]:
+    return list(np.random.default_rng(count).integers(0, 256, (count, SIDE, SIDE, 3), np.uint8))
+
+
+@pytest.mark.parametrize("streams", [1, 2, 3])
+@pytest.mark.parametrize("count", [0, 1, 3, 4, 13])
+def test_every_answer_is_that_of_its_crop(file: Path, streams: int, count: int) -> None:
+    built, given = network(file, streams), crops(count)
+    for _ in range(2):
+        mean, back = built(given)
+        assert mean.shape == (count, 3)
+        assert back.shape == (count, SIDE, SIDE, 3)
+        for i, crop in enumerate(given):
+            np.testing.assert_allclose(mean[i], crop.mean(axis=(0, 1)), rtol=1e-5)
+            np.testing.assert_allclose(back[i], crop.astype(float) + 1, rtol=1e-5)
+
+
+class Broken(Sequence[np.ndarray]):
+    """Crops of which the last cannot be cut."""
+
+    def __len__(self) -> int:
+        return 3
+
+    def __getitem__(self, i):
+        if i == 2:
+            raise KeyboardInterrupt
+        return crops(3)[i]
+
+
+@pytest.mark.parametrize("streams", [1, 2])
+def test_a_call_after_one_that_was_stopped_gives_its_own_answers(file: Path, streams: int) -> None:
+    built = network(file, streams)
+    for count in (1, 3):
+        with pytest.raises(KeyboardInterrupt):
+            built(Broken())
+        mean, _ = built(crops(count))
+        np.testing.assert_allclose(mean, [crop.mean(axis=(0, 1)) for crop in crops(count)], rtol=1e-5)
+
+
+class Asked(Sequence[np.ndarray]):
+    """Crops that keep how many answers of the network were there when each was asked for."""
+
+    def __init__(self, count: int) -> None:
+        self.made, self.order = crops(count), []
+
+    def __len__(self) -> int:
+        return len(self.made)
+
+    def __getitem__(self, i):
+        self.order.append(i)
+        return self.made[i]
+
+
+def test_a_crop_is_asked_for_after_those_before_it_were_given_to_the_network(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    given, started = Asked(5), []
+    start = ov.InferRequest.start_async
+    monkeypatch.setattr(ov.InferRequest, "start_async", lambda *args: (started.append(len(given.order)), start(*args)))
+    network(file, 2)(given)
+    assert started == [1, 2, 3, 4, 5]
+
+
+def test_crops_are_cut_once_and_when_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    image = np.random.default_rng(1).integers(0, 256, (90, 120, 3), np.uint8)
+    regions = [Region(centre_img=np.array([60.0, 10.0 * i]), side_px=40.0 + i, angle_rad=0.1 * i) for i in range(4)]
+    cuts: list[Region] = []
+    monkeypatch.setattr("posefuse.detection.regions.cut", lambda *args: (cuts.append(args[1]), cut(*args))[1])
+    lazy = Crops([(image, region) for region in regions], SIDE)
+    assert len(lazy) == 4
+    assert not cuts
+    np.testing.assert_array_equal(lazy[2], cut(image, regions[2], SIDE))
+    assert cuts == [regions[2]]
+    for _ in range(2):
+        np.testing.assert_array_equal(list(lazy), [cut(image, region, SIDE) for region in regions])
+    assert len(cuts) == 4
