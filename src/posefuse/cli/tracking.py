@@ -81,6 +81,7 @@ def solve_options(options: TrackOptions) -> dict[str, tuple[str, Any]]:
         "--raw": ("raw", options.raw or None),
         "--weights": ("fuse.weights", options.weights),
         "--body": ("body", options.body),
+        "--refine-rig": ("refine_rig", options.refine_rig or None),
         "--people": ("associate.max_people", options.people),
         "--names": ("names", names_from_text(options.names)),
         "--person": ("associate.near_xy_m", options.person),

@@ -13,6 +13,7 @@ from annotated_types import Ge, Gt, Le, Lt
 
 from posefuse.association import AssociateSettings
 from posefuse.association.settings import PeopleNames
+from posefuse.calibration.extrinsics.refine import RefineSettings
 from posefuse.core import ConfigError
 from posefuse.detection.build import DetectorChoice
 from posefuse.foundation.settings import read_mapping, settings, settings_from_mapping
@@ -84,6 +85,9 @@ class TrackConfig:
             of joint centres was fitted to the detector, the weights are ``robust`` and the result is smoothed.
         whole_body: how that skeleton may move.
         body_mesh: the output ``overlay`` draws the fitted body as a surface, too.
+        refine_rig: refine the cameras' poses slightly from the people, then solve again; gains and costs are in
+            docs/calibration.md.
+        refine: how far the cameras may be from their calibration.
         live_gap_s: second solve of a live session, in which not every frame was used: interpolate between two frames of a
             camera that are at most this far apart. Chosen with `bench/live_second_solve.py --gaps`.
         raw: keep every time step as it was fused: no smoothing, no filled gaps.
@@ -107,6 +111,8 @@ class TrackConfig:
     body: Literal["auto", "on", "off"] = "off"
     whole_body: BodySettings = field(default_factory=BodySettings)
     body_mesh: bool = True
+    refine_rig: bool = False
+    refine: RefineSettings = field(default_factory=RefineSettings)
     live_gap_s: Annotated[float, Ge(0), Le(MOST_GAP_S)] = 0.2
     raw: bool = False
     outputs: tuple[str, ...] = DEFAULT_OUTPUTS

@@ -37,7 +37,7 @@ from .following import Followed, PeopleFollower, observations_of
 from .opening import Opened, open_session
 from .others import others_line, others_seen
 from .session import LEAST_CAMERAS, Session
-from .solve import SolveSettings, finish
+from .solve import REFINED, SolveSettings, finish, with_refined_rig
 from .time_steps import stored_steps
 from .warm_up import warm_up
 
@@ -127,6 +127,7 @@ def track_opened(
     try:
         _check_people(observations, warn)
         recording = finish(observations, rig, settings, provenance_of(opened, settings, incomplete), clock)
+        recording = with_refined_rig(recording, settings, clock)
     except PosefuseError:
         if store is not None:
             store.discard()
@@ -134,6 +135,8 @@ def track_opened(
     others = others_line(others_seen(recording.observations, config.associate), len(recording.poses.person_id))
     if others:
         note(others)
+    if REFINED in recording.provenance:
+        note(refined_line(recording.provenance[REFINED]))
     with clock.stage("watch"):
         for finding in rig_findings(recording.views, rig):
             warn(finding_line(finding, session.folder))
@@ -192,6 +195,17 @@ def provenance_of(opened: Opened, settings: SolveSettings, incomplete: Sequence[
         "joint_centres": plain(dataclasses.asdict(settings.centres)) if settings.centres else None,
         "incomplete_cameras": list(incomplete),
     }
+
+
+def refined_line(about: Mapping[str, Any]) -> str:
+    """What refining the extrinsics has changed, by the recording's provenance."""
+    cameras = about["cameras"]
+    worst = max(cameras, key=lambda name: float(cameras[name]["moved_m"]))
+    moved_mm, turned_deg = 1000 * cameras[worst]["moved_m"], np.rad2deg(cameras[worst]["turned_rad"])
+    return (
+        f"extrinsics refined from the people: keypoints are {about['before_px']:.2f} -> {about['after_px']:.2f} px off;"
+        f" {worst} changed most, by {moved_mm:.1f} mm and {turned_deg:.2f} deg"
+    )
 
 
 def finding_line(finding: RigFinding, session: Path) -> str:

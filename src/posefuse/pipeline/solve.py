@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from posefuse.association import AssociateSettings
+from posefuse.calibration.extrinsics.refine import RefineSettings, refined_extrinsics
 from posefuse.core import InputError, JointCentres, Observations, Recording, Rig, views_over_time
 from posefuse.core.arrays import Array
 from posefuse.core.live_observations import on_time_steps
@@ -30,6 +31,9 @@ from .second_pass import long_enough, poses_over_time
 from .time_steps import stored_steps
 from .whole_body import with_bodies
 
+# in the provenance of a recording whose extrinsics were refined from its people
+REFINED = "refined_rig"
+
 
 @dataclass(frozen=True, kw_only=True)
 class SolveSettings:
@@ -40,6 +44,7 @@ class SolveSettings:
         smooth: None: every time step as it was fused, no smoothing, no bridged gaps.
         centres: moves keypoints to joint centres; None: they stay where the detector marks them.
         body: fits one skeleton per person to all views; None: keypoints remain as fused and smoothed.
+        refine: refines the cameras' poses from the people first; None: they are as calibrated.
         gap_s: None: each camera gives one frame to each time step, interpolated between neighbouring time steps. Otherwise all
             of a camera's frames count at their own times, and two that are no farther apart are interpolated between.
         edits: stretches that are left out, and the person who is kept.
@@ -50,6 +55,7 @@ class SolveSettings:
     smooth: SmoothSettings | None
     centres: JointCentres | None
     body: BodySettings | None = None
+    refine: RefineSettings | None = None
     gap_s: float | None = None
     edits: Edits = NO_EDITS
 
@@ -63,6 +69,7 @@ class SolveSettings:
             smooth=None if config.raw else config.smooth,
             centres=kept,
             body=config.whole_body if _fits_bodies(config, kept) else None,
+            refine=config.refine if config.refine_rig else None,
             gap_s=config.live_gap_s if live else None,
             edits=edits,
         )
@@ -131,6 +138,23 @@ def finish(
         return with_bodies(recording, views, settings.body, settings.centres) if settings.body else recording
 
 
+def with_refined_rig(recording: Recording, settings: SolveSettings, clock: StageClock | None = None) -> Recording:
+    """The recording solved again with the cameras' poses refined from its people; the provenance has what changed.
+
+    A recording whose rig was refined already stays as it is, and so does one whose settings do not ask for it.
+    """
+    if settings.refine is None or REFINED in recording.provenance:
+        return recording
+    found = refined_extrinsics(recording.rig, recording.views, settings.refine)
+    cameras = {
+        name: {"moved_m": moved_m, "turned_rad": turned_rad}
+        for name, moved_m, turned_rad in zip(found.rig.names, found.moved_m.tolist(), found.turned_rad.tolist(), strict=True)
+    }
+    about = {"calibrated_rig_id": recording.rig.id, "before_px": found.before_px, "after_px": found.after_px, "cameras": cameras}
+    provenance = {**recording.provenance, "rig_id": found.rig.id, REFINED: about}
+    return solve(recording.observations, found.rig, settings, provenance, clock)
+
+
 def solve_live(
     recording: Recording, settings: SolveSettings, config: TrackConfig | None = None, clock: StageClock | None = None
 ) -> Recording:
@@ -180,8 +204,10 @@ def solve_again(
     if edits != NO_EDITS:
         about["edits"] = plain(dataclasses.asdict(edits))
     if recording.is_live:
-        return solve_live(dataclasses.replace(recording, provenance=about), settings, chosen, clock)
-    return solve(recording.observations, recording.rig, settings, about, clock)
+        solved = solve_live(dataclasses.replace(recording, provenance=about), settings, chosen, clock)
+    else:
+        solved = solve(recording.observations, recording.rig, settings, about, clock)
+    return with_refined_rig(solved, settings, clock)
 
 
 def edits_of(recording: Recording) -> Edits:

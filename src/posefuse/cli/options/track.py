@@ -50,6 +50,8 @@ class TrackOptions:
     """Write every time step as it was fused: no smoothing, no filled gaps."""
     body: Literal["auto", "on", "off"] | None = None
     """Fit one skeleton of constant lengths per person (default off; auto: where it is known to help)."""
+    refine_rig: bool = False
+    """Refine the cameras' poses slightly from the people, then solve again."""
     people: Annotated[int | None, Parameter(metavar="N", converter=people_from_text, n_tokens=1, accepts_keys=False)] = None
     """How many people to follow, the best seen ones: a number, or all (default 1)."""
     names: Annotated[str | None, Parameter(metavar="A,B,...")] = None

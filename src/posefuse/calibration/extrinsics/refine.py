@@ -1,0 +1,228 @@
+"""Extrinsics that are nearly right, refined from the people of a recording: bundle adjustment with a prior on every camera."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Gt
+
+from posefuse.calibration.keypoints import MIN_SCORE, limb_keypoints
+from posefuse.calibration.solving.bundle import Linearised, Problem, ResidualBlock, solve
+from posefuse.calibration.solving.projection import Lenses
+from posefuse.calibration.solving.rotations import Poses, angle_between, hat, stacked
+from posefuse.core import InputError, Rig, ViewSequence
+from posefuse.core.arrays import SIGMA_PER_MAD, Array
+from posefuse.foundation.settings import settings
+
+from .world import triangulate
+
+_CAUCHY = 2.0
+# errors of a network last longer than this only where the person stands still
+_EVERY_S = 0.3
+_MOST_STEPS = 300
+_LEAST_SIGMA_PX = 0.5
+_IN_FRONT_M = 0.2
+
+
+@settings
+class RefineSettings:
+    """How far cameras may be from their calibration.
+
+    Attributes:
+        move_sigma_m, turn_sigma_rad: standard deviation of a camera's position and orientation, per axis, about the calibrated.
+        together: so many keypoints of a view err as one: their information counts as that of one.
+        alike_m, alike_rad: a person who is no farther from an earlier place and turned no farther than this is seen with the
+            same errors of the network again, which says nothing new.
+    """
+
+    move_sigma_m: Annotated[float, Gt(0)] = 0.01
+    turn_sigma_rad: Annotated[float, Gt(0)] = 0.005
+    together: Annotated[float, Gt(0)] = 10.0
+    alike_m: Annotated[float, Gt(0)] = 0.3
+    alike_rad: Annotated[float, Gt(0)] = 0.5
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RefinedRig:
+    """A rig whose extrinsics were refined.
+
+    Attributes:
+        rig: with the refined extrinsics. moved_m, turned_rad: (C,) how far each camera is from its calibration.
+        before_px, after_px: robust spread of a coordinate (median absolute residual as a standard deviation), with the
+            calibrated and with the refined extrinsics, points triangulated anew with each.
+    """
+
+    rig: Rig
+    moved_m: Array
+    turned_rad: Array
+    before_px: float
+    after_px: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Seen points: camera, point (N,), xy_img (N, 2), standard deviation (N,) px."""
+
+    camera: Array
+    point: Array
+    xy_img: Array
+    sigma_px: Array
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """cam_from_world (C,), xyz (P, 3)."""
+
+    cam_from_world: Poses
+    xyz: Array
+
+
+def refined_extrinsics(rig: Rig, views: ViewSequence, chosen: RefineSettings | None = None) -> RefinedRig:
+    """The cameras' poses that fit what they saw of people best, each pulled towards its calibration.
+
+    The prior on the cameras also fixes the world. Limb joints alone count, in time steps at least 0.3 s apart; Cauchy loss.
+    A network's errors stay the same while a person stays in one place: so the information of all time steps counts as that of
+    as many as differ in where people were and how they were turned. Someone who stands changes next to nothing.
+    Method: bundle adjustment, see `calibration.solving.bundle`.
+
+    Args:
+        views: of the cameras of `rig`, at common times.
+
+    Raises:
+        InputError: views of other cameras; no keypoint is seen by two of them.
+    """
+    chosen = chosen or RefineSettings()
+    if views.camera_names != rig.names:
+        raise InputError(f"refined_extrinsics: expected views of cameras {rig.names}, got {views.camera_names}")
+    steps = _apart(views.t_ns)
+    limbs = limb_keypoints(views.skeleton.keypoints)
+    rows, xyz, seen = _rows(rig, views, steps, limbs)
+    if not len(xyz):
+        raise InputError("refined_extrinsics: no keypoint was seen by two cameras")
+    prior = stacked([Poses.from_se3(camera.cam_from_world) for camera in rig])
+    start = _State(prior, xyz)
+    before = _residual_px(rig, rows, start)
+    noise = max(_spread(before / rows.sigma_px[:, None]), _LEAST_SIGMA_PX / float(np.median(rows.sigma_px)))
+    whole = np.full((*seen.shape, 3), np.nan)
+    whole[seen] = xyz
+    same = chosen.together * _repeated(whole, [views.skeleton.keypoints[k] for k in limbs], chosen)
+    problem = _problem(rig, replace(rows, sigma_px=rows.sigma_px * noise), prior, chosen, same)
+    solution = solve(problem, start)
+    found = solution.state.cam_from_world
+    poses = found.se3()
+    refined = replace(
+        rig, cameras=tuple(replace(camera, cam_from_world=poses[i]) for i, camera in enumerate(rig)), residual_px=float("nan")
+    )
+    return RefinedRig(
+        rig=refined,
+        moved_m=np.linalg.norm(refined.centres_world() - rig.centres_world(), axis=-1),
+        turned_rad=angle_between(prior.R, found.R),
+        before_px=_spread(before),
+        after_px=_spread(_residual_px(rig, rows, solution.state)),
+    )
+
+
+def _rows(rig: Rig, views: ViewSequence, steps: Array, limbs: Array) -> tuple[_Rows, Array, Array]:
+    """Rows of limb joints that two cameras saw in front of them, where these are (P, 3), and which of (T, N, L) they are."""
+    xy = np.moveaxis(views.xy_img[steps][..., limbs, :], 2, 0).reshape(len(rig), -1, 2)
+    score, sigma = (np.moveaxis(a[steps][..., limbs], 2, 0).reshape(len(rig), -1) for a in (views.score, views.sigma_px))
+    good = np.isfinite(xy).all(axis=-1) & (score >= MIN_SCORE) & (sigma > 0)
+    xyz = triangulate(rig, np.where(good[..., None], xy, np.nan))
+    ahead = np.stack([(camera.cam_from_world @ xyz)[:, 2] for camera in rig]) > _IN_FRONT_M
+    good &= ahead
+    points = np.flatnonzero((good.sum(axis=0) >= 2) & np.isfinite(xyz).all(axis=-1))
+    camera, point = np.nonzero(good[:, points])
+    of = points[point]
+    seen = np.zeros(xyz.shape[0], bool)
+    seen[points] = True
+    shape = (len(steps), len(views.person_id), len(limbs))
+    return _Rows(camera, point, xy[camera, of], sigma[camera, of]), xyz[points], seen.reshape(shape)
+
+
+def _repeated(xyz: Array, names: list[str], chosen: RefineSettings) -> float:
+    """How often each pose of the people (T, N, L, 3) comes, on average: 1 where everyone is always somewhere else."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # nobody there
+        place = np.nanmean(xyz, axis=2)
+    left, right = (np.array([name.startswith(side) for name in names]) for side in ("left_", "right_"))
+    across = np.nan_to_num(xyz[:, :, right].mean(axis=2) - xyz[:, :, left].mean(axis=2)) if left.any() else np.zeros(place.shape)
+    length = np.linalg.norm(across, axis=-1, keepdims=True)
+    across = np.where(length > 0, across / np.maximum(length, 1e-9), 0.0)
+    counts = []
+    for n in range(place.shape[1]):
+        there = np.isfinite(place[:, n]).all(axis=-1)
+        where, facing = place[there, n], across[there, n]
+        away = np.linalg.norm(where[:, None] - where, axis=-1) / chosen.alike_m
+        turned = np.arccos(np.clip(facing @ facing.T, -1, 1)) / chosen.alike_rad
+        counts.append(np.exp(-(away**2 + turned**2) / 2).sum(axis=1))
+    each = np.concatenate(counts)
+    return len(each) / float((1 / each).sum())
+
+
+def _apart(t_ns: Array) -> Array:
+    """Indices of time steps far enough apart, not too many, spread over all of time."""
+    every_ns, last, chosen = round(_EVERY_S * 1e9), None, []
+    for i, t in enumerate(t_ns.tolist()):
+        if last is None or t - last >= every_ns:
+            chosen.append(i)
+            last = t
+    places = np.unique(np.linspace(0, len(chosen) - 1, _MOST_STEPS).astype(int))
+    return np.asarray(np.array(chosen)[places])
+
+
+def _residual_px(rig: Rig, rows: _Rows, state: _State) -> Array:
+    cam = state.cam_from_world[rows.camera].move(state.xyz[rows.point])
+    return np.asarray(Lenses(rig.cameras).px(rows.camera, cam) - rows.xy_img)
+
+
+def _spread(residual: Array) -> float:
+    return float(SIGMA_PER_MAD * np.nanmedian(np.abs(residual)))
+
+
+def _problem(rig: Rig, rows: _Rows, prior: Poses, chosen: RefineSettings, same: float) -> Problem[_State]:
+    """Unknowns of a camera: its turn about its own axes and the shift of its centre along them.
+
+    `same` rows count as one: as the loss judges outliers by their noise, the prior is made stronger instead of the noise wider.
+    """
+    lenses, count = Lenses(rig.cameras), len(rig)
+    scale = rows.sigma_px[:, None]
+    sigma = np.repeat([chosen.turn_sigma_rad, chosen.move_sigma_m], 3)
+    inverse_var = np.tile(same / sigma**2, (count, 1))
+    centre_world = prior.inverse().t
+
+    def in_cameras(state: _State) -> Array:
+        return state.cam_from_world[rows.camera].move(state.xyz[rows.point])
+
+    def residual(state: _State) -> Array:
+        return np.asarray((lenses.px(rows.camera, in_cameras(state)) - rows.xy_img) / scale)
+
+    def offset(state: _State) -> Array:
+        """(C, 6) from the calibrated pose: rotation vector and shift of the centre, in the camera's axes."""
+        now = state.cam_from_world
+        turn = now.R @ np.swapaxes(prior.R, -1, -2)
+        # small turns: the antisymmetric part is the rotation vector
+        vector = np.stack([turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0], turn[:, 1, 0] - turn[:, 0, 1]], -1) / 2
+        shift = np.einsum("cij,cj->ci", now.R, now.inverse().t - centre_world)
+        return np.concatenate([vector, shift], axis=-1)
+
+    def linearise(state: _State) -> Linearised:
+        cam = in_cameras(state)
+        d_cam = lenses.px_jacobian(rows.camera, cam) / scale[..., None]
+        pose = np.concatenate([-d_cam @ hat(cam), -d_cam], axis=2)
+        block = ResidualBlock(pose, rows.camera, count, inverse_var, offset(state))
+        return Linearised(residual(state), (block,), d_cam @ state.cam_from_world.R[rows.camera], rows.point)
+
+    def step(state: _State, blocks: list[Array], local: Array) -> _State:
+        before = state.cam_from_world
+        centre = before.inverse().t + np.einsum("cji,cj->ci", before.R, blocks[0][:, 3:])
+        R = before.stepped(np.concatenate([blocks[0][:, :3], np.zeros((count, 3))], axis=1)).R
+        return _State(Poses(R, -np.einsum("cij,cj->ci", R, centre)), state.xyz + local)
+
+    return Problem(
+        residual=residual, linearise=linearise, step=step, free=(np.ones((count, 6), bool),),
+        local_count=int(rows.point.max()) + 1, group=np.arange(len(rows.camera)), group_count=len(rows.camera), cauchy=_CAUCHY,
+        prior_cost=lambda state: float((inverse_var * offset(state) ** 2).sum()),
+    )  # fmt: skip
