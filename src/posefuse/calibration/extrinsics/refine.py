@@ -145,7 +145,7 @@ def _rows(rig: Rig, views: ViewSequence, steps: Array, limbs: Array) -> tuple[_R
 def _repeated(xyz: Array, names: list[str], chosen: RefineSettings) -> float:
     """How often each pose of the people (T, N, L, 3) comes, on average: 1 where everyone is always somewhere else."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # nobody there
+        warnings.simplefilter("ignore", RuntimeWarning)  # a time step without the person
         place = np.nanmean(xyz, axis=2)
     left, right = (np.array([name.startswith(side) for name in names]) for side in ("left_", "right_"))
     across = np.nan_to_num(xyz[:, :, right].mean(axis=2) - xyz[:, :, left].mean(axis=2)) if left.any() else np.zeros(place.shape)
