@@ -35,7 +35,7 @@ class RefineSettings:
         move_sigma_m, turn_sigma_rad: standard deviation of a camera's position and orientation, per axis, about the calibrated.
         together: so many keypoints of a view err as one: their information counts as that of one.
         alike_m, alike_rad: a person who is no farther from an earlier place and turned no farther than this is seen with the
-            same errors of the network again, which says nothing new.
+            same errors of the network again, which adds nothing.
     """
 
     move_sigma_m: Annotated[float, Gt(0)] = 0.01
@@ -52,7 +52,7 @@ class RefinedRig:
     Attributes:
         rig: with the refined extrinsics. moved_m, turned_rad: (C,) how far each camera is from its calibration.
         before_px, after_px: robust spread of a coordinate (median absolute residual as a standard deviation), with the
-            calibrated and with the refined extrinsics, points triangulated anew with each.
+            calibrated and with the refined extrinsics, points triangulated with each.
     """
 
     rig: Rig
