@@ -49,14 +49,17 @@ def _held(away: np.ndarray, sigma: np.ndarray, axes: tuple[int, ...]) -> list[fl
     return np.asarray(inside.sum(axis=axes) / np.maximum(known.sum(axis=axes), 1)).tolist()
 
 
-def skate_mm(poses: PoseSequence, truth: Truth) -> float:
-    """Mean over stances of the largest horizontal distance between two places of a point of the foot that in truth stands."""
+def skate_mm(poses: PoseSequence, truth: Truth, after_s: float = 0.0) -> float:
+    """Mean over stances of the largest horizontal distance between two places of a point of the foot that in truth stands.
+
+    The first `after_s` of each stance are left out.
+    """
     found = []
     for name in (f"{side}_{part}" for side in SIDES for part in _SOLE):
         true = pick_keypoints(truth.xyz_world[:, 0], truth.skeleton, (name,))[:, 0]
         got = pick_keypoints(poses.xyz_world[:, 0], poses.skeleton, (name,))[:, 0, :2]
         for begin_ns, end_ns in _stances(truth.t_ns, true):
-            during = got[(poses.t_ns >= begin_ns) & (poses.t_ns <= end_ns)]
+            during = got[(poses.t_ns >= begin_ns + after_s * 1e9) & (poses.t_ns <= end_ns)]
             during = during[np.isfinite(during).all(axis=-1)]
             if len(during) > 1:
                 found.append(float(np.linalg.norm(during[:, None] - during[None], axis=-1).max()))

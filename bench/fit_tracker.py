@@ -34,8 +34,9 @@ from posefuse.pipeline.run import track_session
 from posefuse.pipeline.session import find_session
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.joint_centres import Centring
+from posefuse.realtime.live_body import pose_for_output
 from posefuse.realtime.messages import Centres
-from posefuse.realtime.session import ready_tracker
+from posefuse.realtime.session import ready_bodies, ready_tracker
 from posefuse.simulation.session import simulate
 from posefuse.tracking.online import LiveSettings
 from posefuse.tracking.online.settings import MotionModelSettings
@@ -128,23 +129,23 @@ class Trial:
     table: JointCentres
     arrivals: list[tuple[int, Detections2D]]
 
-    def poses(self, settings: LiveSettings) -> Iterator[Pose3D]:
+    def poses(self, config: LiveConfig) -> Iterator[Pose3D]:
         """At joint centres, at 100 Hz, after the warm-up."""
-        rig = self.recording.rig
-        tracker = ready_tracker(rig, self.recording.observations.skeleton, replace(LiveConfig(), track=settings))
+        rig, skeleton = self.recording.rig, self.recording.observations.skeleton
+        tracker, bodies = ready_tracker(rig, skeleton, config), ready_bodies(rig, skeleton, config)
         centring = Centring(rig.names, wanted=True)
         centring.learn(Centres(rig.names, self.table))
         waiting, first_ns = list(reversed(self.arrivals)), int(self.truth.t_ns[0])
         for t_ns in np.arange(first_ns, int(self.truth.t_ns[-1]), round(1e9 / OUTPUT_HZ)).tolist():
             while waiting and waiting[-1][0] <= t_ns:
                 tracker.add(waiting.pop()[1])
-            pose = centring.moved(tracker.at(t_ns))
+            pose = pose_for_output(tracker, tracker.at(t_ns), centring, bodies)
             if t_ns >= first_ns + WARM_UP_S * 1e9 and len(pose.person_id):
                 yield pose
 
     def accuracy(self, settings: LiveSettings) -> tuple[float, float, float]:
         """Mean error of the joints at output time in mm, NEES, and the share of joints that came out, in per cent."""
-        poses = list(self.poses(settings))
+        poses = list(self.poses(replace(LiveConfig(), track=settings)))
         at = [poses[0].skeleton.index(name) for name in JOINTS]
         true = true_xyz_at(self.truth, np.array([pose.t_ns for pose in poses]))[:, 0]
         error = np.array([pose.xyz_world[0, at] for pose in poses]) - pick_keypoints(true, self.truth.skeleton, JOINTS)

@@ -128,6 +128,7 @@ def settled_config(settings: LiveSettingsOptions) -> LiveConfig:
     on_top = {
         "--rate": ("rate_hz", settings.rate),
         "--groups": ("groups", settings.groups),
+        "--body": ("body", settings.body),
         "--tracker": ("track.tracker", settings.tracker),
         "--people": ("track.max_people", settings.people),
         "--names": ("names", names_from_text(settings.names)),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from posefuse.core.arrays import Array
 from posefuse.formats.page import Heading, Line, Note, Page, Plot, Plots, Series, Spikes, write_page
 from posefuse.foundation.output_folder import output_folder
 from posefuse.foundation.plain_values import plain
+from posefuse.realtime.fusion import Fusion
 from posefuse.realtime.latency import STAGES
 from posefuse.realtime.session_plan import Finished
 
@@ -23,6 +25,12 @@ from .terminal import Terminal
 
 _TOP_OF_P95 = 2.0
 JSON_FILE, TABLE_FILE, PAGE_FILE = "latency.json", "latency.md", "latency.html"
+
+
+def _lengths(fusion: Fusion) -> dict[int, dict[str, dict[str, float]]]:
+    """By person and segment, what the whole-body fit learnt; nothing where it is off."""
+    people = {} if fusion.bodies is None else fusion.bodies.lengths
+    return {person: {name: asdict(length) for name, length in lengths.items()} for person, lengths in people.items()}
 
 
 def figures_of(done: Finished) -> dict[str, Any]:
@@ -56,6 +64,7 @@ def figures_of(done: Finished) -> dict[str, Any]:
         "withheld": fusion.gate.figures(),
         "poses_per_s": fusion.latencies.rate_hz,
         "joint_centres": fusion.centring.made_by,
+        "segment_lengths": _lengths(fusion),
         "used_share": sum(fusion.used.values()) / captured if captured else float("nan"),
         "cpu_fusion_share": done.cpu_s[0] / done.seconds,
         "cpu_children_share": done.cpu_s[1] / done.seconds,

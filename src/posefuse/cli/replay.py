@@ -15,8 +15,9 @@ from posefuse.messages.messages import detections_from_message, pose_from_messag
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.gate import KeypointGate
 from posefuse.realtime.joint_centres import Centring, centres_from_message
+from posefuse.realtime.live_body import pose_for_output
 from posefuse.realtime.provenance import read_provenance
-from posefuse.realtime.session import ready_tracker
+from posefuse.realtime.session import ready_bodies, ready_tracker
 
 from .terminal import Terminal
 
@@ -47,7 +48,8 @@ def replay(path: Path, rig: Rig, config: LiveConfig | None, terminal: Terminal) 
 
 def replayed(path: Path, rig: Rig, config: LiveConfig, warn: Warn | None = None) -> Any:
     """Pairs (recorded pose, pose of a new tracker at the same place of the same stream); `warn` as in `read_mcap`."""
-    tracker, centring, gate = None, Centring(rig.names, config.joint_centres), KeypointGate(config.gate)
+    tracker, bodies = None, None
+    centring, gate = Centring(rig.names, config.joint_centres), KeypointGate(config.gate)
     for entry in read_mcap(path, {topic.name for topic in (topics.JOINT_CENTRES, topics.DETECTIONS, topics.POSE)}, warn):
         if entry.topic == topics.JOINT_CENTRES.name:
             centring.learn(centres_from_message(entry.msg))
@@ -55,11 +57,11 @@ def replayed(path: Path, rig: Rig, config: LiveConfig, warn: Warn | None = None)
         value: Detections2D | Pose3D
         value, _ = (detections_from_message if entry.topic == topics.DETECTIONS.name else pose_from_message)(entry.msg)
         if tracker is None:
-            tracker = ready_tracker(rig, value.skeleton, config)
+            tracker, bodies = ready_tracker(rig, value.skeleton, config), ready_bodies(rig, value.skeleton, config)
         if isinstance(value, Detections2D):
             tracker.add(value)
         else:
-            yield value, gate.passed(centring.moved(tracker.at(value.t_ns)))
+            yield value, gate.passed(pose_for_output(tracker, tracker.at(value.t_ns), centring, bodies))
 
 
 def _as_recorded(path: Path, rig: Rig, config: LiveConfig | None) -> tuple[Rig, LiveConfig]:

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import field
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Gt, Le
 
 from posefuse.association import AssociateSettings
 from posefuse.association.settings import PeopleNames
+from posefuse.core import ConfigError
 from posefuse.detection.build import DetectorChoice
 from posefuse.foundation.settings import settings
 from posefuse.fusion import FuseSettings
 from posefuse.kinematics import JointSettings
+from posefuse.kinematics.body import BodySettings, LiveBodySettings
 from posefuse.tracking.online import LiveSettings
 
 from .gate import KeypointGateSettings
@@ -35,6 +37,8 @@ class LiveConfig:
         joint_centres: move keypoints to anatomical joint centres, if the detector has a table for it.
         proportions: move keypoints of detectors without such a table by average human proportions; gains and costs are in
             docs/networks.md.
+        body: fit one skeleton of constant segment lengths per person to the rays of all views; lengths are learnt on the way.
+            ``auto`` does so where a table of joint centres was fitted to the detector.
         angles: compute joint angles and segment frames with every pose.
         camera_info: of cameras whose images come from ROS: compare with the rig, use instead of its intrinsics, or ignore.
         outputs: live outputs by name, each with its options, see `posefuse plugins`.
@@ -44,6 +48,8 @@ class LiveConfig:
         associate: how new people are found.
         fuse: how views are fused.
         joints: how joint angles are computed.
+        whole_body: how the skeleton of `body` may move.
+        live_body: how it is learnt and followed.
     """
 
     rate_hz: Annotated[float, Gt(0), Le(1000)] = 100.0
@@ -53,6 +59,7 @@ class LiveConfig:
     preview_hz: Annotated[float, Ge(0)] = 8.0
     joint_centres: bool = True
     proportions: bool = False
+    body: Literal["auto", "on", "off"] = "off"
     angles: bool = True
     camera_info: CameraInfoUse = "check"
     outputs: dict[str, dict[str, Any]] = field(default_factory=dict)
@@ -62,6 +69,14 @@ class LiveConfig:
     associate: AssociateSettings = field(default_factory=AssociateSettings)
     fuse: FuseSettings = field(default_factory=FuseSettings)
     joints: JointSettings = field(default_factory=JointSettings)
+    whole_body: BodySettings = field(default_factory=BodySettings)
+    live_body: LiveBodySettings = field(default_factory=LiveBodySettings)
+
+    def __post_init__(self) -> None:
+        if self.body != "off" and self.track.tracker != "asynchronous":
+            raise ConfigError(
+                f"body: expected off with tracker {self.track.tracker}, which mixes views of different times; got {self.body}"
+            )
 
 
 @settings

@@ -21,6 +21,7 @@ from .clock import SessionClock
 from .gate import KeypointGate, KeypointGateSettings
 from .joint_centres import Centring, live_centres
 from .latency import Latencies, ViewTimes
+from .live_body import LiveSkeletons, pose_for_output
 from .messages import Centres, SeenView, Status
 from .output_plan import Outlets
 from .rig_watch import RigWatch
@@ -55,7 +56,7 @@ class Fusion:
     """Tracker, monitor and stop watches of one session; everything in one thread.
 
     The tracker follows the landmarks of the networks, and their prediction selects image regions; the output is moved to joint
-    centres where `centring` wants it, and passes the `gate`.
+    centres where `centring` wants it, put on people's skeletons where `bodies` are fitted, and passes the `gate`.
     """
 
     def __init__(
@@ -69,6 +70,7 @@ class Fusion:
         watch: RigWatch | None = None,
         joints: JointTracker | None = None,
         gate: KeypointGate | None = None,
+        bodies: LiveSkeletons | None = None,
     ) -> None:
         self.rig, self.tracker, self._board, self.clock, self.outlets = rig, tracker, board, clock, outlets
         self.monitor = Monitor(rig.names)
@@ -76,6 +78,7 @@ class Fusion:
         self.centring = centring
         self.watch, self._joints = watch, joints
         self.gate = gate or KeypointGate(KeypointGateSettings())
+        self.bodies = bodies
         self.verdicts: Mapping[str, Verdict] = {}
         self.used = dict.fromkeys(rig.names, 0)
         self.poses = self.poses_with_people = 0
@@ -125,11 +128,11 @@ class Fusion:
 
     def tick(self, due_ns: int, period_ns: int) -> None:
         """One pose, for the time it is due."""
-        pose = self.tracker.at(due_ns)
+        landmarks = self.tracker.at(due_ns)
         output_ns = self.clock.now_ns()
         newest = max((way.exposed_ns for way in self._waiting), default=0)
         stages = {"exposed": newest, "output": output_ns} if newest else {"output": output_ns}
-        shown = self.gate.passed(self.centring.moved(pose))
+        shown = self.gate.passed(pose_for_output(self.tracker, landmarks, self.centring, self.bodies))
         joints = self._joints.step(shown) if self._joints is not None else None
         self.outlets.offer(LivePose(pose=shown, joints=joints, stages_ns=stages))
         self.latencies.tick_out(due_ns, output_ns, period_ns)
@@ -137,7 +140,7 @@ class Fusion:
             self.latencies.view_out(way, output_ns)
         self._waiting.clear()
         self.poses += 1
-        self._followed = len(pose.person_id)
+        self._followed = len(landmarks.person_id)
         self.poses_with_people += self._followed > 0
         self._tell(due_ns)
 

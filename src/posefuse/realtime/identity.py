@@ -9,7 +9,7 @@ import numpy as np
 from posefuse.association import CLOTHING_TRAITS, UNNAMED, Identity, median_clothing, with_persons
 from posefuse.core import Detections2D, Kind, Pose3D
 from posefuse.core.arrays import Array
-from posefuse.tracking.online import CameraStatistics, LiveSettings, Tracker
+from posefuse.tracking.online import CameraStatistics, Evidence, LiveSettings, Tracker
 
 # poses of a track add information about the body this often
 _LEARN_NS = 30_000_000
@@ -57,6 +57,14 @@ class NamedTracker:
     def looked_for(self, t_ns: int) -> Pose3D:
         """See `Tracker.looked_for`."""
         return self._tracker.looked_for(t_ns)
+
+    def evidence(self, t_ns: int) -> Mapping[int, Evidence]:
+        """See `Tracker.evidence`; by person."""
+        found = self._tracker.evidence(t_ns)
+        if not self._several:
+            return found
+        persons = {self._person_of(track, t_ns): one for track, one in found.items()}
+        return {person: one for person, one in persons.items() if person != UNNAMED}
 
     @property
     def health(self) -> Mapping[str, CameraStatistics]:

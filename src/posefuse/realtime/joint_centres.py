@@ -38,6 +38,11 @@ class Centring:
         """Which table each camera's network has; only those that have one, and nothing where it is not wanted."""
         return {name: table.made_by for name, table in self._tables.items() if table is not None and self._wanted}
 
+    @property
+    def fitted(self) -> bool:
+        """Whether poses are moved by a table that was fitted to a detector, not only by people's proportions."""
+        return self._wanted and self._lengths is not None and bool(self._lengths.table.metres.any())
+
     def moved(self, pose: Pose3D) -> Pose3D:
         """The next pose at joint centres, where they are wanted and known; poses come in the order of their times."""
         if self._lengths is None or not self._wanted:

@@ -16,6 +16,7 @@ from posefuse.core import JointCentres, LiveNames, LivePose, LivePreview, Pose3D
 from posefuse.foundation.compiled import compiling
 from posefuse.foundation.platform import punctual, usable_cores
 from posefuse.kinematics import JointTracker
+from posefuse.kinematics.body import FEWEST_SEEN
 from posefuse.tracking import at_joint_centres
 from posefuse.tracking.online import Tracker, build_tracker
 from posefuse.tracking.stand_in import made_up_detections
@@ -31,6 +32,7 @@ from .group import GroupPlan
 from .group_views import GroupViews
 from .identity import NamedTracker
 from .joint_centres import Centring
+from .live_body import LiveSkeletons
 from .networks import settled_network
 from .news import News, Say
 from .output_plan import NoOutputs, OutputPlan
@@ -98,10 +100,10 @@ def run_session(
             with compiling("live tracking", say):
                 joints = ready_joints(skeleton, config) if plan.outputs.wants(LivePose) else None
                 tracker = ready_tracker(rig, skeleton, config)
+                bodies = ready_bodies(rig, skeleton, config)
             centring = Centring(rig.names, config.joint_centres)
-            fusion = Fusion(
-                rig, tracker, board, clock, outputs, centring, watch=watch, joints=joints, gate=KeypointGate(config.gate)
-            )
+            gate = KeypointGate(config.gate)
+            fusion = Fusion(rig, tracker, board, clock, outputs, centring, watch=watch, joints=joints, gate=gate, bodies=bodies)
             for told in views.centres():
                 fusion.take(told)
             zero_ns = views.start(clock)
@@ -199,10 +201,13 @@ def group_plans(
 
 def ready_tracker(rig: Rig, skeleton: Skeleton, config: LiveConfig) -> Tracker:
     """A tracker whose kernels are compiled: one made for the purpose has already seen a made-up person."""
+    warm_tracker(_new_tracker(rig, skeleton, config), rig, skeleton)
+    return NamedTracker(_new_tracker(rig, skeleton, config), config.track)
+
+
+def _new_tracker(rig: Rig, skeleton: Skeleton, config: LiveConfig) -> Tracker:
     solve = build_solve(rig, replace(config.associate, max_people=config.track.max_people), config.fuse)
-    fuse = build_fuse(rig, config.fuse)
-    warm_tracker(build_tracker(rig, skeleton, config.track, solve, fuse), rig, skeleton)
-    return NamedTracker(build_tracker(rig, skeleton, config.track, solve, fuse), config.track)
+    return build_tracker(rig, skeleton, config.track, solve, build_fuse(rig, config.fuse))
 
 
 def ready_joints(skeleton: Skeleton, config: LiveConfig) -> JointTracker | None:
@@ -223,6 +228,21 @@ def ready_joints(skeleton: Skeleton, config: LiveConfig) -> JointTracker | None:
     )
     JointTracker(skeleton, config.joints).step(made_up)
     return JointTracker(skeleton, config.joints)
+
+
+def ready_bodies(rig: Rig, skeleton: Skeleton, config: LiveConfig) -> LiveSkeletons | None:
+    """The whole-body fit, its kernels compiled; None where it is off."""
+    if config.body == "off":
+        return None
+    at_once = replace(config.live_body, learn_s=config.live_body.sample_every_s * FEWEST_SEEN)
+    tracker = _new_tracker(rig, skeleton, config)
+    made_up = LiveSkeletons(rig, skeleton, replace(config, live_body=at_once))
+    for detections in made_up_detections(rig, skeleton, _WARM_UP_INSTANTS, start_ns=10**15):
+        for view in detections:
+            tracker.add(view)
+            pose = tracker.at(view.t_ns + 20_000_000)
+            made_up.step(tracker, pose, pose)
+    return LiveSkeletons(rig, skeleton, config)
 
 
 def warm_tracker(tracker: Tracker, rig: Rig, skeleton: Skeleton) -> None:

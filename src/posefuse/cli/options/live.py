@@ -98,6 +98,8 @@ class LiveSettingsOptions(SettingsOptions):
     ] = ()
     tracker: Literal["asynchronous", "latest"] | None = None
     """How views become poses (default asynchronous)."""
+    body: Literal["auto", "on", "off"] | None = None
+    """Fit one skeleton of constant lengths per person, learnt on the way (default off; auto: with fitted joint centres)."""
     people: Annotated[int | None, Parameter(metavar="N", converter=people_from_text, n_tokens=1, accepts_keys=False)] = None
     """How many people to follow, the best seen ones: a number, or all (default 1)."""
     names: Annotated[str | None, Parameter(metavar="A,B,...")] = None
@@ -113,4 +115,4 @@ class LiveSettingsOptions(SettingsOptions):
     @property
     def given(self) -> bool:
         """Whether anything was given that changes how views become poses."""
-        return bool(self.config or self.overrides or self.tracker or self.people is not None)
+        return bool(self.config or self.overrides or self.tracker or self.body or self.people is not None)

@@ -1,18 +1,24 @@
 """One skeleton of constant segment lengths, fitted to 3D points or to the rays of all views, causally or offline."""
 
 from .fit import BodyFit, fit_poses, fit_views
-from .model import BodyModel, Length, bodies_from_poses
-from .settings import BodySettings
+from .live import LiveBody, LiveRays, TrackedPoints
+from .model import FEWEST_SEEN, BodyModel, Length, bodies_from_poses
+from .settings import BodySettings, LiveBodySettings
 from .shape import LengthPrior, with_solved_lengths
 from .tracker import BodyTracker
 
 __all__ = [
+    "FEWEST_SEEN",
     "BodyFit",
     "BodyModel",
     "BodySettings",
     "BodyTracker",
     "Length",
     "LengthPrior",
+    "LiveBody",
+    "LiveBodySettings",
+    "LiveRays",
+    "TrackedPoints",
     "bodies_from_poses",
     "fit_poses",
     "fit_views",

@@ -16,7 +16,7 @@ from posefuse.core.arrays import Array
 from posefuse.kinematics.definitions import POINTS, landmark_pairs
 from posefuse.kinematics.sides import SIDES
 
-_SOLE, _FOOT = ("heel", "toe"), ("ankle", "heel", "toe")
+SOLE, _FOOT = ("heel", "toe"), ("ankle", "heel", "toe")
 _SLOW_M_S = 0.25
 _LEAST_S = 0.15
 # of the height of a point: what counts as its lowest, and how much higher it may stand
@@ -48,8 +48,8 @@ def contacts_of(t_ns: Array, xyz: Array, cov: Array, skeleton: Skeleton, keypoin
     """
     places, shared = np.full(xyz.shape, np.nan), np.zeros(cov.shape)
     for side in SIDES:
-        foot = _rows(skeleton, keypoint, side, _FOOT)
-        for column in _rows(skeleton, keypoint, side, _SOLE):
+        foot = foot_rows(skeleton, keypoint, side, _FOOT)
+        for column in foot_rows(skeleton, keypoint, side, SOLE):
             track = xyz[:, column]
             stances = list(_stances(t_ns * 1e-9, track))
             if not stances:
@@ -62,7 +62,7 @@ def contacts_of(t_ns: Array, xyz: Array, cov: Array, skeleton: Skeleton, keypoin
     return Contacts(xyz=places, cov=shared)
 
 
-def _rows(skeleton: Skeleton, keypoint: Array, side: str, names: tuple[str, ...]) -> list[int]:
+def foot_rows(skeleton: Skeleton, keypoint: Array, side: str, names: tuple[str, ...]) -> list[int]:
     """Rows of the keypoints of the tree that are these landmarks of a foot."""
     pairs = landmark_pairs(skeleton)
     wanted = {int(k) for name in names for k in pairs[POINTS.index(f"{side}_{name}")] if k >= 0}

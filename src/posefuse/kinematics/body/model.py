@@ -82,7 +82,7 @@ def bodies_from_poses(
     settings = settings or BodySettings()
     frames = joints_from_poses(sequence, joint_settings).world_from_segment
     rotation = frames.matrix()
-    bodies = {int(person): _body(sequence, n, rotation[:, n], settings) for n, person in enumerate(sequence.person_id)}
+    bodies = {int(person): body_from_frames(sequence, n, rotation[:, n], settings) for n, person in enumerate(sequence.person_id)}
     known = {person: body for person, body in bodies.items() if body is not None}
     if bodies and not known:
         raise InputError(
@@ -92,7 +92,8 @@ def bodies_from_poses(
     return known
 
 
-def _body(sequence: PoseSequence, person: int, rotation: Array, settings: BodySettings) -> BodyModel | None:
+def body_from_frames(sequence: PoseSequence, person: int, rotation: Array, settings: BodySettings) -> BodyModel | None:
+    """The skeleton of the person in this place, given the segment frames (T, S, 3, 3); None if hardly ever seen."""
     points = {name: xyz[:, person] for name, xyz in landmarks(sequence).items()}
     noise = _point_noise(sequence, person)
     frame = {name: rotation[:, SEGMENT_NAMES.index(name)] for name in SEGMENT_NAMES}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from annotated_types import Ge, Gt
+from annotated_types import Ge, Gt, Le
 
 from posefuse.foundation.settings import settings
 
@@ -47,3 +47,39 @@ class BodySettings:
     length_steps: Annotated[int, Ge(1)] = 40
     robust_dof: Annotated[float, Gt(0)] = 2.0
     iterations: Annotated[int, Ge(1)] = 6
+
+
+@settings
+class LiveBodySettings:
+    """How a skeleton is learnt and followed live.
+
+    Attributes:
+        learn_s: the first lengths come from so many seconds of tracked poses; they are refined after twice, four times ... as
+            many. learn_most_s: lengths are final after so long.
+        sample_every_s: poses for it are so far apart at least. sure_m: keypoints with a larger standard deviation do not count.
+        length_sigma_m: standard deviation of a segment's length in tracked poses; how far the prior counts.
+        length_rate_m_s: refined lengths are approached this slowly, so that no pose jumps.
+        fit_every_s: the pose is fitted to rays this often.
+        tracked_share: how much a tracked keypoint counts in that fit, as a share of its stated information: it is made of the
+            same rays, and of those before.
+        new_share: how much of the difference from the tracked keypoints is taken from the newest fit, the rest from those before.
+        far_m, far_sigmas, far_checks: a fit with a keypoint farther than both limits from robust fusion in so many checks running
+            is dropped.
+        worse_by, worse_fits: so is one whose rays are off by so much more than those of the tracked keypoints (mean squared
+            distance in standard deviations) in so many fits running.
+    """
+
+    learn_s: Annotated[float, Gt(0)] = 1.0
+    learn_most_s: Annotated[float, Gt(0)] = 32.0
+    sample_every_s: Annotated[float, Gt(0)] = 0.05
+    sure_m: Annotated[float, Gt(0)] = 0.05
+    length_sigma_m: Annotated[float, Gt(0)] = 0.01
+    length_rate_m_s: Annotated[float, Gt(0)] = 0.005
+    fit_every_s: Annotated[float, Gt(0)] = 0.03
+    tracked_share: Annotated[float, Ge(0), Le(1)] = 0.1
+    new_share: Annotated[float, Gt(0), Le(1)] = 0.5
+    far_m: Annotated[float, Gt(0)] = 0.1
+    far_sigmas: Annotated[float, Gt(0)] = 3.0
+    far_checks: Annotated[int, Ge(1)] = 3
+    worse_by: Annotated[float, Gt(0)] = 2.0
+    worse_fits: Annotated[int, Ge(1)] = 10

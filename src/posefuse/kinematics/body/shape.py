@@ -33,6 +33,8 @@ _FIRST_ITERATIONS, _ITERATIONS = 30, 8
 _CONVERGED_M = 2e-4
 # what else a state would have to be pulled to for its equations to have a solution, in 1 / rad^2
 _WEAK = 1e-4
+# standard deviations from the mean of people beyond which a length is a mistake
+_MOST_UNUSUAL = 4.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -90,6 +92,24 @@ def with_solved_lengths(
     return replace(body, lengths=solved, length_slopes=slopes, length_cov=cov)
 
 
+def with_expected_lengths(body: BodyModel, prior: LengthPrior, sigma_m: float) -> BodyModel:
+    """The body with its lengths drawn towards people's, as measurements of this standard deviation or more; no rays are used.
+
+    A length that varied over time counts less, and one that no person has does not count. `BodyModel.lengths` has their sigma.
+    """
+    slopes = slopes_of(body, prior.names)
+    metres = _metres(body, slopes)
+    unusual = np.abs(metres - prior.mean_m) / np.sqrt(np.diag(prior.cov_m2))
+    information = np.where(unusual < _MOST_UNUSUAL, 1 / (sigma_m**2 + _spreads(body, prior.names) ** 2), 0.0)
+    cov = np.linalg.inv(np.linalg.inv(prior.cov_m2) + np.diag(information))
+    known = np.isfinite(metres)
+    likely = prior.mean_m + cov @ (information * np.where(known, metres - prior.mean_m, 0.0))
+    step = np.where(known, likely - metres, 0.0)
+    solved = _lengths(body, prior.names, metres + step, np.sqrt(np.diag(cov)))
+    offset = body.offset + np.einsum("nsi,s->ni", slopes, step)
+    return replace(body, offset=offset, lengths=solved, length_slopes=slopes, length_cov=cov)
+
+
 def slopes_of(body: BodyModel, names: tuple[str, ...]) -> Array:
     """(nodes, S, 3) by how much each node's offset changes per metre of each segment."""
     slopes = np.zeros((len(body.nodes), len(names), 3))
@@ -107,6 +127,17 @@ def _metres(body: BodyModel, slopes: Array) -> Array:
     offset = np.linalg.norm(body.offset, axis=-1)[:, None]
     lengths = np.where(share > 0, offset / np.where(share > 0, share, 1.0), np.nan)
     return np.asarray(np.nanmean(lengths, axis=0))
+
+
+def _spreads(body: BodyModel, names: tuple[str, ...]) -> Array:
+    """(S,) standard deviations over time of the lengths as they were measured, the larger of both sides; 0 where unknown."""
+    keys = ([key for key in _keys(name) if key in body.lengths] for name in names)
+    return np.array([max((body.lengths[key].spread_m for key in sides), default=0.0) for sides in keys])
+
+
+def _keys(name: str) -> tuple[str, ...]:
+    """Under which names of `BodyModel.lengths` a segment is."""
+    return _NAMES.get(name, (f"left_{name}", f"right_{name}"))
 
 
 def _repeats(seen: Sequence[Measurement], settings: BodySettings) -> float:
@@ -149,7 +180,7 @@ def _add_time_step(
 def _lengths(body: BodyModel, names: tuple[str, ...], metres: Array, sigma: Array) -> dict[str, Length]:
     lengths = dict(body.lengths)
     for name, value, sd in zip(names, metres.tolist(), sigma.tolist(), strict=True):
-        for key in _NAMES.get(name, (f"left_{name}", f"right_{name}")):
+        for key in _keys(name):
             if key in lengths:
                 lengths[key] = replace(lengths[key], value_m=value, sigma_m=sd)
     return lengths

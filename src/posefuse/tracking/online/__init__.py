@@ -8,9 +8,10 @@ from __future__ import annotations
 from posefuse.core import Rig, Skeleton
 
 from .contract import CameraStatistics, Fuse, Solve, Tracker
+from .evidence import Evidence
 from .settings import TRACKERS, LiveSettings
 
-__all__ = ["TRACKERS", "CameraStatistics", "Fuse", "LiveSettings", "Solve", "Tracker", "build_tracker"]
+__all__ = ["TRACKERS", "CameraStatistics", "Evidence", "Fuse", "LiveSettings", "Solve", "Tracker", "build_tracker"]
 
 
 def build_tracker(rig: Rig, skeleton: Skeleton, settings: LiveSettings, solve: Solve, fuse: Fuse) -> Tracker:

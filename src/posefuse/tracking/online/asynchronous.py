@@ -16,6 +16,7 @@ from . import kernels
 from .admission import Admission
 from .contract import CameraStatistics, Fuse, Solve
 from .cross_check import CrossCheck
+from .evidence import Evidence, evidence_of
 from .optics import Optics, Rays
 from .person import Model, Person, Pose3DArrays, View
 from .settings import LiveSettings
@@ -138,6 +139,14 @@ class AsynchronousTracker:
     def looked_for(self, t_ns: int) -> Pose3D:
         """See `Tracker.looked_for`."""
         return self.at(t_ns)
+
+    def evidence(self, t_ns: int) -> Mapping[int, Evidence]:
+        """See `Tracker.evidence`."""
+        found = {}
+        for person in self._people:
+            check = self._checks[person]
+            found[person.id] = evidence_of(person, self._model, check.found_ns, check.away_world, t_ns)
+        return found
 
     @property
     def health(self) -> Mapping[str, CameraStatistics]:

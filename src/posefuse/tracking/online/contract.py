@@ -9,6 +9,8 @@ from typing import Protocol
 from posefuse.core import Detections2D, Pose3D, Views
 from posefuse.core.arrays import Array
 
+from .evidence import Evidence
+
 # one Detections2D per camera of the rig, in its order, of about one moment; and the pose before, or None -> the people in them
 Solve = Callable[[Sequence[Detections2D], Pose3D | None], Pose3D]
 # the views of one moment that are known to show the same people -> these people, in the same order
@@ -66,6 +68,10 @@ class Tracker(Protocol):
 
     def looked_for(self, t_ns: int) -> Pose3D:
         """Every person that the views should look for at t_ns, including those without an identity so far."""
+        ...
+
+    def evidence(self, t_ns: int) -> Mapping[int, Evidence]:
+        """By person_id as in `at`, what the pose at t_ns rests on; empty where this tracker keeps nothing."""
         ...
 
     @property

@@ -34,7 +34,13 @@ _FAR_CHECKS, _EXCHANGED_CHECKS = 2, 3
 
 
 class CrossCheck:
-    """The newest views of one person. `checked_ns`: when they were last judged."""
+    """The newest views of one person.
+
+    Attributes:
+        checked_ns: when they were last judged.
+        found_ns: when they last gave a robust pose; 0: never.
+        away_world: (K, 3) from the keypoints as tracked to that pose; NaN where unknown.
+    """
 
     def __init__(self, model: Model, fuse: Fuse) -> None:
         self._rig, self._skeleton, self._fuse, self._mirror = model.rig, model.skeleton, fuse, model.mirror
@@ -48,7 +54,8 @@ class CrossCheck:
         self._far = np.zeros(len(self._skeleton), np.int64)
         # (GROUPS,) in how many checks running left and right of limbs were exchanged against what is tracked
         self._turned = np.zeros(model.groups, np.int64)
-        self.checked_ns = 0
+        self.checked_ns = self.found_ns = 0
+        self.away_world = np.full((len(self._skeleton), 3), np.nan)
 
     def keep(self, view: Detections2D) -> Array:
         """Remember a view of the person alone; (K,) whether its camera is wrong about each keypoint, as far as is known."""
@@ -81,6 +88,7 @@ class CrossCheck:
         self._turned[turned] = 0
         now = self._with_exchanged(now, turned)
         xyz = self._with_exchanged(xyz, exchanged & ~turned)
+        self.found_ns, self.away_world = t_ns, xyz - now
         self._wrong = self._judged(xyz, together)
         # called where nothing changes, too: so their kernels are compiled before a session begins
         person.exchange(turned)

@@ -12,6 +12,7 @@ from posefuse.core.arrays import Array
 
 from .admission import Admission
 from .contract import CameraStatistics, Solve
+from .evidence import Evidence
 from .settings import LiveSettings
 
 
@@ -60,6 +61,10 @@ class LatestTracker:
     def looked_for(self, t_ns: int) -> Pose3D:
         """See `Tracker.looked_for`."""
         return self.at(t_ns)
+
+    def evidence(self, t_ns: int) -> Mapping[int, Evidence]:
+        """None: views of different times are taken for one."""
+        return {}
 
     @property
     def health(self) -> Mapping[str, CameraStatistics]:

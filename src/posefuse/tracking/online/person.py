@@ -188,6 +188,11 @@ class Person:
         """Until when two cameras, or one with depth, measured the person; since then one alone, whose rays fit any depth."""
         return sorted(self._measured_by_ns.values())[-2]
 
+    def newest(self, since_ns: int, until_ns: int) -> list[View]:
+        """The newest view of each camera between these times."""
+        views = (moment.view for moment in self._moments if since_ns <= moment.t_ns <= until_ns)
+        return list({view.camera: view for view in views if view is not None}.values())
+
     def expected(self, t_ns: int) -> tuple[Array, Array]:
         """Positions (K, 3) and how sure (K,) at a time, from what came before it."""
         model = self._model

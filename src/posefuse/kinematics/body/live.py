@@ -1,0 +1,235 @@
+"""One person's skeleton while the person is followed live: lengths learnt on the way, and a pose at every output tick.
+
+Every few output ticks the pose is fitted to rays. Between two such fits it follows the tracked keypoints, each moved by what the
+fits found it off by. It is always a pose of the skeleton, so its segments keep their lengths.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from posefuse.core import Skeleton
+from posefuse.core.arrays import Array
+from posefuse.kinematics.joints import FrameBuffers
+
+from . import kernels
+from .guess import guessed_state
+from .learning import LearntBody
+from .model import BodyModel
+from .packed import Packed, packed_from_body
+from .settings import BodySettings, LiveBodySettings
+from .shape import LengthPrior
+from .standing import StandingFeet
+
+_FIRST_ITERATIONS, _FIT_ITERATIONS, _TICK_ITERATIONS = 30, 3, 1
+# keeps a degree of freedom where it was that nothing measures, radians and metres
+_LOOSE_SD = 0.3
+# the rays of one moment come every few ticks: a preference counts for less than in a fit of that moment alone
+_PREFERENCE = 3.0
+# a person who is tracked so far from the skeleton is elsewhere, or another one
+_ELSEWHERE_M = 0.3
+# beyond so many standard deviations a ray is no more than wrong
+_WRONG_SIGMAS = 5.0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LiveRays:
+    """What cameras (V) saw of one person, moved to the time of the pose, at joint centres.
+
+    Attributes:
+        projections: (V, 3, 4) to ideal image points. xy: (V, K, 2) these. inverse_var: (V, K) 1 / variance, 0 where unseen.
+        checked_ns: time of the newest robust fusion of the person; 0: none.
+        checked_world: (K, 3) its keypoints, at joint centres, moved to the time of the pose; NaN where unknown.
+    """
+
+    projections: Array
+    xy: Array
+    inverse_var: Array
+    checked_ns: int
+    checked_world: Array
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TrackedPoints:
+    """One person at one output tick as tracked, at joint centres: (K, 3), (K, 3, 3), and (K,) what was measured lately."""
+
+    t_ns: int
+    xyz: Array
+    cov: Array
+    measured: Array
+
+
+class LiveBody:
+    """Follows one person. Time steps must come in the order of their times.
+
+    Attributes:
+        learnt: the skeleton. drops: how often a fit was dropped because it disagreed with rays or robust fusion.
+    """
+
+    def __init__(
+        self, skeleton: Skeleton, settings: BodySettings, live: LiveBodySettings, prior: LengthPrior, work: FrameBuffers
+    ) -> None:
+        self._skeleton, self._settings, self._live, self._work = skeleton, settings, live, work
+        self.learnt = LearntBody(skeleton, settings, live, prior, work)
+        self.drops = 0
+        self._fit: _Fit | None = None
+        self._due_ns = self._checked_ns = 0
+
+    def wants_rays(self, t_ns: int) -> bool:
+        """Whether the step at this time is to fit rays."""
+        return self.learnt.body is not None and t_ns >= self._due_ns
+
+    def step(self, tracked: TrackedPoints, rays: LiveRays | None) -> Array | None:
+        """(K, 3) keypoints of the skeleton, NaN for those it does not carry; None while there is no fit."""
+        changed = self.learnt.step(tracked.t_ns, tracked.xyz, tracked.cov, tracked.measured)
+        body = self.learnt.body
+        if body is None:
+            return None
+        if self._fit is not None and changed:
+            self._fit = self._fit.with_body(body)
+        if rays is not None:
+            self._due_ns = tracked.t_ns + round(self._live.fit_every_s * 1e9)
+            if self._fit is not None and self._fit.elsewhere(tracked):
+                self._drop()
+            self._fit_rays(body, tracked, rays)
+        elif self._fit is not None:
+            self._fit.follow(tracked)
+        return None if self._fit is None else self._fit.keypoints(len(tracked.xyz))
+
+    def _fit_rays(self, body: BodyModel, tracked: TrackedPoints, rays: LiveRays) -> None:
+        checked_anew = rays.checked_ns != self._checked_ns
+        # with two cameras there is no robust fusion to start from
+        if self._fit is None and (checked_anew or not rays.checked_ns):
+            self._fit = self._started(body, tracked, rays)
+        elif self._fit is not None:
+            self._fit.to_rays(tracked, rays, _FIT_ITERATIONS)
+        if self._fit is not None and self._fit.disagrees(tracked, rays, checked_anew):
+            self._drop()
+        self._checked_ns = rays.checked_ns
+
+    def _started(self, body: BodyModel, tracked: TrackedPoints, rays: LiveRays) -> _Fit | None:
+        """From the robust pose; None without a pelvis."""
+        start = np.where(np.isfinite(rays.checked_world), rays.checked_world, tracked.xyz)[body.keypoint]
+        state = guessed_state(body, packed_from_body(body, self._settings), self._work, start)
+        if state is None:
+            return None
+        fit = _Fit(body, self._skeleton, self._settings, self._live, state)
+        fit.to_rays(tracked, rays, _FIRST_ITERATIONS)
+        return fit
+
+    def _drop(self) -> None:
+        self._fit, self.drops = None, self.drops + 1
+
+
+class _Fit:
+    """A skeleton in a pose, and how it got there."""
+
+    def __init__(
+        self, body: BodyModel, skeleton: Skeleton, settings: BodySettings, live: LiveBodySettings, state: tuple[Array, Array]
+    ) -> None:
+        self._body, self._skeleton, self._settings, self._live, self._state = body, skeleton, settings, live, state
+        self._packed: Packed = packed_from_body(body, settings)
+        self._points = self._placed()
+        slack_var = self._packed.slack_var
+        self._loose = np.diag(np.where(slack_var > 0, 1 / np.where(slack_var > 0, slack_var, 1.0), 1 / _LOOSE_SD**2))
+        self._slack = np.array([node.slack for node in body.nodes])
+        count = len(body.keypoint)
+        # (A, 3) from the tracked keypoints to where rays put them
+        self._off = np.zeros((count, 3))
+        self._feet = StandingFeet(skeleton, body.keypoint)
+        self._far = np.zeros(count, np.int64)
+        self._worse = 0
+        self._none = np.zeros((count, 0))
+
+    def with_body(self, body: BodyModel) -> _Fit | None:
+        """The same with other lengths; None if it is another tree."""
+        if body.nodes != self._body.nodes or not np.array_equal(body.keypoint, self._body.keypoint):
+            return None
+        tree = self._packed.tree._replace(offset=body.offset, local=body.keypoint_local)
+        self._body, self._packed = body, replace(self._packed, tree=tree)
+        return self
+
+    def keypoints(self, count: int) -> Array:
+        """(K, 3), NaN where the skeleton carries none."""
+        out = np.full((count, 3), np.nan)
+        out[self._body.keypoint] = self._points
+        return out
+
+    def to_rays(self, tracked: TrackedPoints, rays: LiveRays, iterations: int) -> None:
+        """Fit the pose to rays, and weakly to where keypoints are tracked, because some have none."""
+        at = self._body.keypoint
+        xyz = tracked.xyz[at]
+        put, information, stands = self._with_standing(tracked, xyz, self._live.tracked_share)
+        xy, inverse_var = np.swapaxes(rays.xy[:, at], 0, 1), rays.inverse_var[:, at].T
+        self._solve(
+            kernels.SeenKeypoints(
+                put, information, rays.projections, np.ascontiguousarray(xy), np.ascontiguousarray(inverse_var)
+            ),
+            iterations,
+        )
+        # what holds a foot at its place is not what rays say
+        fresh = np.isfinite(xyz[:, :1]) & ~stands[:, None]
+        share = 1.0 if iterations == _FIRST_ITERATIONS else self._live.new_share
+        self._off += np.where(fresh, share * (self._points - xyz - self._off), 0.0)
+
+    def follow(self, tracked: TrackedPoints) -> None:
+        """Move with the tracked keypoints."""
+        put, information, _ = self._with_standing(tracked, tracked.xyz[self._body.keypoint] + self._off, 1.0)
+        none = self._none
+        self._solve(
+            kernels.SeenKeypoints(put, information, np.zeros((0, 3, 4)), none[..., None] + [0, 0], none), _TICK_ITERATIONS
+        )
+
+    def _with_standing(self, tracked: TrackedPoints, xyz: Array, share: float) -> tuple[Array, Array, Array]:
+        """Points (A, 3) to fit, their information (A, 3, 3), and which of them stand and so are put at their places."""
+        at, sigma_m = self._body.keypoint, self._settings.contact_sigma_m
+        put, information = kernels.weighted_points(xyz, tracked.cov[at], share)
+        stands = np.zeros(len(at), bool)
+        if sigma_m:
+            feet = self._feet
+            places = feet.step(tracked.t_ns, tracked.xyz[at[feet.rows]] + self._off[feet.rows])
+            held = feet.rows[feet.stands]
+            put[held], information[held], stands[held] = places[feet.stands], np.eye(3) / sigma_m**2, True
+        return put, information, stands
+
+    def elsewhere(self, tracked: TrackedPoints) -> bool:
+        """Whether the person was found again in another place."""
+        away = np.linalg.norm(tracked.xyz[self._body.keypoint] - self._points, axis=1)
+        known = away[np.isfinite(away)]
+        return len(known) > 0 and float(np.median(known)) > _ELSEWHERE_M
+
+    def disagrees(self, tracked: TrackedPoints, rays: LiveRays, checked_anew: bool) -> bool:
+        """Whether rays, or robust fusion, have been against this fit for a while."""
+        at, live = self._body.keypoint, self._live
+        points = self._points
+        if checked_anew:
+            away_m = np.linalg.norm(points - rays.checked_world[at], axis=1)
+            sigma_m = np.sqrt(np.trace(tracked.cov[at], axis1=1, axis2=2) / 3)
+            far = away_m > np.maximum(live.far_m, live.far_sigmas * sigma_m)
+            self._far = np.where(far, self._far + 1, 0)
+        mine, theirs = _ray_loss(points, rays, at), _ray_loss(tracked.xyz[at], rays, at)
+        self._worse = self._worse + 1 if mine > theirs + live.worse_by else 0
+        return bool((self._far >= live.far_checks).any()) or self._worse >= live.worse_fits
+
+    def _solve(self, seen: kernels.SeenKeypoints, iterations: int) -> None:
+        q, rot = self._state
+        expected = np.where(self._slack, 0.0, q), rot.copy()
+        kernels.gauss_newton(
+            self._packed.tree, expected, self._loose, self._packed.preferred_sd * _PREFERENCE, seen, self._settings.robust_dof,
+            1.0, iterations, q, rot,
+        )  # fmt: skip
+        self._points = self._placed()
+
+    def _placed(self) -> Array:
+        """(A, 3) keypoints in the pose."""
+        return np.asarray(kernels.points(self._packed.tree, *self._state))
+
+
+def _ray_loss(points: Array, rays: LiveRays, at: Array) -> float:
+    """Mean squared distance of keypoints (A, 3) from their rays in standard deviations, wrong rays cut."""
+    there = np.einsum("vij,aj->vai", rays.projections[:, :, :3], points) + rays.projections[:, None, :, 3]
+    error = np.square(there[..., :2] / there[..., 2:] - rays.xy[:, at]).sum(axis=-1) * rays.inverse_var[:, at] / 2
+    seen = (rays.inverse_var[:, at] > 0) & np.isfinite(error)
+    return float(np.minimum(error[seen], _WRONG_SIGMAS**2).mean()) if seen.any() else 0.0

@@ -1,0 +1,190 @@
+"""The live fit of one person by itself: what it learns, when it is dropped and begins again, and feet that stand."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from posefuse.core import SKELETONS, Skeleton
+from posefuse.core.joint_centres import SEGMENT_ENDS
+from posefuse.core.skeleton import ANATOMICAL23
+from posefuse.kinematics import JointSettings
+from posefuse.kinematics.body import BodySettings, LengthPrior, LiveBody, LiveBodySettings, LiveRays, TrackedPoints
+from posefuse.kinematics.body.standing import StandingFeet
+from posefuse.kinematics.joints import FrameBuffers
+
+PERIOD_NS, CHECK_NS = 10_000_000, 200_000_000
+WRIST = ANATOMICAL23.index("left_wrist")
+FAST = LiveBodySettings(learn_s=0.3, sample_every_s=0.02)
+# in the order of `SEGMENT_ENDS`, of the figure of conftest.py
+TRUE_M = np.array([0.31, 0.26, 0.43, 0.41, 0.38, 0.26, 0.52])
+PRIOR = LengthPrior(names=tuple(SEGMENT_ENDS), mean_m=TRUE_M * 1.05, cov_m2=np.diag((0.05 * TRUE_M) ** 2))
+
+
+BENT = {f"{side}_{joint}": (25.0, 5.0, 0.0) for side in ("left", "right") for joint in ("arm", "elbow", "hip", "knee", "ankle")}
+
+
+@pytest.fixture
+def standing(posed) -> np.ndarray:
+    """(K, 3) a figure with bent limbs."""
+    return np.array(posed([BENT], skeleton=ANATOMICAL23.name).xyz_world[0, 0])
+
+
+def body_with(settings: BodySettings | None = None, skeleton: Skeleton = ANATOMICAL23) -> LiveBody:
+    return LiveBody(skeleton, settings or BodySettings(), FAST, PRIOR, FrameBuffers(skeleton, JointSettings()))
+
+
+def tracked(t_ns: int, xyz: np.ndarray, sigma_m: float = 0.01) -> TrackedPoints:
+    known = np.isfinite(xyz[:, 0])
+    cov = np.where(known[:, None, None], np.eye(3) * sigma_m**2, np.nan)
+    return TrackedPoints(t_ns=t_ns, xyz=xyz, cov=cov, measured=known)
+
+
+def rays(ring_rig, xyz: np.ndarray, checked_ns: int = 1, checked: np.ndarray | None = None) -> LiveRays:
+    """Of points as four cameras see them without error."""
+    projections = np.stack([np.column_stack([c.cam_from_world.matrix(), c.cam_from_world.xyz]) for c in ring_rig(4)])
+    there = np.einsum("vij,kj->vki", projections[:, :, :3], np.nan_to_num(xyz)) + projections[:, None, :, 3]
+    inverse_var = np.broadcast_to(np.where(np.isfinite(xyz[:, 0]), 1 / 0.003**2, 0.0), there.shape[:2])
+    return LiveRays(
+        projections=projections, xy=there[..., :2] / there[..., 2:], inverse_var=inverse_var, checked_ns=checked_ns,
+        checked_world=xyz if checked is None else checked,
+    )  # fmt: skip
+
+
+def followed(body: LiveBody, ring_rig, xyz: np.ndarray, seconds: float, start_ns: int = 0, **seen) -> list[np.ndarray | None]:
+    """Output ticks of a person who stays, robustly fused every 0.2 s."""
+    out = []
+    for t_ns in range(start_ns, start_ns + round(seconds * 1e9), PERIOD_NS):
+        now = rays(ring_rig, xyz, checked_ns=1 + t_ns // CHECK_NS, **seen) if body.wants_rays(t_ns) else None
+        out.append(body.step(tracked(t_ns, xyz), now))
+    return out
+
+
+def test_nothing_comes_out_before_a_skeleton_is_learnt(ring_rig, standing) -> None:
+    out = followed(body_with(), ring_rig, standing, 0.8)
+    began = next(i for i, pose in enumerate(out) if pose is not None)
+    assert 28 <= began <= 60
+    assert all(pose is not None for pose in out[began:])
+
+
+def test_lengths_lie_between_those_seen_and_those_of_people(ring_rig, standing) -> None:
+    body = body_with()
+    followed(body, ring_rig, standing, 0.8)
+    for name, true_m in zip(SEGMENT_ENDS, TRUE_M, strict=True):
+        learnt = body.learnt.body.lengths[
+            {"hips": "pelvis"}.get(name, name if name in ("shoulders", "trunk") else f"left_{name}")
+        ]
+        assert true_m < learnt.value_m < 1.05 * true_m, name
+        assert 0 < learnt.sigma_m < 0.01 and learnt.spread_m < 0.001
+
+
+def test_a_length_that_no_person_has_does_not_count(ring_rig, standing) -> None:
+    longer = standing.copy()
+    hands = [i for i, name in enumerate(ANATOMICAL23.keypoints) if name.startswith("left_") and "wrist" in name]
+    elbow = ANATOMICAL23.index("left_elbow")
+    longer[hands] = standing[elbow] + 3 * (standing[hands] - standing[elbow])
+    body = body_with()
+    followed(body, ring_rig, longer, 0.8)
+    # of both sides together, the mean was 0.52 m
+    assert body.learnt.body.lengths["left_forearm"].value_m == pytest.approx(1.05 * 0.26, abs=0.005)
+
+
+def test_refined_lengths_are_approached_slowly(ring_rig, standing) -> None:
+    body, rate = body_with(), FAST.length_rate_m_s
+    followed(body, ring_rig, standing, 0.5)
+    before = body.learnt.body
+    wider = standing * [1.0, 1.0, 1.04]
+    changes = []
+    for t_ns in range(500_000_000, 3_000_000_000, PERIOD_NS):
+        body.step(tracked(t_ns, wider), None)
+        now = body.learnt.body
+        changes.append(np.linalg.norm(now.offset - before.offset, axis=1).max())
+        before = now
+    assert 0 < max(changes) <= rate * 0.01 + 1e-12
+
+
+def test_a_fit_far_from_robust_fusion_is_dropped_and_begins_again_there(ring_rig, standing) -> None:
+    """The tracker and rays agree on a wrong wrist; robust fusion does not."""
+    body, elsewhere = body_with(), standing.copy()
+    elsewhere[WRIST] += [0.0, 0.0, 0.3]
+    followed(body, ring_rig, standing, 1.0)
+    assert body.drops == 0
+    out = followed(body, ring_rig, standing, 1.0, start_ns=1_000_000_000, checked=elsewhere)
+    assert body.drops >= 1
+    assert any(pose is None for pose in out)
+    # one or two checks are not enough
+    assert all(pose is not None for pose in out[:35])
+    out = followed(body, ring_rig, standing, 1.0, start_ns=2_000_000_000)
+    assert out[-1] is not None
+    assert np.nanmax(np.linalg.norm(out[-1] - standing, axis=-1)) < 0.03
+
+
+def test_a_fit_that_rays_are_against_is_dropped(ring_rig, standing) -> None:
+    """All rays, and where the person is tracked, lie where the limits of joints do not let it go."""
+    impossible = standing.copy()
+    for side in ("left", "right"):
+        knee, ankle = (ANATOMICAL23.index(f"{side}_{joint}") for joint in ("knee", "ankle"))
+        foot = [i for i, name in enumerate(ANATOMICAL23.keypoints) if name.startswith(side) and ("toe" in name or "heel" in name)]
+        impossible[[ankle, *foot]] += 2.0 * (standing[knee] - standing[ankle])
+    body = body_with()
+    followed(body, ring_rig, standing, 1.0)
+    followed(body, ring_rig, impossible, 1.0, start_ns=1_000_000_000, checked=np.full(standing.shape, np.nan))
+    assert body.drops >= 1
+
+
+def test_a_person_found_again_elsewhere_begins_again(ring_rig, standing) -> None:
+    body = body_with()
+    followed(body, ring_rig, standing, 1.0)
+    there = standing + [2.0, 1.0, 0.0]
+    out = followed(body, ring_rig, there, 1.0, start_ns=1_000_000_000)
+    assert body.drops == 1
+    assert np.nanmax(np.linalg.norm(out[-1] - there, axis=-1)) < 0.03
+
+
+def test_missing_keypoints_do_not_move_the_others(ring_rig, standing) -> None:
+    body, partly = body_with(), standing.copy()
+    followed(body, ring_rig, standing, 1.0)
+    partly[[WRIST, ANATOMICAL23.index("left_elbow")]] = np.nan
+    out = followed(body, ring_rig, partly, 1.0, start_ns=1_000_000_000)
+    assert body.drops == 0
+    assert np.nanmax(np.linalg.norm(out[-1] - partly, axis=-1)) < 0.03
+
+
+def test_a_foot_that_hardly_moves_stands_until_it_lifts() -> None:
+    keypoint = np.arange(len(ANATOMICAL23))
+    feet, rng = StandingFeet(ANATOMICAL23, keypoint), np.random.default_rng(0)
+    rest = rng.normal(size=(len(feet.rows), 3))
+    wander = np.cumsum(rng.normal(0, 0.001, (100, len(rest), 3)), axis=0)
+    put = np.array([feet.step(i * PERIOD_NS, rest + one) for i, one in enumerate(wander)])
+    assert feet.stands.all()
+    assert np.ptp(put[30:], axis=0).mean() < 0.5 * np.ptp((rest + wander)[30:], axis=0).mean()
+    lifted = [feet.step((100 + i) * PERIOD_NS, rest + wander[-1] + [0, 0, 0.02 * i]) for i in range(60)]
+    assert not feet.stands.any()
+    np.testing.assert_allclose(lifted[-1], rest + wander[-1] + [0, 0, 0.02 * 59], atol=0.002)
+    # on the way no step is larger than what is left of the distance
+    assert np.linalg.norm(np.diff(lifted, axis=0), axis=-1).max() < 0.05
+
+
+@pytest.mark.parametrize("name", ["anatomical23", "blazepose33", "body_25"])
+def test_both_feet_stand_where_they_are(ring_rig, posed, name) -> None:
+    """Keypoint sets list heels and toes in different orders."""
+    xyz = np.array(posed([BENT], skeleton=name).xyz_world[0, 0])
+    body = body_with(skeleton=SKELETONS[name])
+    out = followed(body, ring_rig, xyz, 1.0)
+    for pose in out[-10:]:
+        assert np.nanmax(np.linalg.norm(pose - xyz, axis=-1)) < 0.03
+
+
+def test_feet_may_move_where_contacts_are_off(ring_rig, standing) -> None:
+    toe = ANATOMICAL23.index("left_big_toe")
+    ways = {}
+    for sigma_m in (0.0, 0.004):
+        body = body_with(replace(BodySettings(), contact_sigma_m=sigma_m))
+        out = followed(body, ring_rig, standing, 1.0)
+        for i in range(100):
+            now = standing + [0.02 * np.sin(i / 8), 0.0, 0.0]
+            t_ns = 1_000_000_000 + i * PERIOD_NS
+            seen = rays(ring_rig, now, checked_ns=1 + t_ns // CHECK_NS) if body.wants_rays(t_ns) else None
+            out.append(body.step(tracked(t_ns, now), seen))
+        ways[sigma_m] = np.ptp([pose[toe, 0] for pose in out[-50:]])
+    assert ways[0.004] < 0.7 * ways[0.0]
