@@ -18,9 +18,10 @@ from posefuse.pipeline.config import DEFAULT_OUTPUTS, TrackConfig, read_config
 from posefuse.pipeline.edits import NO_EDITS, Edits, Exclusion
 from posefuse.pipeline.edits_file import edits_path, read_edits
 from posefuse.pipeline.reading import files_of_result, read_result
+from posefuse.pipeline.run import refined_line
 from posefuse.pipeline.session import Session
 from posefuse.pipeline.session_images import nearby_session, session_frames
-from posefuse.pipeline.solve import edits_of, solve_again
+from posefuse.pipeline.solve import REFINED, edits_of, solve_again
 from posefuse.pipeline.writing import build_sinks, write_with_frames
 
 from .terminal import Terminal
@@ -53,6 +54,8 @@ def second_solve(path: Path, options: TrackOptions, settings: SettingsOptions, t
         options.out, command="track", inputs=inputs, replace=options.force, warn=terminal.warn
     ) as out, compiling("tracking", terminal.note):  # fmt: skip
         recording = solve_again(earlier, config, clock, edits)
+        if REFINED in recording.provenance:
+            terminal.note(refined_line(recording.provenance[REFINED]))
         with clock.stage("write"), terminal.progress("write") as advance:
             frames = () if session is None else session_frames(recording, session, advance)
             written, failed = write_with_frames(recording, frames, sinks, out)
