@@ -116,3 +116,18 @@ def test_someone_who_stands_counts_as_one_look(ring_rig: Callable[..., Rig]) -> 
     one, many = (refined_extrinsics(rig, views) for views in (once, long))
     np.testing.assert_allclose(many.moved_m, one.moved_m, rtol=0.02)
     np.testing.assert_allclose(many.turned_rad, one.turned_rad, rtol=0.02)
+
+
+@pytest.mark.parametrize("hidden", ["left_wrist", "left_"])
+def test_limbs_that_no_camera_sees_make_no_look_count_for_more(ring_rig: Callable[..., Rig], hidden: str) -> None:
+    rig = ring_rig(4)
+    once = views_of(rig, noise_px=4.0, seconds=0.1)
+    score = np.array(once.score)
+    score[..., [name.startswith(hidden) for name in BODY.keypoints]] = 0
+    once = replace(once, score=score)
+    repeated = {name: np.repeat(getattr(once, name), 60, axis=0) for name in ("xy_img", "score", "sigma_px")}
+    long = replace(once, t_ns=np.arange(60) * 500_000_000, **repeated)
+    one, many = (refined_extrinsics(rig, views, RefineSettings(together=1.0)) for views in (once, long))
+    np.testing.assert_allclose(many.moved_m, one.moved_m, rtol=0.02)
+    # and one look is one look
+    np.testing.assert_array_less(one.moved_m, refined_extrinsics(rig, long, RefineSettings(together=1 / 60)).moved_m)

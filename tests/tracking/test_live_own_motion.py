@@ -16,7 +16,7 @@ ARMS = [COCO17.index(f"{side}_{joint}") for side in ("left", "right") for joint 
 
 
 def swinging(standing):
-    """The arms of a person who stands swing forward and backward, as a pendulum does."""
+    """The arms of a standing person swing forward and backward, as a pendulum does."""
 
     def at(t_s):
         xyz = standing.copy()

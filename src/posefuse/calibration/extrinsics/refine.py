@@ -85,7 +85,7 @@ def refined_extrinsics(rig: Rig, views: ViewSequence, chosen: RefineSettings | N
 
     The prior on the cameras also fixes the world. Limb joints alone count, in time steps at least 0.3 s apart; Cauchy loss.
     A network's errors stay the same while a person stays in one place: so the information of all time steps counts as that of
-    as many as differ in where people were and how they were turned. Someone who stands changes next to nothing.
+    as many as differ in where people were and how they were turned. A person at rest changes next to nothing.
     Method: bundle adjustment, see `calibration.solving.bundle`.
 
     Args:
@@ -144,19 +144,18 @@ def _rows(rig: Rig, views: ViewSequence, steps: Array, limbs: Array) -> tuple[_R
 
 def _repeated(xyz: Array, names: list[str], chosen: RefineSettings) -> float:
     """How often each pose of the people (T, N, L, 3) comes, on average: 1 where everyone is always somewhere else."""
+    left, right = (np.array([name.startswith(side) for name in names], bool) for side in ("left_", "right_"))
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # a time step without the person
-        place = np.nanmean(xyz, axis=2)
-    left, right = (np.array([name.startswith(side) for name in names]) for side in ("left_", "right_"))
-    across = np.nan_to_num(xyz[:, :, right].mean(axis=2) - xyz[:, :, left].mean(axis=2)) if left.any() else np.zeros(place.shape)
-    length = np.linalg.norm(across, axis=-1, keepdims=True)
-    across = np.where(length > 0, across / np.maximum(length, 1e-9), 0.0)
+        warnings.simplefilter("ignore", RuntimeWarning)  # a time step without the person, or without one side
+        place, across = np.nanmean(xyz, axis=2), np.nanmean(xyz[:, :, right], axis=2) - np.nanmean(xyz[:, :, left], axis=2)
+        across = across / np.linalg.norm(across, axis=-1, keepdims=True)
     counts = []
     for n in range(place.shape[1]):
         there = np.isfinite(place[:, n]).all(axis=-1)
         where, facing = place[there, n], across[there, n]
         away = np.linalg.norm(where[:, None] - where, axis=-1) / chosen.alike_m
-        turned = np.arccos(np.clip(facing @ facing.T, -1, 1)) / chosen.alike_rad
+        # who is seen from one side alone counts as turned like everyone
+        turned = np.nan_to_num(np.arccos(np.clip(facing @ facing.T, -1, 1))) / chosen.alike_rad
         counts.append(np.exp(-(away**2 + turned**2) / 2).sum(axis=1))
     each = np.concatenate(counts)
     return len(each) / float((1 / each).sum())
