@@ -3,6 +3,7 @@
 import os
 import socket
 import sys
+import threading
 from types import SimpleNamespace
 
 import pytest
@@ -33,9 +34,27 @@ def test_a_priority_that_may_not_be_changed_stops_nothing(monkeypatch: pytest.Mo
     assert asked == [7]
     monkeypatch.setattr(os, "nice", refused)
     platform.lower_priority(7)
+    monkeypatch.setattr(os, "setpriority", refused, raising=False)
+    platform.lower_thread_priority(7)
     monkeypatch.setattr(os, "sched_setscheduler", refused, raising=False)
     with platform.punctual():
         pass
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere threads have the priority of their process")
+def test_a_thread_gives_way_to_the_others_of_its_process_by_so_many_steps() -> None:
+    mine = os.getpriority(os.PRIO_PROCESS, 0)
+    found: list[int] = []
+
+    def work() -> None:
+        platform.lower_thread_priority(3)
+        found.append(os.getpriority(os.PRIO_PROCESS, threading.get_native_id()))
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert found == [min(19, mine + 3)]
+    assert os.getpriority(os.PRIO_PROCESS, 0) == mine
 
 
 @pytest.mark.parametrize(

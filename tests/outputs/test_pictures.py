@@ -1,5 +1,6 @@
 """Outputs one looks at: that the right things are in them, in the right place, at the right time."""
 
+import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -9,7 +10,8 @@ import cv2
 import numpy as np
 import pytest
 
-from posefuse.core import Kind, Recording, Sink
+from posefuse.core import InputError, Kind, Recording, Sink
+from posefuse.formats.video import VideoWriter
 from posefuse.outputs import FrameSink, drawing, write_outputs
 from posefuse.outputs.drawing import (
     LEFT_RGB,
@@ -224,6 +226,24 @@ def test_a_pass_that_fails_leaves_no_video(tmp_path: Path, make_recording: Make,
 
     with pytest.raises(KeyboardInterrupt):
         write_outputs([OverlaySink(width_px=320, height_px=240), OverviewSink()], recording, tmp_path, broken())
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("half", ["converted", "encode"])
+def test_a_video_that_cannot_be_written_is_reported_and_removed(
+    tmp_path: Path, make_recording: Make, grey_frames: Frames, monkeypatch: pytest.MonkeyPatch, half: str
+) -> None:
+    recording, whole = make_recording(), getattr(VideoWriter, half)
+    calls = itertools.count()
+
+    def full(self: VideoWriter, *args: object) -> object:
+        if next(calls) == 2:
+            raise InputError("the disk is full")
+        return whole(self, *args)
+
+    monkeypatch.setattr(VideoWriter, half, full)
+    with pytest.raises(InputError, match="the disk is full"):
+        write_outputs([OverlaySink(width_px=320, height_px=240)], recording, tmp_path, grey_frames(recording))
     assert list(tmp_path.iterdir()) == []
 
 

@@ -68,6 +68,13 @@ class VideoWriter:
 
     def write(self, image: Array, t_ns: int) -> None:
         """Add one RGB uint8 frame (H, W, 3); raises InputError for a wrong size or a time not after the last one's."""
+        self.encode(self.converted(image, t_ns))
+
+    def converted(self, image: Array, t_ns: int) -> av.VideoFrame:
+        """The first half of `write`, for callers that convert a frame in one thread while another encodes the one before it.
+
+        Frames are converted in their order, by one thread at a time, and each is then given to `encode` in the same order.
+        """
         if image.shape != (self._size_wh[1], self._size_wh[0], 3) or image.dtype != np.uint8:
             raise InputError(f"{self._path}: expected RGB uint8 frames of {self._size_wh} px, got {image.dtype} {image.shape}")
         pts = round(t_ns / 1000)
@@ -78,6 +85,10 @@ class VideoWriter:
         given = av.VideoFrame.from_numpy_buffer(np.ascontiguousarray(image), format="rgb24")
         frame = self._scaler.reformat(given, format=self._stream.pix_fmt, threads=1)
         frame.pts, frame.time_base = pts, TIME_BASE
+        return frame
+
+    def encode(self, frame: av.VideoFrame) -> None:
+        """The second half of `write`: add a frame that `converted` returned."""
         self._mux(frame)
 
     def close(self) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from annotated_types import Ge, Le
 
 from posefuse.core import Recording
+from posefuse.core.arrays import Array
 from posefuse.foundation.atomic import atomic_file
 from posefuse.foundation.background import Background
 from posefuse.foundation.settings import settings
@@ -81,8 +82,10 @@ class _OverlayWriter:
         rate = rate_hz(self._recording.poses)
         self._video = VideoWriter(staged, self._grid.size_wh, rate, self._config.crf, preset="superfast", threads=_THREADS)
         self._whole.callback(self._video.close)
-        self._encoding = Background(self._video.write, "encode overlay")
+        self._encoding = Background(self._video.encode, "encode overlay")
         self._whole.callback(self._encoding.close)
+        self._converting = Background(self._convert, "convert overlay")
+        self._whole.callback(self._converting.close)
         return self
 
     def __exit__(self, *problem: Any) -> None:
@@ -103,4 +106,7 @@ class _OverlayWriter:
             tile = picture[top : top + tile_height, left : left + tile_width]
             draw_view(tile, self._recording, i, c, None if frame is None else frame.image, bodies=bodies)
         t_ns = self._recording.poses.t_ns
-        self._encoding.call(picture, int(t_ns[i] - t_ns[0]))
+        self._converting.call(picture, int(t_ns[i] - t_ns[0]))
+
+    def _convert(self, picture: Array, t_ns: int) -> None:
+        self._encoding.call(self._video.converted(picture, t_ns))

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import queue
-import sys
 import threading
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields, replace
@@ -14,11 +12,12 @@ from pathlib import Path
 
 from posefuse.core import Frame, InputError, PosefuseError
 from posefuse.formats.kept_video import KeptVideo
+from posefuse.foundation.platform import lower_thread_priority
 
 # about a third of a second of a fast camera; images of 640 x 480 px take 30 MB
 _QUEUE = 32
-# threads that encode give way to those that track
-_NICENESS = 10
+# threads that encode give way to those that track, by so many steps
+_NICENESS = 5
 # what is queued at the end is written within this time
 FINISH_S = 5.0
 
@@ -102,9 +101,7 @@ class VideoKeeper:
             self._thread.join(wait_s)
 
     def _run(self) -> None:
-        if sys.platform == "linux":
-            with contextlib.suppress(OSError):
-                os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICENESS)
+        lower_thread_priority(_NICENESS)
         while (item := self._queue.get()) is not None:
             self._write(*item)
         try:

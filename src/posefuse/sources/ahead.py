@@ -8,7 +8,10 @@ from collections.abc import Iterator
 from typing import Any
 
 from posefuse.core import Frame, PosefuseError, Source, SourceError
+from posefuse.foundation.platform import lower_thread_priority
 
+# frames are decoded well ahead of their use: whoever waits for them now is in no hurry
+_NICENESS = 5
 _END = object()
 
 
@@ -35,7 +38,7 @@ class FramesAhead:
             yield item
 
     def close(self) -> None:
-        """Stop decoding and released the source."""
+        """Stop decoding and release the source."""
         self._stop.set()
         while self._thread.is_alive():
             self._drain()
@@ -50,6 +53,7 @@ class FramesAhead:
             pass
 
     def _fill(self) -> None:
+        lower_thread_priority(_NICENESS)
         try:
             for frame in self._source.frames():
                 if not self._put(frame):
