@@ -38,6 +38,9 @@ class TrackerOfTwins:
     def looked_for(self, t_ns: int) -> Pose3D:
         return self.at(t_ns)
 
+    def check(self) -> None:
+        """Nothing can wait."""
+
     @property
     def health(self) -> Mapping[str, CameraStatistics]:
         return {}

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from posefuse.core import SKELETONS, Detections2D, JointCentres, LiveHealth, Rig, Skeleton
+from posefuse.core import SKELETONS, Detections2D, JointCentres, LiveHealth, LivePose, Rig, Skeleton
 from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse.health.cameras import Monitor, Verdict
 from posefuse.messages.cdr import encode
@@ -177,6 +177,23 @@ class Played:
     def _keep(self, message: object) -> None:
         if hasattr(message, "pose"):
             self.poses.append(message.pose)
+
+
+def test_what_can_wait_is_done_just_after_each_output(ring_rig) -> None:
+    fusion, clock = session(ring_rig(4))
+    done: list[str] = []
+
+    def passing() -> int:
+        clock.now += 1_000_000
+        return int(clock.now)
+
+    clock.now_ns = passing
+    fusion.tracker.check = lambda: done.append("what can wait")  # type: ignore[method-assign]
+    offer = lambda message: done.append("output") if isinstance(message, LivePose) else None  # noqa: E731
+    fusion.outlets = SimpleNamespace(offer=offer, poll=lambda: None, health={})
+    nothing = SimpleNamespace(channels=list, messages=lambda: (), troubles=dict)
+    fusion.run(nothing, 100.0, lambda _: len(done) >= 6)
+    assert done == ["output", "what can wait"] * 3
 
 
 def absurd(rng: np.random.Generator, cameras: tuple[str, ...], near_ns: int | None = None) -> Sample:

@@ -72,6 +72,30 @@ def test_a_hidden_wrist_does_not_stay_with_the_other_one(world):
     assert not any(error > 0.2 for error in after)
 
 
+@pytest.mark.parametrize(("between_outputs", "with_views"), [(True, False), (False, True)])
+def test_a_check_is_done_between_outputs_or_else_with_the_next_view(world, monkeypatch, between_outputs, with_views):
+    w = world(cameras=4, motion="stand")
+    tracker, now, checks = w.tracker(), "", []
+    real = CrossCheck.check
+
+    def noted(self, person, t_ns):
+        checks.append((now, t_ns))
+        real(self, person, t_ns)
+
+    monkeypatch.setattr(CrossCheck, "check", noted)
+    for view in w.views(END_S):
+        now = "view"
+        tracker.add(view)
+        tracker.at(view.t_ns)
+        now = "between outputs"
+        if between_outputs:
+            tracker.check()
+    assert {when for when, _ in checks} == {"view"} if with_views else {"between outputs"}
+    # as often either way
+    assert np.diff([t_ns for _, t_ns in checks]).min() >= 200_000_000
+    assert len(checks) >= END_S / 0.25
+
+
 class Tracked:
     """Someone who is tracked at (K, 3) in the world, whatever a check says; what each check said is kept."""
 

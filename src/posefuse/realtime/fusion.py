@@ -93,17 +93,19 @@ class Fusion:
 
     def run(self, intake: LiveIntake, rate_hz: float, until: Callable[[int], bool]) -> None:
         """Run until `until(now)` is true."""
-        period_ns = round(_S / rate_hz)
-        due_ns = self.clock.now_ns() + period_ns
         # objects that exist by now are permanent; a garbage collection would delay the output tick by milliseconds
         gc.collect()
         gc.freeze()
+        period_ns = round(_S / rate_hz)
+        due_ns = self.clock.now_ns() + period_ns
         try:
             while not until(now_ns := self.clock.now_ns()):
                 if now_ns < due_ns:
                     self._listen(intake, due_ns)
                     continue
                 self.tick(due_ns, period_ns)
+                # takes up to most of a period: only now can the next output be sure not to wait for it
+                self.tracker.check()
                 self._judge(intake, due_ns)
                 behind = (self.clock.now_ns() - due_ns) // period_ns
                 if behind > 1:

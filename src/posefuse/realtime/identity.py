@@ -58,6 +58,10 @@ class NamedTracker:
         """See `Tracker.looked_for`."""
         return self._tracker.looked_for(t_ns)
 
+    def check(self) -> None:
+        """See `Tracker.check`."""
+        self._tracker.check()
+
     def evidence(self, t_ns: int) -> Mapping[int, Evidence]:
         """See `Tracker.evidence`; by person."""
         found = self._tracker.evidence(t_ns)

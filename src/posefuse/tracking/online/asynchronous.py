@@ -117,7 +117,7 @@ class AsynchronousTracker:
         return tracks
 
     def _cross_check(self, t_ns: int) -> None:
-        """At most one person, and with the first view after an output: so the next output does not wait for it."""
+        """At most one person after each output: with the first view, unless `check` comes before it."""
         if not self._people or not self._asked:
             return
         self._asked = False
@@ -139,6 +139,11 @@ class AsynchronousTracker:
     def looked_for(self, t_ns: int) -> Pose3D:
         """See `Tracker.looked_for`."""
         return self.at(t_ns)
+
+    def check(self) -> None:
+        """See `Tracker.check`: the cross-check. The later after an output it begins, the more often the next one waits for it."""
+        if self._admission.newest_ns is not None:
+            self._cross_check(self._admission.newest_ns)
 
     def evidence(self, t_ns: int) -> Mapping[int, Evidence]:
         """See `Tracker.evidence`."""

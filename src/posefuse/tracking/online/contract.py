@@ -70,6 +70,13 @@ class Tracker(Protocol):
         """Every person that the views should look for at t_ns, including those without an identity so far."""
         ...
 
+    def check(self) -> None:
+        """Do what takes longer and can wait: for callers who have time now, just after an output.
+
+        Work that is due and was not done here is done by the next `add`, and delays it by milliseconds.
+        """
+        ...
+
     def evidence(self, t_ns: int) -> Mapping[int, Evidence]:
         """By person_id as in `at`, what the pose at t_ns rests on; empty where this tracker keeps nothing."""
         ...

@@ -62,6 +62,9 @@ class LatestTracker:
         """See `Tracker.looked_for`."""
         return self.at(t_ns)
 
+    def check(self) -> None:
+        """Nothing: fusion has to be done when its pose is wanted."""
+
     def evidence(self, t_ns: int) -> Mapping[int, Evidence]:
         """None: views of different times are taken for one."""
         return {}
