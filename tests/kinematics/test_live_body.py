@@ -10,12 +10,13 @@ from posefuse.core.joint_centres import SEGMENT_ENDS
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.kinematics import JointSettings
 from posefuse.kinematics.body import BodySettings, LengthPrior, LiveBody, LiveBodySettings, LiveRays, TrackedPoints
+from posefuse.kinematics.body.fade import Fade
 from posefuse.kinematics.body.standing import StandingFeet
 from posefuse.kinematics.joints import FrameBuffers
 
 PERIOD_NS, CHECK_NS = 10_000_000, 200_000_000
 WRIST = ANATOMICAL23.index("left_wrist")
-FAST = LiveBodySettings(learn_s=0.3, sample_every_s=0.02)
+FAST = LiveBodySettings(learn_s=0.3, sample_every_s=0.02, fade_s=0.1)
 # in the order of `SEGMENT_ENDS`, of the figure of conftest.py
 TRUE_M = np.array([0.31, 0.26, 0.43, 0.41, 0.38, 0.26, 0.52])
 PRIOR = LengthPrior(names=tuple(SEGMENT_ENDS), mean_m=TRUE_M * 1.05, cov_m2=np.diag((0.05 * TRUE_M) ** 2))
@@ -117,6 +118,58 @@ def test_a_fit_far_from_robust_fusion_is_dropped_and_begins_again_there(ring_rig
     out = followed(body, ring_rig, standing, 1.0, start_ns=2_000_000_000)
     assert out[-1] is not None
     assert np.nanmax(np.linalg.norm(out[-1] - standing, axis=-1)) < 0.03
+
+
+def test_no_step_where_a_fit_begins_or_is_dropped(ring_rig, standing) -> None:
+    """The pose moves as the tracked one does, and by a share of what the fit corrects: here 8 cm of a wrist."""
+    body = body_with(replace(BodySettings(), contact_sigma_m=0.0))
+    wrong, elsewhere = standing.copy(), standing.copy()
+    wrong[WRIST] += [0.0, 0.08, 0.0]
+    elsewhere[WRIST] += [0.0, 0.0, 0.3]
+    steps = []
+    before = after = None
+    for t_ns in range(0, 4_000_000_000, PERIOD_NS):
+        away = np.array([0.3, 0.1, 0.02]) * np.sin(1e-9 * t_ns)
+        checked = away + (elsewhere if 1_500_000_000 < t_ns < 3_000_000_000 else standing)
+        seen = rays(ring_rig, standing + away, 1 + t_ns // CHECK_NS, checked) if body.wants_rays(t_ns) else None
+        now = wrong + away
+        out = body.step(tracked(t_ns, now), seen)
+        out = now if out is None else out
+        if before is not None:
+            steps.append(np.nanmax(np.linalg.norm(out - after - (now - before), axis=-1)))
+        before, after = now, out
+    assert body.drops >= 2
+    assert np.linalg.norm(after - before, axis=-1)[WRIST] > 0.04, "the fit corrects"
+    # the steepest of a fade, and what two fits in a row differ by
+    assert max(steps) < 1.5 * 0.08 * (PERIOD_NS * 1e-9 / FAST.fade_s) + 0.001
+
+
+def test_a_person_who_jumps_takes_the_correction_along(ring_rig, standing) -> None:
+    """At the tick in which tracking finds the person elsewhere, and not when rays are next fitted there."""
+    body = body_with()
+    last = followed(body, ring_rig, standing, 1.0)[-1]
+    there = standing + [2.0, 1.0, 0.0]
+    for t_ns in range(1_000_000_000, 1_000_000_000 + 3 * PERIOD_NS, PERIOD_NS):
+        out = body.step(tracked(t_ns, there), None)
+        assert np.nanmax(np.linalg.norm(out - there, axis=-1)) <= np.nanmax(np.linalg.norm(last - standing, axis=-1)) + 1e-9
+    assert body.drops == 1
+
+
+def test_a_fade_that_is_interrupted_steps_no_more() -> None:
+    """Whatever follows whatever at any time."""
+    rng, period_s = np.random.default_rng(0), 0.01
+    fade, wanted, before, last, gap = Fade(3, 0.2), np.zeros((3, 3)), np.zeros((3, 3)), 0, 0.0
+    for i in range(1, 500):
+        changed = rng.random() < 0.08
+        if changed:
+            wanted, last = rng.normal(0, 0.1, (3, 3)), i
+        now = fade.step(round(1e9 * period_s * i), wanted, changed)
+        gap = np.abs(before - wanted).max() if changed else gap
+        assert np.abs(now - before).max() <= 1.5 * period_s / 0.2 * gap + 1e-12
+        if i - last >= 20:
+            assert fade.over(round(1e9 * period_s * i))
+            np.testing.assert_allclose(now, wanted, atol=1e-12)
+        before = now
 
 
 def test_a_fit_that_rays_are_against_is_dropped(ring_rig, standing) -> None:

@@ -129,6 +129,15 @@ def test_lengths_are_refined_slowly() -> None:
     assert 0 < steps.max() < 0.0001
 
 
+def test_the_fit_begins_without_a_step() -> None:
+    """No keypoint moves farther than as tracked, but by little."""
+    plain, body = xyz_of(off()), xyz_of(on())
+    began = int(np.argmax(np.nanmax(np.abs(body - plain), axis=(1, 2)) > 0))
+    moved_m, by_itself_m = (np.linalg.norm(np.diff(xyz[began - 2 : began + 3], axis=0), axis=-1) for xyz in (body, plain))
+    assert np.nanmax(np.linalg.norm(body - plain, axis=-1)[began + 20 :]) > 0.05, "the fit corrects"
+    assert np.nanmax(moved_m - by_itself_m) < 0.01
+
+
 def test_the_fit_is_nearer_to_the_truth() -> None:
     assert np.nanmean(walk().error_m(fitted(on()))) < np.nanmean(walk().error_m(fitted(off())))
 

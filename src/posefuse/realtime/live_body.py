@@ -57,8 +57,7 @@ class LiveSkeletons:
             rays = None if seen is None else self._rays(seen, landmarks.xyz_world[n], tracked.xyz)
             fitted = body.step(tracked, rays)
             if fitted is not None:
-                there = np.isfinite(fitted[:, 0]) & np.isfinite(xyz[n, :, 0])
-                xyz[n, there] = fitted[there]
+                xyz[n] = fitted
         return replace(pose, xyz_world=xyz)
 
     @property

@@ -1,7 +1,8 @@
 """One person's skeleton while the person is followed live: lengths learnt on the way, and a pose at every output tick.
 
 Every few output ticks the pose is fitted to rays. Between two such fits it follows the tracked keypoints, each moved by what the
-fits found it off by. It is always a pose of the skeleton, so its segments keep their lengths.
+fits found it off by. It is always a pose of the skeleton, so its segments keep their lengths. Only where a fit begins or is
+dropped, the output passes from one pose to the other over a short time, in which they do not.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from posefuse.core.arrays import Array
 from posefuse.kinematics.joints import FrameBuffers
 
 from . import kernels
+from .fade import Fade
 from .guess import guessed_state
 from .learning import LearntBody
 from .model import BodyModel
@@ -75,6 +77,7 @@ class LiveBody:
         self.learnt = LearntBody(skeleton, settings, live, prior, work)
         self.drops = 0
         self._fit: _Fit | None = None
+        self._fade = Fade(len(skeleton), live.fade_s)
         self._due_ns = self._checked_ns = 0
 
     def wants_rays(self, t_ns: int) -> bool:
@@ -82,21 +85,27 @@ class LiveBody:
         return self.learnt.body is not None and t_ns >= self._due_ns
 
     def step(self, tracked: TrackedPoints, rays: LiveRays | None) -> Array | None:
-        """(K, 3) keypoints of the skeleton, NaN for those it does not carry; None while there is no fit."""
+        """(K, 3) keypoints, NaN where they are not tracked; None where the tracked ones are to come out as they are.
+
+        Of the skeleton, and as tracked those that it does not carry; for a while after a fit began or was dropped, between both.
+        """
         changed = self.learnt.step(tracked.t_ns, tracked.xyz, tracked.cov, tracked.measured)
-        body = self.learnt.body
+        body, before = self.learnt.body, self._fit
         if body is None:
             return None
         if self._fit is not None and changed:
             self._fit = self._fit.with_body(body)
+        # before the fit follows the person there: what it corrected at the old place still holds
+        if self._fit is not None and self._fit.elsewhere(tracked):
+            self._drop()
         if rays is not None:
             self._due_ns = tracked.t_ns + round(self._live.fit_every_s * 1e9)
-            if self._fit is not None and self._fit.elsewhere(tracked):
-                self._drop()
             self._fit_rays(body, tracked, rays)
         elif self._fit is not None:
             self._fit.follow(tracked)
-        return None if self._fit is None else self._fit.keypoints(len(tracked.xyz))
+        wanted = np.zeros_like(tracked.xyz) if self._fit is None else self._fit.correction(tracked.xyz)
+        correction = self._fade.step(tracked.t_ns, wanted, self._fit is not before)
+        return None if self._fit is None and self._fade.over(tracked.t_ns) else tracked.xyz + correction
 
     def _fit_rays(self, body: BodyModel, tracked: TrackedPoints, rays: LiveRays) -> None:
         checked_anew = rays.checked_ns != self._checked_ns
@@ -151,10 +160,10 @@ class _Fit:
         self._body, self._packed = body, replace(self._packed, tree=tree)
         return self
 
-    def keypoints(self, count: int) -> Array:
-        """(K, 3), NaN where the skeleton carries none."""
-        out = np.full((count, 3), np.nan)
-        out[self._body.keypoint] = self._points
+    def correction(self, xyz: Array) -> Array:
+        """(K, 3) from tracked keypoints to those of the skeleton; 0 where either is missing."""
+        at, out = self._body.keypoint, np.zeros_like(xyz)
+        out[at] = np.nan_to_num(self._points - xyz[at])
         return out
 
     def to_rays(self, tracked: TrackedPoints, rays: LiveRays, iterations: int) -> None:

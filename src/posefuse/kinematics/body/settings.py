@@ -67,6 +67,7 @@ class LiveBodySettings:
             is dropped.
         worse_by, worse_fits: so is one whose rays are off by so much more than those of the tracked keypoints (mean squared
             distance in standard deviations) in so many fits running.
+        fade_s: after a fit began or was dropped, the pose passes so long from the tracked to the fitted one, or back.
     """
 
     learn_s: Annotated[float, Gt(0)] = 1.0
@@ -83,3 +84,4 @@ class LiveBodySettings:
     far_checks: Annotated[int, Ge(1)] = 3
     worse_by: Annotated[float, Gt(0)] = 2.0
     worse_fits: Annotated[int, Ge(1)] = 10
+    fade_s: Annotated[float, Gt(0)] = 0.2
