@@ -12,6 +12,11 @@ import numpy as np
 from .arrays import Array
 from .errors import ConfigError, choices
 
+_SIDED_PARTS = (
+    ("shoulder", "elbow", "wrist", "pinky", "index", "thumb"),
+    ("hip", "knee", "ankle", "heel", "foot_index", "big_toe", "small_toe"),
+)
+
 
 @dataclass(frozen=True)
 class Skeleton:
@@ -71,6 +76,16 @@ class Skeleton:
         )
 
     @cached_property
+    def limbs(self) -> tuple[tuple[Array, Array], ...]:
+        """Keypoint indices (left, right) of what a detector confuses as a whole: arms, then legs, where there are any."""
+        pairs = []
+        for parts in _SIDED_PARTS:
+            left = [i for i, k in enumerate(self.keypoints) if k.startswith("left_") and k[5:] in parts]
+            if left:
+                pairs.append((np.array(left), self.mirror[left]))
+        return tuple(pairs)
+
+    @cached_property
     def bone_indices(self) -> Array:
         """(B, 2) keypoint indices of the bones."""
         return np.array([[self.index(a), self.index(b)] for a, b in self.bones], dtype=np.intp).reshape(-1, 2)
@@ -83,6 +98,13 @@ def _known(name: str) -> Skeleton:
 @lru_cache(maxsize=16)
 def _received(name: str, keypoints: tuple[str, ...], bones: tuple[tuple[str, str], ...]) -> Skeleton:
     return Skeleton(name, keypoints, bones)
+
+
+def exchange_sides(plane: Array, wrong: Array, left: Array, right: Array) -> None:
+    """Exchange the keypoints `left` and `right` of plane[wrong], (..., K) or (..., K, D), in place."""
+    rows = plane[wrong]
+    rows[:, left], rows[:, right] = rows[:, right], rows[:, left]
+    plane[wrong] = rows
 
 
 def mirror_name(keypoint: str) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 
 from .arrays import Array
 from .observations import LIVE_STEP, NOT_KEPT, DetectionBatch, LookKind, Observations
-from .skeleton import Skeleton
+from .skeleton import Skeleton, exchange_sides
 from .values import VIEW_ARRAYS, Detections2D, Views, check_views, keypoint_boxes
 
 # a frame this close to its time step counts as taken at it
@@ -60,7 +60,8 @@ def views_over_time(
     """Every camera's keypoints of these people, brought to common times.
 
     A camera whose frames lie between these times gets keypoints interpolated linearly between its two frames around
-    each, so that cameras without hardware synchronisation agree on moving people.
+    each, so that cameras without hardware synchronisation agree on moving people. Where the detector confused left and right
+    of a limb in one of the two, the limb keeps the sides that the nearer frame gives it.
 
     Args:
         observations: of a recording, or of a live session. person_id: (N,) in this order.
@@ -79,10 +80,10 @@ def views_over_time(
             own = np.arange(len(steps)) if t_ns is None else _nearest(frames.t_ns, steps)
             reach_ns = _REACH_PERIODS * _period_ns(steps if t_ns is None else frames.t_ns)
             alone_ns = np.inf if t_ns is None else max(_period_ns(frames.t_ns) / 2, _SAME_TIME_NS)
-            planes = _at_times(steps, frames, own, max(reach_ns, gap_ns), alone_ns)
-            xy[:, :, c], score[:, :, c], sigma[:, :, c] = planes[:3]
+            found = _at_times(steps, frames, own, max(reach_ns, gap_ns), alone_ns, observations.skeleton)
+            xy[:, :, c], score[:, :, c], sigma[:, :, c] = found.xy, found.score, found.sigma
             if depth is not None:
-                depth[:, :, c] = planes[3]
+                depth[:, :, c] = found.depth
     names = observations.camera_names
     return ViewSequence(
         t_ns=steps, skeleton=observations.skeleton, camera_names=names, person_id=ids, xy_img=xy, score=score, sigma_px=sigma,
@@ -137,6 +138,11 @@ class _CameraFrames:
     score: Array
     sigma: Array
     depth: Array | None
+
+    def at(self, places: Array) -> _CameraFrames:
+        """A copy of the frames at these places."""
+        depth = None if self.depth is None else self.depth[places]
+        return _CameraFrames(self.t_ns[places], self.xy[places], self.score[places], self.sigma[places], depth)
 
 
 def _rows_of_people(observations: Observations, ids: Array, steps_only: bool) -> Array:
@@ -193,39 +199,61 @@ def _filled(observations: Observations, t_ns: Array, rows: Array, places: Array,
 
 
 def _at_times(
-    t_ns: Array, frames: _CameraFrames, own: Array, reach_ns: float, alone_ns: float
-) -> tuple[Array, Array, Array, Array | None]:
-    """Keypoints (T, N, K, 2), scores and sigmas (T, N, K) at times (T,), each from its own frame and the one on its other side.
+    t_ns: Array, frames: _CameraFrames, own: Array, reach_ns: float, alone_ns: float, skeleton: Skeleton
+) -> _CameraFrames:
+    """Keypoints at times (T,), each from its own frame and the one on its other side.
 
-    And depths (T, N, K, 2), where there are any: unknown as soon as one of the two frames does not know it.
+    Depths, where there are any, are unknown as soon as one of the two frames does not know it.
 
     Args:
         own: (T,) the frame of each time. reach_ns: frames farther apart than this are not interpolated between.
         alone_ns: a frame farther from its time than this counts only where it is interpolated.
     """
-    xy, score, sigma = frames.xy[own], frames.score[own], frames.sigma[own]
-    depth = None if frames.depth is None else frames.depth[own]
-    late_ns = frames.t_ns[own] - t_ns
+    found = frames.at(own)
+    late_ns = found.t_ns - t_ns
     other = own + np.where(late_ns > 0, -1, 1)
     i = np.flatnonzero((np.abs(late_ns) > _SAME_TIME_NS) & (other >= 0) & (other < len(frames.t_ns)))
-    span_ns = frames.t_ns[other[i]] - frames.t_ns[own[i]]
+    span_ns = frames.t_ns[other[i]] - found.t_ns[i]
     near = (span_ns != 0) & (np.abs(span_ns) <= reach_ns)
     i, span_ns = i[near], span_ns[near]
-    j = other[i]
+    before, after = found.at(i), frames.at(other[i])
+    _name_sides_like(before, after, skeleton)
     share = np.clip(-late_ns[i] / span_ns, 0, 1)[:, None, None]
-    both = np.zeros(score.shape, np.bool_)
-    both[i] = (score[i] > 0) & (frames.score[j] > 0)
-    blended = xy[i] * (1 - share[..., None]) + frames.xy[j] * share[..., None]
+    blended = (before.score > 0) & (after.score > 0)
+    found.xy[i] = np.where(blended[..., None], _between(before.xy, after.xy, share[..., None]), before.xy)
     # a detector errs alike in neighbouring frames, so blending two does not make it surer
-    blended_sigma = sigma[i] * (1 - share) + frames.sigma[j] * share
-    xy[i] = np.where(both[i, ..., None], blended, xy[i])
-    sigma[i] = np.where(both[i], blended_sigma, sigma[i])
-    score[i] = np.where(both[i], np.minimum(score[i], frames.score[j]), score[i])
-    if depth is not None and frames.depth is not None:
-        blended_depth = depth[i] * (1 - share[..., None]) + frames.depth[j] * share[..., None]
-        depth[i] = np.where(both[i, ..., None], blended_depth, depth[i])
+    found.sigma[i] = np.where(blended, _between(before.sigma, after.sigma, share), before.sigma)
+    found.score[i] = np.where(blended, np.minimum(before.score, after.score), before.score)
+    if found.depth is not None and before.depth is not None and after.depth is not None:
+        found.depth[i] = np.where(blended[..., None], _between(before.depth, after.depth, share[..., None]), before.depth)
+    both = np.zeros(found.score.shape, np.bool_)
+    both[i] = blended
     unseen = ~both & (np.abs(late_ns) > alone_ns)[:, None, None]
-    xy[unseen], score[unseen], sigma[unseen] = np.nan, 0.0, np.nan
-    if depth is not None:
-        depth[unseen] = np.nan
-    return xy, score, sigma, depth
+    found.xy[unseen], found.score[unseen], found.sigma[unseen] = np.nan, 0.0, np.nan
+    if found.depth is not None:
+        found.depth[unseen] = np.nan
+    return found
+
+
+def _between(before: Array, after: Array, share: Array) -> Array:
+    return np.asarray(before * (1 - share) + after * share)
+
+
+def _name_sides_like(own: _CameraFrames, other: _CameraFrames, skeleton: Skeleton) -> None:
+    """Exchange left and right of a limb in `other`, in place, wherever that takes it nearer to `own`.
+
+    Halfway between a leg and the other leg there is none: such a keypoint is wrong whichever frame was right, and no later
+    correction of sides can mend it.
+    """
+    for left, right in skeleton.limbs:
+        seen = np.all([one.score[..., limb] > 0 for one in (own, other) for limb in (left, right)], axis=0)
+        as_named = _away_px(own, other, left, left) + _away_px(own, other, right, right)
+        exchanged = _away_px(own, other, left, right) + _away_px(own, other, right, left)
+        wrong = np.where(seen, as_named - exchanged, 0.0).sum(axis=-1) > 0
+        for plane in (other.xy, other.score, other.sigma, *(() if other.depth is None else (other.depth,))):
+            exchange_sides(plane, wrong, left, right)
+
+
+def _away_px(own: _CameraFrames, other: _CameraFrames, limb: Array, other_limb: Array) -> Array:
+    """(F, N, k) from keypoints `limb` of one frame to keypoints `other_limb` of the other frame."""
+    return np.asarray(np.linalg.norm(other.xy[..., other_limb, :] - own.xy[..., limb, :], axis=-1))

@@ -13,12 +13,8 @@ import numpy as np
 
 from posefuse.core import PoseSequence, Rig, Skeleton, ViewSequence
 from posefuse.core.arrays import Array
+from posefuse.core.skeleton import exchange_sides
 
-# arms first: their shoulders then show which side of the body the hips are on
-_LIMBS = (
-    ("shoulder", "elbow", "wrist", "pinky", "index", "thumb"),
-    ("hip", "knee", "ankle", "heel", "foot_index", "big_toe", "small_toe"),
-)
 # a keypoint's surprise counts up to this distance from where its velocity would have taken it
 _MOST_SURPRISE_M = 0.4
 # what an exchange must gain per time step and keypoint to be believed
@@ -40,14 +36,15 @@ def steady_sides(sequence: PoseSequence) -> PoseSequence:
     """
     fields = ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")
     arrays = {name: np.array(getattr(sequence, name)) for name in fields}
-    for part, (left, right) in enumerate(_sides(sequence.skeleton)):
+    # arms first: their shoulders then show which side of the body the hips are on
+    for part, (left, right) in enumerate(sequence.skeleton.limbs):
         for n in range(len(sequence.person_id)):
             xyz = arrays["xyz_world"][:, n]
             told = np.full(len(xyz), np.nan) if part == 0 else _twist(xyz, sequence.skeleton)
             swapped = _labels(sequence.t_ns, xyz[:, left], xyz[:, right], told)
             wrong = np.isin(np.arange(len(sequence)), swapped)
             for array in arrays.values():
-                _exchange(array[:, n], wrong, left, right)
+                exchange_sides(array[:, n], wrong, left, right)
     changed: dict[str, Any] = dict(arrays)
     return replace(sequence, **changed)
 
@@ -62,7 +59,7 @@ def sides_like(reference: PoseSequence, rig: Rig, views: ViewSequence) -> ViewSe
     planes += [] if views.depth_m is None else [np.array(views.depth_m)]
     expected = np.stack([camera.project(reference.xyz_world) for camera in rig], axis=2)
     sigma = np.fmax(planes[2], _LEAST_SIGMA_PX)
-    for left, right in _sides(reference.skeleton):
+    for left, right in reference.skeleton.limbs:
         loss = {
             (i, j): _loss(planes[0][..., seen, :] - expected[..., named, :], sigma[..., seen])
             for i, seen in enumerate((left, right))
@@ -71,7 +68,7 @@ def sides_like(reference: PoseSequence, rig: Rig, views: ViewSequence) -> ViewSe
         gain = loss[0, 0] + loss[1, 1] - loss[0, 1] - loss[1, 0]
         wrong = gain > _LEAST_GAIN
         for plane in planes:
-            _exchange(plane, wrong, left, right)
+            exchange_sides(plane, wrong, left, right)
     depth = None if views.depth_m is None else planes[3]
     return replace(views, xy_img=planes[0], score=planes[1], sigma_px=planes[2], depth_m=depth)
 
@@ -80,23 +77,6 @@ def _loss(away_px: Array, sigma_px: Array) -> Array:
     """Cauchy loss of (..., k, 2) pixel distances, summed over keypoints; missing ones do not count."""
     square = (away_px**2).sum(axis=-1) / (_SCALE_SIGMA * sigma_px) ** 2
     return np.asarray(np.nansum(np.log1p(square), axis=-1))
-
-
-def _exchange(plane: Array, wrong: Array, left: Array, right: Array) -> None:
-    """Exchange columns `left` and `right` of plane[wrong] in place."""
-    rows = plane[wrong]
-    rows[:, left], rows[:, right] = rows[:, right], rows[:, left]
-    plane[wrong] = rows
-
-
-def _sides(skeleton: Skeleton) -> list[tuple[Array, Array]]:
-    """Left and right keypoint indices of each limb pair."""
-    pairs = []
-    for parts in _LIMBS:
-        left = [i for i, k in enumerate(skeleton.keypoints) if k.startswith("left_") and k[5:] in parts]
-        if left:
-            pairs.append((np.array(left), skeleton.mirror[left]))
-    return pairs
 
 
 def _twist(xyz: Array, skeleton: Skeleton) -> Array:
