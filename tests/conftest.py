@@ -3,11 +3,17 @@
 import base64
 import gzip
 import json
+import os
 import subprocess
 from collections.abc import Callable, Iterator
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
+
+# before numpy is imported: tests run on all cores at once, and for matrices as small as theirs the threads of OpenBLAS and of
+# torch wait for each other longer than they compute
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 import pytest

@@ -100,8 +100,12 @@ def _anny_rest(sliders: dict[str, float]) -> dict[str, Any]:
 
 def stature_and_mass(sliders: dict[str, float]) -> tuple[float, float]:
     """Stature in metres and mass in kilograms of the body model at these sliders."""
+    import torch
+
     model, _ = _model()
-    vertices = _anny_rest(sliders)["rest_vertices"][0].numpy()
+    with torch.no_grad():
+        # the skin at rest alone: its bones and a pose would cost five times as much
+        vertices = model.get_rest_vertices(model.get_phenotype_blendshape_coefficients(**sliders))[0].numpy()
     corners = vertices[model.faces.numpy()]
     volume = abs(np.einsum("fi,fi->", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2])) / 6
     return float(np.ptp(vertices[:, 2])), float(volume * _DENSITY_KG_M3)
