@@ -1,6 +1,10 @@
-"""Runs `posefuse` in this process and sends signals to it when named functions are called: python interrupting.py POINTS ARGS...
+"""Runs `posefuse` many times, each in a process of its own, and sends signals to it when named functions are called.
 
-POINTS is JSON: a list of [module, function, call number, signal]; signal "full" raises "no space left", "bug" a ValueError.
+`python interrupting.py ARGS...` runs `posefuse ARGS...` itself and prints its exit status; then modules are imported and kernels
+loaded. Each line of its input is JSON, [POINTS, ARGS, OUT, ERR, LIMIT_S]: a fork runs `posefuse ARGS` with the files OUT and ERR
+as its output, SIGALRM ends it after LIMIT_S, and its exit status is printed, negative for a signal.
+
+POINTS: a list of [module, function, call number, signal]; signal "full" raises "no space left", "bug" a ValueError.
 """
 
 import errno
@@ -35,9 +39,25 @@ def interrupt(module: str, path: str, call: int, what: str) -> None:
     setattr(owner, name, called)
 
 
+def redirect(out: str, err: str) -> None:
+    for place, path in enumerate((os.devnull, out, err)):
+        os.dup2(os.open(path, os.O_RDWR | os.O_CREAT), place)
+
+
 if __name__ == "__main__":
-    # a shell that runs the tests in the background has them ignore Ctrl-C
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    for point in json.loads(sys.argv[1]):
-        interrupt(*point)
-    sys.exit(main(sys.argv[2:]))
+    answers = os.fdopen(os.dup(1), "w", buffering=1)
+    os.dup2(2, 1)
+    print(main(sys.argv[1:]), file=answers)
+    for line in sys.stdin:
+        points, arguments, out, err, limit_s = json.loads(line)
+        sys.stdout.flush()
+        if pid := os.fork():
+            print(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), file=answers)
+            continue
+        redirect(out, err)
+        signal.alarm(limit_s)
+        # a shell that runs the tests in the background has them ignore Ctrl-C
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        for point in points:
+            interrupt(*point)
+        sys.exit(main(arguments))

@@ -1,16 +1,16 @@
 """Finished work survives: whatever ends `posefuse track`, --resume gives the bytes of an uninterrupted run."""
 
 import json
-import os
 import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from running import Running
 
 from posefuse.core import SE3, Rig
 from posefuse.core.observations import OBSERVATION_ARRAYS
@@ -49,11 +49,40 @@ def session(ring_rig: Callable[..., Rig], tmp_path_factory: pytest.TempPathFacto
     return folder
 
 
-def track(session: Path, out: Path, *options: str, at: tuple[list, ...] = ()) -> subprocess.CompletedProcess[str]:
-    script = Path(__file__).with_name("interrupting.py")
-    command = [sys.executable, str(script), json.dumps(at), "track", str(session), "--out", str(out), "--outputs", "trc,csv"]
-    command += ["--rate", "30"]
-    return subprocess.run([*command, *options], capture_output=True, text=True, timeout=AT_MOST_S, env=dict(os.environ))
+class Tracker:
+    """Runs of `posefuse track`, each a process of its own that ends where it is interrupted; the first is not interrupted.
+
+    A fork of that first one, which has its modules and kernels loaded, costs a third of a process from the beginning.
+    """
+
+    def __init__(self, session: Path, folder: Path) -> None:
+        self._folder, self.whole = folder, folder / "whole"
+        script = Path(__file__).with_name("interrupting.py")
+        self._running = Running([sys.executable, str(script), *_arguments(session, self.whole)], stdin=subprocess.PIPE)
+
+    def __enter__(self) -> "Tracker":
+        self._running.__enter__()
+        assert self._status() == 0
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._running.__exit__(*error)
+
+    def __call__(self, session: Path, out: Path, *options: str, at: tuple[list, ...] = ()) -> subprocess.CompletedProcess[str]:
+        arguments, said = [*_arguments(session, out), *options], [self._folder / "stdout", self._folder / "stderr"]
+        for path in said:
+            path.unlink(missing_ok=True)
+        asked = json.dumps([at, arguments, *map(str, said), AT_MOST_S])
+        self._running.process.stdin.write(asked + "\n")
+        self._running.process.stdin.flush()
+        return subprocess.CompletedProcess(arguments, self._status(), *(path.read_text() for path in said))
+
+    def _status(self) -> int:
+        return int(self._running.out.wait_for(r"^-?\d+$", AT_MOST_S)[0])
+
+
+def _arguments(session: Path, out: Path) -> list[str]:
+    return ["track", str(session), "--out", str(out), "--outputs", "trc,csv", "--rate", "30"]
 
 
 def results(folder: Path) -> dict[str, bytes]:
@@ -61,14 +90,17 @@ def results(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.fixture(scope="module")
-def whole(session: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
-    out = tmp_path_factory.mktemp("whole") / "result"
-    done = track(session, out)
-    assert done.returncode == 0, done.stderr
-    return results(out)
+def track(session: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tracker]:
+    with Tracker(session, tmp_path_factory.mktemp("tracker")) as tracker:
+        yield tracker
 
 
-def check_resumed(session: Path, out: Path, whole: dict[str, bytes]) -> None:
+@pytest.fixture(scope="module")
+def whole(track: Tracker) -> dict[str, bytes]:
+    return results(track.whole)
+
+
+def check_resumed(track: Tracker, session: Path, out: Path, whole: dict[str, bytes]) -> None:
     done = track(session, out, "--resume")
     assert done.returncode == 0, done.stderr
     assert results(out) == whole
@@ -104,7 +136,7 @@ def test_a_stored_result_solves_again_to_the_last_bit(session: Path, whole: dict
     ],
 )
 def test_detections_are_kept_and_resume_gives_the_same_bytes(
-    session: Path, whole: dict[str, bytes], tmp_path: Path, points: list[list]
+    track: Tracker, session: Path, whole: dict[str, bytes], tmp_path: Path, points: list[list]
 ) -> None:
     out = tmp_path / "result"
     ended = track(session, out, at=tuple(points))
@@ -122,12 +154,12 @@ def test_detections_are_kept_and_resume_gives_the_same_bytes(
     assert refused.stderr.strip().endswith(
         "an earlier run was interrupted; --resume continues it, --force starts from the beginning"
     )
-    check_resumed(session, out, whole)
+    check_resumed(track, session, out, whole)
 
 
 @pytest.mark.parametrize(("request_", "code"), [("SIGINT", 130), pytest.param("SIGTERM", 143, marks=pytest.mark.slow)])
 def test_the_first_ctrl_c_or_sigterm_writes_the_part_so_far_and_resume_completes_it(
-    session: Path, whole: dict[str, bytes], tmp_path: Path, request_: str, code: int
+    track: Tracker, session: Path, whole: dict[str, bytes], tmp_path: Path, request_: str, code: int
 ) -> None:
     out = tmp_path / "result"
     ended = track(session, out, "--json", at=([*DETECTING, request_],))
@@ -135,32 +167,34 @@ def test_the_first_ctrl_c_or_sigterm_writes_the_part_so_far_and_resume_completes
     assert json.loads(ended.stdout)["interrupted"] is True
     part = read_recording(out)
     assert 2 <= len(part.poses) < STEPS
-    check_resumed(session, out, whole)
+    check_resumed(track, session, out, whole)
 
 
 @pytest.mark.slow
-def test_a_run_that_is_interrupted_repeatedly_can_be_completed(session: Path, whole: dict[str, bytes], tmp_path: Path) -> None:
+def test_a_run_that_is_interrupted_repeatedly_can_be_completed(
+    track: Tracker, session: Path, whole: dict[str, bytes], tmp_path: Path
+) -> None:
     out = tmp_path / "result"
     for options in ((), ("--resume",)):
         assert track(session, out, *options, at=([*DETECTING[:2], 10, "SIGKILL"],)).returncode == -signal.SIGKILL
     [left] = find_unfinished(out)
     assert 10 < len({batch.step for batch in read_log(left / LOG_FILE).batches}) < STEPS
-    check_resumed(session, out, whole)
+    check_resumed(track, session, out, whole)
 
 
 def test_frames_whose_detections_never_reached_the_disk_are_detected_again(
-    session: Path, whole: dict[str, bytes], tmp_path: Path
+    track: Tracker, session: Path, whole: dict[str, bytes], tmp_path: Path
 ) -> None:
     out = tmp_path / "result"
     track(session, out, at=([*DETECTING, "SIGKILL"],))
     [left] = find_unfinished(out)
     log = left / LOG_FILE
     log.write_bytes(log.read_bytes()[:-7] + bytes(3))
-    check_resumed(session, out, whole)
+    check_resumed(track, session, out, whole)
 
 
 @pytest.mark.slow
-def test_force_starts_from_the_beginning(session: Path, whole: dict[str, bytes], tmp_path: Path) -> None:
+def test_force_starts_from_the_beginning(track: Tracker, session: Path, whole: dict[str, bytes], tmp_path: Path) -> None:
     out = tmp_path / "result"
     track(session, out, at=([*DETECTING, "SIGKILL"],))
     done = track(session, out, "--force")
@@ -179,7 +213,7 @@ def test_force_starts_from_the_beginning(session: Path, whole: dict[str, bytes],
     ],
 )
 def test_resume_with_other_inputs_or_settings_is_refused_by_name(
-    session: Path, tmp_path: Path, change: tuple[str, ...] | str, named: str
+    track: Tracker, session: Path, tmp_path: Path, change: tuple[str, ...] | str, named: str
 ) -> None:
     out, own = tmp_path / "result", Path(shutil.copytree(session, tmp_path / "session"))
     assert track(own, out, at=([*DETECTING, "SIGKILL"],)).returncode == -signal.SIGKILL
@@ -196,7 +230,9 @@ def test_resume_with_other_inputs_or_settings_is_refused_by_name(
     assert read_log(left / LOG_FILE).batches
 
 
-def test_a_failed_output_is_named_and_the_others_are_written(session: Path, whole: dict[str, bytes], tmp_path: Path) -> None:
+def test_a_failed_output_is_named_and_the_others_are_written(
+    track: Tracker, session: Path, whole: dict[str, bytes], tmp_path: Path
+) -> None:
     for what, reason in (("full", "No space left on device"), ("bug", "ValueError: not thought of")):
         out = tmp_path / what
         done = track(session, out, "--json", at=(["posefuse.outputs.trc", "write_trc", 1, what],))
@@ -207,7 +243,7 @@ def test_a_failed_output_is_named_and_the_others_are_written(session: Path, whol
 
 
 def test_a_full_disk_is_reported_before_the_work_or_loses_no_detection(
-    session: Path, whole: dict[str, bytes], small_disk: Callable[[int], Path]
+    track: Tracker, session: Path, whole: dict[str, bytes], small_disk: Callable[[int], Path]
 ) -> None:
     disk = small_disk(8)
     out, filler = disk / "result", disk / "filler"
@@ -224,4 +260,4 @@ def test_a_full_disk_is_reported_before_the_work_or_loses_no_detection(
     full = track(session, out, "--resume")
     assert full.returncode == 1
     filler.unlink()
-    check_resumed(session, out, whole)
+    check_resumed(track, session, out, whole)
