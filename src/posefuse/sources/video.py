@@ -136,7 +136,8 @@ class VideoSource:
     def _decode(self) -> Iterator[Arrived]:
         with opened_video(self._config) as container:
             stream = container.streams.video[0]
-            stream.thread_type = "AUTO" if self._config.threads else "SLICE"
+            # with threads for slices alone FFmpeg starts one per core, too, and hands the work round
+            stream.thread_type = "AUTO" if self._config.threads else "NONE"
             stream_base, start_ticks = Fraction(stream.time_base or 1), 0
             converter = PixelConverter()
             seq = 0
