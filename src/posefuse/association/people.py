@@ -23,6 +23,8 @@ from .members import best_per_camera, settled
 from .newcomers import newcomers
 from .settings import AssociateSettings
 
+# chosen, not fitted: a single view without depth must fit in more keypoints than `AssociateSettings.min_share`, since no other
+# view contradicts it
 _ALONE_SHARE = 0.7
 # what support within reach counts compared with support within the tolerance
 _FAR_SHARE = 0.05

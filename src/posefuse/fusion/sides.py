@@ -26,6 +26,7 @@ _OBJECTION = 6.0
 _MISFIT, _FIT = 0.3, 0.3
 # and pairs of keypoints must vote for it: least number, least share, least number for each vote against
 _WON_LEAST, _WON_SHARE, _WON_PER_LOST = 2, 0.4, 2
+# two views are met by a point nearly always, three only where they agree; four would leave rigs of three cameras uncorrected
 _REDUNDANT = 3
 _LEGS = ("hip", "knee", "ankle", "heel", "foot_index", "big_toe", "small_toe")
 _ARMS = ("shoulder", "elbow", "wrist", "hand_root", "thumb", "index", "middle", "ring", "pinky")

@@ -32,7 +32,10 @@ _LEAST = {MOVED: float(np.deg2rad(0.2)), UNSYNCHRONISED: 0.012}
 _UNKNOWNS = {MOVED: TURN, UNSYNCHRONISED: LATE}
 # hysteresis: a finding is cleared when the displacement falls below this share of its peak
 _LEFT = 0.4
+# chosen, not fitted: a finding is reported once it has lasted for so long, and cleared once it has been over for so long; a part
+# of the 1 s after which rotations of 5 deg are reported (docs/calibration.md)
 _SURE_AFTER_S = 0.6
+# chosen, not fitted: redundant coordinates before anything is suspected; 14 keypoints in four cameras give 70 in each time step
 _LEAST_COUNT = 200.0
 # with two cameras the faulty one cannot be identified
 LEAST_CAMERAS = 3
@@ -40,6 +43,8 @@ LEAST_CAMERAS = 3
 _APART = 0.5
 # mean distance between rays above which cameras may be swapped
 _GROSS_M = 0.1
+# chosen, not fitted: newest time steps that are tried with cameras exchanged; the exchange must leave less than this share of the
+# distance between rays; and pairs within this factor of the best one are named with it
 _SWAP_INSTANTS, _SWAP_GAIN, _SWAP_ALIKE = 10, 0.4, 1.5
 _NEWEST_APART_S = 1.0
 

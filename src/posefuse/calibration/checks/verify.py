@@ -19,10 +19,12 @@ from posefuse.core.arrays import Array
 from .camera_errors import CameraError, VerifyLimits, camera_errors
 from .point_noise import point_covariance
 
+# chosen, not fitted: errors of lengths on top of noise, as a share of the median length, and of the scale, that a rig may have
 _MOST_LENGTH_RMS_SHARE = 0.02
 _MOST_SCALE_ERROR = 0.01
 # the noise of corners is known to some ten per cent, and a linear triangulation is not the best there is
 _NOISE_FACTOR = 1.5
+# chosen, not fitted: coarse, of all corners together; single cameras are judged by `VerifyLimits`
 _MOST_REPROJECTION_PX_PER_1000 = 2.5
 _LEAST_LENGTHS = 20
 VERIFY_LIMITS = VerifyLimits()

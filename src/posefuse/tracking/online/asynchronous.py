@@ -23,20 +23,24 @@ from .settings import LiveSettings
 
 # a person is looked for in views no one claimed that are not older than this against the newest, so often at most
 _BIRTH_WINDOW_NS, _BIRTH_EVERY_NS = 120_000_000, 50_000_000
+# chosen, not fitted: at 30 frames/s the first of the views waits for the others without being replaced by its next one
 _BIRTH_WAIT_NS = 20_000_000
 # who was not measured for so long may be found again within this distance
 _STALE_NS, _FOUND_AGAIN_M = 200_000_000, 1.0
 _SAME_PERSON_M = 0.3
 # a person measured by some view within this time is in sight; the support of others counts this much
 _IN_SIGHT_NS, _GUESS_WEIGHT = 150_000_000, 0.5
+# chosen, not fitted: least keypoints of a newcomer, and least share of the skeleton; from 17 keypoints on the share asks for more
 _LEAST_POINTS, _LEAST_SHARE = 5, 0.3
 # how fast a person may move during the views a birth is made from
 _BIRTH_SPEED_M_S = 1.5
+# chosen, not fitted: detections of fewer keypoints are not kept for a birth, which needs more
 _LEAST_KEYPOINTS = 3
 # the cameras' views of a person are compared so often
 _CHECK_EVERY_NS = 200_000_000
 # of a sprinter: what is faster is no body any more
 _FASTEST_M_S = 13.0
+# the figures of a camera are means over about its last 1 / 0.01 = 100 views, 3 s at 30 frames/s
 _HEALTH_MEMORY = 0.01
 
 

@@ -17,6 +17,8 @@ from posefuse.core.values import UNSEEN
 from .contract import Fuse
 from .person import Model, Person
 
+# chosen, not fitted: cameras from 7 frames/s on always take part; views are moved by what the tracker knows of the motion since,
+# and errors of that grow with time
 _NEWEST_NS = 150_000_000
 # two views never tell which of them is wrong
 _LEAST_CAMERAS = 3

@@ -17,6 +17,7 @@ from .settings import LiveSettings
 _SPACING_PX = 6.0
 # keypoints may lie that far outside the image, as a share of its size
 _MARGIN = 0.3
+# chosen, not fitted: a stated sigma near 0 would let one view outweigh all others; networks err by 1 px or more
 _LEAST_SIGMA_PX = 0.3
 
 

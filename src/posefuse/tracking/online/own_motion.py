@@ -27,6 +27,8 @@ _EVERY_NS = 25_000_000
 # who stops at once, or begins another movement, is corrected wrongly until the tests of the last moments show it
 _MEMORY_S, _TESTED_MEMORY_S = 30.0, 0.5
 _KEEP, _KEEP_TESTED = (math.exp(-_EVERY_NS * 1e-9 / memory_s) for memory_s in (_MEMORY_S, _TESTED_MEMORY_S))
+# samples, 0.2 s; chosen, not fitted, to spare the solve, whose cost is cubic: less than a hundredth of the memory, so few of the
+# samples that the weights are made from are new
 _SOLVE_EVERY = 8
 # the weight of no correction at all, in samples; sum of squared corrections at which they count half, (m/s)^2
 _RIDGE, _TESTED = 0.3, 0.05
