@@ -10,7 +10,7 @@ from typing import Any
 from posefuse.core import Frame, PosefuseError, Source, SourceError
 from posefuse.foundation.platform import lower_thread_priority
 
-# frames are decoded well ahead of their use: whoever waits for them now is in no hurry
+# frames are decoded well ahead of their use: what uses them now does not wait for them
 _NICENESS = 5
 _END = object()
 
