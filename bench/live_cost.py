@@ -175,12 +175,16 @@ def thread_seconds(pid: int) -> dict[tuple[int, int], float]:
 
 def roles(pids: set[int], parent: int) -> dict[int, str]:
     """What each process does: by the order in which the session starts them, see `realtime.session`."""
-    names = {parent: "fusion"}
+    names, whole = {parent: "fusion"}, niceness(parent)
     for pid in pids - {parent}:
         with contextlib.suppress(OSError):
-            niceness = int(Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[16])
-            names[pid] = {2: "outputs", 5: "cameras", 10: "rig watch"}.get(niceness, "other")
+            names[pid] = {2: "outputs", 5: "cameras", 10: "rig watch"}.get(niceness(pid) - whole, "other")
     return names
+
+
+def niceness(pid: int) -> int:
+    """Of a process; raises OSError when it has ended."""
+    return int(Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[16])
 
 
 def session(rig: Path, sources: list[str], network: str, seconds: float, lead_s: float, *options: str) -> dict:
