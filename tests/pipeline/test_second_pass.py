@@ -13,9 +13,10 @@ from posefuse.core import (
     Observations,
     PoseSequence,
     Recording,
+    ViewSequence,
     views_over_time,
 )
-from posefuse.core.skeleton import COCO17
+from posefuse.core.skeleton import BLAZEPOSE33, COCO17
 from posefuse.fusion import FuseSettings
 from posefuse.pipeline.second_pass import long_enough, poses_over_time
 from posefuse.tracking import SmoothSettings
@@ -138,3 +139,32 @@ def test_ankles_that_cross_between_two_frames_do_not_exchange_the_legs(ring_rig)
     views = views_of(replace(seen, xy_img=xy))
     hips = COCO17.indices(["left_hip", "right_hip", "left_knee", "right_knee"])
     assert np.allclose(views.xy_img[..., hips, :], views_of(seen).xy_img[..., hips, :], atol=1e-3, equal_nan=True)
+
+
+def test_limbs_that_all_cameras_exchange_until_out_of_sight_are_named_by_where_feet_and_nose_point(
+    ring_rig,
+) -> None:
+    rig = ring_rig(4)
+    at = {
+        "nose": (0.12, 0, 1.60), "ear": (0, 0.08, 1.62), "shoulder": (0, 0.19, 1.42), "elbow": (0, 0.24, 1.15),
+        "wrist": (0.1, 0.26, 0.92), "hip": (0, 0.1, 0.95), "knee": (0.09, 0.11, 0.52), "ankle": (0, 0.12, 0.1),
+        "heel": (-0.05, 0.12, 0.05), "foot_index": (0.16, 0.13, 0.04),
+    }  # fmt: skip
+    xyz = np.full((len(BLAZEPOSE33), 3), np.nan)
+    for k, name in enumerate(BLAZEPOSE33.keypoints):
+        side, _, part = name.rpartition("_") if not name.endswith("foot_index") else (name[:-11], "_", "foot_index")
+        if part in at:
+            xyz[k] = np.array(at[part]) * [1, -1 if side == "right" else 1, 1]
+    xy = np.tile(np.stack([camera.project(xyz) for camera in rig]), (T, 1, 1, 1, 1))
+    xy[:10] = xy[:10][..., BLAZEPOSE33.mirror, :]
+    xy[10:14] = np.nan
+    seen = np.isfinite(xy[..., 0])
+    views = ViewSequence(
+        t_ns=np.arange(T) * PERIOD_NS, skeleton=BLAZEPOSE33, camera_names=rig.names, person_id=np.array([0]), xy_img=xy,
+        score=seen * 1.0, sigma_px=np.where(seen, 1.5, np.nan),
+    )  # fmt: skip
+    poses = poses_over_time(views, rig, FUSE, None)
+    limbs = np.concatenate([side for limb in BLAZEPOSE33.limbs for side in limb])
+    found = poses.xyz_world[np.r_[0:10, 14:T]][:, 0, limbs]
+    assert np.allclose(found, xyz[limbs], atol=1e-3, equal_nan=True)
+    assert np.isfinite(found).any(axis=(0, 2)).sum() >= 14

@@ -13,6 +13,8 @@ T, N, K = 90, 2, len(COCO17)
 LEFT_LEG = COCO17.indices(["left_hip", "left_knee", "left_ankle"])
 RIGHT_LEG = COCO17.mirror[LEFT_LEG]
 LEFT_ARM = COCO17.indices(["left_shoulder", "left_elbow", "left_wrist"])
+# no clue to where the body faces
+NOTHING = np.zeros((2, T, N))
 
 
 def walkers(noise_m: float = 0.004) -> PoseSequence:
@@ -68,31 +70,31 @@ def test_a_confused_stretch_is_put_right_with_all_that_belongs_to_it(limb: np.nd
     clean = walkers()
     confused = exchanged(clean, instants, 1, limb)
     assert not same(confused, clean)
-    assert same(steady_sides(confused), clean)
+    assert same(steady_sides(confused, NOTHING), clean)
 
 
 def test_clean_motion_is_left_alone_even_with_gaps() -> None:
     clean = walkers()
-    assert same(steady_sides(clean), clean)
+    assert same(steady_sides(clean, NOTHING), clean)
     xyz = np.array(clean.xyz_world)
     xyz[30:34, 0] = np.nan
     xyz[:, 1, LEFT_LEG[2]] = np.nan
     holed = replace(clean, xyz_world=xyz)
-    assert same(steady_sides(holed), holed)
+    assert same(steady_sides(holed, NOTHING), holed)
 
 
 def test_it_does_not_depend_on_where_the_world_is() -> None:
     confused = exchanged(walkers(), slice(12, 19), 0, LEFT_LEG)
     new_from_old = SE3.from_rotvec([0.4, -1.0, 0.3], [3.0, -2.0, 1.0])
     moved = replace(confused, xyz_world=new_from_old @ confused.xyz_world)
-    assert np.allclose(steady_sides(moved).xyz_world, new_from_old @ steady_sides(confused).xyz_world)
+    assert np.allclose(steady_sides(moved, NOTHING).xyz_world, new_from_old @ steady_sides(confused, NOTHING).xyz_world)
 
 
 def test_two_time_steps_tell_nothing() -> None:
     clean = walkers()
     arrays = {name: getattr(clean, name)[:2] for name in ("t_ns", "xyz_world", "cov_world", "reproj_px", "n_views", "kind")}
     short = exchanged(replace(clean, **arrays), slice(1, 2), 0, LEFT_LEG)
-    assert same(steady_sides(short), short)
+    assert same(steady_sides(short, NOTHING[:, :2]), short)
 
 
 def test_views_are_named_as_the_reference_has_them(ring_rig) -> None:
@@ -129,10 +131,35 @@ def test_missing_views_stay_missing(ring_rig) -> None:
 def test_legs_are_on_the_side_of_the_body_that_the_shoulders_tell_even_against_the_majority() -> None:
     clean = walkers()
     confused = exchanged(clean, slice(20, T), 0, LEFT_LEG)
-    assert same(steady_sides(confused), clean)
+    assert same(steady_sides(confused, NOTHING), clean)
     # without shoulders the majority is right
     without, xyz = exchanged(confused, slice(0, 20), 0, LEFT_LEG), []
     for sequence in (confused, without):
         xyz.append(np.array(sequence.xyz_world))
         xyz[-1][:, :, COCO17.indices(["left_shoulder", "right_shoulder"])] = np.nan
-    assert same(steady_sides(replace(confused, xyz_world=xyz[0])), replace(without, xyz_world=xyz[1]))
+    assert same(steady_sides(replace(confused, xyz_world=xyz[0]), NOTHING), replace(without, xyz_world=xyz[1]))
+
+
+def facing(part: int, count: int, instants: slice = slice(None)) -> np.ndarray:
+    """Clues of person 0 only."""
+    clues = np.array(NOTHING)
+    clues[part, instants, 0] = count
+    return clues
+
+
+@pytest.mark.parametrize("part", [0, 1], ids=["arms", "legs"])
+def test_clues_to_where_the_body_faces_decide_where_motion_cannot(part: int) -> None:
+    clean, limb = walkers(), [LEFT_ARM, LEFT_LEG][part]
+    xyz = np.array(clean.xyz_world)
+    # out of sight, so that nothing connects what came before with what came after; nor do the shoulders of the others
+    xyz[20:24, 0] = np.nan
+    xyz[:, 0, np.setdiff1d(np.arange(K), [*limb, *COCO17.mirror[limb]])] = np.nan
+    clean = replace(clean, xyz_world=xyz)
+    confused = exchanged(clean, slice(0, 20), 0, limb)
+    assert same(steady_sides(confused, NOTHING), confused)
+    assert same(steady_sides(confused, facing(part, -1, slice(0, 20))), confused), "one clue is not enough"
+    against = facing(part, -2, slice(0, 20)) + facing(part, 2, slice(24, T))
+    assert same(steady_sides(confused, against), clean)
+    # of a whole recording, too
+    confused = exchanged(clean, slice(0, T), 0, limb)
+    assert same(steady_sides(confused, facing(part, -2)), clean)

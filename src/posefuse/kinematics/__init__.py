@@ -4,9 +4,9 @@ from .definitions import JOINT_NAMES, JOINTS, SEGMENT_NAMES, SEGMENTS, undefined
 from .joints import JointTracker, joints_from_poses, reasons_from_poses, segment_axes
 from .reasons import Reason
 from .settings import JointSettings
-from .sides import check_sides
+from .sides import check_sides, facing_votes
 
 __all__ = [
     "JOINTS", "JOINT_NAMES", "SEGMENTS", "SEGMENT_NAMES", "JointSettings", "JointTracker", "Reason", "check_sides",
-    "joints_from_poses", "reasons_from_poses", "segment_axes", "undefined_angles", "undefined_segments",
+    "facing_votes", "joints_from_poses", "reasons_from_poses", "segment_axes", "undefined_angles", "undefined_segments",
 ]  # fmt: skip

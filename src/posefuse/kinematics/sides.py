@@ -22,18 +22,48 @@ def forward_votes(sequence: PoseSequence) -> Array:
     Clues: each foot's toe and the nose lie in front; knees bend backward and elbows forward.
     """
     points = landmarks(sequence)
-    right = points["right_hip"] - points["left_hip"]
-    up = points["left_shoulder"] + points["right_shoulder"] - points["left_hip"] - points["right_hip"]
-    front = np.cross(up, right)
-    front /= np.linalg.norm(front, axis=-1, keepdims=True)
-    clues = [points[f"{side}_toe"] - points[f"{side}_heel"] for side in ("left", "right")]
-    clues.append(points["nose"] - (points["left_ear"] + points["right_ear"]) / 2)
+    return _signs([*_clues(points, ("leg",)), *_bends(points, ("arm",))], _front(points, "hip"))
+
+
+def facing_votes(sequence: PoseSequence) -> Array:
+    """(2, T, N) sums of signs, for arms and for legs: positive where clues agree that the left one is on the left.
+
+    Clues: feet and nose point forward, knees bend backward; forward is where shoulders (for arms) or hips (for legs) face.
+    How elbows bend is not asked: a raised arm may bend either way.
+    """
+    points = landmarks(sequence)
+    clues = _clues(points, ("leg",))
+    return np.stack([_signs(clues, _front(points, line)).sum(axis=-1) for line in ("shoulder", "hip")])
+
+
+def _clues(points: dict[str, Array], limbs: tuple[str, ...]) -> list[Array]:
+    """Vectors (T, N, 3) that point forward, as far as they are long: of feet, head and bent limbs."""
+    feet = [points[f"{side}_toe"] - points[f"{side}_heel"] for side in SIDES]
+    return [*feet, points["nose"] - (points["left_ear"] + points["right_ear"]) / 2, *_bends(points, limbs)]
+
+
+def _bends(points: dict[str, Array], limbs: tuple[str, ...]) -> list[Array]:
+    """How far each of these limbs is bent forward, (T, N, 3)."""
+    bends = []
     for limb in LIMBS:
-        upper, lower = points[limb.proximal] - points[limb.middle], points[limb.distal] - points[limb.middle]
-        unit = upper / np.linalg.norm(upper, axis=-1, keepdims=True)
-        clues.append(limb.bend * (lower - (lower * unit).sum(-1, keepdims=True) * unit))
-    ahead = np.stack([(clue * front).sum(-1) for clue in clues], axis=-1)
-    return np.where(np.abs(np.nan_to_num(ahead)) > _CLEAR_M, np.sign(np.nan_to_num(ahead)), 0)
+        if limb.name.endswith(limbs):
+            upper, lower = points[limb.proximal] - points[limb.middle], points[limb.distal] - points[limb.middle]
+            unit = upper / np.linalg.norm(upper, axis=-1, keepdims=True)
+            bends.append(limb.bend * (lower - (lower * unit).sum(-1, keepdims=True) * unit))
+    return bends
+
+
+def _front(points: dict[str, Array], line: str) -> Array:
+    """(T, N, 3) unit vectors: where the line from the left to the right hip or shoulder faces."""
+    up = points["left_shoulder"] + points["right_shoulder"] - points["left_hip"] - points["right_hip"]
+    front = np.cross(up, points[f"right_{line}"] - points[f"left_{line}"])
+    return np.asarray(front / np.linalg.norm(front, axis=-1, keepdims=True))
+
+
+def _signs(clues: list[Array], front: Array) -> Array:
+    """(T, N, V) sign of each clue along the front; 0 where it is short or missing."""
+    ahead = np.nan_to_num(np.stack([(clue * front).sum(-1) for clue in clues], axis=-1))
+    return np.where(np.abs(ahead) > _CLEAR_M, np.sign(ahead), 0)
 
 
 def check_sides(sequence: PoseSequence) -> None:

@@ -7,6 +7,7 @@ from dataclasses import replace
 from posefuse.core import InputError, JointCentres, Observations, Pose3D, PoseSequence, Rig, ViewSequence
 from posefuse.core.views_over_time import people_in
 from posefuse.fusion import FuseSettings, fuse
+from posefuse.kinematics import facing_votes
 from posefuse.tracking import SmoothSettings, sides_like, smooth, steady_sides, to_joint_centres
 
 # a person followed in fewer time steps than this is not one
@@ -44,7 +45,7 @@ def poses_over_time(
     fused = _fused(views, rig, fusing)
     if fusing.weights == "robust" and fusing.swap_correction:
         named = replace(fusing, swap_correction=False)
-        reference = smooth(steady_sides(fused), smoothing or SmoothSettings())
+        reference = smooth(steady_sides(fused, facing_votes(fused)), smoothing or SmoothSettings())
         fused = _fused(sides_like(reference, rig, views), rig, named)
     fused = to_joint_centres(fused, centres) if centres else fused
     return smooth(fused, smoothing) if smoothing else fused

@@ -19,20 +19,26 @@ from posefuse.core.skeleton import exchange_sides
 _MOST_SURPRISE_M = 0.4
 # what an exchange must gain per time step and keypoint to be believed
 _PRIOR_M = 0.03
-# largest twist of the hips against the shoulders (cosine of the angle between their left-right axes)
-_MOST_TWIST = -0.2
+# clues to where the body faces that must outweigh the others before an exchange against them counts as impossible
+_FACING_CLUES = 2
+# hips and shoulders are on the same side where the cosine of the angle between their left-right axes is clear of zero
+_LEAST_TWIST = 0.2
 # a view is held to no less than this, so that an overconfident one is not exchanged for a few pixels
 _LEAST_SIGMA_PX = 2.0
 # Cauchy loss that exchanging a limb in a view must save; its scale in standard deviations
 _LEAST_GAIN, _SCALE_SIGMA = 2.0, 2.0
 
 
-def steady_sides(sequence: PoseSequence) -> PoseSequence:
+def steady_sides(sequence: PoseSequence, facing: Array) -> PoseSequence:
     """Swap left and right of arms and legs where that makes their motion steady, for each person separately.
 
     The labelling of least total surprise over the whole recording (Viterbi over pairs of time steps; surprise is the distance
-    from constant velocity); legs also stay on the side of the body given by the shoulders. Arms are never
-    exchanged in most of a recording.
+    from constant velocity); arms and legs also stay on the side of the body that feet, nose and knees show, and legs on
+    the side given by the shoulders. Arms of which nothing shows where they belong are never exchanged in most of a recording.
+
+    Args:
+        sequence: poses. facing: (2, T, N) clues, for arms and for legs, that their left one is on the left, less those against
+            it, as `posefuse.kinematics.facing_votes` counts them; zeros where nothing is known.
     """
     fields = ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")
     arrays = {name: np.array(getattr(sequence, name)) for name in fields}
@@ -40,8 +46,11 @@ def steady_sides(sequence: PoseSequence) -> PoseSequence:
     for part, (left, right) in enumerate(sequence.skeleton.limbs):
         for n in range(len(sequence.person_id)):
             xyz = arrays["xyz_world"][:, n]
-            told = np.full(len(xyz), np.nan) if part == 0 else _twist(xyz, sequence.skeleton)
-            swapped = _labels(sequence.t_ns, xyz[:, left], xyz[:, right], told)
+            agree = np.where(np.abs(facing[part, :, n]) >= _FACING_CLUES, np.sign(facing[part, :, n]), 0)
+            if part > 0:
+                twist = _twist(xyz, sequence.skeleton)
+                agree += np.where(np.abs(twist) > _LEAST_TWIST, np.sign(twist), 0)
+            swapped = _labels(sequence.t_ns, xyz[:, left], xyz[:, right], agree)
             wrong = np.isin(np.arange(len(sequence)), swapped)
             for array in arrays.values():
                 exchange_sides(array[:, n], wrong, left, right)
@@ -91,16 +100,19 @@ def _twist(xyz: Array, skeleton: Skeleton) -> Array:
     return np.asarray((lines[0] * lines[1]).sum(axis=-1) / np.where(length > 1e-6, length, np.nan))
 
 
-def _labels(t_ns: Array, left: Array, right: Array, twist: Array) -> Array:
-    """(T,) indices of the time steps to exchange, from (T, k, 3) positions of both sides and the trunk's twist (T,)."""
+def _labels(t_ns: Array, left: Array, right: Array, agree: Array) -> Array:
+    """Indices of the time steps to exchange, from (T, k, 3) positions of both sides.
+
+    agree: (T,) how much of the rest of the body shows that sides are right, negative: exchanged, 0: nothing.
+    """
     count = len(t_ns)
     if count < 3:
         return np.zeros(0, np.intp)
     both = np.stack([np.concatenate([left, right], axis=1), np.concatenate([right, left], axis=1)])  # (label, T, 2k, 3)
     stretch = (np.diff(t_ns)[1:] / np.diff(t_ns)[:-1])[:, None, None]
     impossible = _MOST_SURPRISE_M**2
-    keep = np.where(twist < _MOST_TWIST, impossible, 0.0)
-    swap = _PRIOR_M**2 * np.isfinite(left[..., 0]).sum(axis=1) * 2 + np.where(-twist < _MOST_TWIST, impossible, 0.0)
+    keep = np.where(agree < 0, -agree, 0) * impossible
+    swap = _PRIOR_M**2 * np.isfinite(left[..., 0]).sum(axis=1) * 2 + np.where(agree > 0, agree, 0) * impossible
     prior = np.stack([keep, swap], axis=1)
     cost = prior[0][:, None] + prior[1][None]  # (label before, label now)
     came_from = np.zeros((count, 2, 2), np.int8)
@@ -116,7 +128,7 @@ def _labels(t_ns: Array, left: Array, right: Array, twist: Array) -> Array:
     labels[-2:] = b, c
     for t in range(count - 1, 1, -1):
         labels[t - 2] = came_from[t, labels[t - 1], labels[t]]
-    if 2 * labels.sum() > count and np.isnan(twist).all():  # only the majority decides
+    if 2 * labels.sum() > count and not agree.any():  # only the majority decides
         labels = 1 - labels
     return np.flatnonzero(labels)
 
