@@ -26,13 +26,12 @@ from posefuse.core.arrays import Array
 
 # a block of new seconds, the longest one when more have come, and the overlap at both ends
 _BLOCK_S, _LONGEST_S, _MARGIN_S = 2.0, 6.0, 0.3
-# chosen, not fitted: offsets both so far and so many standard errors from where they were searched are searched again from there;
-# on the walk of tests/realtime/test_clocks.py half or twice of them changes no result by more than 1.5 ms
+# chosen, not fitted: offsets both so far and so many standard errors from where they were searched are searched again from there
 _FAR_S, _FAR_SIGMAS = 0.02, 5.0
 # prior standard deviation of every offset
 _BEFORE_S = 0.3
-# time constant at which earlier blocks fade, chosen: 30 s after a clock was set by 30 ms, 8 ms of it are missing (3 ms with half
-# of it, 13 ms with twice); and the standard error below which an offset is reported
+# chosen, not fitted: time constant at which earlier blocks fade: a clock that was set is followed sooner with less, and an offset
+# that stays is known better with more; and the standard error below which an offset is reported
 _FORGOTTEN_S, _TRUSTED_S = 20.0, 0.005
 
 

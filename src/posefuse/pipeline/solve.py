@@ -199,8 +199,8 @@ def solve_again(
         chosen = dataclasses.replace(chosen, names=edits.names)
     settings = SolveSettings.of(chosen, centres, live=recording.is_live or bool(about.get("second_solve")), edits=edits)
     about["config"] = plain(dataclasses.asdict(chosen))
-    for told_anew in ("edits", "fitted_people"):
-        about.pop(told_anew, None)
+    for outdated in ("edits", "fitted_people"):
+        about.pop(outdated, None)
     if edits != NO_EDITS:
         about["edits"] = plain(dataclasses.asdict(edits))
     if recording.is_live:

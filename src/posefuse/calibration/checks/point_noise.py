@@ -7,7 +7,7 @@ import numpy as np
 from posefuse.core import Rig
 from posefuse.core.arrays import Array
 
-# a slope's error grows with its square and is negligible: half or twice of it changes covariances at 4.5 m by less than 1e-9
+# the error of a slope grows with its square and is negligible at this size
 _STEP_M = 1e-4
 
 

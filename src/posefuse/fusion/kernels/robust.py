@@ -19,7 +19,7 @@ FAR = 20.0 * USED  # squared residual of a linear start beyond which not all vie
 PRIOR_DOF = 8.0  # how many residuals the stated sigma is worth when residuals contradict it
 RESCALE = 2.0  # squared ratio of seen to stated noise from which the stated sigma is taken as wrong
 MIN_POINTS = 5  # of three or more views, to judge the stated sigma by
-ATTEMPTS = 5  # chosen, not fitted: four cameras with noise 3 or 8 times the stated are done after 3, whatever more are allowed
+ATTEMPTS = 5  # chosen, not fitted
 # chosen, not fitted: stated noise is taken as too large by a factor of 4 at most; without outliers, half or twice of it changes
 # neither points nor, as `inflate` has a floor, their covariances
 MIN_SCALE = 0.25
