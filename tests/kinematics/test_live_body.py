@@ -155,6 +155,20 @@ def test_a_person_who_jumps_takes_the_correction_along(ring_rig, standing) -> No
     assert body.drops == 1
 
 
+def test_rays_that_disagree_are_as_wrong_as_they_are_apart(ring_rig, standing) -> None:
+    """Four rays that miss a point by two standard deviations in each coordinate have chi-squared 32 and 5 degrees of freedom."""
+    exact = rays(ring_rig, standing)
+    sign = np.array([1.0, -1.0, 1.0, -1.0])[:, None]
+    apart = exact.xy.copy()
+    apart[:, WRIST] += 2 * 0.003 * sign
+    factors = replace(exact, xy=apart).disagreement(standing)
+    assert factors[WRIST] == pytest.approx(32 / 5)
+    assert (np.delete(factors, WRIST) == 1).all()
+    inverse_var = exact.inverse_var.copy()
+    inverse_var[1:, WRIST] = 0
+    assert (replace(exact, xy=apart, inverse_var=inverse_var).disagreement(standing) == 1).all(), "one ray alone"
+
+
 def test_a_fade_that_is_interrupted_steps_no_more() -> None:
     """Whatever follows whatever at any time."""
     rng, period_s = np.random.default_rng(0), 0.01

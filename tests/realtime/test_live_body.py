@@ -142,13 +142,22 @@ def test_the_fit_is_nearer_to_the_truth() -> None:
     assert np.nanmean(walk().error_m(fitted(on()))) < np.nanmean(walk().error_m(fitted(off())))
 
 
-def test_only_places_change() -> None:
+def test_only_places_and_covariances_change() -> None:
     for plain, pose in zip(off(), on(), strict=True):
         np.testing.assert_array_equal(plain.person_id, pose.person_id)
-        for name in ("cov_world", "reproj_px", "n_views", "kind"):
+        for name in ("reproj_px", "n_views", "kind"):
             np.testing.assert_array_equal(getattr(plain, name), getattr(pose, name), err_msg=name)
         np.testing.assert_array_equal(np.isnan(plain.xyz_world), np.isnan(pose.xyz_world))
     assert difference_m(off()[-1], on()[-1]) > 0.001
+
+
+def test_a_covariance_is_the_tracked_one_or_larger_in_all_directions() -> None:
+    plain, body = (np.array([pose.cov_world[0] for pose in poses]) for poses in (off(), on()))
+    factor = np.trace(body, axis1=-2, axis2=-1) / np.trace(plain, axis1=-2, axis2=-1)
+    known = np.isfinite(factor)
+    np.testing.assert_allclose(body[known], factor[known][:, None, None] * plain[known], rtol=1e-9)
+    assert factor[known].min() >= 1 - 1e-12
+    assert np.median(factor[known]) < 1.01, "where views agree it is the same"
 
 
 def test_off_there_is_nothing() -> None:
@@ -201,10 +210,20 @@ def test_limbs_that_two_cameras_put_elsewhere_do_not_end_worse() -> None:
         return replace(view, xy_img=xy, sigma_px=sigma)
 
     come = [(at_ns, seen(view)) for at_ns, view in walk().come]
-    plain, body = (walk().error_m(fitted(walk().poses(config, come)))[:, LEFT] for config in (LiveConfig(), ON))
+    plain_poses, body_poses = (fitted(walk().poses(config, come)) for config in (LiveConfig(), ON))
+    plain, body = (walk().error_m(poses)[:, LEFT] for poses in (plain_poses, body_poses))
     assert np.nanmean(plain) > 1.3 * np.nanmean(walk().error_m(fitted(off()))[:, LEFT]), "the scene is hard enough"
     assert np.nanmean(body) < np.nanmean(plain) + 0.01
     assert np.nanpercentile(body, 95) < np.nanpercentile(plain, 95) + 0.03
+    # the tracker alone is surer than it is right
+    assert nees(body_poses) < 0.8 * nees(plain_poses)
+
+
+def nees(poses: list[Pose3D]) -> float:
+    """Of `LEFT`, 3 where the stated covariance is honest."""
+    true = walk().place(np.array([pose.t_ns - BEGIN_NS for pose in poses]) * 1e-9)
+    error, cov = (xyz_of(poses) - true)[:, LEFT], np.array([pose.cov_world[0, LEFT] for pose in poses])
+    return float(np.nanmean(np.einsum("tki,tkij,tkj->tk", error, np.linalg.inv(cov), error)))
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:

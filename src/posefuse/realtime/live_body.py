@@ -40,8 +40,9 @@ class LiveSkeletons:
     def step(self, tracker: Tracker, landmarks: Pose3D, pose: Pose3D) -> Pose3D:
         """The next pose, with the keypoints of the people who have a fitted skeleton; the others are as they were.
 
-        Keypoints that are missing stay missing. Covariances are those of the tracked keypoints: the fit does not make the errors
-        smaller that all views share.
+        Keypoints that are missing stay missing. Covariances are those of the tracked keypoints, as the fit does not make the
+        errors smaller that all views share, and larger where views disagree: networks are as sure of what they invent behind a
+        screen as of what they see.
 
         Args:
             tracker: whose pose it is. landmarks: this pose. pose: the same people, at joint centres.
@@ -50,7 +51,7 @@ class LiveSkeletons:
         self._people = {person: before.get(person) or self._new() for person in pose.person_id.tolist()}
         wanting = [person for person, body in self._people.items() if body.wants_rays(t_ns)]
         evidence = tracker.evidence(t_ns) if wanting else {}
-        xyz = pose.xyz_world.copy()
+        xyz, cov = pose.xyz_world.copy(), pose.cov_world.copy()
         for n, (person, body) in enumerate(self._people.items()):
             tracked = TrackedPoints(t_ns=t_ns, xyz=xyz[n].copy(), cov=pose.cov_world[n], measured=pose.kind[n] == Kind.FUSED)
             seen = evidence.get(person) if person in wanting else None
@@ -58,7 +59,8 @@ class LiveSkeletons:
             fitted = body.step(tracked, rays)
             if fitted is not None:
                 xyz[n] = fitted
-        return replace(pose, xyz_world=xyz)
+            cov[n] *= body.disagreement[:, None, None]
+        return replace(pose, xyz_world=xyz, cov_world=cov)
 
     @property
     def lengths(self) -> Mapping[int, Mapping[str, Length]]:

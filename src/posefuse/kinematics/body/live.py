@@ -52,6 +52,22 @@ class LiveRays:
     checked_ns: int
     checked_world: Array
 
+    def squared(self, points: Array, at: Array) -> Array:
+        """(V, A) squared distance of points (A, 3) from the rays of keypoints `at` in standard deviations; NaN where unseen."""
+        there = np.einsum("vij,aj->vai", self.projections[:, :, :3], points) + self.projections[:, None, :, 3]
+        error = np.square(there[..., :2] / there[..., 2:] - self.xy[:, at]).sum(axis=-1)
+        inverse_var = self.inverse_var[:, at]
+        return np.where(inverse_var > 0, error * inverse_var, np.nan)
+
+    def disagreement(self, points: Array) -> Array:
+        """(K,) by how much rays that meet near points (K, 3) are farther apart than stated, as a factor of variance from 1 on.
+
+        The Birge ratio: chi-squared by its degrees of freedom. One ray agrees with any point.
+        """
+        squared = self.squared(points, np.arange(len(points)))
+        freedom = 2 * np.isfinite(squared).sum(axis=0) - 3
+        return np.asarray(np.maximum(1.0, np.nansum(squared, axis=0) / np.where(freedom > 0, freedom, np.inf)))
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class TrackedPoints:
@@ -68,6 +84,7 @@ class LiveBody:
 
     Attributes:
         learnt: the skeleton. drops: how often a fit was dropped because it disagreed with rays or robust fusion.
+        disagreement: (K,) of the newest rays around the tracked keypoints, see `LiveRays`.
     """
 
     def __init__(
@@ -76,6 +93,7 @@ class LiveBody:
         self._skeleton, self._settings, self._live, self._work = skeleton, settings, live, work
         self.learnt = LearntBody(skeleton, settings, live, prior, work)
         self.drops = 0
+        self.disagreement = np.ones(len(skeleton))
         self._fit: _Fit | None = None
         self._fade = Fade(len(skeleton), live.fade_s)
         self._due_ns = self._checked_ns = 0
@@ -100,6 +118,7 @@ class LiveBody:
             self._drop()
         if rays is not None:
             self._due_ns = tracked.t_ns + round(self._live.fit_every_s * 1e9)
+            self.disagreement = rays.disagreement(tracked.xyz)
             self._fit_rays(body, tracked, rays)
         elif self._fit is not None:
             self._fit.follow(tracked)
@@ -237,8 +256,7 @@ class _Fit:
 
 
 def _ray_loss(points: Array, rays: LiveRays, at: Array) -> float:
-    """Mean squared distance of keypoints (A, 3) from their rays in standard deviations, wrong rays cut."""
-    there = np.einsum("vij,aj->vai", rays.projections[:, :, :3], points) + rays.projections[:, None, :, 3]
-    error = np.square(there[..., :2] / there[..., 2:] - rays.xy[:, at]).sum(axis=-1) * rays.inverse_var[:, at] / 2
-    seen = (rays.inverse_var[:, at] > 0) & np.isfinite(error)
-    return float(np.minimum(error[seen], _WRONG_SIGMAS**2).mean()) if seen.any() else 0.0
+    """Mean squared distance of keypoints (A, 3) from their rays in standard deviations, by coordinate, wrong rays cut."""
+    squared = rays.squared(points, at) / 2
+    seen = np.isfinite(squared)
+    return float(np.minimum(squared[seen], _WRONG_SIGMAS**2).mean()) if seen.any() else 0.0
