@@ -52,7 +52,8 @@ def test_a_thread_gives_way_to_the_others_of_its_process_by_so_many_steps() -> N
 
     thread = threading.Thread(target=work)
     thread.start()
-    thread.join()
+    thread.join(timeout=60)
+    assert not thread.is_alive()
     assert found == [min(19, mine + 3)]
     assert os.getpriority(os.PRIO_PROCESS, 0) == mine
 

@@ -38,7 +38,7 @@ class LiveConfig:
         proportions: move keypoints of detectors without such a table by average human proportions; gains and costs are in
             docs/networks.md.
         body: fit one skeleton of constant segment lengths per person to the rays of all views; lengths are learnt on the way.
-            ``auto`` does so where a table of joint centres was fitted to the detector.
+            ``auto`` does so where a table of joint centres was fitted to the detector and the tracker is ``asynchronous``.
         angles: compute joint angles and segment frames with every pose.
         camera_info: of cameras whose images come from ROS: compare with the rig, use instead of its intrinsics, or ignore.
         outputs: live outputs by name, each with its options, see `posefuse plugins`.
@@ -59,7 +59,7 @@ class LiveConfig:
     preview_hz: Annotated[float, Ge(0)] = 8.0
     joint_centres: bool = True
     proportions: bool = False
-    body: Literal["auto", "on", "off"] = "off"
+    body: Literal["auto", "on", "off"] = "auto"
     angles: bool = True
     camera_info: CameraInfoUse = "check"
     outputs: dict[str, dict[str, Any]] = field(default_factory=dict)
@@ -73,9 +73,9 @@ class LiveConfig:
     live_body: LiveBodySettings = field(default_factory=LiveBodySettings)
 
     def __post_init__(self) -> None:
-        if self.body != "off" and self.track.tracker != "asynchronous":
+        if self.body == "on" and self.track.tracker != "asynchronous":
             raise ConfigError(
-                f"body: expected off with tracker {self.track.tracker}, which mixes views of different times; got {self.body}"
+                f"body: expected auto or off with tracker {self.track.tracker}, which mixes views of different times; got {self.body}"
             )
 
 
