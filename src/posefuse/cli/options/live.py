@@ -99,7 +99,7 @@ class LiveSettingsOptions(SettingsOptions):
     tracker: Literal["asynchronous", "latest"] | None = None
     """How views become poses (default asynchronous)."""
     body: Literal["auto", "on", "off"] | None = None
-    """Fit one skeleton of constant lengths per person, learnt on the way (default off; auto: with fitted joint centres)."""
+    """Fit one skeleton of constant lengths per person, learnt on the way (auto, the default: with fitted joint centres)."""
     people: Annotated[int | None, Parameter(metavar="N", converter=people_from_text, n_tokens=1, accepts_keys=False)] = None
     """How many people to follow, the best seen ones: a number, or all (default 1)."""
     names: Annotated[str | None, Parameter(metavar="A,B,...")] = None
