@@ -190,7 +190,9 @@ def niceness(pid: int) -> int:
 def session(rig: Path, sources: list[str], network: str, seconds: float, lead_s: float, *options: str) -> dict:
     """Processor time of a live session of these sources by what the threads do, and the session's own figures."""
     command = [sys.executable, "-m", "posefuse.cli.main", "live", str(rig), "--json", "--networks", network]
-    command += [*options, "--duration", str(seconds + lead_s + 12), *(part for source in sources for part in ("--source", source))]
+    # eight cameras may take seconds to open
+    command += [*options, "--duration", str(seconds + lead_s + 12)]
+    command += [*(part for source in sources for part in ("--source", source))]
     live = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     while ": ok" not in (line := live.stderr.readline()):
         if not line:

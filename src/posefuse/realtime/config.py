@@ -75,7 +75,7 @@ class LiveConfig:
     def __post_init__(self) -> None:
         if self.body == "on" and self.track.tracker != "asynchronous":
             raise ConfigError(
-                f"body: expected auto or off with tracker {self.track.tracker}, which mixes views of different times; got {self.body}"
+                f"body: expected auto or off with tracker {self.track.tracker}, which mixes views of different times; got on"
             )
 
 
