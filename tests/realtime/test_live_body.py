@@ -242,6 +242,8 @@ def test_a_replay_fits_as_the_session_did(tmp_path: Path) -> None:
             sink.take(LiveDetections(detections=view))
             tracker.add(view)
         sink.take(LivePose(pose=gate.passed(pose_for_output(tracker, tracker.at(t_ns), centring, bodies))))
+        # as a session does, see `Fusion.run`
+        tracker.check()
     sink.close()
     assert max(difference_m(pose, again) for pose, again in replayed(path, rig, ON)) == 0.0
     assert max(difference_m(pose, again) for pose, again in replayed(path, rig, OFF)) > 0.001

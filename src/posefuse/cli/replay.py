@@ -61,7 +61,10 @@ def replayed(path: Path, rig: Rig, config: LiveConfig, warn: Warn | None = None)
         if isinstance(value, Detections2D):
             tracker.add(value)
         else:
-            yield value, gate.passed(pose_for_output(tracker, tracker.at(value.t_ns), centring, bodies))
+            pose = pose_for_output(tracker, tracker.at(value.t_ns), centring, bodies)
+            # where the session did it, see `Fusion.run`
+            tracker.check()
+            yield value, gate.passed(pose)
 
 
 def _as_recorded(path: Path, rig: Rig, config: LiveConfig | None) -> tuple[Rig, LiveConfig]:
