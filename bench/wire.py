@@ -119,6 +119,9 @@ def over_socketpair(seconds: float, people: int) -> list[float]:
 class Nowhere:
     """An outlet that makes the bytes and drops them."""
 
+    def wanted(self, topic):
+        return True
+
     def publish(self, topic, msg, t_ns):
         encode(msg)
 
