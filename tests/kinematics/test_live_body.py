@@ -1,5 +1,6 @@
 """The live fit of one person by itself: what it learns, when it is dropped and begins again, and feet that stand."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -66,6 +67,20 @@ def test_nothing_comes_out_before_a_skeleton_is_learnt(ring_rig, standing) -> No
     began = next(i for i, pose in enumerate(out) if pose is not None)
     assert 28 <= began <= 60
     assert all(pose is not None for pose in out[began:])
+
+
+def test_a_person_behind_a_table_is_learnt_without_legs_and_without_a_warning(ring_rig, standing) -> None:
+    """A segment that was never seen has no length, and its neighbours have theirs."""
+    hidden = [ANATOMICAL23.index(f"{side}_{part}") for side in ("left", "right") for part in ("knee", "ankle", "heel", "big_toe")]
+    seen = standing.copy()
+    seen[hidden] = np.nan
+    body = body_with()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        followed(body, ring_rig, seen, 0.8)
+    lengths = body.learnt.body.lengths
+    assert "left_shank" not in lengths
+    assert 0.31 < lengths["left_upper_arm"].value_m < 1.05 * 0.31
 
 
 def test_lengths_lie_between_those_seen_and_those_of_people(ring_rig, standing) -> None:

@@ -89,6 +89,22 @@ def test_a_full_disk_is_reported_and_the_session_records_again_after_space_is_fr
     assert "continues after 1 failures" in record.message and "No space left" in record.message
 
 
+def test_a_full_disk_ends_the_videos_which_is_reported_at_once_and_the_session_ends_with_1(
+    demo_session: Path, small_disk: Callable[[int], Path]
+) -> None:
+    disk = small_disk(4)
+    live = Live(command(demo_session, "--loop", "10", "--videos", str(disk / "videos")))
+    live.wait_for("cam03: ok")
+    fill(disk / "filler")
+    live.wait_for(r"video cam0\d: failed: .*cam0\d\.mp4: cannot be written \(No space left on device\)")
+    (disk / "filler").unlink()
+    live.process.send_signal(signal.SIGINT)
+    figures, _ = live.ended(1)
+    faults = [video["fault"] for video in figures["videos"].values()]
+    assert any("No space left on device" in fault for fault in faults)
+    assert (disk / "videos" / "rig.toml").is_file()
+
+
 def fill(path: Path) -> float:
     """Fill the disk to its last byte; returns the moment it was full."""
     with path.open("wb", buffering=0) as file:

@@ -3,6 +3,7 @@
 import json
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from live_session import until
 
 import posefuse as pf
 from posefuse.cli.main import main
+from posefuse.cli.videos import kept_videos
 from posefuse.core import Frame, InputError
 from posefuse.foundation.manifest import MANIFEST_FILE
 from posefuse.pipeline.config import TrackConfig
@@ -67,7 +69,21 @@ def test_a_full_disk_ends_the_video_and_is_reported(tmp_path: Path, monkeypatch:
     [counts] = read_counts(tmp_path, ["cam"]).values()
     assert (counts.written, counts.dropped, counts.finished) == (0, 5, False)
     assert "No space left" in counts.fault
-    assert "its process ended" in read_counts(tmp_path, ["other"])["other"].fault
+    assert "was not finished" in read_counts(tmp_path, ["other"])["other"].fault
+
+
+def test_a_folder_of_videos_that_a_full_disk_leaves_incomplete_is_one_line_that_names_it(
+    tmp_path: Path, small_disk: Callable[[int], Path]
+) -> None:
+    disk = small_disk(1)
+    reason = r"recording.toml cannot be written \(No space left on device\); the videos stay in"
+    with pytest.raises(InputError, match=reason), kept_videos(disk / "videos", None, []) as folder:
+        assert folder is not None
+        (folder / "cam00.mp4").write_bytes(b"a video")
+        with pytest.raises(OSError, match="No space left"):
+            (disk / "filler").write_bytes(bytes(2**20))
+    [left] = disk.glob(".videos.*.unfinished")
+    assert (left / "videos" / "cam00.mp4").read_bytes() == b"a video"
 
 
 @pytest.mark.realtime

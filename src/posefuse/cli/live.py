@@ -59,13 +59,14 @@ def run_session(
         check_replaceable(videos, command="live", replace=False)
     with kept_videos(videos, rig, inputs) as folder:
         done = run_live(rig, inputs, config, plan, duration_s, terminal.note, videos=folder)
-    figures = {**figures_of(done), **how_it_ended(done.stopped_by, duration_s, terminal, failed=done.outputs_failed)}
-    if videos:
-        figures["videos"] = video_figures(videos, inputs)
-    show(terminal, figures)
-    if outputs.report:
-        write_report(outputs.report, done, figures)
-    if videos:
+        kept = video_figures(folder, inputs) if folder else {}
+        failed = done.outputs_failed or any(one["fault"] for one in kept.values())
+        figures = {**figures_of(done), "videos": kept, **how_it_ended(done.stopped_by, duration_s, terminal, failed=failed)}
+        # before the videos are moved to their place, which a full disk may not allow
+        show(terminal, figures)
+        if outputs.report:
+            write_report(outputs.report, done, figures)
+    if any(one["written"] for one in kept.values()):
         terminal.next(f"posefuse track {videos} --out DIR", "the videos, solved over all of time")
     _show_next(rig_file, outputs, terminal)
     return figures

@@ -132,7 +132,7 @@ def show(terminal: Terminal, figures: Mapping[str, Any]) -> None:
         facts[f"output {name}"] = f"{output['taken']} taken, {output['dropped']} dropped{fault}"
     for name, video in figures.get("videos", {}).items():
         fault = f"; {video['fault']}" if video["fault"] else ""
-        facts[f"video {name}"] = f"{video['written']} frames {video['how']}, {video['dropped']} dropped{fault}"
+        facts[f"video {name}"] = f"{video['written']} frames {video['how'] or 'written'}, {video['dropped']} dropped{fault}"
     if figures["outputs_lost"]:
         facts["outputs"] = f"{figures['outputs_lost']} messages lost before they reached an output"
     if figures["rig_watch_trouble"]:

@@ -50,8 +50,8 @@ def record_session(options: RecordOptions, ros_2: Ros2Options, terminal: Termina
             f"recording {', '.join(names)}; " + ("Ctrl-C ends" if options.duration is None else f"{options.duration:g} s")
         )
         record(feed, videos, _reporter(terminal), show, duration_s=options.duration, stopped=stopped)
-    figures = video_figures(options.out, inputs)
-    show_videos(figures, terminal)
+        figures = video_figures(videos, inputs)
+        show_videos(figures, terminal)
     _show_next(options.out, options.rig, terminal)
     by = stopped[0] if stopped else ""
     failed = any(one["fault"] for one in figures.values())

@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from posefuse.core import Rig
+from posefuse.core import InputError, Rig
 from posefuse.formats.kept_video import VIDEOS_FOLDER
 from posefuse.formats.rig import write_rig
 from posefuse.foundation.output_folder import output_folder
@@ -27,6 +27,9 @@ def kept_videos(
     """Where the videos go while the cameras run; complete in `folder` after it, with the rig and facts. None: none are kept.
 
     A session that is killed leaves what was written in the staging folder next to it.
+
+    Raises:
+        InputError: `folder` cannot be used, or cannot be completed; the message names where the videos are.
     """
     if folder is None:
         yield None
@@ -38,7 +41,11 @@ def kept_videos(
         videos = out.folder / VIDEOS_FOLDER
         videos.mkdir()
         yield videos
-        (out.folder / RECORDING_FILE).write_text(_facts(videos, inputs, command, begun), encoding="utf-8")
+        try:
+            (out.folder / RECORDING_FILE).write_text(_facts(videos, inputs, command, begun), encoding="utf-8")
+        except OSError as error:
+            reason = f"{RECORDING_FILE} cannot be written ({error.strerror})"
+            raise InputError(f"{folder}: {reason}; the videos stay in {videos}") from None
 
 
 def _facts(videos: Path, inputs: Sequence[LiveInput], command: str, begun: datetime) -> str:
@@ -58,7 +65,7 @@ def _facts(videos: Path, inputs: Sequence[LiveInput], command: str, begun: datet
     return "\n".join(lines) + "\n"
 
 
-def video_figures(folder: Path, inputs: Sequence[LiveInput]) -> dict[str, Any]:
-    """Frames written and dropped, rate and longest gap, by camera."""
-    counts = read_counts(folder / VIDEOS_FOLDER, [entry.camera for entry in inputs])
+def video_figures(videos: Path, inputs: Sequence[LiveInput]) -> dict[str, Any]:
+    """Frames written and dropped, rate and longest gap, by camera; `videos` as `kept_videos` gives it."""
+    counts = read_counts(videos, [entry.camera for entry in inputs])
     return {name: {**asdict(one), "rate_hz": one.rate_hz} for name, one in counts.items()}

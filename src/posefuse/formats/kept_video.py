@@ -76,7 +76,7 @@ class KeptVideo:
         try:
             self._container: Any = av.open(str(path), "w", format="mp4", options=_CONTAINER)
         except (av.error.FFmpegError, OSError) as error:
-            raise InputError(f"{path}: cannot be written ({error})") from None
+            raise InputError(f"{path}: cannot be written ({_reason(error)})") from None
 
     def __enter__(self) -> KeptVideo:
         return self
@@ -102,7 +102,7 @@ class KeptVideo:
                 return self._copy(frame.encoded, t_us)
             self._encode(frame, t_us)
         except (av.error.FFmpegError, OSError) as error:
-            raise InputError(f"{self.path}: cannot be written ({error})") from None
+            raise InputError(f"{self.path}: cannot be written ({_reason(error)})") from None
         return True
 
     def close(self) -> None:
@@ -115,7 +115,7 @@ class KeptVideo:
                 container.mux(self._stream.encode(None))
             container.close()
         except (av.error.FFmpegError, OSError) as error:
-            raise InputError(f"{self.path}: cannot be finished ({error})") from None
+            raise InputError(f"{self.path}: cannot be finished ({_reason(error)})") from None
 
     def _begin(self, frame: Frame) -> None:
         self._size_wh, self._number = frame.size_wh, -2
@@ -159,3 +159,8 @@ class KeptVideo:
         image.pts, image.time_base = t_us, TIME_BASE
         self._container.mux(self._stream.encode(image))
         self._last_us = t_us
+
+
+def _reason(error: Exception) -> str:
+    """Without the path, which the message names already."""
+    return getattr(error, "strerror", None) or str(error)

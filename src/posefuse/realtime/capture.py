@@ -143,6 +143,10 @@ class Capture:
             missing=self._missing,
         )
 
+    def video_fault(self) -> str:
+        """Why its video ended early; empty while all is well, or none is kept."""
+        return "" if self._keeper is None else self._keeper.counts().fault
+
     def close(self) -> None:
         """Stop without waiting for a source that hangs."""
         self._stop.set()

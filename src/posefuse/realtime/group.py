@@ -26,7 +26,7 @@ from .changeable_detector import ChangeableDetector
 from .clock import SessionClock
 from .controls import KeepVideos, ShowImages
 from .faults import before_bump, seen_by_bumped
-from .messages import Centres, Glance, Go, GroupFailed, Ready, SeenView, Status, Stop, Use
+from .messages import Centres, Glance, Go, GroupFailed, Ready, SeenView, Status, Stop, Use, VideoFailed
 from .preview import preview
 from .scheduling import LEAST_EVERY_S, search_slot
 from .searching import SearchSchedule
@@ -112,6 +112,7 @@ class Group:
         self._status_s = self._busy_s = 0.0
         self._whole_images = 0
         self._shift_ns: dict[str, int] = {}
+        self._video_faults = dict.fromkeys(self._looked_s, "")
 
     def run(self) -> None:
         """Wait for Go, then look at frames until Stop."""
@@ -260,6 +261,14 @@ class Group:
                 self._plan.group, self._plan.clock.now_ns(), states, self.detector.network, self._whole_images, self._busy_s
             )
             self._channel.send(status, _SEND_S)
+            self._tell_video_faults()
+
+    def _tell_video_faults(self) -> None:
+        for capture in self._captures:
+            name, fault = capture.entry.camera, capture.video_fault()
+            # a report there is no room for is sent again
+            if fault != self._video_faults[name] and (not fault or self._channel.send(VideoFailed(name, fault))):
+                self._video_faults[name] = fault
 
 
 def _keeper(plan: GroupPlan, entry: LiveInput) -> VideoKeeper | None:

@@ -12,7 +12,7 @@ from posefuse.foundation.channel import ChannelClosed
 from .board import Board
 from .clock import SessionClock
 from .group import GroupPlan
-from .messages import Status, Use
+from .messages import Status, Use, VideoFailed
 from .networks import NetworkChooser
 from .news import Say
 from .processes import Groups
@@ -30,6 +30,7 @@ class GroupViews(Groups):
     def __init__(self, plans: Sequence[GroupPlan], board: Board, chooser: NetworkChooser | None, say: Say) -> None:
         super().__init__(plans, board)
         self._chooser, self._say = chooser, say
+        self._notices: list[str] = []
 
     def start(self, clock: SessionClock) -> int:
         """Recorded sources show their time 0 a moment from now, when all groups know it."""
@@ -37,9 +38,17 @@ class GroupViews(Groups):
         self.begin(zero_ns)
         return zero_ns + clock.offset_ns
 
+    def notices(self) -> list[str]:
+        """Videos that ended early, each once."""
+        new, self._notices = self._notices, []
+        return new
+
     def messages(self) -> Iterator[Any]:
-        """See `Groups.messages`."""
+        """See `Groups.messages`; what failed of the videos goes to the notices."""
         for message in super().messages():
+            if isinstance(message, VideoFailed):
+                self._notices.append(f"video {message.camera}: failed: {message.reason}")
+                continue
             if isinstance(message, Status) and self._chooser is not None:
                 self._consider(message, self._chooser)
             yield message

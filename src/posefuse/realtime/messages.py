@@ -97,6 +97,14 @@ class Status:
 
 
 @dataclass(frozen=True)
+class VideoFailed:
+    """A camera's video ended early; one line with the reason."""
+
+    camera: str
+    reason: str
+
+
+@dataclass(frozen=True)
 class Use:
     """Detect with another bundled network, as soon as it is loaded."""
 

@@ -179,7 +179,7 @@ class Groups:
                 member.channel.send(request, 0.1)
 
     def notices(self) -> list[str]:
-        """Nothing: what happens to a process is a camera's trouble."""
+        """Nothing here: what happens to a process is a camera's trouble."""
         return []
 
     def stop(self) -> None:

@@ -126,7 +126,7 @@ class VideoKeeper:
 
 
 def read_counts(folder: Path, cameras: Iterable[str]) -> dict[str, KeptCounts]:
-    """What the keepers of these cameras counted, by name; of one that was killed, that it did not finish."""
+    """What the keepers of these cameras counted, by name; where none was written, that the video was not finished."""
     found = {}
     known = {field.name for field in fields(KeptCounts)}
     for camera in cameras:
@@ -134,5 +134,5 @@ def read_counts(folder: Path, cameras: Iterable[str]) -> dict[str, KeptCounts]:
             content = json.loads((folder / f"{camera}.json").read_text(encoding="utf-8"))
             found[camera] = KeptCounts(**{name: value for name, value in content.items() if name in known})
         except (OSError, ValueError):
-            found[camera] = KeptCounts(fault="its process ended before the video was finished")
+            found[camera] = KeptCounts(fault="was not finished: its process ended, or the disk was full")
     return found

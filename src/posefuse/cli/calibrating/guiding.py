@@ -50,10 +50,10 @@ def guide_at_cameras(target: TargetOptions, options: GuideOptions, ros_2: Ros2Op
         kept_videos(options.record, None, inputs, command="record") as videos,
     ):
         found = guide(feed, kind, report, look, options.duration, videos=videos, stopped=stopped)
-    figures = _figures(found)
-    if options.record is not None:
-        figures["videos"] = video_figures(options.record, inputs)
-        show_videos(figures["videos"], terminal)
+        figures = _figures(found)
+        if videos is not None:
+            figures["videos"] = video_figures(videos, inputs)
+            show_videos(figures["videos"], terminal)
     _show_next(target, options, found, terminal)
     by = stopped[0] if stopped else ""
     return {**figures, "exit_code": session_exit_code(by, endless=options.duration is None, failed=False)}

@@ -122,11 +122,13 @@ def slopes_of(body: BodyModel, names: tuple[str, ...]) -> Array:
 
 
 def _metres(body: BodyModel, slopes: Array) -> Array:
-    """(S,) lengths as the body has them, the mean of both sides."""
+    """(S,) lengths as the body has them, the mean of both sides; NaN for a segment that it does not have."""
     share = np.linalg.norm(slopes, axis=-1)
     offset = np.linalg.norm(body.offset, axis=-1)[:, None]
-    lengths = np.where(share > 0, offset / np.where(share > 0, share, 1.0), np.nan)
-    return np.asarray(np.nanmean(lengths, axis=0))
+    has = share > 0
+    total = np.where(has, offset / np.where(has, share, 1.0), 0.0).sum(axis=0)
+    count = has.sum(axis=0)
+    return np.asarray(total / np.where(count > 0, count, np.nan))
 
 
 def _spreads(body: BodyModel, names: tuple[str, ...]) -> Array:
