@@ -88,7 +88,8 @@ def test_the_response_at_the_cutoff_is_minus_3_db_without_lag(cutoff):
 def test_covariance_matches_the_errors_on_motion_of_its_own_model():
     """NEES of 3 at measured time steps and inside gaps, uneven noise."""
     rng = np.random.default_rng(4)
-    noise = np.array([[4.0, 1.0, 0.5], [1.0, 9.0, 2.0], [0.5, 2.0, 3.0]]) * 1e-5
+    # so little that the jerk of 6 Hz leaves accelerations that a person can have: in gaps larger ones are held back
+    noise = np.array([[4.0, 1.0, 0.5], [1.0, 9.0, 2.0], [0.5, 2.0, 3.0]]) * 1e-7
     dt, people = 1 / 60, 12
     density = _jerk_density(T_NS * 1e-9, noise[None], 6.0)
     step = np.array([[1, dt, dt * dt / 2], [0, 1, dt], [0, 0, 1]])

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from posefuse.core import InputError, JointCentres, Observations, Pose3D, PoseSequence, Rig, ViewSequence
+from posefuse.core.arrays import Array
 from posefuse.core.views_over_time import people_in
 from posefuse.fusion import FuseSettings, fuse
 from posefuse.kinematics import facing_votes
@@ -12,6 +15,8 @@ from posefuse.tracking import SmoothSettings, sides_like, smooth, steady_sides, 
 
 # a person followed in fewer time steps than this is not one
 _LEAST_STEPS = 5
+# rounds of naming sides at most: most recordings settle after two or three, and one that alternates must come to an end
+_NAMING_ROUNDS = 10
 
 
 def long_enough(observations: Observations) -> list[int]:
@@ -42,17 +47,40 @@ def poses_over_time(
     left and right as the steadied recording has them: when legs pass each other, several views confuse them at once and no
     single time step can show it.
     """
-    fused = _fused(views, rig, fusing)
+    poses: list[Pose3D] = []
+    for i in range(len(views.t_ns)):
+        poses.append(fuse(views.at(i), rig, fusing, poses[-1] if poses else None))
     if fusing.weights == "robust" and fusing.swap_correction:
-        named = replace(fusing, swap_correction=False)
-        reference = smooth(steady_sides(fused, facing_votes(fused)), smoothing or SmoothSettings())
-        fused = _fused(sides_like(reference, rig, views), rig, named)
+        poses = _sides_over_time(poses, views, rig, replace(fusing, swap_correction=False), smoothing or SmoothSettings())
+    fused = PoseSequence.from_poses(poses)
     fused = to_joint_centres(fused, centres) if centres else fused
     return smooth(fused, smoothing) if smoothing else fused
 
 
-def _fused(views: ViewSequence, rig: Rig, fusing: FuseSettings) -> PoseSequence:
-    poses: list[Pose3D] = []
-    for i in range(len(views.t_ns)):
-        poses.append(fuse(views.at(i), rig, fusing, poses[-1] if poses else None))
-    return PoseSequence.from_poses(poses)
+def _sides_over_time(
+    poses: list[Pose3D], views: ViewSequence, rig: Rig, fusing: FuseSettings, smoothing: SmoothSettings
+) -> list[Pose3D]:
+    """Every time step fused from views whose limbs are named left and right as the recording steadied over time has them.
+
+    Where the first reference was still wrong, a better one names more views right: repeated until no view changes.
+    """
+    named: ViewSequence | None = None
+    for _ in range(_NAMING_ROUNDS):
+        fused = PoseSequence.from_poses(poses)
+        reference = smooth(steady_sides(fused, facing_votes(fused)), smoothing)
+        before, named = named, sides_like(reference, rig, views)
+        changed = _steps_that_differ(before, named)
+        if not len(changed):
+            break
+        for i in changed.tolist():
+            poses[i] = fuse(named.at(i), rig, fusing)
+    return poses
+
+
+def _steps_that_differ(before: ViewSequence | None, after: ViewSequence) -> Array:
+    """Time steps in which some keypoint of a view is another one than before; all where there was none before."""
+    steps = len(after.t_ns)
+    if before is None:
+        return np.arange(steps)
+    same = (before.xy_img == after.xy_img) | (np.isnan(before.xy_img) & np.isnan(after.xy_img))
+    return np.flatnonzero(~same.reshape(steps, -1).all(axis=1))

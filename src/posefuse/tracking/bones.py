@@ -69,30 +69,36 @@ def _hold(xyz: Array, cov: Array, ends: Array, length: Array, spread: Array) -> 
     there = np.asarray(np.isfinite(xyz).all(axis=-1) & np.isfinite(cov).all(axis=(-1, -2)))
     prior = np.where(there[..., None], xyz, 0.0)
     prior_cov = np.where(there[..., None, None], cov, 0.0)
-    held = prior
+    held, (count, keypoints) = prior, xyz.shape[:2]
     for _ in range(_ITERATIONS):
-        slope, distance = _bone_slopes(held, there, ends)
-        # J P and J P J^T + R, block by block: covariances of different keypoints are independent
-        pushed = np.einsum("tbki,tkij->tbkj", slope, prior_cov)
-        innovation = np.einsum("tbki,tcki->tbc", pushed, slope) + np.diag(spread**2)
-        expected = distance + np.einsum("tbki,tki->tb", slope, prior - held)
+        along, distance = _directions(held, there, ends)
+        # J and J P: covariances of different keypoints are independent
+        slope = _at_ends(along, along, ends, keypoints)
+        one, two = ((along[..., None, :] @ prior_cov[:, end])[..., 0, :] for end in ends.T)
+        pushed = _at_ends(one, two, ends, keypoints)
+        innovation = pushed @ slope.transpose(0, 2, 1) + np.diag(spread**2)
+        expected = distance + (slope @ (prior - held).reshape(count, -1, 1))[..., 0]
         error = np.where(distance > 0, length - expected, 0.0)
-        held = prior + np.einsum("tbki,tb->tki", pushed, np.linalg.solve(innovation, error[..., None])[..., 0])
-    count = len(xyz)
-    flat = pushed.reshape(count, len(ends), -1)
-    weighted = np.linalg.solve(innovation, flat).reshape(pushed.shape)
-    narrowed = prior_cov - np.einsum("tbki,tbkj->tkij", pushed, weighted)
+        held = prior + (pushed.transpose(0, 2, 1) @ np.linalg.solve(innovation, error[..., None])).reshape(prior.shape)
+    by_keypoint = (count, len(ends), keypoints, 3)
+    weighted = np.linalg.solve(innovation, pushed).reshape(by_keypoint).transpose(0, 2, 1, 3)
+    narrowed = prior_cov - pushed.reshape(by_keypoint).transpose(0, 2, 3, 1) @ weighted
     return np.where(there[..., None], held, np.nan), np.where(there[..., None, None], narrowed, np.nan)
 
 
-def _bone_slopes(xyz: Array, there: Array, ends: Array) -> tuple[Array, Array]:
-    """d|a - b| / d(keypoints) (T, B, K, 3) and |a - b| (T, B); both 0 where an end is missing."""
+def _directions(xyz: Array, there: Array, ends: Array) -> tuple[Array, Array]:
+    """Unit vectors from the second to the first end of each bone (T, B, 3), and its length (T, B); 0 where an end is missing."""
     span = xyz[:, ends[:, 0]] - xyz[:, ends[:, 1]]
     distance = np.linalg.norm(span, axis=-1)
     both = there[:, ends[:, 0]] & there[:, ends[:, 1]] & (distance > 1e-6)
     unit = np.where(both[..., None], span / np.where(both, distance, 1.0)[..., None], 0.0)
-    slope = np.zeros((len(xyz), len(ends), xyz.shape[1], 3))
-    rows = np.arange(len(ends))
-    slope[:, rows, ends[:, 0]] = unit
-    slope[:, rows, ends[:, 1]] = -unit
-    return slope, np.where(both, distance, 0.0)
+    return unit, np.where(both, distance, 0.0)
+
+
+def _at_ends(one: Array, two: Array, ends: Array, keypoints: int) -> Array:
+    """(T, B, 3 K) rows that are `one` (T, B, 3) at the first end of each bone, less `two` at the second, 0 elsewhere."""
+    rows = np.zeros((len(one), len(ends), keypoints, 3))
+    each = np.arange(len(ends))
+    rows[:, each, ends[:, 0]] = one
+    rows[:, each, ends[:, 1]] = -two
+    return rows.reshape(len(one), len(ends), -1)

@@ -18,6 +18,12 @@ from .matrix_kernels import inverse3
 # standard deviations the filter starts with, far beyond any human motion: m, m/s, m/s^2
 START_SIGMA = (1.0, 60.0, 2000.0)
 
+# between two measurements nothing else holds back the acceleration: standard deviation in m/s^2, that of an arm or leg that
+# moves fast, and the time after which it is another one
+GAP_ACCELERATION, GAP_ACCELERATION_S = 30.0, 0.1
+# rows of the state that a measurement, and a time step without one, bear on
+_POSITION, _ACCELERATION = 0, 6
+
 # in units of its time scale: where the smoother's weight has fallen to less than a hundredth
 _REACH = 9.0
 
@@ -73,24 +79,27 @@ def _filter(t, z, noise, measured, q, xs, covs, gains, inverses, innovations):
             _forward(cov.T, dt)
             _add_process(cov, dt, q)
         xs[step], covs[step] = x[:, 0], cov
-        if not measured[step]:
-            continue
+        row = _POSITION if measured[step] else _ACCELERATION
         for i in range(3):
-            innovations[step, i] = z[step, i] - x[i, 0]
+            innovations[step, i] = (z[step, i] if measured[step] else 0.0) - x[row + i, 0]
             for j in range(3):
-                s[i, j] = cov[i, j] + noise[step, i, j]
+                s[i, j] = cov[row + i, row + j]
+                if measured[step]:
+                    s[i, j] += noise[step, i, j]
+            if not measured[step]:
+                s[i, i] += GAP_ACCELERATION**2 * max(1.0, 2.0 * GAP_ACCELERATION_S / (t[step + 1] - t[step - 1]))
         inverse3(s, inverses[step])
         gain = gains[step]
         for i in range(9):
             for j in range(3):
                 total = 0.0
                 for m in range(3):
-                    total += cov[i, m] * inverses[step, m, j]
+                    total += cov[i, row + m] * inverses[step, m, j]
                 gain[i, j] = total
         for i in range(9):
             for m in range(3):
                 x[i, 0] += gain[i, m] * innovations[step, m]
-        top = covs[step][:3]
+        top = covs[step][row : row + 3]
         for i in range(9):
             for j in range(i, 9):
                 total = cov[i, j]
@@ -100,8 +109,8 @@ def _filter(t, z, noise, measured, q, xs, covs, gains, inverses, innovations):
 
 
 @kernel()
-def _absorb(gain, inverse, innovation, lam, big):
-    """Adjoint state of a time step after its measurement -> before it: lam (9, 1), big (9, 9) in place."""
+def _absorb(gain, inverse, innovation, row, lam, big):
+    """Adjoint state of a time step after a measurement of state rows row..row+2 -> before it: lam (9, 1), big (9, 9) in place."""
     u, w = np.empty((3, 9)), np.empty((3, 3))
     for i in range(3):
         pull = 0.0
@@ -111,7 +120,7 @@ def _absorb(gain, inverse, innovation, lam, big):
             pull += inverse[i, m] * innovation[m]
         u[i, 0] = pull
     for i in range(3):
-        lam[i, 0] -= u[i, 0]
+        lam[row + i, 0] -= u[i, 0]
     for i in range(3):
         for j in range(9):
             total = 0.0
@@ -126,11 +135,11 @@ def _absorb(gain, inverse, innovation, lam, big):
             w[i, j] = total
     for i in range(3):
         for j in range(9):
-            big[i, j] -= u[i, j]
-            big[j, i] -= u[i, j]
+            big[row + i, j] -= u[i, j]
+            big[j, row + i] -= u[i, j]
     for i in range(3):
         for j in range(3):
-            big[i, j] += w[i, j]
+            big[row + i, row + j] += w[i, j]
     # rounding that is not symmetric would grow from step to step
     for i in range(9):
         for j in range(i):
@@ -150,8 +159,8 @@ def smooth_run(t, z, noise, measured, q, mean, cov):
     lam, big, half = np.zeros((9, 1)), np.zeros((9, 9)), np.empty((3, 9))
     for back in range(count):
         step = count - 1 - back
-        if measured[step]:
-            _absorb(gains[step], inverses[step], innovations[step], lam, big)
+        row = _POSITION if measured[step] else _ACCELERATION
+        _absorb(gains[step], inverses[step], innovations[step], row, lam, big)
         p = covs[step]
         for i in range(3):
             mean[step, i] = xs[step, i]
