@@ -19,6 +19,7 @@ from posefuse.cli.commands import plugins as plugins_command
 from posefuse.cli.options.shared import Figures, Shown
 from posefuse.cli.stopping import stop_requests
 from posefuse.core import DependencyError
+from posefuse.foundation.requests_to_end import REQUESTS_TO_END
 
 
 def run(capsys: pytest.CaptureFixture[str], *argv: str) -> tuple[int, str, str]:
@@ -169,11 +170,31 @@ def test_ctrl_c_is_reported_and_exits_130(monkeypatch: pytest.MonkeyPatch, capsy
     assert run(capsys, "plugins")[::2] == (130, "posefuse plugins: stopped by Ctrl-C\n")
 
 
-def test_a_request_to_terminate_is_reported_and_exits_143(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
-    before = signal.getsignal(signal.SIGTERM)
-    in_place_of_plugins(monkeypatch, lambda: signal.raise_signal(signal.SIGTERM) or {})
-    assert run(capsys, "plugins")[::2] == (143, "posefuse plugins: stopped by SIGTERM\n")
-    assert signal.getsignal(signal.SIGTERM) is before
+@pytest.mark.parametrize("request_", REQUESTS_TO_END)
+def test_a_request_to_end_is_reported_and_exits_with_its_code(
+    request_: signal.Signals, monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
+    before = signal.getsignal(request_)
+    in_place_of_plugins(monkeypatch, lambda: signal.raise_signal(request_) or {})
+    assert run(capsys, "plugins")[::2] == (128 + request_, f"posefuse plugins: stopped by {request_.name}\n")
+    assert signal.getsignal(request_) is before
+
+
+def test_one_request_that_arrives_twice_counts_once(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    """`timeout` sends it to the program and to its group; the second one may not end what the first one began."""
+    finished: list[bool] = []
+
+    def keeps() -> Figures:
+        try:
+            signal.raise_signal(signal.SIGTERM)
+        except KeyboardInterrupt:
+            signal.raise_signal(signal.SIGTERM)
+            finished.append(True)
+        return {"interrupted": True}
+
+    in_place_of_plugins(monkeypatch, keeps)
+    assert run(capsys, "plugins")[0] == 143
+    assert finished == [True]
 
 
 @pytest.mark.parametrize(("number", "expected"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])

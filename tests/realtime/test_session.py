@@ -157,6 +157,29 @@ def test_sigterm_is_143_and_leaves_a_recording_that_replays_without_settings(dem
     assert figures["equal"] == figures["poses"] > 50
 
 
+@pytest.mark.parametrize("request_", ["SIGTERM", "SIGHUP"])
+def test_a_request_to_end_that_every_process_gets_ends_the_session_in_order(
+    request_: str, demo_session: Path, tmp_path: Path
+) -> None:
+    """A closed terminal sends SIGHUP to all of its processes; services, containers and `timeout` do so with SIGTERM."""
+    number = getattr(signal, request_, None) or pytest.skip(f"this system has no {request_}")
+    recording, videos = tmp_path / "x.mcap", tmp_path / "videos"
+    options = ("--record", str(recording), "--videos", str(videos), "--duration", "600", "--loop", "10")
+    live = Live(command(demo_session, *options))
+    children = re.findall(r"in process (\d+)", live.wait_for(r"cameras .* in process .*")[0])
+    assert len(children) >= 3
+    live.wait_for("cam03: ok")
+    until(lambda: recording.stat().st_size > 200_000)
+    for pid in (*map(int, children), live.process.pid, live.process.pid):
+        os.kill(pid, number)
+    figures, err = live.ended(128 + number)
+    assert f"stopped by {request_} before 600 s were over" in err
+    assert figures["failed"] == [] and figures["restarts"] == 0
+    assert all(video["finished"] and video["written"] > 10 for video in figures["videos"].values())
+    said: list[str] = []
+    assert list(read_poses(recording, warn=said.append)) and not said
+
+
 def test_the_report_states_the_latency_of_each_stage(killed: tuple[dict, Path, list[int]], read_page: Callable) -> None:
     figures, recording, _ = killed
     folder = recording.with_name("report")

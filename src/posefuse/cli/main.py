@@ -18,8 +18,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Entry point of `posefuse`.
 
     Returns:
-        0 complete, 1 a known error in one line, 2 a bug with its trace, 130 stopped by Ctrl-C, 143 by SIGTERM; the last two also
-        where what was finished until then is kept.
+        0 complete, 1 a known error in one line, 2 a bug with its trace, 130 stopped by Ctrl-C, 143 by SIGTERM, 129 by SIGHUP;
+        the last three also where what was finished until then is kept.
     """
     with stop_requests() as requests:
         try:

@@ -9,13 +9,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+from posefuse.foundation.requests_to_end import HANG_UP, REQUESTS_TO_END, Repeats, heeded, without_terminal
+
 FAILED_CODE = 1
 INTERRUPTED_CODE = 130
-TERMINATED_CODE = 143
+# a program that a signal ends has this code plus the number of the signal
+_SIGNAL_CODE = 128
 
 
 class Terminated(KeyboardInterrupt):
-    """The system asks the program to end (SIGTERM): whatever handles Ctrl-C handles this in the same way."""
+    """The system asks the program to end (SIGTERM, SIGHUP): whatever handles Ctrl-C handles this in the same way."""
 
 
 class StopRequests:
@@ -23,26 +26,31 @@ class StopRequests:
 
     def __init__(self) -> None:
         self._pid = os.getpid()
-        self._terminated = False
+        self._request: signal.Signals | None = None
+        self._repeats = Repeats()
 
     @property
     def exit_code(self) -> int:
         """The exit code of a program that was stopped."""
-        return TERMINATED_CODE if self._terminated else INTERRUPTED_CODE
+        return INTERRUPTED_CODE if self._request is None else _SIGNAL_CODE + self._request
 
     @property
     def cause(self) -> str:
         """What stopped the program, in words."""
-        return "SIGTERM" if self._terminated else "Ctrl-C"
+        return "Ctrl-C" if self._request is None else self._request.name
 
     def terminate(self, number: int, frame: FrameType | None) -> None:
-        """Handler of SIGTERM; raises Terminated."""
+        """Handler of requests to end; raises Terminated."""
         if os.getpid() != self._pid:
             # a forked child has the handler too, and only wants to end
             signal.signal(number, signal.SIG_DFL)
             os.kill(os.getpid(), number)
             return
-        self._terminated = True
+        if self._repeats.repeated(number):
+            return
+        self._request = signal.Signals(number)
+        if number == HANG_UP:
+            without_terminal()
         raise Terminated
 
 
@@ -55,20 +63,21 @@ def session_exit_code(stopped_by: str, *, endless: bool, failed: bool) -> int:
     """
     if failed:
         return FAILED_CODE
-    if stopped_by == signal.Signals.SIGTERM.name:
-        return TERMINATED_CODE
+    if stopped_by and signal.Signals[stopped_by] in REQUESTS_TO_END:
+        return _SIGNAL_CODE + signal.Signals[stopped_by]
     return INTERRUPTED_CODE if stopped_by and not endless else 0
 
 
 @contextmanager
 def stop_requests() -> Iterator[StopRequests]:
-    """SIGTERM raises Terminated in the block; outside the main thread, where no handler can be set, nothing changes."""
+    """SIGTERM and SIGHUP raise Terminated in the block; outside the main thread, where no handler can be set, nothing changes."""
     requests = StopRequests()
     if threading.current_thread() is not threading.main_thread():
         yield requests
         return
-    before = signal.signal(signal.SIGTERM, requests.terminate)
+    before = {number: signal.signal(number, requests.terminate) for number in heeded(REQUESTS_TO_END)}
     try:
         yield requests
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)

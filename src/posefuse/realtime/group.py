@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import signal
 import threading
 import time
 from collections.abc import Sequence
@@ -18,6 +17,7 @@ from posefuse.detection import with_clothing, with_depth
 from posefuse.detection.build import DetectorChoice
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.platform import lower_priority
+from posefuse.foundation.requests_to_end import leave_requests_to_parent
 from posefuse.sources.arriving import Arrived
 
 from .board import Board, Expected
@@ -72,7 +72,7 @@ class GroupPlan:
 
 def run_group(plan: GroupPlan, channel: Channel, board: Board) -> None:
     """Body of the process; ends on request, or when its receiver has gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    leave_requests_to_parent()
     lower_priority(_NICENESS)
     with contextlib.suppress(ChannelClosed):
         try:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
@@ -15,6 +14,7 @@ from posefuse.detection.blazepose import BlazePoseConfig
 from posefuse.detection.build import DetectorChoice
 from posefuse.detection.choosing import NetworkCost, largest_sustained, measured_costs
 from posefuse.foundation.plugins import plugin_config
+from posefuse.foundation.requests_to_end import leave_requests_to_parent
 
 from .messages import Status
 
@@ -72,9 +72,8 @@ def settled_network(
     if not is_auto(choice):
         return choice, None
     config: BlazePoseConfig = plugin_config("detectors", choice.name, choice.options)
-    # in a separate process, which frees its memory at the end and does not receive Ctrl-C of the terminal
-    ignored = (signal.SIGINT, signal.SIG_IGN)
-    with ProcessPoolExecutor(1, get_context("spawn"), initializer=signal.signal, initargs=ignored) as other:
+    # in a separate process, which frees its memory at the end and does not heed Ctrl-C of the terminal
+    with ProcessPoolExecutor(1, get_context("spawn"), initializer=leave_requests_to_parent) as other:
         costs = other.submit(measured_costs, config=config, until=partial(_too_slow, cameras)).result()
     best = largest_sustained(costs, cameras, _RATE_HZ)
     every = "processes every frame of" if best.sustains(cameras, _RATE_HZ) else "the fastest for"

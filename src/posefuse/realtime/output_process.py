@@ -6,7 +6,6 @@ import contextlib
 import os
 import pickle
 import queue
-import signal
 import threading
 import time
 from collections.abc import Mapping, Sequence
@@ -16,6 +15,7 @@ from posefuse.core import LiveMessage, LiveOutput, LiveOutputConfig, LiveStart, 
 from posefuse.core.live_messages import FAILED, OK
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.platform import lower_priority
+from posefuse.foundation.requests_to_end import leave_requests_to_parent
 
 from .kept_messages import KeptMessages
 
@@ -86,7 +86,7 @@ class OutputRemoved:
 
 def run_outputs(configs: Mapping[str, LiveOutputConfig], start: LiveStart, channel: Channel) -> None:
     """Body of the process."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    leave_requests_to_parent()
     lower_priority(2)
     workers: list[Worker] = []
     with contextlib.suppress(ChannelClosed):

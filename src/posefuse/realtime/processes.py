@@ -15,6 +15,7 @@ from typing import Any, Self
 from posefuse.core import Skeleton, SourceError
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.platform import peak_memory_mb
+from posefuse.foundation.requests_to_end import HANG_UP
 
 from .board import Board
 from .controls import KeepVideos, ShowImages
@@ -34,17 +35,20 @@ _KILLED_S = 1.0
 
 
 def spawned(target: Callable[..., None], *args: Any, name: str) -> Any:
-    """A started process that Ctrl-C in the terminal does not reach; its parent ends it."""
+    """A started process that Ctrl-C in the terminal, or closing it, does not reach; its parent ends it."""
     context = multiprocessing.get_context("spawn")
     process = context.Process(target=target, args=args, name=name, daemon=True)
     if threading.current_thread() is not threading.main_thread():
         process.start()
         return process
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # what is ignored now is ignored by the child from its first moment on; `leave_requests_to_parent` keeps it so
+    ignored = [signal.SIGINT, *([] if HANG_UP is None else [HANG_UP])]
+    before = {number: signal.signal(number, signal.SIG_IGN) for number in ignored}
     try:
         process.start()
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
     return process
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import signal
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
@@ -21,6 +20,7 @@ from posefuse.core import Detections2D, Rig, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.platform import lower_priority
+from posefuse.foundation.requests_to_end import leave_requests_to_parent
 from posefuse.health import rig_monitor as monitor
 from posefuse.health.cameras import Verdict
 from posefuse.health.clock_finding import ClockFinder
@@ -150,7 +150,7 @@ def _one_thread() -> Iterator[None]:
 
 def run_watch(rig: Rig, clocks: bool, channel: Channel) -> None:
     """Body of the process: collects views, reports what it finds."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    leave_requests_to_parent()
     lower_priority(_NICENESS)
     watcher, reported = RigWatcher(rig, clocks), Watched()
     with contextlib.suppress(ChannelClosed):

@@ -15,6 +15,7 @@ import numpy as np
 from posefuse.core import JointCentres, LiveNames, LivePose, LivePreview, Pose3D, Rig, Skeleton, SourceError
 from posefuse.foundation.compiled import compiling
 from posefuse.foundation.platform import punctual, usable_cores
+from posefuse.foundation.requests_to_end import HANG_UP, REQUESTS_TO_END, Repeats, heeded, without_terminal
 from posefuse.kinematics import JointTracker
 from posefuse.kinematics.body import FEWEST_SEEN
 from posefuse.tracking import at_joint_centres
@@ -270,13 +271,18 @@ def stop_requests() -> Iterator[list[str]]:
     Whatever interrupts the block is put down to the first request: the handler that was there before raises what it raises.
     """
     stopped: list[str] = []
+    repeats = Repeats()
 
     def note(number: int, frame: Any) -> None:
+        if repeats.repeated(number):
+            return
         if stopped:
             raise KeyboardInterrupt
         stopped.append(signal.Signals(number).name)
+        if number == HANG_UP:
+            without_terminal()
 
-    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.signal(number, note) for number in heeded((signal.SIGINT, *REQUESTS_TO_END))}
     try:
         yield stopped
     except KeyboardInterrupt:

@@ -1,0 +1,70 @@
+"""Signals that ask a program to end, and how its child processes take them; imports nothing heavy."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import stat
+import sys
+import threading
+import time
+from collections.abc import Iterable
+from types import FrameType
+
+HANG_UP: signal.Signals | None = getattr(signal, "SIGHUP", None)
+"""The terminal was closed, or the connection to it was lost; None where the system has no such signal."""
+REQUESTS_TO_END: tuple[signal.Signals, ...] = (signal.SIGTERM, *([] if HANG_UP is None else [HANG_UP]))
+# `timeout` and others send one request to the program and to its group: it arrives twice
+_REPEATED_S = 0.5
+# longer than a session takes to end its processes in order
+_GRACE_S = 20.0
+
+
+class Repeats:
+    """Recognizes a request that arrives once more."""
+
+    def __init__(self) -> None:
+        self._last_s: dict[int, float] = {}
+
+    def repeated(self, number: int) -> bool:
+        """Whether this signal came within the last half second, too."""
+        now_s = time.monotonic()
+        before_s, self._last_s[number] = self._last_s.get(number, -math.inf), now_s
+        return now_s - before_s < _REPEATED_S
+
+
+def heeded(numbers: Iterable[signal.Signals]) -> list[signal.Signals]:
+    """Those to handle: `nohup` ignores hang-ups, and that stays so."""
+    return [number for number in numbers if number != HANG_UP or signal.getsignal(number) is not signal.SIG_IGN]
+
+
+def without_terminal() -> None:
+    """What is printed from now on goes nowhere: writing to a terminal that was closed would be an error."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            if stat.S_ISCHR(os.fstat(stream.fileno()).st_mode):
+                nowhere = os.open(os.devnull, os.O_WRONLY)
+                os.dup2(nowhere, stream.fileno())
+                os.close(nowhere)
+        except (OSError, ValueError, AttributeError):
+            # closed already, or no file at all
+            continue
+
+
+def leave_requests_to_parent() -> None:
+    """Of a child process: its parent ends it, in order, so that files are finished.
+
+    Ctrl-C and a closed terminal reach every process of the terminal, and services and containers send SIGTERM to all of theirs.
+    A child that was asked with SIGTERM and is not ended by its parent ends by itself after a while.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if HANG_UP is not None:
+        signal.signal(HANG_UP, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, _end_later)
+
+
+def _end_later(number: int, frame: FrameType | None) -> None:
+    later = threading.Timer(_GRACE_S, os._exit, (128 + number,))
+    later.daemon = True
+    later.start()
