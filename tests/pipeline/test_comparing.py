@@ -1,6 +1,7 @@
 """A live session of a simulator against the truth, by simulation time: slower than real time, over several loops."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,8 @@ import pytest
 pytest.importorskip("mcap", reason="the extra `ros` is not installed")
 
 import posefuse
-from posefuse.core import CameraTruth, InputError, LivePose, LiveStart, Pose3D, Rig, Truth
+from posefuse.core import SE3, CameraTruth, InputError, LivePose, LiveStart, Pose3D, PoseSequence, Recording, Rig, Truth
+from posefuse.core.live_observations import observations_from_frames
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.evaluation.truth_tracks import looped
 from posefuse.formats.truth import write_loop, write_truth
@@ -101,3 +103,36 @@ def test_a_recording_of_other_times_is_refused(tmp_path: Path, world: Path, ring
 @pytest.mark.parametrize(("t_s", "expected"), [(0, 0), (0.5, 0.5), (2.0, 2.0), (2.25, 0.25), (4.0, 2.0), (-1, -1)])
 def test_a_loop_ends_with_its_last_pose_as_gazebo_plays_it(t_s: float, expected: float) -> None:
     assert looped(np.array([float(t_s)]), 2.0)[0] == pytest.approx(expected)
+
+
+def to_and_fro(rig: Rig, start_s: float, rate_hz: float, off_m: np.ndarray) -> Recording:
+    """Somebody who walks along a line through the origin, turns and walks back: nearly the same after half a turn."""
+    t_s = np.arange(start_s, 6.0, 1 / rate_hz)
+    phase = 2 * np.pi * t_s / 4.0
+    turned = np.where(np.cos(phase) > 0, 0.0, np.pi)
+    steps = 0.15 * np.sin(4 * phase)[:, None] * np.where(np.arange(K) % 2, 1, -1)
+    c, s = np.cos(turned)[:, None], np.sin(turned)[:, None]
+    local = np.stack([0.05 * REST[:, 0] + steps, np.broadcast_to(0.3 * REST[:, 1], (len(t_s), K))], axis=-1)
+    xy = np.stack(
+        [c * local[..., 0] - s * local[..., 1] + np.sin(phase)[:, None], s * local[..., 0] + c * local[..., 1]], axis=-1
+    )
+    xyz = np.concatenate([xy, np.broadcast_to(REST[:, 2:], (len(t_s), K, 1))], axis=-1) + off_m
+    rest = {"cov_world": np.tile(np.eye(3), (len(t_s), 1, K, 1, 1)), "reproj_px": np.ones((len(t_s), 1, K))}
+    poses = PoseSequence(
+        t_ns=np.round((t_s - start_s) * 1e9).astype(np.int64), skeleton=ANATOMICAL23, person_id=np.array([0]),
+        xyz_world=xyz[:, None], n_views=np.full((len(t_s), 1, K), 3), kind=np.ones((len(t_s), 1, K), int), **rest,
+    )  # fmt: skip
+    return Recording(rig=rig, poses=poses, observations=observations_from_frames(ANATOMICAL23, rig.names, []), provenance={})
+
+
+def test_recordings_of_one_calibration_are_not_turned_onto_each_other(ring_rig: Callable[..., Rig]) -> None:
+    rig, off_m = ring_rig(3), np.array([0.01, 0.02, 0.0])
+    a, b = to_and_fro(rig, 0.0, 30.0, np.zeros(3)), to_and_fro(rig.only(rig.names[:2]), 0.4, 100.0, off_m)
+    found = posefuse.compare(a, b)
+    np.testing.assert_array_equal(found.alignment.rotation, np.eye(3))
+    np.testing.assert_array_equal(found.alignment.shift_m, np.zeros(3))
+    assert found.alignment.offset_s == pytest.approx(0.4, abs=0.02)
+    assert np.linalg.norm(posefuse.compare(a, b, align_first_s=100.0).alignment.shift_m) == pytest.approx(0.022, abs=0.005)
+    moved = replace(b, rig=b.rig.moved(SE3.from_rotvec([0.0, 0.0, 0.1], [0.0, 0.0, 0.0])))
+    assert to_compare((Path("a"), a), (Path("b"), b), None).one_world
+    assert not to_compare((Path("a"), a), (Path("b"), moved), None).one_world

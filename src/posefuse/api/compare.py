@@ -28,7 +28,8 @@ def compare(
         b: the same.
         person: id in posefuse recordings; None: the one seen longest.
         align_time: find the offset in time.
-        align_space: find the rotation and translation between the two world frames.
+        align_space: find the rotation and translation between the two world frames; recordings of one calibration share theirs,
+            and are aligned in space only with `scale` or `align_first_s`.
         scale: find a change of size as well.
         align_first_s: align by the first seconds only, so that drift shows.
 
@@ -40,12 +41,10 @@ def compare(
         >>> found = pf.compare("RESULT", "markers.c3d")  # doctest: +SKIP
         >>> found.errors.mpjpe_mm, dict(zip(found.points, found.errors.mean_mm))  # doctest: +SKIP
     """
-    from posefuse.evaluation.compare import compare as compared
     from posefuse.pipeline.comparing import to_compare
 
     pair = to_compare(_named(a, "a"), _named(b, "b"), person)
-    time, space = align_time and not pair.exact, align_space and not pair.exact
-    return compared(pair.a, pair.b, time=time, space=space, scale=scale, start_s=align_first_s)
+    return pair.compared(time=align_time, space=align_space, scale=scale, start_s=align_first_s)
 
 
 def _named(value: core.Recording | str | Path, name: str) -> Path | tuple[Path, core.Recording]:

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from posefuse.cli.options.compare import CompareOptions
-from posefuse.evaluation.compare import compare
 from posefuse.evaluation.compare_page import PAGE_FILE, alignment_facts, comparison_figures, distance_rows, write_comparison
 from posefuse.foundation.output_folder import check_replaceable
 from posefuse.foundation.places import check_apart
@@ -25,8 +24,9 @@ def compare_files(path_a: Path, path_b: Path, options: CompareOptions, terminal:
     a, b = pair.a, pair.b
     if pair.exact:
         terminal.note(f"{path_a} is the truth of a simulation: nothing is aligned, times and world are its own")
-    aligned_in_time, aligned_in_space = not (options.no_time or pair.exact), not (options.no_space or pair.exact)
-    found = compare(a, b, time=aligned_in_time, space=aligned_in_space, scale=options.scale, start_s=options.align_first)
+    elif pair.one_world and not (options.no_space or options.scale or options.align_first):
+        terminal.note("both have the coordinates of one calibration: they are not aligned in space")
+    found = pair.compared(time=not options.no_time, space=not options.no_space, scale=options.scale, start_s=options.align_first)
     figures = comparison_figures(found)
     terminal.facts("Alignment of the second onto the first", alignment_facts(found))
     terminal.table("Distances, mm", ["point", "mean", "sd", "median", "p95", "share compared"], distance_rows(found))

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from posefuse.core import Recording
-from posefuse.evaluation.compare import Tracks
+from posefuse.core import Recording, Rig
+from posefuse.evaluation.compare import Comparison, Tracks, compare
 from posefuse.evaluation.tracks import read_tracks, tracks_of
 from posefuse.evaluation.truth_tracks import is_simulated, truth_tracks
 
@@ -19,13 +19,28 @@ Warn = Callable[[str], None]
 Source = Path | tuple[Path, Recording]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class ToCompare:
-    """Tracks of two recordings; `exact`: the first is the truth of a simulation, at the times and in the world of the second."""
+    """Tracks of two recordings.
+
+    Attributes:
+        a, b: the tracks. exact: the first is the truth of a simulation, at the times and in the world of the second.
+        one_world: both have the coordinates of one calibration.
+    """
 
     a: Tracks
     b: Tracks
     exact: bool
+    one_world: bool
+
+    def compared(self, *, time: bool = True, space: bool = True, scale: bool = False, start_s: float | None = None) -> Comparison:
+        """As `evaluation.compare.compare`, without an alignment where there is nothing to align.
+
+        Positions of one calibration are compared as they are: a person who walks to and fro looks much the same turned by half
+        a turn. An alignment in space that is asked for by `scale` or `start_s` is done all the same.
+        """
+        apart = not self.one_world or scale or start_s is not None
+        return compare(self.a, self.b, time=time and not self.exact, space=space and apart, scale=scale, start_s=start_s)
 
 
 def to_compare(a: Source, b: Source, person: int | None, warn: Warn | None = None) -> ToCompare:
@@ -40,22 +55,32 @@ def to_compare(a: Source, b: Source, person: int | None, warn: Warn | None = Non
         InputError, SourceError: a file that cannot be read, or nothing in common.
     """
     exact = isinstance(a, Path) and is_simulated(a)
-    tracks_b = _tracks(b, person, warn, simulated=exact)
+    tracks_b, rig_b = _read(b, person, warn, simulated=exact)
     if isinstance(a, Path) and exact:
-        return ToCompare(truth_tracks(a, tracks_b), tracks_b, exact=True)
-    return ToCompare(_tracks(a, person, warn, simulated=False), tracks_b, exact=False)
+        return ToCompare(a=truth_tracks(a, tracks_b), b=tracks_b, exact=True, one_world=True)
+    tracks_a, rig_a = _read(a, person, warn, simulated=False)
+    one_world = rig_a is not None and rig_b is not None and _share_a_world(rig_a, rig_b)
+    return ToCompare(a=tracks_a, b=tracks_b, exact=False, one_world=one_world)
 
 
-def _tracks(source: Source, person: int | None, warn: Warn | None, *, simulated: bool) -> Tracks:
-    """Of a live session, at simulated times where it recorded them, or of any other file or result folder."""
+def _share_a_world(one: Rig, two: Rig) -> bool:
+    """Cameras that both have are calibrated alike."""
+    names = [name for name in one.names if name in two.names]
+    return bool(names) and one.only(names).id == two.only(names).id
+
+
+def _read(source: Source, person: int | None, warn: Warn | None, *, simulated: bool) -> tuple[Tracks, Rig | None]:
+    """Of a live session, at simulated times where it recorded them, or of any other file or result folder; with its cameras."""
     if isinstance(source, tuple):
         path, recording = source
-        return tracks_of(recording.poses, path, person)
-    if not is_live(source):
-        return read_tracks(source, person)
+        return tracks_of(recording.poses, path, person), recording.rig
+    if not (is_live(source) or source.is_dir()):
+        return read_tracks(source, person), None
     recording = read_result(source, warn)
     tracks = tracks_of(recording.poses, source, person)
-    return _at_simulated_times(tracks, source, int(recording.provenance["start_ns"])) if simulated else tracks
+    if simulated and is_live(source):
+        tracks = _at_simulated_times(tracks, source, int(recording.provenance["start_ns"]))
+    return tracks, recording.rig
 
 
 def _at_simulated_times(tracks: Tracks, path: Path, start_ns: int) -> Tracks:

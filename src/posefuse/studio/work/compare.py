@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import posefuse as pf
-from posefuse.evaluation.compare import compare
 from posefuse.evaluation.compare_page import PAGE_FILE, comparison_figures, write_comparison
 from posefuse.pipeline.comparing import to_compare
 from posefuse.studio.workspace import StudioWorkspace
@@ -19,7 +18,7 @@ def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: pf.P
     progress("read", 0, None, "reading both")
     pair = to_compare(a, b, None)
     progress("compare", 0, None, "aligning in time and space")
-    found = compare(pair.a, pair.b, time=not pair.exact, space=not pair.exact)
+    found = pair.compared()
     write_comparison(out, pair.a, pair.b, found, inputs=(a, b))
     mean_mm = comparison_figures(found)["mean_mm"]
     progress("compare", 1, 1, f"mean distance {mean_mm:.1f} mm")
