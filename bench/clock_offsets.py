@@ -46,7 +46,7 @@ def run(rig: Rig, views: ViewSequence, rate_hz: float, number: int) -> tuple[dic
     rng = np.random.default_rng([number, round(rate_hz)])
     halves = list(combinations(rig.names, len(rig) // 2))
     ahead = halves[number % len(halves)]
-    finder, told = ClockFinder(rig), limb_keypoints(views.skeleton.keypoints)
+    finder, limbs = ClockFinder(rig), limb_keypoints(views.skeleton.keypoints)
     period_s = float(np.median(np.diff(views.t_ns))) / 1e9
     chance = rate_hz * period_s
     begin = int(rng.integers(len(views.t_ns)))
@@ -56,7 +56,7 @@ def run(rig: Rig, views: ViewSequence, rate_hz: float, number: int) -> tuple[dic
         for c, name in enumerate(rig.names):
             if rng.random() < chance:
                 late_s = OFFSET_S if name in ahead else 0.0
-                xy, score = views.xy_img[i, 0, c][told], views.score[i, 0, c][told]
+                xy, score = views.xy_img[i, 0, c][limbs], views.score[i, 0, c][limbs]
                 finder.add(name, 10**15 + round((now_s + late_s) * 1e9), xy, score)
         if now_s >= asked_s:
             asked_s += ASKED_S

@@ -115,19 +115,19 @@ def simulated(seeds: Sequence[int]) -> dict:
         tracks = tracks_of(rig, session)
         cut, walk = until(tracks, seconds), f"seed {seed}, {seconds:.0f} s"
         for name, late_s in LATE_S.items():
-            told(figures["rig known"], f"{walk}, {name}", with_rig(rig, cut, late_s))
-        told(figures["rig known"], f"{walk}, and 50 ppm", with_rig(rig, cut, LATE_S["within 0.3 s"], DRIFT))
+            report(figures["rig known"], f"{walk}, {name}", with_rig(rig, cut, late_s))
+        report(figures["rig known"], f"{walk}, and 50 ppm", with_rig(rig, cut, LATE_S["within 0.3 s"], DRIFT))
         walk = f"seed {seed}, {alone_s:.0f} s"
         for name, phases, late_s in (
             ("synchronised", (0, 0, 0, 0), np.zeros(4)),
             ("within 0.3 s", PHASES, LATE_S["within 0.3 s"]),
             ("one 3.7 s", PHASES, LATE_S["one 3.7 s"]),
         ):
-            told(figures["person alone"], f"{walk}, {name}", alone(rig, until(tracks, alone_s, phases), late_s))
+            report(figures["person alone"], f"{walk}, {name}", alone(rig, until(tracks, alone_s, phases), late_s))
     return figures
 
 
-def told(figures: dict, case: str, found: dict) -> None:
+def report(figures: dict, case: str, found: dict) -> None:
     """Keep a case's figures, and show them at once."""
     figures[case] = found
     print(f"{case}: {found}", file=sys.stderr, flush=True)

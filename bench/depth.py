@@ -198,7 +198,7 @@ def network_rows(paths: SessionPaths) -> Iterator[Row]:
             skipped = {name: {"skip": True} for name in truth.rig.names if name not in used}
             config = settings_from_mapping({"cameras": skipped}, TrackConfig, "bench")
             session = find_session(paths.folder if depth else without_depth(paths), config)
-            done = track_session(session, config, StageClock(), lambda *_: None, _told, _told).recording
+            done = track_session(session, config, StageClock(), lambda *_: None, _silent, _silent).recording
             yield {"mode": "recorded"} | about | figures(sequence(done.poses), truth)
             frames = [done.observations.detections(i) for i in range(len(done.observations.frame_t_ns))]
             seen = sorted((one for one in frames if len(one)), key=lambda one: one.t_ns)
@@ -206,7 +206,7 @@ def network_rows(paths: SessionPaths) -> Iterator[Row]:
             yield {"mode": "live"} | about | figures(live_poses(seen, done.rig, table), truth)
 
 
-def _told(line: str) -> None:
+def _silent(line: str) -> None:
     print(line, file=sys.stderr)
 
 

@@ -314,8 +314,8 @@ def quiet(clip: Clip) -> dict:
     """False alarms of a clip with nothing wrong."""
     long = clip.lasting(QUIET_S)
     found = findings(long, long.xy_img, np.inf)
-    told = [f"{one.t_ns / 1e9:.0f} s: {one.detail}" for one in found]
-    return {"clip": clip.name, "cameras": len(clip.rig), "minutes": QUIET_S / 60, "alarms": len(found), "told": told}
+    details = [f"{one.t_ns / 1e9:.0f} s: {one.detail}" for one in found]
+    return {"clip": clip.name, "cameras": len(clip.rig), "minutes": QUIET_S / 60, "alarms": len(found), "details": details}
 
 
 def explained_by_nothing(clip: Clip) -> dict:

@@ -80,8 +80,8 @@ def write_page(parts: dict[str, str]) -> None:
         "Machines are shared and noisy: read ratios and medians, and look at which machine made a part.",
         f"Packages: {', '.join(f'{name} {version(name)}' for name in PACKAGES)}.",
     ]
-    told = [f"## {title}\n\n{parts[title]}" for title in TITLES.values() if title in parts]
-    PAGE.write_text("\n\n".join([*head, *told]) + "\n", encoding="utf-8")
+    filled = [f"## {title}\n\n{parts[title]}" for title in TITLES.values() if title in parts]
+    PAGE.write_text("\n\n".join([*head, *filled]) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

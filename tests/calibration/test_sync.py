@@ -1,4 +1,4 @@
-"""Clocks from what moves before known cameras: seconds apart, drifting, and what cannot be told."""
+"""Clocks from what moves before known cameras: seconds apart, drifting, and what cannot be determined."""
 
 import json
 from collections.abc import Callable, Sequence

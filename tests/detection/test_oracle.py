@@ -1,4 +1,4 @@
-"""The oracle errs exactly as it is told, whatever order it is asked in."""
+"""The oracle errs exactly as its settings state, whatever order it is asked in."""
 
 import numpy as np
 import pytest

@@ -91,7 +91,7 @@ def test_covariance_matches_the_errors_with_outliers(ring_rig, count, wrong):
     xy = np.moveaxis(rig.project(xyz), 0, 1)
     xy = xy + rng.normal(size=xy.shape) * 2.0
     bad = rng.random(xy.shape[:-1]) < wrong
-    # at most all but three views, so that the truth can be told
+    # at most all but three views, so that the truth can be determined
     bad &= np.cumsum(bad, axis=1) <= count - 3
     xy[bad] += rng.uniform(80, 200, (bad.sum(), 2)) * rng.choice([-1, 1], (bad.sum(), 2))
     found = triangulate(rig, xy, sigma_px=np.full(xy.shape[:-1], 2.0))

@@ -98,7 +98,7 @@ def test_viewing_shows_the_recording_or_makes_one(tmp_path: Path, make_recording
 
 
 @needs_rerun
-@pytest.mark.skipif(sys.platform != "linux", reason="displays are told by the environment on Linux only")
+@pytest.mark.skipif(sys.platform != "linux", reason="displays are named by the environment on Linux only")
 def test_without_a_display(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)

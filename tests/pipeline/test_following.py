@@ -1,4 +1,4 @@
-"""Following people through a recording: when views are told where to look, and when whole images are searched."""
+"""Following people through a recording: when views have image regions, and when whole images are searched."""
 
 import dataclasses
 from collections.abc import Iterator
@@ -283,7 +283,7 @@ def test_two_people_hidden_for_a_moment_come_back_under_their_own_ids(ring_rig) 
 
 
 class Crossing(Stage):
-    """Two people meet at 0.3 m; where both are told to be, a view marks the nearer one twice."""
+    """Two people meet at 0.3 m; where both are expected, a view marks the nearer one twice."""
 
     def xyz(self, i: int) -> dict[int, np.ndarray]:
         x = -0.9 + 0.06 * i

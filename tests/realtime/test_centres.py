@@ -1,4 +1,4 @@
-"""Joint centres live: what goes out has moved, what the views are told has not, and a recording says by which table."""
+"""Joint centres live: what goes out has moved, the poses sent to the views have not, and a recording states by which table."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -115,7 +115,7 @@ def test_where_networks_differ_the_first_camera_with_a_table_counts(somebody) ->
 
 
 def test_the_table_of_one_who_is_followed_for_long_counts_by_length(somebody) -> None:
-    """And to be told the same table again does not make any person a stranger; another one does."""
+    """The same table sent again does not make any person a stranger; another one does."""
     centring, tracker = Centring("ab", wanted=True), Still(somebody)
     centring.learn(Centres(("a",), FULL))
     shown = [centring.moved(tracker.at(i * PERIOD_NS)).xyz_world for i in range(3000)]

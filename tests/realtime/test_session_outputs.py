@@ -1,4 +1,4 @@
-"""Outputs of a whole live session that fail: told at once, recorded on, and the session ends with 1."""
+"""Outputs of a whole live session that fail: reported at once, the recording continues, and the session ends with 1."""
 
 import json
 import os

@@ -209,7 +209,7 @@ def test_a_session_of_its_own_is_replaced_and_what_is_the_users_stays(tmp_path, 
     simulate(scene, folder, processes=1, replace=True)
     assert _contents(folder) == before
     assert set(tmp_path.iterdir()) == {folder, aside}
-    # interrupted: the finished one is aside, and where is told
+    # interrupted: the finished one is aside, and the error names where
 
     def interrupt(done: int, total: int) -> None:
         raise KeyboardInterrupt

@@ -119,7 +119,7 @@ def test_a_broken_image_is_counted_and_an_empty_folder_named(tmp_path: Path) -> 
 
 
 class Scripted:
-    """A source of blank frames at given times that fails after the last when told to."""
+    """A source of blank frames at given times that fails after the last on request."""
 
     def __init__(self, camera: str, times_ms: list[int], fails: bool = False) -> None:
         self.camera, self.size_wh, self.closed = camera, SIZE_WH, False

@@ -42,7 +42,7 @@ FILES: dict[str, Any] = {
     # jobs: not written to the end; with values of other kinds
     f"{JOBS}/20260101-000000-live/job.json": "{",
     f"{JOBS}/20260101-000001-report/job.json": {"id": "20260101-000001-report", "work": "report", "title": LONG, "arguments": {}},
-    f"{JOBS}/20260101-000001-report/state.json": {"state": "done", "told_s": "yesterday", "news": 5},
+    f"{JOBS}/20260101-000001-report/state.json": {"state": "done", "reported_s": "yesterday", "news": 5},
     f"{JOBS}/20260101-000002-report/job.json": {"id": "x", "work": "report", "title": "t", "arguments": 3},
     "plans/half.yaml": ": : :",
 }

@@ -85,9 +85,9 @@ def test_a_job_that_stopped_reporting_is_lost_with_its_last_words(workspace: Stu
     jobs = Jobs(workspace)
     folder = workspace.folder(f"{JOBS_FOLDER}/old")
     write_json(folder / "job.json", {"id": "old", "work": "track", "title": "T", "arguments": {}, "begun_s": time.time() - 500})
-    write_json(folder / "state.json", {"state": "running", "told_s": time.time()})
+    write_json(folder / "state.json", {"state": "running", "reported_s": time.time()})
     assert jobs.report("old").state == "running" and [job.id for job in jobs.running()] == ["old"]
-    write_json(folder / "state.json", {"state": "running", "told_s": time.time() - 100})
+    write_json(folder / "state.json", {"state": "running", "reported_s": time.time() - 100})
     (folder / "log.txt").write_text("Killed\n\n", encoding="utf-8")
     assert (jobs.report("old").state, jobs.report("old").error) == ("lost", "Killed")
     assert jobs.running() == []

@@ -45,7 +45,7 @@ class NobodyPresses:
 
 
 class Answers:
-    """A robot that answers one state after the other, whatever it is told."""
+    """A robot that answers one state after the other, whatever it receives."""
 
     def __init__(self, *states):
         self.left, self.state = list(states), None

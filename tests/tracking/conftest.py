@@ -1,4 +1,4 @@
-"""A person of 17 points who moves as told, seen by cameras that do not wait for each other."""
+"""A person of 17 points who moves as wanted, seen by cameras that do not wait for each other."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

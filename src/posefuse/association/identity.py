@@ -163,8 +163,8 @@ class Identity:
         if crossed - straight < _EXCHANGE_EVIDENCE:
             return replace(self, tracks=tracks)
         tracks[a], tracks[b] = replace(tracks[a], person=two.person), replace(tracks[b], person=one.person)
-        told = (Named(track=a, person=two.person, since_ns=since_ns), Named(track=b, person=one.person, since_ns=since_ns))
-        return replace(self, tracks=tracks, names=(*self.names, *told))
+        named = (Named(track=a, person=two.person, since_ns=since_ns), Named(track=b, person=one.person, since_ns=since_ns))
+        return replace(self, tracks=tracks, names=(*self.names, *named))
 
     def _named(self) -> Identity:
         """Name the tracks that can be named: at once where only one person is possible, else together by their traits."""
@@ -198,21 +198,21 @@ class Identity:
     def _with_names(self, ready: list[int], options: list[int], likely: Array) -> Identity:
         # of equally likely strangers the lowest id
         rows, columns = linear_sum_assignment(-(likely - 1e-9 * np.arange(len(options))))
-        tracks, people, told = dict(self.tracks), dict(self.people), []
+        tracks, people, named = dict(self.tracks), dict(self.people), []
         for row, column in zip(rows, columns, strict=True):
             number, person = ready[row], options[column]
             people.setdefault(person, Traits.unknown(len(tracks[number].traits.mean)))
             tracks[number] = replace(tracks[number], person=person)
             # no one is in two places: before the person's last track ended, this one was another person
             since_ns = max(tracks[number].begin_ns, self.left_ns.get(person, tracks[number].begin_ns - 1) + 1)
-            told.append(Named(track=number, person=person, since_ns=since_ns))
-        return replace(self, tracks=tracks, people=people, names=(*self.names, *told))
+            named.append(Named(track=number, person=person, since_ns=since_ns))
+        return replace(self, tracks=tracks, people=people, names=(*self.names, *named))
 
 
 def persons_at(names: tuple[Named, ...], track: int, t_ns: int) -> int:
     """Who the track was at this time, as the newest decision has it; `UNNAMED` if that was never decided."""
-    told = [one for one in names if one.track == track and one.since_ns <= t_ns]
-    return told[-1].person if told else UNNAMED
+    named = [one for one in names if one.track == track and one.since_ns <= t_ns]
+    return named[-1].person if named else UNNAMED
 
 
 def with_persons(pose: Pose3D, persons: Sequence[int]) -> Pose3D:

@@ -114,13 +114,13 @@ class _News:
     """A line whenever the phase or its reason changes."""
 
     def __init__(self, terminal: Terminal) -> None:
-        self._terminal, self._told = terminal, ""
+        self._terminal, self._last = terminal, ""
 
     def __call__(self, operator: Operator, order: Order | None) -> None:
         gate = operator.gate
         reason = "".join("#" if c.isdigit() else c for c in gate.reason)
-        if (line := f"{gate.phase.value} {reason}") != self._told:
-            self._told = line
+        if (line := f"{gate.phase.value} {reason}") != self._last:
+            self._last = line
             self._terminal.note(f"{gate.phase.value.upper():8} {gate.reason}")
 
 

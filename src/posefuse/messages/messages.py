@@ -119,8 +119,8 @@ def detections_from_message(msg: Any) -> tuple[Detections2D, dict[str, int]]:
     worn = getattr(msg, "clothing_lab", ())
     clothing = _shaped(worn, (people, 3, 3), where, "clothing_lab") if len(worn) else np.zeros((0, 3, 3))
     # no camera of an older version has depth
-    told = getattr(msg, "depth_m", ())
-    depth = _shaped(told, (people, k, 2), where, "depth_m") if len(told) else None
+    sent = getattr(msg, "depth_m", ())
+    depth = _shaped(sent, (people, k, 2), where, "depth_m") if len(sent) else None
     if depth is not None and (np.isinf(depth).any() or (depth < 0).any()):
         raise MessageError(f"{where} of {msg.camera}: expected depths and their sigmas >= 0, finite or NaN")
     if np.isinf(clothing).any():

@@ -20,7 +20,7 @@ from posefuse.messages.messages import DETECTIONS_TYPE, SourceCounts, detections
 from .clock import SessionClock
 from .joint_centres import centres_from_message
 from .messages import Centres, SeenView
-from .node_intrinsics import ToldIntrinsics
+from .node_intrinsics import NodeIntrinsics
 from .senders import Senders
 
 _WAIT_S = 0.2
@@ -88,7 +88,7 @@ class NetworkIntake:
         self._node = RosNode(name, network)
         self._reader = self._node.reader(topics.DETECTIONS)
         self._centres_reader = self._node.reader(topics.JOINT_CENTRES)
-        self._intrinsics = ToldIntrinsics(self._node, rig)
+        self._intrinsics = NodeIntrinsics(self._node, rig)
         self._ours, self._theirs = Channel.pair()
         self._stop = threading.Event()
         self._chosen = threading.Event()
@@ -113,8 +113,8 @@ class NetworkIntake:
 
     def notices(self) -> list[str]:
         """Why messages are refused, each reason once; and camera nodes that work with other intrinsics."""
-        senders, told = self.views.senders, self._intrinsics
-        found, senders.news, told.problems = [*senders.news, *told.problems], [], []
+        senders, intrinsics = self.views.senders, self._intrinsics
+        found, senders.news, intrinsics.problems = [*senders.news, *intrinsics.problems], [], []
         return found
 
     def first_skeleton(self, timeout_s: float) -> Skeleton | None:

@@ -26,7 +26,7 @@ def tell_intrinsics(node: RosNode, rig: Rig, cameras: Iterable[str], t_ns: int) 
         node.publish(topics.node_camera_info(name), info_from_camera(rig[name], t_ns), t_ns)
 
 
-class ToldIntrinsics:
+class NodeIntrinsics:
     """What camera nodes publish about the cameras of a rig.
 
     Attributes:
@@ -72,8 +72,8 @@ def rig_of_nodes(rig: Rig, network: Network, say: Say, duration_s: float | None 
     """
     begun_s = said_s = time.monotonic()
     with RosNode("posefuse_fusion_intrinsics", network) as node:
-        told = ToldIntrinsics(node, rig)
-        while missing := [name for name in rig.names if name not in told.cameras]:
+        intrinsics = NodeIntrinsics(node, rig)
+        while missing := [name for name in rig.names if name not in intrinsics.cameras]:
             now_s = time.monotonic()
             if duration_s is not None and now_s - begun_s > duration_s:
                 raise SourceError(
@@ -83,6 +83,6 @@ def rig_of_nodes(rig: Rig, network: Network, say: Say, duration_s: float | None 
                 said_s = now_s
                 say(f"waiting for the intrinsics of {', '.join(missing)}")
             node.wait(_WAIT_S)
-            told.hear()
+            intrinsics.hear()
     say(f"intrinsics of {', '.join(rig.names)} are those that their nodes work with")
-    return replace(rig, cameras=tuple(told.cameras[name] for name in rig.names))
+    return replace(rig, cameras=tuple(intrinsics.cameras[name] for name in rig.names))

@@ -71,7 +71,7 @@ class RigWatch:
 
     def __init__(self, rig: Rig, clocks: bool) -> None:
         self.known, self.trouble = Watched(), ""
-        self._told_ns = dict.fromkeys(rig.names, 0)
+        self._sent_ns = dict.fromkeys(rig.names, 0)
         self._channel, theirs = Channel.pair()
         with _one_thread():
             self._process = spawned(run_watch, rig, clocks, theirs, name="posefuse rig watch")
@@ -93,8 +93,8 @@ class RigWatch:
 
         It goes into the next finding, unless several people are followed: cameras must not be asked about different ones.
         """
-        if followed <= 1 and len(view) == 1 and not 0 <= view.t_ns - self._told_ns[view.camera] < _APART_NS:
-            self._tell(view)
+        if followed <= 1 and len(view) == 1 and not 0 <= view.t_ns - self._sent_ns[view.camera] < _APART_NS:
+            self._pass_on(view)
         offset_s = self.known.offset_s.get(view.camera, 0.0)
         return replace(view, t_ns=view.t_ns - round(offset_s * _S)) if offset_s else view
 
@@ -112,8 +112,8 @@ class RigWatch:
         except ChannelClosed:
             self._lost()
 
-    def _tell(self, view: Detections2D) -> None:
-        self._told_ns[view.camera] = view.t_ns
+    def _pass_on(self, view: Detections2D) -> None:
+        self._sent_ns[view.camera] = view.t_ns
         points = _limb_keypoints(view.skeleton)
         self._send((view.camera, view.t_ns, view.xy_img[0, points], view.score[0, points]))
 

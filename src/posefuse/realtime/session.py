@@ -105,8 +105,8 @@ def run_session(
             centring = Centring(rig.names, config.joint_centres)
             gate = KeypointGate(config.gate)
             fusion = Fusion(rig, tracker, board, clock, outputs, centring, watch=watch, joints=joints, gate=gate, bodies=bodies)
-            for told in views.centres():
-                fusion.take(told)
+            for centres in views.centres():
+                fusion.take(centres)
             zero_ns = views.start(clock)
             # what was compiled and loaded before is not the session's
             begun = os.times()

@@ -48,13 +48,13 @@ class JobReporter:
     def __call__(self, stage: str, done: int, total: int | None, message: str = "") -> None:
         """See `Progress`."""
         with self._lock:
-            self._report = self._report.told(stage, done, total, message)
+            self._report = self._report.advanced(stage, done, total, message)
 
     def note(self, message: str) -> None:
         """A line of news within the stage."""
         with self._lock:
             report = self._report
-            self._report = report.told(report.stage, report.done, report.total, message)
+            self._report = report.advanced(report.stage, report.done, report.total, message)
 
     def publish(self, **extra: Any) -> None:
         """Put JSON values where pages find them at once, e.g. the address of a live session."""
@@ -88,7 +88,7 @@ class JobReporter:
             self._written = report
         # a full disk must not end the work: its next report may find room
         with suppress(InputError, OSError):
-            write_json(self._folder / "state.json", asdict(replace(report, told_s=self._written_s)))
+            write_json(self._folder / "state.json", asdict(replace(report, reported_s=self._written_s)))
 
 
 def run_job(workspace: StudioWorkspace, job: Job, reporter: JobReporter) -> None:

@@ -52,7 +52,7 @@ class Report:
 
     Attributes:
         stage, done, total: see `posefuse.Progress`. news: its newest lines, oldest first.
-        error: one line. result: JSON values that `run` returned. pid: of its process. told_s: Unix time of the report.
+        error: one line. result: JSON values that `run` returned. pid: of its process. reported_s: Unix time of the report.
         extra: what the work publishes while it runs, e.g. the address of a live session.
     """
 
@@ -64,7 +64,7 @@ class Report:
     error: str = ""
     result: Mapping[str, Any] = field(default_factory=dict)
     pid: int = 0
-    told_s: float = 0.0
+    reported_s: float = 0.0
     extra: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -77,7 +77,7 @@ class Report:
         """Of the stage; None where the total is not known."""
         return min(1.0, self.done / self.total) if self.total else None
 
-    def told(self, stage: str, done: int, total: int | None, message: str = "") -> Report:
+    def advanced(self, stage: str, done: int, total: int | None, message: str = "") -> Report:
         """With one call of `Progress`."""
         news = (*self.news, message)[-_MOST_NEWS:] if message else self.news
         return replace(self, stage=stage, done=done, total=total, news=news)
@@ -141,10 +141,10 @@ class Jobs:
         if report.ended:
             return report
         job = self.job(job_id)
-        silent_s = time.time() - (report.told_s or (job.begun_s if job else 0.0))
+        silent_s = time.time() - (report.reported_s or (job.begun_s if job else 0.0))
         process = self._processes.get(job_id)
         died = process is not None and process.returncode is not None
-        if died or silent_s > (_LOST_S if report.told_s else _STARTING_S):
+        if died or silent_s > (_LOST_S if report.reported_s else _STARTING_S):
             return replace(report, state="lost", error=self._last_words(folder) or "its process ended without a report")
         return report
 
@@ -185,7 +185,7 @@ def _report_of(content: Mapping[str, Any]) -> Report:
     try:
         report = Report(**{key: value for key, value in content.items() if key in known})
         result, extra = dict(report.result), dict(report.extra)
-        return replace(report, news=tuple(map(str, report.news)), told_s=float(report.told_s), result=result, extra=extra)
+        return replace(report, news=tuple(map(str, report.news)), reported_s=float(report.reported_s), result=result, extra=extra)
     except (TypeError, ValueError):
         return Report()
 

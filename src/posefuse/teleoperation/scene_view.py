@@ -50,7 +50,7 @@ class SceneView:
         self._shown_ns: int | None = None
         self._first_ns = 0
         self._trail: deque[Array] = deque(maxlen=_TRAIL)
-        self._told = ""
+        self._shown = ""
         self._log_box()
 
     def __call__(self, operator: Operator, order: Order | None) -> None:
@@ -114,8 +114,8 @@ class SceneView:
 
         self._stream.log("separation_m", rr.Scalars(operator.separation_m))
         text = f"{operator.gate.phase.value.upper()} {operator.gate.reason}"
-        if text != self._told:
-            self._told = text
+        if text != self._shown:
+            self._shown = text
             self._stream.log("state", rr.TextDocument(text))
             self._stream.log("news", rr.TextLog(text))
 

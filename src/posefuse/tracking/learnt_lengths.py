@@ -69,9 +69,9 @@ class LearntLengths:
         sides = np.isfinite(seen).sum(axis=0)
         longer = np.nansum(seen, axis=0) / np.maximum(sides, 1) - self.table.usual
         away = np.where(sides > 0, np.clip(longer - person.longer, -MOST_LONGER_M, MOST_LONGER_M), 0.0)
-        told_s = new_s * sides / len(seen)
-        person.seconds = np.minimum(person.seconds + told_s, _MEMORY_S)
-        person.longer = person.longer + away * told_s / (self._usual_s + person.seconds)
+        learnt_s = new_s * sides / len(seen)
+        person.seconds = np.minimum(person.seconds + learnt_s, _MEMORY_S)
+        person.longer = person.longer + away * learnt_s / (self._usual_s + person.seconds)
 
 
 def _well_known(pose: Pose3D) -> Array:

@@ -111,8 +111,8 @@ def _smooth_point(t_ns: Array, z: Array, noise: Array, rate_hz: float, settings:
     def solve() -> tuple[Array, float]:
         smooth_kernels.smooth_point(t_s, z, noise, measured & ~left_out, q, settings.max_gap_s, mean, cov)
         miss = _contradiction(z, noise, mean, cov, measured, left_out)
-        told = np.isfinite(miss) & ~left_out
-        return miss, max(1.0, float(np.median(miss[told])) / _MEDIAN_CHI2) if told.any() else 1.0
+        known = np.isfinite(miss) & ~left_out
+        return miss, max(1.0, float(np.median(miss[known])) / _MEDIAN_CHI2) if known.any() else 1.0
 
     left_out = np.zeros(len(z), bool)
     miss, scale = solve()
@@ -129,9 +129,9 @@ def _smooth_point(t_ns: Array, z: Array, noise: Array, rate_hz: float, settings:
         _, scale = solve()
     used = measured & ~left_out
     rate = 2 * np.pi * rate_hz / _HALF_POWER
-    told = np.isfinite(mean[:, 0])
+    known = np.isfinite(mean[:, 0])
     smooth_kernels.add_lasting(
-        t_s, noise, used, told, rate, settings.lasting_share, settings.lasting_s, settings.max_gap_s, lasting
+        t_s, noise, used, known, rate, settings.lasting_share, settings.lasting_s, settings.max_gap_s, lasting
     )
     return mean, cov * scale, used, lasting * scale
 
@@ -156,9 +156,9 @@ def _contradiction(z: Array, noise: Array, mean: Array, cov: Array, measured: Ar
     sign = np.where(left_out, 1.0, -1.0)[:, None, None]
     spread = np.where((measured & np.isfinite(mean[:, 0]))[:, None, None], noise + sign * cov, 0.0)
     # alone in its run a measurement is its own posterior: nothing contradicts it
-    told = np.linalg.eigvalsh(spread)[:, 0] > 1e-6 * np.trace(noise, axis1=-2, axis2=-1)
-    residual = (z - mean)[told]
-    miss[told] = (residual * np.linalg.solve(spread[told], residual[..., None])[..., 0]).sum(axis=-1)
+    known = np.linalg.eigvalsh(spread)[:, 0] > 1e-6 * np.trace(noise, axis1=-2, axis2=-1)
+    residual = (z - mean)[known]
+    miss[known] = (residual * np.linalg.solve(spread[known], residual[..., None])[..., 0]).sum(axis=-1)
     return miss
 
 

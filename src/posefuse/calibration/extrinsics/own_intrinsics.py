@@ -79,7 +79,7 @@ def check_carried(cameras: Sequence[Camera], observations: CornerObservations, s
         slope = camera.K[0, 0] * np.array([rim**3, rim**5])
         bend_px = float(np.sqrt(slope @ solution.lens_covariance[c][4:, 4:] @ slope)) * 1000 / max(camera.size_wh)
         near, far = np.quantile(distance_m[seen.camera == c], [0.05, 0.95])
-        told = (
+        rules = (
             (share[c] < ENOUGH_SHARE, f"its image is covered by {share[c]:.0%} (needed {ENOUGH_SHARE:.0%})"),
             (far < limits.own_depth_ratio * near,
              f"the target was {near:.1f} to {far:.1f} m away (needed a range of 1 to {limits.own_depth_ratio:g})"),
@@ -88,7 +88,7 @@ def check_carried(cameras: Sequence[Camera], observations: CornerObservations, s
             (bend_px > limits.own_bend_px_per_1000,
              f"its distortion is known to {bend_px:.1f} px per 1000 at the rim (needed {limits.own_bend_px_per_1000:g})"),
         )  # fmt: skip
-        problems += [f"{camera.name}: {words}" for wrong, words in told if wrong]
+        problems += [f"{camera.name}: {words}" for wrong, words in rules if wrong]
     return Check(
         "recording carries the intrinsics", not problems, "; ".join(problems) or "near and far, over all images",
         "move the target near and far, into all corners, tilted this way and that; or calibrate the intrinsics with a board",

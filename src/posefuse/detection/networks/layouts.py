@@ -47,9 +47,9 @@ def check_outputs(card: NetworkCard, names: Sequence[str], outputs: Sequence[Arr
     if card.kind == "yolox" and fitting:
         fitting = got[0][2] >= _LEAST_YOLOX_VALUES + card.decoding.person_class
     if not fitting:
-        told = ", ".join(f"{name} {shape}" for name, shape in zip(names, got, strict=True))
+        have = ", ".join(f"{name} {shape}" for name, shape in zip(names, got, strict=True))
         wanted = ", ".join(_text(shape) for shape in expected)
-        raise ModelError(f"model card {card.name}: {card.path.name}: expected outputs of layout {card.kind} {wanted}; got {told}")
+        raise ModelError(f"model card {card.name}: {card.path.name}: expected outputs of layout {card.kind} {wanted}; got {have}")
 
 
 def keypoints_of(card: NetworkCard, outputs: Sequence[Array]) -> Keypoints:

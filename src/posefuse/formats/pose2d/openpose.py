@@ -59,11 +59,11 @@ def read_openpose_folder(folder: Path, camera: str, skeleton: Skeleton | None = 
         if number == following:
             raise InputError(f"{other}: same frame number {number} as {path.name}")
     numbers, ordered = zip(*numbered, strict=True)
-    chosen = skeleton or _told_skeleton(folder, camera, ordered)
+    chosen = skeleton or _skeleton_of(folder, camera, ordered)
     return Pose2DFrames(camera, NAME, chosen, numbers, lambda place: _people(ordered[place], chosen))
 
 
-def _told_skeleton(folder: Path, camera: str, paths: tuple[Path, ...]) -> Skeleton:
+def _skeleton_of(folder: Path, camera: str, paths: tuple[Path, ...]) -> Skeleton:
     offsets: list[float] = []
     for path, person in ((file, person) for file in paths for person in _read(file)):
         if len(person) != BODY_POINTS:

@@ -137,11 +137,11 @@ def outputs_card(studio: Studio) -> Refresh:
 
     def refresh(status: Mapping[str, Any]) -> None:
         for name, (switch, label) in lines.items():
-            on, told = name in status["wanted"], status["outputs"].get(name)
+            on, output = name in status["wanted"], status["outputs"].get(name)
             if switch.value != on:
                 switch.set_value(on)
-            text = "" if told is None else f"{told['state']}: {told['text'] or told['where']}" * (told["state"] != "ok")
-            label.set_text(text or (f"{told['taken']} messages to {told['where'] or 'the network'}" if told and on else ""))
+            text = "" if output is None else f"{output['state']}: {output['text'] or output['where']}" * (output["state"] != "ok")
+            label.set_text(text or (f"{output['taken']} messages to {output['where'] or 'the network'}" if output and on else ""))
             label.set_visibility(bool(label.text))
 
     return refresh

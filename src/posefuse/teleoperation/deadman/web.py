@@ -58,8 +58,8 @@ class WebSwitch:
     def report(self, text: str) -> str:
         """Take one report of the page in; the answer carries the next number. Anything malformed counts as let go."""
         try:
-            told = json.loads(text)
-            number, held, grip, event = int(told["echo"]), told["held"] is True, told["grip"] is True, str(told.get("event", ""))
+            sent = json.loads(text)
+            number, held, grip, event = int(sent["echo"]), sent["held"] is True, sent["grip"] is True, str(sent.get("event", ""))
         except (ValueError, TypeError, KeyError, OverflowError):
             number, held, grip, event = -1, False, False, ""
         with self._lock:

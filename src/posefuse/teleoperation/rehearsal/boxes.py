@@ -118,8 +118,8 @@ class MadeUpHand:
     def view(self, k: int, hand_world: Array, now_ns: int) -> OperatorView:
         """See `Hand`."""
         self._noise = 0.9 * self._noise + np.sqrt((1 - 0.9**2) / 3) * self._noise_m * self._rng.normal(size=3)
-        told = hand_world + self._noise + 1e-6 * self._rng.normal(size=3)
-        return person_view(told, now_ns, measured_ns=now_ns - 40_000_000, sigma_m=self._noise_m / np.sqrt(3))
+        measured_world = hand_world + self._noise + 1e-6 * self._rng.normal(size=3)
+        return person_view(measured_world, now_ns, measured_ns=now_ns - 40_000_000, sigma_m=self._noise_m / np.sqrt(3))
 
 
 @dataclass(frozen=True, kw_only=True)

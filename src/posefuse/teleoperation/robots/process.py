@@ -105,7 +105,7 @@ def _drive(channel: Channel, robot: Robot, driver: Driver, plan: RobotPlan, repo
         except ChannelClosed:
             link = False
         state = driver.step(orders, time.monotonic_ns(), link=link and not leaving, late=late, left_out=left_out)
-        link = link and _told(channel, state)
+        link = link and _delivered(channel, state)
         for reporter in reporters:
             reporter.take(state, driver.follower.order)
         if (leaving or not link) and driver.follower.stands:
@@ -117,7 +117,7 @@ def _drive(channel: Channel, robot: Robot, driver: Driver, plan: RobotPlan, repo
             due_ns = time.monotonic_ns()
 
 
-def _told(channel: Channel, state: RobotState) -> bool:
+def _delivered(channel: Channel, state: RobotState) -> bool:
     try:
         channel.send(state)
     except ChannelClosed:

@@ -178,16 +178,16 @@ class RosJoints:
         return message(self._arm.type_name, header=header(t_ns, ""), joint_names=names, points=[point])
 
     def _listen(self) -> None:
-        names, told = self.ik.chain.names, self._measured.copy()
+        names, newest = self.ik.chain.names, self._measured.copy()
         for msg in self._states.take():
             places = dict(zip(msg.name, msg.position, strict=False))
             needed = [name for name, arm in zip(names, self.ik.chain.arm, strict=True) if arm]
             if not all(name in places and np.isfinite(places[name]) for name in needed):
                 continue
             for i, name in enumerate(names):
-                told[i] = places.get(name, told[i])
+                newest[i] = places.get(name, newest[i])
             self._heard_s = time.monotonic()
-        self._measured = told
+        self._measured = newest
 
     def _fault(self) -> str:
         if time.monotonic() - self._heard_s > _STATE_S:

@@ -14,7 +14,7 @@ from .settings import LiveSettings
 class _Heard:
     """One camera's times: the newest received, those used within the lag buffer, and what was refused."""
 
-    told_ns: int | None = None
+    stated_ns: int | None = None
     used_ns: list[int] = field(default_factory=list)
     late: int = 0
     ahead: int = 0
@@ -56,7 +56,7 @@ class Admission:
                 f"tracker: camera {detections.camera}: expected skeleton {self._skeleton.name}, got {detections.skeleton.name}"
             )
         t_ns = detections.t_ns
-        heard.told_ns = t_ns
+        heard.stated_ns = t_ns
         if not self._believable(t_ns, heard):
             return False
         if t_ns in heard.used_ns:
@@ -88,6 +88,6 @@ class Admission:
         return True
 
     def _agreed(self, t_ns: int) -> bool:
-        told = [heard.told_ns for heard in self.heard.values() if heard.told_ns is not None]
-        near = sum(abs(t_ns - other) <= self._ahead_ns for other in told)
-        return 2 * near >= len(told) and near >= min(2, len(told))
+        stated = [heard.stated_ns for heard in self.heard.values() if heard.stated_ns is not None]
+        near = sum(abs(t_ns - other) <= self._ahead_ns for other in stated)
+        return 2 * near >= len(stated) and near >= min(2, len(stated))
