@@ -6,10 +6,10 @@ import time
 import numpy as np
 import pytest
 
-from posefuse.core import SE3
+from posefuse.core import SE3, MessageError
+from posefuse.messages.body_messages import transform
 from posefuse.messages.frames import FrameReader, Frames
-
-pytest.importorskip("cyclonedds", reason="the extra `ros` is not installed")
+from posefuse.messages.types import message
 
 
 def some(seed):
@@ -38,12 +38,27 @@ def test_a_circle_of_frames_ends():
     assert frames.find("world", "a") is None
 
 
+def test_a_message_is_taken_with_and_without_a_leading_slash():
+    frames, place = Frames(), some(3)
+    frames.take(transform(0, "/world", "/base", place))
+    np.testing.assert_allclose(frames.find("world", "base").matrix4(), place.matrix4(), atol=1e-12)
+    np.testing.assert_allclose(frames.find("/base", "world").matrix4(), place.inverse().matrix4(), atol=1e-12)
+
+
+@pytest.mark.parametrize("wrong", [{"x": float("nan")}, {"w": 0.4}, {}])
+def test_a_message_without_a_rotation_is_refused(wrong):
+    frames, msg = Frames(), transform(0, "world", "base", some(4))
+    msg.transform.rotation = message("geometry_msgs/msg/Quaternion", **({"x": 0.0, "y": 0.0, "z": 0.0, "w": 0.0} | wrong))
+    with pytest.raises(MessageError, match="tf of base: expected finite numbers"):
+        frames.take(msg)
+    assert frames.find("world", "base") is None
+
+
 def test_transforms_of_others_are_used_and_own_ones_are_not():
-    from posefuse.messages.body_messages import transform
+    pytest.importorskip("cyclonedds", reason="the extra `ros` is not installed")
     from posefuse.messages.dds import RosNode
     from posefuse.messages.dds_domain import Network
     from posefuse.messages.topics import TF, TF_STATIC
-    from posefuse.messages.types import message
 
     network, base, broken = Network(domain_id=100 + os.getpid() % 130, local_only=True), some(5), some(6)
     with RosNode("posefuse", network) as ours, RosNode("robot", network) as robot:

@@ -15,7 +15,6 @@ from posefuse.core import SE3, ConfigError
 from posefuse.messages.body_messages import quaternion, vector
 from posefuse.messages.intake import decode
 from posefuse.messages.messages import header
-from posefuse.messages.tf_tree import TfTree
 from posefuse.messages.topics import TF, Topic
 from posefuse.messages.types import message
 from posefuse.teleoperation.robots.mobile_manipulator import ARM_HOME_RAD, mobile_manipulator
@@ -162,18 +161,3 @@ def test_state_target_box_and_diagnostics_are_recorded(tmp_path):
     topics = {one.topic for one in read_mcap(file)}
     parts = ("right/target_pose", "right/commanded", "right/measured", "engaged", "markers")
     assert topics == {*(f"/posefuse/teleoperation/{part}" for part in parts), "/diagnostics"}
-
-
-def test_the_tree_of_frames_agrees_with_products_of_transforms():
-    rng, tree = np.random.default_rng(0), TfTree()
-    places = [SE3.from_rotvec(rng.normal(size=3), rng.normal(size=3)) for _ in range(3)]
-    pairs = [("root", "a"), ("a", "b"), ("root", "c")]
-    tree.take(
-        message("tf2_msgs/msg/TFMessage", transforms=[transform(p, c, one) for (p, c), one in zip(pairs, places, strict=True)])
-    )
-    found = tree.lookup("c", "b")
-    assert found.matrix4() == pytest.approx((places[2].inverse() @ places[0] @ places[1]).matrix4())
-    assert tree.lookup("c", "elsewhere") is None
-    # a loop ends
-    tree.take(message("tf2_msgs/msg/TFMessage", transforms=[transform("b", "root", SE3.identity())]))
-    tree.lookup("c", "b")

@@ -6,29 +6,40 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.core import SE3, MessageError, ShapeError
+from posefuse.core import SE3, MessageError
 
 from .intake import Intake
 from .topics import TF, TF_STATIC
 
 _MOST_FRAMES = 2000
 _MAX_BYTES = 2**20
+# a quaternion shorter than this is a field that was left out, not a rotation
+_LEAST_NORM = 0.5
 
 
 class Frames:
-    """The tree of frames received so far; a frame has one parent, the newest."""
+    """The tree of frames received so far; a frame has one parent, the newest. Names count without a leading slash."""
 
     def __init__(self) -> None:
         self._parents: dict[str, tuple[str, SE3]] = {}
 
+    def take(self, tf: Any) -> None:
+        """One `geometry_msgs/TransformStamped`; raises MessageError for one that is not finite or has no rotation."""
+        q, p = tf.transform.rotation, tf.transform.translation
+        numbers = np.array([q.w, q.x, q.y, q.z, p.x, p.y, p.z])
+        if not (np.isfinite(numbers).all() and np.linalg.norm(numbers[:4]) > _LEAST_NORM):
+            raise MessageError(f"tf of {tf.child_frame_id}: expected finite numbers and a unit quaternion")
+        self.add(tf.header.frame_id, tf.child_frame_id, SE3(numbers[:4], numbers[4:]))
+
     def add(self, parent: str, child: str, parent_from_child: SE3) -> None:
         """One transform."""
+        child = child.lstrip("/")
         if child in self._parents or len(self._parents) < _MOST_FRAMES:
-            self._parents[child] = parent, parent_from_child
+            self._parents[child] = parent.lstrip("/"), parent_from_child
 
     def find(self, target: str, source: str) -> SE3 | None:
         """target_from_source, or None where no chain of transforms joins them."""
-        up, down = self._to_root(source), self._to_root(target)
+        up, down = self._to_root(source.lstrip("/")), self._to_root(target.lstrip("/"))
         for frame, root_from_source in up.items():
             if frame in down:
                 return down[frame].inverse() @ root_from_source
@@ -62,12 +73,8 @@ class FrameReader:
                     self._add(tf)
 
     def _add(self, tf: Any) -> None:
-        q, p = tf.transform.rotation, tf.transform.translation
-        values = np.array([q.w, q.x, q.y, q.z, p.x, p.y, p.z])
         try:
-            if not np.isfinite(values).all():
-                raise MessageError(f"tf of {tf.child_frame_id}: not finite")
-            self.frames.add(tf.header.frame_id, tf.child_frame_id, SE3(values[:4], values[4:]))
-        except (MessageError, ShapeError) as error:
+            self.frames.take(tf)
+        except MessageError as error:
             self._intake.counts.refused += 1
             self._intake.counts.last_refusal = str(error)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +23,9 @@ from posefuse.core import SE3, ConfigError, MessageError, SourceError
 from posefuse.core.arrays import Array
 from posefuse.core.se3 import quaternion_product
 from posefuse.messages.body_messages import pose_stamped, twist, twist_stamped
+from posefuse.messages.frames import Frames
 from posefuse.messages.intake import decode
 from posefuse.messages.messages import header
-from posefuse.messages.tf_tree import TfTree
 from posefuse.messages.topics import TF, TF_STATIC, Topic
 from posefuse.messages.types import message
 from posefuse.teleoperation.mapping import conjugate
@@ -202,7 +203,7 @@ class RosCartesian:
 
     def __init__(self, node: Any, plan: RosPlan, command: str, frames: tuple[str, ...], place: SE3) -> None:
         self._node, self._plan, self._frames, self._place = node, plan, frames, place
-        self._back, self._tree, self._heard_s = place.inverse(), TfTree(), 0.0
+        self._back, self._tree, self._heard_s = place.inverse(), Frames(), 0.0
         self.needs = f"{TF.name} from {plan.base_frame} to {', '.join(frames)}"
         self._inboxes = [_Inbox(node, TF), _Inbox(node, TF_STATIC)]
         kind = "PoseStamped" if command == "pose" else "TwistStamped"
@@ -261,9 +262,11 @@ class RosCartesian:
         """(H, 3) and (H, 4) of the end effectors in the world; None while tf does not have them."""
         for inbox in self._inboxes:
             for msg in inbox.take():
-                self._tree.take(msg)
+                for tf in msg.transforms:
+                    with suppress(MessageError):
+                        self._tree.take(tf)
                 self._heard_s = time.monotonic()
-        places = [self._tree.lookup(self._plan.base_frame, frame) for frame in self._frames]
+        places = [self._tree.find(self._plan.base_frame, frame) for frame in self._frames]
         known = [self._place @ place for place in places if place is not None]
         if len(known) != len(places):
             return None
