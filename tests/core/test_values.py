@@ -100,6 +100,17 @@ def test_mirroring_twice_is_nothing_and_swaps_sides(skeleton: Skeleton) -> None:
         assert skeleton.keypoints[skeleton.mirror[i]] == mirror_name(keypoint)
 
 
+@pytest.mark.parametrize("name", ["coco_wholebody_133", "halpe_136"])
+def test_a_hand_changes_sides_with_its_arm(name):
+    skeleton = SKELETONS[name]
+    arms, legs = skeleton.limbs
+    hand = [k for k in skeleton.keypoints if k.startswith("left_") and k[-1].isdigit() and k[5:-1] in ("thumb", "middle", "ring")]
+    assert len(hand) == 12
+    assert {skeleton.keypoints[i] for i in arms[0]} >= {"left_shoulder", "left_wrist", "left_hand_root", *hand}
+    assert [skeleton.keypoints[i] for i in arms[1]] == [mirror_name(skeleton.keypoints[i]) for i in arms[0]]
+    assert not any(skeleton.keypoints[i].startswith(("left_jaw", "left_brow")) for limb in (*arms, *legs) for i in limb)
+
+
 def test_keypoints_are_picked_by_name_synonym_or_midpoint() -> None:
     xyz = np.random.default_rng(0).normal(size=(4, K, 3))
     picked = pick_keypoints(xyz, COCO17, ["left_knee", "neck", "left_heel"])

@@ -12,8 +12,9 @@ import numpy as np
 from .arrays import Array
 from .errors import ConfigError, choices
 
-_SIDED_PARTS = (
-    ("shoulder", "elbow", "wrist", "pinky", "index", "thumb"),
+# without side, and without the number of a point along a finger
+_LIMB_PARTS = (
+    ("shoulder", "elbow", "wrist", "hand_root", "thumb", "index", "middle", "ring", "pinky"),
     ("hip", "knee", "ankle", "heel", "foot_index", "big_toe", "small_toe"),
 )
 
@@ -77,10 +78,10 @@ class Skeleton:
 
     @cached_property
     def limbs(self) -> tuple[tuple[Array, Array], ...]:
-        """Keypoint indices (left, right) of what a detector confuses as a whole: arms, then legs, where there are any."""
+        """Keypoint indices (left, right) of what a detector confuses as a whole: arms with hands, then legs, if any."""
         pairs = []
-        for parts in _SIDED_PARTS:
-            left = [i for i, k in enumerate(self.keypoints) if k.startswith("left_") and k[5:] in parts]
+        for parts in _LIMB_PARTS:
+            left = [i for i, k in enumerate(self.keypoints) if k.startswith("left_") and k[5:].rstrip("0123456789") in parts]
             if left:
                 pairs.append((np.array(left), self.mirror[left]))
         return tuple(pairs)

@@ -28,20 +28,15 @@ _MISFIT, _FIT = 0.3, 0.3
 _WON_LEAST, _WON_SHARE, _WON_PER_LOST = 2, 0.4, 2
 # two views are met by a point nearly always, three only where they agree; four would leave rigs of three cameras uncorrected
 _REDUNDANT = 3
-_LEGS = ("hip", "knee", "ankle", "heel", "foot_index", "big_toe", "small_toe")
-_ARMS = ("shoulder", "elbow", "wrist", "hand_root", "thumb", "index", "middle", "ring", "pinky")
 
 
 @lru_cache(maxsize=16)
 def limb_groups(skeleton: Skeleton) -> tuple[Array, ...]:
     """Keypoint indices of what may be exchanged together: the whole body, arms, legs, head; sided keypoints only."""
-    sided = [k for i, k in enumerate(skeleton.keypoints) if skeleton.mirror[i] != i]
-    # the points along a finger are numbered
-    parts = {k: k.split("_", 1)[1].rstrip("0123456789") for k in sided}
-    arms = [k for k in sided if parts[k] in _ARMS]
-    legs = [k for k in sided if parts[k] in _LEGS]
-    head = [k for k in sided if k not in arms and k not in legs]
-    return tuple(skeleton.indices(group) for group in (sided, arms, legs, head) if group)
+    sided = np.flatnonzero(skeleton.mirror != np.arange(len(skeleton)))
+    limbs = [np.intersect1d(sides, sided) for sides in skeleton.limbs]
+    head = np.setdiff1d(sided, np.concatenate([np.zeros(0, np.intp), *limbs]))
+    return tuple(group for group in (sided, *limbs, head) if len(group))
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,8 +15,6 @@ from . import kernels
 from .own_motion import OwnMotion
 from .settings import LiveSettings
 
-_ARMS = ("shoulder", "elbow", "wrist", "pinky", "index", "thumb")
-_LEGS = ("hip", "knee", "ankle", "heel", "foot_index", "big_toe", "small_toe")
 # what a newborn's keypoint may do, one standard deviation
 _BORN_M_S = 1.5
 # in a count of cameras, the depth of one
@@ -59,11 +57,10 @@ class Model:
     @cached_property
     def group(self) -> Array:
         """(K,) what is exchanged together: arms 0, legs 1, head 2; -1 on the midline."""
-        groups = np.full(len(self.skeleton), -1, np.int64)
-        for i, name in enumerate(self.skeleton.keypoints):
-            if self.mirror[i] != i:
-                part = name.split("_", 1)[1]
-                groups[i] = 0 if part in _ARMS else 1 if part in _LEGS else 2
+        groups = np.full(len(self.skeleton), 2, np.int64)
+        for number, sides in enumerate(self.skeleton.limbs):
+            groups[np.concatenate(sides)] = number
+        groups[self.mirror == np.arange(len(self.skeleton))] = -1
         return groups
 
     @property
