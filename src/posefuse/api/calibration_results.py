@@ -11,10 +11,11 @@ from posefuse.calibration.clocks.person import numbers
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.report import CalibrationReport
 from posefuse.calibration.report_page import heat_picture
-from posefuse.calibration.result_files import clock_settings, numbered, write_clock_settings, write_report, write_rig_file
+from posefuse.calibration.result_files import clock_settings, numbered, write_report, write_rig_file
 from posefuse.calibration.targets.coverage import coverage_picture
 from posefuse.core import Camera
 from posefuse.core.arrays import Array
+from posefuse.foundation.atomic import write_text
 from posefuse.foundation.output_file import check_output_file
 
 from .rig import Rig
@@ -127,7 +128,7 @@ class ClockCalibration:
         if not self.clock_settings:
             return None
         target = _checked(path, False)
-        write_clock_settings(target, self.clock_settings)
+        write_text(target, self.clock_settings)
         return target
 
     def save_report(self, path: str | Path, *, replace: bool = False) -> Path:

@@ -64,12 +64,6 @@ def clock_settings(names: Sequence[str], clocks: ClockEstimate) -> str:
     return "\n".join(_of_camera(name, *clocks.correction(c)) for c, name in enumerate(names))
 
 
-def write_clock_settings(path: Path, text: str) -> None:
-    """Settings that were found, as a new file."""
-    with atomic_file(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-
-
 def _of_camera(camera: str, offset_s: float, drift_ppm: float) -> str:
     """One camera's table in `posefuse.toml`; drift only where it was estimated."""
     table = f"[cameras.{json.dumps(camera)}]\noffset_s = {offset_s:.6f}\n"

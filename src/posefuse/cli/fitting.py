@@ -13,7 +13,7 @@ from posefuse.detection.networks import NetworkCard, OnnxConfig, read_network_ca
 from posefuse.evaluation.fitting import NoiseFit, Run, collect, fit_noise, fitted, noise_text, render_everyday, render_moving
 from posefuse.formats.joint_centres import joint_centres_text
 from posefuse.formats.truth import read_truth
-from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.atomic import write_text
 from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.config import CameraInput, TrackConfig
 from posefuse.pipeline.run import track_session
@@ -46,7 +46,7 @@ def fit_card(card_file: Path, options: FitOptions, terminal: Terminal) -> Mappin
     made_by = f"posefuse fit-noise: {len(seen)} rendered scenes, {sum(len(one.error) for one in seen)} crops"
     noise = fit_noise(seen, made_by)
     noise_file = card_file.with_suffix(".noise.toml")
-    _write(noise_file, noise_text(noise.noise))
+    write_text(noise_file, noise_text(noise.noise))
     _show(terminal, noise)
     moving = render_moving(options.scenes_in / MOVING, options.moving, terminal.note)
     centres_file = _joint_centres(card_file, options, card, [*everyday, *moving], terminal)
@@ -79,7 +79,7 @@ def _joint_centres(
     steps = sum(len(poses) for poses, _ in runs)
     path = Path(card_file.with_suffix(".joint_centres.toml"))
     made_by = f"posefuse fit-noise: {len(runs)} rendered scenes, {steps} time steps of {card.name}"
-    _write(path, joint_centres_text(fitted(runs, made_by)))
+    write_text(path, joint_centres_text(fitted(runs, made_by)))
     return path
 
 
@@ -94,11 +94,6 @@ def _tracked(folder: Path, choice: DetectorChoice) -> Run:
 
     done = track_session(find_session(folder, config), config, StageClock(), silent, silent, silent)
     return done.recording.poses, truth
-
-
-def _write(path: Path, text: str) -> None:
-    with atomic_file(path) as staged:
-        staged.write_text(text, encoding="utf-8")
 
 
 def _show(terminal: Terminal, noise: NoiseFit) -> None:

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
-from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.atomic import write_text
 from posefuse.foundation.parsing import one_line, short
 
 _CHANNELS = tuple(axis + kind for kind in ("position", "rotation") for axis in "XYZ")
@@ -222,8 +222,7 @@ def write_bvh(path: Path | str, data: BvhData) -> None:
     angles = np.stack([Rotation.from_matrix(data.rotation[:, j]).as_euler("ZXY", degrees=True) for j in order], axis=1)
     numbers = np.concatenate([data.position[:, order[0]], angles.reshape(len(data), -1)], axis=1)
     lines += [" ".join(f"{number:.6f}" for number in row) for row in numbers]
-    with atomic_file(path) as staged:
-        staged.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_text(path, "\n".join(lines) + "\n")
 
 
 def _check_writable(path: Path, data: BvhData, roots: list[int]) -> None:

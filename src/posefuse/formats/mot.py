@@ -10,7 +10,7 @@ import numpy as np
 
 from posefuse.core import InputError, JointAngles, ShapeError
 from posefuse.core.arrays import Array, check_fields, freeze_fields
-from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.atomic import write_text
 from posefuse.foundation.parsing import one_line, read_text
 
 
@@ -62,8 +62,7 @@ def write_mot(path: Path, motion: MotTable) -> None:
         f"inDegrees={'yes' if motion.in_degrees else 'no'}", "endheader", "\t".join(("time", *motion.columns)),
     ]  # fmt: skip
     rows = ("\t".join(f"{number:.10g}" for number in (t, *row)) for t, row in zip(motion.t_s, motion.values, strict=True))
-    with atomic_file(path) as temporary:
-        temporary.write_text("\n".join((*header, *rows)) + "\n", encoding="utf-8")
+    write_text(path, "\n".join((*header, *rows)) + "\n")
 
 
 def read_mot(path: Path) -> MotTable:

@@ -18,7 +18,7 @@ import numpy as np
 
 from posefuse.core import InputError, Observations, PosefuseError, PoseSequence, Recording, Skeleton
 from posefuse.core.observations import OBSERVATION_ARRAYS
-from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.atomic import atomic_file, write_text
 from posefuse.foundation.parsing import one_line, parse_json, read_text
 
 from .npz import DAMAGED, read_arrays
@@ -65,8 +65,7 @@ def write_recording(folder: Path, recording: Recording) -> list[Path]:
         with atomic_file(folder / name) as staged:
             np.savez_compressed(staged, **content)
     write_rig(folder / RIG_FILE, recording.rig)
-    with atomic_file(folder / ABOUT_FILE) as staged:
-        staged.write_text(text + "\n", encoding="utf-8")
+    write_text(folder / ABOUT_FILE, text + "\n")
     return [folder / name for name in RECORDING_FILES]
 
 

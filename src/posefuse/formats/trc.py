@@ -15,7 +15,7 @@ import numpy as np
 from posefuse.core import InputError, ShapeError
 from posefuse.core.arrays import Array, check_fields, freeze_fields
 from posefuse.core.errors import choices
-from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.atomic import write_text
 from posefuse.foundation.parsing import one_line, read_text, short
 
 METRES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
@@ -99,8 +99,7 @@ def write_trc(path: Path | str, data: TrcData, units: Literal["m", "mm"] = "m") 
     for i, (t_s, row) in enumerate(zip(data.t_s, xyz_file, strict=True)):
         cells = [f"{value:.{digits}f}" if math.isfinite(value) else "" for value in row]
         lines.append("\t".join([str(i + 1), f"{t_s:.6f}", *cells]))
-    with atomic_file(path) as staged:
-        staged.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_text(path, "\n".join(lines) + "\n")
 
 
 def _lines(path: Path) -> list[str]:

@@ -38,6 +38,12 @@ def atomic_file(path: Path) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
+def write_text(path: Path, text: str) -> None:
+    """Write a UTF-8 file as `atomic_file` does, and raise as it does."""
+    with atomic_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
 def new_file(path: Path) -> Path:
     """Make an empty file with a name of its own in the folder of `path`, with the ending of `path`.
 

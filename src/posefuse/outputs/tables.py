@@ -11,7 +11,7 @@ import numpy as np
 
 from posefuse.core import Kind, Recording, Sink
 from posefuse.core.arrays import Array
-from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.atomic import atomic_file, write_text
 from posefuse.foundation.settings import settings
 
 from .facts import provenance, provenance_text, sigma_m
@@ -43,8 +43,7 @@ class CsvSink:
         with atomic_file(path) as staged, staged.open("wb") as file:
             pyarrow.csv.write_csv(table_from_recording(recording), file, options)
         metadata = {"@context": "http://www.w3.org/ns/csvw", "url": path.name, "posefuse": provenance(recording)}
-        with atomic_file(about) as staged:
-            staged.write_text(json.dumps(metadata, indent=2, default=str) + "\n", encoding="utf-8")
+        write_text(about, json.dumps(metadata, indent=2, default=str) + "\n")
         return [path, about]
 
 

@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 
 from posefuse.core import InputError
-from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.atomic import write_text
 from posefuse.foundation.manifest import list_file
 from posefuse.foundation.parsing import parse_json, read_text
 from posefuse.foundation.plain_values import plain
@@ -45,8 +45,7 @@ def write_edits(result: Path, edits: Edits) -> Path:
     if path.exists():
         _content(path)  # never written over unless it is ours
     text = json.dumps({"format": _FORMAT, **plain(dataclasses.asdict(edits))}, indent=2, ensure_ascii=False)
-    with atomic_file(path) as staged:
-        staged.write_text(text + "\n", encoding="utf-8")
+    write_text(path, text + "\n")
     try:
         list_file(path.parent, path)
     except OSError as error:

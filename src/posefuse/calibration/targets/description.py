@@ -10,7 +10,7 @@ from typing import Any, Literal, get_args
 
 from posefuse.core import ConfigError, InputError, PosefuseError
 from posefuse.core.errors import choices
-from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.atomic import write_text
 from posefuse.foundation.output_file import keep_copy
 from posefuse.foundation.settings import read_mapping, read_settings, settings
 
@@ -158,8 +158,7 @@ def write_target(path: Path, target: Target) -> None:
             lines.append(f"{field.name} = {json.dumps(value)}")
     try:
         keep_copy(path)
-        with atomic_file(path) as temporary:
-            temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        write_text(path, "\n".join(lines) + "\n")
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror})") from None
 

@@ -9,8 +9,9 @@ from typing import Any
 
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.report import CalibrationReport, RefusedCalibration
-from posefuse.calibration.result_files import clock_settings, write_clock_settings, write_report
+from posefuse.calibration.result_files import clock_settings, write_report
 from posefuse.cli.terminal import Terminal
+from posefuse.foundation.atomic import write_text
 from posefuse.pipeline.config import read_config
 
 from .next_steps import Asked, next_after
@@ -65,7 +66,7 @@ def write_clocks(path: Path, names: Sequence[str], clocks: ClockEstimate | None,
     if path.exists():
         terminal.warn(f"{path} exists and is left as it is; add the clock offsets found to it:\n{text}")
         return None
-    write_clock_settings(path, text)
+    write_text(path, text)
     terminal.note(f"{path}: clock offsets of the cameras, for `posefuse track` of recordings made together with these")
     return path
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.atomic import write_text
 
 from .blocks import Block, Details, Heading, Page
 from .packing import PackedArrays
@@ -29,8 +29,7 @@ def write_page(path: Path, page: Page) -> Path:
         InputError: no such folder, or it cannot be written to; an image that cannot be shown.
     """
     html = page_html(page)
-    with atomic_file(path) as temporary:
-        temporary.write_text(html, encoding="utf-8")
+    write_text(path, html)
     return path
 
 

@@ -8,7 +8,7 @@ from types import ModuleType
 
 from posefuse.core import CalibrationError, Rig
 from posefuse.core.errors import choices
-from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.atomic import write_text
 from posefuse.foundation.manifest import MANIFEST_FILE
 from posefuse.foundation.output_folder import output_folder
 
@@ -99,8 +99,7 @@ def write_rig(path: Path | str, rig: Rig, format: str = anipose_toml.NAME) -> No
         allowed = [*endings, *(["a folder (no ending)"] if format in _FOLDER else [])]
         raise CalibrationError(f"{path}: format {format} is written to: {choices(allowed)}")
     text = endings[path.suffix](rig)
-    with atomic_file(path) as staged:
-        staged.write_text(text, encoding="utf-8")
+    write_text(path, text)
 
 
 def _read_folder(folder: Path) -> Rig:

@@ -12,7 +12,7 @@ from typing import Any
 from posefuse.core import InputError, Progress, silent
 from posefuse.detection.downloading import fetch_networks
 from posefuse.formats.page import write_page
-from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.atomic import atomic_file, write_text
 from posefuse.foundation.growing import GrowingFolder, growing_folder
 from posefuse.foundation.output_folder import check_replaceable
 from posefuse.foundation.places import check_apart
@@ -172,8 +172,7 @@ def _write_outcome(folder: GrowingFolder, outcome: Outcome) -> None:
     path = folder.folder / f"{outcome.name}.json"
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with atomic_file(path) as new:
-            new.write_text(outcome.to_json() + "\n", encoding="utf-8")
+        write_text(path, outcome.to_json() + "\n")
         folder.add([path])
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror})") from None
