@@ -13,6 +13,7 @@ from functools import lru_cache
 import numpy as np
 
 from posefuse.calibration.extrinsics.world import linear_points
+from posefuse.calibration.solving.rotations import hat
 from posefuse.core import Rig
 from posefuse.core.arrays import Array
 
@@ -132,7 +133,7 @@ def sums_of(rig: Rig, now: TriangulatedStep, velocity_world: Array) -> Sums:
     weight = np.minimum(1.0, _WORSE * np.median(misfit) / np.maximum(misfit, 1e-9))
     rows, off, xyz_cam, seen = now.rows[good], now.off_m[good], now.xyz_cam[good], now.seen[good]
     turn, _ = _poses(rig)
-    moved = np.concatenate([_turned(xyz_cam), -np.einsum("cij,pj->pci", turn, velocity_world[good])[..., None]], axis=-1)
+    moved = np.concatenate([-hat(xyz_cam), -np.einsum("cij,pj->pci", turn, velocity_world[good])[..., None]], axis=-1)
     depth = np.maximum(xyz_cam[..., 2], _LEAST_DEPTH_M)
     across = moved[..., :2, :] - (xyz_cam[..., :2] / depth[..., None])[..., None] * moved[..., 2:, :]
     across = np.where(seen[..., None, None], across, 0.0)
@@ -168,10 +169,3 @@ def sums_of(rig: Rig, now: TriangulatedStep, velocity_world: Array) -> Sums:
 def _poses(rig: Rig) -> tuple[Array, Array]:
     """(C, 3, 3) and (C, 3) of cam_from_world."""
     return np.stack([camera.cam_from_world.matrix() for camera in rig]), np.stack([camera.cam_from_world.xyz for camera in rig])
-
-
-def _turned(xyz_cam: Array) -> Array:
-    """(..., 3, 3): how points (..., 3) move per rad about each axis."""
-    x, y, z = np.moveaxis(xyz_cam, -1, 0)
-    zero = np.zeros_like(x)
-    return np.stack([np.stack(row, axis=-1) for row in ((zero, z, -y), (-z, zero, x), (y, -x, zero))], axis=-2)

@@ -13,9 +13,9 @@ from posefuse.calibration.extrinsics.prop_shape import one_patch
 from posefuse.calibration.extrinsics.prop_solve import Freedom, PropSolution, PropState, solve_prop
 from posefuse.calibration.extrinsics.snapshots import Snapshots
 from posefuse.calibration.solving.projection import LENS_PARAMETERS, Lenses
-from posefuse.calibration.solving.rotations import Poses, angle_between
+from posefuse.calibration.solving.rotations import Poses, angle_between, poses_of
 from posefuse.calibration.targets.kinds import Target, patch_corners
-from posefuse.core import SE3, Rig
+from posefuse.core import Rig
 from posefuse.core.arrays import Array
 
 # time steps that are measured: of all cameras, and of each at least
@@ -153,9 +153,7 @@ def _against(rig: Rig, views: Snapshots, target: Target, c: int, others: Iterabl
 
 def _freed(rig: Rig, seen: Snapshots, target: Target, c: int) -> tuple[PropSolution, Snapshots] | None:
     corners, lenses, cameras = patch_corners(target, seen.patches), Lenses(tuple(rig)), tuple(rig)
-    pose = Poses.from_se3(
-        SE3(np.stack([one.cam_from_world.wxyz for one in rig]), np.stack([one.cam_from_world.xyz for one in rig]))
-    )
+    pose = poses_of(rig)
     trusted = seen.rows(seen.camera != c)
     shape = one_patch()
     in_images = prop_views(trusted, planar_views(trusted, corners, lenses), shape, corners, lenses)

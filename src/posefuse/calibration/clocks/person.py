@@ -90,8 +90,13 @@ def check_seen(names: Sequence[str], moving: Sequence[PersonTrack]) -> Check:
     seen = [int(np.asarray(np.isfinite(track.xy_img).all(axis=-1)).any(axis=1).sum()) for track in moving]
     blind = [f"{name} ({n} of {len(track.t_ns)} frames)" for name, n, track in zip(names, seen, moving, strict=True)
              if n < _LEAST_FRAMES]  # fmt: skip
-    return Check("person seen", not blind, f"no person found by {', '.join(blind)}" if blind else "every camera saw the person",
-                 "walk where this camera looks, or leave it out")  # fmt: skip
+    return person_seen(blind)
+
+
+def person_seen(blind: Sequence[str]) -> Check:
+    """No camera is in `blind`, in words."""
+    detail = f"no person found by {', '.join(blind)}" if blind else "every camera saw the person"
+    return Check("person seen", not blind, detail, "walk where this camera looks, or leave it out")
 
 
 def _check_linked(names: Sequence[str], rough: RoughClocks, most_s: float) -> Check:

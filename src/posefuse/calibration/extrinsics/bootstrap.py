@@ -17,11 +17,12 @@ from posefuse.core.arrays import Array
 from .planar import PlanarViews
 from .prop_shape import PropShape
 from .snapshots import Snapshots
-from .voting import Edge
+from .voting import Edge, best_seed, seeds_of
 
 _CAMERA_ANGLE_RAD = np.deg2rad(6)
 _CAMERA_DISTANCE = 0.06
 _LEAST_AGREEING, _LEAST_CAMERA_SHARE = 4, 0.3
+_MOST_SEEDS = 64
 _REPROJECTION_CUT_NORM = 0.02
 
 
@@ -119,20 +120,13 @@ def _camera_vote(a_from_prop: Poses, b_from_prop: Poses) -> Edge:
     prop_from_b = b_from_props.inverse()
     candidates = Poses(a_from_prop.R[:, :, None], a_from_prop.t[:, :, None]) @ prop_from_b
     candidates = Poses(candidates.R.reshape(-1, 4, 3, 3), candidates.t.reshape(-1, 4, 3))
-    n = len(candidates)
-    seeds_at = np.unique(np.linspace(0, n - 1, min(n, 64)).astype(np.int64))
-    seeds = Poses(candidates.R[seeds_at].reshape(-1, 3, 3), candidates.t[seeds_at].reshape(-1, 3))
-    seeds = seeds[np.isfinite(seeds.t).all(axis=1)]
+    seeds = seeds_of(candidates, _MOST_SEEDS)
     moved = Poses(seeds.R[:, None, None], seeds.t[:, None, None]) @ Poses(b_from_prop.R[None], b_from_prop.t[None])
     depth = np.maximum(a_from_prop.t[:, :1, 2], 1e-6)
     off = np.linalg.norm(moved.t[:, :, None] - a_from_prop.t[None, :, :, None], axis=-1) / (_CAMERA_DISTANCE * depth[..., None])
     cosine = (np.einsum("snkij,nhij->snhk", moved.R, a_from_prop.R) - 1) / 2
     turn = np.arccos(np.clip(cosine, -1, 1)) / (2 * _CAMERA_ANGLE_RAD)
-    square = np.nan_to_num(off**2 + turn**2, nan=np.inf).min(axis=(2, 3))
-    gain = np.maximum(0, 1 - square / 9)
-    best = int(np.argmax(gain.sum(axis=1)))
-    agreeing = int((gain[best] > 0).sum())
-    return Edge(seeds[best], agreeing, agreeing / n, float(gain[best].sum()))
+    return best_seed(seeds, np.nan_to_num(off**2 + turn**2, nan=np.inf).min(axis=(2, 3)))
 
 
 def strong_camera_edges(edges: dict[tuple[int, int], Edge]) -> dict[tuple[int, int], Edge]:

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from posefuse.calibration.solving.projection import Lenses
+from posefuse.calibration.solving.rotations import nearest_rotation
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Target, patch_corners
 from posefuse.core import Camera
@@ -118,6 +119,5 @@ def _fitted(a: Array, b: Array, weight: Array) -> Array:
     """Points b (n, 3) moved rigidly onto a (n, 3)."""
     total = weight.sum()
     middle_a, middle_b = weight @ a / total, weight @ b / total
-    u, _, vt = np.linalg.svd((weight[:, None] * (a - middle_a)).T @ (b - middle_b))
-    rotation = u @ np.diag([1, 1, np.sign(np.linalg.det(u @ vt))]) @ vt
+    rotation = nearest_rotation((weight[:, None] * (a - middle_a)).T @ (b - middle_b))
     return np.asarray((b - middle_b) @ rotation.T + middle_a)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posefuse.calibration.solving.projection import LENS_PARAMETERS, Lenses
-from posefuse.calibration.solving.rotations import Poses
+from posefuse.calibration.solving.rotations import Poses, poses_of
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Target, patch_corners
 from posefuse.core import SE3, CalibrationError, Rig
@@ -117,7 +117,7 @@ def _solve(rig: Rig, seen: Snapshots, target: Target, times: Array) -> Located:
     views = planar_views(seen, corners, lenses)
     shape = one_patch()
     in_images = prop_views(seen, views, shape, corners, lenses)
-    cameras = Poses.from_se3(SE3(np.stack([c.cam_from_world.wxyz for c in rig]), np.stack([c.cam_from_world.xyz for c in rig])))
+    cameras = poses_of(rig)
     track = prop_track(seen, in_images, shape, corners, lenses, cameras)
     known = np.asarray(np.isfinite(track.t).all(axis=1))
     if not known.any():

@@ -12,7 +12,7 @@ from annotated_types import Gt
 from posefuse.calibration.keypoints import MIN_SCORE, limb_keypoints
 from posefuse.calibration.solving.bundle import Linearised, Problem, ResidualBlock, solve
 from posefuse.calibration.solving.projection import Lenses
-from posefuse.calibration.solving.rotations import Poses, angle_between, hat, stacked
+from posefuse.calibration.solving.rotations import Poses, angle_between, hat, poses_of
 from posefuse.core import InputError, Rig, ViewSequence
 from posefuse.core.arrays import SIGMA_PER_MAD, Array
 from posefuse.foundation.settings import settings
@@ -102,7 +102,7 @@ def refined_extrinsics(rig: Rig, views: ViewSequence, chosen: RefineSettings | N
     rows, xyz, seen = _rows(rig, views, steps, limbs)
     if not len(xyz):
         raise InputError("refined_extrinsics: no keypoint was seen by two cameras")
-    prior = stacked([Poses.from_se3(camera.cam_from_world) for camera in rig])
+    prior = poses_of(rig)
     start = _State(prior, xyz)
     before = _residual_px(rig, rows, start)
     noise = max(_spread(before / rows.sigma_px[:, None]), _LEAST_SIGMA_PX / float(np.median(rows.sigma_px)))

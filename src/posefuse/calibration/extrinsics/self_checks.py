@@ -55,11 +55,13 @@ def check_same_video(observations: CornerObservations) -> Check:
             off = off[np.isfinite(off)]
             if len(off) >= _SAME_VIDEO_CORNERS and float(np.median(off)) < _SAME_VIDEO_PX:
                 alike.append(f"{observations.cameras[a]} and {observations.cameras[b]}")
-    return Check(
-        "videos differ", not alike,
-        f"{', '.join(alike)} show the same video" if alike else "no two cameras show the same",
-        "give each camera its own video",
-    )  # fmt: skip
+    return videos_differ(alike)
+
+
+def videos_differ(alike: Sequence[str]) -> Check:
+    """No pair of cameras is in `alike`, in words."""
+    detail = f"{', '.join(alike)} show the same video" if alike else "no two cameras show the same"
+    return Check("videos differ", not alike, detail, "give each camera its own video")
 
 
 def check_sharp(observations: CornerObservations) -> Check:
@@ -261,14 +263,19 @@ def check_clocks(cameras: Sequence[Camera], late_s: Array, sigma_s: Array, limit
 
 def check_apart(cameras: Sequence[Camera], cam_from_world: Poses, limits: Limits = LIMITS) -> Check:
     """No two cameras share a body."""
-    centre = cam_from_world.inverse().t
-    distance = np.linalg.norm(centre[:, None] - centre[None], axis=-1) + np.eye(len(centre)) * 1e9
-    a, b = (int(i) for i in np.unravel_index(np.argmin(distance), distance.shape))
+    a, b, distance_m = nearest_two(cam_from_world.inverse().t)
     return Check(
-        "cameras are apart", bool(distance[a, b] >= limits.apart_m),
-        f"{cameras[a].name} and {cameras[b].name} are nearest, {distance[a, b] * 1e3:.0f} mm (needed {limits.apart_m * 1e3:.0f})",
+        "cameras are apart", distance_m >= limits.apart_m,
+        f"{cameras[a].name} and {cameras[b].name} are nearest, {distance_m * 1e3:.0f} mm (needed {limits.apart_m * 1e3:.0f})",
         "is one stream given twice?",
     )  # fmt: skip
+
+
+def nearest_two(centres: Array) -> tuple[int, int, float]:
+    """Which two of the points (C, 3) are nearest to each other, and their distance."""
+    distance = np.linalg.norm(centres[:, None] - centres[None], axis=-1) + np.eye(len(centres)) * 1e9
+    a, b = (int(i) for i in np.unravel_index(np.argmin(distance), distance.shape))
+    return a, b, float(distance[a, b])
 
 
 def check_upright(cameras: Sequence[Camera], up_cam: Array, limits: Limits = LIMITS) -> Check:

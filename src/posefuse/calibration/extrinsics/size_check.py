@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from posefuse.calibration.report import Check
-from posefuse.calibration.targets.kinds import ArucoBoard, Charuco, Markers, Target
+from posefuse.calibration.targets.kinds import Charuco, Target, scale_m
 from posefuse.core import SE3, Camera
-from posefuse.core.arrays import Array
 
 from .limits import Limits
+from .self_checks import nearest_two
 
 _MM = 1000.0
 UNITS = "a marker side of 270 mm is --marker-mm 270"
-
-
-def target_side_m(target: Target) -> float:
-    """The edge that sets the scale: of a marker, or of a board's square."""
-    return target.side_m if isinstance(target, Markers | ArucoBoard) else target.square_m
 
 
 def _edge(target: Target) -> str:
@@ -26,7 +19,7 @@ def _edge(target: Target) -> str:
 
 def check_target_size(target: Target, limits: Limits) -> Check:
     """A marker or square can be printed and carried."""
-    side_m, (least_m, most_m) = target_side_m(target), limits.target_side_m
+    side_m, (least_m, most_m) = scale_m(target), limits.target_side_m
     return Check(
         "target has a plausible size", least_m <= side_m <= most_m,
         f"{_edge(target)} {side_m * _MM:g} mm (expected {least_m * _MM:g} to {most_m * _MM:g} mm)",
@@ -36,14 +29,12 @@ def check_target_size(target: Target, limits: Limits) -> Check:
 
 def check_rig_size(target: Target, cameras: tuple[Camera, ...], cam_from_world: SE3, distance_m: float, limits: Limits) -> Check:
     """Target and cameras are as far from each other as in a room in which a person moves."""
-    centres: Array = cam_from_world.inverse().xyz
-    away = np.linalg.norm(centres[:, None] - centres[None], axis=-1) + np.eye(len(centres)) * 1e9
-    a, b = (int(i) for i in np.unravel_index(np.argmin(away), away.shape))
+    a, b, apart_m = nearest_two(cam_from_world.inverse().xyz)
     least_m, most_m = limits.distance_m
     return Check(
         "rig has a plausible size", least_m <= distance_m <= most_m,
-        f"with a {_edge(target)} of {target_side_m(target) * _MM:g} mm the target was {distance_m:.2f} m from the cameras, and"
-        f" {cameras[a].name} and {cameras[b].name} are {away[a, b]:.2f} m apart"
+        f"with a {_edge(target)} of {scale_m(target) * _MM:g} mm the target was {distance_m:.2f} m from the cameras, and"
+        f" {cameras[a].name} and {cameras[b].name} are {apart_m:.2f} m apart"
         f" (expected a distance of {least_m:g} to {most_m:g} m)",
         f"measure the print: {UNITS}; for a rig that really has this size add --any-size",
     )  # fmt: skip

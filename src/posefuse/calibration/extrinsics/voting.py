@@ -32,18 +32,27 @@ def vote(candidates: Poses, angle_rad: float, distance_m: Array) -> Edge:
         angle_rad: scale of what counts as agreeing.
         distance_m: (n,) likewise, for each estimate.
     """
-    n = len(candidates)
-    picked = np.unique(np.linspace(0, n - 1, min(n, _MOST_SEEDS)).astype(np.int64))
-    seeds = Poses(candidates.R[picked].reshape(-1, 3, 3), candidates.t[picked].reshape(-1, 3))
-    seeds = seeds[np.isfinite(seeds.t).all(axis=1)]
+    seeds = seeds_of(candidates, _MOST_SEEDS)
     cosine = (np.einsum("sij,nhij->snh", seeds.R, candidates.R) - 1) / 2
     angle = np.arccos(np.clip(cosine, -1, 1)) / angle_rad
     distance = np.linalg.norm(seeds.t[:, None, None] - candidates.t, axis=-1) / distance_m[:, None]
-    square = np.nan_to_num(angle**2 + distance**2, nan=np.inf).min(axis=2)
+    return best_seed(seeds, np.nan_to_num(angle**2 + distance**2, nan=np.inf).min(axis=2))
+
+
+def seeds_of(candidates: Poses, most: int) -> Poses:
+    """The alternatives of at most so many of the (n, h) candidates, spread over all of them, as one stack."""
+    n = len(candidates)
+    picked = np.unique(np.linspace(0, n - 1, min(n, most)).astype(np.int64))
+    seeds = Poses(candidates.R[picked].reshape(-1, 3, 3), candidates.t[picked].reshape(-1, 3))
+    return seeds[np.isfinite(seeds.t).all(axis=1)]
+
+
+def best_seed(seeds: Poses, square: Array) -> Edge:
+    """The seed that fits most estimates. square: (seeds, n) squared distance of each estimate from each seed, in its scale."""
     gain = np.maximum(0, 1 - square / _CUT**2)
     best = int(np.argmax(gain.sum(axis=1)))
     agreeing = int((gain[best] > 0).sum())
-    return Edge(seeds[best], agreeing, agreeing / n, float(gain[best].sum()))
+    return Edge(seeds[best], agreeing, agreeing / square.shape[1], float(gain[best].sum()))
 
 
 def tree(count: int, edges: Mapping[tuple[int, int], Edge], root: int | None = None) -> tuple[int, dict[int, Poses]]:

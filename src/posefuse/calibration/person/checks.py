@@ -6,11 +6,12 @@ from itertools import combinations
 
 import numpy as np
 
+from posefuse.calibration.clocks.person import person_seen
 from posefuse.calibration.extrinsics import self_checks
 from posefuse.calibration.report import Check
 from posefuse.calibration.solving.point_solve import FOCAL, LATE, PointSolution, PointViews
-from posefuse.calibration.solving.rotations import Poses
-from posefuse.core import SE3, Camera, Rig, Skeleton
+from posefuse.calibration.solving.rotations import poses_of
+from posefuse.core import Camera, Rig, Skeleton
 from posefuse.core.arrays import Array
 
 from .views import PersonViews
@@ -35,8 +36,7 @@ def check_seen(views: PersonViews) -> Check:
     """Every camera saw the person."""
     seen = views.usable.any(axis=2).sum(axis=1)
     blind = [f"{name} ({n} of {len(views.t_ns)} frames)" for name, n in zip(views.cameras, seen, strict=True) if n < 5]
-    return Check("person seen", not blind, f"no person found by {', '.join(blind)}" if blind else "every camera saw the person",
-                 "walk where this camera looks, or leave it out")  # fmt: skip
+    return person_seen(blind)
 
 
 def check_same_video(views: PersonViews) -> Check:
@@ -46,8 +46,7 @@ def check_same_video(views: PersonViews) -> Check:
         off = np.linalg.norm(views.xy_img[a] - views.xy_img[b], axis=-1)
         if np.isfinite(off).any() and float(np.nanmedian(off)) < _SAME_VIDEO_PX:
             alike.append(f"{views.cameras[a]} and {views.cameras[b]}")
-    detail = f"{', '.join(alike)} show the same video" if alike else "no two cameras show the same"
-    return Check("videos differ", not alike, detail, "give each camera its own video")
+    return self_checks.videos_differ(alike)
 
 
 def solution_checks(
@@ -65,8 +64,7 @@ def solution_checks(
               f"{cameras[worst].name} agrees worst: {share[worst]:.0%} of its keypoints (needed {LEAST_INLIER_SHARE:.0%})",
               "it follows another person, moved, or is unsynchronised"),
         check_mirror(skeleton, xyz),
-        self_checks.check_apart(cameras, Poses.from_se3(SE3(np.stack([c.cam_from_world.wxyz for c in rig]),
-                                                       np.stack([c.cam_from_world.xyz for c in rig])))),
+        self_checks.check_apart(cameras, poses_of(rig)),
     ]  # fmt: skip
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from posefuse.core import SE3
+from posefuse.core import SE3, Camera
 from posefuse.core.arrays import Array
 
 
@@ -61,6 +62,11 @@ def stacked(poses: list[Poses]) -> Poses:
     return Poses(np.stack([p.R for p in poses]), np.stack([p.t for p in poses]))
 
 
+def poses_of(cameras: Iterable[Camera]) -> Poses:
+    """(C) cam_from_world of the cameras."""
+    return stacked([Poses.from_se3(camera.cam_from_world) for camera in cameras])
+
+
 def hat(v: Array) -> Array:
     """(..., 3, 3) matrices of the cross product with vectors (..., 3)."""
     out = np.zeros((*v.shape, 3))
@@ -76,5 +82,10 @@ def angle_between(R_a: Array, R_b: Array) -> Array:
 
 def mean_rotation(R: Array, weights: Array) -> Array:
     """(3, 3) weighted chordal mean of rotations (N, 3, 3)."""
-    u, _, vt = np.linalg.svd(np.einsum("n,nij->ij", weights, R))
+    return nearest_rotation(np.einsum("n,nij->ij", weights, R))
+
+
+def nearest_rotation(matrix: Array) -> Array:
+    """The rotation nearest to a matrix (3, 3), in the sum of squares of its elements."""
+    u, _, vt = np.linalg.svd(matrix)
     return np.asarray(u @ np.diag([1, 1, np.sign(np.linalg.det(u @ vt))]) @ vt)
