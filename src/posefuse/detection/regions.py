@@ -108,8 +108,20 @@ def crop_from_img(region: Region, side_px: int) -> Array:
 
 def img_from_crop(region: Region, side_px: int, xy_crop: Any) -> Array:
     """Raw px (..., 2) of crop px (..., 2)."""
-    affine = crop_from_img(region, side_px)
-    return np.asarray((np.asarray(xy_crop, np.float64) - affine[:, 2]) @ np.linalg.inv(affine[:, :2]).T)
+    return img_from_input(crop_from_img(region, side_px), xy_crop)
+
+
+def img_from_input(input_from_img: Array, xy: Any) -> Array:
+    """Raw px (..., 2) of px (..., 2) of an input, which an affine map (2, 3) takes from raw px."""
+    return np.asarray((np.asarray(xy, np.float64) - input_from_img[:, 2]) @ np.linalg.inv(input_from_img[:, :2]).T)
+
+
+def overlap(box: Array, others: Array) -> Array:
+    """(n,) intersection over union of a box (4,) with others (n, 4): left, top, right, bottom."""
+    low, high = np.maximum(box[:2], others[:, :2]), np.minimum(box[2:], others[:, 2:])
+    shared = np.clip(high - low, 0, None).prod(-1)
+    area = np.clip(box[2:] - box[:2], 0, None).prod() + np.clip(others[:, 2:] - others[:, :2], 0, None).prod(-1)
+    return np.asarray(shared / np.maximum(area - shared, 1e-9))
 
 
 def cut(image: Array, region: Region, side_px: int) -> Array:

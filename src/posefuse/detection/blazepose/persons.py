@@ -16,7 +16,7 @@ from posefuse.core import ModelError, Region
 from posefuse.core.arrays import Array
 from posefuse.detection.models import ModelCard, PersonDecoding
 from posefuse.detection.openvino_cpu import Precision
-from posefuse.detection.regions import img_from_crop
+from posefuse.detection.regions import img_from_crop, overlap
 
 from .network import BlazePoseNetwork
 
@@ -96,16 +96,8 @@ def _groups(corners: Array) -> list[Array]:
     left = np.arange(len(corners))
     groups = []
     while len(left):
-        same = _iou(corners[left[0]], corners[left]) > _SAME_PERSON_IOU
+        same = overlap(corners[left[0]], corners[left]) > _SAME_PERSON_IOU
         same[0] = True
         groups.append(left[same])
         left = left[~same]
     return groups
-
-
-def _iou(box: Array, others: Array) -> Array:
-    low = np.maximum(box[:2], others[:, :2])
-    high = np.minimum(box[2:], others[:, 2:])
-    shared = np.clip(high - low, 0, None).prod(-1)
-    area = np.clip(box[2:] - box[:2], 0, None).prod() + np.clip(others[:, 2:] - others[:, :2], 0, None).prod(-1)
-    return np.asarray(shared / np.maximum(area - shared, 1e-9))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from posefuse.core.arrays import Array
+from posefuse.detection.regions import overlap
 
 from .card import Decoding
 from .keypoints import People
@@ -57,14 +58,6 @@ def kept(people: People, decoding: Decoding) -> People:
     """The same without those of `kept_indices` that are left out; boxes only."""
     chosen = kept_indices(people.box, people.score, decoding)
     return People(people.box[chosen], people.score[chosen])
-
-
-def overlap(box: Array, others: Array) -> Array:
-    """(n,) intersection over union of a box (4,) with others (n, 4)."""
-    low, high = np.maximum(box[:2], others[:, :2]), np.minimum(box[2:], others[:, 2:])
-    shared = np.clip(high - low, 0, None).prod(-1)
-    area = np.clip(box[2:] - box[:2], 0, None).prod() + np.clip(others[:, 2:] - others[:, :2], 0, None).prod(-1)
-    return np.asarray(shared / np.maximum(area - shared, 1e-9))
 
 
 def cell_count(size_wh: tuple[int, int]) -> int:

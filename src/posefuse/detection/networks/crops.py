@@ -69,8 +69,3 @@ def normalised(crop: Array, takes: NetworkInput) -> Array:
     factor = (1 / np.array(takes.std)).astype(np.float32)
     shift = (np.array(takes.mean) / np.array(takes.std)).astype(np.float32)
     return np.ascontiguousarray((ordered * factor - shift).transpose(2, 0, 1)[None])
-
-
-def img_from_input(input_from_img: Array, xy: Array) -> Array:
-    """Raw px (..., 2) of input px (..., 2)."""
-    return np.asarray((np.asarray(xy, np.float64) - input_from_img[:, 2]) @ np.linalg.inv(input_from_img[:, :2]).T)

@@ -10,10 +10,10 @@ import numpy as np
 from posefuse.core import Detections2D, Frame, JointCentres, Region, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.core.values import keypoint_boxes
-from posefuse.detection.regions import check_regions, region_from_keypoints
+from posefuse.detection.regions import check_regions, img_from_input, region_from_keypoints
 from posefuse.formats.joint_centres import read_joint_centres
 
-from .crops import crop_from_img, cut, img_from_input, letterbox_from_img
+from .crops import crop_from_img, cut, letterbox_from_img
 from .keypoints import Keypoints, People
 from .layouts import keypoints_of, people_of
 from .noise import KeypointNoise, read_keypoint_noise

@@ -12,8 +12,9 @@ from posefuse.core.arrays import Array
 from posefuse.detection.blazepose.persons import PersonNetwork, regions_from_outputs
 from posefuse.detection.blazepose.search import stages
 from posefuse.detection.regions import cut as cut_square
+from posefuse.detection.regions import img_from_input
 
-from .crops import cut, img_from_input, letterbox_from_img, region_of_box
+from .crops import cut, letterbox_from_img, region_of_box
 from .layouts import people_of
 from .runtime import OnnxNetwork
 

@@ -9,7 +9,7 @@ from posefuse.core import InputError, Skeleton
 from posefuse.core.arrays import Array
 
 from .frames import People2D, Pose2DFrames, frame_number, frames_from_mapping, read_json
-from .keypoint_sets import in_coco17_order, points_of, skeleton_of_count
+from .keypoint_sets import agreed_skeleton, in_coco17_order, points_of
 from .openpose import people_of
 from .results_list import is_results_list, read_list
 
@@ -46,9 +46,7 @@ def read(path: Path, camera: str, skeleton: Skeleton | None = None, size_wh: tup
         found = [in_coco17_order(person) for person in _people(entry, where)]
         people[frame_number(image, where)] = found
         for person in found:
-            skeleton = skeleton or skeleton_of_count(len(person), where)
-            if len(person) != len(skeleton):
-                raise InputError(f"{where}: expected {len(skeleton)} keypoints ({skeleton.name}), got {len(person)}")
+            skeleton = agreed_skeleton(skeleton, len(person), where)
     if skeleton is None:
         raise InputError(f"{file}: camera {camera}: no person in any of {len(content)} images")
     count = len(skeleton)

@@ -49,6 +49,14 @@ def skeleton_of_count(count: int, where: str) -> Skeleton:
     return SKELETONS[COUNTS[count]]
 
 
+def agreed_skeleton(skeleton: Skeleton | None, count: int, where: str) -> Skeleton:
+    """The keypoint set of the people so far, or None, and of one more with so many points; raises InputError if they differ."""
+    skeleton = skeleton or skeleton_of_count(count, where)
+    if count != len(skeleton):
+        raise InputError(f"{where}: expected {len(skeleton)} keypoints ({skeleton.name}), got {count}")
+    return skeleton
+
+
 def in_coco17_order(points: Array) -> Array:
     """COCO-17's points of OpenPose's 18 (the neck, a midpoint, is dropped); others as they are."""
     return points[list(_COCO17_IN_COCO18)] if len(points) == _COCO18 else points

@@ -11,7 +11,7 @@ from posefuse.core import InputError, Skeleton
 from posefuse.core.arrays import Array
 
 from .frames import UNTRACKED, People2D, Pose2DFrames, frame_number, frames_from_mapping, read_json
-from .keypoint_sets import skeleton_of_count, skeleton_of_names
+from .keypoint_sets import agreed_skeleton, skeleton_of_names
 
 NAME = "mmpose"
 
@@ -45,9 +45,7 @@ def _frames_of(frames: dict[int, Any], path: Path, camera: str, skeleton: Skelet
         found = [_points(instance, where) for instance in instances]
         people[number] = found, [int(instance.get("track_id", UNTRACKED)) for instance in instances]
         for person in found:
-            skeleton = skeleton or skeleton_of_count(len(person), where)
-            if len(person) != len(skeleton):
-                raise InputError(f"{where}: expected {len(skeleton)} keypoints ({skeleton.name}), got {len(person)}")
+            skeleton = agreed_skeleton(skeleton, len(person), where)
     if skeleton is None:
         raise InputError(f"{path}: camera {camera}: no person in any of {len(frames)} frames")
     made = {number: People2D.of(found, ids, len(skeleton)) for number, (found, ids) in people.items()}

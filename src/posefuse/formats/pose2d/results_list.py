@@ -12,7 +12,7 @@ from posefuse.core import InputError, Skeleton
 from posefuse.core.arrays import Array
 
 from .frames import UNTRACKED, People2D, Pose2DFrames, frame_number, frames_from_mapping, read_json
-from .keypoint_sets import in_coco17_order, points_of, skeleton_of_count
+from .keypoint_sets import agreed_skeleton, in_coco17_order, points_of
 
 # of COCO's annotations: 0 not labelled, 1 hidden, 2 visible; scores that half of a certain one is worth
 _ANNOTATED_SCORE = {0.0: 0.0, 1.0: 0.5, 2.0: 1.0}
@@ -44,9 +44,7 @@ def frames_of_list(
             continue
         number = image if isinstance(image, int) else frame_number(str(image).rpartition("/")[2], where)
         person = in_coco17_order(points_of(flat, where))
-        skeleton = skeleton or skeleton_of_count(len(person), where)
-        if len(person) != len(skeleton):
-            raise InputError(f"{where}: expected {len(skeleton)} keypoints ({skeleton.name}), got {len(person)}")
+        skeleton = agreed_skeleton(skeleton, len(person), where)
         points[number].append(person)
         ids[number].append(_track_id(entry.get("idx", entry.get("track_id"))))
     if skeleton is None:
