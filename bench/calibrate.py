@@ -20,14 +20,15 @@ import numpy as np
 from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.self_checks import camera_differences
 from posefuse.calibration.extrinsics.target import Calibration, calibrate_extrinsics
-from posefuse.calibration.solving.rotations import Poses, stacked
+from posefuse.calibration.solving.rotations import poses_of
 from posefuse.calibration.targets.detection import observe_all
 from posefuse.calibration.targets.kinds import Markers
 from posefuse.calibration.targets.synthetic import Faults, Waving, cube, observe_prop
-from posefuse.core import SE3, Camera, Rig
+from posefuse.core import Camera, Rig
 from posefuse.formats.rig import read_rig
 from posefuse.simulation import SessionPaths, simulate
 from posefuse.simulation.build import live_scene
+from posefuse.simulation.cameras import looking_at
 from posefuse.simulation.props import ArucoCube
 from posefuse.simulation.scene import read_scene
 from posefuse.sources import VideoConfig
@@ -46,20 +47,8 @@ def ring(count: int, size_wh: tuple[int, int]) -> Rig:
     for i in range(count):
         angle = 2 * np.pi * i / count + 0.3
         centre = np.array([RADIUS_M * np.cos(angle), RADIUS_M * np.sin(angle), HEIGHT_M])
-        ahead = np.array([0, 0, 1.0]) - centre
-        ahead /= np.linalg.norm(ahead)
-        right = np.cross(ahead, [0, 0, 1.0])
-        right /= np.linalg.norm(right)
-        rotation = np.stack([right, np.cross(ahead, right), ahead])
-        cameras.append(
-            Camera(
-                name=f"cam{i:02d}",
-                size_wh=size_wh,
-                K=intrinsics,
-                cam_from_world=SE3.from_matrix(rotation, -rotation @ centre),
-                distortion=LENS,
-            )
-        )
+        pose = looking_at(centre, np.array([0, 0, 1.0]))
+        cameras.append(Camera(name=f"cam{i:02d}", size_wh=size_wh, K=intrinsics, cam_from_world=pose, distortion=LENS))
     return Rig(tuple(cameras))
 
 
@@ -83,7 +72,7 @@ def measured(rig: Rig, clocks: str, apart: bool, seed: int) -> dict[str, float]:
 
 def errors(rig: Rig, found: Calibration, late: np.ndarray) -> dict[str, float]:
     """Of the worst camera; scale counts, where the world is does not."""
-    true, got = (stacked([Poses.from_se3(camera.cam_from_world) for camera in one]) for one in (rig, found.rig))
+    true, got = (poses_of(one) for one in (rig, found.rig))
     metres, radians = camera_differences(true, got)
     clock = found.delay_s[:, 0] - late
     return {

@@ -16,8 +16,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from posefuse.core import SE3, SKELETONS, Camera, Rig, Views
+from posefuse.core import SKELETONS, Camera, Rig, Views
 from posefuse.fusion import FuseSettings, fuse, triangulate
+from posefuse.simulation.cameras import looking_at
 
 KEYPOINTS = 33
 SIGMA_PX = 2.0
@@ -32,20 +33,8 @@ def ring(count: int) -> Rig:
     for i in range(count):
         angle = 2 * np.pi * i / count
         centre = np.array([4.5 * np.cos(angle), 4.5 * np.sin(angle), 2.2])
-        forward = np.array([0, 0, 1.0]) - centre
-        forward /= np.linalg.norm(forward)
-        right = np.cross(forward, [0, 0, 1.0])
-        right /= np.linalg.norm(right)
-        rotation = np.stack([right, np.cross(forward, right), forward])
-        cameras.append(
-            Camera(
-                name=f"cam{i:02d}",
-                size_wh=(1280, 720),
-                K=intrinsics,
-                cam_from_world=SE3.from_matrix(rotation, -rotation @ centre),
-                distortion=LENS,
-            )
-        )
+        pose = looking_at(centre, np.array([0, 0, 1.0]))
+        cameras.append(Camera(name=f"cam{i:02d}", size_wh=(1280, 720), K=intrinsics, cam_from_world=pose, distortion=LENS))
     return Rig(tuple(cameras))
 
 

@@ -18,6 +18,7 @@ import numpy as np
 
 import posefuse.messages
 from posefuse.core import SE3, SKELETONS, Camera, Pose3D, Rig
+from posefuse.simulation.cameras import looking_at
 
 DOCS = Path(__file__).parent
 CONFIG = Path(posefuse.messages.__file__).parent / "rviz" / "posefuse_ros1.rviz"
@@ -121,17 +122,9 @@ def four_cameras() -> Rig:
     for i in range(4):
         angle = np.pi / 4 + i * np.pi / 2
         centre = np.array([3 * np.cos(angle), 3 * np.sin(angle), 2.3])
-        forward = np.array([0, 0, 1.0]) - centre
-        forward /= np.linalg.norm(forward)
-        right = np.cross(forward, [0, 0, 1.0])
-        right /= np.linalg.norm(right)
-        rotation = np.stack([right, np.cross(forward, right), forward])
         intrinsics = np.array([[600, 0, 319.5], [0, 600, 239.5], [0, 0, 1.0]])
-        cameras.append(
-            Camera(
-                name=f"cam{i + 1}", size_wh=(640, 480), K=intrinsics, cam_from_world=SE3.from_matrix(rotation, -rotation @ centre)
-            )
-        )
+        pose = looking_at(centre, np.array([0, 0, 1.0]))
+        cameras.append(Camera(name=f"cam{i + 1}", size_wh=(640, 480), K=intrinsics, cam_from_world=pose))
     return Rig(tuple(cameras))
 
 

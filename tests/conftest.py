@@ -18,8 +18,9 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 import pytest
 
-from posefuse.core import SE3, Camera, Rig
+from posefuse.core import Camera, Rig
 from posefuse.foundation.user_cache import default_cache_dir
+from posefuse.simulation.cameras import looking_at
 
 _SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -51,12 +52,7 @@ def _ring_rig(
     for i in range(count):
         angle = 2 * np.pi * i / count + 0.3
         centre = np.array([radius_m * np.cos(angle), radius_m * np.sin(angle), height_m])
-        forward = np.array([0, 0, 1.0]) - centre
-        forward /= np.linalg.norm(forward)
-        right = np.cross(forward, [0, 0, 1.0])
-        right /= np.linalg.norm(right)
-        rotation = np.stack([right, np.cross(forward, right), forward])
-        pose = SE3.from_matrix(rotation, -rotation @ centre)
+        pose = looking_at(centre, np.array([0, 0, 1.0]))
         cameras.append(
             Camera(name=f"cam{i:02d}", size_wh=size_wh, K=intrinsics, cam_from_world=pose, distortion=np.array(distortion))
         )

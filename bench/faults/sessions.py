@@ -16,6 +16,7 @@ from posefuse.calibration.targets.kinds import Charuco, Markers, Target
 from posefuse.calibration.targets.synthetic import Faults, Waving, board, cube, observe_prop
 from posefuse.core import SE3, CalibrationError, Camera, Rig
 from posefuse.core.arrays import Array
+from posefuse.simulation.cameras import looking_at
 
 from .verdict import Answer
 
@@ -51,18 +52,13 @@ def ring(count: int, seed: int, radius_m: float = 4.0, size_wh: tuple[int, int] 
         angle = 2 * np.pi * i / count + random.uniform(-0.15, 0.15)
         radius = radius_m * random.uniform(0.92, 1.08)
         centre = np.array([radius * np.cos(angle), radius * np.sin(angle), random.uniform(1.9, 2.5)])
-        forward = np.array([0, 0, 1.0]) - centre
-        forward /= np.linalg.norm(forward)
-        right = np.cross(forward, [0, 0, 1.0])
-        right /= np.linalg.norm(right)
-        rotation = np.stack([right, np.cross(forward, right), forward])
         focal = 0.9 * size_wh[0] * random.uniform(0.97, 1.03)
         cx, cy = np.array([size_wh[0] - 1, size_wh[1] - 1]) / 2 + random.uniform(-8, 8, 2)
         lens = np.array([-0.14, 0.06, 0, 0, 0]) * random.uniform(0.8, 1.2) + [0, 0, 5e-4, -5e-4, 0]
         if model == "fisheye":
             lens = np.array([0.03, -0.01, 0.002, 0.0])
         intrinsics = np.array([[focal, 0, cx], [0, focal, cy], [0, 0, 1]])
-        pose = SE3.from_matrix(rotation, -rotation @ centre)
+        pose = looking_at(centre, np.array([0, 0, 1.0]))
         cameras.append(
             Camera(name=f"cam{i:02d}", size_wh=size_wh, K=intrinsics, cam_from_world=pose, distortion=lens, model=model)
         )

@@ -15,7 +15,9 @@ import numpy as np
 from posefuse.core import Camera, InputError, Rig
 from posefuse.core.arrays import Array
 from posefuse.fusion import FuseSettings
+from posefuse.fusion.triangulate import sigma_of_size
 from posefuse.simulation.surroundings import Box
+from posefuse.simulation.visibility import in_image
 
 # a standing adult: edges of the box around the body
 _BODY_M = (0.5, 0.5, 1.75)
@@ -124,7 +126,7 @@ def _sees(camera: Camera, xyz_world: Array, boxes: Sequence[Box]) -> Array:
     """(...) whether points lie in the image and no box stands before them."""
     xy = camera.project(xyz_world)
     with np.errstate(invalid="ignore"):
-        seen = (xy >= -0.5).all(axis=-1) & (xy < np.array(camera.size_wh) - 0.5).all(axis=-1)
+        seen = in_image(camera, xy)
     for box in boxes:
         seen &= ~box.between(camera.centre_world, xyz_world)
     return np.asarray(seen)
@@ -142,8 +144,4 @@ def _sigma_px(camera: Camera, xy_m: Array, noise: FuseSettings) -> Array:
     half_x, half_y, height = _BODY_M[0] / 2, _BODY_M[1] / 2, _BODY_M[2]
     corners = np.array([(x, y, z) for x in (-half_x, half_x) for y in (-half_y, half_y) for z in (0.0, height)])
     floor = np.concatenate([xy_m, np.zeros((*xy_m.shape[:-1], 1))], axis=-1)
-    xy = camera.project(floor[..., None, :] + corners)
-    known = np.isfinite(xy)
-    extent = np.where(known, xy, -np.inf).max(axis=-2) - np.where(known, xy, np.inf).min(axis=-2)
-    largest = np.where(np.isfinite(extent).all(axis=-1), extent.max(axis=-1), 0.0)
-    return np.maximum(noise.sigma_share * largest, noise.sigma_min_px)
+    return sigma_of_size(camera.project(floor[..., None, :] + corners), noise)

@@ -134,11 +134,16 @@ def stated_sigma(xy_img: Array, score: Array, sigma_px: Array, settings: FuseSet
     unstated = np.isnan(sigma_px)
     if not unstated.any():
         return np.array(sigma_px)
-    seen = np.isfinite(xy_img)
-    extent = np.where(seen, xy_img, -np.inf).max(axis=-2) - np.where(seen, xy_img, np.inf).min(axis=-2)
-    full = np.maximum(settings.sigma_share * extent.max(axis=-1), settings.sigma_min_px)
+    full = sigma_of_size(xy_img, settings)
     with np.errstate(divide="ignore"):
         return np.where(unstated, full[..., None] / score, sigma_px)
+
+
+def sigma_of_size(xy_img: Array, settings: FuseSettings) -> Array:
+    """(...) what `FuseSettings.sigma_share` makes of a body with points (..., K, 2) for keypoints of score 1."""
+    seen = np.isfinite(xy_img)
+    extent = np.where(seen, xy_img, -np.inf).max(axis=-2) - np.where(seen, xy_img, np.inf).min(axis=-2)
+    return np.asarray(np.maximum(settings.sigma_share * extent.max(axis=-1), settings.sigma_min_px))
 
 
 def plain_weight(weights: Weights, xy_img: Array, score: Array, settings: FuseSettings) -> Array:

@@ -220,19 +220,28 @@ def _camera(placed: PlacedCamera) -> Camera:
 
 
 def _cam_from_world(placed: PlacedCamera) -> SE3:
-    centre = np.array(placed.position_m)
-    forward = np.array(placed.look_at_m) - centre
+    try:
+        return looking_at(np.array(placed.position_m), np.array(placed.look_at_m), float(np.deg2rad(placed.roll_deg)))
+    except ConfigError as error:
+        raise ConfigError(f"camera {placed.name}: {error}") from None
+
+
+def looking_at(centre: Array, point: Array, roll_rad: float = 0.0) -> SE3:
+    """cam_from_world of a camera at `centre` (3,) whose axis passes through `point` (3,), the top of its image up.
+
+    roll_rad: turn about the viewing direction, clockwise as seen from behind the camera.
+    """
+    forward = point - centre
     distance = np.linalg.norm(forward)
     if distance < _SQUARE_LEAST:
-        raise ConfigError(f"camera {placed.name}: look_at_m is its own position {placed.position_m}; give another point")
+        raise ConfigError(f"look_at_m is its own position {tuple(centre.tolist())}; give another point")
     forward = forward / distance
     # straight up or down has no horizon: take world y as the top of the image
     reference = _UP if np.linalg.norm(np.cross(forward, _UP)) > _SQUARE_LEAST else np.array([0.0, 1.0, 0.0])
     right = np.cross(forward, reference)
     right = right / np.linalg.norm(right)
     down = np.cross(forward, right)
-    angle = np.deg2rad(placed.roll_deg)
     # a camera turned clockwise: its right axis moves towards what was down
-    turned_right = np.cos(angle) * right + np.sin(angle) * down
+    turned_right = np.cos(roll_rad) * right + np.sin(roll_rad) * down
     rotation: Array = np.stack([turned_right, np.cross(forward, turned_right), forward])
     return SE3.from_matrix(rotation, -rotation @ centre)

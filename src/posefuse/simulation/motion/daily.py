@@ -41,19 +41,13 @@ def overhead(body: SimulatedBody, settings: OverheadSettings) -> Callable[[Array
 def sit(body: SimulatedBody, settings: SitSettings) -> Callable[[Array], BodyPosture]:
     """Stands, sits down on something as high as the knee, rests, gets up; hands come to the thighs. There is no chair."""
     footing = Footing(body, np.deg2rad(settings.heading_deg), np.array(settings.position_m))
-    thigh, shank = lengths_m(body, "left", "leg")
-    standing_m = footing.hip_height_m()
 
     def posture(t_s: Array) -> BodyPosture:
         part = np.mod(t_s / settings.period_s, 1.0)
         down = minimum_jerk((part - _DOWN_AT) / (_SEATED_AT - _DOWN_AT)) - minimum_jerk((part - _UP_AT) / (1.0 - _UP_AT))
         knee, shin = _SEATED_KNEE_RAD * down, _SEATED_SHANK_RAD * down
-        back = thigh * np.sin(knee - shin) - shank * np.sin(shin)
-        height = shank * np.cos(shin) + thigh * np.cos(knee - shin) + body.points_rest["left_ankle"][2]
         lean = _MOST_LEAN_RAD * np.sin(np.pi * down) + np.deg2rad(4.0) * down
-        base = np.broadcast_to(footing.base(), (len(t_s), 3, 3))
-        centre = np.array([*footing.place, 0.0]) - base[..., 0] * back[:, None]
-        centre[:, 2] = np.minimum(height, standing_m)
+        base, centre, _ = footing.bent(knee, shin)
         pelvis, thorax = leaned(base, 0.6 * lean), leaned(base, lean)
         axes = {"pelvis": pelvis, "thorax": thorax, "head": leaned(base, 0.3 * lean)} | footing.legs(centre, pelvis)
         for side in SIDES:

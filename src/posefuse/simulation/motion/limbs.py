@@ -16,6 +16,17 @@ def unit(vector: Array) -> Array:
     return np.asarray(vector / np.linalg.norm(vector, axis=-1, keepdims=True))
 
 
+def normal_part(vector: Array, along: Array) -> Array:
+    """The direction (..., 3) of what vectors have at a right angle to the unit vectors `along`."""
+    return unit(vector - np.sum(vector * along, axis=-1, keepdims=True) * along)
+
+
+def frame_along(y: Array, towards_z: Array) -> Array:
+    """(..., 3, 3) columns X, Y, Z with Y along `y` exactly and Z as near `towards_z` as that allows."""
+    y = unit(y)
+    return _frame(y, normal_part(towards_z, y))
+
+
 def lengths_m(body: SimulatedBody, side: str, limb: str) -> tuple[float, float]:
     """Lengths of the upper and the lower segment of ``leg`` or ``arm``."""
     names = {"leg": ("hip", "knee", "ankle"), "arm": ("shoulder", "elbow", "wrist")}[limb]
@@ -42,7 +53,7 @@ def _bent(start: Array, end: Array, bulge: Array, lengths: tuple[float, float], 
     distance = np.linalg.norm(line, axis=-1)
     along = line / distance[..., None]
     distance = np.clip(distance, abs(upper - lower) * 1.001, (upper + lower) * _STRAIGHTEST)
-    aside = unit(bulge - np.sum(bulge * along, axis=-1, keepdims=True) * along)
+    aside = normal_part(bulge, along)
     cosine = (upper**2 + distance**2 - lower**2) / (2 * upper * distance)
     sine = np.sqrt(np.maximum(1 - cosine**2, 0.0))
     middle = upper * (cosine[..., None] * along + sine[..., None] * aside)

@@ -21,7 +21,7 @@ from posefuse.formats.recording import read_recording
 from posefuse.formats.trc import read_trc
 from posefuse.simulation.body import SEGMENTS, SimulatedBody
 
-from .limbs import forearm_and_hand, lengths_m, unit
+from .limbs import forearm_and_hand, frame_along, lengths_m, normal_part, unit
 from .sampled import Sampled, on_floor
 from .settings import ResultSettings, TrcSettings
 
@@ -121,13 +121,6 @@ def _middle(points: Points, *names: str) -> Array:
     return np.asarray(np.mean([points[name] for name in names], axis=0))
 
 
-def _frame(y: Array, towards_z: Array) -> Array:
-    """(..., 3, 3) columns X, Y, Z with Y along `y` exactly and Z as near `towards_z` as that allows."""
-    y = unit(y)
-    z = unit(towards_z - np.sum(towards_z * y, axis=-1, keepdims=True) * y)
-    return np.stack([np.cross(y, z), y, z], axis=-1)
-
-
 def _axes(body: SimulatedBody, points: Points) -> Points:
     rest = {name: point[None] for name, point in body.points_rest.items()}
     trunk = {"pelvis": ("hip",), "thorax": ("shoulder",)}
@@ -147,7 +140,7 @@ def _turned(body: SimulatedBody, segment: str, now: Array, at_rest: Array) -> Ar
 def _trunk(points: Points, across: str) -> Array:
     up = _middle(points, "left_shoulder", "right_shoulder") - _middle(points, "left_hip", "right_hip")
     right = points[f"right_{across}"] - points[f"left_{across}"]
-    return _frame(up - np.sum(up * unit(right), axis=-1, keepdims=True) * unit(right), right)
+    return frame_along(up - np.sum(up * unit(right), axis=-1, keepdims=True) * unit(right), right)
 
 
 def _head(body: SimulatedBody, points: Points, rest: Points, thorax: Array) -> Array:
@@ -157,7 +150,7 @@ def _head(body: SimulatedBody, points: Points, rest: Points, thorax: Array) -> A
             for p in (points, rest):
                 across = p[f"right_{part}"] - p[f"left_{part}"]
                 ahead = p["nose"] - _middle(p, f"left_{part}", f"right_{part}")
-                frames.append(_frame(np.cross(across, ahead), across))
+                frames.append(frame_along(np.cross(across, ahead), across))
             return _turned(body, "head", *frames)
     return thorax @ body.rest_rotation("thorax", "head")
 
@@ -166,7 +159,7 @@ def _blended(along: Array, above: Array, plane: Array, bend_sine: Array) -> Arra
     """Directions (T, 3): of the reference `above` where the limb is straight, of its plane's normal where it is bent."""
     part = np.clip((bend_sine - _BENT[0]) / (_BENT[1] - _BENT[0]), 0.0, 1.0)
     weight = (part**2 * (3 - 2 * part))[:, None]
-    reference = unit(above - np.sum(above * along, axis=-1, keepdims=True) * along)
+    reference = normal_part(above, along)
     normal = plane / np.maximum(np.linalg.norm(plane, axis=-1, keepdims=True), 1e-12)
     return np.asarray((1 - weight) * reference + weight * normal)
 
@@ -178,8 +171,8 @@ def _leg(body: SimulatedBody, points: Points, rest: Points, side: str, pelvis: A
     normal = np.cross(shank, thigh)
     sine = np.sum(normal * pelvis[..., 2], axis=-1).clip(0.0)
     axes = {
-        f"{side}_thigh": _frame(thigh, _blended(thigh, pelvis[..., 2], normal, sine)),
-        f"{side}_shank": _frame(shank, _blended(shank, pelvis[..., 2], normal, sine)),
+        f"{side}_thigh": frame_along(thigh, _blended(thigh, pelvis[..., 2], normal, sine)),
+        f"{side}_shank": frame_along(shank, _blended(shank, pelvis[..., 2], normal, sine)),
     }
     name = f"{side}_foot"
     if {f"{side}_heel", f"{side}_big_toe"} <= set(points):
@@ -187,7 +180,7 @@ def _leg(body: SimulatedBody, points: Points, rest: Points, side: str, pelvis: A
         frames = []
         for p in (points, rest):
             ahead, up = _middle(p, *toes) - p[f"{side}_heel"], p[f"{side}_ankle"] - p[f"{side}_heel"]
-            frames.append(_frame(np.cross(np.cross(ahead, up), ahead), np.cross(ahead, up)))
+            frames.append(frame_along(np.cross(np.cross(ahead, up), ahead), np.cross(ahead, up)))
         axes[name] = _turned(body, name, *frames)
     else:
         axes[name] = axes[f"{side}_shank"]
@@ -205,15 +198,15 @@ def _arm(body: SimulatedBody, points: Points, side: str, thorax: Array) -> Point
     cosine = np.sum(hanging * upper, axis=-1, keepdims=True)
     z = thorax[..., 2]
     above = z + np.cross(lifted, z) + np.cross(lifted, np.cross(lifted, z)) / np.maximum(1 + cosine, 1e-6)
-    upper_arm = _frame(upper, _blended(upper, above, normal, sine))
+    upper_arm = frame_along(upper, _blended(upper, above, normal, sine))
     bend = np.arctan2(sine, np.sum(upper * lower, axis=-1))
     forearm, hand = forearm_and_hand(body, side, upper_arm, bend, np.full(len(bend), _EASY_PRONATION_RAD))
     if {f"{side}_index", f"{side}_pinky"} <= set(points):
         across = (points[f"{side}_index"] - points[f"{side}_pinky"]) * (1.0 if side == "right" else -1.0)
-        hand = _frame(wrist - _middle(points, f"{side}_index", f"{side}_pinky"), across)
-        forearm = _frame(lower, across)
+        hand = frame_along(wrist - _middle(points, f"{side}_index", f"{side}_pinky"), across)
+        forearm = frame_along(lower, across)
     else:
         # the bend found and the exact direction differ where the limb is nearly straight
-        forearm = _frame(lower, forearm[..., 2])
+        forearm = frame_along(lower, forearm[..., 2])
         hand = forearm @ body.rest_rotation(f"{side}_forearm", f"{side}_hand")
     return {f"{side}_upper_arm": upper_arm, f"{side}_forearm": forearm, f"{side}_hand": hand}

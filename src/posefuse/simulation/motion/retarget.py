@@ -20,7 +20,7 @@ from posefuse.formats.bvh import BvhData, read_bvh
 from posefuse.simulation.body import SimulatedBody
 from posefuse.simulation.body.angles import turn
 
-from .limbs import lengths_m, unit
+from .limbs import frame_along, lengths_m, unit
 from .sampled import Sampled, on_floor
 from .settings import BvhSettings
 
@@ -156,9 +156,9 @@ def _segment_frames(rest: Array, joints: dict[str, int], axes: Array, data: BvhD
             joint, child = joints[f"{side}_{part}"], joints[f"{side}_{_CHILD[part]}"]
             along = unit(rest[joint] - rest[child])
             z = thumb_ahead if part == "forearm" else np.cross(ahead, along)
-            frames[f"{side}_{part}"] = (joint, _frame(along, z))
+            frames[f"{side}_{part}"] = (joint, frame_along(along, z))
             if part == "forearm":
-                frames[f"{side}_hand"] = (joints[f"{side}_hand"], _frame(along, z))
+                frames[f"{side}_hand"] = (joints[f"{side}_hand"], frame_along(along, z))
         foot = joints[f"{side}_foot"]
         frames[f"{side}_foot"] = (foot, _foot_frame(rest, foot, data, ahead, up, right))
     return frames
@@ -171,10 +171,5 @@ def _foot_frame(rest: Array, foot: int, data: BvhData, ahead: Array, up: Array, 
     flat = along - (along @ up) * up
     size = np.linalg.norm(along)
     if size < 1e-9 or np.linalg.norm(flat) < _FLAT_FOOT * size or flat @ ahead <= 0:
-        return _frame(up, right)
-    return _frame(up, np.cross(flat, up))
-
-
-def _frame(y: Array, towards_z: Array) -> Array:
-    z = unit(towards_z - (towards_z @ y) * y)
-    return np.stack([np.cross(y, z), y, z], axis=1)
+        return frame_along(up, right)
+    return frame_along(up, np.cross(flat, up))

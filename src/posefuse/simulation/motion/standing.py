@@ -85,6 +85,20 @@ class Footing:
             axes |= {f"{side}_thigh": thigh, f"{side}_shank": shank, f"{side}_foot": foot}
         return axes
 
+    def bent(self, knee: Array, shin: Array) -> tuple[Array, Array, Array]:
+        """Pelvis axes (T, 3, 3) and centre (T, 3) over flat feet, knees bent, and (T,) how far the hips are behind the ankles.
+
+        Args:
+            knee: (T,) flexion in rad. shin: (T,) how far the shanks lean forward, in rad.
+        """
+        thigh, shank = lengths_m(self.body, "left", "leg")
+        back = thigh * np.sin(knee - shin) - shank * np.sin(shin)
+        height = shank * np.cos(shin) + thigh * np.cos(knee - shin) + self.body.points_rest["left_ankle"][2]
+        base = np.broadcast_to(self.base(), (len(knee), 3, 3))
+        centre = np.array([*self.place, 0.0]) - base[..., 0] * back[:, None]
+        centre[:, 2] = np.minimum(height, self.hip_height_m())
+        return base, centre, back
+
     def hip_offset(self, side: str) -> Array:
         """(3,) hip centre in pelvis axes, from the middle of both."""
         return hip_offset(self.body, side)
@@ -201,19 +215,14 @@ def wave(body: SimulatedBody, settings: WaveSettings, seed: int) -> Callable[[Ar
 def squat(body: SimulatedBody, settings: SquatSettings) -> Callable[[Array], BodyPosture]:
     """Down and up on flat feet; the trunk leans so that the weight stays over them, the arms come forward."""
     footing = Footing(body, np.deg2rad(settings.heading_deg), np.array(settings.position_m))
-    thigh, shank = lengths_m(body, "left", "leg")
     deepest = np.deg2rad(settings.knee_flexion_deg)
 
     def posture(t_s: Array) -> BodyPosture:
         down = 0.5 - 0.5 * np.cos(2 * np.pi * t_s / settings.period_s)
         knee = _EASY_KNEE_RAD + (deepest - _EASY_KNEE_RAD) * down
         shin = 0.28 * knee + _EASY_KNEE_RAD / 4 * (1 - down)
-        back = thigh * np.sin(knee - shin) - shank * np.sin(shin)
-        height = shank * np.cos(shin) + thigh * np.cos(knee - shin) + body.points_rest["left_ankle"][2]
+        base, centre, back = footing.bent(knee, shin)
         lean = np.arcsin(np.clip((back + 0.03 * down) / 0.42, -1, 0.85))
-        base = np.broadcast_to(footing.base(), (len(t_s), 3, 3))
-        centre = np.array([*footing.place, 0.0]) - base[..., 0] * back[:, None]
-        centre[:, 2] = np.minimum(height, footing.hip_height_m())
         pelvis, thorax = leaned(base, 0.6 * lean), leaned(base, lean)
         axes = {"pelvis": pelvis, "thorax": thorax, "head": leaned(base, 0.35 * lean)} | footing.legs(centre, pelvis)
         for side in SIDES:
