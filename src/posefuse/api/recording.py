@@ -59,8 +59,9 @@ class Recording(core.Recording):
     @property
     def duration_s(self) -> float:
         """From the first time step to the last."""
-        t_ns = self.poses.t_ns
-        return float(t_ns[-1] - t_ns[0]) * 1e-9 if len(t_ns) else 0.0
+        from posefuse.outputs.facts import duration_s
+
+        return duration_s(self.poses)
 
     @property
     def rate_hz(self) -> float:

@@ -136,3 +136,8 @@ class JointAngles:
             angle_rad=self.angle_rad[:, n],
             sigma_rad=self.sigma_rad[:, n],
         )
+
+
+def angle_labels(joints: JointAngles, between: str) -> list[str]:
+    """A name for each angle in the order of `angle_rad`: that of its joint, `between`, and its own."""
+    return [f"{joint}{between}{name}" for joint, names in zip(joints.joints, joints.angle_names, strict=True) for name in names]

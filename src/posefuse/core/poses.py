@@ -69,6 +69,11 @@ class Pose3D:
         return replace(self, **chosen)
 
 
+def point_sigma_m(cov: Array) -> Array:
+    """(...) standard deviation along one axis of points with covariance (..., 3, 3): root of the mean variance."""
+    return np.asarray(np.sqrt(np.trace(cov, axis1=-2, axis2=-1) / 3))
+
+
 _POSE_DTYPES: dict[str, DTypeLike] = {
     "person_id": np.int64,
     "xyz_world": np.float64,

@@ -11,6 +11,7 @@ import numpy as np
 
 from posefuse.core import DependencyError, JointAngles, PoseSequence, Progress, Recording, ViewSequence, silent
 from posefuse.core.arrays import Array
+from posefuse.core.poses import point_sigma_m
 from posefuse.formats.angles import write_angles
 from posefuse.formats.bvh import write_bvh
 from posefuse.formats.c3d import C3dData, write_c3d
@@ -25,7 +26,7 @@ from posefuse.kinematics.gait import gait_from_poses
 from posefuse.kinematics.opensim_path import opensim_motion
 from posefuse.kinematics.opensim_scale import write_scaled_model
 from posefuse.kinematics.skin import skin_of
-from posefuse.outputs.facts import person_suffix
+from posefuse.outputs.facts import duration_s, person_suffix
 from posefuse.tracking import views_at_joint_centres
 
 from .gait_cycles import CycleAngles, gait_cycles, write_gait_cycles
@@ -134,8 +135,8 @@ def _cycles(poses: PoseSequence, joints: JointAngles) -> dict[int, list[CycleAng
 def _person_files(poses: PoseSequence, joints: JointAngles, n: int, folder: Path, ending: str) -> list[Path]:
     made = [folder / f"angles{ending}.mot", folder / f"points_angles{ending}.c3d"]
     write_mot(made[0], motion_from_joints(joints, n))
-    sigma_m = np.sqrt(np.trace(poses.cov_world[:, n], axis1=-2, axis2=-1) / 3)
-    span_s = float(poses.t_ns[-1] - poses.t_ns[0]) * 1e-9
+    sigma_m = point_sigma_m(poses.cov_world[:, n])
+    span_s = duration_s(poses)
     rate_hz = (len(poses) - 1) / span_s if span_s > 0 else 1.0
     labels, angles = _c3d_angles(joints, n)
     points = C3dData(

@@ -107,6 +107,12 @@ def true_xyz_at(truth: Truth, t_ns: Array) -> Array:
     return np.asarray(truth.xyz_world[earlier] * (1 - share) + truth.xyz_world[later] * share)
 
 
+def known_median(values: Array) -> float:
+    """Median of the finite values; NaN where there is none."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else float("nan")
+
+
 def _paired_distance_m(got: Array, wanted: Array) -> Array:
     """(T, N_true, K) distances, each true person paired with its nearest estimated one; NaN where there is none."""
     n_got, n_true = got.shape[1], wanted.shape[1]

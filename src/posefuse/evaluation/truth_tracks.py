@@ -12,6 +12,7 @@ from posefuse.core.arrays import Array
 from posefuse.formats.truth import read_loop, read_truth
 
 from .compare import Tracks
+from .metrics import known_median
 from .tracks import named_tracks
 
 _TRUTH = Path("truth") / "truth.npz"
@@ -54,4 +55,4 @@ def looped(t_s: Array, loop_s: float) -> Array:
 def _apart_m(one: Tracks, other: Tracks) -> float:
     points = [point for point in one.points if point in other.points]
     apart_m = np.linalg.norm(one.only(points).xyz_m - other.only(points).xyz_m, axis=-1)
-    return float(np.nanmedian(apart_m)) if np.isfinite(apart_m).any() else float("nan")
+    return known_median(apart_m)

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from posefuse.core import InputError, JointAngles, PosefuseError, PoseSequence, Recording, Skeleton
+from posefuse.core.joint_angles import angle_labels
+from posefuse.core.poses import point_sigma_m
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -56,9 +58,7 @@ def recording_to_xarray(recording: Recording, angles: JointAngles | None = None)
         if not (np.array_equal(angles.t_ns, poses.t_ns) and np.array_equal(angles.person_id, poses.person_id)):
             raise InputError("to_xarray: the joint angles are not those of this recording")
         shape = (len(poses), len(poses.person_id), -1)
-        coords["angle"] = [
-            f"{joint} {name}" for joint, names in zip(angles.joints, angles.angle_names, strict=True) for name in names
-        ]
+        coords["angle"] = angle_labels(angles, " ")
         dims = ("time", "person", "angle")
         data["joint_angle"] = (dims, angles.angle_rad.reshape(shape), {"units": "rad", "long_name": "joint angle"})
         data["joint_angle_sigma"] = (
@@ -106,7 +106,6 @@ def recording_to_dataframe(recording: Recording) -> pd.DataFrame:
 
     poses = recording.poses
     t, n, k = poses.kind.shape
-    variance = np.trace(poses.cov_world, axis1=-2, axis2=-1) / 3
     xyz = poses.xyz_world.reshape(-1, 3)
     return pd.DataFrame(
         {
@@ -116,7 +115,7 @@ def recording_to_dataframe(recording: Recording) -> pd.DataFrame:
             "x_m": xyz[:, 0],
             "y_m": xyz[:, 1],
             "z_m": xyz[:, 2],
-            "sigma_m": np.sqrt(variance).ravel(),
+            "sigma_m": point_sigma_m(poses.cov_world).ravel(),
             "reproj_px": poses.reproj_px.ravel(),
             "n_views": poses.n_views.ravel(),
             "kind": poses.kind.ravel(),

@@ -10,6 +10,7 @@ import numpy as np
 
 from posefuse.core import InputError, JointAngles, ShapeError
 from posefuse.core.arrays import Array, check_fields, freeze_fields
+from posefuse.core.joint_angles import angle_labels
 from posefuse.foundation.atomic import write_text
 from posefuse.foundation.parsing import one_line, read_text
 
@@ -48,7 +49,7 @@ class MotTable:
 
 def motion_from_joints(joints: JointAngles, person: int = 0, name: str = "posefuse") -> MotTable:
     """One person's angles as columns ``joint_angle`` in degrees, time from the first time step; all-NaN columns are left out."""
-    columns = [f"{joint}_{angle}" for joint, names in zip(joints.joints, joints.angle_names, strict=True) for angle in names]
+    columns = angle_labels(joints, "_")
     values = np.degrees(joints.angle_rad[:, person].reshape(len(joints.t_ns), -1))
     kept = np.flatnonzero(np.isfinite(values).any(axis=0))
     t_s = (joints.t_ns - joints.t_ns[0]) * 1e-9 if len(joints.t_ns) else np.zeros(0)

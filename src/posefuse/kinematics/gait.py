@@ -7,6 +7,7 @@ that, the heel has nearly come to rest. Where a skeleton has no feet, the ankle 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -36,6 +37,13 @@ class Spread:
     mean: float
     sd: float
     count: int
+
+    @staticmethod
+    def of(values: Sequence[float] | Array) -> Spread:
+        """Of the values."""
+        if not len(values):
+            return Spread(float("nan"), float("nan"), 0)
+        return Spread(float(np.mean(values)), float(np.std(values)), len(values))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -153,11 +161,11 @@ def _measured(
     return Gait(
         strike_s={side: t_s[strikes[side]] for side in SIDES},
         off_s={side: t_s[offs[side]] for side in SIDES},
-        step_length_m={side: _spread(lengths[side]) for side in SIDES},
-        step_width_m=_spread(widths),
-        stride_length_m=_spread([float(np.linalg.norm((b - a)[:2])) for a, b, _ in strides]),
-        stride_time_s=_spread([float(time) for _, _, time in strides]),
-        stance_share={side: _spread(_stances(t_s[strikes[side]], t_s[offs[side]])) for side in SIDES},
+        step_length_m={side: Spread.of(lengths[side]) for side in SIDES},
+        step_width_m=Spread.of(widths),
+        stride_length_m=Spread.of([float(np.linalg.norm((b - a)[:2])) for a, b, _ in strides]),
+        stride_time_s=Spread.of([float(time) for _, _, time in strides]),
+        stance_share={side: Spread.of(_stances(t_s[strikes[side]], t_s[offs[side]])) for side in SIDES},
         cadence_per_min=60.0 * (len(events) - 1) / float(t_s[last] - t_s[first]),
         speed_m_s=float(np.linalg.norm(path, axis=-1).mean()),
     )
@@ -170,9 +178,3 @@ def _stances(strikes: Array, offs: Array) -> list[float]:
         if len(between) == 1:
             shares.append(float((between[0] - begin) / (end - begin)))
     return shares
-
-
-def _spread(values: list[float]) -> Spread:
-    if not values:
-        return Spread(float("nan"), float("nan"), 0)
-    return Spread(float(np.mean(values)), float(np.std(values)), len(values))

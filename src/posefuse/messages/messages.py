@@ -14,6 +14,7 @@ import numpy as np
 
 from posefuse.core import SKELETONS, Detections2D, JointAngles, Kind, MessageError, Pose3D, PosefuseError, Skeleton
 from posefuse.core.arrays import Array
+from posefuse.core.joint_angles import angle_labels
 
 from .types import message
 
@@ -195,7 +196,7 @@ def pose_from_message(msg: Any) -> tuple[Pose3D, dict[str, int]]:
 
 def messages_from_joints(joints: JointAngles, world_frame: str, t_ns: int) -> list[Any]:
     """`posefuse_msgs/JointAngles` of each person at the last time step of `joints`, stamped `t_ns`."""
-    names = [f"{joint}/{angle}" for joint, angles in zip(joints.joints, joints.angle_names, strict=True) for angle in angles]
+    names = angle_labels(joints, "/")
     return [
         message(
             JOINT_ANGLES_TYPE,

@@ -21,6 +21,7 @@ import numpy as np
 from posefuse.core import ConfigError, JointAngles, Pose3D
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
+from posefuse.core.poses import point_sigma_m
 
 # rows: the tool's x, y, z in world axes
 AXES = {
@@ -104,7 +105,7 @@ def _turn(axes: str) -> Array:
 def _keypoints(pose: Pose3D, n: int, turn: Array) -> Iterator[tuple[str, list[float], float]]:
     """Name, (x, y, z) and standard deviation over the three axes of what is known of person n."""
     xyz = pose.xyz_world[n] @ turn.T
-    sigma = np.sqrt(np.trace(pose.cov_world[n], axis1=-2, axis2=-1) / 3)
+    sigma = point_sigma_m(pose.cov_world[n])
     for name, place, spread in zip(pose.skeleton.keypoints, xyz.tolist(), sigma.tolist(), strict=True):
         if np.isfinite(place).all():
             yield name, place, spread if np.isfinite(spread) else 0.0

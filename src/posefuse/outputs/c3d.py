@@ -8,10 +8,11 @@ from typing import ClassVar
 import numpy as np
 
 from posefuse.core import InputError, Recording, Sink
+from posefuse.core.poses import point_sigma_m
 from posefuse.formats.c3d import C3dData, write_c3d
 from posefuse.foundation.settings import settings
 
-from .facts import person_file, provenance, provenance_text, rate_hz, sigma_m
+from .facts import person_file, provenance, provenance_text, rate_hz
 
 # C3D has a rate and no times: time steps this far off it (in periods) would be moved silently
 _UNEVEN_PERIODS = 0.05
@@ -50,7 +51,7 @@ class C3dSink:
                 C3dData(
                     names=poses.skeleton.keypoints,
                     xyz_world=poses.xyz_world[:, n],
-                    sigma_m=sigma_m(poses)[:, n],
+                    sigma_m=point_sigma_m(poses.cov_world[:, n]),
                     rate_hz=rate,
                     about=about,
                 ),

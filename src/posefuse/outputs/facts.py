@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Mapping
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
 
 from posefuse import __version__
 from posefuse.core import PoseSequence, Recording
-from posefuse.core.arrays import Array
+
+# 2000-01-01; sessions of videos and of the simulator may count from zero
+_FIRST_YEAR_NS = 946_684_800 * 10**9
 
 
 def provenance(recording: Recording) -> dict[str, Any]:
@@ -28,9 +32,19 @@ def rate_hz(poses: PoseSequence) -> float:
     return 1e9 / float(np.median(np.diff(poses.t_ns))) if len(poses) > 1 else 1.0
 
 
-def sigma_m(poses: PoseSequence) -> Array:
-    """(T, N, K) standard deviation of a point along one axis: root of the mean variance; NaN where missing."""
-    return np.asarray(np.sqrt(np.trace(poses.cov_world, axis1=-2, axis2=-1) / 3))
+def duration_s(poses: PoseSequence) -> float:
+    """From the first time step to the last."""
+    return float(poses.t_ns[-1] - poses.t_ns[0]) * 1e-9 if len(poses) else 0.0
+
+
+def recorded_utc(provenance: Mapping[str, Any]) -> str:
+    """When the camera stated that it recorded, or the live session began, as ``2026-01-31T12:00:00Z``; empty if not known."""
+    if "recorded" in provenance:
+        return str(provenance["recorded"])
+    start_ns = provenance.get("start_ns")
+    if isinstance(start_ns, int) and start_ns > _FIRST_YEAR_NS:
+        return datetime.fromtimestamp(start_ns * 1e-9, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    return ""
 
 
 def person_file(recording: Recording, n: int, ending: str) -> str:

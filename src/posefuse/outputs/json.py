@@ -9,10 +9,11 @@ from typing import Any, ClassVar
 
 from posefuse.core import Kind, PoseSequence, Recording, Sink
 from posefuse.core.arrays import Array
+from posefuse.core.poses import point_sigma_m
 from posefuse.foundation.atomic import atomic_file
 from posefuse.foundation.settings import settings
 
-from .facts import provenance, sigma_m
+from .facts import provenance
 
 COLUMNS = ("x_m", "y_m", "z_m", "sigma_m", "n_views", "reproj_px", "kind")
 _DIGITS = 6
@@ -40,7 +41,7 @@ class JsonSink:
             "columns": COLUMNS,
             "kinds": list(_KINDS.values()),
         }
-        path, sigma = folder / "pose.json", sigma_m(poses)
+        path, sigma = folder / "pose.json", point_sigma_m(poses.cov_world)
         with atomic_file(path) as staged, staged.open("w", encoding="utf-8") as file:
             file.write(json.dumps(head, indent=1, ensure_ascii=False, default=str).removesuffix("\n}"))
             file.write(',\n "time_steps": [\n')

@@ -11,10 +11,11 @@ import numpy as np
 
 from posefuse.core import Kind, Recording, Sink
 from posefuse.core.arrays import Array
+from posefuse.core.poses import point_sigma_m
 from posefuse.foundation.atomic import atomic_file, write_text
 from posefuse.foundation.settings import settings
 
-from .facts import provenance, provenance_text, sigma_m
+from .facts import provenance, provenance_text
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -84,7 +85,7 @@ def table_from_recording(recording: Recording) -> pa.Table:
         "x_m": _numbers(poses.xyz_world[..., 0].ravel()),
         "y_m": _numbers(poses.xyz_world[..., 1].ravel()),
         "z_m": _numbers(poses.xyz_world[..., 2].ravel()),
-        "sigma_m": _numbers(sigma_m(poses).ravel()),
+        "sigma_m": _numbers(point_sigma_m(poses.cov_world).ravel()),
         "n_views": _numbers(poses.n_views.ravel()),
         "reproj_px": _numbers(poses.reproj_px.ravel()),
         "kind": _words([kind.name.lower() for kind in Kind], poses.kind.ravel()),

@@ -8,9 +8,8 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
@@ -22,6 +21,7 @@ from posefuse.foundation.atomic import atomic_file
 from posefuse.foundation.plain_values import plain
 from posefuse.foundation.settings import settings
 from posefuse.foundation.user_cache import default_cache_dir
+from posefuse.outputs.facts import recorded_utc
 
 from .batch.figures import quality_figures
 from .reading import LIVE_SUFFIX, is_live, is_result, read_result
@@ -205,7 +205,7 @@ def _looked_at(path: Path) -> Listed:
         path=path,
         live=live,
         session=str(made.get("session", "")),
-        recorded=_recorded(made),
+        recorded=recorded_utc(made),
         modified_s=modified_s,
         people=tuple(names[i] if i < len(names) else f"person {i}" for i in poses.person_id.tolist()),
         duration_s=figures["duration_s"],
@@ -215,17 +215,6 @@ def _looked_at(path: Path) -> Listed:
         reprojection_px=figures["median_reprojection_px"],
         edited=bool(made.get("edits")),
     )
-
-
-def _recorded(made: Mapping[str, Any]) -> str:
-    """The time that the camera stated, or at which the live session began, in UTC; empty where neither is known."""
-    if "recorded" in made:
-        return str(made["recorded"])
-    start_ns = made.get("start_ns")
-    # sessions that count from zero have no date
-    if isinstance(start_ns, int) and start_ns > 946_684_800 * 10**9:
-        return datetime.fromtimestamp(start_ns * 1e-9, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-    return ""
 
 
 def _from_plain(content: dict[str, Any], path: Path) -> Listed:

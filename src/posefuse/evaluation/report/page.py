@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from datetime import UTC, date, datetime
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,7 @@ from posefuse.formats.page import (
 from posefuse.kinematics.animation import FILE_FROM_WORLD, animation_from_joints, animation_gap
 from posefuse.kinematics.gait import gait_from_poses
 from posefuse.kinematics.skin import skin_of
+from posefuse.outputs.facts import duration_s, recorded_utc
 
 from .angles import cycle_plots, range_table, time_plots
 from .parameters import parameter_blocks
@@ -42,8 +43,6 @@ BAND_SIGMAS = 2.0
 _SHORT_ID = 12
 _COLOURS = "Blue: left; orange: right; green: trunk."
 _PAIRS = ("hip", "shoulder")
-# 2000-01-01; sessions of videos and of the simulator may count from zero
-_FIRST_YEAR_NS = 946_684_800 * 10**9
 
 
 def write_report(
@@ -88,37 +87,28 @@ def report_page(recording: Recording, joints: JointAngles, images: Mapping[str, 
 
 def _origin(recording: Recording) -> dict[str, str]:
     rig = recording.rig
+    recorded = recorded_utc(recording.provenance).replace("T", " ").replace("Z", " UTC")
     return {
         "session": str(recording.provenance.get("session", "unnamed")),
-        "date of the recording": _recorded(recording.provenance),
+        "date of the recording": recorded or "not stated by the files",
         "date of this report": date.today().isoformat(),
         "rig": f"{len(rig)} cameras ({', '.join(rig.names)}), id {rig.id[:_SHORT_ID]}, world frame: {rig.world_set_by}",
         "version": f"posefuse {__version__}",
     }
 
 
-def _recorded(provenance: Mapping[str, Any]) -> str:
-    """The date that the camera or the live session stated, in UTC."""
-    if "recorded" in provenance:
-        return str(provenance["recorded"]).replace("T", " ").replace("Z", " UTC")
-    start_ns = provenance.get("start_ns")
-    if isinstance(start_ns, int) and start_ns > _FIRST_YEAR_NS:
-        return datetime.fromtimestamp(start_ns * 1e-9, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
-    return "not stated by the files"
-
-
 def _cards(recording: Recording) -> Cards:
     poses = recording.poses
-    duration_s = float(poses.t_ns[-1] - poses.t_ns[0]) * 1e-9 if len(poses) else 0.0
+    lasts_s = duration_s(poses)
     values = {
-        "duration": f"{duration_s:.2f} s",
+        "duration": f"{lasts_s:.2f} s",
         "time steps": str(len(poses)),
         "cameras": str(len(recording.rig)),
         "people": str(len(poses.person_id)),
         f"keypoints, {poses.skeleton.name}": str(len(poses.skeleton)),
     }
-    if duration_s > 0:
-        values["time steps per second"] = f"{(len(poses) - 1) / duration_s:.1f}"
+    if lasts_s > 0:
+        values["time steps per second"] = f"{(len(poses) - 1) / lasts_s:.1f}"
     if np.isfinite(recording.rig.residual_px):
         values["calibration residual"] = f"{recording.rig.residual_px:.2f} px"
     return Cards(values)

@@ -6,7 +6,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from posefuse.core.arrays import Array
 from posefuse.evaluation.gait_cycles import CycleAngles
 from posefuse.formats.page import MISSING, Block, Cell, Details, Facts, Note, Table
 from posefuse.kinematics.gait import Gait, Spread
@@ -58,17 +57,13 @@ def _ranges(cycles: list[CycleAngles]) -> list[list[Any]]:
     return [
         _row(
             f"{title_of(part, angle)}, range over the gait cycle",
-            spread_text(_spread(np.degrees(one.ranges_rad)), "°", digits=0),
+            spread_text(Spread.of(np.degrees(one.ranges_rad)), "°", digits=0),
             side=one.side,
         )
         for part, angle in RANGES
         for one in cycles
         if (one.joint, one.angle) == (f"{one.side}_{part}", angle)
     ]
-
-
-def _spread(values: Array) -> Spread:
-    return Spread(float(values.mean()), float(values.std()), len(values))
 
 
 def _row(name: str, value: str, normal: Normal = NONE, side: Literal["", "left", "right"] = "") -> list[Any]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from posefuse.core import Kind, Recording
 from posefuse.core.arrays import Array
+from posefuse.evaluation.metrics import known_median
 from posefuse.formats.page import Cell
 
 QUALITY_COLUMNS = ("keypoint", "measured", "filled", "cameras", "reprojection px", "standard deviation mm", "longest gap s")
@@ -49,9 +50,9 @@ def keypoint_quality(recording: Recording, person: int) -> list[KeypointQuality]
                 keypoint=name,
                 found=_share(measured),
                 filled=_share(known & ~measured),
-                views=_median(views[measured].astype(float)),
-                reproj_px=_median(poses.reproj_px[:, person, k][measured]),
-                sigma_mm=1e3 * float(np.sqrt(_median(variance[known]))),
+                views=known_median(views[measured].astype(float)),
+                reproj_px=known_median(poses.reproj_px[:, person, k][measured]),
+                sigma_mm=1e3 * float(np.sqrt(known_median(variance[known]))),
                 longest_gap_s=_longest_gap(t_s, measured),
             )
         )
@@ -89,11 +90,6 @@ def _digits(value: float, digits: int) -> str:
 
 def _share(mask: Array) -> float:
     return float(mask.mean()) if len(mask) else float("nan")
-
-
-def _median(values: Array) -> float:
-    values = values[np.isfinite(values)]
-    return float(np.median(values)) if len(values) else float("nan")
 
 
 def _longest_gap(t_s: Array, measured: Array) -> float:

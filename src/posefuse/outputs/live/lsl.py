@@ -12,6 +12,8 @@ import numpy as np
 
 from posefuse.core import DependencyError, JointAngles, LiveMessage, LiveOutput, LivePose, LiveStart, Pose3D
 from posefuse.core.arrays import Array
+from posefuse.core.joint_angles import angle_labels
+from posefuse.core.poses import point_sigma_m
 from posefuse.foundation.settings import settings
 
 _S = 1_000_000_000
@@ -111,8 +113,7 @@ def keypoint_channels(keypoints: Sequence[str]) -> tuple[list[str], list[str]]:
 
 def angle_channels(joints: JointAngles) -> tuple[list[str], list[str]]:
     """(labels, units) of the stream of joint angles: each angle, then its standard deviation."""
-    names = [f"{joint}/{angle}" for joint, angles in zip(joints.joints, joints.angle_names, strict=True) for angle in angles]
-    labels = [label for name in names for label in (name, f"{name}_sigma")]
+    labels = [label for name in angle_labels(joints, "/") for label in (name, f"{name}_sigma")]
     return [*labels, "person_id"], [*["radians"] * len(labels), "none"]
 
 
@@ -120,7 +121,7 @@ def keypoint_sample(pose: Pose3D, person: int | None) -> Array:
     """(4 K + 1,): x, y, z, sigma over the three axes of each keypoint in m, and the person's id."""
     sample = np.full(4 * len(pose.skeleton) + 1, np.nan)
     for n in np.flatnonzero(pose.person_id == person) if person is not None else ():
-        sigma = np.sqrt(np.trace(pose.cov_world[n], axis1=-2, axis2=-1) / 3)
+        sigma = point_sigma_m(pose.cov_world[n])
         sample[:-1] = np.concatenate([pose.xyz_world[n], sigma[:, None]], axis=1).ravel()
         sample[-1] = person
     return sample

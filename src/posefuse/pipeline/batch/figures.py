@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 
 from posefuse.core import InputError, PoseSequence, Recording
-from posefuse.core.arrays import Array
+from posefuse.core.poses import point_sigma_m
 from posefuse.evaluation.gait_cycles import CycleAngles, gait_cycles
+from posefuse.evaluation.metrics import known_median
 from posefuse.kinematics import joints_from_poses
 from posefuse.kinematics.gait import Gait, gait_from_poses
+from posefuse.outputs.facts import duration_s
 
 # the angles whose range and mean cycle are compared between participants
 ANGLES = (("hip", "flexion"), ("knee", "flexion"), ("ankle", "dorsiflexion"))
@@ -30,22 +32,17 @@ def figures_of(recording: Recording) -> dict[str, Any]:
 
 def quality_figures(poses: PoseSequence, cameras: int) -> dict[str, Any]:
     """How long, how many, how complete and how exact; NaN where nothing is known."""
-    sigma_m = np.sqrt(np.trace(poses.cov_world, axis1=-2, axis2=-1) / 3)
+    sigma_m = point_sigma_m(poses.cov_world)
     known = np.isfinite(poses.xyz_world[..., 0])
     return {
-        "duration_s": float(poses.t_ns[-1] - poses.t_ns[0]) * 1e-9 if len(poses) else 0.0,
+        "duration_s": duration_s(poses),
         "time_steps": len(poses),
         "cameras": cameras,
         "people": len(poses.person_id),
         "present_share": float(known.mean()) if known.size else float("nan"),
-        "median_sigma_mm": 1000 * _median(sigma_m),
-        "median_reprojection_px": _median(poses.reproj_px),
+        "median_sigma_mm": 1000 * known_median(sigma_m),
+        "median_reprojection_px": known_median(poses.reproj_px),
     }
-
-
-def _median(values: Array) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else float("nan")
 
 
 def _gait_figures(gait: Gait) -> dict[str, Any]:
