@@ -241,6 +241,12 @@ def draw_view(
         draw_text(tile, word, line + 1, ALARM_RGB if word != words[-1] or not gone else NOTE_RGB)
 
 
+def shrunk_wh(size_wh: tuple[int, int], longest_px: int) -> tuple[int, int]:
+    """The size of an image whose longer side is made at most so long."""
+    factor = min(1.0, longest_px / max(size_wh))
+    return max(1, round(size_wh[0] * factor)), max(1, round(size_wh[1] * factor))
+
+
 def jpeg_of(picture: Array, quality: int) -> bytes:
     """An RGB image (H, W, 3) as JPEG; quality 1 to 100."""
     import cv2

@@ -16,12 +16,13 @@ from annotated_types import Ge, Le
 
 from posefuse.core import Camera, DependencyError, Frame, Recording
 from posefuse.core.arrays import Array
+from posefuse.core.poses import point_sigma_m
 from posefuse.formats.recording import read_recording
 from posefuse.foundation.atomic import atomic_file
 from posefuse.foundation.settings import settings
 
-from .drawing import DETECTION_RGB
-from .facts import provenance, sigma_m
+from .drawing import DETECTION_RGB, jpeg_of, shrunk_wh
+from .facts import provenance
 from .frames import Frames, FrameSets, FrameSink, FrameWriter, write_outputs, write_without_frames
 from .rerun_scene import (
     TIMELINE,
@@ -182,7 +183,7 @@ class _RerunWriter:
             series = {
                 "reprojection_px": _mean_over_keypoints(poses.reproj_px[:, n]),
                 "views": poses.n_views[:, n].mean(axis=1),
-                "sigma_mm": _mean_over_keypoints(sigma_m(poses)[:, n]) * 1000,
+                "sigma_mm": _mean_over_keypoints(point_sigma_m(poses.cov_world[:, n])) * 1000,
             }
             for name, values in series.items():
                 path = f"plots/{name}/person_{person}"
@@ -218,16 +219,13 @@ def _below() -> list[Any]:
 
 def _shown(camera: Camera, longest_px: int) -> Camera:
     """The camera for the stored images, never enlarged."""
-    factor = min(1.0, longest_px / max(camera.size_wh)) if longest_px else 1.0
-    return camera.scaled((max(1, round(camera.size_wh[0] * factor)), max(1, round(camera.size_wh[1] * factor))))
+    return camera.scaled(shrunk_wh(camera.size_wh, longest_px)) if longest_px else camera
 
 
 def _jpeg(image: Array, size_wh: tuple[int, int], quality: int) -> bytes:
     import cv2
 
-    small = cv2.resize(image, size_wh, interpolation=cv2.INTER_AREA)
-    _, encoded = cv2.imencode(".jpg", cv2.cvtColor(small, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, quality])
-    return encoded.tobytes()
+    return jpeg_of(cv2.resize(image, size_wh, interpolation=cv2.INTER_AREA), quality)
 
 
 def _mean_over_keypoints(values: Array) -> Array:

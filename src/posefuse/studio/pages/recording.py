@@ -9,6 +9,7 @@ import numpy as np
 from nicegui import events, ui
 
 from posefuse.core import JointAngles, PosefuseError
+from posefuse.core.joint_angles import angle_labels
 from posefuse.studio.edit_card import EditCard
 from posefuse.studio.job_cards import job_cards
 from posefuse.studio.output_card import output_card
@@ -173,7 +174,7 @@ class _Recording:
     def show_angles(self, joints: JointAngles | None) -> None:
         """Take the angles when they are there."""
         self._joints, self._worked_out = joints, True
-        names = [] if joints is None else [f"{j} {a}" for q, j in enumerate(joints.joints) for a in joints.angle_names[q]]
+        names = [] if joints is None else angle_labels(joints, " ")
         self._chosen.set_options({name: words(name) for name in names}, value=_first(names))
         self._redraw()
 

@@ -12,9 +12,10 @@ import numpy as np
 from posefuse.api.live import LiveSession, session_of
 from posefuse.core import Detections2D, JointAngles, LivePreview, Pose3D, PosefuseError, Rig, Skeleton
 from posefuse.core.arrays import Array
+from posefuse.core.joint_angles import angle_labels
 from posefuse.outputs.drawing import person_rgb
 from posefuse.studio.live_bodies import LiveBodies
-from posefuse.studio.live_host import BODIES, Host, Pace, status_pace
+from posefuse.studio.live_host import BODIES, Host, Pace, Rates, status_pace
 from posefuse.studio.scene.messages import image_message, labels_message, poses_message, setup_message, values_message
 from posefuse.studio.scene.setup import scene_setup
 from posefuse.studio.setups import inputs_of_setup, rig_of_setup, setup_named
@@ -67,8 +68,7 @@ class _Shown:
         self._person: int | None = None
         self._recording: dict[str, Any] | None = None
         self._wanted: dict[str, dict[str, Any]] = {}
-        self._captured: dict[str, tuple[float, float]] = {}
-        self._rates: dict[str, float] = {}
+        self._rates = Rates()
         self._begun_s = time.time()
         self._setup_of: tuple[Skeleton, tuple[str, ...], tuple[str, ...]] | None = None
         self._past: tuple[Pose3D, ...] = ()
@@ -154,7 +154,12 @@ class _Shown:
         latencies = [one.figures["latency_p95_ms"] for one in cameras.values() if one.figures.get("latency_p95_ms", 0) > 0]
         return {
             "cameras": {
-                name: {"state": one.state, "text": one.text, "rate_hz": self._rate_hz(name, one.figures), **one.figures}
+                name: {
+                    "state": one.state,
+                    "text": one.text,
+                    "rate_hz": self._rates.hz(name, one.figures.get("captured", 0.0)),
+                    **one.figures,
+                }
                 for name, one in cameras.items()
             },
             "sizes": {camera.name: list(camera.size_wh) for camera in self._rig},
@@ -173,15 +178,6 @@ class _Shown:
             "news": self._session.news[-_MOST_NEWS:],
             "refused": list(self._refused[-_MOST_NEWS:]),
         }
-
-    def _rate_hz(self, name: str, figures: Mapping[str, float]) -> float:
-        """Frames that came per second, over at least a second."""
-        now_s, captured = time.monotonic(), figures.get("captured", 0.0)
-        before_s, before = self._captured.setdefault(name, (now_s, captured))
-        if now_s - before_s >= 1.0:
-            self._rates[name] = (captured - before) / (now_s - before_s)
-            self._captured[name] = now_s, captured
-        return self._rates.get(name, 0.0)
 
     def _watched(self, on: bool) -> None:
         self._session.show_images(IMAGES_HZ if on else 0.0)
@@ -250,7 +246,7 @@ def nearest_pose(past: Sequence[Pose3D], t_ns: int) -> Pose3D | None:
 
 def plot_names(joints: JointAngles) -> tuple[str, ...]:
     """All angles, in the order of the values."""
-    return tuple(f"{joint} {angle}" for joint, names in zip(joints.joints, joints.angle_names, strict=True) for angle in names)
+    return tuple(angle_labels(joints, " "))
 
 
 def _colours(person_id: Array) -> list[tuple[int, int, int, int]]:

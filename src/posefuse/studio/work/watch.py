@@ -23,6 +23,7 @@ from posefuse.calibration.targets.detection import TargetDetector
 from posefuse.calibration.targets.guidance import Guidance, seen, start
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
+from posefuse.outputs.drawing import jpeg_of, shrunk_wh
 from posefuse.realtime.camera_feed import CameraFeed, FedFrame
 from posefuse.realtime.recorder import exposure_warning
 from posefuse.realtime.video_keeping import read_counts
@@ -30,7 +31,7 @@ from posefuse.studio.calibrations import Step
 from posefuse.studio.focus import focus_warning
 from posefuse.studio.guiding import advice_for, enough_for, near_far_of, size_of
 from posefuse.studio.jobs import write_json
-from posefuse.studio.live_host import Host, Pace, status_pace
+from posefuse.studio.live_host import Host, Pace, Rates, status_pace
 from posefuse.studio.scene.messages import image_message, setup_message
 from posefuse.studio.scene.setup import scene_setup
 from posefuse.studio.setups import Setup, inputs_of_setup, setup_named
@@ -103,8 +104,7 @@ class _Watch:
         self._judged_s = [0.0] * len(feed.cameras)
         self._warnings: dict[str, str] = {}
         self._sizes: dict[str, list[int]] = {}
-        self._captured: dict[str, tuple[float, int]] = {}
-        self._rates: dict[str, float] = {}
+        self._rates = Rates()
         self._begun_s = time.time()
         self.host.publish("setup", setup_message(scene_setup()), keep=True)
 
@@ -150,14 +150,12 @@ class _Watch:
             self.host.publish(("image", name), self._packed(fed, xy))
 
     def _packed(self, fed: FedFrame, xy: Array) -> bytes:
-        width, height = fed.frame.size_wh
-        factor = min(1.0, _SHOWN_PX / max(width, height))
-        size = (max(1, round(width * factor)), max(1, round(height * factor)))
+        size = shrunk_wh(fed.frame.size_wh, _SHOWN_PX)
+        factor = min(1.0, _SHOWN_PX / max(fed.frame.size_wh))
         small: Any = cv2.resize(fed.frame.image, size, interpolation=cv2.INTER_AREA)
         if self._detector is not None:
             small = coverage_picture(self.guidance.coverage.cells[fed.camera], size, small)
-        _, jpeg = cv2.imencode(".jpg", cv2.cvtColor(small, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
-        return image_message(fed.t_ns / 1e9, fed.camera, np.asarray(jpeg).tobytes(), size, detected_px=(xy * factor)[None])
+        return image_message(fed.t_ns / 1e9, fed.camera, jpeg_of(small, _QUALITY), size, detected_px=(xy * factor)[None])
 
     def _status(self) -> dict[str, Any]:
         covered = self.guidance.coverage
@@ -166,7 +164,7 @@ class _Watch:
                 state.camera: {
                     "state": state.state,
                     "text": state.text or self._warnings.get(state.camera, ""),
-                    "rate_hz": self._rate_hz(state.camera, state.captured),
+                    "rate_hz": self._rates.hz(state.camera, state.captured),
                     "missing": state.missing,
                     "size_wh": self._sizes.get(state.camera),
                 }
@@ -181,11 +179,3 @@ class _Watch:
             "record": self._record,
             "seconds": time.time() - self._begun_s,
         }
-
-    def _rate_hz(self, name: str, captured: int) -> float:
-        now_s = time.monotonic()
-        before_s, before = self._captured.setdefault(name, (now_s, captured))
-        if now_s - before_s >= 1.0:
-            self._rates[name] = (captured - before) / (now_s - before_s)
-            self._captured[name] = now_s, captured
-        return self._rates.get(name, 0.0)
