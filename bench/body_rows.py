@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from paper.scenes.scenes import HIDDEN_JOINTS, half_hidden_scene
+from paper.scenes.scenes import HIDDEN_JOINTS, half_hidden_scene, ring
 from posefuse.core.skeleton import PAPER14
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.simulation.scene import Scene
@@ -66,7 +66,7 @@ def scene_of(name: str, seed: int) -> Scene:
         "duration_s": 0.5 if still else 10.0 if name == "walk" else 3.0,
         "rate_hz": 10,
         "seed": seed,
-        "cameras": _ring(8, 60.0) if still else _ring(4, 66.0),
+        "cameras": ring(8, 60.0) if still else ring(4, 66.0),
         "people": [{"body": {"random_seed": seed}, "motion": _motion(name, seed)}],
         "occluders": list(_OCCLUDERS) if name == "T-pose-occluded" else [],
     }
@@ -86,8 +86,3 @@ def _motion(name: str, seed: int) -> dict[str, Any]:
     period_s = {"squat": 2.7, "reach": 1.5, "wave": 0.9, "overhead": 2.6, "sit": 3.0, "turn": 4.0}[name] * pace
     one_arm = {"side": side} if name in ("reach", "wave") else {}
     return {"kind": name, "heading_deg": heading, "period_s": period_s, **one_arm}
-
-
-def _ring(count: int, fov_deg: float) -> dict[str, Any]:
-    image = {"size_px": [640, 480], "horizontal_fov_deg": fov_deg}
-    return {"kind": "ring", "count": count, "radius_m": 4.5, "height_m": 2.2, "image": image}

@@ -16,7 +16,7 @@ from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.person.solve import PersonCalibration, calibrate_from_person
 from posefuse.calibration.person.views import PersonViews, person_views
 from posefuse.calibration.report import RefusedCalibration
-from posefuse.calibration.solving.rotations import Poses, stacked
+from posefuse.calibration.solving.rotations import Poses, poses_of
 from posefuse.core import Camera, Rig
 from posefuse.detection.build import DetectorChoice
 from posefuse.formats.pose2d import read_openpose_folder
@@ -39,13 +39,9 @@ LEAST_SCORE = 0.5
 NETWORKS = ("blazepose_full", "blazepose_heavy")
 
 
-def rigid(rig: Rig) -> Poses:
-    return stacked([Poses.from_se3(camera.cam_from_world) for camera in rig])
-
-
 def after_similarity(reference: Rig, rig: Rig) -> tuple[np.ndarray, np.ndarray]:
     """Distance (C,) in mm and angle (C,) in degrees of each camera."""
-    first, second = rigid(reference), rigid(rig)
+    first, second = poses_of(reference), poses_of(rig)
     metres, radians = camera_differences(first, Poses(second.R, second.t * scale_of(first, second)))
     return metres * 1e3, np.rad2deg(radians)
 
@@ -96,7 +92,7 @@ def outcome(rig: Rig, views: PersonViews, cameras: tuple[Camera, ...], length: K
     return {
         "position_mm": float(millimetres.max()),
         "rotation_deg": float(degrees.max()),
-        "scale_percent": 100 * (1 / scale_of(rigid(rig), rigid(found.rig)) - 1),
+        "scale_percent": 100 * (1 / scale_of(poses_of(rig), poses_of(found.rig)) - 1),
         "halves": halves_of(found),
     }
 

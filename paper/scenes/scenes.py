@@ -60,7 +60,7 @@ def static_scene(occluded: bool, seed: int = 1, duration_s: float = 3.0) -> Scen
             "duration_s": duration_s,
             "rate_hz": 10,
             "seed": seed,
-            "cameras": _ring(8, 60),
+            "cameras": ring(8, 60),
             "people": [{**_body(seed), "motion": {"kind": "tpose"}}],
             "occluders": list(_OCCLUDERS) if occluded else [],
         }
@@ -75,7 +75,7 @@ def walking_scene(seed: int = 1, duration_s: float = 60.0) -> Scene:
             "duration_s": duration_s,
             "rate_hz": 30,
             "seed": seed,
-            "cameras": _ring(4, 66),
+            "cameras": ring(4, 66),
             "people": [{**_body(seed), "motion": motion}],
         }
     )
@@ -91,7 +91,7 @@ def path_scene(path: str, duration_s: float = 40.0, rate_hz: float = 15.0) -> Sc
             "duration_s": duration_s,
             "rate_hz": rate_hz,
             "seed": 1,
-            "cameras": _ring(4, 66),
+            "cameras": ring(4, 66),
             "people": [{"motion": {"kind": "walk", **_WAYS[path]}}],
         }
     )
@@ -121,7 +121,8 @@ def scene_name(name: str, scene: Scene) -> str:
     return f"{name}-{hashlib.sha256(json.dumps(asdict(scene), sort_keys=True).encode()).hexdigest()[:10]}"
 
 
-def _ring(count: int, fov_deg: float) -> dict[str, Any]:
+def ring(count: int, fov_deg: float) -> dict[str, Any]:
+    """The cameras of a scene: on a circle of 4.5 m, of 640 x 480 px."""
     image = {"size_px": [640, 480], "horizontal_fov_deg": fov_deg}
     return {"kind": "ring", "count": count, "radius_m": 4.5, "height_m": 2.2, "image": image}
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from posefuse.calibration.extrinsics.self_checks import camera_differences
-from posefuse.calibration.solving.rotations import Poses, stacked
+from posefuse.calibration.solving.rotations import Poses, poses_of, stacked
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.detection import observe_all
 from posefuse.calibration.targets.kinds import Charuco, Markers
@@ -32,7 +32,7 @@ class Lab:
     def errors(self, found: Rig) -> tuple[np.ndarray, np.ndarray]:
         """Distance in mm and angle in degrees of each camera from the truth, up to where the world is."""
         true = stacked([Poses.from_se3(self.rig[name].cam_from_world) for name in found.names])
-        metres, radians = camera_differences(true, stacked([Poses.from_se3(c.cam_from_world) for c in found]))
+        metres, radians = camera_differences(true, poses_of(found))
         return metres * 1e3, np.rad2deg(radians)
 
 

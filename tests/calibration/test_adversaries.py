@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from calibrating import merged
 
 from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.target import Calibration, calibrate_extrinsics
@@ -20,11 +21,6 @@ TOGETHER = Options(instants=100, clocks="together")
 @pytest.fixture(scope="module")
 def plain(lab: Any) -> CornerObservations:
     return lab.watch()
-
-
-def merged(a: CornerObservations, b: CornerObservations) -> CornerObservations:
-    names = ("camera", "t_ns", "patch", "corner", "xy_img", "sharpness")
-    return replace(a, **{name: np.concatenate([getattr(a, name), getattr(b, name)]) for name in names})
 
 
 @pytest.fixture(scope="module")

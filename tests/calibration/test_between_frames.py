@@ -9,7 +9,7 @@ from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.self_checks import scale_of
 from posefuse.calibration.extrinsics.snapshots import Snapshots, snapshots
 from posefuse.calibration.extrinsics.target import calibrate_extrinsics
-from posefuse.calibration.solving.rotations import Poses, stacked
+from posefuse.calibration.solving.rotations import poses_of
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Markers
 from posefuse.calibration.targets.synthetic import Faults, Waving, cube, observe_prop
@@ -63,5 +63,5 @@ def test_unsynchronised_cameras_make_the_room_no_larger(ring_rig: Callable[..., 
     motion = Waving(20.0, rate_hz=15.0, seed=seed)
     seen = observe_prop(rig, cube(0.36), Markers(0.27), motion, Faults(noise_px=0.02, seed=seed, delay_s=tuple(late_s)))
     found = calibrate_extrinsics(seen, rig.cameras, Markers(0.27), Options(clocks="offset")).rig
-    true, got = (stacked([Poses.from_se3(camera.cam_from_world) for camera in one]) for one in (rig, found))
+    true, got = (poses_of(one) for one in (rig, found))
     assert scale_of(true, got) == pytest.approx(1.0, abs=1e-4)

@@ -7,6 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from calibrating import run
 
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.extrinsics.floor_points import read_floor_points
@@ -14,7 +15,7 @@ from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibra
 from posefuse.calibration.report_page import calibration_page
 from posefuse.calibration.targets.coverage import coverage, coverage_sheet
 from posefuse.cli.calibrating.showing import write_clocks
-from posefuse.cli.command_line import WrongCommandLineError, parse
+from posefuse.cli.command_line import WrongCommandLineError
 from posefuse.cli.terminal import Terminal
 from posefuse.core import CalibrationError, ConfigError, InputError
 from posefuse.formats.page import write_page
@@ -22,12 +23,6 @@ from posefuse.formats.rig import read_rig, write_rig
 from posefuse.foundation.settings import read_settings
 from posefuse.pipeline.config import TrackConfig
 from posefuse.sources import ImagesConfig
-
-
-def run(*words: str) -> dict:
-    found = parse(["calibrate", *words])
-    assert found is not None
-    return dict(found.run(Terminal(as_json=True)))
 
 
 def test_printing_without_sizes_names_the_missing_ones(tmp_path: Path) -> None:

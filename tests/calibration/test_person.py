@@ -19,13 +19,13 @@ from posefuse.calibration.person.synthetic_walk import BODY, STATURE_M, walker
 from posefuse.calibration.person.synthetic_walk import watch_walker as watched
 from posefuse.calibration.person.views import PersonViews, person_views
 from posefuse.calibration.report import RefusedCalibration
-from posefuse.calibration.solving.rotations import Poses, stacked
+from posefuse.calibration.solving.rotations import Poses, poses_of
 from posefuse.core import SE3, CalibrationError, Camera, Detections2D, Rig
 
 
 def errors(rig: Rig, found: Rig, scaled: bool) -> tuple[float, float]:
     """Largest distance in mm and angle in degrees, up to where the world is, and up to scale on request."""
-    one, other = (stacked([Poses.from_se3(camera.cam_from_world) for camera in r]) for r in (rig, found))
+    one, other = (poses_of(r) for r in (rig, found))
     other = Poses(other.R, other.t * scale_of(one, other)) if scaled else other
     metres, radians = camera_differences(one, other)
     return float(metres.max() * 1e3), float(np.rad2deg(radians.max()))
@@ -117,7 +117,7 @@ def test_a_person_who_stays_in_one_place_far_away_is_not_turned_inside_out(ring_
     body = walker(t_s, lap_rad_s=0.0).reshape(-1, 3)
     norm = np.stack([camera.norm_from_px(camera.project(body)) for camera in rig])
     focal = np.array([camera.K[0, 0] for camera in rig])
-    true = stacked([Poses.from_se3(camera.cam_from_world) for camera in rig])
+    true = poses_of(rig)
     other = turned_inside_out(true, body, norm, focal, 0)
     assert other is not None
     assert camera_differences(true, other[0])[0].max() > 3

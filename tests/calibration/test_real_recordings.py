@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from calibrating import differences
 
 from posefuse.calibration.checks.verify import verify
 from posefuse.calibration.clocks.person_tracks import person_tracks
@@ -18,7 +19,7 @@ from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.person.solve import calibrate_from_person
 from posefuse.calibration.person.views import PersonViews, person_views
 from posefuse.calibration.report import RefusedCalibration
-from posefuse.calibration.solving.rotations import Poses, stacked
+from posefuse.calibration.solving.rotations import Poses, poses_of
 from posefuse.calibration.targets.corners import CornerObservations, joined
 from posefuse.calibration.targets.detection import TargetDetector, observations_from_frames, observe
 from posefuse.calibration.targets.kinds import Charuco, Markers
@@ -33,11 +34,6 @@ from posefuse.sources import ImagesConfig, VideoConfig
 @pytest.fixture(scope="module")
 def found(board_views: CornerObservations, reference: Rig, board: Charuco) -> Calibration:
     return calibrate_extrinsics(board_views, reference.cameras, board)
-
-
-def differences(a: Rig, b: Rig) -> tuple[np.ndarray, np.ndarray]:
-    first, second = (stacked([Poses.from_se3(camera.cam_from_world) for camera in rig]) for rig in (a, b))
-    return camera_differences(first, second)
 
 
 def test_two_webcams_and_a_real_board(shared_data: Path, reference: Rig, board: Charuco) -> None:
@@ -81,7 +77,7 @@ def test_it_measures_the_board_better_than_the_reference_rig_does(
 
 
 def after_similarity(rig: Rig, found: Rig) -> tuple[np.ndarray, np.ndarray]:
-    first, second = (stacked([Poses.from_se3(camera.cam_from_world) for camera in one]) for one in (rig, found))
+    first, second = (poses_of(one) for one in (rig, found))
     metres, radians = camera_differences(first, Poses(second.R, second.t * scale_of(first, second)))
     return metres, np.rad2deg(radians)
 

@@ -6,12 +6,13 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from calibrating import merged
 
 from posefuse.calibration.extrinsics.pipeline import Options, key_snapshots, link
 from posefuse.calibration.extrinsics.self_checks import camera_differences
 from posefuse.calibration.extrinsics.target import Calibration, calibrate_extrinsics
 from posefuse.calibration.report import RefusedCalibration
-from posefuse.calibration.solving.rotations import Poses, stacked
+from posefuse.calibration.solving.rotations import poses_of
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.description import TargetDescription, described_target
 from posefuse.calibration.targets.detection import Corners, TargetDetector
@@ -28,7 +29,7 @@ TWO_SIDED = Charuco(columns=5, rows=7, square_m=0.12, marker_m=0.09, thickness_m
 
 def worst_mm_and_deg(rig: Rig, found: Rig) -> tuple[float, float]:
     """Of the worst camera; where the world lies does not count, its scale does."""
-    true, ours = (stacked([Poses.from_se3(camera.cam_from_world) for camera in one]) for one in (rig, found))
+    true, ours = (poses_of(one) for one in (rig, found))
     metres, radians = camera_differences(true, ours)
     return float(metres.max() * 1e3), float(np.rad2deg(radians.max()))
 
@@ -42,11 +43,6 @@ def seen_of_prop(rig: Rig, prop: int, cameras: tuple[int, ...], delay_s: tuple[f
     faults = Faults(seed=prop, delay_s=delay_s)
     seen = observe_prop(rig, cube(0.3, first_id=SECOND_ID * prop), MARKERS, motion_of(prop), faults)
     return seen.rows(np.isin(seen.camera, cameras))
-
-
-def put_together(one: CornerObservations, other: CornerObservations) -> CornerObservations:
-    names = ("camera", "t_ns", "patch", "corner", "xy_img", "sharpness")
-    return replace(one, **{name: np.concatenate([getattr(one, name), getattr(other, name)]) for name in names})
 
 
 def held_marker(found: Calibration, prop: int) -> int:
@@ -63,7 +59,7 @@ def rig(ring_rig: Callable[..., Rig]) -> Rig:
 @pytest.fixture(scope="module")
 def two_props(rig: Rig) -> Calibration:
     """Only the second camera sees both boxes, so neither box alone links all cameras."""
-    seen = put_together(seen_of_prop(rig, 0, (0, 1)), seen_of_prop(rig, 1, (1, 2)))
+    seen = merged(seen_of_prop(rig, 0, (0, 1)), seen_of_prop(rig, 1, (1, 2)))
     return calibrate_extrinsics(seen, rig.cameras, MARKERS, OPTIONS)
 
 
@@ -96,7 +92,7 @@ def test_each_prop_has_its_own_way(two_props: Calibration) -> None:
 @pytest.mark.slow
 def test_clocks_are_found_from_two_props(rig: Rig) -> None:
     late = (0.0, 0.11, -0.07)
-    seen = put_together(seen_of_prop(rig, 0, (0, 1), late), seen_of_prop(rig, 1, (1, 2), late))
+    seen = merged(seen_of_prop(rig, 0, (0, 1), late), seen_of_prop(rig, 1, (1, 2), late))
     found = calibrate_extrinsics(seen, rig.cameras, MARKERS, replace(OPTIONS, clocks="offset"))
     offset = found.delay_s[:, 0] - found.delay_s[0, 0]
     np.testing.assert_allclose(offset, late, atol=1e-3)

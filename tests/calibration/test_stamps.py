@@ -11,7 +11,7 @@ from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.self_checks import camera_differences
 from posefuse.calibration.extrinsics.target import calibrate_extrinsics
 from posefuse.calibration.report import RefusedCalibration
-from posefuse.calibration.solving.rotations import Poses, stacked
+from posefuse.calibration.solving.rotations import poses_of
 
 PERIOD_S = 1 / 30
 
@@ -50,7 +50,7 @@ def test_a_third_of_a_cameras_frames_stamped_late_does_not_move_the_rig(lab: Any
     late = (seen.camera == 2) & (np.round(seen.t_ns / period_ns).astype(np.int64) % 3 == 0)
     wrong = replace(seen, t_ns=seen.t_ns + np.where(late, period_ns * 19 // 10, 0))
     found = calibrate_extrinsics(wrong, lab.rig.cameras, lab.target, Options(instants=100, clocks="together"))
-    true, got = (stacked([Poses.from_se3(camera.cam_from_world) for camera in rig]) for rig in (lab.rig, found.rig))
+    true, got = (poses_of(rig) for rig in (lab.rig, found.rig))
     assert camera_differences(true, got)[0].max() < 3e-3
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from calibrating import run
 from scipy.interpolate import CubicSpline
 
 from posefuse.calibration.clocks.paths import _splines
@@ -17,8 +18,6 @@ from posefuse.calibration.clocks.start import rough_clocks, rough_clocks_unplace
 from posefuse.calibration.clocks.sync import ClockEstimate, estimate_clocks
 from posefuse.calibration.person.views import person_views
 from posefuse.calibration.report import RefusedCalibration
-from posefuse.cli.command_line import parse
-from posefuse.cli.terminal import Terminal
 from posefuse.core import SKELETONS, InputError, LookKind, Rig
 from posefuse.formats.rig import write_rig
 from posefuse.foundation.settings import read_settings
@@ -119,12 +118,6 @@ def test_views_at_found_clocks_lie_where_all_cameras_saw_the_person_at_once(rig:
     assert (views.score[~np.isfinite(off)] == 0).all()
 
 
-def clocks(*words: str) -> dict:
-    found = parse(["calibrate", "clocks", *words])
-    assert found is not None
-    return dict(found.run(Terminal(as_json=True)))
-
-
 def test_clocks_of_a_session_are_found_written_and_read_by_track(rig: Rig, tmp_path: Path) -> None:
     rate_hz, late_frames = 20.0, (0.0, 7.4, -3.0, 0.5)
     write_rig(tmp_path / "rig.toml", rig)
@@ -136,13 +129,13 @@ def test_clocks_of_a_session_are_found_written_and_read_by_track(rig: Rig, tmp_p
             people = [{"pose_keypoints_2d": person}]
             (folder / f"{number:06d}.json").write_text(json.dumps({"people": people if camera.name != "cam03" else []}))
     with pytest.raises(InputError, match=r"camera cam03: no person"):
-        clocks(str(tmp_path), "--rate-hz", "20")
+        run("clocks", str(tmp_path), "--rate-hz", "20")
     for path in (tmp_path / "pose2d" / "cam03").iterdir():
         path.unlink()
     (tmp_path / "pose2d" / "cam03").rmdir()
     with pytest.raises(InputError, match="do not state their frame rate"):
-        clocks(str(tmp_path))
-    figures = clocks(str(tmp_path), "--rate-hz", "20", "--most-s", "2")
+        run("clocks", str(tmp_path))
+    figures = run("clocks", str(tmp_path), "--rate-hz", "20", "--most-s", "2")
     assert figures["cam01_offset_ms"] == pytest.approx(370, abs=3)
     assert figures["cam01_offset_sigma_ms"] < 5
     config = read_settings(Path(figures["settings"]), TrackConfig)

@@ -5,6 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from calibrating import run
 
 from posefuse.api import calibrate
 from posefuse.api.calibrate import target_of
@@ -16,7 +17,6 @@ from posefuse.cli.calibrating.inputs import target_of as target_of_options
 from posefuse.cli.calibrating.inputs import target_words
 from posefuse.cli.command_line import WrongCommandLineError, parse
 from posefuse.cli.options.calibration import TargetOptions
-from posefuse.cli.terminal import Terminal
 from posefuse.core import ConfigError, InputError
 
 TARGETS: tuple[Target, ...] = (
@@ -33,12 +33,6 @@ def test_a_target_file_gives_the_same_target_again(target: Target, tmp_path: Pat
     write_target(path, target)
     assert read_target(path) == target == target_of(str(path)) == target_of(target)
     assert target_of_options(TargetOptions(target=str(path))) == target
-
-
-def run(*words: str) -> dict:
-    found = parse(["calibrate", *words])
-    assert found is not None
-    return dict(found.run(Terminal(as_json=True)))
 
 
 def test_printing_writes_the_file_and_the_other_steps_take_it(tmp_path: Path) -> None:

@@ -13,16 +13,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from calibrating import differences
 from scipy.optimize import least_squares
 from scipy.sparse import coo_array
 
 from posefuse.calibration.checks.verify import verify
 from posefuse.calibration.extrinsics.pipeline import Options, key_snapshots, link, solve_linked, starting_clocks
-from posefuse.calibration.extrinsics.self_checks import camera_differences
 from posefuse.calibration.extrinsics.snapshots import snapshots
 from posefuse.calibration.extrinsics.target import Calibration, calibrate_extrinsics
 from posefuse.calibration.extrinsics.world import triangulate
-from posefuse.calibration.solving.rotations import Poses, stacked
+from posefuse.calibration.solving.rotations import Poses
 from posefuse.calibration.targets.corners import CornerObservations, joined
 from posefuse.calibration.targets.kinds import Charuco
 from posefuse.core import Rig
@@ -145,11 +145,6 @@ def test_taken_as_synchronised_and_every_corner_as_a_free_point_the_reference_co
     assert metres < 0.005
     assert degrees < 0.3
     assert rms_px > 1.7 * ours_px
-
-
-def differences(a: Rig, b: Rig) -> tuple[np.ndarray, np.ndarray]:
-    first, second = (stacked([Poses.from_se3(camera.cam_from_world) for camera in rig]) for rig in (a, b))
-    return camera_differences(first, second)
 
 
 def said(metres: np.ndarray, radians: np.ndarray) -> str:

@@ -9,7 +9,7 @@ from posefuse.calibration.extrinsics.pipeline import Options, key_snapshots, lin
 from posefuse.calibration.extrinsics.prop_solve import Freedom, Noise, PropState, _Model, solve_prop
 from posefuse.calibration.solving.bundle import grouped_sum
 from posefuse.calibration.solving.projection import Lenses
-from posefuse.calibration.solving.rotations import Poses, stacked
+from posefuse.calibration.solving.rotations import Poses, poses_of, stacked
 from posefuse.calibration.targets.kinds import Markers, patch_corners
 from posefuse.calibration.targets.synthetic import Faults, Waving, cube, observe_prop
 from posefuse.core import Rig
@@ -25,7 +25,7 @@ def test_every_block_of_the_prop_solve(ring_rig: Callable[..., Rig]) -> None:
     poses = [links.shape.prop_from_patch.get(i, Poses(np.eye(3), np.zeros(3))) for i in range(patches)]
     random = np.random.default_rng(0)
     world = Waving(seconds=4).pose(seen.t_s + 2)
-    cameras = stacked([Poses.from_se3(camera.cam_from_world) for camera in rig])
+    cameras = poses_of(rig)
     state = PropState(cameras, Poses.from_se3(world), stacked(poses), np.zeros((3, 2)), random.normal(0, 1e-3, (3, 6)))
     freedom = Freedom(reference=0, held_patches=(0,), offset=True, drift=True, lens_sigma=np.ones(6))
     model = _Model(seen, patch_corners(target, seen.patches), rig.cameras, np.zeros((3, 2)), freedom, Noise(0.5, 0.004))
