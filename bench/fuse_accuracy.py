@@ -23,7 +23,6 @@ from posefuse.fusion import FuseSettings, triangulate
 
 POINTS = 26
 EXCLUDE_ABOVE_PX = 15.0
-BODY = SKELETONS["body_25"]
 
 
 def scene(rig: Rig, instants: int, wrong: float, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

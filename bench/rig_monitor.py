@@ -43,7 +43,6 @@ SESSIONS = Path("out/paper/sessions")
 RATE_HZ = 10.0
 FAULT_AT_S, WATCHED_S, SAID_S, QUIET_S = 6.0, 16.0, 4.0, 60.0
 LEAST_SCORE = 0.5
-SWAP = "swap"
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,6 @@ from posefuse.formats.page import Block, Facts, Heading, Images, Line, Page, Plo
 from .moments import pictures
 from .runs import Context, Outcome, run_scene
 
-SUMMARY = "three paths: place of the pelvis over time, compared with a simulated inertial suit"
 _QUICK_S, _FULL_S = 2.0, 40.0
 _SUIT_SEEDS = 20
 _PELVIS = PAPER14.keypoints.index("mid_hip")

@@ -23,7 +23,6 @@ from .live_page import live_blocks, live_figures, spread
 from .live_times import live_times
 from .runs import Context, Outcome, rendered, run_scene
 
-SUMMARY = "time per stage and end to end, 4 cameras, live and recorded: capture, decode, 2D, fuse, track, output"
 _QUICK_S, _FULL_S = 2.0, 60.0
 # on a busy machine seconds pass before the first pose goes out
 _QUICK_LIVE_S, _LIVE_S = 8.0, 20.0

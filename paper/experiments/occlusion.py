@@ -17,9 +17,6 @@ from .runs import Context, Outcome, best_errors, run_scene
 from .tables import LANDMARKS, errors_row, joint_rows
 from .trajectories import trajectories
 
-SUMMARY = (
-    "half of the body hidden from two of four cameras, and a false arm in its place, compared with a simulated inertial suit"
-)
 TITLES = {
     "free": "No occlusion",
     "screen": "Screens hide the left half from two of four cameras",

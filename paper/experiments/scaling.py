@@ -18,7 +18,6 @@ _LINES = {
     "score_same_mm": "score, common points",
 }
 _SHARES = {"robust_found": "robust", "score_found": "score"}
-SUMMARY = "error over number of cameras, distance, resolution, calibration error, clocks, dropped frames, outliers"
 
 
 def run(context: Context) -> Outcome:

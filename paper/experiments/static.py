@@ -15,7 +15,6 @@ from .moments import pictures
 from .runs import Context, Outcome, Run, best_errors, run_scene
 from .tables import LANDMARKS, errors_row, joint_rows
 
-SUMMARY = "T-pose, 8 cameras, free and occluded: none, score, all, robust"
 TITLES = {"free": "No occlusion", "occluded": "Occluded by walls, boxes and clutter"}
 _QUICK_S, _FULL_S, _CHECK_S = 0.3, 3.0, 1.0
 

@@ -19,7 +19,6 @@ from .runs import Context, Outcome, Run, best_errors, run_scene
 from .tables import LANDMARKS, errors_row, joint_rows
 from .trajectories import trajectories
 
-SUMMARY = "walking, 4 cameras, 60 s at 1.35 m/s: error per joint, trajectories, rate of the fusion"
 _SHOWN = ("right_wrist", "left_hip", "left_ankle")
 # joints that have a covariance of their own
 _ASKED = tuple(joint for joint in PAPER14.keypoints if joint not in ("neck", "mid_hip"))

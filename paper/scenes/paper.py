@@ -10,9 +10,8 @@ from collections.abc import Mapping
 
 from posefuse.core import PAPER14
 
-SOURCE = "the paper's table 'Static assessment of the weights effect' and its text"
-
-# per joint in the order of `PAPER14`: mean and standard deviation for no weights, score weight, all weights
+# the paper's table "Static assessment of the weights effect" and its text; per joint
+# in the order of `PAPER14`: mean and standard deviation for no weights, score weight, all weights
 _FREE = (
     (13.44, 0.4, 12.96, 0.37, 14.57, 0.43),
     (3.77, 0.60, 3.70, 0.64, 4.51, 0.71),

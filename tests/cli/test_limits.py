@@ -16,8 +16,6 @@ from posefuse.pipeline.images import common_timeline
 from posefuse.simulation.render import backend
 from posefuse.simulation.scene import Scene
 
-PERSON_OPTIONS = ("--start", "--end", "--person")
-
 
 def config_of(*words: str) -> TrackConfig:
     found = parse(["track", "here", "--out", "there", *words])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,20 +21,6 @@ from .snapshots import Snapshots, snapshots
 
 _MOST_STILL_PX = 3.0
 _MOST_STATIC_RMS_PX_PER_1000 = 4.0
-
-
-@dataclass(frozen=True, eq=False)
-class Located:
-    """One patch at several time steps.
-
-    Attributes:
-        t_ns: (T,). world_from_patch: (T,). seen: the corners used. residual_px: (N, 2) predicted minus observed.
-    """
-
-    t_ns: Array
-    world_from_patch: SE3
-    seen: Snapshots
-    residual_px: Array
 
 
 def aligned(observations: CornerObservations, rig: Rig) -> CornerObservations:
@@ -58,21 +44,6 @@ def aligned(observations: CornerObservations, rig: Rig) -> CornerObservations:
     )
 
 
-def locate(rig: Rig, observations: CornerObservations, target: Target, patch: int) -> Located:
-    """The pose of one moving patch at every time step at which at least 2 cameras see it."""
-    mine = aligned(observations, rig).of_patches([patch])
-    if len(mine) == 0:
-        raise CalibrationError(f"target {patch}: no camera sees it; seen are: {sorted(set(observations.patch.tolist()))}")
-    times = np.unique(mine.t_ns)
-    seen = snapshots(mine, times, np.zeros((len(rig), 2)))
-    views = np.zeros((len(times), len(rig)), bool)
-    views[seen.instant, seen.camera] = True
-    several = np.flatnonzero(views.sum(axis=1) >= 2)
-    if len(several) == 0:
-        raise CalibrationError(f"target {patch}: never seen by 2 cameras at the same time")
-    return _solve(rig, snapshots(mine, times[several], np.zeros((len(rig), 2))), target, times[several])
-
-
 def locate_static(rig: Rig, observations: CornerObservations, target: Target, patch: int) -> SE3:
     """world_from_patch of a patch that lies still, from all frames of all cameras that see it.
 
@@ -83,16 +54,16 @@ def locate_static(rig: Rig, observations: CornerObservations, target: Target, pa
     if len(mine) == 0:
         raise CalibrationError(f"target {patch}: no camera sees it; seen are: {sorted(set(observations.patch.tolist()))}")
     still = _one_frame(mine, patch)
-    located = _solve(rig, snapshots(still, np.zeros(1, np.int64), np.zeros((len(rig), 2))), target, np.zeros(1, np.int64))
+    world_from_patch, residual_px = _solve(rig, snapshots(still, np.zeros(1, np.int64), np.zeros((len(rig), 2))), target)
     width = max(max(camera.size_wh) for camera in rig)
-    rms = float(np.sqrt((located.residual_px**2).mean()))
+    rms = float(np.sqrt((residual_px**2).mean()))
     limit = _MOST_STATIC_RMS_PX_PER_1000 * width / 1000
     if not rms <= limit:
         raise CalibrationError(
             f"target {patch}: cameras disagree about where it lies, {rms:.1f} px (limit {limit:.1f});"
             " was it moved, is its side right, did a camera move?"
         )
-    return located.world_from_patch[0]
+    return world_from_patch[0]
 
 
 def _one_frame(mine: CornerObservations, patch: int) -> CornerObservations:
@@ -112,7 +83,8 @@ def _one_frame(mine: CornerObservations, patch: int) -> CornerObservations:
     )  # fmt: skip
 
 
-def _solve(rig: Rig, seen: Snapshots, target: Target, times: Array) -> Located:
+def _solve(rig: Rig, seen: Snapshots, target: Target) -> tuple[SE3, Array]:
+    """world_from_patch (T,), and residuals (N, 2) px, predicted minus observed."""
     corners, lenses = patch_corners(target, seen.patches), Lenses(tuple(rig))
     views = planar_views(seen, corners, lenses)
     shape = one_patch()
@@ -129,4 +101,4 @@ def _solve(rig: Rig, seen: Snapshots, target: Target, times: Array) -> Located:
     )  # fmt: skip
     solution = solve_prop(seen, corners, tuple(rig), state, Freedom(reference=None, held_patches=None))
     poses = Poses(solution.state.world_from_prop.R, np.where(known[:, None], solution.state.world_from_prop.t, np.nan))
-    return Located(times, poses.se3(), seen, solution.residual_px)
+    return poses.se3(), solution.residual_px

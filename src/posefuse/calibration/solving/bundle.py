@@ -86,7 +86,7 @@ class Solution(Generic[State]):
         state: the unknowns. residual: (N, 2) there. weight: (N,) robust weights there.
         covariance: (G, G) of the free global unknowns, in the order of the blocks, for unit observation noise.
         scores: (L, G) pull of the observations of each local unknown on the free global ones; their sum is about 0.
-        iterations: steps tried. converged: whether the cost had stopped falling.
+        iterations: steps tried.
     """
 
     state: State
@@ -95,7 +95,6 @@ class Solution(Generic[State]):
     covariance: Array
     scores: Array
     iterations: int
-    converged: bool
 
 
 def grouped_sum(values: Array, index: Array, count: int) -> Array:
@@ -137,7 +136,6 @@ def solve(problem: Problem[State], start: State, most_iterations: int = _MOST_IT
         covariance=system.covariance(),
         scores=system.scores(linear, weight),
         iterations=iteration,
-        converged=converged,
     )
 
 

@@ -84,11 +84,6 @@ class CornerObservations:
         """Only the corners of these patches."""
         return self.rows(np.isin(self.patch, list(patches)))
 
-    def shifted(self, camera: str, by_ns: int) -> CornerObservations:
-        """The same with one camera's clock moved by `by_ns`."""
-        mine = self.camera == self.index(camera)
-        return replace(self, t_ns=np.where(mine, self.t_ns + by_ns, self.t_ns))
-
     def view_starts(self) -> Array:
         """(V,) first row of every run of rows that share camera, time and patch."""
         if len(self) == 0:
