@@ -19,9 +19,10 @@ import numpy as np
 
 from paper.scenes.scenes import walking_scene
 from posefuse.calibration.extrinsics.world import triangulate
-from posefuse.calibration.person.scale import LIMBS, KnownLength, limb_lengths_m, stature_m
+from posefuse.calibration.person.scale import KnownLength, limb_lengths_m, stature_m
 from posefuse.core import Skeleton
 from posefuse.core.arrays import Array
+from posefuse.core.skeleton import LIMB_ENDS
 from posefuse.detection.build import DetectorChoice
 from posefuse.formats.rig import read_rig
 from posefuse.pipeline.person_poses import person_in_videos
@@ -70,7 +71,7 @@ def fit(out: Path) -> dict:
     for seed, (height, _, _) in seen.items():
         print(f"{seed} {height:.3f} m: {new[seed]:.3f} of it by the fit, {now[seed]:.3f} by the package", file=sys.stderr)
     return {
-        "shares": dict(zip(LIMBS, np.round(fitted, 4).tolist(), strict=True)),
+        "shares": dict(zip(LIMB_ENDS, np.round(fitted, 4).tolist(), strict=True)),
         "left_out": of(new), "left_out_by_the_package": of(now), "heights_m": [round(seen[seed][0], 3) for seed in LEFT_OUT],
     }  # fmt: skip
 

@@ -12,8 +12,9 @@ import numpy as np
 
 from posefuse.core import Skeleton
 from posefuse.core.arrays import Array
+from posefuse.core.skeleton import LIMB_ENDS
 
-_LIMBS = (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"), ("shoulder", "hip"))
+_SIDED = (*LIMB_ENDS.values(), ("shoulder", "hip"))
 # how many of the traits are lengths
 LENGTHS = 7
 _GIRDLES = ("shoulder", "hip")
@@ -40,7 +41,7 @@ def body_lengths_m(xyz_world: Array, skeleton: Skeleton) -> Array:
     """(N, 7) upper arm, forearm, thigh, shank, side of the trunk, shoulder width, hip width of poses (N, K, 3); NaN unknown."""
     place = {name: i for i, name in enumerate(skeleton.keypoints)}
     columns = []
-    pairs = [[(f"{side}_{a}", f"{side}_{b}") for side in ("left", "right")] for a, b in _LIMBS]
+    pairs = [[(f"{side}_{a}", f"{side}_{b}") for side in ("left", "right")] for a, b in _SIDED]
     pairs += [[(f"left_{name}", f"right_{name}")] for name in _GIRDLES]
     for ends in pairs:
         lengths = np.stack([_length(xyz_world, place, *pair) for pair in ends])

@@ -122,7 +122,14 @@ def _both(pairs: Sequence[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
     return tuple((side + a, side + b) for side in sides for a, b in pairs)
 
 
-_LIMBS = _both([("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle")])
+# segment -> its upper and its lower end
+LIMB_ENDS = {
+    "upper_arm": ("shoulder", "elbow"),
+    "forearm": ("elbow", "wrist"),
+    "thigh": ("hip", "knee"),
+    "shank": ("knee", "ankle"),
+}
+_LIMBS = _both(tuple(LIMB_ENDS.values()))
 _GIRDLES = (("left_shoulder", "right_shoulder"), ("left_hip", "right_hip"))
 _TRUNK = _both([("shoulder", "hip")])
 

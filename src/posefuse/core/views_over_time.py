@@ -77,7 +77,7 @@ def views_over_time(
     for c in range(shape[2]):
         frames = _of_steps(observations, rows, ids, c) if t_ns is None else _of_times(observations, rows, ids, c)
         if len(frames.t_ns):
-            own = np.arange(len(steps)) if t_ns is None else _nearest(frames.t_ns, steps)
+            own = np.arange(len(steps)) if t_ns is None else nearest_frames(frames.t_ns, steps)
             reach_ns = _REACH_PERIODS * _period_ns(steps if t_ns is None else frames.t_ns)
             alone_ns = np.inf if t_ns is None else max(_period_ns(frames.t_ns) / 2, _SAME_TIME_NS)
             found = _at_times(steps, frames, own, max(reach_ns, gap_ns), alone_ns, observations.skeleton)
@@ -173,8 +173,8 @@ def _of_times(observations: Observations, rows: Array, ids: Array, c: int) -> _C
     return _filled(observations, t_ns, rows[at >= 0], at[at >= 0], ids)
 
 
-def _nearest(frame_t_ns: Array, t_ns: Array) -> Array:
-    """(T,) the frame that is nearest to each time."""
+def nearest_frames(frame_t_ns: Array, t_ns: Array) -> Array:
+    """Place of the frame (F,) that is nearest to each time (...), the earlier one of two."""
     after = np.searchsorted(frame_t_ns, t_ns).clip(max=len(frame_t_ns) - 1)
     before = (after - 1).clip(min=0)
     return np.where(t_ns - frame_t_ns[before] <= frame_t_ns[after] - t_ns, before, after)

@@ -126,7 +126,7 @@ def _skinned(buffer: _Buffer, skin: Skin, joints: int) -> dict[str, Any]:
     primitive = {
         "attributes": {
             "POSITION": buffer.add(skin.vertices, "VEC3"),
-            "NORMAL": buffer.add(_normals(skin), "VEC3"),
+            "NORMAL": buffer.add(vertex_normals(skin.vertices, skin.faces), "VEC3"),
             "JOINTS_0": buffer.add(skin.joint, "VEC4", _UINT8),
             "WEIGHTS_0": buffer.add(skin.weight, "VEC4"),
         },
@@ -143,12 +143,14 @@ def _skinned(buffer: _Buffer, skin: Skin, joints: int) -> dict[str, Any]:
     }
 
 
-def _normals(skin: Skin) -> Array:
-    """(V, 3) unit normals, of the faces around each vertex by their area."""
-    a, b, c = (skin.vertices[skin.faces[:, i]] for i in range(3))
-    out = np.zeros_like(skin.vertices)
+def vertex_normals(vertices: Array, faces: Array) -> Array:
+    """(V, 3) unit normals of vertices (V, 3), of the faces (F, 3) around each by their area."""
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    # as long as twice the triangle's area: large triangles count for more
+    flat = np.cross(b - a, c - a)
+    out = np.zeros_like(vertices)
     for i in range(3):
-        np.add.at(out, skin.faces[:, i], np.cross(b - a, c - a))
+        np.add.at(out, faces[:, i], flat)
     return np.asarray(out / np.maximum(np.linalg.norm(out, axis=-1, keepdims=True), 1e-12))
 
 

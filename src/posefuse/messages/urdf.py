@@ -12,6 +12,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from posefuse.core.arrays import Array
+from posefuse.core.skeleton import LIMB_ENDS
 
 from .bodies import PARTS
 
@@ -27,7 +28,7 @@ def _ends(*pairs: tuple[str, str]) -> Array:
 # ends of the lengths of `Sizes`: between the middles of both sides, between the sides, and on each side
 _TRUNK = _ends(("shoulder", "hip"), ("ear", "shoulder"))
 _ACROSS = [PARTS.index("shoulder"), PARTS.index("hip")]
-_LIMBS = _ends(("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"))
+_LIMBS = _ends(*LIMB_ENDS.values())
 
 
 class Sizes(NamedTuple):

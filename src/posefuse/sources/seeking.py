@@ -14,6 +14,7 @@ from av.video.frame import VideoFrame
 
 from posefuse.core import Frame, SourceError
 from posefuse.core.arrays import Array
+from posefuse.core.views_over_time import nearest_frames
 from posefuse.formats.pixels import DecodedPixels, PixelConverter
 
 from .images import ImagesSource
@@ -42,9 +43,7 @@ class Seeker(Protocol):
 
 def nearest(times_ns: Array, t_ns: int) -> int:
     """The place of the frame nearest in time."""
-    after = int(np.searchsorted(times_ns, t_ns).clip(max=len(times_ns) - 1))
-    before = max(after - 1, 0)
-    return before if t_ns - times_ns[before] <= times_ns[after] - t_ns else after
+    return int(nearest_frames(times_ns, np.array(t_ns)))
 
 
 class VideoSeeker:

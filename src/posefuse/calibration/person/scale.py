@@ -8,11 +8,11 @@ import numpy as np
 
 from posefuse.core import CalibrationError, Rig, Skeleton
 from posefuse.core.arrays import Array
+from posefuse.core.skeleton import LIMB_ENDS
 
 # of people who can be asked to walk through a room
 _STATURES_M = (0.8, 2.4)
-# limb -> its ends on each side, and its length as a share of the person's height, as networks mark it
-LIMBS = {"upper_arm": ("shoulder", "elbow"), "forearm": ("elbow", "wrist"), "thigh": ("hip", "knee"), "shank": ("knee", "ankle")}
+# the length of a limb as a share of the person's height, as networks mark it;
 # `bench/fit_stature.py`: bodies left out come out 0.4 % too small, with a standard deviation of 1.1 %
 STATURE_SHARES = {"upper_arm": 0.1560, "forearm": 0.1443, "thigh": 0.2261, "shank": 0.2346}
 # standard error of a height as a share of it: that deviation, and how limbs vary among people of one height (2.4 %, by the
@@ -52,9 +52,9 @@ class KnownLength:
 
 
 def limb_lengths_m(skeleton: Skeleton, xyz: Array) -> Array:
-    """(4,) usual length of each of `LIMBS`, both sides, of keypoints (T, K, 3); NaN where none was seen."""
-    out = np.full(len(LIMBS), np.nan)
-    for i, ends in enumerate(LIMBS.values()):
+    """(4,) usual length of each of `LIMB_ENDS`, both sides, of keypoints (T, K, 3); NaN where none was seen."""
+    out = np.full(len(LIMB_ENDS), np.nan)
+    for i, ends in enumerate(LIMB_ENDS.values()):
         sides = [[f"{side}_{end}" for end in ends] for side in _SIDES]
         known = [[skeleton.index(name) for name in names] for names in sides if all(name in skeleton.keypoints for name in names)]
         lengths = np.array([np.linalg.norm(xyz[:, a] - xyz[:, b], axis=1) for a, b in known])

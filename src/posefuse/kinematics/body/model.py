@@ -8,6 +8,7 @@ import numpy as np
 
 from posefuse.core import InputError, PoseSequence, Skeleton
 from posefuse.core.arrays import SIGMA_PER_MAD, Array
+from posefuse.core.skeleton import LIMB_ENDS
 from posefuse.kinematics.definitions import SEGMENT_NAMES, landmark_pairs
 from posefuse.kinematics.joints import joints_from_poses
 from posefuse.kinematics.settings import JointSettings
@@ -18,8 +19,6 @@ from .tree import AT_ORIGIN, BALL, NODE_SEGMENT, NODES, TEMPLATES, Node
 
 # time steps in which what a skeleton is made of must have been seen
 FEWEST_SEEN = 5
-_BONES = ("upper_arm", "forearm", "thigh", "shank")
-_ENDS = {"upper_arm": ("shoulder", "elbow"), "forearm": ("elbow", "wrist"), "thigh": ("hip", "knee"), "shank": ("knee", "ankle")}
 
 
 @dataclass(frozen=True)
@@ -146,7 +145,7 @@ def _lengths(points: dict[str, Array], noise_var: float, symmetric: bool) -> dic
     spans = {"pelvis": points["right_hip"] - points["left_hip"], "shoulders": points["right_shoulder"] - points["left_shoulder"]}
     spans["trunk"] = (points["left_shoulder"] + points["right_shoulder"] - points["left_hip"] - points["right_hip"]) / 2
     for side in ("left", "right"):
-        for bone, (upper, lower) in _ENDS.items():
+        for bone, (upper, lower) in LIMB_ENDS.items():
             spans[f"{side}_{bone}"] = points[f"{side}_{upper}"] - points[f"{side}_{lower}"]
     distance = np.linalg.norm(np.stack(list(spans.values()), axis=1), axis=-1)
     seen = np.isfinite(distance).sum(axis=0) >= FEWEST_SEEN
@@ -158,7 +157,7 @@ def _lengths(points: dict[str, Array], noise_var: float, symmetric: bool) -> dic
         # two directions across the bone add their variance to the squared length
         lengths[name] = Length(float(np.sqrt(max(middle**2 - 2 * ends_var, (0.5 * middle) ** 2))), float(spread))
     if symmetric:
-        for bone in _BONES:
+        for bone in LIMB_ENDS:
             pair = [lengths[f"{side}_{bone}"] for side in ("left", "right") if f"{side}_{bone}" in lengths]
             if len(pair) == 2:
                 shared = (pair[0].value_m + pair[1].value_m) / 2
@@ -173,7 +172,7 @@ def _offsets(points: dict[str, Array], frame: dict[str, Array], lengths: dict[st
     for side, sign in (("left", -0.5), ("right", 0.5)):
         out[f"{side}_hip"] = np.array([0, 0, sign * lengths["pelvis"].value_m])
         out[f"{side}_shoulder"] = np.array([0, 0, sign * lengths["shoulders"].value_m])
-        for bone, (_, lower) in _ENDS.items():
+        for bone, (_, lower) in LIMB_ENDS.items():
             if f"{side}_{bone}" in lengths:
                 out[f"{side}_{lower}"] = np.array([0, -lengths[f"{side}_{bone}"].value_m, 0])
     ears = (points["left_ear"] + points["right_ear"]) / 2

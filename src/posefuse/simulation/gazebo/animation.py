@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from posefuse.core import ConfigError
 from posefuse.core.arrays import Array
 from posefuse.formats.collada import MOST_WEIGHTS, ColladaSkeleton, Mesh, Surface, joint_name
+from posefuse.formats.gltf import vertex_normals
 from posefuse.simulation.body import SimulatedBody
 from posefuse.simulation.props import Prop
 
@@ -195,14 +196,4 @@ def _body_mesh(body: SimulatedBody) -> Mesh:
     }
     worn = {name: part for name, part in parts.items() if len(part[1])}
     uv = np.zeros((len(body.vertices_rest), 2))
-    return Mesh(vertices=body.vertices_rest, normals=_vertex_normals(body), uv=uv, parts=worn)
-
-
-def _vertex_normals(body: SimulatedBody) -> Array:
-    corners = body.vertices_rest[body.faces]
-    # as long as twice the triangle's area: large triangles count for more
-    flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals = np.zeros_like(body.vertices_rest)
-    for corner in range(3):
-        np.add.at(normals, body.faces[:, corner], flat)
-    return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-12))
+    return Mesh(vertices=body.vertices_rest, normals=vertex_normals(body.vertices_rest, body.faces), uv=uv, parts=worn)
