@@ -85,6 +85,18 @@ def test_one_time_step_has_angles_and_no_animation(recording, tmp_path):
     assert {path.suffix for path in made} == {".csv", ".parquet", ".mot", ".c3d", ".html"}
 
 
+def test_a_person_without_skeleton_files_is_named_with_the_reason(recording, tmp_path):
+    xyz = recording.poses.xyz_world.copy()
+    xyz[3:21] = np.nan
+    said = []
+    gone = dataclasses.replace(recording, poses=dataclasses.replace(recording.poses, xyz_world=xyz))
+    made = write_biomechanics(
+        gone, tmp_path, BiomechanicsSettings(fit="none"), progress=lambda stage, done, total, line="": said.append(line)
+    )
+    assert not [path for path in made if path.suffix in (".bvh", ".glb")]
+    assert any("no skeleton.bvh and .glb: segment pelvis is missing from 0.07 to 0.70 s" in line for line in said)
+
+
 def test_stages_are_reported_as_they_begin(recording, tmp_path):
     reported = []
     tell = lambda *report: reported.append(report)  # noqa: E731

@@ -13,7 +13,7 @@ from posefuse.core import InputError
 from posefuse.formats.bvh import read_bvh, write_bvh
 from posefuse.formats.gltf import write_gltf
 from posefuse.kinematics import joints_from_poses
-from posefuse.kinematics.animation import FILE_FROM_WORLD, animation_from_joints
+from posefuse.kinematics.animation import FILE_FROM_WORLD, animation_from_joints, animation_gap, seen_throughout
 from posefuse.kinematics.sides import landmarks
 
 
@@ -90,6 +90,27 @@ def test_a_short_gap_is_bridged_and_a_long_one_named(sequence):
     assert np.isfinite(holed(14).rotation).all()
     with pytest.raises(InputError, match=r"segment left_forearm is missing from 0.30 to 1.00 s.*whole-body fit"):
         holed(30)
+
+
+def test_a_person_who_comes_and_goes_is_held_before_and_after(sequence):
+    """As in nearly every real recording, which begins and ends with an empty space."""
+    xyz = sequence.xyz_world.copy()
+    xyz[:8], xyz[-5:] = np.nan, np.nan
+    # 10 Hz: 0.8 s and 0.5 s
+    seen = replace(sequence, xyz_world=xyz, t_ns=np.arange(40) * 100_000_000)
+    joints = joints_from_poses(seen)
+    assert animation_gap(joints) is None and not seen_throughout(joints)
+    assert seen_throughout(joints_from_poses(sequence))
+    held, whole = (animation_from_joints(one, joints_from_poses(one)) for one in (seen, replace(sequence, t_ns=seen.t_ns)))
+    assert len(held) == 40
+    np.testing.assert_allclose(held.rotation[8:35], whole.rotation[8:35], atol=0.01)
+    for before_or_after, edge in ((slice(0, 8), 8), (slice(35, 40), 34)):
+        np.testing.assert_allclose(held.rotation[before_or_after] - held.rotation[edge], 0, atol=1e-9)
+        np.testing.assert_allclose(held.position[before_or_after] - held.position[edge], 0, atol=1e-9)
+    # a segment that is missing while the person is there is no such thing
+    xyz[8:20, :, sequence.skeleton.index("left_wrist")] = np.nan
+    joints = joints_from_poses(replace(seen, xyz_world=xyz))
+    assert "left_forearm is missing from 0.80 to 2.00 s" in str(animation_gap(joints))
 
 
 def test_skeletons_without_hands_and_heads_end_earlier(posed):

@@ -114,6 +114,8 @@ def write_biomechanics(
         ending = person_suffix(recording, n)
         if np.isfinite(joints.angle_rad[:, n]).any():
             made += _person_files(poses, joints, n, folder, ending)
+            if gap := animation_gap(joints, n):
+                progress("report", 1, _STAGES, f"no skeleton{ending}.bvh and .glb: {gap}")
             if chosen.opensim or chosen.opensim_model:
                 made += _opensim_files(poses, n, folder / f"opensim{ending}", chosen)
     progress("report", 2, _STAGES, "gait cycles and the page")

@@ -41,7 +41,8 @@ def animation_from_joints(sequence: PoseSequence, joints: JointAngles, person: i
     """One person's motion with offsets that are medians over time, so bones keep their length.
 
     With segments of constant length (the whole-body fit) the motion read back is exactly that of `sequence`. Gaps up to half
-    a second are bridged by the shortest turn. Segments that were never seen are left out, with all that is attached to them.
+    a second are bridged by the shortest turn. Until a person comes the first pose is held, and the last one at the end.
+    Segments that were never seen are left out, with all that is attached to them.
 
     Args:
         sequence: the keypoints the joints were made from.
@@ -57,7 +58,8 @@ def animation_from_joints(sequence: PoseSequence, joints: JointAngles, person: i
     index = {name: s for s, name in enumerate(joints.segments)}
     names = ["pelvis"] + [name for name in _PARENT if np.isfinite(origin[:, index[name], 0]).any()]
     names = [name for name in names if _rooted(name, names)]
-    filled = {name: _filled(name, joints.t_ns, rotation[:, index[name]], origin[:, index[name]]) for name in names}
+    t_s, seen_s = _seconds(joints.t_ns), _seen_s(joints, person)
+    filled = {name: _filled(name, t_s, rotation[:, index[name]], origin[:, index[name]], seen_s) for name in names}
     if "thorax" in filled:
         # the line from mid-hip to neck is rigid, so it turns about the hips
         filled["thorax"] = filled["thorax"][0], filled["pelvis"][1]
@@ -112,20 +114,37 @@ def animation_gap(joints: JointAngles, person: int = 0) -> str | None:
     uneven = _uneven(joints.t_ns)
     if uneven:
         return uneven
-    frames = joints.world_from_segment[:, person]
+    frames, t_s, seen_s = joints.world_from_segment[:, person], _seconds(joints.t_ns), _seen_s(joints, person)
     for s, name in enumerate(joints.segments):
         known = np.isfinite(frames.xyz[:, s, 0])
-        problem = _gap(name, joints.t_ns, known) if known.any() or name == "pelvis" else None
+        problem = _gap(name, t_s[known], seen_s) if known.any() or name == "pelvis" else None
         if problem:
             return problem
     return None
 
 
-def _gap(name: str, t_ns: Array, known: Array) -> str | None:
-    t_s = (t_ns - t_ns[0]) * 1e-9
-    if not known.any():
+def seen_throughout(joints: JointAngles, person: int = 0) -> bool:
+    """Whether the person is there from the beginning to the end, but for half a second: what is held at the ends is not seen."""
+    t_s, seen_s = _seconds(joints.t_ns), _seen_s(joints, person)
+    return seen_s is not None and max(seen_s[0] - t_s[0], t_s[-1] - seen_s[1]) <= _LONGEST_GAP_S
+
+
+def _seconds(t_ns: Array) -> Array:
+    return np.asarray((t_ns - t_ns[:1]) * 1e-9)
+
+
+def _seen_s(joints: JointAngles, person: int) -> tuple[float, float] | None:
+    """When the pelvis is seen first and last, s from the first time step on; None: never."""
+    known = np.isfinite(joints.world_from_segment.xyz[:, person, joints.segments.index("pelvis"), 0])
+    t_s = _seconds(joints.t_ns)[known]
+    return (float(t_s[0]), float(t_s[-1])) if len(t_s) else None
+
+
+def _gap(name: str, known_s: Array, seen_s: tuple[float, float] | None) -> str | None:
+    """What is wrong with a segment known at these times of a person who is there from `seen_s[0]` to `seen_s[1]`."""
+    if seen_s is None or not len(known_s):
         return f"segment {name} was never seen"
-    edges = np.concatenate([t_s[:1], t_s[known], t_s[-1:]])
+    edges = np.concatenate([[min(seen_s[0], known_s[0])], known_s, [max(seen_s[1], known_s[-1])]])
     worst = int(np.argmax(np.diff(edges)))
     if edges[worst + 1] - edges[worst] <= _LONGEST_GAP_S:
         return None
@@ -135,12 +154,12 @@ def _gap(name: str, t_ns: Array, known: Array) -> str | None:
     )
 
 
-def _filled(name: str, t_ns: Array, rotation: Array, origin: Array) -> tuple[Array, Array]:
+def _filled(name: str, t_s: Array, rotation: Array, origin: Array, seen_s: tuple[float, float] | None) -> tuple[Array, Array]:
     """Rotations and origins without gaps: bridged by the shortest turn, held at the ends."""
-    problem = _gap(name, t_ns, np.isfinite(rotation[:, 0, 0]))
+    known = np.flatnonzero(np.isfinite(rotation[:, 0, 0]))
+    problem = _gap(name, t_s[known], seen_s)
     if problem:
         raise InputError(f"animation: {problem}")
-    known, t_s = np.flatnonzero(np.isfinite(rotation[:, 0, 0])), (t_ns - t_ns[0]) * 1e-9
     if len(known) == len(t_s):
         return rotation, origin
     inside = np.clip(t_s, t_s[known[0]], t_s[known[-1]])

@@ -11,7 +11,7 @@ from posefuse.core import Recording, Sink
 from posefuse.core.arrays import Array
 from posefuse.formats.bvh import BvhData
 from posefuse.kinematics import joints_from_poses
-from posefuse.kinematics.animation import FILE_FROM_WORLD, animation_from_joints, animation_gap
+from posefuse.kinematics.animation import FILE_FROM_WORLD, animation_from_joints, animation_gap, seen_throughout
 from posefuse.kinematics.skin import skin_of, skinned_vertices
 from posefuse.outputs.surface import BodySurface, SurfaceSink
 
@@ -33,7 +33,8 @@ def _surfaces(recording: Recording) -> tuple[BodySurface, ...]:
         return ()
     joints = joints_from_poses(recording.poses)
     people = [n for n, person in enumerate(recording.poses.person_id.tolist()) if person in fitted]
-    animations = [animation_from_joints(recording.poses, joints, n) for n in people if animation_gap(joints, n) is None]
+    whole = [n for n in people if animation_gap(joints, n) is None and seen_throughout(joints, n)]
+    animations = [animation_from_joints(recording.poses, joints, n) for n in whole]
     return tuple(_surface(animation) for animation in animations)
 
 

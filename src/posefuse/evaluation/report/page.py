@@ -29,7 +29,7 @@ from posefuse.formats.page import (
     Table,
     write_page,
 )
-from posefuse.kinematics.animation import FILE_FROM_WORLD, animation_from_joints, animation_gap
+from posefuse.kinematics.animation import FILE_FROM_WORLD, animation_from_joints, animation_gap, seen_throughout
 from posefuse.kinematics.gait import gait_from_poses
 from posefuse.kinematics.skin import skin_of
 from posefuse.outputs.facts import duration_s, recorded_utc
@@ -133,8 +133,8 @@ def _player(recording: Recording, joints: JointAngles) -> Player:
 
 
 def _mesh(poses: PoseSequence, joints: JointAngles, n: int) -> PlayerMesh | None:
-    """The person as a mesh that moves with the segment frames; None where these have gaps."""
-    if animation_gap(joints, n) is not None:
+    """The person as a mesh that moves with the segment frames; None where these have gaps, at the beginning and end, too."""
+    if animation_gap(joints, n) is not None or not seen_throughout(joints, n):
         return None
     skeleton = animation_from_joints(poses, joints, n)
     rotation, position = skeleton.world()
