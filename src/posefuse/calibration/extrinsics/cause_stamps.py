@@ -98,7 +98,7 @@ def irregular_stamps(trouble: Trouble) -> Iterator[CauseTrial]:
         clocks = "offset" if shifted or delay_s.any() else "together"
         again, lost = solve_anew(trouble, restamped, trouble.cameras, trouble.target, clocks, delay_s)
         words = f"the time stamps of {trouble.cameras[c].name} are irregular: {times.words}"
-        yield from anew_trial(words, _REMEDY, again, lost, 1)
+        yield from anew_trial(words, _REMEDY, again, lost, 2 if shifted else 1)
 
 
 def _worst_cameras(trouble: Trouble, solved: Solved) -> list[int]:

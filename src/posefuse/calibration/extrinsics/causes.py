@@ -26,8 +26,8 @@ _LOST, _NOISE = 3.0, 0.095
 # what detection leaves of a corner: the yardstick that an explanation has to come near
 _LEAST_SIGMA_PX, _MOST_SIGMA_PX = 0.1, 0.6
 _LEAST_EXPLAINED, _ABOUT_AS_MUCH, _INSEPARABLE = 0.5, 0.1, 0.02
-# with this share explained, no solve from the beginning is needed
-_ENOUGH = 0.85
+# with this share explained, no solve from the beginning is needed; an explanation that frees more is held against those
+_ENOUGH, _FREES_LITTLE = 0.85, 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +91,7 @@ def likely_causes(trouble: Trouble, hypotheses: Sequence[Hypothesis]) -> tuple[C
     """The best explanation, or the two best when they cannot be distinguished; none where nothing explains enough."""
     trials = [trial for hypothesis in hypotheses if hypothesis.near for trial in hypothesis.trials(trouble)]
     found = _best(trouble, trials)
-    if found and found[0].explained >= _ENOUGH:
+    if found and found[0].explained >= _ENOUGH and found[0].trial.frees <= _FREES_LITTLE:
         return found
     return _best(
         trouble, trials + [trial for hypothesis in hypotheses if not hypothesis.near for trial in hypothesis.trials(trouble)]

@@ -91,6 +91,7 @@ def check_one_place(cameras: Sequence[Camera], halves: Halves, distance_m: float
         return np.asarray(shifted | (turned_rad > np.maximum(angle_rad, sigma * sigma_rad)))
 
     wrong = (ratio > limits.spread_ratio) & moved(limits.moved_sigma, limits.moved_share, limits.moved_rad)
+    wrong |= (ratio > limits.strong_ratio) & moved(limits.strong_sigma, limits.moved_share, limits.moved_rad)
     wrong |= (ratio > limits.certain_ratio) & moved(limits.certain_sigma, limits.certain_share, limits.certain_rad)
     # a camera that turns all the time makes stretches scatter, and standard errors large with them
     wrong |= (ratio > limits.spread_ratio) & moved(0.0, limits.effect_share, limits.effect_share)
