@@ -25,8 +25,8 @@ class Limits:
         spread_ratio: of residuals in one rig to those in a rig for each half. Bench: 1.1 in good sessions.
         moved_sigma, moved_share, moved_rad: a spread ratio above its limit refuses only with a pose that differs between the
             halves by so many standard errors, and by this share of the distance or this angle. The webcams: 2 sigma.
-        strong_ratio, strong_sigma: a spread ratio this far above its limit refuses with poses that differ by fewer standard errors:
-            noise alone does not raise it. Judgement: twice as far above 1 as the webcams, and more than their 2 sigma.
+        strong_ratio, strong_sigma: a ratio this far above its limit, which noise alone does not reach, refuses with poses that
+            differ by fewer standard errors. Judgement: twice as far above 1 as the webcams, and more than their 2 sigma.
         certain_ratio, certain_sigma, certain_share, certain_rad: and so does a smaller spread ratio with poses that differ this
             clearly and by this much, which is what a camera that was moved does to a user. Bench: 1.1 in good sessions.
         effect_share: a spread ratio above its limit refuses without regard to standard errors where poses differ by what moves
