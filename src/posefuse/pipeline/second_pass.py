@@ -64,7 +64,7 @@ def _sides_over_time(
 
     Where the first reference was still wrong, a better one names more views right: repeated until no view changes.
     """
-    named: ViewSequence | None = None
+    poses, named = list(poses), None
     for _ in range(_NAMING_ROUNDS):
         fused = PoseSequence.from_poses(poses)
         reference = smooth(steady_sides(fused, facing_votes(fused)), smoothing)
