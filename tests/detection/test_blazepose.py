@@ -67,8 +67,8 @@ def test_an_image_on_its_side_is_searched_turned(detector, frame, seen):
     assert np.median(np.linalg.norm(back - seen.xy_img[0], axis=-1)) < 25
 
 
-def test_a_mirrored_image_gives_the_mirrored_man(detector, frame, seen):
-    there = region_from_keypoints(seen.xy_img[0], detector.skeleton)
+def seen_in_the_mirror(detector, frame, there):
+    """Px (K, 2) and sigma (K,) of the first person that the detector finds in the mirrored image, mirrored back."""
     width = frame.image.shape[1]
     mirrored = Frame(camera=CAMERA, seq=0, t_ns=0, received_ns=0, image=np.ascontiguousarray(frame.image[:, ::-1]))
     region = Region(
@@ -77,7 +77,13 @@ def test_a_mirrored_image_gives_the_mirrored_man(detector, frame, seen):
         angle_rad=-there.angle_rad,
     )
     (found,) = detector.detect([mirrored], [[region]])
-    back = found.xy_img[0][detector.skeleton.mirror] * [-1, 1] + [width - 1, 0]
+    mirror = detector.skeleton.mirror
+    return found.xy_img[0][mirror] * [-1, 1] + [width - 1, 0], found.sigma_px[0][mirror]
+
+
+def test_a_mirrored_image_gives_the_mirrored_man(detector, frame, seen):
+    there = region_from_keypoints(seen.xy_img[0], detector.skeleton)
+    back, _ = seen_in_the_mirror(detector, frame, there)
     (direct,) = detector.detect([frame], [[there]])
     off = (back - direct.xy_img[0]) * 256 / there.side_px
     # half a heatmap cell off, as between the two ways to count cells, would show as 4 px
@@ -91,19 +97,11 @@ def test_an_ensemble_that_looks_in_the_mirror_knows_no_left_and_right(tmp_path, 
     detector = BlazePoseConfig(landmarks=str(card)).build()
     assert detector.joint_centres is None
     there = region_from_keypoints(seen.xy_img[0], detector.skeleton)
-    width = frame.image.shape[1]
-    mirrored = Frame(camera=CAMERA, seq=0, t_ns=0, received_ns=0, image=np.ascontiguousarray(frame.image[:, ::-1]))
-    region = Region(
-        centre_img=np.array([width - 1 - there.centre_img[0], there.centre_img[1]]),
-        side_px=there.side_px,
-        angle_rad=-there.angle_rad,
-    )
-    (found,) = detector.detect([mirrored], [[region]])
+    back, sigma_px = seen_in_the_mirror(detector, frame, there)
     (direct,) = detector.detect([frame], [[there]])
-    back = found.xy_img[0][detector.skeleton.mirror] * [-1, 1] + [width - 1, 0]
     # what is left is the sampling of the crops
     assert np.median(np.abs(back - direct.xy_img[0])) * 256 / there.side_px < 0.1
-    assert np.allclose(found.sigma_px[0][detector.skeleton.mirror], direct.sigma_px[0], rtol=0.3)
+    assert np.allclose(sigma_px, direct.sigma_px[0], rtol=0.3)
     assert not np.array_equal(direct.xy_img, seen.xy_img)
 
 

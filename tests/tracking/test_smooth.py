@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
+from smoothing import COCO, measured, white_jerk
 
-from posefuse.core import SKELETONS, Kind, Pose3D, PoseSequence, ShapeError
+from posefuse.core import Kind, Pose3D, PoseSequence, ShapeError
 from posefuse.tracking import SmoothSettings, cutoff_hz, sequence_from_poses, smooth
 from posefuse.tracking.smooth import _jerk_density
 
-COCO = SKELETONS["coco17"]
 RATE_HZ = 60.0
 NOISE = np.array([[4.0, 1.0, 0.5], [1.0, 9.0, 2.0], [0.5, 2.0, 3.0]]) * 1e-5
 LOOSE = SmoothSettings(bones=False)
@@ -17,19 +17,7 @@ def times_ns(count: int) -> np.ndarray:
 
 def sequence(xyz: np.ndarray, cov: np.ndarray = NOISE, t_ns: np.ndarray | None = None) -> PoseSequence:
     """(T, N, 17, 3) as measured: NaN is missing."""
-    shape = xyz.shape[:-1]
-    there = np.isfinite(xyz[..., 0])
-    covs = np.where(there[..., None, None], np.broadcast_to(cov, (*shape, 3, 3)), np.nan)
-    return PoseSequence(
-        t_ns=times_ns(len(xyz)) if t_ns is None else t_ns,
-        skeleton=COCO,
-        person_id=np.arange(shape[1]),
-        xyz_world=xyz,
-        cov_world=covs,
-        reproj_px=np.where(there, 1.0, np.nan),
-        n_views=np.where(there, 4, 0),
-        kind=np.where(there, Kind.FUSED, Kind.MISSING),
-    )
+    return measured(times_ns(len(xyz)) if t_ns is None else t_ns, xyz, cov)
 
 
 def wander(count: int, people: int = 1, seed: int = 0, noise: np.ndarray = NOISE) -> tuple[np.ndarray, np.ndarray]:
@@ -37,10 +25,7 @@ def wander(count: int, people: int = 1, seed: int = 0, noise: np.ndarray = NOISE
     rng = np.random.default_rng(seed)
     dt = 1 / RATE_HZ
     density = _jerk_density(np.arange(count) * dt, noise[None], 6.0)
-    step = np.array([[1, dt, dt * dt / 2], [0, 1, dt], [0, 0, 1]])
-    process = np.linalg.cholesky(
-        density * np.array([[dt**5 / 20, dt**4 / 8, dt**3 / 6], [dt**4 / 8, dt**3 / 3, dt**2 / 2], [dt**3 / 6, dt**2 / 2, dt]])
-    )
+    step, process = white_jerk(dt, density)
     state, truth = np.zeros((3, people, 17, 3)), np.empty((count, people, 17, 3))
     for i in range(count):
         truth[i] = state[0]

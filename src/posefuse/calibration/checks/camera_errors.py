@@ -7,13 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posefuse.calibration.extrinsics.bootstrap import prop_track, prop_views
-from posefuse.calibration.extrinsics.planar import planar_views
-from posefuse.calibration.extrinsics.prop_shape import one_patch
-from posefuse.calibration.extrinsics.prop_solve import Freedom, PropSolution, PropState, solve_prop
+from posefuse.calibration.extrinsics.locate import patch_track, rig_state
+from posefuse.calibration.extrinsics.prop_solve import Freedom, PropSolution, solve_prop
 from posefuse.calibration.extrinsics.snapshots import Snapshots
-from posefuse.calibration.solving.projection import LENS_PARAMETERS, Lenses
-from posefuse.calibration.solving.rotations import Poses, angle_between, poses_of
+from posefuse.calibration.solving.projection import Lenses
+from posefuse.calibration.solving.rotations import angle_between
 from posefuse.calibration.targets.kinds import Target, patch_corners
 from posefuse.core import Rig
 from posefuse.core.arrays import Array
@@ -152,25 +150,19 @@ def _against(rig: Rig, views: Snapshots, target: Target, c: int, others: Iterabl
 
 
 def _freed(rig: Rig, seen: Snapshots, target: Target, c: int) -> tuple[PropSolution, Snapshots] | None:
-    corners, lenses, cameras = patch_corners(target, seen.patches), Lenses(tuple(rig)), tuple(rig)
-    pose = poses_of(rig)
-    trusted = seen.rows(seen.camera != c)
-    shape = one_patch()
-    in_images = prop_views(trusted, planar_views(trusted, corners, lenses), shape, corners, lenses)
-    track = prop_track(trusted, in_images, shape, corners, lenses, pose)
+    corners, cameras = patch_corners(target, seen.patches), tuple(rig)
+    track = patch_track(rig, seen.rows(seen.camera != c), corners)
     known = np.asarray(np.isfinite(track.t).all(axis=1))
     if not known.any():
         return None
     seen = seen.rows(known[seen.instant])
-    nothing = np.zeros((len(rig), len(LENS_PARAMETERS)))
-    state = PropState(pose, Poses(track.R, np.nan_to_num(track.t)), Poses.identity(1), np.zeros((len(rig), 2)), nothing)
     focal_px = _FREE_FOCAL * cameras[c].K[0, 0]
     sigma = np.array([focal_px, focal_px, _HELD_PX, _HELD_PX, _HELD_BEND, _HELD_BEND])
     return solve_prop(
         seen,
         corners,
         cameras,
-        state,
+        rig_state(rig, track),
         Freedom(reference=None, held_patches=None, offset=True, drift=False, lens_sigma=sigma, lens_of=(c,), moving=(c,)),
     ), seen
 

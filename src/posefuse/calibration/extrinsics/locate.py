@@ -83,22 +83,27 @@ def _one_frame(mine: CornerObservations, patch: int) -> CornerObservations:
     )  # fmt: skip
 
 
+def patch_track(rig: Rig, seen: Snapshots, corners: Array) -> Poses:
+    """world_from_patch (T,) of one patch as the cameras of the rig see it; NaN where none sees enough of its corners."""
+    lenses, shape = Lenses(tuple(rig)), one_patch()
+    in_images = prop_views(seen, planar_views(seen, corners, lenses), shape, corners, lenses)
+    return prop_track(seen, in_images, shape, corners, lenses, poses_of(rig))
+
+
+def rig_state(rig: Rig, track: Poses) -> PropState:
+    """The start of a solve: the cameras and clocks as in the rig, the patch along its track (T,)."""
+    nothing = np.zeros((len(rig), len(LENS_PARAMETERS)))
+    return PropState(poses_of(rig), Poses(track.R, np.nan_to_num(track.t)), Poses.identity(1), np.zeros((len(rig), 2)), nothing)
+
+
 def _solve(rig: Rig, seen: Snapshots, target: Target) -> tuple[SE3, Array]:
     """world_from_patch (T,), and residuals (N, 2) px, predicted minus observed."""
-    corners, lenses = patch_corners(target, seen.patches), Lenses(tuple(rig))
-    views = planar_views(seen, corners, lenses)
-    shape = one_patch()
-    in_images = prop_views(seen, views, shape, corners, lenses)
-    cameras = poses_of(rig)
-    track = prop_track(seen, in_images, shape, corners, lenses, cameras)
+    corners = patch_corners(target, seen.patches)
+    track = patch_track(rig, seen, corners)
     known = np.asarray(np.isfinite(track.t).all(axis=1))
     if not known.any():
         raise CalibrationError(f"target {int(seen.patches[0])}: no camera sees 4 of its corners")
     seen = seen.rows(known[seen.instant])
-    state = PropState(
-        cameras, Poses(track.R, np.nan_to_num(track.t)), Poses.identity(1), np.zeros((len(rig), 2)),
-        np.zeros((len(rig), len(LENS_PARAMETERS))),
-    )  # fmt: skip
-    solution = solve_prop(seen, corners, tuple(rig), state, Freedom(reference=None, held_patches=None))
+    solution = solve_prop(seen, corners, tuple(rig), rig_state(rig, track), Freedom(reference=None, held_patches=None))
     poses = Poses(solution.state.world_from_prop.R, np.where(known[:, None], solution.state.world_from_prop.t, np.nan))
     return poses.se3(), solution.residual_px
