@@ -16,10 +16,13 @@ import pytest
 from posefuse import __version__
 from posefuse.cli import main as cli
 from posefuse.cli.commands import plugins as plugins_command
+from posefuse.cli.live_report import show
 from posefuse.cli.options.shared import Figures, Shown
 from posefuse.cli.stopping import stop_requests
+from posefuse.cli.terminal import Terminal
 from posefuse.core import DependencyError
 from posefuse.foundation.requests_to_end import REQUESTS_TO_END
+from posefuse.realtime.latency import STAGES
 
 
 def run(capsys: pytest.CaptureFixture[str], *argv: str) -> tuple[int, str, str]:
@@ -273,3 +276,30 @@ def test_help_and_version_work_as_a_program() -> None:
         [sys.executable, "-m", "posefuse.cli.main", "--version"], capture_output=True, text=True, check=True, timeout=120
     )
     assert version.stdout.strip() == f"posefuse {__version__}"
+
+
+def test_a_table_that_is_too_wide_has_narrow_cells_before_broken_words(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    columns = ("camera", "state", "used", "capture", "wait", "2D", "fuse", "output", "total", "p95", "p99")
+    Terminal(as_json=False).table("Latency", columns, [("cam00", "ok", "58%", *["12.3"] * 6, "87", "127")])
+    header = capsys.readouterr().out.splitlines()[2]
+    assert [word for word in columns if word not in header] == []
+
+
+def test_a_session_that_was_stopped_before_it_began_has_no_figures_of_nothing(capsys) -> None:
+    nan = float("nan")
+    no_time = {"p50": nan, "p95": nan, "p99": nan}
+    latency = {
+        "cameras_ms": {"cam00": dict.fromkeys(STAGES, no_time)},
+        "all_cameras_total_ms": no_time,
+        "output": {"behind_due_ms": no_time, "period_deviation_ms": no_time, "skipped": 0},
+    }
+    figures = {
+        "latency": latency, "cameras": {"cam00": {"state": "opening", "captured": 0, "used_share": nan}}, "poses": 0,
+        "poses_per_s": nan, "poses_with_people": 0, "withheld": {}, "joint_centres": {}, "used_share": nan, "restarts": 0,
+        "outputs": {}, "outputs_lost": 0, "rig_watch_trouble": "", "cpu_fusion_share": nan, "cpu_children_share": nan,
+        "memory_mb": nan,
+    }  # fmt: skip
+    show(Terminal(as_json=False), figures)
+    out = capsys.readouterr().out
+    assert "nan" not in out and "0 (-/s), with a person in 0" in out

@@ -43,3 +43,28 @@ def test_a_value_that_makes_no_sense_is_one_line(option: str, value: str, demo_s
 def test_outputs_are_checked_before_anything_starts(options: tuple[str, ...], words: str, demo_session, capsys) -> None:
     line = refused(capsys, "live", str(demo_session / "rig.toml"), "--source", f"sim:{demo_session}", *options)
     assert words in line
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--record", "walk.mp4"), "walk.mp4: expected a name that ends in .mcap"),
+        (("--record", "walk"), "walk: expected a name that ends in .mcap"),
+        (("--record", "walk.mcap", "--videos", "walk.mcap"), "the folder of --videos"),
+        (("--record", "kept/walk.mcap", "--videos", "kept"), "the folder of --videos"),
+        (("--source", "cam00=video:"), "expected where it is after video:"),
+        (("--replay", "walk.mcap"), "leave out --source"),
+        (
+            ("--replay", "walk.mcap", "--record", "again.mcap", "--duration", "3", "--videos", "x"),
+            "--duration, --record, --videos",
+        ),
+    ],
+)
+def test_what_would_be_lost_or_ignored_is_refused_before_anything_starts(
+    options: tuple[str, ...], words: str, demo_session, tmp_path, monkeypatch, capsys
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "kept").mkdir()
+    source = () if options[0] == "--source" else ("--source", f"sim:{demo_session}")
+    assert words in refused(capsys, "live", str(demo_session / "rig.toml"), *source, *options)
+    assert not list(tmp_path.glob("walk*"))

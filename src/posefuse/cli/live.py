@@ -9,11 +9,13 @@ from typing import Any
 
 from posefuse.cli.options.live import LiveSettingsOptions, NodeTimingOptions, OutputOptions, SourceOptions, TimingOptions
 from posefuse.cli.options.shared import Ros2Options, names_from_text
-from posefuse.core import LiveOutputConfig, Rig
+from posefuse.core import ConfigError, InputError, LiveOutputConfig, Rig
+from posefuse.core.errors import choices
 from posefuse.detection.build import DetectorChoice
 from posefuse.formats.rig import read_placed_rig, refusal_note
 from posefuse.foundation.output_file import check_output_file
 from posefuse.foundation.output_folder import check_replaceable
+from posefuse.foundation.places import real_path
 from posefuse.foundation.plugins import plugin_config
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.pipeline.config import read_overridden
@@ -27,7 +29,7 @@ from posefuse.realtime.output_plan import OutputPlan
 from posefuse.realtime.ros_cameras import rig_with_camera_infos
 from posefuse.realtime.session import run_live
 
-from .live_report import figures_of, show, write_report
+from .live_report import PAGE_FILE, figures_of, show, write_report
 from .stopping import session_exit_code
 from .terminal import Terminal
 from .videos import kept_videos, video_figures
@@ -49,14 +51,16 @@ def run_session(
     rig = session_rig(rig_file, terminal)
     if outputs.report:
         check_replaceable(outputs.report, command="live", replace=False)
+    if videos:
+        _check_videos(videos, outputs.record)
     inputs = settled_inputs(sources, timing, ros_2, rig)
     rig = rig_with_camera_infos(rig, inputs, config.camera_info, terminal.note)
     plan = OutputPlan(rig=rig, clock=SessionClock.begin(), configs=output_configs(outputs, ros_2, config))
-    terminal.note(f"{len(inputs)} cameras: " + ", ".join(f"{entry.camera} ({entry.kind})" for entry in inputs))
+    terminal.note(
+        f"{len(inputs)} camera{'s' * (len(inputs) != 1)}: " + ", ".join(f"{entry.camera} ({entry.kind})" for entry in inputs)
+    )
     fetch_chosen(config.detector, terminal)
     duration_s = run_options(timing).duration_s
-    if videos:
-        check_replaceable(videos, command="live", replace=False)
     with kept_videos(videos, rig, inputs) as folder:
         done = run_live(rig, inputs, config, plan, duration_s, terminal.note, videos=folder)
         kept = video_figures(folder, inputs) if folder else {}
@@ -68,8 +72,15 @@ def run_session(
             write_report(outputs.report, done, figures)
     if any(one["written"] for one in kept.values()):
         terminal.next(f"posefuse track {videos} --out DIR", "the videos, solved over all of time")
-    _show_next(rig_file, outputs, terminal)
+    _show_next(outputs, terminal, poses=done.fusion.poses)
     return figures
+
+
+def _check_videos(folder: Path, record: Path | None) -> None:
+    """Raise InputError unless the videos of a session can go to `folder`, and its recording not into it."""
+    check_replaceable(folder, command="live", replace=False)
+    if record is not None and real_path(folder) in (real_path(record), *real_path(record).parents):
+        raise InputError(f"--record {record}: is, or lies in, the folder of --videos; choose another place for one of them")
 
 
 def session_rig(rig_file: Path, terminal: Terminal) -> Rig:
@@ -94,6 +105,18 @@ def how_it_ended(stopped_by: str, duration_s: float | None, terminal: Terminal, 
     return {"exit_code": code}
 
 
+def check_nothing_else(*options: Any, videos: Path | None) -> None:
+    """Raise ConfigError where a replay is given what only a session with cameras has; nothing is ignored."""
+    given = [
+        field.name
+        for group in options
+        for field in dataclasses.fields(group)
+        if getattr(group, field.name) != getattr(type(group)(), field.name)
+    ]
+    if names := [f"--{name.replace('_', '-')}" for name in (*given, *(["videos"] if videos else []))]:
+        raise ConfigError(f"--replay feeds a recording to the tracker, without cameras and outputs; leave out {choices(names)}")
+
+
 def replay_session(rig_file: Path, recording: Path, settings: LiveSettingsOptions, terminal: Terminal) -> Mapping[str, Any]:
     """Feed a recording to the tracker again, with its own settings unless others are given; returns the figures."""
     from .replay import replay
@@ -102,15 +125,14 @@ def replay_session(rig_file: Path, recording: Path, settings: LiveSettingsOption
     return replay(recording, read_placed_rig(rig_file), config if settings.given else None, terminal)
 
 
-def _show_next(rig_file: Path, outputs: OutputOptions, terminal: Terminal) -> None:
-    if outputs.record and outputs.record.exists():
-        terminal.next(
-            f"posefuse live {rig_file} --replay {outputs.record}", "the recording once more, with other settings if you like"
-        )
-    else:
+def _show_next(outputs: OutputOptions, terminal: Terminal, *, poses: int) -> None:
+    if outputs.record is None:
         terminal.next("the same with --record FILE.mcap", "keeps views and poses")
+    elif poses and outputs.record.exists():
+        terminal.next(f"posefuse report {outputs.record}", "joint angles, gait, files for OpenSim and Blender, one page")
+        terminal.next(f"posefuse track {outputs.record} --out DIR", "solves it again over all of time, more exactly")
     if outputs.report:
-        terminal.next(f"open {outputs.report / 'report.html'}", "the latency per camera and stage")
+        terminal.next(f"open {outputs.report / PAGE_FILE}", "the latency per camera and stage")
 
 
 def settled_inputs(sources: SourceOptions, timing: TimingOptions, ros_2: Ros2Options, rig: Rig) -> tuple[LiveInput, ...]:

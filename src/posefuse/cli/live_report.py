@@ -66,8 +66,9 @@ def figures_of(done: Finished) -> dict[str, Any]:
         "joint_centres": fusion.centring.made_by,
         "segment_lengths": _lengths(fusion),
         "used_share": sum(fusion.used.values()) / captured if captured else float("nan"),
-        "cpu_fusion_share": done.cpu_s[0] / done.seconds,
-        "cpu_children_share": done.cpu_s[1] / done.seconds,
+        # a session that is stopped while it starts has not begun
+        "cpu_fusion_share": done.cpu_s[0] / done.seconds if done.seconds > 0 else float("nan"),
+        "cpu_children_share": done.cpu_s[1] / done.seconds if done.seconds > 0 else float("nan"),
         "memory_mb": done.memory_mb,
         "restarts": done.restarts,
         "discontinuities": fusion.cuts,
@@ -94,8 +95,8 @@ def show(terminal: Terminal, figures: Mapping[str, Any]) -> None:
     rows = [
         [
             name, camera["state"], f"{camera['used_share']:.0%}" if camera["captured"] else "-",
-            *(f"{latency['cameras_ms'][name][stage]['p50']:.1f}" for stage in STAGES),
-            *(f"{latency['cameras_ms'][name]['total'][share]:.0f}" for share in ("p95", "p99")),
+            *(_number(latency["cameras_ms"][name][stage]["p50"], 1) for stage in STAGES),
+            *(_number(latency["cameras_ms"][name]["total"][share], 0) for share in ("p95", "p99")),
         ]
         for name, camera in figures["cameras"].items()
     ]  # fmt: skip
@@ -106,18 +107,21 @@ def show(terminal: Terminal, figures: Mapping[str, Any]) -> None:
     )
     whole, ticks = latency["all_cameras_total_ms"], latency["output"]
     facts = {
-        "poses": f"{figures['poses']} ({figures['poses_per_s']:.1f}/s), with a person in {figures['poses_with_people']}",
-        "exposure to output": f"p50 {whole['p50']:.1f}, p95 {whole['p95']:.1f}, p99 {whole['p99']:.1f} ms",
-        "output rate": (
-            f"p99 {ticks['behind_due_ms']['p99']:.2f} ms behind due, "
-            f"{ticks['period_deviation_ms']['p99']:.2f} ms off the period, {ticks['skipped']} skipped"
-        ),
-        "processor": (
-            f"fusion {figures['cpu_fusion_share']:.0%} of a core, "
-            f"the rest {figures['cpu_children_share']:.0%} with the start of their processes"
-        ),
-        "memory": f"{figures['memory_mb']:.0f} MB at most, fusion and cameras",
+        "poses": f"{figures['poses']} ({_number(figures['poses_per_s'], 1)}/s), with a person in {figures['poses_with_people']}"
     }
+    if figures["poses"]:
+        facts |= {
+            "exposure to output": ", ".join(f"{p} {_number(whole[p], 1)}" for p in ("p50", "p95", "p99")) + " ms",
+            "output rate": (
+                f"p99 {_number(ticks['behind_due_ms']['p99'], 2)} ms behind due, "
+                f"{_number(ticks['period_deviation_ms']['p99'], 2)} ms off the period, {ticks['skipped']} skipped"
+            ),
+            "processor": (
+                f"fusion {figures['cpu_fusion_share']:.0%} of a core, "
+                f"the rest {figures['cpu_children_share']:.0%} with the start of their processes"
+            ),
+            "memory": f"{figures['memory_mb']:.0f} MB at most, fusion and cameras",
+        }
     if any(figures["withheld"].values()):
         cut = figures["withheld"]
         facts["withheld"] = f"{cut['keypoints']:.1%} of keypoints, {cut['people']:.1%} of people: too unsure, or not measured"
@@ -138,6 +142,10 @@ def show(terminal: Terminal, figures: Mapping[str, Any]) -> None:
     if figures["rig_watch_trouble"]:
         facts["rig watch"] = figures["rig_watch_trouble"]
     terminal.facts("Session", facts)
+
+
+def _number(value: float, digits: int) -> str:
+    return "-" if math.isnan(value) else f"{value:.{digits}f}"
 
 
 def write_report(folder: Path, done: Finished, figures: Mapping[str, Any]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -42,7 +43,8 @@ def replay(path: Path, rig: Rig, config: LiveConfig | None, terminal: Terminal) 
     if not poses:
         raise InputError(f"{path}: holds no pose; expected a recording of `posefuse live --record`")
     figures = {"poses": poses, "equal": same, "farthest_m": farthest_m}
-    terminal.facts("Replay", {"poses": poses, "equal": same, "farthest keypoint": f"{farthest_m * 1000:.6f} mm away"})
+    away = f"{farthest_m * 1000:.6f} mm away" if math.isfinite(farthest_m) else "there in only one of the two"
+    terminal.facts("Replay", {"poses": poses, "equal": same, "farthest keypoint": away})
     return figures
 
 

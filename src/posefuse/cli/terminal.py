@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     from posefuse.core import Progress
 
+_ANY_WIDTH = 10_000
 Advance = Callable[[int, int], None]
 """Progress callback: (done, total)."""
 
@@ -60,6 +61,9 @@ class Terminal:
             shown.add_column(Text(column), justify="right" if right else "left", overflow="fold")
         for row in rows:
             shown.add_row(*(_cell(value) for value in row))
+        if self._tables.measure(shown, options=self._tables.options.update(width=_ANY_WIDTH)).maximum > self._tables.width:
+            # narrow cells before broken words
+            shown.padding = (0, 0)
         self._tables.print(shown)
 
     def facts(self, title: str, facts: Mapping[str, Any]) -> None:

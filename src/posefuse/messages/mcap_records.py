@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import IO, Any
 
@@ -50,7 +50,8 @@ def mcap_records(path: Path, most_bytes: int, warn: Callable[[str], None]) -> It
     with file:
         reads = _WholeReads(file)
         records = stream_reader.StreamReader(reads, validate_crcs=True, record_size_limit=most_bytes).records
-        whole_bytes, first_ns, last_ns, any_record = 0, None, 0, False
+        whole_bytes, any_record = 0, False
+        spans: dict[int, _Span] = {}
         while True:
             try:
                 record = next(records, None)
@@ -59,7 +60,7 @@ def mcap_records(path: Path, most_bytes: int, warn: Callable[[str], None]) -> It
                     raise SourceError(
                         f"{path}: cannot be read as MCAP: it ends after {size} bytes, before its header does"
                     ) from None
-                warn(_cut_line(path, size, whole_bytes, None if first_ns is None else (last_ns - first_ns) / _S))
+                warn(_cut_line(path, size, whole_bytes, spans.values()))
                 return
             except _damage() as error:
                 where = f"damaged at byte {whole_bytes} of {size}" if any_record else "cannot be read as MCAP"
@@ -68,12 +69,25 @@ def mcap_records(path: Path, most_bytes: int, warn: Callable[[str], None]) -> It
                 return
             any_record, whole_bytes, kind = True, reads.read_bytes, type(record).__name__
             if kind == "Message":
-                first_ns, last_ns = first_ns or record.log_time, record.log_time
+                spans.setdefault(record.channel_id, _Span(record.log_time)).add(record.log_time)
             yield kind, record
 
 
-def _cut_line(path: Path, size: int, whole_bytes: int, seconds: float | None) -> str:
-    kept = "no message is left" if seconds is None else f"{seconds:.2f} s from the first message on were read"
+class _Span:
+    """How many messages a channel has, from when to when."""
+
+    def __init__(self, first_ns: int) -> None:
+        self.count, self.first_ns, self.last_ns = 0, first_ns, first_ns
+
+    def add(self, t_ns: int) -> None:
+        """Its next message."""
+        self.count, self.last_ns = self.count + 1, t_ns
+
+
+def _cut_line(path: Path, size: int, whole_bytes: int, spans: Collection[_Span]) -> str:
+    # of the channel with the most messages: what is sent once may be long before
+    longest = max(spans, key=lambda span: span.count, default=None)
+    kept = "no message is left" if longest is None else f"{(longest.last_ns - longest.first_ns) / _S:.2f} s of it were read"
     cut, whole = (size - whole_bytes) / _MB, size / _MB
     return (
         f"{path}: the recording was cut off; {kept}; the last {cut:.3f} of {whole:.3f} MB are unfinished, later messages missing"

@@ -37,6 +37,8 @@ def read_result(path: Path | str, warn: Callable[[str], None] | None = None) -> 
         from .live_recording import read_live_recording
 
         return read_live_recording(path, warn or _warn)
+    if not path.exists():
+        raise InputError(f"{path}: no such file or folder")
     if path.is_file():
         raise InputError(f"{path}: expected a result folder of `posefuse track` or a {LIVE_SUFFIX} file of `posefuse live`")
     return read_recording(path)

@@ -113,4 +113,6 @@ def _camera_input(argument: str, camera: str, kind: str, what: str, rest: str) -
     if kind == "usb" and rest:
         device, _, size = rest.partition("@")
         return LiveInput(camera, kind, StreamConfig(where=device, camera=camera, size=size), reopen=True)
+    if kind in KINDS:
+        raise SourceError(f"--source {argument}: expected where it is after {kind}:; e.g. {EXAMPLES}")
     raise SourceError(f"--source {argument}: kind {kind!r} is not known; there are: {choices(KINDS)}; e.g. {EXAMPLES}")

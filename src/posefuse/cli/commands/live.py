@@ -33,8 +33,9 @@ def live(
         videos: Keep the cameras' videos in this folder, a session for posefuse track.
         replay: Feed a recording to the tracker again, and compare the poses.
     """
-    from posefuse.cli.live import replay_session, run_session
+    from posefuse.cli.live import check_nothing_else, replay_session, run_session
 
     if replay is not None:
+        check_nothing_else(sources, timing, outputs, ros_2, videos=videos)
         return replay_session(rig, replay, settings, terminal)
     return run_session(rig, sources, timing, outputs, ros_2, settings=settings, terminal=terminal, videos=videos)

@@ -10,6 +10,7 @@ from typing import Annotated, Any, ClassVar
 from annotated_types import Ge, Le
 
 from posefuse.core import (
+    ConfigError,
     Detections2D,
     InputError,
     LiveDetections,
@@ -33,6 +34,7 @@ from .parts import part_path
 from .ros import health_lines, message_from_live_centres, publish_preview
 
 NOTES = "posefuse_live"
+SUFFIX = ".mcap"
 # a part that ends in its first second again is of no use
 _LEAST_FREE_BYTES = 4 * 2**20
 
@@ -75,7 +77,7 @@ class RecordConfig:
     After a failure recording continues in ``NAME.2.mcap``, then ``.3`` and so on; no file is written over.
 
     Attributes:
-        path: the .mcap file; must not exist.
+        path: the file, whose name ends in .mcap; must not exist.
         images: record the cameras' small images, too, with the 2D keypoints to draw over them.
         sim_time: cameras are stamped in simulated time: with every pose `/clock` is kept, as it was then.
         domain_id, local_only, interface, peers: where `/clock` is, see `Ros2Config`.
@@ -92,6 +94,8 @@ class RecordConfig:
     keeps_all: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
+        if self.path.suffix.lower() != SUFFIX:
+            raise ConfigError(f"{self.path}: expected a name that ends in {SUFFIX}, by which recordings are recognized")
         # an instance may accept more than its class states
         object.__setattr__(self, "takes", (*_TAKES, LivePreview) if self.images else _TAKES)
 
