@@ -222,6 +222,27 @@ def test_a_file_cut_off_gives_a_shorter_recording_and_one_warning(tmp_path: Path
         read_result(tmp_path / "cut.mcap")
 
 
+def test_a_file_damaged_in_the_middle_is_read_up_to_there(tmp_path: Path, rig: Rig) -> None:
+    """A bad sector in the last minute must not cost the hour before it."""
+    record(tmp_path / "a.mcap", rig, frames_of(rig, 150), poses_of(500))
+    whole = read_live_recording(tmp_path / "a.mcap", pytest.fail)
+    raw = bytearray((tmp_path / "a.mcap").read_bytes())
+    place = len(raw) * 6 // 10
+    raw[place : place + 64] = bytes(64)
+    (tmp_path / "b.mcap").write_bytes(raw)
+    lines: list[str] = []
+    found = read_live_recording(tmp_path / "b.mcap", lines.append)
+    [line] = lines
+    assert "b.mcap: damaged at byte" in line and "what follows in this part is missing" in line
+    assert 0 < len(found.poses) < len(whole.poses)
+    np.testing.assert_array_equal(found.poses.xyz_world, whole.poses.xyz_world[: len(found.poses)])
+    # before the first pose there is nothing to keep
+    raw[:8] = bytes(8)
+    (tmp_path / "b.mcap").write_bytes(raw)
+    with pytest.raises(SourceError, match=r"b\.mcap: "):
+        read_live_recording(tmp_path / "b.mcap", lines.append)
+
+
 def test_parts_are_joined_in_order_without_overlap(tmp_path: Path, rig: Rig) -> None:
     frames, poses = frames_of(rig, 12), poses_of(40)
     record(tmp_path / "whole.mcap", rig, frames, poses)

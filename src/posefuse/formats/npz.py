@@ -33,9 +33,11 @@ def read_arrays(path: Path) -> dict[str, Array]:
     Raises:
         InputError: not such a file, damaged, or a small file that claims to hold gigabytes.
     """
+    if not path.exists():
+        raise InputError(f"{path}: no such file")
     try:
         if not zipfile.is_zipfile(path):
-            path.open("rb").close()  # a missing file is named as such
+            path.open("rb").close()  # one that may not be read is named as such
             raise InputError(f"{path}: not an .npz file, or its end is missing")
         _check_expansion(path)
         with np.load(path, allow_pickle=False) as stored:

@@ -64,11 +64,11 @@ def read_live_recording(path: Path, warn: Warn | None = None) -> Recording:
     the first frames were exposed a little before it.
 
     Args:
-        path: the first part. warn: is given one line for each part that was cut off, or cannot be used; `warnings.warn`
+        path: the first part. warn: is given one line for each part that was cut off or is damaged; `warnings.warn`
             where none is given.
 
     Raises:
-        SourceError: no such file, no MCAP file, or a damaged one.
+        SourceError: no such file, no MCAP file, or one that is damaged before its first pose.
         InputError: it holds no pose, or parts of different sessions.
         MessageError: a message that is malformed.
     """
@@ -81,9 +81,9 @@ def read_live_recording(path: Path, warn: Warn | None = None) -> Recording:
         try:
             _read_part(part, content, say)
         except SourceError as error:
-            if part == path:
+            if not content.poses:
                 raise
-            # what the other parts hold is still good
+            # what was read of it, and what the other parts hold, is still good
             say(f"{error}; what follows in this part is missing")
     if not content.poses:
         raise InputError(f"{path}: holds no pose; expected a recording of `posefuse live --record`")
