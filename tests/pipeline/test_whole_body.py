@@ -13,7 +13,7 @@ from posefuse.foundation.settings import settings_from_mapping
 from posefuse.kinematics.body import BodySettings
 from posefuse.pipeline.config import TrackConfig, changed_config
 from posefuse.pipeline.solve import SolveSettings
-from posefuse.pipeline.whole_body import with_bodies
+from posefuse.pipeline.whole_body import hidden_people, with_bodies
 from posefuse.simulation.exact import truth_of
 from posefuse.simulation.scene import Scene
 from posefuse.tracking import proportional_joint_centres
@@ -23,11 +23,10 @@ HIDDEN = slice(12, 30)
 WRIST, ELBOW = COCO17.index("left_wrist"), COCO17.index("left_elbow")
 
 
-@pytest.fixture(scope="module")
-def walker():
+def keypoints_of(motion: dict, steps: int) -> np.ndarray:
     """(T, 1, K, 3) keypoints of a simulated person at 30 Hz."""
     scene = {
-        "duration_s": STEPS / 30,
+        "duration_s": steps / 30,
         "rate_hz": 30,
         "cameras": {
             "kind": "ring",
@@ -36,9 +35,14 @@ def walker():
             "height_m": 2.0,
             "image": {"size_px": [64, 48], "horizontal_fov_deg": 60},
         },
-        "people": [{"motion": {"kind": "walk", "path": {"shape": "line", "start_m": [-1, 0], "end_m": [1, 0.4]}}}],
+        "people": [{"motion": motion}],
     }
-    return truth_of(settings_from_mapping(scene, Scene, where="walker")).xyz_world[:STEPS, :, : len(COCO17)]
+    return truth_of(settings_from_mapping(scene, Scene, where="person")).xyz_world[:steps, :, : len(COCO17)]
+
+
+@pytest.fixture(scope="module")
+def walker() -> np.ndarray:
+    return keypoints_of({"kind": "walk", "path": {"shape": "line", "start_m": [-1, 0], "end_m": [1, 0.4]}}, STEPS)
 
 
 def seen_by(rig, xyz: np.ndarray, hidden_from: int) -> Recording:
@@ -73,6 +77,27 @@ def test_a_forearm_in_one_view_is_found_with_its_uncertainty(walker, ring_rig) -
     assert (poses.kind[HIDDEN, 0, WRIST] == Kind.INTERPOLATED).all()
     assert np.mean(error) < 0.03
     assert (error < 3 * sigma).all()
+
+
+def test_a_raised_arm_without_3d_at_the_beginning_is_found_although_two_cameras_see_a_hanging_one(ring_rig) -> None:
+    """An arm that began hanging would stay so: rays far off count little."""
+    raised = keypoints_of({"kind": "overhead"}, 60)[28:]
+    rig = ring_rig(4)
+    recording = seen_by(rig, raised, hidden_from=0)
+    start = slice(0, 4)
+    xyz, cov, kind = (np.array(getattr(recording.poses, name)) for name in ("xyz_world", "cov_world", "kind"))
+    xy, sigma_px = np.array(recording.views.xy_img), np.array(recording.views.sigma_px)
+    shoulder = raised[:, :, COCO17.index("left_shoulder")]
+    for joint, below_m in ((ELBOW, 0.28), (WRIST, 0.52)):
+        xyz[start, :, joint], cov[start, :, joint], kind[start, :, joint] = np.nan, np.nan, Kind.MISSING
+        hanging = np.moveaxis(rig.project(shoulder + [0, 0.05, -below_m]), 0, 2)
+        for camera in (0, 3):
+            xy[:, :, camera, joint], sigma_px[:, :, camera, joint] = hanging[:, :, camera], 4 * SIGMA_PX
+    poses = replace(recording.poses, xyz_world=xyz, cov_world=cov, kind=kind)
+    views = replace(recording.views, xy_img=xy, sigma_px=sigma_px)
+    fitted = with_bodies(replace(recording, poses=poses), views, BodySettings(), None).poses
+    error = np.linalg.norm(fitted.xyz_world - raised, axis=-1)[start, 0, WRIST]
+    assert error.max() < 0.03
 
 
 def test_a_shoulder_without_3d_is_no_obstacle(walker, ring_rig) -> None:
@@ -128,7 +153,7 @@ def test_a_person_without_hips_keeps_their_poses(walker, ring_rig) -> None:
 @pytest.mark.parametrize(
     ("changes", "fitted", "wanted"),
     [
-        ({}, True, False),
+        ({}, True, True),
         ({"body": "auto"}, True, True),
         ({"body": "auto"}, False, False),
         ({"body": "on"}, False, True),
@@ -143,3 +168,42 @@ def test_a_body_is_fitted_if_asked_for_and_with_auto_where_it_is_known_to_help(c
     table = read_joint_centres(read_card("blazepose_full").joint_centres_file) if fitted else proportional_joint_centres(COCO17)
     settings = SolveSettings.of(changed_config(TrackConfig(), changes), table)
     assert (settings.body is not None) == wanted
+    assert settings.only_hidden == (changes.get("body", "auto") == "auto")
+
+
+def two_people(recording: Recording, second: np.ndarray) -> Recording:
+    """The person of a recording, and another one (id 1) with keypoints of this kind (T, K)."""
+    poses, views = recording.poses, recording.views
+    both = {
+        name: np.repeat(getattr(poses, name), 2, axis=1) for name in ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")
+    }
+    both["xyz_world"] = both["xyz_world"] + np.array([[0, 0, 0], [2.0, 0, 0]])[:, None]
+    both["kind"][:, 1] = second
+    planes = (np.repeat(plane, 2, axis=1) for plane in (views.xy_img, views.score, views.sigma_px))
+    return Recording.from_views(recording.rig, replace(poses, person_id=[0, 1], **both), *planes)
+
+
+def test_people_with_hidden_limbs_are_those_of_whom_a_joint_was_long_unmeasured(walker, ring_rig) -> None:
+    recording = seen_by(ring_rig(4), walker, hidden_from=3)
+    in_view = np.full((STEPS, len(COCO17)), Kind.SMOOTHED)
+    assert hidden_people(two_people(recording, in_view).poses) == {0}
+    for steps, hidden in ((2, False), (3, True)):
+        gap = in_view.copy()
+        gap[5 : 5 + steps, ELBOW] = Kind.INTERPOLATED
+        assert (1 in hidden_people(two_people(recording, gap).poses)) == hidden
+    # a head turned away is no limb, and time before a person came does not count
+    gap = in_view.copy()
+    gap[:, 0], gap[:20] = Kind.INTERPOLATED, Kind.MISSING
+    assert 1 not in hidden_people(two_people(recording, gap).poses)
+
+
+def test_only_people_with_hidden_limbs_are_fitted_if_asked_for(walker, ring_rig) -> None:
+    recording = seen_by(ring_rig(4), walker, hidden_from=3)
+    alone = with_bodies(recording, recording.views, BodySettings(), None, only_hidden=True)
+    everybody = with_bodies(recording, recording.views, BodySettings(), None)
+    np.testing.assert_array_equal(alone.poses.xyz_world, everybody.poses.xyz_world)
+    in_view = seen_by(ring_rig(4), walker, hidden_from=0)
+    poses = replace(in_view.poses, xyz_world=walker, kind=np.full(walker.shape[:-1], Kind.SMOOTHED))
+    in_view = replace(in_view, poses=poses)
+    assert with_bodies(in_view, in_view.views, BodySettings(), None, only_hidden=True) is in_view
+    assert with_bodies(in_view, in_view.views, BodySettings(), None) is not in_view

@@ -81,8 +81,9 @@ class TrackConfig:
         joint_centres: move keypoints to anatomical joint centres, if the detector has a table for it.
         proportions: move keypoints of detectors without such a table by average human proportions; gains and costs are in
             docs/networks.md.
-        body: fit one skeleton of constant segment lengths per person to the rays of all views. ``auto`` does so where a table
-            of joint centres was fitted to the detector, the weights are ``robust`` and the result is smoothed.
+        body: fit one skeleton of constant segment lengths per person to the rays of all views. ``auto`` does so for people of
+            whom a limb was out of sight for a part of the recording, if a table of joint centres was fitted to the detector,
+            the weights are ``robust`` and the result is smoothed; ``on`` for everybody.
         whole_body: how that skeleton may move.
         body_mesh: the output ``overlay`` draws the fitted body as a surface, too.
         refine_rig: refine the cameras' poses slightly from the people, then solve again; gains and costs are in
@@ -108,7 +109,7 @@ class TrackConfig:
     names: PeopleNames = ()
     joint_centres: bool = True
     proportions: bool = False
-    body: Literal["auto", "on", "off"] = "off"
+    body: Literal["auto", "on", "off"] = "auto"
     whole_body: BodySettings = field(default_factory=BodySettings)
     body_mesh: bool = True
     refine_rig: bool = False

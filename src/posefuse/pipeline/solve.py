@@ -44,6 +44,7 @@ class SolveSettings:
         smooth: None: every time step as it was fused, no smoothing, no bridged gaps.
         centres: moves keypoints to joint centres; None: they stay where the detector marks them.
         body: fits one skeleton per person to all views; None: keypoints remain as fused and smoothed.
+        only_hidden: fits the people of whom a limb was out of sight for a part of the recording, not the others.
         refine: refines the cameras' poses from the people first; None: they are as calibrated.
         gap_s: None: each camera gives one frame to each time step, interpolated between neighbouring time steps. Otherwise all
             of a camera's frames count at their own times, and two that are no farther apart are interpolated between.
@@ -55,6 +56,7 @@ class SolveSettings:
     smooth: SmoothSettings | None
     centres: JointCentres | None
     body: BodySettings | None = None
+    only_hidden: bool = False
     refine: RefineSettings | None = None
     gap_s: float | None = None
     edits: Edits = NO_EDITS
@@ -69,6 +71,7 @@ class SolveSettings:
             smooth=None if config.raw else config.smooth,
             centres=kept,
             body=config.whole_body if _fits_bodies(config, kept) else None,
+            only_hidden=config.body == "auto",
             refine=config.refine if config.refine_rig else None,
             gap_s=config.live_gap_s if live else None,
             edits=edits,
@@ -135,7 +138,9 @@ def finish(
         views = views_over_time(kept, people, *(() if gap_s is None else (kept.step_t_ns, round(gap_s * 1e9))))
         poses = poses_over_time(views, rig, settings.fuse, settings.smooth, settings.centres)
         recording = Recording(rig=rig, poses=poses, observations=kept, provenance=provenance)
-        return with_bodies(recording, views, settings.body, settings.centres) if settings.body else recording
+        if settings.body is None:
+            return recording
+        return with_bodies(recording, views, settings.body, settings.centres, only_hidden=settings.only_hidden)
 
 
 def with_refined_rig(recording: Recording, settings: SolveSettings, clock: StageClock | None = None) -> Recording:

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from posefuse.core import InputError, JointCentres, Recording, ViewSequence
+from posefuse.core import InputError, JointCentres, Kind, PoseSequence, Recording, ViewSequence
 from posefuse.core.joint_centres import SEGMENT_ENDS
 from posefuse.kinematics.body import BodySettings, LengthPrior, fit_views
 from posefuse.tracking import usual_lengths, views_at_joint_centres
+
+_LIMB_JOINTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
+# a limb counts as hidden where one of its joints was not measured in more than this share of the time steps; on people in full
+# view all were below 0.01, but for one who turned on the spot (0.05)
+_HIDDEN_SHARE = 0.05
 
 
 def usual_length_prior() -> LengthPrior:
@@ -16,17 +21,43 @@ def usual_length_prior() -> LengthPrior:
     return LengthPrior(names=tuple(SEGMENT_ENDS), mean_m=mean, cov_m2=cov)
 
 
-def with_bodies(recording: Recording, views: ViewSequence, settings: BodySettings, centres: JointCentres | None) -> Recording:
-    """The recording with the poses of fitted skeletons.
+def hidden_people(poses: PoseSequence) -> set[int]:
+    """The people of whom a limb was out of sight for a part of the time in which they were seen."""
+    names = [name for joint in _LIMB_JOINTS for name in (f"left_{joint}", f"right_{joint}") if name in poses.skeleton.keypoints]
+    seen = poses.kind != Kind.MISSING
+    measured = seen & (poses.kind != Kind.INTERPOLATED)
+    found = set()
+    for n, person in enumerate(poses.person_id.tolist()):
+        there = seen[:, n].any(axis=1)
+        joints = measured[there, n][:, poses.skeleton.indices(names)]
+        if (~joints).sum(axis=0).max(initial=0) > _HIDDEN_SHARE * len(joints):
+            found.add(person)
+    return found
+
+
+def with_bodies(
+    recording: Recording,
+    views: ViewSequence,
+    settings: BodySettings,
+    centres: JointCentres | None,
+    *,
+    only_hidden: bool = False,
+) -> Recording:
+    """The recording with the poses of fitted skeletons; with `only_hidden` of those people whose limbs were hidden.
 
     Segment lengths and poses are solved from `views`, so that a joint in one view alone still counts; the recording's poses are
     where that starts. People who were not seen well enough to have a skeleton keep their poses; the provenance names the others
     (``fitted_people``).
     """
+    chosen = hidden_people(recording.poses) if only_hidden else set(recording.poses.person_id.tolist())
+    if not chosen:
+        return recording
     rays = views_at_joint_centres(recording.poses, recording.rig, views, centres)
     try:
-        fit = fit_views(recording.poses, recording.rig, rays, settings, lengths=usual_length_prior())
+        fit = fit_views(recording.poses, recording.rig, rays, settings, lengths=usual_length_prior(), people=chosen)
     except InputError:  # no person has a skeleton
         return recording
-    people = sorted(person for person in recording.poses.person_id.tolist() if person in fit.bodies)
+    people = sorted(fit.bodies)
+    if not people:
+        return recording
     return replace(recording, poses=fit.poses, provenance={**recording.provenance, "fitted_people": people})

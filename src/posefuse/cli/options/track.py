@@ -49,7 +49,7 @@ class TrackOptions:
     raw: bool = False
     """Write every time step as it was fused: no smoothing, no filled gaps."""
     body: Literal["auto", "on", "off"] | None = None
-    """Fit one skeleton of constant lengths per person (default off; auto: where it is known to help)."""
+    """Fit one skeleton of constant lengths per person (default auto: people with hidden limbs)."""
     refine_rig: bool = False
     """Refine the cameras' poses slightly from the people, then solve again."""
     people: Annotated[int | None, Parameter(metavar="N", converter=people_from_text, n_tokens=1, accepts_keys=False)] = None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +18,7 @@ from .model import BodyModel, bodies_from_poses
 from .result import StateReader
 from .settings import BodySettings
 from .shape import LengthPrior, with_solved_lengths
-from .stand_in import with_stand_ins
+from .stand_in import nearest_in_time, with_stand_ins
 from .tracker import rays_of
 
 # a fit has failed when a keypoint is farther from the fused one than this and than so many of its standard deviations
@@ -75,16 +75,18 @@ def fit_views(
     bodies: Mapping[int, BodyModel] | None = None,
     joint_settings: JointSettings | None = None,
     lengths: LengthPrior | None = None,
+    people: Collection[int] | None = None,
 ) -> BodyFit:
     """Fit each person's skeleton directly to the rays of all views: a joint seen by one camera still counts.
 
     `views` are of the people and times of `sequence`, which gives the start, and segment lengths as medians over time. With
     `lengths` as a prior they are then solved together with poses (`with_solved_lengths`), and a shoulder or hip without any 3D
-    is no obstacle (`with_stand_ins`). Raises as `fit_poses`.
+    is no obstacle (`with_stand_ins`). Others than `people` (ids; None: everybody) keep their poses. Raises as `fit_poses`.
     """
     settings = settings or BodySettings()
     projections = rig.projections()
     start = sequence if lengths is None else with_stand_ins(sequence, lengths)
+    near_world = nearest_in_time(start)
 
     def measured(i: int, n: int, at: Array) -> Measurement:
         xy, inverse_var = rays_of(
@@ -93,11 +95,12 @@ def fit_views(
             views.score[i, n][:, at],
             views.sigma_px[i, n][:, at],
         )
-        xyz, cov = start.xyz_world[i, n, at], start.cov_world[i, n, at]
+        xyz, cov = near_world[i, n, at], start.cov_world[i, n, at]
         return Measurement(t_ns=int(sequence.t_ns[i]), xyz=xyz, cov=cov, projections=projections, xy=xy, inverse_var=inverse_var)
 
     if bodies is None:
         bodies = bodies_from_poses(start, settings, joint_settings)
+    bodies = {person: body for person, body in bodies.items() if people is None or person in people}
     if lengths is not None:
         work = FrameBuffers(sequence.skeleton, joint_settings or JointSettings())
         steps = np.unique(np.linspace(0, len(sequence) - 1, settings.length_steps).astype(int)).tolist()

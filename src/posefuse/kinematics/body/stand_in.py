@@ -44,3 +44,25 @@ def _fill(xyz: Array, left: int, right: int, line: Array) -> None:
         if seen[missing].sum() < FEWEST_SEEN <= seen[known].sum():
             gaps = ~seen[missing] & seen[known]
             xyz[gaps, missing] = xyz[gaps, known] + sign * line[gaps]
+
+
+def nearest_in_time(sequence: PoseSequence) -> Array:
+    """(T, N, K, 3) points of a recording; a missing one is where it was nearest in time, carried along by the hips.
+
+    Only a place to start from: a limb that begins bent the wrong way may stay so, since rays far off count little.
+    """
+    hips = [sequence.skeleton.index(f"{side}_hip") for side in ("left", "right")]
+    filled = sequence.xyz_world.copy()
+    for n in range(filled.shape[1]):
+        middle = filled[:, n, hips].mean(axis=1)
+        for k in range(filled.shape[2]):
+            known = np.flatnonzero(np.isfinite(filled[:, n, k, 0]) & np.isfinite(middle[:, 0]))
+            missing = np.flatnonzero(np.isnan(filled[:, n, k, 0]))
+            if len(known) and len(missing):
+                after = (
+                    np.clip(np.searchsorted(known, missing), 1, len(known) - 1) if len(known) > 1 else np.zeros(len(missing), int)
+                )
+                before = np.maximum(after - 1, 0)
+                near = np.where(missing - known[before] <= known[after] - missing, known[before], known[after])
+                filled[missing, n, k] = filled[near, n, k] + middle[missing] - middle[near]
+    return filled
