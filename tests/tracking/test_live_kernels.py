@@ -3,11 +3,12 @@
 import numpy as np
 
 from posefuse.core import Skeleton
+from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.tracking.online import LiveSettings
 from posefuse.tracking.online.kernels.body import start_missing
 from posefuse.tracking.online.kernels.state import NEVER, parts, state_size
 from posefuse.tracking.online.kernels.updates import doubt
-from posefuse.tracking.online.person import Model
+from posefuse.tracking.online.person import Model, Person, View
 from posefuse.tracking.online.settings import MotionModelSettings
 
 
@@ -37,3 +38,26 @@ def test_a_missing_keypoint_starts_at_the_mean_of_its_neighbours_and_moves_with_
     sigma = np.sqrt(person.cov[2, 0].diagonal())
     assert (sigma[:6] > 0).all()
     np.testing.assert_allclose(sigma[6:], 3.0)
+
+
+def test_a_view_that_exchanges_a_limb_is_put_in_order(ring_rig) -> None:
+    """Arms are exchanged by the view, legs are not; one keypoint is missing; rows make no difference to a person at rest."""
+    model, rng = Model(ring_rig(2), ANATOMICAL23, LiveSettings()), np.random.default_rng(0)
+    k, camera = len(ANATOMICAL23), model.rig.cameras[1].cam_from_world
+    xyz = rng.normal(0, 0.5, (k, 3)) + [0.0, 0.0, 1.0]
+    person = Person(model, 1, 0, xyz, np.broadcast_to(np.eye(3) * 1e-4, (k, 3, 3)))
+    there = xyz @ camera.matrix().T + camera.xyz
+    ideal = there[:, :2] / there[:, 2:]
+    order = np.where(model.group == 0, model.mirror, np.arange(k))
+    seen, hidden = ideal[order], int(np.flatnonzero(model.group == 1)[0])
+    seen[hidden] = np.nan
+    sigma = rng.uniform(0.001, 0.003, k)
+    white = np.eye(2) / sigma[order, None, None]
+    view = View(t_ns=0, camera=1, z=seen, white=white, late_s=rng.uniform(0, 0.01, k), sigma_px=np.ones(k))
+    z, inverse_var, then = np.empty((k, 2)), np.empty(k), np.empty((k, 3))
+    person.rays_into(view, z, inverse_var, then)
+    known = np.arange(k) != hidden
+    np.testing.assert_allclose(z[known], ideal[known])
+    np.testing.assert_allclose(inverse_var[known], sigma[known] ** -2.0)
+    np.testing.assert_allclose(then, xyz, atol=1e-12)
+    assert np.isnan(z[hidden]).all() and inverse_var[hidden] == 0

@@ -18,8 +18,8 @@ from posefuse.tracking.online import Evidence, Tracker
 from .config import LiveConfig
 from .joint_centres import Centring
 
-# nearer to a camera than this nothing is projected
-_LEAST_DEPTH_M = 0.05
+# NumPy compares with a number ten times as quickly as with a member of an enumeration
+_FUSED = int(Kind.FUSED)
 
 
 class LiveSkeletons:
@@ -37,7 +37,7 @@ class LiveSkeletons:
         """Whether poses are to be fitted: always, or only with offsets of joint centres that were fitted to the detector."""
         return self._config.body == "on" or centring.fitted
 
-    def step(self, tracker: Tracker, landmarks: Pose3D, pose: Pose3D) -> Pose3D:
+    def step(self, tracker: Tracker, pose: Pose3D) -> Pose3D:
         """The next pose, with the keypoints of the people who have a fitted skeleton; the others are as they were.
 
         Keypoints that are missing stay missing. Covariances are those of the tracked keypoints, as the fit does not make the
@@ -45,7 +45,7 @@ class LiveSkeletons:
         screen as of what they see.
 
         Args:
-            tracker: whose pose it is. landmarks: this pose. pose: the same people, at joint centres.
+            tracker: whose pose it is. pose: at joint centres.
         """
         t_ns, before = pose.t_ns, self._people
         self._people = {person: before.get(person) or self._new() for person in pose.person_id.tolist()}
@@ -53,9 +53,9 @@ class LiveSkeletons:
         evidence = tracker.evidence(t_ns) if wanting else {}
         xyz, cov = pose.xyz_world.copy(), pose.cov_world.copy()
         for n, (person, body) in enumerate(self._people.items()):
-            tracked = TrackedPoints(t_ns=t_ns, xyz=xyz[n].copy(), cov=pose.cov_world[n], measured=pose.kind[n] == Kind.FUSED)
+            tracked = TrackedPoints(t_ns=t_ns, xyz=xyz[n].copy(), cov=pose.cov_world[n], measured=pose.kind[n] == _FUSED)
             seen = evidence.get(person) if person in wanting else None
-            rays = None if seen is None else self._rays(seen, landmarks.xyz_world[n], tracked.xyz)
+            rays = None if seen is None else self._rays(seen, tracked.xyz)
             fitted = body.step(tracked, rays)
             if fitted is not None:
                 xyz[n] = fitted
@@ -72,28 +72,15 @@ class LiveSkeletons:
     def _new(self) -> LiveBody:
         return LiveBody(self._skeleton, self._config.whole_body, self._config.live_body, self._prior, self._work)
 
-    def _rays(self, seen: Evidence, landmarks: Array, centred: Array) -> LiveRays:
+    def _rays(self, seen: Evidence, centred: Array) -> LiveRays:
         """Rays as they would be now, to joint centres: moved by what lies between the landmark then and the centre now."""
-        projections = self._projections[seen.camera]
-        xy = seen.z + _ideal(projections, centred[None]) - _ideal(projections, seen.then_world)
-        known = np.isfinite(xy[..., 0])
-        return LiveRays(
-            projections=projections,
-            xy=np.where(known[..., None], xy, 0.0),
-            inverse_var=np.where(known, seen.inverse_var, 0.0),
-            checked_ns=seen.checked_ns,
-            checked_world=centred + seen.away_world,
-        )
+        return LiveRays.moved(
+            self._projections[seen.camera], seen.z, seen.inverse_var, then=seen.then_world, now=centred,
+            checked_ns=seen.checked_ns, checked_world=centred + seen.away_world,
+        )  # fmt: skip
 
 
 def pose_for_output(tracker: Tracker, landmarks: Pose3D, centring: Centring, bodies: LiveSkeletons | None) -> Pose3D:
     """The tracker's newest pose at joint centres, on people's skeletons if these are wanted."""
     pose = centring.moved(landmarks)
-    return pose if bodies is None or not bodies.wanted(centring) else bodies.step(tracker, landmarks, pose)
-
-
-def _ideal(projections: Array, xyz: Array) -> Array:
-    """(V, K, 2) ideal image points of points (V or 1, K, 3) in cameras (V, 3, 4); NaN behind them."""
-    there = xyz @ np.swapaxes(projections[:, :, :3], 1, 2) + projections[:, None, :, 3]
-    depth_m = np.where(there[..., 2:] > _LEAST_DEPTH_M, there[..., 2:], np.nan)
-    return np.asarray(there[..., :2] / depth_m)
+    return pose if bodies is None or not bodies.wanted(centring) else bodies.step(tracker, pose)

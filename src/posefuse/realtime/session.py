@@ -241,8 +241,7 @@ def ready_bodies(rig: Rig, skeleton: Skeleton, config: LiveConfig) -> LiveSkelet
     for detections in made_up_detections(rig, skeleton, _WARM_UP_INSTANTS, start_ns=10**15):
         for view in detections:
             tracker.add(view)
-            pose = tracker.at(view.t_ns + 20_000_000)
-            made_up.step(tracker, pose, pose)
+            made_up.step(tracker, tracker.at(view.t_ns + 20_000_000))
     return LiveSkeletons(rig, skeleton, config)
 
 

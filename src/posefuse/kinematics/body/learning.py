@@ -30,7 +30,7 @@ class LearntBody:
         self, skeleton: Skeleton, settings: BodySettings, live: LiveBodySettings, prior: LengthPrior, work: FrameBuffers
     ) -> None:
         self.body: BodyModel | None = None
-        self._wanted: BodyModel | None = None
+        self._way: _Way | None = None
         self._skeleton, self._settings, self._live, self._prior, self._work = skeleton, settings, live, prior, work
         self._every_ns = round(live.sample_every_s * 1e9)
         self._samples: list[tuple[int, Array, Array, Array]] = []
@@ -44,8 +44,8 @@ class LearntBody:
             self._due_s *= 2
             self._learn()
         before = self.body
-        if self._wanted is not None and before is not self._wanted:
-            self.body = self._nearer(before, self._wanted, self._live.length_rate_m_s * elapsed_s)
+        if self._way is not None and before is not self._way.end:
+            self.body = self._way.after(self._live.length_rate_m_s * elapsed_s)
         return self.body is not before
 
     def _sampled(self, t_ns: int, xyz: Array, cov: Array, measured: Array) -> bool:
@@ -77,16 +77,28 @@ class LearntBody:
         )
         body = body_from_frames(sequence, 0, frames, self._settings)
         if body is not None:
-            self._wanted = with_expected_lengths(body, self._prior, self._live.length_sigma_m)
+            self._way = _Way(self.body, with_expected_lengths(body, self._prior, self._live.length_sigma_m))
 
-    @staticmethod
-    def _nearer(now: BodyModel | None, wanted: BodyModel, most_m: float) -> BodyModel:
-        """`wanted`, or on the way there: no joint and keypoint moves farther in its segment."""
-        if now is None or now.nodes != wanted.nodes or not np.array_equal(now.keypoint, wanted.keypoint):
-            return wanted
-        offset, local = wanted.offset - now.offset, wanted.keypoint_local - now.keypoint_local
-        farthest_m = max(float(np.linalg.norm(change, axis=1).max()) for change in (offset, local))
-        if farthest_m <= most_m:
-            return wanted
-        share = most_m / farthest_m
-        return replace(wanted, offset=now.offset + share * offset, keypoint_local=now.keypoint_local + share * local)
+
+class _Way:
+    """From one skeleton to another in small steps; at once to one of another tree, or where there is none yet.
+
+    Attributes:
+        end: where it leads.
+    """
+
+    def __init__(self, start: BodyModel | None, end: BodyModel) -> None:
+        self.end = end
+        self._whole_m = self._left_m = 0.0
+        if start is not None and start.same_tree(end):
+            self._offset, self._local = end.offset - start.offset, end.keypoint_local - start.keypoint_local
+            self._whole_m = max(float(np.linalg.norm(change, axis=1).max()) for change in (self._offset, self._local))
+            self._left_m = self._whole_m
+
+    def after(self, step_m: float) -> BodyModel:
+        """The next skeleton on the way: no joint and keypoint moves farther than that in its segment."""
+        self._left_m -= step_m
+        if self._left_m <= 0.0:
+            return self.end
+        share, end = self._left_m / self._whole_m, self.end
+        return replace(end, offset=end.offset - share * self._offset, keypoint_local=end.keypoint_local - share * self._local)

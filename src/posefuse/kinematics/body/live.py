@@ -7,6 +7,7 @@ dropped, the output passes from one pose to the other over a short time, in whic
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,6 +35,9 @@ _PREFERENCE = 3.0
 _ELSEWHERE_M = 0.3
 # beyond so many standard deviations a ray is no more than wrong
 _WRONG_SIGMAS = 5.0
+# nearer to a camera than this nothing is projected
+_LEAST_DEPTH_M = 0.05
+_AXES = np.eye(3)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -52,21 +56,27 @@ class LiveRays:
     checked_ns: int
     checked_world: Array
 
-    def squared(self, points: Array, at: Array) -> Array:
-        """(V, A) squared distance of points (A, 3) from the rays of keypoints `at` in standard deviations; NaN where unseen."""
-        there = np.einsum("vij,aj->vai", self.projections[:, :, :3], points) + self.projections[:, None, :, 3]
-        error = np.square(there[..., :2] / there[..., 2:] - self.xy[:, at]).sum(axis=-1)
-        inverse_var = self.inverse_var[:, at]
-        return np.where(inverse_var > 0, error * inverse_var, np.nan)
+    @staticmethod
+    def moved(
+        projections: Array, z: Array, inverse_var: Array, *, then: Array, now: Array, checked_ns: int, checked_world: Array
+    ) -> LiveRays:
+        """Rays z (V, K, 2) as they would be now: moved by what lies between their points then (V, K, 3) and now (K, 3)."""
+        xy, known_var = np.empty(z.shape), np.empty(inverse_var.shape)
+        kernels.moved_rays(projections, z, inverse_var, then, now, _LEAST_DEPTH_M, xy, known_var)
+        return LiveRays(
+            projections=projections, xy=xy, inverse_var=known_var, checked_ns=checked_ns, checked_world=checked_world
+        )  # fmt: skip
 
     def disagreement(self, points: Array) -> Array:
         """(K,) by how much rays that meet near points (K, 3) are farther apart than stated, as a factor of variance from 1 on.
 
         The Birge ratio: chi-squared by its degrees of freedom. One ray agrees with any point.
         """
-        squared = self.squared(points, np.arange(len(points)))
-        freedom = 2 * np.isfinite(squared).sum(axis=0) - 3
-        return np.asarray(np.maximum(1.0, np.nansum(squared, axis=0) / np.where(freedom > 0, freedom, np.inf)))
+        return np.asarray(kernels.disagreement(points, self.projections, self.xy, self.inverse_var))
+
+    def loss(self, points: Array, at: Array) -> float:
+        """Mean squared distance of keypoints `at` (A, 3) from rays in standard deviations, by coordinate, large ones cut."""
+        return float(kernels.ray_loss(points, at, self.projections, self.xy, self.inverse_var, _WRONG_SIGMAS**2))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -159,21 +169,24 @@ class _Fit:
     ) -> None:
         self._body, self._skeleton, self._settings, self._live, self._state = body, skeleton, settings, live, state
         self._packed: Packed = packed_from_body(body, settings)
-        self._points = self._placed()
         slack_var = self._packed.slack_var
         self._loose = np.diag(np.where(slack_var > 0, 1 / np.where(slack_var > 0, slack_var, 1.0), 1 / _LOOSE_SD**2))
         self._slack = np.array([node.slack for node in body.nodes])
         count = len(body.keypoint)
+        # (A, 3) keypoints in the pose, from the first fit on
+        self._points = np.full((count, 3), np.nan)
         # (A, 3) from the tracked keypoints to where rays put them
         self._off = np.zeros((count, 3))
         self._feet = StandingFeet(skeleton, body.keypoint)
+        self._soles = body.keypoint[self._feet.rows]
+        self._preferred_sd = self._packed.preferred_sd * _PREFERENCE
         self._far = np.zeros(count, np.int64)
         self._worse = 0
-        self._none = np.zeros((count, 0))
+        self._no_rays = np.zeros((0, 3, 4)), np.zeros((count, 0, 2)), np.zeros((count, 0))
 
     def with_body(self, body: BodyModel) -> _Fit | None:
         """The same with other lengths; None if it is another tree."""
-        if body.nodes != self._body.nodes or not np.array_equal(body.keypoint, self._body.keypoint):
+        if not body.same_tree(self._body):
             return None
         tree = self._packed.tree._replace(offset=body.offset, local=body.keypoint_local)
         self._body, self._packed = body, replace(self._packed, tree=tree)
@@ -182,7 +195,8 @@ class _Fit:
     def correction(self, xyz: Array) -> Array:
         """(K, 3) from tracked keypoints to those of the skeleton; 0 where either is missing."""
         at, out = self._body.keypoint, np.zeros_like(xyz)
-        out[at] = np.nan_to_num(self._points - xyz[at])
+        change = self._points - xyz[at]
+        out[at] = np.where(np.isfinite(change), change, 0.0)
         return out
 
     def to_rays(self, tracked: TrackedPoints, rays: LiveRays, iterations: int) -> None:
@@ -205,28 +219,27 @@ class _Fit:
     def follow(self, tracked: TrackedPoints) -> None:
         """Move with the tracked keypoints."""
         put, information, _ = self._with_standing(tracked, tracked.xyz[self._body.keypoint] + self._off, 1.0)
-        none = self._none
-        self._solve(
-            kernels.SeenKeypoints(put, information, np.zeros((0, 3, 4)), none[..., None] + [0, 0], none), _TICK_ITERATIONS
-        )
+        self._solve(kernels.SeenKeypoints(put, information, *self._no_rays), _TICK_ITERATIONS)
 
     def _with_standing(self, tracked: TrackedPoints, xyz: Array, share: float) -> tuple[Array, Array, Array]:
         """Points (A, 3) to fit, their information (A, 3, 3), and which of them stand and so are put at their places."""
         at, sigma_m = self._body.keypoint, self._settings.contact_sigma_m
-        put, information = kernels.weighted_points(xyz, tracked.cov[at], share)
+        put, information = kernels.weighted_points(xyz, tracked.cov, at, share)
         stands = np.zeros(len(at), bool)
         if sigma_m:
             feet = self._feet
-            places = feet.step(tracked.t_ns, tracked.xyz[at[feet.rows]] + self._off[feet.rows])
+            places = feet.step(tracked.t_ns, tracked.xyz[self._soles] + self._off[feet.rows])
             held = feet.rows[feet.stands]
-            put[held], information[held], stands[held] = places[feet.stands], np.eye(3) / sigma_m**2, True
+            put[held], information[held], stands[held] = places[feet.stands], _AXES / sigma_m**2, True
         return put, information, stands
 
     def elsewhere(self, tracked: TrackedPoints) -> bool:
         """Whether the person was found again in another place."""
-        away = np.linalg.norm(tracked.xyz[self._body.keypoint] - self._points, axis=1)
-        known = away[np.isfinite(away)]
-        return len(known) > 0 and float(np.median(known)) > _ELSEWHERE_M
+        away = tracked.xyz[self._body.keypoint] - self._points
+        # NaN come last
+        squared = np.sort((away * away).sum(axis=1))
+        last = int(np.isfinite(squared).sum()) - 1
+        return last >= 0 and math.sqrt(squared[last // 2]) + math.sqrt(squared[(last + 1) // 2]) > 2 * _ELSEWHERE_M
 
     def disagrees(self, tracked: TrackedPoints, rays: LiveRays, checked_anew: bool) -> bool:
         """Whether rays, or robust fusion, have been against this fit for a while."""
@@ -237,26 +250,14 @@ class _Fit:
             sigma_m = np.sqrt(np.trace(tracked.cov[at], axis1=1, axis2=2) / 3)
             far = away_m > np.maximum(live.far_m, live.far_sigmas * sigma_m)
             self._far = np.where(far, self._far + 1, 0)
-        mine, theirs = _ray_loss(points, rays, at), _ray_loss(tracked.xyz[at], rays, at)
+        mine, theirs = rays.loss(points, at), rays.loss(tracked.xyz[at], at)
         self._worse = self._worse + 1 if mine > theirs + live.worse_by else 0
         return bool((self._far >= live.far_checks).any()) or self._worse >= live.worse_fits
 
     def _solve(self, seen: kernels.SeenKeypoints, iterations: int) -> None:
         q, rot = self._state
         expected = np.where(self._slack, 0.0, q), rot.copy()
-        kernels.gauss_newton(
-            self._packed.tree, expected, self._loose, self._packed.preferred_sd * _PREFERENCE, seen, self._settings.robust_dof,
-            1.0, iterations, q, rot,
+        kernels.descend(
+            self._packed.tree, expected, self._loose, self._preferred_sd, seen, self._settings.robust_dof, iterations,
+            q, rot, self._points,
         )  # fmt: skip
-        self._points = self._placed()
-
-    def _placed(self) -> Array:
-        """(A, 3) keypoints in the pose."""
-        return np.asarray(kernels.points(self._packed.tree, *self._state))
-
-
-def _ray_loss(points: Array, rays: LiveRays, at: Array) -> float:
-    """Mean squared distance of keypoints (A, 3) from their rays in standard deviations, by coordinate, wrong rays cut."""
-    squared = rays.squared(points, at) / 2
-    seen = np.isfinite(squared)
-    return float(np.minimum(squared[seen], _WRONG_SIGMAS**2).mean()) if seen.any() else 0.0

@@ -59,6 +59,11 @@ class BodyModel:
     length_slopes: Array
     length_cov: Array
 
+    def same_tree(self, other: BodyModel) -> bool:
+        """Whether both have the same joints and keypoints: only their places differ."""
+        same_keypoints = self.keypoint is other.keypoint or np.array_equal(self.keypoint, other.keypoint)
+        return self.nodes == other.nodes and same_keypoints
+
     def node(self, name: str) -> int:
         """Place of a node."""
         return [node.name for node in self.nodes].index(name)

@@ -19,6 +19,8 @@ from .settings import LiveSettings
 _BORN_M_S = 1.5
 # in a count of cameras, the depth of one
 _DEPTH_OF = 1 << 16
+# over which motion is measured that moves a keypoint between the rows of an image
+_ROW_NS = 5_000_000
 # of keypoints that were measured, and of those that are only predicted
 _KINDS = (int(Kind.FUSED), int(Kind.PREDICTED))
 
@@ -190,6 +192,13 @@ class Person:
         views = (moment.view for moment in self._moments if since_ns <= moment.t_ns <= until_ns)
         return list({view.camera: view for view in views if view is not None}.values())
 
+    def rays_into(self, view: View, z: Array, inverse_var: Array, then_world: Array) -> None:
+        """Fill the rays of a view of this person, see `kernels.rays_of_person`."""
+        before = (self._before(view.t_ns).state, self._before(view.t_ns + _ROW_NS).state)
+        kernels.rays_of_person(
+            before, self._seconds(view.t_ns), _ROW_NS * 1e-9, _rays(view), self._model.arrays, z, inverse_var, then_world
+        )  # fmt: skip
+
     def expected(self, t_ns: int) -> tuple[Array, Array]:
         """Positions (K, 3) and how sure (K,) at a time, from what came before it."""
         model = self._model
@@ -212,11 +221,8 @@ class Person:
         before, now = self._moments[place - 1], self._moments[place]
         view = now.view
         assert view is not None
-        rays = kernels.KeypointRays(
-            camera=view.camera, z=view.z, white=view.white, late_s=view.late_s, sigma_px=view.sigma_px
-        )  # fmt: skip
         figures: kernels.ViewFigures = kernels.step(
-            before.state, now.state, self._seconds(now.t_ns), rays, self._model.arrays, view.depth_m
+            before.state, now.state, self._seconds(now.t_ns), _rays(view), self._model.arrays, view.depth_m
         )  # fmt: skip
         return figures
 
@@ -225,6 +231,10 @@ class Person:
 
     def _seconds(self, t_ns: int) -> float:
         return (t_ns - self._birth_ns) * 1e-9
+
+
+def _rays(view: View) -> kernels.KeypointRays:
+    return kernels.KeypointRays(camera=view.camera, z=view.z, white=view.white, late_s=view.late_s, sigma_px=view.sigma_px)
 
 
 class Pose3DArrays:

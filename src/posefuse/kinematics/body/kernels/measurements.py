@@ -16,9 +16,12 @@ LIMIT_SD = 0.03
 @kernel()
 def point_information(x, seen, information, robust, gradient, out):
     """Student-t weighted information of a measured 3D point about the place x; returns its squared distance."""
-    d = seen - x
-    pulled = information @ d
-    distance = d[0] * pulled[0] + d[1] * pulled[1] + d[2] * pulled[2]
+    distance = 0.0
+    pulled = np.zeros(3)
+    for i in range(3):
+        for j in range(3):
+            pulled[i] += information[i, j] * (seen[j] - x[j])
+        distance += (seen[i] - x[i]) * pulled[i]
     weight = (robust + 3.0) / (robust + distance)
     for i in range(3):
         gradient[i] += weight * pulled[i]
@@ -98,15 +101,19 @@ def _ball_limits(r, at, limits, mirrored, hessian, slope):
     if cosine < 0.2:
         return
     angles = (math.atan2(-r[0, 1], r[1, 1]), sign * math.atan2(r[2, 1], cosine), sign * math.atan2(-r[2, 0], r[2, 2]))
+    over = np.empty(3)
+    for k in range(3):
+        over[k] = max(0.0, angles[k] - limits[k, 1]) + min(0.0, angles[k] - limits[k, 0])
+    if not over.any():
+        return
     axes = np.zeros((3, 3))
     axes[2, 0] = 1.0
     axes[0, 1], axes[1, 1] = sign * math.cos(angles[0]), sign * math.sin(angles[0])
     axes[:, 2] = sign * r[:, 1]
     rates = np.linalg.inv(axes) @ r
     for k in range(3):
-        over = max(0.0, angles[k] - limits[k, 1]) + min(0.0, angles[k] - limits[k, 0])
-        if over != 0.0:
+        if over[k] != 0.0:
             for i in range(3):
-                slope[at + i] -= rates[k, i] * over / (LIMIT_SD * LIMIT_SD)
+                slope[at + i] -= rates[k, i] * over[k] / (LIMIT_SD * LIMIT_SD)
                 for j in range(3):
                     hessian[at + i, at + j] += rates[k, i] * rates[k, j] / (LIMIT_SD * LIMIT_SD)

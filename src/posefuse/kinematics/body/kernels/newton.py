@@ -11,7 +11,7 @@ from posefuse.foundation.compiled import kernel
 
 from .algebra import solve_rows
 from .measurements import add, habits, point_information, ray_information
-from .tree import derivative, difference, forward, place, retract
+from .tree import derivative, difference, forward, place, put_points, retract
 
 CONVERGED = 1e-5
 
@@ -36,43 +36,61 @@ def gauss_newton(tree, expected, expected_information, preferred_sd, seen, robus
     `expected`: the state (q, rot) it is expected in. What was measured counts `repeats` times less than it states, as its error
     is that of as many time steps; whether it is an outlier is judged by what it states.
     """
+    hessian, slope = np.empty(expected_information.shape), np.empty(tree.dof[-1])
+    used = 0
+    _equations(tree, expected, expected_information, preferred_sd, seen, robust, repeats, q, rot, hessian, slope)
+    while used < iterations and _stepped(tree, hessian, slope, q, rot):
+        used += 1
+        _equations(tree, expected, expected_information, preferred_sd, seen, robust, repeats, q, rot, hessian, slope)
+    return 0.5 * (hessian + hessian.T), used
+
+
+@kernel()
+def descend(tree, expected, expected_information, preferred_sd, seen, robust, iterations, q, rot, points):
+    """As `gauss_newton`, for the pose alone: no equations at its optimum. Leaves the places (A, 3) of the keypoints."""
+    hessian, slope = np.empty(expected_information.shape), np.empty(tree.dof[-1])
+    for _ in range(iterations):
+        _equations(tree, expected, expected_information, preferred_sd, seen, robust, 1.0, q, rot, hessian, slope)
+        if not _stepped(tree, hessian, slope, q, rot):
+            break
+    put_points(tree, q, rot, points)
+
+
+@kernel()
+def _equations(tree, expected, expected_information, preferred_sd, seen, robust, repeats, q, rot, hessian, slope):
+    """The normal equations (D, D) and (D,) of one time step about a state."""
     parent, kind, axis, offset, dof, limits, mirrored, node, local = tree
     xyz, information, projections, xy, inverse_var = seen
     q_expected, rot_expected = expected
-    size = dof[-1]
-    frame = np.empty((kind.shape[0], 3, 3))
-    origin = np.empty((kind.shape[0], 3))
-    columns = np.empty(size, np.int64)
-    values = np.empty((size, 3))
-    gradient = np.empty(3)
-    local_information = np.empty((3, 3))
-    hessian = np.empty((size, size))
-    used = 0
-    for _ in range(iterations + 1):
-        forward(parent, kind, axis, offset, q, rot, frame, origin)
-        hessian[:] = expected_information
-        slope = -(expected_information @ difference(kind, dof, q, rot, q_expected, rot_expected))
-        habits(kind, dof, preferred_sd, limits, mirrored, q, rot, hessian, slope)
-        for p in range(node.shape[0]):
-            x = place(frame, origin, node[p], local[p])
-            gradient[:] = 0.0
-            local_information[:] = 0.0
-            if information[p, 0, 0] > 0.0:
-                point_information(x, xyz[p], information[p], robust, gradient, local_information)
-            ray_information(x, projections, xy[p], inverse_var[p], robust, gradient, local_information)
-            if local_information[0, 0] > 0.0:
-                gradient /= repeats
-                local_information /= repeats
-                count = derivative(parent, kind, axis, dof, frame, node[p], x, origin, columns, values)
-                add(columns, values, count, gradient, local_information, hessian, slope)
-        if used == iterations:
-            break
-        step = solve_rows(hessian, slope.reshape(1, -1))[0]
-        biggest = np.max(np.abs(step))
-        if biggest > 0.5:
-            step *= 0.5 / biggest
-        if biggest < CONVERGED:
-            break
-        retract(kind, dof, step, q, rot)
-        used += 1
-    return 0.5 * (hessian + hessian.T), used
+    frame, origin = np.empty(rot.shape), np.empty((len(q), 3))
+    columns, values = np.empty(len(slope), np.int64), np.empty((len(slope), 3))
+    gradient, local_information = np.empty(3), np.empty((3, 3))
+    forward(parent, kind, axis, offset, q, rot, frame, origin)
+    hessian[:] = expected_information
+    slope[:] = -(expected_information @ difference(kind, dof, q, rot, q_expected, rot_expected))
+    habits(kind, dof, preferred_sd, limits, mirrored, q, rot, hessian, slope)
+    for p in range(node.shape[0]):
+        x = place(frame, origin, node[p], local[p])
+        gradient[:] = 0.0
+        local_information[:] = 0.0
+        if information[p, 0, 0] > 0.0:
+            point_information(x, xyz[p], information[p], robust, gradient, local_information)
+        ray_information(x, projections, xy[p], inverse_var[p], robust, gradient, local_information)
+        if local_information[0, 0] > 0.0:
+            gradient /= repeats
+            local_information /= repeats
+            count = derivative(parent, kind, axis, dof, frame, node[p], x, origin, columns, values)
+            add(columns, values, count, gradient, local_information, hessian, slope)
+
+
+@kernel()
+def _stepped(tree, hessian, slope, q, rot):
+    """Move the state (q, rot) towards the solution of its equations; False where it is there already, and it stays."""
+    step = solve_rows(hessian, slope.reshape(1, -1))[0]
+    biggest = np.max(np.abs(step))
+    if biggest > 0.5:
+        step *= 0.5 / biggest
+    if biggest < CONVERGED:
+        return False
+    retract(tree.kind, tree.dof, step, q, rot)
+    return True

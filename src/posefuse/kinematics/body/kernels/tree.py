@@ -114,6 +114,15 @@ def place(frame, origin, node, local):
 
 
 @kernel()
+def put_points(tree, q, rot, out):
+    """Fill the places (A, 3) of the tree's keypoints."""
+    frame, origin = np.empty(rot.shape), np.empty((len(q), 3))
+    forward(tree.parent, tree.kind, tree.axis, tree.offset, q, rot, frame, origin)
+    for p in range(len(out)):
+        out[p] = place(frame, origin, tree.node[p], tree.local[p])
+
+
+@kernel()
 def derivative(parent, kind, axis, dof, frame, node, x, origin, columns, values):
     """Columns of d(point)/d(state) that are not zero: their places and values (n, 3); returns how many.
 
@@ -139,11 +148,23 @@ def derivative(parent, kind, axis, dof, frame, node, x, origin, columns, values)
 
 
 @kernel()
+def _turned(a, b, back):
+    """a @ b, or a^T @ b where it is to be turned `back`; own loops, as a call of BLAS takes longer than a product of (3, 3)."""
+    out = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = 0.0
+            for k in range(3):
+                out[i, j] += (a[k, i] if back else a[i, k]) * b[k, j]
+    return out
+
+
+@kernel()
 def retract(kind, dof, step, q, rot):
     """Move a state by local coordinates (D,), in place."""
     for n in range(kind.shape[0]):
         if kind[n] == BALL:
-            rot[n] = rot[n] @ exp3(step[dof[n] : dof[n] + 3])
+            rot[n] = _turned(rot[n], exp3(step[dof[n] : dof[n] + 3]), False)
         else:
             q[n] += step[dof[n]]
 
@@ -154,7 +175,7 @@ def difference(kind, dof, q, rot, q_from, rot_from):
     out = np.empty(dof[-1])
     for n in range(kind.shape[0]):
         if kind[n] == BALL:
-            out[dof[n] : dof[n] + 3] = log3(rot_from[n].T @ rot[n])
+            out[dof[n] : dof[n] + 3] = log3(_turned(rot_from[n], rot[n], True))
         else:
             out[dof[n]] = q[n] - q_from[n]
     return out

@@ -4,6 +4,7 @@ Times are seconds since the person's birth. Arrays that belong together are one 
 one view, and `StateParts`, the parts of the flat array that a person is kept as.
 """
 
+from .evidence import rays_of_person
 from .own_motion import CorrectionLimits, Prediction, Regression, WatchedKeypoints, anticipate, correct, learn
 from .pose import PoseRow, pose, where
 from .rays import agreement, measure
@@ -33,6 +34,7 @@ __all__ = [
     "learn",
     "measure",
     "pose",
+    "rays_of_person",
     "state_size",
     "step",
     "where",

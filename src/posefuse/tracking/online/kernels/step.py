@@ -53,7 +53,7 @@ def step(before, after, t, view, session, deep=None):
     exchanged = np.zeros(GROUPS)
     wheres, wide = means[:k] + means[k], spreads[:k] + spreads[k]
     flipped_groups(view, wheres, wide, session, exchanged)
-    source = _sources(exchanged, session)
+    source = sources(exchanged, session)
     depths = move_body(view, source, person, means, spreads, session, deep)
     measured, gated, square = _work_in(view, t, source, person, means, spreads, session, deep)
     for g in range(GROUPS):
@@ -72,7 +72,7 @@ def step(before, after, t, view, session, deep=None):
 
 
 @kernel()
-def _sources(exchanged, session):
+def sources(exchanged, session):
     """(K,) which keypoint of the view each one of the person is: its counterpart where its limb is exchanged (GROUPS,)."""
     source = np.arange(len(session.mirror))
     for i in range(len(source)):
