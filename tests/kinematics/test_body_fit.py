@@ -8,8 +8,11 @@ import pytest
 from posefuse.core import InputError, Kind, PoseSequence, Views, ViewSequence
 from posefuse.kinematics import JOINT_NAMES, joints_from_poses
 from posefuse.kinematics.body import BodySettings, BodyTracker, bodies_from_poses, fit_poses, fit_views, kernels
+from posefuse.kinematics.body.filter import Measurement
+from posefuse.kinematics.body.fit import _failed
 from posefuse.kinematics.body.guess import guessed_state
 from posefuse.kinematics.body.packed import packed_from_body
+from posefuse.kinematics.body.response import disagreement
 from posefuse.kinematics.joints import FrameBuffers
 from posefuse.kinematics.settings import JointSettings
 
@@ -253,3 +256,36 @@ def test_a_person_who_was_never_fitted_keeps_their_points(noisy, fitted):
     )  # fmt: skip
     fit = fit_poses(nothing, WHITE, fitted.bodies)
     assert not fit.bodies and np.isnan(fit.poses.xyz_world).all()
+
+
+def rays_with_noise(rig, xyz: np.ndarray, noise_px: float, stated_px: float) -> Measurement:
+    """What the cameras of a rig without distortion see of points (A, 3)."""
+    xy = np.stack([camera.project(xyz) for camera in rig], axis=1)
+    empty = np.zeros((len(xyz), 3))
+    return Measurement(
+        t_ns=0, xyz=empty, cov=np.zeros((len(xyz), 3, 3)), projections=rig.projections(),
+        xy=xy + np.random.default_rng(6).normal(size=xy.shape) * noise_px, inverse_var=np.full(xy.shape[:2], stated_px**-2),
+    )  # fmt: skip
+
+
+def test_rays_that_are_farther_off_than_stated_widen_the_covariance_and_outliers_hardly(ring_rig) -> None:
+    rig, xyz = ring_rig(4), np.random.default_rng(5).uniform([-0.5, -0.4, 0.2], [0.5, 0.4, 1.8], (400, 3))
+    gaussian = 1e9
+    assert disagreement(rays_with_noise(rig, xyz, 2.0, 2.0), gaussian, xyz).mean() == pytest.approx(8 / 5, rel=0.1)
+    assert disagreement(rays_with_noise(rig, xyz, 6.0, 2.0), gaussian, xyz).mean() == pytest.approx(9 * 8 / 5, rel=0.1)
+    seen = rays_with_noise(rig, xyz, 2.0, 2.0)
+    seen.xy[:, 0] += 300
+    assert disagreement(seen, gaussian, xyz).min() > 1000
+    assert disagreement(seen, 2.0, xyz).max() < 4.0
+    alone = dataclasses.replace(seen, inverse_var=seen.inverse_var * [1, 0, 0, 0])
+    assert (disagreement(alone, gaussian, xyz) == 1).all()
+
+
+def test_a_fit_that_is_far_from_the_fused_keypoint_for_a_third_of_the_time_has_failed() -> None:
+    fused, cov = np.zeros((90, 2, 3)), np.tile(np.eye(3) * 0.02**2, (90, 2, 1, 1))
+    for steps, failed in ((29, False), (31, True)):
+        fitted = fused.copy()
+        fitted[10 : 10 + steps, 1] = [0.2, 0, 0]
+        assert _failed(fitted, fused, cov) == failed
+        # where fusion itself is not sure it proves nothing
+        assert not _failed(fitted, fused, cov * 25)

@@ -33,6 +33,21 @@ def length_response(p: Packed, seen: Measurement, robust: float, points: Array, 
     return np.asarray(by_length - by_state @ follows)
 
 
+def disagreement(seen: Measurement, robust: float, points: Array) -> Array:
+    """(A,) by how much the rays are farther from the points (A, 3) of a fit than stated, as a factor of variance from 1 on.
+
+    The Birge ratio, chi-squared by its degrees of freedom, with the Student-t weights of the fit: an outlier counts little. One
+    ray agrees with any point.
+    """
+    xyz = np.concatenate([points, np.ones((len(points), 1))], axis=1)
+    projected = np.einsum("cij,aj->aci", seen.projections, xyz)
+    square = ((projected[..., :2] / projected[..., 2:] - seen.xy) ** 2).sum(axis=-1) * seen.inverse_var
+    counts = (seen.inverse_var > 0) & np.isfinite(square)
+    weighted = np.where(counts, square * (robust + 2) / (robust + np.where(counts, square, 0)), 0)
+    freedom = 2 * counts.sum(axis=1) - 3
+    return np.maximum(np.where(freedom > 0, weighted.sum(axis=1) / np.maximum(freedom, 1), 1.0), 1.0)
+
+
 def length_derivatives(p: Packed, slopes: Array, frame: Array) -> Array:
     """(A, 3, S) metres that each keypoint moves per metre of each segment, the pose held: turns (nodes, 3, 3) of the nodes."""
     above = np.where((p.tree.parent >= 0)[:, None, None], frame[p.tree.parent], np.eye(3))

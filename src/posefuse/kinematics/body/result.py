@@ -14,7 +14,7 @@ from posefuse.kinematics.kernels import PLANE_SIZE, unwrap
 from . import kernels
 from .filter import BodyFilter, Measurement, State
 from .model import landmark_rows
-from .response import length_derivatives, length_response
+from .response import disagreement, length_derivatives, length_response
 
 _LIMB_NODE = {"left_arm": "left_shoulder", "right_arm": "right_shoulder", "left_leg": "left_hip", "right_leg": "right_hip"}
 
@@ -48,7 +48,10 @@ class StateReader:
         self._last = np.full((len(workspace.angles), 3), np.nan)
 
     def read(self, state: State, seen: Measurement | None = None) -> Fitted:
-        """All results of the state, with their uncertainty; with that of segment lengths where the rays are given."""
+        """All results of the state, with their uncertainty; with that of segment lengths where the rays are given.
+
+        Where these disagree more than they state, the covariance grows with it.
+        """
         work, size = self._work, self._packed.size
         self._place(state)
         cov_state = np.ascontiguousarray(state.cov[:size, :size])
@@ -60,6 +63,8 @@ class StateReader:
             cov = cov + moves @ self._body.length_cov @ np.swapaxes(moves, -1, -2)
         if seen is not None and seen.standing_cov is not None:
             cov = cov + seen.standing_cov
+        if seen is not None and len(seen.projections):
+            cov = cov * disagreement(seen, self._robust, self._points)[:, None, None]
         xyz = np.full((len(self._body.skeleton), 3), np.nan)
         xyz[self._body.keypoint] = self._points
         work.read(xyz, np.broadcast_to(own, (len(xyz), 3, 3)))
