@@ -95,7 +95,7 @@ def test_damaged_arrays_are_one_line(tmp_path: Path) -> None:
     np.save(tmp_path / "b.npy", np.arange(3))
     with pytest.raises(InputError, match=r"not an \.npz file"):
         read_arrays(tmp_path / "b.npy")
-    with pytest.raises(InputError, match="No such file"):
+    with pytest.raises(InputError, match="no such file"):
         read_arrays(tmp_path / "none.npz")
 
 
