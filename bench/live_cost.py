@@ -202,6 +202,8 @@ def session(rig: Path, sources: list[str], network: str, seconds: float, lead_s:
     time.sleep(seconds)
     after, took_s = thread_seconds(live.pid), time.monotonic() - begun_s
     role = roles({pid for pid, _ in after}, live.pid)
+    if "cameras" not in role.values():
+        raise SystemExit("the videos ended before the measurement: fewer --seconds")
     figures = json.loads(live.communicate()[0])
     spent: dict[str, float] = {}
     for (pid, thread), total_s in after.items():
