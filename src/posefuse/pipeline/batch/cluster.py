@@ -31,11 +31,12 @@ def outcomes_on_cluster(tasks: Sequence[Task], address: str) -> Iterator[Outcome
         raise InputError(f"--scheduler {address}: no Dask scheduler answers there ({error or 'timeout'})") from None
     with client:
         _check_workers(client, address)
-        names = {}
-        for task in tasks:
-            future = client.submit(run_in_process, task.to_json(), key=f"posefuse-{task.name}-{task.made_with}", retries=_RETRIES)
-            names[future.key] = task
-        futures = [distributed.Future(key, client) for key in names]
+        # the scheduler forgets a task as soon as no future of it is left
+        futures = [
+            client.submit(run_in_process, task.to_json(), key=f"posefuse-{task.name}-{task.made_with}", retries=_RETRIES)
+            for task in tasks
+        ]
+        names = {future.key: task for future, task in zip(futures, tasks, strict=True)}
         try:
             for future in distributed.as_completed(futures, loop=client.loop):
                 yield _outcome(names[future.key], future)
