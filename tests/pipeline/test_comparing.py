@@ -106,7 +106,7 @@ def test_a_loop_ends_with_its_last_pose_as_gazebo_plays_it(t_s: float, expected:
 
 
 def to_and_fro(rig: Rig, start_s: float, rate_hz: float, off_m: np.ndarray) -> Recording:
-    """Somebody who walks along a line through the origin, turns and walks back: nearly the same after half a turn."""
+    """A person who walks along a line through the origin, turns and walks back: nearly the same after half a turn."""
     t_s = np.arange(start_s, 6.0, 1 / rate_hz)
     phase = 2 * np.pi * t_s / 4.0
     turned = np.where(np.cos(phase) > 0, 0.0, np.pi)

@@ -261,9 +261,9 @@ class Group:
                 self._plan.group, self._plan.clock.now_ns(), states, self.detector.network, self._whole_images, self._busy_s
             )
             self._channel.send(status, _SEND_S)
-            self._tell_video_faults()
+            self._report_video_faults()
 
-    def _tell_video_faults(self) -> None:
+    def _report_video_faults(self) -> None:
         for capture in self._captures:
             name, fault = capture.entry.camera, capture.video_fault()
             # a report there is no room for is sent again

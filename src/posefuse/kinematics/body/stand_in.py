@@ -8,6 +8,7 @@ import numpy as np
 
 from posefuse.core import PoseSequence
 from posefuse.core.arrays import Array
+from posefuse.core.views_over_time import nearest_frames
 
 from .model import FEWEST_SEEN
 from .shape import LengthPrior
@@ -59,10 +60,6 @@ def nearest_in_time(sequence: PoseSequence) -> Array:
             known = np.flatnonzero(np.isfinite(filled[:, n, k, 0]) & np.isfinite(middle[:, 0]))
             missing = np.flatnonzero(np.isnan(filled[:, n, k, 0]))
             if len(known) and len(missing):
-                after = (
-                    np.clip(np.searchsorted(known, missing), 1, len(known) - 1) if len(known) > 1 else np.zeros(len(missing), int)
-                )
-                before = np.maximum(after - 1, 0)
-                near = np.where(missing - known[before] <= known[after] - missing, known[before], known[after])
+                near = known[nearest_frames(known, missing)]
                 filled[missing, n, k] = filled[near, n, k] + middle[missing] - middle[near]
     return filled

@@ -85,7 +85,7 @@ def _equations(tree, expected, expected_information, preferred_sd, seen, robust,
 
 @kernel()
 def _stepped(tree, hessian, slope, q, rot):
-    """Move the state (q, rot) towards the solution of its equations; False where it is there already, and it stays."""
+    """One Gauss-Newton step of the state (q, rot); False where it has converged, which leaves it as it is."""
     step = solve_rows(hessian, slope.reshape(1, -1))[0]
     biggest = np.max(np.abs(step))
     if biggest > 0.5:
