@@ -228,3 +228,8 @@ def pick(captures: list[Capture], worth: Callable[[Capture], float]) -> tuple[Ca
     caught = best.take()
     assert caught is not None
     return best, caught
+
+
+def take_all(captures: list[Capture]) -> list[tuple[Capture, Caught]]:
+    """Take every waiting frame, of each camera its newest. Call with `news` held."""
+    return [(capture, caught) for capture in captures if (caught := capture.take()) is not None]

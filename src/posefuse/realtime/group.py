@@ -21,7 +21,7 @@ from posefuse.foundation.requests_to_end import leave_requests_to_parent
 from posefuse.sources.arriving import Arrived
 
 from .board import Board, Expected
-from .capture import SAMPLE_STEP, Capture, Caught, LiveInput, pick
+from .capture import SAMPLE_STEP, Capture, Caught, LiveInput, pick, take_all
 from .changeable_detector import ChangeableDetector
 from .clock import SessionClock
 from .controls import KeepVideos, ShowImages
@@ -156,13 +156,25 @@ class Group:
         with self._news:
             if all(capture.waiting() is None for capture in self._captures) and not self._news.wait(_IDLE_S):
                 return
-            expected = self._board.read()
-            chosen = pick(self._captures, lambda capture: self._worth(capture, expected))
-        if chosen is None:
-            return
-        begun_s = time.monotonic()
-        self._look(*chosen, expected)
-        self._busy_s += time.monotonic() - begun_s
+            chosen = self._chosen(self._board.read())
+        for capture, caught in chosen:
+            begun_s = time.monotonic()
+            self._look(capture, caught, self._board.read())
+            self._busy_s += time.monotonic() - begun_s
+
+    def _chosen(self, expected: Expected) -> list[tuple[Capture, Caught]]:
+        """The frame that is worth most. While no person is followed, the frames of all cameras.
+
+        A search of a whole image takes longer than a frame period, and a new person is placed by views of one time: frames
+        taken one after another would be apart by as much as the person walks meanwhile.
+        """
+        if not self._followed(expected):
+            return take_all(self._captures)
+        best = pick(self._captures, lambda capture: self._worth(capture, expected))
+        return [] if best is None else [best]
+
+    def _followed(self, expected: Expected) -> bool:
+        return len(expected.xyz_world) > 0 and self._plan.clock.now_ns() - expected.t_ns <= _STALE_NS
 
     def _wait_for_go(self) -> Go | None:
         while True:
@@ -188,7 +200,7 @@ class Group:
         started_ns, now_s = clock.now_ns(), time.monotonic()
         self._looked_s[name] = now_s
         t_ns, received_ns = arrived.t_ns + shift_ns + caught.wrong.off_ns, arrived.received_ns + shift_ns
-        followed = len(expected.xyz_world) > 0 and started_ns - expected.t_ns <= _STALE_NS
+        followed = self._followed(expected)
         regions = self._regions(camera, t_ns, expected, started_ns) if followed else self._search_or_nothing(caught, now_s)
         if not followed and regions is not None and self._plan.glances and now_s - self._sent_s[name] < _GLANCES_S:
             self._glances[name].append(Glance(t_ns, received_ns, caught.still))

@@ -1,0 +1,103 @@
+"""Which frames a process of several cameras looks at."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from posefuse.core import Detections2D, Frame, Pose3D, Rig
+from posefuse.core.skeleton import PAPER14
+from posefuse.detection.build import DetectorChoice
+from posefuse.foundation.channel import Channel
+from posefuse.realtime import group as group_module
+from posefuse.realtime.capture import Caught, LiveInput
+from posefuse.realtime.clock import SessionClock
+from posefuse.realtime.group import Group, GroupPlan
+from posefuse.realtime.session import new_board
+from posefuse.sources.arriving import Arrived
+
+PERIOD_NS = 1_000_000_000 // 30
+SKELETON = PAPER14
+NAMES = ("cam00", "cam01", "cam02")
+
+
+class NoSource:
+    size_wh = (64, 48)
+
+    def frames(self):
+        return iter(())
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+@dataclass(frozen=True)
+class NoSourceConfig:
+    def build(self) -> NoSource:
+        return NoSource()
+
+
+class SlowDetector:
+    """Every camera has its next frame before one search has ended."""
+
+    network = ""
+
+    def __init__(self, choice: DetectorChoice, rig: Rig) -> None:
+        self.now, self.skeleton, self.group, self.seq = self, SKELETON, None, 0
+
+    def detect(self, frames: list[Frame], regions: list) -> list[Detections2D]:
+        self.show_next()
+        return [Detections2D.empty(frame.camera, frame.t_ns, SKELETON) for frame in frames]
+
+    def show_next(self) -> None:
+        """Of every camera, a frame that differs from the one before."""
+        self.seq += 1
+        image = np.full((48, 64, 3), 100 * (self.seq % 2), np.uint8)
+        for name, capture in zip(NAMES, self.group._captures, strict=True):
+            frame = Frame(camera=name, seq=self.seq, t_ns=self.seq * PERIOD_NS, received_ns=0, image=image)
+            capture.put(Caught(Arrived.of(frame), 0))
+
+
+@pytest.fixture
+def group(ring_rig, monkeypatch: pytest.MonkeyPatch):
+    """(group of three cameras, the board, the end of the channel where its messages come)."""
+    monkeypatch.setattr(group_module, "ChangeableDetector", SlowDetector)
+    rig, (ours, theirs) = ring_rig(3, size_wh=(64, 48)), Channel.pair()
+    plan = GroupPlan(
+        group=0, rig=rig, inputs=tuple(LiveInput(name, "test", NoSourceConfig(), False) for name in NAMES),
+        detector=DetectorChoice(), clock=SessionClock.begin(), most_people=1, search_every_s=1e6, preview_hz=0.0, glances=False,
+    )  # fmt: skip
+    board = new_board(rig)
+    group = Group(plan, theirs, board)
+    group._shift_ns = dict.fromkeys(NAMES, 0)
+    group.detector.group = group
+    group.detector.show_next()
+    yield group, board, ours
+    ours.close()
+    theirs.close()
+
+
+def test_while_no_person_is_followed_all_cameras_search_frames_of_one_time(group) -> None:
+    group, _, channel = group
+    for _ in range(3):
+        group._look_at_best()
+        seen = [message.detections for message in iter(channel.receive, None)]
+        assert [view.camera for view in seen] == list(NAMES)
+        assert len({view.t_ns for view in seen}) == 1
+
+
+def test_with_a_person_one_frame_at_a_time_is_looked_at(group) -> None:
+    group, board, channel = group
+    xyz = np.full((1, len(SKELETON), 3), 1e6)
+    pose = Pose3D(
+        t_ns=group._plan.clock.now_ns(), skeleton=SKELETON, person_id=np.arange(1), xyz_world=xyz,
+        cov_world=np.tile(np.eye(3), (1, len(SKELETON), 1, 1)), reproj_px=np.ones((1, len(SKELETON))), n_views=np.ones((1, len(SKELETON))),
+        kind=np.ones((1, len(SKELETON))),
+    )  # fmt: skip
+    group._looked_s = dict.fromkeys(NAMES, time.monotonic())
+    board.write(pose, np.zeros_like(xyz), np.array([1.0, 3.0, 2.0]))
+    group._look_at_best()
+    assert [message.detections.camera for message in iter(channel.receive, None)] == ["cam01"]
