@@ -94,8 +94,8 @@ def test_with_a_person_one_frame_at_a_time_is_looked_at(group) -> None:
     xyz = np.full((1, len(SKELETON), 3), 1e6)
     pose = Pose3D(
         t_ns=group._plan.clock.now_ns(), skeleton=SKELETON, person_id=np.arange(1), xyz_world=xyz,
-        cov_world=np.tile(np.eye(3), (1, len(SKELETON), 1, 1)), reproj_px=np.ones((1, len(SKELETON))), n_views=np.ones((1, len(SKELETON))),
-        kind=np.ones((1, len(SKELETON))),
+        cov_world=np.tile(np.eye(3), (1, len(SKELETON), 1, 1)), reproj_px=np.ones((1, len(SKELETON))),
+        n_views=np.ones((1, len(SKELETON))), kind=np.ones((1, len(SKELETON))),
     )  # fmt: skip
     group._looked_s = dict.fromkeys(NAMES, time.monotonic())
     board.write(pose, np.zeros_like(xyz), np.array([1.0, 3.0, 2.0]))

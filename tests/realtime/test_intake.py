@@ -175,7 +175,7 @@ class Played:
             self.fusion.take(received)
 
     def _keep(self, message: object) -> None:
-        if hasattr(message, "pose"):
+        if isinstance(message, LivePose):
             self.poses.append(message.pose)
 
 

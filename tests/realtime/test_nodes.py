@@ -6,16 +6,33 @@ import signal
 import sys
 import time
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
 from running import Running
 
-from posefuse.core import SKELETONS, Detections2D, JointCentres
+from posefuse.core import (
+    SKELETONS,
+    Detections2D,
+    JointCentres,
+    Kind,
+    LiveMessage,
+    LiveOutput,
+    LivePose,
+    LiveStart,
+    Pose3D,
+    Skeleton,
+)
+from posefuse.outputs.live.ros import Ros2Config
 from posefuse.realtime.clock import SessionClock
-from posefuse.realtime.joint_centres import message_from_centres
+from posefuse.realtime.fusion import Fusion
+from posefuse.realtime.joint_centres import Centring, message_from_centres
 from posefuse.realtime.messages import Centres, SeenView
 from posefuse.realtime.network_intake import NetworkIntake
+from posefuse.realtime.output_plan import NoOutputs
+from posefuse.realtime.session import new_board
+from posefuse.tracking.online import CameraStatistics
 
 pytestmark = pytest.mark.realtime
 
@@ -121,3 +138,71 @@ def test_strangers_are_counted_and_never_handed_on(ring_rig) -> None:
     assert known_skeleton == skeleton
     assert [message for message in got if isinstance(message, Centres)] == [table]
     assert {seen.detections.camera for seen in got if isinstance(seen, SeenView)} == {"cam00"}
+
+
+def test_cameras_of_another_machine_look_for_people_who_are_not_sure_enough_to_be_shown(ring_rig) -> None:
+    from posefuse.messages.dds import RosNode
+    from posefuse.messages.dds_domain import Network
+    from posefuse.realtime.camera_node import CameraNode
+
+    rig, clock, skeleton = ring_rig(3), SessionClock.begin(), SKELETONS["coco17"]
+    where = {"domain_id": DOMAIN + 2, "local_only": True}
+    output, board = Ros2Config(**where).build(), new_board(rig)
+    output.take(LiveStart(t_ns=clock.now_ns(), rig=rig, rate_hz=100.0, clock_offset_ns=0))
+    outlets = Given(output)
+    fusion = Fusion(rig, OneUnsurePerson(skeleton), new_board(rig), clock, outlets, Centring(rig.names, False))
+    end = time.monotonic() + PATIENCE_S
+    with RosNode("camera", Network(**where)) as node:
+        cameras = CameraNode(rig, rig.names, node, board, clock, skeleton)
+        while not len(board.read().xyz_world) and time.monotonic() < end:
+            fusion.tick(clock.now_ns(), 10_000_000)
+            cameras.step(NoGroups())
+            time.sleep(0.03)
+    output.close()
+    assert all(len(message.pose.person_id) == 0 for message in outlets.messages if isinstance(message, LivePose))
+    assert np.allclose(board.read().xyz_world, 1.0)
+
+
+class OneUnsurePerson:
+    """A tracker of one person who is known to 0.5 m."""
+
+    health: ClassVar[dict[str, CameraStatistics]] = {}
+
+    def __init__(self, skeleton: Skeleton) -> None:
+        self._skeleton = skeleton
+
+    def at(self, t_ns: int) -> Pose3D:
+        k = len(self._skeleton)
+        return Pose3D(
+            t_ns=t_ns, skeleton=self._skeleton, person_id=np.arange(1), xyz_world=np.ones((1, k, 3)),
+            cov_world=np.tile(0.25 * np.eye(3), (1, k, 1, 1)), reproj_px=np.ones((1, k)), n_views=np.full((1, k), 2),
+            kind=np.full((1, k), Kind.FUSED),
+        )  # fmt: skip
+
+    looked_for = at
+
+    def evidence(self, t_ns: int) -> dict:
+        return {}
+
+
+class Given(NoOutputs):
+    """Hands all messages that it takes to one output, at once."""
+
+    def __init__(self, output: LiveOutput) -> None:
+        super().__init__()
+        self.messages, self._output = [], output
+
+    def offer(self, message: LiveMessage) -> None:
+        self.messages.append(message)
+        self._output.take(message)
+
+
+class NoGroups:
+    def channels(self) -> list:
+        return []
+
+    def messages(self) -> list:
+        return []
+
+    def troubles(self) -> dict:
+        return {}

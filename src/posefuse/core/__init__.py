@@ -19,6 +19,7 @@ from .joint_centres import JointCentres
 from .live_messages import (
     CameraHealth,
     LiveDetections,
+    LiveExpected,
     LiveHealth,
     LiveJointCentres,
     LiveMessage,
@@ -61,6 +62,7 @@ __all__ = [
     "JointCentres",
     "Kind",
     "LiveDetections",
+    "LiveExpected",
     "LiveHealth",
     "LiveJointCentres",
     "LiveMessage",

@@ -87,6 +87,17 @@ class LivePose:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class LiveExpected:
+    """Where cameras of other machines are to look for people in their next frames.
+
+    Attributes:
+        pose: everyone who is tracked, also those who are not sure enough for `LivePose`; keypoints as the network marks them.
+    """
+
+    pose: Pose3D
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class LivePreview:
     """A small image of a camera, for viewers.
 
@@ -144,4 +155,4 @@ class LiveHealth:
     cut_ns: int = 0
 
 
-LiveMessage = LiveStart | LiveJointCentres | LiveNames | LiveDetections | LivePose | LivePreview | LiveHealth
+LiveMessage = LiveStart | LiveJointCentres | LiveNames | LiveDetections | LivePose | LiveExpected | LivePreview | LiveHealth

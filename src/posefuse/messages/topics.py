@@ -76,6 +76,8 @@ JOINT_CENTRES = Topic("/posefuse/joint_centres", joint_centre_messages.JOINT_CEN
 # of people, given while the session runs
 NAMES = Topic("/posefuse/names", NAMES_TYPE, depth=1, latched=True)
 POSE = Topic("/posefuse/pose", messages.POSE_TYPE, depth=4)
+# for camera nodes: people who are tracked, sure enough to be a pose or not
+EXPECTED = Topic("/posefuse/expected", messages.POSE_TYPE, depth=1, reliable=False)
 TF = Topic("/tf", "tf2_msgs/msg/TFMessage", depth=20)
 TF_STATIC = Topic("/tf_static", "tf2_msgs/msg/TFMessage", depth=1, latched=True)
 MARKERS = Topic("/posefuse/markers", "visualization_msgs/msg/MarkerArray", depth=2)

@@ -1,4 +1,4 @@
-"""A camera node: sends detections of this machine's cameras, and receives the fused pose that selects image regions."""
+"""A camera node: sends detections of this machine's cameras, and receives the expected pose that selects image regions."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class CameraNode:
     ) -> None:
         self.cameras, self.monitor, self.sent = tuple(cameras), Monitor(cameras), dict.fromkeys(cameras, 0)
         self._rig, self._node, self._board, self._clock = rig, node, board, clock
-        self._poses = node.reader(topics.POSE)
+        self._poses = node.reader(topics.EXPECTED)
         self._intake = Intake(POSE_TYPE, pose_from_message, _MAX_BYTES)
         self._looked_for: Pose3D | None = None
         self._fusion, self._taken_ns = "", 0

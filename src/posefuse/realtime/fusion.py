@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from posefuse.core import CameraHealth, LiveDetections, LiveHealth, LivePose, LivePreview, Pose3D, Rig, Views
+from posefuse.core import CameraHealth, LiveDetections, LiveExpected, LiveHealth, LivePose, LivePreview, Pose3D, Rig, Views
 from posefuse.core.arrays import Array
 from posefuse.foundation.channel import Channel, wait_any
 from posefuse.health.cameras import Monitor, Verdict
@@ -209,6 +209,7 @@ class Fusion:
         shown = pose if known.all() else pose.people(known)
         self._board.write(shown, velocity_between(before, shown), expected_gain(shown, self.rig, self.sigma_px))
         self._last_published = shown
+        self.outlets.offer(LiveExpected(pose=shown))
 
     def _judge(self, intake: LiveIntake, now_ns: int) -> None:
         if now_ns - self._judged_ns < _JUDGE_NS:

@@ -11,6 +11,7 @@ from annotated_types import Ge, Le
 
 from posefuse.core import (
     LiveDetections,
+    LiveExpected,
     LiveHealth,
     LiveJointCentres,
     LiveMessage,
@@ -25,7 +26,7 @@ from posefuse.foundation.settings import settings
 from posefuse.messages import topics
 from posefuse.messages.camera_messages import info_from_camera
 from posefuse.messages.joint_centre_messages import message_from_joint_centres
-from posefuse.messages.messages import header, message_from_detections, optical_frame
+from posefuse.messages.messages import header, message_from_detections, message_from_pose, optical_frame
 from posefuse.messages.ros_output import Health, RosOutput
 from posefuse.messages.types import message
 
@@ -37,7 +38,7 @@ _LEVELS = dict.fromkeys(("opening", "flood", "clock", "late", "overload", "moved
 _CLOCK_WITHIN_S = 10.0
 # so long a discontinuity is a warning
 _CUT_SHOWN_S = 2.0
-_EVERYTHING = (LiveDetections, LivePose, LiveJointCentres, LiveHealth, LivePreview)
+_EVERYTHING = (LiveDetections, LivePose, LiveExpected, LiveJointCentres, LiveHealth, LivePreview)
 
 
 @settings
@@ -102,7 +103,7 @@ def _ros1_node() -> Any:
 class RosLiveOutput:
     """Publishes to a node; detections and previews only while there is a subscriber.
 
-    Stamps of detections are always real time: they are for other machines of the session.
+    Stamps of detections and of expected poses are always real time: they are for other machines of the session.
     """
 
     def __init__(self, name: str, node: Callable[[], Any], where: str, config: Ros2Config) -> None:
@@ -123,6 +124,8 @@ class RosLiveOutput:
                 self._follow_clock(message.pose.t_ns)
                 self._follow_base()
                 self._ros.step(message.pose, message.joints, message.stages_ns)
+            case LiveExpected(pose=pose) if self._node.wanted(topics.EXPECTED):
+                self._node.publish(topics.EXPECTED, message_from_pose(pose, {}, self._ros.world_frame), pose.t_ns)
             case LiveHealth():
                 self._follow_clock(message.t_ns)
                 self._ros.diagnose(message.t_ns, health_lines(message))
