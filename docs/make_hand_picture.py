@@ -9,6 +9,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from posefuse.core import SKELETONS, Pose3D
+from posefuse.messages.bodies import bodies_from_pose
 from posefuse.messages.parts import PARTS, parts_from_pose
 
 DOCS = Path(__file__).parent
@@ -36,7 +37,7 @@ def person() -> Pose3D:
 def main() -> None:
     """One picture from the front left."""
     pose = person()
-    parts = parts_from_pose(pose).world_from_part
+    parts = parts_from_pose(pose, bodies_from_pose(pose))
     figure = plt.figure(figsize=(9, 7.5), dpi=110)
     axes = figure.add_subplot(projection="3d", proj_type="ortho")
     for a, b in SKELETON.bone_indices:

@@ -8,9 +8,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from posefuse.core import SE3, SKELETONS, Pose3D
+from posefuse.core.skeleton import pick_keypoints
 from posefuse.messages import topics
-from posefuse.messages.bodies import JOINTS, LINKS, POINTS, bodies_from_pose
-from posefuse.messages.parts import PARTS, parts_from_pose
+from posefuse.messages.bodies import JOINTS, LINKS, POINTS, bodies_from_pose, head_and_wrists
+from posefuse.messages.parts import PARTS, covariance_of_parts, parts_from_pose
 from posefuse.messages.ros_output import RosOutput
 from posefuse.messages.urdf import Sizes, sizes_from_points, urdf_text
 from posefuse.messages.velocities import Velocities, angle_difference, packed_poses, pose_difference
@@ -41,39 +42,47 @@ def person(rng=None, noise_m=0.0, t_ns=5 * S, moved=None) -> Pose3D:
     )  # fmt: skip
 
 
+def parts_of(pose: Pose3D) -> tuple[SE3, np.ndarray]:
+    """Parts of everybody and their covariance."""
+    parts = parts_from_pose(pose, bodies_from_pose(pose))
+    return parts, covariance_of_parts(pose, parts)
+
+
 def test_axes_are_those_of_the_body_in_the_zero_position():
-    parts = parts_from_pose(person())
+    parts, _ = parts_of(person())
     for name in ("head", "left_hand", "right_hand"):
-        np.testing.assert_allclose(parts.world_from_part[0, PARTS.index(name)].matrix(), np.eye(3), atol=1e-9)
-    np.testing.assert_allclose(parts.world_from_part.xyz[0, PARTS.index("left_hand")], [0.65, 0.2, 1.4], atol=1e-12)
+        np.testing.assert_allclose(parts[0, PARTS.index(name)].matrix(), np.eye(3), atol=1e-9)
+    np.testing.assert_allclose(parts.xyz[0, PARTS.index("left_hand")], [0.65, 0.2, 1.4], atol=1e-12)
     links = bodies_from_pose(person()).world_from_link
-    wrist = parts.world_from_part[0, PARTS.index("right_wrist")]
+    wrist = parts[0, PARTS.index("right_wrist")]
     np.testing.assert_allclose(wrist.matrix4(), links[0, LINKS.index("r_wrist")].matrix4(), atol=1e-12)
 
 
 def test_moving_the_world_moves_the_parts_and_turns_their_covariance():
     rng = np.random.default_rng(2)
     moved = SE3.from_rotvec(np.array([0.4, -1.1, 2.0]), np.array([3.0, -2.0, 1.0]))
-    still, there = parts_from_pose(person(rng, 0.01)), parts_from_pose(person(np.random.default_rng(2), 0.01, moved=moved))
+    still, still_cov = parts_of(person(rng, 0.01))
+    there, there_cov = parts_of(person(np.random.default_rng(2), 0.01, moved=moved))
     for p in range(len(PARTS)):
-        expected = moved @ still.world_from_part[0, p]
-        np.testing.assert_allclose(there.world_from_part[0, p].matrix4(), expected.matrix4(), atol=1e-9)
+        expected = moved @ still[0, p]
+        np.testing.assert_allclose(there[0, p].matrix4(), expected.matrix4(), atol=1e-9)
         both = np.kron(np.eye(2), moved.matrix())
-        np.testing.assert_allclose(there.cov[0, p], both @ still.cov[0, p] @ both.T, rtol=2e-2, atol=2e-6)
+        np.testing.assert_allclose(there_cov[0, p], both @ still_cov[0, p] @ both.T, rtol=2e-2, atol=2e-6)
 
 
 def test_the_covariance_is_what_noise_of_the_keypoints_does():
-    rng, mean = np.random.default_rng(0), parts_from_pose(person())
+    rng, (mean, mean_cov) = np.random.default_rng(0), parts_of(person())
     # 10 mm, as the poses state
-    seen = [parts_from_pose(person(rng, 0.01)).world_from_part for _ in range(1500)]
+    noisy = [person(rng, 0.01) for _ in range(1500)]
+    seen = [parts_from_pose(pose, bodies_from_pose(pose)) for pose in noisy]
     for p, name in enumerate(PARTS):
-        middle = mean.world_from_part[0, p]
+        middle = mean[0, p]
         turns = [Rotation.from_matrix(one[0, p].matrix() @ middle.matrix().T).as_rotvec() for one in seen]
         errors = np.concatenate([[one.xyz[0, p] - middle.xyz for one in seen], turns], axis=1)
-        expected = np.sqrt(np.diag(mean.cov[0, p]))
+        expected = np.sqrt(np.diag(mean_cov[0, p]))
         np.testing.assert_allclose(np.sqrt((errors**2).mean(axis=0)), expected, rtol=0.12, err_msg=name)
         # a correlated pair, e.g. turn and place of a hand, has the right sign and size
-        whitened = np.linalg.solve(np.linalg.cholesky(mean.cov[0, p] + 1e-12 * np.eye(6)), errors.T)
+        whitened = np.linalg.solve(np.linalg.cholesky(mean_cov[0, p] + 1e-12 * np.eye(6)), errors.T)
         assert (whitened**2).mean() == pytest.approx(1.0, abs=0.15), name
 
 
@@ -81,15 +90,35 @@ def test_a_part_that_is_not_seen_is_nan_and_the_others_are_there():
     pose = person()
     xyz = pose.xyz_world.copy()
     xyz[0, BLAZE.index("left_pinky")] = np.nan
-    parts = parts_from_pose(dataclasses.replace(pose, xyz_world=xyz))
-    known = np.isfinite(parts.world_from_part.xyz[0]).all(axis=-1)
+    parts, cov = parts_of(dataclasses.replace(pose, xyz_world=xyz))
+    known = np.isfinite(parts.xyz[0]).all(axis=-1)
     assert [name for name, there in zip(PARTS, known, strict=True) if not there] == ["left_hand"]
-    assert np.isfinite(parts.cov[0][known]).all() and np.isnan(parts.cov[0][~known]).all()
+    assert np.isfinite(cov[0][known]).all() and np.isnan(cov[0][~known]).all()
     coco = dataclasses.replace(pose, skeleton=SKELETONS["coco17"], **{
         name: getattr(pose, name)[:, [BLAZE.index(k) for k in SKELETONS["coco17"].keypoints]]
         for name in ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")
     })  # fmt: skip
-    assert np.isfinite(parts_from_pose(coco).world_from_part.xyz[0, :3]).all()
+    assert np.isfinite(parts_of(coco)[0].xyz[0, :3]).all()
+
+
+def test_a_covariance_is_known_where_a_point_that_the_part_does_not_depend_on_is_missing():
+    """Rounding makes no dependence: it did for poses that are turned in the world."""
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        pose = person(rng, 0.02)
+        xyz, cov = pose.xyz_world.copy(), pose.cov_world.copy()
+        gone = [BLAZE.index(name) for name in ("left_ear", "left_knee", "right_ankle")]
+        xyz[0, gone], cov[0, gone] = np.nan, np.nan
+        assert np.isfinite(parts_of(dataclasses.replace(pose, xyz_world=xyz, cov_world=cov))[1][0, 1:]).all()
+
+
+def test_links_made_alone_are_those_of_the_whole_body_to_the_last_bit():
+    rng = np.random.default_rng(4)
+    for pose in (person(), *(person(rng, 0.05) for _ in range(20))):
+        alone = head_and_wrists(pick_keypoints(pose.xyz_world, BLAZE, POINTS))
+        links = bodies_from_pose(pose).world_from_link[:, [LINKS.index(name) for name in ("head", "l_wrist", "r_wrist")]]
+        np.testing.assert_array_equal(alone.wxyz, links.wxyz)
+        np.testing.assert_array_equal(alone.xyz, links.xyz)
 
 
 # --- velocity
@@ -154,6 +183,16 @@ def test_parts_are_published_in_the_world_or_in_the_frame_of_a_robot(kept):
     (pose,) = kept.on("/humans/bodies/p1/left_hand/pose")
     assert pose.header.frame_id == "robot_base"
     np.testing.assert_allclose([pose.pose.position.x, pose.pose.position.y, pose.pose.position.z], [-0.2, 0.65, 0.4], atol=1e-9)
+
+
+def test_covariance_and_velocity_of_parts_are_made_only_for_those_who_ask(kept, monkeypatch):
+    one = "/humans/bodies/p1/left_hand"
+    kept.unwanted = {topics.body("p1", f"{part}/{what}").name for part in PARTS for what in ("pose_with_covariance", "twist")}
+    monkeypatch.setattr("posefuse.messages.person_output.covariance_of_parts", None)
+    output = RosOutput(kept)
+    output.people._part_rates.step = None
+    output.step(person())
+    assert kept.on(f"{one}/pose") and not kept.on(f"{one}/pose_with_covariance")
 
 
 # --- the model

@@ -147,8 +147,8 @@ def _matrices(wxyz: Array) -> Array:
 
 def quaternion_product(left: Array, right: Array) -> Array:
     """Hamilton product of wxyz quaternions (..., 4)."""
-    w1, x1, y1, z1 = np.moveaxis(left, -1, 0)
-    w2, x2, y2, z2 = np.moveaxis(right, -1, 0)
+    w1, x1, y1, z1 = (left[..., i] for i in range(4))
+    w2, x2, y2, z2 = (right[..., i] for i in range(4))
     parts = (
         w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
         w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
@@ -188,7 +188,7 @@ def wxyz_from_matrix(rotation: Array) -> Array:
         ],
         axis=-2,
     )
-    best = np.argmax(np.nan_to_num(squares), axis=-1)
+    best = np.argmax(np.where(np.isnan(squares), 0.0, squares), axis=-1)
     wxyz = np.take_along_axis(rows, best[..., None, None], axis=-2)[..., 0, :]
     wxyz = wxyz / np.linalg.norm(wxyz, axis=-1, keepdims=True)
     return np.asarray(np.where(wxyz[..., :1] < 0, -wxyz, wxyz))

@@ -55,51 +55,83 @@ class Bodies:
 
 def bodies_from_pose(pose: Pose3D) -> Bodies:
     """Links and joints of everybody; a person whose hips or shoulders are missing has none."""
-    return bodies_from_points(pick_keypoints(pose.xyz_world, pose.skeleton, POINTS))
-
-
-def bodies_from_points(points: Array) -> Bodies:
-    """The same from the keypoints (N, len(POINTS), 3) in the order of `POINTS`."""
-    at = {part: points[:, 2 * i : 2 * i + 2] for i, part in enumerate(PARTS)}
-    middle = {part: at[part].mean(axis=1) for part in ("hip", "shoulder", "ear")}
-    spine = middle["shoulder"] - middle["hip"]
-    body = _axes(y=at["hip"][:, 0] - at["hip"][:, 1], z=spine)
-    torso = _axes(y=at["shoulder"][:, 0] - at["shoulder"][:, 1], z=spine)
-    head = _head_axes(at["ear"][:, 0] - at["ear"][:, 1], points[:, -1] - middle["ear"])
-    upper_arm, elbow = _limb(body, at["shoulder"], at["elbow"], at["wrist"], 1.0)
+    upper = _upper_body(pick_keypoints(pose.xyz_world, pose.skeleton, POINTS))
+    at, middle, body, forearm = upper.at, upper.middle, upper.body, upper.forearm
+    torso = _axes(y=at["shoulder"][:, 0] - at["shoulder"][:, 1], z=upper.spine)
     thigh, knee = _limb(body, at["hip"], at["knee"], at["ankle"], -1.0)
     trunk = body[:, None]
-    forearm, shank = _about_y(upper_arm, -elbow), _about_y(thigh, -knee)
+    shank = trunk @ _about_y(thigh, -knee)
     rotation = np.concatenate(
-        [np.stack([body, torso, head], axis=1)]
-        + [trunk @ upper_arm, trunk @ forearm, trunk @ forearm, trunk @ thigh, trunk @ shank, trunk @ shank],
+        [np.stack([body, torso, upper.head], axis=1), trunk @ upper.upper_arm, forearm, forearm, trunk @ thigh, shank, shank],
         axis=1,
     )
     xyz = np.concatenate(
         [np.stack([middle["hip"], middle["shoulder"], middle["ear"]], axis=1)] + [at[part] for part in PARTS[:-1]], axis=1
     )
+    links = _links(body, rotation, xyz)
+    seen = np.isfinite(links.xyz[..., :1])
+    angles = [
+        np.where(np.isfinite(upper.spine[:, :1]), 0.0, np.nan),
+        np.where(seen[:, 2], _head_angles(body, upper.head), np.nan),
+    ]
+    angles += [*_shoulder_angles(upper.upper_arm), upper.elbow, *_hip_angles(thigh), knee]
+    return Bodies(links, np.where(seen[:, 0], np.concatenate(angles, axis=1), np.nan))
+
+
+def head_and_wrists(points: Array) -> SE3:
+    """The links head, l_wrist and r_wrist alone (N, 3) from keypoints (N, len(POINTS), 3) in the order of `POINTS`."""
+    upper = _upper_body(points)
+    rotation = np.concatenate([upper.head[:, None], upper.forearm], axis=1)
+    return _links(upper.body, rotation, np.concatenate([upper.middle["ear"][:, None], upper.at["wrist"]], axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class _UpperBody:
+    """Keypoints (N, 2, 3) and their middles (N, 3) by part, and frames; upper arms in body axes, all others in the world's."""
+
+    at: dict[str, Array]
+    middle: dict[str, Array]
+    spine: Array
+    body: Array
+    head: Array
+    upper_arm: Array
+    forearm: Array
+    elbow: Array
+
+
+def _upper_body(points: Array) -> _UpperBody:
+    at = {part: points[:, 2 * i : 2 * i + 2] for i, part in enumerate(PARTS)}
+    middle = {part: at[part].mean(axis=1) for part in ("hip", "shoulder", "ear")}
+    spine = middle["shoulder"] - middle["hip"]
+    body = _axes(y=at["hip"][:, 0] - at["hip"][:, 1], z=spine)
+    head = _head_axes(at["ear"][:, 0] - at["ear"][:, 1], points[:, -1] - middle["ear"])
+    upper_arm, elbow = _limb(body, at["shoulder"], at["elbow"], at["wrist"], 1.0)
+    forearm = body[:, None] @ _about_y(upper_arm, -elbow)
+    return _UpperBody(at=at, middle=middle, spine=spine, body=body, head=head, upper_arm=upper_arm, forearm=forearm, elbow=elbow)
+
+
+def _links(body: Array, rotation: Array, xyz: Array) -> SE3:
+    """Batch (N, L); NaN where a link is not seen, or the body is not."""
     whole = np.asarray(np.isfinite(body).all(axis=(-1, -2)))
     seen = np.asarray(np.isfinite(rotation).all(axis=(-1, -2)) & np.isfinite(xyz).all(axis=-1) & whole[:, None])
-    links = SE3.from_matrix(np.where(seen[..., None, None], rotation, np.nan), np.where(seen[..., None], xyz, np.nan))
-    angles = [np.where(np.isfinite(spine[:, :1]), 0.0, np.nan), np.where(seen[:, 2:3], _head_angles(body, head), np.nan)]
-    angles += [*_shoulder_angles(upper_arm), elbow, *_hip_angles(thigh), knee]
-    return Bodies(links, np.where(seen[:, :1], np.concatenate(angles, axis=1), np.nan))
+    return SE3.from_matrix(np.where(seen[..., None, None], rotation, np.nan), np.where(seen[..., None], xyz, np.nan))
 
 
 def unit(vectors: Array) -> Array:
     """(..., 3) of length one; NaN where there is no length."""
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    # as `np.linalg.norm`, whose care for other cases costs more
+    length = np.sqrt(np.add.reduce(vectors * vectors, axis=-1, keepdims=True))
     return np.asarray(vectors / np.where(length > 1e-9, length, np.nan))
 
 
-def _cross(a: Array, b: Array) -> Array:
+def cross(a: Array, b: Array) -> Array:
     """As `np.cross` of (..., 3), whose care for other shapes costs more than the product here."""
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
-    return _along_last(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
+    return along_last(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
 
 
-def _along_last(*parts: Array) -> Array:
+def along_last(*parts: Array) -> Array:
     """As `np.stack` along a new last axis, whose care for other cases costs more than the copies here."""
     out = np.empty((*parts[0].shape, len(parts)))
     for i, part in enumerate(parts):
@@ -110,15 +142,15 @@ def _along_last(*parts: Array) -> Array:
 def _axes(y: Array, z: Array) -> Array:
     """(N, 3, 3) columns x, y, z: z along the given z, y as near to the given y as a right angle to z allows."""
     up = unit(z)
-    forward = unit(_cross(y, up))
-    return _along_last(forward, _cross(up, forward), up)
+    forward = unit(cross(y, up))
+    return along_last(forward, cross(up, forward), up)
 
 
 def _head_axes(left: Array, nose: Array) -> Array:
     """(N, 3, 3): y along the ears, x towards the nose."""
     y = unit(left)
     x = unit(nose - (nose * y).sum(axis=-1, keepdims=True) * y)
-    return _along_last(x, y, _cross(x, y))
+    return along_last(x, y, cross(x, y))
 
 
 def _limb(body: Array, near: Array, middle: Array, far: Array, bends: float) -> tuple[Array, Array]:
@@ -131,7 +163,7 @@ def _limb(body: Array, near: Array, middle: Array, far: Array, bends: float) -> 
     across = bends * (v - along * u)
     sine = np.linalg.norm(across, axis=-1, keepdims=True)
     x = unit(across + _untwisted_forward(u) * np.maximum(0.0, _STRAIGHT - sine))
-    frame = _along_last(x, _cross(-u, x), -u)
+    frame = along_last(x, cross(-u, x), -u)
     return frame, bends * np.arctan2(sine, along)[..., 0]
 
 
@@ -140,14 +172,14 @@ def _untwisted_forward(u: Array) -> Array:
     # first column of Rodrigues' rotation from -z to u; straight up it is the limit of swinging through the front
     x, y, z = u[..., 0], u[..., 1], u[..., 2]
     scale = 1 / np.maximum(1 - z, 1e-9)
-    return _along_last(1 - x * x * scale, -x * y * scale, x)
+    return along_last(1 - x * x * scale, -x * y * scale, x)
 
 
 def _about_y(frame: Array, angle_rad: Array) -> Array:
     """`frame` (..., 3, 3) turned about its own y."""
     c, s = np.cos(angle_rad)[..., None], np.sin(angle_rad)[..., None]
     x, y, z = frame[..., 0], frame[..., 1], frame[..., 2]
-    return _along_last(c * x - s * z, y, s * x + c * z)
+    return along_last(c * x - s * z, y, s * x + c * z)
 
 
 def _shoulder_angles(m: Array) -> list[Array]:
@@ -169,4 +201,4 @@ def _head_angles(body: Array, head: Array) -> Array:
     """r, y, p (N, 3) of body_from_head = Rx(r) Rz(y) Ry(-p)."""
     m = np.swapaxes(body, -1, -2) @ head
     yaw = np.arcsin(np.clip(-m[..., 0, 1], -1, 1))
-    return _along_last(np.arctan2(m[..., 2, 1], m[..., 1, 1]), yaw, -np.arctan2(m[..., 0, 2], m[..., 0, 0]))
+    return along_last(np.arctan2(m[..., 2, 1], m[..., 1, 1]), yaw, -np.arctan2(m[..., 0, 2], m[..., 0, 0]))

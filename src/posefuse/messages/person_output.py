@@ -14,7 +14,7 @@ from posefuse.core.skeleton import pick_keypoints
 from . import topics
 from .bodies import LINKS, POINTS, Bodies
 from .body_messages import point_stamped, pose_stamped, pose_with_covariance, twist_stamped
-from .parts import PARTS, PartPoses, parts_from_pose
+from .parts import PARTS, covariance_of_parts, parts_from_pose
 from .topics import Outlet
 from .types import message
 from .urdf import Sizes, sizes_from_points, urdf_text
@@ -52,18 +52,22 @@ class PersonOutput:
     def step(self, pose: Pose3D, bodies: Bodies, ids: Sequence[str]) -> None:
         """One pose, its outgoing stamp, and the bodies derived from it."""
         self._show_whereabouts(pose, bodies, ids)
-        wanted = [one for one in ids if any(self._wanted(one, f"{part}/{what}") for part in PARTS for what in topics.PART_TOPICS)]
-        if wanted:
-            self._show_parts(pose, ids)
+        if any(self._parts_wanted(ids, what) for what in topics.PART_TOPICS):
+            self._show_parts(pose, bodies, ids)
 
     def _wanted(self, one: str, part: str) -> bool:
         return self.outlet.wanted(topics.body(one, part))
+
+    def _parts_wanted(self, ids: Sequence[str], what: str) -> bool:
+        return any(self._wanted(one, f"{part}/{what}") for one in ids for part in PARTS)
 
     def _show_whereabouts(self, pose: Pose3D, bodies: Bodies, ids: Sequence[str]) -> None:
         if not any(self._wanted(one, what) for one in ids for what in ("position", "velocity")):
             return
         places = bodies.world_from_link[:, [_BODY]]
-        rates = self._body_rates.step(pose.t_ns, pose.person_id.tolist(), packed_poses(places), pose_difference)
+        rates = np.full((len(ids), 6), np.nan)
+        if any(self._wanted(one, "velocity") for one in ids):
+            rates = self._body_rates.step(pose.t_ns, pose.person_id.tolist(), packed_poses(places), pose_difference)
         for n, one in enumerate(ids):
             if np.isfinite(places.xyz[n]).all() and self._wanted(one, "position"):
                 msg = point_stamped(pose.t_ns, self.world_frame, places.xyz[n, 0])
@@ -71,36 +75,28 @@ class PersonOutput:
             if np.isfinite(rates[n]).all() and self._wanted(one, "velocity"):
                 self.outlet.publish(topics.body(one, "velocity"), twist_stamped(pose.t_ns, self.world_frame, rates[n]), pose.t_ns)
 
-    def _show_parts(self, pose: Pose3D, ids: Sequence[str]) -> None:
+    def _show_parts(self, pose: Pose3D, bodies: Bodies, ids: Sequence[str]) -> None:
         if self.base_frame and self.base_from_world is None:
             return
-        parts = parts_from_pose(pose)
-        packed = packed_poses(parts.world_from_part)
-        rates = self._part_rates.step(pose.t_ns, pose.person_id.tolist(), packed, pose_difference)
-        frame = self.base_frame or self.world_frame
-        there = self.base_from_world or SE3.identity()
-        for n, one in enumerate(ids):
-            for p, part in enumerate(PARTS):
-                self._show_part(pose.t_ns, f"{part}/", (one, frame, there), parts, (n, p), rates[n].reshape(-1, 6)[p])
-
-    def _show_part(
-        self, t_ns: int, part: str, to: tuple[str, str, SE3], parts: PartPoses, place: tuple[int, int], rate: Array
-    ) -> None:
-        one, frame, base_from_world = to
-        part_world = parts.world_from_part[place]
-        if not np.isfinite(part_world.wxyz).all():
-            return
-        pose, turn = base_from_world @ part_world, base_from_world.matrix()
-        if self._wanted(one, f"{part}pose"):
-            self.outlet.publish(topics.body(one, f"{part}pose"), pose_stamped(t_ns, frame, pose), t_ns)
-        cov, topic = parts.cov[place], topics.body(one, f"{part}pose_with_covariance")
-        if np.isfinite(cov).all() and self.outlet.wanted(topic):
-            both = np.kron(np.eye(2), turn)
-            self.outlet.publish(topic, pose_with_covariance(t_ns, frame, pose, both @ cov @ both.T), t_ns)
-        topic = topics.body(one, f"{part}twist")
-        if np.isfinite(rate).all() and self.outlet.wanted(topic):
-            turned = np.concatenate([turn @ rate[:3], turn @ rate[3:]])
-            self.outlet.publish(topic, twist_stamped(t_ns, frame, turned), t_ns)
+        parts, base_from_world = parts_from_pose(pose, bodies), self.base_from_world or SE3.identity()
+        rates, cov = np.full((*parts.batch, 6), np.nan), np.full((*parts.batch, 6, 6), np.nan)
+        if self._parts_wanted(ids, "twist"):
+            world = self._part_rates.step(pose.t_ns, pose.person_id.tolist(), packed_poses(parts), pose_difference)
+            rates = (base_from_world.matrix() @ world.reshape(*parts.batch, 2, 3, 1)).reshape(rates.shape)
+        if self._parts_wanted(ids, "pose_with_covariance"):
+            both = np.kron(np.eye(2), base_from_world.matrix())
+            cov = both @ covariance_of_parts(pose, parts) @ both.T
+        shown, frame, t_ns = base_from_world @ parts, self.base_frame or self.world_frame, pose.t_ns
+        sure, moving = np.isfinite(cov).all(axis=(-1, -2)), np.isfinite(rates).all(axis=-1)
+        for n, p in np.argwhere(np.isfinite(parts.xyz).all(axis=-1)).tolist():
+            in_pose, in_cov, in_twist = (topics.body(ids[n], f"{PARTS[p]}/{what}") for what in topics.PART_TOPICS)
+            here = shown[n, p]
+            if self.outlet.wanted(in_pose):
+                self.outlet.publish(in_pose, pose_stamped(t_ns, frame, here), t_ns)
+            if sure[n, p] and self.outlet.wanted(in_cov):
+                self.outlet.publish(in_cov, pose_with_covariance(t_ns, frame, here, cov[n, p]), t_ns)
+            if moving[n, p] and self.outlet.wanted(in_twist):
+                self.outlet.publish(in_twist, twist_stamped(t_ns, frame, rates[n, p]), t_ns)
 
     def show_models(self, pose: Pose3D, ids: Sequence[str]) -> None:
         """A model of a person is latched, so it is made whether or not there are subscribers now."""

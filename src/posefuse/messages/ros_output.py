@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from posefuse.core import SE3, Camera, JointAngles, Pose3D, Rig
+from posefuse.core.arrays import Array
 
 from . import topics
 from .bodies import LINKS, bodies_from_pose
@@ -132,17 +133,21 @@ class RosOutput:
         if not (frames or any(self.outlet.wanted(topics.body(one, part)) for one in ids for part in parts)):
             return
         bodies = bodies_from_pose(pose)
-        rates = self._joint_rates.step(pose.t_ns, pose.person_id.tolist(), bodies.position_rad, angle_difference)
-        for one, position_rad, rate in zip(ids, bodies.position_rad, rates, strict=True):
-            topic = topics.body(one, "joint_states")
-            if self.outlet.wanted(topic):
-                self.outlet.publish(topic, joint_state(one, position_rad, rate, pose.t_ns), pose.t_ns)
+        if any(self.outlet.wanted(topics.body(one, "joint_states")) for one in ids):
+            self._show_joints(pose, bodies.position_rad, ids)
         self.people.step(pose, bodies, ids)
         if not frames:
             return
         transforms = self._frames(pose, joints, ids, bodies.world_from_link)
         if transforms:
             self.outlet.publish(topics.TF, message("tf2_msgs/msg/TFMessage", transforms=transforms), pose.t_ns)
+
+    def _show_joints(self, pose: Pose3D, positions_rad: Array, ids: Sequence[str]) -> None:
+        rates = self._joint_rates.step(pose.t_ns, pose.person_id.tolist(), positions_rad, angle_difference)
+        for one, position_rad, rate in zip(ids, positions_rad, rates, strict=True):
+            topic = topics.body(one, "joint_states")
+            if self.outlet.wanted(topic):
+                self.outlet.publish(topic, joint_state(one, position_rad, rate, pose.t_ns), pose.t_ns)
 
     def diagnose(self, t_ns: int, health: Sequence[Health]) -> None:
         """Publish the state of cameras and stages."""
@@ -201,8 +206,11 @@ class RosOutput:
 
     def _show_view(self, one: str, pose: Pose3D, n: int, camera: Camera) -> None:
         xy, inside = keypoints_seen(pose, n, camera)
-        self.outlet.publish(topics.body(one, "skeleton2d"), skeleton2d(xy, inside, camera, pose.t_ns), pose.t_ns)
-        self.outlet.publish(topics.body(one, "roi"), region_of_interest(xy[inside], camera, pose.t_ns), pose.t_ns)
+        skeleton, box = topics.body(one, "skeleton2d"), topics.body(one, "roi")
+        if self.outlet.wanted(skeleton):
+            self.outlet.publish(skeleton, skeleton2d(xy, inside, camera, pose.t_ns), pose.t_ns)
+        if self.outlet.wanted(box):
+            self.outlet.publish(box, region_of_interest(xy[inside], camera, pose.t_ns), pose.t_ns)
 
 
 @lru_cache(maxsize=256)
