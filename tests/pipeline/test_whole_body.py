@@ -10,7 +10,8 @@ from posefuse.core.skeleton import COCO17
 from posefuse.detection.models import read_card
 from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.foundation.settings import settings_from_mapping
-from posefuse.kinematics.body import BodySettings
+from posefuse.kinematics.body import BodySettings, fit_views
+from posefuse.pipeline import whole_body
 from posefuse.pipeline.config import TrackConfig, changed_config
 from posefuse.pipeline.solve import SolveSettings
 from posefuse.pipeline.whole_body import hidden_people, with_bodies
@@ -207,3 +208,21 @@ def test_only_people_with_hidden_limbs_are_fitted_if_asked_for(walker, ring_rig)
     in_view = replace(in_view, poses=poses)
     assert with_bodies(in_view, in_view.views, BodySettings(), None, only_hidden=True) is in_view
     assert with_bodies(in_view, in_view.views, BodySettings(), None) is not in_view
+
+
+def test_a_fit_of_one_person_is_the_same_next_to_others_and_leaves_them_out(walker, ring_rig, monkeypatch) -> None:
+    recording = two_people(seen_by(ring_rig(4), walker, hidden_from=3), np.full((STEPS, len(COCO17)), Kind.SMOOTHED))
+    everybody = with_bodies(recording, recording.views, BodySettings(), None)
+    fitted: list[int] = []
+
+    def spied(poses, *rest, **options):
+        fitted.extend(poses.person_id.tolist())
+        return fit_views(poses, *rest, **options)
+
+    monkeypatch.setattr(whole_body, "fit_views", spied)
+    alone = with_bodies(recording, recording.views, BodySettings(), None, only_hidden=True)
+    assert fitted == alone.provenance["fitted_people"] == [0]
+    for name in ("xyz_world", "cov_world", "kind"):
+        found = getattr(alone.poses, name)
+        np.testing.assert_array_equal(found[:, 0], getattr(everybody.poses, name)[:, 0])
+        np.testing.assert_array_equal(found[:, 1], getattr(recording.poses, name)[:, 1])

@@ -133,6 +133,11 @@ class PoseSequence:
         arrays = {name: getattr(self, name)[i] for name in _POSE_AXES if name != "person_id"}
         return Pose3D(t_ns=int(self.t_ns[i]), skeleton=self.skeleton, person_id=self.person_id, **arrays)
 
+    def people(self, which: Array) -> PoseSequence:
+        """These people only: `which` is (N,) bool, or their places on axis N in the order wanted."""
+        arrays: dict[str, Any] = {name: getattr(self, name)[:, which] for name in _POSE_AXES if name != "person_id"}
+        return replace(self, person_id=self.person_id[which], **arrays)
+
     @staticmethod
     def from_poses(poses: Sequence[Pose3D]) -> PoseSequence:
         """Stack time steps of the same people (same person_id in the same order); raises ShapeError otherwise."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -52,6 +53,12 @@ class ViewSequence:
             sigma_px=self.sigma_px[i],
             depth_m=None if self.depth_m is None else self.depth_m[i],
         )
+
+    def people(self, which: Array) -> ViewSequence:
+        """These people only: `which` is (N,) bool, or their places on axis N in the order wanted."""
+        arrays: dict[str, Any] = {name: getattr(self, name)[:, which] for name in VIEW_ARRAYS if name != "person_id"}
+        depth_m = None if self.depth_m is None else self.depth_m[:, which]
+        return replace(self, person_id=self.person_id[which], depth_m=depth_m, **arrays)
 
 
 def views_over_time(

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from posefuse.core import InputError, JointCentres, Kind, PoseSequence, Recording, ViewSequence
 from posefuse.core.joint_centres import SEGMENT_ENDS
 from posefuse.kinematics.body import BodySettings, LengthPrior, fit_views
@@ -49,15 +51,19 @@ def with_bodies(
     where that starts. People who were not seen well enough to have a skeleton keep their poses; the provenance names the others
     (``fitted_people``).
     """
-    chosen = hidden_people(recording.poses) if only_hidden else set(recording.poses.person_id.tolist())
-    if not chosen:
+    poses = recording.poses
+    chosen = np.isin(poses.person_id, list(hidden_people(poses) if only_hidden else poses.person_id))
+    if not chosen.any():
         return recording
-    rays = views_at_joint_centres(recording.poses, recording.rig, views, centres)
+    rays = views_at_joint_centres(poses, recording.rig, views, centres)
     try:
-        fit = fit_views(recording.poses, recording.rig, rays, settings, lengths=usual_length_prior(), people=chosen)
+        fit = fit_views(poses.people(chosen), recording.rig, rays.people(chosen), settings, lengths=usual_length_prior())
     except InputError:  # no person has a skeleton
         return recording
     people = sorted(fit.bodies)
     if not people:
         return recording
-    return replace(recording, poses=fit.poses, provenance={**recording.provenance, "fitted_people": people})
+    planes = {name: getattr(poses, name).copy() for name in ("xyz_world", "cov_world", "kind")}
+    for name, plane in planes.items():
+        plane[:, chosen] = getattr(fit.poses, name)
+    return replace(recording, poses=replace(poses, **planes), provenance={**recording.provenance, "fitted_people": people})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -76,13 +76,12 @@ def fit_views(
     bodies: Mapping[int, BodyModel] | None = None,
     joint_settings: JointSettings | None = None,
     lengths: LengthPrior | None = None,
-    people: Collection[int] | None = None,
 ) -> BodyFit:
     """Fit each person's skeleton directly to the rays of all views: a joint seen by one camera still counts.
 
     `views` are of the people and times of `sequence`, which gives the start, and segment lengths as medians over time. With
     `lengths` as a prior they are then solved together with poses (`with_solved_lengths`), and a shoulder or hip without any 3D
-    is no obstacle (`with_stand_ins`). Others than `people` (ids; None: everybody) keep their poses. Raises as `fit_poses`.
+    is no obstacle (`with_stand_ins`). Raises as `fit_poses`.
     """
     settings = settings or BodySettings()
     projections = rig.projections()
@@ -101,7 +100,6 @@ def fit_views(
 
     if bodies is None:
         bodies = bodies_from_poses(start, settings, joint_settings)
-    bodies = {person: body for person, body in bodies.items() if people is None or person in people}
     if lengths is not None:
         work = FrameBuffers(sequence.skeleton, joint_settings or JointSettings())
         steps = np.unique(np.linspace(0, len(sequence) - 1, settings.length_steps).astype(int)).tolist()
