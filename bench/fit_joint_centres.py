@@ -92,9 +92,7 @@ def fit(folders: list[Path], card_name: str, only: tuple[str, ...]) -> None:
     for part in range(PARTS):
         table = fitted([run for i, run in enumerate(runs) if i % PARTS != part])
         found |= {scenes[i]: errors_mm(*run, table) for i, run in enumerate(runs) if i % PARTS == part}
-    instants = sum(len(poses) for poses, _ in runs)
-    made_by = f"bench/fit_joint_centres.py: {len(runs)} rendered scenes of as many bodies, {instants} time steps"
-    table = fitted(runs, made_by)
+    table = fitted(runs, f"{card_name}, fitted to {len(runs)} simulated bodies")
     print(f"{len(runs)} scenes; each judged by a fit to the bodies of the other three quarters; mean mm before -> after")
     for joint in JOINTS:
         before, after = (np.linalg.norm(np.concatenate([one[joint][k] for one in found.values()]), axis=1) for k in (0, 1))
@@ -104,17 +102,17 @@ def fit(folders: list[Path], card_name: str, only: tuple[str, ...]) -> None:
     for joint in JOINTS:
         before_parts, after_parts = (parts([one[joint][k] for path, one in found.items() if path in raised]) for k in (0, 1))
         print(f"{joint:9s} {before_parts}  ->  {after_parts}")
-    write_card(card_name, table, only)
+    write_card(card_name, table, only, len(runs))
 
 
-def write_card(card_name: str, table: JointCentres, only: tuple[str, ...]) -> None:
+def write_card(card_name: str, table: JointCentres, only: tuple[str, ...], bodies: int) -> None:
     """Write the table of a card; with `only`, the other joints stay as the card has them."""
     card = read_any_card(card_name)
     path = card.folder / f"{card.name}.joint_centres.toml"
     if only:
         before = read_joint_centres(path)
         offsets = {**before.offsets, **{joint: table.offsets[joint] for joint in only}}
-        table = replace(before, made_by=f"{before.made_by}; {', '.join(only)}: {table.made_by}", offsets=offsets)
+        table = replace(before, made_by=f"{before.made_by} ({', '.join(only)}: {bodies})", offsets=offsets)
     path.write_text(joint_centres_text(table), encoding="utf-8")
     print(f"written: {path.name}")
 

@@ -76,10 +76,8 @@ def _joint_centres(
     if len(runs) < _LEAST_RUNS:
         terminal.warn(f"joint centres: the person was tracked in {len(runs)} scenes; expected at least {_LEAST_RUNS}; not fitted")
         return None
-    steps = sum(len(poses) for poses, _ in runs)
     path = Path(card_file.with_suffix(".joint_centres.toml"))
-    made_by = f"posefuse fit-noise: {len(runs)} rendered scenes, {steps} time steps of {card.name}"
-    write_text(path, joint_centres_text(fitted(runs, made_by)))
+    write_text(path, joint_centres_text(fitted(runs, f"{card.name}, fitted to {len(runs)} simulated bodies")))
     return path
 
 

@@ -126,7 +126,7 @@ def show(terminal: Terminal, figures: Mapping[str, Any]) -> None:
         cut = figures["withheld"]
         facts["withheld"] = f"{cut['keypoints']:.1%} of keypoints, {cut['people']:.1%} of people: too unsure, or not measured"
     if figures["joint_centres"]:
-        facts["joint centres"] = "; ".join(sorted(set(figures["joint_centres"].values())))
+        facts["joint centres"] = "; ".join(f"offsets of {table}" for table in sorted(set(figures["joint_centres"].values())))
     if math.isfinite(figures["used_share"]):
         facts["frames used"] = f"{figures['used_share']:.0%}"
     if figures["restarts"]:

@@ -40,7 +40,7 @@ class JointCentres:
     """Offsets from a detector's keypoints to joint centres, along directions of the body itself.
 
     Attributes:
-        made_by: command and data of the fit, for people.
+        made_by: for people: whose keypoints these are (network or keypoint set), and what the offsets were fitted to.
         offsets: joint of `JOINT_DIRECTIONS` -> direction -> metres; what is left out is not moved.
         lengths: segment of `SEGMENT_ENDS` -> metres between joint centres, of the people of the fit on average.
         by_length: joint -> direction -> segment -> metres more per metre that the person's segment is longer than that.

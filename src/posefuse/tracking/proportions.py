@@ -100,7 +100,7 @@ def proportional_joint_centres(skeleton: Skeleton, known: Proportions | None = N
     for (joint, direction), row in zip(_LENGTHENS, gain, strict=True):
         offsets.setdefault(joint, {})[direction] = 0.0
         slopes.setdefault(joint, {})[direction] = dict(zip(SEGMENT_ENDS, row.tolist(), strict=True))
-    made_by = f"proportions of people and the segments of this recording, for {skeleton.name} (see tracking/proportions.py)"
+    made_by = f"{skeleton.name}, by the usual body proportions of people (fitted to no network)"
     return JointCentres(made_by=made_by, offsets=offsets, lengths=usual, by_length=slopes)
 
 
