@@ -116,7 +116,7 @@ def _other_person(views: PersonViews, rig: Rig, seed: int) -> PersonViews:
     return _with(views, 3, rig.cameras[3].project(walker(views.t_ns / 1e9 + 3.0, (0.8, 0.5))))
 
 
-def _nobody(views: PersonViews, rig: Rig, seed: int) -> PersonViews:
+def _no_person(views: PersonViews, rig: Rig, seed: int) -> PersonViews:
     return _with(views, 3, np.full(views.xy_img[3].shape, np.nan))
 
 
@@ -144,7 +144,7 @@ CASES = (
     _case("person: image of one turned by 180 deg", r"upside down: cam01|cam01.*turned by 180", _turned),
     _case("person: stands in one place", r"walks about", _standing),
     _case("person: another person in one camera", r"cam03.*(another|other) person|another person.*cam03", _other_person),
-    _case("person: one camera sees no person", r"cam03 \(0 of", _nobody),
+    _case("person: one camera sees no person", r"cam03 \(0 of", _no_person),
     _case("person: one video given twice", r"cam00 and cam01.*(same video|nearest)", _twice),
     _case("person: a camera moved by 6 deg and 300 mm", r"cam02.*moved", _moved_camera),
     _lenses("person: focal length of one +25 %", r"cam01.*(intrinsics|focal)|intrinsics of cam01",

@@ -80,8 +80,8 @@ def test_a_detector_takes_plain_images(demo_session: Path, models: None) -> None
 
     image = next(VideoConfig(demo_session / "videos" / "cam00.mp4", "cam00").build().frames()).image
     detect = pf.detector("blazepose_lite")
-    found, nobody = detect([image, np.zeros_like(image)])
-    assert (len(found), len(nobody)) == (1, 0)
+    found, no_person = detect([image, np.zeros_like(image)])
+    assert (len(found), len(no_person)) == (1, 0)
     assert found.xy_img.shape == (1, len(detect.skeleton), 2)
 
 

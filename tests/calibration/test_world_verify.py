@@ -190,13 +190,13 @@ def test_the_monitor_names_what_went_wrong_within_seconds(lab: Any) -> None:
 
 
 def test_a_camera_that_looks_at_another_person_is_not_called_moved(lab: Any) -> None:
-    def somebody_else(t: float) -> np.ndarray:
+    def another_person(t: float) -> np.ndarray:
         xy = lab.rig.project(walk(np.array([t]))[0])
         if t >= 5:
             xy[1] = lab.rig.cameras[1].project(walk(np.array([1.7 * t + 4]))[0] + [0.8, -0.7, 0.0])
         return xy
 
-    assert run_monitor(lab.rig, somebody_else, seconds=11) == []
+    assert run_monitor(lab.rig, another_person, seconds=11) == []
 
 
 @pytest.mark.parametrize(("reach_m", "turn_rad", "kinds"), [(0.0, 0.02, []), (0.0, 0.1, ["moved"]), (1.0, 0.02, ["moved"])])

@@ -70,8 +70,8 @@ def images(demo_session: Path, cameras: tuple[str, ...]) -> list[Frame]:
 @pytest.mark.usefixtures("models")
 def test_the_blazepose_detector(demo_session: Path) -> None:
     people = images(demo_session, ("cam00", "cam02"))
-    nobody = replace(people[0], image=np.full_like(people[0].image, 90))
-    check_detector(build_plugin("detectors", "blazepose", {}), [*people, nobody])
+    no_person = replace(people[0], image=np.full_like(people[0].image, 90))
+    check_detector(build_plugin("detectors", "blazepose", {}), [*people, no_person])
 
 
 def test_the_oracle_detector(demo_session: Path) -> None:

@@ -123,8 +123,8 @@ def test_keypoints_are_picked_by_name_synonym_or_midpoint() -> None:
 
 
 def test_an_empty_pose_has_no_person_and_its_own_time() -> None:
-    nobody = Pose3D.empty(9, COCO17)
-    assert (nobody.t_ns, nobody.person_id.shape, nobody.cov_world.shape) == (9, (0,), (0, K, 3, 3))
+    no_person = Pose3D.empty(9, COCO17)
+    assert (no_person.t_ns, no_person.person_id.shape, no_person.cov_world.shape) == (9, (0,), (0, K, 3, 3))
 
 
 def test_people_are_picked_by_mask_or_by_place() -> None:

@@ -53,8 +53,8 @@ def test_a_region_gives_the_same_man_and_an_empty_one_no_person(detector, frame,
 
 def test_frames_in_one_call_do_not_disturb_each_other(detector, frame, seen):
     blank = Frame(camera="other", seq=0, t_ns=0, received_ns=0, image=np.full((240, 320, 3), 90, np.uint8))
-    nobody, again, none_asked = detector.detect([blank, frame, frame], [None, None, []])
-    assert len(nobody) == 0 and len(none_asked) == 0
+    no_person, again, none_asked = detector.detect([blank, frame, frame], [None, None, []])
+    assert len(no_person) == 0 and len(none_asked) == 0
     assert np.array_equal(again.xy_img, seen.xy_img)
 
 

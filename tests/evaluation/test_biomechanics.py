@@ -99,8 +99,8 @@ def test_a_person_without_skeleton_files_is_named_with_the_reason(recording, tmp
 
 def test_stages_are_reported_as_they_begin(recording, tmp_path):
     reported = []
-    tell = lambda *report: reported.append(report)  # noqa: E731
-    write_biomechanics(recording, tmp_path, BiomechanicsSettings(fit="points"), title="Trial 7", progress=tell)
+    report = lambda *report: reported.append(report)  # noqa: E731
+    write_biomechanics(recording, tmp_path, BiomechanicsSettings(fit="points"), title="Trial 7", progress=report)
     assert reported == [
         ("report", 0, 3, "fitting the skeleton to the points of 24 time steps"),
         ("report", 1, 3, "tables and files for other programs"),

@@ -61,7 +61,7 @@ def test_a_keypoint_that_is_missing_now_and_then_is_fitted_from_the_others():
     assert all(np.isfinite(list(fit.noise.offset.values()))) and np.isfinite(fit.ratio)
 
 
-def test_sets_without_hands_and_feet_are_fitted_along_what_they_can_tell():
+def test_sets_without_hands_and_feet_are_fitted_along_directions_they_determine():
     coco, whole = directions_of(SKELETONS["coco17"]), directions_of(SKELETONS["coco_wholebody_133"])
     assert coco["wrist"] == ("forearm",) and coco["ankle"] == ("shank", "outward")
     assert whole["wrist"] == ("forearm", "hand", "palm") and "foot" in whole["ankle"]

@@ -194,8 +194,8 @@ def test_several_people_and_no_person(read_page, tmp_path, ring_rig):
     page = reported(read_page, tmp_path, recording)
     assert any(heading.startswith("Person 0") for heading in page.headings) and "Person 1" in page.headings
     assert "Not seen in any time step" in page.text
-    nobody = recording_of(ring_rig, xyz[:, :0], t_ns)
-    assert reported(read_page, tmp_path, nobody).headings == ["Motion report"]
+    no_person = recording_of(ring_rig, xyz[:, :0], t_ns)
+    assert reported(read_page, tmp_path, no_person).headings == ["Motion report"]
 
 
 def test_standing_is_not_called_walking(read_page, tmp_path, ring_rig):

@@ -45,7 +45,7 @@ def test_a_good_recording_has_no_findings_and_a_moved_camera_one(walk: tuple[Rig
     assert 7 < found[0].t_ns / 1e9 < 12
 
 
-def test_two_cameras_cannot_tell_and_say_nothing(walk: tuple[Rig, np.ndarray, np.ndarray]) -> None:
+def test_two_cameras_cannot_distinguish_and_report_nothing(walk: tuple[Rig, np.ndarray, np.ndarray]) -> None:
     rig, t_s, xy = walk
     two = Rig(rig.cameras[:2])
     assert rig_findings(views_of(two, xy[:, :2] + [0, 50.0], t_s), two) == []

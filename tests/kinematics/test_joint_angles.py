@@ -218,8 +218,8 @@ def test_no_person_and_all_missing_give_empty_and_nan(posed):
     nan = replace(sequence, xyz_world=sequence.xyz_world * np.nan, cov_world=sequence.cov_world * np.nan)
     assert np.isnan(joints_from_poses(nan).angle_rad).all()
     planes = ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")
-    nobody = replace(sequence, person_id=[], **{name: getattr(sequence, name)[:, :0] for name in planes})
-    assert joints_from_poses(nobody).angle_rad.shape == (3, 0, len(JOINT_NAMES), 3)
+    no_person = replace(sequence, person_id=[], **{name: getattr(sequence, name)[:, :0] for name in planes})
+    assert joints_from_poses(no_person).angle_rad.shape == (3, 0, len(JOINT_NAMES), 3)
 
 
 @pytest.mark.parametrize("far_m", [1e12, 1e16, 1e100, 1e200, np.inf])

@@ -188,7 +188,7 @@ def test_uncertainty_is_drawn_to_scale(make_recording: Make) -> None:
 
 def test_no_person_in_the_picture(tmp_path: Path, make_recording: Make) -> None:
     recording = make_recording()
-    nobody = replace(
+    no_person = replace(
         recording,
         poses=replace(
             recording.poses,
@@ -196,7 +196,7 @@ def test_no_person_in_the_picture(tmp_path: Path, make_recording: Make) -> None:
             kind=np.zeros_like(recording.poses.kind),
         ),
     )
-    made = write_outputs([OverlaySink(width_px=320, height_px=240), OverviewSink()], nobody, tmp_path)
+    made = write_outputs([OverlaySink(width_px=320, height_px=240), OverviewSink()], no_person, tmp_path)
     assert [path.name for path in made] == ["overlay.mp4", "overview.png"]
 
 

@@ -315,8 +315,8 @@ def test_two_who_stand_together_stay_two_where_a_search_has_to_be_put_together(r
     stage.people = close
     everybody = stage.look(0, None)
     again = [dataclasses.replace(one, xy_img=one.xy_img + 1.0) for one in everybody]
-    nobody = [Detections2D.empty(one.camera, one.t_ns, COCO17) for one in everybody]
-    looks = ((LookKind.EXPECTED, again), (LookKind.SECOND, everybody), (LookKind.SECOND, nobody))
+    no_person = [Detections2D.empty(one.camera, one.t_ns, COCO17) for one in everybody]
+    looks = ((LookKind.EXPECTED, again), (LookKind.SECOND, everybody), (LookKind.SECOND, no_person))
     batches = [DetectionBatch(step=0, t_ns=0, kind=kind, detections=tuple(found)) for kind, found in looks]
     [step] = stored_steps(Observations.from_batches(COCO17, rig.names, batches))
     for found, wanted in zip(step.look(LookKind.SEARCH, None), everybody, strict=True):

@@ -79,13 +79,13 @@ class Still:
 
 
 @pytest.fixture
-def somebody() -> np.ndarray:
+def standing_person() -> np.ndarray:
     return np.random.default_rng(5).normal(size=(K, 3)) * 0.3 + [0, 0, 1.0]
 
 
 @pytest.mark.parametrize("wanted", [True, False])
-def test_the_output_is_at_joint_centres_and_the_views_get_landmarks(ring_rig, somebody, wanted) -> None:
-    rig, kept, tracker = ring_rig(3), Kept(), Still(somebody)
+def test_the_output_is_at_joint_centres_and_the_views_get_landmarks(ring_rig, standing_person, wanted) -> None:
+    rig, kept, tracker = ring_rig(3), Kept(), Still(standing_person)
     board = new_board(rig)
     fusion = Fusion(rig, tracker, board, SessionClock.begin(), kept, Centring(rig.names, wanted))
     fusion.tick(BEGIN_NS, PERIOD_NS)
@@ -93,9 +93,9 @@ def test_the_output_is_at_joint_centres_and_the_views_get_landmarks(ring_rig, so
     fusion.tick(BEGIN_NS + 5 * PERIOD_NS, PERIOD_NS)
     before, after = (message.pose for message in kept.offered if isinstance(message, LivePose))
     expected = at_joint_centres(before, FULL, FULL.usual).xyz_world if wanted else before.xyz_world
-    np.testing.assert_array_equal(before.xyz_world[0], somebody)
+    np.testing.assert_array_equal(before.xyz_world[0], standing_person)
     np.testing.assert_array_equal(after.xyz_world, expected)
-    np.testing.assert_array_equal(board.read().xyz_world[0], somebody)
+    np.testing.assert_array_equal(board.read().xyz_world[0], standing_person)
     assert (np.abs(after.xyz_world - before.xyz_world).max() > 0.01) == wanted
     assert fusion.centring.made_by == (dict.fromkeys(rig.names, FULL.made_by) if wanted else {})
     # the table belongs to the views, wanted or not
@@ -103,8 +103,8 @@ def test_the_output_is_at_joint_centres_and_the_views_get_landmarks(ring_rig, so
     assert [(message.cameras, message.table) for message in offered] == [(rig.names, FULL)]
 
 
-def test_where_networks_differ_the_first_camera_with_a_table_counts(somebody) -> None:
-    pose, other = Still(somebody).at(0), JointCentres(made_by="another", offsets={"hip": {"up": 0.05}})
+def test_where_networks_differ_the_first_camera_with_a_table_counts(standing_person) -> None:
+    pose, other = Still(standing_person).at(0), JointCentres(made_by="another", offsets={"hip": {"up": 0.05}})
     centring = Centring("abc", wanted=True)
     centring.learn(Centres(("c", "stranger"), FULL))
     np.testing.assert_array_equal(centring.moved(pose).xyz_world, at_joint_centres(pose, FULL, FULL.usual).xyz_world)
@@ -114,9 +114,9 @@ def test_where_networks_differ_the_first_camera_with_a_table_counts(somebody) ->
     assert centring.made_by == {"b": "another", "c": FULL.made_by}
 
 
-def test_the_table_of_one_who_is_followed_for_long_counts_by_length(somebody) -> None:
+def test_the_table_of_one_who_is_followed_for_long_counts_by_length(standing_person) -> None:
     """The same table sent again does not make any person a stranger; another one does."""
-    centring, tracker = Centring("ab", wanted=True), Still(somebody)
+    centring, tracker = Centring("ab", wanted=True), Still(standing_person)
     centring.learn(Centres(("a",), FULL))
     shown = [centring.moved(tracker.at(i * PERIOD_NS)).xyz_world for i in range(3000)]
     usual = at_joint_centres(tracker.at(0), FULL, FULL.usual).xyz_world
@@ -174,7 +174,7 @@ def test_a_table_that_makes_no_sense_is_refused(change, words) -> None:
         centres_from_message(msg)
 
 
-def test_a_replay_moves_the_poses_as_the_session_did(ring_rig, somebody, tmp_path: Path) -> None:
+def test_a_replay_moves_the_poses_as_the_session_did(ring_rig, standing_person, tmp_path: Path) -> None:
     rig, config = ring_rig(3), LiveConfig()
     path, clock = tmp_path / "live.mcap", SessionClock.begin()
     sink = RecordConfig(path=path).build()
@@ -188,7 +188,7 @@ def test_a_replay_moves_the_poses_as_the_session_did(ring_rig, somebody, tmp_pat
     for i in range(30):
         t_ns = BEGIN_NS + i * PERIOD_NS
         camera = rig.cameras[i % 3]
-        xy, ones = camera.project(somebody)[None], np.ones((1, K))
+        xy, ones = camera.project(standing_person)[None], np.ones((1, K))
         view = Detections2D(
             camera=camera.name, t_ns=t_ns, skeleton=BLAZEPOSE33, xy_img=xy, score=ones, sigma_px=ones, box_img=np.zeros((1, 4))
         )

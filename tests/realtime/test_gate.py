@@ -63,8 +63,8 @@ def test_what_was_not_measured_for_long_is_withheld_however_sure() -> None:
 def test_what_is_good_is_not_touched() -> None:
     given = pose(1.0)
     assert KeypointGate(KeypointGateSettings()).passed(given) is given
-    nobody = pose(1.0, people=())
-    assert len(KeypointGate(KeypointGateSettings()).passed(nobody).person_id) == 0
+    no_person = pose(1.0, people=())
+    assert len(KeypointGate(KeypointGateSettings()).passed(no_person).person_id) == 0
 
 
 def test_keypoints_are_judged_as_by_their_worst_axis() -> None:

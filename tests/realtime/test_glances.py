@@ -64,7 +64,7 @@ class NoSourceConfig:
         return NoSource()
 
 
-class SeesNobody:
+class SeesNoPerson:
     """In place of a detector that may be exchanged."""
 
     network = ""
@@ -81,7 +81,7 @@ class SeesNobody:
 def watched(ring_rig, monkeypatch: pytest.MonkeyPatch):
     """Lets a group look at `count` frames of one camera, and gives (messages, images asked for, searches)."""
     rig, clock_s = ring_rig(3, size_wh=(64, 48)), itertools.count(1000.0, 1 / 30)
-    monkeypatch.setattr(group_module, "ChangeableDetector", SeesNobody)
+    monkeypatch.setattr(group_module, "ChangeableDetector", SeesNoPerson)
 
     def look(count: int, people: int = 0, glances: bool = True) -> tuple[list[SeenView], int, int]:
         ours, theirs = Channel.pair()

@@ -93,7 +93,7 @@ def test_twins_come_back_under_their_ids_by_their_clothes() -> None:
     assert _after_return(cameras=3) == [1, 0]
 
 
-def test_colours_of_one_view_are_nobodys() -> None:
+def test_colours_of_one_view_are_of_no_person() -> None:
     """Another person may stand before this one: nothing tells the twins apart, and the first ids are given in order."""
     assert _after_return(cameras=1) == [0, 1]
 

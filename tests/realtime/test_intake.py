@@ -28,7 +28,7 @@ T0 = 1_700_000_000 * S
 COCO, BLAZE = SKELETONS["coco17"], BLAZEPOSE33
 
 
-def nobody(camera: str, t_ns: int = T0, skeleton: Skeleton = BLAZE) -> Detections2D:
+def no_person(camera: str, t_ns: int = T0, skeleton: Skeleton = BLAZE) -> Detections2D:
     return Detections2D.empty(camera, t_ns, skeleton)
 
 
@@ -36,7 +36,7 @@ def begun(*cameras: str) -> Senders:
     """Senders whose session has a skeleton."""
     senders = Senders(cameras)
     for name in cameras:
-        senders.admits(nobody(name), "node", T0)
+        senders.admits(no_person(name), "node", T0)
     assert senders.skeleton == BLAZE
     return senders
 
@@ -46,65 +46,65 @@ def begun(*cameras: str) -> Senders:
 
 def test_the_skeleton_of_most_cameras_is_the_sessions() -> None:
     senders = Senders(("a", "b", "c"))
-    assert not senders.admits(nobody("a", skeleton=COCO), "stranger", T0)
+    assert not senders.admits(no_person("a", skeleton=COCO), "stranger", T0)
     assert senders.skeleton is None
-    senders.admits(nobody("a"), "node", T0 + 1)
-    senders.admits(nobody("b"), "node", T0 + 2)
+    senders.admits(no_person("a"), "node", T0 + 1)
+    senders.admits(no_person("b"), "node", T0 + 2)
     assert senders.skeleton == BLAZE
     alone = Senders(("a", "b", "c"))
-    alone.admits(nobody("c", skeleton=COCO), "node", T0)
-    alone.admits(nobody("c", skeleton=COCO), "node", T0 + S)
+    alone.admits(no_person("c", skeleton=COCO), "node", T0)
+    alone.admits(no_person("c", skeleton=COCO), "node", T0 + S)
     assert alone.skeleton == COCO
 
 
 def test_another_skeleton_is_refused_counted_and_reported_once() -> None:
     senders = begun("a", "b")
-    assert senders.admits(nobody("a"), "node", T0)
+    assert senders.admits(no_person("a"), "node", T0)
     for _ in range(5):
-        assert not senders.admits(nobody("a", skeleton=COCO), "stranger", T0 + 1)
+        assert not senders.admits(no_person("a", skeleton=COCO), "stranger", T0 + 1)
     (line,) = senders.news
     assert (
         line == "camera a: views have the skeleton coco17 (17 keypoints), this session has blazepose33 (33 keypoints): not used"
     )
     assert senders.refused[line] == 5
-    assert senders.admits(nobody("a"), "node", T0 + 2)
+    assert senders.admits(no_person("a"), "node", T0 + 2)
     # the same name with other keypoints is another one
-    senders.admits(nobody("a", skeleton=Skeleton("blazepose33", ("a", "b"))), "node", T0 + 3)
+    senders.admits(no_person("a", skeleton=Skeleton("blazepose33", ("a", "b"))), "node", T0 + 3)
     assert "blazepose33 (2 keypoints)" in senders.news[1]
 
 
 def test_a_camera_has_one_sender_until_that_is_silent() -> None:
     senders = begun("a", "b")
-    assert senders.admits(nobody("a"), "node", T0)
-    assert senders.admits(nobody("b"), "other node", T0)
-    assert not senders.admits(nobody("a"), "stranger", T0 + S // 2)
-    assert senders.admits(nobody("a"), "node", T0 + S)
-    assert not senders.admits(nobody("a"), "node again", T0 + 2 * S)
-    assert senders.admits(nobody("a", T0 + 2 * S), "node again", T0 + 2 * S + 1)
+    assert senders.admits(no_person("a"), "node", T0)
+    assert senders.admits(no_person("b"), "other node", T0)
+    assert not senders.admits(no_person("a"), "stranger", T0 + S // 2)
+    assert senders.admits(no_person("a"), "node", T0 + S)
+    assert not senders.admits(no_person("a"), "node again", T0 + 2 * S)
+    assert senders.admits(no_person("a", T0 + 2 * S), "node again", T0 + 2 * S + 1)
     assert senders.sender("a") == "node again"
 
 
 def test_a_sender_with_a_believable_clock_replaces_one_without() -> None:
     senders = begun("a", "b")
-    assert senders.admits(nobody("a", t_ns=5), "stranger", T0)
-    assert senders.admits(nobody("a", t_ns=T0), "node", T0 + 1)
-    assert not senders.admits(nobody("a", t_ns=T0 + 2), "stranger", T0 + 2)
+    assert senders.admits(no_person("a", t_ns=5), "stranger", T0)
+    assert senders.admits(no_person("a", t_ns=T0), "node", T0 + 1)
+    assert not senders.admits(no_person("a", t_ns=T0 + 2), "stranger", T0 + 2)
     # alone, a camera whose clock no person has set is still worth something
-    assert senders.admits(nobody("b", t_ns=5), "node", T0)
+    assert senders.admits(no_person("b", t_ns=5), "node", T0)
 
 
 def test_who_floods_with_what_is_refused_is_not_read_for_a_second() -> None:
     senders = begun("a")
     for i in range(1000):
         if senders.read("stranger", T0 + i):
-            senders.admits(nobody("x"), "stranger", T0 + i)
+            senders.admits(no_person("x"), "stranger", T0 + i)
     assert senders.strangers["x"] == 200
     assert sum(senders.refused.values()) == 800
     assert senders.read("stranger", T0 + 2 * S)
     # a node that also sends what is used is always read
     for i in range(1000):
         assert senders.read("node", T0 + i)
-        senders.admits(nobody("x" if i else "a"), "node", T0 + i)
+        senders.admits(no_person("x" if i else "a"), "node", T0 + i)
 
 
 def test_memory_stays_bounded() -> None:
@@ -112,8 +112,8 @@ def test_memory_stays_bounded() -> None:
     for i in range(3000):
         now_ns = T0 + i * S // 100
         assert senders.read(f"sender {i}", now_ns)
-        senders.admits(nobody(f"camera {i}"), f"sender {i}", now_ns)
-        senders.admits(nobody("a", skeleton=Skeleton(f"s{i}", ("a",))), f"sender {i}", now_ns)
+        senders.admits(no_person(f"camera {i}"), f"sender {i}", now_ns)
+        senders.admits(no_person("a", skeleton=Skeleton(f"s{i}", ("a",))), f"sender {i}", now_ns)
     assert max(map(len, (senders.strangers, senders.refused, senders.news, senders._senders))) <= 102
     assert senders.strangers["others"] == 2900
 
@@ -131,9 +131,9 @@ def test_joint_centres_are_taken_from_the_sender_of_the_views() -> None:
     theirs = replace(table, made_by="a stranger")
     views.centres(sample(message_from_centres(Centres(("a", "b"), table), T0), "node"))
     views.centres(sample(message_from_centres(Centres(("a",), theirs), T0), "stranger"))
-    view = sample(message_from_detections(nobody("a"), {}), "node")
+    view = sample(message_from_detections(no_person("a"), {}), "node")
     views.view(view, T0)
-    views.view(sample(message_from_detections(nobody("b"), {}), "node"), T0)
+    views.view(sample(message_from_detections(no_person("b"), {}), "node"), T0)
     first, second = views.view(view, T0), views.view(view, T0)
     assert first[0] == Centres(("a",), table)
     assert [type(one) for one in first[1:] + second] == [SeenView, SeenView]
@@ -277,11 +277,11 @@ def test_a_node_that_goes_mad_costs_its_own_cameras_not_the_session(undisturbed:
 def views_of(used_share: float, showing_ns: int = 0) -> list[SeenView]:
     """Views of camera a over six seconds, of whose frames that share is used, as the fusion takes them from the network."""
     views, seen = ViewIntake(("a", "b")), []
-    views.view(sample(message_from_detections(nobody("a"), {}), "node"), T0)
+    views.view(sample(message_from_detections(no_person("a"), {}), "node"), T0)
     for i in range(1, 181):
         t_ns = T0 + i * S // 30
         counts = SourceCounts(captured=i, used=int(used_share * i), showing_ns=showing_ns if i > 90 else 0)
-        msg = message_from_detections(nobody("a", t_ns), {"received": t_ns + 5_000_000}, counts)
+        msg = message_from_detections(no_person("a", t_ns), {"received": t_ns + 5_000_000}, counts)
         seen += views.view(sample(msg, "node"), t_ns + 10_000_000)
     return [one for one in seen if isinstance(one, SeenView)]
 
@@ -311,7 +311,7 @@ def test_a_looped_recording_is_announced_as_a_discontinuity(ring_rig) -> None:
         clock.now = seen.detections.t_ns + 20_000_000
         fusion.take(seen)
         fusion._judge(SimpleNamespace(messages=lambda: (), troubles=dict), clock.now)
-        news.tell(clock.now)
+        news.report(clock.now)
     (line,) = [line for line in lines if "discontinuity" in line]
     assert "3.05 s  discontinuity 1: a looped recording begins again" in line
     levels = [[line.level for line in health_lines(one) if line.name == "recording"] for one in heard]

@@ -17,7 +17,7 @@ from posefuse.messages.dds import RosNode
 from posefuse.messages.dds_domain import Network
 from posefuse.realtime.clock import SessionClock
 from posefuse.realtime.network_intake import NetworkIntake
-from posefuse.realtime.node_intrinsics import rig_of_nodes, tell_intrinsics
+from posefuse.realtime.node_intrinsics import publish_intrinsics, rig_of_nodes
 
 pytestmark = pytest.mark.realtime
 NETWORK = Network(domain_id=12 + os.getpid() % 80, local_only=True)
@@ -33,11 +33,11 @@ def test_the_fusion_works_with_the_intrinsics_of_the_nodes(ring_rig):
     rig = ring_rig(2)
     theirs, said = longer(rig, 1.05), []
     with RosNode("cameras_a", NETWORK) as a, RosNode("cameras_b", NETWORK) as b:
-        tell_intrinsics(a, theirs, ["cam00"], time.time_ns())
+        publish_intrinsics(a, theirs, ["cam00"], time.time_ns())
         small = replace(rig["cam01"], size_wh=(320, 200))
         b.publish(topics.node_camera_info("cam01"), info_from_camera(small, 0), 0)
         # what cannot be used is waited past
-        timer = threading.Timer(2.0, tell_intrinsics, (b, theirs, ["cam01"], time.time_ns()))
+        timer = threading.Timer(2.0, publish_intrinsics, (b, theirs, ["cam01"], time.time_ns()))
         timer.start()
         found = rig_of_nodes(rig, NETWORK, said.append, 30.0)
         timer.join(30.0)
@@ -50,7 +50,7 @@ def test_the_fusion_works_with_the_intrinsics_of_the_nodes(ring_rig):
 def test_a_camera_that_no_node_sends_is_named(ring_rig):
     rig = ring_rig(2)
     with RosNode("cameras_a", NETWORK) as a:
-        tell_intrinsics(a, rig, ["cam00"], 0)
+        publish_intrinsics(a, rig, ["cam00"], 0)
         with pytest.raises(SourceError, match=r"intrinsics of cam01 were not received from any camera node within 1 s"):
             rig_of_nodes(rig, NETWORK, lambda line: None, 1.0)
 
@@ -60,8 +60,8 @@ def test_a_node_with_other_intrinsics_is_reported(ring_rig):
     intake = NetworkIntake(rig, NETWORK, SessionClock.begin())
     try:
         with RosNode("cameras_a", NETWORK) as a:
-            tell_intrinsics(a, longer(rig, 1.05), ["cam01"], 0)
-            tell_intrinsics(a, rig, ["cam00"], 0)
+            publish_intrinsics(a, longer(rig, 1.05), ["cam01"], 0)
+            publish_intrinsics(a, rig, ["cam00"], 0)
             end_s, found = time.monotonic() + 20, []
             while not found and time.monotonic() < end_s:
                 time.sleep(0.1)

@@ -55,7 +55,7 @@ def stopped(running: Running) -> dict:
     return json.loads(out)
 
 
-def wait_until_heard(views: dict[str, int], poses: int) -> None:
+def wait_until_received(views: dict[str, int], poses: int) -> None:
     """Listen next to the nodes until so many views of each camera, and poses with a person in them, have come."""
     from posefuse.messages import topics
     from posefuse.messages.dds import RosNode
@@ -86,7 +86,7 @@ def test_two_camera_nodes_and_a_fusion_node_make_poses(demo_session: Path) -> No
             nodes.append(node("camera", demo_session, "--name", name, *shared, *sources))
         for running, words in zip(nodes, ("first view", "in process", "in process"), strict=True):
             running.err.wait_for(words, PATIENCE_S)
-        wait_until_heard(dict.fromkeys(("cam00", "cam01", "cam02", "cam03"), 60), poses=60)
+        wait_until_received(dict.fromkeys(("cam00", "cam01", "cam02", "cam03"), 60), poses=60)
         figures, *sent = [stopped(running) for running in nodes]
     finally:
         for running in nodes:

@@ -147,7 +147,7 @@ def test_a_watch_that_is_killed_is_reported_and_ends_nothing(truth: Truth) -> No
         end_s = time.monotonic() + 20
         while not watch.trouble and time.monotonic() < end_s:
             assert watch.timed(view, 1).t_ns == view.t_ns
-            watch.hear()
+            watch.receive()
             time.sleep(0.02)
     assert f"process {pid} ended" in watch.trouble
     with RigWatch(truth.rig, clocks=False) as watch:

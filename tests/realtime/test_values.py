@@ -204,7 +204,7 @@ def test_all_that_changes_is_reported_however_long_a_session_runs() -> None:
     news = News(SimpleNamespace(monitor=monitor, watch=None, outlets=NoOutputs(), cuts=0), 0, said.append)
     for second in range(1200):
         monitor.judge(second * S, {"a": "process 1 ended"} if second % 2 else {})
-        news.tell(second * S)
+        news.report(second * S)
     assert len(said) == monitor.event_count > len(monitor.events)
     assert said[-1] == "1199.00 s  camera a: dead: process 1 ended"
 

@@ -52,7 +52,7 @@ def test_people_pictures_and_faulty_cameras_are_logged(tmp_path, ring_rig) -> No
         n_views=3 * every,
         kind=every,
     )
-    nobody = Pose3D(
+    no_person = Pose3D(
         t_ns=now_ns + S,
         skeleton=skeleton,
         person_id=[],
@@ -79,7 +79,7 @@ def test_people_pictures_and_faulty_cameras_are_logged(tmp_path, ring_rig) -> No
     sink.take(LiveHealth(t_ns=now_ns, cameras=cameras))
     later = {name: replace(camera, figures={**rates, "captured": 25.0}) for name, camera in cameras.items()}
     sink.take(LiveHealth(t_ns=now_ns + S // 2, cameras=later))
-    sink.take(LivePose(pose=nobody))
+    sink.take(LivePose(pose=no_person))
     sink.close()
     listing = printed(tmp_path / "live.rrd")
     logged = ("people/7/bones", "cameras/cam01/detections", "cameras/cam02/image")

@@ -133,7 +133,7 @@ def test_lenses_from_a_cube_need_it_near_and_far() -> None:
     assert "near b" in advice_for("extrinsics", found, np.array([9.0, 1.1]))
 
 
-def test_sizes_in_an_image_tell_the_range_of_distances() -> None:
+def test_sizes_in_an_image_show_the_range_of_distances() -> None:
     square, focal_px = np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]]) * 0.1, 500.0
     sizes = []
     for distance_m in np.linspace(2.0, 4.0, 100):

@@ -66,14 +66,14 @@ def test_a_session_receives_what_pages_show(host: Host) -> None:
         page = Page()
         for stream in (link.stream, link.bodies):
             stream._subscribers.add(page)  # type: ignore[arg-type]
-            stream._tell()
+            stream._report_subscribers()
         await asyncio.to_thread(until, lambda: host.wanted(SCENE) and host.wanted(BODIES))
         host.publish("mesh", b"kept", keep=True, channel=BODIES)
         host.publish("pose", b"scene", keep=True)
         await asyncio.to_thread(until, lambda: link.bodies._kept and link.stream._kept)
         assert (link.bodies._kept, link.stream._kept) == ({"mesh": b"kept"}, {"pose": b"scene"})
         link.bodies._subscribers.clear()
-        link.bodies._tell()
+        link.bodies._report_subscribers()
         await asyncio.to_thread(until, lambda: not host.wanted(BODIES))
         assert host.watched
 

@@ -135,7 +135,7 @@ def test_a_kept_plan_is_a_scene_file_that_can_be_rendered(tmp_path: Path) -> Non
     check_scene(read)
     from posefuse.simulation.build import live_scene
 
-    live_scene(read)  # cameras inside the room, nobody walks through a wall or a camera
+    live_scene(read)  # cameras inside the room, no person walks through a wall or a camera
 
 
 @pytest.fixture

@@ -61,7 +61,7 @@ def test_engaging_needs_a_switch_that_was_let_go_first():
 
 CAUSES = {
     "switch let go": {"held": False},
-    "nobody": {"person_id": -1},
+    "no person": {"person_id": -1},
     "another person": {"person_id": 2},
     "NaN": {"xyz_world": np.full((1, 3), np.nan)},
     "infinite": {"xyz_world": np.array([[np.inf, 0, 0]])},

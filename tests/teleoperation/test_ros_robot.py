@@ -53,13 +53,13 @@ def robot_node():
         transform("elbow", "tool", SE3.identity()),
     ]
 
-    def tell():
+    def publish():
         while not ended.wait(0.02):
             t_ns = time.time_ns()
             node.publish(Topic(PLAN.joint_states, "sensor_msgs/msg/JointState"), joint_state(ARM_HOME_RAD), t_ns)
             node.publish(TF, message("tf2_msgs/msg/TFMessage", transforms=places), t_ns)
 
-    thread = threading.Thread(target=tell)
+    thread = threading.Thread(target=publish)
     thread.start()
     try:
         yield node

@@ -34,7 +34,7 @@ class NoPoses:
         return None
 
 
-class NobodyPresses:
+class NeverPressed:
     hint = ""
 
     def poll(self, now_ns, view):
@@ -60,7 +60,7 @@ class Answers:
 
 def latencies(*states):
     robot = Answers(*states)
-    return list(run(NoPoses(), NobodyPresses(), robot, TeleoperationSettings(), until=lambda: not robot.left).latency_ms)
+    return list(run(NoPoses(), NeverPressed(), robot, TeleoperationSettings(), until=lambda: not robot.left).latency_ms)
 
 
 def state(sent_ms, image_ms, limited=""):

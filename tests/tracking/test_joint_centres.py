@@ -143,7 +143,7 @@ def test_the_shipped_table_moves_every_joint_by_centimetres_at_most() -> None:
     assert (moved > 0.0005).all() and (moved < 0.05).all()
 
 
-def somebody_standing() -> PoseSequence:
+def person_standing() -> PoseSequence:
     """Landmarks of people standing, turned and moved a little from time step to time step."""
     turns = Rotation.from_euler("z", np.linspace(0, 1, T * N)[:, None]).as_matrix().reshape(T, N, 3, 3)
     return replace(people(), xyz_world=np.einsum("tnij,kj->tnki", turns, standing()) + [0.1, -0.2, 0.0])
@@ -210,7 +210,7 @@ def over_time(xyz: np.ndarray, count: int) -> PoseSequence:
 
 def test_there_and_back_is_where_it_was() -> None:
     table = read_joint_centres(read_card("blazepose_full").joint_centres_file)
-    before = somebody_standing()
+    before = person_standing()
     there = to_joint_centres(before, table)
     assert np.nanmax(np.abs(there.xyz_world - before.xyz_world)) > 0.01
     np.testing.assert_allclose(from_joint_centres(there, table).xyz_world, before.xyz_world, atol=1e-4)
@@ -219,7 +219,7 @@ def test_there_and_back_is_where_it_was() -> None:
 def test_views_of_landmarks_become_views_of_joint_centres(ring_rig) -> None:
     """Also where left and right are exchanged in one view, and at a time step without 3D."""
     table = read_joint_centres(read_card("blazepose_full").joint_centres_file)
-    landmarks, rig = somebody_standing(), ring_rig(3)
+    landmarks, rig = person_standing(), ring_rig(3)
     centres = to_joint_centres(landmarks, table)
     seen, expected = (np.stack([c.project(one.xyz_world) for c in rig], axis=2) for one in (landmarks, centres))
     knee, legs = BLAZEPOSE33.index("left_knee"), [i for i, k in enumerate(BLAZEPOSE33.keypoints) if k.endswith(LEG)]

@@ -90,7 +90,7 @@ def test_it_does_not_depend_on_where_the_world_is() -> None:
     assert np.allclose(steady_sides(moved, NOTHING).xyz_world, new_from_old @ steady_sides(confused, NOTHING).xyz_world)
 
 
-def test_two_time_steps_tell_nothing() -> None:
+def test_two_time_steps_show_nothing() -> None:
     clean = walkers()
     arrays = {name: getattr(clean, name)[:2] for name in ("t_ns", "xyz_world", "cov_world", "reproj_px", "n_views", "kind")}
     short = exchanged(replace(clean, **arrays), slice(1, 2), 0, LEFT_LEG)
@@ -128,7 +128,7 @@ def test_missing_views_stay_missing(ring_rig) -> None:
     assert named.depth_m is None
 
 
-def test_legs_are_on_the_side_of_the_body_that_the_shoulders_tell_even_against_the_majority() -> None:
+def test_legs_are_on_the_side_of_the_body_that_the_shoulders_show_even_against_the_majority() -> None:
     clean = walkers()
     confused = exchanged(clean, slice(20, T), 0, LEFT_LEG)
     assert same(steady_sides(confused, NOTHING), clean)

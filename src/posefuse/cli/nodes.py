@@ -23,7 +23,7 @@ from posefuse.realtime.joint_centres import message_from_centres
 from posefuse.realtime.network_intake import NetworkIntake
 from posefuse.realtime.network_views import NetworkViews
 from posefuse.realtime.networks import settled_network
-from posefuse.realtime.node_intrinsics import rig_of_nodes, tell_intrinsics
+from posefuse.realtime.node_intrinsics import publish_intrinsics, rig_of_nodes
 from posefuse.realtime.output_plan import OutputPlan
 from posefuse.realtime.provenance import notes_of
 from posefuse.realtime.ros_cameras import rig_with_camera_infos
@@ -70,7 +70,7 @@ def camera_node(
         RosNode(f"posefuse_cameras_{topics.ros_name(name)}", network_of(ros_2)) as node,
         GroupViews(groups_of, board, chooser, terminal.note) as groups,
     ):
-        tell_intrinsics(node, rig, [entry.camera for entry in inputs], time.time_ns())
+        publish_intrinsics(node, rig, [entry.camera for entry in inputs], time.time_ns())
         skeleton = groups.wait_ready()
         terminal.note("; ".join(groups.whereabouts()))
         groups.begin(time.monotonic_ns() if run.zero_s is None else round(run.zero_s * _S) - clock.offset_ns)

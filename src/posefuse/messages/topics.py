@@ -64,7 +64,7 @@ class Several:
         return any(outlet.wanted(topic) for outlet in self.outlets)
 
     def forget(self, name: str) -> None:
-        """Tell all."""
+        """Forget it in all outlets."""
         for outlet in self.outlets:
             outlet.forget(name)
 

@@ -41,7 +41,7 @@ _FOLDERS = {
 LEAST_CAMERAS = 2
 DEPTH_FOLDER = "depth"
 UNFINISHED_FILE = "INCOMPLETE"
-_FRAMES_TO_TELL_BARS = 15
+_FRAMES_TO_FIND_BARS = 15
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ def fitted_camera(camera: Camera, entry: Input, source: Source) -> Camera:
 
 def _brightest(source: Source) -> Array:
     """The brightest value of each pixel over the first frames: what stays black is no scene."""
-    first = (frame.image for frame in itertools.islice(source.frames(), _FRAMES_TO_TELL_BARS))
+    first = (frame.image for frame in itertools.islice(source.frames(), _FRAMES_TO_FIND_BARS))
     return np.asarray(functools.reduce(np.maximum, first))
 
 

@@ -144,7 +144,7 @@ class Fusion:
         self.poses += 1
         self._followed = len(landmarks.person_id)
         self.poses_with_people += self._followed > 0
-        self._tell(due_ns)
+        self._publish_prediction(due_ns)
 
     def _see(self, seen: SeenView) -> None:
         now_ns = self.clock.now_ns()
@@ -199,7 +199,7 @@ class Fusion:
             if self.clock.now_ns() >= due_ns:
                 return
 
-    def _tell(self, t_ns: int) -> None:
+    def _publish_prediction(self, t_ns: int) -> None:
         """Put the prediction where camera groups look for it."""
         before = self._last_published
         if before is not None and 0 <= t_ns - before.t_ns < _BOARD_NS:
@@ -219,7 +219,7 @@ class Fusion:
         for message in intake.messages():
             self.take(message)
         if self.watch is not None:
-            self.watch.hear()
+            self.watch.receive()
         self.verdicts = self.monitor.judge(now_ns, intake.troubles(), self.watch.known.ill if self.watch is not None else {})
         self.outlets.poll()
         rates = self._rates()

@@ -133,7 +133,7 @@ class Group:
             if self.detector.exchanged():
                 cameras = tuple(entry.camera for entry in self._plan.inputs)
                 self._channel.send(Centres(cameras, self.joint_centres()), _SEND_S)
-            self._tell_status()
+            self._send_status()
             self._look_at_best()
         for capture in self._captures:
             capture.close()
@@ -178,7 +178,7 @@ class Group:
 
     def _wait_for_go(self) -> Go | None:
         while True:
-            self._tell_status()
+            self._send_status()
             if not self._channel.wait(_STATUS_S):
                 continue
             message = self._channel.receive()
@@ -264,7 +264,7 @@ class Group:
             self._previewed_s[arrived.camera] = now
             self._channel.send(preview(arrived.frame(), t_ns))
 
-    def _tell_status(self) -> None:
+    def _send_status(self) -> None:
         now = time.monotonic()
         if now - self._status_s >= _STATUS_S:
             self._status_s = now

@@ -140,7 +140,7 @@ class NetworkIntake:
                 return
 
     def _hand_on(self) -> None:
-        self._intrinsics.hear()
+        self._intrinsics.receive()
         for sample in self._centres_reader.take():
             for found in self.views.centres(sample):
                 self.dropped += not self._theirs.send(found, _WAIT_S)

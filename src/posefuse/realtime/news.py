@@ -21,8 +21,8 @@ class News:
         self._cameras_said = self._outputs_said = 0
         self._trouble, self._cuts_said = "", 0
 
-    def tell(self, now_ns: int) -> None:
-        """Say what is new."""
+    def report(self, now_ns: int) -> None:
+        """Report what is new."""
         monitor, outlets, watch = self._fusion.monitor, self._fusion.outlets, self._fusion.watch
         for camera in _newest(monitor.events, monitor.event_count - self._cameras_said):
             self._say_at(camera.t_ns, f"camera {camera.camera}: {camera.state}", camera.text)

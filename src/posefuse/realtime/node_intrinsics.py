@@ -20,7 +20,7 @@ _MOST_BYTES = 10_000
 _WAIT_S, _SAY_EVERY_S = 0.2, 10.0
 
 
-def tell_intrinsics(node: RosNode, rig: Rig, cameras: Iterable[str], t_ns: int) -> None:
+def publish_intrinsics(node: RosNode, rig: Rig, cameras: Iterable[str], t_ns: int) -> None:
     """Publish the intrinsics that this node uses; the last message is kept for nodes that start later."""
     for name in cameras:
         node.publish(topics.node_camera_info(name), info_from_camera(rig[name], t_ns), t_ns)
@@ -40,7 +40,7 @@ class NodeIntrinsics:
         self._rig = rig
         self._readers = {name: node.reader(topics.node_camera_info(name)) for name in rig.names}
 
-    def hear(self) -> None:
+    def receive(self) -> None:
         """Take in what has come; never waits."""
         for name, reader in self._readers.items():
             for sample in reader.take():
@@ -83,6 +83,6 @@ def rig_of_nodes(rig: Rig, network: Network, say: Say, duration_s: float | None 
                 said_s = now_s
                 say(f"waiting for the intrinsics of {', '.join(missing)}")
             node.wait(_WAIT_S)
-            intrinsics.hear()
+            intrinsics.receive()
     say(f"intrinsics of {', '.join(rig.names)} are those that their nodes work with")
     return replace(rig, cameras=tuple(intrinsics.cameras[name] for name in rig.names))

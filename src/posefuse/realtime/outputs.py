@@ -64,7 +64,7 @@ class OutputProcess:
         self._bundled_s = 0.0
         self._deaths, self._retry_s, self._again_s = 0, _FIRST_RETRY_S, 0.0
         self._finished = self._ready = False
-        self._heard_s = 0.0
+        self._received_s = 0.0
         # None while a process that died waits to be started again
         self._process: Any = None
         self._begin()
@@ -143,7 +143,7 @@ class OutputProcess:
             self._died(death_of(self._process))
             return
         self._change()
-        silent_s = time.monotonic() - self._heard_s
+        silent_s = time.monotonic() - self._received_s
         if self._ready and silent_s > _HUNG_S:
             self._process.kill()
             self._died(f"process {self._process.pid} hung and was ended")
@@ -195,10 +195,10 @@ class OutputProcess:
         theirs.close_own()
         # it is given all outputs that are open by now
         self._changes: list[OutputAdded | OutputRemoved] = []
-        self._ready, self._heard_s = False, time.monotonic()
+        self._ready, self._received_s = False, time.monotonic()
 
     def _take(self, message: Any) -> None:
-        self._heard_s = time.monotonic()
+        self._received_s = time.monotonic()
         if isinstance(message, OutputsFailed):
             self._died(message.reason)
         elif isinstance(message, OutputsReady):

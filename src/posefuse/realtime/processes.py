@@ -72,7 +72,7 @@ class _Member:
     process: Any
     marks: Ready | None = None
     ready: bool = False
-    heard_s: float = field(default_factory=time.monotonic)
+    received_s: float = field(default_factory=time.monotonic)
     retry_s: float = _FIRST_RETRY_S
     again_at_s: float | None = None
     trouble: str = ""
@@ -142,7 +142,7 @@ class Groups:
         """Let frames come; recorded sources show their time 0 at monotonic time `zero_ns`."""
         self._go = Go(zero_ns)
         for member in self._members:
-            member.heard_s = time.monotonic()
+            member.received_s = time.monotonic()
             self._send_go(member, self._go, 1.0)
 
     def channels(self) -> list[Channel]:
@@ -168,8 +168,8 @@ class Groups:
         found = {}
         for member in self._members:
             trouble = member.trouble
-            if not trouble and now - member.heard_s > SILENT_S:
-                trouble = f"process {member.process.pid} has been silent for {now - member.heard_s:.1f} s"
+            if not trouble and now - member.received_s > SILENT_S:
+                trouble = f"process {member.process.pid} has been silent for {now - member.received_s:.1f} s"
             if trouble:
                 found.update(dict.fromkeys((entry.camera for entry in member.plan.inputs), trouble))
         return found
@@ -213,7 +213,7 @@ class Groups:
         member.channel.close()
         member.process.close()
         member.channel, member.process = self._start(member.plan)
-        member.again_at_s, member.heard_s, member.ready = None, time.monotonic(), False
+        member.again_at_s, member.received_s, member.ready = None, time.monotonic(), False
         member.restarts += 1
 
     def _hear_ready(self, member: _Member) -> None:
@@ -236,7 +236,7 @@ class Groups:
                 return
             if message is None:
                 break
-            member.heard_s = time.monotonic()
+            member.received_s = time.monotonic()
             if isinstance(message, Ready) and self._go is not None:
                 member.ready = True
                 self._send_go(member, self._go, 0.1)
@@ -248,7 +248,7 @@ class Groups:
                     member.trouble, member.retry_s = "", _FIRST_RETRY_S
                 yield message
         # loading modules and networks takes a slow machine as long as it takes; ended for that, it would never begin
-        if time.monotonic() - member.heard_s > (_HUNG_S if member.ready else START_S):
+        if time.monotonic() - member.received_s > (_HUNG_S if member.ready else START_S):
             member.process.kill()
             self._died(member, f"process {member.process.pid} hung and was ended")
 

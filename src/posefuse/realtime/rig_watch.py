@@ -102,7 +102,7 @@ class RigWatch:
         """What the cameras show next does not continue from what they showed, e.g. a clip begins again."""
         self._send(CUT)
 
-    def hear(self) -> None:
+    def receive(self) -> None:
         """Take in what was found since the last time."""
         if self.trouble:
             return

@@ -23,7 +23,7 @@ class _Camera:
     """Who sends a camera's views now, and when the newest came."""
 
     sender: str
-    heard_ns: int
+    received_ns: int
     believable: bool
 
 
@@ -104,7 +104,7 @@ class Senders:
             return f"camera {name}: views have the skeleton {theirs}, this session has {ours}: not used"
         believable = abs(view.t_ns - now_ns) < _BELIEVABLE_NS
         now = self._cameras.get(name)
-        taken = now is not None and now.sender != sender and now_ns - now.heard_ns <= _SILENT_NS
+        taken = now is not None and now.sender != sender and now_ns - now.received_ns <= _SILENT_NS
         if taken and now is not None and (now.believable or not believable):
             return f"camera {name}: views come from two senders, those of the second are not used"
         self._cameras[name] = _Camera(sender, now_ns, believable)

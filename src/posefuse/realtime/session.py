@@ -118,7 +118,7 @@ def run_session(
             known_s = watch.known.offset_s if watch is not None and plan.remote else {}
     finally:
         outputs.close()
-    news.tell(clock.now_ns())
+    news.report(clock.now_ns())
     times = os.times()
     return Finished(
         fusion=fusion,
@@ -141,7 +141,7 @@ def _until(duration_s: float | None, zero_ns: int, fusion: Fusion, news: News, s
     end_ns = None if duration_s is None else zero_ns + round(duration_s * 1e9)
 
     def until(now_ns: int) -> bool:
-        news.tell(now_ns)
+        news.report(now_ns)
         over = end_ns is not None and now_ns >= end_ns
         return over or bool(stopped) or fusion.monitor.all_ended()
 

@@ -59,7 +59,7 @@ class Stream:
         for key, message in self._kept.items():
             subscriber.put(key, message)
         self._subscribers.add(subscriber)
-        self._tell()
+        self._report_subscribers()
         sending = asyncio.create_task(_send(subscriber, websocket))
         try:
             # a page sends nothing: this ends when it goes away
@@ -68,9 +68,9 @@ class Stream:
         finally:
             sending.cancel()
             self._subscribers.discard(subscriber)
-            self._tell()
+            self._report_subscribers()
 
-    def _tell(self) -> None:
+    def _report_subscribers(self) -> None:
         if self._on_watched is not None:
             self._on_watched(len(self._subscribers))
 

@@ -26,14 +26,14 @@ class Follower:
 
     Attributes:
         moves: one limited motion per end effector. turns: of its orientation, positions counted from `wxyz`.
-        wxyz: (H, 4). order: the newest good one. heard_ns: when it arrived; None: none yet. limited: why it brakes.
+        wxyz: (H, 4). order: the newest good one. received_ns: when it arrived; None: none yet. limited: why it brakes.
     """
 
     moves: tuple[Motion, ...]
     turns: tuple[Motion, ...]
     wxyz: Array
     order: Order | None = None
-    heard_ns: int | None = None
+    received_ns: int | None = None
     limited: str = "no order yet"
 
     @property
@@ -66,7 +66,7 @@ def standing(xyz: Array, wxyz: Array) -> Follower:
     )
 
 
-def heard(follower: Follower, order: Order, now_ns: int, settings: TeleoperationSettings) -> Follower:
+def with_order(follower: Follower, order: Order, now_ns: int, settings: TeleoperationSettings) -> Follower:
     """Take an order; one that is not newer than the last, too old, from the future or not finite is ignored."""
     longest_ns = settings.robot.watchdog_s * 1e9
     old = follower.order is not None and order.seq <= follower.order.seq
@@ -74,7 +74,7 @@ def heard(follower: Follower, order: Order, now_ns: int, settings: Teleoperation
         return follower
     if order.xyz_world.shape != (len(follower.moves), 3):
         return follower
-    return replace(follower, order=order, heard_ns=now_ns)
+    return replace(follower, order=order, received_ns=now_ns)
 
 
 def stepped(
@@ -117,10 +117,10 @@ def stepped(
 
 
 def _why_brake(follower: Follower, now_ns: int, settings: TeleoperationSettings, may_move: bool) -> str:
-    if follower.order is None or follower.heard_ns is None:
+    if follower.order is None or follower.received_ns is None:
         return "no order yet"
     # by when it was sent: orders that wait in a queue do not keep the robot moving
-    if not 0 <= now_ns - min(follower.heard_ns, follower.order.sent_ns) <= settings.robot.watchdog_s * 1e9:
+    if not 0 <= now_ns - min(follower.received_ns, follower.order.sent_ns) <= settings.robot.watchdog_s * 1e9:
         return "watchdog: no new order"
     if follower.order.phase is not Phase.ENGAGED:
         return follower.order.phase.value

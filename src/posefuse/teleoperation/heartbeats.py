@@ -25,7 +25,7 @@ class Heartbeats:
     count: int = 0
     grip: bool = False
 
-    def heard(self, beat: Beat, now_ns: int, settings: GateSettings) -> Heartbeats:
+    def with_beat(self, beat: Beat, now_ns: int, settings: GateSettings) -> Heartbeats:
         """After one more heartbeat. A duplicate, one that overtook another, a late one and one from the future do not count."""
         longest_ns = settings.heartbeat_s * 1e9
         if beat.seq <= self.seq or not 0 <= now_ns - beat.sent_ns <= longest_ns:

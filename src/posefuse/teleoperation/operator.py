@@ -53,7 +53,7 @@ def step(operator: Operator, news: OperatorNews, now_ns: int, settings: Teleoper
     """Take in what is new and decide: the new state, and the order for the robot; None before its first state is known."""
     beats = operator.beats
     for beat in news.beats:
-        beats = beats.heard(beat, now_ns, settings.gate)
+        beats = beats.with_beat(beat, now_ns, settings.gate)
     view, robot = news.view or operator.view, news.robot or operator.robot
     cameras = news.cameras or operator.cameras
     body = remembered(operator.body, news.view) if news.view is not None else operator.body

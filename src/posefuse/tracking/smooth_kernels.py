@@ -207,8 +207,8 @@ def _weight(x):
 
 
 @kernel()
-def add_lasting(t, noise, measured, told, rate, share, lasts, max_gap, cov):
-    """cov (T, 3, 3), where `told` (T,), += what is not averaged away of noise (T, 3, 3) of which `share` lasts.
+def add_lasting(t, noise, measured, known, rate, share, lasts, max_gap, cov):
+    """cov (T, 3, 3), where `known` (T,), += what is not averaged away of noise (T, 3, 3) of which `share` lasts.
 
     It fades by e within `lasts` s. rate: of the smoother, rad/s. With weights w that sum to 1, errors of unit variance leave
     sum w_i^2 where they are independent and sum w_i w_j exp(-|t_i - t_j| / lasts) where they last; the difference is added.
@@ -217,7 +217,7 @@ def add_lasting(t, noise, measured, told, rate, share, lasts, max_gap, cov):
     weights = np.empty(len(t))
     first = 0
     for step in range(len(t)):
-        if not told[step]:
+        if not known[step]:
             continue
         while (t[step] - t[first]) * rate > _REACH:
             first += 1

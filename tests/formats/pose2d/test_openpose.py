@@ -44,8 +44,8 @@ def test_the_order_is_reported_from_the_people(tmp_path, name):
     write(tmp_path, 1, [person(name), person(name, 1)])
     folder = read_openpose_folder(tmp_path, "cam1")
     assert folder.skeleton.name == name and len(folder) == 2
-    nobody, two = folder.frames(rate_hz=50)
-    assert len(nobody) == 0 and len(two) == 2
+    no_person, two = folder.frames(rate_hz=50)
+    assert len(no_person) == 0 and len(two) == 2
     assert two.t_ns == 20_000_000 and two.camera == "cam1"
     assert np.allclose(two.xy_img[1], person(name, 1)[:, :2], atol=1e-3)
     assert (two.box_img[0, :2] <= two.xy_img[0].min(0)).all()

@@ -16,7 +16,7 @@ from posefuse.core import Camera, ConfigError
 from posefuse.core.arrays import Array
 
 from .board_shape import DEFORMATIONS, DEFORMED_REMEDY, best_deformation
-from .cause_solves import anew_trial, near_solve, solve_anew, trial
+from .cause_solves import near_solve, solve_from_scratch, trial, trial_from_scratch
 from .cause_splits import moved_or_jumped
 from .cause_stamps import irregular_stamps
 from .cause_views import views_wrong
@@ -115,9 +115,9 @@ def image_mirrored(trouble: Trouble) -> Iterator[CauseTrial]:
     for c in _bad_cameras(trouble):
         seen, width = trouble.observations, trouble.cameras[c].size_wh[0]
         flipped = np.where((seen.camera == c)[:, None], seen.xy_img * [-1, 1] + [width - 1, 0], seen.xy_img)
-        solved, lost = solve_anew(trouble, replace(seen, xy_img=flipped), trouble.cameras, trouble.target)
+        solved, lost = solve_from_scratch(trouble, replace(seen, xy_img=flipped), trouble.cameras, trouble.target)
         words = f"the image of {trouble.cameras[c].name} is mirrored"
-        yield from anew_trial(words, "switch the mirror mode of the camera off", solved, lost, 0)
+        yield from trial_from_scratch(words, "switch the mirror mode of the camera off", solved, lost, 0)
 
 
 def _bad_cameras(trouble: Trouble) -> list[int]:
@@ -150,7 +150,7 @@ def clocks_off(trouble: Trouble) -> Iterator[CauseTrial]:
     late = np.nan_to_num(late - np.nanmedian(late))
     start = np.stack([late, np.zeros(len(cameras))], axis=1)
     for clocks, frees in (("offset", 1), ("drift", 2)):
-        solved, lost = solve_anew(trouble, trouble.observations, cameras, trouble.target, clocks, start)
+        solved, lost = solve_from_scratch(trouble, trouble.observations, cameras, trouble.target, clocks, start)
         if solved is None or not _see_together(trouble.observations, solved.solution.state.delay_s[:, 0]):
             continue
         words = _clock_story(cameras, solved)
@@ -158,7 +158,7 @@ def clocks_off(trouble: Trouble) -> Iterator[CauseTrial]:
             remedy = f"the cameras are not synchronised: calibrate with --clocks {clocks}" + (
                 "" if np.abs(late).max() < trouble.options.most_offset_s else ", and stamps shifted by these offsets"
             )
-            yield from anew_trial(words, remedy, solved, lost, frees * (len(cameras) - 1))
+            yield from trial_from_scratch(words, remedy, solved, lost, frees * (len(cameras) - 1))
 
 
 def _see_together(observations: CornerObservations, delay_s: Array) -> bool:
@@ -201,8 +201,8 @@ def board_swapped(trouble: Trouble) -> Iterator[CauseTrial]:
             return
         corners = len(other.corners(0))
         if trouble.observations.corner.max(initial=0) < corners:
-            solved, lost = solve_anew(trouble, trouble.observations, trouble.cameras, other)
-            yield from anew_trial(
+            solved, lost = solve_from_scratch(trouble, trouble.observations, trouble.cameras, other)
+            yield from trial_from_scratch(
                 f"the board has {other.columns} columns and {other.rows} rows, not {target.columns} and {target.rows}",
                 f"--columns {other.columns} --rows {other.rows}", solved, lost, 0,
             )  # fmt: skip

@@ -27,7 +27,7 @@ def trial(words: str, remedy: str, solved: Solved, solution: PropSolution, frees
     return CauseTrial(words, remedy, solved.seen.camera, solution.residual_px, 0, frees)
 
 
-def solve_anew(
+def solve_from_scratch(
     trouble: Trouble, observations: CornerObservations, cameras: tuple[Camera, ...], target: Target, clocks: str = "together",
     delay_s: Array | None = None,
 ) -> tuple[Solved | None, int]:  # fmt: skip
@@ -44,7 +44,7 @@ def solve_anew(
     return solved, max(len(seen.camera) - len(solved.seen.camera), 0)
 
 
-def anew_trial(words: str, remedy: str, solved: Solved | None, lost: int, frees: int) -> list[CauseTrial]:
+def trial_from_scratch(words: str, remedy: str, solved: Solved | None, lost: int, frees: int) -> list[CauseTrial]:
     """What a solve from the beginning gives: nothing where it could not be linked."""
     if solved is None:
         return []

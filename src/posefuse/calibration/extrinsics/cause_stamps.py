@@ -17,7 +17,7 @@ from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.core.arrays import Array
 
 from .bootstrap import prop_track, prop_views
-from .cause_solves import anew_trial, solve_anew
+from .cause_solves import solve_from_scratch, trial_from_scratch
 from .causes import CauseTrial, Trouble
 from .pipeline import Solved
 from .planar import planar_views
@@ -96,9 +96,9 @@ def irregular_stamps(trouble: Trouble) -> Iterator[CauseTrial]:
         # against the others, the usual frame may be late too, by more than the step of the search
         shifted = abs(times.usual_s) > 1.5 * times.period_s / _STEPS
         clocks = "offset" if shifted or delay_s.any() else "together"
-        again, lost = solve_anew(trouble, restamped, trouble.cameras, trouble.target, clocks, delay_s)
+        again, lost = solve_from_scratch(trouble, restamped, trouble.cameras, trouble.target, clocks, delay_s)
         words = f"the time stamps of {trouble.cameras[c].name} are irregular: {times.words}"
-        yield from anew_trial(words, _REMEDY, again, lost, 2 if shifted else 1)
+        yield from trial_from_scratch(words, _REMEDY, again, lost, 2 if shifted else 1)
 
 
 def _worst_cameras(trouble: Trouble, solved: Solved) -> list[int]:

@@ -81,16 +81,16 @@ def averaged(looks: Sequence[Look]) -> Look:
     Networks trained on the same images have correlated errors, so the average is not more certain than its parts; what they
     disagree by is added to its variance. Looks that see no person are left out, unless none sees any person.
     """
-    heard = [look for look in looks if look.presence >= _LEAST_PRESENCE] or list(looks)
-    if len(heard) == 1:
-        return heard[0]
-    xy, variance = np.stack([look.xy for look in heard]), np.stack([look.sigma_px for look in heard]) ** 2
+    counted = [look for look in looks if look.presence >= _LEAST_PRESENCE] or list(looks)
+    if len(counted) == 1:
+        return counted[0]
+    xy, variance = np.stack([look.xy for look in counted]), np.stack([look.sigma_px for look in counted]) ** 2
     weight = 1 / variance / (1 / variance).sum(axis=0)
     mean = (weight[..., None] * xy).sum(axis=0)
     apart = (weight * ((xy - mean) ** 2).mean(axis=-1)).sum(axis=0)
     return Look(
-        float(np.mean([look.presence for look in heard])),
+        float(np.mean([look.presence for look in counted])),
         mean,
-        np.mean([look.score for look in heard], axis=0),
+        np.mean([look.score for look in counted], axis=0),
         np.sqrt((weight * variance).sum(axis=0) + apart),
     )

@@ -137,13 +137,13 @@ class LiveBody:
         return None if self._fit is None and self._fade.over(tracked.t_ns) else tracked.xyz + correction
 
     def _fit_rays(self, body: BodyModel, tracked: TrackedPoints, rays: LiveRays) -> None:
-        checked_anew = rays.checked_ns != self._checked_ns
+        newly_checked = rays.checked_ns != self._checked_ns
         # with two cameras there is no robust fusion to start from
-        if self._fit is None and (checked_anew or not rays.checked_ns):
+        if self._fit is None and (newly_checked or not rays.checked_ns):
             self._fit = self._started(body, tracked, rays)
         elif self._fit is not None:
             self._fit.to_rays(tracked, rays, _FIT_ITERATIONS)
-        if self._fit is not None and self._fit.disagrees(tracked, rays, checked_anew):
+        if self._fit is not None and self._fit.disagrees(tracked, rays, newly_checked):
             self._drop()
         self._checked_ns = rays.checked_ns
 
@@ -241,11 +241,11 @@ class _Fit:
         last = int(np.isfinite(squared).sum()) - 1
         return last >= 0 and math.sqrt(squared[last // 2]) + math.sqrt(squared[(last + 1) // 2]) > 2 * _ELSEWHERE_M
 
-    def disagrees(self, tracked: TrackedPoints, rays: LiveRays, checked_anew: bool) -> bool:
+    def disagrees(self, tracked: TrackedPoints, rays: LiveRays, newly_checked: bool) -> bool:
         """Whether rays, or robust fusion, have been against this fit for a while."""
         at, live = self._body.keypoint, self._live
         points = self._points
-        if checked_anew:
+        if newly_checked:
             away_m = np.linalg.norm(points - rays.checked_world[at], axis=1)
             sigma_m = np.sqrt(np.trace(tracked.cov[at], axis1=1, axis2=2) / 3)
             far = away_m > np.maximum(live.far_m, live.far_sigmas * sigma_m)

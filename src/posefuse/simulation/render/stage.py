@@ -16,7 +16,7 @@ from .model import RenderModel
 _NEAR_M = 0.05
 _FAR_M = 80.0
 _MOST_GEOMS = 2000
-NOBODY = -1
+NO_PERSON = -1
 
 
 class RenderStage:
@@ -79,7 +79,7 @@ class RenderStage:
 
     def _person_of_number(self) -> Array:
         """(geoms + 1,) the person of each segmentation number; 0 is the background."""
-        people = np.full(self._scene.ngeom + 1, NOBODY)
+        people = np.full(self._scene.ngeom + 1, NO_PERSON)
         for geom in self._scene.geoms[: self._scene.ngeom]:
             if geom.segid >= 0 and geom.objtype == self._mujoco.mjtObj.mjOBJ_SKIN:
                 people[geom.segid + 1] = self._described.skin_person[geom.objid]

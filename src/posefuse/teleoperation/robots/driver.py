@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from posefuse.teleoperation.follower import Follower, heard, standing, stepped
+from posefuse.teleoperation.follower import Follower, standing, stepped, with_order
 from posefuse.teleoperation.settings import TeleoperationSettings
 from posefuse.teleoperation.values import Order, RobotState
 
@@ -39,7 +39,7 @@ class Driver:
         settings, dt_s = self._settings, 1.0 / self._settings.robot.rate_hz
         follower = self.follower
         for order in orders:
-            follower = heard(follower, order, now_ns, settings)
+            follower = with_order(follower, order, now_ns, settings)
         if not link:
             follower = replace(follower, order=None)
         self._late += late

@@ -106,13 +106,13 @@ class RosJoints:
         self._base = Topic(plan.cmd_vel, vel_type, depth=1) if plan.cmd_vel else None
         if not chain.arm.all() and self._base is None:
             raise ConfigError("--command joints: the model has a mobile base; expected --cmd-vel TOPIC for it")
-        self._measured, self._heard_s, self._found = chain.home.copy(), 0.0, True
+        self._measured, self._received_s, self._found = chain.home.copy(), 0.0, True
         self._begun = False
 
     def known(self) -> bool:
         """Whether all joints of the arm have been reported; the first report is the start position of the robot."""
         self._listen()
-        if self._heard_s and not self._begun:
+        if self._received_s and not self._begun:
             self.ik.begin(self._measured)
             self._begun = True
         return self._begun
@@ -187,11 +187,11 @@ class RosJoints:
                 continue
             for i, name in enumerate(names):
                 newest[i] = places.get(name, newest[i])
-            self._heard_s = time.monotonic()
+            self._received_s = time.monotonic()
         self._measured = newest
 
     def _fault(self) -> str:
-        if time.monotonic() - self._heard_s > _STATE_S:
+        if time.monotonic() - self._received_s > _STATE_S:
             return f"nothing on {self.needs} for {_STATE_S:g} s"
         arm = self.ik.chain.arm
         off = float(np.abs(self._measured - self.ik.q)[arm].max())
@@ -203,7 +203,7 @@ class RosCartesian:
 
     def __init__(self, node: Any, plan: RosPlan, command: str, frames: tuple[str, ...], place: SE3) -> None:
         self._node, self._plan, self._frames, self._place = node, plan, frames, place
-        self._back, self._tree, self._heard_s = place.inverse(), Frames(), 0.0
+        self._back, self._tree, self._received_s = place.inverse(), Frames(), 0.0
         self.needs = f"{TF.name} from {plan.base_frame} to {', '.join(frames)}"
         self._inboxes = [_Inbox(node, TF), _Inbox(node, TF_STATIC)]
         kind = "PoseStamped" if command == "pose" else "TwistStamped"
@@ -224,7 +224,7 @@ class RosCartesian:
             raise SourceError(f"robot: {self.needs} is not known")
         measured, wxyz = ends
         goal = self._goal
-        fault = f"nothing new on {TF.name} for {_STATE_S:g} s" if time.monotonic() - self._heard_s > _STATE_S else ""
+        fault = f"nothing new on {TF.name} for {_STATE_S:g} s" if time.monotonic() - self._received_s > _STATE_S else ""
         return Posture(
             xyz_world=measured if goal is None else goal.xyz_world,
             wxyz=wxyz if goal is None else goal.wxyz,
@@ -265,7 +265,7 @@ class RosCartesian:
                 for tf in msg.transforms:
                     with suppress(MessageError):
                         self._tree.take(tf)
-                self._heard_s = time.monotonic()
+                self._received_s = time.monotonic()
         places = [self._tree.find(self._plan.base_frame, frame) for frame in self._frames]
         known = [self._place @ place for place in places if place is not None]
         if len(known) != len(places):

@@ -11,7 +11,7 @@ from .settings import LiveSettings
 
 
 @dataclass
-class _Heard:
+class _CameraTimes:
     """One camera's times: the newest received, those used within the lag buffer, and what was refused."""
 
     stated_ns: int | None = None
@@ -33,7 +33,7 @@ class Admission:
         self._skeleton, self._settings = skeleton, settings
         self._lag_ns, self._ahead_ns = round(settings.lag_s * 1e9), round(settings.ahead_s * 1e9)
         self._apart_ns = round(1e9 / settings.camera_rate_max_hz)
-        self.heard = {name: _Heard() for name in rig.names}
+        self.times = {name: _CameraTimes() for name in rig.names}
         self.newest_ns: int | None = None
         self.restarts = 0
         self._asked_ns: int | None = None
@@ -48,46 +48,46 @@ class Admission:
         Raises:
             ShapeError: a camera that is not the rig's, or another skeleton.
         """
-        heard = self.heard.get(detections.camera)
-        if heard is None:
-            raise ShapeError(f"tracker: no camera {detections.camera!r} in the rig; there are: {choices(self.heard)}")
+        times = self.times.get(detections.camera)
+        if times is None:
+            raise ShapeError(f"tracker: no camera {detections.camera!r} in the rig; there are: {choices(self.times)}")
         if detections.skeleton != self._skeleton:
             raise ShapeError(
                 f"tracker: camera {detections.camera}: expected skeleton {self._skeleton.name}, got {detections.skeleton.name}"
             )
         t_ns = detections.t_ns
-        heard.stated_ns = t_ns
-        if not self._believable(t_ns, heard):
+        times.stated_ns = t_ns
+        if not self._believable(t_ns, times):
             return False
-        if t_ns in heard.used_ns:
-            heard.repeated += 1
+        if t_ns in times.used_ns:
+            times.repeated += 1
             return False
-        if any(abs(t_ns - used) < self._apart_ns for used in heard.used_ns):
-            heard.crowded += 1
+        if any(abs(t_ns - used) < self._apart_ns for used in times.used_ns):
+            times.crowded += 1
             return False
         self.newest_ns = t_ns if self.newest_ns is None else max(t_ns, self.newest_ns)
-        heard.used_ns = [used for used in heard.used_ns if used >= self.newest_ns - self._lag_ns] + [t_ns]
+        times.used_ns = [used for used in times.used_ns if used >= self.newest_ns - self._lag_ns] + [t_ns]
         return True
 
-    def _believable(self, t_ns: int, heard: _Heard) -> bool:
+    def _believable(self, t_ns: int, times: _CameraTimes) -> bool:
         if self.newest_ns is None:
             return True
         if t_ns < self.newest_ns - self._lag_ns:
             if self._asked_ns is None and t_ns < self.newest_ns - self._lag_ns - self._ahead_ns and self._agreed(t_ns):
                 self.newest_ns = t_ns
                 self.restarts += 1
-                for other in self.heard.values():
+                for other in self.times.values():
                     other.used_ns.clear()
                 return True
-            heard.late += 1
+            times.late += 1
             return False
         known_ns = self.newest_ns if self._asked_ns is None else max(self.newest_ns, self._asked_ns)
         if t_ns > known_ns + self._ahead_ns and not self._agreed(t_ns):
-            heard.ahead += 1
+            times.ahead += 1
             return False
         return True
 
     def _agreed(self, t_ns: int) -> bool:
-        stated = [heard.stated_ns for heard in self.heard.values() if heard.stated_ns is not None]
+        stated = [times.stated_ns for times in self.times.values() if times.stated_ns is not None]
         near = sum(abs(t_ns - other) <= self._ahead_ns for other in stated)
         return 2 * near >= len(stated) and near >= min(2, len(stated))

@@ -162,7 +162,7 @@ class AsynchronousTracker:
         """See `CameraStatistics`."""
         newest_ns = self._admission.newest_ns
         result = {}
-        for name, heard in self._admission.heard.items():
+        for name, times in self._admission.times.items():
             own = self._figures[name]
             age_s = float("nan") if newest_ns is None or own.newest_ns is None else (newest_ns - own.newest_ns) * 1e-9
             result[name] = CameraStatistics(
@@ -172,10 +172,10 @@ class AsynchronousTracker:
                 gated_share=own.gated,
                 flipped_share=own.flipped,
                 unclaimed=own.unclaimed,
-                late=heard.late,
-                ahead=heard.ahead,
-                repeated=heard.repeated,
-                crowded=heard.crowded,
+                late=times.late,
+                ahead=times.ahead,
+                repeated=times.repeated,
+                crowded=times.crowded,
             )
         return result
 

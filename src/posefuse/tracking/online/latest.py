@@ -79,12 +79,12 @@ class LatestTracker:
                 age_s=(newest_ns - self._newest[name].t_ns) * 1e-9
                 if newest_ns is not None and name in self._newest
                 else float("nan"),
-                late=heard.late,
-                ahead=heard.ahead,
-                repeated=heard.repeated,
-                crowded=heard.crowded,
+                late=times.late,
+                ahead=times.ahead,
+                repeated=times.repeated,
+                crowded=times.crowded,
             )
-            for name, heard in self._admission.heard.items()
+            for name, times in self._admission.times.items()
         }
 
     def _fuse(self) -> None:

@@ -4,19 +4,19 @@ export class Seen {
   // `draw` is called whenever the element comes into view
   constructor(element, draw) {
     this.near = false;
-    this.tell = () => { if (this.now) draw(); };
+    this.redraw = () => { if (this.now) draw(); };
     this.observer = new IntersectionObserver((entries) => {
       this.near = entries[entries.length - 1].isIntersecting;
-      this.tell();
+      this.redraw();
     });
     this.observer.observe(element);
-    document.addEventListener("visibilitychange", this.tell);
+    document.addEventListener("visibilitychange", this.redraw);
   }
 
   get now() { return this.near && !document.hidden; }
 
   close() {
     this.observer.disconnect();
-    document.removeEventListener("visibilitychange", this.tell);
+    document.removeEventListener("visibilitychange", this.redraw);
   }
 }
