@@ -23,7 +23,7 @@ from posefuse.formats.pose2d import read_openpose_folder
 from posefuse.formats.rig import read_rig
 from posefuse.pipeline.person_poses import person_in_videos
 from posefuse.simulation import SessionPaths, simulate
-from posefuse.simulation.body.colours import completed
+from posefuse.simulation.body.colours import completed_shape
 from posefuse.simulation.scene import read_scene
 
 # where `python -m paper` keeps its own: the first walk is the one it reports
@@ -58,7 +58,7 @@ def rendered_walk(seed: int, seconds: float, rate_hz: float = 30.0, cameras: int
 
 def height_of(paths: SessionPaths) -> float:
     """True height in metres of the body of a rendered walk."""
-    height_m = completed(read_scene(paths.scene).people[0].body).height_m
+    height_m = completed_shape(read_scene(paths.scene).people[0].body).height_m
     assert height_m is not None
     return float(height_m)
 

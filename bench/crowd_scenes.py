@@ -18,7 +18,7 @@ from posefuse.detection import region_from_pose
 from posefuse.detection.clothing import lab_from_srgb
 from posefuse.formats.truth import read_truth, write_truth
 from posefuse.foundation.settings import settings_from_mapping
-from posefuse.simulation.body.colours import completed
+from posefuse.simulation.body.colours import completed_shape
 from posefuse.simulation.body.settings import BodyShapeSettings
 from posefuse.simulation.build import LiveScene, live_scene
 from posefuse.simulation.scene import Scene
@@ -267,7 +267,7 @@ class Step:
 
 def worn_by(seed: int, people: int) -> np.ndarray:
     """(N, 3, 3) true colours of trunk, thighs and shanks: those of the scene's bodies."""
-    bodies = [completed(BodyShapeSettings(random_seed=100 * seed + n)) for n in range(people)]
+    bodies = [completed_shape(BodyShapeSettings(random_seed=100 * seed + n)) for n in range(people)]
     rgb = np.array([[[int(c[i : i + 2], 16) for i in (1, 3, 5)] for c in (b.shirt, b.trousers, b.trousers)] for b in bodies])
     return lab_from_srgb(rgb)
 

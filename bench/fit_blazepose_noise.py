@@ -21,8 +21,8 @@ from posefuse.core.skeleton import mirror_name
 from posefuse.detection import fetch, read_card, region_from_keypoints
 from posefuse.detection.blazepose.landmarks import landmarks_from_outputs
 from posefuse.detection.blazepose.network import BlazePoseNetwork
-from posefuse.detection.blazepose.noise import features
-from posefuse.detection.regions import crop_from_img, cut
+from posefuse.detection.blazepose.noise import landmark_noise_features
+from posefuse.detection.regions import crop_from_img, square_crop
 from posefuse.evaluation.fitting import is_rendered, render_everyday
 from posefuse.evaluation.fitting.log_sigma import fit_log_sigma
 from posefuse.formats.truth import read_truth
@@ -65,12 +65,12 @@ def collect(folder: Path, network: BlazePoseNetwork, side_px: int) -> Samples:
                 centre_img=region.centre_img + move, side_px=region.side_px * np.exp(grow), angle_rad=region.angle_rad + turn
             )
             image = np.ascontiguousarray(cv2.imread(str(path))[..., ::-1])
-            look = landmarks_from_outputs(*network([cut(image, region, side_px)]), len(BODY), side_px)
+            look = landmarks_from_outputs(*network([square_crop(image, region, side_px)]), len(BODY), side_px)
             affine = crop_from_img(region, side_px)
             errors.append(look.xy_crop[0, OURS] - (xy @ affine[:, :2].T + affine[:, 2])[THEIRS])
             looks.append(look)
             visible.append(seen[THEIRS])
-    known = [features(look) for look in looks]
+    known = [landmark_noise_features(look) for look in looks]
     values = {name: np.concatenate([one[name] for one in known])[:, OURS] for name in known[0]}
     score = np.concatenate([look.visibility * look.presence[:, None] for look in looks])[:, OURS]
     return Samples(np.array(errors), values, score, np.array(visible))

@@ -20,7 +20,7 @@ import numpy as np
 from posefuse.core import JointCentres, PoseSequence, Truth
 from posefuse.core.skeleton import pick_keypoints
 from posefuse.detection.models import read_any_card
-from posefuse.evaluation.fitting import fitted, render_moving
+from posefuse.evaluation.fitting import fit_joint_centres, render_moving
 from posefuse.evaluation.fitting.joint_centres import ARM, MOST_M
 from posefuse.evaluation.fitting.scenes import MOVES, RATE_HZ, SCENES_EACH
 from posefuse.evaluation.metrics import true_xyz_at
@@ -28,7 +28,7 @@ from posefuse.formats.joint_centres import joint_centres_text, read_joint_centre
 from posefuse.formats.truth import read_truth
 from posefuse.tracking import to_joint_centres
 from posefuse.tracking.body_directions import HEAD, keypoint_of
-from posefuse.tracking.joint_centres import JOINTS, SIDES, directions
+from posefuse.tracking.joint_centres import JOINTS, SIDES, joint_directions
 
 Run = tuple[PoseSequence, Truth]
 PARTS = 4
@@ -61,7 +61,7 @@ def errors_mm(poses: PoseSequence, truth: Truth, table: JointCentres) -> dict[st
     moved = to_joint_centres(poses, table)
     found: dict[str, list[list[np.ndarray]]] = {joint: [[], []] for joint in JOINTS}
     for side in SIDES:
-        known = directions(poses.xyz_world[inside, 0], poses.skeleton, side)
+        known = joint_directions(poses.xyz_world[inside, 0], poses.skeleton, side)
         for joint in JOINTS:
             about = known["ear" if joint in HEAD else "shoulder" if joint in ARM else "hip"]
             names = ("face", "crown", "outward") if joint in HEAD else ("forward", "up", "outward")
@@ -90,9 +90,9 @@ def fit(folders: list[Path], card_name: str, only: tuple[str, ...]) -> None:
     raised = {folders[0] / f"scene{i:02d}" for i in range(SCENES_EACH, 2 * SCENES_EACH)}
     found: dict[Path, dict[str, tuple[np.ndarray, np.ndarray]]] = {}
     for part in range(PARTS):
-        table = fitted([run for i, run in enumerate(runs) if i % PARTS != part])
+        table = fit_joint_centres([run for i, run in enumerate(runs) if i % PARTS != part])
         found |= {scenes[i]: errors_mm(*run, table) for i, run in enumerate(runs) if i % PARTS == part}
-    table = fitted(runs, f"{card_name}, fitted to {len(runs)} simulated bodies")
+    table = fit_joint_centres(runs, f"{card_name}, fitted to {len(runs)} simulated bodies")
     print(f"{len(runs)} scenes; each judged by a fit to the bodies of the other three quarters; mean mm before -> after")
     for joint in JOINTS:
         before, after = (np.linalg.norm(np.concatenate([one[joint][k] for one in found.values()]), axis=1) for k in (0, 1))

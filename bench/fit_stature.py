@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from paper.scenes.scenes import walking_scene
-from posefuse.calibration.extrinsics.world import triangulate
+from posefuse.calibration.extrinsics.world import triangulate_linear
 from posefuse.calibration.person.scale import KnownLength, limb_lengths_m, stature_m
 from posefuse.core import Skeleton
 from posefuse.core.arrays import Array
@@ -27,7 +27,7 @@ from posefuse.detection.build import DetectorChoice
 from posefuse.formats.rig import read_rig
 from posefuse.pipeline.person_poses import person_in_videos
 from posefuse.simulation import SessionPaths, simulate
-from posefuse.simulation.body.colours import completed
+from posefuse.simulation.body.colours import completed_shape
 from posefuse.simulation.scene import read_scene
 
 FITTED, LEFT_OUT = range(7300, 7305), range(7305, 7310)
@@ -51,12 +51,12 @@ def keypoints(paths: SessionPaths) -> tuple[Skeleton, Array]:
     videos = {camera.name: paths.video(camera.name) for camera in rig}
     views = person_in_videos(videos, rig, KnownLength(stature_m=1.7), DetectorChoice(), TIME_STEPS).views
     xy = np.where(views.usable[..., None], views.xy_img, np.nan)
-    xyz = triangulate(rig, xy.reshape(len(rig), -1, 2)).reshape(*xy.shape[1:3], 3)
+    xyz = triangulate_linear(rig, xy.reshape(len(rig), -1, 2)).reshape(*xy.shape[1:3], 3)
     return views.skeleton, xyz
 
 
 def height_m(paths: SessionPaths) -> float:
-    body = completed(read_scene(paths.scene).people[0].body)
+    body = completed_shape(read_scene(paths.scene).people[0].body)
     assert body.height_m is not None
     return float(body.height_m)
 

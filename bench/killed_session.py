@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 import posefuse as pf
-from posefuse.api.live import LiveSession, session_of
+from posefuse.api.live import LiveSession, build_live_session
 from posefuse.detection.build import DetectorChoice
 from posefuse.formats.rig import read_rig
 from posefuse.messages.bags import read_mcap
@@ -74,7 +74,7 @@ def ms_until_standing(fault: str, session: Path) -> float | None:
     settings = TeleoperationSettings(
         mapping=MappingSettings(scale=0.3), robot=RobotSettings(position_xy_m=(2.5, 0.0), shared=False)
     )
-    live = session_of(rig, inputs, config)
+    live = build_live_session(rig, inputs, config)
     seen: dict[str, float] = {}
 
     def watch(operator, order) -> None:

@@ -29,7 +29,7 @@ from rich.table import Table
 from posefuse.core import Camera, Detections2D, Frame, Rig
 from posefuse.detection import region_from_pose
 from posefuse.detection.build import DetectorChoice, build_detector
-from posefuse.detection.regions import cut
+from posefuse.detection.regions import square_crop
 from posefuse.formats.pixels import DecodedPixels, PixelConverter
 from posefuse.formats.rig import read_rig
 from posefuse.formats.video import VideoWriter
@@ -97,7 +97,9 @@ def image_stages(frames: list[Frame], camera: Camera, network: str, rig: Rig, sp
     xyz = pose_in_front(camera, found)
     for frame in frames:
         region = spent.of("region from the expected pose", lambda: region_from_pose(camera, xyz, detector.skeleton))
-        crop = spent.of("cut the crop", lambda frame=frame, region=region: cut(frame.image, region, landmarks.network.side_px))
+        crop = spent.of(
+            "cut the crop", lambda frame=frame, region=region: square_crop(frame.image, region, landmarks.network.side_px)
+        )
         spent.of(f"network {network}", lambda crop=crop: landmarks.network([crop]))
         [seen] = spent.of("whole detector", lambda frame=frame, region=region: detector.detect([frame], [[region]]))
         message = SeenView(detections=seen, state=state_of(seen.camera), received_ns=0, started_ns=0, detected_ns=0)

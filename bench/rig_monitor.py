@@ -209,7 +209,7 @@ def later(clip: Clip, late_s: float) -> np.ndarray:
 def findings(clip: Clip, xy: np.ndarray, after_s: float) -> list[monitor.RigFinding]:
     """Findings of the monitor for keypoints (T, C, K, 2); it stops some time after the first finding after `after_s`."""
     chosen = limb_keypoints(clip.skeleton.keypoints)
-    state, found = monitor.start(clip.rig), []
+    state, found = monitor.new_monitor_state(clip.rig), []
     for t_s, seen in zip(clip.t_s.tolist(), xy[:, :, chosen], strict=True):
         if any(after_s * 1e9 <= one.t_ns < (t_s - SAID_S) * 1e9 for one in found):
             break
@@ -320,7 +320,7 @@ def quiet(clip: Clip) -> dict:
 def explained_by_nothing(clip: Clip) -> dict:
     """The most that a turn and a lateness of any camera explain with nothing wrong, in each memory."""
     long, chosen, most = clip.lasting(QUIET_S), limb_keypoints(clip.skeleton.keypoints), {}
-    state = monitor.start(clip.rig)
+    state = monitor.new_monitor_state(clip.rig)
     for i, (t_s, seen) in enumerate(zip(long.t_s.tolist(), long.xy_img[:, :, chosen], strict=True)):
         state, _ = monitor.observe(state, clip.rig, round(t_s * 1e9), seen)
         if t_s > FAULT_AT_S and i % 3 == 0:

@@ -25,7 +25,7 @@ from posefuse.formats.truth import read_truth
 from posefuse.foundation.plain_values import plain
 from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.playback import Playback
-from posefuse.pipeline.session_images import session_of
+from posefuse.pipeline.session_images import session_of_recording
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tools"))
 
@@ -112,7 +112,7 @@ def in_python(session: Path, result: Path, seeks: int) -> dict[str, float]:
     recording = read(result)
     _ = recording.views
     began = time.perf_counter()
-    with Playback(recording, session_of(recording, session)) as playback:
+    with Playback(recording, session_of_recording(recording, session)) as playback:
         opened_s, taken = time.perf_counter() - began, []
         for share in np.random.default_rng(1).random(seeks):
             t_ns = int(share * recording.poses.t_ns[-1])

@@ -58,16 +58,16 @@ def _followed(path, noise_m: float, seconds: float = 16.0):
     """True hand, hand as measured, robot; the robot while the hand rests; steps at engaging; IK times."""
     from posefuse.teleoperation.gate import CameraReport
     from posefuse.teleoperation.heartbeats import Beat
-    from posefuse.teleoperation.operator import Operator, OperatorNews, step
+    from posefuse.teleoperation.operator import Operator, OperatorNews, step_operator
     from posefuse.teleoperation.rehearsal.person import person_view
     from posefuse.teleoperation.robots.driver import Driver
-    from posefuse.teleoperation.robots.mujoco_robot import MujocoRobot, model_of, placed
+    from posefuse.teleoperation.robots.mujoco_robot import MujocoRobot, mujoco_model, placed
     from posefuse.teleoperation.settings import RobotSettings, TeleoperationSettings
     from posefuse.teleoperation.values import Phase
 
     settings = TeleoperationSettings(robot=RobotSettings(position_xy_m=(2.5, 0.0)))
     place = placed(settings.robot.position_xy_m, settings.robot.heading_deg)
-    made = MujocoRobot(model_of(None, settings.hands), ["right_hand"], settings.limits, place)
+    made = MujocoRobot(mujoco_model(None, settings.hands), ["right_hand"], settings.limits, place)
     solve, times = made.ik.solve, []
 
     def timed(*arguments):
@@ -89,7 +89,7 @@ def _followed(path, noise_m: float, seconds: float = 16.0):
         beats = (Beat(seq=k, sent_ns=now_ns),) if t_s > -5.5 else ()
         news = OperatorNews(view=view, beats=beats, cameras=CameraReport(t_ns=now_ns, healthy=4, total=4), robot=state)
         was, before = operator.gate.phase, state
-        operator, order = step(operator, news, now_ns, settings)
+        operator, order = step_operator(operator, news, now_ns, settings)
         state = driver.step([order] if order else [], now_ns)
         if operator.gate.phase is Phase.ENGAGED and was is Phase.READY:
             steps = (

@@ -16,7 +16,7 @@ from posefuse.simulation.exact import seen_points
 from posefuse.simulation.render.backend import working_backend
 from posefuse.simulation.render.shot import CameraShooter
 from posefuse.simulation.render.stage import RenderStage
-from posefuse.simulation.session import model_of
+from posefuse.simulation.session import scene_render_model
 from posefuse.simulation.source import shot_image
 
 _SCENES = Path(__file__).resolve().parents[1] / "examples" / "scenes"
@@ -31,7 +31,7 @@ def pictures(scene: Scene, after_s: float, cameras: int, with_truth: bool) -> li
     live = live_scene(scene)
     optics = [optics_of(camera) for camera in live.rig.cameras[:cameras]]
     largest = np.max([(one.view.width, one.view.height) for one in optics], axis=0)
-    stage = RenderStage(model_of(live, (int(largest[0]), int(largest[1]))), working_backend())
+    stage = RenderStage(scene_render_model(live, (int(largest[0]), int(largest[1]))), working_backend())
     drawn = []
     for c in range(cameras):
         frame = int(np.argmin(np.abs(live.shots[c].t_ns / 1e9 - scene.start_s - after_s)))

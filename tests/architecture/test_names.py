@@ -1,4 +1,4 @@
-"""One name, one meaning: no two classes of the package share a name, but for the front door's own kind of a core value."""
+"""One name, one meaning: a public name of the package is defined in one module, but for the kinds listed here."""
 
 import ast
 from collections import defaultdict
@@ -6,16 +6,32 @@ from collections.abc import Iterable
 from pathlib import Path
 
 SRC = Path(__file__).resolve().parents[2] / "src" / "posefuse"
+FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
+# functions of one name in several modules, and why each is one idea
+SHARED = {
+    "one module per file format": {"fits", "matches", "read", "rig_from", "text_from"},
+    "one module per page or job of the studio": {"build", "run"},
+    "entry points of processes": {"main"},
+    "one value from several kinds of files": {"read_rig"},
+    "a command, the Python function and the stage behind it": {
+        "batch", "calibrate_clocks", "calibrate_extrinsics", "calibrate_intrinsics", "calibrate_person", "compare",
+        "fetch_networks", "fit_noise", "live", "record", "run_session", "simulate", "teleoperate", "track", "track_session",
+        "verify",
+    },
+    "a compiled kernel and the function that calls it": {"agreement", "joint_points", "pair_midpoints", "solve_robust"},
+    "one operation in the second pass and live": {"hold_bones"},
+    "one product of vectors, compiled and for arrays": {"cross"},
+}  # fmt: skip
 
 
-def shared_names(files: Iterable[Path]) -> dict[str, list[str]]:
-    """Names of public classes that stand in several files, with those files; a subclass may have the name of its base."""
+def shared_names(files: Iterable[Path], kinds: tuple[type, ...] = (ast.ClassDef,)) -> dict[str, list[str]]:
+    """Public names that several files define, with those files; a subclass may have the name of its base."""
     found: dict[str, list[str]] = defaultdict(list)
     for path in files:
         for node in ast.parse(path.read_text(encoding="utf-8")).body:
-            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
-                bases = {base.attr if isinstance(base, ast.Attribute) else getattr(base, "id", "") for base in node.bases}
-                if node.name not in bases:
+            if isinstance(node, kinds) and not node.name.startswith("_"):
+                bases = node.bases if isinstance(node, ast.ClassDef) else ()
+                if node.name not in {base.attr if isinstance(base, ast.Attribute) else getattr(base, "id", "") for base in bases}:
                     found[node.name].append(path.name)
     return {name: places for name, places in found.items() if len(places) > 1}
 
@@ -24,7 +40,14 @@ def test_no_two_classes_share_a_name() -> None:
     assert shared_names(sorted(SRC.rglob("*.py"))) == {}
 
 
+def test_functions_share_a_name_only_where_they_share_the_idea() -> None:
+    assert set(shared_names(sorted(SRC.rglob("*.py")), FUNCTIONS)) == set().union(*SHARED.values())
+
+
 def test_the_check_can_fail(tmp_path: Path) -> None:
-    (tmp_path / "a.py").write_text("class Rig: ...\nclass Body: ...\nclass _Own: ...", encoding="utf-8")
-    (tmp_path / "b.py").write_text("class Rig(core.Rig): ...\nclass Body: ...\nclass _Own: ...", encoding="utf-8")
+    (tmp_path / "a.py").write_text("class Rig: ...\nclass Body: ...\nclass _Own: ...\ndef solve(): ...", encoding="utf-8")
+    (tmp_path / "b.py").write_text(
+        "class Rig(core.Rig): ...\nclass Body: ...\nclass _Own: ...\nasync def solve(): ...", encoding="utf-8"
+    )
     assert shared_names([tmp_path / "a.py", tmp_path / "b.py"]) == {"Body": ["a.py", "b.py"]}
+    assert shared_names([tmp_path / "a.py", tmp_path / "b.py"], FUNCTIONS) == {"solve": ["a.py", "b.py"]}

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from posefuse.calibration.targets.detection import Corners
-from posefuse.calibration.targets.guidance import seen, start
+from posefuse.calibration.targets.guidance import new_guidance, seen
 from posefuse.calibration.targets.kinds import Markers
 from posefuse.core import Frame, SourceError
 from posefuse.realtime.camera_feed import CameraFeed
@@ -28,7 +28,7 @@ def everywhere() -> np.ndarray:
 
 
 def test_it_is_enough_when_all_images_are_covered_and_all_cameras_hang_together() -> None:
-    state = start(("a", "b", "c"))
+    state = new_guidance(("a", "b", "c"))
     assert state.words == "show the target to a, b, c"
     for k in range(40):
         for camera in (0, 1):
@@ -44,7 +44,7 @@ def test_it_is_enough_when_all_images_are_covered_and_all_cameras_hang_together(
         state = seen(seen(state, 0, k * 10**9, everywhere(), SIZE), 2, k * 10**9, everywhere(), SIZE)
     assert state.enough
     corner = everywhere()[:4]
-    poor = start(("a", "b"))
+    poor = new_guidance(("a", "b"))
     for k in range(80):
         poor = seen(seen(poor, 0, k, everywhere(), SIZE), 1, k, corner, SIZE)
     assert not poor.enough
@@ -95,7 +95,7 @@ def test_the_picture_shows_what_was_found_and_covered_and_what_is_next(tmp_path:
     pytest.importorskip("rerun", reason="the extra `viewer` is not installed")
     from posefuse.realtime.guide_view import GuideView, next_page
 
-    state = start(("a", "b", "c"))
+    state = new_guidance(("a", "b", "c"))
     for k in range(40):
         state = seen(seen(state, 0, k * 10**9, everywhere(), SIZE), 1, k * 10**9, everywhere()[:4], SIZE)
     page = next_page(state)

@@ -10,7 +10,7 @@ import pytest
 from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks, prominent
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.extrinsics.self_checks import camera_differences, scale_of
-from posefuse.calibration.person.bundle import freed, solve_person
+from posefuse.calibration.person.bundle import freed, solve_person_bundle
 from posefuse.calibration.person.scale import KnownLength, stature_m
 from posefuse.calibration.person.settle import _ahead, calibrate_out_of_step, unplaced_clocks
 from posefuse.calibration.person.solve import PersonCalibration, calibrate_from_person, rough_rig
@@ -82,7 +82,7 @@ def test_focal_lengths_and_clocks_let_free_scatter_as_their_standard_errors_say(
     off = []
     for seed in range(4):
         views = watched(lab.rig, seconds=10.0, seed=seed)
-        free = freed(lab.rig.cameras, solve_person(views, lab.rig.cameras))
+        free = freed(lab.rig.cameras, solve_person_bundle(views, lab.rig.cameras))
         held = free.terms_sigma > 0
         assert held.sum() == 2 * len(lab.rig) - 1
         off.append((free.state.terms / np.where(held, free.terms_sigma, 1.0))[held])

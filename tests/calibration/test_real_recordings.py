@@ -21,7 +21,7 @@ from posefuse.calibration.person.views import PersonViews, person_views
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.solving.rotations import Poses, poses_of
 from posefuse.calibration.targets.corners import CornerObservations, joined
-from posefuse.calibration.targets.detection import TargetDetector, observations_from_frames, observe
+from posefuse.calibration.targets.detection import TargetDetector, corners_from_frames, detect_corners
 from posefuse.calibration.targets.kinds import Charuco, Markers
 from posefuse.core import Rig
 from posefuse.detection.build import DetectorChoice
@@ -40,7 +40,7 @@ def test_two_webcams_and_a_real_board(shared_data: Path, reference: Rig, board: 
     """The short one: two cameras, the first 30 of 57 frames."""
     folder, detector = shared_data / "caliscope" / "post_optimization" / "calibration" / "extrinsic", TargetDetector(board)
     sources = [VideoConfig(folder / f"{name}.mp4", name).build() for name in ("cam_0", "cam_2")]
-    views = joined([observations_from_frames(s.camera, s.size_wh, islice(s.frames(), 30), detector) for s in sources])
+    views = joined([corners_from_frames(s.camera, s.size_wh, islice(s.frames(), 30), detector) for s in sources])
     lenses = (reference["cam_0"], reference["cam_2"])
     found = calibrate_extrinsics(views, lenses, board, Options(clocks="offset", instants=30))
     assert verify(found.rig, views, board, found.delay_s[:, 0]).length_rms_m <= 1.2e-3
@@ -140,7 +140,7 @@ def test_one_marker_with_foreign_lenses_is_refused_by_name(shared_data: Path, re
         place.mkdir()
         for image in sorted((shared_data / "caliscope" / "aruco_extrinsic").glob(f"cam_{i}_*.jpg")):
             shutil.copy(image, place)
-        seen.append(observe(ImagesConfig(place, f"cam_{i}", rate_hz=1.0).build(), target))
+        seen.append(detect_corners(ImagesConfig(place, f"cam_{i}", rate_hz=1.0).build(), target))
     with pytest.raises(RefusedCalibration, match=r"cause: the intrinsics of all cameras are wrong.*focal length would rather be"):
         calibrate_extrinsics(joined(seen), reference.cameras, target)
     # its own footage cannot tell the lenses: one small marker, nine time steps

@@ -10,7 +10,7 @@ import pytest
 
 from posefuse.calibration.checks.camera_errors import VerifyLimits
 from posefuse.calibration.checks.verify import verify
-from posefuse.calibration.extrinsics.causes import Cause, CauseTrial, Hypothesis, Trouble, cause_check, likely_causes
+from posefuse.calibration.extrinsics.causes import Cause, CauseTrial, Hypothesis, Trouble, cause_check, likely_target_causes
 from posefuse.calibration.extrinsics.limits import LIMITS
 from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.target import calibrate_extrinsics
@@ -53,7 +53,7 @@ def trouble_of(spread_px: float) -> Trouble:
 
 def named(*trials: CauseTrial, spread_px: float = 3.0) -> tuple[Cause, ...]:
     hypotheses = [Hypothesis(one.words, "", lambda trouble, one=one: [one], near=True) for one in trials]
-    return likely_causes(trouble_of(spread_px), hypotheses)
+    return likely_target_causes(trouble_of(spread_px), hypotheses)
 
 
 def test_the_explanation_that_frees_least_among_equals_is_named() -> None:

@@ -13,8 +13,7 @@ from posefuse.calibration.extrinsics.floor import FloorMarker, with_floor
 from posefuse.calibration.targets.description import read_target, write_target
 from posefuse.calibration.targets.detection import TargetDetector
 from posefuse.calibration.targets.kinds import ArucoBoard, Charuco, Chessboard, Markers, Target, dictionary_of
-from posefuse.cli.calibrating.inputs import target_of as target_of_options
-from posefuse.cli.calibrating.inputs import target_words
+from posefuse.cli.calibrating.inputs import target_from_options, target_words
 from posefuse.cli.command_line import WrongCommandLineError, parse
 from posefuse.cli.options.calibration import TargetOptions
 from posefuse.core import ConfigError, InputError
@@ -32,7 +31,7 @@ def test_a_target_file_gives_the_same_target_again(target: Target, tmp_path: Pat
     path = tmp_path / "target.toml"
     write_target(path, target)
     assert read_target(path) == target == target_of(str(path)) == target_of(target)
-    assert target_of_options(TargetOptions(target=str(path))) == target
+    assert target_from_options(TargetOptions(target=str(path))) == target
 
 
 def test_printing_writes_the_file_and_the_other_steps_take_it(tmp_path: Path) -> None:
@@ -136,4 +135,4 @@ def test_the_words_of_a_target_say_the_same_target_again() -> None:
     said = TargetOptions(target="markers", marker_mm=120.0, ids=(3, 4), inverted=True)
     again = parse(["calibrate", "print", *target_words(said).split(), "--out", "a.pdf"])
     assert again is not None
-    assert target_of_options(again.bound.arguments["target"]) == target_of_options(said)
+    assert target_from_options(again.bound.arguments["target"]) == target_from_options(said)

@@ -16,7 +16,7 @@ from posefuse.calibration.intrinsics.board import PARAMETERS, calibrate_intrinsi
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import coverage, coverage_picture
-from posefuse.calibration.targets.detection import TargetDetector, observe, why_nothing
+from posefuse.calibration.targets.detection import TargetDetector, detect_corners, why_nothing
 from posefuse.calibration.targets.kinds import ArucoBoard, Charuco, Chessboard, Markers, Target
 from posefuse.calibration.targets.printing import board_sheets, cube_sheets, write_pdf
 from posefuse.calibration.targets.synthetic import Faults, Waving, board, observe_prop
@@ -175,7 +175,7 @@ def test_coverage_guides_to_what_is_missing(watched: tuple[Rig, CornerObservatio
 def test_real_chessboards_give_the_reference_focal_length(shared_data: Path, number: int, camera: str) -> None:
     folder = shared_data / "pose2sim_single" / "calibration"
     target: Target = Chessboard(4, 7, 0.06)
-    seen = observe(ImagesConfig(folder / "intrinsics" / f"int_cam0{number}_img", camera, rate_hz=30.0).build(), target)
+    seen = detect_corners(ImagesConfig(folder / "intrinsics" / f"int_cam0{number}_img", camera, rate_hz=30.0).build(), target)
     found = calibrate_intrinsics(seen, target).camera
     reference = read_rig(folder / "Calib_qualisys.toml")[camera]
     assert found.K[0, 0] == pytest.approx(reference.K[0, 0], rel=0.01)

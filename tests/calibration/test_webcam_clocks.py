@@ -21,7 +21,7 @@ from posefuse.calibration.checks.verify import verify
 from posefuse.calibration.extrinsics.pipeline import Options, key_snapshots, link, solve_linked, starting_clocks
 from posefuse.calibration.extrinsics.snapshots import snapshots
 from posefuse.calibration.extrinsics.target import Calibration, calibrate_extrinsics
-from posefuse.calibration.extrinsics.world import triangulate
+from posefuse.calibration.extrinsics.world import triangulate_linear
 from posefuse.calibration.solving.rotations import Poses
 from posefuse.calibration.targets.corners import CornerObservations, joined
 from posefuse.calibration.targets.kinds import Charuco
@@ -188,7 +188,7 @@ def free_points_in_step(views: CornerObservations, start: Rig) -> tuple[Rig, flo
     tracks = np.full((len(start), point.max() + 1, 2), np.nan)
     tracks[camera, point] = xy_img
     poses = [np.append(cv2.Rodrigues(c.cam_from_world.matrix())[0], c.cam_from_world.xyz) for c in start]
-    x = np.concatenate([*poses, triangulate(start, tracks).ravel()])
+    x = np.concatenate([*poses, triangulate_linear(start, tracks).ravel()])
     misfit = _misfit(start, camera, point, xy_img)
     solved = least_squares(misfit, x, jac_sparsity=_sparsity(len(start), camera, point), x_scale="jac")
     pose = solved.x[: 6 * len(start)].reshape(-1, 6)

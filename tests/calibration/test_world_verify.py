@@ -15,7 +15,7 @@ from posefuse.calibration.extrinsics.world import (
     FloorUnderBody,
     ThreePoints,
     UpFromCameras,
-    triangulate,
+    triangulate_linear,
 )
 from posefuse.calibration.targets.kinds import Charuco, Markers
 from posefuse.calibration.targets.synthetic import Faults, Waving, board, observe_prop
@@ -133,7 +133,7 @@ def test_a_point_scatters_as_its_covariance_states(lab: Any) -> None:
     xyz = np.array([[0.2, -0.1, 1.0], [-0.5, 0.4, 1.4]])
     random, true = np.random.default_rng(3), lab.rig.project(xyz)
     true[3, 1] = np.nan
-    found = np.stack([triangulate(lab.rig, true + random.normal(0, 0.5, true.shape)) for _ in range(400)])
+    found = np.stack([triangulate_linear(lab.rig, true + random.normal(0, 0.5, true.shape)) for _ in range(400)])
     stated = point_covariance(lab.rig, xyz, true, 0.5)
     for point in range(len(xyz)):
         seen = np.cov(found[:, point].T)
@@ -150,7 +150,7 @@ def walk(t_s: np.ndarray) -> np.ndarray:
 
 def run_monitor(rig: Rig, pictures: Any, seconds: float = 14.0) -> list[monitor.RigFinding]:
     random = np.random.default_rng(3)
-    state, found = monitor.start(rig), []
+    state, found = monitor.new_monitor_state(rig), []
     for k in range(round(seconds * 10)):
         xy = pictures(k / 10) + random.normal(0, 1.5, (len(rig), 6, 2))
         state, new = monitor.observe(state, rig, round(k * 1e8), xy)
@@ -217,7 +217,7 @@ def test_a_standing_person_shows_large_displacements_only(lab: Any, reach_m: flo
 def test_a_camera_that_is_put_back_is_correct_and_may_be_moved_again(lab: Any) -> None:
     cameras = list(lab.rig.cameras)
     cameras[1] = replace(cameras[1], cam_from_world=SE3.from_rotvec([0.02, 0, 0], [0, 0, 0]) @ cameras[1].cam_from_world)
-    after, random, state = Rig(tuple(cameras)), np.random.default_rng(4), monitor.start(lab.rig)
+    after, random, state = Rig(tuple(cameras)), np.random.default_rng(4), monitor.new_monitor_state(lab.rig)
     findings: list[tuple[float, str]] = []
     for k in range(200):
         rig = after if 40 <= k < 80 or k >= 140 else lab.rig
@@ -232,7 +232,7 @@ def test_a_camera_that_is_put_back_is_correct_and_may_be_moved_again(lab: Any) -
 
 
 def test_a_late_camera_stays_so_while_the_person_stands_still(lab: Any) -> None:
-    random, state, found = np.random.default_rng(4), monitor.start(lab.rig), []
+    random, state, found = np.random.default_rng(4), monitor.new_monitor_state(lab.rig), []
     for k in range(180):
         there_s = min(k / 10, 9.0)
         late_s = 0.1 if k >= 30 and there_s < 9.0 else 0.0
@@ -248,14 +248,14 @@ def test_triangulation_needs_two_views(lab: Any) -> None:
     points = np.array([[0.1, 0.2, 0.9], [0.4, -0.3, 1.2]])
     xy = lab.rig.project(points)
     xy[1:, 1] = np.nan
-    found = triangulate(lab.rig, xy)
+    found = triangulate_linear(lab.rig, xy)
     np.testing.assert_allclose(found[0], points[0], atol=1e-6)
     assert np.isnan(found[1]).all()
 
 
 @pytest.mark.filterwarnings("error")
 def test_the_monitor_bears_points_on_the_horizon_and_cameras_that_see_nothing(lab: Any) -> None:
-    state, shape = monitor.start(lab.rig), (len(lab.rig), 6, 2)
+    state, shape = monitor.new_monitor_state(lab.rig), (len(lab.rig), 6, 2)
     far, nothing = np.full(shape, 1e200), np.full(shape, np.nan)
     one_blind = lab.rig.project(walk(np.zeros(1))[0])
     one_blind[2] = np.nan

@@ -16,9 +16,9 @@ import pytest
 from posefuse import __version__
 from posefuse.cli import main as cli
 from posefuse.cli.commands import plugins as plugins_command
-from posefuse.cli.live_report import show
+from posefuse.cli.live_report import show_live_figures
 from posefuse.cli.options.shared import Figures, Shown
-from posefuse.cli.stopping import stop_requests
+from posefuse.cli.stopping import terminate_on_signals
 from posefuse.cli.terminal import Terminal
 from posefuse.core import DependencyError
 from posefuse.foundation.requests_to_end import REQUESTS_TO_END
@@ -225,7 +225,7 @@ def test_outside_the_main_thread_it_runs_without_a_handler(monkeypatch: pytest.M
 def test_a_forked_child_ends_by_the_signal_as_any_program(capfd) -> None:
     if not hasattr(os, "fork"):
         pytest.skip("fork: needs a POSIX system")
-    with stop_requests():
+    with terminate_on_signals():
         child = os.fork()
         if child == 0:
             signal.raise_signal(signal.SIGTERM)
@@ -300,6 +300,6 @@ def test_a_session_that_was_stopped_before_it_began_has_no_figures_of_nothing(ca
         "outputs": {}, "outputs_lost": 0, "rig_watch_trouble": "", "cpu_fusion_share": nan, "cpu_children_share": nan,
         "memory_mb": nan,
     }  # fmt: skip
-    show(Terminal(as_json=False), figures)
+    show_live_figures(Terminal(as_json=False), figures)
     out = capsys.readouterr().out
     assert "nan" not in out and "0 (-/s), with a person in 0" in out

@@ -8,7 +8,7 @@ import pytest
 from posefuse.cli.command_line import parse
 from posefuse.cli.main import main
 from posefuse.cli.options.shared import SettingsOptions
-from posefuse.cli.tracking import settled_config
+from posefuse.cli.tracking import effective_track_config
 from posefuse.core import ConfigError, InputError, SourceError
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.pipeline.config import TrackConfig, read_config
@@ -21,7 +21,7 @@ def config_of(*words: str) -> TrackConfig:
     found = parse(["track", "here", "--out", "there", *words])
     assert found is not None
     given = found.bound.arguments
-    return settled_config(Path("here"), given["options"], given.get("settings", SettingsOptions()))
+    return effective_track_config(Path("here"), given["options"], given.get("settings", SettingsOptions()))
 
 
 def test_options_change_the_settings() -> None:

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from posefuse.cli.main import main
 from posefuse.foundation.growing import growing_folder
-from posefuse.foundation.manifest import MANIFEST_FILE, Manifest, listed, write_manifest
+from posefuse.foundation.manifest import MANIFEST_FILE, Manifest, manifest_of_files, write_manifest
 from posefuse.foundation.output_folder import OutputFolder, check_replaceable, output_folder
 
 Command = Callable[[Path, bool], int]
@@ -226,7 +226,7 @@ def calibrated(results: Path, out: Path, force: bool) -> int:
         check_files((), outputs, force=force)
         files.write_coverage(files.coverage_path(paths["out"]), seen)
         files.write_rig_file(paths["out"], rig)
-        files.write_report(paths["report"], CalibrationReport("rig", ()), {}, rig)
+        files.write_calibration_report(paths["report"], CalibrationReport("rig", ()), {}, rig)
         write_clocks(out / CONFIG_FILE, rig.names, clocks, Terminal(as_json=True))
     except (InputError, OSError):
         return 1
@@ -267,13 +267,13 @@ def simulated(results: Path, out: Path, force: bool) -> int:
         remove_parts([], paths)
         paths.rig.write_text("a rig")
         manifest = Manifest(command="simulate", target=".")
-        write_manifest(paths.folder, listed(paths.folder, manifest, [paths.rig, paths.scene]))
+        write_manifest(paths.folder, manifest_of_files(paths.folder, manifest, [paths.rig, paths.scene]))
         paths.incomplete.unlink()
 
     with pytest.MonkeyPatch.context() as patched:
         for name in ("working_backend", "check_framebuffer", "_job", "_render"):
             patched.setattr(sessions, name, lambda *_: None)
-        patched.setattr(sessions, "finish", finish)
+        patched.setattr(sessions, "finish_session", finish)
         try:
             sessions.simulate(read_scene(scene), out, replace=force)
         except InputError:

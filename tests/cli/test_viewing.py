@@ -13,7 +13,7 @@ from posefuse.cli.viewing import view_result
 from posefuse.core import InputError
 from posefuse.formats.recording import read_recording
 from posefuse.outputs.rerun import FILE
-from posefuse.pipeline.session_images import nearby_session, session_of
+from posefuse.pipeline.session_images import nearby_session, session_of_recording
 
 pytest.importorskip("rerun", reason="the extra `viewer` is not installed")
 
@@ -67,7 +67,7 @@ def test_another_session_is_refused(study: Path, tmp_path: Path) -> None:
     with pytest.raises(
         InputError, match=r"not the session of this result: camera cam00 was made from cam00\.mp4, here .*cam00_ag"
     ):
-        session_of(recording, other)
+        session_of_recording(recording, other)
     assert nearby_session(recording, tmp_path / "result") is None
 
 

@@ -23,7 +23,7 @@ def state():
 
 def places(q, rot, offset, local):
     frame, origin = np.empty((5, 3, 3)), np.empty((5, 3))
-    kernels.forward(PARENT, KIND, AXIS, offset, q, rot, frame, origin)
+    kernels.forward_kinematics(PARENT, KIND, AXIS, offset, q, rot, frame, origin)
     return np.stack([kernels.place(frame, origin, node, local[i]) for i, node in enumerate((3, 4))]), frame, origin
 
 

@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 
 from posefuse.core import SE3, SKELETONS, Region
-from posefuse.detection.regions import crop_from_img, cut, img_from_crop, region_from_keypoints, region_from_pose, up_angle_rad
+from posefuse.detection.regions import (
+    crop_from_img,
+    img_from_crop,
+    region_from_keypoints,
+    region_from_pose,
+    square_crop,
+    up_angle_rad,
+)
 
 BODY = SKELETONS["blazepose33"]
 
@@ -91,7 +98,7 @@ def test_a_crop_shows_a_spot_at_its_mapped_position(side_px, angle_rad):
     y, x = np.mgrid[0:800, 0:900]
     width = max(2.0, side_px / 60)
     bright = 250 * np.exp(-((x - spot[0]) ** 2 + (y - spot[1]) ** 2) / (2 * width**2))
-    crop = cut(np.repeat(bright[..., None], 3, axis=-1).astype(np.uint8), region, 256)[..., 0].astype(float)
+    crop = square_crop(np.repeat(bright[..., None], 3, axis=-1).astype(np.uint8), region, 256)[..., 0].astype(float)
     at_y, at_x = np.mgrid[0:256, 0:256]
     seen = np.array([(crop * at_x).sum(), (crop * at_y).sum()]) / crop.sum()
     assert np.allclose(img_from_crop(region, 256, seen), spot, atol=0.15 * max(1, side_px / 256))
@@ -101,17 +108,17 @@ def test_crops_agree_with_opencv_warps():
     image = cv2.GaussianBlur(np.random.default_rng(8).integers(0, 255, (240, 320, 3), dtype=np.uint8), (0, 0), 3)
     region = Region(centre_img=np.array([150.0, 120.0]), side_px=200.0, angle_rad=0.4)
     expected = cv2.warpAffine(image, crop_from_img(region, 128), (128, 128))
-    assert np.array_equal(cut(image, region, 128), expected)
+    assert np.array_equal(square_crop(image, region, 128), expected)
 
 
 def test_outside_the_image_is_black():
     image = np.full((100, 120, 3), 200, np.uint8)
-    assert not cut(image, Region(centre_img=np.array([-500.0, 50.0]), side_px=300.0), 256).any()
-    assert cut(image, Region(centre_img=np.array([60.0, 50.0]), side_px=60.0), 256).min() == 200
+    assert not square_crop(image, Region(centre_img=np.array([-500.0, 50.0]), side_px=300.0), 256).any()
+    assert square_crop(image, Region(centre_img=np.array([60.0, 50.0]), side_px=60.0), 256).min() == 200
 
 
 def three_channels(image: np.ndarray, region: Region, side_px: int) -> np.ndarray:
-    """What `cut` computes with four."""
+    """What `square_crop` computes with four."""
     finer = int(np.clip(round(region.side_px / side_px / 2), 1, 3))
     sampled = cv2.warpAffine(image, crop_from_img(region, side_px * finer), (side_px * finer, side_px * finer))
     return sampled if finer == 1 else cv2.resize(sampled, (side_px, side_px), interpolation=cv2.INTER_AREA)
@@ -125,4 +132,4 @@ def test_crops_of_images_and_regions_of_any_size_are_those_of_three_channels_one
         side_px, angle_rad = float(np.exp(rng.uniform(2, 7))), float(rng.choice([0.0, np.pi / 2, rng.uniform(-4, 4)]))
         region = Region(centre_img=rng.uniform(-50, 250, 2), side_px=side_px, angle_rad=angle_rad)
         side = int(rng.choice([32, 64]))
-        np.testing.assert_array_equal(cut(image, region, side), three_channels(image, region, side))
+        np.testing.assert_array_equal(square_crop(image, region, side), three_channels(image, region, side))

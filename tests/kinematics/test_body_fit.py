@@ -12,7 +12,7 @@ from posefuse.kinematics.body.filter import Measurement
 from posefuse.kinematics.body.fit import _failed
 from posefuse.kinematics.body.guess import guessed_state
 from posefuse.kinematics.body.packed import packed_from_body
-from posefuse.kinematics.body.response import disagreement
+from posefuse.kinematics.body.response import robust_variance_factor
 from posefuse.kinematics.joints import FrameBuffers
 from posefuse.kinematics.settings import JointSettings
 
@@ -200,7 +200,7 @@ def test_a_recording_may_begin_with_straight_arms_held_up(posed, flexion):
     packed = packed_from_body(body, BodySettings())
     q, rot = guessed_state(body, packed, work, sequence.xyz_world[0, 0, body.keypoint])
     frame, origin = np.empty((len(body.nodes), 3, 3)), np.empty((len(body.nodes), 3))
-    kernels.forward(packed.tree.parent, packed.tree.kind, packed.tree.axis, packed.tree.offset, q, rot, frame, origin)
+    kernels.forward_kinematics(packed.tree.parent, packed.tree.kind, packed.tree.axis, packed.tree.offset, q, rot, frame, origin)
     for side in ("left", "right"):
         elbow = sequence.xyz_world[0, 0, sequence.skeleton.index(f"{side}_elbow")]
         assert np.linalg.norm(origin[body.node(f"{side}_carrying")] - elbow) < 0.02
@@ -271,14 +271,14 @@ def rays_with_noise(rig, xyz: np.ndarray, noise_px: float, stated_px: float) -> 
 def test_rays_that_are_farther_off_than_stated_widen_the_covariance_and_outliers_hardly(ring_rig) -> None:
     rig, xyz = ring_rig(4), np.random.default_rng(5).uniform([-0.5, -0.4, 0.2], [0.5, 0.4, 1.8], (400, 3))
     gaussian = 1e9
-    assert disagreement(rays_with_noise(rig, xyz, 2.0, 2.0), gaussian, xyz).mean() == pytest.approx(8 / 5, rel=0.1)
-    assert disagreement(rays_with_noise(rig, xyz, 6.0, 2.0), gaussian, xyz).mean() == pytest.approx(9 * 8 / 5, rel=0.1)
+    assert robust_variance_factor(rays_with_noise(rig, xyz, 2.0, 2.0), gaussian, xyz).mean() == pytest.approx(8 / 5, rel=0.1)
+    assert robust_variance_factor(rays_with_noise(rig, xyz, 6.0, 2.0), gaussian, xyz).mean() == pytest.approx(9 * 8 / 5, rel=0.1)
     seen = rays_with_noise(rig, xyz, 2.0, 2.0)
     seen.xy[:, 0] += 300
-    assert disagreement(seen, gaussian, xyz).min() > 1000
-    assert disagreement(seen, 2.0, xyz).max() < 4.0
+    assert robust_variance_factor(seen, gaussian, xyz).min() > 1000
+    assert robust_variance_factor(seen, 2.0, xyz).max() < 4.0
     alone = dataclasses.replace(seen, inverse_var=seen.inverse_var * [1, 0, 0, 0])
-    assert (disagreement(alone, gaussian, xyz) == 1).all()
+    assert (robust_variance_factor(alone, gaussian, xyz) == 1).all()
 
 
 def test_a_fit_that_is_far_from_the_fused_keypoint_for_a_third_of_the_time_has_failed() -> None:

@@ -66,7 +66,7 @@ def test_derivatives_by_lengths_equal_finite_differences(squatter) -> None:
 
     def places(offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         frame, origin = np.empty_like(state[1]), np.empty((len(body.nodes), 3))
-        kernels.forward(packed.tree.parent, packed.tree.kind, packed.tree.axis, offset, *state, frame, origin)
+        kernels.forward_kinematics(packed.tree.parent, packed.tree.kind, packed.tree.axis, offset, *state, frame, origin)
         return np.stack(
             [kernels.place(frame, origin, n, x) for n, x in zip(packed.tree.node, packed.tree.local, strict=True)]
         ), frame

@@ -50,7 +50,7 @@ def someone() -> tuple[BodyModel, Packed, np.ndarray, tuple[np.ndarray, np.ndarr
 def places(p: Packed, q: np.ndarray, rot: np.ndarray) -> np.ndarray:
     """(A, 3) keypoints of a state."""
     frame, origin = np.empty((len(q), 3, 3)), np.empty((len(q), 3))
-    kernels.forward(p.tree.parent, p.tree.kind, p.tree.axis, p.tree.offset, q, rot, frame, origin)
+    kernels.forward_kinematics(p.tree.parent, p.tree.kind, p.tree.axis, p.tree.offset, q, rot, frame, origin)
     return np.stack([origin[n] + frame[n] @ local for n, local in zip(p.tree.node, p.tree.local, strict=True)])
 
 

@@ -33,7 +33,7 @@ STEPS = (3, 7)
 def places(p, offset: np.ndarray, q: np.ndarray, rot: np.ndarray) -> np.ndarray:
     """(A, 3) keypoints of a state with these offsets of the nodes."""
     frame, origin = np.empty((len(q), 3, 3)), np.empty((len(q), 3))
-    kernels.forward(p.tree.parent, p.tree.kind, p.tree.axis, offset, q, rot, frame, origin)
+    kernels.forward_kinematics(p.tree.parent, p.tree.kind, p.tree.axis, offset, q, rot, frame, origin)
     return np.stack([origin[n] + frame[n] @ local for n, local in zip(p.tree.node, p.tree.local, strict=True)])
 
 

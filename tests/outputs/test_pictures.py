@@ -20,8 +20,8 @@ from posefuse.outputs.drawing import (
     bone_colours,
     draw_skeleton,
     draw_view,
-    fitted,
     grid_for,
+    image_tile,
     view_tile,
 )
 from posefuse.outputs.facts import person_file
@@ -142,7 +142,7 @@ def test_tiles_fit_and_do_not_overlap(count: int, size_wh: tuple[int, int]) -> N
 
 def test_a_tile_keeps_the_images_shape() -> None:
     image = np.full((100, 50, 3), 200, np.uint8)
-    tile, scale = fitted(image, (50, 100), (80, 80))
+    tile, scale = image_tile(image, (50, 100), (80, 80))
     assert scale == 0.8
     assert (tile[:, :40] == 200).all()
     assert (tile[:, 40:] < 60).all()

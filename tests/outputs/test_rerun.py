@@ -14,7 +14,7 @@ from posefuse.core import DependencyError, InputError, Recording
 from posefuse.formats.recording import write_recording
 from posefuse.outputs import view_recording, write_outputs
 from posefuse.outputs.rerun import RerunSink, open_in_viewer
-from posefuse.outputs.rerun_scene import ellipsoids
+from posefuse.outputs.rerun_scene import ellipsoid_axes
 
 Make = Callable[..., Recording]
 needs_rerun = pytest.mark.skipif(importlib.util.find_spec("rerun") is None, reason="needs the extra `viewer`")
@@ -67,7 +67,7 @@ def test_ellipsoids_are_the_covariance() -> None:
     rng = np.random.default_rng(0)
     root = rng.normal(size=(6, 3, 3))
     cov = root @ root.swapaxes(1, 2)
-    half, xyzw = ellipsoids(cov)
+    half, xyzw = ellipsoid_axes(cov)
     x, y, z, w = xyzw.T
     turn = np.array(
         [

@@ -15,7 +15,7 @@ from posefuse.core.live_observations import observations_from_frames
 from posefuse.formats.rig import write_rig
 from posefuse.pipeline.live_videos import session_with_videos
 from posefuse.pipeline.playback import Playback
-from posefuse.pipeline.session_images import nearby_session, session_of
+from posefuse.pipeline.session_images import nearby_session, session_of_recording
 from posefuse.realtime.video_keeping import VideoKeeper
 
 Saved = tuple[Path, Path]
@@ -28,7 +28,7 @@ def image_of(jpeg: bytes) -> np.ndarray:
 def test_every_moment_shows_its_own_frame_in_any_order(saved_walk: Saved) -> None:
     session, result = saved_walk
     recording = pf.read(result)
-    with Playback(recording, session_of(recording, session)) as playback:
+    with Playback(recording, session_of_recording(recording, session)) as playback:
         for i in (0, 29, 7, 8, 3, 15):
             for c, camera in enumerate(playback.cameras):
                 moment = playback.moment(camera, i * PERIOD_NS + PERIOD_NS // 3, 480)
@@ -39,7 +39,7 @@ def test_every_moment_shows_its_own_frame_in_any_order(saved_walk: Saved) -> Non
 def test_keypoints_are_in_the_pixels_of_the_image(saved_walk: Saved) -> None:
     session, result = saved_walk
     recording = pf.read(result)
-    with Playback(recording, session_of(recording, session)) as playback:
+    with Playback(recording, session_of_recording(recording, session)) as playback:
         moment = playback.moment("cam01", 12 * PERIOD_NS, SIZE_WH[0] // 2)
     assert moment.size_wh == (SIZE_WH[0] // 2, SIZE_WH[1] // 2)
     exact = recording.rig["cam01"].scaled(moment.size_wh).project(recording.poses.xyz_world[12])
@@ -50,7 +50,7 @@ def test_keypoints_are_in_the_pixels_of_the_image(saved_walk: Saved) -> None:
 def test_beyond_the_video_there_is_no_frame(saved_walk: Saved) -> None:
     session, result = saved_walk
     recording = pf.read(result)
-    with Playback(recording, session_of(recording, session)) as playback:
+    with Playback(recording, session_of_recording(recording, session)) as playback:
         assert playback.moment("cam00", (COUNT + 3) * PERIOD_NS, 480) is None
         assert playback.step_at(10**12) == COUNT - 1
 

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from posefuse.cli.live_report import write_report
+from posefuse.cli.live_report import write_latency_report
 from posefuse.core import SE3, ConfigError, Detections2D, Frame, Pose3D, Region, Skeleton, SourceError
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.health.cameras import CameraState, Monitor, Verdict
@@ -256,7 +256,7 @@ def test_the_page_draws_one_spike_per_view_on_one_scale(tmp_path, read_page) -> 
             latencies.view_out(ViewTimes(name, i * PERIOD_NS, 0, 0, 0, 0), i * PERIOD_NS + late_ns)
     fusion = SimpleNamespace(latencies=latencies, rig=SimpleNamespace(names=("a", "b", "silent"), id="r"))
     figures = {"latency": latencies.figures(), "events": [], "output_events": []}
-    write_report(tmp_path, SimpleNamespace(fusion=fusion, zero_ns=0), figures)
+    write_latency_report(tmp_path, SimpleNamespace(fusion=fusion, zero_ns=0), figures)
     plots = read_page(tmp_path / "latency.html").data["plots"]
     assert [plot["title"][-16:] for plot in plots] == ["highest 900.0 ms", "highest 900.0 ms", "silent: no view"[-16:]]
     for plot in plots[:2]:
@@ -270,7 +270,7 @@ def test_the_page_draws_one_spike_per_view_on_one_scale(tmp_path, read_page) -> 
 def test_a_session_without_views_has_a_page(tmp_path, read_page) -> None:
     latencies = Latencies(("a",))
     fusion = SimpleNamespace(latencies=latencies, rig=SimpleNamespace(names=("a",), id="r"))
-    write_report(
+    write_latency_report(
         tmp_path, SimpleNamespace(fusion=fusion, zero_ns=0), {"latency": latencies.figures(), "events": [], "output_events": []}
     )
     assert "No view reached an output" in read_page(tmp_path / "latency.html").text

@@ -16,7 +16,7 @@ from posefuse.simulation.render.depth import measured_depth, noise_of
 from posefuse.simulation.render.shot import CameraShooter
 from posefuse.simulation.render.stage import RenderStage
 from posefuse.simulation.scene import Scene
-from posefuse.simulation.session import model_of
+from posefuse.simulation.session import scene_render_model
 from posefuse.simulation.source import shot_image
 
 EXACT = DepthSettings(disparity_sigma_px=0, step_px=0, floor_m=0, lateral_px=0, edge_loss=0)
@@ -76,7 +76,7 @@ def test_depth_lies_under_the_projected_pixels(distortion: tuple[float, ...], ba
     live = live_scene(Scene(duration_s=0.2, cameras=ListedCameras(kind="list", cameras=(camera,)), props=(board,)))
     eye = live.rig.cameras[0]
     view = optics_of(eye).view
-    stage = RenderStage(model_of(live, (view.width, view.height)), backend)
+    stage = RenderStage(scene_render_model(live, (view.width, view.height)), backend)
     shot = shot_image(live, 0, 0, CameraShooter(eye, live.placed[0].sensor, stage))
     stage.close()
     chess = live.prop_poses(np.zeros(1))[0][0] @ live.props[0].chess_prop

@@ -17,7 +17,7 @@ from posefuse.simulation.motion.settings import WaveSettings
 from posefuse.simulation.render.shot import CameraShooter
 from posefuse.simulation.render.stage import RenderStage
 from posefuse.simulation.scene import PersonSettings
-from posefuse.simulation.session import model_of
+from posefuse.simulation.session import scene_render_model
 from posefuse.simulation.source import shot_image
 
 _LIMBS = tuple(
@@ -40,7 +40,7 @@ def test_the_network_finds_the_person_from_every_side(sex, network, backend):
     person = PersonSettings(body=BodyShapeSettings(sex=sex), motion=WaveSettings(kind="wave", heading_deg=15))
     ring = RingCameras(kind="ring", count=8, radius_m=4.0, image=ImageSettings(size_px=(640, 480)))
     live = live_scene(Scene(duration_s=0.1, cameras=ring, people=(person,)))
-    stage = RenderStage(model_of(live, (640, 480)), backend)
+    stage = RenderStage(scene_render_model(live, (640, 480)), backend)
     frames, truth = [], []
     for c, camera in enumerate(live.rig):
         shot = shot_image(live, c, 0, CameraShooter(camera, live.placed[c].sensor, stage))

@@ -26,7 +26,7 @@ from posefuse.simulation.props import ArucoCube
 from posefuse.simulation.render.stage import RenderStage
 from posefuse.simulation.scene import JpegSettings, PersonSettings
 from posefuse.simulation.scene_files import plain_settings
-from posefuse.simulation.session import body_poses, model_of
+from posefuse.simulation.session import body_poses, scene_render_model
 from posefuse.simulation.session_files import FrameRun, remove_parts
 from posefuse.simulation.session_folder import MARKER_TEXT
 from posefuse.simulation.source import SimulatedConfig
@@ -113,7 +113,7 @@ def test_visible_joints_lie_on_their_person_and_hidden_ones_exist(session, backe
     live, truth = live_scene(_SCENE), read_truth(session / "truth" / "truth.npz")
     optics = [optics_of(camera) for camera in live.rig]
     largest = np.max([(one.view.width, one.view.height) for one in optics], axis=0)
-    stage = RenderStage(model_of(live, (int(largest[0]), int(largest[1]))), backend)
+    stage = RenderStage(scene_render_model(live, (int(largest[0]), int(largest[1]))), backend)
     inside = []
     for camera, view, lens in zip(live.rig, truth.views, optics, strict=True):
         for f, t_ns in enumerate(view.t_ns):
@@ -231,7 +231,7 @@ def test_a_disk_that_is_too_small_is_reported_before_anything_is_rendered(tmp_pa
 def test_the_estimate_of_the_size_is_near_what_is_written(demo_session):
     live = live_scene(read_scene(demo_session / "scene.yaml"))
     films = sum(film.stat().st_size for film in (demo_session / "videos").iterdir())
-    assert 0.7 < sessions.estimated_bytes(live) / (2 * films) < 1.5
+    assert 0.7 < sessions.estimated_session_bytes(live) / (2 * films) < 1.5
 
 
 def test_a_file_of_the_user_among_the_parts_stays(tmp_path):

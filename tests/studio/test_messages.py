@@ -11,7 +11,7 @@ from posefuse.studio.scene.messages import (
     HEADER,
     PlacedBody,
     bodies_message,
-    ellipsoids,
+    ellipsoid_factors,
     image_message,
     labels_message,
     mesh_message,
@@ -47,13 +47,13 @@ def test_poses_are_read_back() -> None:
 
 @pytest.mark.parametrize("bad", [np.full((3, 3), np.nan), np.eye(3) * 4.0, np.diag([1e-4, 1e-4, 0.0])])
 def test_a_huge_covariance_is_not_drawn(bad: np.ndarray) -> None:
-    shape = ellipsoids(np.stack([bad, np.eye(3) * 1e-4]))
+    shape = ellipsoid_factors(np.stack([bad, np.eye(3) * 1e-4]))
     assert np.isnan(shape[0]).all() and np.isfinite(shape[1]).all()
 
 
 def test_a_covariance_with_a_flat_direction_is_drawn_all_the_same() -> None:
     flat = np.outer([0.01, 0.02, 0.03], [0.01, 0.02, 0.03])
-    shape = ellipsoids(flat)
+    shape = ellipsoid_factors(flat)
     np.testing.assert_allclose(shape @ shape.T, 4 * flat, atol=1e-7)
 
 

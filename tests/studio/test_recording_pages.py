@@ -31,7 +31,7 @@ from posefuse.simulation.planning import (
 )
 from posefuse.simulation.scene import Scene, check_scene, read_scene
 from posefuse.simulation.scene_files import plain_settings, scene_text
-from posefuse.studio.plan_view import RoomMap, cameras_svg, heat_picture, nearest_camera
+from posefuse.studio.plan_view import RoomMap, cameras_svg, error_map_data_url, nearest_camera
 from posefuse.studio.player import ResultPlayer, open_recording
 from posefuse.studio.recording_files import add_routes
 from posefuse.studio.scene.messages import IMAGE, POSES
@@ -94,7 +94,7 @@ def test_the_map_is_brighter_where_the_rig_is_more_exact() -> None:
     scene, room = first_plan(), RoomMap((7.0, 7.0))
     plan = plan_rig(rig_of_scene(scene), room.size_m, step_m=0.5)
     image = cv2.imdecode(
-        np.frombuffer(base64.b64decode(heat_picture(plan, room).partition(",")[2]), np.uint8), cv2.IMREAD_UNCHANGED
+        np.frombuffer(base64.b64decode(error_map_data_url(plan, room).partition(",")[2]), np.uint8), cv2.IMREAD_UNCHANGED
     )
     assert (image.shape[1], image.shape[0]) == room.size_px
     brightness = cv2.cvtColor(image[..., :3], cv2.COLOR_BGR2GRAY)

@@ -7,7 +7,7 @@ import pytest
 
 from posefuse.teleoperation.gate import CameraReport
 from posefuse.teleoperation.heartbeats import Beat
-from posefuse.teleoperation.operator import Operator, OperatorNews, step
+from posefuse.teleoperation.operator import Operator, OperatorNews, step_operator
 from posefuse.teleoperation.rehearsal.person import person_view
 from posefuse.teleoperation.rehearsal.robot import ExactRobot
 from posefuse.teleoperation.robots.driver import Driver
@@ -36,7 +36,7 @@ class Run:
             beats = (Beat(seq=self.seq, sent_ns=self.now_ns),) if held else ()
             cameras = CameraReport(t_ns=self.now_ns, healthy=4, total=4)
             news = change(OperatorNews(view=seen, beats=beats, cameras=cameras, robot=self.state))
-            self.operator, self.order = step(self.operator, news, self.now_ns, self.settings)
+            self.operator, self.order = step_operator(self.operator, news, self.now_ns, self.settings)
             self.state = self.driver.step([self.order] if self.order else [], self.now_ns)
         return self.phase
 

@@ -8,7 +8,7 @@ pytest.importorskip("daqp")
 
 from posefuse.core import ConfigError
 from posefuse.teleoperation.robots.mobile_manipulator import mobile_manipulator
-from posefuse.teleoperation.robots.mujoco_robot import MujocoRobot, model_of, placed
+from posefuse.teleoperation.robots.mujoco_robot import MujocoRobot, mujoco_model, placed
 from posefuse.teleoperation.robots.protocol import Goal
 from posefuse.teleoperation.settings import LimitSettings
 
@@ -17,7 +17,7 @@ DT_S = 0.01
 
 
 def robot(hands=("right",), place=None):
-    return MujocoRobot(model_of(None, hands), [f"{side}_hand" for side in hands], LIMITS, place)
+    return MujocoRobot(mujoco_model(None, hands), [f"{side}_hand" for side in hands], LIMITS, place)
 
 
 def drive(made, xyz, wxyz=None, stands=False):
@@ -152,7 +152,7 @@ def test_a_model_that_cannot_be_driven_is_refused_in_one_line(tmp_path, change, 
     text = mobile_manipulator().replace(*change)
     file.write_text(text[: text.index("<keyframe>")] + "</mujoco>")
     with pytest.raises(ConfigError, match=words) as refused:
-        MujocoRobot(model_of(file, ("right",)), ["right_hand"], LIMITS)
+        MujocoRobot(mujoco_model(file, ("right",)), ["right_hand"], LIMITS)
     assert "\n" not in str(refused.value)
 
 
@@ -161,4 +161,4 @@ def test_a_base_that_floats_is_refused(tmp_path):
     body = '<body><freejoint/><geom size="0.1"/><site name="right_hand"/></body>'
     file.write_text(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
     with pytest.raises(ConfigError, match="free base"):
-        MujocoRobot(model_of(file, ("right",)), ["right_hand"], LIMITS)
+        MujocoRobot(mujoco_model(file, ("right",)), ["right_hand"], LIMITS)

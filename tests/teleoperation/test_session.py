@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from posefuse.teleoperation.deadman import Pressed
-from posefuse.teleoperation.session import run
+from posefuse.teleoperation.session import run_control_loop
 from posefuse.teleoperation.settings import TeleoperationSettings
 from posefuse.teleoperation.values import RobotState
 
@@ -60,7 +60,9 @@ class Answers:
 
 def latencies(*states):
     robot = Answers(*states)
-    return list(run(NoPoses(), NeverPressed(), robot, TeleoperationSettings(), until=lambda: not robot.left).latency_ms)
+    return list(
+        run_control_loop(NoPoses(), NeverPressed(), robot, TeleoperationSettings(), until=lambda: not robot.left).latency_ms
+    )
 
 
 def state(sent_ms, image_ms, limited=""):

@@ -12,7 +12,7 @@ from posefuse.detection import read_card
 from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.tracking import at_joint_centres, from_joint_centres, to_joint_centres, views_at_joint_centres
 from posefuse.tracking.body_directions import keypoint_of
-from posefuse.tracking.joint_centres import JOINTS, SIDES, directions
+from posefuse.tracking.joint_centres import JOINTS, SIDES, joint_directions
 from posefuse.tracking.segments import segment_lengths
 
 T, N, K = 4, 2, len(BLAZEPOSE33)
@@ -21,7 +21,7 @@ EVERY = JointCentres(
     made_by="a test",
     offsets={
         joint: {name: 0.01 * (i + 1) for i, name in enumerate(known)}
-        for joint, known in directions(np.full((K, 3), np.nan), BLAZEPOSE33, "left").items()
+        for joint, known in joint_directions(np.full((K, 3), np.nan), BLAZEPOSE33, "left").items()
     },
 )
 
@@ -59,7 +59,7 @@ def standing() -> np.ndarray:
 
 def test_directions_of_a_person_standing_are_what_their_names_say() -> None:
     for side, out in (("left", [0, 1, 0]), ("right", [0, -1, 0])):
-        known = directions(standing(), BLAZEPOSE33, side)
+        known = joint_directions(standing(), BLAZEPOSE33, side)
         for joint in ("shoulder", "hip"):
             np.testing.assert_allclose(known[joint]["forward"], [1, 0, 0], atol=1e-12)
             np.testing.assert_allclose(known[joint]["up"], [0, 0, 1], atol=1e-12)
@@ -83,10 +83,12 @@ def test_directions_of_a_person_standing_are_what_their_names_say() -> None:
 def test_a_raised_arm_counts_as_far_as_it_points_outward() -> None:
     xyz = standing()
     xyz[BLAZEPOSE33.index("right_elbow")] = [0, -0.5, 1.4]
-    np.testing.assert_allclose(directions(xyz, BLAZEPOSE33, "right")["shoulder"]["raising"], [0, -1, 0], atol=1e-12)
-    np.testing.assert_allclose(directions(xyz, BLAZEPOSE33, "right")["elbow"]["lowering"], [0, 0, -1], atol=1e-12)
+    np.testing.assert_allclose(joint_directions(xyz, BLAZEPOSE33, "right")["shoulder"]["raising"], [0, -1, 0], atol=1e-12)
+    np.testing.assert_allclose(joint_directions(xyz, BLAZEPOSE33, "right")["elbow"]["lowering"], [0, 0, -1], atol=1e-12)
     xyz[BLAZEPOSE33.index("right_elbow")] = [0, -0.4, 1.2]
-    np.testing.assert_allclose(directions(xyz, BLAZEPOSE33, "right")["shoulder"]["raising"], [0, -np.sqrt(0.5), 0], atol=1e-12)
+    np.testing.assert_allclose(
+        joint_directions(xyz, BLAZEPOSE33, "right")["shoulder"]["raising"], [0, -np.sqrt(0.5), 0], atol=1e-12
+    )
 
 
 def test_moving_the_world_moves_the_result() -> None:

@@ -24,14 +24,14 @@ from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.description import read_target
-from posefuse.calibration.targets.detection import observe
+from posefuse.calibration.targets.detection import detect_corners
 from posefuse.calibration.targets.kinds import Target
 from posefuse.calibration.targets.recordings import (
     Inputs,
-    check_seen,
     observe_sources,
     open_sources,
     paths_by_camera,
+    require_target_seen,
     seen_or_why_not,
 )
 from posefuse.core import SE3, InputError, Progress
@@ -100,7 +100,7 @@ def calibrate_intrinsics(
         sources = open_sources(inputs)
         for done, source in enumerate(sources):
             report("intrinsics", done, len(sources))
-            observations = seen_or_why_not(observe(source, kind, every), source, kind)
+            observations = seen_or_why_not(detect_corners(source, kind, every), source, kind)
             found.append(board.calibrate_intrinsics(observations, kind))
         report("intrinsics", len(sources), len(sources))
     return IntrinsicsCalibration(
@@ -164,7 +164,7 @@ def calibrate_extrinsics(
                 lenses[source.camera]
         with shown(progress) as report:
             seen = observe_sources(sources, with_floor(kind, floor), every, report)
-        check_seen(seen, sources, kind)
+        require_target_seen(seen, sources, kind)
     observations, world = world_rule(floor, seen, kind)
     limits = replace(LIMITS, distance_m=(0.0, np.inf)) if any_size else LIMITS
     options = Options(clocks=clocks, limits=limits, own_intrinsics=lenses is None)

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from posefuse.calibration.checks.verify import Verification
-from posefuse.calibration.clocks.person import numbers
+from posefuse.calibration.clocks.person import clock_figures
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.report import CalibrationReport
-from posefuse.calibration.report_page import heat_picture
-from posefuse.calibration.result_files import clock_settings, numbered, write_report, write_rig_file
+from posefuse.calibration.report_page import heat_map_image
+from posefuse.calibration.result_files import clock_settings, numbered, write_calibration_report, write_rig_file
 from posefuse.calibration.targets.coverage import coverage_picture
 from posefuse.core import Camera
 from posefuse.core.arrays import Array
@@ -47,7 +47,7 @@ class IntrinsicsCalibration:
         write_rig_file(target, self.rig)
         for camera in self.rig if report is not None else ():
             page = _checked(numbered(Path(str(report)), camera.name, len(self.rig)), replace)
-            write_report(page, self.reports[camera.name], _covered(camera, self.cells))
+            write_calibration_report(page, self.reports[camera.name], _covered(camera, self.cells))
         return target
 
 
@@ -74,7 +74,7 @@ class RigCalibration:
     @property
     def numbers(self) -> dict[str, float]:
         """Measured figures with their units in the names, those of the clocks included."""
-        return {**self.report.numbers, **({} if self.clocks is None else numbers(self.rig.names, self.clocks))}
+        return {**self.report.numbers, **({} if self.clocks is None else clock_figures(self.rig.names, self.clocks))}
 
     @property
     def clock_settings(self) -> str:
@@ -93,7 +93,7 @@ class RigCalibration:
         write_rig_file(target, self.rig)
         if report is not None:
             pictures = {title: picture for camera in self.rig for title, picture in _covered(camera, self.cells).items()}
-            write_report(_checked(report, replace), self.report, pictures, self.rig)
+            write_calibration_report(_checked(report, replace), self.report, pictures, self.rig)
         return target
 
 
@@ -138,7 +138,7 @@ class ClockCalibration:
             InputError: the file exists and `replace` is not set, or it cannot be written.
         """
         target = _checked(path, replace)
-        write_report(target, self.report, {}, self.rig)
+        write_calibration_report(target, self.report, {}, self.rig)
         return target
 
 
@@ -166,11 +166,11 @@ class RigVerification:
             InputError: the file exists and `replace` is not set, or it cannot be written.
         """
         pictures = {
-            f"{camera.name}: rms reprojection in px": heat_picture(self.measured.cell_px[i], camera.size_wh, _FULL_PX)
+            f"{camera.name}: rms reprojection in px": heat_map_image(self.measured.cell_px[i], camera.size_wh, _FULL_PX)
             for i, camera in enumerate(self.rig)
         }
         target = _checked(path, replace)
-        write_report(target, self.report, pictures, self.rig)
+        write_calibration_report(target, self.report, pictures, self.rig)
         return target
 
 

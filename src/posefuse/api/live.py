@@ -372,10 +372,10 @@ def live(
     changes |= (network_settings(networks) if networks else {}) | dict(settings or {})
     config = changed_config(LiveConfig(), changes)
     inputs = inputs_from_arguments(arguments, cameras, ros)
-    return session_of(cameras, inputs, config, duration_s=duration_s, record=record, outputs=outputs, progress=progress)
+    return build_live_session(cameras, inputs, config, duration_s=duration_s, record=record, outputs=outputs, progress=progress)
 
 
-def session_of(
+def build_live_session(
     rig: core.Rig,
     inputs: Sequence[LiveInput],
     config: LiveConfig,

@@ -94,7 +94,7 @@ def teleoperate(
     """
     from posefuse.foundation.output_file import check_output_file
     from posefuse.teleoperation.robots.process import RobotPlan
-    from posefuse.teleoperation.session import RobotLink, run
+    from posefuse.teleoperation.session import RobotLink, run_control_loop
     from posefuse.teleoperation.settings import TeleoperationSettings
 
     settings = settings or TeleoperationSettings()
@@ -131,7 +131,7 @@ def teleoperate(
         feed = SessionFeed(stack.enter_context(session))
         with shown(progress) as report:
             report("teleoperation", 0, None, switch.hint)
-        return run(feed, switch, link, settings, until=lambda: False, watch=_each(watches))
+        return run_control_loop(feed, switch, link, settings, until=lambda: False, watch=_each(watches))
 
 
 def _each(watches: Sequence[Callable[[Operator, Order | None], None]]) -> Callable[[Operator, Order | None], None] | None:

@@ -21,7 +21,7 @@ def best_per_camera(candidates: Candidates, support: Array) -> Array:
     return np.sort(order[first])
 
 
-def settled(candidates: Candidates, members: Array, free: Array, settings: AssociateSettings) -> Array:
+def refined_members(candidates: Candidates, members: Array, free: Array, settings: AssociateSettings) -> Array:
     """Fuse the members and ask every free detection again; once more with the answer. A single member stays as it is."""
     for _ in range(2):
         if len(members) < 2:

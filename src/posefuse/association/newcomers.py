@@ -8,7 +8,7 @@ from posefuse.core import Skeleton
 from posefuse.core.arrays import Array
 
 from .candidates import Candidates, agreement, member_points, pair_midpoints
-from .members import LEAST_POINTS, best_per_camera, settled
+from .members import LEAST_POINTS, best_per_camera, refined_members
 from .settings import AssociateSettings
 from .traits import body_lengths_m, plausible_share
 
@@ -27,7 +27,7 @@ def newcomers(candidates: Candidates, free: Array, count: int, skeleton: Skeleto
         best = _most_convincing(candidates, support * free, poses, views, settings)
         if best is None:
             break
-        members = settled(candidates, best_per_camera(candidates, support[best] * free), free, settings)
+        members = refined_members(candidates, best_per_camera(candidates, support[best] * free), free, settings)
         support[best] = 0.0
         if len(members) >= views[best] and _is_a_body(candidates, members, skeleton, settings):
             people.append(members)

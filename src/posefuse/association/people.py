@@ -19,7 +19,7 @@ from posefuse.core.values import UNSEEN
 from .assignment import Assignment
 from .candidates import Candidates, agreement, candidates_from_detections, member_points
 from .hints import Hints, hint_weights
-from .members import best_per_camera, settled
+from .members import best_per_camera, refined_members
 from .newcomers import newcomers
 from .settings import AssociateSettings
 
@@ -167,7 +167,7 @@ def _follow(
     for row in np.argsort(-support.sum(axis=1), kind="stable"):
         open_to = mine[row] & free
         members = best_per_camera(candidates, np.where(open_to, support[row], 0.0))
-        members = settled(candidates, members, open_to, settings)
+        members = refined_members(candidates, members, open_to, settings)
         if len(members) and _is_near(candidates, members, followed[row].xyz_world, reach[row], settings):
             found[followed[row].person_id] = members
             free[members] = False

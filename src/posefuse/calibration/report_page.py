@@ -24,7 +24,7 @@ def calibration_page(report: CalibrationReport, images: Mapping[str, Array] | No
     if report.notes:
         blocks += [Heading("Notes"), *(Note(note) for note in report.notes)]
     if rig is not None:
-        blocks += [Heading("Cameras from above"), Plots([plan(rig)])]
+        blocks += [Heading("Cameras from above"), Plots([camera_plan_plot(rig)])]
     if images:
         blocks += [Heading("Images"), Images(images, lossless=True)]
     if report.numbers:
@@ -33,7 +33,7 @@ def calibration_page(report: CalibrationReport, images: Mapping[str, Array] | No
     return Page(f"{report.subject}: {verdict}", blocks)
 
 
-def plan(rig: Rig) -> Plot:
+def camera_plan_plot(rig: Rig) -> Plot:
     """Cameras seen from above with their viewing directions and heights, and the axes of the world, 1 m long."""
     centres = rig.centres_world()
     forward = np.stack([camera.cam_from_world.matrix()[2] for camera in rig])
@@ -49,7 +49,7 @@ def plan(rig: Rig) -> Plot:
     return Plot("Plan of the cameras", series, x_label="x, m", y_label="y, m", equal=True)
 
 
-def heat_picture(values: Array, size_wh: tuple[int, int], full: float) -> Array:
+def heat_map_image(values: Array, size_wh: tuple[int, int], full: float) -> Array:
     """RGB image (H, W, 3) of values (rows, columns) over an image: green 0, red `full` and more, grey NaN."""
     level = np.clip(np.nan_to_num(values) / full, 0, 1)[..., None]
     colours = np.array([40, 170, 80]) * (1 - level) + np.array([200, 60, 40]) * level

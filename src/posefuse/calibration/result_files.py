@@ -22,7 +22,9 @@ from .targets.corners import CornerObservations
 from .targets.coverage import TargetCoverage, coverage, coverage_sheet
 
 
-def write_report(path: Path, report: CalibrationReport, pictures: Mapping[str, Array], rig: Rig | None = None) -> None:
+def write_calibration_report(
+    path: Path, report: CalibrationReport, pictures: Mapping[str, Array], rig: Rig | None = None
+) -> None:
     """The HTML page with images by caption (RGB arrays); an older one is kept as NAME.replaced-TIME."""
     keep_copy(path)
     write_page(path, calibration_page(report, pictures, rig))

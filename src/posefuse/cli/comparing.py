@@ -9,7 +9,7 @@ from typing import Any
 from posefuse.cli.options.compare import CompareOptions
 from posefuse.evaluation.compare_page import PAGE_FILE, alignment_facts, comparison_figures, distance_rows, write_comparison
 from posefuse.foundation.output_folder import check_replaceable
-from posefuse.foundation.places import check_apart
+from posefuse.foundation.places import check_outside_inputs
 from posefuse.pipeline.comparing import to_compare
 
 from .terminal import Terminal
@@ -18,7 +18,7 @@ from .terminal import Terminal
 def compare_files(path_a: Path, path_b: Path, options: CompareOptions, terminal: Terminal) -> Mapping[str, Any]:
     """Compare two recordings, write the page, show the figures."""
     if options.out:
-        check_apart(options.out, (path_a, path_b))
+        check_outside_inputs(options.out, (path_a, path_b))
         check_replaceable(options.out, command="compare", replace=True)
     pair = to_compare(path_a, path_b, options.person, terminal.warn)
     a, b = pair.a, pair.b

@@ -10,7 +10,16 @@ from posefuse.cli.options.fit_noise import FitOptions
 from posefuse.core import InputError
 from posefuse.detection.build import DetectorChoice
 from posefuse.detection.networks import NetworkCard, OnnxConfig, read_network_card
-from posefuse.evaluation.fitting import NoiseFit, Run, collect, fit_noise, fitted, noise_text, render_everyday, render_moving
+from posefuse.evaluation.fitting import (
+    NoiseFit,
+    Run,
+    collect,
+    fit_joint_centres,
+    fit_noise,
+    noise_text,
+    render_everyday,
+    render_moving,
+)
 from posefuse.formats.joint_centres import joint_centres_text
 from posefuse.formats.truth import read_truth
 from posefuse.foundation.atomic import write_text
@@ -77,7 +86,7 @@ def _joint_centres(
         terminal.warn(f"joint centres: the person was tracked in {len(runs)} scenes; expected at least {_LEAST_RUNS}; not fitted")
         return None
     path = Path(card_file.with_suffix(".joint_centres.toml"))
-    write_text(path, joint_centres_text(fitted(runs, f"{card.name}, fitted to {len(runs)} simulated bodies")))
+    write_text(path, joint_centres_text(fit_joint_centres(runs, f"{card.name}, fitted to {len(runs)} simulated bodies")))
     return path
 
 

@@ -29,7 +29,7 @@ from posefuse.realtime.output_plan import OutputPlan
 from posefuse.realtime.ros_cameras import rig_with_camera_infos
 from posefuse.realtime.session import run_live
 
-from .live_report import PAGE_FILE, figures_of, show, write_report
+from .live_report import PAGE_FILE, live_session_figures, show_live_figures, write_latency_report
 from .stopping import session_exit_code
 from .terminal import Terminal
 from .videos import kept_videos, video_figures
@@ -47,7 +47,7 @@ def run_session(
     videos: Path | None = None,
 ) -> Mapping[str, Any]:
     """Run a session; returns the figures of the tables. `videos`: folder that takes the cameras' videos."""
-    config = settled_config(settings)
+    config = effective_live_config(settings)
     rig = session_rig(rig_file, terminal)
     if outputs.report:
         check_replaceable(outputs.report, command="live", replace=False)
@@ -65,11 +65,15 @@ def run_session(
         done = run_live(rig, inputs, config, plan, duration_s, terminal.note, videos=folder)
         kept = video_figures(folder, inputs) if folder else {}
         failed = done.outputs_failed or any(one["fault"] for one in kept.values())
-        figures = {**figures_of(done), "videos": kept, **how_it_ended(done.stopped_by, duration_s, terminal, failed=failed)}
+        figures = {
+            **live_session_figures(done),
+            "videos": kept,
+            **how_it_ended(done.stopped_by, duration_s, terminal, failed=failed),
+        }
         # before the videos are moved to their place, which a full disk may not allow
-        show(terminal, figures)
+        show_live_figures(terminal, figures)
         if outputs.report:
-            write_report(outputs.report, done, figures)
+            write_latency_report(outputs.report, done, figures)
     if any(one["written"] for one in kept.values()):
         terminal.next(f"posefuse track {videos} --out DIR", "the videos, solved over all of time")
     _show_next(outputs, terminal, poses=done.fusion.poses)
@@ -121,7 +125,7 @@ def replay_session(rig_file: Path, recording: Path, settings: LiveSettingsOption
     """Feed a recording to the tracker again, with its own settings unless others are given; returns the figures."""
     from .replay import replay
 
-    config = settled_config(settings)
+    config = effective_live_config(settings)
     return replay(recording, read_placed_rig(rig_file), config if settings.given else None, terminal)
 
 
@@ -146,7 +150,7 @@ def settled_inputs(sources: SourceOptions, timing: TimingOptions, ros_2: Ros2Opt
     )
 
 
-def settled_config(settings: LiveSettingsOptions) -> LiveConfig:
+def effective_live_config(settings: LiveSettingsOptions) -> LiveConfig:
     """The config file with the command line's options on top, all of it validated alike."""
     on_top = {
         "--rate": ("rate_hz", settings.rate),

@@ -33,7 +33,7 @@ def _lengths(fusion: Fusion) -> dict[int, dict[str, dict[str, float]]]:
     return {person: {name: asdict(length) for name, length in lengths.items()} for person, lengths in people.items()}
 
 
-def figures_of(done: Finished) -> dict[str, Any]:
+def live_session_figures(done: Finished) -> dict[str, Any]:
     """Everything as plain values."""
     fusion = done.fusion
     cameras: dict[str, dict[str, Any]] = {}
@@ -89,7 +89,7 @@ def figures_of(done: Finished) -> dict[str, Any]:
     }
 
 
-def show(terminal: Terminal, figures: Mapping[str, Any]) -> None:
+def show_live_figures(terminal: Terminal, figures: Mapping[str, Any]) -> None:
     """The tables a person reads."""
     latency = figures["latency"]
     rows = [
@@ -148,7 +148,7 @@ def _number(value: float, digits: int) -> str:
     return "-" if math.isnan(value) else f"{value:.{digits}f}"
 
 
-def write_report(folder: Path, done: Finished, figures: Mapping[str, Any]) -> None:
+def write_latency_report(folder: Path, done: Finished, figures: Mapping[str, Any]) -> None:
     """latency.json, latency.md and latency.html (the newest views' latencies over time) into `folder`."""
     content = {"posefuse": __version__, "rig_id": done.fusion.rig.id, **figures}
     try:

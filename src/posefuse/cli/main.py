@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from posefuse import __version__
 
 from .command_line import COMMANDS, Invocation, WrongCommandLineError, parse
-from .stopping import StopRequests, stop_requests
+from .stopping import StopRequests, terminate_on_signals
 
 __all__ = ["COMMANDS", "main"]
 
@@ -21,7 +21,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         0 complete, 1 a known error in one line, 2 a bug with its trace, 130 stopped by Ctrl-C, 143 by SIGTERM, 129 by SIGHUP;
         the last three also where what was finished until then is kept.
     """
-    with stop_requests() as requests:
+    with terminate_on_signals() as requests:
         try:
             invocation = parse(sys.argv[1:] if argv is None else argv)
             if invocation is None:

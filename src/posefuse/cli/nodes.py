@@ -30,8 +30,8 @@ from posefuse.realtime.ros_cameras import rig_with_camera_infos
 from posefuse.realtime.session import group_plans, new_board, run_session, stop_requests
 from posefuse.realtime.session_plan import SessionPlan
 
-from .live import fetch_chosen, how_it_ended, output_configs, run_options, session_rig, settled_config, settled_inputs
-from .live_report import figures_of, show, write_report
+from .live import effective_live_config, fetch_chosen, how_it_ended, output_configs, run_options, session_rig, settled_inputs
+from .live_report import live_session_figures, show_live_figures, write_latency_report
 from .terminal import Terminal
 
 _S = 1_000_000_000
@@ -52,7 +52,7 @@ def camera_node(
     terminal: Terminal,
 ) -> Mapping[str, Any]:
     """Capture and detect on this machine, send 2D poses; the fused pose selects the image regions."""
-    config, rig, run = settled_config(settings), session_rig(rig_file, terminal), run_options(timing)
+    config, rig, run = effective_live_config(settings), session_rig(rig_file, terminal), run_options(timing)
     inputs = settled_inputs(sources, timing, ros_2, rig)
     if not inputs:
         raise SourceError("expected a source for at least 1 camera, got none; see --source")
@@ -94,7 +94,7 @@ def fusion_node(
     terminal: Terminal,
 ) -> Mapping[str, Any]:
     """Take the views of all camera nodes, track, publish."""
-    config, rig, network = settled_config(settings), session_rig(rig_file, terminal), network_of(ros_2)
+    config, rig, network = effective_live_config(settings), session_rig(rig_file, terminal), network_of(ros_2)
     duration_s = run_options(timing).duration_s
     if outputs.report:
         check_replaceable(outputs.report, command="live", replace=False)
@@ -112,7 +112,7 @@ def fusion_node(
     done = run_session(whole, lambda board: views, terminal.note)
     counts, senders = views.intake.views.intake.counts, views.intake.views.senders
     figures = {
-        **figures_of(done),
+        **live_session_figures(done),
         **how_it_ended(done.stopped_by, duration_s, terminal, failed=done.outputs_failed),
         "messages": {"accepted": counts.accepted, "refused": counts.refused},
         "last_refusal": counts.last_refusal,
@@ -120,8 +120,8 @@ def fusion_node(
         "strangers": dict(senders.strangers),
         "clock_offset_ms": {name: 1000 * offset for name, offset in done.clock_offset_s.items()},
     }
-    show(terminal, figures)
+    show_live_figures(terminal, figures)
     terminal.facts("Clocks, ms after the mean", {name: f"{ms:+.1f}" for name, ms in figures["clock_offset_ms"].items()})
     if outputs.report:
-        write_report(outputs.report, done, figures)
+        write_latency_report(outputs.report, done, figures)
     return figures

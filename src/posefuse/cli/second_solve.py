@@ -12,7 +12,7 @@ from posefuse.cli.options.track import EXCLUDED, TrackOptions
 from posefuse.core import InputError, Recording
 from posefuse.foundation.compiled import compiling
 from posefuse.foundation.output_folder import check_replaceable, output_folder
-from posefuse.foundation.places import check_apart
+from posefuse.foundation.places import check_outside_inputs
 from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.config import DEFAULT_OUTPUTS, TrackConfig, read_config
 from posefuse.pipeline.edits import NO_EDITS, Edits, Exclusion
@@ -42,7 +42,7 @@ def second_solve(path: Path, options: TrackOptions, settings: SettingsOptions, t
     if refused:
         raise InputError(f"{refused[0]}: is for sessions of videos, {path} is a recording of detections")
     clock, inputs = StageClock(), files_of_result(path)
-    check_apart(options.out, inputs)
+    check_outside_inputs(options.out, inputs)
     check_replaceable(options.out, command="track", replace=options.force)
     with clock.stage("read"):
         earlier = read_result(path, terminal.warn)

@@ -11,7 +11,7 @@ import numpy as np
 
 from posefuse.api.plan import plan
 from posefuse.formats.truth import read_truth
-from posefuse.foundation.places import check_apart
+from posefuse.foundation.places import check_outside_inputs
 from posefuse.simulation.gazebo import GazeboSettings, export_world
 from posefuse.simulation.scene import motion_files, read_scene
 from posefuse.simulation.session import simulate
@@ -22,7 +22,7 @@ from .terminal import Terminal
 def simulate_session(scene_file: Path, out: Path, force: bool, workers: int | None, terminal: Terminal) -> Mapping[str, Any]:
     """Render a scene file into a session folder, again with `force`; returns the figures of the table."""
     scene = read_scene(scene_file)
-    check_apart(out, (scene_file, *motion_files(scene)))
+    check_outside_inputs(out, (scene_file, *motion_files(scene)))
     began_s = time.perf_counter()
     try:
         with terminal.progress("rendering") as advance:
@@ -87,7 +87,7 @@ def show_plan(scene_file: Path, terminal: Terminal) -> Mapping[str, Any]:
 def write_gazebo_world(scene_file: Path, out: Path, release: str, force: bool, terminal: Terminal) -> Mapping[str, Any]:
     """Write a scene file as a Gazebo world, again with `force`; returns the figures of the table."""
     scene = read_scene(scene_file)
-    check_apart(out, (scene_file, *motion_files(scene)))
+    check_outside_inputs(out, (scene_file, *motion_files(scene)))
     world = export_world(scene, out, GazeboSettings(release=release), replace_older=force, warn=terminal.warn)
     for line in world.left_out:
         terminal.warn(line)

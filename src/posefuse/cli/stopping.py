@@ -69,7 +69,7 @@ def session_exit_code(stopped_by: str, *, endless: bool, failed: bool) -> int:
 
 
 @contextmanager
-def stop_requests() -> Iterator[StopRequests]:
+def terminate_on_signals() -> Iterator[StopRequests]:
     """SIGTERM and SIGHUP raise Terminated in the block; outside the main thread, where no handler can be set, nothing changes."""
     requests = StopRequests()
     if threading.current_thread() is not threading.main_thread():

@@ -15,10 +15,10 @@ def serve_studio(folder: Path, host: str, port: int, token: str, show: bool, ter
         DependencyError: without the extra ``studio``. InputError: no such folder, or the port is taken.
     """
     from posefuse.studio.access import Access
-    from posefuse.studio.app import run
+    from posefuse.studio.app import run_server
     from posefuse.studio.state import Studio
     from posefuse.studio.workspace import StudioWorkspace
 
     studio = Studio.of(StudioWorkspace(folder), Access.of(host, port, token))
-    run(studio, show=show, say=terminal.note)
+    run_server(studio, show=show, say=terminal.note)
     return {"workspace": str(studio.workspace.root), "address": studio.access.address()}

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from posefuse.api.live import session_of
+from posefuse.api.live import build_live_session
 from posefuse.api.teleoperate import teleoperate
 from posefuse.cli.options.live import LiveSettingsOptions, SourceOptions, TimingOptions
 from posefuse.cli.options.shared import Ros2Options
@@ -21,7 +21,7 @@ from posefuse.outputs.rerun_scene import SPAWN
 from posefuse.teleoperation.robots.reports import RosPlan
 from posefuse.teleoperation.settings import TeleoperationSettings
 
-from .live import run_options, settled_config, settled_inputs
+from .live import effective_live_config, run_options, settled_inputs
 from .terminal import Terminal
 
 if TYPE_CHECKING:
@@ -50,10 +50,10 @@ def run_teleoperation(
     if not sources.source:
         raise ConfigError("--source: expected one per camera, e.g. --source cam1=usb:0, or --source sim:SCENE.yaml")
     cameras = read_placed_rig(rig)
-    session = session_of(
+    session = build_live_session(
         cameras,
         settled_inputs(sources, timing, ros_2, cameras),
-        settled_config(settings),
+        effective_live_config(settings),
         duration_s=run_options(timing).duration_s,
         record=robot.record,
     )
@@ -61,7 +61,7 @@ def run_teleoperation(
         done = teleoperate(
             session,
             deadman=hand.deadman,
-            settings=settings_of(hand, robot),
+            settings=teleoperation_settings(hand, robot),
             robot=robot.robot,
             frames=robot.frame,
             command=ros.command,
@@ -76,7 +76,7 @@ def run_teleoperation(
     return _shown(done, terminal)
 
 
-def settings_of(hand: HandOptions, robot: RobotOptions) -> TeleoperationSettings:
+def teleoperation_settings(hand: HandOptions, robot: RobotOptions) -> TeleoperationSettings:
     """The settings file with the command line's options on top, all of it checked alike."""
     base = read_settings(robot.limits, TeleoperationSettings) if robot.limits else TeleoperationSettings()
     low, high = base.limits.box_low_m, base.limits.box_high_m

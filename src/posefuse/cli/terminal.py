@@ -108,10 +108,10 @@ def _cell(value: Any) -> Text:
     """A cell with its text as it is: square brackets in names of files are no markup."""
     from rich.text import Text
 
-    return Text(cell_text(value))
+    return Text(terminal_cell_text(value))
 
 
-def cell_text(value: Any) -> str:
+def terminal_cell_text(value: Any) -> str:
     """A value as a table shows it."""
     import numpy as np
 

@@ -31,7 +31,7 @@ def track_session(folder: Path, options: TrackOptions, settings: SettingsOptions
     """
     check_no_edits(options)
     clock = StageClock()
-    config = settled_config(folder, options, settings)
+    config = effective_track_config(folder, options, settings)
     sinks = build_sinks(config.outputs)
     session = find_session(folder, config)
     out = ResultFolder(path=options.out, force=options.force, resume=options.resume)
@@ -63,7 +63,7 @@ def check_no_edits(options: TrackOptions) -> None:
         raise InputError(f"{name}: is for results; track the session first, then `posefuse track RESULT {name} ... --out DIR`")
 
 
-def settled_config(folder: Path, options: TrackOptions, settings: SettingsOptions) -> TrackConfig:
+def effective_track_config(folder: Path, options: TrackOptions, settings: SettingsOptions) -> TrackConfig:
     """The config file with the command line's options on top."""
     path = settings.config or (folder / CONFIG_FILE if (folder / CONFIG_FILE).is_file() else None)
     rig = str(Path(options.rig).absolute()) if options.rig is not None and Path(options.rig).exists() else options.rig

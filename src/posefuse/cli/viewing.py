@@ -8,7 +8,7 @@ from pathlib import Path
 from posefuse.outputs.rerun import FILE, open_in_viewer, view_recording
 from posefuse.outputs.rerun_scene import check_rerun
 from posefuse.pipeline.reading import read_result
-from posefuse.pipeline.session_images import nearby_session, session_frames, session_of
+from posefuse.pipeline.session_images import nearby_session, session_frames, session_of_recording
 
 from .terminal import Terminal
 
@@ -28,7 +28,7 @@ def view_result(
     if session is None and (result / FILE).is_file():
         return view_recording(result, open_viewer=open_viewer)
     recording = read_result(result, terminal.warn)
-    found = nearby_session(recording, result) if session is None else session_of(recording, session)
+    found = nearby_session(recording, result) if session is None else session_of_recording(recording, session)
     if found is None:
         name = recording.provenance.get("session", "unnamed")
         terminal.note(f"shown without images: no session {name} near {result} or here; --session FOLDER names it")

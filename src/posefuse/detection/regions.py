@@ -124,7 +124,7 @@ def overlap(box: Array, others: Array) -> Array:
     return np.asarray(shared / np.maximum(area - shared, 1e-9))
 
 
-def cut(image: Array, region: Region, side_px: int) -> Array:
+def square_crop(image: Array, region: Region, side_px: int) -> Array:
     """The upright crop (side_px, side_px, 3) uint8; black outside the image.
 
     A large region is sampled more finely and then averaged, so that fine texture does not alias into the crop.
@@ -139,7 +139,7 @@ def cut(image: Array, region: Region, side_px: int) -> Array:
 
 
 class Crops(Sequence[Array]):
-    """Crops of several images (`cut`), each of them cut when it is first asked for: a network can work on the first meanwhile."""
+    """Crops of several images (`square_crop`), each made when first asked for: a network can work on the first meanwhile."""
 
     def __init__(self, regions: Sequence[tuple[Array, Region]], side_px: int) -> None:
         self._regions, self._side_px = regions, side_px
@@ -156,7 +156,7 @@ class Crops(Sequence[Array]):
         if isinstance(i, slice):
             return [self[k] for k in range(len(self))[i]]
         if i not in self._made:
-            self._made[i] = cut(*self._regions[i], self._side_px)
+            self._made[i] = square_crop(*self._regions[i], self._side_px)
         return self._made[i]
 
 

@@ -69,7 +69,7 @@ def write_recording(folder: Path, recording: Recording) -> list[Path]:
     return [folder / name for name in RECORDING_FILES]
 
 
-def read_poses(folder: Path) -> tuple[PoseSequence, dict[str, Any]]:
+def read_result_poses(folder: Path) -> tuple[PoseSequence, dict[str, Any]]:
     """The 3D result alone and how it was made, of a result folder: a fraction of the time that reading all of it takes.
 
     Returns:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from posefuse.core import InputError
 
-from .manifest import MANIFEST_FILE, Manifest, contents, listed, read_manifest, write_manifest
+from .manifest import MANIFEST_FILE, Manifest, contents, manifest_of_files, read_manifest, write_manifest
 from .places import real_path
 
 
@@ -37,7 +37,7 @@ class GrowingFolder:
         manifest = read_manifest(self.folder) or Manifest(command=self.command, target=".")
         new = {path.relative_to(self.folder).as_posix() for path in paths}
         earlier = [one for one in manifest.files if one.path not in new and (self.folder / one.path).is_file()]
-        found = listed(self.folder, manifest, [self.folder / name for name in new])
+        found = manifest_of_files(self.folder, manifest, [self.folder / name for name in new])
         files = sorted((*earlier, *found.files), key=lambda one: one.path)
         write_manifest(self.folder, dataclasses.replace(found, files=tuple(files)))
 

@@ -106,11 +106,11 @@ def completed(folder: Path, manifest: Manifest) -> Manifest:
     """The manifest with everything but desktop files that is in `folder` now; raises OSError where a file cannot be read."""
     entries = [entry for entry in _entries(folder) if entry.name not in DESKTOP_FILES]
     folders = [entry.relative_to(folder).as_posix() for entry in entries if entry.is_dir()]
-    found = listed(folder, manifest, [entry for entry in entries if not entry.is_dir()])
+    found = manifest_of_files(folder, manifest, [entry for entry in entries if not entry.is_dir()])
     return dataclasses.replace(found, folders=tuple(folders))
 
 
-def listed(folder: Path, manifest: Manifest, paths: Iterable[Path]) -> Manifest:
+def manifest_of_files(folder: Path, manifest: Manifest, paths: Iterable[Path]) -> Manifest:
     """The manifest, complete, with these files below `folder` and the folders they are in.
 
     The target is the folder itself then, so that it can be moved and the same work gives the same bytes everywhere.

@@ -9,7 +9,7 @@ from pathlib import Path
 from posefuse.core import InputError
 
 from .atomic import new_file
-from .places import check_apart, name_aside
+from .places import check_outside_inputs, name_aside
 
 
 def check_output_file(path: Path, *, option: str, inputs: Sequence[Path] = (), replace: bool | None = None) -> None:
@@ -24,7 +24,7 @@ def check_output_file(path: Path, *, option: str, inputs: Sequence[Path] = (), r
         raise InputError(f"{option} {path}: there is no folder {path.parent}")
     if path.is_dir():
         raise InputError(f"{option} {path}: expected a file name, got a folder")
-    check_apart(path, inputs)
+    check_outside_inputs(path, inputs)
     if path.exists() and not replace:
         force = "" if replace is None else ", or add --force: the old one is then kept as NAME.replaced-TIME"
         raise InputError(f"{option} {path} already exists; choose another name{force}")

@@ -17,7 +17,7 @@ from posefuse.core import InputError
 
 from .atomic import new_folder
 from .manifest import MANIFEST_FILE, Manifest, completed, contents, read_manifest, remove_written, write_manifest
-from .places import check_apart, check_space, holds_working_folder, name_aside, real_path
+from .places import check_outside_inputs, check_space, holds_working_folder, name_aside, real_path
 
 Warn = Callable[[str], None]
 _SUFFIX = ".unfinished"
@@ -73,7 +73,7 @@ def output_folder(
             meanwhile or cannot be written to; the finished results stay in the staging folder, which the message names.
     """
     target = real_path(path)
-    check_apart(path, inputs)
+    check_outside_inputs(path, inputs)
     check_replaceable(path, command=command, replace=replace)
     made = _make_parents(path, target)
     of_parent = bool(inputs) and all(real_path(one).parent == target.parent for one in inputs)

@@ -20,7 +20,7 @@ def real_path(path: Path) -> Path:
         raise InputError(f"{path}: cannot be followed ({error}); name another place") from None
 
 
-def check_apart(path: Path, inputs: Sequence[Path]) -> None:
+def check_outside_inputs(path: Path, inputs: Sequence[Path]) -> None:
     """Raise InputError where `path` is, contains or lies inside one of `inputs`, under whatever name it is reached.
 
     Folders are compared by identity on their disk, so links and capital letters make no difference where the disk makes none.

@@ -16,7 +16,7 @@ from posefuse.core.arrays import Array
 
 from .packed import packed_rig
 from .settings import FuseSettings
-from .triangulate import RobustSolution, Triangulated, settled, solve_robust
+from .triangulate import RobustSolution, Triangulated, settled_points, solve_robust
 
 # an exchange must win by this much robust loss: two clear outliers' worth, so noise never exchanges
 _GAIN = 24.0
@@ -111,7 +111,7 @@ def solve_with_swaps_corrected(
             touched |= _correct_swaps(person, solved.points.xyz[g], solved.square[g], past)
         if touched:
             solved = solve_robust(rig, xy, score, sigma, settings, depth=depth)
-    return settled(solved, rig, xy, score=score, sigma=sigma, settings=settings, depth=depth)
+    return settled_points(solved, rig, xy, score=score, sigma=sigma, settings=settings, depth=depth)
 
 
 def _correct_swaps(person: _Person, xyz: Array, square: Array, before: Array | None) -> bool:

@@ -190,12 +190,12 @@ def solve_robust(
 def solve_settled(
     rig: Rig, xy_img: Array, score: Array, sigma: Array, settings: FuseSettings, *, depth: Array | None
 ) -> Triangulated:
-    """`solve_robust`, then `settled`."""
+    """`solve_robust`, then `settled_points`."""
     solved = solve_robust(rig, xy_img, score, sigma, settings, depth=depth)
-    return settled(solved, rig, xy_img, score=score, sigma=sigma, settings=settings, depth=depth)
+    return settled_points(solved, rig, xy_img, score=score, sigma=sigma, settings=settings, depth=depth)
 
 
-def settled(
+def settled_points(
     solved: RobustSolution,
     rig: Rig,
     xy_img: Array,

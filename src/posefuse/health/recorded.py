@@ -7,7 +7,7 @@ import numpy as np
 from posefuse.calibration.keypoints import MIN_SCORE, limb_keypoints
 from posefuse.core import Rig, ViewSequence
 
-from .rig_monitor import RigFinding, observe, start
+from .rig_monitor import RigFinding, new_monitor_state, observe
 
 # more views add nothing: a network's errors are correlated for longer than this
 _EVERY_S = 0.1
@@ -19,7 +19,7 @@ def rig_findings(views: ViewSequence, rig: Rig) -> list[RigFinding]:
     step = max(1, round(_EVERY_S / period_s))
     limbs = limb_keypoints(views.skeleton.keypoints)
     xy = np.where((views.score[:, 0] >= MIN_SCORE)[..., None], views.xy_img[:, 0], np.nan)[:, :, limbs]
-    state, found = start(rig), []
+    state, found = new_monitor_state(rig), []
     for t_ns, seen in zip(views.t_ns[::step].tolist(), xy[::step], strict=True):
         state, new = observe(state, rig, t_ns, seen)
         found += new

@@ -95,7 +95,7 @@ class MonitorState:
         return (self.finding, *(self.others.findings if self.others is not None else ()))
 
 
-def start(rig: Rig) -> MonitorState:
+def new_monitor_state(rig: Rig) -> MonitorState:
     """Nothing seen yet."""
     return MonitorState(sums=tuple(Sums.nothing(len(rig)) for _ in MEMORIES_S))
 
@@ -176,7 +176,7 @@ def _judged(state: MonitorState, rig: Rig, t_ns: int) -> tuple[MonitorState, lis
     if (t_ns - state.since_ns) / 1e9 < _SURE_AFTER_S:
         return state, []
     found = replace(found, t_ns=t_ns)
-    return replace(state, finding=found, well_ns=None, doubt=None, others=start(rig)), [found]
+    return replace(state, finding=found, well_ns=None, doubt=None, others=new_monitor_state(rig)), [found]
 
 
 def _suspected(state: MonitorState, rig: Rig) -> RigFinding | None:
@@ -254,7 +254,7 @@ def _gone_on(
     if state.well_ns is None or (t_ns - state.well_ns) / 1e9 < _SURE_AFTER_S:
         return replace(state, well_ns=t_ns if state.well_ns is None else state.well_ns), new
     # the windows still hold the residuals of the time before
-    return replace(start(rig), before=state.before), []
+    return replace(new_monitor_state(rig), before=state.before), []
 
 
 def _by_now(sums: Sums, finding: RigFinding, rig: Rig) -> tuple[RigFinding, float]:

@@ -169,7 +169,7 @@ class FrameBuffers:
 
     def read(self, xyz_world: Array, cov_world: Array) -> None:
         """Take in keypoints (K, 3) and covariances (K, 3, 3)."""
-        kernels.gather(xyz_world, cov_world, self.pairs, self.settings.unknown_sigma_m**2, self.points, self.points_cov)
+        kernels.gather_landmarks(xyz_world, cov_world, self.pairs, self.settings.unknown_sigma_m**2, self.points, self.points_cov)
 
     def step_planes(self, memory: Array, elapsed_s: float) -> None:
         """Move the limb planes (`memory`) to the points taken in; leaves `expected` and `updated`."""
@@ -183,7 +183,7 @@ class FrameBuffers:
 
     def solve(self, planes: Array) -> None:
         """Frames and angles of the points taken in, limbs turned by `planes` (L, PLANE_SIZE)."""
-        kernels.solve(
+        kernels.solve_joints(
             self.points, self.points_cov, planes, _SEGMENT_TABLE, _JOINT_TABLE, self.determined, self.limits, self._frames,
             self._angles,
         )  # fmt: skip

@@ -117,7 +117,7 @@ def _links(body: Array, rotation: Array, xyz: Array) -> SE3:
     return SE3.from_matrix(np.where(seen[..., None, None], rotation, np.nan), np.where(seen[..., None], xyz, np.nan))
 
 
-def unit(vectors: Array) -> Array:
+def unit_or_nan(vectors: Array) -> Array:
     """(..., 3) of length one; NaN where there is no length."""
     # as `np.linalg.norm`, whose care for other cases costs more
     length = np.sqrt(np.add.reduce(vectors * vectors, axis=-1, keepdims=True))
@@ -141,15 +141,15 @@ def along_last(*parts: Array) -> Array:
 
 def _axes(y: Array, z: Array) -> Array:
     """(N, 3, 3) columns x, y, z: z along the given z, y as near to the given y as a right angle to z allows."""
-    up = unit(z)
-    forward = unit(cross(y, up))
+    up = unit_or_nan(z)
+    forward = unit_or_nan(cross(y, up))
     return along_last(forward, cross(up, forward), up)
 
 
 def _head_axes(left: Array, nose: Array) -> Array:
     """(N, 3, 3): y along the ears, x towards the nose."""
-    y = unit(left)
-    x = unit(nose - (nose * y).sum(axis=-1, keepdims=True) * y)
+    y = unit_or_nan(left)
+    x = unit_or_nan(nose - (nose * y).sum(axis=-1, keepdims=True) * y)
     return along_last(x, y, cross(x, y))
 
 
@@ -158,11 +158,11 @@ def _limb(body: Array, near: Array, middle: Array, far: Array, bends: float) -> 
 
     `bends` is 1 where the lower segment swings forward (elbow), -1 where it swings back (knee).
     """
-    u, v = unit((middle - near) @ body), unit((far - middle) @ body)
+    u, v = unit_or_nan((middle - near) @ body), unit_or_nan((far - middle) @ body)
     along = (u * v).sum(axis=-1, keepdims=True)
     across = bends * (v - along * u)
     sine = np.linalg.norm(across, axis=-1, keepdims=True)
-    x = unit(across + _untwisted_forward(u) * np.maximum(0.0, _STRAIGHT - sine))
+    x = unit_or_nan(across + _untwisted_forward(u) * np.maximum(0.0, _STRAIGHT - sine))
     frame = along_last(x, cross(-u, x), -u)
     return frame, bends * np.arctan2(sine, along)[..., 0]
 

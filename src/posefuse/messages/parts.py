@@ -18,7 +18,7 @@ from posefuse.core.arrays import Array
 from posefuse.core.se3 import quaternion_product
 from posefuse.core.skeleton import pick_keypoints
 
-from .bodies import LINKS, POINTS, Bodies, along_last, cross, head_and_wrists, unit
+from .bodies import LINKS, POINTS, Bodies, along_last, cross, head_and_wrists, unit_or_nan
 
 PARTS = ("head", "left_wrist", "right_wrist", "left_hand", "right_hand")
 _HANDS = ("left_index", "right_index", "left_pinky", "right_pinky")
@@ -68,10 +68,10 @@ def _parts(links: SE3, points: Array) -> SE3:
     knuckles = points[:, len(POINTS) :].reshape(-1, 2, 2, 3)
     index, pinky = knuckles[:, 0], knuckles[:, 1]
     middle = (index + pinky) / 2
-    x = unit(middle - points[:, list(_WRISTS)])
+    x = unit_or_nan(middle - points[:, list(_WRISTS)])
     # with the palm down the thumb is on the right of a left hand, and on the left of a right one
     left = (pinky - index) * np.array([1.0, -1.0])[:, None]
-    z = unit(cross(x, left))
+    z = unit_or_nan(cross(x, left))
     rotation = along_last(x, cross(z, x), z)
     seen = np.asarray(np.isfinite(rotation).all(axis=(-1, -2)) & np.isfinite(middle).all(axis=-1))
     hands = SE3.from_matrix(np.where(seen[..., None, None], rotation, np.nan), np.where(seen[..., None], middle, np.nan))

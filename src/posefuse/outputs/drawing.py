@@ -82,14 +82,14 @@ def grid_for(sizes_wh: list[tuple[int, int]], most_wh: tuple[int, int]) -> Grid:
     return Grid(best_columns, tile, (tile[0] * best_columns, tile[1] * rows))
 
 
-def fitted(image: Array | None, size_wh: tuple[int, int], tile_wh: tuple[int, int]) -> tuple[Array, float]:
+def image_tile(image: Array | None, size_wh: tuple[int, int], tile_wh: tuple[int, int]) -> tuple[Array, float]:
     """A tile (H, W, 3) with the image in its top left corner, as large as fits, and the scale; a plain one without image."""
     tile = np.empty((tile_wh[1], tile_wh[0], 3), np.uint8)
     return tile, fit_into(tile, image, size_wh)
 
 
 def fit_into(tile: Array, image: Array | None, size_wh: tuple[int, int]) -> float:
-    """Fill a tile (H, W, 3), which may be part of a larger image, as `fitted` does; returns the scale."""
+    """Fill a tile (H, W, 3), which may be part of a larger image, as `image_tile` does; returns the scale."""
     import cv2
 
     tile_wh: tuple[int, int] = (tile.shape[1], tile.shape[0])

@@ -112,7 +112,7 @@ def log_person(
     stream.log(f"{path}/keypoints", points)
     if cov_world is not None:
         known = here & np.isfinite(cov_world).all(axis=(-1, -2))
-        half, quaternion = ellipsoids(cov_world[known])
+        half, quaternion = ellipsoid_axes(cov_world[known])
         shown = rr.Ellipsoids3D(centers=xyz_world[known], half_sizes=half, quaternions=quaternion, colors=rgb[known])
         stream.log(f"{path}/uncertainty", shown)
 
@@ -161,7 +161,7 @@ def session_blueprint(names: Sequence[str], below: Sequence[Any]) -> rr.blueprin
     return rrb.Blueprint(rrb.Vertical(above, rrb.Horizontal(*below), row_shares=[3, 1]), collapse_panels=True)
 
 
-def ellipsoids(cov: Array) -> tuple[Array, Array]:
+def ellipsoid_axes(cov: Array) -> tuple[Array, Array]:
     """Half axes (n, 3) at three sigma and xyzw quaternions (n, 4) of covariances (n, 3, 3)."""
     values, vectors = np.linalg.eigh(cov)
     vectors = vectors * np.sign(np.linalg.det(vectors))[:, None, None]

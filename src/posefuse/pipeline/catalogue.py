@@ -16,7 +16,7 @@ from typing import Any, Literal
 import numpy as np
 
 from posefuse.core import PosefuseError
-from posefuse.formats.recording import ABOUT_FILE, ARRAYS_FILE, read_poses
+from posefuse.formats.recording import ABOUT_FILE, ARRAYS_FILE, read_result_poses
 from posefuse.foundation.atomic import atomic_file
 from posefuse.foundation.plain_values import plain
 from posefuse.foundation.settings import settings
@@ -195,7 +195,7 @@ def _looked_at(path: Path) -> Listed:
             recording = read_result(path, lambda line: None)
             poses, about = recording.poses, {"provenance": recording.provenance, "rig": {"cameras": recording.rig.names}}
         else:
-            poses, about = read_poses(path)
+            poses, about = read_result_poses(path)
     except (PosefuseError, OSError) as error:
         return Listed(path=path, live=live, modified_s=modified_s, problem=str(error))
     made = about["provenance"]

@@ -11,7 +11,7 @@ import numpy as np
 from posefuse.core import Recording, SourceError
 from posefuse.core.arrays import Array
 from posefuse.foundation.platform import usable_cores
-from posefuse.outputs.drawing import fitted, jpeg_of, view_tile
+from posefuse.outputs.drawing import image_tile, jpeg_of, view_tile
 from posefuse.sources import ImagesConfig, ImagesSeeker, Seeker, VideoConfig, VideoSeeker, nearest
 
 from .config import TrackConfig
@@ -97,7 +97,7 @@ class Playback:
             return None
         shown_ns, image = found
         size_wh = (image.shape[1], image.shape[0])
-        tile, scale = fitted(image, size_wh, _tile_wh(size_wh, width_px))
+        tile, scale = image_tile(image, size_wh, _tile_wh(size_wh, width_px))
         i, c = self.step_at(t_ns), self.cameras.index(camera)
         views, poses = self.recording.views, self.recording.poses
         detected = np.where((views.score[i, :, c] > 0)[..., None], views.xy_img[i, :, c], np.nan)

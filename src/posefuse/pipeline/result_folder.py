@@ -11,7 +11,7 @@ from pathlib import Path
 from posefuse.core import InputError, Progress, Sink
 from posefuse.formats.detection_log import LOG_FILE
 from posefuse.foundation.output_folder import OutputFolder, check_replaceable, output_folder
-from posefuse.foundation.places import check_apart
+from posefuse.foundation.places import check_outside_inputs
 
 from .clock import StageClock
 from .config import TrackConfig
@@ -19,7 +19,7 @@ from .opening import Opened, open_session
 from .run import Tracked, track_opened
 from .session import Session
 from .store import DetectionStore, keep_log_only, remove_unfinished, unfinished_work
-from .writing import estimated_bytes, write_result
+from .writing import estimated_result_bytes, write_result
 
 Warn = Callable[[str], None]
 KEPT = "the detections made so far are kept; the same command with --resume continues from them"
@@ -73,7 +73,7 @@ def prepare(session: Session, sinks: Sequence[Sink], out: ResultFolder, note: Wa
             neither `resume` nor `force` was given.
     """
     inputs = (session.folder, session.rig_path, *(entry.path for entry in session.inputs))
-    check_apart(out.path, inputs)
+    check_outside_inputs(out.path, inputs)
     check_replaceable(out.path, command="track", replace=out.replace)
     return Prepared(session=session, out=out, sinks=sinks, inputs=inputs, unfinished=_unfinished(out, note))
 
@@ -108,7 +108,7 @@ def track_into(
             command="track",
             inputs=prepared.inputs,
             replace=out.replace,
-            estimated_bytes=estimated_bytes(opened),
+            estimated_bytes=estimated_result_bytes(opened),
             keep_unfinished=True,
             unfinished=prepared.unfinished,
             warn=warn,

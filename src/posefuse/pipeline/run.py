@@ -37,7 +37,7 @@ from .following import Followed, PeopleFollower, observations_of
 from .opening import Opened, open_session
 from .others import others_line, others_seen
 from .session import LEAST_CAMERAS, Session
-from .solve import REFINED, SolveSettings, finish, with_refined_rig
+from .solve import REFINED, SolveSettings, run_second_pass, with_refined_rig
 from .time_steps import stored_steps
 from .warm_up import warm_up
 
@@ -126,7 +126,7 @@ def track_opened(
     settings = SolveSettings.of(config, centres_of(opened))
     try:
         _check_people(observations, warn)
-        recording = finish(observations, rig, settings, provenance_of(opened, settings, incomplete), clock)
+        recording = run_second_pass(observations, rig, settings, provenance_of(opened, settings, incomplete), clock)
         recording = with_refined_rig(recording, settings, clock)
     except PosefuseError:
         if store is not None:

@@ -22,7 +22,7 @@ _FOLDERS_UP = 3
 SESSIONS_FOLDER = "sessions"
 
 
-def session_of(recording: Recording, folder: Path) -> Session:
+def session_of_recording(recording: Recording, folder: Path) -> Session:
     """The session in `folder`, if the recording was made from it.
 
     Raises:
@@ -52,7 +52,7 @@ def nearby_session(recording: Recording, result: Path, within: Path | None = Non
     places = (place for one in above for place in (one, one / name, one / SESSIONS_FOLDER / name))
     for folder in (place for place in places if name and place.name == name and place.is_dir()):
         try:
-            session = session_of(recording, folder)
+            session = session_of_recording(recording, folder)
         except PosefuseError:
             continue
         if within is None or lies_in(session, within):

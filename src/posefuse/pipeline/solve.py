@@ -104,7 +104,7 @@ def solve(
     person_id = _associated(rest, rig, settings, clock)
     if settings.edits.person is not None:
         person_id = only_person(person_id, rest.person_id, settings.edits.person)
-    solved = finish(rest.with_person_ids(person_id), rig, settings, provenance, clock)
+    solved = run_second_pass(rest.with_person_ids(person_id), rig, settings, provenance, clock)
     if rest is observations:
         return solved
     all_ids = np.full(len(observations), NOT_KEPT)
@@ -124,7 +124,7 @@ def _associated(observations: Observations, rig: Rig, settings: SolveSettings, c
     return person_id
 
 
-def finish(
+def run_second_pass(
     observations: Observations, rig: Rig, settings: SolveSettings, provenance: Mapping[str, Any], clock: StageClock | None = None
 ) -> Recording:
     """The second pass on observations whose people are known already.

@@ -36,7 +36,7 @@ class DetectionStore:
     """
 
     def __init__(self, folder: Path, opened: Opened) -> None:
-        self._path, self._made_with = folder / LOG_FILE, made_with(opened)
+        self._path, self._made_with = folder / LOG_FILE, detection_dependencies(opened)
         self._log: ObservationLog | None = None
         self._earlier = read_log(self._path) if self._path.exists() else None
         if self._earlier is not None:
@@ -96,7 +96,7 @@ def keep_log_only(folder: Path) -> None:
             entry.unlink()
 
 
-def made_with(opened: Opened) -> dict[str, Any]:
+def detection_dependencies(opened: Opened) -> dict[str, Any]:
     """What the detections of a session depend on, by name, as plain values."""
     config, session = dataclasses.asdict(opened.config), opened.session
     used = [entry for entry in session.inputs if entry.camera in opened.rig.names]

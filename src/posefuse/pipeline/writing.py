@@ -126,7 +126,7 @@ _VIEW_BYTES_PER_KEYPOINT = 2 * 16  # once in the log, once in the result
 _OVERLAY_BYTES = 40_000
 
 
-def estimated_bytes(opened: Opened) -> int:
+def estimated_result_bytes(opened: Opened) -> int:
     """About how much the result will take on disk."""
     config, keypoints = opened.config, len(opened.steps.skeleton)
     per_keypoint = _RECORDING_BYTES_PER_KEYPOINT + _VIEW_BYTES_PER_KEYPOINT * len(opened.rig)

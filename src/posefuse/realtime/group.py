@@ -27,7 +27,7 @@ from .clock import SessionClock
 from .controls import KeepVideos, ShowImages
 from .faults import before_bump, seen_by_bumped
 from .messages import Centres, Glance, Go, GroupFailed, Ready, SeenView, Status, Stop, Use, VideoFailed
-from .preview import preview
+from .preview import preview_jpeg
 from .scheduling import LEAST_EVERY_S, search_slot
 from .searching import SearchSchedule
 from .video_keeping import VideoKeeper
@@ -262,7 +262,7 @@ class Group:
         now = time.monotonic()
         if now - self._previewed_s[arrived.camera] >= 1 / self._plan.preview_hz:
             self._previewed_s[arrived.camera] = now
-            self._channel.send(preview(arrived.frame(), t_ns))
+            self._channel.send(preview_jpeg(arrived.frame(), t_ns))
 
     def _send_status(self) -> None:
         now = time.monotonic()

@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 
 from posefuse.calibration.targets.detection import TargetDetector
-from posefuse.calibration.targets.guidance import Guidance, seen, start
+from posefuse.calibration.targets.guidance import Guidance, new_guidance, seen
 from posefuse.calibration.targets.kinds import Target
 
 from .camera_feed import CameraFeed
@@ -36,7 +36,7 @@ def guide(
     Raises:
         SourceError: a source that fails and is not opened again. InputError: a video that cannot be made.
     """
-    detector, state = TargetDetector(target), start(feed.cameras)
+    detector, state = TargetDetector(target), new_guidance(feed.cameras)
     feed.begin(videos)
     begin = reported = time.monotonic()
     while not state.enough and not stopped:

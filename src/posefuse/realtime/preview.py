@@ -11,7 +11,7 @@ _LONGER_SIDE_PX = 320
 _QUALITY = 70
 
 
-def preview(frame: Frame, t_ns: int) -> LivePreview:
+def preview_jpeg(frame: Frame, t_ns: int) -> LivePreview:
     """The frame as a small JPEG."""
     import cv2
 

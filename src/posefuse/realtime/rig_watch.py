@@ -174,7 +174,7 @@ class RigWatcher:
         self._rig = rig
         self._finder = ClockFinder(rig) if clocks else None
         self._instants = CommonTimeSteps(rig.names)
-        self._state = monitor.start(rig)
+        self._state = monitor.new_monitor_state(rig)
         self._offset_s: Mapping[str, float] = {}
 
     def add(self, camera: str, t_ns: int, xy_img: Array, score: Array) -> None:

@@ -34,7 +34,7 @@ from .render.shot import moments_of
 from .render.workers import RenderJob, RenderTask, render_all
 from .scene import H264Settings, Scene
 from .scene_files import write_scene
-from .session_files import FrameRun, cameras_with_depth, finish, runs_of
+from .session_files import FrameRun, cameras_with_depth, finish_session, runs_of
 from .session_folder import MARKER_TEXT, Earlier, SessionPaths, earlier_session
 
 Progress = Callable[[int, int], None]
@@ -72,7 +72,7 @@ def simulate(
     if processes is not None and processes < 1:
         raise InputError(f"processes: expected at least 1, got {processes}")
     if earlier is not Earlier.RESUMED:
-        check_space(_existing(paths.folder), estimated_bytes(live))
+        check_space(_existing(paths.folder), estimated_session_bytes(live))
     optics = [optics_of(camera) for camera in live.rig]
     backend = working_backend()
     aside = None
@@ -83,7 +83,7 @@ def simulate(
         check_framebuffer(backend, int(largest.max()))
         job = _job(live, backend, (int(largest[0]), int(largest[1])))
         _render(live, job, paths, progress, processes or usable_cores())
-        finish(live, paths)
+        finish_session(live, paths)
     except BaseException as error:
         if aside is not None and warn is not None:
             warn(f"the earlier session is kept in {aside}")
@@ -97,7 +97,7 @@ def simulate(
     return paths
 
 
-def estimated_bytes(live: LiveScene) -> int:
+def estimated_session_bytes(live: LiveScene) -> int:
     """About how much the session will take on disk; videos twice, because they are joined from parts."""
     record = live.scene.record
     sizes = {shots.camera: len(shots) * int(np.prod(camera.size_wh)) for shots, camera in zip(live.shots, live.rig, strict=True)}
@@ -113,7 +113,7 @@ def _existing(folder: Path) -> Path:
     return next(parent for parent in real_path(folder).parents if parent.exists())
 
 
-def model_of(live: LiveScene, largest_wh: tuple[int, int]) -> RenderModel:
+def scene_render_model(live: LiveScene, largest_wh: tuple[int, int]) -> RenderModel:
     """The scene as the renderer wants it; `largest_wh` is the largest ideal image any camera needs."""
     return render_model(
         live.bodies,
@@ -146,7 +146,7 @@ def _begin(paths: SessionPaths, scene: Scene) -> None:
 
 def _job(live: LiveScene, backend: str, largest_wh: tuple[int, int]) -> RenderJob:
     return RenderJob(
-        model=model_of(live, largest_wh),
+        model=scene_render_model(live, largest_wh),
         backend=backend,
         cameras=live.rig.cameras,
         sensors=tuple(camera.sensor for camera in live.placed),

@@ -14,7 +14,7 @@ from posefuse.formats.npz import read_arrays
 from posefuse.formats.rig import write_rig
 from posefuse.formats.truth import write_arrays, write_truth
 from posefuse.formats.video import join_videos
-from posefuse.foundation.manifest import Manifest, listed, write_manifest
+from posefuse.foundation.manifest import Manifest, manifest_of_files, write_manifest
 
 from .build import LiveScene
 from .exact import prop_truth, truth_with
@@ -52,7 +52,7 @@ def runs_of(live: LiveScene, paths: SessionPaths) -> list[FrameRun]:
     return runs
 
 
-def finish(live: LiveScene, paths: SessionPaths) -> None:
+def finish_session(live: LiveScene, paths: SessionPaths) -> None:
     """Join the runs, write rig and truth, and remove the marker of an unfinished session."""
     runs = runs_of(live, paths)
     visible = []
@@ -71,7 +71,7 @@ def finish(live: LiveScene, paths: SessionPaths) -> None:
         write_arrays(paths.props, prop_truth(live, visible))
     remove_parts(runs, paths)
     manifest = Manifest(command=COMMAND, target=".")
-    write_manifest(paths.folder, listed(paths.folder, manifest, _written(live, paths)))
+    write_manifest(paths.folder, manifest_of_files(paths.folder, manifest, _written(live, paths)))
     paths.incomplete.unlink()
 
 

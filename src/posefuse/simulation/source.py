@@ -30,7 +30,7 @@ from .render.backend import working_backend
 from .render.shot import CameraShooter, Shot
 from .render.stage import RenderStage
 from .scene import read_scene
-from .session import body_poses, model_of
+from .session import body_poses, scene_render_model
 from .session_folder import SessionPaths
 
 # numbers (F,), stamps (F,) in ns, and the image and depth of the frame at a place, asked for in order
@@ -120,7 +120,7 @@ class SimulatedSource:
         live, i = self._live, self._index
         camera, shots = live.rig.cameras[i], live.shots[i]
         view = optics_of(camera).view
-        stage = RenderStage(model_of(live, (view.width, view.height)), working_backend())
+        stage = RenderStage(scene_render_model(live, (view.width, view.height)), working_backend())
         try:
             shooter = CameraShooter(camera, live.placed[i].sensor, stage)
 

@@ -41,7 +41,7 @@ _RECONNECT_S = 30.0
 _BUILD_S = 20.0
 
 
-def application(studio: Studio) -> Any:
+def asgi_application(studio: Studio) -> Any:
     """The ASGI application; `access` is asked first. One per process: NiceGUI has one list of pages."""
     for page in PAGES:
         ui.page(page.path, title=f"{page.title} · posefuse studio", response_timeout=_BUILD_S)(_builder(studio, page))
@@ -73,7 +73,7 @@ def application(studio: Studio) -> Any:
     return AccessMiddleware(outer, studio.access)
 
 
-def run(studio: Studio, *, show: bool, say: Callable[[str], None]) -> None:
+def run_server(studio: Studio, *, show: bool, say: Callable[[str], None]) -> None:
     """Serve until Ctrl-C.
 
     Args:
@@ -86,7 +86,7 @@ def run(studio: Studio, *, show: bool, say: Callable[[str], None]) -> None:
     listener = _listener(access.host, access.port)
     # images are compressed already: deflating them again would cost the server a core
     config = uvicorn.Config(
-        application(studio), log_level="error", ws_per_message_deflate=False, ws_max_size=2**20, date_header=False
+        asgi_application(studio), log_level="error", ws_per_message_deflate=False, ws_max_size=2**20, date_header=False
     )
     say(f"posefuse studio: {access.address()}")
     say(f"workspace {studio.workspace.root}; Ctrl-C ends the server, running sessions and jobs continue")

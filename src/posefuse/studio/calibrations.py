@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from .jobs import read_json, write_json
+from .jobs import read_json_or_empty, write_json
 from .workspace import StudioWorkspace, check_name
 
 FOLDER = "calibrations"
@@ -187,7 +187,7 @@ def projects(workspace: StudioWorkspace) -> list[Project]:
     folder = workspace.path(FOLDER)
     found = []
     for path in sorted(folder.iterdir()) if folder.is_dir() else []:
-        content = read_json(path / "project.json")
+        content = read_json_or_empty(path / "project.json")
         if isinstance(content.get("setup"), str):
             texts = {key: str(content.get(key, "")) for key in ("setup", "cube", "board")}
             found.append(Project(name=path.name, lenses=bool(content.get("lenses", True)), **texts))
@@ -212,9 +212,9 @@ def known_of(workspace: StudioWorkspace, project: Project, cameras: Sequence[str
         found = [path for path in folder.glob(f"{step}-*") if (path / _COVERAGE).is_file()]
         if found:
             newest = max(found, key=lambda path: (path / _COVERAGE).stat().st_mtime_ns)
-            recordings[step], seen = f"{project.folder}/{newest.name}", read_json(newest / _COVERAGE)
+            recordings[step], seen = f"{project.folder}/{newest.name}", read_json_or_empty(newest / _COVERAGE)
             coverage[step] = seen if {"cameras", "covered", "linked"} <= seen.keys() else {}
-        if _whole(result := read_json(folder / f"{step}.json")):
+        if _whole(result := read_json_or_empty(folder / f"{step}.json")):
             results[step] = result
     return Known(cameras=tuple(cameras), recordings=recordings, coverage=coverage, results=results)
 

@@ -125,7 +125,7 @@ class Jobs:
 
     def job(self, job_id: str) -> Job | None:
         """By its id; None where there is none, or its file is damaged."""
-        content = read_json(self._folder(job_id) / "job.json")
+        content = read_json_or_empty(self._folder(job_id) / "job.json")
         known = {one.name for one in fields(Job)}
         try:
             job = Job(**{key: value for key, value in content.items() if key in known})
@@ -137,7 +137,7 @@ class Jobs:
         """How far it is now."""
         self._reap(job_id)
         folder = self._folder(job_id)
-        report = _report_of(read_json(folder / "state.json"))
+        report = _report_of(read_json_or_empty(folder / "state.json"))
         if report.ended:
             return report
         job = self.job(job_id)
@@ -197,7 +197,7 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
         temporary.write_text(json.dumps(content), encoding="utf-8")
 
 
-def read_json(path: Path) -> dict[str, Any]:
+def read_json_or_empty(path: Path) -> dict[str, Any]:
     """Empty where the file is missing or damaged."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))

@@ -49,7 +49,7 @@ class RoomMap:
         return round(float(np.clip(x, -half_x, half_x)), 2), round(float(np.clip(y, -half_y, half_y)), 2)
 
 
-def heat_picture(plan: RigPlan, room: RoomMap) -> str:
+def error_map_data_url(plan: RigPlan, room: RoomMap) -> str:
     """The expected error over the floor as a PNG, as the address of itself; grey where fewer than two cameras see."""
     error = plan.error_map_mm
     share = np.clip((error - BEST_MM) / (WORST_MM - BEST_MM), 0, 1)

@@ -67,7 +67,7 @@ def _other_process() -> ProcessPoolExecutor:
     return ProcessPoolExecutor(1, mp_context=get_context("spawn"))
 
 
-async def joint_angles(path: Path) -> JointAngles | None:
+async def load_joint_angles(path: Path) -> JointAngles | None:
     """Angles of all people of a recording, straight from its points, worked out in another process; None where there are none."""
     return await asyncio.get_running_loop().run_in_executor(_other_process(), _joint_angles, path)
 

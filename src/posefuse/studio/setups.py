@@ -10,7 +10,7 @@ from typing import Any, TypeGuard
 from posefuse.core import InputError, Rig, SourceError
 from posefuse.realtime.capture import LiveInput
 
-from .jobs import read_json, write_json
+from .jobs import read_json_or_empty, write_json
 from .workspace import StudioWorkspace, check_name
 
 DEMO = "Demo clip"
@@ -40,7 +40,7 @@ def setups(workspace: StudioWorkspace) -> list[Setup]:
     found = []
     folder = workspace.path(_FOLDER)
     for path in sorted(folder.glob("*.json")) if folder.is_dir() else []:
-        content = read_json(path)
+        content = read_json_or_empty(path)
         sources, roles = content.get("sources"), content.get("roles", {})
         if _texts(sources) and _texts(roles):
             found.append(Setup(name=path.stem, sources=sources, rig=str(content.get("rig", "")), roles=roles))

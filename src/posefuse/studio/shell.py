@@ -22,7 +22,7 @@ _MOST_JOBS = 8
 @contextmanager
 def shell(studio: Studio, here: StudioPage) -> Iterator[None]:
     """The frame of a page; its own elements go into the block."""
-    dark = plain()
+    dark = apply_style()
     with ui.header(elevated=False).classes("pf-header"):
         with ui.link(target="/").classes("pf-brand"):
             ui.html(_LOGO, sanitize=False)
@@ -47,7 +47,7 @@ def shell(studio: Studio, here: StudioPage) -> Iterator[None]:
         yield
 
 
-def plain() -> ui.dark_mode:
+def apply_style() -> ui.dark_mode:
     """The style alone."""
     ui.add_css(_STYLE)
     ui.colors(primary="#00897b", secondary="#455a64", accent="#ef6c00", positive="#2e7d32", negative="#c62828", warning="#f9a825")

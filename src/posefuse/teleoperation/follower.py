@@ -77,7 +77,7 @@ def with_order(follower: Follower, order: Order, now_ns: int, settings: Teleoper
     return replace(follower, order=order, received_ns=now_ns)
 
 
-def stepped(
+def step_follower(
     follower: Follower,
     now_ns: int,
     dt_s: float,

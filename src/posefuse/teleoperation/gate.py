@@ -86,7 +86,7 @@ class Gate:
     engages: bool = False
 
 
-def stepped(gate: Gate, seen: Seen, settings: GateSettings) -> Gate:
+def step_gate(gate: Gate, seen: Seen, settings: GateSettings) -> Gate:
     """The gate after all that is known now; never raises, whatever the numbers are."""
     found = _worst(
         clock_finding(gate.now_ns, seen.now_ns, settings),

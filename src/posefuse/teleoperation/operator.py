@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from .gate import CameraReport, Gate, Seen, speed_mps, stepped
+from .gate import CameraReport, Gate, Seen, speed_mps, step_gate
 from .heartbeats import Beat, Heartbeats
 from .mapping import Clutch, engaged, moved
 from .separation import OperatorBody, remembered, separation_m, speed_share
@@ -49,7 +49,9 @@ class OperatorNews:
     reset: bool = False
 
 
-def step(operator: Operator, news: OperatorNews, now_ns: int, settings: TeleoperationSettings) -> tuple[Operator, Order | None]:
+def step_operator(
+    operator: Operator, news: OperatorNews, now_ns: int, settings: TeleoperationSettings
+) -> tuple[Operator, Order | None]:
     """Take in what is new and decide: the new state, and the order for the robot; None before its first state is known."""
     beats = operator.beats
     for beat in news.beats:
@@ -71,7 +73,7 @@ def step(operator: Operator, news: OperatorNews, now_ns: int, settings: Teleoper
         emergency=news.emergency,
         reset=news.reset,
     )
-    gate = stepped(operator.gate, seen, settings.gate)
+    gate = step_gate(operator.gate, seen, settings.gate)
     steady = operator.steady
     if news.view is not None:
         # the gate goes by the hand as it was measured, the target by the steady one

@@ -19,7 +19,7 @@ from posefuse.foundation.channel import Channel, ChannelClosed
 from .deadman import DeadMan, Pressed
 from .gate import CameraReport
 from .hands import operator_view
-from .operator import Operator, OperatorNews, step
+from .operator import Operator, OperatorNews, step_operator
 from .robots.process import Failed, Leave, RobotPlan, run_robot
 from .settings import TeleoperationSettings
 from .values import OperatorView, Order, Phase, RobotState
@@ -124,7 +124,7 @@ class RobotLink:
         self._channel.close()
 
 
-def run(
+def run_control_loop(
     feed: Feed,
     deadman: DeadMan,
     robot: RobotLink,
@@ -145,7 +145,7 @@ def run(
             view = _view(feed, operator, settings)
             pressed = deadman.poll(now_ns, view)
             news = _news(view if view is not None and view.t_ns != used_ns else None, pressed, feed, robot)
-            operator, order = step(operator, news, now_ns, settings)
+            operator, order = step_operator(operator, news, now_ns, settings)
             used_ns = operator.view.t_ns if operator.view is not None else None
             if order is not None:
                 robot.send(order)

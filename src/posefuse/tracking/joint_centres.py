@@ -86,7 +86,7 @@ def _columns(skeleton: Skeleton) -> Array:
     return np.array([[places.get(keypoint_of(side, joint), len(places)) for joint in JOINTS] for side in SIDES])
 
 
-def directions(xyz: Array, skeleton: Skeleton, side: str) -> Mapping[str, Mapping[str, Array]]:
+def joint_directions(xyz: Array, skeleton: Skeleton, side: str) -> Mapping[str, Mapping[str, Array]]:
     """Directions (..., 3) each joint of one side may be moved along, by joint and name, see `body_directions`."""
     known = iter(np.moveaxis(body_directions(xyz, skeleton)[..., SIDES.index(side), :, :], -2, 0))
     return {joint: {name: next(known) for name in names} for joint, names in JOINT_DIRECTIONS.items()}

@@ -8,7 +8,7 @@ import numpy as np
 
 from posefuse.calibration.extrinsics.locate import aligned
 from posefuse.calibration.extrinsics.snapshots import snapshots
-from posefuse.calibration.extrinsics.world import triangulate
+from posefuse.calibration.extrinsics.world import triangulate_linear
 from posefuse.calibration.report import CalibrationReport, Check
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import CELLS_WH
@@ -85,7 +85,7 @@ def verify(
     point = point.ravel()
     xy = np.full((len(rig), len(key), 2), np.nan)
     xy[seen.camera, point] = seen.xy_img
-    xyz = triangulate(rig, xy)
+    xyz = triangulate_linear(rig, xy)
     off = rig.project(xyz) - xy
     found = camera_errors(rig, seen, target, limits)
     noise_px = float(np.nanmin([one.noise_px for one in found])) if any(one.noise_px > 0 for one in found) else 0.0

@@ -50,7 +50,7 @@ def clocks_from_person(rig: Rig, tracks: Sequence[PersonTrack], most_s: float, w
         RefusedCalibration: a check fails; it carries the report.
     """
     moving = [moving_keypoints(track) for track in tracks]
-    done = [check_seen(rig.names, moving)]
+    done = [check_person_in_tracks(rig.names, moving)]
     _require(done)
     rough = rough_clocks(rig, moving, most_s)
     done.append(_check_linked(rig.names, rough, most_s))
@@ -59,7 +59,7 @@ def clocks_from_person(rig: Rig, tracks: Sequence[PersonTrack], most_s: float, w
     _require(done)
     fit = estimate_clocks(rig, moving, ClockEstimate.known(rough.offset_s, middle_s(tracks)), with_drift)
     done += fit_checks(rig, fit, with_drift)
-    report = CalibrationReport(SUBJECT, tuple(done), numbers=numbers(rig.names, fit.clocks))
+    report = CalibrationReport(SUBJECT, tuple(done), numbers=clock_figures(rig.names, fit.clocks))
     report.require()
     return FoundClocks(fit.clocks, report)
 
@@ -69,7 +69,7 @@ def middle_s(tracks: Sequence[PersonTrack]) -> float:
     return float(np.median([track.t_ns[[0, -1]].mean() for track in tracks])) / 1e9
 
 
-def numbers(names: Sequence[str], clocks: ClockEstimate) -> dict[str, float]:
+def clock_figures(names: Sequence[str], clocks: ClockEstimate) -> dict[str, float]:
     """Figures of the clocks for a report."""
     found = {}
     for c, name in enumerate(names):
@@ -85,7 +85,7 @@ def _require(done: Sequence[Check]) -> None:
     CalibrationReport(SUBJECT, tuple(done)).require()
 
 
-def check_seen(names: Sequence[str], moving: Sequence[PersonTrack]) -> Check:
+def check_person_in_tracks(names: Sequence[str], moving: Sequence[PersonTrack]) -> Check:
     """Every camera saw a person."""
     seen = [int(np.asarray(np.isfinite(track.xy_img).all(axis=-1)).any(axis=1).sum()) for track in moving]
     blind = [f"{name} ({n} of {len(track.t_ns)} frames)" for name, n, track in zip(names, seen, moving, strict=True)

@@ -87,7 +87,7 @@ class Cause:
     spread_px: float
 
 
-def likely_causes(trouble: Trouble, hypotheses: Sequence[Hypothesis]) -> tuple[Cause, ...]:
+def likely_target_causes(trouble: Trouble, hypotheses: Sequence[Hypothesis]) -> tuple[Cause, ...]:
     """The best explanation, or the two best when they cannot be distinguished; none where nothing explains enough."""
     trials = [trial for hypothesis in hypotheses if hypothesis.near for trial in hypothesis.trials(trouble)]
     found = _best(trouble, trials)

@@ -18,7 +18,7 @@ from .clocks import rough_offsets
 from .limits import LIMITS, Limits
 from .planar import planar_views
 from .prop_shape import PropShape, shape_of
-from .prop_solve import Freedom, Noise, PropSolution, PropState, solve_prop, whitened
+from .prop_solve import Freedom, Noise, PropSolution, PropState, solve_prop, whitened_corners
 from .snapshots import Snapshots, apart, middle_ns, pick_instants, snapshots
 from .voting import Edge, tree
 
@@ -103,7 +103,7 @@ class Solved:
 def inlier_groups(seen: Snapshots, solution: PropSolution) -> Array:
     """(groups,) every corner within 4 robust standard deviations."""
     noise = Noise(solution.sigma_px, solution.jitter_s)
-    square = np.nan_to_num((whitened(solution.residual_px, seen.velocity_px_s, noise) ** 2).mean(axis=1), nan=np.inf)
+    square = np.nan_to_num((whitened_corners(solution.residual_px, seen.velocity_px_s, noise) ** 2).mean(axis=1), nan=np.inf)
     worst = np.zeros(seen.group_count)
     np.maximum.at(worst, seen.group, square)
     return np.asarray(worst <= _INLIER_SIGMA**2)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import brentq
 
-from posefuse.calibration.solving.bundle import Linearised, Problem, ResidualBlock, Solution, clustered_covariance, solve
+from posefuse.calibration.solving.bundle import Linearised, Problem, ResidualBlock, Solution, clustered_covariance, solve_bundle
 from posefuse.calibration.solving.projection import LENS_PARAMETERS, Lenses
 from posefuse.calibration.solving.rotations import Poses, hat
 from posefuse.core import Camera
@@ -111,9 +111,11 @@ def solve_prop(seen: Snapshots, corners: Array, cameras: tuple[Camera, ...], sta
     with; the clock columns move them along their image velocity from there.
     """
     wide = Noise(_ROUGH_SIGMA_PX, 0.0)
-    first = solve(_problem(seen, corners, cameras, start=start, freedom=freedom, noise=wide, cauchy=1.0), start)
+    first = solve_bundle(_problem(seen, corners, cameras, start=start, freedom=freedom, noise=wide, cauchy=1.0), start)
     noise = _noise(seen, first.residual * _ROUGH_SIGMA_PX, first.weight)
-    second = solve(_problem(seen, corners, cameras, start=start, freedom=freedom, noise=noise, cauchy=_CAUCHY), first.state)
+    second = solve_bundle(
+        _problem(seen, corners, cameras, start=start, freedom=freedom, noise=noise, cauchy=_CAUCHY), first.state
+    )
     residual = _unwhitened(second.residual, seen.velocity_px_s, noise)
     found = _noise(seen, residual, second.weight)
     return _summary(second, residual, found, (found.sigma_px / noise.sigma_px) ** 2, freedom, seen.t_s)
@@ -133,7 +135,7 @@ class Noise:
         return along, np.sqrt(1 + (speed * self.jitter_s / self.sigma_px) ** 2)
 
 
-def whitened(values: Array, velocity_px_s: Array, noise: Noise) -> Array:
+def whitened_corners(values: Array, velocity_px_s: Array, noise: Noise) -> Array:
     """Residuals (N, 2) or Jacobians (N, 2, p) in standard deviations."""
     along, stretch = noise.stretch(velocity_px_s)
     flat = values.reshape(len(values), 2, -1)
@@ -271,7 +273,7 @@ class _Model:
         self._lens_prior = np.divide(1.0, lens_sigma**2, out=np.zeros(len(LENS_PARAMETERS)), where=lens_sigma > 0)
 
     def _white(self, values: Array) -> Array:
-        return whitened(values, self._seen.velocity_px_s, self._noise)
+        return whitened_corners(values, self._seen.velocity_px_s, self._noise)
 
     def residual(self, state: PropState) -> Array:
         return self._residual(state, *self._placed(state)[2:])

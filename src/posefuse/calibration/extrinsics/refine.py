@@ -10,14 +10,14 @@ import numpy as np
 from annotated_types import Gt
 
 from posefuse.calibration.keypoints import MIN_SCORE, limb_keypoints
-from posefuse.calibration.solving.bundle import Linearised, Problem, ResidualBlock, solve
+from posefuse.calibration.solving.bundle import Linearised, Problem, ResidualBlock, solve_bundle
 from posefuse.calibration.solving.projection import Lenses
 from posefuse.calibration.solving.rotations import Poses, angle_between, hat, poses_of
 from posefuse.core import InputError, Rig, ViewSequence
 from posefuse.core.arrays import SIGMA_PER_MAD, Array
 from posefuse.foundation.settings import settings
 
-from .world import triangulate
+from .world import triangulate_linear
 
 _CAUCHY = 2.0
 # errors of a network last longer than this only where the person stands still
@@ -110,7 +110,7 @@ def refined_extrinsics(rig: Rig, views: ViewSequence, chosen: RefineSettings | N
     whole[seen] = xyz
     same = chosen.together * _repeated(whole, [views.skeleton.keypoints[k] for k in limbs], chosen)
     problem = _problem(rig, replace(rows, sigma_px=rows.sigma_px * noise), prior, chosen, same)
-    solution = solve(problem, start)
+    solution = solve_bundle(problem, start)
     found = solution.state.cam_from_world
     poses = found.se3()
     refined = replace(
@@ -130,7 +130,7 @@ def _rows(rig: Rig, views: ViewSequence, steps: Array, limbs: Array) -> tuple[_R
     xy = np.moveaxis(views.xy_img[steps][..., limbs, :], 2, 0).reshape(len(rig), -1, 2)
     score, sigma = (np.moveaxis(a[steps][..., limbs], 2, 0).reshape(len(rig), -1) for a in (views.score, views.sigma_px))
     good = np.isfinite(xy).all(axis=-1) & (score >= MIN_SCORE) & (sigma > 0)
-    xyz = triangulate(rig, np.where(good[..., None], xy, np.nan))
+    xyz = triangulate_linear(rig, np.where(good[..., None], xy, np.nan))
     ahead = np.stack([(camera.cam_from_world @ xyz)[:, 2] for camera in rig]) > _IN_FRONT_M
     good &= ahead
     points = np.flatnonzero((good.sum(axis=0) >= 2) & np.isfinite(xyz).all(axis=-1))

@@ -23,7 +23,7 @@ CORNERS_FIT = "corners fit"
 _SAME_VIDEO_CORNERS, _SAME_VIDEO_PX = 40, 1.0
 
 
-def check_seen(observations: CornerObservations) -> Check:
+def check_target_seen(observations: CornerObservations) -> Check:
     """Every camera saw the target."""
     views = np.bincount(observations.camera[observations.view_starts()], minlength=len(observations.cameras))
     blind = [f"{name} (0 of {n} frames)" for name, n, v in zip(observations.cameras, observations.frame_count, views, strict=True)
@@ -42,7 +42,7 @@ def check_doubled(observations: CornerObservations) -> Check:
     )  # fmt: skip
 
 
-def check_same_video(observations: CornerObservations) -> Check:
+def check_same_video_by_corners(observations: CornerObservations) -> Check:
     """No two cameras have the same image points at the same times."""
     key = np.stack([observations.t_ns, observations.patch, observations.corner], axis=1)
     place = np.unique(key, axis=0, return_inverse=True)[1].ravel()
@@ -261,7 +261,7 @@ def check_clocks(cameras: Sequence[Camera], late_s: Array, sigma_s: Array, limit
     )  # fmt: skip
 
 
-def check_apart(cameras: Sequence[Camera], cam_from_world: Poses, limits: Limits = LIMITS) -> Check:
+def check_cameras_apart(cameras: Sequence[Camera], cam_from_world: Poses, limits: Limits = LIMITS) -> Check:
     """No two cameras share a body."""
     a, b, distance_m = nearest_two(cam_from_world.inverse().t)
     return Check(

@@ -38,7 +38,7 @@ def solution_checks(
         checks.check_fit(cameras, solved, limits),
         checks.check_cameras_agree(cameras, solved, limits),
         checks.check_determined(cameras, solved, distance_m, limits),
-        checks.check_apart(cameras, state.cam_from_world, limits),
+        checks.check_cameras_apart(cameras, state.cam_from_world, limits),
         check_rig_size(target, cameras, state.cam_from_world.se3(), distance_m, limits),
     ]
     if options.own_intrinsics:

@@ -17,12 +17,12 @@ from posefuse.core.arrays import Array
 
 from . import self_checks as checks
 from .cause_hypotheses import HYPOTHESES
-from .causes import Trouble, base_spread_px, cause_check, likely_causes
+from .causes import Trouble, base_spread_px, cause_check, likely_target_causes
 from .clocks import rough_offsets
 from .limits import LIMITS, Limits
 from .locate import aligned
 from .pipeline import Options, Solved, key_snapshots, link, solve_linked, starting_clocks, thinned
-from .self_checks import IN_STEP, check_same_video
+from .self_checks import IN_STEP, check_same_video_by_corners
 from .size_check import check_target_size
 from .snapshots import middle_ns
 from .solution_checks import solution_checks, usual_distance_m
@@ -143,8 +143,8 @@ class _Attempt:
 def _attempt(task: _Task, options: Options) -> _Attempt:
     """Solve and check as far as that goes."""
     done: list[Check] = [
-        checks.check_seen(task.observations), checks.check_doubled(task.observations),
-        check_same_video(task.observations), check_target_size(task.target, options.limits),
+        checks.check_target_seen(task.observations), checks.check_doubled(task.observations),
+        check_same_video_by_corners(task.observations), check_target_size(task.target, options.limits),
     ]  # fmt: skip
     solved: Solved | None = None
     try:
@@ -167,7 +167,7 @@ def _explained(task: _Task, options: Options, attempt: _Attempt) -> Calibration:
         trouble = Trouble(
             task.observations, task.cameras, task.target, options, None if attempt.solved is None else thinned(attempt.solved)
         )
-        causes = likely_causes(trouble, HYPOTHESES)
+        causes = likely_target_causes(trouble, HYPOTHESES)
         # blur leaves few markers, which no residual shows
         sharp = checks.check_sharp(task.observations)
         named = (cause_check(causes, base_spread_px(trouble)),) if causes else () if sharp.passed else (sharp,)

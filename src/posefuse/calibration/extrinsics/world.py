@@ -82,7 +82,7 @@ class ThreePoints:
             raise CalibrationError(f"three points: no camera {', '.join(unknown)}; there are: {choices(rig.names)}")
         missing = np.full((3, 2), np.nan)
         xy = np.stack([np.asarray(self.xy_img.get(name, missing), np.float64) for name in rig.names])
-        points = triangulate(rig, xy)
+        points = triangulate_linear(rig, xy)
         if not np.isfinite(points).all():
             raise CalibrationError("three points: each must be marked in at least 2 cameras")
         length = float(np.linalg.norm(points[1] - points[0]))
@@ -203,7 +203,7 @@ def _frame(origin: Array, along: Array, up: Array) -> SE3:
     return SE3.from_matrix(new_from_old, -new_from_old @ origin)
 
 
-def triangulate(rig: Rig, xy_img: Array) -> Array:
+def triangulate_linear(rig: Rig, xy_img: Array) -> Array:
     """(P, 3) points of raw px (C, P, 2), NaN where unseen; see `linear_points`."""
     return linear_points(rig, np.stack([camera.norm_from_px(xy) for camera, xy in zip(rig, xy_img, strict=True)]))
 

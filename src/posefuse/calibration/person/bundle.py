@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posefuse.calibration.extrinsics.world import triangulate
+from posefuse.calibration.extrinsics.world import triangulate_linear
 from posefuse.calibration.solving.point_solve import (
     PointFreedom,
     PointSolution,
@@ -37,7 +37,7 @@ class PersonSolution:
     freedom: PointFreedom
 
 
-def solve_person(views: PersonViews, cameras: tuple[Camera, ...]) -> PersonSolution:
+def solve_person_bundle(views: PersonViews, cameras: tuple[Camera, ...]) -> PersonSolution:
     """The solve; of the two ways to read a body seen from afar, the one in which it is no mirror image."""
     usable = views.usable
     usable &= usable.sum(axis=0) >= 2
@@ -72,7 +72,7 @@ def _start_points(
     """Which of the points (P,) the first poses place in front of all that see them, and where (n, 3)."""
     rig = Rig(tuple(replace(c, cam_from_world=poses[i].se3()) for i, c in enumerate(cameras)))
     xy = np.where(usable[..., None], views.xy_img, np.nan).reshape(len(cameras), -1, 2)[:, point_of]
-    xyz = triangulate(rig, xy)
+    xyz = triangulate_linear(rig, xy)
     in_front = np.stack([(camera.cam_from_world @ xyz)[:, 2] > 0.05 for camera in rig])
     good = np.asarray(np.isfinite(xyz).all(axis=1) & (in_front | ~np.isfinite(xy).all(axis=-1)).all(axis=0))
     return good, xyz[good]

@@ -11,7 +11,7 @@ from posefuse.calibration.solving.point_solve import PointSolution, PointViews
 from posefuse.core import CalibrationError, Camera
 from posefuse.core.arrays import Array
 
-from .bundle import PersonSolution, freed, solve_person
+from .bundle import PersonSolution, freed, solve_person_bundle
 from .checks import LEAST_INLIER_SHARE, check_intrinsics, check_synchronised, inliers
 from .views import PersonViews
 
@@ -19,7 +19,7 @@ from .views import PersonViews
 _MOST_LEFT = 0.8
 
 
-def likely_causes(views: PersonViews, cameras: tuple[Camera, ...], solved: PersonSolution) -> tuple[Check, ...]:
+def likely_person_causes(views: PersonViews, cameras: tuple[Camera, ...], solved: PersonSolution) -> tuple[Check, ...]:
     """The first explanation that makes all cameras agree, as a failed check; none where there is none.
 
     Tried are one camera's image flipped back, with and without its left and right, and focal lengths and clocks let free.
@@ -28,7 +28,7 @@ def likely_causes(views: PersonViews, cameras: tuple[Camera, ...], solved: Perso
     worst = int(np.argmin(shares))
     for flipped in (_flipped(views, cameras, worst, sides=False), _flipped(views, cameras, worst, sides=True)):
         try:
-            again = solve_person(flipped, cameras)
+            again = solve_person_bundle(flipped, cameras)
         except CalibrationError:
             continue
         if _explains(again.solution, again.rows, solved, len(cameras)):

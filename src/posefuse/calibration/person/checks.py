@@ -32,14 +32,14 @@ _FORWARDS = (
 )  # fmt: skip
 
 
-def check_seen(views: PersonViews) -> Check:
+def check_person_in_views(views: PersonViews) -> Check:
     """Every camera saw the person."""
     seen = views.usable.any(axis=2).sum(axis=1)
     blind = [f"{name} ({n} of {len(views.t_ns)} frames)" for name, n in zip(views.cameras, seen, strict=True) if n < 5]
     return person_seen(blind)
 
 
-def check_same_video(views: PersonViews) -> Check:
+def check_same_video_by_person(views: PersonViews) -> Check:
     """No two cameras have the person at the same pixels all the time."""
     alike = []
     for a, b in combinations(range(len(views.cameras)), 2):
@@ -49,7 +49,7 @@ def check_same_video(views: PersonViews) -> Check:
     return self_checks.videos_differ(alike)
 
 
-def solution_checks(
+def person_solution_checks(
     skeleton: Skeleton, cameras: tuple[Camera, ...], solution: PointSolution, rows: PointViews, rig: Rig, xyz: Array
 ) -> list[Check]:
     """The keypoints fit, the cameras agree, nothing is mirrored, and no two cameras share a place."""
@@ -64,7 +64,7 @@ def solution_checks(
               f"{cameras[worst].name} agrees worst: {share[worst]:.0%} of its keypoints (needed {LEAST_INLIER_SHARE:.0%})",
               "it follows another person, moved, or is unsynchronised"),
         check_mirror(skeleton, xyz),
-        self_checks.check_apart(cameras, poses_of(rig)),
+        self_checks.check_cameras_apart(cameras, poses_of(rig)),
     ]  # fmt: skip
 
 

@@ -11,7 +11,7 @@ from posefuse.calibration.clocks.person import (
     LATE_SIGMA,
     SUBJECT,
     check_one_offset,
-    check_seen,
+    check_person_in_tracks,
     fit_checks,
     middle_s,
     moving_keypoints,
@@ -52,7 +52,7 @@ def unplaced_clocks(
     if clocks == "together":
         return None
     moving = [moving_keypoints(track) for track in tracks]
-    CalibrationReport(SUBJECT, (check_seen([track.camera for track in tracks], moving),)).require()
+    CalibrationReport(SUBJECT, (check_person_in_tracks([track.camera for track in tracks], moving),)).require()
     start = ClockEstimate.known(np.zeros(len(tracks)), middle_s(tracks))
     try:
         rig, fit = _settled(tracks, cameras, length, start, clocks == "drift")

@@ -13,22 +13,22 @@ import numpy as np
 
 from posefuse.calibration.extrinsics.self_checks import camera_differences
 from posefuse.calibration.extrinsics.target import world_checks
-from posefuse.calibration.extrinsics.world import FloorFromFeet, FloorUnderBody, triangulate
+from posefuse.calibration.extrinsics.world import FloorFromFeet, FloorUnderBody, triangulate_linear
 from posefuse.calibration.report import CalibrationReport, Check
 from posefuse.calibration.solving.rotations import Poses
 from posefuse.core import SE3, CalibrationError, Camera, Rig, Skeleton
 from posefuse.core.arrays import Array
 
-from .bundle import PersonSolution, freed, solve_person
-from .causes import likely_causes
+from .bundle import PersonSolution, freed, solve_person_bundle
+from .causes import likely_person_causes
 from .checks import (
     check_intrinsics,
-    check_same_video,
-    check_seen,
+    check_person_in_views,
+    check_same_video_by_person,
     check_synchronised,
     check_walk,
     inliers,
-    solution_checks,
+    person_solution_checks,
     spread_m,
 )
 from .scale import STATURE_SIGMA, KnownLength
@@ -54,7 +54,7 @@ class PersonCalibration:
 
 def rough_rig(views: PersonViews, cameras: tuple[Camera, ...], length: KnownLength) -> Rig:
     """The rig in metres without a check and with the first camera as the world: to look again, not to be kept."""
-    return _scaled(views, cameras, solve_person(views, cameras), length)[0]
+    return _scaled(views, cameras, solve_person_bundle(views, cameras), length)[0]
 
 
 def calibrate_from_person(
@@ -70,17 +70,17 @@ def calibrate_from_person(
     if missing:
         raise CalibrationError(f"person: no intrinsics of {', '.join(missing)}; there are: {', '.join(by_name)}")
     cameras = tuple(by_name[name] for name in views.cameras)
-    done = [check_seen(views), check_same_video(views)]
+    done = [check_person_in_views(views), check_same_video_by_person(views)]
     CalibrationReport(_SUBJECT, tuple(done)).require()
-    solved = solve_person(views, cameras)
+    solved = solve_person_bundle(views, cameras)
     solution, rows = solved.solution, solved.rows
     rig, xyz = _scaled(views, cameras, solved, length)
     distance_m = float(np.nanmedian(np.linalg.norm(rig.cameras[0].cam_from_world @ xyz.reshape(-1, 3), axis=1)))
     feet, head = _feet_and_head(views.skeleton, xyz)
     hips = xyz[:, views.skeleton.indices(_HIPS)].mean(axis=1)
-    done += [*solution_checks(views.skeleton, cameras, solution, rows, rig, xyz), check_walk(hips, distance_m)]
+    done += [*person_solution_checks(views.skeleton, cameras, solution, rows, rig, xyz), check_walk(hips, distance_m)]
     if CalibrationReport(_SUBJECT, tuple(done)).failed:
-        CalibrationReport(_SUBJECT, (*likely_causes(views, cameras, solved), *done)).require()
+        CalibrationReport(_SUBJECT, (*likely_person_causes(views, cameras, solved), *done)).require()
     free = freed(cameras, solved)
     done += [check_intrinsics(cameras, free), check_synchronised(cameras, free)]
     # halves take two more solves, which do not help a rig that already fails
@@ -108,7 +108,7 @@ def _scaled(views: PersonViews, cameras: tuple[Camera, ...], solved: PersonSolut
     xy = np.full(views.xy_img.shape, np.nan)
     good = views.usable
     xy[good] = views.xy_img[good]
-    xyz = triangulate(rig, xy.reshape(len(cameras), -1, 2)).reshape(*shape, 3)
+    xyz = triangulate_linear(rig, xy.reshape(len(cameras), -1, 2)).reshape(*shape, 3)
     factor = length.scale(rig, views.skeleton, xyz)
     scaled = tuple(
         replace(camera, cam_from_world=SE3(camera.cam_from_world.wxyz, camera.cam_from_world.xyz * factor)) for camera in rig
@@ -130,7 +130,7 @@ def _check_halves(views: PersonViews, cameras: tuple[Camera, ...], distance_m: f
     found = []
     for half in (0, 1):
         part = views.at(stretch == half)
-        one, _ = _scaled(part, cameras, solve_person(part, cameras), length)
+        one, _ = _scaled(part, cameras, solve_person_bundle(part, cameras), length)
         found.append(Poses(np.stack([c.cam_from_world.matrix() for c in one]), np.stack([c.cam_from_world.xyz for c in one])))
     apart_m, turned = camera_differences(found[0], found[1])
     limit = _HALVES_SHARE * distance_m

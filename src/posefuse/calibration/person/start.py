@@ -8,7 +8,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from posefuse.calibration.extrinsics.world import triangulate
+from posefuse.calibration.extrinsics.world import triangulate_linear
 from posefuse.calibration.solving.rotations import Poses, stacked
 from posefuse.core import CalibrationError, Camera, Rig
 from posefuse.core.arrays import Array
@@ -72,7 +72,7 @@ def _next_camera(flat: Array, seen: Array, focal: Array, placed: dict[int, Poses
     known = sorted(placed)
     bare = [Camera(name=f"c{i}", size_wh=(2, 2), K=np.eye(3), cam_from_world=placed[i].se3()) for i in known]
     xy = np.where(seen[known][..., None], flat[known], np.nan)
-    xyz = triangulate(Rig(tuple(bare)), xy)
+    xyz = triangulate_linear(Rig(tuple(bare)), xy)
     with np.errstate(invalid="ignore"):
         off = np.stack([np.linalg.norm(camera.project(xyz) - xy[i], axis=1) * focal[known[i]] for i, camera in enumerate(bare)])
         fixed = np.isfinite(xyz).all(axis=1) & (np.nanmax(np.where(np.isnan(off), -1, off), axis=0) < _RESECTION_PX)

@@ -103,7 +103,7 @@ def grouped_sum(values: Array, index: Array, count: int) -> Array:
     return np.asarray(chooser @ values.reshape(len(index), -1)).reshape(count, *values.shape[1:])
 
 
-def solve(problem: Problem[State], start: State, most_iterations: int = _MOST_ITERATIONS) -> Solution[State]:
+def solve_bundle(problem: Problem[State], start: State, most_iterations: int = _MOST_ITERATIONS) -> Solution[State]:
     """Minimise the robust cost from a start that is roughly right."""
     state, damping = start, _DAMPING_START
     residual = problem.residual(state)

@@ -9,7 +9,7 @@ import numpy as np
 from posefuse.core import Camera
 from posefuse.core.arrays import SIGMA_PER_MAD, Array
 
-from .bundle import Linearised, Problem, ResidualBlock, Solution, clustered_covariance, solve
+from .bundle import Linearised, Problem, ResidualBlock, Solution, clustered_covariance, solve_bundle
 from .projection import Lenses
 from .rotations import Poses, hat
 
@@ -90,9 +90,9 @@ def start_state(poses: Poses, xyz: Array) -> PointState:
 
 def solve_points(views: PointViews, cameras: tuple[Camera, ...], start: PointState, freedom: PointFreedom) -> PointSolution:
     """A robust solve with a wide loss, and one with the spread found."""
-    first = solve(_problem(views, cameras, freedom, _ROUGH_SIGMA_PX), start)
+    first = solve_bundle(_problem(views, cameras, freedom, _ROUGH_SIGMA_PX), start)
     sigma = _spread(first.residual * _ROUGH_SIGMA_PX)
-    second = solve(_problem(views, cameras, freedom, sigma), first.state)
+    second = solve_bundle(_problem(views, cameras, freedom, sigma), first.state)
     residual = second.residual * sigma
     found = _spread(residual)
     terms_sigma = _terms_sigma(second, views, freedom, (found / sigma) ** 2)

@@ -52,18 +52,18 @@ class TargetDetector:
         return self._find(255 - grey if self._inverted else grey)
 
 
-def observe(source: Source, target: Target, every: int = 1) -> CornerObservations:
+def detect_corners(source: Source, target: Target, every: int = 1) -> CornerObservations:
     """Look for a target in every `every`-th frame of one camera."""
     detector = TargetDetector(target)
-    return observations_from_frames(source.camera, source.size_wh, source.frames(), detector, every)
+    return corners_from_frames(source.camera, source.size_wh, source.frames(), detector, every)
 
 
 def observe_all(sources: Sequence[Source], target: Target, every: int = 1) -> CornerObservations:
-    """`observe` for several cameras, as one value."""
-    return joined([observe(source, target, every) for source in sources])
+    """`detect_corners` for several cameras, as one value."""
+    return joined([detect_corners(source, target, every) for source in sources])
 
 
-def observations_from_frames(
+def corners_from_frames(
     camera: str, size_wh: tuple[int, int], frames: Iterable[Frame], detector: TargetDetector, every: int = 1
 ) -> CornerObservations:
     """Corners of every `every`-th frame of one camera."""

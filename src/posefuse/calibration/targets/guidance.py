@@ -49,7 +49,7 @@ class Guidance:
         return self.coverage.advice()
 
 
-def start(cameras: tuple[str, ...]) -> Guidance:
+def new_guidance(cameras: tuple[str, ...]) -> Guidance:
     """Nothing seen yet."""
     count, (columns, rows) = len(cameras), CELLS_WH
     nothing = TargetCoverage(cameras, np.zeros((count, rows, columns)), np.zeros((count, count)))

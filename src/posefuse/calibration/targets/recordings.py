@@ -14,7 +14,7 @@ from posefuse.formats.kept_video import VIDEOS_FOLDER
 from posefuse.sources import VIDEO_SUFFIXES, ImagesConfig, VideoConfig
 
 from .corners import CornerObservations, joined
-from .detection import observe, why_nothing
+from .detection import detect_corners, why_nothing
 from .kinds import Target
 
 Inputs = Mapping[str, str | Path] | Sequence[str | Path] | str | Path
@@ -74,12 +74,12 @@ def observe_sources(sources: Sequence[Source], target: Target, every: int = 1, p
     seen = []
     progress(STAGE, 0, len(sources))
     for done, source in enumerate(sources, start=1):
-        seen.append(observe(source, target, every))
+        seen.append(detect_corners(source, target, every))
         progress(STAGE, done, len(sources))
     return joined(seen)
 
 
-def check_seen(observations: CornerObservations, sources: Sequence[Source], target: Target) -> None:
+def require_target_seen(observations: CornerObservations, sources: Sequence[Source], target: Target) -> None:
     """Raise CalibrationError with the likely reason for a camera in which the target was not found."""
     for source in sources:
         seen_or_why_not(observations.of_camera(source.camera), source, target)

@@ -23,7 +23,7 @@ from posefuse.realtime.guide_view import GuideView
 from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.realtime.session import stop_requests
 
-from .inputs import check_files, target_of, target_words
+from .inputs import check_files, target_from_options, target_words
 
 
 def guide_at_cameras(target: TargetOptions, options: GuideOptions, ros_2: Ros2Options, terminal: Terminal) -> Mapping[str, Any]:
@@ -39,7 +39,7 @@ def guide_at_cameras(target: TargetOptions, options: GuideOptions, ros_2: Ros2Op
     check_files((options.intrinsics,), (("--view-file", options.view_file),), force=options.force)
     if options.record is not None:
         check_replaceable(options.record, command="record", replace=False)
-    kind = target_of(target)
+    kind = target_from_options(target)
     rig = None if options.intrinsics is None else read_rig(options.intrinsics)
     inputs = inputs_from_arguments(options.source, rig, ros_2.settings)
     place = str(options.view_file) if options.view_file else SPAWN if options.view else None

@@ -15,7 +15,7 @@ from posefuse.foundation.output_file import check_output_file
 from posefuse.pipeline.config import read_config
 
 
-def target_of(options: TargetOptions) -> Target:
+def target_from_options(options: TargetOptions) -> Target:
     """The target described, by a file or by options; raises InputError naming the options that are missing or too many."""
     path = target_file(options)
     if path is not None:

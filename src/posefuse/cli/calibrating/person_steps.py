@@ -14,7 +14,7 @@ from posefuse.pipeline.config import CONFIG_FILE
 
 from .inputs import check_files, recordings_of
 from .next_steps import Asked
-from .showing import reported, show, show_clocks, write_clocks
+from .showing import reported, show_clocks, show_report, write_clocks
 
 
 def person(
@@ -35,10 +35,10 @@ def person(
             clocks=options.clocks,
             max_offset_s=options.most_s,
             upside_down=options.upside_down,
-            settings=settings_of(networks),
+            settings=overrides_by_key(networks),
             progress=progress,
         )
-    show(found.report, terminal)
+    show_report(found.report, terminal)
     found.save(files.out, report=files.report, replace=files.force)
     terminal.next(f"put {files.out} into the folder of your videos: posefuse track SESSION --out RESULT", "the 3D skeleton")
     if found.clocks is not None:
@@ -61,10 +61,10 @@ def clocks(
             rate_hz=options.rate_hz,
             seconds=options.seconds,
             max_offset_s=options.most_s,
-            settings={**chosen, **settings_of(networks)},
+            settings={**chosen, **overrides_by_key(networks)},
             progress=progress,
         )
-    show(found.report, terminal)
+    show_report(found.report, terminal)
     show_clocks(found.rig.names, found.clocks, found.frame_period_s, terminal)
     if files.report is not None:
         found.save_report(files.report, replace=files.force)
@@ -75,7 +75,7 @@ def clocks(
     return {"settings": settings and str(settings), **found.report.numbers}
 
 
-def settings_of(networks: NetworkOptions) -> dict[str, str]:
+def overrides_by_key(networks: NetworkOptions) -> dict[str, str]:
     """Settings by dotted key."""
     pairs = (setting.partition("=") for setting in networks.overrides)
     return {key: value for key, _, value in pairs}

@@ -9,7 +9,7 @@ from typing import Any
 
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.report import CalibrationReport, RefusedCalibration
-from posefuse.calibration.result_files import clock_settings, write_report
+from posefuse.calibration.result_files import clock_settings, write_calibration_report
 from posefuse.cli.terminal import Terminal
 from posefuse.foundation.atomic import write_text
 from posefuse.pipeline.config import read_config
@@ -24,13 +24,13 @@ def reported(path: Path | None, asked: Asked) -> Iterator[None]:
         yield
     except RefusedCalibration as refused:
         if path is not None:
-            write_report(path, refused.report, {})
+            write_calibration_report(path, refused.report, {})
         command, purpose = next_after(refused.report, asked)
         refused.add_note(f"next: {command}  ({purpose})")
         raise
 
 
-def show(report: CalibrationReport, terminal: Terminal) -> None:
+def show_report(report: CalibrationReport, terminal: Terminal) -> None:
     """The checks as a table, and the notes."""
     rows = [("pass" if check.passed else "FAIL", check.name, check.line) for check in report.checks]
     terminal.table(report.subject, ("", "check", "found"), rows)

@@ -14,7 +14,7 @@ from posefuse.calibration.result_files import coverage_path, write_coverage
 from posefuse.calibration.targets.description import write_target
 from posefuse.calibration.targets.kinds import Chessboard, Markers, Target
 from posefuse.calibration.targets.printing import board_sheets, cube_sheets, marker_sheets, write_pdf
-from posefuse.calibration.targets.recordings import check_seen, open_sources
+from posefuse.calibration.targets.recordings import open_sources, require_target_seen
 from posefuse.cli.options.calibration import (
     TARGET_SUFFIX,
     ExtrinsicsOptions,
@@ -32,9 +32,9 @@ from posefuse.foundation.atomic import atomic_file
 from posefuse.foundation.output_file import keep_copy
 from posefuse.pipeline.config import CONFIG_FILE
 
-from .inputs import check_files, clock_offsets_s, clocks_beside, recordings_of, target_file, target_of, target_words
+from .inputs import check_files, clock_offsets_s, clocks_beside, recordings_of, target_file, target_from_options, target_words
 from .next_steps import Asked
-from .showing import reported, show, write_clocks
+from .showing import reported, show_report, write_clocks
 
 
 def intrinsics(
@@ -44,9 +44,9 @@ def intrinsics(
     check_files((*inputs, target_file(target)), (("--out", files.out), ("--report", files.report)), force=files.force)
     asked = Asked(step="intrinsics", inputs=inputs, target=target_words(target), out=files.out)
     with reported(files.report, asked), terminal.stages() as progress:
-        found = calibrate_intrinsics(recordings_of(inputs), target=target_of(target), every=every, progress=progress)
+        found = calibrate_intrinsics(recordings_of(inputs), target=target_from_options(target), every=every, progress=progress)
     for report in found.reports.values():
-        show(report, terminal)
+        show_report(report, terminal)
     found.save(files.out, report=files.report, replace=files.force)
     terminal.next(
         f"posefuse calibrate guide --target CUBE.toml --intrinsics {files.out} --source CAMERA=KIND:WHERE ... --record SESSION",
@@ -68,7 +68,7 @@ def extrinsics(
     outputs = (("--out", files.out), ("--report", files.report), ("--out", picture))
     check_files((*inputs, target_file(target), options.intrinsics, floor.floor_points), outputs, force=files.force)
     # everything that may be wrong with the command line, before minutes of work
-    kind = target_of(target)
+    kind = target_from_options(target)
     lenses = None if options.intrinsics is None else read_rig(options.intrinsics)
     world = _floor(floor, kind)
     recordings = recordings_of(inputs)
@@ -79,7 +79,7 @@ def extrinsics(
         seen = observe_target(recordings, target=with_floor(kind, world), every=options.every, progress=progress)
     # before the solve: it is needed most when that refuses
     terminal.note(f"{picture}: {write_coverage(picture, seen).advice()}")
-    check_seen(seen, open_sources(recordings), kind)
+    require_target_seen(seen, open_sources(recordings), kind)
     asked = Asked(step="extrinsics", inputs=inputs, target=target_words(target), intrinsics=options.intrinsics, out=files.out)
     with reported(files.report, asked):
         found = calibrate_extrinsics(
@@ -96,7 +96,7 @@ def extrinsics(
     if found.report.failed:
         failed = ", ".join(check.name for check in found.report.failed)
         terminal.warn(f"refused ({failed}); kept all the same (--keep-refused), and marked as refused in the file")
-    show(found.report, terminal)
+    show_report(found.report, terminal)
     found.save(files.out, report=files.report, replace=files.force)
     settings = write_clocks(files.out.with_name(CONFIG_FILE), found.rig.names, found.clocks, terminal)
     terminal.next(
@@ -130,14 +130,14 @@ def verify_rig(
 ) -> Mapping[str, Any]:
     """Millimetres and pixels of a rig, from a target that it was not made from."""
     check_files((*inputs, target_file(target), options.rig), (("--report", files.report),), force=files.force)
-    kind, rig = target_of(target), read_placed_rig(options.rig)
+    kind, rig = target_from_options(target), read_placed_rig(options.rig)
     settings = options.rig.with_name(CONFIG_FILE)
     late_s = clock_offsets_s(options.offset_ms, rig) if options.offset_ms else clocks_beside(settings, rig)
     if late_s and not options.offset_ms:
         terminal.note(f"clock offsets of {', '.join(late_s)} from {settings}")
     with terminal.stages() as progress:
         found = verify(rig, recordings_of(inputs), target=kind, every=options.every, clock_offset_s=late_s, progress=progress)
-    show(found.report, terminal)
+    show_report(found.report, terminal)
     if files.report is not None:
         found.save(files.report, replace=files.force)
     with reported(None, Asked(step="verify", inputs=inputs)):
@@ -150,7 +150,7 @@ def print_target(target: TargetOptions, options: PrintOptions, terminal: Termina
     """A target at its true size as a PDF."""
     described = options.out.with_suffix(TARGET_SUFFIX)
     check_files((), (("--out", options.out), ("--out", described)), force=options.force)
-    kind = target_of(replace(target, target="markers") if options.cube else target)
+    kind = target_from_options(replace(target, target="markers") if options.cube else target)
     if isinstance(kind, Chessboard):
         raise InputError("print: a plain chessboard is not offered; a ChArUco board does all it does, and more")
     if options.cube and isinstance(kind, Markers):

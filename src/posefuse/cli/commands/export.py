@@ -28,11 +28,11 @@ def export(
         session: Session the result was made from, for its images (default: a folder of its name near the result or here).
     """
     from posefuse.pipeline.reading import files_of_result, read_result
-    from posefuse.pipeline.session_images import nearby_session, session_of
+    from posefuse.pipeline.session_images import nearby_session, session_of_recording
     from posefuse.pipeline.writing import export_recording
 
     recording = read_result(result, terminal.warn)
-    found = nearby_session(recording, result) if session is None else session_of(recording, session)
+    found = nearby_session(recording, result) if session is None else session_of_recording(recording, session)
     names, inputs = [name for name in outputs.split(",") if name], files_of_result(result)
     with terminal.stages() as progress:
         made, failed = export_recording(recording, out, names, found, replace=True, progress=progress, inputs=inputs)

@@ -25,7 +25,7 @@ class NoiseModel:
 
     Attributes:
         made_by: command, data and date of the fit, for people.
-        weights: of the features, by name: see `features`.
+        weights: of the features, by name: see `landmark_noise_features`.
         offset: of each keypoint, by name.
         least_px, most_px: limits of sigma, crop px.
     """
@@ -38,14 +38,14 @@ class NoiseModel:
 
     def sigma_px(self, seen: Landmarks, keypoints: tuple[str, ...]) -> Array:
         """(B, K) standard deviation of each coordinate in crop px."""
-        values = features(seen)
+        values = landmark_noise_features(seen)
         log_sigma = np.array([self.offset[name] for name in keypoints]) + sum(
             weight * values[name] for name, weight in self.weights.items()
         )
         return np.asarray(np.exp(np.clip(log_sigma, np.log(self.least_px), np.log(self.most_px))))
 
 
-def features(seen: Landmarks) -> dict[str, Array]:
+def landmark_noise_features(seen: Landmarks) -> dict[str, Array]:
     """What sigma may depend on, each (B, K) and 0 for a keypoint seen without doubt."""
     return {
         "doubt": -np.log(np.clip(seen.visibility, 1e-3, 1.0)),

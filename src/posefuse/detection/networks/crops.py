@@ -14,7 +14,7 @@ from posefuse.core.arrays import Array
 from .card import NetworkInput
 
 
-def crop_from_img(region: Region, size_wh: tuple[int, int], udp: bool = False) -> Array:
+def input_crop_from_img(region: Region, size_wh: tuple[int, int], udp: bool = False) -> Array:
     """(2, 3) affine map from raw px to px of an upright crop as high as the region, of the input's own proportions.
 
     Args:
@@ -56,7 +56,7 @@ def letterbox_from_img(size_wh: tuple[int, int], takes: NetworkInput, up_rad: fl
     return np.hstack([ratio * turn, (corner - ratio * low)[:, None]])
 
 
-def cut(image: Array, input_from_img: Array, takes: NetworkInput, fill: int = 0) -> Array:
+def warp_to_input(image: Array, input_from_img: Array, takes: NetworkInput, fill: int = 0) -> Array:
     """The input (H, W, 3) uint8 as the affine map shows it; `fill` outside the image."""
     return np.asarray(
         cv2.warpAffine(image, input_from_img, takes.size_wh, flags=cv2.INTER_LINEAR, borderValue=(fill, fill, fill))

@@ -13,9 +13,9 @@ from posefuse.core.values import keypoint_boxes
 from posefuse.detection.regions import check_regions, img_from_input, region_from_keypoints
 from posefuse.formats.joint_centres import read_joint_centres
 
-from .crops import crop_from_img, cut, letterbox_from_img
+from .crops import input_crop_from_img, letterbox_from_img, warp_to_input
 from .keypoints import Keypoints, People
-from .layouts import keypoints_of, people_of
+from .layouts import keypoints_of, people_from_outputs
 from .noise import KeypointNoise, read_keypoint_noise
 from .people import PersonFinder, upright_first
 from .runtime import OnnxNetwork
@@ -158,8 +158,8 @@ class TopDownDetector(_Networked):
 
     def _observe(self, crops: Sequence[tuple[Frame, Region]]) -> list[Observed]:
         card = self._network.card
-        affines = [crop_from_img(region, card.input.size_wh, card.decoding.udp) for _, region in crops]
-        inputs = [cut(frame.image, affine, card.input) for (frame, _), affine in zip(crops, affines, strict=True)]
+        affines = [input_crop_from_img(region, card.input.size_wh, card.decoding.udp) for _, region in crops]
+        inputs = [warp_to_input(frame.image, affine, card.input) for (frame, _), affine in zip(crops, affines, strict=True)]
         height = float(card.input.size_wh[1])
         return [
             Observed(keypoints_of(card, outputs), affine, height)
@@ -207,10 +207,12 @@ class OneStageDetector(_Networked):
         card = self._network.card
         affines = [letterbox_from_img(frame.size_wh, card.input, angle) for frame, angle in images]
         inputs = [
-            cut(frame.image, affine, card.input, card.input.fill) for (frame, _), affine in zip(images, affines, strict=True)
+            warp_to_input(frame.image, affine, card.input, card.input.fill)
+            for (frame, _), affine in zip(images, affines, strict=True)
         ]
         return [
-            self._split(people_of(card, outputs), affine) for outputs, affine in zip(self._network(inputs), affines, strict=True)
+            self._split(people_from_outputs(card, outputs), affine)
+            for outputs, affine in zip(self._network(inputs), affines, strict=True)
         ]
 
     def _split(self, people: People, input_from_img: Array) -> list[Observed]:

@@ -59,7 +59,7 @@ def keypoints_of(card: NetworkCard, outputs: Sequence[Array]) -> Keypoints:
     return keypoints_from_heatmaps(outputs[0], card.input.size_wh, card.decoding)
 
 
-def people_of(card: NetworkCard, outputs: Sequence[Array]) -> People:
+def people_from_outputs(card: NetworkCard, outputs: Sequence[Array]) -> People:
     """People in the outputs of a one-stage network or a person detector for one image."""
     if card.kind == "rtmo":
         return people_from_rtmo(outputs[0], outputs[1], card.decoding)

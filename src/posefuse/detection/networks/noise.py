@@ -30,7 +30,7 @@ class KeypointNoise:
 
     Attributes:
         made_by: command and data of the fit, for people.
-        weights: of the features, by name: see `features`.
+        weights: of the features, by name: see `keypoint_noise_features`.
         offset: of each keypoint, by name; "" for all that are not named.
         least, most: limits of sigma, shares of the crop's height.
     """
@@ -43,7 +43,7 @@ class KeypointNoise:
 
     def sigma(self, seen: Keypoints, names: tuple[str, ...], height_px: float) -> Array:
         """(B, K, 2) standard deviation along x and y in the units of `height_px`, which is the height of the crop."""
-        values = features(seen, height_px)
+        values = keypoint_noise_features(seen, height_px)
         offset = np.array([self.offset.get(name, self.offset.get("", np.log(_RULE_SIGMA))) for name in names])
         log_sigma = offset[:, None] + sum(weight * values[name] for name, weight in self.weights.items())
         return np.asarray(height_px * np.exp(np.clip(log_sigma, np.log(self.least), np.log(self.most))))
@@ -54,7 +54,7 @@ _RULE_SIGMA = 0.006
 RULE_OF_THUMB = KeypointNoise(made_by="rule of thumb: not fitted to this network", weights={"doubt": 1.0, "spread": 1.0})
 
 
-def features(seen: Keypoints, height_px: float) -> dict[str, Array]:
+def keypoint_noise_features(seen: Keypoints, height_px: float) -> dict[str, Array]:
     """The predictors of sigma, each (B, K, 2) and 0 for a certain keypoint, or where the network has no such output."""
     with np.errstate(invalid="ignore"):
         spread = np.log(np.maximum(seen.spread_px / (height_px * _USUAL_SPREAD), 0.1))

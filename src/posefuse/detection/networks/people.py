@@ -11,11 +11,10 @@ from posefuse.core import Frame, Region
 from posefuse.core.arrays import Array
 from posefuse.detection.blazepose.persons import PersonNetwork, regions_from_outputs
 from posefuse.detection.blazepose.search import stages
-from posefuse.detection.regions import cut as cut_square
-from posefuse.detection.regions import img_from_input
+from posefuse.detection.regions import img_from_input, square_crop
 
-from .crops import cut, letterbox_from_img, region_of_box
-from .layouts import people_of
+from .crops import letterbox_from_img, region_of_box, warp_to_input
+from .layouts import people_from_outputs
 from .runtime import OnnxNetwork
 
 # a camera tilted less than this is looked at as it is
@@ -46,8 +45,8 @@ class BoxFinder:
         for angle in upright_first(up_rad):
             takes = self._network.card.input
             affine = letterbox_from_img(frame.size_wh, takes, angle)
-            (outputs,) = self._network([cut(frame.image, affine, takes, takes.fill)])
-            yield [self._region(affine, box, angle) for box in people_of(self._network.card, outputs).box]
+            (outputs,) = self._network([warp_to_input(frame.image, affine, takes, takes.fill)])
+            yield [self._region(affine, box, angle) for box in people_from_outputs(self._network.card, outputs).box]
 
     def _region(self, input_from_img: Array, box: Array, up_rad: float) -> Region:
         made = region_of_box(box, self._size_wh, self._padding)
@@ -68,7 +67,7 @@ class SquareFinder:
         for stage in stages(frame.size_wh, up_rad):
             if stage.for_first and seen:
                 continue
-            boxes, logits = self._persons.network([cut_square(frame.image, square, side) for square in stage.squares])
+            boxes, logits = self._persons.network([square_crop(frame.image, square, side) for square in stage.squares])
             found = [
                 scored
                 for square, box, logit in zip(stage.squares, boxes, logits, strict=True)

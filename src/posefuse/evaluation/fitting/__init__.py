@@ -1,10 +1,18 @@
 """Fits to simulated people: noise of keypoints and their offsets to joint centres, for any detector."""
 
-from .joint_centres import Run, fitted
+from .joint_centres import Run, fit_joint_centres
 from .keypoint_noise import NoiseFit, NoiseSamples, collect, fit_noise, noise_text
 from .scenes import is_rendered, render_everyday, render_moving
 
 __all__ = [
-    "NoiseFit", "NoiseSamples", "Run", "collect", "fit_noise", "fitted", "is_rendered", "noise_text", "render_everyday",
+    "NoiseFit",
+    "NoiseSamples",
+    "Run",
+    "collect",
+    "fit_joint_centres",
+    "fit_noise",
+    "is_rendered",
+    "noise_text",
+    "render_everyday",
     "render_moving",
 ]  # fmt: skip

@@ -16,7 +16,7 @@ from posefuse.core.skeleton import pick_keypoints
 from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.tracking import to_joint_centres
 from posefuse.tracking.body_directions import SIDES, keypoint_of
-from posefuse.tracking.joint_centres import MOST_LONGER_M, directions
+from posefuse.tracking.joint_centres import MOST_LONGER_M, joint_directions
 from posefuse.tracking.segments import segment_lengths
 
 # Directions each joint may be moved along, as found to pay by bodies left out. The hip is not moved along the spine as a whole:
@@ -47,7 +47,7 @@ Run = tuple[PoseSequence, Truth]
 def directions_of(skeleton: Skeleton) -> dict[str, tuple[str, ...]]:
     """Those of `WANTED` that a keypoint set determines: without fingers there is no palm."""
     xyz = np.random.default_rng(0).normal(size=(len(skeleton), 3))
-    known = directions(xyz, skeleton, "left")
+    known = joint_directions(xyz, skeleton, "left")
     return {joint: tuple(name for name in names if np.isfinite(known[joint][name]).all()) for joint, names in WANTED.items()}
 
 
@@ -57,7 +57,7 @@ def samples(poses: PoseSequence, truth: Truth, joint: str, wanted: Sequence[str]
     xyz, true_xyz = poses.xyz_world[inside, 0], true_xyz_at(truth, poses.t_ns[inside])[:, 0]
     along, missing = [], []
     for side in SIDES:
-        known = directions(xyz, poses.skeleton, side)[joint]
+        known = joint_directions(xyz, poses.skeleton, side)[joint]
         rows = np.stack([known[name] for name in wanted], axis=-2)
         name = [keypoint_of(side, joint)]
         away = (pick_keypoints(true_xyz, truth.skeleton, name) - pick_keypoints(xyz, poses.skeleton, name))[:, 0]
@@ -67,7 +67,7 @@ def samples(poses: PoseSequence, truth: Truth, joint: str, wanted: Sequence[str]
     return np.concatenate(along), np.concatenate(missing)
 
 
-def solve(along: Array, missing: Array, ridge: float = 0.0) -> Array:
+def huber_fit(along: Array, missing: Array, ridge: float = 0.0) -> Array:
     """(D,) metres along each direction (M, D, 3) of least Huber-like loss; `ridge` pulls them to zero."""
     design = along.swapaxes(-1, -2).reshape(-1, along.shape[1])
     weight = np.ones(len(missing))
@@ -85,7 +85,7 @@ def moved_by(along: Array, metres: Array) -> Array:
     return np.asarray(np.einsum("mdx,d->mx", along, metres))
 
 
-def fitted(runs: Sequence[Run], made_by: str = "") -> JointCentres:
+def fit_joint_centres(runs: Sequence[Run], made_by: str = "") -> JointCentres:
     """Constants first; then, of what they leave, slopes on how much longer than usual each body is by those constants.
 
     Args:
@@ -97,7 +97,7 @@ def fitted(runs: Sequence[Run], made_by: str = "") -> JointCentres:
     offsets = {}
     for joint, parts in each.items():
         along, missing = (np.concatenate(rows) for rows in zip(*parts, strict=True))
-        offsets[joint] = dict(zip(wanted[joint], solve(along, missing).tolist(), strict=True))
+        offsets[joint] = dict(zip(wanted[joint], huber_fit(along, missing).tolist(), strict=True))
     plain = JointCentres(made_by=made_by, offsets=offsets)
     lengths = np.concatenate([segment_lengths(to_joint_centres(p, plain).xyz_world, p.skeleton) for p, _ in runs])
     if not np.isfinite(lengths).any(axis=0).all():
@@ -117,5 +117,5 @@ def _slopes(
     metres = np.array([offsets[name] for name in names])
     along = [(a[:, :, None] * own[:, None]).reshape(len(a), -1, 3) for (a, _), own in zip(parts, longer, strict=True)]
     left = np.concatenate([missing - moved_by(a, metres) for a, missing in parts])
-    slopes = solve(np.concatenate(along), left, RIDGE).reshape(-1, len(SEGMENT_ENDS))
+    slopes = huber_fit(np.concatenate(along), left, RIDGE).reshape(-1, len(SEGMENT_ENDS))
     return {name: dict(zip(SEGMENT_ENDS, row, strict=True)) for name, row in zip(names, slopes.tolist(), strict=True)}

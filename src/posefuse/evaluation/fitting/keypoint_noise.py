@@ -14,7 +14,7 @@ from posefuse.core.arrays import Array
 from posefuse.core.skeleton import mirror_name
 from posefuse.detection import region_from_keypoints
 from posefuse.detection.networks import OneStageDetector, TopDownDetector
-from posefuse.detection.networks.noise import FEATURES, KeypointNoise, features
+from posefuse.detection.networks.noise import FEATURES, KeypointNoise, keypoint_noise_features
 from posefuse.formats.truth import read_truth
 
 from .log_sigma import fit_log_sigma
@@ -78,7 +78,7 @@ def collect(folder: Path, detector: TopDownDetector | OneStageDetector, seed: in
                 continue
             exact = people[0] @ seen.input_from_img[:, :2].T + seen.input_from_img[:, 2]
             errors.append((seen.keypoints.xy[0, ours] - exact[theirs]) / seen.height_px)
-            found = features(seen.keypoints, seen.height_px)
+            found = keypoint_noise_features(seen.keypoints, seen.height_px)
             for name in FEATURES:
                 values[name].append(found[name][0, ours])
     shape = (len(errors), len(names), 2)

@@ -70,7 +70,7 @@ class Facts:
     @property
     def shown(self) -> list[tuple[str, str]]:
         """Names and texts."""
-        return [(name, cell_text(value)) for name, value in self.values.items()]
+        return [(name, page_cell_text(value)) for name, value in self.values.items()]
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class Cell:
     @property
     def text(self) -> str:
         """As it is shown."""
-        return cell_text(self.value)
+        return page_cell_text(self.value)
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,7 @@ class Details:
     kind: ClassVar[str] = "details"
 
 
-def cell_text(value: Any) -> str:
+def page_cell_text(value: Any) -> str:
     """A value as tables and facts show it: floats to one digit after the point, small ones to two significant digits."""
     if value is None:
         return MISSING

@@ -10,7 +10,7 @@ from posefuse.core.arrays import Array
 
 from .frames import People2D, Pose2DFrames, frame_number, frames_from_mapping, read_json
 from .keypoint_sets import agreed_skeleton, in_coco17_order, points_of
-from .openpose import people_of
+from .openpose import keypoints_of_people
 from .results_list import is_results_list, read_list
 
 NAME = "alphapose"
@@ -66,5 +66,5 @@ def _by_image(content: Any) -> bool:
 
 def _people(entry: Any, where: str) -> list[Array]:
     if "people" in entry:
-        return people_of(entry, where)
+        return keypoints_of_people(entry, where)
     return [points_of(body["joints"], where) for body in entry["bodies"] if body.get("joints")]

@@ -92,10 +92,10 @@ def _hip_offset(person: Array) -> list[float]:
 
 def _read(path: Path) -> list[Array]:
     """Keypoints (K, 3) x, y, score of each person in a file who has any."""
-    return people_of(read_json(path), str(path))
+    return keypoints_of_people(read_json(path), str(path))
 
 
-def people_of(content: Any, where: str) -> list[Array]:
+def keypoints_of_people(content: Any, where: str) -> list[Array]:
     """Keypoints (K, 3) of each person in OpenPose's form of one frame; raises InputError for another form."""
     try:
         lists = [person["pose_keypoints_2d"] for person in content["people"]]

@@ -84,7 +84,7 @@ def rotation_matrix(where: str, value: Any) -> Array:
     return np.asarray(u @ vt)
 
 
-def pose(where: str, rotation: Any, translation: Any) -> SE3:
+def camera_pose(where: str, rotation: Any, translation: Any) -> SE3:
     """cam_from_world of x_cam = R x_world + t, in metres."""
     matrix = rotation_matrix(where, rotation)
     xyz = numbers(f"{where}: translation", np.ravel(numbers(f"{where}: translation", translation)), (3,))
@@ -117,7 +117,7 @@ def camera(
             name=str(name),
             size_wh=image_size(where, size),
             K=numbers(f"{where}: matrix", matrix, (3, 3)),
-            cam_from_world=pose(where, rotation, translation),
+            cam_from_world=camera_pose(where, rotation, translation),
             distortion=np.ravel(numbers(f"{where}: distortion", distortion)),
             model="fisheye" if fisheye else "pinhole",
             readout_s=float(numbers(f"{where}: readout_s", readout_s, ())),

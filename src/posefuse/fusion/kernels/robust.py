@@ -88,7 +88,7 @@ def agreeing(cams, views, n, p):
 
 
 @fast_kernel()
-def gather(cams, ideal, sigma, scale, k, views, depth=None, planes=None):
+def gather_views(cams, ideal, sigma, scale, k, views, depth=None, planes=None):
     """Usable views of keypoint k, and their depths (C, K, 2), into the first rows of `views`, `planes`; returns how many."""
     n = 0
     for c in range(len(cams)):
@@ -212,7 +212,7 @@ def solve_robust(cams, xy_img, sigma, most, xyz, cov, reproj, n_views, square, c
             square[g], xyz[g], cov[g], reproj[g] = math.nan, math.nan, math.nan, math.nan
             n_views[g], cost[g], rival[g] = 0, 0.0, False
             for k in range(keypoints):
-                n = gather(cams, ideal, sigma[g], scale, k, views, deep, planes)
+                n = gather_views(cams, ideal, sigma[g], scale, k, views, deep, planes)
                 cost[g, k] = 2.0 * KNEE * n
                 least = 2
                 if planes is not None:

@@ -34,7 +34,9 @@ def guessed_state(body: BodyModel, packed: Packed, workspace: FrameBuffers, xyz:
     q[:3] = points[hips].mean(axis=0)
     frame, origin = np.empty_like(rot), np.empty((len(rot), 3))
     for n, node in enumerate(body.nodes):
-        kernels.forward(packed.tree.parent, packed.tree.kind, packed.tree.axis, packed.tree.offset, q, rot, frame, origin)
+        kernels.forward_kinematics(
+            packed.tree.parent, packed.tree.kind, packed.tree.axis, packed.tree.offset, q, rot, frame, origin
+        )
         segment = NODE_SEGMENT.get(node.name)
         if segment is None:
             continue

@@ -72,7 +72,7 @@ class LiveRays:
 
         The Birge ratio: chi-squared by its degrees of freedom. One ray agrees with any point.
         """
-        return np.asarray(kernels.disagreement(points, self.projections, self.xy, self.inverse_var))
+        return np.asarray(kernels.variance_factor(points, self.projections, self.xy, self.inverse_var))
 
     def loss(self, points: Array, at: Array) -> float:
         """Mean squared distance of keypoints `at` (A, 3) from rays in standard deviations, by coordinate, large ones cut."""

@@ -33,7 +33,7 @@ def length_response(p: Packed, seen: Measurement, robust: float, points: Array, 
     return np.asarray(by_length - by_state @ follows)
 
 
-def disagreement(seen: Measurement, robust: float, points: Array) -> Array:
+def robust_variance_factor(seen: Measurement, robust: float, points: Array) -> Array:
     """(A,) by how much the rays are farther from the points (A, 3) of a fit than stated, as a factor of variance from 1 on.
 
     The Birge ratio, chi-squared by its degrees of freedom, with the Student-t weights of the fit: an outlier counts little. One

@@ -14,7 +14,7 @@ from posefuse.kinematics.kernels import PLANE_SIZE, unwrap
 from . import kernels
 from .filter import BodyFilter, Measurement, State
 from .model import landmark_rows
-from .response import disagreement, length_derivatives, length_response
+from .response import length_derivatives, length_response, robust_variance_factor
 
 _LIMB_NODE = {"left_arm": "left_shoulder", "right_arm": "right_shoulder", "left_leg": "left_hip", "right_leg": "right_hip"}
 
@@ -64,7 +64,7 @@ class StateReader:
         if seen is not None and seen.standing_cov is not None:
             cov = cov + seen.standing_cov
         if seen is not None and len(seen.projections):
-            cov = cov * disagreement(seen, self._robust, self._points)[:, None, None]
+            cov = cov * robust_variance_factor(seen, self._robust, self._points)[:, None, None]
         xyz = np.full((len(self._body.skeleton), 3), np.nan)
         xyz[self._body.keypoint] = self._points
         work.read(xyz, np.broadcast_to(own, (len(xyz), 3, 3)))

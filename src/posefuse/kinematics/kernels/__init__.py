@@ -20,10 +20,10 @@ from .angles import (
     FrameArrays,
     JointTable,
     SegmentTable,
-    solve,
+    solve_joints,
     unwrap,
 )  # fmt: skip
-from .frames import gather, quaternions
+from .frames import gather_landmarks, quaternions
 from .planes import MEMORY_SIZE, PLANE_SIZE, UNKNOWN_VAR, step_planes
 
 __all__ = [
@@ -40,9 +40,9 @@ __all__ = [
     "FrameArrays",
     "JointTable",
     "SegmentTable",
-    "gather",
+    "gather_landmarks",
     "quaternions",
-    "solve",
+    "solve_joints",
     "step_planes",
     "unwrap",
 ]  # fmt: skip

@@ -55,7 +55,7 @@ class Angles(NamedTuple):
 
 
 @kernel()
-def solve(points, points_cov, planes, table, joints, determined, limits, frames, out):
+def solve_joints(points, points_cov, planes, table, joints, determined, limits, frames, out):
     """Frames, then angles; frames whose turn is less certain than the limit become NaN afterwards."""
     rotation, by_first, by_second, turn_var = frames
     segment_frames(points, planes, table.pairs, table.axes, table.raised, table.bends, rotation, by_first, by_second, turn_var)

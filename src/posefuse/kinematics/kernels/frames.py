@@ -8,13 +8,13 @@ import numpy as np
 
 from posefuse.foundation.compiled import kernel
 
-from .vectors import between, cross, dot, normal_to
+from .vectors import cross, dot, normal_to, vector_between_midpoints
 
 _ROUNDING = 1e-6
 
 
 @kernel()
-def gather(xyz, cov, pairs, default_var, points, points_cov):
+def gather_landmarks(xyz, cov, pairs, default_var, points, points_cov):
     """Landmarks (P, 3) and covariances (P, 3, 3) as means of keypoint pairs; unknown covariance becomes `default_var`."""
     for p in range(pairs.shape[0]):
         a, b = pairs[p, 0], pairs[p, 1]
@@ -36,8 +36,8 @@ def gather(xyz, cov, pairs, default_var, points, points_cov):
 @kernel()
 def free_frame(points, pairs, first_axis, second_axis, rotation, by_first, by_second):
     """Frame (3, 3, columns are axes) of a first and a second vector, and omega's derivatives by both."""
-    first = between(points, pairs[1], pairs[2])
-    second = between(points, pairs[3], pairs[4])
+    first = vector_between_midpoints(points, pairs[1], pairs[2])
+    second = vector_between_midpoints(points, pairs[3], pairs[4])
     length = math.sqrt(dot(first, first))
     u = first / length
     w, breadth = normal_to(second, u)
@@ -63,7 +63,7 @@ def upper_frame(points, pairs, plane, rotation, by_first, by_second):
     share = min(1.0, plane[3] / plane[4]) if plane[4] > 0.0 else 1.0
     if not plane[4] < np.inf:
         share = 0.0
-    length = between(points, pairs[1], pairs[2])
+    length = vector_between_midpoints(points, pairs[1], pairs[2])
     inverse = 1.0 / math.sqrt(dot(length, length))
     for i in range(3):
         rotation[i, 0], rotation[i, 2] = x[i], z[i]
@@ -83,7 +83,7 @@ def upper_frame(points, pairs, plane, rotation, by_first, by_second):
 @kernel()
 def lower_frame(points, pairs, bend, upper, upper_by_first, upper_by_second, rotation, by_first, by_second):
     """Frame of a limb's lower segment: its Z is the upper one's, so its turn errs as that one's does."""
-    first = between(points, pairs[1], pairs[2])
+    first = vector_between_midpoints(points, pairs[1], pairs[2])
     length = math.sqrt(dot(first, first))
     y = first / length
     z, _ = normal_to(np.ascontiguousarray(upper[:, 2]), y)

@@ -10,7 +10,7 @@ from posefuse.foundation.compiled import kernel
 
 
 @kernel()
-def between(points, from_pair, to_pair):
+def vector_between_midpoints(points, from_pair, to_pair):
     """From the middle of one pair of points to that of another."""
     out = np.empty(3)
     for i in range(3):

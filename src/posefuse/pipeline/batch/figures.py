@@ -19,7 +19,7 @@ ANGLES = (("hip", "flexion"), ("knee", "flexion"), ("ankle", "dorsiflexion"))
 SIDES = ("left", "right")
 
 
-def figures_of(recording: Recording) -> dict[str, Any]:
+def recording_figures(recording: Recording) -> dict[str, Any]:
     """Of the recording and of the first person's walk; gait is left out where they do not walk.
 
     ``cycle_SIDE_JOINT_ANGLE_deg`` are lists of 101 values over the gait cycle.

@@ -15,13 +15,13 @@ from posefuse.formats.page import write_page
 from posefuse.foundation.atomic import atomic_file, write_text
 from posefuse.foundation.growing import GrowingFolder, growing_folder
 from posefuse.foundation.output_folder import check_replaceable
-from posefuse.foundation.places import check_apart
+from posefuse.foundation.places import check_outside_inputs
 from posefuse.pipeline.writing import build_sinks
 
 from .cluster import outcomes_on_cluster
 from .page import study_page
 from .processes import Processes, default_jobs
-from .tasks import Outcome, Task, config_of_trial, made_with
+from .tasks import Outcome, Task, config_of_trial, trial_digest
 from .trials import Trial, find_trials
 
 COMMAND = "batch"
@@ -82,7 +82,7 @@ def run_study(
     """
     build_sinks(formats)
     trials = find_trials(study)
-    check_apart(out, [study])
+    check_outside_inputs(out, [study])
     folder = growing_folder(out, command=COMMAND, names=[TABLE_FILE, PAGE_FILE, *(_outcome_file(trial) for trial in trials)])
     tasks = [_task(trial, folder.folder, tuple(formats), settings, report) for trial in trials]
     done = _complete(folder.folder, tasks, replace)
@@ -116,7 +116,7 @@ def _task(trial: Trial, out: Path, formats: tuple[str, ...], settings: Mapping[s
         formats=formats,
         settings=settings,
         report=report,
-        made_with=made_with(trial, formats, settings, report),
+        made_with=trial_digest(trial, formats, settings, report),
     )
 
 

@@ -24,7 +24,7 @@ from posefuse.pipeline.session import Session, find_session
 from posefuse.pipeline.store import unfinished_work
 from posefuse.pipeline.writing import build_sinks
 
-from .figures import figures_of
+from .figures import recording_figures
 from .trials import Trial
 
 REPORT_FOLDER = "biomechanics"
@@ -50,7 +50,7 @@ class Task(_Message):
 
     Attributes:
         name, session, rig: of the trial. out: result folder. formats: outputs. settings: changes by dotted key.
-        report: write the report, too. made_with: what the result depends on, see `made_with`.
+        report: write the report, too. made_with: what the result depends on, see `trial_digest`.
     """
 
     name: str
@@ -109,7 +109,7 @@ def _figures(task: Task, warnings: list[str], progress: Progress) -> dict[str, A
     recording = _tracked(session, config, out, warnings.append, progress)
     if task.report:
         _write_report(recording, out, task.name, warnings, progress)
-    return figures_of(recording)
+    return recording_figures(recording)
 
 
 def _tracked(session: Session, config: TrackConfig, out: Path, warn: Callable[[str], None], progress: Progress) -> Recording:
@@ -149,7 +149,7 @@ def config_of_trial(session: Path, rig: str | None, settings: Mapping[str, Any])
     return changed_config(read_config(path if path.is_file() else None, ()), {**named, **settings})
 
 
-def made_with(trial: Trial, formats: tuple[str, ...], settings: Mapping[str, Any], report: bool) -> str:
+def trial_digest(trial: Trial, formats: tuple[str, ...], settings: Mapping[str, Any], report: bool) -> str:
     """A digest of what a result depends on: version, settings, and name, size and date of every file of the session."""
     files = sorted(path for path in trial.session.rglob("*") if path.is_file())
     listed = [[path.relative_to(trial.session).as_posix(), path.stat().st_size, path.stat().st_mtime_ns] for path in files]

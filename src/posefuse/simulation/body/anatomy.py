@@ -93,7 +93,7 @@ def keypoint_moments(mesh: RestMesh) -> tuple[Array, Array]:
     return share, moment
 
 
-def segment_frames(mesh: RestMesh) -> tuple[Array, Array]:
+def rest_segment_frames(mesh: RestMesh) -> tuple[Array, Array]:
     """Rest frames of `SEGMENTS`: axes (S, 3, 3) as columns X, Y, Z, and origins (S, 3)."""
     points = rest_keypoints(mesh)
     level = np.stack([_FORWARD, _UP, _RIGHT], axis=1)

@@ -49,7 +49,7 @@ def joint_segments(joint: str) -> tuple[str, str]:
     return (proximal if proximal in ("pelvis", "thorax") else f"{side}_{proximal}"), f"{side}_{distal}"
 
 
-def joint_angles(rotation_world: Array) -> Array:
+def joint_angles_from_rotations(rotation_world: Array) -> Array:
     """Angles (..., J, 3) in radians of `JOINTS` from segment rotations world_from_segment (..., S, 3, 3)."""
     columns = []
     for joint in JOINTS:

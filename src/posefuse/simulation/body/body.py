@@ -11,8 +11,8 @@ from posefuse.core import SE3
 from posefuse.core.arrays import Array
 
 from . import anatomy
-from .angles import SEGMENTS, joint_angles
-from .colours import GROUPS, colour_groups, completed
+from .angles import SEGMENTS, joint_angles_from_rotations
+from .colours import GROUPS, colour_groups, completed_shape
 from .mesh import rest_mesh
 from .settings import BodyShapeSettings
 
@@ -114,7 +114,7 @@ class SimulatedBody:
     def angles(self, world_from_bone: Array) -> Array:
         """(T, J, 3) angles in radians of `JOINTS`, named by `ANGLE_NAMES`; see `angles` for sequences and signs."""
         moved = self.moved_from_rest(world_from_bone)[:, self.segment_bone]
-        return joint_angles(moved[..., :3, :3] @ self.segment_axes)
+        return joint_angles_from_rotations(moved[..., :3, :3] @ self.segment_axes)
 
 
 def build_body(settings: BodyShapeSettings) -> SimulatedBody:
@@ -123,9 +123,9 @@ def build_body(settings: BodyShapeSettings) -> SimulatedBody:
     Raises:
         ConfigError: a stature or weight the body model cannot take. DependencyError: the extra is missing.
     """
-    decided = completed(settings)
+    decided = completed_shape(settings)
     mesh = rest_mesh(decided)
-    axes, origin = anatomy.segment_frames(mesh)
+    axes, origin = anatomy.rest_segment_frames(mesh)
     share, moment = anatomy.keypoint_moments(mesh)
     group, colours = colour_groups(mesh, decided)
     return SimulatedBody(

@@ -27,7 +27,7 @@ _FEET = ("foot", "toe")
 _TORSO = ("spine", "clavicle", "shoulder", "upperarm")
 
 
-def completed(settings: BodyShapeSettings) -> BodyShapeSettings:
+def completed_shape(settings: BodyShapeSettings) -> BodyShapeSettings:
     """The same settings with nothing left open but the weight; the same seed always decides the same."""
     drawn = _average() if settings.random_seed is None else _drawn(settings.random_seed)
     given = {k: v for k in drawn if (v := getattr(settings, k, None)) is not None}

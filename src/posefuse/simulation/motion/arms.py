@@ -11,7 +11,7 @@ from posefuse.core.arrays import Array
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.simulation.body import SimulatedBody
 
-from .limbs import bend_arm, forearm_and_hand, lengths_m, unit
+from .limbs import bend_arm, forearm_and_hand, lengths_m, unit_vectors
 from .posture import BodyPosture, bones_of
 from .settings import HandPathSettings, ReachSettings
 from .standing import EASY_PRONATION_RAD, SIDES, Ease, Footing, easy_arm, leaned, minimum_jerk
@@ -83,7 +83,7 @@ def _with_wrist_at(body: SimulatedBody, easy: BodyPosture, side: str, wanted: Ar
     lengths = lengths_m(body, side, "arm")
     thorax = axes["thorax"]
     outward = thorax[..., 2] * (1.0 if side == "right" else -1.0)
-    elbow_side = unit(-thorax[..., 1] * 0.9 + outward * 0.45 - thorax[..., 0] * 0.3)
+    elbow_side = unit_vectors(-thorax[..., 1] * 0.9 + outward * 0.45 - thorax[..., 0] * 0.3)
     pronation = np.full(len(wanted), _HAND_PRONATION_RAD)
     posture = easy
     for _ in range(_GIRDLE_ROUNDS):
@@ -121,10 +121,10 @@ def _reaching_arm(body: SimulatedBody, axes: dict[str, Array], side: str, out: A
     wrist = hanging + out[:, None] * (there - hanging) + ahead * 0.5
     start = np.zeros_like(wrist)
     outward = thorax[..., 2] * (1.0 if side == "right" else -1.0)
-    elbow_side = unit(-thorax[..., 1] * 0.9 + outward * 0.45 - thorax[..., 0] * (1.2 - out)[:, None])
+    elbow_side = unit_vectors(-thorax[..., 1] * 0.9 + outward * 0.45 - thorax[..., 0] * (1.2 - out)[:, None])
     upper, _ = bend_arm(start, wrist, elbow_side, lengths)
     middle = -lengths[0] * upper[..., 1]
-    bend = np.arccos(np.clip(np.sum(unit(wrist - middle) * unit(middle), axis=-1), -1, 1))
+    bend = np.arccos(np.clip(np.sum(unit_vectors(wrist - middle) * unit_vectors(middle), axis=-1), -1, 1))
     pronation = EASY_PRONATION_RAD + (np.deg2rad(110) - EASY_PRONATION_RAD) * out
     forearm, hand = forearm_and_hand(body, side, upper, bend, pronation)
     return {f"{side}_upper_arm": upper, f"{side}_forearm": forearm, f"{side}_hand": hand}
@@ -134,7 +134,7 @@ def _target(seed: int, cycle: int, side: str) -> Array:
     """(3,) of one reach, in arm lengths from the shoulder in thorax axes: ahead, between waist and eyes."""
     rng = np.random.default_rng([seed, cycle & 0xFFFFFFFF])
     across = rng.uniform(-0.35, 0.4) * (1.0 if side == "right" else -1.0)
-    direction = unit(np.array([1.0, rng.uniform(-0.45, 0.35), across]))
+    direction = unit_vectors(np.array([1.0, rng.uniform(-0.45, 0.35), across]))
     return direction * rng.uniform(0.78, 0.93)
 
 

@@ -11,19 +11,19 @@ from posefuse.simulation.body import SimulatedBody, rotation_of
 _STRAIGHTEST = 1 - 1e-6
 
 
-def unit(vector: Array) -> Array:
+def unit_vectors(vector: Array) -> Array:
     """Vectors (..., 3) scaled to length 1."""
     return np.asarray(vector / np.linalg.norm(vector, axis=-1, keepdims=True))
 
 
 def normal_part(vector: Array, along: Array) -> Array:
     """The direction (..., 3) of what vectors have at a right angle to the unit vectors `along`."""
-    return unit(vector - np.sum(vector * along, axis=-1, keepdims=True) * along)
+    return unit_vectors(vector - np.sum(vector * along, axis=-1, keepdims=True) * along)
 
 
 def frame_along(y: Array, towards_z: Array) -> Array:
     """(..., 3, 3) columns X, Y, Z with Y along `y` exactly and Z as near `towards_z` as that allows."""
-    y = unit(y)
+    y = unit_vectors(y)
     return _frame(y, normal_part(towards_z, y))
 
 
@@ -58,9 +58,9 @@ def _bent(start: Array, end: Array, bulge: Array, lengths: tuple[float, float], 
     sine = np.sqrt(np.maximum(1 - cosine**2, 0.0))
     middle = upper * (cosine[..., None] * along + sine[..., None] * aside)
     y_upper = -middle / upper
-    y_lower = unit(middle - distance[..., None] * along)
+    y_lower = unit_vectors(middle - distance[..., None] * along)
     # the knee bulges forward (anterior), the elbow backward; Z = X x Y with X anterior
-    z = unit(np.cross(aside if knee else -aside, -along))
+    z = unit_vectors(np.cross(aside if knee else -aside, -along))
     return _frame(y_upper, z), _frame(y_lower, z)
 
 

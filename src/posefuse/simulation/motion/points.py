@@ -21,7 +21,7 @@ from posefuse.formats.recording import read_recording
 from posefuse.formats.trc import read_trc
 from posefuse.simulation.body import SEGMENTS, SimulatedBody
 
-from .limbs import forearm_and_hand, frame_along, lengths_m, normal_part, unit
+from .limbs import forearm_and_hand, frame_along, lengths_m, normal_part, unit_vectors
 from .sampled import Sampled, on_floor
 from .settings import ResultSettings, TrcSettings
 
@@ -40,7 +40,7 @@ def from_trc(body: SimulatedBody, settings: TrcSettings) -> Sampled:
     """A TRC file as a motion of this body; raises InputError naming the file and the markers that are missing."""
     data = read_trc(Path(settings.file))
     xyz = data.xyz_world if settings.up == "y" else data.xyz_world[..., [1, 2, 0]]
-    return fitted(body, data.t_s, _named(data.names, xyz, settings.file), settings)
+    return motion_from_points(body, data.t_s, _named(data.names, xyz, settings.file), settings)
 
 
 def from_result(body: SimulatedBody, settings: ResultSettings) -> Sampled:
@@ -53,10 +53,10 @@ def from_result(body: SimulatedBody, settings: ResultSettings) -> Sampled:
         raise InputError(f"{settings.file}: person: no person {settings.person}; there are: {choices(map(str, poses.person_id))}")
     place = int(np.argmax(seen)) if settings.person is None else int(np.flatnonzero(poses.person_id == settings.person)[0])
     points = _named(poses.skeleton.keypoints, poses.xyz_world[:, place], settings.file)
-    return fitted(body, (poses.t_ns - poses.t_ns[0]) * 1e-9, points, settings)
+    return motion_from_points(body, (poses.t_ns - poses.t_ns[0]) * 1e-9, points, settings)
 
 
-def fitted(body: SimulatedBody, t_s: Array, points: Points, settings: TrcSettings | ResultSettings) -> Sampled:
+def motion_from_points(body: SimulatedBody, t_s: Array, points: Points, settings: TrcSettings | ResultSettings) -> Sampled:
     """The motion of this body that follows keypoints, each (T, 3) in world metres."""
     if len(t_s) < 2:
         raise InputError(f"{settings.file}: expected at least 2 time steps, got {len(t_s)}")
@@ -140,7 +140,7 @@ def _turned(body: SimulatedBody, segment: str, now: Array, at_rest: Array) -> Ar
 def _trunk(points: Points, across: str) -> Array:
     up = _middle(points, "left_shoulder", "right_shoulder") - _middle(points, "left_hip", "right_hip")
     right = points[f"right_{across}"] - points[f"left_{across}"]
-    return frame_along(up - np.sum(up * unit(right), axis=-1, keepdims=True) * unit(right), right)
+    return frame_along(up - np.sum(up * unit_vectors(right), axis=-1, keepdims=True) * unit_vectors(right), right)
 
 
 def _head(body: SimulatedBody, points: Points, rest: Points, thorax: Array) -> Array:
@@ -166,7 +166,7 @@ def _blended(along: Array, above: Array, plane: Array, bend_sine: Array) -> Arra
 
 def _leg(body: SimulatedBody, points: Points, rest: Points, side: str, pelvis: Array) -> Points:
     hip, knee, ankle = (points[f"{side}_{p}"] for p in ("hip", "knee", "ankle"))
-    thigh, shank = unit(hip - knee), unit(knee - ankle)
+    thigh, shank = unit_vectors(hip - knee), unit_vectors(knee - ankle)
     # of a knee bent backwards the normal looks to the right
     normal = np.cross(shank, thigh)
     sine = np.sum(normal * pelvis[..., 2], axis=-1).clip(0.0)
@@ -189,7 +189,7 @@ def _leg(body: SimulatedBody, points: Points, rest: Points, side: str, pelvis: A
 
 def _arm(body: SimulatedBody, points: Points, side: str, thorax: Array) -> Points:
     shoulder, elbow, wrist = (points[f"{side}_{p}"] for p in ("shoulder", "elbow", "wrist"))
-    upper, lower = unit(shoulder - elbow), unit(elbow - wrist)
+    upper, lower = unit_vectors(shoulder - elbow), unit_vectors(elbow - wrist)
     normal = np.cross(upper, lower)
     sine = np.linalg.norm(normal, axis=-1)
     # the hinge axis an arm has that was lifted to where it is by the shortest way from hanging

@@ -39,8 +39,8 @@ def bones_of(body: SimulatedBody, posture: BodyPosture) -> Array:
     """world_from_bone (T, B, 4, 4) of a posture."""
     turn = {name: posture.axes_world[name] @ _rest_axes(body, name).T for name in SEGMENTS}
     bones = {"root": turn["pelvis"]}
-    bones |= {bone: between(turn["pelvis"], turn["thorax"], part) for bone, part in _SPINE.items()}
-    bones |= {bone: between(turn["thorax"], turn["head"], part) for bone, part in _NECK.items()}
+    bones |= {bone: slerp(turn["pelvis"], turn["thorax"], part) for bone, part in _SPINE.items()}
+    bones |= {bone: slerp(turn["thorax"], turn["head"], part) for bone, part in _NECK.items()}
     for i, (side, letter) in enumerate(_SIDES.items()):
         limb = {part: turn[f"{side}_{part}"] for part in ("upper_arm", "forearm", "hand", "thigh", "shank", "foot")}
         bones[f"clavicle.{letter}"] = _girdle(posture, turn["thorax"], side)
@@ -57,7 +57,7 @@ def bones_of(body: SimulatedBody, posture: BodyPosture) -> Array:
     return body.pose(bones, posture.centre_world)
 
 
-def between(first: Array, second: Array, part: float) -> Array:
+def slerp(first: Array, second: Array, part: float) -> Array:
     """Rotations (T, 3, 3) that have made `part` of the way from `first` to `second`, along the shortest turn."""
     step = Rotation.from_matrix(np.swapaxes(first, -1, -2) @ second).as_rotvec() * part
     return np.asarray(first @ Rotation.from_rotvec(step).as_matrix())

@@ -20,7 +20,7 @@ from posefuse.formats.bvh import BvhData, read_bvh
 from posefuse.simulation.body import SimulatedBody
 from posefuse.simulation.body.angles import turn
 
-from .limbs import frame_along, lengths_m, unit
+from .limbs import frame_along, lengths_m, unit_vectors
 from .sampled import Sampled, on_floor
 from .settings import BvhSettings
 
@@ -129,7 +129,7 @@ def _rest_axes(rest: Array, joints: dict[str, int], file: str) -> Array:
     right = right - (right @ up) * up
     if np.linalg.norm(right) < 1e-9:
         raise InputError(f"{file}: broken hierarchy: expected the thighs side by side in the rest pose, got them in one place")
-    right = unit(right)
+    right = unit_vectors(right)
     return np.stack([np.cross(up, right), up, right], axis=1)
 
 
@@ -154,7 +154,7 @@ def _segment_frames(rest: Array, joints: dict[str, int], axes: Array, data: BvhD
         thumb_ahead = ahead if side == "right" else -ahead
         for part in ("thigh", "shank", "upper_arm", "forearm"):
             joint, child = joints[f"{side}_{part}"], joints[f"{side}_{_CHILD[part]}"]
-            along = unit(rest[joint] - rest[child])
+            along = unit_vectors(rest[joint] - rest[child])
             z = thumb_ahead if part == "forearm" else np.cross(ahead, along)
             frames[f"{side}_{part}"] = (joint, frame_along(along, z))
             if part == "forearm":

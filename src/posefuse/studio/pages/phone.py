@@ -11,7 +11,7 @@ from nicegui import ui
 from posefuse.studio.live_link import LIVE
 from posefuse.studio.pages.live_parts import health_line
 from posefuse.studio.scene.view import CameraTile, RigScene
-from posefuse.studio.shell import light, plain
+from posefuse.studio.shell import apply_style, light
 from posefuse.studio.state import Studio
 
 _REFRESH_S = 0.7
@@ -19,7 +19,7 @@ _REFRESH_S = 0.7
 
 def build(studio: Studio) -> None:
     """Place the page; it has no link to any other."""
-    plain()
+    apply_style()
     with ui.column().classes("pf-page pf-phone").props('role="main"'):
         with ui.row().classes("items-center w-full no-wrap"):
             ui.label("posefuse").classes("pf-h1")

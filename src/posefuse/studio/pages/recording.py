@@ -13,7 +13,7 @@ from posefuse.core.joint_angles import angle_labels
 from posefuse.studio.edit_card import EditCard
 from posefuse.studio.job_cards import job_cards
 from posefuse.studio.output_card import output_card
-from posefuse.studio.player import ResultPlayer, joint_angles, open_recording
+from posefuse.studio.player import ResultPlayer, load_joint_angles, open_recording
 from posefuse.studio.scene.view import VIEWS, CameraTile, RigScene
 from posefuse.studio.shell import card, light, title, words
 from posefuse.studio.state import Studio
@@ -64,7 +64,7 @@ def build(studio: Studio, name: str) -> None:
         with place:
             elements = _Recording(studio, name, player, stream)
         player.start()
-        joints = await joint_angles(path)
+        joints = await load_joint_angles(path)
         if not client.is_deleted:
             elements.show_angles(joints)
 

@@ -22,7 +22,7 @@ from posefuse.simulation.planning import (
 )
 from posefuse.simulation.scene import Scene
 from posefuse.studio.job_cards import job_cards
-from posefuse.studio.plan_view import BEST_MM, WORST_MM, RoomMap, cameras_svg, heat_picture, nearest_camera
+from posefuse.studio.plan_view import BEST_MM, WORST_MM, RoomMap, cameras_svg, error_map_data_url, nearest_camera
 from posefuse.studio.scene.messages import setup_message
 from posefuse.studio.scene.setup import scene_setup
 from posefuse.studio.scene.view import RigScene
@@ -216,7 +216,7 @@ class _Plan:
             self._stream.publish("setup", setup_message(scene_setup(rig_of_scene(scene))), keep=True)
             step_m = _COARSE_M if self._dragged else _FINE_M
             plan = await asyncio.to_thread(lambda: pf.plan(scene, area_m=room.size_m, step_m=step_m))
-            self._map.set_source(heat_picture(plan, room))
+            self._map.set_source(error_map_data_url(plan, room))
             self._show_figures(plan)
         except PosefuseError as error:
             refused(error)

@@ -48,19 +48,19 @@ _ELLIPSOIDS = 1
 _LARGEST_M = 0.5
 
 
-def header(kind: int, t_s: float) -> bytes:
+def packed_header(kind: int, t_s: float) -> bytes:
     """The first 16 bytes."""
     return HEADER.pack(b"PF", VERSION, kind, 0, t_s)
 
 
 def setup_message(setup: Mapping[str, Any]) -> bytes:
     """What stays: see `setup.scene_setup`."""
-    return header(SETUP, 0.0) + json.dumps(setup, allow_nan=False).encode()
+    return packed_header(SETUP, 0.0) + json.dumps(setup, allow_nan=False).encode()
 
 
 def labels_message(names: Mapping[int, str]) -> bytes:
     """People's names by id."""
-    return header(LABELS, 0.0) + json.dumps({str(person): name for person, name in names.items()}).encode()
+    return packed_header(LABELS, 0.0) + json.dumps({str(person): name for person, name in names.items()}).encode()
 
 
 def poses_message(
@@ -76,17 +76,17 @@ def poses_message(
     colours = np.zeros((people, 4), np.uint8) if rgba is None else np.asarray(rgba, np.uint8).reshape(people, 4)
     ids = np.ascontiguousarray(person_id, "<u4").view(np.uint8).reshape(people, 4)
     parts = [
-        header(POSES, t_s),
+        packed_header(POSES, t_s),
         struct.pack("<HHI", people, keypoints, _ELLIPSOIDS if cov_world is not None else 0),
         np.hstack([ids, colours]).tobytes(),
         np.ascontiguousarray(xyz_world, "<f4").tobytes(),
     ]
     if cov_world is not None:
-        parts.append(np.ascontiguousarray(ellipsoids(cov_world), "<f4").tobytes())
+        parts.append(np.ascontiguousarray(ellipsoid_factors(cov_world), "<f4").tobytes())
     return b"".join(parts)
 
 
-def ellipsoids(cov: Array, sigmas: float = 2.0) -> Array:
+def ellipsoid_factors(cov: Array, sigmas: float = 2.0) -> Array:
     """(..., 3, 3) lower triangular L with ``L L^T = sigmas^2 cov``; NaN for covariances that are unknown or too large to draw."""
     scaled = np.asarray(cov, float) * sigmas**2
     diagonal = np.diagonal(scaled, axis1=-2, axis2=-1)
@@ -123,13 +123,13 @@ def image_message(
     colours = np.zeros((len(fused), 4), np.uint8)
     colours[: len(rgba)] = np.asarray(rgba, np.uint8).reshape(-1, 4)
     points = [np.ascontiguousarray(one, "<f4").tobytes() for one in (seen, fused)]
-    return b"".join([header(IMAGE, t_s), counts, colours.tobytes(), *points, jpeg])
+    return b"".join([packed_header(IMAGE, t_s), counts, colours.tobytes(), *points, jpeg])
 
 
 def values_message(t_s: float, values: Array, sigmas: Array) -> bytes:
     """Values (V,) of the plots with their standard deviations, NaN where unknown."""
     both = np.stack([values, sigmas], axis=-1)
-    return header(VALUES, t_s) + struct.pack("<I", len(both)) + np.ascontiguousarray(both, "<f4").tobytes()
+    return packed_header(VALUES, t_s) + struct.pack("<I", len(both)) + np.ascontiguousarray(both, "<f4").tobytes()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -152,11 +152,11 @@ def mesh_message(slot: int, revision: int, skin: Skin) -> bytes:
     counts = (slot, revision, len(skin.vertices), len(skin.joint_from_mesh), len(skin.faces), 0)
     floats = [np.ascontiguousarray(one, "<f4").tobytes() for one in (skin.vertices, skin.weight)]
     whole = [np.ascontiguousarray(one, "<u2").tobytes() for one in (skin.joint, skin.faces)]
-    return b"".join([header(MESH, 0.0), struct.pack("<HHHHII", *counts), *floats, *whole])
+    return b"".join([packed_header(MESH, 0.0), struct.pack("<HHHHII", *counts), *floats, *whole])
 
 
 def bodies_message(t_s: float, bodies: Sequence[PlacedBody]) -> bytes:
     """All meshes of one time step."""
     people = [struct.pack("<IHHI4B", one.person, one.slot, one.revision, len(one.world_from_mesh), *one.rgba) for one in bodies]
     places = [np.ascontiguousarray(one.world_from_mesh, "<f4").tobytes() for one in bodies]
-    return b"".join([header(BODIES, t_s), struct.pack("<I", len(bodies)), *people, *places])
+    return b"".join([packed_header(BODIES, t_s), struct.pack("<I", len(bodies)), *people, *places])

@@ -11,7 +11,7 @@ from posefuse.core import Rig, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.outputs.drawing import bone_colours, keypoint_colours
 
-from .messages import ellipsoids
+from .messages import ellipsoid_factors
 
 # how far in front of a camera its image is drawn
 _FRUSTUM_M = 0.35
@@ -56,7 +56,7 @@ def _camera(camera: Any, faulty: bool, cov: Array | None) -> dict[str, Any]:
     # all corners in one plane, as far as the middle of the image
     axis = camera.cam_from_world.matrix()[2]
     places = camera.centre_world + rays * (_FRUSTUM_M / (rays @ axis))[:, None]
-    shape = None if cov is None else ellipsoids(np.asarray(cov))
+    shape = None if cov is None else ellipsoid_factors(np.asarray(cov))
     return {
         "name": camera.name,
         "centre": np.round(camera.centre_world, 4).tolist(),

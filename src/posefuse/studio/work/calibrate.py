@@ -17,9 +17,9 @@ from posefuse.api.calibration_results import IntrinsicsCalibration, RigCalibrati
 from posefuse.calibration.extrinsics.floor import FloorMarker
 from posefuse.calibration.report import CalibrationReport, RefusedCalibration
 from posefuse.calibration.targets.description import read_target
-from posefuse.calibration.targets.recordings import check_seen, open_sources
+from posefuse.calibration.targets.recordings import open_sources, require_target_seen
 from posefuse.core import InputError
-from posefuse.studio.jobs import read_json, write_json
+from posefuse.studio.jobs import read_json_or_empty, write_json
 from posefuse.studio.refusal_pictures import refusal_pictures
 from posefuse.studio.targets import FLOOR_ID, without_floor
 from posefuse.studio.workspace import StudioWorkspace
@@ -53,7 +53,7 @@ def _pictures(
     result: Mapping[str, Any], videos: Mapping[str, Path], target: Path, workspace: StudioWorkspace, arguments: Mapping[str, Any]
 ) -> dict[str, str]:
     """By camera, names of images of what was refused."""
-    coverage = read_json(workspace.existing(str(arguments["recording"])) / "coverage.json")
+    coverage = read_json_or_empty(workspace.existing(str(arguments["recording"])) / "coverage.json")
     folder = workspace.existing(str(arguments["folder"])) / "refused"
     made = refusal_pictures(result, videos, target, folder, coverage)
     return {camera: workspace.name_of(path) for camera, path in made.items()}
@@ -80,7 +80,7 @@ def _extrinsics(
     lenses = folder / LENSES
     kind = read_target(target)
     seen = observe_target(videos, target=kind, every=_EVERY, progress=progress)
-    check_seen(seen.rows(seen.patch != FLOOR_ID), open_sources(videos), without_floor(kind))
+    require_target_seen(seen.rows(seen.patch != FLOOR_ID), open_sources(videos), without_floor(kind))
     on_floor = len(seen.of_patches([FLOOR_ID])) > 0 and without_floor(kind) != kind
     found: RigCalibration = calibrate_extrinsics(
         seen,

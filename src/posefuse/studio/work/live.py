@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.api.live import LiveSession, session_of
+from posefuse.api.live import LiveSession, build_live_session
 from posefuse.core import Detections2D, JointAngles, LivePreview, Pose3D, PosefuseError, Rig, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.core.joint_angles import angle_labels
@@ -43,7 +43,7 @@ def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any)
     changes |= network_settings(networks) if networks else {}
     inputs = inputs_of_setup(workspace, setup, rig)
     rig = rig.only(entry.camera for entry in inputs)
-    session = session_of(rig, inputs, changed_config(LiveConfig(), changes), progress=progress)
+    session = build_live_session(rig, inputs, changed_config(LiveConfig(), changes), progress=progress)
     shown = _Shown(session, rig, workspace, progress)
     session.on_image = shown.image
     progress("start", 0, None, "starting the cameras and the network")

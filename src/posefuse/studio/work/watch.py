@@ -20,7 +20,7 @@ import numpy as np
 from posefuse.calibration.targets.coverage import coverage_picture
 from posefuse.calibration.targets.description import read_target
 from posefuse.calibration.targets.detection import TargetDetector
-from posefuse.calibration.targets.guidance import Guidance, seen, start
+from posefuse.calibration.targets.guidance import Guidance, new_guidance, seen
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.outputs.drawing import jpeg_of, shrunk_wh
@@ -97,7 +97,7 @@ class _Watch:
 
     def __init__(self, feed: CameraFeed, detector: TargetDetector | None, record: str, step: Step, lenses: bool) -> None:
         self.host = Host(lambda name, values: None, lambda on: None)
-        self.guidance: Guidance = start(feed.cameras)
+        self.guidance: Guidance = new_guidance(feed.cameras)
         self._feed, self._detector, self._record, self._step = feed, detector, record, step
         self._sizes_px: list[list[float]] | None = [[] for _ in feed.cameras] if lenses else None
         self._paces = [Pace(1 / IMAGES_HZ) for _ in feed.cameras]

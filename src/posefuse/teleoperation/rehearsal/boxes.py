@@ -11,10 +11,10 @@ import numpy as np
 from posefuse.core.arrays import Array
 from posefuse.teleoperation.gate import CameraReport
 from posefuse.teleoperation.heartbeats import Beat
-from posefuse.teleoperation.operator import Operator, OperatorNews, step
+from posefuse.teleoperation.operator import Operator, OperatorNews, step_operator
 from posefuse.teleoperation.robots.driver import Driver
 from posefuse.teleoperation.robots.mobile_manipulator import Thing, mobile_manipulator
-from posefuse.teleoperation.robots.mujoco_robot import MujocoRobot, model_of, placed
+from posefuse.teleoperation.robots.mujoco_robot import MujocoRobot, mujoco_model, placed
 from posefuse.teleoperation.settings import MappingSettings, RobotSettings, TeleoperationSettings
 from posefuse.teleoperation.values import OperatorView, Phase
 
@@ -151,7 +151,7 @@ class BoxStage:
         """With a task of the first `boxes`."""
         settings = TeleoperationSettings(mapping=MappingSettings(scale=SCALE), robot=RobotSettings(position_xy_m=BASE_XY_M))
         place = placed(settings.robot.position_xy_m, settings.robot.heading_deg)
-        model = model_of(None, settings.hands, mobile_manipulator(settings.hands, things()))
+        model = mujoco_model(None, settings.hands, mobile_manipulator(settings.hands, things()))
         robot = MujocoRobot(model, ["right_hand"], settings.limits, place)
         driver = Driver(robot, settings)
         return BoxStage(robot, driver, settings, script(place.inverse() @ driver.posture.xyz_world[0], boxes))
@@ -191,7 +191,7 @@ def move_boxes(
         beats = (Beat(seq=k, sent_ns=now_ns, grip=bool(plan.grip[i])),) if k > rest - _PRESSED else ()
         news = OperatorNews(view=view, beats=beats, cameras=CameraReport(t_ns=now_ns, healthy=4, total=4), robot=state)
         before = operator.gate.phase
-        operator, order = step(operator, news, now_ns, settings)
+        operator, order = step_operator(operator, news, now_ns, settings)
         holds += operator.gate.phase is Phase.HOLD and before is Phase.ENGAGED
         state = driver.step([order] if order else [], now_ns)
         if i:

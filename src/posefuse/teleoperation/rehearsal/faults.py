@@ -17,7 +17,7 @@ import numpy as np
 from posefuse.core.arrays import Array
 from posefuse.teleoperation.gate import CameraReport
 from posefuse.teleoperation.heartbeats import Beat
-from posefuse.teleoperation.operator import OperatorNews, step
+from posefuse.teleoperation.operator import OperatorNews, step_operator
 from posefuse.teleoperation.settings import TeleoperationSettings
 from posefuse.teleoperation.values import RobotState
 
@@ -68,7 +68,7 @@ def tick(world: World, active: set[str]) -> Array:
         gate_ns += world.clock_ns
     if "gate stalls" not in active or rng.random() < 0.05:
         news = _news(world, active, now_ns)
-        world.operator, order = step(world.operator, news, gate_ns, world.settings)
+        world.operator, order = step_operator(world.operator, news, gate_ns, world.settings)
         if order is not None:
             if "order not finite" in active:
                 order = replace(order, xyz_world=order.xyz_world * rng.choice([np.nan, np.inf, 1e300]))

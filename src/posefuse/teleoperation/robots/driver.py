@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from posefuse.teleoperation.follower import Follower, standing, stepped, with_order
+from posefuse.teleoperation.follower import Follower, standing, step_follower, with_order
 from posefuse.teleoperation.settings import TeleoperationSettings
 from posefuse.teleoperation.values import Order, RobotState
 
@@ -43,11 +43,11 @@ class Driver:
         if not link:
             follower = replace(follower, order=None)
         self._late += late
-        wanted = stepped(self._paced(follower), now_ns, dt_s, settings, may_move=not self.posture.fault, left_out=left_out)
+        wanted = step_follower(self._paced(follower), now_ns, dt_s, settings, may_move=not self.posture.fault, left_out=left_out)
         if wanted.order is not follower.order:
             wanted = replace(wanted, order=follower.order)
         if not self._robot.reaches(_goal(wanted), dt_s) and not wanted.limited:
-            wanted = stepped(follower, now_ns, dt_s, settings, may_move=False, left_out=left_out)
+            wanted = step_follower(follower, now_ns, dt_s, settings, may_move=False, left_out=left_out)
             self._robot.reaches(_goal(wanted), dt_s)
         self._robot.carry_out(_goal(wanted), dt_s)
         self.posture = self._robot.posture()

@@ -125,7 +125,7 @@ def _drive(model: Any, joint: int, name: str) -> tuple[int, float]:
     raise ConfigError(f"robot: joint {name!r} has no actuator; expected <position joint={name!r} .../>")
 
 
-def model_of(file: Path | None, hands: Sequence[str], text: str | None = None) -> Any:
+def mujoco_model(file: Path | None, hands: Sequence[str], text: str | None = None) -> Any:
     """The MuJoCo model of an MJCF file or text; of our own robot without one. Raises ConfigError for what is none."""
     try:
         import mujoco

@@ -76,14 +76,14 @@ def run_robot(channel: Channel, plan: RobotPlan) -> None:
 
 def built(plan: RobotPlan) -> Robot:
     """The robot of a plan."""
-    from .mujoco_robot import MujocoRobot, model_of, placed
+    from .mujoco_robot import MujocoRobot, mujoco_model, placed
 
     if plan.command is not None:
         from .ros_robot import open_ros_robot
 
         return open_ros_robot(plan.command, plan.ros or RosPlan(), plan.model, plan.frames, plan.settings)
     place = placed(plan.settings.robot.position_xy_m, plan.settings.robot.heading_deg)
-    robot = MujocoRobot(model_of(plan.model, plan.settings.hands, plan.scene), plan.frames, plan.settings.limits, place)
+    robot = MujocoRobot(mujoco_model(plan.model, plan.settings.hands, plan.scene), plan.frames, plan.settings.limits, place)
     if plan.view:
         robot.open_viewer()
     return robot

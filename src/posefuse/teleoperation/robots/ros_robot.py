@@ -33,7 +33,7 @@ from posefuse.teleoperation.settings import LimitSettings, TeleoperationSettings
 
 from .chain import Chain
 from .ik import WholeBodyIk
-from .mujoco_robot import model_of, placed
+from .mujoco_robot import mujoco_model, placed
 from .protocol import Goal, Posture
 from .reports import RosPlan
 
@@ -63,7 +63,7 @@ def open_ros_robot(
             raise ConfigError(
                 "--command joints: expected --robot FILE.xml, the model of the robot; there is no other way to know its joints"
             )
-        robot = RosJoints(node, plan, Chain(model_of(model, settings.hands), frames), settings.limits, place)
+        robot = RosJoints(node, plan, Chain(mujoco_model(model, settings.hands), frames), settings.limits, place)
     else:
         robot = RosCartesian(node, plan, command, tuple(frames), place)
     end_s = time.monotonic() + _FIRST_S

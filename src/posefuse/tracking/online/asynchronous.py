@@ -187,7 +187,7 @@ class AsynchronousTracker:
         support, share = np.empty((len(self._people), len(rays))), np.empty((len(self._people), len(rays)))
         for n, person in enumerate(self._people):
             means, sigmas = person.expected(t_ns)
-            kernels.agreement(
+            kernels.person_agreement(
                 model.cameras[c], means, sigmas, rays.z, model.mirror, settings.tolerance_m, support[n], share[n]
             )  # fmt: skip
         support = np.where(share >= settings.min_share, support, 0.0)

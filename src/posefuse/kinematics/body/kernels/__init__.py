@@ -8,15 +8,40 @@ place, so that 3D points and the rays of all cameras enter the same normal equat
 
 from .algebra import inverse, solve_rows, times_transposed
 from .filter import absorb, add_point_variance, predict, smooth_step
-from .live import disagreement, moved_rays, ray_loss, stand, weighted_points
+from .live import moved_rays, ray_loss, stand, variance_factor, weighted_points
 from .measurements import ray_information
 from .newton import SeenKeypoints, descend, gauss_newton
 from .shape import length_information
-from .tree import BALL, HINGE, SLIDE, Tree, derivative, difference, exp3, forward, keypoints, log3, place, retract
+from .tree import BALL, HINGE, SLIDE, Tree, derivative, difference, exp3, forward_kinematics, keypoints, log3, place, retract
 
 __all__ = [
-    "BALL", "HINGE", "SLIDE", "SeenKeypoints", "Tree", "absorb", "add_point_variance", "derivative", "descend", "difference",
-    "disagreement", "exp3", "forward", "gauss_newton", "inverse", "keypoints", "length_information", "log3", "moved_rays",
-    "place", "predict", "ray_information", "ray_loss", "retract", "smooth_step", "solve_rows", "stand", "times_transposed",
+    "BALL",
+    "HINGE",
+    "SLIDE",
+    "SeenKeypoints",
+    "Tree",
+    "absorb",
+    "add_point_variance",
+    "derivative",
+    "descend",
+    "difference",
+    "exp3",
+    "forward_kinematics",
+    "gauss_newton",
+    "inverse",
+    "keypoints",
+    "length_information",
+    "log3",
+    "moved_rays",
+    "place",
+    "predict",
+    "ray_information",
+    "ray_loss",
+    "retract",
+    "smooth_step",
+    "solve_rows",
+    "stand",
+    "times_transposed",
+    "variance_factor",
     "weighted_points",
 ]  # fmt: skip

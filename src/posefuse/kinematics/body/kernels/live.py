@@ -44,7 +44,7 @@ def _missed(x, projection, xy, inverse_var):
 
 
 @kernel()
-def disagreement(points, projections, xy, inverse_var):
+def variance_factor(points, projections, xy, inverse_var):
     """(K,) by how much rays that meet near points (K, 3) are farther apart than stated, see `live.LiveRays`."""
     out = np.ones(len(points))
     for k in range(len(points)):

@@ -11,7 +11,7 @@ from posefuse.foundation.compiled import kernel
 
 from .algebra import solve_rows
 from .measurements import add, habits, point_information, ray_information
-from .tree import derivative, difference, forward, place, put_points, retract
+from .tree import derivative, difference, forward_kinematics, place, put_points, retract
 
 CONVERGED = 1e-5
 
@@ -65,7 +65,7 @@ def _equations(tree, expected, expected_information, preferred_sd, seen, robust,
     frame, origin = np.empty(rot.shape), np.empty((len(q), 3))
     columns, values = np.empty(len(slope), np.int64), np.empty((len(slope), 3))
     gradient, local_information = np.empty(3), np.empty((3, 3))
-    forward(parent, kind, axis, offset, q, rot, frame, origin)
+    forward_kinematics(parent, kind, axis, offset, q, rot, frame, origin)
     hessian[:] = expected_information
     slope[:] = -(expected_information @ difference(kind, dof, q, rot, q_expected, rot_expected))
     habits(kind, dof, preferred_sd, limits, mirrored, q, rot, hessian, slope)

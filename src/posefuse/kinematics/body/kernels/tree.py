@@ -70,7 +70,7 @@ def log3(r):
 
 
 @kernel()
-def forward(parent, kind, axis, offset, q, rot, frame, origin):
+def forward_kinematics(parent, kind, axis, offset, q, rot, frame, origin):
     """World rotation and origin of every node."""
     step = np.empty(3)
     turn = np.empty((3, 3))
@@ -117,7 +117,7 @@ def place(frame, origin, node, local):
 def put_points(tree, q, rot, out):
     """Fill the places (A, 3) of the tree's keypoints."""
     frame, origin = np.empty(rot.shape), np.empty((len(q), 3))
-    forward(tree.parent, tree.kind, tree.axis, tree.offset, q, rot, frame, origin)
+    forward_kinematics(tree.parent, tree.kind, tree.axis, tree.offset, q, rot, frame, origin)
     for p in range(len(out)):
         out[p] = place(frame, origin, tree.node[p], tree.local[p])
 
@@ -185,7 +185,7 @@ def difference(kind, dof, q, rot, q_from, rot_from):
 def keypoints(tree, q, rot, frame, origin, points, jacobians):
     """Places (A, 3) of the tree's keypoints and their derivatives (A, 3, D); leaves frames and origins of the nodes."""
     parent, kind, axis, offset, dof, _, _, node, local = tree
-    forward(parent, kind, axis, offset, q, rot, frame, origin)
+    forward_kinematics(parent, kind, axis, offset, q, rot, frame, origin)
     columns = np.empty(dof[-1], np.int64)
     values = np.empty((dof[-1], 3))
     jacobians[:] = 0.0

@@ -7,7 +7,7 @@ one view, and `StateParts`, the parts of the flat array that a person is kept as
 from .evidence import rays_of_person
 from .own_motion import CorrectionLimits, Prediction, Regression, WatchedKeypoints, anticipate, correct, learn
 from .pose import PoseRow, pose, where
-from .rays import agreement, measure
+from .rays import measure, person_agreement
 from .session import KeypointRays, Rules, SessionArrays
 from .sides import exchange_groups
 from .state import GROUPS, born, state_size
@@ -25,7 +25,6 @@ __all__ = [
     "SessionArrays",
     "ViewFigures",
     "WatchedKeypoints",
-    "agreement",
     "anticipate",
     "begin_again",
     "born",
@@ -33,6 +32,7 @@ __all__ = [
     "exchange_groups",
     "learn",
     "measure",
+    "person_agreement",
     "pose",
     "rays_of_person",
     "state_size",

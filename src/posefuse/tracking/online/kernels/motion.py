@@ -98,7 +98,7 @@ def mix(x, cov, share, stay, mixed_x, mixed_cov, mixed_share):
 
 
 @kernel()
-def forward(x, cov, f, q):
+def predict_model(x, cov, f, q):
     """One model's x (9,) and cov (9, 9) through f, q (3, 3) of every axis, in place."""
     f01, f02, f12, f22 = f[0, 1], f[0, 2], f[1, 2], f[2, 2]
     for a in range(3):

@@ -106,7 +106,7 @@ def measure(table, corner, spacing, xy, sigma, z, white):
 
 
 @kernel()
-def agreement(camera, means, sigmas, z, mirror, tolerance_m, support, share):
+def person_agreement(camera, means, sigmas, z, mirror, tolerance_m, support, share):
     """How well the person expected at means (K, 3) explains each of P detections z (P, K, 2): filled (P,), (P,).
 
     A keypoint supports by 1 less its squared miss at the body's depth over the tolerance (widened by what is uncertain);

@@ -10,7 +10,7 @@ import numpy as np
 from posefuse.foundation.compiled import kernel
 
 from .body import alone, centre_body, hold_depth, learn_bones, let_go_of_strays, start_missing
-from .motion import all_models, combined, forward, learn_liveliness, mix
+from .motion import all_models, combined, learn_liveliness, mix, predict_model
 from .rays import depth_row, expected, ray, squared, whitened
 from .sides import exchange_person, flipped_groups
 from .state import GROUPS, parts
@@ -108,7 +108,7 @@ def _carried_on(person, dt, session, means, spreads):
             mix(x[i], cov[i], share[i], stay, mixed_x, mixed_cov, mixed_share)
             whose = 1 if i == k else 0
             for j in range(m):
-                forward(mixed_x[j], mixed_cov[j], f[whose, j], q[whose, j])
+                predict_model(mixed_x[j], mixed_cov[j], f[whose, j], q[whose, j])
             x[i], cov[i], share[i] = mixed_x, mixed_cov, mixed_share
         combined(x[i], cov[i], share[i], means[i], spreads[i])
 
