@@ -27,7 +27,7 @@ AT_MOST_S = 300
 RUN, STORE, OUTPUTS = "posefuse.pipeline.run", "posefuse.pipeline.store", "posefuse.pipeline.writing"
 DETECTING = [STORE, "DetectionStore.append", 25]
 STORING = ["posefuse.formats.detection_log", "_write_all", 25]
-SOLVING = [RUN, "finish", 1]
+SOLVING = [RUN, "run_second_pass", 1]
 WRITING = [OUTPUTS, "write_recording", 1]
 EXPORTING = [OUTPUTS, "write_each", 1]
 
