@@ -79,14 +79,18 @@ def fit_views(
 ) -> BodyFit:
     """Fit each person's skeleton directly to the rays of all views: a joint seen by one camera still counts.
 
-    `views` are of the people and times of `sequence`, which gives the start, and segment lengths as medians over time. With
+    `views` are of the people and times of `sequence`, to which the bodies are fitted first (`fit_poses`): that is where rays
+    start, with segment lengths that are medians over time. With
     `lengths` as a prior they are then solved together with poses (`with_solved_lengths`), and a shoulder or hip without any 3D
     is no obstacle (`with_stand_ins`). Raises as `fit_poses`.
     """
     settings = settings or BodySettings()
     projections = rig.projections()
     start = sequence if lengths is None else with_stand_ins(sequence, lengths)
-    near_world = nearest_in_time(start)
+    if bodies is None:
+        bodies = bodies_from_poses(start, settings, joint_settings)
+    # keypoints of one body: among fused ones that do not belong together, rays may lead to a pose that explains only a few
+    near_world = nearest_in_time(fit_poses(start, settings, bodies, joint_settings).poses)
 
     def measured(i: int, n: int, at: Array) -> Measurement:
         xy, inverse_var = rays_of(
@@ -98,8 +102,6 @@ def fit_views(
         xyz, cov = near_world[i, n, at], start.cov_world[i, n, at]
         return Measurement(t_ns=int(sequence.t_ns[i]), xyz=xyz, cov=cov, projections=projections, xy=xy, inverse_var=inverse_var)
 
-    if bodies is None:
-        bodies = bodies_from_poses(start, settings, joint_settings)
     if lengths is not None:
         work = FrameBuffers(sequence.skeleton, joint_settings or JointSettings())
         steps = np.unique(np.linspace(0, len(sequence) - 1, settings.length_steps).astype(int)).tolist()
