@@ -18,6 +18,8 @@ from posefuse.kinematics.sides import SIDES
 
 SOLE, _FOOT = ("heel", "toe"), ("ankle", "heel", "toe")
 _SLOW_M_S = 0.25
+# speed is measured from so long before to so long after: from frame to frame it is noise, the more the faster the cameras
+_SPEED_OVER_S, _SAME_S = 0.1, 1e-3
 _LEAST_S = 0.15
 # of the height of a point: what counts as its lowest, and how much higher it may stand
 _LOWEST_PERCENT, _AS_LOW_M = 5.0, 0.03
@@ -73,7 +75,7 @@ def _stances(t_s: Array, xyz: Array) -> Iterator[slice]:
     known = np.isfinite(xyz).all(axis=-1)
     if known.sum() < 3 or len(t_s) < 3:
         return
-    speed = np.linalg.norm(np.gradient(xyz, t_s, axis=0), axis=-1)
+    speed = _speed_m_s(t_s, xyz)
     low = xyz[:, 2] < np.nanpercentile(xyz[:, 2], _LOWEST_PERCENT) + _AS_LOW_M
     stands = known & low & (np.nan_to_num(speed, nan=np.inf) < _SLOW_M_S)
     for begin, end in np.flatnonzero(np.diff(np.concatenate([[0], stands.astype(int), [0]]))).reshape(-1, 2):
@@ -82,3 +84,12 @@ def _stances(t_s: Array, xyz: Array) -> Iterator[slice]:
         lasts_s = t_s[end - 1] - t_s[begin]
         if lasts_s >= _LEAST_S and drift < min(_MOST_DRIFT_M, _MOST_DRIFT_M_S * lasts_s * 2 / 3):
             yield slice(int(begin), int(end))
+
+
+def _speed_m_s(t_s: Array, xyz: Array) -> Array:
+    """(T,) mean speed about each time step, over its neighbours at least."""
+    steps = np.arange(len(t_s))
+    before = np.minimum(np.searchsorted(t_s, t_s - _SPEED_OVER_S - _SAME_S), np.maximum(steps - 1, 0))
+    after = np.searchsorted(t_s, t_s + _SPEED_OVER_S + _SAME_S) - 1
+    after = np.maximum(after, np.minimum(steps + 1, len(t_s) - 1))
+    return np.asarray(np.linalg.norm(xyz[after] - xyz[before], axis=-1) / (t_s[after] - t_s[before]))
