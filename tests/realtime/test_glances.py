@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from no_source import NoSourceConfig
 
 from posefuse.core import Detections2D, Frame, Pose3D, Rig, Skeleton
 from posefuse.detection.build import DetectorChoice
@@ -46,22 +46,6 @@ class CountedPixels:
 
     def fingerprint(self, step: int) -> bytes:
         return b"same"
-
-
-class NoSource:
-    camera, size_wh = "cam00", (64, 48)
-
-    def frames(self):
-        return iter(())
-
-    def close(self) -> None:
-        """Nothing is open."""
-
-
-@dataclass(frozen=True)
-class NoSourceConfig:
-    def build(self) -> NoSource:
-        return NoSource()
 
 
 class SeesNoPerson:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from no_source import NoSourceConfig
 
 from posefuse.core import Detections2D, Frame, Pose3D, Rig
 from posefuse.core.skeleton import PAPER14
@@ -22,22 +22,6 @@ from posefuse.sources.arriving import Arrived
 PERIOD_NS = 1_000_000_000 // 30
 SKELETON = PAPER14
 NAMES = ("cam00", "cam01", "cam02")
-
-
-class NoSource:
-    size_wh = (64, 48)
-
-    def frames(self):
-        return iter(())
-
-    def close(self) -> None:
-        """Nothing is open."""
-
-
-@dataclass(frozen=True)
-class NoSourceConfig:
-    def build(self) -> NoSource:
-        return NoSource()
 
 
 class SlowDetector:

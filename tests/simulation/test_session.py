@@ -230,8 +230,8 @@ def test_a_disk_that_is_too_small_is_reported_before_anything_is_rendered(tmp_pa
 
 def test_the_estimate_of_the_size_is_near_what_is_written(demo_session):
     live = live_scene(read_scene(demo_session / "scene.yaml"))
-    films = sum(film.stat().st_size for film in (demo_session / "videos").iterdir())
-    assert 0.7 < sessions.estimated_session_bytes(live) / (2 * films) < 1.5
+    video_bytes = sum(video.stat().st_size for video in (demo_session / "videos").iterdir())
+    assert 0.7 < sessions.estimated_session_bytes(live) / (2 * video_bytes) < 1.5
 
 
 def test_a_file_of_the_user_among_the_parts_stays(tmp_path):

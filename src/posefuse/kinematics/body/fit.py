@@ -80,9 +80,8 @@ def fit_views(
     """Fit each person's skeleton directly to the rays of all views: a joint seen by one camera still counts.
 
     `views` are of the people and times of `sequence`, to which the bodies are fitted first (`fit_poses`): that is where rays
-    start, with segment lengths that are medians over time. With
-    `lengths` as a prior they are then solved together with poses (`with_solved_lengths`), and a shoulder or hip without any 3D
-    is no obstacle (`with_stand_ins`). Raises as `fit_poses`.
+    start. Segment lengths start as medians over time. With `lengths` as a prior they are then solved together with poses
+    (`with_solved_lengths`), and a shoulder or hip without any 3D is no obstacle (`with_stand_ins`). Raises as `fit_poses`.
     """
     settings = settings or BodySettings()
     projections = rig.projections()
