@@ -61,6 +61,8 @@ class LimitSettings:
     joint_margin_rad: NotNegative = 0.1
     joint_speed_radps: Positive = 2.5
     base_speed_mps: Positive = 0.3
+    joint_acceleration_radps2: Positive = 10.0
+    base_acceleration_mps2: Positive = 1.5
     slow_condition: Positive = 17.0
     stop_condition: Positive = 30.0
     collision_m: NotNegative = 0.02

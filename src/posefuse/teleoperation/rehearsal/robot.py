@@ -30,11 +30,7 @@ class ExactRobot:
         """See `Robot`."""
         return 1.0
 
-    def reaches(self, goal: Goal, dt_s: float) -> bool:
-        """See `Robot`."""
-        return True
-
-    def carry_out(self, goal: Goal, dt_s: float) -> None:
+    def move(self, goal: Goal, dt_s: float, left_out: int = 0) -> None:
         """See `Robot`."""
         self._xyz, self._wxyz = goal.xyz_world, goal.wxyz
 

@@ -8,11 +8,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from posefuse.teleoperation.follower import Follower, standing, step_follower, with_order
+from posefuse.core.arrays import Array
+from posefuse.teleoperation.follower import Follower, standing, step_follower, vector, with_order
+from posefuse.teleoperation.limits import Motion
+from posefuse.teleoperation.mapping import rotvec_between
 from posefuse.teleoperation.settings import TeleoperationSettings
 from posefuse.teleoperation.values import Order, RobotState
 
 from .protocol import Goal, Posture, Robot
+
+# joints that are nearer than this to what was wanted follow it; what is left of the inverse kinematics is no motion of its own
+_FOLLOWS_M, _FOLLOWS_RAD = 1e-5, 1e-4
+# and farther off than this the person is informed
+_CANNOT_M = 1e-3
 
 
 class Driver:
@@ -43,18 +51,11 @@ class Driver:
         if not link:
             follower = replace(follower, order=None)
         self._late += late
-        wanted = step_follower(self._paced(follower), now_ns, dt_s, settings, may_move=not self.posture.fault, left_out=left_out)
-        if wanted.order is not follower.order:
-            wanted = replace(wanted, order=follower.order)
-        if not self._robot.reaches(_goal(wanted), dt_s) and not wanted.limited:
-            wanted = step_follower(follower, now_ns, dt_s, settings, may_move=False, left_out=left_out)
-            self._robot.reaches(_goal(wanted), dt_s)
-        self._robot.carry_out(_goal(wanted), dt_s)
+        may_move = not self.posture.fault
+        wanted = step_follower(self._paced(follower), now_ns, dt_s, settings, may_move=may_move, left_out=left_out)
+        self._robot.move(_goal(wanted), dt_s, left_out)
         self.posture = self._robot.posture()
-        if wanted.stands and wanted.limited:
-            # where the joints did not quite follow, their place counts from now on; nothing moves by that
-            wanted = replace(_at(wanted, self.posture), limited=wanted.limited)
-        self.follower = wanted
+        self.follower = replace(_as_commanded(wanted, follower, self.posture, dt_s), order=follower.order)
         return self.state(now_ns)
 
     def state(self, now_ns: int) -> RobotState:
@@ -89,9 +90,27 @@ class Driver:
         return replace(follower, order=replace(order, speed_mps=order.speed_mps * pace))
 
 
-def _at(follower: Follower, posture: Posture) -> Follower:
-    there = standing(posture.xyz_world, posture.wxyz)
-    return replace(follower, moves=there.moves, turns=there.turns, wxyz=there.wxyz)
+def _as_commanded(wanted: Follower, before: Follower, posture: Posture, dt_s: float) -> Follower:
+    """The motion that the robot was really commanded: where its joints do not reach what was wanted, that counts."""
+    off_m = float(np.abs(posture.xyz_world - wanted.xyz).max())
+    off_rad = max(float(np.linalg.norm(rotvec_between(a, b))) for a, b in zip(wanted.wxyz, posture.wxyz, strict=True))
+    if off_m == 0 and off_rad == 0:
+        return wanted
+    if off_m < _FOLLOWS_M and off_rad < _FOLLOWS_RAD:
+        moves = [replace(move, position=vector(xyz)) for move, xyz in zip(wanted.moves, posture.xyz_world, strict=True)]
+        return replace(wanted, moves=tuple(moves), wxyz=posture.wxyz)
+    steps = (posture.xyz_world - before.xyz, [rotvec_between(a, b) for a, b in zip(before.wxyz, posture.wxyz, strict=True)])
+    moves = [_stepped(motion, xyz, step, dt_s) for motion, xyz, step in zip(before.moves, posture.xyz_world, steps[0], strict=True)]
+    turns = [_stepped(motion, step, step, dt_s) for motion, step in zip(before.turns, steps[1], strict=True)]
+    limited = wanted.limited or ("the joints cannot follow" if off_m > _CANNOT_M else "")
+    return replace(wanted, moves=tuple(moves), turns=tuple(turns), wxyz=posture.wxyz, limited=limited)
+
+
+def _stepped(motion: Motion, position: Array, step: Array, dt_s: float) -> Motion:
+    """A motion that did another step than it wanted."""
+    velocity = vector(step / dt_s)
+    change = np.subtract(velocity, motion.velocity) / dt_s
+    return replace(motion, position=vector(position), velocity=velocity, acceleration=vector(change), exact=False)
 
 
 def _goal(follower: Follower) -> Goal:
@@ -102,5 +121,5 @@ def _goal(follower: Follower) -> Goal:
         velocity_world=follower.velocity,
         turn_rate_world=follower.turn_rate,
         grip=order.grip if order is not None else np.zeros(len(follower.moves), np.bool_),
-        stands=follower.stands,
+        brakes=follower.stands or bool(follower.limited),
     )

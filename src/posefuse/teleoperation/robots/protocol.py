@@ -16,7 +16,7 @@ class Goal:
 
     Attributes:
         xyz_world, wxyz: (H, 3), (H, 4). velocity_world, turn_rate_world: (H, 3), (H, 3). grip: (H,) bool.
-        stands: nothing is to move.
+        brakes: nothing is to move: a robot with joints stops them in its own way.
     """
 
     xyz_world: Array
@@ -24,7 +24,7 @@ class Goal:
     velocity_world: Array
     turn_rate_world: Array
     grip: Array
-    stands: bool
+    brakes: bool
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -56,12 +56,12 @@ class Robot(Protocol):
         """Share of the speed limit that the robot can use now, in 0..1: less near singularities."""
         ...
 
-    def reaches(self, goal: Goal, dt_s: float) -> bool:
-        """Prepare to be at the goal after `dt_s`; False where joints, their limits or collisions do not allow it."""
-        ...
+    def move(self, goal: Goal, dt_s: float, left_out: int = 0) -> None:
+        """Go there, as far as joints, their limits and collisions allow; called once per control step.
 
-    def carry_out(self, goal: Goal, dt_s: float) -> None:
-        """Go there, as far as possible; called once per control step, after `reaches` for the same goal."""
+        Args:
+            left_out: steps that were due before and never done, as the process was late.
+        """
         ...
 
     def close(self) -> None:

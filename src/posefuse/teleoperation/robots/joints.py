@@ -1,0 +1,233 @@
+"""Commanded joints of a robot: each step keeps all limits, and leaves a stop that keeps them, too.
+
+A wanted step is taken only if the robot can stop after it: all joints slow down together, along a straight line of joint
+positions, as hard as the accelerations of joints and end effectors allow. That stop is computed step by step and checked against
+every limit before the wanted step is taken, and is carried out where no later wanted step passes. So there always is a checked
+stop, as in fail-safe motion planning (Pek and Althoff 2018), and no limit depends on what the inverse kinematics finds.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from posefuse.core import SE3
+from posefuse.core.arrays import Array
+from posefuse.core.se3 import quaternion_product
+from posefuse.teleoperation.settings import LimitSettings
+
+from .chain import Chain
+from .ik import WholeBodyIk
+from .protocol import Goal, Posture
+
+# a stop that takes longer is none: with the watchdog, the robot stands 0.35 s after the last order
+_STOP_S = 0.28
+# what is planned keeps so much off the limits of end effectors: a step is found on the chord of a slightly curved path
+_PLANNED = 0.99
+# of the way from the safe step to the wanted one, tried in this order
+_SHARES = (1.0, 0.5, 0.2)
+# pairs of bodies farther apart than this are not measured exactly
+_WATCH_M = 0.25
+_ROUNDING = 1e-9
+
+
+class Joints:
+    """Commanded joints.
+
+    Attributes:
+        chain, ik: of the robot. world_from_model: where it stands. q: (n,) positions. step: (n,) the last one.
+        xyz: (H, 3) end effectors at `q`, world axes.
+    """
+
+    def __init__(self, chain: Chain, limits: LimitSettings, world_from_model: SE3) -> None:
+        self.chain, self.world_from_model, self._limits = chain, world_from_model, limits
+        self.ik = WholeBodyIk(chain, limits)
+        self.begin(chain.home)
+
+    def begin(self, q: Array) -> None:
+        """The joints stand at (n,); that is the comfortable posture from now on."""
+        self.ik.comfort = self.q = q.copy()
+        self._along = self.step = np.zeros(len(q))
+        # what is left of the checked stop: shares of the step `_along`
+        self._stop: list[float] = []
+        self.xyz = self._before = self._ends(q)
+        self._apart = self.chain.distances(_WATCH_M)
+
+    def follow(self, goal: Goal, dt_s: float, left_out: int) -> Array:
+        """One control step towards a goal (`protocol.Robot.move`); the joints then, (n,)."""
+        if goal.brakes:
+            self.brake(left_out)
+        else:
+            self.move(goal.xyz_world, goal.wxyz, dt_s)
+        return self.q
+
+    def posture(self, measured: Array, fault: str) -> Posture:
+        """The robot whose joints are measured at (n,): it is where it is, and where it was commanded to be."""
+        chain, place = self.chain, self.world_from_model
+        chain.place(measured)
+        ends, spheres = place @ chain.positions(), chain.spheres()
+        chain.place(self.q)
+        spheres = np.concatenate([spheres, chain.spheres()])
+        spheres[:, :3] = place @ spheres[:, :3]
+        return Posture(
+            xyz_world=self.xyz,
+            wxyz=quaternion_product(place.wxyz, chain.orientations()),
+            measured_xyz_world=ends,
+            q=self.q,
+            spheres_world=spheres,
+            fault=fault,
+        )
+
+    def move(self, xyz_world: Array, wxyz: Array, dt_s: float) -> None:
+        """One step towards poses (H, 3), (H, 4) of the end effectors, as far as the limits allow."""
+        back = self.world_from_model.inverse()
+        wanted = self.ik.step(self.q, self.step, back @ xyz_world, quaternion_product(back.wxyz, wxyz), dt_s)
+        if wanted is not None and self._moved(wanted, dt_s):
+            return
+        self.brake()
+
+    def brake(self, left_out: int = 0) -> None:
+        """One step of the checked stop. left_out: steps of it that were due before and never done."""
+        stop = self._stop[left_out:]
+        self._take(self._safe(left_out), stop[1:], self._along)
+
+    def _moved(self, wanted: Array, dt_s: float) -> bool:
+        """Take the largest part of a wanted step that passes all checks; False: none does."""
+        safe = self._safe(0)
+        most = self._share_in_limits(safe, wanted, dt_s)
+        for share in _SHARES:
+            step = safe + most * share * (wanted - safe)
+            stop = self._checked_stop(step, dt_s)
+            if stop is not None:
+                self._take(step, stop, step)
+                return True
+        return False
+
+    def _safe(self, left_out: int) -> Array:
+        return self._stop[left_out] * self._along if len(self._stop) > left_out else np.zeros(len(self.q))
+
+    def _take(self, step: Array, stop: list[float], along: Array) -> None:
+        self.q, self.step, self._stop, self._along = self.q + step, step, stop, along
+        self._before, self.xyz = self.xyz, self._ends(self.q)
+        self._apart = self.chain.distances(_WATCH_M)
+
+    def _ends(self, q: Array) -> Array:
+        self.chain.place(q)
+        return np.asarray(self.world_from_model @ self.chain.positions())
+
+    def _share_in_limits(self, safe: Array, wanted: Array, dt_s: float) -> float:
+        """How much of the way from the safe to the wanted step keeps speed and acceleration of the end effectors."""
+        start, end = self._ends(self.q + safe) - self.xyz, self._ends(self.q + wanted) - self.xyz
+        last, change = self.xyz - self._before, _PLANNED * self._limits.acceleration_mps2 * dt_s**2
+        speed = _PLANNED * self._limits.speed_mps * dt_s
+        shares = [1.0]
+        for a, b, before in zip(start, end, last, strict=True):
+            shares.append(_last_inside(a - before, b - a, change))
+            shares.append(_last_inside(a, b - a, max(speed, _norm(a))))
+        return min(shares)
+
+    def _checked_stop(self, step: Array, dt_s: float) -> list[float] | None:
+        """The stop after a step, in shares of it; None where step or stop break a limit."""
+        q = self.q + step
+        xyz = self._ends(q)
+        if not self._allowed(self._before, self.xyz, xyz, dt_s):
+            return None
+        if self.ik.singular() > max(self._limits.stop_condition, self.ik.condition):
+            return None
+        stop = self._stop_after(q, step, xyz, dt_s)
+        if stop is None:
+            return None
+        last = q + sum(stop) * step
+        if (last < np.minimum(self.ik.low, self.q) - _ROUNDING).any() or (last > np.maximum(self.ik.high, self.q) + _ROUNDING).any():
+            return None
+        return stop if self._keeps_apart(q, step, stop) else None
+
+    def _stop_after(self, q: Array, along: Array, xyz: Array, dt_s: float) -> list[float] | None:
+        """Shares of the step `along` that slow it down to nothing; None where that takes too long or breaks a limit."""
+        moving = np.abs(along) > 0
+        if not moving.any():
+            return []
+        drop = float((self.ik.acceleration[moving] * dt_s**2 / np.abs(along[moving])).min())
+        before, here, share, stop = self.xyz, xyz, 1.0, []
+        while share > 0:
+            if len(stop) * dt_s > _STOP_S:
+                return None
+            found = self._slowed(q, along, before, here, share, max(0.0, share - drop), dt_s)
+            if found is None:
+                return None
+            share, there = found
+            if not self._allowed(before, here, there, dt_s):
+                return None
+            q, before, here = q + share * along, here, there
+            stop.append(share)
+        return stop
+
+    def _slowed(
+        self, q: Array, along: Array, before: Array, here: Array, share: float, least: float, dt_s: float
+    ) -> tuple[float, Array] | None:
+        """The least share from `least` to `share` that keeps the acceleration of the end effectors, and where they are then."""
+        most = _PLANNED * self._limits.acceleration_mps2 * dt_s**2
+        there = self._ends(q + least * along)
+        change = there - 2 * here + before
+        if (np.einsum("hi,hi->h", change, change) <= most * most).all():
+            return least, there
+        way = self._ends(q + share * along) - there
+        parts = [_first_inside(a, b, most) for a, b in zip(change, way, strict=True)]
+        if any(part is None for part in parts):
+            return None
+        slowed = least + max(part for part in parts if part is not None) * (share - least)
+        return slowed, self._ends(q + slowed * along)
+
+    def _allowed(self, before: Array, here: Array, there: Array, dt_s: float) -> bool:
+        """Whether the end effectors may be (H, 3) before, here and there at the ends of three steps."""
+        limits = self._limits
+        change, step = there - 2 * here + before, there - here
+        if np.sqrt(np.einsum("hi,hi->h", change, change).max()) > limits.acceleration_mps2 * dt_s**2:
+            return False
+        speeds = np.sqrt(np.einsum("hi,hi->h", step, step))
+        if (speeds > np.maximum(limits.speed_mps * dt_s, np.linalg.norm(here - before, axis=1))).any():
+            return False
+        low, high = np.minimum(limits.box_low_m, self.xyz), np.maximum(limits.box_high_m, self.xyz)
+        return bool((there >= low).all() and (there <= high).all())
+
+    def _keeps_apart(self, q: Array, along: Array, stop: list[float]) -> bool:
+        """Whether no pair of bodies comes nearer than it may, or than it is now, during a step and its stop."""
+        least = np.minimum(self._limits.collision_m, self._apart) - _ROUNDING
+        self.chain.place(q)
+        apart = self.chain.distances(_WATCH_M)
+        if (apart < least).any():
+            return False
+        if (apart - self.chain.travel_m(sum(stop) * along) >= least).all():
+            return True
+        for share in stop:
+            q = q + share * along
+            self.chain.place(q)
+            if (self.chain.distances(_WATCH_M) < least).any():
+                return False
+        return True
+
+
+def _norm(v: Array) -> float:
+    return math.sqrt(float(v @ v))
+
+
+def _last_inside(start: Array, way: Array, radius: float) -> float:
+    """Largest share of the way from start, in 0..1, that stays in a ball about 0; start lies in it, up to rounding."""
+    roots = _crossings(start, way, radius)
+    return 1.0 if roots is None and _norm(start) <= radius else 0.0 if roots is None else min(1.0, max(0.0, roots[1]))
+
+
+def _first_inside(start: Array, way: Array, radius: float) -> float | None:
+    """Least share of the way from start, in 0..1, that lies in a ball about 0; None: it does not come there."""
+    roots = _crossings(start, way, radius)
+    return max(0.0, roots[0]) if roots is not None and roots[0] <= 1.0 and roots[1] >= 0.0 else None
+
+
+def _crossings(start: Array, way: Array, radius: float) -> tuple[float, float] | None:
+    """Shares of the way where a straight line enters and leaves a ball about 0; None: it does not."""
+    a, b, c = float(way @ way), float(start @ way), float(start @ start) - radius * radius
+    inside = b * b - a * c
+    if a <= 0.0 or inside < 0.0:
+        return None
+    return (-b - math.sqrt(inside)) / a, (-b + math.sqrt(inside)) / a
