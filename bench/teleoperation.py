@@ -68,15 +68,15 @@ def _followed(path, noise_m: float, seconds: float = 16.0):
     settings = TeleoperationSettings(robot=RobotSettings(position_xy_m=(2.5, 0.0)))
     place = placed(settings.robot.position_xy_m, settings.robot.heading_deg)
     made = MujocoRobot(mujoco_model(None, settings.hands), ["right_hand"], settings.limits, place)
-    solve, times = made.ik.solve, []
+    follow_joints, times = made.joints.follow, []
 
     def timed(*arguments):
         begun = time.perf_counter()
-        found = solve(*arguments)
+        found = follow_joints(*arguments)
         times.append(1e3 * (time.perf_counter() - begun))
         return found
 
-    made.ik.solve = timed
+    made.joints.follow = timed
     driver, operator, rng, noise = Driver(made, settings), Operator(), np.random.default_rng(1), np.zeros(3)
     state, rows, standing, steps = driver.state(10**12), [], [], (0.0, 0.0)
     for k in range(round((seconds + 6.0) * RATE_HZ)):

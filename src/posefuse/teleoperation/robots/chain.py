@@ -55,7 +55,7 @@ class Chain:
         limited = model.jnt_limited[self.joints].astype(bool)
         self.low = np.where(limited, model.jnt_range[self.joints, 0], -np.inf)
         self.high = np.where(limited, model.jnt_range[self.joints, 1], np.inf)
-        root = {int(model.jnt_bodyid[j]) for j in joints if int(model.jnt_type[j]) == slide}
+        self._base = root = {int(model.jnt_bodyid[j]) for j in joints if int(model.jnt_type[j]) == slide}
         # a base is what slides, and what turns together with it
         self.arm = np.array([int(model.jnt_bodyid[j]) not in root for j in joints])
         if not self.arm.any():
@@ -84,11 +84,10 @@ class Chain:
         """Put the joints (n,) in place."""
         self._data.qpos[self.qpos] = q
         self._mj.mj_kinematics(self.model, self._data)
-        self._mj.mj_comPos(self.model, self._data)
 
     def positions(self) -> Array:
         """(H, 3) of the end effectors."""
-        return np.array(self._data.site_xpos[self._sites])
+        return np.asarray(self._data.site_xpos[self._sites])
 
     def orientations(self) -> Array:
         """(H, 4) wxyz of the end effectors."""
@@ -100,6 +99,7 @@ class Chain:
     def jacobians(self) -> Array:
         """(H, 6, n) of each site: position, m, above orientation, rad."""
         found = np.zeros((self.hands, 6, self.model.nv))
+        self._mj.mj_comPos(self.model, self._data)
         for h, site in enumerate(self._sites):
             self._mj.mj_jacSite(self.model, self._data, found[h, :3], found[h, 3:], site)
         return np.asarray(found[:, :, self.dofs])
@@ -123,6 +123,7 @@ class Chain:
     def gaps(self, watch_m: float) -> list[Gap]:
         """All pairs nearer than `watch_m`, with how their distance changes."""
         found = []
+        self._mj.mj_comPos(self.model, self._data)
         fromto, one, other = np.zeros(6), np.zeros((3, self.model.nv)), np.zeros((3, self.model.nv))
         for i in self._near(watch_m):
             a, b = self.pairs[i]
@@ -183,7 +184,9 @@ class Chain:
         own = [g for g in solid if int(model.geom_bodyid[g]) in self.bodies]
         is_plane = model.geom_type == int(self._mj.mjtGeom.mjGEOM_PLANE)
         floor = [g for g in solid if is_plane[g] and int(model.geom_bodyid[g]) == 0]
-        could = [(f, g) for f in floor for g in own] + [(a, b) for i, a in enumerate(own) for b in own[i + 1 :]]
+        # a base that slides over the floor keeps its distance
+        lifted = [g for g in own if int(model.geom_bodyid[g]) not in self._base]
+        could = [(f, g) for f in floor for g in lifted] + [(a, b) for i, a in enumerate(own) for b in own[i + 1 :]]
         could = [pair for pair in could if self._may_touch(*pair)]
         self.pairs = np.array(could, int).reshape(-1, 2)
         self._plane = is_plane[self.pairs[:, 0]]

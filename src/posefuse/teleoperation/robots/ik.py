@@ -25,7 +25,7 @@ _DAMPING, _BASE_DAMPING, _POSTURE, _CHANGE = 1e-6, 3e-4, 2e-5, 2e-5
 _POSTURE_PER_S = 0.5
 # the arm works alone while it is stretched to between the inner shares of its length and its condition number is below the first;
 # from the outer ones on the base moves freely
-_FOLDED, _COMFORTABLE, _STRETCHED = (0.25, 0.35), 0.55, 0.7
+_FOLDED, _COMFORTABLE, _STRETCHED = (0.3, 0.4), 0.5, 0.62
 _EASY_CONDITION, _HARD_CONDITION = 8.0, 16.0
 # a pair of bodies nearer than this is watched
 _WATCH_M = 0.2

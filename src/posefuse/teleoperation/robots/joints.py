@@ -37,7 +37,6 @@ class Joints:
 
     Attributes:
         chain, ik: of the robot. world_from_model: where it stands. q: (n,) positions. step: (n,) the last one.
-        xyz: (H, 3) end effectors at `q`, world axes.
     """
 
     def __init__(self, chain: Chain, limits: LimitSettings, world_from_model: SE3) -> None:
@@ -51,7 +50,8 @@ class Joints:
         self._along = self.step = np.zeros(len(q))
         # what is left of the checked stop: shares of the step `_along`
         self._stop: list[float] = []
-        self.xyz = self._before = self._ends(q)
+        # end effectors now and a step ago, (H, 3), axes of the model
+        self._here = self._before = self._ends(q)
         self._apart = self.chain.distances(_WATCH_M)
 
     def follow(self, goal: Goal, dt_s: float, left_out: int) -> Array:
@@ -71,7 +71,7 @@ class Joints:
         spheres = np.concatenate([spheres, chain.spheres()])
         spheres[:, :3] = place @ spheres[:, :3]
         return Posture(
-            xyz_world=self.xyz,
+            xyz_world=place @ self._here,
             wxyz=quaternion_product(place.wxyz, chain.orientations()),
             measured_xyz_world=ends,
             q=self.q,
@@ -109,17 +109,17 @@ class Joints:
 
     def _take(self, step: Array, stop: list[float], along: Array) -> None:
         self.q, self.step, self._stop, self._along = self.q + step, step, stop, along
-        self._before, self.xyz = self.xyz, self._ends(self.q)
+        self._before, self._here = self._here, self._ends(self.q)
         self._apart = self.chain.distances(_WATCH_M)
 
     def _ends(self, q: Array) -> Array:
         self.chain.place(q)
-        return np.asarray(self.world_from_model @ self.chain.positions())
+        return self.chain.positions()
 
     def _share_in_limits(self, safe: Array, wanted: Array, dt_s: float) -> float:
         """How much of the way from the safe to the wanted step keeps speed and acceleration of the end effectors."""
-        start, end = self._ends(self.q + safe) - self.xyz, self._ends(self.q + wanted) - self.xyz
-        last, change = self.xyz - self._before, _PLANNED * self._limits.acceleration_mps2 * dt_s**2
+        start, end = self._ends(self.q + safe) - self._here, self._ends(self.q + wanted) - self._here
+        last, change = self._here - self._before, _PLANNED * self._limits.acceleration_mps2 * dt_s**2
         speed = _PLANNED * self._limits.speed_mps * dt_s
         shares = [1.0]
         for a, b, before in zip(start, end, last, strict=True):
@@ -130,66 +130,58 @@ class Joints:
     def _checked_stop(self, step: Array, dt_s: float) -> list[float] | None:
         """The stop after a step, in shares of it; None where step or stop break a limit."""
         q = self.q + step
-        xyz = self._ends(q)
-        if not self._allowed(self._before, self.xyz, xyz, dt_s):
-            return None
-        if self.ik.singular() > max(self._limits.stop_condition, self.ik.condition):
-            return None
-        stop = self._stop_after(q, step, xyz, dt_s)
-        if stop is None:
-            return None
+        stop, ends = self._stop_after(q, step, dt_s)
         last = q + sum(stop) * step
-        if (last < np.minimum(self.ik.low, self.q) - _ROUNDING).any() or (last > np.maximum(self.ik.high, self.q) + _ROUNDING).any():
+        low, high = np.minimum(self.ik.low, self.q) - _ROUNDING, np.maximum(self.ik.high, self.q) + _ROUNDING
+        if stop and stop[-1] > 0 or (last < low).any() or (last > high).any() or not self._allowed(ends, dt_s):
+            return None
+        self.chain.place(last)
+        if self.ik.singular() > max(self._limits.stop_condition, self.ik.condition):
             return None
         return stop if self._keeps_apart(q, step, stop) else None
 
-    def _stop_after(self, q: Array, along: Array, xyz: Array, dt_s: float) -> list[float] | None:
-        """Shares of the step `along` that slow it down to nothing; None where that takes too long or breaks a limit."""
+    def _stop_after(self, q: Array, along: Array, dt_s: float) -> tuple[list[float], Array]:
+        """Shares of the step `along` that slow it down to nothing; the last is 0 unless it takes too long or cannot be.
+
+        Also the end effectors (S, H, 3): a step ago, now, after the step, and after each of the stop.
+        """
+        ends, stop, share = [self._before, self._here, self._ends(q)], [], 1.0
         moving = np.abs(along) > 0
-        if not moving.any():
-            return []
-        drop = float((self.ik.acceleration[moving] * dt_s**2 / np.abs(along[moving])).min())
-        before, here, share, stop = self.xyz, xyz, 1.0, []
-        while share > 0:
-            if len(stop) * dt_s > _STOP_S:
-                return None
-            found = self._slowed(q, along, before, here, share, max(0.0, share - drop), dt_s)
-            if found is None:
-                return None
-            share, there = found
-            if not self._allowed(before, here, there, dt_s):
-                return None
-            q, before, here = q + share * along, here, there
+        drop = float((self.ik.acceleration[moving] * dt_s**2 / np.abs(along[moving])).min()) if moving.any() else 1.0
+        while share > 0 and len(stop) * dt_s < _STOP_S:
+            share, there = self._slowed(q, along, ends[-2], ends[-1], share, max(0.0, share - drop), dt_s)
+            q = q + share * along
+            ends.append(there)
             stop.append(share)
-        return stop
+        return stop, np.array(ends)
 
     def _slowed(
         self, q: Array, along: Array, before: Array, here: Array, share: float, least: float, dt_s: float
-    ) -> tuple[float, Array] | None:
+    ) -> tuple[float, Array]:
         """The least share from `least` to `share` that keeps the acceleration of the end effectors, and where they are then."""
         most = _PLANNED * self._limits.acceleration_mps2 * dt_s**2
         there = self._ends(q + least * along)
         change = there - 2 * here + before
-        if (np.einsum("hi,hi->h", change, change) <= most * most).all():
+        if float(np.einsum("hi,hi->h", change, change).max()) <= most * most:
             return least, there
         way = self._ends(q + share * along) - there
         parts = [_first_inside(a, b, most) for a, b in zip(change, way, strict=True)]
-        if any(part is None for part in parts):
-            return None
-        slowed = least + max(part for part in parts if part is not None) * (share - least)
+        slowed = least + max(parts) * (share - least)
         return slowed, self._ends(q + slowed * along)
 
-    def _allowed(self, before: Array, here: Array, there: Array, dt_s: float) -> bool:
-        """Whether the end effectors may be (H, 3) before, here and there at the ends of three steps."""
+    def _allowed(self, ends: Array, dt_s: float) -> bool:
+        """Whether the end effectors may move so: (S, H, 3) at the ends of steps, the first of which was the one before last."""
         limits = self._limits
-        change, step = there - 2 * here + before, there - here
-        if np.sqrt(np.einsum("hi,hi->h", change, change).max()) > limits.acceleration_mps2 * dt_s**2:
+        steps = np.diff(ends, axis=0)
+        speeds = np.sqrt(np.einsum("shi,shi->sh", steps, steps))
+        changes = np.diff(steps, axis=0)
+        if np.einsum("shi,shi->sh", changes, changes).max() > (limits.acceleration_mps2 * dt_s**2) ** 2:
             return False
-        speeds = np.sqrt(np.einsum("hi,hi->h", step, step))
-        if (speeds > np.maximum(limits.speed_mps * dt_s, np.linalg.norm(here - before, axis=1))).any():
+        if (speeds[1:] > np.maximum(limits.speed_mps * dt_s, speeds[0])).any():
             return False
-        low, high = np.minimum(limits.box_low_m, self.xyz), np.maximum(limits.box_high_m, self.xyz)
-        return bool((there >= low).all() and (there <= high).all())
+        xyz = self.world_from_model @ ends[1:]
+        low, high = np.minimum(limits.box_low_m, xyz[0]), np.maximum(limits.box_high_m, xyz[0])
+        return bool((xyz >= low).all() and (xyz <= high).all())
 
     def _keeps_apart(self, q: Array, along: Array, stop: list[float]) -> bool:
         """Whether no pair of bodies comes nearer than it may, or than it is now, during a step and its stop."""
@@ -218,10 +210,10 @@ def _last_inside(start: Array, way: Array, radius: float) -> float:
     return 1.0 if roots is None and _norm(start) <= radius else 0.0 if roots is None else min(1.0, max(0.0, roots[1]))
 
 
-def _first_inside(start: Array, way: Array, radius: float) -> float | None:
-    """Least share of the way from start, in 0..1, that lies in a ball about 0; None: it does not come there."""
+def _first_inside(start: Array, way: Array, radius: float) -> float:
+    """Least share of the way from start, in 0..1, that lies in a ball about 0; 1 where it does not come there."""
     roots = _crossings(start, way, radius)
-    return max(0.0, roots[0]) if roots is not None and roots[0] <= 1.0 and roots[1] >= 0.0 else None
+    return 1.0 if roots is None else min(1.0, max(0.0, roots[0]))
 
 
 def _crossings(start: Array, way: Array, radius: float) -> tuple[float, float] | None:
