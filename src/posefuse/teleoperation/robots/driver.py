@@ -99,9 +99,10 @@ def _as_commanded(wanted: Follower, before: Follower, posture: Posture, dt_s: fl
     if off_m < _FOLLOWS_M and off_rad < _FOLLOWS_RAD:
         moves = [replace(move, position=vector(xyz)) for move, xyz in zip(wanted.moves, posture.xyz_world, strict=True)]
         return replace(wanted, moves=tuple(moves), wxyz=posture.wxyz)
-    steps = (posture.xyz_world - before.xyz, [rotvec_between(a, b) for a, b in zip(before.wxyz, posture.wxyz, strict=True)])
-    moves = [_stepped(motion, xyz, step, dt_s) for motion, xyz, step in zip(before.moves, posture.xyz_world, steps[0], strict=True)]
-    turns = [_stepped(motion, step, step, dt_s) for motion, step in zip(before.turns, steps[1], strict=True)]
+    steps = posture.xyz_world - before.xyz
+    turned = [rotvec_between(a, b) for a, b in zip(before.wxyz, posture.wxyz, strict=True)]
+    moves = [_stepped(*each, dt_s) for each in zip(before.moves, posture.xyz_world, steps, strict=True)]
+    turns = [_stepped(*each, dt_s) for each in zip(before.turns, turned, turned, strict=True)]
     limited = wanted.limited or ("the joints cannot follow" if off_m > _CANNOT_M else "")
     return replace(wanted, moves=tuple(moves), turns=tuple(turns), wxyz=posture.wxyz, limited=limited)
 

@@ -52,6 +52,9 @@ class Joints:
         self._stop: list[float] = []
         # end effectors now and a step ago, (H, 3), axes of the model
         self._here = self._before = self._ends(q)
+        # how a joint step turns them, (H, 3, n), and how the last one did, (H, 3)
+        self._turn_rows = self.chain.jacobians()[:, 3:]
+        self._turned = np.zeros_like(self._here)
         self._apart = self.chain.distances(_WATCH_M)
 
     def follow(self, goal: Goal, dt_s: float, left_out: int) -> Array:
@@ -109,7 +112,9 @@ class Joints:
 
     def _take(self, step: Array, stop: list[float], along: Array) -> None:
         self.q, self.step, self._stop, self._along = self.q + step, step, stop, along
+        self._turned = self._turn_rows @ step
         self._before, self._here = self._here, self._ends(self.q)
+        self._turn_rows = self.chain.jacobians()[:, 3:]
         self._apart = self.chain.distances(_WATCH_M)
 
     def _ends(self, q: Array) -> Array:
@@ -118,22 +123,19 @@ class Joints:
 
     def _share_in_limits(self, safe: Array, wanted: Array, dt_s: float) -> float:
         """How much of the way from the safe to the wanted step keeps speed and acceleration of the end effectors."""
+        limits, rows = self._limits, self._turn_rows
         start, end = self._ends(self.q + safe) - self._here, self._ends(self.q + wanted) - self._here
-        last, change = self._here - self._before, _PLANNED * self._limits.acceleration_mps2 * dt_s**2
-        speed = _PLANNED * self._limits.speed_mps * dt_s
-        shares = [1.0]
-        for a, b, before in zip(start, end, last, strict=True):
-            shares.append(_last_inside(a - before, b - a, change))
-            shares.append(_last_inside(a, b - a, max(speed, _norm(a))))
-        return min(shares)
+        moves = _share_of_way(start, end, self._here - self._before, limits.speed_mps * dt_s, limits.acceleration_mps2 * dt_s**2)
+        turns = (limits.turn_rate_radps * dt_s, limits.turn_acceleration_radps2 * dt_s**2)
+        return min(moves, _share_of_way(rows @ safe, rows @ wanted, self._turned, *turns))
 
     def _checked_stop(self, step: Array, dt_s: float) -> list[float] | None:
         """The stop after a step, in shares of it; None where step or stop break a limit."""
         q = self.q + step
         stop, ends = self._stop_after(q, step, dt_s)
         last = q + sum(stop) * step
-        low, high = np.minimum(self.ik.low, self.q) - _ROUNDING, np.maximum(self.ik.high, self.q) + _ROUNDING
-        if stop and stop[-1] > 0 or (last < low).any() or (last > high).any() or not self._allowed(ends, dt_s):
+        low, high = np.minimum(self.ik.low - _ROUNDING, self.q), np.maximum(self.ik.high + _ROUNDING, self.q)
+        if (stop and stop[-1] > 0) or (last < low).any() or (last > high).any() or not self._allowed(ends, dt_s):
             return None
         self.chain.place(last)
         if self.ik.singular() > max(self._limits.stop_condition, self.ik.condition):
@@ -146,8 +148,8 @@ class Joints:
         Also the end effectors (S, H, 3): a step ago, now, after the step, and after each of the stop.
         """
         ends, stop, share = [self._before, self._here, self._ends(q)], [], 1.0
-        moving = np.abs(along) > 0
-        drop = float((self.ik.acceleration[moving] * dt_s**2 / np.abs(along[moving])).min()) if moving.any() else 1.0
+        turned = np.linalg.norm(self._turn_rows @ along, axis=1) / self._limits.turn_acceleration_radps2
+        drop = _PLANNED * dt_s**2 / max(float((np.abs(along) / self.ik.acceleration).max()), float(turned.max()), 1e-12)
         while share > 0 and len(stop) * dt_s < _STOP_S:
             share, there = self._slowed(q, along, ends[-2], ends[-1], share, max(0.0, share - drop), dt_s)
             q = q + share * along
@@ -185,7 +187,7 @@ class Joints:
 
     def _keeps_apart(self, q: Array, along: Array, stop: list[float]) -> bool:
         """Whether no pair of bodies comes nearer than it may, or than it is now, during a step and its stop."""
-        least = np.minimum(self._limits.collision_m, self._apart) - _ROUNDING
+        least = np.minimum(self._limits.collision_m - _ROUNDING, self._apart)
         self.chain.place(q)
         apart = self.chain.distances(_WATCH_M)
         if (apart < least).any():
@@ -198,6 +200,15 @@ class Joints:
             if (self.chain.distances(_WATCH_M) < least).any():
                 return False
         return True
+
+
+def _share_of_way(start: Array, end: Array, last: Array, speed: float, change: float) -> float:
+    """How much of the way between vectors (H, 3) of one step keeps its length and its difference from the last step."""
+    shares = [1.0]
+    for a, b, before in zip(start, end, last, strict=True):
+        shares.append(_last_inside(a - before, b - a, _PLANNED * change))
+        shares.append(_last_inside(a, b - a, max(_PLANNED * speed, _norm(a))))
+    return min(shares)
 
 
 def _norm(v: Array) -> float:
