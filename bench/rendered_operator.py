@@ -26,7 +26,7 @@ from posefuse.simulation.scene import Scene, read_scene
 from posefuse.simulation.session import SessionPaths, simulate
 from posefuse.sources.video import VideoConfig
 from posefuse.teleoperation.hands import operator_view
-from posefuse.teleoperation.rehearsal.boxes import RATE_HZ, BoxStage
+from rehearsal.boxes import RATE_HZ, BoxStage
 from posefuse.teleoperation.values import OperatorView
 from posefuse.tracking import joint_centres_of
 

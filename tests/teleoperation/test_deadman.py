@@ -17,7 +17,7 @@ from posefuse.teleoperation.deadman.gesture import GestureSwitch
 from posefuse.teleoperation.deadman.joystick import JoystickSwitch
 from posefuse.teleoperation.deadman.key import KeySwitch
 from posefuse.teleoperation.deadman.web import WebSwitch
-from posefuse.teleoperation.rehearsal.person import person_view
+from bench.rehearsal.person import person_view
 
 NOW_NS = 10**12
 

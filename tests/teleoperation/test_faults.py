@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from posefuse.teleoperation.rehearsal.faults import FAULTS, engaged_world, rehearsal_settings, run_many, run_sequence, tick
+from bench.rehearsal.faults import FAULTS, engaged_world, rehearsal_settings, run_many, run_sequence, tick
 from posefuse.teleoperation.values import Phase
 
 SETTINGS = rehearsal_settings()

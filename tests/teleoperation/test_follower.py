@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from posefuse.teleoperation.rehearsal.robot import ExactRobot
+from bench.rehearsal.robots import ExactRobot
 from posefuse.teleoperation.robots.driver import Driver
 from posefuse.teleoperation.settings import TeleoperationSettings
 from posefuse.teleoperation.values import Order, Phase

@@ -8,8 +8,8 @@ import pytest
 from posefuse.teleoperation.gate import CameraReport
 from posefuse.teleoperation.heartbeats import Beat
 from posefuse.teleoperation.operator import Operator, OperatorNews, step_operator
-from posefuse.teleoperation.rehearsal.person import person_view
-from posefuse.teleoperation.rehearsal.robot import ExactRobot
+from bench.rehearsal.person import person_view
+from bench.rehearsal.robots import ExactRobot
 from posefuse.teleoperation.robots.driver import Driver
 from posefuse.teleoperation.settings import TeleoperationSettings
 from posefuse.teleoperation.values import Phase

@@ -149,7 +149,7 @@ def test_what_cannot_be_is_refused_in_one_line():
 
 def test_state_target_box_and_diagnostics_are_recorded(tmp_path):
     from posefuse.messages.bags import Recorder, read_mcap
-    from posefuse.teleoperation.rehearsal.faults import engaged_world, rehearsal_settings, tick
+    from bench.rehearsal.faults import engaged_world, rehearsal_settings, tick
 
     file = tmp_path / "robot.mcap"
     world = engaged_world(rehearsal_settings(), 0)

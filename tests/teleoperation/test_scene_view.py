@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("rerun", reason="the extra `viewer` is not installed")
 pytest.importorskip("mujoco")
 
-from posefuse.teleoperation.rehearsal.faults import engaged_world, rehearsal_settings, tick
+from bench.rehearsal.faults import engaged_world, rehearsal_settings, tick
 from posefuse.teleoperation.scene_view import SceneView, _xyzw_from_z
 
 

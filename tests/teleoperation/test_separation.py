@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from posefuse.teleoperation.hands import BODY
-from posefuse.teleoperation.rehearsal.person import person_view
+from bench.rehearsal.person import person_view
 from posefuse.teleoperation.separation import OperatorBody, distances_to_segments, remembered, separation_m, speed_share
 from posefuse.teleoperation.settings import SeparationSettings
 
