@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from posefuse.teleoperation.gate import CameraReport
+from posefuse.teleoperation.hands import BODY
 from posefuse.teleoperation.heartbeats import Beat
 from posefuse.teleoperation.operator import Operator, OperatorNews, step_operator
 from posefuse.teleoperation.rehearsal.person import person_view
@@ -73,7 +74,7 @@ CAUSES = {
     "other hand missing": {"other_xyz_world": np.full((1, 3), np.nan)},
     "forearm of another length": {"forearm_m": np.array([0.4])},
     "jump": {"hand": HAND + [0.3, 0, 0]},
-    "near the robot": {"body_xyz_world": np.full((17, 3), [1.6, 0.0, 0.8])},
+    "near the robot": {"body_xyz_world": np.full((len(BODY), 3), [1.6, 0.0, 0.8])},
     "no cameras": {"change": lambda news: replace(news, cameras=replace(news.cameras, healthy=1))},
     "more cameras than there are": {"change": lambda news: replace(news, cameras=replace(news.cameras, healthy=5))},
     "not finite robot": {"change": lambda news: replace(news, robot=replace(news.robot, xyz_world=np.full((1, 3), np.nan)))},
