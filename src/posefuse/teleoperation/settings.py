@@ -97,10 +97,11 @@ class GateSettings:
             between them, then HOLD.
         least_views, full_views: cameras that see the hand: fewer than the first is HOLD, fewer than the second half speed.
         least_cameras: of healthy cameras. health_s: the newest report of the cameras may be so old.
-        hand_speed_mps: a hand that moved faster than this has not moved, it is another measurement: rejected, HOLD.
-        hand_step_m: a step so small is never rejected.
+        hand_speed_mps: a hand that moved faster than this has not moved, it is another one: the engagement ends.
+        hand_step_m: a step of hand or trunk so small is never rejected.
         hands_apart_m: left and right wrist nearer than this can be mistaken for each other: HOLD.
-        forearm_share: length of the forearm may differ so much from its running mean, else left and right are in doubt.
+        forearm_share, trunk_share: lengths of forearm and trunk may differ so much from their running means, else it is another
+            body or hand: the engagement ends.
         settle_s: everything must be in order for so long before the robot moves (again).
         reengage_s: whatever is lost for longer needs a new press.
         robot_age_s: the newest state of the robot may be so old.
@@ -120,6 +121,7 @@ class GateSettings:
     hand_step_m: Positive = 0.03
     hands_apart_m: NotNegative = 0.1
     forearm_share: Positive = 0.35
+    trunk_share: Positive = 0.2
     settle_s: Positive = 0.1
     reengage_s: Positive = 0.5
     robot_age_s: Positive = 0.1
