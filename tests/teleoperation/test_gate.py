@@ -72,6 +72,7 @@ CAUSES = {
     "one camera": {"views": np.array([1])},
     "hands together": {"other_xyz_world": HAND[None] + 0.02},
     "other hand missing": {"other_xyz_world": np.full((1, 3), np.nan)},
+    "hand too fast": {"hand": HAND + [0.07, 0, 0]},
     "near the robot": {"body_xyz_world": np.where([[name == "left_knee"] for name in BODY], [1.6, 0.0, 0.8], BODY_XYZ)},
     "no cameras": {"change": lambda news: replace(news, cameras=replace(news.cameras, healthy=1))},
     "more cameras than there are": {"change": lambda news: replace(news, cameras=replace(news.cameras, healthy=5))},
@@ -88,8 +89,8 @@ def test_every_cause_holds_immediately_and_after_less_than_half_a_second_it_cont
     assert run.tick(45) is Phase.ENGAGED
 
 
-# letting go for so long is the way to a new press
-@pytest.mark.parametrize("cause", sorted({*CAUSES} - {"switch let go"}))
+# letting go for so long is the way to a new press, and a hand that stays elsewhere is measured well there
+@pytest.mark.parametrize("cause", sorted({*CAUSES} - {"switch let go", "hand too fast"}))
 def test_more_than_half_a_second_needs_a_new_press(cause):
     run = Run().engaged()
     run.tick(70, **CAUSES[cause])
@@ -98,13 +99,17 @@ def test_more_than_half_a_second_needs_a_new_press(cause):
     assert run.tick(10) is Phase.ENGAGED
 
 
-TRUNK_XYZ = np.where([["hip" in name or "shoulder" in name] for name in BODY], BODY_XYZ + [0.0, 0.06, 0.0], BODY_XYZ)
+def with_trunk(shoulders, hips):
+    """The body's keypoints with shoulders and hips moved."""
+    return BODY_XYZ + [shoulders if "shoulder" in name else hips if "_hip" in name else [0.0, 0.0, 0.0] for name in BODY]
+
+
 ENDS = {
     "another person": {"person_id": 2},
     "forearm of another length": {"forearm_m": np.array([0.36])},
-    "hand jumped": {"hand": HAND + [0.07, 0, 0]},
-    "trunk jumped": {"body_xyz_world": TRUNK_XYZ},
-    "trunk of another length": {"body_xyz_world": BODY_XYZ * [1, 1, 1.21], "hand": HAND},
+    "hand jumped": {"hand": HAND + [0.135, 0, 0]},
+    "trunk jumped": {"body_xyz_world": with_trunk([0.0, 0.08, 0.0], [0.0, 0.08, 0.0])},
+    "trunk of another length": {"body_xyz_world": with_trunk([0.0, 0.0, 0.055], [0.0, 0.0, -0.055])},
     "left and right exchanged": {"change": lambda news: exchanged_hands(news)},
 }
 
@@ -178,6 +183,61 @@ def test_faults_and_the_emergency_stop_are_left_by_a_reset_only():
         assert run.tick(10) is Phase.ENGAGED
 
 
+def test_the_robot_must_stand_before_it_engages():
+    """Otherwise the clutch would engage at a place that the robot has left already."""
+    for speed_mps, phase in ((0.0011, Phase.READY), (0.0009, Phase.ENGAGED)):
+        run, velocity = Run(), np.array([[0.0, speed_mps, 0.0]])
+        run.tick(30, held=False)
+        assert run.tick(30, change=lambda news, v=velocity: replace(news, robot=replace(news.robot, velocity_world=v))) is phase
+
+
+def test_the_robot_must_stand_before_it_continues():
+    run, moving = Run().engaged(), np.array([[0.0, 0.1, 0.0]])
+    run.tick(1, person_id=-1)
+    assert run.tick(40, change=lambda news: replace(news, robot=replace(news.robot, velocity_world=moving))) is Phase.HOLD
+    assert run.tick() is Phase.ENGAGED
+    both = Run()
+    both.tick(30, held=False)
+    # one of two end effectors that moves is enough
+    one_moves = {name: np.vstack([value] * 2) for name, value in (("xyz_world", np.zeros((1, 3))), ("wxyz", [[1.0, 0, 0, 0]]))}
+    one_moves |= {"measured_xyz_world": np.zeros((2, 3)), "velocity_world": np.vstack([0 * moving, moving])}
+    assert both.tick(30, change=lambda news: replace(news, robot=replace(news.robot, **one_moves))) is Phase.READY
+
+
+def test_what_is_allowed_at_most():
+    """Just within each limit the robot follows; `ENDS` and `CAUSES` are just outside of it."""
+    run = Run().engaged()
+    allowed = {
+        "hand": {"hand": HAND + [0.055, 0, 0]},
+        "trunk": {"body_xyz_world": with_trunk([0.0, 0.07, 0.0], [0.0, 0.07, 0.0])},
+        "one keypoint of the trunk": {"body_xyz_world": BODY_XYZ + [[0.2 * (name == "left_hip"), 0, 0] for name in BODY]},
+        "length of the trunk": {"body_xyz_world": with_trunk([0.0, 0.0, 0.04], [0.0, 0.0, -0.04])},
+        "forearm": {"forearm_m": np.array([0.345])},
+        "sigma": {"sigma_m": np.array([0.0599])},
+        "other hand": {"other_xyz_world": HAND[None] + [0, 0.101, 0]},
+        "cameras": {"change": lambda news: replace(news, cameras=replace(news.cameras, healthy=2, total=2))},
+    }
+    for name, view in allowed.items():
+        assert run.tick(1, **view) is Phase.ENGAGED, name
+        assert run.tick(5) is Phase.ENGAGED, name
+
+
+def test_limits_of_the_stated_deviation_in_the_wrong_order_hold_at_the_upper_one():
+    settings = replace(SETTINGS, gate=replace(SETTINGS.gate, slow_sigma_m=0.06, hold_sigma_m=0.06))
+    run = Run(settings).engaged()
+    run.tick(sigma_m=np.array([0.059]))
+    assert run.order.speed_mps == pytest.approx(0.5)
+    assert run.tick(sigma_m=np.array([0.06])) is Phase.HOLD
+
+
+def test_an_order_without_hands_is_answered():
+    order = Run().engaged().order
+    none = replace(order, xyz_world=np.zeros((0, 3)), wxyz=np.zeros((0, 4)), grip=np.zeros(0, bool))
+    assert none.usable
+    for wrong in (replace(order, wxyz=2 * order.wxyz), replace(order, wxyz=np.nan * order.wxyz), replace(order, speed_mps=-0.1)):
+        assert order.usable and not wrong.usable
+
+
 @pytest.mark.parametrize("wrong", ["duplicate", "late", "future", "backward"])
 def test_heartbeats_that_do_not_count(wrong):
     run = Run().engaged()
@@ -203,9 +263,7 @@ ELSEWHERE = replace(SETTINGS, robot=replace(SETTINGS.robot, shared=False))
 def another_body(news, shift_m, size):
     """All of the operator moved, and larger or smaller, about where the operator stands."""
     view = news.view
-    moved = {
-        name: size * getattr(view, name) + shift_m for name in ("xyz_world", "other_xyz_world", "body_xyz_world")
-    }
+    moved = {name: size * getattr(view, name) + shift_m for name in ("xyz_world", "other_xyz_world", "body_xyz_world")}
     return replace(news, view=replace(view, forearm_m=size * view.forearm_m, **moved))
 
 

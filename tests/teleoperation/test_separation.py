@@ -64,7 +64,9 @@ def test_a_hand_that_is_seen_counts_without_its_elbow():
     # the robot once came within 12 mm of such a hand
     seen, later_ns = body(), NOW_NS + 10_000_000_000
     for forward_m in (0.0, 0.5, 1.0):
-        reaching = replace(person_view(HAND + [forward_m, 0, 0], later_ns), body_measured=[name != "right_elbow" for name in BODY])
+        reaching = replace(
+            person_view(HAND + [forward_m, 0, 0], later_ns), body_measured=[name != "right_elbow" for name in BODY]
+        )
         counted = separation_m(remembered(seen, reaching), SPHERE, later_ns, EXACT)
         assert counted <= 2.0 - 0.5 - forward_m - 0.08 - 0.1 + 1e-9
 
@@ -72,7 +74,9 @@ def test_a_hand_that_is_seen_counts_without_its_elbow():
 def test_the_other_arm_behind_the_body_leaves_the_robot_its_full_speed_at_two_metres():
     hidden = ("left_elbow", "left_wrist", "left_fingertips", "right_fingertips", "crown", "left_toes", "right_toes")
     arm_never_seen = body(hidden)
-    assert speed_share(separation_m(arm_never_seen, SPHERE, NOW_NS + 50_000_000, SeparationSettings()), SeparationSettings()) == 1.0
+    assert (
+        speed_share(separation_m(arm_never_seen, SPHERE, NOW_NS + 50_000_000, SeparationSettings()), SeparationSettings()) == 1.0
+    )
 
 
 def test_without_the_trunk_nothing_is_known_and_nothing_moves():
@@ -95,9 +99,14 @@ def test_the_speed_falls_from_slow_to_stop():
     assert [speed_share(d, SeparationSettings()) for d in (2.0, 0.8, 0.6, 0.4, 0.1, -1.0)] == pytest.approx([1, 1, 0.5, 0, 0, 0])
 
 
+def test_limits_in_the_wrong_order_do_not_let_a_robot_move_that_is_too_near():
+    wrong = SeparationSettings(slow_m=0.3, stop_m=0.4)
+    assert [speed_share(d, wrong) for d in (0.1, 0.35, 0.4, 0.41)] == [0.0, 0.0, 0.0, 1.0]
+
+
 def test_another_body_is_not_completed_with_limbs_of_the_last_one():
-    assert np.isnan(separation_m(remembered(body(), replace(person_view(HAND, NOW_NS), person_id=2, body_measured=[False] * 20)),
-                                 SPHERE, NOW_NS, EXACT))  # fmt: skip
+    unseen = replace(person_view(HAND, NOW_NS), person_id=2, body_measured=np.zeros(len(BODY), bool))
+    assert np.isnan(separation_m(remembered(body(), unseen), SPHERE, NOW_NS, EXACT))
 
 
 @pytest.mark.parametrize("skeleton", ["coco17", "blazepose33"])

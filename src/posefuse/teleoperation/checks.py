@@ -66,7 +66,7 @@ def hand_finding(gate: Gate, view: OperatorView | None, now_ns: int, settings: G
     if problem:
         return Finding(0.0, problem)
     sigma, views = float(view.sigma_m.max()), int(view.views.min())
-    sure = (settings.hold_sigma_m - sigma) / (settings.hold_sigma_m - settings.slow_sigma_m)
+    sure = (settings.hold_sigma_m - sigma) / max(settings.hold_sigma_m - settings.slow_sigma_m, 1e-9)
     few = Finding(0.5, f"{views} cameras see the hand") if views < settings.full_views else FINE
     unsure = Finding(sure, _known_to(sigma)) if sure < 1 else FINE
     return min(few, unsure, key=lambda found: found.share)

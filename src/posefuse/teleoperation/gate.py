@@ -17,7 +17,7 @@ import numpy as np
 
 from .checks import FINE, Finding, camera_finding, clock_finding, hand_finding, hand_problem, robot_finding, time_problem
 from .heartbeats import Heartbeats
-from .identity import SeenBody, continued, seen_in, what_changed
+from .identity import SeenBody, continued, continuity_finding, seen_in
 from .settings import GateSettings
 from .values import OperatorView, Phase, RobotState
 
@@ -160,9 +160,10 @@ def _with_view(gate: Gate, seen: Seen, settings: GateSettings) -> tuple[Gate, Fi
     after = replace(gate, view_t_ns=view.t_ns, changed_ns=gate.changed_ns if same else seen.now_ns)
     if time_problem(gate, view, seen.now_ns, settings):
         return after, FINE
-    change = what_changed(known, now, settings) if known is not None else ""
-    after = replace(after, body=now if known is None or change else continued(known, now))
-    return after, Finding(0.0, change, ends=True) if change else FINE
+    if known is None:
+        return replace(after, body=now), FINE
+    found = continuity_finding(known, now, settings)
+    return replace(after, body=now if found.ends else continued(known, now)), found
 
 
 def speed_mps(gate: Gate, most_mps: float) -> float:

@@ -10,16 +10,17 @@ from posefuse.core.skeleton import pick_keypoints
 
 from .values import OperatorView
 
-# keypoints of the body for the separation; no detector measures the last five, which are the farthest points of hands, head and feet
+# keypoints of the body for the separation; no detector measures the last five, the farthest points of hands, head and feet
 BODY = (
     "nose", "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist",
     "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle",
     "neck", "mid_hip", "left_fingertips", "right_fingertips", "crown", "left_toes", "right_toes",
 )  # fmt: skip
-# bones between them, and their greatest length, m: of a person 2 m tall (Winter 2009, after Drillis and Contini), shoulders raised
+# bones between them, and their greatest length, m: of a person 2 m tall (Winter 2009) with raised shoulders
 BONES = {
     ("nose", "crown"): 0.2, ("nose", "neck"): 0.3, ("neck", "mid_hip"): 0.65,
-    ("left_shoulder", "neck"): 0.26, ("right_shoulder", "neck"): 0.26, ("left_hip", "mid_hip"): 0.19, ("right_hip", "mid_hip"): 0.19,
+    ("left_shoulder", "neck"): 0.26, ("right_shoulder", "neck"): 0.26,
+    ("left_hip", "mid_hip"): 0.19, ("right_hip", "mid_hip"): 0.19,
     **{(f"{side}_{a}", f"{side}_{b}"): length_m for side in ("left", "right") for a, b, length_m in (
         ("shoulder", "elbow", 0.37), ("elbow", "wrist", 0.29), ("wrist", "fingertips", 0.2), ("shoulder", "hip", 0.65),
         ("hip", "knee", 0.49), ("knee", "ankle", 0.49), ("ankle", "toes", 0.2),

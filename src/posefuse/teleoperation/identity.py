@@ -8,14 +8,16 @@ import numpy as np
 
 from posefuse.core.arrays import Array
 
+from .checks import FINE, Finding
 from .hands import TRUNK
 from .settings import GateSettings
 from .values import OperatorView
 
-# of a trunk: ISO 13855 has it for walking
-_WALK_MPS = 1.6
-# a longer absence does not make a longer step of a trunk credible
-_ABSENCE_S = 0.1
+# of a trunk: ISO 13855 has it for walking; a longer absence does not make a longer step of a trunk credible
+_WALK_MPS, _ABSENCE_S = 1.6, 0.1
+# steps beyond these speeds: of the walker of examples/demo, found by blazepose_lite and tracked, those of the trunk (the mean of
+# its keypoints) are 15 mm at most, and those of a wrist 56 mm
+_TRUNK_STEP_M, _HAND_STEP_M = 0.06, 0.1
 # share of a new length in the running mean
 _NEW = 0.003
 
@@ -41,8 +43,9 @@ class SeenBody:
 
 def seen_in(view: OperatorView, hands_known: bool, settings: GateSettings) -> SeenBody:
     """What one view shows; `hands_known`: there is no doubt about the hands in it."""
-    sure = view.body_measured[TRUNK] & (view.body_sigma_m[TRUNK] <= settings.hold_sigma_m)
-    trunk = np.where(sure[:, None], view.body_xyz_world[TRUNK], np.nan)
+    trunk, sigma_m = view.body_xyz_world[TRUNK], view.body_sigma_m[TRUNK]
+    sure = view.body_measured[TRUNK] & (sigma_m <= settings.hold_sigma_m) & np.isfinite(trunk).all(axis=1)
+    trunk = np.where(sure[:, None], trunk, np.nan)
     here = 1.0 if hands_known else np.nan
     length = np.linalg.norm(trunk[:2].mean(axis=0) - trunk[2:].mean(axis=0))
     return SeenBody(
@@ -56,26 +59,30 @@ def seen_in(view: OperatorView, hands_known: bool, settings: GateSettings) -> Se
     )
 
 
-def what_changed(known: SeenBody, now: SeenBody, settings: GateSettings) -> str:
-    """Why the new view shows another body or another hand than the one that is known; empty: it shows the same."""
+def continuity_finding(known: SeenBody, now: SeenBody, settings: GateSettings) -> Finding:
+    """The view shows the body and the hand that are known; else it ends the engagement. A hand that is only too fast: HOLD."""
     if now.person_id != known.person_id:
-        return "another person"
-    trunk = _length(now.trunk_xyz - known.trunk_xyz)
-    absent_s = (now.trunk_ns - known.trunk_ns) / 1e9
-    if (trunk > settings.hand_step_m + _WALK_MPS * np.clip(absent_s, 0.0, _ABSENCE_S)).any():
-        return "the trunk jumped: another body"
-    # a hand that was hidden may have moved on, where the trunk shows that it is the same person's
-    longest_s = settings.reengage_s if np.isfinite(trunk).any() else _ABSENCE_S
-    absent_s = (now.hand_ns - known.hand_ns) / 1e9
+        return _ends("another person")
+    trunk, absent_s = _length(now.trunk_xyz - known.trunk_xyz), (now.trunk_ns - known.trunk_ns) / 1e9
+    both = np.isfinite(trunk)
+    if both.any() and (trunk - _WALK_MPS * np.clip(absent_s, 0.0, _ABSENCE_S))[both].mean() > _TRUNK_STEP_M:
+        return _ends("the trunk jumped: another body")
     hand, other = _length(now.hand_xyz - known.hand_xyz), _length(now.other_xyz - known.other_xyz)
-    if (hand > settings.hand_step_m + settings.hand_speed_mps * np.clip(absent_s, 0.0, longest_s)).any():
-        return "the hand jumped"
+    # a hand that was hidden may be elsewhere, where the trunk shows that it is the same person's
+    longest_s = settings.reengage_s if both.any() else _ABSENCE_S
+    too_far_m = hand - settings.hand_speed_mps * np.clip((now.hand_ns - known.hand_ns) / 1e9, 0.0, longest_s)
+    if (too_far_m > _HAND_STEP_M).any():
+        return _ends("the hand jumped")
     if (_length(now.hand_xyz - known.other_xyz) + _length(now.other_xyz - known.hand_xyz) < hand + other).any():
-        return "left and right hand were exchanged"
+        return _ends("left and right hand were exchanged")
     share = np.append(np.full(len(hand), settings.forearm_share), settings.trunk_share)
     if (np.abs(now.lengths_m - known.lengths_m) > share * known.lengths_m).any():
-        return "forearm or trunk of another length: another body or hand"
-    return ""
+        return _ends("forearm or trunk of another length: another body or hand")
+    return Finding(0.0, "the hand is too fast") if (too_far_m > settings.hand_step_m).any() else FINE
+
+
+def _ends(reason: str) -> Finding:
+    return Finding(0.0, reason, ends=True)
 
 
 def continued(known: SeenBody, now: SeenBody) -> SeenBody:

@@ -35,6 +35,8 @@ def _farthest() -> Array:
 
 
 _APART_M = _farthest()
+# of the range in which the speed falls
+_LEAST_M = 1e-9
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -118,6 +120,6 @@ def distances_to_segments(points: Array, start: Array, end: Array) -> Array:
 
 def speed_share(distance_m: float, settings: SeparationSettings) -> float:
     """Share of the speed limit at a distance: 1 from `slow_m` on, 0 up to `stop_m` and where it is not known."""
-    if math.isnan(distance_m):
+    if not distance_m > settings.stop_m:
         return 0.0
-    return min(1.0, max(0.0, (distance_m - settings.stop_m) / (settings.slow_m - settings.stop_m)))
+    return min(1.0, (distance_m - settings.stop_m) / max(settings.slow_m - settings.stop_m, _LEAST_M))

@@ -74,8 +74,8 @@ class SeparationSettings:
         slow_m, stop_m: the speed limit falls linearly between them, to nothing.
         limb_radius_m: bones of the skeleton count as capsules of this radius.
         sigmas: so many standard deviations of a keypoint count as nearer.
-        approach_mps: any part of the body may have come nearer at this speed since it was measured: the fastest hand that the gate
-            accepts (`GateSettings.hand_speed_mps`). ISO 13855 has 2.0 m/s for reaching and 1.6 m/s for walking.
+        approach_mps: any part of the body may have come nearer at this speed since it was measured: that of the fastest hand that
+            is accepted (`GateSettings.hand_speed_mps`). ISO 13855 has 2.0 m/s for reaching and 1.6 m/s for walking.
     """
 
     slow_m: Positive = 0.8
@@ -97,8 +97,8 @@ class GateSettings:
             between them, then HOLD.
         least_views, full_views: cameras that see the hand: fewer than the first is HOLD, fewer than the second half speed.
         least_cameras: of healthy cameras. health_s: the newest report of the cameras may be so old.
-        hand_speed_mps: a hand that moved faster than this has not moved, it is another one: the engagement ends.
-        hand_step_m: a step of hand or trunk so small is never rejected.
+        hand_speed_mps: a hand that moved faster than this has not moved, it is another measurement: rejected, HOLD.
+        hand_step_m: a step so small is never rejected.
         hands_apart_m: left and right wrist nearer than this can be mistaken for each other: HOLD.
         forearm_share, trunk_share: lengths of forearm and trunk may differ so much from their running means, else it is another
             body or hand: the engagement ends.
