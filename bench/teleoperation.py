@@ -62,10 +62,11 @@ def follow() -> None:
 
 def _followed(path, noise_m: float, seconds: float = 16.0):
     """True hand, hand as measured, robot; the robot while the hand rests; steps at engaging; IK times."""
+    from rehearsal.person import person_view
+
     from posefuse.teleoperation.gate import CameraReport
     from posefuse.teleoperation.heartbeats import Beat
     from posefuse.teleoperation.operator import Operator, OperatorNews, step_operator
-    from rehearsal.person import person_view
     from posefuse.teleoperation.robots.driver import Driver
     from posefuse.teleoperation.robots.mujoco_robot import MujocoRobot, mujoco_model, placed
     from posefuse.teleoperation.settings import RobotSettings, TeleoperationSettings
@@ -114,13 +115,14 @@ def live(session_folder, networks: str | None) -> None:
     """The live pipeline in the loop; the true hand comes from the simulated session."""
     from pathlib import Path
 
+    from rehearsal.figures import jitter_m, lag_and_rms, rms_jerk, spectral_arc_length
+
     import posefuse as pf
     from posefuse.core.skeleton import pick_keypoints
     from posefuse.formats.truth import read_truth
     from posefuse.simulation import SessionPaths
     from posefuse.teleoperation.deadman import Pressed
     from posefuse.teleoperation.heartbeats import Beat
-    from rehearsal.figures import jitter_m, lag_and_rms, rms_jerk, spectral_arc_length
     from posefuse.teleoperation.settings import RobotSettings, TeleoperationSettings
 
     class Held:
@@ -234,9 +236,8 @@ def boxes_rendered(folder, count: int, rate_hz: float, networks: str, latency_s:
     """The same task, the operator seen by rendered cameras and a network; simulated time. `folder` keeps what was rendered."""
     from pathlib import Path
 
-    from rendered_operator import BEGIN_S, SeenHand, rendered
-
     from rehearsal.boxes import move_boxes
+    from rendered_operator import BEGIN_S, SeenHand, rendered
 
     folder = Path(folder)
     rendered(folder, count, rate_hz, seed, lambda done, total: print(f"\rrendered {done} of {total}", end="", file=sys.stderr))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-# axis, range rad, position gain N m/rad, offset of the next joint m, radius m, mass kg: about a collaborative robot of 5 kg payload
+# axis, range rad, gain N m/rad, offset of the next joint m, radius m, mass kg: about a collaborative robot of 5 kg payload
 _LINKS = (
     ("0 0 1", 6.28, 8000, "0 0 0.16", 0.06, 3.7),
     ("0 1 0", 3.1, 8000, "0 0 0.42", 0.055, 8.0),

@@ -14,7 +14,7 @@ from posefuse.teleoperation.hands import BODY
 from posefuse.teleoperation.operator import Operator
 from posefuse.teleoperation.robots.driver import Driver
 from posefuse.teleoperation.settings import TeleoperationSettings
-from posefuse.teleoperation.values import Order, OperatorView, RobotState
+from posefuse.teleoperation.values import OperatorView, Order, RobotState
 
 from .person import Build, body_xyz, hidden, sine, view_of
 from .robots import STANDS, copied

@@ -148,8 +148,8 @@ def test_what_cannot_be_is_refused_in_one_line():
 
 
 def test_state_target_box_and_diagnostics_are_recorded(tmp_path):
-    from posefuse.messages.bags import Recorder, read_mcap
     from bench.rehearsal.faults import engaged_world, rehearsal_settings, tick
+    from posefuse.messages.bags import Recorder, read_mcap
 
     file = tmp_path / "robot.mcap"
     world = engaged_world(rehearsal_settings(), 0)

@@ -59,7 +59,7 @@ class Order:
     def usable(self) -> bool:
         """Whether all numbers are finite and the quaternions of length 1; checked again by the receiver."""
         finite = all_finite(self.xyz_world, self.wxyz) and math.isfinite(self.speed_mps)
-        return finite and self.speed_mps >= 0 and bool(np.abs((self.wxyz * self.wxyz).sum(axis=1) - 1).max() < 1e-3)
+        return finite and self.speed_mps >= 0 and bool((np.abs((self.wxyz * self.wxyz).sum(axis=1) - 1) < 1e-3).all())
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
