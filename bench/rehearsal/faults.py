@@ -86,6 +86,7 @@ def tick(world: World, active: set[str]) -> None:
         _step_robot(world, due, "robot blocked" in active)
     else:
         world.left_out += 1
+        world.idle()
 
 
 def _step_robot(world: World, due: list[Any], blocked: bool) -> None:

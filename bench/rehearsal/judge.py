@@ -48,6 +48,7 @@ class Judge:
         self._q: deque[Array] = deque(maxlen=3)
         self._real: deque[Array] = deque(maxlen=11)
         self._near_s = self._blocked_s = 0.0
+        self._held = False
         self.breaches: list[Breach] = []
         self.physics = np.zeros(3)
 
@@ -97,11 +98,14 @@ class Judge:
         for what in body.problems(self._q, limits):
             self._note(t_s, what)
         self._real.append(body.real(world))
-        if len(self._real) >= 3 and not world.blocked:
+        if world.blocked:
+            # what holds the robot lets it spring back
+            self._held = True
+        if len(self._real) >= 3 and not self._held:
             a, b, c = (self._real[i] for i in (-3, -2, -1))
             self.physics[0] = max(self.physics[0], _most(c - b) / TICK_S)
             self.physics[1] = max(self.physics[1], _most(c - 2 * b + a) / TICK_S**2)
-        if len(self._real) == 11 and not world.blocked:
+        if len(self._real) == 11 and not self._held:
             a, b, c = self._real[0], self._real[5], self._real[10]
             self.physics[2] = max(self.physics[2], _most(c - 2 * b + a) / (5 * TICK_S) ** 2)
 

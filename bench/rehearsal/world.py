@@ -89,6 +89,13 @@ class World:
         view = view_of(self.body(self.t_s - 0.04) + noise, self.now_ns, measured_ns=self.now_ns - 40_000_000, hands=hands)
         return hidden(view, self.gone, hands) if self.gone else view
 
+    def idle(self) -> None:
+        """A tick without a command: a robot with joints stays at its last one."""
+        if hasattr(self.robot, "joints"):
+            import mujoco
+
+            mujoco.mj_step(self.robot.model, self.robot.data, round(TICK_S / self.robot.model.opt.timestep))
+
     def copied(self, rng: np.random.Generator) -> World:
         """The same world, to go another way."""
         other = copy(self)

@@ -148,11 +148,12 @@ def test_what_cannot_be_is_refused_in_one_line():
 
 
 def test_state_target_box_and_diagnostics_are_recorded(tmp_path):
-    from bench.rehearsal.faults import engaged_world, rehearsal_settings, tick
+    from bench.rehearsal.faults import engaged_world, tick
+    from bench.rehearsal.world import settings_for
     from posefuse.messages.bags import Recorder, read_mcap
 
     file = tmp_path / "robot.mcap"
-    world = engaged_world(rehearsal_settings(), 0)
+    world = engaged_world(settings_for("point", roomy=False), 0)
     reporter = OutletReporter(lambda: Recorder(file), world.settings, RosPlan())
     for _ in range(5):
         tick(world, set())

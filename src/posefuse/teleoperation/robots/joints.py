@@ -60,7 +60,7 @@ class Joints:
     def follow(self, goal: Goal, dt_s: float, left_out: int) -> Array:
         """One control step towards a goal (`protocol.Robot.move`); the joints then, (n,)."""
         if goal.brakes:
-            self.brake(left_out)
+            self.brake(dt_s, left_out)
         else:
             self.move(goal.xyz_world, goal.wxyz, dt_s)
         return self.q
@@ -88,12 +88,17 @@ class Joints:
         wanted = self.ik.step(self.q, self.step, back @ xyz_world, quaternion_product(back.wxyz, wxyz), dt_s)
         if wanted is not None and self._moved(wanted, dt_s):
             return
-        self.brake()
+        self.brake(dt_s)
 
-    def brake(self, left_out: int = 0) -> None:
+    def brake(self, dt_s: float, left_out: int = 0) -> None:
         """One step of the checked stop. left_out: steps of it that were due before and never done."""
         stop = self._stop[left_out:]
         self._take(self._safe(left_out), stop[1:], self._along)
+        if left_out and stop:
+            # the same line, but from another point of it
+            shorter, _ = self._stop_after([self._before, self._here], self.q, self.step, dt_s)
+            if shorter and shorter[-1] == 0:
+                self._stop, self._along = shorter, self.step
 
     def _moved(self, wanted: Array, dt_s: float) -> bool:
         """Take the largest part of a wanted step that passes all checks; False: none does."""
@@ -132,7 +137,7 @@ class Joints:
     def _checked_stop(self, step: Array, dt_s: float) -> list[float] | None:
         """The stop after a step, in shares of it; None where step or stop break a limit."""
         q = self.q + step
-        stop, ends = self._stop_after(q, step, dt_s)
+        stop, ends = self._stop_after([self._before, self._here, self._ends(q)], q, step, dt_s)
         last = q + sum(stop) * step
         low, high = np.minimum(self.ik.low - _ROUNDING, self.q), np.maximum(self.ik.high + _ROUNDING, self.q)
         if (stop and stop[-1] > 0) or (last < low).any() or (last > high).any() or not self._allowed(ends, dt_s):
@@ -142,12 +147,12 @@ class Joints:
             return None
         return stop if self._keeps_apart(q, step, stop) else None
 
-    def _stop_after(self, q: Array, along: Array, dt_s: float) -> tuple[list[float], Array]:
+    def _stop_after(self, ends: list[Array], q: Array, along: Array, dt_s: float) -> tuple[list[float], Array]:
         """Shares of the step `along` that slow it down to nothing; the last is 0 unless it takes too long or cannot be.
 
-        Also the end effectors (S, H, 3): a step ago, now, after the step, and after each of the stop.
+        ends: of (H, 3) end effectors, the last at `q`, after the step. Also returns those with each step of the stop, (S, H, 3).
         """
-        ends, stop, share = [self._before, self._here, self._ends(q)], [], 1.0
+        stop, share = [], 1.0
         turned = np.linalg.norm(self._turn_rows @ along, axis=1) / self._limits.turn_acceleration_radps2
         drop = _PLANNED * dt_s**2 / max(float((np.abs(along) / self.ik.acceleration).max()), float(turned.max()), 1e-12)
         while share > 0 and len(stop) * dt_s < _STOP_S:
