@@ -33,9 +33,9 @@ def faults(robot: str, first: int, count: int, workers: int) -> int:
         f"{robot}, fault sequences {first} to {first + count - 1}: {len(total.breaches)} breaches {kinds}; "
         f"moved in {total.moved}; {seconds:.0f} s"
     )
-    if total.physics.any():
-        speed, fast, slow = total.physics
-        print(f"  physics at most: {speed:.3f} m/s, {fast:.1f} m/s2 over 10 ms, {slow:.2f} m/s2 over 50 ms")
+    for when, (speed, fast, slow) in zip(("in time", "late"), total.physics, strict=True):
+        if speed:
+            print(f"  physics, process {when}: at most {speed:.2f} m/s, {fast:.1f} m/s2 over 10 ms, {slow:.1f} m/s2 over 50 ms")
     for breach in total.breaches[:10]:
         print(f"  sequence {breach.sequence} at {breach.t_s:.2f} s: {breach.what}")
     return len(total.breaches)

@@ -190,13 +190,13 @@ class Outcome:
     """What sequences did.
 
     Attributes:
-        breaches: what was broken. moved: in how many sequences the robot moved. physics: largest speed, and acceleration over 10
-            and 50 ms, of the simulated end effectors.
+        breaches: what was broken. moved: in how many sequences the robot moved. physics: (2, 3) largest speed, and acceleration
+            over 10 and 50 ms, of the simulated end effectors; where the robot's process was in time, and where it was late.
     """
 
     breaches: list[Breach] = field(default_factory=list)
     moved: int = 0
-    physics: Any = field(default_factory=lambda: np.zeros(3))
+    physics: Any = field(default_factory=lambda: np.zeros((2, 3)))
 
     def add(self, other: Outcome) -> None:
         """Count another outcome in."""
@@ -222,7 +222,9 @@ def run_sequence(begin: World, seed: int, limits: TeleoperationSettings | None =
         tick(world, active)
         moved = moved or world.driver.follower.moves[0].speed > 0.05
         judge.look(world)
-    return Outcome(breaches=judge.breaches, moved=int(moved), physics=judge.physics)
+    physics = np.zeros((2, 3))
+    physics[int(any(fault.kind == "robot process late" for fault in faults))] = judge.physics
+    return Outcome(breaches=judge.breaches, moved=int(moved), physics=physics)
 
 
 def run_many(

@@ -1,4 +1,4 @@
-"""Random fault sequences break nothing, on a point and on robots with joints, and the judge sees it when a guard is taken away."""
+"""Random fault sequences break nothing, on a point and on robots with joints; the judge sees it when a guard is taken away."""
 
 from dataclasses import replace
 

@@ -52,6 +52,16 @@ def test_silence_stops_the_robot_within_the_promised_time():
     assert seconds_to_stand(driver, now_ns, link=False) <= 0.25
 
 
+def test_the_watchdog_counts_from_when_an_order_was_sent():
+    """An order that waited in a queue does not keep the robot moving for longer."""
+    driver, now_ns, seq = moving()
+    now_ns += TICK_NS
+    driver.step([order(seq, now_ns - 55_000_000)], now_ns)
+    assert not driver.follower.limited
+    driver.step([], now_ns + TICK_NS)
+    assert driver.follower.limited.startswith("watchdog")
+
+
 WRONG = {
     "repeated": lambda k, now_ns: order(5, now_ns),
     "old": lambda k, now_ns: order(1000 + k, now_ns - 61_000_000),

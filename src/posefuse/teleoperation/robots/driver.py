@@ -19,8 +19,6 @@ from .protocol import Goal, Posture, Robot
 
 # joints that are nearer than this to what was wanted follow it; what is left of the inverse kinematics is no motion of its own
 _FOLLOWS_M, _FOLLOWS_RAD = 1e-5, 1e-4
-# and farther off than this the person is informed
-_CANNOT_M = 1e-3
 
 
 class Driver:
@@ -103,7 +101,7 @@ def _as_commanded(wanted: Follower, before: Follower, posture: Posture, dt_s: fl
     turned = [rotvec_between(a, b) for a, b in zip(before.wxyz, posture.wxyz, strict=True)]
     moves = [_stepped(*each, dt_s) for each in zip(before.moves, posture.xyz_world, steps, strict=True)]
     turns = [_stepped(*each, dt_s) for each in zip(before.turns, turned, turned, strict=True)]
-    limited = wanted.limited or ("the joints cannot follow" if off_m > _CANNOT_M else "")
+    limited = wanted.limited or "the joints cannot follow"
     return replace(wanted, moves=tuple(moves), turns=tuple(turns), wxyz=posture.wxyz, limited=limited)
 
 

@@ -23,8 +23,8 @@ from .protocol import Goal, Posture
 
 # a stop that takes longer is none: with the watchdog, the robot stands 0.35 s after the last order
 _STOP_S = 0.28
-# what is planned keeps so much off the limits of end effectors: a step is found on the chord of a slightly curved path
-_PLANNED = 0.99
+# share of the limits of end effectors that is planned with: a step and a stop are found on chords of slightly curved paths
+_STEP, _STOP = 0.9995, 0.99
 # of the way from the safe step to the wanted one, tried in this order
 _SHARES = (1.0, 0.5, 0.2)
 # pairs of bodies farther apart than this are not measured exactly
@@ -154,7 +154,7 @@ class Joints:
         """
         stop, share = [], 1.0
         turned = np.linalg.norm(self._turn_rows @ along, axis=1) / self._limits.turn_acceleration_radps2
-        drop = _PLANNED * dt_s**2 / max(float((np.abs(along) / self.ik.acceleration).max()), float(turned.max()), 1e-12)
+        drop = _STOP * dt_s**2 / max(float((np.abs(along) / self.ik.acceleration).max()), float(turned.max()), 1e-12)
         while share > 0 and len(stop) * dt_s < _STOP_S:
             share, there = self._slowed(q, along, ends[-2], ends[-1], share, max(0.0, share - drop), dt_s)
             q = q + share * along
@@ -166,7 +166,7 @@ class Joints:
         self, q: Array, along: Array, before: Array, here: Array, share: float, least: float, dt_s: float
     ) -> tuple[float, Array]:
         """The least share from `least` to `share` that keeps the acceleration of the end effectors, and where they are then."""
-        most = _PLANNED * self._limits.acceleration_mps2 * dt_s**2
+        most = _STOP * self._limits.acceleration_mps2 * dt_s**2
         there = self._ends(q + least * along)
         change = there - 2 * here + before
         if float(np.einsum("hi,hi->h", change, change).max()) <= most * most:
@@ -211,8 +211,8 @@ def _share_of_way(start: Array, end: Array, last: Array, speed: float, change: f
     """How much of the way between vectors (H, 3) of one step keeps its length and its difference from the last step."""
     shares = [1.0]
     for a, b, before in zip(start, end, last, strict=True):
-        shares.append(_last_inside(a - before, b - a, _PLANNED * change))
-        shares.append(_last_inside(a, b - a, max(_PLANNED * speed, _norm(a))))
+        shares.append(_last_inside(a - before, b - a, _STEP * change))
+        shares.append(_last_inside(a, b - a, max(_STEP * speed, _norm(a))))
     return min(shares)
 
 
