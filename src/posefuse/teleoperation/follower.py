@@ -89,7 +89,7 @@ def step_follower(
     """One control step of `dt_s`: follow the order, or brake.
 
     Args:
-        may_move: False brakes, e.g. where the joints cannot follow.
+        may_move: False brakes, as where the robot has a fault.
         left_out: steps that were due before and never done, as the process was late.
     """
     order, limits = follower.order, settings.limits
@@ -124,7 +124,7 @@ def _why_brake(follower: Follower, now_ns: int, settings: TeleoperationSettings,
         return "watchdog: no new order"
     if follower.order.phase is not Phase.ENGAGED:
         return follower.order.phase.value
-    return "" if may_move else "the joints cannot follow"
+    return "" if may_move else "the robot has a fault"
 
 
 def _turned(wxyz: Array, turns: tuple[Motion, ...]) -> Array:

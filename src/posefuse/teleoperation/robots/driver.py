@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -99,17 +100,17 @@ def _as_commanded(wanted: Follower, before: Follower, posture: Posture, dt_s: fl
         return replace(wanted, moves=tuple(moves), wxyz=posture.wxyz)
     steps = posture.xyz_world - before.xyz
     turned = [rotvec_between(a, b) for a, b in zip(before.wxyz, posture.wxyz, strict=True)]
-    moves = [_stepped(*each, dt_s) for each in zip(before.moves, posture.xyz_world, steps, strict=True)]
-    turns = [_stepped(*each, dt_s) for each in zip(before.turns, turned, turned, strict=True)]
+    moves = map(partial(_stepped, dt_s=dt_s), wanted.moves, before.moves, posture.xyz_world, steps)
+    turns = map(partial(_stepped, dt_s=dt_s), wanted.turns, before.turns, turned, turned)
     limited = wanted.limited or "the joints cannot follow"
     return replace(wanted, moves=tuple(moves), turns=tuple(turns), wxyz=posture.wxyz, limited=limited)
 
 
-def _stepped(motion: Motion, position: Array, step: Array, dt_s: float) -> Motion:
-    """A motion that did another step than it wanted."""
+def _stepped(wanted: Motion, before: Motion, position: Array, step: Array, *, dt_s: float) -> Motion:
+    """A motion that did another step than the wanted one."""
     velocity = vector(step / dt_s)
-    change = np.subtract(velocity, motion.velocity) / dt_s
-    return replace(motion, position=vector(position), velocity=velocity, acceleration=vector(change), exact=False)
+    change = np.subtract(velocity, before.velocity) / dt_s
+    return replace(wanted, position=vector(position), velocity=velocity, acceleration=vector(change), exact=False)
 
 
 def _goal(follower: Follower) -> Goal:
