@@ -198,6 +198,20 @@ def test_the_robot_must_stand_before_it_engages():
         assert run.tick(30, change=lambda news, v=velocity: replace(news, robot=replace(news.robot, velocity_world=v))) is phase
 
 
+def test_all_must_be_well_for_a_tenth_of_a_second_before_it_continues():
+    run = Run().engaged()
+    run.tick(2, person_id=-1)
+    for _ in range(10):
+        assert run.tick() is Phase.HOLD
+    assert run.tick() is Phase.ENGAGED
+    # what is missing in between starts the time again
+    run.tick(2, person_id=-1)
+    run.tick(6)
+    run.tick(1, person_id=-1)
+    assert run.tick(10) is Phase.HOLD
+    assert run.tick() is Phase.ENGAGED
+
+
 def test_the_robot_must_stand_before_it_continues():
     run, moving = Run().engaged(), np.array([[0.0, 0.1, 0.0]])
     run.tick(1, person_id=-1)
