@@ -217,12 +217,22 @@ def test_the_robot_must_stand_before_it_continues():
     run.tick(1, person_id=-1)
     assert run.tick(40, change=lambda news: replace(news, robot=replace(news.robot, velocity_world=moving))) is Phase.HOLD
     assert run.tick() is Phase.ENGAGED
+    # a robot that does not stand in time needs a new press, although all else has been well meanwhile
+    run.tick(1, person_id=-1)
+    run.tick(60, change=lambda news: replace(news, robot=replace(news.robot, velocity_world=moving)))
+    assert run.tick(30) is Phase.IDLE
     both = Run()
     both.tick(30, held=False)
     # one of two end effectors that moves is enough
     one_moves = {name: np.vstack([value] * 2) for name, value in (("xyz_world", np.zeros((1, 3))), ("wxyz", [[1.0, 0, 0, 0]]))}
     one_moves |= {"measured_xyz_world": np.zeros((2, 3)), "velocity_world": np.vstack([0 * moving, moving])}
     assert both.tick(30, change=lambda news: replace(news, robot=replace(news.robot, **one_moves))) is Phase.READY
+
+
+def test_a_late_pose_is_no_other_body():
+    run = Run().engaged()
+    assert run.tick(3, hand=HAND + [0.3, 0, 0], measured_ns=run.now_ns - 500_000_000) is Phase.HOLD
+    assert run.tick(20) is Phase.ENGAGED
 
 
 def test_what_is_allowed_at_most():
