@@ -1,5 +1,6 @@
 """What makes the robot hold, one cause at a time, and what lets it continue."""
 
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -41,6 +42,12 @@ class Run:
             self.operator, self.order = step_operator(self.operator, news, self.now_ns, self.settings)
             self.state = self.driver.step([self.order] if self.order else [], self.now_ns)
         return self.phase
+
+    def copied(self):
+        other = copy(self)
+        other.robot = copy(self.robot)
+        other.driver = self.driver.copied(other.robot)
+        return other
 
     @property
     def phase(self):
@@ -191,17 +198,41 @@ def test_the_robot_must_stand_before_it_engages():
         assert run.tick(30, change=lambda news, v=velocity: replace(news, robot=replace(news.robot, velocity_world=v))) is phase
 
 
+def test_all_must_be_well_for_a_tenth_of_a_second_before_it_continues():
+    run = Run().engaged()
+    run.tick(2, person_id=-1)
+    for _ in range(10):
+        assert run.tick() is Phase.HOLD
+    assert run.tick() is Phase.ENGAGED
+    # what is missing in between starts the time again
+    run.tick(2, person_id=-1)
+    run.tick(6)
+    run.tick(1, person_id=-1)
+    assert run.tick(10) is Phase.HOLD
+    assert run.tick() is Phase.ENGAGED
+
+
 def test_the_robot_must_stand_before_it_continues():
     run, moving = Run().engaged(), np.array([[0.0, 0.1, 0.0]])
     run.tick(1, person_id=-1)
     assert run.tick(40, change=lambda news: replace(news, robot=replace(news.robot, velocity_world=moving))) is Phase.HOLD
     assert run.tick() is Phase.ENGAGED
+    # a robot that does not stand in time needs a new press, although all else has been well meanwhile
+    run.tick(1, person_id=-1)
+    run.tick(60, change=lambda news: replace(news, robot=replace(news.robot, velocity_world=moving)))
+    assert run.tick(30) is Phase.IDLE
     both = Run()
     both.tick(30, held=False)
     # one of two end effectors that moves is enough
     one_moves = {name: np.vstack([value] * 2) for name, value in (("xyz_world", np.zeros((1, 3))), ("wxyz", [[1.0, 0, 0, 0]]))}
     one_moves |= {"measured_xyz_world": np.zeros((2, 3)), "velocity_world": np.vstack([0 * moving, moving])}
     assert both.tick(30, change=lambda news: replace(news, robot=replace(news.robot, **one_moves))) is Phase.READY
+
+
+def test_a_late_pose_is_no_other_body():
+    run = Run().engaged()
+    assert run.tick(3, hand=HAND + [0.3, 0, 0], measured_ns=run.now_ns - 500_000_000) is Phase.HOLD
+    assert run.tick(20) is Phase.ENGAGED
 
 
 def test_what_is_allowed_at_most():
@@ -289,32 +320,41 @@ def hidden(news, what):
     return replace(news, view=replace(view, person_id=-1, xyz_world=np.full((1, 3), np.nan)))
 
 
+@pytest.fixture(scope="module")
+def engaged_run():
+    return Run(ELSEWHERE).engaged()
+
+
 def assert_never_again_without_a_press(run, change, rng):
     """After a loss of less than `reengage_s` that hides the exchange; the switch stays held."""
     lost = int(rng.integers(0, 40)) if rng.random() < 0.5 else 0
     what = rng.choice(["hand", "body", "person"])
     run.tick(lost, change=lambda news: hidden(news, what))
-    for _ in range(100):
+    for _ in range(20):
         run.tick(change=change)
         assert run.phase is not Phase.ENGAGED, (lost, what, run.operator.gate)
     assert run.phase is Phase.IDLE and run.order.speed_mps == 0.0
-    run.tick(15, held=False, change=change)
-    assert run.tick(10, change=change) is Phase.ENGAGED
 
 
 @pytest.mark.parametrize(("nearest_m", "farthest_m", "sizes"), [(0.6, 1.5, (0.85, 1.0, 1.15)), (0.2, 0.6, (0.8, 0.9, 1.1, 1.2))])
-def test_another_body_under_the_same_id_never_gets_the_robot_without_a_new_press(nearest_m, farthest_m, sizes):
+def test_another_body_under_the_same_id_never_gets_the_robot_without_a_new_press(engaged_run, nearest_m, farthest_m, sizes):
     for seed in range(200):
-        rng = np.random.default_rng([seed, 3])
-        run, angle = Run(ELSEWHERE).engaged(), rng.uniform(0, 2 * np.pi)
+        rng, run = np.random.default_rng([seed, 3]), engaged_run.copied()
+        angle, size = rng.uniform(0, 2 * np.pi), rng.choice(sizes)
         shift_m = rng.uniform(nearest_m, farthest_m) * np.array([np.cos(angle), np.sin(angle), 0.0])
-        size = rng.choice(sizes)
-        assert_never_again_without_a_press(run, lambda news, by=shift_m, size=size: another_body(news, by, size), rng)
+
+        def change(news, shift_m=shift_m, size=size):
+            return another_body(news, shift_m, size)
+
+        assert_never_again_without_a_press(run, change, rng)
+        if seed % 50 == 0:
+            run.tick(15, held=False, change=change)
+            assert run.tick(12, change=change) is Phase.ENGAGED
 
 
-def test_exchanged_hands_never_get_the_robot_without_a_new_press():
-    for seed in range(60):
-        assert_never_again_without_a_press(Run(ELSEWHERE).engaged(), exchanged_hands, np.random.default_rng([seed, 4]))
+def test_exchanged_hands_never_get_the_robot_without_a_new_press(engaged_run):
+    for seed in range(40):
+        assert_never_again_without_a_press(engaged_run.copied(), exchanged_hands, np.random.default_rng([seed, 4]))
 
 
 def test_hands_exchanged_while_they_touch_do_not_get_it_either():
@@ -339,7 +379,7 @@ def test_an_exchange_during_another_fault_does_not_get_it_either():
             return another_body(fault(news), np.array([0.0, 0.7, 0.0]), 1.0)
 
         run.tick(20, change=change)
-        assert run.tick(60, change=lambda news: another_body(news, np.array([0.0, 0.7, 0.0]), 1.0)) is Phase.IDLE, name
+        assert run.tick(20, change=lambda news: another_body(news, np.array([0.0, 0.7, 0.0]), 1.0)) is Phase.IDLE, name
 
 
 def test_a_hand_hidden_for_a_moment_may_come_back_where_it_can_have_moved():

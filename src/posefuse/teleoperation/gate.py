@@ -82,6 +82,7 @@ class Gate:
 def step_gate(gate: Gate, seen: Seen, settings: GateSettings) -> Gate:
     """The gate after all that is known now; never raises, whatever the numbers are."""
     after, change = _with_view(gate, seen, settings)
+    # what ends the engagement comes first: no finding is worse than 0
     found = _worst(
         change,
         clock_finding(gate.now_ns, seen.now_ns, settings),
@@ -136,8 +137,8 @@ def _engaged(after: Gate, found: Finding) -> Gate:
 
 
 def _worst(*findings: Finding) -> Finding:
-    """One that ends the engagement, else the first of the lowest share."""
-    return min(findings, key=lambda found: (not found.ends, found.share))
+    """The first of the lowest share."""
+    return min(findings, key=lambda found: found.share)
 
 
 def _separation_finding(share: float) -> Finding:

@@ -87,7 +87,7 @@ def _ends(reason: str) -> Finding:
 
 def continued(known: SeenBody, now: SeenBody) -> SeenBody:
     """The known body after a view of it: what the view does not show stays as it was seen last."""
-    hands, trunk = np.isfinite(now.hand_xyz).all(), np.isfinite(now.trunk_xyz).all(axis=1)
+    hands, trunk = np.isfinite(now.hand_xyz).all(), np.asarray(np.isfinite(now.trunk_xyz).all(axis=1))
     mean_m = known.lengths_m + _NEW * (now.lengths_m - known.lengths_m)
     return SeenBody(
         person_id=known.person_id,

@@ -85,7 +85,7 @@ class Limbs(NamedTuple):
 
 def limbs_of(body: OperatorBody, now_ns: int, settings: SeparationSettings) -> Limbs | None:
     """The operator's limbs, thicker by what is not known of them; None where a part of the trunk was never seen."""
-    seen = np.isfinite(body.xyz_world).all(axis=1)
+    seen = np.asarray(np.isfinite(body.xyz_world).all(axis=1))
     if not seen[TRUNK].all():
         return None
     # a measurement from the future is as little known as one from the past
