@@ -20,7 +20,7 @@ _STANDING = np.array(
         [0.17, 0.1, 0.03], [0.17, -0.1, 0.03],
     ]
 )  # fmt: skip
-FOREARM_M = 0.26
+_UPPER_ARM_M, _FOREARM_M, _FINGERS_M = 0.31, 0.26, 0.2
 HandPath = Callable[[float], Array]
 
 
@@ -46,15 +46,37 @@ class Build:
     away_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
+def within_reach(hand: Array, side: str) -> Array:
+    """The wrist (3,) of a person who has not walked, drawn to the shoulder where the arm is too short."""
+    shoulder = _STANDING[BODY.index(f"{side}_shoulder")]
+    far = float(np.linalg.norm(hand - shoulder))
+    return shoulder + (hand - shoulder) * min(1.0, 0.98 * (_UPPER_ARM_M + _FOREARM_M) / max(far, 1e-9))
+
+
 def body_xyz(hands: dict[str, Array], shift_m: Array | float = 0.0, build: Build | None = None) -> Array:
-    """(K, 3) keypoints of `hands.BODY`; hands: where the wrists of the moving arms are, of a person who has not walked."""
+    """(K, 3) keypoints of `hands.BODY`; hands: where the wrists of the moving arms are, of a person who has not walked.
+
+    A hand out of reach has a forearm of the right length all the same.
+    """
     body = _STANDING.copy()
     for side, hand in hands.items():
-        body[BODY.index(f"{side}_wrist")] = hand
-        body[BODY.index(f"{side}_fingertips")] = hand + [0.2, 0.0, 0.0]
-        body[BODY.index(f"{side}_elbow")] = hand - [FOREARM_M, 0.0, 0.0]
+        elbow = _elbow(body[BODY.index(f"{side}_shoulder")], hand)
+        body[BODY.index(f"{side}_elbow")], body[BODY.index(f"{side}_wrist")] = elbow, hand
+        body[BODY.index(f"{side}_fingertips")] = hand + _FINGERS_M / _FOREARM_M * (hand - elbow)
     build = build or Build()
     return body * build.size + build.away_m + shift_m
+
+
+def _elbow(shoulder: Array, hand: Array) -> Array:
+    """(3,) below the line from shoulder to hand."""
+    way = hand - shoulder
+    far = max(float(np.linalg.norm(way)), 1e-6)
+    along = way / far
+    down = np.array([0.0, 0.0, -1.0]) - along * -along[2]
+    down = down / max(float(np.linalg.norm(down)), 1e-6)
+    # of the right-angled triangles from the elbow to the line; on the line where the hand is out of reach or too near
+    back = min(max((far**2 + _FOREARM_M**2 - _UPPER_ARM_M**2) / (2 * far), -_FOREARM_M), _FOREARM_M)
+    return hand - back * along + np.sqrt(_FOREARM_M**2 - back**2) * down
 
 
 def view_of(
@@ -97,8 +119,10 @@ def person_view(
     person_id: int = 1,
     sigma_m: float = 0.01,
 ) -> OperatorView:
-    """The operator with the right hand at (3,); `shift_m` moves all of the person."""
+    """The operator with the right hand at (3,) and the forearm along x; `shift_m` moves all of the person."""
     body = body_xyz({"right": hand_xyz}, shift_m)
+    for name, ahead_m in (("right_elbow", -_FOREARM_M), ("right_fingertips", _FINGERS_M)):
+        body[BODY.index(name)] = body[BODY.index("right_wrist")] + [ahead_m, 0.0, 0.0]
     return view_of(body, t_ns, measured_ns=measured_ns, person_id=person_id, sigma_m=sigma_m)
 
 

@@ -16,7 +16,7 @@ from posefuse.teleoperation.robots.driver import Driver
 from posefuse.teleoperation.settings import TeleoperationSettings
 from posefuse.teleoperation.values import OperatorView, Order, RobotState
 
-from .person import Build, body_xyz, hidden, sine, view_of
+from .person import Build, body_xyz, hidden, sine, view_of, within_reach
 from .robots import STANDS, copied
 
 TICK_S = 0.01
@@ -69,12 +69,13 @@ class World:
 
     def body(self, t_s: float) -> Array:
         """(K, 3) where every point of the person truly is."""
-        hands = {side: self._paths[side](t_s + _PATH_S) for side in self.settings.hands}
+        hands = {side: within_reach(self._paths[side](t_s + _PATH_S), side) for side in self.settings.hands}
         free = {"right", "left"} - {*hands}
         for side in free:
             # from where it hangs, forward and up
             hangs = body_xyz({})[BODY.index(f"{side}_wrist")]
-            hands |= {side: hangs + self.reached_m * np.array([0.9, 0.0, 0.4])} if self.reached_m else {}
+            reaching = within_reach(hangs + self.reached_m * np.array([0.9, 0.0, 0.4]), side)
+            hands |= {side: reaching} if self.reached_m else {}
         return body_xyz(hands, np.array([self.walked_m, 0.0, 0.0]), self.build)
 
     def step_person(self, walks: bool, reaches: bool) -> None:
