@@ -45,6 +45,10 @@ class Frames:
                 return down[frame].inverse() @ root_from_source
         return None
 
+    def path(self, target: str, source: str) -> frozenset[str]:
+        """The child frames of the transforms that join two frames."""
+        return frozenset(self._to_root(source.lstrip("/"))) ^ frozenset(self._to_root(target.lstrip("/")))
+
     def _to_root(self, frame: str) -> dict[str, SE3]:
         """From a frame up: every frame on the way, and where the first one is in it."""
         found, here = {frame: SE3.identity()}, SE3.identity()
