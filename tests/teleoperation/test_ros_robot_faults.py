@@ -352,3 +352,10 @@ def test_a_driver_that_fails_leaves_a_robot_without_velocity(clock, monkeypatch)
         for number, handler in handlers.items():
             signal.signal(number, handler)
     assert node.closed and node.sent[-1].twist.linear.y == 0.0
+
+
+def test_a_base_that_no_message_reports_counts_as_where_it_was_driven(jointed):
+    _, robot = jointed
+    robot.ik.q = robot.ik.q + np.where(robot.ik.chain.arm, 0.0, 0.2)
+    posture = robot.posture()
+    assert posture.measured_xyz_world == pytest.approx(posture.xyz_world)
