@@ -18,7 +18,7 @@ from posefuse.teleoperation.values import Order, RobotState
 
 from .driver import Driver
 from .protocol import Robot
-from .reports import RosPlan, StateReporter, open_reporters
+from .reports import OutletReporter, RosPlan, open_reporters
 
 _S = 1_000_000_000
 # a step that is later than this is left out, so that the robot does not hurry after a pause
@@ -94,7 +94,7 @@ def built(plan: RobotPlan) -> Robot:
     return robot
 
 
-def _drive(channel: Channel, driver: Driver, rate_hz: float, reporters: Sequence[StateReporter], asked: Sequence[int]) -> None:
+def _drive(channel: Channel, driver: Driver, rate_hz: float, reporters: Sequence[OutletReporter], asked: Sequence[int]) -> None:
     """Control steps until the robot stands after a `Leave`, a cut link or a signal; `asked` gets those."""
     period_ns = round(_S / rate_hz)
     due_ns, late, left_out, link, leaving = time.monotonic_ns() + period_ns, 0, 0, True, False
