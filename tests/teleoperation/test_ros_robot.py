@@ -69,13 +69,14 @@ def robot_node():
         node.close()
 
 
-def received(node, topic, act, tries=200):
+def received(node, topic, act, wanted=lambda msg: True):
     reader = node.reader(topic)
-    for _ in range(tries):
+    for _ in range(200):
         act()
         time.sleep(0.02)
         for sample in reader.take():
-            return decode(sample.raw, topic.type_name, 10**6)
+            if wanted(msg := decode(sample.raw, topic.type_name, 10**6)):
+                return msg
     pytest.fail(f"nothing on {topic.name}")
 
 
@@ -107,6 +108,9 @@ def test_a_cartesian_controller_gets_poses_or_velocities_in_its_base_frame(comma
         else:
             speed = got.twist.linear
             assert [speed.x, speed.y, speed.z] == pytest.approx([0.2, 0.0, 0.1])
+            # what is sent last comes, although the node closes behind it
+            robot.close()
+            assert received(node, topic, lambda: None, wanted=lambda msg: msg.twist.linear.x == 0.0).twist.linear.y == 0.0
         robot.close()
 
 
