@@ -27,12 +27,19 @@ class ExactRobot:
         self._xyz = np.atleast_2d(np.asarray(xyz, np.float64))
         self._wxyz = np.tile([1.0, 0.0, 0.0, 0.0], (len(self._xyz), 1)) if wxyz is None else wxyz
         self.fault = ""
+        self._rates = np.zeros_like(self._xyz), np.zeros_like(self._xyz)
 
     def posture(self) -> Posture:
         """See `Robot`."""
         spheres = _SPHERES + np.array([*self._xyz[0], 0.0])
         return Posture(
-            xyz_world=self._xyz, wxyz=self._wxyz, measured_xyz_world=self._xyz, spheres_world=spheres, fault=self.fault
+            xyz_world=self._xyz,
+            wxyz=self._wxyz,
+            velocity_world=self._rates[0],
+            turn_rate_world=self._rates[1],
+            measured_xyz_world=self._xyz,
+            spheres_world=spheres,
+            fault=self.fault,
         )
 
     def pace(self) -> float:
@@ -41,7 +48,7 @@ class ExactRobot:
 
     def move(self, goal: Goal, dt_s: float, left_out: int = 0) -> None:
         """See `Robot`."""
-        self._xyz, self._wxyz = goal.xyz_world, goal.wxyz
+        self._xyz, self._wxyz, self._rates = goal.xyz_world, goal.wxyz, (goal.velocity_world, goal.turn_rate_world)
 
     def close(self) -> None:
         """See `Robot`."""

@@ -28,7 +28,7 @@ def drive(made, xyz, wxyz=None, stands=False):
     goal = Goal(
         xyz_world=np.atleast_2d(xyz),
         wxyz=wxyz,
-        velocity_world=np.zeros((len(wxyz), 3)),
+        velocity_world=np.full((len(wxyz), 3), 0.0 if stands else 0.1),
         turn_rate_world=np.zeros((len(wxyz), 3)),
         grip=np.zeros(len(wxyz), bool),
         brakes=stands,

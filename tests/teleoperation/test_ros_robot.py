@@ -87,7 +87,7 @@ def goal(posture, velocity=(0.0, 0.0, 0.0)):
         velocity_world=np.array([velocity]),
         turn_rate_world=np.zeros((1, 3)),
         grip=np.array([False]),
-        stands=False,
+        brakes=False,
     )
 
 
@@ -100,7 +100,7 @@ def test_a_cartesian_controller_gets_poses_or_velocities_in_its_base_frame(comma
         assert posture.xyz_world[0] == pytest.approx([2.0, 0.3, 0.5]) and not posture.fault
         name, kind = ("target", "PoseStamped") if command == "pose" else ("twist", "TwistStamped")
         topic = Topic(f"{PLAN.namespace}/tool/{name}", f"geometry_msgs/msg/{kind}", depth=1)
-        got = received(node, topic, lambda: robot.carry_out(goal(posture, (0.0, 0.2, 0.1)), 0.01))
+        got = received(node, topic, lambda: robot.move(goal(posture, (0.0, 0.2, 0.1)), 0.01))
         assert got.header.frame_id == "base_link"
         if command == "pose":
             place = got.pose.position
@@ -122,16 +122,15 @@ def test_joints_of_our_inverse_kinematics_go_to_a_controller(tmp_path, controlle
         robot = open_ros_robot("joints", replace(PLAN, controller=controller), file, ("right_hand",), SETTINGS)
         posture = robot.posture()
         wanted = replace(goal(posture), xyz_world=posture.xyz_world + [[0.0, 0.002, 0.0]])
-        assert robot.reaches(wanted, 0.01)
         kind = "std_msgs/msg/Float64MultiArray" if controller.endswith("/commands") else "trajectory_msgs/msg/JointTrajectory"
-        got = received(node, Topic(controller, kind, depth=1), lambda: robot.carry_out(wanted, 0.01))
+        got = received(node, Topic(controller, kind, depth=1), lambda: robot.move(wanted, 0.01))
         if kind.endswith("Trajectory"):
             assert got.joint_names == JOINTS and len(got.points[0].positions) == 7
             assert got.points[0].positions == pytest.approx(np.array(ARM_HOME_RAD), abs=0.5)
         else:
             assert got.data == pytest.approx(np.array(ARM_HOME_RAD), abs=0.5)
         base = received(
-            node, Topic("/cmd_vel", "geometry_msgs/msg/TwistStamped", depth=1), lambda: robot.carry_out(goal(posture), 0.01)
+            node, Topic("/cmd_vel", "geometry_msgs/msg/TwistStamped", depth=1), lambda: robot.move(goal(posture), 0.01)
         )
         assert abs(base.twist.linear.x) <= 0.3
         robot.close()

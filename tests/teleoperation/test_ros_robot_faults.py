@@ -100,7 +100,7 @@ def goal(robot, velocity=(0.0, 0.0, 0.0), *, ahead=(0.0, 0.0, 0.0), turn_rate=(0
         velocity_world=np.array([velocity]),
         turn_rate_world=np.array([turn_rate]),
         grip=np.array([False]),
-        stands=not any(velocity),
+        brakes=not any(velocity),
     )
 
 
@@ -154,7 +154,7 @@ def test_the_path_between_two_frames_is_their_own_transforms():
 @pytest.mark.parametrize(("x", "turned_rad", "fault"), [(0.62, 0.2, False), (0.67, 0.0, True), (0.5, 0.4, True)])
 def test_a_pose_that_is_not_followed_is_a_fault(clock, x, turned_rad, fault):
     node, robot = cartesian("pose", clock)
-    robot.carry_out(goal(robot), DT_S)
+    robot.move(goal(robot), DT_S)
     node.send(TF.name, tf_message(clock.s, *arm(x, turned_rad)))
     assert bool(robot.posture().fault) == fault
 
@@ -165,7 +165,7 @@ def driven(clock, seconds, velocity, moved, turn_rate=0.0):
     faults, start_s = [], clock.s
     for k in range(round(seconds / DT_S)):
         speed = velocity(k * DT_S) if callable(velocity) else velocity
-        robot.carry_out(goal(robot, (0.0, speed, 0.0), turn_rate=(0.0, 0.0, turn_rate)), DT_S)
+        robot.move(goal(robot, (0.0, speed, 0.0), turn_rate=(0.0, 0.0, turn_rate)), DT_S)
         clock.s += DT_S
         x, turned_rad = moved(clock.s - start_s)
         node.send(TF.name, tf_message(clock.s, *arm(0.5 + x, turned_rad)))
@@ -194,17 +194,17 @@ def test_a_robot_that_follows_twists_late_and_drifts_has_no_fault(clock):
 
 def test_the_position_of_a_robot_that_stands_counts_as_commanded_after_twists(clock):
     _, robot = cartesian("twist", clock)
-    robot.carry_out(goal(robot, (0.0, 0.1, 0.0), ahead=(0.0, 0.05, 0.0)), DT_S)
+    robot.move(goal(robot, (0.0, 0.1, 0.0), ahead=(0.0, 0.05, 0.0)), DT_S)
     ahead = robot.posture().xyz_world
     assert ahead == pytest.approx(np.array([[2.0, 0.55, 0.5]]))
-    robot.carry_out(goal(robot), DT_S)
+    robot.move(goal(robot), DT_S)
     assert robot.posture().xyz_world == pytest.approx(np.array([[2.0, 0.5, 0.5]]))
 
 
 @pytest.mark.parametrize("command", ["pose", "twist"])
 def test_a_robot_that_is_left_gets_zero_velocity(clock, command):
     node, robot = cartesian(command, clock)
-    robot.carry_out(goal(robot, (0.1, 0.2, 0.3)), DT_S)
+    robot.move(goal(robot, (0.1, 0.2, 0.3)), DT_S)
     moving = len(node.sent)
     robot.close()
     robot.close()
@@ -233,7 +233,8 @@ def jointed(clock):
     from posefuse.teleoperation.robots.mujoco_robot import mujoco_model
 
     node = Node()
-    robot = RosJoints(node, PLAN, Chain(mujoco_model(None, ("right",)), ("right_hand",)), LimitSettings(), PLACE)
+    chain = Chain(mujoco_model(None, ("right",)), ("right_hand",), LimitSettings().collision_m)
+    robot = RosJoints(node, PLAN, chain, LimitSettings(), PLACE)
     node.send(PLAN.joint_states, joint_state(clock.s, ARM_HOME_RAD))
     assert robot.known() and not robot.posture().fault
     return node, robot
@@ -300,8 +301,7 @@ def moving(robot):
     start = robot.posture()
     for k in range(1, 31):
         wanted = replace(goal(robot, (0.0, 0.1, 0.0)), xyz_world=start.xyz_world + [[0.0, 0.001 * k, 0.0]], wxyz=start.wxyz)
-        assert robot.reaches(wanted, DT_S)
-        robot.carry_out(wanted, DT_S)
+        robot.move(wanted, DT_S)
     return next(msg for msg in robot._node.sent[::-1] if hasattr(msg, "points"))
 
 
@@ -312,18 +312,25 @@ def test_every_trajectory_is_one_that_a_controller_takes_and_ends_at_rest(clock,
     trajectories = [msg for msg in node.sent if hasattr(msg, "points")]
     assert [refusal(one, clock.s + 0.1) for one in trajectories] == [""] * 30
     for one in trajectories:
-        moves, rests = one.points
-        # constant deceleration: the mean of both velocities, for the time between them
+        moves, rests, stays = one.points
+        assert np.array_equal(rests.positions, stays.positions) and not np.any(stays.velocities)
+        # braking along a straight line of joint positions: about the mean of both velocities for the time between them
         seconds = (rests.time_from_start.nanosec - moves.time_from_start.nanosec) / 1e9
-        assert rests.positions == pytest.approx(moves.positions + moves.velocities * seconds / 2)
+        travel, most = rests.positions - moves.positions, moves.velocities * seconds
+        share = float(travel @ most / max(most @ most, 1e-12))
+        assert travel == pytest.approx(share * most, abs=1e-9) and 0.1 < share + (np.abs(most).max() < 0.003) and share < 0.6
     assert "velocity at the end" in refusal(message(last.__msgtype__, **{**vars(last), "points": last.points[:1]}), clock.s)
 
 
 def test_a_trajectory_does_not_brake_beyond_the_joints_limits(jointed):
-    _, robot = jointed
-    chain = robot.ik.chain
-    message_ = robot._arm_message(np.full(7, 1e3), DT_S, 0)
-    assert (message_.points[1].positions <= chain.high[chain.arm] + 1e-12).all()
+    """It ends where the checked stop ends, also where the robot is driven against a limit."""
+    node, robot = jointed
+    chain, start = robot.joints.chain, robot.posture()
+    for k in range(1, 300):
+        up = replace(goal(robot, (0.0, 0.0, 0.3)), xyz_world=start.xyz_world + [[0.0, 0.0, 0.003 * k]], wxyz=start.wxyz)
+        robot.move(up, DT_S)
+    ends = np.array([msg.points[-1].positions for msg in node.sent if hasattr(msg, "points")])
+    assert (ends <= chain.high[chain.arm]).all() and (ends >= chain.low[chain.arm]).all()
 
 
 def test_a_mobile_base_is_left_with_zero_velocity(jointed):
@@ -337,7 +344,7 @@ def test_a_mobile_base_is_left_with_zero_velocity(jointed):
 
 def test_a_driver_that_fails_leaves_a_robot_without_velocity(clock, monkeypatch):
     node, robot = cartesian("twist", clock)
-    robot.carry_out(goal(robot, (0.1, 0.2, 0.3)), DT_S)
+    robot.move(goal(robot, (0.1, 0.2, 0.3)), DT_S)
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, *REQUESTS_TO_END)}
 
     def fail(*_):
@@ -356,6 +363,6 @@ def test_a_driver_that_fails_leaves_a_robot_without_velocity(clock, monkeypatch)
 
 def test_a_base_that_no_message_reports_counts_as_where_it_was_driven(jointed):
     _, robot = jointed
-    robot.ik.q = robot.ik.q + np.where(robot.ik.chain.arm, 0.0, 0.2)
+    robot.joints.begin(robot.joints.q + np.where(robot.joints.chain.arm, 0.0, 0.2))
     posture = robot.posture()
     assert posture.measured_xyz_world == pytest.approx(posture.xyz_world)

@@ -98,19 +98,17 @@ def _as_commanded(wanted: Follower, before: Follower, posture: Posture, dt_s: fl
     if off_m < _FOLLOWS_M and off_rad < _FOLLOWS_RAD:
         moves = [replace(move, position=vector(xyz)) for move, xyz in zip(wanted.moves, posture.xyz_world, strict=True)]
         return replace(wanted, moves=tuple(moves), wxyz=posture.wxyz)
-    steps = posture.xyz_world - before.xyz
-    turned = [rotvec_between(a, b) for a, b in zip(before.wxyz, posture.wxyz, strict=True)]
-    moves = map(partial(_stepped, dt_s=dt_s), wanted.moves, before.moves, posture.xyz_world, steps)
-    turns = map(partial(_stepped, dt_s=dt_s), wanted.turns, before.turns, turned, turned)
+    moves = map(partial(_moved, dt_s=dt_s), wanted.moves, before.moves, posture.xyz_world, posture.velocity_world)
+    turned = map(rotvec_between, before.wxyz, posture.wxyz)
+    turns = map(partial(_moved, dt_s=dt_s), wanted.turns, before.turns, turned, posture.turn_rate_world)
     limited = wanted.limited or "the joints cannot follow"
     return replace(wanted, moves=tuple(moves), turns=tuple(turns), wxyz=posture.wxyz, limited=limited)
 
 
-def _stepped(wanted: Motion, before: Motion, position: Array, step: Array, *, dt_s: float) -> Motion:
+def _moved(wanted: Motion, before: Motion, position: Array, velocity: Array, *, dt_s: float) -> Motion:
     """A motion that did another step than the wanted one."""
-    velocity = vector(step / dt_s)
     change = np.subtract(velocity, before.velocity) / dt_s
-    return replace(wanted, position=vector(position), velocity=velocity, acceleration=vector(change), exact=False)
+    return replace(wanted, position=vector(position), velocity=vector(velocity), acceleration=vector(change), exact=False)
 
 
 def _goal(follower: Follower) -> Goal:
@@ -121,5 +119,5 @@ def _goal(follower: Follower) -> Goal:
         velocity_world=follower.velocity,
         turn_rate_world=follower.turn_rate,
         grip=order.grip if order is not None else np.zeros(len(follower.moves), np.bool_),
-        brakes=follower.stands or bool(follower.limited),
+        brakes=bool(follower.limited),
     )

@@ -30,6 +30,8 @@ _SHARES = (1.0, 0.5, 0.2)
 # pairs of bodies farther apart than this are not measured exactly
 _WATCH_M = 0.25
 _ROUNDING = 1e-9
+# joints of the arm may be so far from their commanded positions
+_FOLLOWS_RAD = 0.35
 
 
 class Joints:
@@ -54,20 +56,32 @@ class Joints:
         self._here = self._before = self._ends(q)
         # how a joint step turns them, (H, 3, n), and how the last one did, (H, 3)
         self._turn_rows = self.chain.jacobians()[:, 3:]
-        self._turned = np.zeros_like(self._here)
+        self._turned, self._dt_s = np.zeros_like(self._here), 1.0
         self._apart = self.chain.distances(_WATCH_M)
 
     def follow(self, goal: Goal, dt_s: float, left_out: int) -> Array:
         """One control step towards a goal (`protocol.Robot.move`); the joints then, (n,)."""
-        if goal.brakes:
+        self._dt_s = dt_s
+        if goal.brakes or goal.stands:
             self.brake(dt_s, left_out)
         else:
             self.move(goal.xyz_world, goal.wxyz, dt_s)
         return self.q
 
+    def resting(self) -> tuple[Array, float]:
+        """(n,) where the joints rest at the end of the checked stop, and how many control steps from now."""
+        return self.q + sum(self._stop) * self._along, len(self._stop)
+
     def posture(self, measured: Array, fault: str) -> Posture:
-        """The robot whose joints are measured at (n,): it is where it is, and where it was commanded to be."""
+        """The robot whose joints are measured at (n,).
+
+        Its spheres are where it is and where it was commanded to be: it is between the two.
+
+        Args:
+            fault: what else is known to be wrong; joints far from their commanded positions are a fault, too.
+        """
         chain, place = self.chain, self.world_from_model
+        turn = place.matrix()
         chain.place(measured)
         ends, spheres = place @ chain.positions(), chain.spheres()
         chain.place(self.q)
@@ -76,11 +90,20 @@ class Joints:
         return Posture(
             xyz_world=place @ self._here,
             wxyz=quaternion_product(place.wxyz, chain.orientations()),
+            velocity_world=(self._here - self._before) @ turn.T / self._dt_s,
+            turn_rate_world=self._turned @ turn.T / self._dt_s,
             measured_xyz_world=ends,
             q=self.q,
             spheres_world=spheres,
-            fault=fault,
+            fault=fault or self._not_following(measured),
         )
+
+    def _not_following(self, measured: Array) -> str:
+        off = np.abs(measured - self.q)[self.chain.arm]
+        if off.max() <= _FOLLOWS_RAD:
+            return ""
+        name = [name for name, arm in zip(self.chain.names, self.chain.arm, strict=True) if arm][int(off.argmax())]
+        return f"joint {name} is {off.max():.2f} rad from its commanded position"
 
     def move(self, xyz_world: Array, wxyz: Array, dt_s: float) -> None:
         """One step towards poses (H, 3), (H, 4) of the end effectors, as far as the limits allow."""

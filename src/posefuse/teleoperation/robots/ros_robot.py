@@ -30,11 +30,11 @@ from posefuse.messages.intake import decode
 from posefuse.messages.messages import header
 from posefuse.messages.topics import TF, TF_STATIC, Topic
 from posefuse.messages.types import message
-from posefuse.teleoperation.mapping import conjugate, rotvec_between
+from posefuse.teleoperation.mapping import rotvec_between
 from posefuse.teleoperation.settings import LimitSettings, TeleoperationSettings
 
 from .chain import Chain
-from .ik import WholeBodyIk
+from .joints import Joints
 from .mujoco_robot import mujoco_model, placed
 from .protocol import Goal, Posture
 from .reports import RosPlan
@@ -42,7 +42,7 @@ from .reports import RosPlan
 _MOST_BYTES = 1_000_000
 # the robot's own state may be so old, and the wait for the first one so long
 _STATE_S, _FIRST_S = 0.2, 10.0
-# joints and orientations may be so far from the commanded ones
+# orientations may be so far from the commanded ones
 _FOLLOWS_RAD = 0.35
 # and end effectors: what the default speed limit covers in 0.3 s, more than a usual controller lags
 _FOLLOWS_M = 0.15
@@ -53,6 +53,8 @@ _SENT_S = 0.05
 _ARM_RADIUS_M = 0.15
 # a point of a trajectory lies so many control periods ahead, so that the next one comes in time
 _AHEAD_PERIODS = 2
+# and a trajectory so long, longer than any stop
+_STAYS_S = 0.4
 
 
 def open_ros_robot(
@@ -71,7 +73,9 @@ def open_ros_robot(
             raise ConfigError(
                 "--command joints: expected --robot FILE.xml, the model of the robot; there is no other way to know its joints"
             )
-        robot = RosJoints(node, plan, Chain(mujoco_model(model, settings.hands), frames), settings.limits, place)
+        robot = RosJoints(
+            node, plan, Chain(mujoco_model(model, settings.hands), frames, settings.limits.collision_m), settings.limits, place
+        )
     else:
         robot = RosCartesian(node, plan, command, tuple(frames), place)
     end_s = time.monotonic() + _FIRST_S
@@ -125,8 +129,8 @@ class RosJoints:
     """Joint commands from our own inverse kinematics (`protocol.Robot`). needs: the topic with the joint states."""
 
     def __init__(self, node: Any, plan: RosPlan, chain: Chain, limits: LimitSettings, place: SE3) -> None:
-        self._node, self._plan, self._place, self._back = node, plan, place, place.inverse()
-        self.ik, self.needs = WholeBodyIk(chain, limits), plan.joint_states
+        self._node, self._plan = node, plan
+        self.joints, self.needs = Joints(chain, limits, place), plan.joint_states
         self._states = _Inbox(node, Topic(plan.joint_states, "sensor_msgs/msg/JointState", depth=5))
         arm_type = (
             "std_msgs/msg/Float64MultiArray" if plan.controller.endswith("/commands") else "trajectory_msgs/msg/JointTrajectory"
@@ -136,54 +140,32 @@ class RosJoints:
         self._base = Topic(plan.cmd_vel, vel_type, depth=1) if plan.cmd_vel else None
         if not chain.arm.all() and self._base is None:
             raise ConfigError("--command joints: the model has a mobile base; expected --cmd-vel TOPIC for it")
-        self._reported, self._renewals, self._found = np.full(len(chain.home), np.nan), _Renewals(), True
-        self._begun = False
-        # from full speed the end effector stops in this time
-        self._brake_s = limits.speed_mps / limits.acceleration_mps2
+        self._reported, self._renewals, self._begun = np.full(len(chain.home), np.nan), _Renewals(), False
 
     def known(self) -> bool:
         """Whether all joints of the arm have been reported; the first report is the start position of the robot."""
         self._listen()
         if self._renewals.age_s([self.needs]) < math.inf and not self._begun:
-            self.ik.begin(self._measured)
+            self.joints.begin(self._measured)
             self._begun = True
         return self._begun
 
     def posture(self) -> Posture:
         """See `Robot`."""
         self._listen()
-        chain = self.ik.chain
-        chain.place(self._measured)
-        measured, spheres = np.array([chain.end_effector(h)[0] for h in range(chain.hands)]), chain.spheres()
-        chain.place(self.ik.q)
-        ends = [chain.end_effector(h) for h in range(chain.hands)]
-        # the robot is between where it is measured and where it is to be
-        spheres = np.concatenate([spheres, chain.spheres()])
-        spheres[:, :3] = self._place @ spheres[:, :3]
-        return Posture(
-            xyz_world=self._place @ np.array([xyz for xyz, _ in ends]),
-            wxyz=quaternion_product(self._place.wxyz, np.array([wxyz for _, wxyz in ends])),
-            measured_xyz_world=self._place @ measured,
-            q=self.ik.q,
-            spheres_world=spheres,
-            fault=self._fault(),
-        )
+        silent = self._renewals.age_s([self.needs]) > _STATE_S
+        return self.joints.posture(self._measured, f"nothing on {self.needs} for {_STATE_S:g} s" if silent else "")
 
     def pace(self) -> float:
         """See `Robot`."""
-        return self.ik.pace()
+        return self.joints.ik.pace()
 
-    def reaches(self, goal: Goal, dt_s: float) -> bool:
+    def move(self, goal: Goal, dt_s: float, left_out: int = 0) -> None:
         """See `Robot`."""
-        self._found = self.ik.solve(self._back @ goal.xyz_world, quaternion_product(conjugate(self._place.wxyz), goal.wxyz), dt_s)
-        return self._found and self.ik.follows
-
-    def carry_out(self, goal: Goal, dt_s: float) -> None:
-        """See `Robot`."""
-        step = self.ik.take() if self._found and not goal.stands else self.ik.rest()
-        t_ns, arm = time.time_ns(), self.ik.chain.arm
-        self._node.publish(self._arm, self._arm_message(step[arm] / dt_s, dt_s, t_ns), t_ns)
-        self._move_base(_base_velocity(self.ik.q[~arm], step[~arm] / dt_s) if self._base is not None else np.zeros(6))
+        q, rates = self.joints.follow(goal, dt_s, left_out), self.joints.step / dt_s
+        t_ns, arm = time.time_ns(), self.joints.chain.arm
+        self._node.publish(self._arm, self._arm_message(q[arm], rates[arm], dt_s, t_ns), t_ns)
+        self._move_base(_base_velocity(q[~arm], rates[~arm]) if self._base is not None else np.zeros(6))
 
     def close(self) -> None:
         """See `Robot`; the base gets zero velocity, and the last trajectory ends at rest."""
@@ -193,7 +175,7 @@ class RosJoints:
     @property
     def _measured(self) -> Array:
         """(n,) joints; those that no message reports, e.g. of a base, count as commanded."""
-        return np.where(np.isfinite(self._reported), self._reported, self.ik.q)
+        return np.where(np.isfinite(self._reported), self._reported, self.joints.q)
 
     def _move_base(self, rates: Array) -> None:
         if self._base is not None:
@@ -201,36 +183,31 @@ class RosJoints:
             base = twist_stamped(t_ns, self._plan.base_frame, rates) if self._plan.stamped else twist(rates)
             self._node.publish(self._base, base, t_ns)
 
-    def _arm_message(self, rates: Array, dt_s: float, t_ns: int) -> Any:
-        chain = self.ik.chain
-        q = self.ik.q[chain.arm]
+    def _arm_message(self, q: Array, rates: Array, dt_s: float, t_ns: int) -> Any:
+        chain = self.joints.chain
         if self._arm.type_name == "std_msgs/msg/Float64MultiArray":
             layout = message("std_msgs/msg/MultiArrayLayout", dim=[], data_offset=0)
             return message(self._arm.type_name, layout=layout, data=q)
         ahead_s = _AHEAD_PERIODS * dt_s
         ahead = q + rates * (ahead_s - dt_s)
         # a controller that gets nothing more stops there; those of ros2_control take no trajectory that ends in motion
-        rest = np.clip(ahead + rates * (self._brake_s / 2), chain.low[chain.arm], chain.high[chain.arm])
-        points = [_point(ahead, rates, ahead_s), _point(rest, np.zeros_like(rates), ahead_s + self._brake_s)]
+        rest, steps = self.joints.resting()
+        rest = rest[chain.arm] + rates * (ahead_s - dt_s)
+        # and stays there, so that a message that comes late does not end in the past
+        points = [_point(ahead, rates, ahead_s)]
+        points += [_point(rest, np.zeros_like(rates), ahead_s + after_s) for after_s in (max(steps, 1) * dt_s, _STAYS_S)]
         names = [name for name, arm in zip(chain.names, chain.arm, strict=True) if arm]
         return message(self._arm.type_name, header=header(t_ns, ""), joint_names=names, points=points)
 
     def _listen(self) -> None:
-        names = self.ik.chain.names
-        needed = [name for name, arm in zip(names, self.ik.chain.arm, strict=True) if arm]
+        names = self.joints.chain.names
+        needed = [name for name, arm in zip(names, self.joints.chain.arm, strict=True) if arm]
         for msg in self._states.take():
             places = dict(zip(msg.name, msg.position, strict=False))
             if not all(name in places and np.isfinite(places[name]) for name in needed):
                 continue
             self._reported = np.array([places.get(name, np.nan) for name in names])
             self._renewals.take(self.needs, msg.header.stamp)
-
-    def _fault(self) -> str:
-        if self._renewals.age_s([self.needs]) > _STATE_S:
-            return f"nothing on {self.needs} for {_STATE_S:g} s"
-        arm = self.ik.chain.arm
-        off = float(np.abs(self._measured - self.ik.q)[arm].max())
-        return f"a joint is {off:.2f} rad from its commanded position" if off > _FOLLOWS_RAD else ""
 
 
 class RosCartesian:
@@ -261,10 +238,12 @@ class RosCartesian:
         if ends is None:
             raise SourceError(f"robot: {self.needs} is not known")
         measured, goal = ends[0], self._goal
-        xyz, wxyz = ends if goal is None or (self._twists and goal.stands) else (goal.xyz_world, goal.wxyz)
+        xyz, wxyz = ends if goal is None or (self._twists and goal.brakes and goal.stands) else (goal.xyz_world, goal.wxyz)
         return Posture(
             xyz_world=xyz,
             wxyz=wxyz,
+            velocity_world=np.zeros_like(measured) if goal is None else goal.velocity_world,
+            turn_rate_world=np.zeros_like(measured) if goal is None else goal.turn_rate_world,
             measured_xyz_world=measured,
             spheres_world=np.concatenate([_row_of_spheres(self._place.xyz, end) for end in measured]),
             fault=self._fault(*ends),
@@ -274,11 +253,7 @@ class RosCartesian:
         """See `Robot`: singularities are the controller's business."""
         return 1.0
 
-    def reaches(self, goal: Goal, dt_s: float) -> bool:
-        """See `Robot`."""
-        return True
-
-    def carry_out(self, goal: Goal, dt_s: float) -> None:
+    def move(self, goal: Goal, dt_s: float, left_out: int = 0) -> None:
         """See `Robot`."""
         self._goal = goal
         if self._twists:
