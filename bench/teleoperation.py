@@ -64,13 +64,12 @@ def _followed(path, noise_m: float, seconds: float = 16.0):
     """True hand, hand as measured, robot; the robot while the hand rests; steps at engaging; IK times."""
     from rehearsal.person import person_view
 
-    from posefuse.teleoperation.gate import CameraReport
     from posefuse.teleoperation.heartbeats import Beat
     from posefuse.teleoperation.operator import Operator, OperatorNews, step_operator
     from posefuse.teleoperation.robots.driver import Driver
     from posefuse.teleoperation.robots.mujoco_robot import MujocoRobot, mujoco_model, placed
     from posefuse.teleoperation.settings import RobotSettings, TeleoperationSettings
-    from posefuse.teleoperation.values import Phase
+    from posefuse.teleoperation.values import CameraReport, Phase
 
     settings = TeleoperationSettings(robot=RobotSettings(position_xy_m=(2.5, 0.0)))
     place = placed(settings.robot.position_xy_m, settings.robot.heading_deg)

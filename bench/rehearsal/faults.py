@@ -15,12 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.teleoperation.gate import CameraReport
 from posefuse.teleoperation.hands import BODY
 from posefuse.teleoperation.heartbeats import Beat
 from posefuse.teleoperation.operator import OperatorNews, step_operator
 from posefuse.teleoperation.settings import TeleoperationSettings
-from posefuse.teleoperation.values import RobotState
+from posefuse.teleoperation.values import CameraReport, RobotState
 
 from .judge import Breach, Judge
 from .person import Build

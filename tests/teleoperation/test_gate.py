@@ -8,13 +8,12 @@ import pytest
 
 from bench.rehearsal.person import person_view
 from bench.rehearsal.robots import ExactRobot
-from posefuse.teleoperation.gate import CameraReport
 from posefuse.teleoperation.hands import BODY
 from posefuse.teleoperation.heartbeats import Beat
 from posefuse.teleoperation.operator import Operator, OperatorNews, step_operator
 from posefuse.teleoperation.robots.driver import Driver
 from posefuse.teleoperation.settings import TeleoperationSettings
-from posefuse.teleoperation.values import Phase
+from posefuse.teleoperation.values import CameraReport, Phase
 
 SETTINGS = TeleoperationSettings()
 HAND = np.array([0.3, -0.25, 1.1])

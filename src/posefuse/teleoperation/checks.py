@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from .settings import GateSettings
-from .values import OperatorView, RobotState, all_finite
-
-if TYPE_CHECKING:
-    from .gate import CameraReport, Gate
+from .values import CameraReport, OperatorView, RobotState, all_finite
 
 # a gate that was not stepped for this long has lost track of the state
 _STALLED_S = 0.1
@@ -58,11 +55,11 @@ def camera_finding(cameras: CameraReport | None, now_ns: int, settings: GateSett
     return FINE
 
 
-def hand_finding(gate: Gate, view: OperatorView | None, now_ns: int, settings: GateSettings) -> Finding:
-    """The hands are recent, measured and certain."""
+def hand_finding(view: OperatorView | None, late: str, settings: GateSettings) -> Finding:
+    """The hands are recent, measured and certain. late: why the view is not of now (`time_problem`)."""
     if view is None or view.person_id < 0:
         return Finding(0.0, "no person is seen")
-    problem = time_problem(gate, view, now_ns, settings) or hand_problem(view, settings)
+    problem = late or hand_problem(view, settings)
     if problem:
         return Finding(0.0, problem)
     sigma, views = float(view.sigma_m.max()), int(view.views.min())
@@ -76,16 +73,20 @@ def _known_to(sigma_m: float) -> str:
     return f"hand known to {1e3 * sigma_m:.0f} mm only"
 
 
-def time_problem(gate: Gate, view: OperatorView, now_ns: int, settings: GateSettings) -> str:
-    """Why the view is not of now; empty: it is."""
+def time_problem(view: OperatorView, before_ns: int | None, changed_ns: int | None, now_ns: int, settings: GateSettings) -> str:
+    """Why the view is not of now; empty: it is.
+
+    Args:
+        before_ns: of the view before; None: there is none. changed_ns: when the hands differed last from those before.
+    """
     for t_ns in (view.t_ns, view.measured_ns):
         if now_ns - t_ns < -_AHEAD_S * 1e9:
             return "pose from the future"
     if now_ns - view.measured_ns > settings.pose_age_s * 1e9 or now_ns - view.t_ns > settings.pose_age_s * 1e9:
         return "pose is too old"
-    if gate.view_t_ns is not None and view.t_ns < gate.view_t_ns:
+    if before_ns is not None and view.t_ns < before_ns:
         return "poses go back in time"
-    if gate.changed_ns is not None and now_ns - gate.changed_ns > settings.pose_age_s * 1e9:
+    if changed_ns is not None and now_ns - changed_ns > settings.pose_age_s * 1e9:
         return "the hand is frozen"
     return ""
 

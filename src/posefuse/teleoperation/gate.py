@@ -19,16 +19,7 @@ from .checks import FINE, Finding, camera_finding, clock_finding, hand_finding, 
 from .heartbeats import Heartbeats
 from .identity import SeenBody, continued, continuity_finding, seen_in
 from .settings import GateSettings
-from .values import OperatorView, Phase, RobotState
-
-
-@dataclass(frozen=True, kw_only=True)
-class CameraReport:
-    """State of the cameras. t_ns: time of the report. healthy, total: numbers of cameras."""
-
-    t_ns: int
-    healthy: int
-    total: int
+from .values import CameraReport, OperatorView, Phase, RobotState
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -88,7 +79,7 @@ def step_gate(gate: Gate, seen: Seen, settings: GateSettings) -> Gate:
         clock_finding(gate.now_ns, seen.now_ns, settings),
         robot_finding(seen.robot, seen.now_ns, settings),
         camera_finding(seen.cameras, seen.now_ns, settings),
-        hand_finding(gate, seen.view, seen.now_ns, settings),
+        hand_finding(seen.view, _late(gate, seen, settings), settings),
         _separation_finding(seen.separation_share),
     )
     fine_ns = None if found.share <= 0 else seen.now_ns if gate.fine_ns is None else gate.fine_ns
@@ -151,6 +142,11 @@ def _stands(robot: RobotState | None, settings: GateSettings) -> bool:
     return robot is not None and bool((np.linalg.norm(robot.velocity_world, axis=1) <= settings.standing_mps).all())
 
 
+def _late(gate: Gate, seen: Seen, settings: GateSettings) -> str:
+    """Why the newest view is not of now; empty: it is, or there is none."""
+    return time_problem(seen.view, gate.view_t_ns, gate.changed_ns, seen.now_ns, settings) if seen.view is not None else ""
+
+
 def _with_view(gate: Gate, seen: Seen, settings: GateSettings) -> tuple[Gate, Finding]:
     """With what the next view must continue, and whether this one continues what was known."""
     view, known = seen.view, gate.body
@@ -159,7 +155,7 @@ def _with_view(gate: Gate, seen: Seen, settings: GateSettings) -> tuple[Gate, Fi
     now = seen_in(view, not hand_problem(view, settings), settings)
     same = known is not None and np.array_equal(now.hand_xyz, known.hand_xyz)
     after = replace(gate, view_t_ns=view.t_ns, changed_ns=gate.changed_ns if same else seen.now_ns)
-    if time_problem(gate, view, seen.now_ns, settings):
+    if _late(gate, seen, settings):
         return after, FINE
     if known is None:
         return replace(after, body=now), FINE

@@ -30,6 +30,15 @@ class Phase(StrEnum):
     STOPPED = "stopped"  # a fault of the robot or an emergency stop; only a reset leaves it
 
 
+@dataclass(frozen=True, kw_only=True)
+class CameraReport:
+    """State of the cameras. t_ns: time of the report. healthy, total: numbers of cameras."""
+
+    t_ns: int
+    healthy: int
+    total: int
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Order:
     """What the operator's side sends to the robot's side, about 100 times a second.

@@ -96,8 +96,8 @@ def _as_commanded(wanted: Follower, before: Follower, posture: Posture, dt_s: fl
     if off_m == 0 and off_rad == 0:
         return wanted
     if off_m < _FOLLOWS_M and off_rad < _FOLLOWS_RAD:
-        moves = [replace(move, position=vector(xyz)) for move, xyz in zip(wanted.moves, posture.xyz_world, strict=True)]
-        return replace(wanted, moves=tuple(moves), wxyz=posture.wxyz)
+        near = (replace(move, position=vector(xyz)) for move, xyz in zip(wanted.moves, posture.xyz_world, strict=True))
+        return replace(wanted, moves=tuple(near), wxyz=posture.wxyz)
     moves = map(partial(_moved, dt_s=dt_s), wanted.moves, before.moves, posture.xyz_world, posture.velocity_world)
     turned = map(rotvec_between, before.wxyz, posture.wxyz)
     turns = map(partial(_moved, dt_s=dt_s), wanted.turns, before.turns, turned, posture.turn_rate_world)

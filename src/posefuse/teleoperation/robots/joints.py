@@ -175,7 +175,8 @@ class Joints:
 
         ends: of (H, 3) end effectors, the last at `q`, after the step. Also returns those with each step of the stop, (S, H, 3).
         """
-        stop, share = [], 1.0
+        stop: list[float] = []
+        share = 1.0
         turned = np.linalg.norm(self._turn_rows @ along, axis=1) / self._limits.turn_acceleration_radps2
         drop = _STOP * dt_s**2 / max(float((np.abs(along) / self.ik.acceleration).max()), float(turned.max()), 1e-12)
         while share > 0 and len(stop) * dt_s < _STOP_S:
