@@ -10,6 +10,7 @@ pytest.importorskip("daqp")
 
 import mujoco
 
+from posefuse.core import ConfigError
 from posefuse.teleoperation.robots.driver import Driver
 from posefuse.teleoperation.robots.mujoco_robot import MujocoRobot, mujoco_model
 from posefuse.teleoperation.settings import LimitSettings, RobotSettings, TeleoperationSettings
@@ -93,6 +94,18 @@ def test_joints_and_end_effectors_keep_every_limit(hands, seed):
     assert most(np.diff(xyz, axis=0)) / DT_S <= LIMITS.speed_mps * (1 + 1e-9)
     assert most(np.diff(xyz, n=2, axis=0)) / DT_S**2 <= LIMITS.acceleration_mps2 * (1 + 1e-9)
     assert np.ptp(xyz, axis=0).max() > 0.2  # it does move
+
+
+def test_each_joint_may_have_its_own_limits():
+    speeds, accelerations = (2.0, 0.4, 2.0, 0.5, 2.0, 0.6, 2.0), (8.0, 2.0, 8.0, 3.0, 8.0, 2.5, 8.0)
+    limits = replace(LIMITS, joint_speed_radps=speeds, joint_acceleration_radps2=accelerations)
+    robot, q, _ = driven(("right",), random_wishes(np.random.default_rng(11), 1), limits)
+    arm = robot.joints.chain.arm
+    speed, acceleration = np.abs(np.diff(q[:, arm], axis=0)) / DT_S, np.abs(np.diff(q[:, arm], n=2, axis=0)) / DT_S**2
+    assert (speed.max(axis=0) <= np.array(speeds) * (1 + 1e-9)).all() and speed.max(axis=0)[3] > 0.49
+    assert (acceleration.max(axis=0) <= np.array(accelerations) * (1 + 1e-9)).all()
+    with pytest.raises(ConfigError, match="expected one value, or 7 for the joints"):
+        MujocoRobot(mujoco_model(None, ("right",)), ["right_hand"], replace(limits, joint_speed_radps=(1.0, 2.0)))
 
 
 def least_m(robot, q, home):

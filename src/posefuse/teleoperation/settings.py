@@ -44,7 +44,9 @@ class LimitSettings:
         turn_rate_radps, turn_acceleration_radps2, turn_jerk_radps3: of its orientation.
         box_low_m, box_high_m: corners of the workspace of every end effector, world axes.
         joint_margin_rad: joints stay so far from their limits (MoveIt Servo's default).
-        joint_speed_radps, base_speed_mps: of every joint, and of the mobile base.
+        joint_speed_radps, joint_acceleration_radps2: of the arm's joints: one value for all, or one for each in the order of the
+            model. libfranka has 7.5 to 20 rad/s2, MoveIt's configuration of a UR 5.
+        base_speed_mps, base_acceleration_mps2: of the mobile base, and in rad of its turn.
         slow_condition, stop_condition: condition number of the Jacobian where motions towards a singularity slow down, and
             where they stop (MoveIt Servo's defaults).
         collision_m: distance that the robot keeps between its own bodies, and from the floor.
@@ -59,9 +61,9 @@ class LimitSettings:
     box_low_m: Corner = (-10.0, -10.0, 0.05)
     box_high_m: Corner = (10.0, 10.0, 2.0)
     joint_margin_rad: NotNegative = 0.1
-    joint_speed_radps: Positive = 2.5
+    joint_speed_radps: Positive | tuple[Positive, ...] = 2.5
+    joint_acceleration_radps2: Positive | tuple[Positive, ...] = 10.0
     base_speed_mps: Positive = 0.3
-    joint_acceleration_radps2: Positive = 10.0
     base_acceleration_mps2: Positive = 1.5
     slow_condition: Positive = 17.0
     stop_condition: Positive = 30.0

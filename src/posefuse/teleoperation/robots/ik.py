@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from posefuse.core import ConfigError
 from posefuse.core.arrays import Array
 from posefuse.teleoperation.mapping import rotvec_between
 from posefuse.teleoperation.settings import LimitSettings
@@ -27,6 +28,8 @@ _POSTURE_PER_S = 0.5
 # from the outer ones on the base moves freely
 _FOLDED, _COMFORTABLE, _STRETCHED = (0.3, 0.4), 0.5, 0.62
 _EASY_CONDITION, _HARD_CONDITION = 8.0, 16.0
+# share of the speed limit that a singularity leaves
+_SLOWEST = 0.1
 # a pair of bodies nearer than this is watched
 _WATCH_M = 0.2
 # share of the acceleration with which the program brakes before limits of joints and distances; the rest is for what it does not
@@ -39,6 +42,10 @@ class WholeBodyIk:
 
     Attributes:
         chain: the robot. comfort: (n,) posture that it tends to. condition: of the arms' Jacobian before the last `step`.
+        speed, acceleration, low, high: (n,) limits of the joints, with the margin.
+
+    Raises:
+        ConfigError: limits for another number of joints.
     """
 
     def __init__(self, chain: Chain, limits: LimitSettings) -> None:
@@ -48,10 +55,11 @@ class WholeBodyIk:
         self.chain, self._limits = chain, limits
         self.comfort = chain.home.copy()
         self.condition = 1.0
-        arm = chain.arm
-        self.speed = np.where(arm, limits.joint_speed_radps, limits.base_speed_mps)
-        self.acceleration = np.where(arm, limits.joint_acceleration_radps2, limits.base_acceleration_mps2)
-        margin = np.where(arm, limits.joint_margin_rad, 0.0)
+        self.speed = _per_joint(chain, "joint_speed_radps", limits.joint_speed_radps, limits.base_speed_mps)
+        self.acceleration = _per_joint(
+            chain, "joint_acceleration_radps2", limits.joint_acceleration_radps2, limits.base_acceleration_mps2
+        )
+        margin = np.where(chain.arm, limits.joint_margin_rad, 0.0)
         self.low, self.high = chain.low + margin, chain.high - margin
 
     def step(self, q: Array, last: Array, xyz: Array, wxyz: Array, dt_s: float) -> Array | None:
@@ -120,7 +128,14 @@ class WholeBodyIk:
         return np.array([gap.row for gap in gaps]), -_braking_step(left, _EARLY * limits.acceleration_mps2 * dt_s**2)
 
 
-_SLOWEST = 0.1
+def _per_joint(chain: Chain, name: str, arm: float | tuple[float, ...], base: float) -> Array:
+    """(n,) a limit of the arm's joints, one for all or one each, and of the base."""
+    count = int(chain.arm.sum())
+    if isinstance(arm, tuple) and len(arm) != count:
+        raise ConfigError(f"limits.{name}: expected one value, or {count} for the joints of the robot's arms; got {len(arm)}")
+    found = np.full(len(chain.arm), base)
+    found[chain.arm] = arm
+    return found
 
 
 def _braking_step(left: Array, change: Array | float) -> Array:
