@@ -13,27 +13,32 @@ from live_session import until
 import posefuse as pf
 from posefuse.cli.main import main
 from posefuse.cli.videos import kept_videos
-from posefuse.core import Frame, InputError
+from posefuse.core import InputError
+from posefuse.formats.pixels import Pixels, RgbPixels
 from posefuse.foundation.manifest import MANIFEST_FILE
 from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.live_videos import session_with_videos
 from posefuse.pipeline.session import find_session
 from posefuse.realtime import video_keeping
-from posefuse.realtime.video_keeping import VideoKeeper, read_counts
+from posefuse.realtime.video_keeping import VideoKeeper, video_counts, wait_for_videos
 from posefuse.sources.video import VideoConfig
 
 
-def frame(i: int) -> Frame:
-    image = np.full((32, 48, 3), i % 250, np.uint8)
-    return Frame(camera="cam", seq=i, t_ns=i * 10_000_000, received_ns=i * 10_000_000, image=image)
+def frame(i: int) -> Pixels:
+    return RgbPixels(np.full((32, 48, 3), i % 250, np.uint8))
+
+
+def finished(keeper: VideoKeeper) -> None:
+    keeper.finish()
+    wait_for_videos([keeper])
 
 
 def test_all_frames_after_the_session_began_are_kept(tmp_path: Path) -> None:
     keeper = VideoKeeper(tmp_path, "cam")
     for i in range(-3, 20):
         keeper.offer(frame(i), i * 10_000_000)
-    keeper.close()
-    [counts] = read_counts(tmp_path, ["cam"]).values()
+    finished(keeper)
+    [counts] = video_counts(tmp_path, ["cam"]).values()
     assert (counts.written, counts.dropped, counts.fault, counts.finished) == (20, 0, "", True)
     np.testing.assert_allclose(VideoConfig(tmp_path / "cam.mp4", "cam").build().times_ns(), np.arange(20) * 10_000_000, atol=1000)
 
@@ -41,35 +46,82 @@ def test_all_frames_after_the_session_began_are_kept(tmp_path: Path) -> None:
 def test_a_slow_disk_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     free, write = threading.Event(), video_keeping.KeptVideo.write
 
-    def slow(self: video_keeping.KeptVideo, one: Frame, t_ns: int) -> bool:
+    def slow(self: video_keeping.KeptVideo, one: Pixels, t_ns: int) -> str:
         assert free.wait(30)
         return write(self, one, t_ns)
 
     monkeypatch.setattr(video_keeping.KeptVideo, "write", slow)
+    monkeypatch.setattr(video_keeping, "_ROOM_BYTES", 32 * 32 * 48 * 3)
     keeper = VideoKeeper(tmp_path, "cam")
     for i in range(100):
         keeper.offer(frame(i), i * 10_000_000)
     assert keeper.counts().dropped >= 100 - 34
     free.set()
-    keeper.close()
-    [counts] = read_counts(tmp_path, ["cam"]).values()
+    finished(keeper)
+    [counts] = video_counts(tmp_path, ["cam"]).values()
     assert counts.written + counts.dropped == 100
     assert counts.written >= 32
+    assert set(counts.lost) == {"the disk or the processor is too slow for this rate"}
+
+
+def test_a_video_that_still_makes_progress_is_finished_and_one_that_does_not_is_given_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The disk takes a frame every 50 ms, and the one of the other camera nothing more."""
+    monkeypatch.setattr(video_keeping, "FINISH_S", 0.5)
+    free, write = threading.Event(), video_keeping.KeptVideo.write
+
+    def slow(self: video_keeping.KeptVideo, one: Pixels, t_ns: int) -> str:
+        if self.path.stem == "stuck":
+            assert free.wait(30)
+        time.sleep(0.05)
+        return write(self, one, t_ns)
+
+    monkeypatch.setattr(video_keeping.KeptVideo, "write", slow)
+    keepers = [VideoKeeper(tmp_path, name) for name in ("cam", "stuck")]
+    for keeper in keepers:
+        for i in range(40):
+            keeper.offer(frame(i), i * 10_000_000)
+        keeper.finish()
+    wait_for_videos(keepers)
+    counts = video_counts(tmp_path, ["cam", "stuck"])
+    free.set()
+    wait_for_videos(keepers)
+    assert (counts["cam"].written, counts["cam"].finished) == (40, True)
+    assert "was not finished" in counts["stuck"].fault
+
+
+def test_frames_that_the_source_did_not_deliver_are_lost_too(tmp_path: Path) -> None:
+    keeper = VideoKeeper(tmp_path, "cam")
+    keeper.offer(frame(0), 0)
+    keeper.miss(3)
+    finished(keeper)
+    [counts] = video_counts(tmp_path, ["cam"]).values()
+    assert (counts.written, counts.dropped) == (1, 3)
+    assert "did not deliver" in next(iter(counts.lost))
+
+
+def test_a_video_without_frames_is_a_fault(tmp_path: Path) -> None:
+    keeper = VideoKeeper(tmp_path, "cam")
+    finished(keeper)
+    [counts] = video_counts(tmp_path, ["cam"]).values()
+    assert (counts.written, counts.dropped) == (0, 0)
+    assert counts.fault.startswith("no frame came")
 
 
 def test_a_full_disk_ends_the_video_and_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(self: video_keeping.KeptVideo, one: Frame, t_ns: int) -> bool:
+    def full(self: video_keeping.KeptVideo, one: Pixels, t_ns: int) -> str:
         raise InputError("cam.mp4: cannot be written (No space left on device)")
 
     monkeypatch.setattr(video_keeping.KeptVideo, "write", full)
     keeper = VideoKeeper(tmp_path, "cam")
     for i in range(5):
         keeper.offer(frame(i), i * 10_000_000)
-    keeper.close()
-    [counts] = read_counts(tmp_path, ["cam"]).values()
+    finished(keeper)
+    [counts] = video_counts(tmp_path, ["cam"]).values()
     assert (counts.written, counts.dropped, counts.finished) == (0, 5, False)
     assert "No space left" in counts.fault
-    assert "was not finished" in read_counts(tmp_path, ["other"])["other"].fault
+    assert "was not finished" in video_counts(tmp_path, ["other"])["other"].fault
 
 
 def test_a_folder_of_videos_that_a_full_disk_leaves_incomplete_is_one_line_that_names_it(

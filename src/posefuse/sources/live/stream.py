@@ -25,6 +25,8 @@ from posefuse.sources.arriving import Arrived
 from posefuse.sources.packets import decoded_with_packets
 
 _FOLLOW_NS = 10_000_000_000
+# videos have times in microseconds
+_LEAST_STEP_NS = 1_000
 _OPEN_S, _READ_S = 8.0, 5.0
 _ADVICE = {
     errno.EBUSY: "another program uses it",
@@ -137,7 +139,7 @@ class StampClock:
         t_ns = arrived_ns if stamp_ns is None else stamp_ns + self._offset(arrived_ns - stamp_ns, arrived_ns)
         t_ns -= self._delay_ns
         if self._newest_ns is not None:
-            t_ns = max(t_ns, self._newest_ns + 1)
+            t_ns = max(t_ns, self._newest_ns + _LEAST_STEP_NS)
         self._newest_ns = t_ns
         return t_ns
 
