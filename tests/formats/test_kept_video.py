@@ -188,17 +188,6 @@ def test_packets_left_out_cost_those_that_build_on_them_and_no_more(demo_session
         np.testing.assert_array_equal(one.image, other.image)
 
 
-def test_packets_of_frames_that_were_left_out_are_kept_too(demo_session: Path, tmp_path: Path) -> None:
-    made = list(frames(demo_session, True))
-    assert made[5].encoded is not None
-    earlier = tuple((made[5].t_ns - one.t_ns, one.encoded) for one in made[3:5] if one.encoded is not None)
-    late = replace(made[5], encoded=replace(made[5].encoded, earlier=earlier))
-    with KeptVideo(tmp_path / "a.mp4") as video:
-        assert write_all(video, [*made[:3], late, *made[6:]]) == len(made) - 2
-    assert video.frames == len(made)
-    np.testing.assert_allclose(VideoConfig(tmp_path / "a.mp4", "cam00").build().times_ns(), T_NS, atol=1_000)
-
-
 @pytest.mark.parametrize("name", ["x264 B-frames, pyramid, a long GOP", "motion JPEG", "VP8"])
 def test_of_a_video_that_was_killed_all_but_the_last_second_is_readable(tmp_path: Path, name: str) -> None:
     made_stream(tmp_path / "made", name)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import av
 import cv2
 import numpy as np
 import pytest
@@ -200,6 +201,22 @@ def test_a_source_that_cannot_be_opened_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(SourceError, match="camera a: no such video file"):
         found.run(Terminal(as_json=True))
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.realtime
+def test_a_source_with_reordered_frames_is_recorded_completely(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    with av.open(str(tmp_path / "made.mp4"), "w") as made:
+        stream = made.add_stream("libx264", rate=30, options={"bf": "3", "b-adapt": "0"})
+        stream.width, stream.height = 64, 48
+        for _ in range(50):
+            made.mux(stream.encode(av.VideoFrame.from_ndarray(GOOD)))
+        made.mux(stream.encode(None))
+    sources = [word for name in "abcd" for word in ("--source", f"{name}=video:{tmp_path / 'made.mp4'}")]
+    assert main(["record", *sources, "--out", str(tmp_path / "s"), "--json"]) == 0
+    videos = json.loads(capsys.readouterr().out)["videos"]
+    assert {name: (one["written"], one["dropped"], one["how"]) for name, one in videos.items()} == dict.fromkeys(
+        "abcd", (50, 0, "copied")
+    )
 
 
 @pytest.mark.realtime

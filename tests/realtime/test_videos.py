@@ -21,6 +21,8 @@ from posefuse.pipeline.live_videos import session_with_videos
 from posefuse.pipeline.session import find_session
 from posefuse.realtime import video_keeping
 from posefuse.realtime.video_keeping import VideoKeeper, video_counts, wait_for_videos
+from posefuse.sources.arriving import Arrived
+from posefuse.sources.packets import with_earlier
 from posefuse.sources.video import VideoConfig
 
 
@@ -41,6 +43,20 @@ def test_all_frames_after_the_session_began_are_kept(tmp_path: Path) -> None:
     [counts] = video_counts(tmp_path, ["cam"]).values()
     assert (counts.written, counts.dropped, counts.fault, counts.finished) == (20, 0, "", True)
     np.testing.assert_allclose(VideoConfig(tmp_path / "cam.mp4", "cam").build().times_ns(), np.arange(20) * 10_000_000, atol=1000)
+
+
+def test_packets_of_frames_that_were_left_out_are_kept_too(demo_session: Path, tmp_path: Path) -> None:
+    source = VideoConfig(demo_session / "videos" / "cam00.mp4", "cam00", keep_encoded=True, threads=False).build()
+    made = list(source.frames())
+    late = with_earlier(Arrived.of(made[5]), [(one.t_ns, one.encoded) for one in made[3:5]])
+    keeper = VideoKeeper(tmp_path, "cam")
+    for one, encoded in [*((one, one.encoded) for one in made[:3]), (made[5], late), *((one, one.encoded) for one in made[6:])]:
+        assert encoded is not None
+        keeper.offer(encoded, one.t_ns)
+    finished(keeper)
+    [counts] = video_counts(tmp_path, ["cam"]).values()
+    assert (counts.written, counts.lost) == (len(made), {})
+    np.testing.assert_allclose(VideoConfig(tmp_path / "cam.mp4", "cam").build().times_ns(), source.times_ns(), atol=1_000)
 
 
 def test_a_slow_disk_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -145,8 +145,6 @@ class KeptVideo:
     def _copy(self, frame: EncodedFrame, t_us: int) -> str:
         if frame.header != self._header:
             return _OTHER
-        for before_ns, earlier in frame.earlier:
-            self._copy(earlier, t_us - round(before_ns / 1000))
         if self._queue.begins_again(frame):
             self._mux(self._container, self._queue.rest())
         known = self._queue.add(frame, t_us)

@@ -184,7 +184,9 @@ class Capture:
         """Frames of one showing of the source, which begins `later_ns` after zero."""
         if self._source is None or self.entry.from_zero:
             self._source = self.entry.open(self._camera, zero_ns + later_ns)
-        still, before, seq = 0, None, None
+        still, before = 0, None
+        # others may have counted before they were opened
+        seq = -1 if self.entry.from_zero else None
         try:
             frames = arriving(self._source)
             self._began_s = self._began_s or (zero_ns / 1e9 if self.entry.from_zero else time.monotonic())
@@ -200,6 +202,7 @@ class Capture:
                 self._state, self._text = "running", ""
                 # another thread may exchange it
                 if (keeper := self._keeper) is not None:
+                    # those that come with the next one are not missing
                     keeper.miss(missing - (len(frame.encoded.earlier) if frame.encoded else 0))
                     keeper.offer(frame.encoded or frame.pixels, frame.t_ns + later_ns - self._zero_ns)
                 self.put(Caught(frame, still, later_ns, wrong))

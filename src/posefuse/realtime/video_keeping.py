@@ -119,6 +119,9 @@ class VideoKeeper:
 
     def offer(self, image: Pixels | EncodedFrame, t_ns: int) -> None:
         """A frame of time `t_ns` since the session's zero; dropped and counted where there is no room."""
+        if isinstance(image, EncodedFrame):
+            for before_ns, earlier in image.earlier:
+                self.offer(earlier, t_ns - before_ns)
         if t_ns < 0:
             return
         if self._take_room(-_bytes_of(image)):
@@ -175,7 +178,7 @@ class VideoKeeper:
 
 def _bytes_of(image: Pixels | EncodedFrame) -> int:
     if isinstance(image, EncodedFrame):
-        return sum(len(packet.data) for packet in image.packets) + sum(_bytes_of(frame) for _, frame in image.earlier)
+        return sum(len(packet.data) for packet in image.packets)
     return 3 * image.size_wh[0] * image.size_wh[1]
 
 
