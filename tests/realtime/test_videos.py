@@ -20,6 +20,7 @@ from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.live_videos import session_with_videos
 from posefuse.pipeline.session import find_session
 from posefuse.realtime import video_keeping
+from posefuse.realtime.capture import Capture, LiveInput
 from posefuse.realtime.video_keeping import VideoKeeper, video_counts, wait_for_videos
 from posefuse.sources.arriving import Arrived
 from posefuse.sources.packets import with_earlier
@@ -105,6 +106,20 @@ def test_a_video_that_still_makes_progress_is_finished_and_one_that_does_not_is_
     wait_for_videos(keepers)
     assert (counts["cam"].written, counts["cam"].finished) == (40, True)
     assert "was not finished" in counts["stuck"].fault
+
+
+def test_of_two_videos_of_a_camera_both_are_finished_at_the_end(tmp_path: Path) -> None:
+    """Stop, then End at once: the one that was switched off is not finished yet."""
+    capture = Capture(LiveInput("cam", "film", None, reopen=False), None, threading.Condition())
+    for name in ("first", "second"):
+        (tmp_path / name).mkdir()
+        capture.exchange_keeper(VideoKeeper(tmp_path / name, "cam"))
+        for i in range(200):
+            capture._keeper.offer(frame(i), i * 10_000_000)
+    wait_for_videos(capture.close())
+    for name in ("first", "second"):
+        [counts] = video_counts(tmp_path / name, ["cam"]).values()
+        assert (counts.written, counts.finished) == (200, True)
 
 
 def test_frames_that_the_source_did_not_deliver_are_lost_too(tmp_path: Path) -> None:

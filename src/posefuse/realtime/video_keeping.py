@@ -6,7 +6,6 @@ import contextlib
 import json
 import queue
 import threading
-import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
@@ -16,6 +15,7 @@ from posefuse.core.encoded import EncodedFrame
 from posefuse.formats.kept_video import KeptVideo
 from posefuse.formats.pixels import Pixels
 from posefuse.foundation.atomic import write_text
+from posefuse.foundation.finishing import wait_while_working
 from posefuse.foundation.platform import lower_thread_priority
 from posefuse.sources.video import VideoConfig
 
@@ -25,7 +25,6 @@ _ROOM_BYTES = 1 << 27
 _NICENESS = 5
 # at the end a video that has made no progress for so long is given up
 FINISH_S = 5.0
-_REST_S = 0.05
 _SLOW = "the disk or the processor is too slow for this rate"
 _MISSING = "the source did not deliver them: the computer is too busy, or the connection too slow"
 _NO_PACKET = "the stream has no packets of theirs"
@@ -184,15 +183,7 @@ def _bytes_of(image: Pixels | EncodedFrame) -> int:
 
 def wait_for_videos(keepers: Sequence[VideoKeeper], tell: Callable[[], None] = lambda: None) -> None:
     """Wait until these are finished, as long as any of them makes progress; `tell` is called several times a second."""
-    before, since_s = (), time.monotonic()
-    while working := [keeper for keeper in keepers if keeper.at_work]:
-        now = tuple(keeper.counts() for keeper in working)
-        if now != before:
-            before, since_s = now, time.monotonic()
-        elif time.monotonic() - since_s > FINISH_S:
-            return
-        tell()
-        time.sleep(_REST_S)
+    wait_while_working(lambda: [keeper.counts() for keeper in keepers if keeper.at_work], FINISH_S, tell)
 
 
 def video_counts(folder: Path, cameras: Iterable[str]) -> dict[str, KeptCounts]:
