@@ -166,8 +166,10 @@ class Capture:
                 if self._loop_ns:
                     continue
                 self._state, self._text = "ended", "the source has ended"
-            except (PosefuseError, OSError, RuntimeError, ValueError) as error:
-                self._state, self._text = "lost", str(error)
+            except Exception as error:  # noqa: BLE001 - others' sources may fail in any way; it is reported, not hidden
+                known = isinstance(error, (PosefuseError, OSError))
+                words = str(error) if known else f"{type(error).__name__}: {' '.join(str(error).split())}"
+                self._state, self._text = "lost", words
             if not self.entry.reopen:
                 return
             self._stop.wait(_RETRY_S)

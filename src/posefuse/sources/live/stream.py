@@ -133,9 +133,15 @@ class StampClock:
         self._delay_ns = delay_ns
         self._offsets: deque[tuple[int, int]] = deque()
         self._newest_ns: int | None = None
+        self._stamp_ns = 0
 
     def placed(self, stamp_ns: int | None, arrived_ns: int) -> int:
         """Time of the image: stamp plus least offset minus the known delay; arrival where there is no stamp. Increasing."""
+        if stamp_ns is not None:
+            if stamp_ns < self._stamp_ns:
+                # the camera has set its clock back: offsets from before mean nothing
+                self._offsets.clear()
+            self._stamp_ns = stamp_ns
         t_ns = arrived_ns if stamp_ns is None else stamp_ns + self._offset(arrived_ns - stamp_ns, arrived_ns)
         t_ns -= self._delay_ns
         if self._newest_ns is not None:
