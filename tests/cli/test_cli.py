@@ -95,8 +95,9 @@ def test_the_wheel_brings_the_clip_and_stays_small() -> None:
 
 def test_models_can_be_checked_without_a_network(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
     monkeypatch.setenv("POSEFUSE_CACHE", str(tmp_path))
-    models = json.loads(run(capsys, "models", "--check", "--json")[1])["models"]
-    assert {model["state"] for model in models} == {"missing"}
+    code, out, err = run(capsys, "models", "--check", "--json")
+    assert {model["state"] for model in json.loads(out)["models"]} == {"missing"}
+    assert code == 1 and "missing or damaged: " in err and "`posefuse models` fetches them" in err
     code, _, err = run(capsys, "models", "--from", str(tmp_path / "none.whl"))
     assert code == 1
     assert "none.whl" in err.splitlines()[-1]

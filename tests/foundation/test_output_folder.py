@@ -376,9 +376,7 @@ def test_a_full_disk_leaves_no_half_list_of_files(tmp_path: Path, monkeypatch: p
     (folder.folder / "a.json").write_text("{}")
     before = tree(folder.folder)
     fill_disk(monkeypatch, errno.ENOSPC)
-    with pytest.raises(
-        InputError, match=r"cannot be written \(No space left on device\); what is complete is kept"
-    ):
+    with pytest.raises(InputError, match=r"cannot be written \(No space left on device\); what is complete is kept"):
         folder.add([folder.folder / "a.json"])
     monkeypatch.undo()
     assert tree(folder.folder) == before
