@@ -49,9 +49,7 @@ def models(
     terminal.table(f"Models in {cache_dir}", ("model", "for", "state", "licence"), rows)
     paths = [str(model_path(card, cache_dir)) for card in list_cards()]
     keys = ("name", "summary", "state", "licence", "path")
-    figures: dict[str, Any] = {
-        "models": [dict(zip(keys, (*row, path), strict=True)) for row, path in zip(rows, paths, strict=True)]
-    }
+    shown = [dict(zip(keys, (*row, path), strict=True)) for row, path in zip(rows, paths, strict=True)]
     if absent:
         terminal.warn(f"missing or damaged: {', '.join(absent)}; `posefuse models` fetches them")
     figures: dict[str, Any] = {"models": shown, "exit_code": int(bool(absent))}
