@@ -15,7 +15,7 @@ import numpy as np
 from posefuse.core import JointCentres, LiveNames, LivePose, LivePreview, Pose3D, Rig, Skeleton, SourceError
 from posefuse.foundation.compiled import compiling
 from posefuse.foundation.platform import punctual, usable_cores
-from posefuse.foundation.requests_to_end import HANG_UP, REQUESTS_TO_END, Repeats, heeded, without_terminal
+from posefuse.foundation.requests_to_end import HANG_UP, REQUESTS_TO_END, Repeats, heeded, put_off, without_terminal
 from posefuse.kinematics import JointTracker
 from posefuse.kinematics.body import FEWEST_SEEN
 from posefuse.tracking import at_joint_centres
@@ -275,7 +275,7 @@ def stop_requests() -> Iterator[list[str]]:
     repeats = Repeats()
 
     def note(number: int, frame: Any) -> None:
-        if repeats.repeated(number):
+        if put_off(number, frame) or repeats.repeated(number):
             return
         if stopped:
             raise KeyboardInterrupt
