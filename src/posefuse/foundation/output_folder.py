@@ -95,8 +95,8 @@ def output_folder(
         _remove_empty(made)
         if full and not (keep_unfinished and isinstance(error, InputError)):
             reason = error.strerror if isinstance(error, OSError) else error
-            left = f"what was finished until then is kept in {staging}" if kept else "nothing was written"
-            raise DiskFullError(f"{path}: no room ({reason}); {left}") from None
+            outcome = f"what was finished until then is kept in {staging}" if kept else "nothing was written"
+            raise DiskFullError(f"{path}: no room ({reason}); {outcome}") from None
         raise
     _finish(path, staging, target, manifest, replace, warn)
 

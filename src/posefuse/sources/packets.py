@@ -75,7 +75,8 @@ def _with_lengths(data: bytes) -> bytes:
 
 
 def _stamp_ns(timed: Any) -> int:
-    return round(timed.pts * timed.time_base * 1_000_000_000)
+    stamp_ns: int = round(timed.pts * timed.time_base * 1_000_000_000)
+    return stamp_ns
 
 
 def with_earlier(frame: Arrived, left_out: Sequence[tuple[int, EncodedFrame | None]]) -> EncodedFrame | None:
