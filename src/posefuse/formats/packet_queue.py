@@ -23,7 +23,7 @@ class TimedPacket:
 
 
 class PacketQueue:
-    """Places packets on a session's clock: at the time of their frame, or by their stamp where no frame came of them.
+    """Places packets on a session's clock: at the time of their frame, or by their stamp where they gave no frame.
 
     It begins with a keyframe, and again after packets that are missing.
     """
