@@ -162,6 +162,18 @@ def test_a_video_that_ends_anywhere_holds_all_that_was_shown(tmp_path: Path, nam
         assert {round(frame.t_ns / 1000) for frame in given[:count]} <= shown
 
 
+def test_a_camera_that_sets_its_clock_back_loses_no_frame(tmp_path: Path) -> None:
+    made_stream(tmp_path / "made", "x264 without B-frames")
+    with KeptVideo(tmp_path / "kept.mp4") as video:
+        for i, frame in enumerate(VideoConfig(tmp_path / "made", "cam00", keep_encoded=True, threads=False).build().frames()):
+            assert frame.encoded is not None
+            [packet], back_ns = frame.encoded.packets, (i > 20) * 60_000_000_000
+            packet = replace(packet, stamp_ns=packet.stamp_ns - back_ns)
+            encoded = replace(frame.encoded, packets=(packet,), stamp_ns=packet.stamp_ns)
+            assert not video.write(encoded, frame.t_ns)
+    assert video.frames == len(read_all(tmp_path / "kept.mp4")) == COUNT
+
+
 def test_a_stream_without_presentation_times_is_encoded(tmp_path: Path) -> None:
     with av.open(str(tmp_path / "a.h264"), "w", format="h264") as made:
         stream = made.add_stream("libx264", rate=30, options=B_FRAMES)

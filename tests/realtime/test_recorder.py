@@ -29,7 +29,7 @@ from posefuse.realtime.camera_feed import CameraFeed
 from posefuse.realtime.capture import LiveInput
 from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.realtime.recorder import exposure_warning, record
-from posefuse.realtime.video_keeping import video_counts
+from posefuse.realtime.video_keeping import read_counts
 from posefuse.sources.video import VideoConfig
 
 GOOD = np.linspace(20, 230, 48 * 64, dtype=np.uint8).reshape(48, 64, 1).repeat(3, axis=2)
@@ -61,7 +61,7 @@ def test_every_frame_is_kept_at_its_own_time(tmp_path: Path) -> None:
     shown: list[int] = []
     with CameraFeed(inputs) as feed:
         record(feed, tmp_path, lambda seconds, news: None, lambda fed: shown.append(fed.camera), duration_s=20.0)
-    for name, counts in video_counts(tmp_path, ["a", "b"]).items():
+    for name, counts in read_counts(tmp_path, ["a", "b"]).items():
         assert (counts.written, counts.dropped, counts.finished) == (5, 0, True)
         assert counts.longest_gap_s == pytest.approx(0.113)
         assert counts.rate_hz == pytest.approx(4 / 0.21)
@@ -88,7 +88,7 @@ def test_the_duration_counts_from_the_first_frame_of_the_last_camera(tmp_path: P
     inputs = [LiveInput(name, "film", Late(name, GOOD, wait_s=wait_s), reopen=False) for name, wait_s in (("a", 0.0), ("b", 1.0))]
     with CameraFeed(inputs) as feed:
         record(feed, tmp_path, lambda seconds, news: None, lambda fed: None, duration_s=0.5)
-    last = video_counts(tmp_path, ["a", "b"])["b"]
+    last = read_counts(tmp_path, ["a", "b"])["b"]
     assert last.last_s - last.first_s > 0.3
 
 

@@ -21,7 +21,7 @@ from posefuse.pipeline.live_videos import session_with_videos
 from posefuse.pipeline.session import find_session
 from posefuse.realtime import video_keeping
 from posefuse.realtime.capture import Capture, LiveInput
-from posefuse.realtime.video_keeping import VideoKeeper, video_counts, wait_for_videos
+from posefuse.realtime.video_keeping import VideoKeeper, read_counts, wait_for_videos
 from posefuse.sources.arriving import Arrived
 from posefuse.sources.packets import with_earlier
 from posefuse.sources.video import VideoConfig
@@ -41,7 +41,7 @@ def test_all_frames_after_the_session_began_are_kept(tmp_path: Path) -> None:
     for i in range(-3, 20):
         keeper.offer(frame(i), i * 10_000_000)
     finished(keeper)
-    [counts] = video_counts(tmp_path, ["cam"]).values()
+    [counts] = read_counts(tmp_path, ["cam"]).values()
     assert (counts.written, counts.dropped, counts.fault, counts.finished) == (20, 0, "", True)
     np.testing.assert_allclose(VideoConfig(tmp_path / "cam.mp4", "cam").build().times_ns(), np.arange(20) * 10_000_000, atol=1000)
 
@@ -55,7 +55,7 @@ def test_packets_of_frames_that_were_left_out_are_kept_too(demo_session: Path, t
         assert encoded is not None
         keeper.offer(encoded, one.t_ns)
     finished(keeper)
-    [counts] = video_counts(tmp_path, ["cam"]).values()
+    [counts] = read_counts(tmp_path, ["cam"]).values()
     assert (counts.written, counts.lost) == (len(made), {})
     np.testing.assert_allclose(VideoConfig(tmp_path / "cam.mp4", "cam").build().times_ns(), source.times_ns(), atol=1_000)
 
@@ -75,7 +75,7 @@ def test_a_slow_disk_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.Monke
     assert keeper.counts().dropped >= 100 - 34
     free.set()
     finished(keeper)
-    [counts] = video_counts(tmp_path, ["cam"]).values()
+    [counts] = read_counts(tmp_path, ["cam"]).values()
     assert counts.written + counts.dropped == 100
     assert counts.written >= 32
     assert set(counts.lost) == {"the disk or the processor is too slow for this rate"}
@@ -101,7 +101,7 @@ def test_a_video_that_still_makes_progress_is_finished_and_one_that_does_not_is_
             keeper.offer(frame(i), i * 10_000_000)
         keeper.finish()
     wait_for_videos(keepers)
-    counts = video_counts(tmp_path, ["cam", "stuck"])
+    counts = read_counts(tmp_path, ["cam", "stuck"])
     free.set()
     wait_for_videos(keepers)
     assert (counts["cam"].written, counts["cam"].finished) == (40, True)
@@ -118,7 +118,7 @@ def test_of_two_videos_of_a_camera_both_are_finished_at_the_end(tmp_path: Path) 
             capture._keeper.offer(frame(i), i * 10_000_000)
     wait_for_videos(capture.close())
     for name in ("first", "second"):
-        [counts] = video_counts(tmp_path / name, ["cam"]).values()
+        [counts] = read_counts(tmp_path / name, ["cam"]).values()
         assert (counts.written, counts.finished) == (200, True)
 
 
@@ -127,7 +127,7 @@ def test_frames_that_the_source_did_not_deliver_are_lost_too(tmp_path: Path) -> 
     keeper.offer(frame(0), 0)
     keeper.miss(3)
     finished(keeper)
-    [counts] = video_counts(tmp_path, ["cam"]).values()
+    [counts] = read_counts(tmp_path, ["cam"]).values()
     assert (counts.written, counts.dropped) == (1, 3)
     assert "did not deliver" in next(iter(counts.lost))
 
@@ -135,7 +135,7 @@ def test_frames_that_the_source_did_not_deliver_are_lost_too(tmp_path: Path) -> 
 def test_a_video_without_frames_is_a_fault(tmp_path: Path) -> None:
     keeper = VideoKeeper(tmp_path, "cam")
     finished(keeper)
-    [counts] = video_counts(tmp_path, ["cam"]).values()
+    [counts] = read_counts(tmp_path, ["cam"]).values()
     assert (counts.written, counts.dropped) == (0, 0)
     assert counts.fault.startswith("no frame came")
 
@@ -149,10 +149,10 @@ def test_a_full_disk_ends_the_video_and_is_reported(tmp_path: Path, monkeypatch:
     for i in range(5):
         keeper.offer(frame(i), i * 10_000_000)
     finished(keeper)
-    [counts] = video_counts(tmp_path, ["cam"]).values()
+    [counts] = read_counts(tmp_path, ["cam"]).values()
     assert (counts.written, counts.dropped, counts.finished) == (0, 5, False)
     assert "No space left" in counts.fault
-    assert "was not finished" in video_counts(tmp_path, ["other"])["other"].fault
+    assert "was not finished" in read_counts(tmp_path, ["other"])["other"].fault
 
 
 def test_a_folder_of_videos_that_a_full_disk_leaves_incomplete_is_one_line_that_names_it(

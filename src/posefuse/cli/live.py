@@ -28,7 +28,7 @@ from posefuse.realtime.networks import fetch_networks
 from posefuse.realtime.output_plan import OutputPlan
 from posefuse.realtime.ros_cameras import rig_with_camera_infos
 from posefuse.realtime.session import run_live
-from posefuse.realtime.video_keeping import video_counts
+from posefuse.realtime.video_keeping import read_counts
 
 from .live_report import PAGE_FILE, live_session_figures, show_live_figures, write_latency_report
 from .stopping import session_exit_code
@@ -64,7 +64,7 @@ def run_session(
     duration_s = run_options(timing).duration_s
     with kept_videos(videos, rig, inputs) as folder:
         done = run_live(rig, inputs, config, plan, duration_s, terminal.note, videos=folder)
-        kept = video_figures(video_counts(folder, [entry.camera for entry in inputs])) if folder else {}
+        kept = video_figures(read_counts(folder, [entry.camera for entry in inputs])) if folder else {}
         failed = done.outputs_failed or any(one["fault"] for one in kept.values())
         figures = {
             **live_session_figures(done),

@@ -19,7 +19,7 @@ from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.realtime.record_view import RecordView
 from posefuse.realtime.recorder import CameraNews, record
 from posefuse.realtime.session import stop_requests
-from posefuse.realtime.video_keeping import video_counts
+from posefuse.realtime.video_keeping import read_counts
 
 from .stopping import session_exit_code
 from .terminal import Terminal
@@ -66,7 +66,7 @@ def record_session(options: RecordOptions, ros_2: Ros2Options, terminal: Termina
 
 def checked_figures(videos: Path, cameras: Sequence[str], stopped: Sequence[str], terminal: Terminal) -> dict[str, Any]:
     """What was recorded, shown; raises SourceError where that is nothing."""
-    counts = video_counts(videos, cameras)
+    counts = read_counts(videos, cameras)
     check_recorded(videos, counts, stopped)
     figures = video_figures(counts)
     show_videos(figures, terminal)

@@ -18,7 +18,7 @@ from posefuse.formats.rig import write_rig
 from posefuse.foundation.manifest import MANIFEST_FILE, read_manifest
 from posefuse.foundation.output_folder import check_replaceable, find_unfinished, output_folder
 from posefuse.realtime.capture import LiveInput
-from posefuse.realtime.video_keeping import KeptCounts, video_counts, write_found_counts
+from posefuse.realtime.video_keeping import KeptCounts, read_counts, write_found_counts
 
 RIG_FILE, RECORDING_FILE = "rig.toml", "recording.toml"
 # a camera that is recorded writes more often
@@ -72,7 +72,7 @@ def kept_videos(
                 error.add_note(f"what was recorded until then is kept; `{_RESUME.format(folder)}` completes it")
             raise
         kinds = {entry.camera: entry.kind for entry in inputs}
-        _write_facts(folder, out.folder, video_counts(videos, kinds), kinds, command, begun)
+        _write_facts(folder, out.folder, read_counts(videos, kinds), kinds, command, begun)
 
 
 def completed_recording(folder: Path) -> dict[str, KeptCounts]:
@@ -94,7 +94,7 @@ def completed_recording(folder: Path) -> dict[str, KeptCounts]:
     with output_folder(folder, command=manifest.command, keep_unfinished=True, unfinished=staging) as out:
         for path in made:
             write_found_counts(path)
-        counts = video_counts(videos, [path.stem for path in made])
+        counts = read_counts(videos, [path.stem for path in made])
         _write_facts(folder, out.folder, counts, {}, manifest.command, begun)
     return counts
 

@@ -101,9 +101,9 @@ class KeptVideo:
         t_us = round(t_ns / 1000)
         if t_us <= self._last_us:
             return "their times are not later than those before"
-        if self._stream is None:
-            self._begin(image)
         try:
+            if self._stream is None:
+                self._begin(image)
             if isinstance(image, EncodedFrame):
                 problem = self._copy(image, t_us) if self.how == COPIED else _OTHER
             else:

@@ -11,6 +11,7 @@ from posefuse.core.encoded import EncodedFrame, Packet
 
 # between the first times of decoding
 _STEP_US = 1000
+_NEVER_NS = -(2**63)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -34,7 +35,7 @@ class PacketQueue:
         self._shown_us: dict[int, int] = {}
         self._newest: tuple[int, int] | None = None
         self._next_number: int | None = None
-        self._first_stamp_ns = 0
+        self._first_stamp_ns = _NEVER_NS
         # the next times of decoding: as many as there are frames that may be shown after one that follows them
         self._decoded_us: list[int] = []
         self._last_decoded_us: int | None = None
@@ -54,6 +55,8 @@ class PacketQueue:
             return False
         if self._last_decoded_us is None and not self._decoded_us:
             self._decoded_us = [t_us - _STEP_US * before for before in range(frame.reorder_depth, 0, -1)]
+        # now that it was shown, what comes with an older stamp is of a clock that was set back
+        self._first_stamp_ns = _NEVER_NS
         self._shown_us[frame.stamp_ns] = t_us
         self._newest = frame.stamp_ns, t_us
         return True

@@ -22,7 +22,7 @@ _REPEATED_S = 0.5
 _UNINTERRUPTED = ("llvmlite", "weakref", "_weakrefset")
 _AGAIN_S = 0.02
 # longer than a session takes to end its processes in order
-_GRACE_S = 20.0
+_GRACE_S = 120.0
 
 
 class Repeats:

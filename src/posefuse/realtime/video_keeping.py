@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 
-from posefuse.core import InputError, PosefuseError, SourceError
+from posefuse.core import InputError, SourceError
 from posefuse.core.encoded import EncodedFrame
 from posefuse.formats.kept_video import KeptVideo
 from posefuse.formats.pixels import Pixels
@@ -166,7 +166,7 @@ class VideoKeeper:
             return
         try:
             problem = self._video.write(image, t_ns)
-        except (PosefuseError, ValueError) as error:
+        except Exception as error:  # noqa: BLE001 - a thread that ended would lose what comes unseen
             self._counts = replace(counts.with_lost(1, str(error)), fault=str(error))
             return
         if not problem:
@@ -186,7 +186,7 @@ def wait_for_videos(keepers: Sequence[VideoKeeper], tell: Callable[[], None] = l
     wait_while_working(lambda: [keeper.counts() for keeper in keepers if keeper.at_work], FINISH_S, tell)
 
 
-def video_counts(folder: Path, cameras: Iterable[str]) -> dict[str, KeptCounts]:
+def read_counts(folder: Path, cameras: Iterable[str]) -> dict[str, KeptCounts]:
     """What the keepers of these cameras counted, by name; where none was written, that the video was not finished."""
     return {camera: _counts_of(folder / f"{camera}.json") for camera in cameras}
 

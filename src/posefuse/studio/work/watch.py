@@ -26,7 +26,7 @@ from posefuse.core.arrays import Array
 from posefuse.outputs.drawing import jpeg_of, shrunk_wh
 from posefuse.realtime.camera_feed import CameraFeed, FedFrame
 from posefuse.realtime.recorder import exposure_warning
-from posefuse.realtime.video_keeping import video_counts
+from posefuse.realtime.video_keeping import read_counts
 from posefuse.studio.calibrations import Step
 from posefuse.studio.focus import focus_warning
 from posefuse.studio.guiding import advice_for, enough_for, near_far_of, size_of
@@ -87,7 +87,7 @@ def _wait_finished(videos: Path, cameras: Sequence[str]) -> None:
     end_s = time.monotonic() + _FINISH_S
     while time.monotonic() < end_s and not all((videos / f"{camera}.json").is_file() for camera in cameras):
         time.sleep(_IDLE_S)
-    for name, one in video_counts(videos, cameras).items():
+    for name, one in read_counts(videos, cameras).items():
         if not one.finished:
             raise InputError(f"{videos.parent.name}: the video of {name} is not complete ({one.fault}); record again")
 
