@@ -11,6 +11,7 @@ from heapq import merge
 from pathlib import Path
 
 import numpy as np
+from rehearsal.boxes import RATE_HZ, BoxStage
 
 from posefuse.api.detector import detector
 from posefuse.core import Detections2D, Frame, InputError, Rig
@@ -26,7 +27,6 @@ from posefuse.simulation.scene import Scene, read_scene
 from posefuse.simulation.session import SessionPaths, simulate
 from posefuse.sources.video import VideoConfig
 from posefuse.teleoperation.hands import operator_view
-from posefuse.teleoperation.rehearsal.boxes import RATE_HZ, BoxStage
 from posefuse.teleoperation.values import OperatorView
 from posefuse.tracking import joint_centres_of
 

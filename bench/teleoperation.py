@@ -17,28 +17,34 @@ import numpy as np
 RATE_HZ = 100.0
 
 
-def faults(first: int, count: int, workers: int) -> int:
+def faults(robot: str, first: int, count: int, workers: int) -> int:
     """Sequences `first` to `first + count - 1`; prints breaches by kind. Returns how many there were."""
-    from posefuse.teleoperation.rehearsal.faults import run_many
+    from rehearsal.faults import Outcome, run_many
 
     begun_s = time.monotonic()
-    chunks = [(int(part[0]), len(part)) for part in np.array_split(np.arange(first, first + count), max(1, count // 500))]
+    parts = [(int(part[0]), len(part), robot) for part in np.array_split(np.arange(first, first + count), max(1, count // 500))]
+    total = Outcome()
     with multiprocessing.get_context("spawn").Pool(workers) as pool:
-        done = pool.starmap(run_many, chunks, chunksize=1)
-    breaches = [breach for found, _ in done for breach in found]
-    moved = sum(went for _, went in done)
-    kinds = dict(Counter(breach.what.split()[0] for breach in breaches))
+        for outcome in pool.starmap(run_many, parts, chunksize=1):
+            total.add(outcome)
+    kinds = dict(Counter(" ".join(breach.what.split()[:2]) for breach in total.breaches))
     seconds = time.monotonic() - begun_s
-    print(f"fault sequences {first} to {first + count - 1}: {len(breaches)} breaches {kinds}; moved in {moved}; {seconds:.0f} s")
-    for breach in breaches[:10]:
+    print(
+        f"{robot}, fault sequences {first} to {first + count - 1}: {len(total.breaches)} breaches {kinds}; "
+        f"moved in {total.moved}; {seconds:.0f} s"
+    )
+    for when, (speed, fast, slow) in zip(("in time", "late"), total.physics, strict=True):
+        if speed:
+            print(f"  physics, process {when}: at most {speed:.2f} m/s, {fast:.1f} m/s2 over 10 ms, {slow:.1f} m/s2 over 50 ms")
+    for breach in total.breaches[:10]:
         print(f"  sequence {breach.sequence} at {breach.t_s:.2f} s: {breach.what}")
-    return len(breaches)
+    return len(total.breaches)
 
 
 def follow() -> None:
     """In simulated time, so that the load of the machine does not matter; only IK times depend on it."""
-    from posefuse.teleoperation.rehearsal.figures import jitter_m, lag_and_rms, rms_jerk, spectral_arc_length
-    from posefuse.teleoperation.rehearsal.person import sine
+    from rehearsal.figures import jitter_m, lag_and_rms, rms_jerk, spectral_arc_length
+    from rehearsal.person import sine
 
     print("hand                   lag ms  rms mm  jitter mm  step mm  step rad  SPARC hand robot  jerk hand robot  IK p50 p99 ms")
     for speed_mps, noise_mm in ((0.1, 0.0), (0.3, 0.0), (0.5, 0.0), (0.3, 2.0), (0.3, 5.0)):
@@ -56,27 +62,27 @@ def follow() -> None:
 
 def _followed(path, noise_m: float, seconds: float = 16.0):
     """True hand, hand as measured, robot; the robot while the hand rests; steps at engaging; IK times."""
-    from posefuse.teleoperation.gate import CameraReport
+    from rehearsal.person import person_view
+
     from posefuse.teleoperation.heartbeats import Beat
     from posefuse.teleoperation.operator import Operator, OperatorNews, step_operator
-    from posefuse.teleoperation.rehearsal.person import person_view
     from posefuse.teleoperation.robots.driver import Driver
     from posefuse.teleoperation.robots.mujoco_robot import MujocoRobot, mujoco_model, placed
     from posefuse.teleoperation.settings import RobotSettings, TeleoperationSettings
-    from posefuse.teleoperation.values import Phase
+    from posefuse.teleoperation.values import CameraReport, Phase
 
     settings = TeleoperationSettings(robot=RobotSettings(position_xy_m=(2.5, 0.0)))
     place = placed(settings.robot.position_xy_m, settings.robot.heading_deg)
     made = MujocoRobot(mujoco_model(None, settings.hands), ["right_hand"], settings.limits, place)
-    solve, times = made.ik.solve, []
+    follow_joints, times = made.joints.follow, []
 
     def timed(*arguments):
         begun = time.perf_counter()
-        found = solve(*arguments)
+        found = follow_joints(*arguments)
         times.append(1e3 * (time.perf_counter() - begun))
         return found
 
-    made.ik.solve = timed
+    made.joints.follow = timed
     driver, operator, rng, noise = Driver(made, settings), Operator(), np.random.default_rng(1), np.zeros(3)
     state, rows, standing, steps = driver.state(10**12), [], [], (0.0, 0.0)
     for k in range(round((seconds + 6.0) * RATE_HZ)):
@@ -108,13 +114,14 @@ def live(session_folder, networks: str | None) -> None:
     """The live pipeline in the loop; the true hand comes from the simulated session."""
     from pathlib import Path
 
+    from rehearsal.figures import jitter_m, lag_and_rms, rms_jerk, spectral_arc_length
+
     import posefuse as pf
     from posefuse.core.skeleton import pick_keypoints
     from posefuse.formats.truth import read_truth
     from posefuse.simulation import SessionPaths
     from posefuse.teleoperation.deadman import Pressed
     from posefuse.teleoperation.heartbeats import Beat
-    from posefuse.teleoperation.rehearsal.figures import jitter_m, lag_and_rms, rms_jerk, spectral_arc_length
     from posefuse.teleoperation.settings import RobotSettings, TeleoperationSettings
 
     class Held:
@@ -204,7 +211,7 @@ def _print_following(table, truth_ns, hand, figures) -> None:
 
 def boxes(seeds: int) -> None:
     """In simulated time: success, time and path error next to perfect tracking."""
-    from posefuse.teleoperation.rehearsal.boxes import MadeUpHand, move_boxes
+    from rehearsal.boxes import MadeUpHand, move_boxes
 
     print(_BOXES_HEAD)
     for noise_mm in (0.0, 5.0, 10.0, 20.0):
@@ -228,9 +235,8 @@ def boxes_rendered(folder, count: int, rate_hz: float, networks: str, latency_s:
     """The same task, the operator seen by rendered cameras and a network; simulated time. `folder` keeps what was rendered."""
     from pathlib import Path
 
+    from rehearsal.boxes import move_boxes
     from rendered_operator import BEGIN_S, SeenHand, rendered
-
-    from posefuse.teleoperation.rehearsal.boxes import move_boxes
 
     folder = Path(folder)
     rendered(folder, count, rate_hz, seed, lambda done, total: print(f"\rrendered {done} of {total}", end="", file=sys.stderr))
@@ -260,7 +266,7 @@ def _print_hand(rows) -> None:
 def film(out) -> None:
     from pathlib import Path
 
-    from posefuse.teleoperation.rehearsal.film import film_boxes
+    from rehearsal.film import film_boxes
 
     for path in film_boxes(Path(out)):
         print(path)
@@ -370,8 +376,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     steps = parser.add_subparsers(dest="step", required=True)
     fault = steps.add_parser("faults")
+    fault.add_argument("--robot", choices=("point", "own", "fixed", "two arms"), default="own")
     fault.add_argument("--first", type=int, default=0)
-    fault.add_argument("--count", type=int, default=100_000)
+    fault.add_argument("--count", type=int, default=20_000)
     fault.add_argument("--workers", type=int, default=2)
     steps.add_parser("follow")
     on = steps.add_parser("live")
@@ -391,7 +398,7 @@ def main() -> int:
     killed.add_argument("--session", metavar="FOLDER", help="of `posefuse simulate`: kill processes of a session on it instead")
     options = parser.parse_args()
     if options.step == "faults":
-        return int(faults(options.first, options.count, options.workers) > 0)
+        return int(faults(options.robot, options.first, options.count, options.workers) > 0)
     if options.step == "follow":
         follow()
     if options.step == "live":

@@ -1,25 +1,14 @@
-"""No import cycle, inside packages either: what a module imports when it is loaded never leads back to it."""
+"""No import cycle, inside packages, functions and for type checkers either: what a module imports never leads back to it."""
 
 import ast
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 SRC = Path(__file__).resolve().parents[2] / "src"
 
 
-def imports_at_load(body: list[ast.stmt]) -> Iterator[ast.Import | ast.ImportFrom]:
-    """Imports that run when the module is loaded: not those inside functions or for type checkers only."""
-    for node in body:
-        if isinstance(node, ast.Import | ast.ImportFrom):
-            yield node
-        elif isinstance(node, ast.If) and "TYPE_CHECKING" not in ast.dump(node.test):
-            yield from imports_at_load([*node.body, *node.orelse])
-        elif isinstance(node, ast.Try):
-            yield from imports_at_load(node.body)
-
-
 def graph(root: Path) -> dict[str, set[str]]:
-    """Module -> modules it imports at load; the packages a module lies in are no imports of its own."""
+    """Module -> modules it imports anywhere; the packages a module lies in are no imports of its own."""
     files = {
         ".".join(path.relative_to(root).with_suffix("").parts).removesuffix(".__init__"): path for path in root.rglob("*.py")
     }
@@ -27,10 +16,10 @@ def graph(root: Path) -> dict[str, set[str]]:
     for module, path in files.items():
         package = module.split(".") if path.name == "__init__.py" else module.split(".")[:-1]
         names: set[str] = set()
-        for node in imports_at_load(ast.parse(path.read_text(encoding="utf-8")).body):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Import):
                 names |= {one.name for one in node.names}
-            else:
+            elif isinstance(node, ast.ImportFrom):
                 base = package[: len(package) - node.level + 1] if node.level else []
                 full = ".".join([*base, *([node.module] if node.module else [])])
                 names |= {f"{full}.{one.name}" if f"{full}.{one.name}" in files else full for one in node.names}
@@ -55,8 +44,8 @@ def test_no_module_leads_back_to_itself() -> None:
 def test_the_check_can_fail(tmp_path: Path) -> None:
     for name, text in {
         "a": "from .b import x",
-        "b": "from .c import x",
-        "c": "from .a import x",
+        "b": "def f():\n    from .c import x",
+        "c": "if TYPE_CHECKING:\n    from .a import x",
         "d": "from .a import x",
     }.items():
         (tmp_path / "package").mkdir(exist_ok=True)

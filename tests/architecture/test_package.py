@@ -10,6 +10,9 @@ import posefuse
 
 ROOT = Path(__file__).resolve().parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+EXTRAS = PROJECT["project"]["optional-dependencies"]
+# packages by the modules that are called otherwise
+MODULES = {"collada": "pycollada", "cv2": "opencv-contrib-python-headless", "rerun": "rerun-sdk"}
 
 
 def test_the_version_is_written_once_and_cited() -> None:
@@ -44,4 +47,14 @@ def test_the_readme_fits_on_two_screens() -> None:
 
 def test_every_extra_is_in_the_guide() -> None:
     guide = (ROOT / "docs" / "installing.md").read_text(encoding="utf-8")
-    assert not [name for name in PROJECT["project"]["optional-dependencies"] if f"`{name}`" not in guide]
+    assert not [name for name in EXTRAS if f"`{name}`" not in guide]
+
+
+def test_ci_installs_every_package_without_which_tests_are_skipped() -> None:
+    texts = [path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("*.py")]
+    modules = {name for text in texts for name in re.findall(r'importorskip\("(\w+)', text)}
+    # modules of ours and of Python
+    wanted = {MODULES.get(name, name) for name in modules - {"discs", "graphs", "fcntl"}}
+    extras = re.search(r"^export EXTRAS=(.+)$", (ROOT / ".ci" / "run").read_text(encoding="utf-8"), re.MULTILINE)[1].split(",")
+    named = [*PROJECT["project"]["dependencies"], *(line for one in extras for line in EXTRAS[one])]
+    assert wanted - {re.split(r"[\[<>=]", line)[0] for line in named} == set() and len(wanted) > 5

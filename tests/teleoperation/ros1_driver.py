@@ -38,9 +38,8 @@ while True:
         velocity_world=np.array([[0.0, 0.2, 0.1]]),
         turn_rate_world=np.zeros((1, 3)),
         grip=np.array([False]),
-        stands=False,
+        brakes=False,
     )
-    if robot.reaches(goal, 0.01):
-        robot.carry_out(replace(goal), 0.01)
+    robot.move(replace(goal), 0.01)
     time.sleep(0.02)
     robot.posture()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from posefuse.teleoperation.rehearsal.figures import jitter_m, lag_and_rms, rms_jerk, spectral_arc_length
+from bench.rehearsal.figures import jitter_m, lag_and_rms, rms_jerk, spectral_arc_length
 
 RATE_HZ = 100.0
 T_S = np.arange(0, 10, 1 / RATE_HZ)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from posefuse.teleoperation.rehearsal.robot import ExactRobot
+from bench.rehearsal.robots import ExactRobot
 from posefuse.teleoperation.robots.driver import Driver
 from posefuse.teleoperation.settings import TeleoperationSettings
 from posefuse.teleoperation.values import Order, Phase
@@ -50,6 +50,16 @@ def test_silence_stops_the_robot_within_the_promised_time():
     assert seconds_to_stand(driver, now_ns) <= 0.35
     driver, now_ns, _ = moving()
     assert seconds_to_stand(driver, now_ns, link=False) <= 0.25
+
+
+def test_the_watchdog_counts_from_when_an_order_was_sent():
+    """An order that waited in a queue does not keep the robot moving for longer."""
+    driver, now_ns, seq = moving()
+    now_ns += TICK_NS
+    driver.step([order(seq, now_ns - 55_000_000)], now_ns)
+    assert not driver.follower.limited
+    driver.step([], now_ns + TICK_NS)
+    assert driver.follower.limited.startswith("watchdog")
 
 
 WRONG = {

@@ -1,22 +1,24 @@
 """What makes the robot hold, one cause at a time, and what lets it continue."""
 
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from posefuse.teleoperation.gate import CameraReport
+from bench.rehearsal.person import person_view
+from bench.rehearsal.robots import ExactRobot
+from posefuse.teleoperation.hands import BODY
 from posefuse.teleoperation.heartbeats import Beat
 from posefuse.teleoperation.operator import Operator, OperatorNews, step_operator
-from posefuse.teleoperation.rehearsal.person import person_view
-from posefuse.teleoperation.rehearsal.robot import ExactRobot
 from posefuse.teleoperation.robots.driver import Driver
 from posefuse.teleoperation.settings import TeleoperationSettings
-from posefuse.teleoperation.values import Phase
+from posefuse.teleoperation.values import CameraReport, Phase
 
 SETTINGS = TeleoperationSettings()
 HAND = np.array([0.3, -0.25, 1.1])
 TICK_NS = 10_000_000
+BODY_XYZ = person_view(HAND, 0).body_xyz_world
 
 
 class Run:
@@ -28,17 +30,23 @@ class Run:
         self.driver = Driver(self.robot, settings)
         self.state, self.operator, self.order = self.driver.state(self.now_ns), Operator(), None
 
-    def tick(self, times=1, *, held=True, change=lambda news: news, hand=HAND, **view):
+    def tick(self, times=1, *, held=True, change=lambda news: news, hand=HAND, shift_m=0.0, **view):
         for _ in range(times):
             self.now_ns, self.seq = self.now_ns + TICK_NS, self.seq + 1
             # a hand never stands to the last bit
-            seen = replace(person_view(hand + 1e-5 * np.sin(self.seq), self.now_ns - TICK_NS), **view)
+            seen = replace(person_view(hand + 1e-5 * np.sin(self.seq), self.now_ns - TICK_NS, shift_m=shift_m), **view)
             beats = (Beat(seq=self.seq, sent_ns=self.now_ns),) if held else ()
             cameras = CameraReport(t_ns=self.now_ns, healthy=4, total=4)
             news = change(OperatorNews(view=seen, beats=beats, cameras=cameras, robot=self.state))
             self.operator, self.order = step_operator(self.operator, news, self.now_ns, self.settings)
             self.state = self.driver.step([self.order] if self.order else [], self.now_ns)
         return self.phase
+
+    def copied(self):
+        other = copy(self)
+        other.robot = copy(self.robot)
+        other.driver = self.driver.copied(other.robot)
+        return other
 
     @property
     def phase(self):
@@ -62,7 +70,6 @@ def test_engaging_needs_a_switch_that_was_let_go_first():
 CAUSES = {
     "switch let go": {"held": False},
     "no person": {"person_id": -1},
-    "another person": {"person_id": 2},
     "NaN": {"xyz_world": np.full((1, 3), np.nan)},
     "infinite": {"xyz_world": np.array([[np.inf, 0, 0]])},
     "unsure": {"sigma_m": np.array([0.061])},
@@ -71,9 +78,8 @@ CAUSES = {
     "one camera": {"views": np.array([1])},
     "hands together": {"other_xyz_world": HAND[None] + 0.02},
     "other hand missing": {"other_xyz_world": np.full((1, 3), np.nan)},
-    "forearm of another length": {"forearm_m": np.array([0.4])},
-    "jump": {"hand": HAND + [0.3, 0, 0]},
-    "near the robot": {"body_xyz_world": np.full((17, 3), [1.6, 0.0, 0.8])},
+    "hand too fast": {"hand": HAND + [0.07, 0, 0]},
+    "near the robot": {"body_xyz_world": np.where([[name == "left_knee"] for name in BODY], [1.6, 0.0, 0.8], BODY_XYZ)},
     "no cameras": {"change": lambda news: replace(news, cameras=replace(news.cameras, healthy=1))},
     "more cameras than there are": {"change": lambda news: replace(news, cameras=replace(news.cameras, healthy=5))},
     "not finite robot": {"change": lambda news: replace(news, robot=replace(news.robot, xyz_world=np.full((1, 3), np.nan)))},
@@ -90,13 +96,47 @@ def test_every_cause_holds_immediately_and_after_less_than_half_a_second_it_cont
 
 
 # letting go for so long is the way to a new press, and a hand that stays elsewhere is measured well there
-@pytest.mark.parametrize("cause", sorted({*CAUSES} - {"switch let go", "jump"}))
+@pytest.mark.parametrize("cause", sorted({*CAUSES} - {"switch let go", "hand too fast"}))
 def test_more_than_half_a_second_needs_a_new_press(cause):
     run = Run().engaged()
     run.tick(70, **CAUSES[cause])
     assert run.tick(60) is Phase.IDLE
     run.tick(20, held=False)
     assert run.tick(10) is Phase.ENGAGED
+
+
+def with_trunk(shoulders, hips):
+    """The body's keypoints with shoulders and hips moved."""
+    return BODY_XYZ + [shoulders if "shoulder" in name else hips if "_hip" in name else [0.0, 0.0, 0.0] for name in BODY]
+
+
+ENDS = {
+    "another person": {"person_id": 2},
+    "forearm of another length": {"forearm_m": np.array([0.36])},
+    "hand jumped": {"hand": HAND + [0.135, 0, 0]},
+    "trunk jumped": {"body_xyz_world": with_trunk([0.0, 0.08, 0.0], [0.0, 0.08, 0.0])},
+    "trunk of another length": {"body_xyz_world": with_trunk([0.0, 0.0, 0.055], [0.0, 0.0, -0.055])},
+    "left and right exchanged": {"change": lambda news: exchanged_hands(news)},
+}
+
+
+@pytest.mark.parametrize("cause", ENDS)
+def test_another_body_or_hand_ends_the_engagement_even_for_one_pose(cause):
+    run = Run().engaged()
+    assert run.tick(1, **ENDS[cause]) is Phase.IDLE
+    assert run.order.speed_mps == 0.0 and run.operator.gate.reason
+    assert run.tick(60) is Phase.IDLE
+    run.tick(20, held=False)
+    assert run.tick(10) is Phase.ENGAGED
+
+
+@pytest.mark.parametrize("cause", ENDS)
+def test_another_body_or_hand_during_a_press_needs_a_press_of_its_own(cause):
+    run = Run()
+    assert run.tick(30, held=False) is Phase.READY
+    run.tick(2)
+    run.tick(1, **ENDS[cause])
+    assert run.tick(60) is Phase.IDLE
 
 
 def test_what_stops_coming_holds_when_it_is_too_old():
@@ -134,14 +174,6 @@ def test_doubt_slows_before_it_stops():
     assert run.order.speed_mps == pytest.approx(0.5)
 
 
-def test_a_hand_that_was_elsewhere_meanwhile_moves_nothing_when_it_continues():
-    run = Run().engaged()
-    stood = run.state.xyz_world
-    run.tick(3, hand=HAND + [0.3, 0, 0])
-    assert run.tick(40, hand=HAND + [0.3, 0, 0]) is Phase.ENGAGED
-    assert np.abs(run.state.xyz_world - stood).max() < 1e-3
-
-
 def test_faults_and_the_emergency_stop_are_left_by_a_reset_only():
     for fault in (
         lambda news: replace(news, emergency=True),
@@ -155,6 +187,85 @@ def test_faults_and_the_emergency_stop_are_left_by_a_reset_only():
         assert run.tick(held=False, change=lambda news: replace(news, reset=True)) is Phase.IDLE
         run.tick(20, held=False)
         assert run.tick(10) is Phase.ENGAGED
+
+
+def test_the_robot_must_stand_before_it_engages():
+    """Otherwise the clutch would engage at a place that the robot has left already."""
+    for speed_mps, phase in ((0.0011, Phase.READY), (0.0009, Phase.ENGAGED)):
+        run, velocity = Run(), np.array([[0.0, speed_mps, 0.0]])
+        run.tick(30, held=False)
+        assert run.tick(30, change=lambda news, v=velocity: replace(news, robot=replace(news.robot, velocity_world=v))) is phase
+
+
+def test_all_must_be_well_for_a_tenth_of_a_second_before_it_continues():
+    run = Run().engaged()
+    run.tick(2, person_id=-1)
+    for _ in range(10):
+        assert run.tick() is Phase.HOLD
+    assert run.tick() is Phase.ENGAGED
+    # what is missing in between starts the time again
+    run.tick(2, person_id=-1)
+    run.tick(6)
+    run.tick(1, person_id=-1)
+    assert run.tick(10) is Phase.HOLD
+    assert run.tick() is Phase.ENGAGED
+
+
+def test_the_robot_must_stand_before_it_continues():
+    run, moving = Run().engaged(), np.array([[0.0, 0.1, 0.0]])
+    run.tick(1, person_id=-1)
+    assert run.tick(40, change=lambda news: replace(news, robot=replace(news.robot, velocity_world=moving))) is Phase.HOLD
+    assert run.tick() is Phase.ENGAGED
+    # a robot that does not stand in time needs a new press, although all else has been well meanwhile
+    run.tick(1, person_id=-1)
+    run.tick(60, change=lambda news: replace(news, robot=replace(news.robot, velocity_world=moving)))
+    assert run.tick(30) is Phase.IDLE
+    both = Run()
+    both.tick(30, held=False)
+    # one of two end effectors that moves is enough
+    one_moves = {name: np.vstack([value] * 2) for name, value in (("xyz_world", np.zeros((1, 3))), ("wxyz", [[1.0, 0, 0, 0]]))}
+    one_moves |= {"measured_xyz_world": np.zeros((2, 3)), "velocity_world": np.vstack([0 * moving, moving])}
+    assert both.tick(30, change=lambda news: replace(news, robot=replace(news.robot, **one_moves))) is Phase.READY
+
+
+def test_a_late_pose_is_no_other_body():
+    run = Run().engaged()
+    assert run.tick(3, hand=HAND + [0.3, 0, 0], measured_ns=run.now_ns - 500_000_000) is Phase.HOLD
+    assert run.tick(20) is Phase.ENGAGED
+
+
+def test_what_is_allowed_at_most():
+    """Just within each limit the robot follows; `ENDS` and `CAUSES` are just outside of it."""
+    run = Run().engaged()
+    allowed = {
+        "hand": {"hand": HAND + [0.055, 0, 0]},
+        "trunk": {"body_xyz_world": with_trunk([0.0, 0.07, 0.0], [0.0, 0.07, 0.0])},
+        "one keypoint of the trunk": {"body_xyz_world": BODY_XYZ + [[0.2 * (name == "left_hip"), 0, 0] for name in BODY]},
+        "length of the trunk": {"body_xyz_world": with_trunk([0.0, 0.0, 0.04], [0.0, 0.0, -0.04])},
+        "forearm": {"forearm_m": np.array([0.345])},
+        "sigma": {"sigma_m": np.array([0.0599])},
+        "other hand": {"other_xyz_world": HAND[None] + [0, 0.101, 0]},
+        "cameras": {"change": lambda news: replace(news, cameras=replace(news.cameras, healthy=2, total=2))},
+    }
+    for name, view in allowed.items():
+        assert run.tick(1, **view) is Phase.ENGAGED, name
+        assert run.tick(5) is Phase.ENGAGED, name
+
+
+def test_limits_of_the_stated_deviation_in_the_wrong_order_hold_at_the_upper_one():
+    settings = replace(SETTINGS, gate=replace(SETTINGS.gate, slow_sigma_m=0.06, hold_sigma_m=0.06))
+    run = Run(settings).engaged()
+    run.tick(sigma_m=np.array([0.059]))
+    assert run.order.speed_mps == pytest.approx(0.5)
+    assert run.tick(sigma_m=np.array([0.06])) is Phase.HOLD
+
+
+def test_an_order_without_hands_is_answered():
+    order = Run().engaged().order
+    none = replace(order, xyz_world=np.zeros((0, 3)), wxyz=np.zeros((0, 4)), grip=np.zeros(0, bool))
+    assert none.usable
+    for wrong in (replace(order, wxyz=2 * order.wxyz), replace(order, wxyz=np.nan * order.wxyz), replace(order, speed_mps=-0.1)):
+        assert order.usable and not wrong.usable
 
 
 @pytest.mark.parametrize("wrong", ["duplicate", "late", "future", "backward"])
@@ -172,3 +283,116 @@ def test_heartbeats_that_do_not_count(wrong):
         return replace(news, beats=(fake,))
 
     assert run.tick(12, change=beats) is Phase.HOLD
+
+
+# --- another body under the same id
+
+ELSEWHERE = replace(SETTINGS, robot=replace(SETTINGS.robot, shared=False))
+
+
+def another_body(news, shift_m, size):
+    """All of the operator moved, and larger or smaller, about where the operator stands."""
+    view = news.view
+    moved = {name: size * getattr(view, name) + shift_m for name in ("xyz_world", "other_xyz_world", "body_xyz_world")}
+    return replace(news, view=replace(view, forearm_m=size * view.forearm_m, **moved))
+
+
+def exchanged_hands(news):
+    view, body = news.view, news.view.body_xyz_world.copy()
+    sides = [[BODY.index(f"{side}_{part}") for part in ("elbow", "wrist")] for side in ("left", "right")]
+    body[sides[0]], body[sides[1]] = body[sides[1]], body[sides[0]]
+    return replace(
+        news,
+        # with what keeps a hand from being frozen
+        view=replace(
+            view, xyz_world=view.other_xyz_world + (view.xyz_world - HAND), other_xyz_world=view.xyz_world, body_xyz_world=body
+        ),
+    )
+
+
+def hidden(news, what):
+    view = news.view
+    if what == "hand":
+        return replace(news, view=replace(view, measured=[False], xyz_world=view.xyz_world + 5.0))
+    if what == "body":
+        return replace(news, view=replace(view, measured=[False], body_measured=np.zeros(len(BODY), bool)))
+    return replace(news, view=replace(view, person_id=-1, xyz_world=np.full((1, 3), np.nan)))
+
+
+@pytest.fixture(scope="module")
+def engaged_run():
+    return Run(ELSEWHERE).engaged()
+
+
+def assert_never_again_without_a_press(run, change, rng):
+    """After a loss of less than `reengage_s` that hides the exchange; the switch stays held."""
+    lost = int(rng.integers(0, 40)) if rng.random() < 0.5 else 0
+    what = rng.choice(["hand", "body", "person"])
+    run.tick(lost, change=lambda news: hidden(news, what))
+    for _ in range(20):
+        run.tick(change=change)
+        assert run.phase is not Phase.ENGAGED, (lost, what, run.operator.gate)
+    assert run.phase is Phase.IDLE and run.order.speed_mps == 0.0
+
+
+@pytest.mark.parametrize(("nearest_m", "farthest_m", "sizes"), [(0.6, 1.5, (0.85, 1.0, 1.15)), (0.2, 0.6, (0.8, 0.9, 1.1, 1.2))])
+def test_another_body_under_the_same_id_never_gets_the_robot_without_a_new_press(engaged_run, nearest_m, farthest_m, sizes):
+    for seed in range(200):
+        rng, run = np.random.default_rng([seed, 3]), engaged_run.copied()
+        angle, size = rng.uniform(0, 2 * np.pi), rng.choice(sizes)
+        shift_m = rng.uniform(nearest_m, farthest_m) * np.array([np.cos(angle), np.sin(angle), 0.0])
+
+        def change(news, shift_m=shift_m, size=size):
+            return another_body(news, shift_m, size)
+
+        assert_never_again_without_a_press(run, change, rng)
+        if seed % 50 == 0:
+            run.tick(15, held=False, change=change)
+            assert run.tick(12, change=change) is Phase.ENGAGED
+
+
+def test_exchanged_hands_never_get_the_robot_without_a_new_press(engaged_run):
+    for seed in range(40):
+        assert_never_again_without_a_press(engaged_run.copied(), exchanged_hands, np.random.default_rng([seed, 4]))
+
+
+def test_hands_exchanged_while_they_touch_do_not_get_it_either():
+    run = Run(ELSEWHERE).engaged()
+    run.tick(10, change=lambda news: replace(news, view=replace(news.view, other_xyz_world=news.view.xyz_world + 0.03)))
+    assert run.phase is Phase.HOLD
+    assert_never_again_without_a_press(run, exchanged_hands, np.random.default_rng(1))
+
+
+def test_an_exchange_during_another_fault_does_not_get_it_either():
+    faults = {
+        "one camera": lambda news: replace(news, view=replace(news.view, views=[1])),
+        "unsure": lambda news: replace(news, view=replace(news.view, sigma_m=[0.2])),
+        "no cameras": lambda news: replace(news, cameras=replace(news.cameras, healthy=0)),
+        "robot not finite": lambda news: replace(news, robot=replace(news.robot, xyz_world=np.full((1, 3), np.nan))),
+        "no separation": lambda news: news,
+    }
+    for name, fault in faults.items():
+        run = Run(ELSEWHERE).engaged()
+
+        def change(news, fault=fault):
+            return another_body(fault(news), np.array([0.0, 0.7, 0.0]), 1.0)
+
+        run.tick(20, change=change)
+        assert run.tick(20, change=lambda news: another_body(news, np.array([0.0, 0.7, 0.0]), 1.0)) is Phase.IDLE, name
+
+
+def test_a_hand_hidden_for_a_moment_may_come_back_where_it_can_have_moved():
+    for lost, forward_m in ((1, 0.02), (10, 0.2), (30, 0.3), (30, -0.5)):
+        run = Run(ELSEWHERE).engaged()
+        stood = run.state.xyz_world
+        assert run.tick(lost, change=lambda news: hidden(news, "hand")) is Phase.HOLD
+        assert run.tick(15, hand=HAND + [forward_m, 0, 0]) is Phase.ENGAGED, (lost, forward_m)
+        # the clutch engages again where the hand is: nothing moves by that
+        assert np.abs(run.state.xyz_world - stood).max() < 1e-3
+
+
+def test_an_operator_may_walk():
+    run = Run(ELSEWHERE).engaged()
+    for step in range(100):
+        run.tick(shift_m=np.array([0.0, 0.012 * step, 0.0]))
+    assert run.phase is Phase.ENGAGED

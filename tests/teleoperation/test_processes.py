@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sys
 import time
 
 import numpy as np
@@ -55,8 +56,8 @@ def speed(state):
     return np.linalg.norm(state.velocity_world)
 
 
-def test_the_robot_moves_by_orders_and_stands_without_them(link):
-    start = link.state.xyz_world
+def set_moving(link):
+    """Orders until the robot moves at 0.1 m/s or more."""
     seq = 0
     end_s = time.monotonic() + 20.0
     while speed(link.state) < 0.1 and time.monotonic() < end_s:
@@ -65,12 +66,32 @@ def test_the_robot_moves_by_orders_and_stands_without_them(link):
         time.sleep(0.01)
         link.poll()
     assert speed(link.state) >= 0.1
+
+
+def test_the_robot_moves_by_orders_and_stands_without_them(link):
+    start = link.state.xyz_world
+    set_moving(link)
     assert wait_for(link, lambda state: speed(state) == 0.0)
     assert "watchdog" in link.state.limited and np.abs(link.state.xyz_world - start).max() > 1e-3
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no signal that asks a process to end")
+def test_a_robot_process_that_is_asked_to_end_brakes_first(link):
+    set_moving(link)
+    os.kill(link.pid, signal.SIGTERM)
+    with pytest.raises(SourceError, match="its process has ended"):
+        wait_for(link, lambda state: False)
+    assert speed(link.state) == 0.0 and link.state.order_seq == -1
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="this system has no hang-up")
+def test_a_closed_terminal_leaves_the_robot_to_the_operators_side(link):
+    os.kill(link.pid, signal.SIGHUP)
+    set_moving(link)
+
+
 def test_a_robot_process_that_is_killed_is_reported(link):
-    os.kill(link.pid, signal.SIGKILL)
+    os.kill(link.pid, getattr(signal, "SIGKILL", signal.SIGTERM))
     with pytest.raises(SourceError, match="its process has ended"):
         for _ in range(400):
             link.poll()

@@ -69,13 +69,14 @@ def robot_node():
         node.close()
 
 
-def received(node, topic, act, tries=200):
+def received(node, topic, act, wanted=lambda msg: True):
     reader = node.reader(topic)
-    for _ in range(tries):
+    for _ in range(200):
         act()
         time.sleep(0.02)
         for sample in reader.take():
-            return decode(sample.raw, topic.type_name, 10**6)
+            if wanted(msg := decode(sample.raw, topic.type_name, 10**6)):
+                return msg
     pytest.fail(f"nothing on {topic.name}")
 
 
@@ -86,7 +87,7 @@ def goal(posture, velocity=(0.0, 0.0, 0.0)):
         velocity_world=np.array([velocity]),
         turn_rate_world=np.zeros((1, 3)),
         grip=np.array([False]),
-        stands=False,
+        brakes=False,
     )
 
 
@@ -99,7 +100,7 @@ def test_a_cartesian_controller_gets_poses_or_velocities_in_its_base_frame(comma
         assert posture.xyz_world[0] == pytest.approx([2.0, 0.3, 0.5]) and not posture.fault
         name, kind = ("target", "PoseStamped") if command == "pose" else ("twist", "TwistStamped")
         topic = Topic(f"{PLAN.namespace}/tool/{name}", f"geometry_msgs/msg/{kind}", depth=1)
-        got = received(node, topic, lambda: robot.carry_out(goal(posture, (0.0, 0.2, 0.1)), 0.01))
+        got = received(node, topic, lambda: robot.move(goal(posture, (0.0, 0.2, 0.1)), 0.01))
         assert got.header.frame_id == "base_link"
         if command == "pose":
             place = got.pose.position
@@ -107,6 +108,9 @@ def test_a_cartesian_controller_gets_poses_or_velocities_in_its_base_frame(comma
         else:
             speed = got.twist.linear
             assert [speed.x, speed.y, speed.z] == pytest.approx([0.2, 0.0, 0.1])
+            # what is sent last comes, although the node closes behind it
+            robot.close()
+            assert received(node, topic, lambda: None, wanted=lambda msg: msg.twist.linear.x == 0.0).twist.linear.y == 0.0
         robot.close()
 
 
@@ -118,16 +122,15 @@ def test_joints_of_our_inverse_kinematics_go_to_a_controller(tmp_path, controlle
         robot = open_ros_robot("joints", replace(PLAN, controller=controller), file, ("right_hand",), SETTINGS)
         posture = robot.posture()
         wanted = replace(goal(posture), xyz_world=posture.xyz_world + [[0.0, 0.002, 0.0]])
-        assert robot.reaches(wanted, 0.01)
         kind = "std_msgs/msg/Float64MultiArray" if controller.endswith("/commands") else "trajectory_msgs/msg/JointTrajectory"
-        got = received(node, Topic(controller, kind, depth=1), lambda: robot.carry_out(wanted, 0.01))
+        got = received(node, Topic(controller, kind, depth=1), lambda: robot.move(wanted, 0.01))
         if kind.endswith("Trajectory"):
             assert got.joint_names == JOINTS and len(got.points[0].positions) == 7
             assert got.points[0].positions == pytest.approx(np.array(ARM_HOME_RAD), abs=0.5)
         else:
             assert got.data == pytest.approx(np.array(ARM_HOME_RAD), abs=0.5)
         base = received(
-            node, Topic("/cmd_vel", "geometry_msgs/msg/TwistStamped", depth=1), lambda: robot.carry_out(goal(posture), 0.01)
+            node, Topic("/cmd_vel", "geometry_msgs/msg/TwistStamped", depth=1), lambda: robot.move(goal(posture), 0.01)
         )
         assert abs(base.twist.linear.x) <= 0.3
         robot.close()
@@ -148,11 +151,12 @@ def test_what_cannot_be_is_refused_in_one_line():
 
 
 def test_state_target_box_and_diagnostics_are_recorded(tmp_path):
+    from bench.rehearsal.faults import engaged_world, tick
+    from bench.rehearsal.world import settings_for
     from posefuse.messages.bags import Recorder, read_mcap
-    from posefuse.teleoperation.rehearsal.faults import engaged_world, rehearsal_settings, tick
 
     file = tmp_path / "robot.mcap"
-    world = engaged_world(rehearsal_settings(), 0)
+    world = engaged_world(settings_for("point", roomy=False), 0)
     reporter = OutletReporter(lambda: Recorder(file), world.settings, RosPlan())
     for _ in range(5):
         tick(world, set())

@@ -10,12 +10,13 @@ import pytest
 pytest.importorskip("rerun", reason="the extra `viewer` is not installed")
 pytest.importorskip("mujoco")
 
-from posefuse.teleoperation.rehearsal.faults import engaged_world, rehearsal_settings, tick
+from bench.rehearsal.faults import engaged_world, tick
+from bench.rehearsal.world import settings_for
 from posefuse.teleoperation.scene_view import SceneView, _xyzw_from_z
 
 
 def test_operator_robot_box_and_keep_out_are_shown(tmp_path):
-    settings = rehearsal_settings()
+    settings = settings_for("point", roomy=False)
     settings = replace(settings, limits=replace(settings.limits, box_low_m=(0.0, -1.0, 0.1), box_high_m=(3.0, 1.0, 1.9)))
     world = engaged_world(settings, 0)
     view = SceneView(settings, str(tmp_path / "scene.rrd"))

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from posefuse.teleoperation.rehearsal.figures import jitter_m, lag_and_rms
-from posefuse.teleoperation.rehearsal.person import person_view, sine
+from bench.rehearsal.figures import jitter_m, lag_and_rms
+from bench.rehearsal.person import person_view, sine
 from posefuse.teleoperation.steady import steadied
 
 RATE_HZ, T0 = 100.0, 10**12

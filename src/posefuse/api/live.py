@@ -13,6 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, Listener
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Self
 
 from posefuse import core
@@ -360,6 +361,8 @@ def live(
     """
     from posefuse.detection.build import network_settings
     from posefuse.formats.rig import read_placed_rig, refusal_note
+    from posefuse.foundation.output_file import check_output_file
+    from posefuse.foundation.plugins import plugin_config
     from posefuse.pipeline.config import changed_config
     from posefuse.realtime.config import LiveConfig
     from posefuse.realtime.inputs import inputs_from_arguments
@@ -373,35 +376,33 @@ def live(
     changes |= (network_settings(networks) if networks else {}) | dict(settings or {})
     config = changed_config(LiveConfig(), changes)
     inputs = inputs_from_arguments(arguments, cameras, ros)
-    return build_live_session(cameras, inputs, config, duration_s=duration_s, record=record, outputs=outputs, progress=progress)
+    chosen: dict[str, dict[str, Any]] = {name: dict(one) for name, one in {**config.outputs, **(outputs or {})}.items()}
+    if record is not None:
+        check_output_file(Path(record), option="record")
+        chosen["record"] = {**chosen.get("record", {}), "path": Path(record).absolute()}
+    configs = {name: plugin_config("live_outputs", name, one) for name, one in chosen.items()}
+    return build_live_session(cameras, inputs, config, configs, duration_s=duration_s, progress=progress)
 
 
 def build_live_session(
     rig: core.Rig,
     inputs: Sequence[LiveInput],
     config: LiveConfig,
+    outputs: Mapping[str, core.LiveOutputConfig] = MappingProxyType({}),
     *,
     duration_s: float | None = None,
-    record: str | Path | None = None,
-    outputs: Mapping[str, Mapping[str, Any]] | None = None,
     progress: Progress | bool | None = None,
 ) -> LiveSession:
-    """A live session whose inputs and settings are ready; the rest as for `live`."""
-    from posefuse.foundation.output_file import check_output_file
-    from posefuse.foundation.plugins import plugin_config
+    """A live session whose inputs, settings and outputs are ready; the rest as for `live`."""
     from posefuse.realtime.serve import ServePlan
 
-    chosen: dict[str, dict[str, Any]] = {name: dict(one) for name, one in {**config.outputs, **(outputs or {})}.items()}
-    if record is not None:
-        check_output_file(Path(record), option="record")
-        chosen["record"] = {"path": Path(record).absolute(), **chosen.get("record", {})}
     if duration_s is not None and not duration_s > 0:
         raise core.ConfigError(f"live: duration_s: expected more than 0, got {duration_s:g}")
     plan = ServePlan(
         rig=rig,
         inputs=inputs,
         config=config,
-        outputs={name: plugin_config("live_outputs", name, one) for name, one in chosen.items()},
+        outputs=dict(outputs),
         duration_s=duration_s,
     )
     return LiveSession(plan, progress)

@@ -14,12 +14,11 @@ from .progress import shown
 
 if TYPE_CHECKING:
     from posefuse.teleoperation.deadman import DeadMan
-    from posefuse.teleoperation.gate import CameraReport
     from posefuse.teleoperation.operator import Operator
     from posefuse.teleoperation.robots.reports import RosPlan
     from posefuse.teleoperation.session import Summary
     from posefuse.teleoperation.settings import TeleoperationSettings
-    from posefuse.teleoperation.values import Order
+    from posefuse.teleoperation.values import CameraReport, Order
 
 
 class SessionFeed:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from posefuse.api.batch import batch
+from posefuse.api.batch import FORMATS, batch
 from posefuse.cli.options.batch import BatchOptions
 from posefuse.cli.options.shared import SettingsOptions
 from posefuse.pipeline.batch.study import PAGE_FILE, TABLE_FILE
@@ -24,15 +24,16 @@ _SHOWN = {
 
 def run_batch(study: Path, options: BatchOptions, settings: SettingsOptions, terminal: Terminal) -> Mapping[str, Any]:
     """Run the study; returns the figures of the tables. ``failed`` among them makes the exit code 1."""
+    changes, formats = study_settings(options, settings)
     with terminal.stages() as progress:
         done = batch(
             study,
             options.out,
-            formats=[name for name in options.outputs.split(",") if name],
+            formats=formats,
             report=not options.no_report,
             jobs=options.jobs,
             scheduler=options.scheduler,
-            settings=settings_by_key(settings.config, settings.overrides),
+            settings=changes,
             replace=options.force,
             progress=progress,
         )
@@ -44,3 +45,10 @@ def run_batch(study: Path, options: BatchOptions, settings: SettingsOptions, ter
         terminal.warn(f"{name}: failed: {reason}")
     terminal.next(f"open {done.out / PAGE_FILE} in a browser", f"the summary; {TABLE_FILE} in the same folder holds the numbers")
     return {"out": done.out, "trials": rows, "kept": done.kept, "failed": dict(done.failed)}
+
+
+def study_settings(options: BatchOptions, settings: SettingsOptions) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Settings of every trial by dotted key, and the outputs: those of the option, else of the settings file."""
+    changes = settings_by_key(settings.config, settings.overrides)
+    formats = changes.pop("outputs", FORMATS)
+    return changes, formats if options.outputs is None else tuple(name for name in options.outputs.split(",") if name)

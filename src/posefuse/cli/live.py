@@ -187,8 +187,9 @@ def output_configs(
     for option, path in (("--record", chosen.get("record", {}).get("path")), ("--view-file", outputs.view_file)):
         if path is not None:
             check_output_file(Path(path), option=option)
-    known = {**ros_2.settings, "axes": outputs.axes}
-    return {name: plugin_config("live_outputs", name, options, known) for name, options in chosen.items()}
+    named = {"axes": outputs.axes, "base_frame": outputs.base}
+    given = {**ros_2.settings, **{name: value for name, value in named.items() if value}}
+    return {name: plugin_config("live_outputs", name, options, given=given) for name, options in chosen.items()}
 
 
 def _shorthands(outputs: OutputOptions) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -197,7 +198,7 @@ def _shorthands(outputs: OutputOptions) -> Iterator[tuple[str, dict[str, Any]]]:
     if outputs.record:
         yield "record", {"path": outputs.record.absolute(), **({"images": True} if outputs.record_images else {})}
     if outputs.ros:
-        yield "ros2", {"base_frame": outputs.base}
+        yield "ros2", {}
     if outputs.ros1:
         yield "ros1", {}
     if outputs.osc:
@@ -207,4 +208,4 @@ def _shorthands(outputs: OutputOptions) -> Iterator[tuple[str, dict[str, Any]]]:
     if outputs.view_file:
         yield "rerun", {"file": outputs.view_file.absolute()}
     elif outputs.view:
-        yield "rerun", {}
+        yield "rerun", {"file": None}

@@ -40,7 +40,7 @@ _S = 1_000_000_000
 
 def network_of(ros_2: Ros2Options) -> Network:
     """Where the nodes of a session meet."""
-    return Network(domain_id=ros_2.domain, local_only=ros_2.local_only, interface=ros_2.interface, peers=ros_2.peer)
+    return Network(**ros_2.network)
 
 
 def camera_node(
@@ -108,7 +108,7 @@ def fusion_node(
         rig=rig, clock=clock, rate_hz=config.rate_hz, configs=configs, notes=notes_of(rig, config), names=config.names
     )
     whole = SessionPlan(outputs=plan, config=config, duration_s=duration_s, remote=True)
-    terminal.note(f"waiting for views of {', '.join(rig.names)} in domain {ros_2.domain}")
+    terminal.note(f"waiting for views of {', '.join(rig.names)} in domain {network.domain_id}")
     with never_waiting(terminal.note) as say:
         views = NetworkViews(NetworkIntake(rig, network, clock), config, duration_s, say)
         done = run_session(whole, lambda board: views, say)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,17 +10,17 @@ import numpy as np
 
 from posefuse.api.live import build_live_session
 from posefuse.api.teleoperate import teleoperate
-from posefuse.cli.options.live import LiveSettingsOptions, SourceOptions, TimingOptions
+from posefuse.cli.options.live import LiveSettingsOptions, OutputOptions, SourceOptions, TimingOptions
 from posefuse.cli.options.shared import Ros2Options
 from posefuse.cli.options.teleoperate import HandOptions, RobotOptions, RosRobotOptions
 from posefuse.core import ConfigError
 from posefuse.formats.rig import read_placed_rig
-from posefuse.foundation.settings import read_settings, settings_from_mapping
 from posefuse.outputs.rerun_scene import SPAWN
+from posefuse.pipeline.config import read_overridden
 from posefuse.teleoperation.robots.reports import RosPlan
 from posefuse.teleoperation.settings import TeleoperationSettings
 
-from .live import effective_live_config, run_options, settled_inputs
+from .live import effective_live_config, output_configs, run_options, settled_inputs
 from .terminal import Terminal
 
 if TYPE_CHECKING:
@@ -50,12 +49,13 @@ def run_teleoperation(
     if not sources.source:
         raise ConfigError("--source: expected one per camera, e.g. --source cam1=usb:0, or --source sim:SCENE.yaml")
     cameras = read_placed_rig(rig)
+    config = effective_live_config(settings)
     session = build_live_session(
         cameras,
         settled_inputs(sources, timing, ros_2, cameras),
-        effective_live_config(settings),
+        config,
+        output_configs(OutputOptions(record=robot.record), ros_2, config),
         duration_s=run_options(timing).duration_s,
-        record=robot.record,
     )
     with terminal.stages() as report:
         done = teleoperate(
@@ -78,31 +78,28 @@ def run_teleoperation(
 
 def teleoperation_settings(hand: HandOptions, robot: RobotOptions) -> TeleoperationSettings:
     """The settings file with the command line's options on top, all of it checked alike."""
-    base = read_settings(robot.limits, TeleoperationSettings) if robot.limits else TeleoperationSettings()
-    low, high = base.limits.box_low_m, base.limits.box_high_m
-    if robot.box is not None:
-        x0, y0, z0, x1, y1, z1 = robot.box
-        low, high = (x0, y0, z0), (x1, y1, z1)
-    x, y, heading_deg = robot.robot_at
-    changed = replace(
-        base,
-        hands=("right", "left") if hand.hand == "both" else (hand.hand,),
-        mapping=replace(base.mapping, scale=hand.scale, turn_deg=hand.turn, orientation=hand.orientation),
-        limits=replace(base.limits, box_low_m=low, box_high_m=high, speed_mps=robot.speed or base.limits.speed_mps),
-        robot=replace(
-            base.robot, position_xy_m=(x, y), heading_deg=heading_deg, shared=base.robot.shared and not robot.elsewhere
-        ),
-    )
-    return settings_from_mapping(asdict(changed), TeleoperationSettings, where="options")
+    hands = ("right", "left") if hand.hand == "both" else (hand.hand,) if hand.hand else None
+    *place, heading_deg = robot.robot_at or (None,)
+    low, high = (robot.box[:3], robot.box[3:]) if robot.box else (None, None)
+    on_top = {
+        "--hand": ("hands", hands),
+        "--scale": ("mapping.scale", hand.scale),
+        "--turn": ("mapping.turn_deg", hand.turn),
+        "--orientation": ("mapping.orientation", hand.orientation),
+        "--robot-at X,Y": ("robot.position_xy_m", place or None),
+        "--robot-at DEG": ("robot.heading_deg", heading_deg),
+        "--elsewhere": ("robot.shared", False if robot.elsewhere else None),
+        "--box X0,Y0,Z0": ("limits.box_low_m", low),
+        "--box X1,Y1,Z1": ("limits.box_high_m", high),
+        "--speed": ("limits.speed_mps", robot.speed),
+    }
+    return read_overridden(robot.limits, (), TeleoperationSettings, on_top)
 
 
 def _ros_plan(ros: RosRobotOptions, ros_2: Ros2Options) -> RosPlan:
     return RosPlan(
         version=1 if ros.ros1 else 2,
-        domain_id=ros_2.domain,
-        local_only=ros_2.local_only,
-        interface=ros_2.interface,
-        peers=ros_2.peer,
+        **ros_2.network,
         base_frame=ros.base_frame,
         controller=ros.controller,
         cmd_vel=ros.cmd_vel,

@@ -47,10 +47,18 @@ def build_plugin(kind: str, name: str, options: Mapping[str, Any], known: Mappin
     return plugin_config(kind, name, options, known).build()
 
 
-def plugin_config(kind: str, name: str, options: Mapping[str, Any], known: Mapping[str, Any] | None = None) -> Any:
+def plugin_config(
+    kind: str,
+    name: str,
+    options: Mapping[str, Any],
+    known: Mapping[str, Any] | None = None,
+    given: Mapping[str, Any] | None = None,
+) -> Any:
     """The config of plug-in `name`, made from `options`.
 
-    `known` are facts of the session by option name; a plug-in that has such an option gets it, unless the user set it.
+    Args:
+        known: facts of the session by option name; a plug-in that has such an option gets it, unless `options` have it.
+        given: options of the command line by option name; a plug-in that has such an option gets it, whatever `options` have.
 
     Raises:
         ConfigError: no such plug-in, or options it does not take.
@@ -62,8 +70,9 @@ def plugin_config(kind: str, name: str, options: Mapping[str, Any], known: Mappi
     plugin = _loaded(kind, entries[name])
     if plugin.config is None:
         raise DependencyError(f"plug-in {name} ({plugin.package}) cannot be imported: {plugin.reason}")
-    fitting = {key: value for key, value in (known or {}).items() if key in option_names(plugin)}
-    return settings_from_mapping({**fitting, **options}, plugin.config, where=f"{kind} {name}")
+    names = option_names(plugin)
+    below, above = ({key: value for key, value in (one or {}).items() if key in names} for one in (known, given))
+    return settings_from_mapping({**below, **options, **above}, plugin.config, where=f"{kind} {name}")
 
 
 def option_names(plugin: Plugin) -> list[str]:

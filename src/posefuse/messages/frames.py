@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -45,13 +46,22 @@ class Frames:
                 return down[frame].inverse() @ root_from_source
         return None
 
+    def path(self, target: str, source: str) -> frozenset[str]:
+        """The child frames of the transforms that join two frames."""
+        return frozenset(self._upwards(source.lstrip("/"))) ^ frozenset(self._upwards(target.lstrip("/")))
+
     def _to_root(self, frame: str) -> dict[str, SE3]:
-        """From a frame up: every frame on the way, and where the first one is in it."""
-        found, here = {frame: SE3.identity()}, SE3.identity()
-        while frame in self._parents and self._parents[frame][0] not in found:
-            frame, step = self._parents[frame]
-            here = step @ here
-            found[frame] = here
+        """From a frame up: every frame on the path, and where the first one is in it."""
+        found = {frame: SE3.identity()}
+        for child, parent in pairwise(self._upwards(frame)):
+            found[parent] = self._parents[child][1] @ found[child]
+        return found
+
+    def _upwards(self, frame: str) -> list[str]:
+        """A frame, its parent and so on; a circle ends before it closes."""
+        found = [frame]
+        while frame in self._parents and (frame := self._parents[frame][0]) not in found:
+            found.append(frame)
         return found
 
 

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from .settings import GateSettings
-from .values import OperatorView, RobotState, all_finite
-
-if TYPE_CHECKING:
-    from .gate import CameraReport, Gate
+from .values import CameraReport, OperatorView, RobotState, all_finite
 
 # a gate that was not stepped for this long has lost track of the state
 _STALLED_S = 0.1
@@ -19,10 +16,11 @@ _AHEAD_S = 0.05
 
 
 class Finding(NamedTuple):
-    """What one check found: share of the speed limit in 0..1, and why it is not 1."""
+    """What one check found: share of the speed limit in 0..1, why it is not 1, and whether it ends the engagement."""
 
     share: float
     reason: str
+    ends: bool = False
 
 
 FINE = Finding(1.0, "")
@@ -57,38 +55,44 @@ def camera_finding(cameras: CameraReport | None, now_ns: int, settings: GateSett
     return FINE
 
 
-def hand_finding(gate: Gate, view: OperatorView | None, now_ns: int, settings: GateSettings) -> Finding:
-    """The hands are the operator's, recent, measured, certain, and at a plausible position."""
+def hand_finding(view: OperatorView | None, late: str, settings: GateSettings) -> Finding:
+    """The hands are recent, measured and certain. late: why the view is not of now (`time_problem`)."""
     if view is None or view.person_id < 0:
         return Finding(0.0, "no person is seen")
-    if gate.person_id is not None and view.person_id != gate.person_id:
-        return Finding(0.0, "another person")
-    problem = _time_problem(gate, view, now_ns, settings) or _value_problem(view, settings) or _jump_problem(gate, view, settings)
+    problem = late or hand_problem(view, settings)
     if problem:
         return Finding(0.0, problem)
     sigma, views = float(view.sigma_m.max()), int(view.views.min())
-    sure = (settings.hold_sigma_m - sigma) / (settings.hold_sigma_m - settings.slow_sigma_m)
-    if sure <= 0:
-        return Finding(0.0, f"hand known to {1e3 * sigma:.0f} mm only")
+    sure = (settings.hold_sigma_m - sigma) / max(settings.hold_sigma_m - settings.slow_sigma_m, 1e-9)
     few = Finding(0.5, f"{views} cameras see the hand") if views < settings.full_views else FINE
-    unsure = Finding(sure, f"hand known to {1e3 * sigma:.0f} mm only") if sure < 1 else FINE
+    unsure = Finding(sure, _known_to(sigma)) if sure < 1 else FINE
     return min(few, unsure, key=lambda found: found.share)
 
 
-def _time_problem(gate: Gate, view: OperatorView, now_ns: int, settings: GateSettings) -> str:
+def _known_to(sigma_m: float) -> str:
+    return f"hand known to {1e3 * sigma_m:.0f} mm only"
+
+
+def time_problem(view: OperatorView, before_ns: int | None, changed_ns: int | None, now_ns: int, settings: GateSettings) -> str:
+    """Why the view is not of now; empty: it is.
+
+    Args:
+        before_ns: of the view before; None: there is none. changed_ns: when the hands differed last from those before.
+    """
     for t_ns in (view.t_ns, view.measured_ns):
         if now_ns - t_ns < -_AHEAD_S * 1e9:
             return "pose from the future"
     if now_ns - view.measured_ns > settings.pose_age_s * 1e9 or now_ns - view.t_ns > settings.pose_age_s * 1e9:
         return "pose is too old"
-    if gate.view_t_ns is not None and view.t_ns < gate.view_t_ns:
+    if before_ns is not None and view.t_ns < before_ns:
         return "poses go back in time"
-    if gate.changed_ns is not None and now_ns - gate.changed_ns > settings.pose_age_s * 1e9:
+    if changed_ns is not None and now_ns - changed_ns > settings.pose_age_s * 1e9:
         return "the hand is frozen"
     return ""
 
 
-def _value_problem(view: OperatorView, settings: GateSettings) -> str:
+def hand_problem(view: OperatorView, settings: GateSettings) -> str:
+    """Why the view does not show where the hands are; empty: it does."""
     if not all_finite(view.xyz_world, view.sigma_m, view.forearm_m):
         return "hand is not seen"
     if not (view.sigma_m >= 0).all():
@@ -97,21 +101,7 @@ def _value_problem(view: OperatorView, settings: GateSettings) -> str:
         return "hand is only predicted"
     if (view.views < settings.least_views).any():
         return f"{int(view.views.min())} cameras see the hand"
+    if (view.sigma_m >= settings.hold_sigma_m).any():
+        return _known_to(float(view.sigma_m.max()))
     apart = np.linalg.norm(view.other_xyz_world - view.xyz_world, axis=1)
     return "" if (apart >= settings.hands_apart_m).all() else "left and right hand are too near to each other, or one is not seen"
-
-
-def _jump_problem(gate: Gate, view: OperatorView, settings: GateSettings) -> str:
-    if gate.hand_xyz is None or gate.view_t_ns is None or gate.forearm_m is None:
-        return "first pose"
-    if view.t_ns == gate.view_t_ns:
-        return ""
-    # a long pause does not make a long step credible
-    passed_s = min(max((view.t_ns - gate.view_t_ns) / 1e9, 0.0), _STALLED_S)
-    most_m = settings.hand_step_m + settings.hand_speed_mps * passed_s
-    if (np.linalg.norm(view.xyz_world - gate.hand_xyz, axis=1) > most_m).any():
-        return "the hand jumped"
-    # after a change of sides the wrist is nearer to where the other one was: then its forearm is of another length, too
-    if (np.abs(view.forearm_m - gate.forearm_m) > settings.forearm_share * gate.forearm_m).any():
-        return "length of the forearm changed: left and right may be exchanged"
-    return ""

@@ -60,7 +60,7 @@ class Follower:
 def standing(xyz: Array, wxyz: Array) -> Follower:
     """A robot that stands at (H, 3), (H, 4)."""
     return Follower(
-        moves=tuple(Motion(position=_vector(one)) for one in xyz),
+        moves=tuple(Motion(position=vector(one)) for one in xyz),
         turns=tuple(Motion() for _ in xyz),
         wxyz=np.array(wxyz, np.float64),
     )
@@ -89,7 +89,7 @@ def step_follower(
     """One control step of `dt_s`: follow the order, or brake.
 
     Args:
-        may_move: False brakes, e.g. where the joints cannot follow.
+        may_move: False brakes, as where the robot has a fault.
         left_out: steps that were due before and never done, as the process was late.
     """
     order, limits = follower.order, settings.limits
@@ -100,13 +100,13 @@ def step_follower(
     else:
         pace = order.speed_mps / limits.speed_mps
         moves = tuple(
-            follow(move, _vector(target), move_bounds(limits), order.speed_mps, dt_s)
+            follow(move, vector(target), move_bounds(limits), order.speed_mps, dt_s)
             for move, target in zip(follower.moves, order.xyz_world, strict=True)
         )
         turns = tuple(
             follow(
                 rebased(turn),
-                _vector(rotvec_between(here, target)),
+                vector(rotvec_between(here, target)),
                 turn_bounds(limits),
                 pace * limits.turn_rate_radps,
                 dt_s,
@@ -124,7 +124,7 @@ def _why_brake(follower: Follower, now_ns: int, settings: TeleoperationSettings,
         return "watchdog: no new order"
     if follower.order.phase is not Phase.ENGAGED:
         return follower.order.phase.value
-    return "" if may_move else "the joints cannot follow"
+    return "" if may_move else "the robot has a fault"
 
 
 def _turned(wxyz: Array, turns: tuple[Motion, ...]) -> Array:
@@ -150,5 +150,6 @@ def turn_bounds(limits: LimitSettings) -> Bounds:
     return Bounds(speed=limits.turn_rate_radps, acceleration=limits.turn_acceleration_radps2, jerk=limits.turn_jerk_radps3)
 
 
-def _vector(one: Array) -> Vector:
+def vector(one: Array) -> Vector:
+    """Three numbers as the limits take them."""
     return float(one[0]), float(one[1]), float(one[2])

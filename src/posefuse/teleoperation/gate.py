@@ -3,7 +3,7 @@
     IDLE ----- all well, switch let go -----> READY ----- switch held, robot stands -----> ENGAGED
      ^                                          |                                        |    ^
      +--------- something missing --------------+                      anything missing  v    | all well again, robot stands
-     +------------------------- missing for longer than `reengage_s` ------------------ HOLD
+     +------------- missing for longer than `reengage_s`, another body or hand -------- HOLD
 
 A fault of the robot or an emergency stop leads to STOPPED from everywhere; a reset with the switch let go leads to IDLE.
 """
@@ -15,24 +15,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posefuse.core.arrays import Array
-
-from .checks import Finding, camera_finding, clock_finding, hand_finding, robot_finding
+from .checks import FINE, Finding, camera_finding, clock_finding, hand_finding, hand_problem, robot_finding, time_problem
 from .heartbeats import Heartbeats
+from .identity import SeenBody, continued, continuity_finding, seen_in
 from .settings import GateSettings
-from .values import OperatorView, Phase, RobotState, all_finite
-
-# forearms that differ less than this from their mean are taken for measured well
-_USUAL_FOREARM = 0.2
-
-
-@dataclass(frozen=True, kw_only=True)
-class CameraReport:
-    """State of the cameras. t_ns: time of the report. healthy, total: numbers of cameras."""
-
-    t_ns: int
-    healthy: int
-    total: int
+from .values import CameraReport, OperatorView, Phase, RobotState
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -65,8 +52,7 @@ class Gate:
         now_ns: when it was stepped last. lost_ns: since when something has been missing; None: nothing is.
         fine_ns: start of the present time without any fault. let_go: the switch was released since its last use.
         view_t_ns, changed_ns: newest pose, and when its hands differed last from the pose before.
-        hand_xyz: (H, 3) hands in it; None: none yet. forearm_m: (H,) mean length of the forearms of person
-            `seen_id`; None: not known yet.
+        body: what a new view must continue; None before the first.
         share: of the speed limit. reason: what limits it or stops it, for people. engages: the clutch engages in this step.
     """
 
@@ -78,9 +64,7 @@ class Gate:
     let_go: bool = False
     view_t_ns: int | None = None
     changed_ns: int | None = None
-    hand_xyz: Array | None = None
-    forearm_m: Array | None = None
-    seen_id: int = -1
+    body: SeenBody | None = None
     share: float = 0.0
     reason: str = "no pose yet"
     engages: bool = False
@@ -88,19 +72,23 @@ class Gate:
 
 def step_gate(gate: Gate, seen: Seen, settings: GateSettings) -> Gate:
     """The gate after all that is known now; never raises, whatever the numbers are."""
+    after, change = _with_view(gate, seen, settings)
+    # what ends the engagement comes first: no finding is worse than 0
     found = _worst(
+        change,
         clock_finding(gate.now_ns, seen.now_ns, settings),
         robot_finding(seen.robot, seen.now_ns, settings),
         camera_finding(seen.cameras, seen.now_ns, settings),
-        hand_finding(gate, seen.view, seen.now_ns, settings),
+        hand_finding(seen.view, _late(gate, seen, settings), settings),
         _separation_finding(seen.separation_share),
     )
-    after = _with_history(gate, seen)
     fine_ns = None if found.share <= 0 else seen.now_ns if gate.fine_ns is None else gate.fine_ns
     after = replace(after, now_ns=seen.now_ns, fine_ns=fine_ns, share=0.0, reason=found.reason, engages=False)
     if seen.emergency or (seen.robot is not None and seen.robot.fault):
         reason = "emergency stop" if seen.emergency else f"robot: {seen.robot.fault if seen.robot else ''}"
         return replace(after, phase=Phase.STOPPED, person_id=None, let_go=False, reason=reason)
+    if found.ends and gate.phase is not Phase.STOPPED:
+        return replace(after, phase=Phase.IDLE, person_id=None, lost_ns=None, let_go=False)
     return _next_phase(gate.phase, after, found, seen, settings)
 
 
@@ -154,30 +142,25 @@ def _stands(robot: RobotState | None, settings: GateSettings) -> bool:
     return robot is not None and bool((np.linalg.norm(robot.velocity_world, axis=1) <= settings.standing_mps).all())
 
 
-def _with_history(gate: Gate, seen: Seen) -> Gate:
-    """What the next step compares with."""
-    view = seen.view
-    if view is None or view.t_ns == gate.view_t_ns:
-        return gate
-    if not all_finite(view.xyz_world, view.forearm_m):
-        return replace(gate, view_t_ns=view.t_ns)
-    same = gate.hand_xyz is not None and np.array_equal(view.xyz_world, gate.hand_xyz)
-    return replace(
-        gate,
-        view_t_ns=view.t_ns,
-        changed_ns=gate.changed_ns if same else seen.now_ns,
-        hand_xyz=view.xyz_world,
-        forearm_m=_mean_forearm(gate, view),
-        seen_id=view.person_id,
-    )
+def _late(gate: Gate, seen: Seen, settings: GateSettings) -> str:
+    """Why the newest view is not of now; empty: it is, or there is none."""
+    return time_problem(seen.view, gate.view_t_ns, gate.changed_ns, seen.now_ns, settings) if seen.view is not None else ""
 
 
-def _mean_forearm(gate: Gate, view: OperatorView) -> Array:
-    """Running mean; what differs much counts little, else an exchanged arm would soon be taken for the right one."""
-    if gate.forearm_m is None or view.person_id != gate.seen_id:
-        return view.forearm_m
-    usual = np.abs(view.forearm_m - gate.forearm_m) < _USUAL_FOREARM * gate.forearm_m
-    return np.asarray(gate.forearm_m + np.where(usual, 0.01, 0.0003) * (view.forearm_m - gate.forearm_m))
+def _with_view(gate: Gate, seen: Seen, settings: GateSettings) -> tuple[Gate, Finding]:
+    """With what the next view must continue, and whether this one continues what was known."""
+    view, known = seen.view, gate.body
+    if view is None or view.person_id < 0:
+        return gate, FINE
+    now = seen_in(view, not hand_problem(view, settings), settings)
+    same = known is not None and np.array_equal(now.hand_xyz, known.hand_xyz)
+    after = replace(gate, view_t_ns=view.t_ns, changed_ns=gate.changed_ns if same else seen.now_ns)
+    if _late(gate, seen, settings):
+        return after, FINE
+    if known is None:
+        return replace(after, body=now), FINE
+    found = continuity_finding(known, now, settings)
+    return replace(after, body=now if found.ends else continued(known, now)), found
 
 
 def speed_mps(gate: Gate, most_mps: float) -> float:

@@ -10,22 +10,23 @@ from posefuse.core.skeleton import pick_keypoints
 
 from .values import OperatorView
 
-# keypoints of the body for the separation, and the bones between them
+# keypoints of the body for the separation; no detector measures the last five, the farthest points of hands, head and feet
 BODY = (
     "nose", "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist",
     "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle",
-    "neck", "mid_hip", "left_fingertips", "right_fingertips",
+    "neck", "mid_hip", "left_fingertips", "right_fingertips", "crown", "left_toes", "right_toes",
 )  # fmt: skip
-BONES = (
-    ("nose", "neck"), ("left_shoulder", "right_shoulder"), ("left_hip", "right_hip"), ("neck", "mid_hip"),
-    *((f"{side}_{a}", f"{side}_{b}") for side in ("left", "right") for a, b in (
-        ("shoulder", "elbow"), ("elbow", "wrist"), ("wrist", "fingertips"), ("shoulder", "hip"), ("hip", "knee"),
-        ("knee", "ankle"),
-    )),
-)  # fmt: skip
-# of the wrist from the tips of stretched fingers, along the forearm
-_HAND_M = 0.2
-_KEYPOINTS = BODY[:15]
+# bones between them, and their greatest length, m: of a person 2 m tall (Winter 2009) with raised shoulders
+BONES = {
+    ("nose", "crown"): 0.2, ("nose", "neck"): 0.3, ("neck", "mid_hip"): 0.65,
+    ("left_shoulder", "neck"): 0.26, ("right_shoulder", "neck"): 0.26,
+    ("left_hip", "mid_hip"): 0.19, ("right_hip", "mid_hip"): 0.19,
+    **{(f"{side}_{a}", f"{side}_{b}"): length_m for side in ("left", "right") for a, b, length_m in (
+        ("shoulder", "elbow", 0.37), ("elbow", "wrist", 0.29), ("wrist", "fingertips", 0.2), ("shoulder", "hip", 0.65),
+        ("hip", "knee", 0.49), ("knee", "ankle", 0.49), ("ankle", "toes", 0.2),
+    )},
+}  # fmt: skip
+TRUNK = [BODY.index(name) for name in ("left_shoulder", "right_shoulder", "left_hip", "right_hip")]
 
 
 def operator_view(
@@ -46,9 +47,8 @@ def operator_view(
     others = [names.index(f"{'left' if side == 'right' else 'right'}_wrist") for side in hands]
     elbows = [names.index(f"{side}_elbow") for side in hands]
     measured = (pose.kind[n] != Kind.MISSING) & (pose.kind[n] != Kind.PREDICTED)
-    body_xyz = _with_fingertips(pick_keypoints(xyz, pose.skeleton, _KEYPOINTS))
-    per_point = np.stack([sigma, measured.astype(float)], axis=-1)
-    body = pick_keypoints(per_point, pose.skeleton, _KEYPOINTS)[[*range(15), 5, 6]]
+    per_point = np.concatenate([xyz, sigma[:, None], measured[:, None]], axis=-1)
+    body = pick_keypoints(per_point, pose.skeleton, BODY)
     return OperatorView(
         t_ns=pose.t_ns,
         measured_ns=measured_ns,
@@ -60,9 +60,9 @@ def operator_view(
         rotation_world=_forearms(joints, ids[n], hands),
         other_xyz_world=xyz[others],
         forearm_m=np.linalg.norm(xyz[wrists] - xyz[elbows], axis=-1),
-        body_xyz_world=body_xyz,
-        body_sigma_m=body[:, 0],
-        body_measured=body[:, 1] > 0.99,
+        body_xyz_world=body[:, :3],
+        body_sigma_m=body[:, 3],
+        body_measured=body[:, 4] > 0.99,
         gesture=len(hands) == 1 and _raised(xyz, names, "left" if hands[0] == "right" else "right"),
     )
 
@@ -73,13 +73,6 @@ def _worst_sigma(cov: Array) -> Array:
     sigma = np.full(len(cov), np.nan)
     sigma[known] = np.sqrt(np.maximum(np.linalg.eigvalsh(cov[known])[:, -1], 0.0))
     return sigma
-
-
-def _with_fingertips(xyz: Array) -> Array:
-    """(17, 3) of `BODY` from the first 15."""
-    forearms = xyz[5:7] - xyz[3:5]
-    length = np.linalg.norm(forearms, axis=-1, keepdims=True)
-    return np.concatenate([xyz, xyz[5:7] + _HAND_M * forearms / np.where(length > 0, length, np.nan)])
 
 
 def _forearms(joints: JointAngles | None, person_id: int, hands: tuple[str, ...]) -> Array:

@@ -6,13 +6,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from .gate import CameraReport, Gate, Seen, speed_mps, step_gate
+from .gate import Gate, Seen, speed_mps, step_gate
 from .heartbeats import Beat, Heartbeats
 from .mapping import Clutch, engaged, moved
 from .separation import OperatorBody, remembered, separation_m, speed_share
 from .settings import TeleoperationSettings
 from .steady import Steady, steadied
-from .values import OperatorView, Order, Phase, RobotState
+from .values import CameraReport, OperatorView, Order, Phase, RobotState
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

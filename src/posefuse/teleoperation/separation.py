@@ -1,7 +1,9 @@
 """Distance between a robot and the body of the tracked operator, with what is not known of the body counted as nearer.
 
 The idea is that of speed and separation monitoring (ISO/TS 15066, ISO 13855); a camera system without a safety rating cannot
-claim either. Keypoints count as nearer by their stated standard deviation, and by what a person walks since they were measured.
+claim either. A keypoint is somewhere in a ball: about where it was measured last, with a radius of its stated standard deviations
+and of how far a limb moves since then; or about another keypoint, with a radius larger by the bones between the two. The smallest
+ball counts, so that a limb out of sight is a ball of its length about the last joint in sight, for however long.
 """
 
 from __future__ import annotations
@@ -14,14 +16,27 @@ import numpy as np
 
 from posefuse.core.arrays import Array
 
-from .hands import BODY, BONES
+from .hands import BODY, BONES, TRUNK
 from .settings import SeparationSettings
 from .values import OperatorView
 
 _START = np.array([BODY.index(a) for a, _ in BONES])
 _END = np.array([BODY.index(b) for _, b in BONES])
-# without these no one knows where a person is
-_TRUNK = [BODY.index(name) for name in ("left_shoulder", "right_shoulder", "left_hip", "right_hip")]
+
+
+def _farthest() -> Array:
+    """(K, K) greatest distance between any two keypoints, m: along the bones between them."""
+    apart = np.full((len(BODY), len(BODY)), np.inf)
+    np.fill_diagonal(apart, 0.0)
+    apart[_START, _END] = apart[_END, _START] = list(BONES.values())
+    for k in range(len(BODY)):
+        apart = np.minimum(apart, apart[:, k, None] + apart[k])
+    return apart
+
+
+_APART_M = _farthest()
+# of the range in which the speed falls
+_LEAST_M = 1e-9
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -50,7 +65,8 @@ def remembered(body: OperatorBody, view: OperatorView) -> OperatorBody:
         return body
     if body.person_id != view.person_id:
         body = OperatorBody.unknown()
-    new = view.body_measured & np.isfinite(view.body_xyz_world).all(axis=1) & np.isfinite(view.body_sigma_m)
+    sure = np.isfinite(view.body_sigma_m) & (view.body_sigma_m >= 0)
+    new = view.body_measured & np.isfinite(view.body_xyz_world).all(axis=1) & sure
     return OperatorBody(
         person_id=view.person_id,
         xyz_world=np.where(new[:, None], view.body_xyz_world, body.xyz_world),
@@ -68,22 +84,24 @@ class Limbs(NamedTuple):
 
 
 def limbs_of(body: OperatorBody, now_ns: int, settings: SeparationSettings) -> Limbs | None:
-    """The operator's limbs, thicker by what is not known of them; None where the trunk is not known."""
-    age_s = (now_ns - body.seen_ns) / 1e9
-    known = np.isfinite(body.xyz_world).all(axis=1) & (age_s <= settings.memory_s)
-    if not known[_TRUNK].all():
+    """The operator's limbs, thicker by what is not known of them; None where a part of the trunk was never seen."""
+    seen = np.asarray(np.isfinite(body.xyz_world).all(axis=1))
+    if not seen[TRUNK].all():
         return None
-    grown = settings.sigmas * body.sigma_m + settings.approach_mps * np.maximum(age_s, 0.0)
-    bones = known[_START] & known[_END]
+    # a measurement from the future is as little known as one from the past
+    age_s = np.abs(now_ns - body.seen_ns) / 1e9
+    own = np.where(seen, settings.sigmas * body.sigma_m + settings.approach_mps * age_s, np.inf)
+    balls = own[:, None] + _APART_M
+    centre, unknown = body.xyz_world[balls.argmin(axis=0)], balls.min(axis=0)
     return Limbs(
-        start=body.xyz_world[_START[bones]],
-        end=body.xyz_world[_END[bones]],
-        radius=settings.limb_radius_m + np.maximum(grown[_START[bones]], grown[_END[bones]]),
+        start=centre[_START],
+        end=centre[_END],
+        radius=settings.limb_radius_m + np.maximum(unknown[_START], unknown[_END]),
     )
 
 
 def separation_m(body: OperatorBody, spheres_world: Array, now_ns: int, settings: SeparationSettings) -> float:
-    """Least distance of the robot's spheres (M, 4) and the operator's limbs; NaN where the trunk is not known."""
+    """Least distance of the robot's spheres (M, 4) and the operator's limbs; NaN where a part of the trunk was never seen."""
     limbs = limbs_of(body, now_ns, settings)
     if limbs is None or not len(spheres_world) or not np.isfinite(spheres_world).all():
         return math.nan
@@ -102,6 +120,6 @@ def distances_to_segments(points: Array, start: Array, end: Array) -> Array:
 
 def speed_share(distance_m: float, settings: SeparationSettings) -> float:
     """Share of the speed limit at a distance: 1 from `slow_m` on, 0 up to `stop_m` and where it is not known."""
-    if math.isnan(distance_m):
+    if not distance_m > settings.stop_m:
         return 0.0
-    return min(1.0, max(0.0, (distance_m - settings.stop_m) / (settings.slow_m - settings.stop_m)))
+    return min(1.0, (distance_m - settings.stop_m) / max(settings.slow_m - settings.stop_m, _LEAST_M))

@@ -17,12 +17,11 @@ from posefuse.core.live_messages import OK
 from posefuse.foundation.channel import Channel, ChannelClosed
 
 from .deadman import DeadMan, Pressed
-from .gate import CameraReport
 from .hands import operator_view
 from .operator import Operator, OperatorNews, step_operator
 from .robots.process import Failed, Leave, RobotPlan, run_robot
 from .settings import TeleoperationSettings
-from .values import OperatorView, Order, Phase, RobotState
+from .values import CameraReport, OperatorView, Order, Phase, RobotState
 
 _READY_S, _LEAVE_S = 60.0, 3.0
 _NEWEST = 100_000

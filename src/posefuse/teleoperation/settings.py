@@ -61,6 +61,8 @@ class LimitSettings:
     joint_margin_rad: NotNegative = 0.1
     joint_speed_radps: Positive = 2.5
     base_speed_mps: Positive = 0.3
+    joint_acceleration_radps2: Positive = 10.0
+    base_acceleration_mps2: Positive = 1.5
     slow_condition: Positive = 17.0
     stop_condition: Positive = 30.0
     collision_m: NotNegative = 0.02
@@ -74,16 +76,15 @@ class SeparationSettings:
         slow_m, stop_m: the speed limit falls linearly between them, to nothing.
         limb_radius_m: bones of the skeleton count as capsules of this radius.
         sigmas: so many standard deviations of a keypoint count as nearer.
-        approach_mps: a person may have come nearer at this speed since the pose was measured (ISO 13855: 1.6 m/s).
-        memory_s: a hidden limb stays at its last position, and approaches at that speed, for this time.
+        approach_mps: any part of the body may have come nearer at this speed since it was measured: that of the fastest hand that
+            is accepted (`GateSettings.hand_speed_mps`). ISO 13855 has 2.0 m/s for reaching and 1.6 m/s for walking.
     """
 
     slow_m: Positive = 0.8
     stop_m: Positive = 0.4
     limb_radius_m: NotNegative = 0.08
     sigmas: NotNegative = 2.0
-    approach_mps: NotNegative = 1.6
-    memory_s: Positive = 2.0
+    approach_mps: NotNegative = 3.0
 
 
 @settings
@@ -94,7 +95,6 @@ class GateSettings:
         heartbeat_s: without a heartbeat of the dead-man's switch for so long: HOLD.
         beats_to_engage: so many heartbeats in a row before a press counts.
         pose_age_s: the newest measurement of the hand may be so old.
-        predicted_s: the hand may have no new measurement for so long.
         slow_sigma_m, hold_sigma_m: stated standard deviation of the hand in its worst direction: the speed limit falls linearly
             between them, then HOLD.
         least_views, full_views: cameras that see the hand: fewer than the first is HOLD, fewer than the second half speed.
@@ -102,7 +102,8 @@ class GateSettings:
         hand_speed_mps: a hand that moved faster than this has not moved, it is another measurement: rejected, HOLD.
         hand_step_m: a step so small is never rejected.
         hands_apart_m: left and right wrist nearer than this can be mistaken for each other: HOLD.
-        forearm_share: length of the forearm may differ so much from its running mean, else left and right are in doubt.
+        forearm_share, trunk_share: lengths of forearm and trunk may differ so much from their running means, else it is another
+            body or hand: the engagement ends.
         settle_s: everything must be in order for so long before the robot moves (again).
         reengage_s: whatever is lost for longer needs a new press.
         robot_age_s: the newest state of the robot may be so old.
@@ -112,7 +113,6 @@ class GateSettings:
     heartbeat_s: Positive = 0.1
     beats_to_engage: Annotated[int, Ge(1)] = 3
     pose_age_s: Positive = 0.12
-    predicted_s: Positive = 0.1
     slow_sigma_m: Positive = 0.03
     hold_sigma_m: Positive = 0.06
     least_views: Annotated[int, Ge(1)] = 2
@@ -123,6 +123,7 @@ class GateSettings:
     hand_step_m: Positive = 0.03
     hands_apart_m: NotNegative = 0.1
     forearm_share: Positive = 0.35
+    trunk_share: Positive = 0.2
     settle_s: Positive = 0.1
     reengage_s: Positive = 0.5
     robot_age_s: Positive = 0.1

@@ -30,6 +30,15 @@ class Phase(StrEnum):
     STOPPED = "stopped"  # a fault of the robot or an emergency stop; only a reset leaves it
 
 
+@dataclass(frozen=True, kw_only=True)
+class CameraReport:
+    """State of the cameras. t_ns: time of the report. healthy, total: numbers of cameras."""
+
+    t_ns: int
+    healthy: int
+    total: int
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Order:
     """What the operator's side sends to the robot's side, about 100 times a second.
@@ -59,7 +68,7 @@ class Order:
     def usable(self) -> bool:
         """Whether all numbers are finite and the quaternions of length 1; checked again by the receiver."""
         finite = all_finite(self.xyz_world, self.wxyz) and math.isfinite(self.speed_mps)
-        return finite and self.speed_mps >= 0 and bool(np.abs((self.wxyz * self.wxyz).sum(axis=1) - 1).max() < 1e-3)
+        return finite and self.speed_mps >= 0 and bool((np.abs((self.wxyz * self.wxyz).sum(axis=1) - 1) < 1e-3).all())
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -20,10 +20,9 @@ def target_from_options(options: TargetOptions) -> Target:
     path = target_file(options)
     if path is not None:
         return _target_of_file(path, options)
-    said = TargetDescription(
-        kind=options.target,  # type: ignore[arg-type]
-        **{field.name: getattr(options, field.name) for field in fields(TargetDescription) if field.name != "kind"},
-    )
+    values = {field.name: getattr(options, field.name) for field in fields(TargetDescription) if field.name != "kind"}
+    given = {name: value for name, value in values.items() if value is not None}
+    said = TargetDescription(kind=options.target, **given)  # type: ignore[arg-type]
     return described_target(
         said, lambda names: InputError(f"--target {options.target}: missing {', '.join(_option(name) for name in names)}")
     )

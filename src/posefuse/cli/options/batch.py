@@ -18,8 +18,8 @@ class BatchOptions:
 
     out: Annotated[Path, Parameter(metavar="DIR")]
     """Folder for the results; run the same command again to continue."""
-    outputs: Annotated[str, Parameter(metavar="A,B,...")] = "trc,c3d,csv"
-    """Which files to write for each trial; `posefuse plugins` lists them."""
+    outputs: Annotated[str | None, Parameter(metavar="A,B,...")] = None
+    """Which files to write for each trial (default trc,c3d,csv); `posefuse plugins` lists them."""
     no_report: bool = False
     """Do not write joint angles, gait and the report of each trial."""
     jobs: Annotated[int | None, Parameter(metavar="N"), count(_MOST_JOBS)] = None

@@ -64,8 +64,8 @@ class TargetOptions:
     """White gap between two markers (aruco-board)."""
     thickness_mm: Millimetres = None
     """Board printed on both sides, tops together: distance of the two prints."""
-    dictionary: Annotated[str, Parameter(metavar="NAME")] = "DICT_4X4_50"
-    """OpenCV's name of the marker dictionary."""
+    dictionary: Annotated[str | None, Parameter(metavar="NAME")] = None
+    """OpenCV's name of the marker dictionary (default DICT_4X4_50)."""
     ids: Annotated[tuple[int, ...], Parameter(metavar="ID", consume_multiple=True)] = ()
     """Markers of the target (default all); of an aruco-board the first."""
     inverted: bool = False

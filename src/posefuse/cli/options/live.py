@@ -70,9 +70,8 @@ class OutputOptions:
             help="Any other live output, e.g. lsl (`posefuse plugins` lists them); options: --set outputs.NAME.KEY=VALUE.",
         ),
     ] = ()
-    axes: Annotated[Literal["z_up", "y_up", "y_up_left_handed"], Parameter(help="Axes of OSC and JSON.", name_transform=str)] = (
-        "z_up"
-    )
+    axes: Annotated[Literal["z_up", "y_up", "y_up_left_handed"] | None, Parameter(name_transform=str)] = None
+    """Axes of OSC and JSON (default z_up)."""
     view: bool = False
     """Open the Rerun viewer (extra: viewer)."""
     view_file: Annotated[Path | None, Parameter(metavar="FILE.rrd")] = None

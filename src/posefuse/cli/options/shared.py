@@ -103,8 +103,8 @@ class SettingsOptions(NetworkOptions):
 class Ros2Options:
     """Where ROS 2 is."""
 
-    domain: Annotated[int, Parameter(metavar="ID")] = 0
-    """ROS_DOMAIN_ID."""
+    domain: Annotated[int | None, Parameter(metavar="ID")] = None
+    """ROS_DOMAIN_ID (default 0)."""
     peer: Annotated[tuple[str, ...], Parameter(metavar="ADDRESS")] = ()
     """Address of another machine, where multicast is off. May be given several times."""
     interface: Annotated[str, Parameter(metavar="NAME")] = ""
@@ -116,11 +116,15 @@ class Ros2Options:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """Options that sources and outputs of ROS 2 share, by their names there."""
-        return {
-            "domain_id": self.domain, "local_only": self.local_only, "interface": self.interface, "peers": self.peer,
-            "sim_time": self.sim_time,
-        }  # fmt: skip
+        """Options that were given and that sources and outputs of ROS 2 share, by their names there."""
+        return {**self.network, **({"sim_time": True} if self.sim_time else {})}
+
+    @property
+    def network(self) -> dict[str, Any]:
+        """Those of them that state where ROS 2 is."""
+        found = {"local_only": self.local_only, "interface": self.interface, "peers": self.peer}
+        domain = {} if self.domain is None else {"domain_id": self.domain}
+        return {**domain, **{name: value for name, value in found.items() if value}}
 
 
 # what "all" means: more people would not fit into the area that a rig of cameras sees

@@ -11,6 +11,9 @@ from .shared import OUTPUTS, positive
 HAND, ROBOT = Group.create_ordered("Hand"), Group.create_ordered("Robot")
 ROBOT_ROS = Group.create_ordered("Robot over ROS")
 
+# coordinates may begin with a minus
+_ONE_WORD: Any = {"n_tokens": 1, "accepts_keys": False, "allow_leading_hyphen": True}
+
 
 def _numbers(count: int, what: str) -> Any:
     """Converter of `count` numbers separated by commas or spaces."""
@@ -33,16 +36,16 @@ def _numbers(count: int, what: str) -> Any:
 class HandOptions:
     """Which hand, and how its motion is used."""
 
-    hand: Literal["right", "left", "both"] = "right"
-    """The hand that the robot follows; both move a robot with two arms."""
+    hand: Literal["right", "left", "both"] | None = None
+    """The hand that the robot follows; both move a robot with two arms (default right)."""
     deadman: Annotated[str, Parameter(metavar="SWITCH")] = "key"
     """key (space bar), joystick:/dev/input/js0, ros:/joy, web[:PORT] (a page with a button), gesture (the other hand raised)."""
-    scale: Annotated[float, positive(10)] = 1.0
-    """Metres of the robot per metre of the hand."""
-    turn: Annotated[float, Parameter(metavar="DEG")] = 0.0
-    """Turn of the robot's motion about the vertical, e.g. 180 for an operator who faces the robot."""
-    orientation: Literal["none", "forearm"] = "none"
-    """Turn the end effector as the forearm turns."""
+    scale: Annotated[float | None, positive(10)] = None
+    """Metres of the robot per metre of the hand (default 1)."""
+    turn: Annotated[float | None, Parameter(metavar="DEG")] = None
+    """Turn of the robot's motion about the vertical, e.g. 180 for an operator who faces the robot (default 0)."""
+    orientation: Literal["none", "forearm"] | None = None
+    """Turn the end effector as the forearm turns (default none)."""
     i_have_an_emergency_stop: bool = False
     """An emergency stop of the robot is within reach: lets a gesture move a robot over ROS."""
 
@@ -57,20 +60,21 @@ class RobotOptions:
     frame: Annotated[tuple[str, ...], Parameter(metavar="SITE")] = ()
     """Site (with --command pose or twist: tf frame) of the end effector, one per hand (default right_hand, left_hand)."""
     robot_at: Annotated[
-        tuple[float, float, float], Parameter(metavar="X,Y,DEG", converter=_numbers(3, "X,Y,DEG"), n_tokens=1, accepts_keys=False)
-    ] = (0.0, 0.0, 0.0)
-    """Where the robot's base frame stands in the world of the rig, m and degrees."""
+        tuple[float, float, float] | None,
+        Parameter(metavar="X,Y,DEG", converter=_numbers(3, "X,Y,DEG"), **_ONE_WORD),
+    ] = None
+    """Where the robot's base frame stands in the world of the rig, m and degrees (default 0,0,0)."""
     elsewhere: bool = False
     """The robot is not in the operator's room: no separation is kept. Wrong for a robot that any person can reach."""
     box: Annotated[
         tuple[float, float, float, float, float, float] | None,
-        Parameter(metavar="X0,Y0,Z0,X1,Y1,Z1", converter=_numbers(6, "X0,Y0,Z0,X1,Y1,Z1"), n_tokens=1, accepts_keys=False),
+        Parameter(metavar="X0,Y0,Z0,X1,Y1,Z1", converter=_numbers(6, "X0,Y0,Z0,X1,Y1,Z1"), **_ONE_WORD),
     ] = None
-    """Corners of the workspace of the end effector, world axes, m."""
+    """Corners of the workspace of the end effector, world axes, m (default -10,-10,0.05,10,10,2)."""
     speed: Annotated[float | None, Parameter(metavar="M/S"), positive(2)] = None
     """Speed limit of the end effector (default 0.5)."""
     limits: Annotated[Path | None, Parameter(metavar="FILE.toml")] = None
-    """All settings of teleoperation, see docs/teleoperation.md; the options above come on top."""
+    """All settings of teleoperation, see docs/teleoperation.md; an option that is given overrides the file."""
     view: bool = False
     """Open MuJoCo's viewer."""
     view_scene: bool = False

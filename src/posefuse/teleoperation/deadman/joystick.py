@@ -1,4 +1,8 @@
-"""Button 0 of a joystick of Linux: held, the device is read as held as long as it is there."""
+"""Button 0 of a joystick of Linux.
+
+A button that is held sends no events. So a joystick out of reach looks like one that is held: it counts as held until the kernel
+removes the device, at once when a cable is pulled out, but only after seconds, or never, when a radio link is lost.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A button on a page, for a phone or a tablet. The page only reports; a closed page, a lost network or a late report releases it.
+"""A button on a page of this machine; no other machine reaches it. A closed page or a late report releases the button.
 
 Every report echoes the newest number that the server has given out. A report that waited somewhere carries an old number, and is
 as old as that number.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -11,7 +11,13 @@ from posefuse.core import ConfigError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 
-_MOST_PAIRS = 60
+
+class Gap(NamedTuple):
+    """Two geoms near each other. pair: index. distance_m: negative where they overlap. row: (n,) its change per joint step."""
+
+    pair: int
+    distance_m: float
+    row: Array
 
 
 class Chain:
@@ -20,12 +26,14 @@ class Chain:
     Attributes:
         joints: (n,) ids. names: of them. qpos, dofs: (n,) addresses. arm: (n,) bool, False for joints of the mobile base.
         low, high: (n,) limits; infinite where there are none. home: (n,) comfortable posture. bodies: ids of the robot's bodies.
+        pairs: (P, 2) geoms that could touch: of the robot, and of the robot and the floor. Not those of bodies that share a
+            joint, that the model excludes from contact, or that are nearer than `apart_m` in its home posture.
 
     Raises:
         ConfigError: no such site, or joints that are neither hinges nor slides.
     """
 
-    def __init__(self, model: Any, sites: Sequence[str]) -> None:
+    def __init__(self, model: Any, sites: Sequence[str], apart_m: float) -> None:
         import mujoco
 
         self._mj, self.model, self._data = mujoco, model, mujoco.MjData(model)
@@ -47,7 +55,7 @@ class Chain:
         limited = model.jnt_limited[self.joints].astype(bool)
         self.low = np.where(limited, model.jnt_range[self.joints, 0], -np.inf)
         self.high = np.where(limited, model.jnt_range[self.joints, 1], np.inf)
-        root = {int(model.jnt_bodyid[j]) for j in joints if int(model.jnt_type[j]) == slide}
+        self._base = root = {int(model.jnt_bodyid[j]) for j in joints if int(model.jnt_type[j]) == slide}
         # a base is what slides, and what turns together with it
         self.arm = np.array([int(model.jnt_bodyid[j]) not in root for j in joints])
         if not self.arm.any():
@@ -55,14 +63,17 @@ class Chain:
         if model.nkey:
             mujoco.mj_resetDataKeyframe(model, self._data, 0)
         self.home = np.array(self._data.qpos[self.qpos])
-        self.bodies = _with_children(model, int(model.jnt_bodyid[joints[0]]))
-        self._pairs = self._watched_pairs()
+        # what stands in the world below the first joint is the robot, too
+        self.bodies = _with_children(model, {chain[-1] for chain in chains})
         self._shoulders = [
             next(b for b in reversed(chain) if any(j in joints and self.arm[joints.index(j)] for j in _joints_of(model, b)))
             for chain in chains
         ]
         self._lengths = [self._length(chain, s) for chain, s in zip(chains, self._shoulders, strict=True)]
+        self._balls = _balls(model, self.bodies, mujoco)
         self.place(self.home)
+        self.pairs = self._watched_pairs(apart_m)
+        self._reach = np.array([[self._far(int(j), *pair) for j in self.joints] for pair in self.pairs]).reshape(-1, len(joints))
 
     @property
     def hands(self) -> int:
@@ -73,23 +84,25 @@ class Chain:
         """Put the joints (n,) in place."""
         self._data.qpos[self.qpos] = q
         self._mj.mj_kinematics(self.model, self._data)
-        self._mj.mj_comPos(self.model, self._data)
 
-    def end_effector(self, h: int) -> tuple[Array, Array]:
-        """(3,) position and (4,) wxyz of a site."""
-        wxyz = np.zeros(4)
-        self._mj.mju_mat2Quat(wxyz, self._data.site_xmat[self._sites[h]])
-        return self._data.site_xpos[self._sites[h]].copy(), wxyz
+    def positions(self) -> Array:
+        """(H, 3) of the end effectors."""
+        return np.asarray(self._data.site_xpos[self._sites])
 
-    def jacobians(self) -> list[Array]:
-        """(6, n) of each site: position, and orientation scaled by 0.3 m."""
-        found = []
-        for site in self._sites:
-            j = np.zeros((6, self.model.nv))
-            self._mj.mj_jacSite(self.model, self._data, j[:3], j[3:], site)
-            j[3:] *= 0.3
-            found.append(j[:, self.dofs])
+    def orientations(self) -> Array:
+        """(H, 4) wxyz of the end effectors."""
+        found = np.zeros((self.hands, 4))
+        for h, site in enumerate(self._sites):
+            self._mj.mju_mat2Quat(found[h], self._data.site_xmat[site])
         return found
+
+    def jacobians(self) -> Array:
+        """(H, 6, n) of each site: position, m, above orientation, rad."""
+        found = np.zeros((self.hands, 6, self.model.nv))
+        self._mj.mj_comPos(self.model, self._data)
+        for h, site in enumerate(self._sites):
+            self._mj.mj_jacSite(self.model, self._data, found[h, :3], found[h, 3:], site)
+        return np.asarray(found[:, :, self.dofs])
 
     def stretch(self) -> float:
         """Distance of end effector and shoulder as a share of the arm's length; the largest of all arms."""
@@ -99,55 +112,111 @@ class Chain:
             for site, body, length in zip(self._sites, self._shoulders, self._lengths, strict=True)
         )
 
-    def distances(self, least_m: float, watch_m: float, approach: float) -> tuple[Array, Array]:
-        """Linear constraints rows @ dq >= bounds that keep pairs of bodies apart: (C, n), (C,)."""
-        rows, bounds = [], []
+    def distances(self, watch_m: float) -> Array:
+        """(P,) distance of each pair, negative where it overlaps; `watch_m` where it is farther apart than that."""
+        found = np.full(len(self.pairs), watch_m)
+        for i in self._near(watch_m):
+            a, b = self.pairs[i]
+            found[i] = self._mj.mj_geomDistance(self.model, self._data, a, b, watch_m, None)
+        return found
+
+    def gaps(self, watch_m: float) -> list[Gap]:
+        """All pairs nearer than `watch_m`, with how their distance changes."""
+        found = []
+        self._mj.mj_comPos(self.model, self._data)
         fromto, one, other = np.zeros(6), np.zeros((3, self.model.nv)), np.zeros((3, self.model.nv))
-        for a, b in self._pairs:
+        for i in self._near(watch_m):
+            a, b = self.pairs[i]
             distance = self._mj.mj_geomDistance(self.model, self._data, a, b, watch_m, fromto)
-            if distance >= watch_m or distance <= 0.0:
-                # what overlaps from the start has no direction to part in
+            if distance >= watch_m or abs(distance) < 1e-9:
                 continue
             normal = (fromto[3:] - fromto[:3]) / distance
             self._mj.mj_jac(self.model, self._data, one, None, fromto[:3], self.model.geom_bodyid[a])
             self._mj.mj_jac(self.model, self._data, other, None, fromto[3:], self.model.geom_bodyid[b])
-            rows.append((normal @ (other - one))[self.dofs])
-            bounds.append(-approach * (distance - least_m) if distance > least_m else 0.0)
-        return (np.array(rows), np.array(bounds)) if rows else (np.zeros((0, len(self.dofs))), np.zeros(0))
+            found.append(Gap(int(i), float(distance), (normal @ (other - one))[self.dofs]))
+        return found
 
-    def spheres(self) -> Array:
-        """(M, 4) centre and radius of spheres that cover the robot's geoms."""
+    def travel_m(self, step: Array) -> Array:
+        """(P,) by how much a joint step (n,) changes the distance of each pair at most."""
+        return np.asarray(self._reach @ np.abs(step))
+
+    def spheres(self, data: Any = None) -> Array:
+        """(M, 4) centre and radius of spheres that cover the robot's geoms, as they are placed or in other data of the model."""
+        geom, local, radius = self._balls
+        data = self._data if data is None else data
+        turned = np.einsum("mij,mj->mi", data.geom_xmat[geom].reshape(-1, 3, 3), local)
+        return np.column_stack([data.geom_xpos[geom] + turned, radius])
+
+    def _near(self, watch_m: float) -> Array:
+        """Pairs whose bounding spheres are nearer than `watch_m`."""
         data, model = self._data, self.model
-        found = []
-        for g in range(model.ngeom):
-            if int(model.geom_bodyid[g]) not in self.bodies:
-                continue
-            axis, half, radius = _spine(model, g, self._mj)
-            direction = data.geom_xmat[g].reshape(3, 3)[:, axis]
-            for place in np.linspace(-half, half, max(1, int(np.ceil(2 * half / max(radius, 0.02))) + 1)):
-                found.append([*(data.geom_xpos[g] + place * direction), radius * 1.12])
-        return np.array(found)
+        apart = data.geom_xpos[self.pairs[:, 1]] - data.geom_xpos[self.pairs[:, 0]]
+        radius = model.geom_rbound[self.pairs].sum(axis=1)
+        # a plane has no radius; its normal is its z axis
+        plane = self._plane
+        distance = np.where(
+            plane, (apart * data.geom_xmat[self.pairs[:, 0]][:, 2::3]).sum(axis=1), np.sqrt((apart * apart).sum(axis=1))
+        )
+        return np.asarray(np.flatnonzero(distance - radius < watch_m))
 
     def _length(self, chain: Sequence[int], shoulder: int) -> float:
         """Length of the chain from the shoulder to the end effector, link by link."""
         links = chain[: chain.index(shoulder)]
         return float(sum(np.linalg.norm(self.model.body_pos[body]) for body in links)) or 1.0
 
-    def _watched_pairs(self) -> list[tuple[int, int]]:
-        """Geoms of the robot that could touch: not of one body or of neighbours; the floor and all but the base."""
+    def _far(self, joint: int, a: int, b: int) -> float:
+        """How far a joint moves two geoms against each other at most, m per unit: the moved one's distance from its axis."""
+        model, top = self.model, int(self.model.jnt_bodyid[joint])
+        moved = [g for g in (a, b) if top in _ancestors(model, int(model.geom_bodyid[g]))]
+        if len(moved) != 1:
+            return 0.0
+        if int(model.jnt_type[joint]) == int(self._mj.mjtJoint.mjJNT_SLIDE):
+            return 1.0
+        chain = _ancestors(model, int(model.geom_bodyid[moved[0]]))
+        links = chain[: chain.index(top)]
+        parts = [model.jnt_pos[joint], model.geom_pos[moved[0]], *(model.body_pos[body] for body in links)]
+        return float(sum(np.linalg.norm(part) for part in parts) + model.geom_rbound[moved[0]])
+
+    def _watched_pairs(self, apart_m: float) -> Array:
+        """See `pairs`; the floor is a plane of the world, and comes first in its pairs."""
         model = self.model
         solid = [g for g in range(model.ngeom) if model.geom_contype[g] or model.geom_conaffinity[g]]
         own = [g for g in solid if int(model.geom_bodyid[g]) in self.bodies]
-        floor = [g for g in solid if int(model.geom_type[g]) == int(self._mj.mjtGeom.mjGEOM_PLANE) and model.geom_bodyid[g] == 0]
-        order = {body: i for i, body in enumerate(self.bodies)}
-        pairs = [
-            (a, b)
-            for i, a in enumerate(own)
-            for b in own[i + 1 :]
-            if order[int(model.geom_bodyid[b])] - order[int(model.geom_bodyid[a])] > 3
-        ]
-        moving = [g for g in own if order[int(model.geom_bodyid[g])] > 3]
-        return [*pairs, *((f, g) for f in floor for g in moving)][:_MOST_PAIRS]
+        is_plane = model.geom_type == int(self._mj.mjtGeom.mjGEOM_PLANE)
+        floor = [g for g in solid if is_plane[g] and int(model.geom_bodyid[g]) == 0]
+        # a base that slides over the floor keeps its distance
+        lifted = [g for g in own if int(model.geom_bodyid[g]) not in self._base]
+        could = [(f, g) for f in floor for g in lifted] + [(a, b) for i, a in enumerate(own) for b in own[i + 1 :]]
+        could = [pair for pair in could if self._may_touch(*pair)]
+        self.pairs = np.array(could, int).reshape(-1, 2)
+        self._plane = is_plane[self.pairs[:, 0]]
+        apart = self.distances(1.0) > apart_m
+        self._plane = self._plane[apart]
+        return self.pairs[apart]
+
+    def _may_touch(self, a: int, b: int) -> bool:
+        """MuJoCo's own rule for contacts: masks, exclusions, and bodies that move together or share a joint."""
+        model = self.model
+        masks = model.geom_contype[a] & model.geom_conaffinity[b] or model.geom_contype[b] & model.geom_conaffinity[a]
+        one, other = sorted(int(model.geom_bodyid[g]) for g in (a, b))
+        left, right = int(model.body_weldid[one]), int(model.body_weldid[other])
+        up, down = (int(model.body_weldid[int(model.body_parentid[body])]) for body in (left, right))
+        related = left == right or (left and up == right) or (right and down == left and left)
+        return bool(masks) and not related and (one << 16) + other not in model.exclude_signature
+
+
+def _balls(model: Any, bodies: Sequence[int], mj: Any) -> tuple[Array, Array, Array]:
+    """Spheres that cover the geoms of bodies: (M,) geom, (M, 3) centre in its axes, (M,) radius."""
+    geoms, centres, radii = [], [], []
+    for g in range(model.ngeom):
+        if int(model.geom_bodyid[g]) not in bodies:
+            continue
+        axis, half, radius = _spine(model, g, mj)
+        for place in np.linspace(-half, half, max(1, int(np.ceil(2 * half / max(radius, 0.02))) + 1)):
+            geoms.append(g)
+            centres.append(place * np.eye(3)[axis])
+            radii.append(radius * 1.12)
+    return np.array(geoms, int), np.array(centres).reshape(-1, 3), np.array(radii)
 
 
 def _spine(model: Any, g: int, mj: Any) -> tuple[int, float, float]:
@@ -177,10 +246,10 @@ def _ancestors(model: Any, body: int) -> list[int]:
     return found
 
 
-def _with_children(model: Any, root: int) -> list[int]:
-    """All bodies of the tree below `root`, parents first."""
-    found = [root]
-    for body in range(root + 1, model.nbody):
+def _with_children(model: Any, roots: set[int]) -> list[int]:
+    """All bodies of the trees below `roots`, parents first."""
+    found = set(roots)
+    for body in range(1, model.nbody):
         if int(model.body_parentid[body]) in found:
-            found.append(body)
-    return found
+            found.add(body)
+    return sorted(found)

@@ -5,14 +5,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from posefuse.teleoperation.follower import Follower, standing, step_follower, with_order
+from posefuse.core.arrays import Array
+from posefuse.teleoperation.follower import Follower, standing, step_follower, vector, with_order
+from posefuse.teleoperation.limits import Motion
+from posefuse.teleoperation.mapping import rotvec_between
 from posefuse.teleoperation.settings import TeleoperationSettings
 from posefuse.teleoperation.values import Order, RobotState
 
 from .protocol import Goal, Posture, Robot
+
+# joints that are nearer than this to what was wanted follow it; what is left of the inverse kinematics is no motion of its own
+_FOLLOWS_M, _FOLLOWS_RAD = 1e-5, 1e-4
 
 
 class Driver:
@@ -43,18 +50,11 @@ class Driver:
         if not link:
             follower = replace(follower, order=None)
         self._late += late
-        wanted = step_follower(self._paced(follower), now_ns, dt_s, settings, may_move=not self.posture.fault, left_out=left_out)
-        if wanted.order is not follower.order:
-            wanted = replace(wanted, order=follower.order)
-        if not self._robot.reaches(_goal(wanted), dt_s) and not wanted.limited:
-            wanted = step_follower(follower, now_ns, dt_s, settings, may_move=False, left_out=left_out)
-            self._robot.reaches(_goal(wanted), dt_s)
-        self._robot.carry_out(_goal(wanted), dt_s)
+        may_move = not self.posture.fault
+        wanted = step_follower(self._paced(follower), now_ns, dt_s, settings, may_move=may_move, left_out=left_out)
+        self._robot.move(_goal(wanted), dt_s, left_out)
         self.posture = self._robot.posture()
-        if wanted.stands and wanted.limited:
-            # where the joints did not quite follow, their place counts from now on; nothing moves by that
-            wanted = replace(_at(wanted, self.posture), limited=wanted.limited)
-        self.follower = wanted
+        self.follower = replace(_as_commanded(wanted, follower, self.posture, dt_s), order=follower.order)
         return self.state(now_ns)
 
     def state(self, now_ns: int) -> RobotState:
@@ -89,9 +89,26 @@ class Driver:
         return replace(follower, order=replace(order, speed_mps=order.speed_mps * pace))
 
 
-def _at(follower: Follower, posture: Posture) -> Follower:
-    there = standing(posture.xyz_world, posture.wxyz)
-    return replace(follower, moves=there.moves, turns=there.turns, wxyz=there.wxyz)
+def _as_commanded(wanted: Follower, before: Follower, posture: Posture, dt_s: float) -> Follower:
+    """The motion that the robot was really commanded: where its joints do not reach what was wanted, that counts."""
+    off_m = float(np.abs(posture.xyz_world - wanted.xyz).max())
+    off_rad = max(float(np.linalg.norm(rotvec_between(a, b))) for a, b in zip(wanted.wxyz, posture.wxyz, strict=True))
+    if off_m == 0 and off_rad == 0:
+        return wanted
+    if off_m < _FOLLOWS_M and off_rad < _FOLLOWS_RAD:
+        near = (replace(move, position=vector(xyz)) for move, xyz in zip(wanted.moves, posture.xyz_world, strict=True))
+        return replace(wanted, moves=tuple(near), wxyz=posture.wxyz)
+    moves = map(partial(_moved, dt_s=dt_s), wanted.moves, before.moves, posture.xyz_world, posture.velocity_world)
+    turned = map(rotvec_between, before.wxyz, posture.wxyz)
+    turns = map(partial(_moved, dt_s=dt_s), wanted.turns, before.turns, turned, posture.turn_rate_world)
+    limited = wanted.limited or "the joints cannot follow"
+    return replace(wanted, moves=tuple(moves), turns=tuple(turns), wxyz=posture.wxyz, limited=limited)
+
+
+def _moved(wanted: Motion, before: Motion, position: Array, velocity: Array, *, dt_s: float) -> Motion:
+    """A motion that did another step than the wanted one."""
+    change = np.subtract(velocity, before.velocity) / dt_s
+    return replace(wanted, position=vector(position), velocity=vector(velocity), acceleration=vector(change), exact=False)
 
 
 def _goal(follower: Follower) -> Goal:
@@ -102,5 +119,5 @@ def _goal(follower: Follower) -> Goal:
         velocity_world=follower.velocity,
         turn_rate_world=follower.turn_rate,
         grip=order.grip if order is not None else np.zeros(len(follower.moves), np.bool_),
-        stands=follower.stands,
+        brakes=bool(follower.limited),
     )

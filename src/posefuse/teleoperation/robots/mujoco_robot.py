@@ -10,12 +10,10 @@ import numpy as np
 
 from posefuse.core import SE3, ConfigError, DependencyError
 from posefuse.core.arrays import Array
-from posefuse.core.se3 import quaternion_product
-from posefuse.teleoperation.mapping import conjugate
 from posefuse.teleoperation.settings import LimitSettings
 
 from .chain import Chain
-from .ik import WholeBodyIk
+from .joints import Joints
 from .mobile_manipulator import mobile_manipulator
 from .protocol import Goal, Posture
 
@@ -24,7 +22,7 @@ class MujocoRobot:
     """A simulated robot (`protocol.Robot`).
 
     Attributes:
-        model, data: of MuJoCo, with the physics. ik: its inverse kinematics.
+        model, data: of MuJoCo, with the physics. joints: as commanded.
 
     Raises:
         DependencyError: MuJoCo or DAQP is not there. ConfigError: a model that cannot be driven.
@@ -37,60 +35,37 @@ class MujocoRobot:
         except ImportError as error:
             raise DependencyError(f"teleoperate: {error}; install it with: pip install 'posefuse[teleop]'") from None
         self._mj, self.model = mujoco, model
-        chain = Chain(model, sites)
-        self._place = world_from_model or SE3.identity()
-        self._back = self._place.inverse()
-        self.ik, self._sites = WholeBodyIk(chain, limits), [model.site(s).id for s in sites]
+        chain = Chain(model, sites, limits.collision_m)
+        self.joints = Joints(chain, limits, world_from_model or SE3.identity())
+        self._sites = [model.site(s).id for s in sites]
         self._drives = [_drive(model, joint, name) for joint, name in zip(chain.joints, chain.names, strict=True)]
         self._cups = [a for a in range(model.nu) if int(model.actuator_trntype[a]) == int(mujoco.mjtTrn.mjTRN_BODY)]
         self.data = mujoco.MjData(model)
         if model.nkey:
             mujoco.mj_resetDataKeyframe(model, self.data, 0)
-        self.data.qpos[chain.qpos] = self.ik.q
-        self._command(self.ik.q, np.zeros(len(self.ik.q)))
+        self.data.qpos[chain.qpos] = self.joints.q
+        self._command(self.joints.q, np.zeros(len(self.joints.q)))
         mujoco.mj_forward(model, self.data)
-        self._found = True
         self._viewer: Any = None
 
     def posture(self) -> Posture:
         """See `Robot`."""
-        chain = self.ik.chain
-        chain.place(self.ik.q)
-        ends = [chain.end_effector(h) for h in range(len(self._sites))]
-        spheres = chain.spheres()
-        spheres[:, :3] = self._place @ spheres[:, :3]
-        return Posture(
-            xyz_world=self._place @ np.array([xyz for xyz, _ in ends]),
-            wxyz=quaternion_product(self._place.wxyz, np.array([wxyz for _, wxyz in ends])),
-            measured_xyz_world=self._place @ self.data.site_xpos[self._sites],
-            q=self.ik.q,
-            spheres_world=spheres,
-            fault="" if np.isfinite(self.data.qpos).all() else "the simulation diverged",
-        )
+        fault = "" if np.isfinite(self.data.qpos).all() else "the simulation diverged"
+        return self.joints.posture(self.data.qpos[self.joints.chain.qpos], fault)
 
     def pace(self) -> float:
         """See `Robot`."""
-        return self.ik.pace()
+        return self.joints.ik.pace()
 
-    def reaches(self, goal: Goal, dt_s: float) -> bool:
-        """See `Robot`."""
-        wxyz = quaternion_product(conjugate(self._place.wxyz), goal.wxyz)
-        self._found = self.ik.solve(self._back @ goal.xyz_world, wxyz, dt_s)
-        return self._found and self.ik.follows
-
-    def carry_out(self, goal: Goal, dt_s: float) -> None:
+    def move(self, goal: Goal, dt_s: float, left_out: int = 0) -> None:
         """See `Robot`; physics for `dt_s`."""
-        before = self.ik.q
-        if self._found and not goal.stands:
-            self.ik.take()
-        else:
-            self.ik.rest()
+        before, q = self.joints.q, self.joints.follow(goal, dt_s, left_out)
         for a in self._cups:
             self.data.ctrl[a] = float(goal.grip.any())
         steps = max(1, round(dt_s / self.model.opt.timestep))
-        velocity = (self.ik.q - before) / dt_s
+        velocity = (q - before) / dt_s
         for i in range(1, steps + 1):
-            self._command(before + (self.ik.q - before) * (i / steps), velocity)
+            self._command(before + (q - before) * (i / steps), velocity)
             self._mj.mj_step(self.model, self.data)
         if self._viewer is not None:
             self._viewer.sync()

@@ -12,12 +12,13 @@ from pathlib import Path
 from posefuse.core import PosefuseError
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.platform import punctual
+from posefuse.foundation.requests_to_end import HANG_UP
 from posefuse.teleoperation.settings import TeleoperationSettings
 from posefuse.teleoperation.values import Order, RobotState
 
 from .driver import Driver
 from .protocol import Robot
-from .reports import RosPlan, StateReporter, open_reporters
+from .reports import OutletReporter, RosPlan, open_reporters
 
 _S = 1_000_000_000
 # a step that is later than this is left out, so that the robot does not hurry after a pause
@@ -58,16 +59,20 @@ class Leave:
 
 def run_robot(channel: Channel, plan: RobotPlan) -> None:
     """Entry point of the process; the other end of `channel` sends orders and receives states."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # Ctrl-C and a closed terminal are the operator's side's to answer: it lets the robot brake
+    for number in (signal.SIGINT, *([] if HANG_UP is None else [HANG_UP])):
+        signal.signal(number, signal.SIG_IGN)
     try:
         robot = built(plan)
         reporters = open_reporters(plan.ros, plan.record, plan.settings)
     except PosefuseError as error:
         channel.send(Failed(error), wait_s=1.0)
         return
+    asked: list[int] = []
+    signal.signal(signal.SIGTERM, lambda number, _: asked.append(number))
     try:
         with punctual():
-            _drive(channel, robot, Driver(robot, plan.settings), plan, reporters)
+            _drive(channel, Driver(robot, plan.settings), plan.settings.robot.rate_hz, reporters, asked)
     finally:
         robot.close()
         for reporter in reporters:
@@ -89,8 +94,9 @@ def built(plan: RobotPlan) -> Robot:
     return robot
 
 
-def _drive(channel: Channel, robot: Robot, driver: Driver, plan: RobotPlan, reporters: Sequence[StateReporter]) -> None:
-    period_ns = round(_S / plan.settings.robot.rate_hz)
+def _drive(channel: Channel, driver: Driver, rate_hz: float, reporters: Sequence[OutletReporter], asked: Sequence[int]) -> None:
+    """Control steps until the robot stands after a `Leave`, a cut link or a signal; `asked` gets those."""
+    period_ns = round(_S / rate_hz)
     due_ns, late, left_out, link, leaving = time.monotonic_ns() + period_ns, 0, 0, True, False
     gc.collect()
     gc.freeze()
@@ -104,6 +110,7 @@ def _drive(channel: Channel, robot: Robot, driver: Driver, plan: RobotPlan, repo
                 leaving = leaving or isinstance(message, Leave)
         except ChannelClosed:
             link = False
+        leaving = leaving or bool(asked)
         state = driver.step(orders, time.monotonic_ns(), link=link and not leaving, late=late, left_out=left_out)
         link = link and _delivered(channel, state)
         for reporter in reporters:

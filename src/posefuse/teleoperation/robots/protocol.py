@@ -9,6 +9,9 @@ import numpy as np
 
 from posefuse.core.arrays import Array
 
+# m/s and rad/s
+STANDING = 1e-6
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Goal:
@@ -16,7 +19,7 @@ class Goal:
 
     Attributes:
         xyz_world, wxyz: (H, 3), (H, 4). velocity_world, turn_rate_world: (H, 3), (H, 3). grip: (H,) bool.
-        stands: nothing is to move.
+        brakes: the robot is to stop, or to stand: one with joints stops them in its own way.
     """
 
     xyz_world: Array
@@ -24,7 +27,12 @@ class Goal:
     velocity_world: Array
     turn_rate_world: Array
     grip: Array
-    stands: bool
+    brakes: bool
+
+    @property
+    def stands(self) -> bool:
+        """Whether nothing is to move in this step."""
+        return bool(np.abs(self.velocity_world).max() <= STANDING and np.abs(self.turn_rate_world).max() <= STANDING)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -33,12 +41,15 @@ class Posture:
 
     Attributes:
         xyz_world, wxyz: (H, 3), (H, 4) end effectors as commanded, from the commanded joint positions.
+        velocity_world, turn_rate_world: (H, 3), (H, 3) of them, as commanded.
         measured_xyz_world: (H, 3) as they are. q: (J,) joints as commanded, rad or m. spheres_world: (M, 4) that cover the robot.
         fault: why it cannot move; empty when it can.
     """
 
     xyz_world: Array
     wxyz: Array
+    velocity_world: Array
+    turn_rate_world: Array
     measured_xyz_world: Array
     q: Array = field(default_factory=lambda: np.zeros(0))
     spheres_world: Array = field(default_factory=lambda: np.zeros((0, 4)))
@@ -56,12 +67,12 @@ class Robot(Protocol):
         """Share of the speed limit that the robot can use now, in 0..1: less near singularities."""
         ...
 
-    def reaches(self, goal: Goal, dt_s: float) -> bool:
-        """Prepare to be at the goal after `dt_s`; False where joints, their limits or collisions do not allow it."""
-        ...
+    def move(self, goal: Goal, dt_s: float, left_out: int = 0) -> None:
+        """Go there, as far as joints, their limits and collisions allow; called once per control step.
 
-    def carry_out(self, goal: Goal, dt_s: float) -> None:
-        """Go there, as far as possible; called once per control step, after `reaches` for the same goal."""
+        Args:
+            left_out: steps that were due before and never done, as the process was late.
+        """
         ...
 
     def close(self) -> None:

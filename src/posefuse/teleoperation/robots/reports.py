@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from posefuse.messages.topics import Outlet
 from posefuse.teleoperation.settings import TeleoperationSettings
@@ -52,18 +52,6 @@ class RosPlan:
         return RosNode(name, network)
 
 
-class StateReporter(Protocol):
-    """Takes the state after every control step."""
-
-    def take(self, state: RobotState, order: Order | None) -> None:
-        """Show it."""
-        ...
-
-    def close(self) -> None:
-        """Finish; safe to call twice."""
-        ...
-
-
 class OutletReporter:
     """States as ROS messages to a node or a recording, see `robot_messages`."""
 
@@ -71,24 +59,24 @@ class OutletReporter:
         from .robot_messages import StateMessages
 
         self._outlet: Any = open_outlet()
-        self._messages = StateMessages(settings, plan)
+        self._messages = StateMessages(settings, plan.namespace, plan.world_frame)
         # monotonic clock to Unix epoch, once: stamps must not jump
         self._offset_ns = time.time_ns() - time.monotonic_ns()
 
     def take(self, state: RobotState, order: Order | None) -> None:
-        """See `StateReporter`."""
+        """Show the state after a control step."""
         t_ns = state.sent_ns + self._offset_ns
         for topic, msg in self._messages.of(state, order, t_ns, self._outlet.wanted):
             self._outlet.publish(topic, msg, t_ns)
 
     def close(self) -> None:
-        """See `StateReporter`."""
+        """Finish; safe to call twice."""
         self._outlet.close()
 
 
-def open_reporters(ros: RosPlan | None, record: Path | None, settings: TeleoperationSettings) -> list[StateReporter]:
+def open_reporters(ros: RosPlan | None, record: Path | None, settings: TeleoperationSettings) -> list[OutletReporter]:
     """Reporters of a plan; raises PosefuseError where one cannot be opened."""
-    found: list[StateReporter] = []
+    found: list[OutletReporter] = []
     if ros is not None:
         found.append(OutletReporter(lambda: ros.node("posefuse_teleoperation"), settings, ros))
     if record is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,20 +16,17 @@ from posefuse.messages.types import message
 from posefuse.teleoperation.settings import TeleoperationSettings
 from posefuse.teleoperation.values import Order, Phase, RobotState
 
-if TYPE_CHECKING:
-    from .reports import RosPlan
-
 _OK, _WARNING, _ERROR = 0, 1, 2
 _LEVELS = {Phase.ENGAGED: _OK, Phase.READY: _OK, Phase.IDLE: _OK, Phase.HOLD: _WARNING, Phase.STOPPED: _ERROR}
 _MARKERS_EVERY_NS, _DIAGNOSTICS_EVERY_NS = 50_000_000, 200_000_000
 
 
 class StateMessages:
-    """Messages of each control step; markers and diagnostics not at every one."""
+    """Messages of each control step, on topics in `namespace`; markers and diagnostics not at every one."""
 
-    def __init__(self, settings: TeleoperationSettings, plan: RosPlan) -> None:
-        self._settings, self._frame = settings, plan.world_frame
-        name = plan.namespace.rstrip("/")
+    def __init__(self, settings: TeleoperationSettings, namespace: str, world_frame: str) -> None:
+        self._settings, self._frame = settings, world_frame
+        name = namespace.rstrip("/")
         self._targets = [Topic(f"{name}/{side}/target_pose", "geometry_msgs/msg/PoseStamped", depth=1) for side in settings.hands]
         self._commanded = [Topic(f"{name}/{side}/commanded", "geometry_msgs/msg/PoseStamped", depth=1) for side in settings.hands]
         self._measured = [Topic(f"{name}/{side}/measured", "geometry_msgs/msg/PointStamped", depth=1) for side in settings.hands]

@@ -6,13 +6,15 @@
 | twist | geometry_msgs/TwistStamped | MoveIt Servo (``delta_twist_cmds``) |
 | joints | trajectory_msgs/JointTrajectory or std_msgs/Float64MultiArray; cmd_vel of a base | our own inverse kinematics |
 
-Where the robot is comes from ``/joint_states`` (joints) or ``/tf`` (pose, twist). While it is not known the robot has a fault.
+Where the robot is comes from ``/joint_states`` (joints) or ``/tf`` (pose, twist). While it is not known, or not where it was
+commanded, the robot has a fault.
 """
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -28,11 +30,11 @@ from posefuse.messages.intake import decode
 from posefuse.messages.messages import header
 from posefuse.messages.topics import TF, TF_STATIC, Topic
 from posefuse.messages.types import message
-from posefuse.teleoperation.mapping import conjugate
+from posefuse.teleoperation.mapping import rotvec_between
 from posefuse.teleoperation.settings import LimitSettings, TeleoperationSettings
 
 from .chain import Chain
-from .ik import WholeBodyIk
+from .joints import Joints
 from .mujoco_robot import mujoco_model, placed
 from .protocol import Goal, Posture
 from .reports import RosPlan
@@ -40,11 +42,19 @@ from .reports import RosPlan
 _MOST_BYTES = 1_000_000
 # the robot's own state may be so old, and the wait for the first one so long
 _STATE_S, _FIRST_S = 0.2, 10.0
-# joints may be so far from their commanded positions
+# orientations may be so far from the commanded ones
 _FOLLOWS_RAD = 0.35
+# and end effectors: what the default speed limit covers in 0.3 s, more than a usual controller lags
+_FOLLOWS_M = 0.15
+# velocities drift: of what a robot moved less or more than commanded, this is the time constant of forgetting
+_FORGET_S = 3.0
+# a node that leaves at once may take its last message with it
+_SENT_S = 0.05
 _ARM_RADIUS_M = 0.15
 # a point of a trajectory lies so many control periods ahead, so that the next one comes in time
 _AHEAD_PERIODS = 2
+# and a trajectory so long, longer than any stop
+_STAYS_S = 0.4
 
 
 def open_ros_robot(
@@ -63,7 +73,9 @@ def open_ros_robot(
             raise ConfigError(
                 "--command joints: expected --robot FILE.xml, the model of the robot; there is no other way to know its joints"
             )
-        robot = RosJoints(node, plan, Chain(mujoco_model(model, settings.hands), frames), settings.limits, place)
+        robot = RosJoints(
+            node, plan, Chain(mujoco_model(model, settings.hands), frames, settings.limits.collision_m), settings.limits, place
+        )
     else:
         robot = RosCartesian(node, plan, command, tuple(frames), place)
     end_s = time.monotonic() + _FIRST_S
@@ -91,12 +103,34 @@ class _Inbox:
         return found
 
 
+class _Renewals:
+    """When each sender last reported something new: a message with the stamp of the one before does not count.
+
+    Messages without a stamp (0) cannot be compared: each counts.
+    """
+
+    def __init__(self) -> None:
+        self._stamps: dict[str, tuple[int, int]] = {}
+        self._new_s: dict[str, float] = {}
+
+    def take(self, name: str, stamp: Any) -> None:
+        """One message's stamp."""
+        now = stamp.sec, stamp.nanosec
+        if now == (0, 0) or now != self._stamps.get(name):
+            self._stamps[name], self._new_s[name] = now, time.monotonic()
+
+    def age_s(self, names: Iterable[str]) -> float:
+        """Of the oldest one; infinite where none of them reported."""
+        known = [self._new_s[name] for name in names if name in self._new_s]
+        return time.monotonic() - min(known) if known else math.inf
+
+
 class RosJoints:
     """Joint commands from our own inverse kinematics (`protocol.Robot`). needs: the topic with the joint states."""
 
     def __init__(self, node: Any, plan: RosPlan, chain: Chain, limits: LimitSettings, place: SE3) -> None:
-        self._node, self._plan, self._place, self._back = node, plan, place, place.inverse()
-        self.ik, self.needs = WholeBodyIk(chain, limits), plan.joint_states
+        self._node, self._plan = node, plan
+        self.joints, self.needs = Joints(chain, limits, place), plan.joint_states
         self._states = _Inbox(node, Topic(plan.joint_states, "sensor_msgs/msg/JointState", depth=5))
         arm_type = (
             "std_msgs/msg/Float64MultiArray" if plan.controller.endswith("/commands") else "trajectory_msgs/msg/JointTrajectory"
@@ -106,96 +140,74 @@ class RosJoints:
         self._base = Topic(plan.cmd_vel, vel_type, depth=1) if plan.cmd_vel else None
         if not chain.arm.all() and self._base is None:
             raise ConfigError("--command joints: the model has a mobile base; expected --cmd-vel TOPIC for it")
-        self._measured, self._received_s, self._found = chain.home.copy(), 0.0, True
-        self._begun = False
+        self._reported, self._renewals, self._begun = np.full(len(chain.home), np.nan), _Renewals(), False
 
     def known(self) -> bool:
         """Whether all joints of the arm have been reported; the first report is the start position of the robot."""
         self._listen()
-        if self._received_s and not self._begun:
-            self.ik.begin(self._measured)
+        if self._renewals.age_s([self.needs]) < math.inf and not self._begun:
+            self.joints.begin(self._measured)
             self._begun = True
         return self._begun
 
     def posture(self) -> Posture:
         """See `Robot`."""
         self._listen()
-        chain = self.ik.chain
-        chain.place(self._measured)
-        measured = np.array([chain.end_effector(h)[0] for h in range(chain.hands)])
-        chain.place(self.ik.q)
-        ends = [chain.end_effector(h) for h in range(chain.hands)]
-        spheres = chain.spheres()
-        spheres[:, :3] = self._place @ spheres[:, :3]
-        return Posture(
-            xyz_world=self._place @ np.array([xyz for xyz, _ in ends]),
-            wxyz=quaternion_product(self._place.wxyz, np.array([wxyz for _, wxyz in ends])),
-            measured_xyz_world=self._place @ measured,
-            q=self.ik.q,
-            spheres_world=spheres,
-            fault=self._fault(),
-        )
+        silent = self._renewals.age_s([self.needs]) > _STATE_S
+        return self.joints.posture(self._measured, f"nothing on {self.needs} for {_STATE_S:g} s" if silent else "")
 
     def pace(self) -> float:
         """See `Robot`."""
-        return self.ik.pace()
+        return self.joints.ik.pace()
 
-    def reaches(self, goal: Goal, dt_s: float) -> bool:
+    def move(self, goal: Goal, dt_s: float, left_out: int = 0) -> None:
         """See `Robot`."""
-        self._found = self.ik.solve(self._back @ goal.xyz_world, quaternion_product(conjugate(self._place.wxyz), goal.wxyz), dt_s)
-        return self._found and self.ik.follows
-
-    def carry_out(self, goal: Goal, dt_s: float) -> None:
-        """See `Robot`."""
-        step = self.ik.take() if self._found and not goal.stands else self.ik.rest()
-        t_ns, arm = time.time_ns(), self.ik.chain.arm
-        self._node.publish(self._arm, self._arm_message(step[arm] / dt_s, dt_s, t_ns), t_ns)
-        if self._base is not None:
-            velocity, rate = _base_velocity(self.ik.q[~arm], step[~arm] / dt_s)
-            both = np.concatenate([velocity, rate])
-            base = twist_stamped(t_ns, self._plan.base_frame, both) if self._plan.stamped else twist(both)
-            self._node.publish(self._base, base, t_ns)
+        q, rates = self.joints.follow(goal, dt_s, left_out), self.joints.step / dt_s
+        t_ns, arm = time.time_ns(), self.joints.chain.arm
+        self._node.publish(self._arm, self._arm_message(q[arm], rates[arm], dt_s, t_ns), t_ns)
+        self._move_base(_base_velocity(q[~arm], rates[~arm]) if self._base is not None else np.zeros(6))
 
     def close(self) -> None:
-        """See `Robot`."""
-        self._node.close()
+        """See `Robot`; the base gets zero velocity, and the last trajectory ends at rest."""
+        _leave(self._node, (lambda: self._move_base(np.zeros(6))) if self._begun else None)
+        self._begun = False
 
-    def _arm_message(self, rates: Array, dt_s: float, t_ns: int) -> Any:
-        chain = self.ik.chain
-        q = self.ik.q[chain.arm]
+    @property
+    def _measured(self) -> Array:
+        """(n,) joints; those that no message reports, e.g. of a base, count as commanded."""
+        return np.where(np.isfinite(self._reported), self._reported, self.joints.q)
+
+    def _move_base(self, rates: Array) -> None:
+        if self._base is not None:
+            t_ns = time.time_ns()
+            base = twist_stamped(t_ns, self._plan.base_frame, rates) if self._plan.stamped else twist(rates)
+            self._node.publish(self._base, base, t_ns)
+
+    def _arm_message(self, q: Array, rates: Array, dt_s: float, t_ns: int) -> Any:
+        chain = self.joints.chain
         if self._arm.type_name == "std_msgs/msg/Float64MultiArray":
             layout = message("std_msgs/msg/MultiArrayLayout", dim=[], data_offset=0)
             return message(self._arm.type_name, layout=layout, data=q)
         ahead_s = _AHEAD_PERIODS * dt_s
-        point = message(
-            "trajectory_msgs/msg/JointTrajectoryPoint",
-            positions=q + rates * (ahead_s - dt_s),
-            velocities=rates,
-            accelerations=np.zeros(0),
-            effort=np.zeros(0),
-            time_from_start=message("builtin_interfaces/msg/Duration", sec=0, nanosec=round(ahead_s * 1e9)),
-        )
+        ahead = q + rates * (ahead_s - dt_s)
+        # a controller that gets nothing more stops there; those of ros2_control take no trajectory that ends in motion
+        rest, steps = self.joints.resting()
+        rest = rest[chain.arm] + rates * (ahead_s - dt_s)
+        # and stays there, so that a message that comes late does not end in the past
+        points = [_point(ahead, rates, ahead_s)]
+        points += [_point(rest, np.zeros_like(rates), ahead_s + after_s) for after_s in (max(steps, 1) * dt_s, _STAYS_S)]
         names = [name for name, arm in zip(chain.names, chain.arm, strict=True) if arm]
-        return message(self._arm.type_name, header=header(t_ns, ""), joint_names=names, points=[point])
+        return message(self._arm.type_name, header=header(t_ns, ""), joint_names=names, points=points)
 
     def _listen(self) -> None:
-        names, newest = self.ik.chain.names, self._measured.copy()
+        names = self.joints.chain.names
+        needed = [name for name, arm in zip(names, self.joints.chain.arm, strict=True) if arm]
         for msg in self._states.take():
             places = dict(zip(msg.name, msg.position, strict=False))
-            needed = [name for name, arm in zip(names, self.ik.chain.arm, strict=True) if arm]
             if not all(name in places and np.isfinite(places[name]) for name in needed):
                 continue
-            for i, name in enumerate(names):
-                newest[i] = places.get(name, newest[i])
-            self._received_s = time.monotonic()
-        self._measured = newest
-
-    def _fault(self) -> str:
-        if time.monotonic() - self._received_s > _STATE_S:
-            return f"nothing on {self.needs} for {_STATE_S:g} s"
-        arm = self.ik.chain.arm
-        off = float(np.abs(self._measured - self.ik.q)[arm].max())
-        return f"a joint is {off:.2f} rad from its commanded position" if off > _FOLLOWS_RAD else ""
+            self._reported = np.array([places.get(name, np.nan) for name in names])
+            self._renewals.take(self.needs, msg.header.stamp)
 
 
 class RosCartesian:
@@ -203,7 +215,7 @@ class RosCartesian:
 
     def __init__(self, node: Any, plan: RosPlan, command: str, frames: tuple[str, ...], place: SE3) -> None:
         self._node, self._plan, self._frames, self._place = node, plan, frames, place
-        self._back, self._tree, self._received_s = place.inverse(), Frames(), 0.0
+        self._back, self._tree, self._renewals = place.inverse(), Frames(), _Renewals()
         self.needs = f"{TF.name} from {plan.base_frame} to {', '.join(frames)}"
         self._inboxes = [_Inbox(node, TF), _Inbox(node, TF_STATIC)]
         kind = "PoseStamped" if command == "pose" else "TwistStamped"
@@ -212,60 +224,87 @@ class RosCartesian:
         self._topics = [Topic(f"{root}/{frame}/{name}", f"geometry_msgs/msg/{kind}", depth=1) for frame in frames]
         self._twists = command == "twist"
         self._goal: Goal | None = None
+        self._joining = frozenset[str]()
+        # of twists: commanded less measured motion, m and rad; and the last measured poses
+        self._behind, self._last = np.zeros((len(frames), 6)), (np.zeros((0, 3)), np.zeros((0, 4)))
 
     def known(self) -> bool:
         """Whether tf has the poses of all end effectors."""
         return self._ends() is not None
 
     def posture(self) -> Posture:
-        """See `Robot`: commanded is where it was sent last, and where it is before that."""
+        """See `Robot`: commanded is where it was sent last; where it is before that, and where twists left it when it stands."""
         ends = self._ends()
         if ends is None:
             raise SourceError(f"robot: {self.needs} is not known")
-        measured, wxyz = ends
-        goal = self._goal
-        fault = f"nothing new on {TF.name} for {_STATE_S:g} s" if time.monotonic() - self._received_s > _STATE_S else ""
+        measured, goal = ends[0], self._goal
+        xyz, wxyz = ends if goal is None or (self._twists and goal.brakes and goal.stands) else (goal.xyz_world, goal.wxyz)
         return Posture(
-            xyz_world=measured if goal is None else goal.xyz_world,
-            wxyz=wxyz if goal is None else goal.wxyz,
+            xyz_world=xyz,
+            wxyz=wxyz,
+            velocity_world=np.zeros_like(measured) if goal is None else goal.velocity_world,
+            turn_rate_world=np.zeros_like(measured) if goal is None else goal.turn_rate_world,
             measured_xyz_world=measured,
             spheres_world=np.concatenate([_row_of_spheres(self._place.xyz, end) for end in measured]),
-            fault=fault,
+            fault=self._fault(*ends),
         )
 
     def pace(self) -> float:
         """See `Robot`: singularities are the controller's business."""
         return 1.0
 
-    def reaches(self, goal: Goal, dt_s: float) -> bool:
-        """See `Robot`."""
-        return True
-
-    def carry_out(self, goal: Goal, dt_s: float) -> None:
+    def move(self, goal: Goal, dt_s: float, left_out: int = 0) -> None:
         """See `Robot`."""
         self._goal = goal
-        t_ns, turn = time.time_ns(), self._back.matrix()
-        for h, topic in enumerate(self._topics):
-            if self._twists:
-                rates = np.concatenate([turn @ goal.velocity_world[h], turn @ goal.turn_rate_world[h]])
-                msg = twist_stamped(t_ns, self._plan.base_frame, rates)
-            else:
-                wxyz = quaternion_product(self._back.wxyz, goal.wxyz[h])
-                msg = pose_stamped(t_ns, self._plan.base_frame, SE3(wxyz, self._back @ goal.xyz_world[h]))
-            self._node.publish(topic, msg, t_ns)
+        if self._twists:
+            rates = np.concatenate([goal.velocity_world, goal.turn_rate_world], axis=1)
+            self._behind = self._behind * (1 - dt_s / _FORGET_S) + rates * dt_s
+            self._send_twists(rates)
+            return
+        t_ns = time.time_ns()
+        for topic, xyz, wxyz in zip(self._topics, goal.xyz_world, goal.wxyz, strict=True):
+            place = SE3(quaternion_product(self._back.wxyz, wxyz), self._back @ xyz)
+            self._node.publish(topic, pose_stamped(t_ns, self._plan.base_frame, place), t_ns)
 
     def close(self) -> None:
-        """See `Robot`."""
-        self._node.close()
+        """See `Robot`; twists end with zero velocity, the last pose is one to stay at."""
+        stop = self._twists and self._goal is not None
+        _leave(self._node, (lambda: self._send_twists(np.zeros((len(self._topics), 6)))) if stop else None)
+        self._goal = None
+
+    def _send_twists(self, rates: Array) -> None:
+        """(H, 6) velocities and turn rates in world axes."""
+        t_ns, turn = time.time_ns(), self._back.matrix()
+        for topic, rate in zip(self._topics, rates, strict=True):
+            msg = twist_stamped(t_ns, self._plan.base_frame, np.concatenate([turn @ rate[:3], turn @ rate[3:]]))
+            self._node.publish(topic, msg, t_ns)
+
+    def _fault(self, xyz: Array, wxyz: Array) -> str:
+        if self._renewals.age_s(self._joining) > _STATE_S:
+            return f"nothing new of {self.needs} for {_STATE_S:g} s"
+        if self._twists:
+            self._behind -= _motion(*self._last, xyz, wxyz) if len(self._last[0]) else 0.0
+            self._last, apart = (xyz, wxyz), self._behind
+        else:
+            goal = self._goal
+            apart = np.zeros((1, 6)) if goal is None else _motion(xyz, wxyz, goal.xyz_world, goal.wxyz)
+        far_m, turned_rad = (float(np.linalg.norm(part, axis=1).max()) for part in (apart[:, :3], apart[:, 3:]))
+        if far_m > _FOLLOWS_M or turned_rad > _FOLLOWS_RAD:
+            return f"the end effector is {far_m:.2f} m and {turned_rad:.2f} rad from where it was commanded"
+        return ""
 
     def _ends(self) -> tuple[Array, Array] | None:
         """(H, 3) and (H, 4) of the end effectors in the world; None while tf does not have them."""
-        for inbox in self._inboxes:
-            for msg in inbox.take():
-                for tf in msg.transforms:
-                    with suppress(MessageError):
-                        self._tree.take(tf)
-                self._received_s = time.monotonic()
+        moving = [tf for msg in self._inboxes[0].take() for tf in msg.transforms]
+        fixed = [tf for msg in self._inboxes[1].take() for tf in msg.transforms]
+        for tf in (*moving, *fixed):
+            with suppress(MessageError):
+                self._tree.take(tf)
+        # the robot's own transforms only: others are on the same topic
+        self._joining = frozenset[str]().union(*(self._tree.path(self._plan.base_frame, frame) for frame in self._frames))
+        for tf in moving:
+            if (child := tf.child_frame_id.lstrip("/")) in self._joining:
+                self._renewals.take(child, tf.header.stamp)
         places = [self._tree.find(self._plan.base_frame, frame) for frame in self._frames]
         known = [self._place @ place for place in places if place is not None]
         if len(known) != len(places):
@@ -273,10 +312,39 @@ class RosCartesian:
         return np.array([place.xyz for place in known]), np.array([place.wxyz for place in known])
 
 
-def _base_velocity(q: Array, rates: Array) -> tuple[Array, Array]:
-    """Velocity of a planar base (x, y, yaw) in its own axes: (3,) m/s and (3,) rad/s."""
+def _leave(node: Any, stop: Callable[[], None] | None) -> None:
+    """Close a node, after a last message."""
+    try:
+        if stop is not None:
+            stop()
+            time.sleep(_SENT_S)
+    finally:
+        node.close()
+
+
+def _point(positions: Array, velocities: Array, at_s: float) -> Any:
+    """One point of a joint trajectory."""
+    sec, nanosec = divmod(round(at_s * 1e9), 1_000_000_000)
+    return message(
+        "trajectory_msgs/msg/JointTrajectoryPoint",
+        positions=positions,
+        velocities=velocities,
+        accelerations=np.zeros(0),
+        effort=np.zeros(0),
+        time_from_start=message("builtin_interfaces/msg/Duration", sec=sec, nanosec=nanosec),
+    )
+
+
+def _motion(xyz: Array, wxyz: Array, end_xyz: Array, end_wxyz: Array) -> Array:
+    """(H, 6) from poses to others: m and rad, world axes."""
+    turns = [rotvec_between(start, end) for start, end in zip(wxyz, end_wxyz, strict=True)]
+    return np.concatenate([end_xyz - xyz, turns], axis=1)
+
+
+def _base_velocity(q: Array, rates: Array) -> Array:
+    """(6,) velocity of a planar base (x, y, yaw) in its own axes: m/s and rad/s."""
     c, s = np.cos(q[2]), np.sin(q[2])
-    return np.array([c * rates[0] + s * rates[1], c * rates[1] - s * rates[0], 0.0]), np.array([0.0, 0.0, rates[2]])
+    return np.array([c * rates[0] + s * rates[1], c * rates[1] - s * rates[0], 0.0, 0.0, 0.0, rates[2]])
 
 
 def _row_of_spheres(base: Array, end: Array) -> Array:

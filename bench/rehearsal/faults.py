@@ -1,40 +1,42 @@
-"""Random sequences of faults through mapping, gate, link and limits, and a judge that knows what is true.
+"""Random sequences of faults through mapping, gate, link, limits and joints, and a judge that knows what is true.
 
 Each sequence begins with an operator whose hand moves the robot, and continues with faults that begin and end at random: frozen,
-late, jumping and dead cameras, exchanged people, NaN, clocks that jump, a lost network, late or repeated heartbeats, no state,
-an operator who walks to the robot. The judge looks at the true motion of the robot only, at the true time.
+late, jumping and dead cameras, exchanged people and bodies, hidden limbs, NaN, clocks that jump, a lost network, late or repeated
+heartbeats, no state, a robot that does not follow, an operator who walks to the robot or reaches for it. The judge looks at the
+true motion of the robot only, at the true time.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from posefuse.core.arrays import Array
-from posefuse.teleoperation.gate import CameraReport
+from posefuse.teleoperation.hands import BODY
 from posefuse.teleoperation.heartbeats import Beat
 from posefuse.teleoperation.operator import OperatorNews, step_operator
 from posefuse.teleoperation.settings import TeleoperationSettings
-from posefuse.teleoperation.values import RobotState
+from posefuse.teleoperation.values import CameraReport, RobotState
 
 from .judge import Breach, Judge
-from .person import person_view
-from .world import TICK_S, World
+from .person import Build
+from .world import TICK_S, World, settings_for
 
 _LONG_S = 0.5
 _WARM_TICKS = 55
-# number of worlds from which sequences start; in half of them the operator has approached by up to this distance
+# number of worlds from which sequences start; in half of them the operator has approached by up to this distance, and in every
+# other pair targets go out of reach
 _WORLDS = 32
 _NEARER_M = 0.45
 FAULTS = (
     "frozen pose", "late pose", "jumping pose", "dead cameras", "one camera left", "exchanged person", "NaN", "infinite",
     "exchanged sides", "unsure", "pose clock jumps", "gate clock jumps", "gate stalls", "lost network", "late network",
     "late heartbeats", "repeated heartbeats", "no heartbeats", "no robot state", "robot state not finite", "order not finite",
-    "huge hand motion", "operator walks", "robot process late",
+    "huge hand motion", "operator walks", "robot process late", "exchanged body", "hidden limbs", "operator reaches",
+    "robot blocked",
 )  # fmt: skip
 
 
@@ -56,13 +58,13 @@ def faults_of(rng: np.random.Generator, seconds: float) -> list[Fault]:
     return found
 
 
-def tick(world: World, active: set[str]) -> Array:
-    """One control period of both sides under the active faults; the robot's true position (3,)."""
+def tick(world: World, active: set[str]) -> None:
+    """One control period of both sides under the active faults."""
     rng = world.rng
     world.t_s += TICK_S
     world.seq += 1
-    if "operator walks" in active:
-        world.walked_m = min(world.walked_m + 1.6 * TICK_S, 1.6)
+    world.step_person("operator walks" in active, "operator reaches" in active)
+    _change_body(world, active)
     now_ns, gate_ns = world.now_ns, world.now_ns
     if "gate clock jumps" in active:
         gate_ns += world.clock_ns
@@ -80,19 +82,38 @@ def tick(world: World, active: set[str]) -> Array:
         due = [order for due_s, order in world.waiting if due_s <= world.t_s]
         world.reached_s = world.t_s if due else world.reached_s
         world.waiting = deque(entry for entry in world.waiting if entry[0] > world.t_s)
-        world.state = world.driver.step(due, now_ns, late=world.left_out, left_out=world.left_out)
-        world.left_out = 0
+        _step_robot(world, due, "robot blocked" in active)
     else:
         world.left_out += 1
-    return np.array(world.driver.follower.moves[0].position)
+        world.idle()
+
+
+def _step_robot(world: World, due: list[Any], blocked: bool) -> None:
+    world.blocked = blocked and hasattr(world.robot, "joints")
+    before = (world.robot.data.qpos.copy(), world.robot.data.qvel.copy()) if world.blocked else None
+    world.state = world.driver.step(due, world.now_ns, late=world.left_out, left_out=world.left_out)
+    world.left_out = 0
+    if before is not None:
+        world.robot.data.qpos[:], world.robot.data.qvel[:] = before
+
+
+def _change_body(world: World, active: set[str]) -> None:
+    """Another body comes in the place of the operator's, and stays; limbs are hidden while the fault lasts."""
+    rng = world.rng
+    if "exchanged body" in active and world.exchanged_s is None:
+        angle, far = rng.uniform(0, 2 * np.pi), rng.uniform(0.6, 1.5)
+        away = (-abs(far * np.cos(angle)), far * np.sin(angle), 0.0)
+        world.build = Build(size=float(rng.uniform(0.85, 1.1)), away_m=tuple(map(float, away)))
+        world.exchanged_s = world.t_s
+    if "hidden limbs" not in active:
+        world.gone = ()
+    elif not world.gone:
+        world.gone = tuple(np.flatnonzero(rng.random(len(BODY)) < rng.choice([0.1, 0.4, 0.9])))
 
 
 def _news(world: World, active: set[str], now_ns: int) -> OperatorNews:
     rng = world.rng
-    exposed_s = world.t_s - 0.04
-    view = person_view(
-        world.hand(exposed_s) + 1e-4 * rng.normal(size=3), now_ns, measured_ns=now_ns - 40_000_000, shift_m=world.shift_m
-    )
+    view = world.view()
     for kind, change in _VIEW_FAULTS.items():
         if kind in active:
             view = change(view, world)
@@ -103,9 +124,12 @@ def _news(world: World, active: set[str], now_ns: int) -> OperatorNews:
     else:
         world.frozen = None
     healthy = 0 if "dead cameras" in active else 1 if "one camera left" in active else 4
+    beats = _beats(world, active, now_ns)
+    if not beats or beats[-1].seq != world.seq:
+        world.released_s = world.t_s
     return OperatorNews(
         view=None if "dead cameras" in active and rng.random() < 0.9 else view,
-        beats=_beats(world, active, now_ns),
+        beats=beats,
         cameras=CameraReport(t_ns=now_ns, healthy=healthy, total=4),
         robot=_state(world, active),
     )
@@ -125,20 +149,24 @@ def _state(world: World, active: set[str]) -> RobotState | None:
     if world.state is None or "no robot state" in active:
         return None
     if "robot state not finite" in active:
-        return replace(world.state, xyz_world=np.full((1, 3), np.nan))
+        return replace(world.state, xyz_world=np.full_like(world.state.xyz_world, np.nan))
     return world.state
 
 
 _VIEW_FAULTS: dict[str, Callable[[Any, World], Any]] = {
     "late pose": lambda view, world: replace(view, measured_ns=view.measured_ns - int(world.rng.integers(0, 10**9))),
     "jumping pose": lambda view, world: replace(
-        view, xyz_world=view.xyz_world + world.rng.normal(size=(1, 3)) * world.rng.choice([0.02, 0.3, 5.0])
+        view, xyz_world=view.xyz_world + world.rng.normal(size=view.xyz_world.shape) * world.rng.choice([0.02, 0.3, 5.0])
     ),
     "exchanged person": lambda view, world: replace(view, person_id=int(world.rng.integers(1, 4))),
-    "NaN": lambda view, world: replace(view, xyz_world=np.where(world.rng.random((1, 3)) < 0.5, np.nan, view.xyz_world)),
-    "infinite": lambda view, world: replace(view, xyz_world=np.full((1, 3), np.inf), sigma_m=np.array([np.inf])),
+    "NaN": lambda view, world: replace(
+        view, xyz_world=np.where(world.rng.random(view.xyz_world.shape) < 0.5, np.nan, view.xyz_world)
+    ),
+    "infinite": lambda view, world: replace(
+        view, xyz_world=np.full_like(view.xyz_world, np.inf), sigma_m=np.full_like(view.sigma_m, np.inf)
+    ),
     "exchanged sides": lambda view, world: replace(view, xyz_world=view.other_xyz_world, other_xyz_world=view.xyz_world),
-    "unsure": lambda view, world: replace(view, sigma_m=np.abs(world.rng.normal(size=1)) * 0.1),
+    "unsure": lambda view, world: replace(view, sigma_m=np.abs(world.rng.normal(size=view.sigma_m.shape)) * 0.1),
     "pose clock jumps": lambda view, world: replace(
         view, t_ns=view.t_ns + int(world.rng.choice([-(10**10), -(10**7), 10**7, 10**8, 3600 * 10**9]))
     ),
@@ -146,9 +174,9 @@ _VIEW_FAULTS: dict[str, Callable[[Any, World], Any]] = {
 }
 
 
-def engaged_world(settings: TeleoperationSettings, seed: int) -> World:
+def engaged_world(settings: TeleoperationSettings, seed: int, robot: str = "point") -> World:
     """A world whose robot has just begun to move."""
-    world = World(settings, np.random.default_rng([seed, 3]))
+    world = World(settings, np.random.default_rng([seed, 3]), robot)
     world.t_s = -_WARM_TICKS * TICK_S
     world.walked_m = float(world.rng.uniform(0, _NEARER_M)) if seed % 2 else 0.0
     for k in range(_WARM_TICKS):
@@ -156,13 +184,33 @@ def engaged_world(settings: TeleoperationSettings, seed: int) -> World:
     return world
 
 
-def run_sequence(begin: World, seed: int, limits: TeleoperationSettings | None = None) -> tuple[list[Breach], bool]:
-    """One sequence that continues from a world: what it broke of `limits` (default: its own), and whether the robot moved."""
+@dataclass(kw_only=True)
+class Outcome:
+    """What sequences did.
+
+    Attributes:
+        breaches: what was broken. moved: in how many sequences the robot moved. physics: (2, 3) largest speed, and acceleration
+            over 10 and 50 ms, of the simulated end effectors; where the robot's process was in time, and where it was late.
+    """
+
+    breaches: list[Breach] = field(default_factory=list)
+    moved: int = 0
+    physics: Any = field(default_factory=lambda: np.zeros((2, 3)))
+
+    def add(self, other: Outcome) -> None:
+        """Count another outcome in."""
+        self.breaches += other.breaches
+        self.moved += other.moved
+        self.physics = np.maximum(self.physics, other.physics)
+
+
+def run_sequence(begin: World, seed: int, limits: TeleoperationSettings | None = None) -> Outcome:
+    """One sequence that continues from a world, judged by `limits` (default: its own)."""
     rng = np.random.default_rng([seed, 7])
     world = begin.copied(rng)
     # most are short; the long ones see what takes its time: losses, new engagements, people who walk
     seconds = float(rng.choice([0.15, 1.0], p=[0.9, 0.1]))
-    faults, judge = faults_of(rng, seconds), Judge(limits or world.settings, seed)
+    faults, judge = faults_of(rng, seconds), Judge(world, limits or world.settings, seed)
     if seconds > _LONG_S and rng.random() < 0.5:
         faults.append(Fault("operator walks", 0.0, seconds))
     moved = False
@@ -170,28 +218,31 @@ def run_sequence(begin: World, seed: int, limits: TeleoperationSettings | None =
         active = {fault.kind for fault in faults if fault.start_s <= world.t_s < fault.end_s}
         if "gate clock jumps" in active and rng.random() < 0.1:
             world.clock_ns = int(rng.choice([-(10**10), -(10**7), 10**7, 2 * 10**8, 10**12]))
-        xyz = tick(world, active)
+        tick(world, active)
         moved = moved or world.driver.follower.moves[0].speed > 0.05
-        judge.look(xyz, world)
-    return judge.breaches, moved
+        judge.look(world)
+    physics = np.zeros((2, 3))
+    physics[int(any(fault.kind == "robot process late" for fault in faults))] = judge.physics
+    return Outcome(breaches=judge.breaches, moved=int(moved), physics=physics)
 
 
 def run_many(
-    first: int, count: int, settings: TeleoperationSettings | None = None, limits: TeleoperationSettings | None = None
-) -> tuple[list[Breach], int]:
-    """Sequences `first` to `first + count - 1`: breaches of `limits` (default: the settings), and in how many the robot moved."""
-    settings = settings or rehearsal_settings()
-    worlds = [engaged_world(settings, seed) for seed in range(min(count, _WORLDS))]
-    breaches, moved = [], 0
+    first: int,
+    count: int,
+    robot: str = "point",
+    settings: TeleoperationSettings | None = None,
+    limits: TeleoperationSettings | None = None,
+) -> Outcome:
+    """Sequences `first` to `first + count - 1`.
+
+    Args:
+        robot: one of `robots.STANDS`. settings: of all sequences; None: in half of them targets are out of reach.
+        limits: by which they are judged; None: the settings.
+    """
+    both = [settings or settings_for(robot, roomy) for roomy in (False, True)]
+    worlds = [engaged_world(both[seed // 2 % 2], seed, robot) for seed in range(min(count, _WORLDS))]
+    total = Outcome()
     with np.errstate(all="ignore"):
         for seed in range(first, first + count):
-            found, went = run_sequence(worlds[seed % len(worlds)], seed, limits)
-            breaches += found
-            moved += went
-    return breaches, moved
-
-
-def rehearsal_settings() -> TeleoperationSettings:
-    """A box so small that the hand drives the robot against its walls."""
-    settings = TeleoperationSettings()
-    return replace(settings, limits=replace(settings.limits, box_low_m=(1.7, -0.4, 0.75), box_high_m=(2.05, 0.05, 1.05)))
+            total.add(run_sequence(worlds[seed % len(worlds)], seed, limits))
+    return total

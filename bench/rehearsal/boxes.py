@@ -9,14 +9,13 @@ from typing import Protocol
 import numpy as np
 
 from posefuse.core.arrays import Array
-from posefuse.teleoperation.gate import CameraReport
 from posefuse.teleoperation.heartbeats import Beat
 from posefuse.teleoperation.operator import Operator, OperatorNews, step_operator
 from posefuse.teleoperation.robots.driver import Driver
 from posefuse.teleoperation.robots.mobile_manipulator import Thing, mobile_manipulator
 from posefuse.teleoperation.robots.mujoco_robot import MujocoRobot, mujoco_model, placed
 from posefuse.teleoperation.settings import MappingSettings, RobotSettings, TeleoperationSettings
-from posefuse.teleoperation.values import OperatorView, Phase
+from posefuse.teleoperation.values import CameraReport, OperatorView, Phase
 
 from .figures import lag_and_rms
 from .person import person_view

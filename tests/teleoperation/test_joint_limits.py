@@ -1,0 +1,194 @@
+"""What is commanded to the joints keeps every limit, whatever is ordered; judged by MuJoCo's own kinematics, apart from ours."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mujoco")
+pytest.importorskip("daqp")
+
+import mujoco
+
+from posefuse.teleoperation.robots.driver import Driver
+from posefuse.teleoperation.robots.mujoco_robot import MujocoRobot, mujoco_model
+from posefuse.teleoperation.settings import LimitSettings, RobotSettings, TeleoperationSettings
+from posefuse.teleoperation.values import Order, Phase
+
+DT_S, TICK_NS = 0.01, 10_000_000
+LIMITS = LimitSettings()
+
+
+def driven(hands, wishes, limits=LIMITS, model=None):
+    """(T, J) joints and (T, H, 3) end effectors of what is commanded while the targets are `wishes` from the start position.
+
+    A wish is (H, 3) metres from the start, or None: no order comes.
+    """
+    settings = TeleoperationSettings(hands=hands, limits=limits, robot=RobotSettings(shared=False))
+    robot = MujocoRobot(model or mujoco_model(None, hands), [f"{side}_hand" for side in hands], limits)
+    driver, now_ns, q = Driver(robot, settings), 10**12, []
+    start, turned = driver.posture.xyz_world, driver.posture.wxyz
+    for seq, wish in enumerate(wishes):
+        now_ns += TICK_NS
+        orders = []
+        if wish is not None:
+            target = driver.follower.xyz + np.clip(start + wish - driver.follower.xyz, -0.15, 0.15)
+            orders = [order(seq, now_ns, target, turned)]
+        driver.step(orders, now_ns)
+        q.append(driver.posture.q)
+    return robot, np.array(q), ends_of(robot, np.array(q))
+
+
+def order(seq, now_ns, xyz, wxyz):
+    return Order(
+        seq=seq,
+        sent_ns=now_ns,
+        phase=Phase.ENGAGED,
+        xyz_world=xyz,
+        wxyz=wxyz,
+        speed_mps=LIMITS.speed_mps,
+        grip=np.zeros(len(xyz), bool),
+    )
+
+
+def ends_of(robot, q):
+    chain, data = robot.joints.chain, mujoco.MjData(robot.model)
+    sites, found = [robot.model.site(f"{side}_hand").id for side in ("right", "left")[: chain.hands]], []
+    for one in q:
+        data.qpos[chain.qpos] = one
+        mujoco.mj_kinematics(robot.model, data)
+        found.append(data.site_xpos[sites].copy())
+    return np.array(found)
+
+
+def random_wishes(rng, hands, steps=400):
+    """Targets that jump to places within and out of reach, and times without any order."""
+    wish, found = np.zeros((hands, 3)), []
+    for _ in range(steps):
+        if rng.random() < 0.02:
+            wish = rng.normal(size=(hands, 3)) * rng.choice([0.05, 0.3, 1.5])
+        found.append(wish)
+    for _ in range(3):
+        begin = rng.integers(0, steps - 60)
+        found[begin : begin + 40] = [None] * 40
+    return found
+
+
+def most(vectors):
+    return float(np.linalg.norm(vectors, axis=-1).max())
+
+
+@pytest.mark.parametrize("hands", (("right",), ("right", "left")), ids=len)
+@pytest.mark.parametrize("seed", range(3))
+def test_joints_and_end_effectors_keep_every_limit(hands, seed):
+    robot, q, xyz = driven(hands, random_wishes(np.random.default_rng([seed, 5]), len(hands)))
+    chain, arm = robot.joints.chain, robot.joints.chain.arm
+    speed, acceleration = np.diff(q, axis=0) / DT_S, np.diff(q, n=2, axis=0) / DT_S**2
+    assert np.abs(speed[:, arm]).max() <= LIMITS.joint_speed_radps * (1 + 1e-9)
+    assert np.abs(speed[:, ~arm]).max() <= LIMITS.base_speed_mps * (1 + 1e-9)
+    assert np.abs(acceleration[:, arm]).max() <= LIMITS.joint_acceleration_radps2 * (1 + 1e-9)
+    assert np.abs(acceleration[:, ~arm]).max() <= LIMITS.base_acceleration_mps2 * (1 + 1e-9)
+    margin = np.where(arm, LIMITS.joint_margin_rad, 0.0)
+    assert (q >= chain.low + margin - 1e-9).all() and (q <= chain.high - margin + 1e-9).all()
+    assert most(np.diff(xyz, axis=0)) / DT_S <= LIMITS.speed_mps * (1 + 1e-9)
+    assert most(np.diff(xyz, n=2, axis=0)) / DT_S**2 <= LIMITS.acceleration_mps2 * (1 + 1e-9)
+    assert np.ptp(xyz, axis=0).max() > 0.2  # it does move
+
+
+def least_m(robot, q, home):
+    """Least distance of any two bodies of the robot that do not touch by construction, and of any and the floor, over (T, J)."""
+    model, chain = robot.model, robot.joints.chain
+    data, pairs = mujoco.MjData(model), []
+    own = [g for g in range(model.ngeom) if model.geom_bodyid[g] in chain.bodies and model.geom_contype[g]]
+    candidates = [(a, b) for i, a in enumerate(own) for b in own[i + 1 :]] + [(model.geom("floor").id, g) for g in own]
+
+    def at(one):
+        data.qpos[chain.qpos] = one
+        mujoco.mj_kinematics(model, data)
+
+    at(home)
+    pairs = [pair for pair in candidates if mujoco.mj_geomDistance(model, data, *pair, 1.0, None) > LIMITS.collision_m]
+    found = []
+    for one in q:
+        at(one)
+        found.append([mujoco.mj_geomDistance(model, data, *pair, 1.0, None) for pair in pairs])
+    names = [{model.geom(g).name for g in pair} for pair in pairs]
+    return np.array(found), names
+
+
+ARMS_AT = {
+    "each other": ([0.0, 0.4, 0.0], [0.0, -0.4, 0.0]),
+    "each other across": ([0.1, 0.5, -0.1], [-0.1, -0.5, 0.1]),
+    "the floor": ([0.1, 0.0, -0.7], [0.1, 0.0, -0.7]),
+    "the base": ([-0.6, 0.0, -0.5], [-0.6, 0.0, -0.5]),
+}
+
+
+@pytest.mark.parametrize("way", ARMS_AT)
+def test_two_arms_driven_at_something_keep_their_distance(way):
+    limits = replace(LIMITS, box_low_m=(-9, -9, -9))
+    robot, q, _ = driven(("right", "left"), [np.array(ARMS_AT[way])] * 300, limits)
+    found, names = least_m(robot, q, robot.joints.chain.home)
+    assert found.min() >= LIMITS.collision_m - 1e-8
+    # it does get near, so that this is the guard's work
+    assert found.min() < 0.06
+    if way.startswith("each other"):
+        crossed = [
+            i for i, pair in enumerate(names) if any("right" in one for one in pair) and any("left" in one for one in pair)
+        ]
+        assert found[:, crossed].min() < 0.06
+
+
+FIXED_ARMS = """<mujoco><compiler angle="radian"/><worldbody><geom name="floor" type="plane" size="3 3 .1"/>
+<body name="torso"><geom name="torso" type="box" size=".1 .2 .5" pos="0 0 .5"/>{}{}</body></worldbody>
+<actuator>{}</actuator></mujoco>"""
+
+
+def fixed_arms():
+    """Two arms of three joints on a torso that stands in the world."""
+    arms, drives = [], ""
+    for side, y in (("right", -0.35), ("left", 0.35)):
+        text = f'<site name="{side}_hand" pos=".3 0 0"/>'
+        for i, axis in reversed(list(enumerate(("0 0 1", "0 1 0", "0 1 0")))):
+            place = f"0 {y} 1" if i == 0 else ".3 0 0"
+            shape = f'<geom name="{side}{i}" type="capsule" size=".05" fromto="0 0 0 .3 0 0"/>'
+            joint = f'<joint name="{side}{i}" type="hinge" axis="{axis}" range="-2.5 2.5" limited="true"/>'
+            text = f'<body name="{side}{i}" pos="{place}">{joint}{shape}{text}</body>'
+            drives += f'<position name="{side}{i}" joint="{side}{i}" kp="1000"/>'
+        arms.append(text)
+    return mujoco_model(None, ("right", "left"), FIXED_ARMS.format(*arms, drives))
+
+
+def test_both_arms_of_a_robot_that_stands_fixed_are_watched_whole():
+    model = fixed_arms()
+    robot = MujocoRobot(model, ["right_hand", "left_hand"], LIMITS)
+    chain = robot.joints.chain
+    names = [{model.geom(int(g)).name for g in pair} for pair in chain.pairs]
+    # all arm-to-arm pairs; every link and the torso, the floor
+    assert sum(any("right" in a for a in pair) and any("left" in a for a in pair) for pair in names) == 9
+    assert sum("torso" in pair for pair in names) == 6 and sum("floor" in pair for pair in names) == 6
+    spheres = robot.posture().spheres_world
+    assert spheres[:, 1].min() < -0.3 and spheres[:, 1].max() > 0.3 and (np.abs(spheres[:, :2]) < 0.2).all(axis=1).any()
+
+
+def test_every_pair_of_our_own_robot_is_watched():
+    chain = MujocoRobot(mujoco_model(None, ("right", "left")), ["right_hand", "left_hand"], LIMITS).joints.chain
+    model = chain.model
+    names = [{model.geom(int(g)).name for g in pair} for pair in chain.pairs]
+    assert sum(any("right" in a for a in pair) and any("left" in a for a in pair) for pair in names) == 64
+    assert sum("floor" in pair for pair in names) == 16
+
+
+def test_a_pair_that_overlaps_does_not_come_nearer():
+    """Where the robot starts overlapping, e.g. by a wrong model, the pair keeps its constraint."""
+    robot = MujocoRobot(fixed_arms(), ["right_hand", "left_hand"], LIMITS)
+    chain = robot.joints.chain
+    robot.joints.begin(np.array([1.4, 0.0, 0.0, -1.4, 0.0, 0.0]))
+    chain.place(robot.joints.q)
+    before = chain.distances(1.0)
+    assert before.min() < 0
+    for _ in range(50):
+        robot.joints.move(robot.posture().xyz_world + [[0, 0.1, 0], [0, -0.1, 0]], robot.posture().wxyz, DT_S)
+        chain.place(robot.joints.q)
+    overlapping = before < 0
+    assert (chain.distances(1.0)[overlapping] >= before[overlapping] - 1e-6).all()

@@ -1,0 +1,368 @@
+"""A robot over ROS that is silent, does not follow or loses its driver: what it is sent, without a network."""
+
+import signal
+from collections import defaultdict
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags")
+
+from posefuse.core import SE3
+from posefuse.foundation.requests_to_end import REQUESTS_TO_END
+from posefuse.messages.body_messages import quaternion, vector
+from posefuse.messages.cdr import encode
+from posefuse.messages.dds import Sample
+from posefuse.messages.frames import Frames
+from posefuse.messages.messages import header
+from posefuse.messages.topics import TF, TF_STATIC
+from posefuse.messages.types import message
+from posefuse.teleoperation.robots import process, ros_robot
+from posefuse.teleoperation.robots.mobile_manipulator import ARM_HOME_RAD
+from posefuse.teleoperation.robots.protocol import Goal
+from posefuse.teleoperation.robots.reports import RosPlan
+from posefuse.teleoperation.robots.ros_robot import RosCartesian, RosJoints
+from posefuse.teleoperation.settings import LimitSettings, TeleoperationSettings
+
+DT_S = 0.01
+PLAN = RosPlan(cmd_vel="/cmd_vel")
+PLACE = SE3.from_rotvec([0.0, 0.0, np.pi / 2], [2.0, 0.0, 0.0])
+
+
+class Node:
+    """A node without a network: what others send is put into `inbox`, what the robot sends is in `sent`."""
+
+    def __init__(self):
+        self.inbox, self.sent, self.closed = defaultdict(list), [], 0
+
+    def reader(self, topic):
+        def take():
+            found, self.inbox[topic.name] = self.inbox[topic.name], []
+            return found
+
+        return SimpleNamespace(take=take)
+
+    def publish(self, topic, msg, t_ns):
+        assert not self.closed
+        self.sent.append(msg)
+
+    def close(self):
+        self.closed += 1
+
+    def send(self, topic, msg):
+        self.inbox[topic].append(Sample(encode(msg), 0))
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """Time of the robot's side; goes on where a test says so."""
+    now = SimpleNamespace(s=100.0)
+    stand_in = SimpleNamespace(
+        monotonic=lambda: now.s, time_ns=lambda: int(now.s * 1e9), sleep=lambda s: setattr(now, "s", now.s + s)
+    )
+    monkeypatch.setattr(ros_robot, "time", stand_in)
+    return now
+
+
+def tf_message(t_s, *transforms):
+    """(parent, child, place) at a time; 0: no stamp."""
+    found = [
+        message(
+            "geometry_msgs/msg/TransformStamped",
+            header=header(round(t_s * 1e9), parent),
+            child_frame_id=child,
+            transform=message("geometry_msgs/msg/Transform", translation=vector(place.xyz), rotation=quaternion(place.wxyz)),
+        )
+        for parent, child, place in transforms
+    ]
+    return message("tf2_msgs/msg/TFMessage", transforms=found)
+
+
+def arm(x=0.5, turned_rad=0.0):
+    return ("base_link", "elbow", SE3.from_rotvec([0.0, 0.0, turned_rad], [x, 0.0, 0.5])), ("elbow", "tool", SE3.identity())
+
+
+def cartesian(command, clock):
+    node = Node()
+    robot = RosCartesian(node, PLAN, command, ("tool",), PLACE)
+    node.send(TF.name, tf_message(clock.s, *arm()))
+    assert robot.known() and not robot.posture().fault
+    return node, robot
+
+
+def goal(robot, velocity=(0.0, 0.0, 0.0), *, ahead=(0.0, 0.0, 0.0), turn_rate=(0.0, 0.0, 0.0)):
+    posture = robot.posture()
+    return Goal(
+        xyz_world=posture.xyz_world + [ahead],
+        wxyz=posture.wxyz,
+        velocity_world=np.array([velocity]),
+        turn_rate_world=np.array([turn_rate]),
+        grip=np.array([False]),
+        brakes=not any(velocity),
+    )
+
+
+@pytest.mark.parametrize("command", ["pose", "twist"])
+@pytest.mark.parametrize(
+    "others",
+    [
+        pytest.param(lambda t_s: (TF, tf_message(t_s, ("world", "person_7", SE3.identity()))), id="other frames"),
+        pytest.param(lambda t_s: (TF, tf_message(100.0, *arm())), id="its last message, repeated"),
+        pytest.param(lambda t_s: (TF, tf_message(t_s, ("tool", "camera", SE3.identity()))), id="what is attached to its tool"),
+        pytest.param(lambda t_s: (TF, tf_message(t_s, ("odom", "base_link", SE3.identity()))), id="what carries its base"),
+        pytest.param(lambda t_s: (TF, tf_message(t_s, arm()[1])), id="a part of its transforms"),
+        pytest.param(lambda t_s: (TF_STATIC, tf_message(t_s, *arm())), id="static transforms"),
+    ],
+)
+def test_a_silent_robot_has_a_fault_however_busy_tf_is(clock, command, others):
+    node, robot = cartesian(command, clock)
+    for step in range(21):
+        assert step > 19 or not robot.posture().fault
+        clock.s += DT_S
+        topic, msg = others(clock.s)
+        node.send(topic.name, msg)
+    assert "nothing new of /tf from base_link to tool for 0.2 s" in robot.posture().fault
+    node.send(TF.name, tf_message(clock.s, *arm()))
+    assert not robot.posture().fault
+
+
+def test_messages_without_a_stamp_count_by_their_arrival(clock):
+    node, robot = cartesian("pose", clock)
+    for _ in range(50):
+        clock.s += DT_S
+        node.send(TF.name, tf_message(0.0, *arm()))
+        assert not robot.posture().fault
+
+
+def test_a_robot_whose_pose_comes_as_static_transforms_only_is_not_known_to_live(clock):
+    node = Node()
+    robot = RosCartesian(node, PLAN, "pose", ("tool",), PLACE)
+    node.send(TF_STATIC.name, tf_message(clock.s, *arm()))
+    assert robot.known() and "nothing new" in robot.posture().fault
+
+
+def test_the_path_between_two_frames_is_their_own_transforms():
+    frames = Frames()
+    for parent, child in (("map", "base"), ("base", "a"), ("a", "b"), ("base", "c"), ("b", "tool")):
+        frames.add(parent, child, SE3.identity())
+    assert frames.path("base", "tool") == {"a", "b", "tool"}
+    assert frames.path("/c", "/b") == {"c", "a", "b"} and frames.path("a", "a") == set()
+
+
+@pytest.mark.parametrize(("x", "turned_rad", "fault"), [(0.62, 0.2, False), (0.67, 0.0, True), (0.5, 0.4, True)])
+def test_a_pose_that_is_not_followed_is_a_fault(clock, x, turned_rad, fault):
+    node, robot = cartesian("pose", clock)
+    robot.move(goal(robot), DT_S)
+    node.send(TF.name, tf_message(clock.s, *arm(x, turned_rad)))
+    assert bool(robot.posture().fault) == fault
+
+
+def driven(clock, seconds, velocity, moved, turn_rate=0.0):
+    """Faults by time step of a robot that is sent a velocity along its base's x; `moved(t)`: where along x, and turned, it is."""
+    node, robot = cartesian("twist", clock)
+    faults, start_s = [], clock.s
+    for k in range(round(seconds / DT_S)):
+        speed = velocity(k * DT_S) if callable(velocity) else velocity
+        robot.move(goal(robot, (0.0, speed, 0.0), turn_rate=(0.0, 0.0, turn_rate)), DT_S)
+        clock.s += DT_S
+        x, turned_rad = moved(clock.s - start_s)
+        node.send(TF.name, tf_message(clock.s, *arm(0.5 + x, turned_rad)))
+        faults.append(robot.posture().fault)
+    return faults
+
+
+def test_a_twist_that_is_not_followed_is_a_fault(clock):
+    faults = driven(clock, 1.0, 0.5, lambda t: (0.0, 0.0))
+    assert not faults[28] and "0.3" not in faults[28] and all(faults[32:])
+    assert any(driven(clock, 1.0, 0.0, lambda t: (0.0, 0.0), turn_rate=1.0))
+
+
+def test_a_robot_that_continues_after_zero_velocity_is_a_fault(clock):
+    faults = driven(clock, 1.0, lambda t: 0.5 if t < 0.5 else 0.0, lambda t: (0.5 * t, 0.0))
+    assert not any(faults[:70]) and all(faults[85:])
+
+
+def test_a_robot_that_follows_twists_late_and_drifts_has_no_fault(clock):
+    # 0.2 s late, 2 cm/s of drift, for a minute in one direction and back
+    speed = lambda t: 0.5 * np.sin(2 * np.pi * t / 20)  # noqa: E731
+    place = lambda t: 0.5 * 20 / (2 * np.pi) * (1 - np.cos(2 * np.pi * max(t, 0.0) / 20))  # noqa: E731
+    faults = driven(clock, 60.0, speed, lambda t: (place(t - 0.2) + 0.02 * t, 0.01 * t))
+    assert not any(faults)
+
+
+def test_the_position_of_a_robot_that_stands_counts_as_commanded_after_twists(clock):
+    _, robot = cartesian("twist", clock)
+    robot.move(goal(robot, (0.0, 0.1, 0.0), ahead=(0.0, 0.05, 0.0)), DT_S)
+    ahead = robot.posture().xyz_world
+    assert ahead == pytest.approx(np.array([[2.0, 0.55, 0.5]]))
+    robot.move(goal(robot), DT_S)
+    assert robot.posture().xyz_world == pytest.approx(np.array([[2.0, 0.5, 0.5]]))
+
+
+@pytest.mark.parametrize("command", ["pose", "twist"])
+def test_a_robot_that_is_left_gets_zero_velocity(clock, command):
+    node, robot = cartesian(command, clock)
+    robot.move(goal(robot, (0.1, 0.2, 0.3)), DT_S)
+    moving = len(node.sent)
+    robot.close()
+    robot.close()
+    assert node.closed >= 1
+    last = node.sent[moving:]
+    if command == "twist":
+        (stop,) = last
+        linear, angular = stop.twist.linear, stop.twist.angular
+        assert [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z] == [0.0] * 6
+    else:
+        assert last == []
+
+
+def test_a_robot_that_was_never_commanded_is_left_alone(clock):
+    node, robot = cartesian("twist", clock)
+    robot.close()
+    assert node.sent == []
+
+
+@pytest.fixture
+def jointed(clock):
+    """A mobile manipulator whose arm is driven in its joints."""
+    pytest.importorskip("mujoco")
+    pytest.importorskip("daqp")
+    from posefuse.teleoperation.robots.chain import Chain
+    from posefuse.teleoperation.robots.mujoco_robot import mujoco_model
+
+    node = Node()
+    chain = Chain(mujoco_model(None, ("right",)), ("right_hand",), LimitSettings().collision_m)
+    robot = RosJoints(node, PLAN, chain, LimitSettings(), PLACE)
+    node.send(PLAN.joint_states, joint_state(clock.s, ARM_HOME_RAD))
+    assert robot.known() and not robot.posture().fault
+    return node, robot
+
+
+def joint_state(t_s, q):
+    state, empty = header(round(t_s * 1e9), ""), np.zeros(0)
+    names = [f"right_j{i + 1}" for i in range(len(q))]
+    return message("sensor_msgs/msg/JointState", header=state, name=names, position=np.array(q), velocity=empty, effort=empty)
+
+
+@pytest.mark.parametrize(
+    ("others", "fault"),
+    [
+        pytest.param(lambda t_s: joint_state(t_s, ARM_HOME_RAD), False, id="a robot that reports"),
+        pytest.param(lambda t_s: joint_state(0.0, ARM_HOME_RAD), False, id="without a stamp"),
+        pytest.param(lambda t_s: joint_state(100.0, ARM_HOME_RAD), True, id="its last message, repeated"),
+        pytest.param(lambda t_s: joint_state(t_s, ARM_HOME_RAD[:6]), True, id="a part of its joints"),
+        pytest.param(lambda t_s: joint_state(t_s, (*ARM_HOME_RAD[:6], np.nan)), True, id="a joint that is not known"),
+    ],
+)
+def test_only_new_positions_of_all_joints_show_that_it_lives(clock, jointed, others, fault):
+    node, robot = jointed
+    for _ in range(21):
+        clock.s += DT_S
+        node.send(PLAN.joint_states, others(clock.s))
+        robot.posture()
+    assert bool(robot.posture().fault) == fault
+
+
+def test_the_distance_is_kept_from_where_the_joints_are_and_from_where_they_are_to_be(clock, jointed):
+    node, robot = jointed
+    before = robot.posture().spheres_world
+    node.send(PLAN.joint_states, joint_state(clock.s + DT_S, np.array(ARM_HOME_RAD) + 0.3))
+    posture = robot.posture()
+    assert not posture.fault
+    apart = np.linalg.norm(posture.spheres_world[:, None, :3] - before[None, :, :3], axis=2)
+    # all that was covered still is, and the measured arm too
+    assert (apart.min(axis=0) < 1e-9).all() and apart.min(axis=1).max() > 0.1
+    hand = np.linalg.norm(posture.spheres_world[:, :3] - posture.measured_xyz_world, axis=1) - posture.spheres_world[:, 3]
+    assert hand.min() < 0.1
+
+
+def refusal(trajectory, now_s):
+    """Why a joint_trajectory_controller of ros2_control with its default parameters takes no such trajectory."""
+    if not trajectory.points or trajectory.joint_names != [f"right_j{i + 1}" for i in range(7)]:
+        return "joints"
+    ends_s = [point.time_from_start.sec + point.time_from_start.nanosec / 1e9 for point in trajectory.points]
+    stamp = trajectory.header.stamp
+    if (stamp.sec or stamp.nanosec) and stamp.sec + stamp.nanosec / 1e9 + ends_s[-1] < now_s:
+        return "ends in the past"
+    if any(end <= before for before, end in zip([0.0, *ends_s], ends_s, strict=False)):
+        return "times"
+    if any(len(values) != 7 for point in trajectory.points for values in (point.positions, point.velocities)):
+        return "sizes"
+    if any(len(values) not in (0, 7) for point in trajectory.points for values in (point.accelerations, point.effort)):
+        return "sizes"
+    # allow_nonzero_velocity_at_trajectory_end is false
+    return "velocity at the end" if np.abs(trajectory.points[-1].velocities).max() > 1e-6 else ""
+
+
+def moving(robot):
+    """A robot at speed, and its last trajectory."""
+    start = robot.posture()
+    for k in range(1, 31):
+        wanted = replace(goal(robot, (0.0, 0.1, 0.0)), xyz_world=start.xyz_world + [[0.0, 0.001 * k, 0.0]], wxyz=start.wxyz)
+        robot.move(wanted, DT_S)
+    return next(msg for msg in robot._node.sent[::-1] if hasattr(msg, "points"))
+
+
+def test_every_trajectory_is_one_that_a_controller_takes_and_ends_at_rest(clock, jointed):
+    node, robot = jointed
+    last = moving(robot)
+    assert np.abs(last.points[0].velocities).max() > 0.05
+    trajectories = [msg for msg in node.sent if hasattr(msg, "points")]
+    assert [refusal(one, clock.s + 0.1) for one in trajectories] == [""] * 30
+    for one in trajectories:
+        moves, rests, stays = one.points
+        assert np.array_equal(rests.positions, stays.positions) and not np.any(stays.velocities)
+        # braking along a straight line of joint positions: about the mean of both velocities for the time between them
+        seconds = (rests.time_from_start.nanosec - moves.time_from_start.nanosec) / 1e9
+        travel, most = rests.positions - moves.positions, moves.velocities * seconds
+        share = float(travel @ most / max(most @ most, 1e-12))
+        assert travel == pytest.approx(share * most, abs=1e-9) and share + (np.abs(most).max() < 0.003) > 0.1 and share < 0.6
+    assert "velocity at the end" in refusal(message(last.__msgtype__, **{**vars(last), "points": last.points[:1]}), clock.s)
+
+
+def test_a_trajectory_does_not_brake_beyond_the_joints_limits(jointed):
+    """It ends where the checked stop ends, also where the robot is driven against a limit."""
+    node, robot = jointed
+    chain, start = robot.joints.chain, robot.posture()
+    for k in range(1, 300):
+        up = replace(goal(robot, (0.0, 0.0, 0.3)), xyz_world=start.xyz_world + [[0.0, 0.0, 0.003 * k]], wxyz=start.wxyz)
+        robot.move(up, DT_S)
+    ends = np.array([msg.points[-1].positions for msg in node.sent if hasattr(msg, "points")])
+    assert (ends <= chain.high[chain.arm]).all() and (ends >= chain.low[chain.arm]).all()
+
+
+def test_a_mobile_base_is_left_with_zero_velocity(jointed):
+    node, robot = jointed
+    moving(robot)
+    count = len(node.sent)
+    robot.close()
+    (stop,) = node.sent[count:]
+    assert [stop.twist.linear.x, stop.twist.linear.y, stop.twist.angular.z] == [0.0, 0.0, 0.0]
+
+
+def test_a_driver_that_fails_leaves_a_robot_without_velocity(clock, monkeypatch):
+    node, robot = cartesian("twist", clock)
+    robot.move(goal(robot, (0.1, 0.2, 0.3)), DT_S)
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, *REQUESTS_TO_END)}
+
+    def fail(*_):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(process, "built", lambda plan: robot)
+    monkeypatch.setattr(process, "_drive", fail)
+    try:
+        with pytest.raises(ZeroDivisionError):
+            process.run_robot(None, process.RobotPlan(settings=TeleoperationSettings()))
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+    assert node.closed and node.sent[-1].twist.linear.y == 0.0
+
+
+def test_a_base_that_no_message_reports_counts_as_where_it_was_driven(jointed):
+    _, robot = jointed
+    robot.joints.begin(robot.joints.q + np.where(robot.joints.chain.arm, 0.0, 0.2))
+    posture = robot.posture()
+    assert posture.measured_xyz_world == pytest.approx(posture.xyz_world)
