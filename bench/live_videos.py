@@ -20,6 +20,7 @@ from rich.console import Console
 from rich.table import Table
 
 from posefuse.formats.kept_video import KeptVideo
+from posefuse.formats.pixels import RgbPixels
 from posefuse.sources.video import VideoConfig
 
 NETWORK = "blazepose_full"
@@ -32,7 +33,7 @@ def writing(video: Path, encoded: bool, folder: Path) -> dict:
     begun_s = time.process_time()
     with KeptVideo(path) as kept:
         for frame in frames:
-            kept.write(frame, frame.t_ns)
+            kept.write(frame.encoded or RgbPixels(frame.image), frame.t_ns)
     spent_s = time.process_time() - begun_s
     return {
         "how": kept.how,

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 import tomllib
 from collections.abc import Callable
 from contextlib import suppress
@@ -95,8 +96,9 @@ def test_the_wheel_brings_the_clip_and_stays_small() -> None:
 
 def test_models_can_be_checked_without_a_network(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
     monkeypatch.setenv("POSEFUSE_CACHE", str(tmp_path))
-    models = json.loads(run(capsys, "models", "--check", "--json")[1])["models"]
-    assert {model["state"] for model in models} == {"missing"}
+    code, out, err = run(capsys, "models", "--check", "--json")
+    assert {model["state"] for model in json.loads(out)["models"]} == {"missing"}
+    assert code == 1 and "missing or damaged: " in err and "`posefuse models` fetches them" in err
     code, _, err = run(capsys, "models", "--from", str(tmp_path / "none.whl"))
     assert code == 1
     assert "none.whl" in err.splitlines()[-1]
@@ -303,3 +305,60 @@ def test_a_session_that_was_stopped_before_it_began_has_no_figures_of_nothing(ca
     show_live_figures(Terminal(as_json=False), figures)
     out = capsys.readouterr().out
     assert "nan" not in out and "0 (-/s), with a person in 0" in out
+
+
+@pytest.mark.parametrize("request_", ["SIGINT", "SIGTERM"])
+def test_a_request_to_end_that_comes_in_a_destructor_is_neither_printed_nor_lost(
+    request_: str, capsys: pytest.CaptureFixture
+) -> None:
+    class Asked:
+        def __del__(self) -> None:
+            signal.raise_signal(signal.Signals[request_])
+
+    with terminate_on_signals(), pytest.raises(KeyboardInterrupt):
+        asked = Asked()
+        del asked
+        time.sleep(30)
+    assert capsys.readouterr().err == ""
+
+
+KERNEL = """
+import numba
+
+@numba.njit(cache=True)
+def twice(x):
+    return 2 * x
+"""
+LOAD = """
+import signal
+from numba.core import codegen
+from posefuse.cli.stopping import terminate_on_signals
+
+hook = codegen.CPUCodeLibrary._object_getbuffer_hook
+
+def asked(cls, library):
+    signal.raise_signal(signal.SIGTERM)
+    return hook(library)
+
+codegen.CPUCodeLibrary._object_getbuffer_hook = classmethod(asked)
+with terminate_on_signals():
+    try:
+        from kernel import twice
+        print(twice(2.0))
+        import time
+        time.sleep(30)
+    except KeyboardInterrupt:
+        print("stopped")
+"""
+
+
+def test_a_request_to_end_that_comes_while_a_compiled_kernel_is_loaded_does_not_crash(tmp_path: Path) -> None:
+    """LLVM asks Python for the machine code; an exception there leaves it without, and it would jump to nowhere."""
+    (tmp_path / "kernel.py").write_text(KERNEL)
+    environment = {**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"}
+    for code in ("import kernel; kernel.twice(2.0)", LOAD):
+        done = subprocess.run(
+            [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=120, check=False
+        )
+        assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.splitlines()[-1] == "stopped"

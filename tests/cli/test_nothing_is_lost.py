@@ -1,14 +1,17 @@
 """No command removes or changes a file that posefuse did not write, wherever its output is sent; names print as they are."""
 
 import dataclasses
+import errno
 import glob
 import hashlib
+import os
 import shutil
 import tempfile
 import zipfile
 from collections.abc import Callable
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -148,6 +151,26 @@ def survives(path: Path, content: bytes) -> bool:
     """Whether a file is as it was, or, single files that --force replaces, next to it as NAME.replaced-TIME."""
     beside = path.parent.glob(f"{glob.escape(path.name)}.replaced-*")
     return any(one.is_file() and one.read_bytes() == content for one in (path, *beside))
+
+
+@pytest.mark.parametrize(("command", "finished"), [("reported", "angles.csv"), ("compared", "compare.json")])
+def test_a_disk_that_becomes_full_keeps_what_was_computed_until_then(
+    tmp_path: Path, results: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture, command: str, finished: str
+) -> None:
+    write = Path.write_text
+
+    def no_room(self: Path, *args: Any, **options: Any) -> int:
+        if self.suffix == ".html":
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return write(self, *args, **options)
+
+    monkeypatch.setattr(Path, "write_text", no_room)
+    assert globals()[command](results, tmp_path / "out", False) == 1
+    [line] = [line for line in capsys.readouterr().err.splitlines() if line.startswith("posefuse ")]
+    assert "No space left on device" in line
+    [left] = tmp_path.glob(".out.*.unfinished")
+    assert line.endswith(f"what was finished until then is kept in {left}")
+    assert (left / finished).stat().st_size > 100
 
 
 def tracked(results: Path, out: Path, force: bool) -> int:

@@ -1,5 +1,6 @@
 """Results appear whole or not at all, and only what posefuse wrote and that is unchanged is ever replaced."""
 
+import errno
 import json
 import os
 import shutil
@@ -10,7 +11,9 @@ from typing import Any
 
 import pytest
 
-from posefuse.core import InputError
+from posefuse.core import DiskFullError, InputError
+from posefuse.foundation.atomic import write_text
+from posefuse.foundation.growing import growing_folder
 from posefuse.foundation.manifest import DESKTOP_FILES, MANIFEST_FILE, contents, read_manifest
 from posefuse.foundation.output_folder import find_unfinished, output_folder
 
@@ -340,3 +343,49 @@ def test_a_result_has_the_permissions_of_the_users_other_folders(tmp_path: Path)
     (tmp_path / "other").mkdir()
     make(tmp_path / "result")
     assert (tmp_path / "result").stat().st_mode == (tmp_path / "other").stat().st_mode
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EFBIG])
+def test_a_disk_that_becomes_full_is_one_line_and_what_was_finished_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    make(tmp_path / "result")
+    with pytest.raises(DiskFullError) as caught, output_folder(tmp_path / "result", command="track", replace=True) as out:
+        (out.folder / "first").write_text("hours of work")
+        fill_disk(monkeypatch, number)
+        write_text(out.folder / "second", "no room")
+    monkeypatch.undo()
+    [left] = tmp_path.glob(".result.*.unfinished")
+    assert str(caught.value).endswith(f"({os.strerror(number)})); what was finished until then is kept in {left}")
+    assert sorted(entry.name for entry in left.iterdir()) == ["first", MANIFEST_FILE]
+    assert (tmp_path / "result" / "recording.json").read_text() == "one"
+    # the next run reports it
+    said: list[str] = []
+    make(tmp_path / "result", "two", warn=said.append)
+    assert [line.split(":")[0] for line in said] == [str(left)]
+
+
+def test_a_disk_that_is_full_from_the_beginning_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(DiskFullError, match="nothing was written"), output_folder(tmp_path / "result", command="track"):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_full_disk_leaves_no_half_list_of_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = growing_folder(tmp_path / "study", command="batch", names=["a.json"])
+    (folder.folder / "a.json").write_text("{}")
+    before = tree(folder.folder)
+    fill_disk(monkeypatch, errno.ENOSPC)
+    with pytest.raises(InputError, match=r"cannot be written \(No space left on device\); what is complete is kept"):
+        folder.add([folder.folder / "a.json"])
+    monkeypatch.undo()
+    assert tree(folder.folder) == before
+
+
+def fill_disk(monkeypatch: pytest.MonkeyPatch, number: int) -> None:
+    """Nothing more can be written; files can still be made and renamed, as on a real one."""
+
+    def full(self: Path, *args: Any, **options: Any) -> int:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(Path, "write_text", full)

@@ -10,6 +10,7 @@ import pytest
 pytest.importorskip("mcap", reason="the extra `ros` is not installed")
 
 import posefuse
+from posefuse.cli.main import main
 from posefuse.core import SE3, CameraTruth, InputError, LivePose, LiveStart, Pose3D, PoseSequence, Recording, Rig, Truth
 from posefuse.core.live_observations import observations_from_frames
 from posefuse.core.skeleton import ANATOMICAL23
@@ -83,6 +84,21 @@ def test_the_error_is_found_by_simulation_time(tmp_path: Path, world: Path, ring
     # the truth is straight between two of its instants
     assert found.errors.mpjpe_mm == pytest.approx(13.0, abs=0.5)
     assert np.nanmedian(np.linalg.norm(found.a_m - found.b_m, axis=-1)) == pytest.approx(0.013, abs=1e-5)
+
+
+@pytest.mark.parametrize("live_first", [False, True])
+def test_a_recording_without_people_is_one_line(
+    tmp_path: Path, world: Path, ring_rig: Callable[..., Rig], capsys: pytest.CaptureFixture, live_first: bool
+) -> None:
+    output = RecordConfig(path=tmp_path / "a.mcap").build()
+    rig = ring_rig(3)
+    output.take(LiveStart(t_ns=BEGIN_NS, rig=rig, rate_hz=100.0, clock_offset_ns=0, notes=notes_of(rig, LiveConfig()), part=1))
+    for i in range(20):
+        output.take(LivePose(pose=Pose3D.empty(BEGIN_NS + i * 10_000_000, ANATOMICAL23)))
+    output.close()
+    pair = (tmp_path / "a.mcap", tmp_path / "a.mcap") if live_first else (world, tmp_path / "a.mcap")
+    assert main(["compare", *map(str, pair)]) == 1
+    assert "a.mcap: no person was found in this recording" in capsys.readouterr().err.splitlines()[-1]
 
 
 def test_without_the_clock_it_would_be_another_moment(tmp_path: Path, world: Path, ring_rig: Callable[..., Rig]) -> None:

@@ -10,13 +10,13 @@ from small_session import COUNT, PERIOD_NS, SIZE_WH, grey, walk
 
 import posefuse as pf
 from posefuse.api.recording import recording_of
-from posefuse.core import Frame
 from posefuse.core.live_observations import observations_from_frames
+from posefuse.formats.pixels import RgbPixels
 from posefuse.formats.rig import write_rig
 from posefuse.pipeline.live_videos import session_with_videos
 from posefuse.pipeline.playback import Playback
 from posefuse.pipeline.session_images import nearby_session, session_of_recording
-from posefuse.realtime.video_keeping import VideoKeeper
+from posefuse.realtime.video_keeping import VideoKeeper, wait_for_videos
 
 Saved = tuple[Path, Path]
 
@@ -79,8 +79,9 @@ def live_walk(folder: Path, ring_rig, *, zero_ns: int, finished: bool = True) ->
         for i in range(COUNT):
             image = np.full((SIZE_WH[1], SIZE_WH[0], 3), grey(c, i), np.uint8)
             t_ns = 5_000_000_000 + i * PERIOD_NS
-            keeper.offer(Frame(camera=camera, seq=i, t_ns=t_ns, received_ns=t_ns, image=image), t_ns)
-        keeper.close()
+            keeper.offer(RgbPixels(image), t_ns)
+        keeper.finish()
+        wait_for_videos([keeper])
         if not finished:
             (folder / "videos" / f"{camera}.json").unlink()
     frames = [recorded.observations.detections(i) for i in range(len(recorded.observations.frame_t_ns))]

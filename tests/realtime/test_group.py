@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import threading
 import time
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from live_session import until
 from no_source import NoSourceConfig
 
 from posefuse.core import Detections2D, Frame, Pose3D, Rig
 from posefuse.core.skeleton import PAPER14
 from posefuse.detection.build import DetectorChoice
 from posefuse.foundation.channel import Channel
+from posefuse.realtime import capture as capture_module
 from posefuse.realtime import group as group_module
-from posefuse.realtime.capture import Caught, LiveInput
+from posefuse.realtime.capture import Capture, Caught, LiveInput
 from posefuse.realtime.clock import SessionClock
 from posefuse.realtime.group import Group, GroupPlan
+from posefuse.realtime.messages import VideoFailed
 from posefuse.realtime.session import new_board
 from posefuse.sources.arriving import Arrived
 
@@ -85,3 +91,46 @@ def test_with_a_person_one_frame_at_a_time_is_looked_at(group) -> None:
     board.write(pose, np.zeros_like(xyz), np.array([1.0, 3.0, 2.0]))
     group._look_at_best()
     assert [message.detections.camera for message in iter(channel.receive, None)] == ["cam01"]
+
+
+def test_a_video_that_cannot_be_made_when_it_is_switched_on_is_reported(group, tmp_path) -> None:
+    group, _, ours = group
+    (tmp_path / "cam01.mp4").touch()
+    group._keep_videos(tmp_path)
+    group._send_status()
+    received = []
+    while (message := ours.receive()) is not None:
+        received.append(message)
+    [failed] = [message for message in received if isinstance(message, VideoFailed)]
+    assert failed.camera == "cam01" and "already exists" in failed.reason
+    group._keep_videos(None)
+    group.finish()
+
+
+@dataclass(frozen=True)
+class Raises:
+    """A source of a plug-in that fails in a way of its own."""
+
+    size_wh = (64, 48)
+
+    def build(self) -> Raises:
+        return self
+
+    def frames(self) -> Iterator[Frame]:
+        raise KeyError("exposure")
+        yield
+
+    def close(self) -> None: ...
+
+
+def test_a_source_that_raises_anything_is_named_and_opened_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(capture_module, "_RETRY_S", 0.01)
+    opened = []
+    monkeypatch.setattr(Raises, "build", lambda self: opened.append(1) or self)
+    capture = Capture(LiveInput("cam00", "test", Raises(), reopen=True), None, threading.Condition())
+    capture.begin(time.monotonic_ns())
+    try:
+        until(lambda: len(opened) > 2)
+        assert (capture.state().state, capture.state().text) == ("lost", "KeyError: 'exposure'")
+    finally:
+        capture.close()

@@ -168,7 +168,7 @@ class Played:
                 stages = {"received": view.t_ns + 5_000_000, "started": clock.now, "detected": clock.now}
                 self._feed(sample(message_from_detections(view, stages), "node"), clock.now)
             self.fusion.tick(clock.now + 1, 10_000_000)
-            self.fusion._judge(SimpleNamespace(messages=lambda: (), troubles=dict), clock.now)
+            self.fusion._judge(SimpleNamespace(messages=lambda: (), troubles=dict), clock.now, clock.now)
 
     def _feed(self, message: Sample, now_ns: int) -> None:
         for received in self.views.view(message, now_ns):
@@ -310,10 +310,26 @@ def test_a_looped_recording_is_announced_as_a_discontinuity(ring_rig) -> None:
     for seen in views_of(1.0, showing_ns=3 * S):
         clock.now = seen.detections.t_ns + 20_000_000
         fusion.take(seen)
-        fusion._judge(SimpleNamespace(messages=lambda: (), troubles=dict), clock.now)
+        fusion._judge(SimpleNamespace(messages=lambda: (), troubles=dict), clock.now, clock.now)
         news.report(clock.now)
     (line,) = [line for line in lines if "discontinuity" in line]
     assert "3.05 s  discontinuity 1: a looped recording begins again" in line
     levels = [[line.level for line in health_lines(one) if line.name == "recording"] for one in heard]
     # nothing before, a warning for two seconds, then no more than a note
     assert levels[0] == [] and [1] in levels and levels[-1] == [0]
+
+
+def test_judging_the_cameras_takes_no_view_that_would_make_an_output_late(ring_rig) -> None:
+    """128 views wait, each of which takes a millisecond; the next output is due in three."""
+    rig = Rig(tuple(replace(c, name=n) for c, n in zip(ring_rig(2), "ab", strict=True)), world_set_by="test")
+    fusion, clock = session(rig)
+    taken: list[object] = []
+
+    def take(message: object) -> None:
+        taken.append(message)
+        clock.now += 1_000_000
+
+    fusion.take = take  # type: ignore[method-assign]
+    clock.now = T0
+    fusion._judge(SimpleNamespace(messages=lambda: iter(range(128)), troubles=dict), T0, T0 + 3_000_000)
+    assert len(taken) == 3

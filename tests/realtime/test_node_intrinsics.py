@@ -69,3 +69,28 @@ def test_a_node_with_other_intrinsics_is_reported(ring_rig):
     finally:
         intake.close()
     assert len(found) == 1 and found[0].startswith("camera cam01: its node works with other intrinsics than the rig here (up to")
+
+
+def test_a_network_that_cannot_be_read_for_a_while_is_reported_once_and_read_again(ring_rig, monkeypatch):
+    intake, rig = NetworkIntake(ring_rig(2), NETWORK, SessionClock.begin()), ring_rig(2)
+    failures = iter([SourceError("no buffer space"), ValueError("no buffer space")] * 2)
+    hand_on = NetworkIntake._hand_on
+
+    def failing(self):
+        if (error := next(failures, None)) is not None:
+            raise error
+        hand_on(self)
+
+    monkeypatch.setattr(NetworkIntake, "_hand_on", failing)
+    found: list[str] = []
+    try:
+        with RosNode("cameras_a", NETWORK) as a:
+            publish_intrinsics(a, longer(rig, 1.05), ["cam01"], 0)
+            end_s = time.monotonic() + 20
+            while len(found) < 3 and time.monotonic() < end_s:
+                time.sleep(0.1)
+                found += intake.notices()
+    finally:
+        intake.close()
+    assert found[:2] == [f"the network cannot be read ({kind}: no buffer space)" for kind in ("SourceError", "ValueError")]
+    assert found[2].startswith("camera cam01: its node works with other intrinsics")

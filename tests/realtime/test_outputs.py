@@ -2,16 +2,18 @@
 
 import os
 import pickle
+import shutil
 import signal
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
 
-from posefuse.core import InputError, LiveHealth, LiveJointCentres, LiveNames, LivePose, LiveStart
+from posefuse.core import InputError, LiveHealth, LiveJointCentres, LiveMessage, LiveNames, LivePose, LiveStart
 from posefuse.core.live_messages import FAILED, OK
 from posefuse.evaluation.live_session import made_up_messages, made_up_rig, made_up_start
 from posefuse.messages import topics
@@ -19,6 +21,7 @@ from posefuse.messages.bags import read_mcap, read_notes, read_poses
 from posefuse.messages.people_names import names_from_message
 from posefuse.outputs.live import RecordConfig, record
 from posefuse.outputs.live.ros import health_lines
+from posefuse.realtime import outputs as outputs_module
 from posefuse.realtime.clock import SessionClock
 from posefuse.realtime.output_plan import OutputPlan
 from posefuse.realtime.output_process import HANGS, Bundle, Worker
@@ -155,6 +158,25 @@ def test_an_output_receives_only_the_messages_it_accepts() -> None:
     assert worker.health().dropped == 0
 
 
+@dataclass(frozen=True)
+class Slow:
+    """Takes a pose every 0.1 s, and notes its end in a file."""
+
+    path: Path
+    takes: ClassVar[tuple[type, ...]] = (LivePose,)
+    keeps_all: ClassVar[bool] = True
+    where = ""
+
+    def build(self) -> "Slow":
+        return self
+
+    def take(self, message: LiveMessage) -> None:
+        time.sleep(0.1)
+
+    def close(self) -> None:
+        self.path.write_text("closed")
+
+
 def plan(path: Path) -> OutputPlan:
     configs = {"record": RecordConfig(path=path)}
     return OutputPlan(rig=made_up_rig(), clock=SessionClock.begin(), configs=configs, notes={"rig_id": "x"})
@@ -225,6 +247,54 @@ def test_a_killed_process_is_reported_and_restarted_and_recording_continues(fed:
     assert next(read_mcap(third, {topics.JOINT_CENTRES.name})).topic == topics.JOINT_CENTRES.name
     assert read_notes(third, record.NOTES) == {"rig_id": "x", "part": "2"}
     assert capfd.readouterr() == ("", "")
+
+
+def test_after_a_restart_an_output_that_cannot_be_opened_keeps_no_other_closed(fed: Fed, tmp_path: Path) -> None:
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    fed.outputs.add("second", RecordConfig(path=gone / "second.mcap"))
+    until(lambda: fed.outputs.health["second"].taken > 5, fed.feed)
+    shutil.rmtree(gone)
+    os.kill(int(fed.outputs.whereabouts().split()[-1]), signal.SIGKILL)
+    until(lambda: fed.outputs.failed, fed.feed)
+    taken = fed.taken()
+    until(lambda: fed.taken() > taken + 20, fed.feed)
+    until(lambda: "gone" in fed.outputs.health["second"].text, fed.feed)
+    assert (fed.state(), fed.outputs.health["second"].state) == (OK, FAILED)
+    # each has a line of its own
+    assert {event.output: event.state for event in fed.outputs.events} == {"process": FAILED, "record": OK, "second": FAILED}
+    assert fed.events().count(("process", FAILED)) == 1
+
+
+def test_a_recording_whose_file_is_gone_is_named_and_continues_in_the_second_place(fed: Fed, tmp_path: Path) -> None:
+    gone, spare = tmp_path / "gone", tmp_path / "spare"
+    gone.mkdir()
+    spare.mkdir()
+    fed.outputs.add("second", RecordConfig(path=gone / "second.mcap", spare=spare))
+    until(lambda: fed.outputs.health["second"].taken > 5, fed.feed)
+    shutil.rmtree(gone)
+    until(lambda: fed.outputs.health["second"].failures == 1, fed.feed)
+    assert "second.mcap: the file is gone" in fed.outputs.health["second"].fault
+    until(lambda: fed.outputs.health["second"].state == OK, fed.feed)
+    assert fed.outputs.health["second"].where == str(spare / "second.2.mcap")
+    taken = fed.outputs.health["second"].taken
+    until(lambda: fed.outputs.health["second"].taken > taken + 10, fed.feed)
+    fed.outputs.close()
+    said: list[str] = []
+    assert len(list(read_poses(spare / "second.2.mcap", warn=said.append))) > 10 and said == []
+
+
+def test_a_recording_that_makes_progress_is_finished_at_the_end(fed: Fed, tmp_path: Path, monkeypatch) -> None:
+    """It takes longer than an output without progress is waited for."""
+    slow = tmp_path / "slow.txt"
+    fed.outputs.add("slow", Slow(slow))
+    until(lambda: fed.outputs.health["slow"].taken > 0, fed.feed)
+    monkeypatch.setattr(outputs_module, "END_S", 0.5)
+    for _ in range(40):
+        fed.feed()
+    fed.outputs.close()
+    assert not fed.outputs.failed
+    assert slow.read_text().endswith("closed")
 
 
 def test_a_process_that_exits_early_is_a_failure(fed: Fed) -> None:

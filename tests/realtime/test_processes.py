@@ -4,6 +4,7 @@ import os
 import signal
 import sys
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -11,7 +12,8 @@ import pytest
 from posefuse.core.skeleton import COCO17
 from posefuse.foundation.channel import Channel
 from posefuse.realtime import processes
-from posefuse.realtime.messages import Ready
+from posefuse.realtime.controls import KeepVideos
+from posefuse.realtime.messages import Ready, Status, Stop
 
 
 def ready_at_once(plan: object, channel: Channel, board: object) -> None:
@@ -35,3 +37,32 @@ def test_a_process_that_dies_between_ready_and_begin_is_started_again(monkeypatc
         assert member.again_at_s is not None
     finally:
         groups.stop()
+
+
+def slow_to_finish(plan: SimpleNamespace, channel: Channel, board: object) -> None:
+    """A group that was asked to keep videos, and needs longer for their end than one without progress is waited for."""
+    channel.send(Ready(0, COCO17, None))
+    while not isinstance(channel.receive(), Stop):
+        channel.wait(30.0)
+    for _ in range(30):
+        time.sleep(0.1)
+        channel.send(Status(0, 0, (), "", 0, 0.0))
+    (plan.folder / "finished").touch()
+
+
+@pytest.mark.parametrize("stopped_before", [False, True])
+def test_videos_switched_on_during_a_session_are_finished_at_its_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stopped_before: bool
+) -> None:
+    monkeypatch.setattr(processes, "run_group", slow_to_finish)
+    monkeypatch.setattr(processes, "FINISH_S", 1.0)
+    groups = processes.Groups([SimpleNamespace(inputs=(), videos=None, folder=tmp_path)], None)  # type: ignore[list-item, arg-type]
+    try:
+        while groups._members[0].marks is None:
+            groups._hear_ready(groups._members[0])
+        groups.control(KeepVideos(tmp_path))
+        if stopped_before:
+            groups.control(KeepVideos(None))
+    finally:
+        groups.stop()
+    assert (tmp_path / "finished").exists()

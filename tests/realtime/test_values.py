@@ -493,6 +493,16 @@ def test_times_of_streams_only_go_forward() -> None:
     assert all(later > earlier for earlier, later in itertools.pairwise(times))
 
 
+@pytest.mark.parametrize("jump_s", [-5, 5])
+def test_a_camera_that_sets_its_clock_is_right_again_at_once(jump_s: int) -> None:
+    clock = StampClock(0)
+    errors = []
+    for i in range(300):
+        true_ns = 1000 * S + i * PERIOD_NS
+        errors.append(clock.placed(i * PERIOD_NS + 60 * S + (i > 150) * jump_s * S, true_ns + 10_000_000) - true_ns)
+    assert np.abs(errors).max() < 20_000_000
+
+
 class SlowToDie:
     """A killed process that the system has not come round to ending."""
 

@@ -13,59 +13,142 @@ from live_session import until
 import posefuse as pf
 from posefuse.cli.main import main
 from posefuse.cli.videos import kept_videos
-from posefuse.core import Frame, InputError
+from posefuse.core import InputError
+from posefuse.formats.pixels import Pixels, RgbPixels
 from posefuse.foundation.manifest import MANIFEST_FILE
 from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.live_videos import session_with_videos
 from posefuse.pipeline.session import find_session
 from posefuse.realtime import video_keeping
-from posefuse.realtime.video_keeping import VideoKeeper, read_counts
+from posefuse.realtime.capture import Capture, LiveInput
+from posefuse.realtime.video_keeping import VideoKeeper, read_counts, wait_for_videos
+from posefuse.sources.arriving import Arrived
+from posefuse.sources.packets import with_earlier
 from posefuse.sources.video import VideoConfig
 
 
-def frame(i: int) -> Frame:
-    image = np.full((32, 48, 3), i % 250, np.uint8)
-    return Frame(camera="cam", seq=i, t_ns=i * 10_000_000, received_ns=i * 10_000_000, image=image)
+def frame(i: int) -> Pixels:
+    return RgbPixels(np.full((32, 48, 3), i % 250, np.uint8))
+
+
+def finished(keeper: VideoKeeper) -> None:
+    keeper.finish()
+    wait_for_videos([keeper])
 
 
 def test_all_frames_after_the_session_began_are_kept(tmp_path: Path) -> None:
     keeper = VideoKeeper(tmp_path, "cam")
     for i in range(-3, 20):
         keeper.offer(frame(i), i * 10_000_000)
-    keeper.close()
+    finished(keeper)
     [counts] = read_counts(tmp_path, ["cam"]).values()
     assert (counts.written, counts.dropped, counts.fault, counts.finished) == (20, 0, "", True)
     np.testing.assert_allclose(VideoConfig(tmp_path / "cam.mp4", "cam").build().times_ns(), np.arange(20) * 10_000_000, atol=1000)
 
 
+def test_packets_of_frames_that_were_left_out_are_kept_too(demo_session: Path, tmp_path: Path) -> None:
+    source = VideoConfig(demo_session / "videos" / "cam00.mp4", "cam00", keep_encoded=True, threads=False).build()
+    made = list(source.frames())
+    late = with_earlier(Arrived.of(made[5]), [(one.t_ns, one.encoded) for one in made[3:5]])
+    keeper = VideoKeeper(tmp_path, "cam")
+    for one, encoded in [*((one, one.encoded) for one in made[:3]), (made[5], late), *((one, one.encoded) for one in made[6:])]:
+        assert encoded is not None
+        keeper.offer(encoded, one.t_ns)
+    finished(keeper)
+    [counts] = read_counts(tmp_path, ["cam"]).values()
+    assert (counts.written, counts.lost) == (len(made), {})
+    np.testing.assert_allclose(VideoConfig(tmp_path / "cam.mp4", "cam").build().times_ns(), source.times_ns(), atol=1_000)
+
+
 def test_a_slow_disk_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     free, write = threading.Event(), video_keeping.KeptVideo.write
 
-    def slow(self: video_keeping.KeptVideo, one: Frame, t_ns: int) -> bool:
+    def slow(self: video_keeping.KeptVideo, one: Pixels, t_ns: int) -> str:
         assert free.wait(30)
         return write(self, one, t_ns)
 
     monkeypatch.setattr(video_keeping.KeptVideo, "write", slow)
+    monkeypatch.setattr(video_keeping, "_ROOM_BYTES", 32 * 32 * 48 * 3)
     keeper = VideoKeeper(tmp_path, "cam")
     for i in range(100):
         keeper.offer(frame(i), i * 10_000_000)
     assert keeper.counts().dropped >= 100 - 34
     free.set()
-    keeper.close()
+    finished(keeper)
     [counts] = read_counts(tmp_path, ["cam"]).values()
     assert counts.written + counts.dropped == 100
     assert counts.written >= 32
+    assert set(counts.lost) == {"the disk or the processor is too slow for this rate"}
+
+
+def test_a_video_that_still_makes_progress_is_finished_and_one_that_does_not_is_given_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The disk takes a frame every 50 ms, and the one of the other camera nothing more."""
+    monkeypatch.setattr(video_keeping, "FINISH_S", 0.5)
+    free, write = threading.Event(), video_keeping.KeptVideo.write
+
+    def slow(self: video_keeping.KeptVideo, one: Pixels, t_ns: int) -> str:
+        if self.path.stem == "stuck":
+            assert free.wait(30)
+        time.sleep(0.05)
+        return write(self, one, t_ns)
+
+    monkeypatch.setattr(video_keeping.KeptVideo, "write", slow)
+    keepers = [VideoKeeper(tmp_path, name) for name in ("cam", "stuck")]
+    for keeper in keepers:
+        for i in range(40):
+            keeper.offer(frame(i), i * 10_000_000)
+        keeper.finish()
+    wait_for_videos(keepers)
+    counts = read_counts(tmp_path, ["cam", "stuck"])
+    free.set()
+    wait_for_videos(keepers)
+    assert (counts["cam"].written, counts["cam"].finished) == (40, True)
+    assert "was not finished" in counts["stuck"].fault
+
+
+def test_of_two_videos_of_a_camera_both_are_finished_at_the_end(tmp_path: Path) -> None:
+    """Stop, then End at once: the one that was switched off is not finished yet."""
+    capture = Capture(LiveInput("cam", "film", None, reopen=False), None, threading.Condition())
+    for name in ("first", "second"):
+        (tmp_path / name).mkdir()
+        capture.exchange_keeper(VideoKeeper(tmp_path / name, "cam"))
+        for i in range(200):
+            capture._keeper.offer(frame(i), i * 10_000_000)
+    wait_for_videos(capture.close())
+    for name in ("first", "second"):
+        [counts] = read_counts(tmp_path / name, ["cam"]).values()
+        assert (counts.written, counts.finished) == (200, True)
+
+
+def test_frames_that_the_source_did_not_deliver_are_lost_too(tmp_path: Path) -> None:
+    keeper = VideoKeeper(tmp_path, "cam")
+    keeper.offer(frame(0), 0)
+    keeper.miss(3)
+    finished(keeper)
+    [counts] = read_counts(tmp_path, ["cam"]).values()
+    assert (counts.written, counts.dropped) == (1, 3)
+    assert "did not deliver" in next(iter(counts.lost))
+
+
+def test_a_video_without_frames_is_a_fault(tmp_path: Path) -> None:
+    keeper = VideoKeeper(tmp_path, "cam")
+    finished(keeper)
+    [counts] = read_counts(tmp_path, ["cam"]).values()
+    assert (counts.written, counts.dropped) == (0, 0)
+    assert counts.fault.startswith("no frame came")
 
 
 def test_a_full_disk_ends_the_video_and_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(self: video_keeping.KeptVideo, one: Frame, t_ns: int) -> bool:
+    def full(self: video_keeping.KeptVideo, one: Pixels, t_ns: int) -> str:
         raise InputError("cam.mp4: cannot be written (No space left on device)")
 
     monkeypatch.setattr(video_keeping.KeptVideo, "write", full)
     keeper = VideoKeeper(tmp_path, "cam")
     for i in range(5):
         keeper.offer(frame(i), i * 10_000_000)
-    keeper.close()
+    finished(keeper)
     [counts] = read_counts(tmp_path, ["cam"]).values()
     assert (counts.written, counts.dropped, counts.finished) == (0, 5, False)
     assert "No space left" in counts.fault

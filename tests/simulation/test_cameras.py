@@ -81,6 +81,7 @@ def test_overrides_change_one_camera_only():
             ListedCameras(kind="list", cameras=(PlacedCamera(name="a", position_m=(0, 0, 1.0), look_at_m=(0, 0, 1.0)),)),
             "camera a: look_at_m is its own position",
         ),
+        (RingCameras(kind="ring", count=2, radius_m=1e308), "camera cam00: expected a position within 1e.06 m of look_at_m"),
     ],
 )
 def test_impossible_cameras_are_refused(settings, message):

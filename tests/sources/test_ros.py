@@ -4,6 +4,7 @@ import os
 import sys
 import textwrap
 import threading
+from contextlib import nullcontext
 from itertools import islice, takewhile
 
 import numpy as np
@@ -12,9 +13,11 @@ from running import Running
 
 pytest.importorskip("cyclonedds", reason="the extra `ros` is not installed")
 
-from posefuse.core import SourceError
+from posefuse.core import Frame, SourceError
 from posefuse.evaluation.contracts import check_source
-from posefuse.sources.ros import RosConfig
+from posefuse.messages.camera_messages import IMAGE_TYPE
+from posefuse.messages.topics import Topic
+from posefuse.sources.ros import RosConfig, RosSource
 
 DOMAIN = 100 + os.getpid() % 130
 SENDER = textwrap.dedent(
@@ -114,3 +117,14 @@ def test_two_topics_in_one_process(sender):
     assert next(one.frames()).size_wh == next(two.frames()).size_wh
     one.close()
     two.close()
+
+
+def test_an_overtaken_image_is_refused_and_a_clock_that_was_set_back_costs_none():
+    source = object.__new__(RosSource)
+    source._newest_ns, source._topic, source.size_wh = 100_000_000_000, Topic("/cam/image_raw", IMAGE_TYPE), (4, 3)
+    image = np.zeros((3, 4, 3), np.uint8)
+    for late_s, taken in ((0.0, False), (0.5, False), (5.0, True)):
+        t_ns = source._newest_ns - round(late_s * 1e9)
+        frame = Frame(camera="cam02", seq=1, t_ns=t_ns, received_ns=t_ns, image=image)
+        with nullcontext() if taken else pytest.raises(SourceError, match="not newer"):
+            source._check(frame)

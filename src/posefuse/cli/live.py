@@ -28,11 +28,12 @@ from posefuse.realtime.networks import fetch_networks
 from posefuse.realtime.output_plan import OutputPlan
 from posefuse.realtime.ros_cameras import rig_with_camera_infos
 from posefuse.realtime.session import run_live
+from posefuse.realtime.video_keeping import read_counts
 
 from .live_report import PAGE_FILE, live_session_figures, show_live_figures, write_latency_report
 from .stopping import session_exit_code
 from .terminal import Terminal
-from .videos import kept_videos, video_figures
+from .videos import check_videos_folder, kept_videos, video_figures
 
 
 def run_session(
@@ -63,7 +64,7 @@ def run_session(
     duration_s = run_options(timing).duration_s
     with kept_videos(videos, rig, inputs) as folder:
         done = run_live(rig, inputs, config, plan, duration_s, terminal.note, videos=folder)
-        kept = video_figures(folder, inputs) if folder else {}
+        kept = video_figures(read_counts(folder, [entry.camera for entry in inputs])) if folder else {}
         failed = done.outputs_failed or any(one["fault"] for one in kept.values())
         figures = {
             **live_session_figures(done),
@@ -82,7 +83,7 @@ def run_session(
 
 def _check_videos(folder: Path, record: Path | None) -> None:
     """Raise InputError unless the videos of a session can go to `folder`, and its recording not into it."""
-    check_replaceable(folder, command="live", replace=False)
+    check_videos_folder(folder, command="live")
     if record is not None and real_path(folder) in (real_path(record), *real_path(record).parents):
         raise InputError(f"--record {record}: is, or lies in, the folder of --videos; choose another place for one of them")
 

@@ -41,11 +41,17 @@ def _run(invocation: Invocation, requests: StopRequests) -> int:
     try:
         # imports numpy and more: Ctrl-C meanwhile is one line, too
         from posefuse.core import PosefuseError
+        from posefuse.foundation.atomic import is_disk_full
 
         try:
             interrupted, code = _command(invocation)
         except PosefuseError as error:
             print("\n".join((f"{name}: {error}", *getattr(error, "__notes__", ()))), file=sys.stderr)
+            return 1
+        except OSError as error:
+            if not is_disk_full(error):
+                raise
+            print(f"{name}: {error.filename or 'the output'}: cannot be written ({error.strerror})", file=sys.stderr)
             return 1
     except KeyboardInterrupt:
         return _stopped(name, requests)

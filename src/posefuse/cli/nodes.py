@@ -29,6 +29,7 @@ from posefuse.realtime.provenance import notes_of
 from posefuse.realtime.ros_cameras import rig_with_camera_infos
 from posefuse.realtime.session import group_plans, new_board, run_session, stop_requests
 from posefuse.realtime.session_plan import SessionPlan
+from posefuse.realtime.speaking import never_waiting
 
 from .live import effective_live_config, fetch_chosen, how_it_ended, output_configs, run_options, session_rig, settled_inputs
 from .live_report import live_session_figures, show_live_figures, write_latency_report
@@ -106,10 +107,11 @@ def fusion_node(
     plan = OutputPlan(
         rig=rig, clock=clock, rate_hz=config.rate_hz, configs=configs, notes=notes_of(rig, config), names=config.names
     )
-    views = NetworkViews(NetworkIntake(rig, network, clock), config, duration_s, terminal.note)
     whole = SessionPlan(outputs=plan, config=config, duration_s=duration_s, remote=True)
     terminal.note(f"waiting for views of {', '.join(rig.names)} in domain {network.domain_id}")
-    done = run_session(whole, lambda board: views, terminal.note)
+    with never_waiting(terminal.note) as say:
+        views = NetworkViews(NetworkIntake(rig, network, clock), config, duration_s, say)
+        done = run_session(whole, lambda board: views, say)
     counts, senders = views.intake.views.intake.counts, views.intake.views.senders
     figures = {
         **live_session_figures(done),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,6 @@ from posefuse.cli.options.shared import Ros2Options
 from posefuse.core import SourceError
 from posefuse.formats.rig import read_rig
 from posefuse.foundation.output_file import check_output_file
-from posefuse.foundation.output_folder import check_replaceable
 from posefuse.outputs.rerun_scene import SPAWN
 from posefuse.realtime.camera_feed import CameraFeed
 from posefuse.realtime.frame_view import frame_view
@@ -20,21 +19,26 @@ from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.realtime.record_view import RecordView
 from posefuse.realtime.recorder import CameraNews, record
 from posefuse.realtime.session import stop_requests
+from posefuse.realtime.video_keeping import read_counts
 
 from .stopping import session_exit_code
 from .terminal import Terminal
-from .videos import kept_videos, video_figures
+from .videos import check_recorded, check_videos_folder, completed_recording, kept_videos, video_figures
 
 _SAY_EVERY = 5
 
 
 def record_session(options: RecordOptions, ros_2: Ros2Options, terminal: Terminal) -> Mapping[str, Any]:
-    """Record until the time is over, the sources end, or Ctrl-C; returns frames, drops and rates by camera."""
+    """Record until the time is over, the sources end, or Ctrl-C; returns frames, losses and rates by camera."""
+    if options.resume:
+        figures = video_figures(completed_recording(options.out))
+        show_videos(figures, terminal)
+        return {"session": str(options.out), "videos": figures, "exit_code": 0}
     rig = None if options.rig is None else read_rig(options.rig)
     inputs = inputs_from_arguments(options.source, rig, ros_2.settings)
     if not inputs:
         raise SourceError("expected a source for at least 1 camera, got none; see --source")
-    check_replaceable(options.out, command="record", replace=False)
+    check_videos_folder(options.out, command="record")
     if options.view_file is not None:
         check_output_file(options.view_file, option="--view-file")
     names = [entry.camera for entry in inputs]
@@ -50,16 +54,28 @@ def record_session(options: RecordOptions, ros_2: Ros2Options, terminal: Termina
             f"recording {', '.join(names)}; " + ("Ctrl-C ends" if options.duration is None else f"{options.duration:g} s")
         )
         record(feed, videos, _reporter(terminal), show, duration_s=options.duration, stopped=stopped)
-        figures = video_figures(videos, inputs)
-        show_videos(figures, terminal)
+        figures = checked_figures(videos, names, stopped, terminal)
     _show_next(options.out, options.rig, terminal)
     by = stopped[0] if stopped else ""
-    failed = any(one["fault"] for one in figures.values())
     return {
         "session": str(options.out),
         "videos": figures,
-        "exit_code": session_exit_code(by, endless=options.duration is None, failed=failed),
+        "exit_code": session_exit_code(by, endless=options.duration is None, failed=any_lost(figures)),
     }
+
+
+def checked_figures(videos: Path, cameras: Sequence[str], stopped: Sequence[str], terminal: Terminal) -> dict[str, Any]:
+    """What was recorded, shown; raises SourceError where that is nothing."""
+    counts = read_counts(videos, cameras)
+    check_recorded(videos, counts, stopped)
+    figures = video_figures(counts)
+    show_videos(figures, terminal)
+    return figures
+
+
+def any_lost(figures: Mapping[str, Mapping[str, Any]]) -> bool:
+    """Whether a frame of any camera is missing."""
+    return any(one["fault"] or one["dropped"] for one in figures.values())
 
 
 def _reporter(terminal: Terminal) -> Callable[[float, tuple[CameraNews, ...]], None]:
@@ -89,8 +105,8 @@ def show_videos(figures: Mapping[str, Mapping[str, Any]], terminal: Terminal) ->
     for name, one in figures.items():
         if one["fault"]:
             terminal.warn(f"{name}: {one['fault']}")
-        elif one["dropped"]:
-            terminal.warn(f"{name}: {one['dropped']} frames were dropped: the disk or the processor is too slow for this rate")
+        for cause, frames in one["lost"].items():
+            terminal.warn(f"{name}: {frames} frames are missing: {cause}")
 
 
 def _show_next(session: Path, rig: Path | None, terminal: Terminal) -> None:

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-from posefuse.foundation.requests_to_end import HANG_UP, REQUESTS_TO_END, Repeats, heeded, without_terminal
+from posefuse.foundation.requests_to_end import HANG_UP, REQUESTS_TO_END, Repeats, heeded, put_off, without_terminal
 
 FAILED_CODE = 1
 INTERRUPTED_CODE = 130
@@ -39,13 +39,17 @@ class StopRequests:
         """What stopped the program, in words."""
         return "Ctrl-C" if self._request is None else self._request.name
 
-    def terminate(self, number: int, frame: FrameType | None) -> None:
-        """Handler of requests to end; raises Terminated."""
+    def end(self, number: int, frame: FrameType | None) -> None:
+        """Handler of requests to end; raises Terminated, after Ctrl-C KeyboardInterrupt."""
         if os.getpid() != self._pid:
             # a forked child has the handler too, and only wants to end
             signal.signal(number, signal.SIG_DFL)
             os.kill(os.getpid(), number)
             return
+        if put_off(number, frame):
+            return
+        if number == signal.SIGINT:
+            raise KeyboardInterrupt
         if self._repeats.repeated(number):
             return
         self._request = signal.Signals(number)
@@ -70,12 +74,15 @@ def session_exit_code(stopped_by: str, *, endless: bool, failed: bool) -> int:
 
 @contextmanager
 def terminate_on_signals() -> Iterator[StopRequests]:
-    """SIGTERM and SIGHUP raise Terminated in the block; outside the main thread, where no handler can be set, nothing changes."""
+    """SIGTERM and SIGHUP raise Terminated in the block, Ctrl-C KeyboardInterrupt, all three only where that can be raised.
+
+    Outside the main thread, where no handler can be set, nothing changes.
+    """
     requests = StopRequests()
     if threading.current_thread() is not threading.main_thread():
         yield requests
         return
-    before = {number: signal.signal(number, requests.terminate) for number in heeded(REQUESTS_TO_END)}
+    before = {number: signal.signal(number, requests.end) for number in heeded((signal.SIGINT, *REQUESTS_TO_END))}
     try:
         yield requests
     finally:

@@ -3,21 +3,43 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+import shutil
+import time
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from posefuse.core import InputError, Rig
+from posefuse.core import InputError, PosefuseError, Rig, SourceError
 from posefuse.formats.kept_video import VIDEOS_FOLDER
 from posefuse.formats.rig import write_rig
-from posefuse.foundation.output_folder import output_folder
+from posefuse.foundation.manifest import MANIFEST_FILE, read_manifest
+from posefuse.foundation.output_folder import check_replaceable, find_unfinished, output_folder
 from posefuse.realtime.capture import LiveInput
-from posefuse.realtime.video_keeping import read_counts
+from posefuse.realtime.video_keeping import KeptCounts, read_counts, write_found_counts
 
 RIG_FILE, RECORDING_FILE = "rig.toml", "recording.toml"
+# a camera that is recorded writes more often
+_IN_USE_S = 3
+_RESUME = "posefuse record --resume --out {}"
+
+
+def check_videos_folder(folder: Path, *, command: str) -> None:
+    """Raise InputError unless videos can go to `folder`: it is free, and no recording of that name waits to be completed."""
+    check_replaceable(folder, command=command, replace=False)
+    if _interrupted(folder):
+        again = _RESUME.format(folder)
+        raise InputError(f"{folder}: a recording of this name was interrupted; `{again}` completes it, or choose another name")
+
+
+def _interrupted(folder: Path) -> list[Path]:
+    return [left for left in find_unfinished(folder) if _written(left / VIDEOS_FOLDER)]
+
+
+def _written(videos: Path) -> list[Path]:
+    return [path for path in sorted(videos.glob("*.mp4")) if path.stat().st_size]
 
 
 @contextmanager
@@ -26,7 +48,7 @@ def kept_videos(
 ) -> Iterator[Path | None]:
     """Where the videos go while the cameras run; complete in `folder` after it, with the rig and facts. None: none are kept.
 
-    A session that is killed leaves what was written in the staging folder next to it.
+    A session that is killed leaves what was written in the staging folder next to it, see `completed_recording`.
 
     Raises:
         InputError: `folder` cannot be used, or cannot be completed; the message names where the videos are.
@@ -40,32 +62,77 @@ def kept_videos(
             write_rig(out.folder / RIG_FILE, rig.only(entry.camera for entry in inputs))
         videos = out.folder / VIDEOS_FOLDER
         videos.mkdir()
-        yield videos
         try:
-            (out.folder / RECORDING_FILE).write_text(_facts(videos, inputs, command, begun), encoding="utf-8")
-        except OSError as error:
-            reason = f"{RECORDING_FILE} cannot be written ({error.strerror})"
-            raise InputError(f"{folder}: {reason}; the videos stay in {videos}") from None
+            yield videos
+        except BaseException as error:
+            if not _written(videos):
+                shutil.rmtree(videos)
+                (out.folder / RIG_FILE).unlink(missing_ok=True)
+            elif isinstance(error, PosefuseError):
+                error.add_note(f"what was recorded until then is kept; `{_RESUME.format(folder)}` completes it")
+            raise
+        kinds = {entry.camera: entry.kind for entry in inputs}
+        _write_facts(folder, out.folder, read_counts(videos, kinds), kinds, command, begun)
 
 
-def _facts(videos: Path, inputs: Sequence[LiveInput], command: str, begun: datetime) -> str:
+def completed_recording(folder: Path) -> dict[str, KeptCounts]:
+    """Complete the videos of a program that was killed while it recorded to `folder`; what each camera's video holds, by name.
+
+    Raises:
+        InputError: there are none, they are still being written, or they cannot be moved to `folder`.
+    """
+    left = _interrupted(folder)
+    if not left:
+        raise InputError(f"{folder}: no recording of this name was interrupted; nothing to resume")
+    staging = left[-1]
+    videos, manifest = staging / VIDEOS_FOLDER, read_manifest(staging)
+    assert manifest is not None
+    made = _written(videos)
+    if any(time.time() - path.stat().st_mtime < _IN_USE_S for path in made):
+        raise InputError(f"{folder}: {staging} was written to within the last {_IN_USE_S} s; is it still being recorded?")
+    begun = datetime.fromtimestamp((staging / MANIFEST_FILE).stat().st_mtime, UTC)
+    with output_folder(folder, command=manifest.command, keep_unfinished=True, unfinished=staging) as out:
+        for path in made:
+            write_found_counts(path)
+        counts = read_counts(videos, [path.stem for path in made])
+        _write_facts(folder, out.folder, counts, {}, manifest.command, begun)
+    return counts
+
+
+def check_recorded(videos: Path, counts: Mapping[str, KeptCounts], stopped: Sequence[str] = ()) -> None:
+    """Where no camera delivered a frame raise SourceError, or KeyboardInterrupt after a request to stop."""
+    if any(one.written or not (videos / f"{name}.json").is_file() for name, one in counts.items()):
+        return
+    if stopped:
+        raise KeyboardInterrupt
+    raise SourceError(f"no frame came from {', '.join(counts)}: nothing was recorded; are the cameras switched on?")
+
+
+def _write_facts(
+    folder: Path, staging: Path, counts: Mapping[str, KeptCounts], kinds: Mapping[str, str], command: str, begun: datetime
+) -> None:
+    try:
+        (staging / RECORDING_FILE).write_text(_facts(counts, kinds, command, begun), encoding="utf-8")
+    except OSError as error:
+        reason = f"{RECORDING_FILE} cannot be written ({error.strerror})"
+        raise InputError(f"{folder}: {reason}; the videos stay in {staging / VIDEOS_FOLDER}") from None
+
+
+def _facts(counts: Mapping[str, KeptCounts], kinds: Mapping[str, str], command: str, begun: datetime) -> str:
     """What was recorded, as TOML."""
     lines = [
         f"# Videos of `posefuse {command}`. The presentation times of all frames are on one clock, which begins shortly after",
         "# `begun`: no clock offsets between the cameras are needed.",
         f'begun = "{begun.isoformat(timespec="milliseconds")}"',
     ]
-    counts = read_counts(videos, [entry.camera for entry in inputs])
-    for entry in inputs:
-        one = counts[entry.camera]
-        values = {"kind": entry.kind, "frames": one.written, "dropped": one.dropped, "rate_hz": round(one.rate_hz, 3),
+    for camera, one in counts.items():
+        values = {"kind": kinds.get(camera, ""), "frames": one.written, "dropped": one.dropped, "rate_hz": round(one.rate_hz, 3),
                   "first_s": round(one.first_s, 6), "longest_gap_s": round(one.longest_gap_s, 6), "kept": one.how,
                   "fault": one.fault}  # fmt: skip
-        lines += ["", f"[cameras.{json.dumps(entry.camera)}]", *(f"{key} = {json.dumps(value)}" for key, value in values.items())]
+        lines += ["", f"[cameras.{json.dumps(camera)}]", *(f"{key} = {json.dumps(value)}" for key, value in values.items())]
     return "\n".join(lines) + "\n"
 
 
-def video_figures(videos: Path, inputs: Sequence[LiveInput]) -> dict[str, Any]:
-    """Frames written and dropped, rate and longest gap, by camera; `videos` as `kept_videos` gives it."""
-    counts = read_counts(videos, [entry.camera for entry in inputs])
-    return {name: {**asdict(one), "rate_hz": one.rate_hz} for name, one in counts.items()}
+def video_figures(counts: Mapping[str, KeptCounts]) -> dict[str, Any]:
+    """Frames written and lost, rate and longest gap, by camera."""
+    return {name: {**asdict(one), "dropped": one.dropped, "rate_hz": one.rate_hz} for name, one in counts.items()}

@@ -6,19 +6,35 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class EncodedImage:
-    """The bytes of one frame in the camera's own encoding; frames come in the order of their times.
+class Packet:
+    """The bytes of one frame, as the stream carries them.
 
     Attributes:
-        codec: its name in FFmpeg, e.g. ``h264``. data: one packet.
-        keyframe: can be decoded alone. number: counts the packets of the stream; others than keyframes need the one before.
-        earlier: (ns before this frame, packet) of frames that were left out since the last one, oldest first.
-        header: an .mp4 without frames that has the stream's parameters; empty where an .mp4 does not take such packets.
+        data: what a decoder takes. keyframe: can be decoded alone. stamp_ns: presentation time on the stream's own clock.
+    """
+
+    data: bytes
+    keyframe: bool
+    stamp_ns: int
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class EncodedFrame:
+    """One frame in the camera's own encoding; frames come in the order of their times, packets in that of decoding.
+
+    Attributes:
+        codec: its name in FFmpeg, e.g. ``h264``. stamp_ns: presentation time on the stream's own clock.
+        packets: all that the decoder was given since the frame before; the frame's own is among these or earlier ones.
+        number: how many packets the stream had before these: where some are missing, the next ones cannot be decoded.
+        reorder_depth: most packets that precede another one and are shown after it; 0 where the orders are the same.
+        earlier: (ns before this frame, frame) of those that were left out since the last one, oldest first.
+        header: an .mp4 without frames that has the stream's parameters.
     """
 
     codec: str
-    data: bytes
-    keyframe: bool
+    stamp_ns: int
+    packets: tuple[Packet, ...]
     number: int
+    reorder_depth: int
     header: bytes
-    earlier: tuple[tuple[int, EncodedImage], ...] = ()
+    earlier: tuple[tuple[int, EncodedFrame], ...] = ()

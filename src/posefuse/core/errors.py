@@ -17,6 +17,10 @@ class InputError(PosefuseError):
     """A file, folder or argument that cannot be used as it is."""
 
 
+class DiskFullError(InputError):
+    """No room to write a file: the disk, or what the user may use of it, is full."""
+
+
 class ConfigError(InputError):
     """A setting that is unknown, of the wrong type or out of range."""
 

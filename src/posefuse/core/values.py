@@ -15,7 +15,7 @@ from numpy.typing import DTypeLike
 
 from .arrays import Array, check_fields, freeze_fields
 from .depth import DepthImage
-from .encoded import EncodedImage
+from .encoded import EncodedFrame
 from .errors import ShapeError
 from .skeleton import Skeleton
 
@@ -92,7 +92,7 @@ class Frame:
     t_ns: int
     received_ns: int
     image: Array
-    encoded: EncodedImage | None = None
+    encoded: EncodedFrame | None = None
     depth: DepthImage | None = None
 
     def __post_init__(self) -> None:

@@ -28,9 +28,9 @@ def write_comparison(
     """
     # its own, unchanged, can be made again at any time: replaced without being asked
     with output_folder(out, command="compare", inputs=inputs, replace=True, warn=warn) as place:
-        write_page(place.folder / PAGE_FILE, comparison_page(a, b, found))
         text = json.dumps(plain(comparison_figures(found)), indent=2) + "\n"
         (place.folder / FIGURES_FILE).write_text(text, encoding="utf-8")
+        write_page(place.folder / PAGE_FILE, comparison_page(a, b, found))
     return [out / PAGE_FILE, out / FIGURES_FILE]
 
 

@@ -84,6 +84,10 @@ def tracks_of(poses: PoseSequence, path: Path, person: int | None = None) -> Tra
     seen = np.isfinite(poses.xyz_world[..., 0]).sum(axis=(0, 2))
     if person is not None and person not in poses.person_id:
         raise InputError(f"{path}: no person {person}; there are: {', '.join(map(str, poses.person_id))}")
+    if not seen.any():
+        raise InputError(
+            f"{path}: no person was found in this recording; was any in view, and did the computer process enough of the images?"
+        )
     n = int(np.argmax(seen)) if person is None else int(np.flatnonzero(poses.person_id == person)[0])
     return named_tracks(path, poses.skeleton.keypoints, poses.t_ns / 1e9, poses.xyz_world[:, n])
 

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import errno
 import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from posefuse.core import InputError
+from posefuse.core import DiskFullError, InputError
 
 _ATTEMPTS = 100
+
+
+def is_disk_full(error: OSError) -> bool:
+    """Whether there was no room to write: on the disk, within a quota, or within the largest size of a file."""
+    return error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 @contextmanager
@@ -20,6 +26,7 @@ def atomic_file(path: Path) -> Iterator[Path]:
 
     Raises:
         InputError: the folder of `path` does not exist or cannot be written to, or `path` is a folder.
+        DiskFullError: there is no room.
     """
     if not path.parent.is_dir():
         raise InputError(f"{path}: cannot be written, there is no folder {path.parent}")
@@ -28,14 +35,21 @@ def atomic_file(path: Path) -> Iterator[Path]:
     try:
         temporary = new_file(path)
     except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+        raise _unwritten(path, error) from None
     try:
         yield temporary
         temporary.replace(path)
-    except PermissionError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+    except OSError as error:
+        if not (is_disk_full(error) or isinstance(error, PermissionError)):
+            raise
+        raise _unwritten(path, error) from None
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _unwritten(path: Path, error: OSError) -> InputError:
+    kind = DiskFullError if is_disk_full(error) else InputError
+    return kind(f"{path}: cannot be written ({error.strerror})")
 
 
 def write_text(path: Path, text: str) -> None:

@@ -33,7 +33,20 @@ class GrowingFolder:
             )
 
     def add(self, paths: Iterable[Path]) -> None:
-        """Note files of this folder as written by posefuse; call it after each is complete."""
+        """Note files of this folder as written by posefuse; call it after each is complete.
+
+        Raises:
+            InputError: the list cannot be written; the files are there, and the earlier list as it was.
+        """
+        try:
+            self._add(paths)
+        except OSError as error:
+            raise InputError(
+                f"{self.folder}: the list of files cannot be written ({error.strerror}); what is complete is kept, and the same "
+                "command continues from there"
+            ) from None
+
+    def _add(self, paths: Iterable[Path]) -> None:
         manifest = read_manifest(self.folder) or Manifest(command=self.command, target=".")
         new = {path.relative_to(self.folder).as_posix() for path in paths}
         earlier = [one for one in manifest.files if one.path not in new and (self.folder / one.path).is_file()]

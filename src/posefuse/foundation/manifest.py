@@ -75,8 +75,11 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
     about = {"format": _FORMAT, "format_version": _FORMAT_VERSION, "posefuse": __version__, **dataclasses.asdict(manifest)}
     about["status"] = _COMPLETE if about.pop("complete") else _UNFINISHED
     new = folder / f"{MANIFEST_FILE}.new"
-    new.write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
-    new.replace(folder / MANIFEST_FILE)
+    try:
+        new.write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
+        new.replace(folder / MANIFEST_FILE)
+    finally:
+        new.unlink(missing_ok=True)
 
 
 def read_manifest(folder: Path) -> Manifest | None:

@@ -13,9 +13,9 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from posefuse.core import InputError
+from posefuse.core import DiskFullError, InputError
 
-from .atomic import new_folder
+from .atomic import is_disk_full, new_folder
 from .manifest import MANIFEST_FILE, Manifest, completed, contents, read_manifest, remove_written, write_manifest
 from .places import check_outside_inputs, check_space, holds_working_folder, name_aside, real_path
 
@@ -56,7 +56,7 @@ def output_folder(
 ) -> Iterator[OutputFolder]:
     """Give a staging folder to fill; it becomes `path` when the block ends well. Everything is checked before the block.
 
-    When the block raises, nothing is left and an older `path` stays as it was.
+    When the block raises, nothing is left, except what was finished when the disk was full; an older `path` stays as it was.
 
     Args:
         command: what makes the results; only results of the same command are replaced.
@@ -65,16 +65,20 @@ def output_folder(
         estimated_bytes: what will be written, compared with the free space.
         keep_unfinished: leave the staging folder when the block raises, if something was written to it; see `find_unfinished`.
         unfinished: a staging folder from `find_unfinished` to continue in, instead of a new one.
-        warn: receives a line about files of a replaced result that are left in place.
+        warn: receives a line about files of a replaced result that are left in place, and about what an earlier run left.
 
     Raises:
         InputError: before the block: `path` cannot be made or written to, overlaps an input, holds results (without
             `replace`) or anything that posefuse did not write; or too little space. After the block: `path` was changed
             meanwhile or cannot be written to; the finished results stay in the staging folder, which the message names.
+        DiskFullError: the block raised this, or an OSError that means the same.
     """
     target = real_path(path)
     check_outside_inputs(path, inputs)
     check_replaceable(path, command=command, replace=replace)
+    if warn is not None and not keep_unfinished:
+        for left in find_unfinished(path):
+            warn(f"{left}: was left by an earlier run that could not be finished; delete it when it is not needed any more")
     made = _make_parents(path, target)
     of_parent = bool(inputs) and all(real_path(one).parent == target.parent for one in inputs)
     manifest = Manifest(command=command, target=str(target), of_parent=of_parent)
@@ -83,10 +87,16 @@ def output_folder(
         check_space(target.parent, estimated_bytes)
         staging = unfinished or _new_staging(path, target, manifest)
         yield OutputFolder(folder=staging, target=target, command=command)
-    except BaseException:
-        if staging is not None and not (keep_unfinished and _holds_work(staging)):
+    except BaseException as error:
+        full = isinstance(error, DiskFullError) or (isinstance(error, OSError) and is_disk_full(error))
+        kept = staging is not None and (keep_unfinished or full) and _holds_work(staging)
+        if staging is not None and not kept:
             shutil.rmtree(staging, ignore_errors=True)
         _remove_empty(made)
+        if full and not (keep_unfinished and isinstance(error, InputError)):
+            reason = error.strerror if isinstance(error, OSError) else error
+            outcome = f"what was finished until then is kept in {staging}" if kept else "nothing was written"
+            raise DiskFullError(f"{path}: no room ({reason}); {outcome}") from None
         raise
     _finish(path, staging, target, manifest, replace, warn)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import _thread
 import math
 import os
 import signal
@@ -17,8 +18,11 @@ HANG_UP: signal.Signals | None = getattr(signal, "SIGHUP", None)
 REQUESTS_TO_END: tuple[signal.Signals, ...] = (signal.SIGTERM, *([] if HANG_UP is None else [HANG_UP]))
 # `timeout` and others send one request to the program and to its group: it arrives twice
 _REPEATED_S = 0.5
+# modules from which C code calls back
+_UNINTERRUPTED = ("llvmlite", "weakref", "_weakrefset")
+_AGAIN_S = 0.02
 # longer than a session takes to end its processes in order
-_GRACE_S = 20.0
+_GRACE_S = 120.0
 
 
 class Repeats:
@@ -34,9 +38,26 @@ class Repeats:
         return now_s - before_s < _REPEATED_S
 
 
+def put_off(number: int, frame: FrameType | None) -> bool:
+    """Whether a signal came while code runs that no exception leaves; it is delivered again soon then.
+
+    LLVM calls Python while it loads compiled kernels, and the interpreter calls destructors: what is raised there is printed and
+    forgotten, and LLVM then runs into a kernel that was not loaded (a segmentation fault).
+    """
+    while frame is not None:
+        if frame.f_code.co_name == "__del__" or frame.f_globals.get("__name__", "").partition(".")[0] in _UNINTERRUPTED:
+            again = threading.Timer(_AGAIN_S, _thread.interrupt_main, (number,))
+            again.daemon = True
+            again.start()
+            return True
+        frame = frame.f_back
+    return False
+
+
 def heeded(numbers: Iterable[signal.Signals]) -> list[signal.Signals]:
-    """Those to handle: `nohup` ignores hang-ups, and that stays so."""
-    return [number for number in numbers if number != HANG_UP or signal.getsignal(number) is not signal.SIG_IGN]
+    """Those to handle: `nohup` ignores hang-ups, a shell Ctrl-C for what it starts in the background, and that stays so."""
+    kept = (HANG_UP, signal.SIGINT)
+    return [number for number in numbers if number not in kept or signal.getsignal(number) is not signal.SIG_IGN]
 
 
 def without_terminal() -> None:

@@ -6,6 +6,7 @@ Messages are kept in the order they were published, so a replay sees what the li
 from __future__ import annotations
 
 import contextlib
+import os
 import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
@@ -69,6 +70,15 @@ class Recorder:
             channel = self._channels[topic.name] = self._register(topic)
         seq = self._counts[topic.name] = self._counts.get(topic.name, -1) + 1
         self._writer.add_message(channel, logged_ns, raw, sent_ns, seq)
+
+    def check_there(self) -> None:
+        """Raise InputError where the file was removed or its disk unplugged: what is written then is lost."""
+        try:
+            if os.path.samestat(os.fstat(self._file.fileno()), self.path.stat()):
+                return
+        except OSError:
+            pass
+        raise InputError(f"{self.path}: the file is gone; its folder was removed, or its disk unplugged")
 
     def note(self, name: str, texts: Mapping[str, str]) -> None:
         """Keep texts under a name, to be found by `read_notes`; before the first message."""

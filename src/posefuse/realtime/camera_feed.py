@@ -14,7 +14,9 @@ from posefuse.health.cameras import CameraState
 
 from .capture import Capture, LiveInput, keeping_packets
 from .clock import SessionClock
-from .video_keeping import VideoKeeper
+from .video_keeping import VideoKeeper, wait_for_videos
+
+_FIRST_S = 30.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +46,9 @@ class CameraFeed:
     def __init__(self, inputs: Sequence[LiveInput], *, rig: Rig | None = None, packets: bool = False) -> None:
         self.cameras = tuple(entry.camera for entry in inputs)
         self._news = threading.Condition()
+        # when the first frames were asked for, and when each camera had delivered one
+        self._begun_s = 0.0
+        self._all_s: float | None = None
         self._captures = [
             Capture(keeping_packets(entry) if packets else entry, None if rig is None else rig[entry.camera], self._news)
             for entry in inputs
@@ -70,6 +75,7 @@ class CameraFeed:
         for capture in self._captures:
             if videos is not None:
                 capture.keep(VideoKeeper(videos, capture.entry.camera))
+        self._begun_s = time.monotonic()
         zero_ns, clock = time.monotonic_ns(), SessionClock.begin()
         for capture in self._captures:
             capture.begin(zero_ns, zero_ns + clock.offset_ns)
@@ -77,8 +83,7 @@ class CameraFeed:
     def close(self) -> None:
         """Close the sources and finish the videos; safe to call twice."""
         captures, self._captures = self._captures, []
-        for capture in captures:
-            capture.close()
+        wait_for_videos([keeper for capture in captures for keeper in capture.close()])
 
     def newest(self) -> list[FedFrame]:
         """What came since the last call, the newest frame of each camera.
@@ -96,6 +101,13 @@ class CameraFeed:
     def states(self) -> tuple[CameraState, ...]:
         """Status of each camera."""
         return tuple(capture.state() for capture in self._captures)
+
+    def seconds(self) -> float:
+        """Since the first frame of the last camera; one that has sent none for half a minute is not waited for."""
+        now_s = time.monotonic()
+        if self._all_s is None and (now_s - self._begun_s > _FIRST_S or all(state.captured for state in self.states())):
+            self._all_s = now_s
+        return 0.0 if self._all_s is None else now_s - self._all_s
 
     @property
     def over(self) -> bool:

@@ -82,6 +82,7 @@ class Capture:
         self, entry: LiveInput, camera: Camera | None, news: threading.Condition, keeper: VideoKeeper | None = None
     ) -> None:
         self.entry, self._camera, self._keeper = entry, camera, keeper
+        self._finishing: list[VideoKeeper] = []
         self._zero_ns = self._session_zero_ns = 0
         self._news = news
         self._newest: Caught | None = None
@@ -106,7 +107,8 @@ class Capture:
             keeper.zero_ns = self._session_zero_ns
         before, self._keeper = self._keeper, keeper
         if before is not None:
-            threading.Thread(target=before.close, name=f"finish {self.entry.camera}", daemon=False).start()
+            before.finish()
+            self._finishing = [*(one for one in self._finishing if one.at_work), before]
 
     def begin(self, zero_ns: int, session_zero_ns: int = 0) -> None:
         """Let frames come; `session_zero_ns`: `zero_ns` on the session's clock: for videos, and sources on it."""
@@ -147,13 +149,13 @@ class Capture:
         """Why its video ended early; empty while all is well, or none is kept."""
         return "" if self._keeper is None else self._keeper.counts().fault
 
-    def close(self) -> None:
-        """Stop without waiting for a source that hangs."""
+    def close(self) -> list[VideoKeeper]:
+        """Stop without waiting for a source that hangs; returns its videos, of which the last ones may not be finished yet."""
         self._stop.set()
         if self._source is not None:
             self._source.close()
-        if self._keeper is not None:
-            self._keeper.close()
+        self.exchange_keeper(None)
+        return self._finishing
 
     def _run(self, zero_ns: int) -> None:
         turn = -1
@@ -164,8 +166,10 @@ class Capture:
                 if self._loop_ns:
                     continue
                 self._state, self._text = "ended", "the source has ended"
-            except (PosefuseError, OSError, RuntimeError, ValueError) as error:
-                self._state, self._text = "lost", str(error)
+            except Exception as error:  # noqa: BLE001 - others' sources may fail in any way; it is reported, not hidden
+                known = isinstance(error, (PosefuseError, OSError))
+                words = str(error) if known else f"{type(error).__name__}: {' '.join(str(error).split())}"
+                self._state, self._text = "lost", words
             if not self.entry.reopen:
                 return
             self._stop.wait(_RETRY_S)
@@ -182,7 +186,9 @@ class Capture:
         """Frames of one showing of the source, which begins `later_ns` after zero."""
         if self._source is None or self.entry.from_zero:
             self._source = self.entry.open(self._camera, zero_ns + later_ns)
-        still, before, seq = 0, None, None
+        still, before = 0, None
+        # others may have counted before they were opened
+        seq = -1 if self.entry.from_zero else None
         try:
             frames = arriving(self._source)
             self._began_s = self._began_s or (zero_ns / 1e9 if self.entry.from_zero else time.monotonic())
@@ -192,12 +198,15 @@ class Capture:
                 now = frame.pixels.fingerprint(SAMPLE_STEP)
                 still = still + 1 if now == before else 0
                 before = now
-                self._missing += max(0, frame.seq - seq - 1) if seq is not None else 0
+                missing = max(0, frame.seq - seq - 1) if seq is not None else 0
+                self._missing += missing
                 seq = frame.seq
                 self._state, self._text = "running", ""
                 # another thread may exchange it
                 if (keeper := self._keeper) is not None:
-                    keeper.offer(frame.frame(), frame.t_ns + later_ns - self._zero_ns)
+                    # those that come with the next one are not missing
+                    keeper.miss(missing - (len(frame.encoded.earlier) if frame.encoded else 0))
+                    keeper.offer(frame.encoded or frame.pixels, frame.t_ns + later_ns - self._zero_ns)
                 self.put(Caught(frame, still, later_ns, wrong))
         finally:
             self._source.close()

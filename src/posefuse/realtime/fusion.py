@@ -106,7 +106,7 @@ class Fusion:
                 self.tick(due_ns, period_ns)
                 # takes up to most of a period: only now can the next output be sure not to wait for it
                 self.tracker.check()
-                self._judge(intake, due_ns)
+                self._judge(intake, due_ns, due_ns + period_ns)
                 behind = (self.clock.now_ns() - due_ns) // period_ns
                 if behind > 1:
                     self.latencies.late_ticks += int(behind) - 1
@@ -193,6 +193,9 @@ class Fusion:
         wait_s = max(0, due_ns - self.clock.now_ns()) / _S
         if not wait_any(channels, wait_s) and channels:
             return
+        self._take_until(intake, due_ns)
+
+    def _take_until(self, intake: LiveIntake, due_ns: int) -> None:
         for message in intake.messages():
             self.take(message)
             # what is left waits in its channel: several views would make the output late
@@ -211,13 +214,12 @@ class Fusion:
         self._last_published = shown
         self.outlets.offer(LiveExpected(pose=shown))
 
-    def _judge(self, intake: LiveIntake, now_ns: int) -> None:
+    def _judge(self, intake: LiveIntake, now_ns: int, until_ns: int) -> None:
         if now_ns - self._judged_ns < _JUDGE_NS:
             return
         self._judged_ns = now_ns
         # processes that died while nothing came are noticed here
-        for message in intake.messages():
-            self.take(message)
+        self._take_until(intake, until_ns)
         if self.watch is not None:
             self.watch.receive()
         self.verdicts = self.monitor.judge(now_ns, intake.troubles(), self.watch.known.ill if self.watch is not None else {})

@@ -30,7 +30,7 @@ from .messages import Centres, Glance, Go, GroupFailed, Ready, SeenView, Status,
 from .preview import preview_jpeg
 from .scheduling import LEAST_EVERY_S, search_slot
 from .searching import SearchSchedule
-from .video_keeping import VideoKeeper
+from .video_keeping import VideoKeeper, wait_for_videos
 
 _STATUS_S = 0.25
 _IDLE_S = 0.05
@@ -74,12 +74,16 @@ def run_group(plan: GroupPlan, channel: Channel, board: Board) -> None:
     """Body of the process; ends on request, or when its receiver has gone."""
     leave_requests_to_parent()
     lower_priority(_NICENESS)
+    group = None
     with contextlib.suppress(ChannelClosed):
         try:
             group = _opened(plan, channel, board)
             group.run()
         except PosefuseError as error:
             channel.send(GroupFailed(plan.group, str(error)), _SEND_S)
+    # also when the session was killed
+    if group is not None:
+        group.finish()
     # a thread that hangs in a driver must not keep the process
     os._exit(0)
 
@@ -99,7 +103,11 @@ class Group:
     def __init__(self, plan: GroupPlan, channel: Channel, board: Board) -> None:
         self._plan, self._channel, self._board = plan, channel, board
         self._news = threading.Condition()
-        self._captures = [Capture(entry, plan.rig[entry.camera], self._news, _keeper(plan, entry)) for entry in plan.inputs]
+        # why there is no video of a camera, empty where there is one or none is wanted
+        self._not_made: dict[str, str] = {}
+        self._captures = [
+            Capture(entry, plan.rig[entry.camera], self._news, self._keeper(plan.videos, entry.camera)) for entry in plan.inputs
+        ]
         for capture in self._captures:
             capture.open()
         self.detector = ChangeableDetector(plan.detector, plan.rig)
@@ -135,16 +143,30 @@ class Group:
                 self._channel.send(Centres(cameras, self.joint_centres()), _SEND_S)
             self._send_status()
             self._look_at_best()
-        for capture in self._captures:
-            capture.close()
+
+    def finish(self) -> None:
+        """Close the sources, and finish the videos as long as they make progress; the status reports that to the session."""
+
+        def report() -> None:
+            with contextlib.suppress(ChannelClosed):
+                self._send_status()
+
+        wait_for_videos([keeper for capture in self._captures for keeper in capture.close()], report)
 
     def _keep_videos(self, folder: Path | None) -> None:
         for capture in self._captures:
-            keeper = None
-            if folder is not None:
-                with contextlib.suppress(InputError):
-                    keeper = VideoKeeper(folder, capture.entry.camera)
-            capture.exchange_keeper(keeper)
+            capture.exchange_keeper(self._keeper(folder, capture.entry.camera))
+
+    def _keeper(self, folder: Path | None, camera: str) -> VideoKeeper | None:
+        """None also where it cannot be made, as in a process that was started again: no video is written over."""
+        self._not_made[camera] = ""
+        if folder is None:
+            return None
+        try:
+            return VideoKeeper(folder, camera)
+        except InputError as error:
+            self._not_made[camera] = str(error)
+            return None
 
     def joint_centres(self) -> JointCentres | None:
         """Offsets of joint centres from what the detector marks; None: they are the same, or not known."""
@@ -277,19 +299,11 @@ class Group:
 
     def _report_video_faults(self) -> None:
         for capture in self._captures:
-            name, fault = capture.entry.camera, capture.video_fault()
+            name = capture.entry.camera
+            fault = self._not_made[name] or capture.video_fault()
             # a report there is no room for is sent again
             if fault != self._video_faults[name] and (not fault or self._channel.send(VideoFailed(name, fault))):
                 self._video_faults[name] = fault
-
-
-def _keeper(plan: GroupPlan, entry: LiveInput) -> VideoKeeper | None:
-    """None also in a process that was started again: its video goes no further, and none is written over."""
-    if plan.videos is None:
-        return None
-    with contextlib.suppress(InputError):
-        return VideoKeeper(plan.videos, entry.camera)
-    return None
 
 
 def _in_session(found: Detections2D, shift_ns: int) -> Detections2D:

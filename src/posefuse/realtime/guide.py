@@ -28,7 +28,7 @@ def guide(
     videos: Path | None = None,
     stopped: Sequence[str] = (),
 ) -> Guidance:
-    """Watch the cameras until enough is covered, the sources end, `duration_s` is over or `stopped` has an entry; close the feed.
+    """Watch until enough is covered, the sources end, `stopped` has an entry, or `duration_s` with all cameras; close the feed.
 
     `report` is called once a second and at the end, `show` with every frame that was looked at. With `videos`, a folder, every
     frame of every camera is kept there.
@@ -38,7 +38,7 @@ def guide(
     """
     detector, state = TargetDetector(target), new_guidance(feed.cameras)
     feed.begin(videos)
-    begin = reported = time.monotonic()
+    reported = time.monotonic()
     while not state.enough and not stopped:
         # asked before the frames are taken, so that the last ones are not lost
         over = feed.over
@@ -48,7 +48,7 @@ def guide(
             state = seen(state, fed.camera, fed.t_ns, corners.xy_img, fed.frame.size_wh)
             show(GuideFrame(fed.camera, fed.t_ns, fed.frame, corners, state))
         now = time.monotonic()
-        if over or (duration_s is not None and now - begin > duration_s):
+        if over or (duration_s is not None and feed.seconds() > duration_s):
             break
         if now - reported >= _REPORT_EVERY_S:
             report(state)

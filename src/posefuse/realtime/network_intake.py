@@ -90,6 +90,8 @@ class NetworkIntake:
         self._centres_reader = self._node.reader(topics.JOINT_CENTRES)
         self._intrinsics = NodeIntrinsics(self._node, rig)
         self._ours, self._theirs = Channel.pair()
+        # of the network, and whether it was reported
+        self._problems: dict[str, bool] = {}
         self._stop = threading.Event()
         self._chosen = threading.Event()
         self._thread = threading.Thread(target=self._run, name="views from the network", daemon=True)
@@ -114,7 +116,9 @@ class NetworkIntake:
     def notices(self) -> list[str]:
         """Why messages are refused, each reason once; and camera nodes that work with other intrinsics."""
         senders, intrinsics = self.views.senders, self._intrinsics
-        found, senders.news, intrinsics.problems = [*senders.news, *intrinsics.problems], [], []
+        new = [problem for problem, said in tuple(self._problems.items()) if not said]
+        self._problems |= dict.fromkeys(new, True)
+        found, senders.news, intrinsics.problems = [*senders.news, *intrinsics.problems, *new], [], []
         return found
 
     def first_skeleton(self, timeout_s: float) -> Skeleton | None:
@@ -132,12 +136,14 @@ class NetworkIntake:
 
     def _run(self) -> None:
         while not self._stop.is_set():
-            if not self._node.wait(_WAIT_S):
-                continue
             try:
-                self._hand_on()
+                if self._node.wait(_WAIT_S):
+                    self._hand_on()
             except ChannelClosed:
                 return
+            except Exception as error:  # noqa: BLE001 - reported; without this thread no view would come any more
+                self._problems.setdefault(f"the network cannot be read ({type(error).__name__}: {error})", False)
+                self._stop.wait(_WAIT_S)
 
     def _hand_on(self) -> None:
         self._intrinsics.receive()

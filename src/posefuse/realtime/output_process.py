@@ -14,12 +14,13 @@ from dataclasses import dataclass, replace
 from posefuse.core import LiveMessage, LiveOutput, LiveOutputConfig, LiveStart, OutputHealth, PosefuseError
 from posefuse.core.live_messages import FAILED, OK
 from posefuse.foundation.channel import Channel, ChannelClosed
+from posefuse.foundation.finishing import wait_while_working
 from posefuse.foundation.platform import lower_priority
 from posefuse.foundation.requests_to_end import leave_requests_to_parent
 
 from .kept_messages import KeptMessages
 
-# a recording writes what is queued; one that has nothing left ends at once
+# at the end an output that has made no progress for so long is given up; one that has nothing left ends at once
 END_S = 5.0
 _QUEUE = 4000
 # what an output that wants the newest may be behind: about 60 ms of poses and detections
@@ -91,18 +92,24 @@ def run_outputs(configs: Mapping[str, LiveOutputConfig], start: LiveStart, chann
     workers: list[Worker] = []
     with contextlib.suppress(ChannelClosed):
         try:
-            workers += [Worker(name, config, start) for name, config in configs.items()]
+            # in a process that was started again each opens when it can, and keeps no other waiting
+            workers += [Worker(name, config, start, open_now=start.part == 1) for name, config in configs.items()]
         except Exception as error:  # noqa: BLE001 - others' outputs may fail in any way; it is reported, not hidden
             channel.send(OutputsFailed(words_of(error, "outputs")), 1.0)
             os._exit(1)
         channel.send(OutputsReady(_health(workers)), 1.0)
         _hand_out(channel, workers)
     # also when the session was killed: files are finished
-    end_s = time.monotonic() + END_S
     for worker in workers:
         worker.finish()
+
+    def report() -> None:
+        with contextlib.suppress(ChannelClosed):
+            channel.send(OutputsHealth(_health(workers)))
+
+    wait_while_working(lambda: [worker.health() for worker in workers if not worker.finished], END_S, report)
     for worker in workers:
-        worker.join(max(0.0, end_s - time.monotonic()))
+        worker.join(0.0)
     with contextlib.suppress(ChannelClosed):
         channel.send(OutputsHealth(_health(workers), final=True), 1.0)
     # a viewer or network that hangs must not keep the process
@@ -212,7 +219,7 @@ class Worker:
         """Wait for the end; one that does not come counts as a failure."""
         self._thread.join(wait_s)
         if self._thread.is_alive():
-            self._fail(f"not finished within {END_S:g} s; what it wrote last may be missing")
+            self._fail(f"not finished, and no progress for {END_S:g} s; what it wrote last may be missing")
 
     def _run(self) -> None:
         while (message := self._queue.get()) is not None:

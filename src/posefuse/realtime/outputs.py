@@ -39,6 +39,7 @@ _HUNG_S = 10.0
 # messages are sent in batches, because each one wakes the other process: longest time and most bytes of a batch, far below what
 # a channel carries at once
 _BUNDLE_S, _BUNDLE_BYTES = 0.05, 1 << 16
+_END_SEND_S = 0.3
 
 
 class OutputProcess:
@@ -114,12 +115,12 @@ class OutputProcess:
         if urgent or now_s - self._bundled_s >= _BUNDLE_S:
             self._send_bundle()
 
-    def _send_bundle(self) -> None:
+    def _send_bundle(self, wait_s: float = 0.0) -> None:
         bundle, self._bundle = self._bundle, []
         if not bundle:
             return
         try:
-            sent = self._ready and self._channel.send(Bundle(bundle))
+            sent = self._ready and self._channel.send(Bundle(bundle), wait_s)
         except ChannelClosed:
             sent = False
             self._died(death_of(self._process))
@@ -156,6 +157,7 @@ class OutputProcess:
             return
         self._plan = replace(self._plan, configs={**self._plan.configs, name: config})
         self.health[name], self._before[name] = OutputHealth(state="opening"), OutputHealth()
+        self._opening.add(name)
         self._change(OutputAdded(name, config, self._plan.start()))
 
     def remove(self, name: str) -> None:
@@ -174,14 +176,19 @@ class OutputProcess:
 
     def close(self) -> None:
         """Let it finish, files first; safe to call twice."""
-        self._send_bundle()
+        self._send_bundle(_END_SEND_S)
         if self._process is None:
             return
         with contextlib.suppress(ChannelClosed):
-            self._channel.send(OutputsEnd(), 0.3)
-            end_s = time.monotonic() + END_S + 0.5
-            while not self._finished and self._channel.wait(max(0.0, end_s - time.monotonic())):
+            asked = False
+            while not self._finished:
+                asked = asked or self._channel.send(OutputsEnd(), _END_SEND_S)
+                # it reports until its files are finished, or make no progress any more
+                if not self._channel.wait(END_S + 0.5):
+                    break
                 self._take(self._channel.receive())
+                if self._process is None:
+                    return
         if self._ready and not self._finished:
             self._count_death("ended before the outputs had finished")
         ended(self._process, 0.5)
@@ -196,6 +203,8 @@ class OutputProcess:
         # it is given all outputs that are open by now
         self._changes: list[OutputAdded | OutputRemoved] = []
         self._ready, self._received_s = False, time.monotonic()
+        # those of which it is not known yet whether they can be opened
+        self._opening = set(self._plan.configs)
 
     def _take(self, message: Any) -> None:
         self._received_s = time.monotonic()
@@ -205,8 +214,7 @@ class OutputProcess:
             self._ready = True
             for kept in self._kept.messages():
                 self._channel.send(kept)
-            goes_on = "continues in {}" if self._deaths else "{}"
-            self._learn({name: replace(health, text=goes_on.format(health.where)) for name, health in message.health.items()})
+            self._learn(message.health)
         elif isinstance(message, OutputsHealth):
             self._retry_s = _FIRST_RETRY_S
             self._finished = message.final
@@ -216,8 +224,10 @@ class OutputProcess:
 
     def _learn(self, health: Mapping[str, OutputHealth]) -> None:
         for name, now in health.items():
-            if name not in self.health:
+            if name not in self.health or (name in self._opening and now.state == "opening"):
                 continue
+            first = name in self._opening
+            self._opening.discard(name)
             known, before = self.health[name], self._before[name]
             new = replace(
                 now,
@@ -229,7 +239,10 @@ class OutputProcess:
             self.health[name] = new
             if new.failures > known.failures and new.state == OK:
                 self._event(name, FAILED, new.fault)
-            if (new.state, new.failures) != (known.state, known.failures) and (known.state, new.state) != ("opening", OK):
+            if first and new.state == OK:
+                new = self.health[name] = replace(new, text=new.text or new.where)
+            changed = first or (new.state, new.failures) != (known.state, known.failures)
+            if changed and (known.state, new.state) != ("opening", OK):
                 self._event(name, new.state, new.text)
 
     def _died(self, why: str) -> None:

@@ -89,6 +89,8 @@ class Groups:
         self._board = board
         self._go: Go | None = None
         self._first = 0
+        # whether there may be any to finish at the end
+        self._videos = any(plan.videos is not None for plan in plans)
         self._members = [_Member(plan, *self._start(plan)) for plan in plans]
 
     def __enter__(self) -> Self:
@@ -177,7 +179,9 @@ class Groups:
     def control(self, request: ShowImages | KeepVideos) -> None:
         """Change what the groups give besides views; one that is started again knows it, but continues with no video."""
         for member in self._members:
-            if isinstance(request, ShowImages):
+            if isinstance(request, KeepVideos):
+                self._videos = self._videos or request.folder is not None
+            else:
                 member.plan = replace(member.plan, preview_hz=request.rate_hz)
             with contextlib.suppress(ChannelClosed):
                 member.channel.send(request, 0.1)
@@ -191,10 +195,13 @@ class Groups:
         for member in self._members:
             with contextlib.suppress(ChannelClosed):
                 member.channel.send(Stop(), 0.1)
-        videos = any(member.plan.videos is not None for member in self._members)
-        end_s = time.monotonic() + _LEAVE_S + videos * FINISH_S
         for member in self._members:
-            ended(member.process, max(0.0, end_s - time.monotonic()))
+            with contextlib.suppress(ChannelClosed):
+                # it reports its status until its videos are finished
+                while member.channel.wait(FINISH_S if self._videos else _LEAVE_S):
+                    if isinstance(member.channel.receive(), Status):
+                        member.channel.send(Stop())
+            ended(member.process, _LEAVE_S)
             member.channel.close()
         self._members = []
 

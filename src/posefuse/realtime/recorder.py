@@ -49,7 +49,7 @@ def record(
     duration_s: float | None = None,
     stopped: Sequence[str] = (),
 ) -> None:
-    """Keep every frame until the sources end, `duration_s` is over or `stopped` has an entry; closes the feed.
+    """Keep every frame until the sources end, `stopped` has an entry, or for `duration_s` with all cameras; closes the feed.
 
     Args:
         feed: open cameras that have not begun. videos: an existing folder.
@@ -69,7 +69,7 @@ def record(
             exposures[feed.cameras[fed.camera]] = exposure_warning(fed.frame.image)
             show(fed)
         now = time.monotonic()
-        if over or (duration_s is not None and now - begin >= duration_s):
+        if over or (duration_s is not None and feed.seconds() >= duration_s):
             break
         if now - before >= _REPORT_EVERY_S:
             states = feed.states()

@@ -15,7 +15,7 @@ import numpy as np
 from posefuse.core import JointCentres, LiveNames, LivePose, LivePreview, Pose3D, Rig, Skeleton, SourceError
 from posefuse.foundation.compiled import compiling
 from posefuse.foundation.platform import punctual, usable_cores
-from posefuse.foundation.requests_to_end import HANG_UP, REQUESTS_TO_END, Repeats, heeded, without_terminal
+from posefuse.foundation.requests_to_end import HANG_UP, REQUESTS_TO_END, Repeats, heeded, put_off, without_terminal
 from posefuse.kinematics import JointTracker
 from posefuse.kinematics.body import FEWEST_SEEN
 from posefuse.tracking import at_joint_centres
@@ -42,6 +42,7 @@ from .provenance import notes_of
 from .rig_watch import watching
 from .scheduling import expected_gain
 from .session_plan import Finished, SessionPlan, SessionViews
+from .speaking import never_waiting
 
 LEAST_CAMERAS = 2
 # a second: until then every kernel of the tracker has been used
@@ -70,12 +71,13 @@ def run_live(
     if len(inputs) < LEAST_CAMERAS:
         raise SourceError(f"expected sources for at least {LEAST_CAMERAS} cameras, got {len(inputs)}; see --source")
     rig = rig.only(entry.camera for entry in inputs)
-    detector, chooser = settled_network(config.detector, len(inputs), say)
-    config = replace(config, detector=detector)
-    plan = replace(plan, rig=rig, rate_hz=config.rate_hz, notes=notes_of(rig, config), names=config.names)
-    plans = group_plans(rig, inputs, config, plan, videos)
-    whole = SessionPlan(outputs=plan, config=config, duration_s=duration_s, remote=False)
-    return run_session(whole, lambda board: GroupViews(plans, board, chooser, say), say, controls)
+    with never_waiting(say) as say_soon:
+        detector, chooser = settled_network(config.detector, len(inputs), say_soon)
+        config = replace(config, detector=detector)
+        plan = replace(plan, rig=rig, rate_hz=config.rate_hz, notes=notes_of(rig, config), names=config.names)
+        plans = group_plans(rig, inputs, config, plan, videos)
+        whole = SessionPlan(outputs=plan, config=config, duration_s=duration_s, remote=False)
+        return run_session(whole, lambda board: GroupViews(plans, board, chooser, say_soon), say_soon, controls)
 
 
 def run_session(
@@ -273,7 +275,7 @@ def stop_requests() -> Iterator[list[str]]:
     repeats = Repeats()
 
     def note(number: int, frame: Any) -> None:
-        if repeats.repeated(number):
+        if put_off(number, frame) or repeats.repeated(number):
             return
         if stopped:
             raise KeyboardInterrupt

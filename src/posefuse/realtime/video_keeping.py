@@ -6,20 +6,29 @@ import contextlib
 import json
 import queue
 import threading
-from collections.abc import Iterable
-from dataclasses import asdict, dataclass, fields, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 
-from posefuse.core import Frame, InputError, PosefuseError
+from posefuse.core import InputError, SourceError
+from posefuse.core.encoded import EncodedFrame
 from posefuse.formats.kept_video import KeptVideo
+from posefuse.formats.pixels import Pixels
+from posefuse.foundation.atomic import write_text
+from posefuse.foundation.finishing import wait_while_working
 from posefuse.foundation.platform import lower_thread_priority
+from posefuse.sources.video import VideoConfig
 
-# about a third of a second of a fast camera; images of 640 x 480 px take 30 MB
-_QUEUE = 32
+# of frames that wait for the disk: half a second of images of 1920 x 1080 px, a minute of packets
+_ROOM_BYTES = 1 << 27
 # threads that encode give way to those that track, by so many steps
 _NICENESS = 5
-# what is queued at the end is written within this time
+# at the end a video that has made no progress for so long is given up
 FINISH_S = 5.0
+_SLOW = "the disk or the processor is too slow for this rate"
+_MISSING = "the source did not deliver them: the computer is too busy, or the connection too slow"
+_NO_PACKET = "the stream has no packets of theirs"
+_NOTHING = "no frame came, or none that a video can begin with"
 
 
 @dataclass(frozen=True)
@@ -27,13 +36,14 @@ class KeptCounts:
     """The result of one camera's video.
 
     Attributes:
-        written, dropped: frames. how: ``copied`` (the camera's own packets) or ``encoded``. fault: why it ended early.
-        finished: the file was closed. first_s, last_s: times of the first and the last frame written, from the session's zero.
+        written: frames. lost: those that are not in it, by cause. how: ``copied`` (the camera's own packets) or ``encoded``.
+        fault: why it ended early, or holds nothing. finished: the file was closed.
+        first_s, last_s: times of the first and the last frame written, from the session's zero.
         longest_gap_s: longest time between two frames written in a row. zero_ns: the session's zero on its clock.
     """
 
     written: int = 0
-    dropped: int = 0
+    lost: Mapping[str, int] = field(default_factory=dict)
     how: str = ""
     fault: str = ""
     finished: bool = False
@@ -41,6 +51,11 @@ class KeptCounts:
     last_s: float = 0.0
     longest_gap_s: float = 0.0
     zero_ns: int = 0
+
+    @property
+    def dropped(self) -> int:
+        """Frames that are not in the video."""
+        return sum(self.lost.values())
 
     @property
     def rate_hz(self) -> float:
@@ -57,6 +72,15 @@ class KeptCounts:
             last_s=t_s,
             longest_gap_s=max(self.longest_gap_s, gap_s),
         )
+
+    def with_lost(self, frames: int, cause: str) -> KeptCounts:
+        """With so many more that are not in the video."""
+        return replace(self, lost={**self.lost, cause: self.lost.get(cause, 0) + frames}) if frames else self
+
+    def complete(self, frames: int) -> KeptCounts:
+        """At the end, when the video holds so many frames."""
+        known = self.with_lost(max(0, self.written - frames), _NO_PACKET)
+        return replace(known, written=frames, fault=known.fault or ("" if frames else _NOTHING))
 
 
 class VideoKeeper:
@@ -75,64 +99,114 @@ class VideoKeeper:
     def __init__(self, folder: Path, camera: str) -> None:
         self._video = KeptVideo(folder / f"{camera}.mp4")
         self._about = folder / f"{camera}.json"
-        self._queue: queue.Queue[tuple[Frame, int] | None] = queue.Queue(_QUEUE)
-        self._dropped, self._counts = 0, KeptCounts()
+        self._queue: queue.Queue[tuple[Pixels | EncodedFrame, int] | None] = queue.Queue()
+        self._room_bytes, self._room = _ROOM_BYTES, threading.Lock()
+        self._missing = self._no_room = 0
+        self._counts = KeptCounts()
         self.zero_ns = 0
         self._thread = threading.Thread(target=self._run, name=f"video {camera}", daemon=True)
         self._thread.start()
 
-    def offer(self, frame: Frame, t_ns: int) -> None:
+    @property
+    def at_work(self) -> bool:
+        """Whether the file is not finished yet."""
+        return self._thread.is_alive()
+
+    def miss(self, frames: int) -> None:
+        """Count frames that the source did not deliver."""
+        self._missing += frames
+
+    def offer(self, image: Pixels | EncodedFrame, t_ns: int) -> None:
         """A frame of time `t_ns` since the session's zero; dropped and counted where there is no room."""
+        if isinstance(image, EncodedFrame):
+            for before_ns, earlier in image.earlier:
+                self.offer(earlier, t_ns - before_ns)
         if t_ns < 0:
             return
-        try:
-            self._queue.put_nowait((frame, t_ns))
-        except queue.Full:
-            self._dropped += 1
+        if self._take_room(-_bytes_of(image)):
+            self._queue.put((image, t_ns))
+        else:
+            self._no_room += 1
 
     def counts(self) -> KeptCounts:
         """As of now."""
-        return replace(self._counts, dropped=self._counts.dropped + self._dropped, how=self._video.how, zero_ns=self.zero_ns)
+        counts = self._counts.with_lost(self._no_room, _SLOW).with_lost(self._missing, _MISSING)
+        return replace(counts, how=self._video.how, zero_ns=self.zero_ns)
 
-    def close(self, wait_s: float = FINISH_S) -> None:
-        """Write what is queued and finish the file, within `wait_s`."""
-        with contextlib.suppress(queue.Full):
-            self._queue.put(None, timeout=wait_s)
-            self._thread.join(wait_s)
+    def finish(self) -> None:
+        """Write what is queued, then finish the file; does not wait for that."""
+        self._queue.put(None)
+
+    def _take_room(self, change_bytes: int) -> bool:
+        """Whether there is room; one image always fits."""
+        with self._room:
+            if change_bytes < 0 and self._room_bytes + change_bytes < 0 and not self._queue.empty():
+                return False
+            self._room_bytes += change_bytes
+            return True
 
     def _run(self) -> None:
         lower_thread_priority(_NICENESS)
         while (item := self._queue.get()) is not None:
             self._write(*item)
+            self._take_room(_bytes_of(item[0]))
         try:
             self._video.close()
             self._counts = replace(self._counts, finished=not self._counts.fault)
         except InputError as error:
             self._counts = replace(self._counts, fault=self._counts.fault or str(error))
+        self._counts = self._counts.complete(self._video.frames)
         with contextlib.suppress(OSError):
             self._about.write_text(json.dumps(asdict(self.counts())) + "\n", encoding="utf-8")
 
-    def _write(self, frame: Frame, t_ns: int) -> None:
+    def _write(self, image: Pixels | EncodedFrame, t_ns: int) -> None:
         counts = self._counts
         if counts.fault:
-            self._counts = replace(counts, dropped=counts.dropped + 1)
+            self._counts = counts.with_lost(1, counts.fault)
             return
         try:
-            good = self._video.write(frame, t_ns)
-        except (PosefuseError, ValueError) as error:
-            self._counts = replace(counts, fault=str(error), dropped=counts.dropped + 1)
+            problem = self._video.write(image, t_ns)
+        except Exception as error:  # noqa: BLE001 - a thread that ended would lose what comes unseen
+            self._counts = replace(counts.with_lost(1, str(error)), fault=str(error))
             return
-        self._counts = counts.with_frame(t_ns / 1e9) if good else replace(counts, dropped=counts.dropped + 1)
+        if not problem:
+            self._counts = counts.with_frame(t_ns / 1e9)
+        elif counts.written:
+            self._counts = counts.with_lost(1, problem)
+
+
+def _bytes_of(image: Pixels | EncodedFrame) -> int:
+    if isinstance(image, EncodedFrame):
+        return sum(len(packet.data) for packet in image.packets)
+    return 3 * image.size_wh[0] * image.size_wh[1]
+
+
+def wait_for_videos(keepers: Sequence[VideoKeeper], tell: Callable[[], None] = lambda: None) -> None:
+    """Wait until these are finished, as long as any of them makes progress; `tell` is called several times a second."""
+    wait_while_working(lambda: [keeper.counts() for keeper in keepers if keeper.at_work], FINISH_S, tell)
 
 
 def read_counts(folder: Path, cameras: Iterable[str]) -> dict[str, KeptCounts]:
     """What the keepers of these cameras counted, by name; where none was written, that the video was not finished."""
-    found = {}
+    return {camera: _counts_of(folder / f"{camera}.json") for camera in cameras}
+
+
+def _counts_of(about: Path) -> KeptCounts:
     known = {field.name for field in fields(KeptCounts)}
-    for camera in cameras:
-        try:
-            content = json.loads((folder / f"{camera}.json").read_text(encoding="utf-8"))
-            found[camera] = KeptCounts(**{name: value for name, value in content.items() if name in known})
-        except (OSError, ValueError):
-            found[camera] = KeptCounts(fault="was not finished: its process ended, or the disk was full")
-    return found
+    try:
+        content = json.loads(about.read_text(encoding="utf-8"))
+        return KeptCounts(**{name: value for name, value in content.items() if name in known})
+    except (OSError, ValueError):
+        return KeptCounts(fault="was not finished: its process ended, or the disk was full")
+
+
+def write_found_counts(video: Path) -> None:
+    """Count what a video holds whose keeper was killed, and note it as the keeper would have; raises InputError."""
+    about = video.with_suffix(".json")
+    if about.is_file():
+        return
+    counts = KeptCounts(fault="its program ended early")
+    with contextlib.suppress(SourceError):
+        for t_ns in VideoConfig(video, video.stem).build().times_ns().tolist():
+            counts = counts.with_frame(t_ns / 1e9)
+    write_text(about, json.dumps(asdict(counts)) + "\n")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import field, replace
 from typing import Annotated, Literal
 
@@ -20,6 +21,7 @@ Point = tuple[float, float, float]
 Row = tuple[float, float, float]
 _UP = np.array([0.0, 0.0, 1.0])
 _SQUARE_LEAST = 1e-6
+_FARTHEST_M = 1e6
 # the largest side of a framebuffer in common OpenGL drivers; what the driver here allows is checked before rendering
 MOST_SIDE_PX = 16_384
 # each camera is a video to render and a view to solve for: no room has more
@@ -231,11 +233,12 @@ def looking_at(centre: Array, point: Array, roll_rad: float = 0.0) -> SE3:
 
     roll_rad: turn about the viewing direction, clockwise as seen from behind the camera.
     """
-    forward = point - centre
-    distance = np.linalg.norm(forward)
+    distance = math.dist(centre, point)
     if distance < _SQUARE_LEAST:
         raise ConfigError(f"look_at_m is its own position {tuple(centre.tolist())}; give another point")
-    forward = forward / distance
+    if not distance < _FARTHEST_M:
+        raise ConfigError(f"expected a position within {_FARTHEST_M:g} m of look_at_m, got {tuple(centre.tolist())}")
+    forward = (point - centre) / distance
     # straight up or down has no horizon: take world y as the top of the image
     reference = _UP if np.linalg.norm(np.cross(forward, _UP)) > _SQUARE_LEAST else np.array([0.0, 1.0, 0.0])
     right = np.cross(forward, reference)

@@ -8,7 +8,7 @@ from typing import Protocol, runtime_checkable
 
 from posefuse.core import Frame, Source
 from posefuse.core.depth import DepthImage
-from posefuse.core.encoded import EncodedImage
+from posefuse.core.encoded import EncodedFrame
 from posefuse.formats.pixels import Pixels, RgbPixels
 
 
@@ -21,7 +21,7 @@ class Arrived:
     t_ns: int
     received_ns: int
     pixels: Pixels
-    encoded: EncodedImage | None = None
+    encoded: EncodedFrame | None = None
     depth: DepthImage | None = None
 
     @classmethod

@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import io
-from collections import deque
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
 import av
 
-from posefuse.core.encoded import EncodedImage
+from posefuse.core.encoded import EncodedFrame, Packet
 
 from .arriving import Arrived
 
 # codecs whose packets are written to an .mp4 unchanged
-_COPIED_CODECS = ("h264", "hevc", "mjpeg", "av1", "mpeg4")
+_COPIED_CODECS = ("h264", "hevc", "mjpeg", "av1")
 # those whose decoder needs its parameters before the first packet
 _NEED_PARAMETERS = ("h264", "hevc", "av1")
-# a decoder that holds back more packets than this reorders them
-_MOST_PENDING = 32
 
 
 def header_of(stream: Any) -> bytes:
@@ -38,47 +36,58 @@ def header_of(stream: Any) -> bytes:
 
 
 class PendingPackets:
-    """Packets that were given to a decoder, until their frame comes out; only of streams without reordering."""
+    """Packets that were given to a decoder since its last frame; of a stream without presentation times none."""
 
     def __init__(self, stream: Any) -> None:
-        self._codec, self._header = stream.codec_context.name, header_of(stream)
-        self._packets: deque[tuple[int | None, EncodedImage]] = deque()
-        self._reordered, self._count = False, 0
+        self._context, self._header = stream.codec_context, header_of(stream)
+        # network cameras mark where the units of a packet begin; an .mp4 has the length of each
+        self._has_marks = bool(self._header) and (self._context.extradata or b"").startswith(b"\0")
+        self._packets: list[Packet] = []
+        self._number = 0
 
     def add(self, packet: Any) -> None:
         """A packet that is decoded next."""
-        if packet.size and self._header and not self._reordered:
-            encoded = EncodedImage(
-                codec=self._codec, data=bytes(packet), keyframe=packet.is_keyframe, number=self._count, header=self._header
-            )
-            self._count += 1
-            self._packets.append((packet.pts, encoded))
-            self._reordered = len(self._packets) > _MOST_PENDING
+        if packet.size and packet.pts is None:
+            self._header = b""
+        if packet.size and self._header:
+            data = _with_lengths(bytes(packet)) if self._has_marks else bytes(packet)
+            self._packets.append(Packet(data=data, keyframe=packet.is_keyframe, stamp_ns=_stamp_ns(packet)))
 
-    def of(self, frame: Any) -> EncodedImage | None:
-        """The packet of the frame that came out; packets before it gave none. None where packets are not in order of time."""
-        if not self._header:
+    def of(self, frame: Any) -> EncodedFrame | None:
+        """The frame that came out, with what was given to the decoder before it did."""
+        packets, self._packets = tuple(self._packets), []
+        number, self._number = self._number, self._number + len(packets)
+        if not self._header or frame.pts is None:
             return None
-        if self._reordered or all(pts != frame.pts for pts, _ in self._packets):
-            self._packets.clear()
-            self._reordered = True
-            return None
-        while self._packets:
-            pts, encoded = self._packets.popleft()
-            if pts == frame.pts:
-                return encoded
-        return None
+        return EncodedFrame(
+            codec=self._context.name,
+            stamp_ns=_stamp_ns(frame),
+            packets=packets,
+            number=number,
+            reorder_depth=self._context.reorder_depth,
+            header=self._header,
+        )
 
 
-def with_earlier(frame: Arrived, left_out: Sequence[Arrived]) -> EncodedImage | None:
-    """The frame's packet, with those of frames that were left out since the last one."""
+def _with_lengths(data: bytes) -> bytes:
+    """Units of H.264 or HEVC that begin after ``00 00 01``, which does not occur in them, each after its length."""
+    return b"".join(len(unit).to_bytes(4, "big") + unit for unit in re.split(rb"\x00\x00+\x01", data)[1:])
+
+
+def _stamp_ns(timed: Any) -> int:
+    stamp_ns: int = round(timed.pts * timed.time_base * 1_000_000_000)
+    return stamp_ns
+
+
+def with_earlier(frame: Arrived, left_out: Sequence[tuple[int, EncodedFrame | None]]) -> EncodedFrame | None:
+    """The frame as it was encoded, with those that were left out since the last one: their times and what they were."""
     if frame.encoded is None:
         return None
-    earlier = tuple((frame.t_ns - one.t_ns, one.encoded) for one in left_out if one.encoded is not None)
+    earlier = tuple((frame.t_ns - t_ns, encoded) for t_ns, encoded in left_out if encoded is not None)
     return replace(frame.encoded, earlier=earlier)
 
 
-def decoded_with_packets(container: Any, stream: Any, keep_encoded: bool) -> Iterator[tuple[Any, EncodedImage | None]]:
+def decoded_with_packets(container: Any, stream: Any, keep_encoded: bool) -> Iterator[tuple[Any, EncodedFrame | None]]:
     """Frames of a stream as they come, with their packets if `keep_encoded`."""
     pending = PendingPackets(stream) if keep_encoded else None
     for packet in container.demux(stream):

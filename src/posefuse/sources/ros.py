@@ -21,6 +21,8 @@ from .rig_lens import RigLens
 _MAX_BYTES = 2**28
 _DEPTH = 4
 _POLL_S = 0.1
+# an image that is older by more was not overtaken on the way
+_SET_BACK_NS = 1_000_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,7 +125,8 @@ class RosSource:
             yield frame
 
     def _check(self, frame: Frame) -> None:
-        if frame.t_ns <= self._newest_ns:
+        # a clock that was set back gives older times from then on
+        if 0 <= self._newest_ns - frame.t_ns < _SET_BACK_NS:
             raise SourceError(f"topic {self._topic.name}: an image is not newer than the one before it")
         if frame.seq > 0 and frame.size_wh != self.size_wh:
             raise SourceError(f"topic {self._topic.name}: images were {self.size_wh} px, now {frame.size_wh}")

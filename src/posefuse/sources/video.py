@@ -16,7 +16,7 @@ from av.video.stream import VideoStream
 
 from posefuse.core import Frame, SourceError
 from posefuse.core.arrays import Array
-from posefuse.core.encoded import EncodedImage
+from posefuse.core.encoded import EncodedFrame
 from posefuse.formats.pixels import DecodedPixels, PixelConverter
 
 from .arriving import Arrived
@@ -154,7 +154,7 @@ class VideoSource:
 
     def _decoded_frames(
         self, container: av.container.InputContainer, stream: VideoStream
-    ) -> Iterator[tuple[VideoFrame, EncodedImage | None]]:
+    ) -> Iterator[tuple[VideoFrame, EncodedFrame | None]]:
         """Decode packet by packet, so that a broken one costs only itself."""
         in_a_row = 0
         pending = PendingPackets(stream) if self._config.keep_encoded else None

@@ -1,6 +1,7 @@
 """OpenPose folders: orders distinguished, missing stays missing, one clear error for what is broken."""
 
 import json
+import warnings
 
 import numpy as np
 import pytest
@@ -95,6 +96,23 @@ def test_broken_files_are_named(tmp_path):
     write(good, 1, [person("coco17")])
     with pytest.raises(InputError, match=r"expected 25 keypoints \(body_25\), got a person with 17"):
         folder.frame(1, 0)
+
+
+def test_huge_numbers_are_one_line_without_warnings(tmp_path):
+    """10^400 is more than a float holds."""
+    people = [{"pose_keypoints_2d": [10**400, 5, 0.9] * 25}]
+    (tmp_path / "cam_000000000000_keypoints.json").write_text(json.dumps({"people": people}))
+    with warnings.catch_warnings(), pytest.raises(InputError, match=r"expected keypoints within 1e\+06 px of the image, got inf"):
+        warnings.simplefilter("error")
+        read_openpose_folder(tmp_path, "cam")
+
+
+def test_more_people_than_an_image_can_show_are_refused(tmp_path):
+    people = [{"pose_keypoints_2d": [1.0, 5.0, 0.9] * 17}] * 1001
+    (tmp_path / "cam_000000000000_keypoints.json").write_text(json.dumps({"people": people}))
+    frames = read_openpose_folder(tmp_path, "cam")
+    with pytest.raises(InputError, match="2D poses of frame 0: expected at most 1000 people, got 1001"):
+        frames.frame(0, 0)
 
 
 def test_folders_that_cannot_be_are_named(tmp_path):

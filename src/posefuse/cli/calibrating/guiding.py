@@ -9,12 +9,11 @@ from typing import Any
 from posefuse.calibration.targets.guidance import Guidance
 from posefuse.cli.options.calibration import GuideOptions, TargetOptions
 from posefuse.cli.options.shared import Ros2Options
-from posefuse.cli.recording import show_videos
+from posefuse.cli.recording import any_lost, checked_figures
 from posefuse.cli.stopping import session_exit_code
 from posefuse.cli.terminal import Terminal
-from posefuse.cli.videos import kept_videos, video_figures
+from posefuse.cli.videos import check_videos_folder, kept_videos
 from posefuse.formats.rig import read_rig
-from posefuse.foundation.output_folder import check_replaceable
 from posefuse.outputs.rerun_scene import SPAWN
 from posefuse.realtime.camera_feed import CameraFeed
 from posefuse.realtime.frame_view import frame_view
@@ -38,7 +37,7 @@ def guide_at_cameras(target: TargetOptions, options: GuideOptions, ros_2: Ros2Op
 
     check_files((options.intrinsics,), (("--view-file", options.view_file),), force=options.force)
     if options.record is not None:
-        check_replaceable(options.record, command="record", replace=False)
+        check_videos_folder(options.record, command="record")
     kind = target_from_options(target)
     rig = None if options.intrinsics is None else read_rig(options.intrinsics)
     inputs = inputs_from_arguments(options.source, rig, ros_2.settings)
@@ -52,11 +51,10 @@ def guide_at_cameras(target: TargetOptions, options: GuideOptions, ros_2: Ros2Op
         found = guide(feed, kind, report, look, options.duration, videos=videos, stopped=stopped)
         figures = _figures(found)
         if videos is not None:
-            figures["videos"] = video_figures(videos, inputs)
-            show_videos(figures["videos"], terminal)
+            figures["videos"] = checked_figures(videos, [one.camera for one in inputs], stopped, terminal)
     _show_next(target, options, found, terminal)
-    by = stopped[0] if stopped else ""
-    return {**figures, "exit_code": session_exit_code(by, endless=options.duration is None, failed=False)}
+    by, failed = stopped[0] if stopped else "", any_lost(figures.get("videos", {}))
+    return {**figures, "exit_code": session_exit_code(by, endless=options.duration is None, failed=failed)}
 
 
 def _figures(found: Guidance) -> dict[str, Any]:

@@ -35,20 +35,24 @@ def models(
 
     Args:
         names: Names of models (default: those that the default settings need).
-        check: Only verify what is there.
+        check: Only verify what is there; exit code 1 where a network is missing or damaged.
         measure: Measure the installed networks, and name the largest one that processes every frame of so many cameras.
     """
     from posefuse.detection.models import fetch_all, list_cards, model_path, status
     from posefuse.foundation.user_cache import default_cache_dir
 
-    cache_dir = default_cache_dir()
+    cache_dir, wanted = default_cache_dir(), _wanted(names, source)
     if not check:
-        fetch_all(_wanted(names, source), cache_dir, source, terminal.note)
+        fetch_all(wanted, cache_dir, source, terminal.note)
+    absent = [card.name for card in wanted if status(card, cache_dir) != "ready"]
     rows = [(card.name, card.summary, status(card, cache_dir), card.licence) for card in list_cards()]
     terminal.table(f"Models in {cache_dir}", ("model", "for", "state", "licence"), rows)
     paths = [str(model_path(card, cache_dir)) for card in list_cards()]
     keys = ("name", "summary", "state", "licence", "path")
-    figures = {"models": [dict(zip(keys, (*row, path), strict=True)) for row, path in zip(rows, paths, strict=True)]}
+    shown = [dict(zip(keys, (*row, path), strict=True)) for row, path in zip(rows, paths, strict=True)]
+    if absent:
+        terminal.warn(f"missing or damaged: {', '.join(absent)}; `posefuse models` fetches them")
+    figures: dict[str, Any] = {"models": shown, "exit_code": int(bool(absent))}
     return figures | (_measured(round(measure[0]), measure[1], terminal) if measure else {})
 
 

@@ -16,15 +16,15 @@ from .shared import CAMERAS, positive
 class RecordOptions:
     """The cameras, and where their videos go."""
 
-    source: Annotated[
-        tuple[str, ...], Parameter(metavar="CAMERA=KIND:WHERE", help=SOURCE_HELP, group=CAMERAS, required=True)
-    ] = ()
+    source: Annotated[tuple[str, ...], Parameter(metavar="CAMERA=KIND:WHERE", help=SOURCE_HELP, group=CAMERAS)] = ()
     out: Annotated[Path, Parameter(metavar="SESSION")]
     """New folder: videos/CAMERA.mp4 and recording.toml."""
     rig: OptionalFile = None
     """Rig file to put into the session; frames must have its sizes."""
     duration: Annotated[float | None, Parameter(metavar="S"), positive(MOST_S)] = None
-    """Stop after so many seconds; else at Ctrl-C, or when the sources end."""
+    """Stop so many seconds after the first frame of the last camera; else at Ctrl-C, or when the sources end."""
+    resume: bool = False
+    """Complete the recording of SESSION that was interrupted; no cameras are opened."""
     view: bool = False
     """Show the images in the Rerun viewer (extra: viewer)."""
     view_file: Annotated[Path | None, Parameter(metavar="FILE.rrd")] = None

@@ -21,6 +21,8 @@ _SIGMA_OF_DIAGONAL = 0.006
 _LEAST_SIGMA_PX = 0.5
 # no image has so many pixels across; larger numbers are damage, and their squares overflow
 _FARTHEST_PX = 1e6
+# in one image; more are damage, too
+_MOST_PEOPLE = 1000
 UNTRACKED = NO_TRACK
 
 
@@ -79,11 +81,10 @@ class Pose2DFrames:
         if place is None:
             return Detections2D.empty(self.camera, t_ns, self.skeleton)
         people = self.people(place)
-        points = people.points
-        far = points[..., :2][np.abs(np.nan_to_num(points[..., :2], posinf=np.inf)) > _FARTHEST_PX]
-        if len(far):
-            where = f"camera {self.camera}: 2D poses of frame {number}"
-            raise InputError(f"{where}: expected keypoints within {_FARTHEST_PX:g} px of the image, got {far[0]:.3g}")
+        points, where = people.points, f"camera {self.camera}: 2D poses of frame {number}"
+        if len(points) > _MOST_PEOPLE:
+            raise InputError(f"{where}: expected at most {_MOST_PEOPLE} people, got {len(points)}")
+        check_distance(points, where)
         shown = _shown(points)
         return _detections(self.camera, t_ns, self.skeleton, People2D(points[shown], people.track_id[shown]))
 
@@ -104,6 +105,13 @@ def frames_from_mapping(
 def read_json(path: Path) -> Any:
     """A JSON file's content; raises InputError in one line for one that cannot be read."""
     return parse_json(str(path), read_text(path))
+
+
+def check_distance(points: Array, where: str) -> None:
+    """Raise InputError where a keypoint of (..., K, 3) points is farther from the image than any can be."""
+    far = points[..., :2][np.abs(np.nan_to_num(points[..., :2], posinf=np.inf)) > _FARTHEST_PX]
+    if len(far):
+        raise InputError(f"{where}: expected keypoints within {_FARTHEST_PX:g} px of the image, got {far[0]:.3g}")
 
 
 def frame_number(name: str, where: str) -> int:

@@ -12,7 +12,7 @@ from posefuse.core import SKELETONS, InputError, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.foundation.parsing import short
 
-from .frames import People2D, Pose2DFrames, frame_number, read_json
+from .frames import People2D, Pose2DFrames, check_distance, frame_number, read_json
 from .keypoint_sets import BODY_POINTS, in_coco17_order, skeleton_of_count
 
 NAME = "openpose"
@@ -68,6 +68,7 @@ def _skeleton_of(folder: Path, camera: str, paths: tuple[Path, ...]) -> Skeleton
     for path, person in ((file, person) for file in paths for person in _read(file)):
         if len(person) != BODY_POINTS:
             return skeleton_of_count(len(person), str(path))
+        check_distance(person, str(path))
         offsets.extend(_hip_offset(person))
         if len(offsets) >= _ENOUGH_PEOPLE:
             break

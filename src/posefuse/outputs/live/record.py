@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import shutil
+import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
@@ -37,6 +39,8 @@ NOTES = "posefuse_live"
 SUFFIX = ".mcap"
 # a part that ends in its first second again is of no use
 _LEAST_FREE_BYTES = 4 * 2**20
+# so often it is looked whether the file is still there
+_LOOK_S = 1.0
 
 
 _TAKES = (LiveDetections, LivePose, LiveJointCentres, LiveNames, LiveHealth)
@@ -78,12 +82,14 @@ class RecordConfig:
 
     Attributes:
         path: the file, whose name ends in .mcap; must not exist.
+        spare: folder in which recording continues where that of `path` is gone or full; None waits until it can be written.
         images: record the cameras' small images, too, with the 2D keypoints to draw over them.
         sim_time: cameras are stamped in simulated time: with every pose `/clock` is kept, as it was then.
         domain_id, local_only, interface, peers: where `/clock` is, see `Ros2Config`.
     """
 
     path: Path
+    spare: Path | None = None
     images: bool = False
     sim_time: bool = False
     domain_id: Annotated[int, Ge(0), Le(232)] = 0
@@ -119,6 +125,7 @@ class RecordOutput:
         self._chosen: Any = None
         self._clock: Any = None
         self._shown_ns = -_SHOWN_NS
+        self._looked_s = 0.0
         self._views: dict[str, Detections2D] = {}
         # whether the session got as far as a view or a pose
         self._filled = False
@@ -130,6 +137,9 @@ class RecordOutput:
 
     def take(self, message: LiveMessage) -> None:
         """See `LiveOutput`."""
+        if self._recorder is not None and time.monotonic() - self._looked_s > _LOOK_S:
+            self._looked_s = time.monotonic()
+            self._recorder.check_there()
         match message:
             case LiveStart():
                 self._open(message)
@@ -175,15 +185,23 @@ class RecordOutput:
             msg = annotations_of_view(view, preview.size_wh, self._ros.rig[preview.camera].size_wh)
             self._recorder.publish(topics.preview_annotations(preview.camera), msg, preview.t_ns)
 
+    def _part(self, make: Callable[[Path], Any], part: int) -> Any:
+        path, spare = self._config.path, self._config.spare
+        if part == 1:
+            return make(path)
+        try:
+            return make(_with_room(part_path(path, part)))
+        except InputError:
+            if spare is None:
+                raise
+            return make(_with_room(part_path(spare / path.name, part)))
+
     def _open(self, start: LiveStart) -> None:
         from posefuse.messages.bags import Recorder
 
         if self._config.sim_time:
             self._clock = _clock_of(self._config)
-        path = part_path(self._config.path, start.part)
-        if start.part > 1:
-            _check_room(path)
-        self._recorder = Recorder(path)
+        self._recorder = self._part(Recorder, start.part)
         if start.notes:
             self._recorder.note(NOTES, {**start.notes, "part": str(start.part)})
         self._chosen = _Chosen(self._recorder)
@@ -200,10 +218,12 @@ def _clock_of(config: RecordConfig) -> Any:
     return RecordedClock(network)
 
 
-def _check_room(path: Path) -> None:
+def _with_room(path: Path) -> Path:
+    """The path; raises InputError where its disk is full."""
     with contextlib.suppress(FileNotFoundError):
         free = shutil.disk_usage(path.parent).free
         if free < _LEAST_FREE_BYTES:
             raise InputError(
                 f"{path}: the disk is full: {free / 2**20:.1f} MB free, expected {_LEAST_FREE_BYTES / 2**20:g} MB to continue"
             )
+    return path

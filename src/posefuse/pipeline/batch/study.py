@@ -5,11 +5,12 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from posefuse.core import InputError, Progress, silent
+from posefuse.core import DiskFullError, InputError, Progress, silent
 from posefuse.detection.downloading import fetch_networks
 from posefuse.formats.page import write_page
 from posefuse.foundation.atomic import atomic_file, write_text
@@ -94,7 +95,8 @@ def run_study(
         _fetch(open_tasks[0], progress)
     for outcome in _run(open_tasks, jobs, scheduler):
         outcomes[outcome.name] = outcome
-        _write_outcome(folder, outcome)
+        with _naming_what_is_kept():
+            _write_outcome(folder, outcome)
         message = f"{outcome.name}: {'failed: ' + outcome.reason if outcome.reason else f'complete in {outcome.seconds:.0f} s'}"
         progress("trials", len(outcomes), len(tasks), message)
     result = Study(
@@ -103,8 +105,17 @@ def run_study(
         outcomes=tuple(outcomes[trial.name] for trial in trials),
         kept=tuple(sorted(done)),
     )
-    folder.add([_write_table(result), write_page(result.out / PAGE_FILE, study_page(study.resolve().name, result.rows()))])
+    with _naming_what_is_kept():
+        folder.add([_write_table(result), write_page(result.out / PAGE_FILE, study_page(study.resolve().name, result.rows()))])
     return result
+
+
+@contextmanager
+def _naming_what_is_kept() -> Iterator[None]:
+    try:
+        yield
+    except DiskFullError as error:
+        raise DiskFullError(f"{error}; complete trials are kept, and the same command continues with the others") from None
 
 
 def _task(trial: Trial, out: Path, formats: tuple[str, ...], settings: Mapping[str, Any], report: bool) -> Task:

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from posefuse.core import Frame
+from posefuse.core.encoded import EncodedFrame
 from posefuse.sources.arriving import Arrived
 from posefuse.sources.packets import with_earlier
 from posefuse.sources.video import VideoConfig, VideoSource
 
 # decoding takes time, too; the first frame may be this late, because its successor is unknown
 _SLACK_NS, _FIRST_NS = 15_000_000, 100_000_000
+# a computer that is too slow for the file is given a frame late then
+_LONGEST_GAP_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -40,7 +44,7 @@ class PacedVideoConfig:
 
 
 class PacedVideoSource:
-    """Frames of a video file at their times; one that could not be decoded before the next was due is left out."""
+    """Frames of a video file at their times; one that could not be decoded before the next was due may be left out."""
 
     def __init__(self, config: PacedVideoConfig) -> None:
         self._config = config
@@ -57,23 +61,29 @@ class PacedVideoSource:
     def arriving(self) -> Iterator[Arrived]:
         """See `UnconvertedSource`."""
         zero_ns = self._config.zero_ns if self._config.zero_ns is not None else time.monotonic_ns()
-        period_ns, before_ns = _FIRST_NS, None
-        left_out: list[Arrived] = []
+        period_ns, before_ns, given_s = _FIRST_NS, None, time.monotonic()
+        frame: Arrived | None = None
+        left_out: list[tuple[int, EncodedFrame | None]] = []
         for frame in self._video.arriving():
             period_ns = frame.t_ns - before_ns if before_ns is not None else period_ns
             before_ns = frame.t_ns
             now_ns = time.monotonic_ns() - zero_ns
-            if now_ns > frame.t_ns + period_ns + _SLACK_NS:
-                left_out.append(frame)
+            if now_ns > frame.t_ns + period_ns + _SLACK_NS and time.monotonic() - given_s < _LONGEST_GAP_S:
+                left_out.append((frame.t_ns, frame.encoded))
                 continue
             time.sleep(max(0, frame.t_ns - now_ns) / 1e9)
-            encoded = with_earlier(frame, left_out)
+            given_s = time.monotonic()
+            yield _given(frame, left_out, zero_ns)
             left_out = []
-            received_ns = time.monotonic_ns() - zero_ns
-            yield Arrived(
-                camera=self.camera, seq=frame.seq, t_ns=frame.t_ns, received_ns=received_ns, pixels=frame.pixels, encoded=encoded
-            )
+        # there is no other that the packets of the last one could go with
+        if frame is not None and left_out:
+            yield _given(frame, left_out[:-1], zero_ns)
 
     def close(self) -> None:
         """Nothing stays open between calls of `frames`."""
         self._video.close()
+
+
+def _given(frame: Arrived, left_out: Sequence[tuple[int, EncodedFrame | None]], zero_ns: int) -> Arrived:
+    received_ns = time.monotonic_ns() - zero_ns
+    return dataclasses.replace(frame, received_ns=received_ns, encoded=with_earlier(frame, left_out))

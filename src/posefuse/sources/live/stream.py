@@ -25,6 +25,8 @@ from posefuse.sources.arriving import Arrived
 from posefuse.sources.packets import decoded_with_packets
 
 _FOLLOW_NS = 10_000_000_000
+# videos have times in microseconds
+_LEAST_STEP_NS = 1_000
 _OPEN_S, _READ_S = 8.0, 5.0
 _ADVICE = {
     errno.EBUSY: "another program uses it",
@@ -131,13 +133,19 @@ class StampClock:
         self._delay_ns = delay_ns
         self._offsets: deque[tuple[int, int]] = deque()
         self._newest_ns: int | None = None
+        self._stamp_ns = 0
 
     def placed(self, stamp_ns: int | None, arrived_ns: int) -> int:
         """Time of the image: stamp plus least offset minus the known delay; arrival where there is no stamp. Increasing."""
+        if stamp_ns is not None:
+            if stamp_ns < self._stamp_ns:
+                # the camera has set its clock back: offsets from before mean nothing
+                self._offsets.clear()
+            self._stamp_ns = stamp_ns
         t_ns = arrived_ns if stamp_ns is None else stamp_ns + self._offset(arrived_ns - stamp_ns, arrived_ns)
         t_ns -= self._delay_ns
         if self._newest_ns is not None:
-            t_ns = max(t_ns, self._newest_ns + 1)
+            t_ns = max(t_ns, self._newest_ns + _LEAST_STEP_NS)
         self._newest_ns = t_ns
         return t_ns
 
