@@ -8,7 +8,7 @@ from typing import Any
 import httpx
 import pytest
 
-from tools.studio_server import SIZES, free_port, server
+from tools.studio_server import SIZES, cookie, free_port, server
 
 pytestmark = pytest.mark.slow
 LONG = "n" * 200
@@ -124,6 +124,7 @@ def test_a_preset_in_other_words_is_shown(page: Any, lab: tuple[str, Path]) -> N
 
 @pytest.mark.parametrize("name", ["../secret.txt", "x" * 300, "a/" * 3000 + "b", "\0", "", ".posefuse-studio/jobs"])
 def test_a_file_that_is_none_of_the_workspace_is_not_found(lab: tuple[str, Path], name: str) -> None:
+    port = int(lab[0].rpartition(":")[2])
     for kind in ("file", "thumbnail"):
-        answer = httpx.get(f"{lab[0]}/studio/{kind}", params={"name": name}, timeout=60)
+        answer = httpx.get(f"{lab[0]}/studio/{kind}", params={"name": name}, cookies=cookie(port), timeout=60)
         assert answer.status_code == 404

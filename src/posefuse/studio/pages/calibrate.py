@@ -11,11 +11,11 @@ from nicegui import ui
 from posefuse.core import PosefuseError, Rig
 from posefuse.formats.rig import read_rig
 from posefuse.studio.calibrations import Known, Next, Project, Step, known_of, next_step, projects, save_project
-from posefuse.studio.live_link import WATCH
 from posefuse.studio.pages.calibrate_parts import graph_card, lights_table, print_dialog, result_card, say_aloud
 from posefuse.studio.scene.messages import setup_message
 from posefuse.studio.scene.setup import scene_setup
 from posefuse.studio.scene.view import CameraTile, RigScene
+from posefuse.studio.session_messages import WATCH
 from posefuse.studio.setups import DEMO, Setup, save_setup, setup_named, setups
 from posefuse.studio.shell import card, job_line, light, refused, title
 from posefuse.studio.state import Studio

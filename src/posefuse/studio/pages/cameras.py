@@ -10,8 +10,8 @@ from nicegui import ui
 
 from posefuse.core import PosefuseError
 from posefuse.studio.found import Found, found_sources
-from posefuse.studio.live_link import WATCH
 from posefuse.studio.scene.view import CameraTile
+from posefuse.studio.session_messages import WATCH
 from posefuse.studio.setups import DEMO, Setup, delete_setup, save_setup, setup_named, setups
 from posefuse.studio.shell import card, light, refused, title
 from posefuse.studio.state import Studio

@@ -63,7 +63,7 @@ def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any)
                 raise InputError(f"{record}: exists already; choose another name")
             videos = workspace.folder(f"{record}/videos")
         watched = _Watch(feed, detector, record, arguments.get("step") or "extrinsics", bool(arguments.get("lenses")))
-        progress.publish(address=watched.host.address)
+        progress.listens(watched.host.address)
         feed.begin(videos)
         # a user who has seen enough ends it: what was recorded is complete then, too
         with suppress(KeyboardInterrupt):
@@ -147,7 +147,7 @@ class _Watch:
             self._judged_s[fed.camera] = now_s
             self._warnings[name] = exposure_warning(image) or focus_warning(image)
         if self.host.watched and self._paces[fed.camera].due():
-            self.host.publish(("image", name), self._packed(fed, xy))
+            self.host.publish(f"image {name}", self._packed(fed, xy))
 
     def _packed(self, fed: FedFrame, xy: Array) -> bytes:
         size = shrunk_wh(fed.frame.size_wh, _SHOWN_PX)
