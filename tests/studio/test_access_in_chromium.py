@@ -1,4 +1,4 @@
-"""What a browser makes of the rules: the token moves into a cookie, every page works, and a script in it reaches nothing elsewhere."""
+"""What a browser makes of the rules: a token becomes a cookie, pages work, and a script in one reaches nothing elsewhere."""
 
 import socket
 from collections.abc import Iterator

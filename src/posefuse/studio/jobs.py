@@ -22,6 +22,7 @@ from pydantic import TypeAdapter, ValidationError
 from posefuse.core import InputError
 
 from .private_files import SessionAddress, read_address, read_own, write_own
+from .session_messages import WATCH
 from .workspace import STATE_FOLDER, StudioWorkspace
 
 JobState = Literal["starting", "running", "done", "failed", "cancelled", "lost"]
@@ -175,6 +176,13 @@ class Jobs:
         folder = self._folder(job_id)
         if folder.is_dir():
             (folder / "cancel").touch()
+
+    def free_cameras(self) -> None:
+        """End what only looks at cameras, before something else opens them; raises InputError while a calibration is recorded."""
+        for job in self.running(WATCH):
+            if job.arguments.get("record"):
+                raise InputError(f"{job.title}: it needs the cameras; stop it first")
+            self.cancel(job.id)
 
     def log(self, job_id: str, most_bytes: int = 20_000) -> str:
         """The end of what it printed."""

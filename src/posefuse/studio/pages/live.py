@@ -13,7 +13,7 @@ from posefuse.studio.jobs import Jobs
 from posefuse.studio.live_link import LIVE_BODIES
 from posefuse.studio.pages.live_parts import health_line, outputs_card, people_card, record_card
 from posefuse.studio.scene.view import VIEWS, CameraTile, RigScene, ValuePlot
-from posefuse.studio.session_messages import LIVE, WATCH
+from posefuse.studio.session_messages import LIVE
 from posefuse.studio.setups import DEMO, setups
 from posefuse.studio.shell import card, job_line, light, refused, title, words
 from posefuse.studio.state import Studio
@@ -82,10 +82,7 @@ def start_session(jobs: Jobs, title: str, arguments: Mapping[str, Any]) -> None:
     """
     if jobs.running(LIVE):
         raise InputError("a session runs already: this page shows it in a moment")
-    for job in jobs.running(WATCH):
-        if job.arguments.get("record"):
-            raise InputError(f"{job.title}: it needs the cameras; stop it first")
-        jobs.cancel(job.id)
+    jobs.free_cameras()
     jobs.start(LIVE, title, arguments, page="/live")
 
 

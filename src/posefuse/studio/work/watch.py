@@ -78,7 +78,8 @@ def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any)
             "together": state.coverage.together.tolist(),
             "cells": state.coverage.cells.tolist(),
         }
-        write_json(workspace.path(f"{record}/coverage.json"), {"cameras": list(feed.cameras), "enough": enough, **covered})
+        about = {"cameras": list(feed.cameras), "target": target, "enough": enough}
+        write_json(workspace.path(f"{record}/coverage.json"), {**about, **covered})
     return {"record": record, "enough": enough}
 
 
