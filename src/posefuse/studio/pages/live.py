@@ -226,14 +226,17 @@ def _news_card(refreshers: list[Callable[[Mapping[str, Any]], None]]) -> None:
     shown: list[list[str]] = []
 
     def refresh(status: Mapping[str, Any]) -> None:
-        news, no = list(status["news"][-8:]), [line.partition(" ")[2] for line in status["refused"][-3:]]
+        news, no = list(status["news"][-8:]), list(status["refused"])
         if [news, no] == shown:
             return
+        # the card may be below the window
+        for line in [one for one in no if one not in shown[1]] if shown else []:
+            refused(InputError(line.partition(" ")[2]))
         shown[:] = [news, no]
         lines.clear()
         with lines:
-            for line in no:
-                light("bad", line)
+            for line in no[-3:]:
+                light("bad", line.partition(" ")[2])
             for line in reversed(news):
                 ui.label(line).classes("pf-small")
             if not (no or news):

@@ -195,6 +195,8 @@ class _Shown:
                 self._name(int(values["person"]), str(values["text"])[:40])
             elif name == "person":
                 self._person = int(values["person"])
+            # what was refused before has been done now, or is wanted no more
+            self._refused.clear()
         except (PosefuseError, OSError) as error:
             self._refused.append(f"{time.time():.0f} {error}")
 

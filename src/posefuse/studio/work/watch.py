@@ -3,7 +3,7 @@
 Arguments: ``setup`` (a preset) or ``sources`` (by camera name); ``target`` (a target file of the workspace; empty: none);
 ``record`` (a new folder of the workspace for the videos; empty: none); ``step`` of the calibration that it is for;
 ``lenses``: whether they are to come from it, too. It ends when it is cancelled, when its sources end, or, with a target, when
-enough is covered.
+enough is covered. What is neither recorded nor shown on any page gives the cameras free after a while.
 """
 
 from __future__ import annotations
@@ -41,6 +41,8 @@ from posefuse.studio.workspace import StudioWorkspace
 IMAGES_HZ = 15.0
 _JUDGE_S, _REST_S, _IDLE_S = 1.0, 0.005, 0.1
 _FINISH_S = 90.0
+# a page that is loaded again, on a machine that is busy
+_UNSEEN_S = 20.0
 _SHOWN_PX, _QUALITY = 480, 70
 
 
@@ -119,9 +121,13 @@ class _Watch:
         return None if self._sizes_px is None else near_far_of(self._sizes_px)
 
     def run(self, *, stop_when_enough: bool) -> None:
-        """Until the sources end, or enough is covered; an interrupt ends it, too."""
+        """Until the sources end, enough is covered, or no page shows them; an interrupt ends it, too."""
         pace = Pace(status_pace(True))
+        seen_s = time.monotonic()
         while not (stop_when_enough and self.enough):
+            seen_s = time.monotonic() if self.host.watched or self._record else seen_s
+            if time.monotonic() - seen_s > _UNSEEN_S:
+                return
             over = self._feed.over
             self._feed.check()
             for fed in self._feed.newest():
