@@ -250,6 +250,7 @@ def test_each_step_asks_for_what_it_needs_and_no_more() -> None:
         alone = replace(found, together=np.diag(np.diag(found.together)))
         assert enough_for("intrinsics", alone) == ready["intrinsics"] and not enough_for("verify", alone)
         assert "same time" not in advice_for("intrinsics", alone)
+        assert not any("target" in advice_for(step, found) for step in STEPS)
         assert enough_for("verify", replace(found, cells=np.zeros_like(cells))) == ready["verify"]
 
 

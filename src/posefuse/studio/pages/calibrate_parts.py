@@ -123,18 +123,19 @@ def graph(cameras: Sequence[str], together: Sequence[Sequence[int]]) -> None:
 
 
 def _coverage(cells: Mapping[str, Any]) -> None:
-    """A small grid per image: which parts the target has met."""
+    """A small grid per image: which parts the target has met, the more often the stronger."""
     with ui.row().classes("gap-4"):
         for camera, counts in cells.items():
             level = np.clip(np.asarray(counts, float) / _FULL_COUNT, 0, 1)
             rows, columns = level.shape
             boxes = "".join(
-                f'<rect x="{x}" y="{y}" width=".94" height=".94" rx=".12" fill="hsl({120 * level[y, x]:.0f} 60% 50%)"/>'
+                f'<rect x="{x}" y="{y}" width=".94" height=".94" rx=".12" opacity="{0.1 + 0.9 * level[y, x]:.2f}"/>'
                 for y in range(rows)
                 for x in range(columns)
             )
             with ui.column().classes("gap-1"):
-                ui.html(f'<svg viewBox="0 0 {columns} {rows}" width="120" aria-hidden="true">{boxes}</svg>', sanitize=False)
+                drawn = f'<svg viewBox="0 0 {columns} {rows}" width="120" fill="currentColor" aria-hidden="true">{boxes}</svg>'
+                ui.html(drawn, sanitize=False).classes("text-primary")
                 ui.label(f"{camera}: {float((level > 0).mean()):.0%}").classes("pf-small")
 
 
