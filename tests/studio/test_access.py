@@ -1,6 +1,7 @@
 """Tokens, hosts and origins: checked before the application sees a request or a websocket."""
 
 import asyncio
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +26,15 @@ def waits(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """How long wrong tokens were made to wait, s; here they are not."""
     waited: list[float] = []
 
+    waiting = threading.Lock()
+    give_way = asyncio.sleep
+
     async def sleep(seconds: float) -> None:
+        # two that wait at once are two guesses a second
+        assert waiting.acquire(blocking=False)
         waited.append(seconds)
+        await give_way(0)
+        waiting.release()
 
     monkeypatch.setattr(rules.asyncio, "sleep", sleep)
     return waited

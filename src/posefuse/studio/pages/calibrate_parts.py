@@ -44,15 +44,16 @@ def steps_table(project: Project, known: Known, film: Callable[[Step], None], so
     """A row per step: how far it is, what rests on it, and buttons to do it again."""
     with card("Steps"):
         for step in project.steps:
-            with ui.row().classes("items-center gap-3 w-full"):
-                ui.label(TITLES[step]).classes("pf-h2 w-28")
-                one = step_light(step, project, known)
-                light(one.state, one.text)
-                if step in known.recordings:
-                    ui.button("Record again", on_click=partial(film, step)).props("flat dense no-caps")
-                if known.can_solve(step, project):
-                    ui.button("Calculate again", on_click=partial(solve, step)).props("flat dense no-caps")
-            ui.label(RESTS[step]).classes("pf-small")
+            with ui.column().classes("gap-0 w-full"):
+                with ui.row().classes("items-center gap-3 w-full"):
+                    ui.label(TITLES[step]).classes("pf-h2 w-28")
+                    one = step_light(step, project, known)
+                    light(one.state, one.text)
+                    if step in known.recordings or step in known.results:
+                        ui.button("Record again", on_click=partial(film, step)).props("flat dense no-caps")
+                    if step in known.results and known.can_solve(step, project):
+                        ui.button("Calculate again", on_click=partial(solve, step)).props("flat dense no-caps")
+                ui.label(RESTS[step]).classes("pf-small")
 
 
 def result_card(studio: Studio, step: Step, known: Known, folder: str) -> None:
