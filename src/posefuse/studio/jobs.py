@@ -80,6 +80,11 @@ class Report:
         """Of the stage; None where the total is not known."""
         return min(1.0, self.done / self.total) if self.total else None
 
+    @property
+    def without_time(self) -> Report:
+        """What a page shows of it: a button that is replaced every second could not be pressed."""
+        return replace(self, reported_s=0.0)
+
     def advanced(self, stage: str, done: int, total: int | None, message: str = "") -> Report:
         """With one call of `Progress`."""
         news = (*self.news, message)[-_MOST_NEWS:] if message else self.news

@@ -160,7 +160,7 @@ def _jobs_menu(studio: Studio) -> None:
         # sessions have pages of their own, but none may run unseen: where there are two, a page shows one
         jobs = [job for job in studio.jobs.all() if job.work not in (LIVE, WATCH) or not studio.jobs.report(job.id).ended]
         jobs = jobs[:_MOST_JOBS]
-        state: list[object] = [(job.id, studio.jobs.report(job.id)) for job in jobs]
+        state: list[object] = [(job.id, studio.jobs.report(job.id).without_time) for job in jobs]
         if state == shown:
             return
         shown[:] = state

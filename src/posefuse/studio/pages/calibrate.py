@@ -25,7 +25,7 @@ from posefuse.studio.calibrations import (
     projects,
     save_project,
 )
-from posefuse.studio.jobs import Job
+from posefuse.studio.jobs import Job, Report
 from posefuse.studio.pages.calibrate_parts import (
     TITLES,
     graph_card,
@@ -141,6 +141,8 @@ class _Guide:
         self._state: Any = None
         self._sound = False
         self._said = ""
+        self._tiled: dict[str, Any] = {}
+        self._solving: Report | None = None
         self._linked: tuple[list[str], Any] | None = None
 
     def build(self) -> None:
@@ -171,26 +173,28 @@ class _Guide:
         watching = studio.watch.job if studio.watch.job is not None and self._is_mine(studio.watch.job) else None
         solving = next((one for one in studio.jobs.running("calibrate")
                         if one.arguments["folder"] == self._project.folder), None)  # fmt: skip
-        sizes = [one["size_wh"] for one in studio.watch.status.get("cameras", {}).values()]
         other = studio.watch.job if watching is None and solving is None else None
         fault = self._fault() if watching is None and solving is None else ""
-        state = (watching and watching.id, solving and solving.id, other and other.id, fault, known, sizes)
+        state = (watching and watching.id, solving and solving.id, other and other.id, fault, known)
         if state != self._state:
             self._state = state
-            self._rebuild(known, watching is not None, solving)
+            self._rebuild(known, watching, solving)
             with self._bar:
                 if fault:
                     light("bad", fault)
                 if other is not None and other.arguments.get("record"):
                     job_line(studio, other)
+        self._show_tiles(watching is not None)
         if watching is not None and studio.watch.status:
             words = studio.watch.status["words"]
             self._words.set_text(words[:1].upper() + words[1:])
             self._why.set_text(f"recording {studio.watch.status['record']}: {studio.watch.status['seconds']:.0f} s")
-        if solving is not None:
+        report = None if solving is None else studio.jobs.report(solving.id).without_time
+        if solving is not None and report != self._solving:
             self._bar.clear()
             with self._bar:
                 job_line(studio, solving)
+        self._solving = report
         self._show_graph(known, watching is not None)
         if self._sound and self._words.text != self._said:
             say_aloud(self._words.text, good=bool(studio.watch.status.get("enough")) or "verified" in self._words.text)
@@ -207,16 +211,15 @@ class _Guide:
             return ""
         return f"{newest.title}: {report.error}"
 
-    def _rebuild(self, known: Known, watching: bool, solving: Any) -> None:
+    def _rebuild(self, known: Known, watching: Job | None, solving: Job | None) -> None:
         step = next_step(self._project, known)
         self._bar.clear()
-        self._tiles.clear()
-        if watching:
+        if watching is not None:
+            self._words.set_text("Opening the cameras")
+            self._why.set_text("")
             with self._bar:
-                ui.button("Stop recording", icon="stop", on_click=self._stop).props("unelevated no-caps color=negative").classes(
-                    "self-start"
-                )
-            self._watch_tiles()
+                stop = ui.button("Stop recording", icon="stop", on_click=lambda: self._studio.jobs.cancel(watching.id))
+                stop.props("unelevated no-caps color=negative").classes("self-start")
         elif solving is None:
             self._words.set_text(step.words[:1].upper() + step.words[1:])
             self._why.set_text(step.why)
@@ -229,7 +232,7 @@ class _Guide:
             lights_table(self._project, known)
         self._steps.clear()
         with self._steps:
-            if known.recordings and not watching and solving is None:
+            if known.recordings and watching is None and solving is None:
                 steps_table(self._project, known, self._film, self._solve)
         self._show_results(known)
 
@@ -277,10 +280,6 @@ class _Guide:
         except PosefuseError as error:
             refused(error)
 
-    def _stop(self) -> None:
-        if self._studio.watch.job is not None:
-            self._studio.jobs.cancel(self._studio.watch.job.id)
-
     def _solve(self, step: Step) -> None:
         if self._studio.jobs.running("calibrate"):
             # pressed twice
@@ -303,8 +302,16 @@ class _Guide:
         ui.notify(f"{changed.name} uses this rig now", type="positive")
         ui.navigate.to("/live")
 
-    def _watch_tiles(self) -> None:
-        cameras: Mapping[str, Any] = self._studio.watch.status.get("cameras", {})
+    def _show_tiles(self, watching: bool) -> None:
+        """Apart from the buttons: one that is replaced while it is pressed does nothing."""
+        cameras: Mapping[str, Any] = self._studio.watch.status.get("cameras", {}) if watching else {}
+        sizes = {name: one["size_wh"] for name, one in cameras.items()}
+        if sizes == self._tiled:
+            return
+        self._tiled = sizes
+        self._tiles.clear()
+        if not cameras:
+            return
         with self._tiles, card("Covered so far: red is poor, green is rich"), ui.element("div").classes("pf-grid"):
             for number, (name, one) in enumerate(cameras.items()):
                 width, height = one["size_wh"] or (4, 3)
