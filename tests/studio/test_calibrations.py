@@ -63,11 +63,11 @@ def filmed(known: Known, step: Step, recording: str = "one", **seen: Any) -> Kno
     return replace(known, recordings={**known.recordings, step: recording}, coverage={**known.coverage, step: about})
 
 
-def recorded(workspace: StudioWorkspace, step: Step, target: str = "", project: Project | None = None) -> str:
+def recorded(workspace: StudioWorkspace, step: Step, project: Project | None = None, enough: bool = True) -> str:
     """The files of a recording; gives its name."""
     project = project or READY
     name = new_recording(workspace, project, step)
-    seen = {"cameras": ["left"], "covered": [1.0], "linked": [[0.0]], "enough": True, "target": target or project.target(step)}
+    seen = {"cameras": ["left"], "covered": [1.0], "linked": [[0.0]], "enough": enough, "target": project.target(step)}
     write_json(workspace.folder(name) / "coverage.json", seen)
     return name
 
@@ -160,6 +160,20 @@ def test_a_recording_of_another_target_is_not_calculated(tmp_path: Path) -> None
     assert next_step(READY, known_of(workspace, READY, ["left"])).action == "solve"
     other = replace(READY, board="targets/other.toml")
     assert next_step(other, known_of(workspace, other, ["left"])).action == "film"
+
+
+def test_a_recording_that_was_stopped_by_mistake_takes_no_result_away(tmp_path: Path) -> None:
+    workspace = StudioWorkspace(tmp_path)
+    save_project(workspace, READY)
+    for step in STEPS:
+        calculated(workspace, step, recorded(workspace, step))
+        recorded(workspace, step, enough=False)
+    known = known_of(workspace, READY, ["left"])
+    assert next_step(READY, known).action == "use" and known.recordings["verify"].endswith("verify-1")
+    # where there is nothing to lose, it can be used
+    calculated(workspace, "verify", known.recordings["verify"], passed=False)
+    known = known_of(workspace, READY, ["left"])
+    assert known.recordings["verify"].endswith("verify-2") and next_step(READY, known).action == "solve"
 
 
 def test_a_recording_that_was_stopped_early_is_said_to_be() -> None:

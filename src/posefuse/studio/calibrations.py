@@ -248,15 +248,15 @@ def known_of(workspace: StudioWorkspace, project: Project, cameras: Sequence[str
     placed_ns = 0
     for step in _STEPS:
         found = [path for path in folder.glob(f"{step}-*") if (path / _COVERAGE).is_file()]
-        newest = max(found, key=_recorded_ns, default=None)
+        if _whole(result := read_json_or_empty(folder / f"{step}.json")):
+            results[step] = result
+        newest = max((path for path in found if not _too_short(path, results.get(step))), key=_recorded_ns, default=None)
         # when a verification was recorded before the positions, the cameras may have stood elsewhere
         if newest is not None and not (step == "verify" and _recorded_ns(newest) < placed_ns):
             recordings[step], seen = f"{project.folder}/{newest.name}", read_json_or_empty(newest / _COVERAGE)
             coverage[step] = seen if {"cameras", "covered", "linked"} <= seen.keys() else {}
         if newest is not None and step == "extrinsics":
             placed_ns = _recorded_ns(newest)
-        if _whole(result := read_json_or_empty(folder / f"{step}.json")):
-            results[step] = result
     outdated = frozenset(step for step, result in results.items() if result.get("rests_on", "") != rests_on(folder, step))
     return Known(cameras=tuple(cameras), recordings=recordings, coverage=coverage, results=results, outdated=outdated)
 
@@ -277,6 +277,13 @@ def new_recording(workspace: StudioWorkspace, project: Project, step: Step) -> s
 def last_worked_on(workspace: StudioWorkspace, found: Sequence[Project]) -> str:
     """The name of the project whose files changed last; empty where there is none."""
     return max(found, key=lambda one: workspace.path(one.folder).stat().st_mtime_ns).name if found else ""
+
+
+def _too_short(recording: Path, result: Mapping[str, Any] | None) -> bool:
+    """Whether it was stopped too early to take the place of one that has passed; the button may have been pressed by mistake."""
+    if result is None or not result["passed"] or str(result.get("recording")).endswith(f"/{recording.name}"):
+        return False
+    return read_json_or_empty(recording / _COVERAGE).get("enough") is False
 
 
 def _recorded_ns(recording: Path) -> int:

@@ -174,7 +174,7 @@ class _Guide:
         solving = next((one for one in studio.jobs.running("calibrate")
                         if one.arguments["folder"] == self._project.folder), None)  # fmt: skip
         other = studio.watch.job if watching is None and solving is None else None
-        fault = self._fault() if watching is None and solving is None else ""
+        fault = self._fault(known) if watching is None and solving is None else ""
         state = (watching and watching.id, solving and solving.id, other and other.id, fault, known)
         if state != self._state:
             self._state = state
@@ -204,12 +204,15 @@ class _Guide:
         """Whether a recording or a calculation belongs to this project."""
         return self._project.name == job.arguments.get("project") or self._project.folder == job.arguments.get("folder")
 
-    def _fault(self) -> str:
-        """Why the newest recording or calculation did not work; empty where it did, and where the user ended it."""
+    def _fault(self, known: Known) -> str:
+        """Why the newest recording or calculation did not work; empty where it did."""
         newest = next((one for one in self._studio.jobs.all() if one.work in (WATCH, "calibrate") and self._is_mine(one)), None)
-        if newest is None or (report := self._studio.jobs.report(newest.id)).state not in ("failed", "lost"):
+        if newest is None:
             return ""
-        return f"{newest.title}: {report.error}"
+        report, recording = self._studio.jobs.report(newest.id), newest.arguments.get("record")
+        if report.state == "done" and recording and recording not in known.recordings.values():
+            return f"{recording}: stopped before enough was seen; the earlier result stays"
+        return f"{newest.title}: {report.error}" if report.state in ("failed", "lost") else ""
 
     def _rebuild(self, known: Known, watching: Job | None, solving: Job | None) -> None:
         step = next_step(self._project, known)
@@ -238,6 +241,8 @@ class _Guide:
 
     def _buttons(self, step: Next) -> None:
         text, icon = ("Verify", "verified") if (step.action, step.step) == ("solve", "verify") else _BUTTONS[step.action]
+        if step.back:
+            text = f"{TITLES[step.step]}: record again"
         with self._bar, ui.row().classes("gap-3 items-center"):
             ui.button(text, icon=icon, on_click=lambda: self._act(step)).props("unelevated no-caps size=lg")
             if step.action == "solve":
