@@ -104,8 +104,9 @@ def test_videos_of_a_live_session_are_on_the_time_of_its_recording(tmp_path: Pat
     # kept in a folder next to the file
     assert session_with_videos(recording, tmp_path / "recording.mcap") is not None
     # a second solve shows the same images at the same times
-    solved = recording.solve()
-    assert not solved.is_live
+    recording.solve().save(tmp_path / "a-edited")
+    solved = pf.read(tmp_path / "a-edited")
+    assert not solved.is_live and solved.provenance["start_ns"] == recording.provenance["start_ns"]
     with Playback(solved, session_with_videos(solved, tmp_path / "a-edited", tmp_path)) as playback:
         t_ns = int(solved.poses.t_ns[5])
         step = playback.moment(playback.cameras[1], t_ns, 480)

@@ -37,8 +37,7 @@ def cancelled(jobs: Jobs, job: str) -> bool:
 
 def test_start_pressed_twice_starts_one_session(jobs: Jobs) -> None:
     start_session(jobs, "one", {})
-    with pytest.raises(InputError, match="runs already"):
-        start_session(jobs, "two", {})
+    start_session(jobs, "two", {})
     assert [job.title for job in jobs.running(LIVE)] == ["one"] and len(jobs.all()) == 1
 
 

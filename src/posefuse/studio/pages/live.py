@@ -75,13 +75,13 @@ def _start(studio: Studio) -> None:
 
 
 def start_session(jobs: Jobs, title: str, arguments: Mapping[str, Any]) -> None:
-    """Start a live session, unless one runs; cameras that are only looked at are given free.
+    """Start a live session, unless one runs, which the page shows in a moment; cameras that are only looked at are given free.
 
     Raises:
-        InputError: a session runs, or a calibration is being recorded.
+        InputError: a calibration is being recorded.
     """
     if jobs.running(LIVE):
-        raise InputError("a session runs already: this page shows it in a moment")
+        return
     jobs.free_cameras()
     jobs.start(LIVE, title, arguments, page="/live")
 
