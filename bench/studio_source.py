@@ -140,7 +140,6 @@ def _status(names: list[str], lenses: list[Any], people: list[int], t_s: float, 
         "plots": list(plots),
         "latency_p95_ms": float("nan"),
         "recording": None,
-        "begun_s": 0.0,
         "news": [],
         "refused": [],
     }

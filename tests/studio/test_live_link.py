@@ -31,7 +31,7 @@ from posefuse.studio.workspace import StudioWorkspace
 
 STATUS: dict[str, Any] = {
     "cameras": {}, "sizes": {}, "outputs": {}, "wanted": {}, "people": [], "names": {}, "person": None, "plots": [],
-    "latency_p95_ms": 1.0, "recording": None, "begun_s": 0.0, "news": [], "refused": [],
+    "latency_p95_ms": 1.0, "recording": None, "news": [], "refused": [],
 }  # fmt: skip
 
 

@@ -87,17 +87,14 @@ class LiveOutputState:
     text: str
     where: str
     taken: int
-    dropped: int
 
 
 @dataclass(frozen=True, kw_only=True)
 class LiveRecording:
-    """The recording that runs: its folder in the workspace, since when (Unix time), and what is kept."""
+    """The recording that runs: its folder in the workspace, and since when (Unix time)."""
 
     folder: str
     since_s: float
-    poses: bool
-    videos: bool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,7 +111,6 @@ class LiveStatus:
     plots: list[str]
     latency_p95_ms: float
     recording: LiveRecording | None
-    begun_s: float
     news: list[str]
     refused: list[str]
 
@@ -138,8 +134,6 @@ class WatchStatus:
     target: bool
     words: str
     enough: bool
-    covered: list[float]
-    linked: list[list[float]]
     together: list[list[int]]
     record: str
     seconds: float

@@ -165,7 +165,7 @@ class _Shown:
             },
             "sizes": {camera.name: list(camera.size_wh) for camera in self._rig},
             "outputs": {
-                name: {"state": one.state, "text": one.text, "where": one.where, "taken": one.taken, "dropped": one.dropped}
+                name: {"state": one.state, "text": one.text, "where": one.where, "taken": one.taken}
                 for name, one in self._session.outputs.items()
             },
             "wanted": {name: dict(options) for name, options in self._wanted.items()},
@@ -175,7 +175,6 @@ class _Shown:
             "plots": list(self._setup_of[1]) if self._setup_of else [],
             "latency_p95_ms": max(latencies, default=float("nan")),
             "recording": self._recording,
-            "begun_s": self._begun_s,
             "news": self._session.news[-_MOST_NEWS:],
             "refused": list(self._refused[-_MOST_NEWS:]),
         }

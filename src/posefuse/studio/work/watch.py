@@ -180,8 +180,6 @@ class _Watch:
             "target": self._detector is not None,
             "words": advice_for(self._step, covered, self._near_far),
             "enough": self.enough,
-            "covered": self.guidance.covered.tolist(),
-            "linked": self.guidance.linked.tolist(),
             "together": covered.together.tolist(),
             "record": self._record,
             "seconds": time.time() - self._begun_s,
