@@ -34,12 +34,13 @@ from studio_client import QuietPage, quiet_page
 
 from posefuse.messages.bags import read_poses
 from posefuse.studio.jobs import Job, Jobs
+from posefuse.studio.session_messages import packed_request
 from posefuse.studio.setups import DEMO
 from posefuse.studio.workspace import StudioWorkspace
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tools"))
 
-from studio_server import CHROMIUM, GRAPHICS, PATIENCE_S, SIZES, free_port, server, stand_in, until
+from studio_server import CHROMIUM, GRAPHICS, PATIENCE_S, SIZES, TOKEN, cookies, free_port, server, stand_in, until
 
 _CAMERAS, _SETTLE_S, _MEASURE_S, _ROUNDS, _STARTS = 8, 3.0, 12.0, 5, 3
 
@@ -54,6 +55,7 @@ def cpu_s(pid: int) -> float:
 def drawing_page(browser: Browser, base: str) -> Iterator[Page]:
     """A page in Chromium, when its first image is there."""
     page = browser.new_page(viewport={"width": SIZES[""][0], "height": 2000})
+    page.context.add_cookies(cookies())
     page.goto(f"{base}/live")
     page.wait_for_function("window.posefuseDrawn && window.posefuseDrawn.tile > 0", timeout=PATIENCE_S * 1e3)
     yield page
@@ -95,7 +97,7 @@ def measure_pages() -> None:
                 )
 
         print(f"{_CAMERAS} cameras on {os.cpu_count()} cores")
-        measure("page that draws nothing", lambda: quiet_page(base), (0, 1, 2))
+        measure("page that draws nothing", lambda: quiet_page(base, TOKEN), (0, 1, 2))
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=GRAPHICS)
         measure("page in Chromium", lambda: drawing_page(browser, base), (1, 2))
         browser.close()
@@ -111,6 +113,7 @@ def measure_drawing() -> None:
         print(f"{_CAMERAS} cameras on {os.cpu_count()} cores")
         for what, height, style in _VIEWS:
             page = browser.new_page(viewport={"width": SIZES[""][0], "height": height})
+            page.context.add_cookies(cookies())
             page.goto(f"http://127.0.0.1:{port}/live")
             page.wait_for_function("window.posefuseDrawn && window.posefuseDrawn.scene > 5", timeout=PATIENCE_S * 1e3)
             if style:
@@ -165,14 +168,14 @@ def measure_latency(*, chromium: bool) -> None:
         job = started(jobs)
         session.callback(jobs.cancel, job.id)
         session.enter_context(server(workspace.root, port))
-        recorded(jobs.report(job.id).extra["address"])
+        recorded(jobs, job)
         kinds: dict[str, Callable[[], AbstractContextManager[object]]] = {"no page": nullcontext}
         if chromium:
             browser = playwright.chromium.launch(executable_path=CHROMIUM, args=GRAPHICS)
             session.callback(browser.close)
             kinds["page in Chromium"] = lambda: drawing_page(browser, base)
         else:
-            kinds["page that draws nothing"] = lambda: quiet_page(base)
+            kinds["page that draws nothing"] = lambda: quiet_page(base, TOKEN)
         windows: list[tuple[str, int, int]] = []
         for n in range(_ROUNDS):
             # neither is always the first
@@ -192,19 +195,21 @@ def started(jobs: Jobs) -> Job:
     """A session of the bundled clip, when it runs; the first one on a machine compiles, for longer than it may take to begin."""
     for _ in range(_STARTS):
         job = jobs.start("live", "Bench", {"setup": DEMO, "people": 1, "networks": "blazepose_lite"})
-        until(lambda job=job: "address" in jobs.report(job.id).extra or jobs.report(job.id).ended, "the session")
+        until(lambda job=job: jobs.address(job.id) or jobs.report(job.id).ended, "the session")
         if not (report := jobs.report(job.id)).ended:
             return job
         print(f"the session did not begin: {report.state}: {report.error}", flush=True)
     raise RuntimeError(f"no session in {_STARTS} trials")
 
 
-def recorded(address: dict[str, Any]) -> None:
+def recorded(jobs: Jobs, job: Job) -> None:
     """Have the session record its poses."""
-    with Client(("127.0.0.1", int(address["port"])), authkey=bytes.fromhex(address["key"])) as host:
-        host.send(("record", {"name": "latency", "poses": True, "videos": False}))
+    address = jobs.address(job.id)
+    assert address is not None, "a session that listens"
+    with Client(("127.0.0.1", address.port), authkey=address.key) as host:
+        host.send_bytes(packed_request("record", {"name": "latency", "poses": True, "videos": False}))
         # its state: the request before is taken by then
-        host.recv()
+        host.recv_bytes()
 
 
 def show_latencies(recording: Path, windows: Sequence[tuple[str, int, int]]) -> None:

@@ -1,6 +1,6 @@
 """A page of the studio that draws nothing: the server's work for a browser on another computer, without that browser's.
 
-    python bench/studio_client.py http://127.0.0.1:8765
+    python bench/studio_client.py http://127.0.0.1:8765 TOKEN
 
 It opens the live page, takes part in NiceGUI's messages as the page does, and receives the stream of images and poses. Each line
 on its standard input asks for what came so far: one JSON object by kind of message. It ends with its input.
@@ -20,7 +20,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlencode
+from urllib.parse import urlencode, urlsplit
 from uuid import uuid4
 
 from posefuse.studio.scene.messages import HEADER, IMAGE, POSES, VALUES
@@ -43,9 +43,9 @@ class QuietPage:
 
 
 @contextmanager
-def quiet_page(base: str) -> Iterator[QuietPage]:
+def quiet_page(base: str, token: str) -> Iterator[QuietPage]:
     """Open one; it is connected when this returns."""
-    process = subprocess.Popen([sys.executable, str(Path(__file__)), base], stdin=-1, stdout=-1, text=True)
+    process = subprocess.Popen([sys.executable, str(Path(__file__)), base, token], stdin=-1, stdout=-1, text=True)
     page = QuietPage(process)
     try:
         while not page.counts()["poses"]:
@@ -56,13 +56,14 @@ def quiet_page(base: str) -> Iterator[QuietPage]:
         process.wait(60)
 
 
-async def main(base: str) -> None:
+async def main(base: str, token: str) -> None:
     """Until the input ends."""
     import aiohttp
     import socketio  # type: ignore[import-untyped]
 
     counts: Counter[str] = Counter()
-    async with aiohttp.ClientSession() as http:
+    # by the header: it keeps no cookies of a host without a name
+    async with aiohttp.ClientSession(headers={"cookie": f"posefuse_studio_{urlsplit(base).port}={token}"}) as http:
         async with http.get(f"{base}/live") as answer:
             found = re.search(r"query: (\{.*?\}),\n", await answer.text())
         assert found is not None, "no page of NiceGUI"
@@ -87,4 +88,4 @@ async def _receive(http: Any, base: str, counts: Counter[str]) -> None:
 
 
 if __name__ == "__main__":
-    asyncio.run(main(sys.argv[1]))
+    asyncio.run(main(*sys.argv[1:]))

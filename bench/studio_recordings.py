@@ -29,7 +29,7 @@ from posefuse.pipeline.session_images import session_of_recording
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tools"))
 
-from studio_server import free_port, server
+from studio_server import cookies, free_port, server
 
 DEMO = Path(__file__).resolve().parents[1] / "examples" / "demo"
 TILE_PX = 480
@@ -131,6 +131,7 @@ def in_browser(workspace: Path, browser: Path, seeks: int) -> dict[str, float]:
     with server(workspace, port), sync_playwright() as play:
         page = play.chromium.launch(executable_path=str(browser), args=["--no-sandbox"]).new_page()
         arrived: list[tuple[float, int]] = []
+        page.context.add_cookies(cookies())
         page.on("websocket", lambda ws: ws.on("framereceived", lambda data: note(data, arrived)))
         page.goto(f"http://127.0.0.1:{port}/recordings?open=result")
         plot = page.locator(".pf-timeline")

@@ -27,9 +27,10 @@ from posefuse.pipeline.demo_clip import clip_folder
 from posefuse.studio.job_process import JobReporter
 from posefuse.studio.jobs import JOBS_FOLDER, write_json
 from posefuse.studio.live_bodies import LiveBodies
-from posefuse.studio.live_host import BODIES, Host
+from posefuse.studio.live_host import Host
 from posefuse.studio.scene.messages import image_message, poses_message, setup_message, values_message
 from posefuse.studio.scene.setup import scene_setup
+from posefuse.studio.session_messages import BODIES
 from posefuse.studio.work.live import BODY_RGBA, plot_names
 from posefuse.studio.workspace import StudioWorkspace
 
@@ -72,7 +73,7 @@ def publish_bodies(host: Host, bodies: LiveBodies, t_s: float, pose: Pose3D, joi
     """As a live session does."""
     meshes, message = bodies.step(t_s, pose, joints, [BODY_RGBA] * len(pose.person_id))
     for slot, mesh in meshes.items():
-        host.publish(("mesh", slot), mesh, keep=True, channel=BODIES)
+        host.publish(f"mesh {slot}", mesh, keep=True, channel=BODIES)
     host.publish("bodies", message, channel=BODIES)
 
 
@@ -87,8 +88,8 @@ def main() -> None:
     write_json(
         folder / "job.json", {"id": folder.name, "work": "live", "title": "Bench", "arguments": {}, "begun_s": time.time()}
     )
-    report, host = JobReporter(folder), Host(lambda name, values: None, lambda on: None)
-    report.publish(address=host.address)
+    report, host = JobReporter(workspace, folder.name), Host(lambda name, values: None, lambda on: None)
+    report.listens(host.address)
     names = [f"cam{number:02d}" for number in range(cameras)]
     lenses = [rig.cameras[number % len(rig)] for number in range(cameras)]
     joints = truth.joints
@@ -119,7 +120,7 @@ def main() -> None:
                 message = image_message(
                     t_s, number, jpeg, _SHOWN_WH, detected_px=fused, projected_px=fused, rgba=[(38, 166, 154, 255)]
                 )
-                host.publish(("image", number), message)
+                host.publish(f"image {number}", message)
         if t_s - sent[2] >= 0.25:
             sent[2] = t_s
             host.status(_status(names, lenses, truth.person_id.tolist(), t_s, plots))
@@ -139,7 +140,6 @@ def _status(names: list[str], lenses: list[Any], people: list[int], t_s: float, 
         "plots": list(plots),
         "latency_p95_ms": float("nan"),
         "recording": None,
-        "begun_s": 0.0,
         "news": [],
         "refused": [],
     }

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from playwright.sync_api import Browser, Page, sync_playwright
 from playwright.sync_api import Error as PlaywrightError
-from studio_server import CHROMIUM, GRAPHICS, PATIENCE_S, SIZES, free_port, server, session_of, stand_in, until
+from studio_server import CHROMIUM, GRAPHICS, PATIENCE_S, SIZES, cookies, free_port, server, session_of, stand_in, until
 
 _PERSON_MS = 30_000.0
 
@@ -35,6 +35,7 @@ class Watched:
     def page(self, size: tuple[int, int]) -> Page:
         """A new tab."""
         page = self._browser.new_page(viewport={"width": size[0], "height": size[1]})
+        page.context.add_cookies(cookies())
         page.on("request", lambda request: self._asked(request.url))
         page.on("websocket", lambda socket: self._asked(socket.url.replace("ws://", "http://", 1)))
         page.on("response", lambda answer: self.errors.append(f"{answer.status} {answer.url}") if answer.status >= 500 else None)

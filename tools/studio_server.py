@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import secrets
 import socket
 import subprocess
 import sys
@@ -11,6 +12,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 CHROMIUM = "/usr/bin/chromium"
@@ -19,6 +21,9 @@ SIZES = {"": (1280, 800), "_phone": (390, 844)}
 # WebGL on the processor, where there is no graphics card; all else of a page is drawn as the browser itself chooses then
 GRAPHICS = ("--no-sandbox", "--enable-unsafe-swiftshader")
 PATIENCE_S = 240.0
+TOKEN = secrets.token_urlsafe(24)
+"""Of every studio that this process starts."""
+_ports: list[int] = []
 
 
 def free_port() -> int:
@@ -31,7 +36,9 @@ def free_port() -> int:
 @contextmanager
 def server(workspace: Path, port: int, *options: str, log: Path | None = None) -> Iterator[subprocess.Popen[bytes]]:
     """A studio that answers; `options`: more of its command line. `log`: takes what it prints."""
-    command = [sys.executable, "-m", "posefuse", "studio", str(workspace), "--port", str(port), "--no-open", *options]
+    command = [sys.executable, "-m", "posefuse", "studio", str(workspace), "--port", str(port), "--no-open", "--token", TOKEN]
+    command += options
+    _ports.append(port)
     with Path(os.devnull if log is None else log).open("wb") as printed:
         process = subprocess.Popen(command, stdout=printed, stderr=printed)
     try:
@@ -42,6 +49,16 @@ def server(workspace: Path, port: int, *options: str, log: Path | None = None) -
     finally:
         process.terminate()
         process.wait(PATIENCE_S)
+
+
+def cookies() -> list[Any]:
+    """For a browser, as if it had opened the printed address of each studio that was started."""
+    return [{"name": name, "value": TOKEN, "url": "http://127.0.0.1"} for port in _ports for name in cookie(port)]
+
+
+def cookie(port: int) -> dict[str, str]:
+    """The token of a studio, for a client without a browser."""
+    return {f"posefuse_studio_{port}": TOKEN}
 
 
 @contextmanager

@@ -26,7 +26,7 @@ from pathlib import Path
 
 from playwright.sync_api import Page, expect, sync_playwright
 from studio_pages import Watched
-from studio_server import CHROMIUM, GRAPHICS, ROOT, SIZES, free_port, server
+from studio_server import CHROMIUM, GRAPHICS, ROOT, SIZES, TOKEN, free_port, server
 
 LIMIT_S = 300.0
 _MESSAGES = 500
@@ -83,8 +83,9 @@ class Walk:
             page.set_viewport_size(size)
 
     def open(self) -> None:
-        """The first page, as the browser of a newcomer opens it."""
-        self.page.goto(self._base)
+        """The first page, by the printed address, as the browser of a newcomer opens it."""
+        self.page.context.clear_cookies()
+        self.page.goto(f"{self._base}/?token={TOKEN}")
 
     def other_tab(self, path: str) -> None:
         """Close this tab and open another."""

@@ -87,7 +87,7 @@ def test_printed_cube_faces_carry_six_ids_of_true_size(tmp_path: Path) -> None:
 
 
 def test_a_target_that_does_not_fit_the_page_is_refused() -> None:
-    with pytest.raises(ConfigError, match=r"page a4: a drawing of 250 x 350 mm does not fit"):
+    with pytest.raises(ConfigError, match=r"page a4: a drawing of 250 x 350 mm, .* does not fit.*page \(a3, a2, a1, a0\)"):
         board_sheets(BOARD, "a4")
     with pytest.raises(ConfigError, match="there are: DICT_4X4_100"):
         Markers(0.1, "DICT_9X9")

@@ -1,5 +1,7 @@
 """World frames, verification, clocks and the monitor on a rig that is known exactly."""
 
+import re
+import warnings
 from dataclasses import replace
 from typing import Any
 
@@ -115,6 +117,25 @@ def test_verification_measures_millimetres_and_finds_a_moved_camera_and_a_wrong_
     assert "scale is right" in {check.name for check in verify(big, seen, target).report.failed}
     assert not check_stature(1.5, 1.75).passed
     assert check_stature(1.72, 1.75).passed
+
+
+@pytest.mark.parametrize(
+    ("cameras", "exchanged"), [(4, (0, 1)), (4, (0, 2)), (2, (0, 1))], ids=["neighbours", "opposite", "two alone"]
+)
+def test_exchanged_cameras_are_refused_with_figures_that_are_known(lab: Any, cameras: int, exchanged: tuple[int, int]) -> None:
+    target = Charuco(columns=5, rows=7, square_m=0.1, marker_m=0.075)
+    rig = Rig(lab.rig.cameras[:cameras])
+    seen = observe_prop(rig, board(), target, replace(lab.motion, seed=9), Faults(noise_px=0.2, seed=4))
+    names = list(seen.cameras)
+    a, b = exchanged
+    names[a], names[b] = names[b], names[a]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        report = verify(rig, replace(seen, cameras=tuple(names)), target).report
+    details = " ".join(check.detail for check in report.checks)
+    assert {"cameras are where the rig has them", "lengths are right"} <= {check.name for check in report.failed}
+    assert "nan" not in details and "inf" not in details
+    assert max(map(float, re.findall(r"([0-9.]+) px rms", details)), default=0.0) <= lab.rig.cameras[0].size_wh[0]
 
 
 def test_noise_of_the_corners_neither_refuses_a_rig_nor_changes_its_scale(lab: Any) -> None:

@@ -44,6 +44,10 @@ def test_tables_are_read_in_every_encoding_of_a_spreadsheet(tmp_path: Path, enco
 
 def test_json_of_any_size_and_depth() -> None:
     assert parse_json("a", '{"b": 1' + "0" * 17 + "}") == {"b": 10**17}
+    # nanoseconds since 1970, and the limits of 64 bits
+    for number in (1_795_514_162_018_423_794, 2**63 - 1, -(2**63)):
+        assert parse_json("a", f"[{number}]") == [number] and isinstance(parse_json("a", f"[{number}]")[0], int)
+    assert isinstance(parse_json("a", f"[{2**63}]")[0], float)
     assert parse_json("a", '{"b": 1' + "0" * 5000 + "}") == {"b": float("inf")}
     with pytest.raises(InputError, match=r"^a: cannot be parsed as JSON \(nested too deeply\)$"):
         parse_json("a", "[" * 200_000)

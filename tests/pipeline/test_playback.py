@@ -104,6 +104,16 @@ def test_videos_of_a_live_session_are_on_the_time_of_its_recording(tmp_path: Pat
                 assert abs(np.median(image_of(step.jpeg)) - grey(c, i + 3)) < 4
     # kept in a folder next to the file
     assert session_with_videos(recording, tmp_path / "recording.mcap") is not None
+    # a second solve shows the same images at the same times
+    recording.solve().save(tmp_path / "a-edited")
+    solved = pf.read(tmp_path / "a-edited")
+    assert not solved.is_live and solved.provenance["start_ns"] == recording.provenance["start_ns"]
+    with Playback(solved, session_with_videos(solved, tmp_path / "a-edited", tmp_path)) as playback:
+        t_ns = int(solved.poses.t_ns[5])
+        step = playback.moment(playback.cameras[1], t_ns, 480)
+        assert (
+            abs(step.t_ns - t_ns) < PERIOD_NS and abs(np.median(image_of(step.jpeg)) - grey(1, round(t_ns / PERIOD_NS) + 3)) < 4
+        )
     assert session_with_videos(recording, path, tmp_path / "other") is None
 
 

@@ -24,10 +24,11 @@ def chromium() -> Iterator[Any]:
 @pytest.fixture
 def page(chromium: Any) -> Iterator[Any]:
     """A tab that must raise no error; what it waits for may take as long as a busy machine needs."""
-    from tools.studio_server import PATIENCE_S, SIZES
+    from tools.studio_server import PATIENCE_S, SIZES, cookies
 
     errors: list[str] = []
     tab = chromium.new_page(viewport=dict(zip(("width", "height"), SIZES[""], strict=True)))
+    tab.context.add_cookies(cookies())
     tab.set_default_timeout(PATIENCE_S * 1e3)
     tab.on("pageerror", lambda error: errors.append(str(error)))
     yield tab

@@ -1,30 +1,71 @@
 """Tokens, hosts and origins: checked before the application sees a request or a websocket."""
 
 import asyncio
+import threading
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
 
+from posefuse.core import InputError
+from posefuse.studio import access as rules
 from posefuse.studio.access import Access, AccessMiddleware, is_loopback, may_view
 from posefuse.studio.pages.phone import record_or_stop
 from posefuse.studio.state import Studio
 from posefuse.studio.workspace import StudioWorkspace
-from tools.studio_server import free_port, server
+from tools.studio_server import TOKEN, free_port, server
 
-LOCAL = Access.of("127.0.0.1", 8765)
-OPEN = Access(
-    host="0.0.0.0", port=8765, token="own", viewer_token="look", names=frozenset({"127.0.0.1", "localhost", "192.168.1.7"})
-)
+OWN, LOOK = "owner-of-the-tests", "viewer-of-the-tests"
+LOCAL = Access(host="127.0.0.1", port=8765, token=OWN, viewer_token=LOOK, names=Access.of("127.0.0.1", 8765).names)
+OPEN = Access(host="0.0.0.0", port=8765, token=OWN, viewer_token=LOOK, names=frozenset({"127.0.0.1", "localhost", "192.168.1.7"}))
 
 
-def ask(access: Access, path: str = "/", query: str = "", kind: str = "http", **headers: str) -> list[dict[str, Any]]:
-    """What a request gets; the application behind answers 200."""
-    sent: list[dict[str, Any]] = []
+@pytest.fixture(autouse=True)
+def waits(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """How long wrong tokens were made to wait, s; here they are not."""
+    waited: list[float] = []
+
+    waiting = threading.Lock()
+    give_way = asyncio.sleep
+
+    async def sleep(seconds: float) -> None:
+        # two that wait at once are two guesses a second
+        assert waiting.acquire(blocking=False)
+        waited.append(seconds)
+        await give_way(0)
+        waiting.release()
+
+    monkeypatch.setattr(rules.asyncio, "sleep", sleep)
+    return waited
+
+
+def ask(
+    access: Access | AccessMiddleware,
+    path: str = "/",
+    query: str = "",
+    kind: str = "http",
+    cookie: str | None = OWN,
+    **headers: str,
+) -> list[dict[str, Any]]:
+    """What a request gets, with the token of a cookie; the application behind answers 200."""
+    if cookie is not None:
+        headers["cookie"] = cookie if "=" in cookie else f"posefuse_studio_8765={cookie}"
+    guard = access if isinstance(access, AccessMiddleware) else guarded(access)
+    return asyncio.run(asked(guard, path, query, kind, headers))
+
+
+def guarded(access: Access) -> AccessMiddleware:
+    """An application that answers 200, and its guard."""
 
     async def application(scope: dict[str, Any], receive: Any, send: Any) -> None:
         await send({"type": "http.response.start", "status": 200, "headers": []})
+
+    return AccessMiddleware(application, access)
+
+
+async def asked(guard: AccessMiddleware, path: str, query: str, kind: str, headers: dict[str, str]) -> list[dict[str, Any]]:
+    sent: list[dict[str, Any]] = []
 
     async def receive() -> dict[str, Any]:
         return {"type": "websocket.connect"}
@@ -33,8 +74,15 @@ def ask(access: Access, path: str = "/", query: str = "", kind: str = "http", **
         sent.append(message)
 
     lines = [(name.replace("_", "-").encode(), value.encode()) for name, value in ({"host": "127.0.0.1:8765"} | headers).items()]
-    scope = {"type": kind, "method": "GET", "path": path, "query_string": query.encode(), "headers": lines}
-    asyncio.run(AccessMiddleware(application, access)(scope, receive, send))
+    scope = {
+        "type": kind,
+        "method": "GET",
+        "path": path,
+        "query_string": query.encode(),
+        "headers": lines,
+        "client": ("1.2.3.4", 5),
+    }
+    await guard(scope, receive, send)
     return sent
 
 
@@ -42,14 +90,35 @@ def status(*args: Any, **kwargs: Any) -> int:
     return int(ask(*args, **kwargs)[0]["status"])
 
 
-def test_this_machine_needs_no_token() -> None:
-    assert LOCAL.token == "" and status(LOCAL) == 200
+def test_a_token_is_always_needed_also_on_this_machine() -> None:
+    for host in ("127.0.0.1", "localhost", "192.168.1.7"):
+        assert len(Access.of(host, 8765).token) >= 20 and Access.of(host, 8765).token != Access.of(host, 8765).token
+    assert "token=" in Access.of("127.0.0.1", 8765).address()
+    for access in (LOCAL, OPEN):
+        assert status(access) == 200
+        assert status(access, cookie=None) == 403 and status(access, cookie="wrong") == 403 and status(access, cookie="") == 403
+        assert ask(access, kind="websocket", cookie=None)[0]["type"] == "websocket.close"
 
 
-def test_beyond_loopback_there_always_is_a_token() -> None:
-    assert len(Access.of("192.168.1.7", 8765).token) >= 20
-    assert Access.of("192.168.1.7", 8765, "mine").token == "mine"
-    assert status(OPEN) == 403 and status(OPEN, query="token=wrong") == 403
+def test_a_token_that_can_be_guessed_is_refused() -> None:
+    assert Access.of("127.0.0.1", 8765, "sixteen-letters_").token == "sixteen-letters_"
+    for token in ("a", "fifteen-letters", "seventeen;letters", "a token with spaces", "ein Schlüssel für uns"):
+        with pytest.raises(InputError, match="at least 16"):
+            Access.of("127.0.0.1", 8765, token)
+
+
+def test_wrong_tokens_wait_for_each_other_and_are_noted(waits: list[float], caplog: pytest.LogCaptureFixture) -> None:
+    guard, ways = guarded(LOCAL), [("token=wrong", {}), ("", {"cookie": "posefuse_studio_8765=wrong"})]
+
+    async def try_many() -> None:
+        await asyncio.gather(*(asked(guard, "/", query, "http", headers) for query, headers in ways * 50))
+
+    asyncio.run(try_many())
+    assert waits == [rules._WRONG_S] * 100 and rules._WRONG_S >= 1
+    assert [line.split("; ")[1] for line in caplog.messages] == [f"{n} so far" for n in (1, 2, 4, 8, 16, 32, 64)]
+    assert "1.2.3.4" in caplog.text and "=wrong" not in caplog.text
+    # those who have none, or the right one, do not wait
+    assert status(guard, cookie=None) == 403 and status(guard) == 200 and len(waits) == 100
 
 
 @pytest.mark.parametrize("host", ["evil.example:8765", "127.0.0.1", "127.0.0.1:80", "", "192.168.1.8:8765"])
@@ -62,7 +131,7 @@ def test_a_foreign_origin_is_refused_also_for_websockets() -> None:
     assert status(LOCAL, **good) == 200 and status(LOCAL, **bad) == 403
     assert ask(LOCAL, kind="websocket", **bad)[0]["type"] == "websocket.close"
     assert ask(LOCAL, kind="websocket", **good)[0]["type"] != "websocket.close"
-    assert ask(OPEN, kind="websocket", **good)[0]["type"] == "websocket.close"
+    assert ask(OPEN, kind="websocket", cookie=None, **good)[0]["type"] == "websocket.close"
 
 
 def test_a_page_of_another_site_cannot_embed_or_fetch_but_a_link_opens() -> None:
@@ -72,26 +141,50 @@ def test_a_page_of_another_site_cannot_embed_or_fetch_but_a_link_opens() -> None
     assert (b"x-frame-options", b"DENY") in ask(LOCAL)[0]["headers"]
 
 
+def test_a_script_in_a_page_can_send_nothing_elsewhere() -> None:
+    policy = dict(ask(LOCAL)[0]["headers"])[b"content-security-policy"].decode()
+    assert "connect-src 'self';" in policy and "default-src 'self';" in policy and "form-action 'none'" in policy
+    assert "http" not in policy and "*" not in policy
+
+
+def test_a_file_keeps_its_own_stricter_policy() -> None:
+    async def application(scope: dict[str, Any], receive: Any, send: Any) -> None:
+        await send({"type": "http.response.start", "status": 200, "headers": [(b"content-security-policy", b"sandbox")]})
+
+    headers = ask(AccessMiddleware(application, LOCAL))[0]["headers"]
+    assert [value for name, value in headers if name == b"content-security-policy"] == [b"sandbox"]
+
+
 def test_a_token_moves_from_the_address_into_a_cookie() -> None:
-    answer = ask(OPEN, "/live", "token=own")[0]
+    answer = ask(OPEN, "/live", f"token={OWN}", cookie=None)[0]
     headers = dict(answer["headers"])
-    assert answer["status"] == 303 and headers[b"location"] == b"/live"
+    assert answer["status"] == 200 and headers[b"refresh"] == b"0; url=/live"
     cookie = headers[b"set-cookie"].decode()
     assert "HttpOnly" in cookie and "SameSite=Strict" in cookie
     assert status(OPEN, cookie=cookie.split(";")[0]) == 200
-    assert status(OPEN, cookie="posefuse_studio_9999=own") == 403
+    assert status(OPEN, cookie=f"posefuse_studio_9999={OWN}") == 403
     # never what somebody else wrote
-    assert status(OPEN, query="token=x%0d%0aSet-Cookie:a=b", cookie=cookie.split(";")[0]) == 200
+    assert b"set-cookie" not in dict(ask(OPEN, query="token=x%0d%0aSet-Cookie:a=b")[0]["headers"])
 
 
-def test_a_redirect_stays_on_this_site() -> None:
-    assert dict(ask(OPEN, "//evil.example/live", "token=own")[0]["headers"])[b"location"].startswith(b"/live")
+@pytest.mark.parametrize(
+    ("path", "moved"),
+    [
+        ("//evil.example/live", b"/evil.example/live"),
+        ("/\\evil.example", b"/evil.example"),
+        ("/\\/evil.example", b"/evil.example"),
+        ("/\u20ac", b"/%E2%82%AC"),
+        ("/a\r\nset-cookie: a", b"/a%0D%0Aset-cookie%3A%20a"),
+        ("/a; url=//evil.example", b"/a%3B%20url%3D//evil.example"),
+    ],
+)
+def test_the_way_to_the_cookie_stays_on_this_site(path: str, moved: bytes) -> None:
+    assert dict(ask(OPEN, path, f"token={OWN}")[0]["headers"])[b"refresh"] == b"0; url=" + moved
 
 
 def test_a_viewer_sees_the_phone_page_only() -> None:
-    cookie = "posefuse_studio_8765=look"
-    assert status(OPEN, "/phone", cookie=cookie) == 200
-    assert [status(OPEN, path, cookie=cookie) for path in ("/", "/live", "/recordings", "/studio/file/x")] == [403] * 4
+    assert status(OPEN, "/phone", cookie=LOOK) == 200
+    assert [status(OPEN, path, cookie=LOOK) for path in ("/", "/live", "/recordings", "/studio/file/x")] == [403] * 4
     assert may_view("/studio/stream/live") and not may_view("/studio/stream/other") and not may_view("/phonebook")
 
 
@@ -122,14 +215,14 @@ def test_beyond_this_machine_a_token_is_demanded_and_host_and_origin_are_checked
     address = outward_address()
     if not address:
         pytest.skip("this machine has no address besides loopback")
-    port, token = free_port(), "own-token"
+    port, token = free_port(), TOKEN
     base = f"http://{address}:{port}"
-    with server(tmp_path, port, "--host", "0.0.0.0", "--token", token), httpx.Client(timeout=30) as client:
+    with server(tmp_path, port, "--host", "0.0.0.0"), httpx.Client(timeout=30) as client:
         assert client.get(base).status_code == 403
         assert "token is needed" in client.get(base).text
         assert client.get(f"{base}/?token=wrong").status_code == 403
         moved = client.get(f"{base}/live?token={token}")
-        assert moved.status_code == 303 and moved.headers["location"] == "/live" and "HttpOnly" in moved.headers["set-cookie"]
+        assert moved.headers["refresh"] == "0; url=/live" and "HttpOnly" in moved.headers["set-cookie"]
         assert client.get(f"{base}/simulate").status_code == 200  # the cookie is enough now
         assert client.get(f"{base}/simulate", headers={"host": f"evil.example:{port}"}).status_code == 403
         assert client.get(f"{base}/simulate", headers={"origin": "http://evil.example"}).status_code == 403

@@ -1,5 +1,6 @@
 """What to do next, and the light of each camera: pure functions of what is known."""
 
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,25 +11,33 @@ import numpy as np
 import pytest
 
 from posefuse.calibration.targets.coverage import ENOUGH_TOGETHER, TargetCoverage
-from posefuse.calibration.targets.description import write_target
+from posefuse.calibration.targets.description import read_target, write_target
 from posefuse.calibration.targets.kinds import Charuco
-from posefuse.core import InputError
+from posefuse.core import CalibrationError, InputError
 from posefuse.formats.video import VideoWriter
 from posefuse.studio.calibrations import (
+    LENSES,
+    RIG,
     Known,
     Project,
     Step,
     blamed_cameras,
     known_of,
+    last_worked_on,
     lights,
+    new_recording,
     next_step,
     projects,
+    rests_on,
     save_project,
+    step_light,
 )
 from posefuse.studio.camera_graph import graph_svg, graph_words, links
 from posefuse.studio.guiding import NEAR_FAR, advice_for, enough_for, near_far_of, size_of
 from posefuse.studio.jobs import write_json
 from posefuse.studio.refusal_pictures import refusal_pictures
+from posefuse.studio.targets import check_target, print_board, print_cube, targets
+from posefuse.studio.work import calibrate
 from posefuse.studio.workspace import StudioWorkspace
 
 BARE = Project(name="room", setup="webcams")
@@ -48,13 +57,38 @@ def after(*steps: Step) -> Known:
     return replace(NOTHING, recordings=dict.fromkeys(steps, "one"), results={step: result(step) for step in steps})
 
 
+def filmed(known: Known, step: Step, recording: str = "one", **seen: Any) -> Known:
+    """The same with a recording of a step."""
+    about = {"target": READY.target(step), "enough": True, **seen}
+    return replace(known, recordings={**known.recordings, step: recording}, coverage={**known.coverage, step: about})
+
+
+def recorded(workspace: StudioWorkspace, step: Step, project: Project | None = None, enough: bool = True) -> str:
+    """The files of a recording; gives its name."""
+    project = project or READY
+    name = new_recording(workspace, project, step)
+    seen = {"cameras": ["left"], "covered": [1.0], "linked": [[0.0]], "enough": enough, "target": project.target(step)}
+    write_json(workspace.folder(name) / "coverage.json", seen)
+    return name
+
+
+def calculated(workspace: StudioWorkspace, step: Step, recording: str, passed: bool = True) -> None:
+    """The files of a result."""
+    folder = workspace.path(READY.folder)
+    made = {**result(step, passed, recording=recording), "rests_on": rests_on(folder, step)}
+    made["reports"][0]["numbers"] = {}
+    if passed and step != "verify":
+        (folder / {"intrinsics": LENSES, "extrinsics": RIG}[step]).write_text(recording, encoding="utf-8")
+    write_json(folder / f"{step}.json", made)
+
+
 def test_the_steps_come_in_order() -> None:
     assert next_step(BARE, NOTHING).action == "print"
     for number, step in enumerate(STEPS):
         known = after(*STEPS[:number])
         assert (next_step(READY, known).action, next_step(READY, known).step) == ("film", step)
-        filmed = replace(known, recordings={**known.recordings, step: "one"})
-        assert (next_step(READY, filmed).action, next_step(READY, filmed).step) == ("solve", step)
+        seen = filmed(known, step)
+        assert (next_step(READY, seen).action, next_step(READY, seen).step) == ("solve", step)
     assert next_step(READY, after(*STEPS)).action == "use"
 
 
@@ -71,8 +105,115 @@ def test_a_refusal_gives_the_remedy_until_something_new_is_filmed() -> None:
     step = next_step(READY, known)
     assert (step.words, step.action) == ("show it to right", "film") and "right saw it 3 times" in step.why
     assert [lights(READY, known)[name]["extrinsics"].state for name in ("left", "right")] == ["doubt", "bad"]
-    again = replace(known, recordings={**known.recordings, "extrinsics": "two"})
-    assert next_step(READY, again).action == "solve"
+    assert step.back == ("intrinsics",)
+    assert next_step(READY, filmed(known, "extrinsics", "two")).action == "solve"
+
+
+def test_a_refused_verification_leads_back_to_positions_and_lenses() -> None:
+    known = after(*STEPS)
+    known = replace(known, results={**known.results, "verify": result("verify", False, remedy="calibrate again")})
+    step = next_step(READY, known)
+    assert (step.action, step.step, step.back) == ("film", "verify", ("intrinsics", "extrinsics"))
+    assert next_step(replace(READY, lenses=False), known).back == ("extrinsics",)
+
+
+def test_any_number_of_recordings_of_a_step_can_be_made(tmp_path: Path) -> None:
+    workspace = StudioWorkspace(tmp_path)
+    save_project(workspace, READY)
+    names = [recorded(workspace, step) for step in STEPS for _ in range(4)]
+    assert names == [f"{READY.folder}/{step}-{n}" for step in STEPS for n in (1, 2, 3, 4)]
+    assert known_of(workspace, READY, ["left"]).recordings["verify"].endswith("verify-4")
+
+
+def test_what_rests_on_a_step_that_was_done_again_is_outdated(tmp_path: Path) -> None:
+    workspace = StudioWorkspace(tmp_path)
+    save_project(workspace, READY)
+    names = {}
+    for step in STEPS:
+        names[step] = recorded(workspace, step)
+        calculated(workspace, step, names[step])
+
+    def now() -> Known:
+        return known_of(workspace, READY, ["left"])
+
+    assert now().outdated == frozenset() and next_step(READY, now()).action == "use"
+    assert {step_light(step, READY, now()).state for step in STEPS} == {"good"}
+    # new lenses: the positions are calculated again, from their recording; until then nothing is verified
+    calculated(workspace, "intrinsics", recorded(workspace, "intrinsics"))
+    step = next_step(READY, now())
+    assert (step.action, step.step) == ("solve", "extrinsics") and now().outdated == {"extrinsics"}
+    assert step_light("extrinsics", READY, now()).text == "rests on earlier lenses or positions"
+    assert lights(READY, now())["left"]["verified"].state == "off"
+    calculated(workspace, "extrinsics", names["extrinsics"])
+    assert now().outdated == frozenset() and next_step(READY, now()).action == "use"
+    # new positions: what was recorded before them shows the cameras as they stood then
+    os.utime(workspace.path(names["verify"]) / "coverage.json", ns=(1, 1))
+    calculated(workspace, "extrinsics", recorded(workspace, "extrinsics"))
+    assert (next_step(READY, now()).action, next_step(READY, now()).step) == ("film", "verify")
+    assert not now().passed("verify") and not now().refused("verify")
+
+
+def test_a_recording_of_another_target_is_not_calculated(tmp_path: Path) -> None:
+    workspace = StudioWorkspace(tmp_path)
+    save_project(workspace, READY)
+    recorded(workspace, "intrinsics")
+    assert next_step(READY, known_of(workspace, READY, ["left"])).action == "solve"
+    other = replace(READY, board="targets/other.toml")
+    assert next_step(other, known_of(workspace, other, ["left"])).action == "film"
+
+
+def test_a_recording_that_was_stopped_by_mistake_takes_no_result_away(tmp_path: Path) -> None:
+    workspace = StudioWorkspace(tmp_path)
+    save_project(workspace, READY)
+    for step in STEPS:
+        calculated(workspace, step, recorded(workspace, step))
+        recorded(workspace, step, enough=False)
+    known = known_of(workspace, READY, ["left"])
+    assert next_step(READY, known).action == "use" and known.recordings["verify"].endswith("verify-1")
+    # where there is nothing to lose, it can be used
+    calculated(workspace, "verify", known.recordings["verify"], passed=False)
+    known = known_of(workspace, READY, ["left"])
+    assert known.recordings["verify"].endswith("verify-2") and next_step(READY, known).action == "solve"
+
+
+def test_a_recording_that_was_stopped_early_is_said_to_be() -> None:
+    assert "enough" not in next_step(READY, filmed(NOTHING, "intrinsics")).why
+    assert "stopped before enough was seen" in next_step(READY, filmed(NOTHING, "intrinsics", enough=False)).why
+
+
+def test_the_calibration_that_was_worked_on_last_is_opened(tmp_path: Path) -> None:
+    workspace = StudioWorkspace(tmp_path)
+    assert last_worked_on(workspace, projects(workspace)) == ""
+    for name in ("hall", "room"):
+        save_project(workspace, replace(READY, name=name))
+        os.utime(workspace.path(f"calibrations/{name}"), ns=(10**9, 10**9))
+    recorded(workspace, "verify", project=replace(READY, name="hall"))
+    assert last_worked_on(workspace, projects(workspace)) == "hall"
+
+
+def test_targets_are_offered_for_what_they_can_do(tmp_path: Path) -> None:
+    workspace = StudioWorkspace(tmp_path)
+    assert targets(workspace, "verify") == []
+    small = print_board(workspace, columns=4, rows=3, square_mm=30, page="a4").target
+    board = print_board(workspace, columns=5, rows=4, square_mm=30, page="a4").target
+    cube = print_cube(workspace, marker_mm=100, page="a4").target
+    (workspace.path("targets") / "damaged.toml").write_text("kind = 3", encoding="utf-8")
+    assert {step: targets(workspace, step) for step in STEPS} == {
+        "intrinsics": [board], "extrinsics": [cube], "verify": sorted([small, board])
+    }  # fmt: skip
+    with pytest.raises(CalibrationError, match=r"at least 8 corners .* got 6 on one of 4 x 3"):
+        check_target(read_target(workspace.existing(small)), "intrinsics")
+    with pytest.raises(InputError, match="a board for the lenses and the verification"):
+        check_target(read_target(workspace.existing(cube)), "verify")
+
+
+def test_a_calculation_refuses_the_target_of_another_step(tmp_path: Path) -> None:
+    workspace = StudioWorkspace(tmp_path)
+    save_project(workspace, READY)
+    cube = print_cube(workspace, marker_mm=100, page="a4").target
+    arguments = {"step": "verify", "folder": READY.folder, "recording": recorded(workspace, "verify"), "target": cube}
+    with pytest.raises(InputError, match="a board for the lenses and the verification"):
+        calibrate.run(arguments, workspace, None)
 
 
 def test_lights_turn_good_as_things_are_known() -> None:
@@ -123,6 +264,7 @@ def test_each_step_asks_for_what_it_needs_and_no_more() -> None:
         alone = replace(found, together=np.diag(np.diag(found.together)))
         assert enough_for("intrinsics", alone) == ready["intrinsics"] and not enough_for("verify", alone)
         assert "same time" not in advice_for("intrinsics", alone)
+        assert not any("target" in advice_for(step, found) for step in STEPS)
         assert enough_for("verify", replace(found, cells=np.zeros_like(cells))) == ready["verify"]
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import httpx
 import pytest
 
-from tools.studio_server import SIZES, free_port, server
+from tools.studio_server import SIZES, cookie, free_port, server
 
 pytestmark = pytest.mark.slow
 LONG = "n" * 200
@@ -39,6 +39,22 @@ FILES: dict[str, Any] = {
     "calibrations/kind/extrinsics.json": {"passed": True},
     "calibrations/kind/verify.json": {"passed": False, "reports": [{}]},
     "calibrations/kind/extrinsics-1/coverage.json": {"cameras": ["a"]},
+    # a recording that failed
+    "calibrations/broken/project.json": {"setup": "outside", "cube": "c.toml", "board": "b.toml", "lenses": False},
+    f"{JOBS}/20260101-000003-watch/job.json": {
+        "work": "watch",
+        "title": "Recording x",
+        "arguments": {"project": "broken", "record": "x"},
+    },
+    f"{JOBS}/20260101-000003-watch/state.json": {"state": "failed", "error": "camera a: is used by another program"},
+    # a link that a browser would run
+    f"{JOBS}/20260101-000004-report/job.json": {
+        "work": "report",
+        "title": "Script",
+        "arguments": {},
+        "page": "javascript:document.title='ran'",
+    },
+    f"{JOBS}/20260101-000004-report/state.json": {"state": "done"},
     # jobs: not written to the end; with values of other kinds
     f"{JOBS}/20260101-000000-live/job.json": "{",
     f"{JOBS}/20260101-000001-report/job.json": {"id": "20260101-000001-report", "work": "report", "title": LONG, "arguments": {}},
@@ -90,7 +106,12 @@ def test_every_page_opens_and_fits_into_its_window(page: Any, lab: tuple[str, Pa
 
 @pytest.mark.parametrize(
     ("calibration", "shown"),
-    [("bare", "The preset deleted is missing"), ("gone", "rig.toml"), ("kind", "Find where the cameras stand")],
+    [
+        ("bare", "The preset deleted is missing"),
+        ("gone", "rig.toml"),
+        ("kind", "Move the cube"),
+        ("broken", "used by another program"),
+    ],
 )
 def test_a_calibration_names_what_is_missing(page: Any, lab: tuple[str, Path], calibration: str, shown: str) -> None:
     page.goto(f"{lab[0]}/calibrate")
@@ -122,8 +143,17 @@ def test_a_preset_in_other_words_is_shown(page: Any, lab: tuple[str, Path]) -> N
     assert "Traceback" not in lab[1].read_text(encoding="utf-8")
 
 
+def test_no_link_of_a_job_runs_in_the_browser(page: Any, lab: tuple[str, Path]) -> None:
+    page.goto(lab[0])
+    page.get_by_role("button", name="Jobs").click()
+    link = page.get_by_role("link", name="Script", exact=True)
+    link.wait_for()
+    assert link.get_attribute("href") == "/"
+
+
 @pytest.mark.parametrize("name", ["../secret.txt", "x" * 300, "a/" * 3000 + "b", "\0", "", ".posefuse-studio/jobs"])
 def test_a_file_that_is_none_of_the_workspace_is_not_found(lab: tuple[str, Path], name: str) -> None:
+    port = int(lab[0].rpartition(":")[2])
     for kind in ("file", "thumbnail"):
-        answer = httpx.get(f"{lab[0]}/studio/{kind}", params={"name": name}, timeout=60)
+        answer = httpx.get(f"{lab[0]}/studio/{kind}", params={"name": name}, cookies=cookie(port), timeout=60)
         assert answer.status_code == 404

@@ -16,9 +16,14 @@ _NO_LABELS = ".pf-labels { visibility: hidden }"
 
 
 @pytest.fixture(scope="module")
-def base(tmp_path_factory: pytest.TempPathFactory, ring_rig: Callable[..., Rig]) -> Iterator[str]:
+def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Its folder."""
+    return tmp_path_factory.mktemp("lab")
+
+
+@pytest.fixture(scope="module")
+def base(workspace: Path, ring_rig: Callable[..., Rig]) -> Iterator[str]:
     """The address of a studio whose live page shows four cameras, and which has the recording ``result``."""
-    workspace: Path = tmp_path_factory.mktemp("lab")
     saved_session(workspace, ring_rig)
     port = free_port()
     with server(workspace, port), stand_in(workspace, 4):
@@ -62,6 +67,16 @@ def test_a_body_is_drawn_while_it_is_wanted_and_not_sent_otherwise(page: Any, ba
     drawn_more(page, "scene", 10)
     assert scene(page) == without
     assert with_body != without
+
+
+def test_a_second_session_is_listed_and_can_be_ended(page: Any, workspace: Path, base: str) -> None:
+    with stand_in(workspace, 1):
+        page.goto(f"{base}/live")
+        page.get_by_role("button", name="Jobs").click()
+        sessions = page.locator(".pf-jobs .pf-job", has_text="Bench")
+        page.wait_for_function("document.querySelectorAll('.pf-jobs .pf-job').length === 2")
+        sessions.first.get_by_role("button", name="Cancel").click()
+        page.wait_for_function("document.querySelectorAll('.pf-jobs .pf-job').length === 1")
 
 
 def test_what_is_scrolled_out_of_the_window_is_not_drawn(page: Any, base: str) -> None:

@@ -1,6 +1,7 @@
 """Jobs run in processes of their own; their state is in files that any server of the workspace reads."""
 
 import json
+import os
 import shutil
 import signal
 import threading
@@ -15,6 +16,7 @@ import pytest
 from posefuse.core import InputError
 from posefuse.studio import job_process
 from posefuse.studio.jobs import JOBS_FOLDER, Job, Jobs, Report, write_json
+from posefuse.studio.private_files import read_own
 from posefuse.studio.workspace import StudioWorkspace
 
 
@@ -25,13 +27,13 @@ def workspace(tmp_path: Path) -> StudioWorkspace:
 
 def done(workspace: StudioWorkspace, run: Callable[..., Mapping[str, Any]], monkeypatch: pytest.MonkeyPatch) -> Report:
     """The report of a job whose work is `run`, done in this process."""
-    folder = workspace.folder(f"{JOBS_FOLDER}/one")
+    workspace.folder(f"{JOBS_FOLDER}/one")
     job = Job(id="one", work="made_up", title="Made up", arguments={"n": 3}, begun_s=time.time())
     monkeypatch.setattr(job_process, "import_module", lambda name: SimpleNamespace(run=run))
     # a test runner may ignore interrupts; a job's process does not
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        job_process.run_job(workspace, job, job_process.JobReporter(folder))
+        job_process.run_job(workspace, job, job_process.JobReporter(workspace, "one"))
     finally:
         signal.signal(signal.SIGINT, before)
     return Jobs(workspace).report("one")
@@ -100,6 +102,72 @@ def test_damaged_state_is_no_trouble(workspace: StudioWorkspace) -> None:
     assert jobs.all() == [] and jobs.job("none") is None
     with pytest.raises(InputError):
         jobs.report("../x")
+
+
+def ended(workspace: StudioWorkspace, number: int, **task: Any) -> str:
+    """A job that is done."""
+    job = f"20260101-{number:06d}-report"
+    folder = workspace.folder(f"{JOBS_FOLDER}/{job}")
+    write_json(folder / "job.json", {"id": "other", "work": "report", "title": "T", "arguments": {}, **task})
+    write_json(folder / "state.json", {"state": "done", "reported_s": 1.0})
+    return job
+
+
+def test_what_has_ended_is_read_once(workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch) -> None:
+    names = [ended(workspace, number) for number in range(500)]
+    jobs, read = Jobs(workspace), list[Path]()
+    monkeypatch.setattr("posefuse.studio.jobs.read_own", lambda path: [read.append(path), read_own(path)][1])
+    assert jobs.running() == [] and len(read) == 2 * len(names)
+    for _ in range(3):
+        assert jobs.running() == [] and jobs.running("report") == [] and jobs.running("live") == []
+        assert [job.id for job in jobs.all()] == names[::-1] and jobs.report(names[0]).ended
+    assert len(read) == 2 * len(names)
+    # a new one is seen, and read again until it ends
+    folder = workspace.folder(f"{JOBS_FOLDER}/20260102-000000-report")
+    write_json(folder / "job.json", {"work": "report", "title": "T", "arguments": {}})
+    write_json(folder / "state.json", {"state": "running", "reported_s": time.time()})
+    assert [job.id for job in jobs.running()] == [folder.name]
+    write_json(folder / "state.json", {"state": "done"})
+    assert jobs.running() == []
+
+
+@pytest.mark.parametrize("reported_s", [1e18, float("inf"), float("nan"), -1e18, "yesterday", [1]])
+def test_a_time_that_cannot_be_is_of_no_running_job(workspace: StudioWorkspace, reported_s: Any) -> None:
+    folder = workspace.folder(f"{JOBS_FOLDER}/one")
+    write_json(folder / "job.json", {"work": "live", "title": "T", "arguments": {}, "begun_s": reported_s})
+    write_json(folder / "state.json", {"state": "running", "reported_s": reported_s})
+    assert Jobs(workspace).running() == []
+    # a clock that was set back a little is no reason
+    write_json(folder / "job.json", {"work": "live", "title": "T", "arguments": {}, "begun_s": time.time() + 5})
+    write_json(folder / "state.json", {"state": "running", "reported_s": time.time() + 5})
+    assert [job.id for job in Jobs(workspace).running()] == ["one"]
+
+
+def test_files_of_another_user_are_no_jobs(workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch) -> None:
+    mine = ended(workspace, 1)
+    assert Jobs(workspace).report(mine).state == "done"
+    monkeypatch.setattr("os.geteuid", lambda: workspace.root.stat().st_uid + 1, raising=False)
+    jobs = Jobs(workspace)
+    assert jobs.all() == [] and jobs.report(mine).state == "lost"
+
+
+@pytest.mark.skipif(not hasattr(os, "O_NOFOLLOW"), reason="this system follows links")
+def test_a_link_is_no_state_file(workspace: StudioWorkspace) -> None:
+    mine = ended(workspace, 1)
+    folder = workspace.folder(f"{JOBS_FOLDER}/link")
+    for name in ("job.json", "state.json"):
+        (folder / name).symlink_to(workspace.path(f"{JOBS_FOLDER}/{mine}/{name}"))
+    assert [job.id for job in Jobs(workspace).all()] == [mine]
+
+
+@pytest.mark.parametrize(
+    "page", ["javascript:alert(1)", "//evil.example", "/\\evil.example", "/\t/evil.example", "data:a", "", 7]
+)
+def test_a_job_leads_to_pages_of_the_studio_only(workspace: StudioWorkspace, page: Any) -> None:
+    job = Jobs(workspace).job(ended(workspace, 1, page=page))
+    assert job is None or job.page == "/"
+    good = Jobs(workspace).job(ended(workspace, 2, page="/recordings"))
+    assert good is not None and (good.page, good.id) == ("/recordings", "20260101-000002-report")
 
 
 def test_state_files_are_for_their_owner_only(workspace: StudioWorkspace) -> None:

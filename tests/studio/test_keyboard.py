@@ -159,6 +159,7 @@ def test_the_next_step_is_heard(page: Any, lab: tuple[StudioWorkspace, str]) -> 
     page.wait_for_timeout(2500)
     assert page.evaluate("window.starts") == 2
     recording: Path = workspace.folder("calibrations/room/extrinsics-1")
-    write_json(recording / "coverage.json", {"cameras": ["cam00", "cam01"], "covered": [1, 1], "linked": [[1, 1], [1, 1]]})
+    seen = {"cameras": ["cam00", "cam01"], "target": "a.toml", "covered": [1, 1], "linked": [[1, 1], [1, 1]]}
+    write_json(recording / "coverage.json", seen)
     page.get_by_text("Find where the cameras stand").wait_for()
     page.wait_for_function("window.starts === 4")

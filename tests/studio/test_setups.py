@@ -80,7 +80,7 @@ def test_targets_are_printed_with_what_describes_them(workspace: StudioWorkspace
     assert without_floor(read_target(workspace.existing(cube.target))) == Markers(side_m=0.12, ids=(44, 45, 46, 47, 48, 49))
     assert without_floor(read_target(workspace.existing(board.target))) == read_target(workspace.existing(board.target))
     assert workspace.existing(cube.pdf).read_bytes().startswith(b"%PDF")
-    assert targets(workspace) == sorted([board.target, cube.target])
+    assert targets(workspace, "intrinsics") == [board.target] and targets(workspace, "extrinsics") == [cube.target]
 
 
 def test_blur_is_noticed_and_a_sharp_image_is_not_blamed() -> None:

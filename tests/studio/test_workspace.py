@@ -1,12 +1,15 @@
 """The studio reads and writes inside its workspace only."""
 
 import asyncio
+import os
+import unicodedata
 from collections.abc import AsyncIterator
 from pathlib import Path
 
 import pytest
 
 from posefuse.core import InputError
+from posefuse.studio.setups import Setup, inputs_of_setup, save_setup, setup_named
 from posefuse.studio.workspace import StudioWorkspace, check_name, recording_place
 
 
@@ -49,10 +52,31 @@ def test_a_free_name_is_free(workspace: StudioWorkspace) -> None:
     assert workspace.free_name("rigs", "rig", ".toml") == "rigs/rig-2.toml"
 
 
-@pytest.mark.parametrize("name", ["", ".hidden", "a/b", "a\\b", "con", "NUL.txt", "x" * 81, "trailing.", "a\nb", "é"])
+@pytest.mark.parametrize(
+    "name",
+    ["", ".hidden", "a/b", "a\\b", "con", "NUL.txt", "x" * 81, "trailing.", " a", "-rf", "a:b", "a=b", "a?", "a\nb", "\u202e"],
+)
 def test_names_that_are_not_plain_are_refused(name: str) -> None:
     with pytest.raises(InputError):
         check_name(name)
+
+
+@pytest.mark.parametrize(
+    "name", ["Müller Gang", "Gang Müller (1)", "gang [2].mp4", "Köln_links-2", "歩行 1", "trial & error, 50 %"]
+)
+def test_names_of_people_and_places_are_taken(workspace: StudioWorkspace, name: str) -> None:
+    check_name(name)
+    # also as macOS writes them
+    check_name(unicodedata.normalize("NFD", name))
+    assert workspace.folder(name).is_dir()
+    save_setup(workspace, Setup(name=name, sources={name: "usb:/dev/video0"}))
+    assert [entry.camera for entry in inputs_of_setup(workspace, setup_named(workspace, name))] == [name]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no colon in names")
+def test_a_folder_with_a_colon_that_is_there_can_be_opened(workspace: StudioWorkspace) -> None:
+    (workspace.root / "trial 10:30").mkdir()
+    assert workspace.existing("trial 10:30").is_dir()
 
 
 def test_an_upload_is_bounded_and_never_replaces_a_file(workspace: StudioWorkspace) -> None:

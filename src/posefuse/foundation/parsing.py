@@ -15,8 +15,8 @@ from posefuse.core import InputError
 
 # YAML aliases can expand a few lines to 9^9 values; no settings or calibration file has nearly this number of values
 MOST_YAML_VALUES = 1_000_000
-# digits of the largest integer that is kept exactly; longer ones become floating point, as in other JSON readers
-_EXACT_DIGITS = 18
+# larger integers become floating point, as in other JSON readers; nanoseconds since 1970 have 19 digits
+_MOST_DIGITS, _MOST_INTEGER = 20, 2**63 - 1
 # longest part of a value in a message, and longest message of a library, characters
 _MOST_SHOWN, _MOST_SAID = 100, 400
 _UTF16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
@@ -61,7 +61,7 @@ def parse_toml(where: str, text: str, error: type[InputError] = InputError) -> d
 
 
 def parse_json(where: str, text: str | bytes, error: type[InputError] = InputError) -> Any:
-    """The value of a JSON text; integers beyond 18 digits become floats. Raises `error` in one line when it is not JSON."""
+    """The value of a JSON text; integers beyond 64 bits become floats. Raises `error` in one line when it is not JSON."""
     try:
         return json.loads(text, parse_int=_json_integer)
     except (ValueError, RecursionError) as problem:
@@ -85,7 +85,9 @@ def parse_yaml(where: str, text: str, error: type[InputError] = InputError, load
 
 
 def _json_integer(digits: str) -> int | float:
-    return int(digits) if len(digits) <= _EXACT_DIGITS else float(digits)
+    # an integer of thousands of digits takes long to read
+    value = int(digits) if len(digits) <= _MOST_DIGITS else None
+    return value if value is not None and -_MOST_INTEGER - 1 <= value <= _MOST_INTEGER else float(digits)
 
 
 def _value_count(value: Any, known: dict[int, int]) -> int:

@@ -18,10 +18,12 @@ def session_with_videos(recording: Recording, path: Path, within: Path | None = 
     """The session that shows a recording, of `posefuse track` or live; None where there is none.
 
     Args:
-        path: of the recording. within: a folder that the session and its files must lie in; None: anywhere.
+        path: of the recording, or of its second solve.
+        within: a folder that the session and its files must lie in; None: anywhere.
     """
-    if not recording.is_live:
+    if not recording.is_live and not recording.provenance.get("second_solve"):
         return nearby_session(recording, path, within)
+    # in the recording's own folder, or in one next to it; a second solve is a folder next to that of the recording
     folders = (path.parent, *sorted(place.parent for place in path.parent.glob(f"*/{VIDEOS_FOLDER}")))
     found = (_kept(recording, folder, within) for folder in folders if (folder / VIDEOS_FOLDER).is_dir())
     return next((session for session in found if session is not None), None)

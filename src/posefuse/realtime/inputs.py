@@ -54,7 +54,7 @@ def _check_ros(ros: Mapping[str, Any]) -> None:
 
 
 def _entries(argument: str, rig: Rig | None, ros: Mapping[str, Any]) -> list[LiveInput]:
-    named = re.fullmatch(r"([A-Za-z0-9_.-]+)=(.+)", argument)
+    named = re.fullmatch(r"([^=:/\\]+)=(.+)", argument)
     camera, what = (named[1], named[2]) if named else (None, argument)
     if rig is not None and camera is not None and camera not in rig.names:
         raise SourceError(f"--source {argument}: no camera {camera!r} in the rig; there are: {choices(rig.names)}")

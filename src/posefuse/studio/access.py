@@ -1,25 +1,42 @@
-"""Who may open the studio: this machine, or another one with a token; checked for every request and every websocket.
+"""Who may open the studio: who has a token, also on this machine; checked for every request and every websocket.
 
-A page of another site can send requests to a server on this machine. So the `Host` header must name an address the studio is
-bound to (against DNS rebinding), and the `Origin` header, where there is one, must be the studio's own.
+Any account of this machine can send requests to its loopback address: so a token is always needed. So can a page of another site:
+the `Host` header must name an address the studio is bound to (against DNS rebinding), and the `Origin` header, where there is
+one, must be the studio's own.
 """
 
 from __future__ import annotations
 
+import asyncio
 import ipaddress
+import logging
+import re
 import secrets
 import socket
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from http.cookies import CookieError, SimpleCookie
 from typing import Any, Literal
-from urllib.parse import parse_qs, urlencode, urlsplit
+from urllib.parse import parse_qs, quote, urlencode
+
+from posefuse.core import InputError
 
 Role = Literal["owner", "viewer"]
 COOKIE = "posefuse_studio"
 # what a viewer's page is made of; everything else is the owner's
 _VIEWER_PATHS = ("/phone", "/_nicegui/", "/_nicegui_ws/", "/studio/stream/live")
 _LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
+# what stands in an address and in a cookie as it is
+_TOKEN = re.compile(r"[A-Za-z0-9._~-]{16,}")
+_WRONG_S = 1.0
+_log = logging.getLogger(__name__)
+# scripts of the pages are inline, and their templates are compiled in the browser; but what runs there reaches this server alone
+_POLICY = (
+    "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
+    "img-src 'self' data: blob:; font-src 'self' data:; connect-src 'self'; worker-src 'self' blob:; "
+    "object-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+_HEADERS = ((b"x-frame-options", b"DENY"), (b"referrer-policy", b"no-referrer"), (b"x-content-type-options", b"nosniff"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,9 +44,8 @@ class Access:
     """The rule.
 
     Attributes:
-        host, port: what the server is bound to. token: of the owner; empty: none is asked for, on loopback only.
-        viewer_token: of the read-only phone page.
-        names: what may stand in the `Host` header, without port.
+        host, port: what the server is bound to. token: of the owner. viewer_token: of the read-only phone page.
+        names: what may stand in the `Host` header, without port, in small letters.
     """
 
     host: str
@@ -40,20 +56,23 @@ class Access:
 
     @classmethod
     def of(cls, host: str, port: int, token: str = "") -> Access:
-        """The rule for an address; beyond loopback a token is created if none is given."""
-        local = is_loopback(host)
+        """The rule for an address; a token is created if none is given. Raises InputError for a short one."""
+        if token and not _TOKEN.fullmatch(token):
+            raise InputError(
+                f"token: expected at least 16 letters, digits, '.', '_', '~' or '-', got {len(token)} characters; leave it out"
+                " for one made at random"
+            )
         return cls(
             host=host,
             port=port,
-            token=token or ("" if local else secrets.token_urlsafe(24)),
+            token=token or secrets.token_urlsafe(24),
             viewer_token=secrets.token_urlsafe(24),
-            names=frozenset([*_LOOPBACK, *([] if local else own_names(host))]),
+            names=frozenset([*_LOOPBACK, *([] if is_loopback(host) else map(str.lower, own_names(host)))]),
         )
 
     def address(self, name: str = "") -> str:
         """The URL to open; `name`: of the machine as others reach it."""
-        query = f"?{urlencode({'token': self.token})}" if self.token else ""
-        return f"http://{name or self.shown_name}:{self.port}/{query}"
+        return f"http://{name or self.shown_name}:{self.port}/?{urlencode({'token': self.token})}"
 
     def phone_address(self, name: str) -> str:
         """The URL of the phone page."""
@@ -71,10 +90,10 @@ class Access:
 
     def refusal(self, headers: Mapping[str, str]) -> str:
         """Why a request with these headers (lower-case names) is refused; empty: it is not."""
-        host = headers.get("host", "")
+        host = headers.get("host", "").lower()
         if host not in {f"{name}:{self.port}" for name in self.names} | ({*self.names} if self.port == 80 else set()):
             return f"host {host!r} is not an address of this studio"
-        origin = headers.get("origin", "")
+        origin = headers.get("origin", "").lower()
         if origin and origin != f"http://{host}":
             return f"origin {origin!r} is not this studio"
         opened = headers.get("sec-fetch-mode") == "navigate" and headers.get("sec-fetch-dest") == "document"
@@ -85,13 +104,9 @@ class Access:
     def role(self, given: Iterable[str]) -> Role | None:
         """What the tokens of a request allow; None: nothing."""
         tokens = list(given)
-        if not self.token or any(_same(one, self.token) for one in tokens):
+        if any(_same(one, self.token) for one in tokens):
             return "owner"
         return "viewer" if any(_same(one, self.viewer_token) for one in tokens) else None
-
-    def known(self, token: str) -> bool:
-        """Whether it is one of the tokens."""
-        return _same(token, self.viewer_token) or bool(self.token and _same(token, self.token))
 
 
 class AccessMiddleware:
@@ -99,6 +114,7 @@ class AccessMiddleware:
 
     def __init__(self, app: Any, access: Access) -> None:
         self._app, self._access = app, access
+        self._wrong, self._one_at_a_time = 0, asyncio.Lock()
 
     async def __call__(self, scope: dict[str, Any], receive: Any, send: Any) -> None:
         """See ASGI."""
@@ -111,11 +127,21 @@ class AccessMiddleware:
         role = self._access.role([*in_url[:1], *in_cookie])
         why = self._access.refusal(headers)
         if why or role is None or (role == "viewer" and not may_view(scope["path"])):
+            if not why and role is None and (in_url or in_cookie):
+                await self._took_wrong(scope.get("client"))
             await _refuse(scope, receive, send, why or "a token is needed: open the address that `posefuse studio` has printed")
-        elif in_url and scope["type"] == "http" and scope["method"] == "GET" and self._access.known(in_url[0]):
+        elif scope["type"] == "http" and scope["method"] == "GET" and self._access.role(in_url[:1]):
             await _to_cookie(scope["path"], in_url[0], self._access.port, send)
         else:
-            await self._app(scope, receive, _never_framed(send))
+            await self._app(scope, receive, _guarded(send))
+
+    async def _took_wrong(self, client: tuple[str, int] | None) -> None:
+        """One wrong token a second, however many are tried at once; a line for the first, second, fourth, eighth ... of them."""
+        async with self._one_at_a_time:
+            self._wrong += 1
+            if self._wrong.bit_count() == 1:
+                _log.warning("wrong token from %s; %d so far", client[0] if client else "an unknown address", self._wrong)
+            await asyncio.sleep(_WRONG_S)
 
 
 def may_view(path: str) -> bool:
@@ -148,13 +174,16 @@ def _same(one: str, other: str) -> bool:
     return secrets.compare_digest(one.encode(), other.encode())
 
 
-def _never_framed(send: Any) -> Any:
-    """A page of another site cannot show the studio inside itself and have its user click in it."""
+def _guarded(send: Any) -> Any:
+    """A page of another site cannot show the studio inside itself; a script that got into a page cannot send it elsewhere."""
 
     async def sending(message: dict[str, Any]) -> None:
         if message["type"] == "http.response.start":
-            extra = [(b"x-frame-options", b"DENY"), (b"referrer-policy", b"no-referrer"), (b"x-content-type-options", b"nosniff")]
-            message = {**message, "headers": [*message["headers"], *extra]}
+            headers = [*message["headers"], *_HEADERS]
+            # files of the workspace have a policy of their own, which is stricter
+            if not any(name.lower() == b"content-security-policy" for name, _ in headers):
+                headers.append((b"content-security-policy", _POLICY.encode()))
+            message = {**message, "headers": headers}
         await send(message)
 
     return sending
@@ -186,13 +215,19 @@ async def _refuse(scope: dict[str, Any], receive: Any, send: Any, why: str) -> N
 
 
 async def _to_cookie(path: str, token: str, port: int, send: Any) -> None:
+    """Have the browser load the page again without the token in its address.
+
+    By `refresh`, not by a redirect: a browser that comes from elsewhere, e.g. from a link in a message, would not send a strict
+    cookie along a redirect.
+    """
     cookie = f"{COOKIE}_{port}={token}; Path=/; HttpOnly; SameSite=Strict"
-    location = urlsplit(path).path or "/"
+    # one slash: with two, or with a backslash, the rest would name another site
+    location = "/" + quote(path.lstrip("/\\"))
     headers = [
-        (b"location", f"/{location.lstrip('/')}".encode("latin-1")),
+        (b"refresh", f"0; url={location}".encode()),
         (b"set-cookie", cookie.encode("latin-1")),
-        (b"referrer-policy", b"no-referrer"),
         (b"content-length", b"0"),
+        *_HEADERS,
     ]
-    await send({"type": "http.response.start", "status": 303, "headers": headers})
+    await send({"type": "http.response.start", "status": 200, "headers": headers})
     await send({"type": "http.response.body", "body": b""})

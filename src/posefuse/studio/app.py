@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import html
 import os
 import socket
-import tempfile
 import threading
 import webbrowser
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterator
 from importlib import import_module
 from types import FrameType
 from typing import Any
@@ -17,11 +17,13 @@ from typing import Any
 from posefuse.core import DependencyError, InputError
 
 from .access import AccessMiddleware
+from .private_files import private_folder, write_own
 from .state import Studio
+from .workspace import STATE_FOLDER
 
 try:
     # it keeps nothing, but would make a folder where it is started
-    os.environ.setdefault("NICEGUI_STORAGE_PATH", os.path.join(tempfile.gettempdir(), "posefuse-studio-nicegui"))  # noqa: PTH118
+    os.environ.setdefault("NICEGUI_STORAGE_PATH", str(private_folder() / "nicegui"))
     # for the QR code
     import segno  # noqa: F401
     import uvicorn
@@ -90,10 +92,24 @@ def run_server(studio: Studio, *, show: bool, say: Callable[[str], None]) -> Non
     )
     say(f"posefuse studio: {access.address()}")
     say(f"workspace {studio.workspace.root}; Ctrl-C ends the server, running sessions and jobs continue")
-    if show:
-        threading.Timer(1.0, webbrowser.open, (access.address(),)).start()
-    with listener:
+    with listener, _opening_page(studio) if show else contextlib.nullcontext():
         _Server(config).run(sockets=[listener])
+
+
+@contextlib.contextmanager
+def _opening_page(studio: Studio) -> Iterator[None]:
+    """Have a browser go to the studio from a file that this user alone can read: all users see the browser's command line.
+
+    It lies in the workspace, as some systems keep browsers from reading hidden folders of the user.
+    """
+    access = studio.access
+    page = studio.workspace.folder(STATE_FOLDER) / f"open-{access.port}.html"
+    write_own(page, f'<!doctype html><meta http-equiv="refresh" content="0; url={html.escape(access.address())}">')
+    threading.Timer(1.0, webbrowser.open, (page.as_uri(),)).start()
+    try:
+        yield
+    finally:
+        page.unlink(missing_ok=True)
 
 
 def _listener(host: str, port: int) -> socket.socket:

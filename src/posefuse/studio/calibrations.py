@@ -5,18 +5,23 @@ A folder ``calibrations/NAME`` has ``project.json``, a folder of videos per reco
 
 from __future__ import annotations
 
+import hashlib
+import itertools
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Literal
 
 from .jobs import read_json_or_empty, write_json
 from .workspace import StudioWorkspace, check_name
 
 FOLDER = "calibrations"
+LENSES, RIG = "lenses.toml", "rig.toml"
 LIGHTS = ("intrinsics", "overlap", "extrinsics", "clocks", "scale", "verified")
 Action = Literal["print", "film", "solve", "use"]
 Step = Literal["intrinsics", "extrinsics", "verify"]
+_STEPS: tuple[Step, ...] = ("intrinsics", "extrinsics", "verify")
 _COVERAGE = "coverage.json"
 
 
@@ -38,6 +43,11 @@ class Project:
         """Its name in the workspace."""
         return f"{FOLDER}/{self.name}"
 
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """In their order; each rests on those before it."""
+        return _STEPS if self.lenses else _STEPS[1:]
+
     def target(self, step: Step) -> str:
         """The target file of a step."""
         return self.cube if step == "extrinsics" else self.board
@@ -49,33 +59,42 @@ class Known:
 
     Attributes:
         cameras: names. recordings: newest folder of each step that has one. coverage: of these, see `work.watch`.
-        results: of `work.calibrate` by step.
+        results: of `work.calibrate` by step. outdated: steps whose result rests on lenses or positions that are others now.
     """
 
     cameras: tuple[str, ...]
     recordings: Mapping[Step, str] = field(default_factory=dict)
     coverage: Mapping[Step, Mapping[str, Any]] = field(default_factory=dict)
     results: Mapping[Step, Mapping[str, Any]] = field(default_factory=dict)
+    outdated: frozenset[Step] = frozenset()
 
     def passed(self, step: Step) -> bool:
-        """Whether a step is done, from its newest recording."""
-        result = self.results.get(step, {})
-        return bool(result.get("passed")) and result.get("recording") == self.recordings.get(step)
+        """Whether a step is done, from its newest recording and what it rests on now."""
+        return self._current(step) and bool(self.results[step]["passed"])
 
     def refused(self, step: Step) -> bool:
         """Whether its newest recording was refused."""
-        result = self.results.get(step, {})
-        return bool(result) and not result["passed"] and result.get("recording") == self.recordings.get(step)
+        return self._current(step) and not self.results[step]["passed"]
+
+    def can_solve(self, step: Step, project: Project) -> bool:
+        """Whether its newest recording shows the target that is in use now."""
+        return step in self.recordings and self.coverage.get(step, {}).get("target") == project.target(step)
+
+    def _current(self, step: Step) -> bool:
+        if step not in self.results or step in self.outdated:
+            return False
+        return bool(self.results[step].get("recording") == self.recordings.get(step))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Next:
-    """What to do: in large letters, why, and what the button does."""
+    """What to do: in large letters, why, and what the button does; `back`: earlier steps that may have to be done again."""
 
     words: str
     why: str
     action: Action
     step: Step = "extrinsics"
+    back: tuple[Step, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -94,15 +113,16 @@ def next_step(project: Project, known: Known) -> Next:
             why="Glue six markers on a stiff box and the board on a flat plate; marker 43 is for the floor. Measure the ruler.",
             action="print",
         )
-    steps: tuple[Step, ...] = ("intrinsics", "extrinsics", "verify") if project.lenses else ("extrinsics", "verify")
-    for step in steps:
+    for number, step in enumerate(project.steps):
         if known.passed(step):
             continue
         if known.refused(step):
-            check = failed_checks(known.results[step])[0]
-            return Next(words=check["remedy"] or check["detail"], why=f"Refused: {check['detail']}", action="film", step=step)
-        if step in known.recordings:
-            return Next(words=_SOLVE[step], why=f"from {known.recordings[step]}", action="solve", step=step)
+            check, back = failed_checks(known.results[step])[0], project.steps[:number]
+            words = check["remedy"] or check["detail"]
+            return Next(words=words, why=f"Refused: {check['detail']}", action="film", step=step, back=back)
+        if known.can_solve(step, project):
+            early = "; it was stopped before enough was seen" if known.coverage[step].get("enough") is False else ""
+            return Next(words=_SOLVE[step], why=f"from {known.recordings[step]}{early}", action="solve", step=step)
         return Next(words=_FILM[step][0], why=_FILM[step][1], action="film", step=step)
     return Next(words="The rig is verified", why="Use it for live sessions of these cameras.", action="use", step="verify")
 
@@ -115,6 +135,24 @@ _FILM: Mapping[Step, tuple[str, str]] = {
     ),
     "verify": ("Show the board to two cameras at once", "A target that the rig was not made from shows its true error."),
 }
+RESTS: Mapping[Step, str] = {
+    "intrinsics": "Positions and verification rest on it: after new lenses, they are calculated again.",
+    "extrinsics": "The verification rests on it: after new positions, it is recorded again.",
+    "verify": "Nothing rests on it: repeat it whenever a camera may have been touched.",
+}
+
+
+def step_light(step: Step, project: Project, known: Known) -> Light:
+    """How far a step is."""
+    if known.passed(step):
+        return Light("good", "passed")
+    if known.refused(step):
+        return Light("bad", "refused")
+    if step in known.outdated:
+        return Light("doubt", "rests on earlier lenses or positions")
+    return Light("doubt", "recorded") if known.can_solve(step, project) else Light("off", "not yet")
+
+
 _SOLVE: Mapping[Step, str] = {
     "intrinsics": "Calibrate the lenses",
     "extrinsics": "Find where the cameras stand",
@@ -207,16 +245,49 @@ def known_of(workspace: StudioWorkspace, project: Project, cameras: Sequence[str
     recordings: dict[Step, str] = {}
     coverage: dict[Step, Mapping[str, Any]] = {}
     results: dict[Step, Mapping[str, Any]] = {}
-    steps: tuple[Step, ...] = ("intrinsics", "extrinsics", "verify")
-    for step in steps:
+    placed_ns = 0
+    for step in _STEPS:
         found = [path for path in folder.glob(f"{step}-*") if (path / _COVERAGE).is_file()]
-        if found:
-            newest = max(found, key=lambda path: (path / _COVERAGE).stat().st_mtime_ns)
-            recordings[step], seen = f"{project.folder}/{newest.name}", read_json_or_empty(newest / _COVERAGE)
-            coverage[step] = seen if {"cameras", "covered", "linked"} <= seen.keys() else {}
         if _whole(result := read_json_or_empty(folder / f"{step}.json")):
             results[step] = result
-    return Known(cameras=tuple(cameras), recordings=recordings, coverage=coverage, results=results)
+        newest = max((path for path in found if not _too_short(path, results.get(step))), key=_recorded_ns, default=None)
+        # when a verification was recorded before the positions, the cameras may have stood elsewhere
+        if newest is not None and not (step == "verify" and _recorded_ns(newest) < placed_ns):
+            recordings[step], seen = f"{project.folder}/{newest.name}", read_json_or_empty(newest / _COVERAGE)
+            coverage[step] = seen if {"cameras", "covered", "linked"} <= seen.keys() else {}
+        if newest is not None and step == "extrinsics":
+            placed_ns = _recorded_ns(newest)
+    outdated = frozenset(step for step, result in results.items() if result.get("rests_on", "") != rests_on(folder, step))
+    return Known(cameras=tuple(cameras), recordings=recordings, coverage=coverage, results=results, outdated=outdated)
+
+
+def rests_on(folder: Path, step: Step) -> str:
+    """What a result is made from, besides its recording: a hash of the lenses or of the rig; empty where there is none."""
+    name = {"extrinsics": LENSES, "verify": RIG}.get(step)
+    path = folder / name if name else None
+    return hashlib.sha256(path.read_bytes()).hexdigest() if path is not None and path.is_file() else ""
+
+
+def new_recording(workspace: StudioWorkspace, project: Project, step: Step) -> str:
+    """The name of a folder that is not there yet."""
+    names = (f"{project.folder}/{step}-{number}" for number in itertools.count(1))
+    return next(name for name in names if not workspace.path(name).exists())
+
+
+def last_worked_on(workspace: StudioWorkspace, found: Sequence[Project]) -> str:
+    """The name of the project whose files changed last; empty where there is none."""
+    return max(found, key=lambda one: workspace.path(one.folder).stat().st_mtime_ns).name if found else ""
+
+
+def _too_short(recording: Path, result: Mapping[str, Any] | None) -> bool:
+    """Whether it was stopped too early to take the place of one that has passed; the button may have been pressed by mistake."""
+    if result is None or not result["passed"] or str(result.get("recording")).endswith(f"/{recording.name}"):
+        return False
+    return read_json_or_empty(recording / _COVERAGE).get("enough") is False
+
+
+def _recorded_ns(recording: Path) -> int:
+    return (recording / _COVERAGE).stat().st_mtime_ns
 
 
 def _whole(result: Mapping[str, Any]) -> bool:

@@ -49,11 +49,11 @@ def size_of(xy_img: Array, patch: Array) -> float:
 def advice_for(step: Step, found: TargetCoverage, near_far: Array | None = None) -> str:
     """What to do next, in words; arguments as of `enough_for`."""
     if enough_for(step, found, near_far):
-        return "enough: stop moving the target"
+        return _named("enough: stop moving the target", step)
     if step == "intrinsics":
         # no camera needs another one: as if all were linked
         linked = np.where(np.eye(len(found.cameras), dtype=bool), found.together, ENOUGH_TOGETHER)
-        return replace(found, together=linked).advice()
+        return _named(replace(found, together=linked).advice(), step)
     if step == "verify":
         shared = _shared(found)
         camera = int(np.argmin(shared))
@@ -61,7 +61,12 @@ def advice_for(step: Step, found: TargetCoverage, near_far: Array | None = None)
     if found.enough and near_far is not None:
         camera = int(np.argmin(near_far))
         return f"move the cube near {found.cameras[camera]}, and far away from it"
-    return found.advice()
+    return _named(found.advice(), step)
+
+
+def _named(advice: str, step: Step) -> str:
+    """With the word for the target of the step."""
+    return advice.replace("the target", "the cube" if step == "extrinsics" else "the board")
 
 
 def _shared(found: TargetCoverage) -> Array:

@@ -25,9 +25,9 @@ def job_cards(studio: Studio, works: Sequence[str], *, about: str = "") -> None:
     place = ui.column().classes("pf-job-cards")
 
     def refresh() -> None:
-        jobs = [job for job in studio.jobs.all() if job.work in works and time.time() - job.begun_s < _SHOWN_S]
+        jobs = [job for job in studio.jobs.all() if job.work in works and abs(time.time() - job.begun_s) < _SHOWN_S]
         jobs = [job for job in jobs if not about or about in job.arguments.values()][:_MOST]
-        state = [(job, studio.jobs.report(job.id)) for job in jobs]
+        state = [(job, studio.jobs.report(job.id).without_time) for job in jobs]
         if state == shown:
             return
         shown[:] = state

@@ -20,6 +20,7 @@ from typing import Any
 from posefuse.core import InputError, PosefuseError
 
 from .jobs import JOBS_FOLDER, Job, Jobs, Report, write_json
+from .private_files import SessionAddress, delete_address, write_address
 from .workspace import StudioWorkspace
 
 _EVERY_S = 0.2
@@ -33,9 +34,10 @@ class JobReporter:
         cancelled: set when the job was asked to end; the main thread is interrupted then.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, workspace: StudioWorkspace, job: str) -> None:
         self.cancelled = threading.Event()
-        self._folder = folder
+        self._root, self._job = workspace.root, job
+        self._folder = workspace.path(f"{JOBS_FOLDER}/{job}")
         self._lock = threading.Lock()
         self._report = Report(state="running", pid=os.getpid())
         self._written: Report | None = None
@@ -56,14 +58,13 @@ class JobReporter:
             report = self._report
             self._report = report.advanced(report.stage, report.done, report.total, message)
 
-    def publish(self, **extra: Any) -> None:
-        """Put JSON values where pages find them at once, e.g. the address of a live session."""
-        with self._lock:
-            self._report = replace(self._report, extra={**self._report.extra, **extra})
-        self._write()
+    def listens(self, address: SessionAddress) -> None:
+        """Let servers of this user reach the session, until its end."""
+        write_address(self._root, self._job, address)
 
     def end(self, **changes: Any) -> None:
         """Write the last report."""
+        delete_address(self._root, self._job)
         self._over.set()
         self._thread.join()
         with self._lock:
@@ -130,7 +131,7 @@ def main() -> None:
     job = Jobs(workspace).job(sys.argv[2])
     if job is None or not job.work.isidentifier():
         raise SystemExit(f"no job {sys.argv[2]}")
-    run_job(workspace, job, JobReporter(workspace.path(f"{JOBS_FOLDER}/{job.id}")))
+    run_job(workspace, job, JobReporter(workspace, job.id))
 
 
 if __name__ == "__main__":

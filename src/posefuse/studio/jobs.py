@@ -1,23 +1,28 @@
 """Long work in processes of its own, whose state is in files: it continues when a page, a connection or the server ends.
 
 Each job is a folder ``.posefuse-studio/jobs/ID`` of the workspace: ``job.json`` has the task, ``state.json`` its progress,
-``log.txt`` has what it printed, and a file ``cancel`` asks it to stop. Any server that serves the workspace finds them.
+``log.txt`` has what it printed, and a file ``cancel`` asks it to stop. Any server of the same user that serves the workspace
+finds them; files of another user are none. What has ended is read once.
 """
 
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import time
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from posefuse.core import InputError
-from posefuse.foundation.atomic import atomic_file
+from pydantic import TypeAdapter, ValidationError
 
+from posefuse.core import InputError
+
+from .private_files import SessionAddress, read_address, read_own, write_own
+from .session_messages import WATCH
 from .workspace import STATE_FOLDER, StudioWorkspace
 
 JobState = Literal["starting", "running", "done", "failed", "cancelled", "lost"]
@@ -53,7 +58,6 @@ class Report:
     Attributes:
         stage, done, total: see `posefuse.Progress`. news: its newest lines, oldest first.
         error: one line. result: JSON values that `run` returned. pid: of its process. reported_s: Unix time of the report.
-        extra: what the work publishes while it runs, e.g. the address of a live session.
     """
 
     state: JobState = "starting"
@@ -65,7 +69,6 @@ class Report:
     result: Mapping[str, Any] = field(default_factory=dict)
     pid: int = 0
     reported_s: float = 0.0
-    extra: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def ended(self) -> bool:
@@ -76,6 +79,11 @@ class Report:
     def fraction(self) -> float | None:
         """Of the stage; None where the total is not known."""
         return min(1.0, self.done / self.total) if self.total else None
+
+    @property
+    def without_time(self) -> Report:
+        """What a page shows of it: a button that is replaced every second could not be pressed."""
+        return replace(self, reported_s=0.0)
 
     def advanced(self, stage: str, done: int, total: int | None, message: str = "") -> Report:
         """With one call of `Progress`."""
@@ -90,6 +98,9 @@ class Jobs:
         self._workspace = workspace
         # kept so that they are waited for when they end, where this server started them
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
+        # a task never changes, a report not after its end: with hundreds of them, reading them again would cost the server a core
+        self._tasks: dict[str, Job] = {}
+        self._ended: dict[str, Report] = {}
 
     def start(self, work: str, title: str, arguments: Mapping[str, Any], *, page: str = "/") -> Job:
         """Begin; returns at once.
@@ -120,43 +131,63 @@ class Jobs:
     def all(self, work: str = "") -> list[Job]:
         """All jobs of the workspace, the newest first; of one kind of work where it is given."""
         place = self._workspace.path(JOBS_FOLDER)
-        names = sorted((one.name for one in place.glob(f"*-{work}*" if work else "*")), reverse=True) if place.is_dir() else []
-        return [job for name in names if (job := self.job(name)) is not None]
+        names = sorted(os.listdir(place), reverse=True) if place.is_dir() else []  # noqa: PTH208 - names alone, of hundreds
+        found = [job for name in names if work in name and (job := self.job(name)) is not None]
+        return [job for job in found if work in ("", job.work)]
 
     def job(self, job_id: str) -> Job | None:
-        """By its id; None where there is none, or its file is damaged."""
-        content = read_json_or_empty(self._folder(job_id) / "job.json")
-        known = {one.name for one in fields(Job)}
-        try:
-            job = Job(**{key: value for key, value in content.items() if key in known})
-            return replace(job, arguments=dict(job.arguments), begun_s=float(job.begun_s))
-        except (TypeError, ValueError):
-            return None
+        """By its id; None where there is none, or its file is damaged or of another user."""
+        if job_id not in self._tasks:
+            try:
+                job = _JOB.validate_python(read_own(self._folder(job_id) / "job.json") | {"id": job_id})
+            except (InputError, ValidationError):
+                return None
+            self._tasks[job_id] = job if _is_page(job.page) else replace(job, page="/")
+        return self._tasks[job_id]
 
     def report(self, job_id: str) -> Report:
         """How far it is now."""
+        if job_id in self._ended:
+            return self._ended[job_id]
         self._reap(job_id)
         folder = self._folder(job_id)
-        report = _report_of(read_json_or_empty(folder / "state.json"))
+        try:
+            report = _REPORT.validate_python(read_own(folder / "state.json"))
+        except ValidationError:
+            # as of one that has reported nothing
+            report = Report()
         if report.ended:
+            self._ended[job_id] = report
             return report
         job = self.job(job_id)
-        silent_s = time.time() - (report.reported_s or (job.begun_s if job else 0.0))
+        # a time in the future is as wrong as one long ago
+        silent_s = abs(time.time() - (report.reported_s or (job.begun_s if job else 0.0)))
         process = self._processes.get(job_id)
         died = process is not None and process.returncode is not None
-        if died or silent_s > (_LOST_S if report.reported_s else _STARTING_S):
-            return replace(report, state="lost", error=self._last_words(folder) or "its process ended without a report")
-        return report
+        if not died and silent_s <= (_LOST_S if report.reported_s else _STARTING_S):
+            return report
+        return replace(report, state="lost", error=self._last_words(folder) or "its process ended without a report")
+
+    def address(self, job_id: str) -> SessionAddress | None:
+        """Where its process listens; None where it does not."""
+        return read_address(self._workspace.root, job_id)
 
     def running(self, work: str = "") -> list[Job]:
         """Jobs that have not ended, the newest first; of one kind of work where it is given."""
-        return [job for job in self.all(work) if (not work or job.work == work) and not self.report(job.id).ended]
+        return [job for job in self.all(work) if not self.report(job.id).ended]
 
     def cancel(self, job_id: str) -> None:
         """Ask it to end; what it has finished stays."""
         folder = self._folder(job_id)
         if folder.is_dir():
             (folder / "cancel").touch()
+
+    def free_cameras(self) -> None:
+        """End what only looks at cameras, before something else opens them; raises InputError while a calibration is recorded."""
+        for job in self.running(WATCH):
+            if job.arguments.get("record"):
+                raise InputError(f"{job.title}: it needs the cameras; stop it first")
+            self.cancel(job.id)
 
     def log(self, job_id: str, most_bytes: int = 20_000) -> str:
         """The end of what it printed."""
@@ -179,22 +210,17 @@ class Jobs:
         return lines[-1].strip() if lines else ""
 
 
-def _report_of(content: Mapping[str, Any]) -> Report:
-    """From its file; as one that has reported nothing where that is damaged."""
-    known = {one.name for one in fields(Report)}
-    try:
-        report = Report(**{key: value for key, value in content.items() if key in known})
-        result, extra = dict(report.result), dict(report.extra)
-        return replace(report, news=tuple(map(str, report.news)), reported_s=float(report.reported_s), result=result, extra=extra)
-    except (TypeError, ValueError):
-        return Report()
+_JOB, _REPORT = TypeAdapter(Job), TypeAdapter(Report)
+
+
+def _is_page(address: object) -> bool:
+    """Whether it is the path of a page of the studio: a browser would run ``javascript:``, and leave with ``//`` or ``/\\``."""
+    return isinstance(address, str) and address.startswith("/") and address[1:2] not in ("/", "\\") and address.isprintable()
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Whole or not at all, readable by its owner only."""
-    with atomic_file(path) as temporary:
-        temporary.chmod(0o600)
-        temporary.write_text(json.dumps(content), encoding="utf-8")
+    write_own(path, json.dumps(content))
 
 
 def read_json_or_empty(path: Path) -> dict[str, Any]:

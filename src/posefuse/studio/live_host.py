@@ -6,22 +6,21 @@ packed and no image is made.
 
 from __future__ import annotations
 
+import logging
 import secrets
 import threading
 import time
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from multiprocessing.connection import Connection, Listener
 from typing import Any
 
+from .private_files import SessionAddress
+from .session_messages import MOST_BYTES, SCENE, SessionMessage, packed_status, unpacked_request
+
 _STATUS_S = 0.25
 _IDLE_STATUS_S = 1.0
-
-SCENE, BODIES = "scene", "bodies"
-"""Channels: what all pages draw; meshes of people, for pages that show them."""
-
-Message = tuple[str, str, Hashable, Any]
-"""Kind (``stream``, ``kept`` or ``status``), channel, key, and bytes or values."""
+_log = logging.getLogger(__name__)
 
 
 class Watcher:
@@ -30,15 +29,15 @@ class Watcher:
     def __init__(self, connection: Connection) -> None:
         self.wanted: frozenset[str] = frozenset()
         self._connection = connection
-        self._pending: dict[Hashable, Message] = {}
+        self._pending: dict[tuple[str, str, str], SessionMessage] = {}
         self._news = threading.Condition()
         self.gone = False
         threading.Thread(target=self._send, daemon=True).start()
 
-    def put(self, message: Message) -> None:
+    def put(self, message: SessionMessage) -> None:
         """Queue it in the place of an older one."""
         with self._news:
-            self._pending[message[:3]] = message
+            self._pending[_place(message)] = message
             self._news.notify()
 
     def _send(self) -> None:
@@ -48,7 +47,7 @@ class Watcher:
                     self._news.wait_for(lambda: bool(self._pending), 1.0)
                     pending, self._pending = list(self._pending.values()), {}
                 for message in pending:
-                    self._connection.send(message)
+                    self._connection.send_bytes(message.packed())
         self.gone = True
 
 
@@ -56,7 +55,7 @@ class Host:
     """Listens on the loopback address for servers that know the key.
 
     Args:
-        on_request: takes what a server asks for, by name and values; may raise anything, which is shown as a refusal.
+        on_request: takes what a server asks for, by name and values; may raise anything, which is logged.
         on_watched: whether any page looks at the scene; called when that changes.
     """
 
@@ -64,16 +63,16 @@ class Host:
         self._key = secrets.token_bytes(32)
         self._listener = Listener(("127.0.0.1", 0), authkey=self._key)
         self._watchers: list[Watcher] = []
-        self._kept: dict[Hashable, Message] = {}
+        self._kept: dict[tuple[str, str, str], SessionMessage] = {}
         self._on_request, self._on_watched = on_request, on_watched
         self._wanted: frozenset[str] = frozenset()
         self._lock = threading.RLock()
         threading.Thread(target=self._accept, daemon=True).start()
 
     @property
-    def address(self) -> dict[str, Any]:
-        """Where it is and the key, as JSON values; for the workspace's owner only."""
-        return {"port": self._listener.address[1], "key": self._key.hex()}
+    def address(self) -> SessionAddress:
+        """Where it is, and the key."""
+        return SessionAddress(port=int(self._listener.address[1]), key=self._key)
 
     @property
     def watched(self) -> bool:
@@ -84,20 +83,21 @@ class Host:
         """Whether any page shows what goes over this channel."""
         return channel in self._wanted
 
-    def publish(self, key: Hashable, message: bytes, *, keep: bool = False, channel: str = SCENE) -> None:
+    def publish(self, key: str, message: bytes, *, keep: bool = False, channel: str = SCENE) -> None:
         """To all servers whose pages look; with `keep` to all, also to those that come later."""
-        self._put(("kept" if keep else "stream", channel, key, message), keep)
+        self._put(SessionMessage(kind="kept" if keep else "stream", channel=channel, key=key, content=message))
 
     def status(self, values: Mapping[str, Any]) -> None:
-        """To all servers."""
-        self._put(("status", SCENE, "", dict(values)), True)
+        """To all servers; `values`: see `session_messages`."""
+        self._put(SessionMessage(kind="status", channel=SCENE, key="", content=packed_status(values)))
 
-    def _put(self, message: Message, keep: bool) -> None:
+    def _put(self, message: SessionMessage) -> None:
+        keep = message.kind != "stream"
         with self._lock:
             if keep:
-                self._kept[message[:3]] = message
+                self._kept[_place(message)] = message
             for watcher in self._watchers:
-                if keep or message[1] in watcher.wanted:
+                if keep or message.channel in watcher.wanted:
                     watcher.put(message)
 
     def _accept(self) -> None:
@@ -116,16 +116,22 @@ class Host:
     def _hear(self, connection: Connection, watcher: Watcher) -> None:
         with suppress(EOFError, OSError):
             while True:
-                name, values = connection.recv()
-                if name == "watch":
-                    watcher.wanted = frozenset(values["channels"])
-                    self._count()
-                else:
-                    self._on_request(name, values)
+                raw = connection.recv_bytes(MOST_BYTES)
+                try:
+                    self._take(*unpacked_request(raw), watcher)
+                except Exception as error:  # noqa: BLE001 - a request that is damaged, or cannot be met, must not end the others
+                    _log.warning("request refused: %s: %s", type(error).__name__, error)
         watcher.gone = True
         with self._lock:
             self._watchers.remove(watcher)
         self._count()
+
+    def _take(self, name: str, values: Mapping[str, Any], watcher: Watcher) -> None:
+        if name == "watch":
+            watcher.wanted = frozenset(map(str, values["channels"]))
+            self._count()
+        else:
+            self._on_request(name, values)
 
     def _count(self) -> None:
         with self._lock:
@@ -133,6 +139,10 @@ class Host:
             watched = SCENE in self._wanted
         if watched != (SCENE in before):
             self._on_watched(watched)
+
+
+def _place(message: SessionMessage) -> tuple[str, str, str]:
+    return message.kind, message.channel, message.key
 
 
 class Pace:

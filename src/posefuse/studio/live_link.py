@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import threading
 import time
 from collections.abc import Mapping
@@ -11,15 +12,24 @@ from multiprocessing.connection import Client, Connection
 from typing import Any
 
 from .jobs import Job, Jobs
-from .live_host import BODIES, SCENE
+from .private_files import SessionAddress
+from .session_messages import (
+    BODIES,
+    LIVE,
+    MOST_BYTES,
+    SCENE,
+    DamagedMessage,
+    SessionMessage,
+    packed_request,
+    unpacked_status,
+)
 from .streams import Stream
 
-LIVE, WATCH = "live", "watch"
-"""Kinds of work that pages follow, and the names of their streams."""
 LIVE_BODIES = "live-bodies"
 """Name of the stream of meshes."""
 _LOOK_S = 0.7
 _FIRST_LOOK_S = 1.0
+_log = logging.getLogger(__name__)
 
 
 class LiveLink:
@@ -40,6 +50,7 @@ class LiveLink:
         self.job: Job | None = None
         self._jobs, self._work = jobs, work
         self._connection: Connection | None = None
+        self._troubles = 0
         self._lock = threading.Lock()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._awake, self._looked = threading.Event(), threading.Event()
@@ -64,7 +75,7 @@ class LiveLink:
         """Send a request to the session; without one nothing happens."""
         with self._lock, suppress(OSError):
             if self._connection is not None:
-                self._connection.send((request, values))
+                self._connection.send_bytes(packed_request(request, values))
 
     def _watched(self, pages: int = 0) -> None:
         """Say which streams any page shows."""
@@ -76,36 +87,56 @@ class LiveLink:
             if not self._awake.is_set():
                 self._looked.clear()
                 self._awake.wait()
-            running = self._jobs.running(self._work)
-            self.job = running[0] if running else None
-            address = self._jobs.report(self.job.id).extra.get("address") if self.job else None
-            if address:
-                with suppress(OSError, EOFError, ValueError):
-                    self._follow(int(address["port"]), bytes.fromhex(address["key"]))
+            try:
+                self._look()
+            except (OSError, EOFError):
+                # a session that ends closes its side
+                pass
+            except Exception as error:  # noqa: BLE001 - whatever a session or a file is, the next look may find another one
+                self._warn(f"connection to the session lost: {type(error).__name__}: {error}")
             self.status = {}
             if self._awake.is_set():
                 self._looked.set()
                 time.sleep(_LOOK_S)
 
-    def _follow(self, port: int, key: bytes) -> None:
+    def _look(self) -> None:
+        running = self._jobs.running(self._work)
+        self.job = running[0] if running else None
+        address = self._jobs.address(self.job.id) if self.job else None
+        if address is not None:
+            self._follow(address)
+
+    def _follow(self, address: SessionAddress) -> None:
         """Until the session ends, or no page is left."""
-        with Client(("127.0.0.1", port), authkey=key) as connection:
+        with Client(("127.0.0.1", address.port), authkey=address.key) as connection:
             self._connection = connection
             try:
                 self._watched()
                 while self._awake.is_set():
-                    self._take(*connection.recv())
+                    self._take(connection.recv_bytes(MOST_BYTES))
             finally:
                 with self._lock:
                     self._connection = None
 
-    def _take(self, kind: str, channel: str, key: Any, content: Any) -> None:
-        if kind == "status":
-            self.status = content
-            self._looked.set()
-        elif self._loop is not None:
-            self._loop.call_soon_threadsafe(self._publish, kind, channel, key, content)
+    def _take(self, raw: bytes) -> None:
+        try:
+            message = SessionMessage.unpacked(raw)
+            if message.kind == "status":
+                self.status = unpacked_status(self._work, message.content)
+                self._looked.set()
+                return
+        except DamagedMessage as error:
+            self._warn(f"damaged message from the session: {error}")
+            return
+        if self._loop is not None:
+            self._loop.call_soon_threadsafe(self._publish, message)
 
-    def _publish(self, kind: str, channel: str, key: Any, content: bytes) -> None:
-        stream = self.bodies if channel == BODIES else self.stream
-        stream.publish(key, content, keep=kind == "kept")
+    def _warn(self, line: str) -> None:
+        """A line for the first, second, fourth, eighth ... trouble: there may be hundreds a second."""
+        self._troubles += 1
+        if self._troubles.bit_count() == 1:
+            _log.warning("%s: %s; %d so far", self._work, line, self._troubles)
+
+    def _publish(self, message: SessionMessage) -> None:
+        stream = self.bodies if message.channel == BODIES else self.stream
+        stream.publish(message.key, message.content, keep=message.kind == "kept")

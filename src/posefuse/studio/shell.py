@@ -9,9 +9,10 @@ from pathlib import Path
 import segno
 from nicegui import ui
 
+from .access import is_loopback
 from .jobs import Job
-from .live_link import LIVE, WATCH
 from .pages import PAGES, StudioPage
+from .session_messages import LIVE, WATCH
 from .state import Studio
 
 _STYLE = Path(__file__).with_name("style.css")
@@ -59,7 +60,7 @@ def _phone(studio: Studio) -> None:
     access = studio.access
     with ui.dialog(value=True), ui.card().classes("gap-3 items-center"):
         ui.label("Look from a phone").classes("pf-h2")
-        if not access.token:
+        if is_loopback(access.host):
             ui.label(
                 "The studio is reached from this machine only. To let a phone in the same network look, start it again with"
             ).classes("pf-small")
@@ -156,8 +157,10 @@ def _jobs_menu(studio: Studio) -> None:
             lines = ui.column().classes("pf-jobs-lines")
 
     def refresh() -> None:
-        jobs = [job for job in studio.jobs.all() if job.work not in (LIVE, WATCH)][:_MOST_JOBS]
-        state: list[object] = [(job.id, studio.jobs.report(job.id)) for job in jobs]
+        # sessions have pages of their own, but none may run unseen: where there are two, a page shows one
+        jobs = [job for job in studio.jobs.all() if job.work not in (LIVE, WATCH) or not studio.jobs.report(job.id).ended]
+        jobs = jobs[:_MOST_JOBS]
+        state: list[object] = [(job.id, studio.jobs.report(job.id).without_time) for job in jobs]
         if state == shown:
             return
         shown[:] = state

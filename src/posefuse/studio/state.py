@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 
 from .access import Access
 from .jobs import Jobs
-from .live_link import LIVE, LIVE_BODIES, WATCH, LiveLink
+from .live_link import LIVE_BODIES, LiveLink
+from .session_messages import LIVE, WATCH
 from .streams import Stream
 from .workspace import StudioWorkspace
 

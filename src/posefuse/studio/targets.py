@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from posefuse.calibration.targets.description import write_target
+from posefuse.calibration.intrinsics.board import check_board
+from posefuse.calibration.targets.description import read_target, write_target
 from posefuse.calibration.targets.kinds import Charuco, Markers, Target
 from posefuse.calibration.targets.printing import CUBE_IDS, board_sheets, marker_sheets, write_pdf
+from posefuse.core import InputError, PosefuseError
 from posefuse.foundation.atomic import atomic_file
 
+from .calibrations import Step
 from .workspace import StudioWorkspace
 
 FOLDER = "targets"
@@ -33,8 +37,13 @@ def print_board(workspace: StudioWorkspace, *, columns: int, rows: int, square_m
     Raises:
         ConfigError: a board that cannot be, or does not fit on the page.
     """
-    kind = Charuco(columns=columns, rows=rows, square_m=square_mm / 1e3, marker_m=0.75 * square_mm / 1e3)
+    kind = board_of(columns=columns, rows=rows, square_mm=square_mm)
     return _printed(workspace, f"board {columns}x{rows} {square_mm:g} mm", kind, page)
+
+
+def board_of(*, columns: int, rows: int, square_mm: float) -> Charuco:
+    """The ChArUco board of these squares; raises ConfigError for one that cannot be."""
+    return Charuco(columns=columns, rows=rows, square_m=square_mm / 1e3, marker_m=0.75 * square_mm / 1e3)
 
 
 def print_cube(workspace: StudioWorkspace, *, marker_mm: float, page: str) -> Printed:
@@ -54,10 +63,26 @@ def without_floor(target: Target) -> Target:
     return target
 
 
-def targets(workspace: StudioWorkspace) -> list[str]:
-    """Descriptions in the workspace."""
-    folder = workspace.path(FOLDER)
-    return [f"{FOLDER}/{path.name}" for path in sorted(folder.glob("*.toml"))] if folder.is_dir() else []
+def targets(workspace: StudioWorkspace, step: Step) -> list[str]:
+    """Descriptions in the workspace that can serve a step of a calibration."""
+    folder, found = workspace.path(FOLDER), []
+    for path in sorted(folder.glob("*.toml")) if folder.is_dir() else []:
+        with suppress(PosefuseError):
+            check_target(read_target(path), step)
+            found.append(f"{FOLDER}/{path.name}")
+    return found
+
+
+def check_target(target: Target, step: Step) -> None:
+    """Whether it can serve the step: a cube for the positions; for the others a board, which the rig was not made from.
+
+    Raises:
+        InputError: it is of the other kind. CalibrationError: lenses cannot be calibrated from so small a board.
+    """
+    if isinstance(target, Markers) != (step == "extrinsics"):
+        raise InputError("target: expected a cube of markers for the positions, and a board for the lenses and the verification")
+    if step == "intrinsics":
+        check_board(target)
 
 
 def _printed(workspace: StudioWorkspace, stem: str, kind: Charuco | Markers, page: str) -> Printed:

@@ -61,5 +61,6 @@ def walk_card(studio: Studio, plan: Callable[[], Scene], opened: Callable[[Scene
             ui.button("Render the walk", icon="directions_walk", on_click=render)
         with ui.row().classes("pf-tools"):
             plans = [one for one in workspace.files(".yaml", ".yml") if one.startswith(f"{PLANS}/")]
-            ui.select(plans, label="Earlier plan", on_change=lambda e: open_earlier(e.value)).props("dense outlined clearable")
+            earlier = ui.select(plans, label="Earlier plan", on_change=lambda e: open_earlier(e.value))
+            earlier.props("dense outlined clearable").classes("w-56").set_visibility(bool(plans))
             ui.button("Keep this plan", icon="save", on_click=keep).props("outline")

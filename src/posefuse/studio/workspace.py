@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import AsyncIterable, Iterable
-from pathlib import Path, PurePosixPath
+from pathlib import Path, PurePosixPath, PureWindowsPath
 
 from posefuse.core import InputError
 from posefuse.foundation.atomic import atomic_file
@@ -14,7 +13,9 @@ MOST_UPLOAD_BYTES = 4 * 2**30
 STATE_FOLDER = ".posefuse-studio"
 POSES_FILE = "recording.mcap"
 """Of a live recording, in its folder."""
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,79}")
+_MOST_LETTERS = 80
+# what Windows takes in no name, and what divides a camera from its source
+_NOT_IN_NAMES = '"*/:<=>?\\|'
 _RESERVED = {"con", "prn", "aux", "nul", *(f"{kind}{n}" for kind in ("com", "lpt") for n in range(1, 10))}
 
 
@@ -40,7 +41,9 @@ class StudioWorkspace:
             InputError: an absolute path, one with ``..``, or one that leaves the workspace through a link.
         """
         relative = PurePosixPath(name)
-        if not name or "\\" in name or "\0" in name or ":" in name or relative.is_absolute() or ".." in relative.parts:
+        # Windows: a drive, and a colon leads to a hidden part of a file
+        elsewhere = bool(PureWindowsPath(name).drive) or (os.name == "nt" and ":" in name)
+        if not name or "\\" in name or "\0" in name or elsewhere or relative.is_absolute() or ".." in relative.parts:
             raise InputError(f"{name!r}: expected a path inside the workspace, without '..'")
         target = self.root.joinpath(*relative.parts)
         if not target.resolve().is_relative_to(self.root):
@@ -111,9 +114,11 @@ def recording_place(name: str) -> PurePosixPath:
 
 
 def check_name(name: str) -> None:
-    """Raise InputError for a name of a file or folder that is not plain on every system."""
-    if not _NAME.fullmatch(name) or name.endswith((".", " ")) or name.split(".")[0].lower() in _RESERVED:
-        raise InputError(f"{name!r}: expected a name of letters, digits, spaces, '.', '_' and '-'")
+    """Raise InputError for a name of a file, folder or camera that some system does not take."""
+    if not 1 <= len(name) <= _MOST_LETTERS or not name.isprintable() or set(name) & set(_NOT_IN_NAMES):
+        raise InputError(f"{name!r}: expected a name of 1 to {_MOST_LETTERS} characters, none of them one of {_NOT_IN_NAMES}")
+    if name.startswith((".", "-", " ")) or name.endswith((".", " ")) or name.split(".")[0].strip().lower() in _RESERVED:
+        raise InputError(f"{name!r}: expected a name without '.', '-' or a space at its begin or end, and not one of a device")
 
 
 def _walk(folder: Path, depth: int) -> Iterable[Path]:

@@ -27,6 +27,7 @@ _NOISE_FACTOR = 1.5
 # chosen, not fitted: coarse, of all corners together; single cameras are judged by `VerifyLimits`
 _MOST_REPROJECTION_PX_PER_1000 = 2.5
 _LEAST_LENGTHS = 20
+_EXCHANGED = "cameras were exchanged, or one moved far since the calibration: check which is which, and calibrate again"
 VERIFY_LIMITS = VerifyLimits()
 
 
@@ -91,17 +92,22 @@ def verify(
     noise_px = float(np.nanmin([one.noise_px for one in found])) if any(one.noise_px > 0 for one in found) else 0.0
     corners = np.stack([target.corners(int(patch)) for patch in seen.patches])
     error, at, true, noise_m = _lengths(key, xyz, point_covariance(rig, xyz, xy, noise_px), corners)
-    if len(error) < _LEAST_LENGTHS:
+    # the rays of exchanged cameras may meet behind one of them, where no length can be measured
+    measured = np.isfinite(error) & np.isfinite(noise_m)
+    if measured.sum() < _LEAST_LENGTHS:
         raise CalibrationError(
-            f"verification: {len(error)} lengths measured, at least {_LEAST_LENGTHS} are needed;"
-            " hold the target where two cameras see it"
+            f"verification: {measured.sum()} lengths measured, at least {_LEAST_LENGTHS} are needed;"
+            " hold the target where two cameras see it, and check that each video is of the camera that it is named after"
         )
+    unmeasured = int((~measured).sum())
+    error, at, true, noise_m = error[measured], at[measured], true[measured], noise_m[measured]
     good = np.isfinite(xyz).all(axis=1)
     square = (off**2).sum(axis=-1)
     scale = float(np.median(1 + error / true))
     reprojection_px = _rms(square)
     rms_m = float(np.sqrt((noise_m**2).mean()))
-    report = _report(rig, error, true, scale=scale, noise_m=rms_m, reprojection_px=reprojection_px, found=found, limits=limits)
+    report = _report(rig, error, true, unmeasured=unmeasured, scale=scale, noise_m=rms_m, reprojection_px=reprojection_px,
+                     found=found, limits=limits)  # fmt: skip
     return Verification(
         xyz_world=xyz[good],
         t_ns=times[key[good, 0]],
@@ -188,6 +194,7 @@ def _report(
     rig: Rig,
     error: Array,
     true: Array,
+    unmeasured: int,
     scale: float,
     noise_m: float,
     reprojection_px: Array,
@@ -197,18 +204,21 @@ def _report(
     rms = float(np.sqrt((error**2).mean()))
     limit = float(np.hypot(_MOST_LENGTH_RMS_SHARE * np.median(true), _NOISE_FACTOR * noise_m))
     worst = int(np.nanargmax(reprojection_px))
-    limit_px = _MOST_REPROJECTION_PX_PER_1000 * max(rig.cameras[worst].size_wh) / 1000
+    width_px = max(rig.cameras[worst].size_wh)
+    limit_px = _MOST_REPROJECTION_PX_PER_1000 * width_px / 1000
+    worst_px = f"{reprojection_px[worst]:.2f} px rms" if reprojection_px[worst] < width_px else f"more than {width_px} px rms"
+    lost = f"; {unmeasured} more cannot be measured" if unmeasured else ""
     checks = (
         *_camera_checks(found, limits),
-        Check("lengths are right", rms <= limit,
+        Check("lengths are right", rms <= limit and unmeasured < len(error),
               f"rms {rms * 1e3:.2f} mm over {len(error)} lengths, {noise_m * 1e3:.2f} mm of it from noise of the corners (limit"
-              f" {limit * 1e3:.2f} mm)",
-              "a camera moved since the calibration, or the target is not as described"),
+              f" {limit * 1e3:.2f} mm){lost}",
+              _EXCHANGED if unmeasured else "a camera moved since the calibration, or the target is not as described"),
         Check("scale is right", abs(scale - 1) <= _MOST_SCALE_ERROR,
               f"lengths measure {scale:.4f} of the truth (limit {_MOST_SCALE_ERROR:.0%} off)",
               "a wrong marker side, here or in the calibration"),
         Check("reprojection", bool(reprojection_px[worst] <= limit_px),
-              f"{rig.names[worst]} is worst with {reprojection_px[worst]:.2f} px rms (limit {limit_px:.2f})",
+              f"{rig.names[worst]} is worst with {worst_px} (limit {limit_px:.2f})",
               "this camera moved, or its intrinsics are wrong"),
     )  # fmt: skip
     numbers = {"length_rms_mm": rms * 1e3, "length_noise_mm": noise_m * 1e3, "scale": scale, "lengths": float(len(error))}

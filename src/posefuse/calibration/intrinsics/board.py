@@ -82,11 +82,11 @@ def calibrate_intrinsics(observations: CornerObservations, target: Target, most_
     """Intrinsics of the one camera in `observations`.
 
     Raises:
-        CalibrationError: too few views, or (as RefusedCalibration, with the report) a check that does not hold.
+        CalibrationError: too few views, a target that cannot serve, or (as RefusedCalibration, with the report) a check that does
+            not hold.
     """
     (name,), (size_wh,) = observations.cameras, observations.sizes_wh
-    if isinstance(target, Markers):
-        raise CalibrationError(f"camera {name}: intrinsics need a board; loose markers serve extrinsics")
+    check_board(target)
     views = _views(observations, target)
     if len(views) < _LEAST_VIEWS:
         raise CalibrationError(
@@ -102,6 +102,18 @@ def calibrate_intrinsics(observations: CornerObservations, target: Target, most_
         views = [view for view, keep in zip(views, good, strict=True) if keep]
         solved = _solve(views, size_wh)
     return _result(name, size_wh, observations, views, solved, dropped)
+
+
+def check_board(target: Target) -> None:
+    """Raise CalibrationError for a target from which no intrinsics can be calibrated, however it is shown."""
+    if isinstance(target, Markers):
+        raise CalibrationError("target: intrinsics need a board; loose markers serve extrinsics")
+    corners = len(target.corners(BOARD_PATCH))
+    if corners < _LEAST_CORNERS:
+        raise CalibrationError(
+            f"target: expected a board with at least {_LEAST_CORNERS} corners for intrinsics, got {corners} on one of"
+            f" {target.columns} x {target.rows}; take one with more squares"
+        )
 
 
 def _views(observations: CornerObservations, target: Target) -> list[_View]:

@@ -153,9 +153,11 @@ def _placed(page: str, width: float, height: float) -> tuple[tuple[float, float]
         room = (size[0] - 2 * _MARGIN_M, size[1] - 2 * _MARGIN_M - _FOOT_M)
         if width <= room[0] and height <= room[1]:
             return size, ((size[0] - width) / 2, _MARGIN_M + _FOOT_M + (room[1] - height) / 2)
+    area_m2 = PAGES_M[page][0] * PAGES_M[page][1]
+    larger = ", ".join(name for name, (across, up) in PAGES_M.items() if across * up > area_m2)
     raise ConfigError(
-        f"page {page}: a drawing of {width * 1e3:.0f} x {height * 1e3:.0f} mm does not fit with margins and ruler;"
-        f" take a larger page ({', '.join(PAGES_M)}) or a smaller side"
+        f"page {page}: a drawing of {width * 1e3:.0f} x {height * 1e3:.0f} mm, with its white border, does not fit with margins"
+        f" and ruler; take {f'a larger page ({larger}) or ' if larger else ''}a smaller side"
     )
 
 

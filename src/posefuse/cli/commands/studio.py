@@ -25,8 +25,8 @@ def studio(
     Args:
         workspace: Folder whose files the page reads and writes (default: this one); nothing outside it.
         port: Port of the page.
-        host: Address to bind to; beyond 127.0.0.1 a token is needed, which is in the address that is printed.
-        token: Ask for this token instead of one made at random.
+        host: Address to bind to; others than 127.0.0.1 can be reached from other machines.
+        token: Ask for this token, of 16 characters or more, instead of one made at random; it is in the address that is printed.
         open_page: Open the page in the browser.
     """
     from posefuse.cli.studio import serve_studio

@@ -3,19 +3,42 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
 from nicegui import ui
 
-from posefuse.core import PosefuseError, Rig
+from posefuse.core import InputError, PosefuseError, Rig
 from posefuse.formats.rig import read_rig
-from posefuse.studio.calibrations import Known, Next, Project, Step, known_of, next_step, projects, save_project
-from posefuse.studio.live_link import WATCH
-from posefuse.studio.pages.calibrate_parts import graph_card, lights_table, print_dialog, result_card, say_aloud
+from posefuse.studio.calibrations import (
+    FOLDER,
+    RIG,
+    Known,
+    Next,
+    Project,
+    Step,
+    known_of,
+    last_worked_on,
+    new_recording,
+    next_step,
+    projects,
+    save_project,
+)
+from posefuse.studio.jobs import Job, Report
+from posefuse.studio.pages.calibrate_parts import (
+    TITLES,
+    graph_card,
+    lights_table,
+    print_dialog,
+    result_card,
+    say_aloud,
+    steps_table,
+)
 from posefuse.studio.scene.messages import setup_message
 from posefuse.studio.scene.setup import scene_setup
 from posefuse.studio.scene.view import CameraTile, RigScene
+from posefuse.studio.session_messages import WATCH
 from posefuse.studio.setups import DEMO, Setup, save_setup, setup_named, setups
 from posefuse.studio.shell import card, job_line, light, refused, title
 from posefuse.studio.state import Studio
@@ -40,12 +63,10 @@ def build(studio: Studio) -> None:
     """Place the page."""
     title("Calibrate", "Where the cameras stand, how their lenses draw, and how far all of it can be trusted.")
     found = projects(studio.workspace)
-    shown = {"name": found[-1].name if found else ""}
     chooser = ui.row().classes("items-center gap-3")
     place = ui.column().classes("pf-column w-full")
 
     def show(name: str) -> None:
-        shown["name"] = name
         chooser.clear()
         with chooser:
             names = [one.name for one in projects(studio.workspace)]
@@ -62,7 +83,7 @@ def build(studio: Studio) -> None:
             else:
                 _Guide(studio, project).build()
 
-    show(shown["name"])
+    show(last_worked_on(studio.workspace, found))
 
 
 def _welcome(studio: Studio, show: Callable[[str], None]) -> None:
@@ -90,18 +111,25 @@ async def _new(studio: Studio, show: Callable[[str], None]) -> None:
         return
     with ui.dialog() as dialog, ui.card().classes("gap-3"):
         ui.label("New calibration").classes("pf-h2")
-        name = ui.input("Name", value="room").classes("w-64")
+        name = ui.input("Name", value=studio.workspace.free_name(FOLDER, "room").rpartition("/")[2]).classes("w-64")
         setup = ui.select(names, value=names[-1], label="Cameras").classes("w-64")
         lenses = ui.checkbox("Calibrate the lenses first (more exact)", value=True)
+
+        def begin() -> None:
+            project = Project(name=name.value.strip(), setup=str(setup.value), lenses=bool(lenses.value))
+            try:
+                if project.name in {one.name for one in projects(studio.workspace)}:
+                    raise InputError(f"{project.name}: there is a calibration of this name; each of its steps can be done again")
+                save_project(studio.workspace, project)
+            except PosefuseError as error:
+                refused(error)
+                return
+            dialog.submit(project.name)
+
         with ui.row().classes("w-full justify-end"):
-            ui.button("Begin", on_click=lambda: dialog.submit(True)).props("unelevated no-caps")
-    if await dialog:
-        try:
-            save_project(studio.workspace, Project(name=name.value.strip(), setup=str(setup.value), lenses=bool(lenses.value)))
-        except PosefuseError as error:
-            refused(error)
-            return
-        show(name.value.strip())
+            ui.button("Begin", on_click=begin).props("unelevated no-caps")
+    if made := await dialog:
+        show(made)
 
 
 class _Guide:
@@ -113,6 +141,8 @@ class _Guide:
         self._state: Any = None
         self._sound = False
         self._said = ""
+        self._tiled: dict[str, Any] = {}
+        self._solving: Report | None = None
         self._linked: tuple[list[str], Any] | None = None
 
     def build(self) -> None:
@@ -127,6 +157,7 @@ class _Guide:
             ui.switch("Sound", on_change=lambda event: self._switch_sound(bool(event.value)))
         self._tiles = ui.column().classes("w-full gap-3")
         self._lights = ui.column().classes("w-full")
+        self._steps = ui.column().classes("w-full")
         self._graph = ui.column().classes("w-full")
         self._results = ui.element("div").classes("pf-halves")
         self._refresh()
@@ -139,39 +170,59 @@ class _Guide:
     def _refresh(self) -> None:
         studio = self._studio
         known = known_of(studio.workspace, self._project, tuple(self._setup.sources))
-        watching = (
-            studio.watch.job if studio.watch.job and studio.watch.job.arguments.get("project") == self._project.name else None
-        )
+        watching = studio.watch.job if studio.watch.job is not None and self._is_mine(studio.watch.job) else None
         solving = next((one for one in studio.jobs.running("calibrate")
                         if one.arguments["folder"] == self._project.folder), None)  # fmt: skip
-        sizes = [one["size_wh"] for one in studio.watch.status.get("cameras", {}).values()]
-        state = (watching and watching.id, solving and solving.id, known, sizes)
+        other = studio.watch.job if watching is None and solving is None else None
+        fault = self._fault(known) if watching is None and solving is None else ""
+        state = (watching and watching.id, solving and solving.id, other and other.id, fault, known)
         if state != self._state:
             self._state = state
-            self._rebuild(known, watching is not None, solving)
+            self._rebuild(known, watching, solving)
+            with self._bar:
+                if fault:
+                    light("bad", fault)
+                if other is not None and other.arguments.get("record"):
+                    job_line(studio, other)
+        self._show_tiles(watching is not None)
         if watching is not None and studio.watch.status:
             words = studio.watch.status["words"]
             self._words.set_text(words[:1].upper() + words[1:])
             self._why.set_text(f"recording {studio.watch.status['record']}: {studio.watch.status['seconds']:.0f} s")
-        if solving is not None:
+        report = None if solving is None else studio.jobs.report(solving.id).without_time
+        if solving is not None and report != self._solving:
             self._bar.clear()
             with self._bar:
                 job_line(studio, solving)
+        self._solving = report
         self._show_graph(known, watching is not None)
         if self._sound and self._words.text != self._said:
             say_aloud(self._words.text, good=bool(studio.watch.status.get("enough")) or "verified" in self._words.text)
         self._said = self._words.text
 
-    def _rebuild(self, known: Known, watching: bool, solving: Any) -> None:
+    def _is_mine(self, job: Job) -> bool:
+        """Whether a recording or a calculation belongs to this project."""
+        return self._project.name == job.arguments.get("project") or self._project.folder == job.arguments.get("folder")
+
+    def _fault(self, known: Known) -> str:
+        """Why the newest recording or calculation did not work; empty where it did."""
+        newest = next((one for one in self._studio.jobs.all() if one.work in (WATCH, "calibrate") and self._is_mine(one)), None)
+        if newest is None:
+            return ""
+        report, recording = self._studio.jobs.report(newest.id), newest.arguments.get("record")
+        if report.state == "done" and recording and recording not in known.recordings.values():
+            return f"{recording}: stopped before enough was seen; the earlier result stays"
+        return f"{newest.title}: {report.error}" if report.state in ("failed", "lost") else ""
+
+    def _rebuild(self, known: Known, watching: Job | None, solving: Job | None) -> None:
         step = next_step(self._project, known)
         self._bar.clear()
-        self._tiles.clear()
-        if watching:
+        if watching is not None:
+            self._words.set_text("Opening the cameras")
+            self._why.set_text("")
             with self._bar:
-                ui.button("Stop recording", icon="stop", on_click=self._stop).props("unelevated no-caps color=negative").classes(
-                    "self-start"
-                )
-            self._watch_tiles()
+                stop = ui.button("Stop recording", icon="stop", on_click=lambda: self._studio.jobs.cancel(watching.id))
+                stop.props("unelevated no-caps color=negative").classes("self-start")
         elif solving is None:
             self._words.set_text(step.words[:1].upper() + step.words[1:])
             self._why.set_text(step.why)
@@ -182,18 +233,25 @@ class _Guide:
         self._lights.clear()
         with self._lights, card("Cameras"):
             lights_table(self._project, known)
+        self._steps.clear()
+        with self._steps:
+            if known.recordings and watching is None and solving is None:
+                steps_table(self._project, known, self._film, self._solve)
         self._show_results(known)
 
     def _buttons(self, step: Next) -> None:
         text, icon = ("Verify", "verified") if (step.action, step.step) == ("solve", "verify") else _BUTTONS[step.action]
+        if step.back:
+            text = f"{TITLES[step.step]}: record again"
         with self._bar, ui.row().classes("gap-3 items-center"):
             ui.button(text, icon=icon, on_click=lambda: self._act(step)).props("unelevated no-caps size=lg")
             if step.action == "solve":
                 ui.button("Record again", icon="fiber_manual_record", on_click=lambda: self._film(step.step)).props(
                     "flat no-caps"
                 )
-            if step.action == "film" and step.why.startswith("Refused"):
-                ui.button("Calculate again", icon="refresh", on_click=lambda: self._solve(step.step)).props("flat no-caps")
+            for earlier in step.back:
+                again = ui.button(f"{TITLES[earlier]}: record again", icon="undo", on_click=partial(self._film, earlier))
+                again.props("outline no-caps")
             if step.action != "print":
                 ui.button("Targets", icon="print", on_click=self._print).props("flat no-caps")
 
@@ -216,20 +274,21 @@ class _Guide:
             self._refresh()
 
     def _film(self, step: Step) -> None:
-        if self._studio.watch.job is not None:
-            self._studio.jobs.cancel(self._studio.watch.job.id)
-        name = self._studio.workspace.free_name(self._project.folder, f"{step}-1").replace(f"{step}-1-", f"{step}-")
+        name = new_recording(self._studio.workspace, self._project, step)
         arguments = {
             "setup": self._project.setup, "target": self._project.target(step), "record": name, "project": self._project.name,
             "step": step, "lenses": step == "extrinsics" and not self._project.lenses,
         }  # fmt: skip
-        self._studio.jobs.start(WATCH, f"Recording {name}", arguments, page="/calibrate")
-
-    def _stop(self) -> None:
-        if self._studio.watch.job is not None:
-            self._studio.jobs.cancel(self._studio.watch.job.id)
+        try:
+            self._studio.jobs.free_cameras()
+            self._studio.jobs.start(WATCH, f"Recording {name}", arguments, page="/calibrate")
+        except PosefuseError as error:
+            refused(error)
 
     def _solve(self, step: Step) -> None:
+        if self._studio.jobs.running("calibrate"):
+            # pressed twice
+            return
         known = known_of(self._studio.workspace, self._project, tuple(self._setup.sources))
         arguments = {
             "step": step,
@@ -242,14 +301,22 @@ class _Guide:
 
     def _use(self) -> None:
         changed = Setup(
-            name=self._setup.name, sources=self._setup.sources, roles=self._setup.roles, rig=f"{self._project.folder}/rig.toml"
+            name=self._setup.name, sources=self._setup.sources, roles=self._setup.roles, rig=f"{self._project.folder}/{RIG}"
         )
         save_setup(self._studio.workspace, changed)
         ui.notify(f"{changed.name} uses this rig now", type="positive")
         ui.navigate.to("/live")
 
-    def _watch_tiles(self) -> None:
-        cameras: Mapping[str, Any] = self._studio.watch.status.get("cameras", {})
+    def _show_tiles(self, watching: bool) -> None:
+        """Apart from the buttons: one that is replaced while it is pressed does nothing."""
+        cameras: Mapping[str, Any] = self._studio.watch.status.get("cameras", {}) if watching else {}
+        sizes = {name: one["size_wh"] for name, one in cameras.items()}
+        if sizes == self._tiled:
+            return
+        self._tiled = sizes
+        self._tiles.clear()
+        if not cameras:
+            return
         with self._tiles, card("Covered so far: red is poor, green is rich"), ui.element("div").classes("pf-grid"):
             for number, (name, one) in enumerate(cameras.items()):
                 width, height = one["size_wh"] or (4, 3)
@@ -262,14 +329,14 @@ class _Guide:
         with self._results:
             if "extrinsics" in known.results and known.results["extrinsics"]["passed"]:
                 try:
-                    rig = read_rig(self._studio.workspace.existing(f"{self._project.folder}/rig.toml"))
+                    rig = read_rig(self._studio.workspace.existing(f"{self._project.folder}/{RIG}"))
                     self._scene(rig, known.results["extrinsics"])
                 except PosefuseError as error:
                     light("bad", str(error))
             with ui.element("div").classes("pf-column"):
                 for step in ("verify", "extrinsics", "intrinsics"):
                     if step in known.results:
-                        result_card(self._studio, step, known.results[step], self._project.folder, known.coverage.get(step))
+                        result_card(self._studio, step, known, self._project.folder)
 
     def _show_graph(self, known: Known, watching: bool) -> None:
         """As it is now while cameras are recorded, else of the newest recording in which they must be linked."""

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 from urllib.parse import quote
 
@@ -15,14 +16,14 @@ from nicegui import ui
 from posefuse.calibration.targets.coverage import ENOUGH_TOGETHER
 from posefuse.calibration.targets.printing import PAGES_M
 from posefuse.core import PosefuseError
-from posefuse.studio.calibrations import LIGHTS, Known, Project, blamed_cameras, lights
+from posefuse.studio.calibrations import LIGHTS, RESTS, Known, Project, Step, blamed_cameras, lights, step_light
 from posefuse.studio.camera_graph import graph_svg
 from posefuse.studio.shell import card, light, refused
 from posefuse.studio.state import Studio
-from posefuse.studio.targets import FLOOR_ID, print_board, print_cube, targets
+from posefuse.studio.targets import FLOOR_ID, board_of, check_target, print_board, print_cube, targets
 
 _REPORTS = {"intrinsics": "lenses.html", "extrinsics": "rig.html", "verify": "verified.html"}
-_TITLES = {"intrinsics": "Lenses", "extrinsics": "Positions", "verify": "Verification"}
+TITLES: Mapping[Step, str] = {"intrinsics": "Lenses", "extrinsics": "Positions", "verify": "Verification"}
 _FULL_COUNT = 12
 
 
@@ -39,13 +40,28 @@ def lights_table(project: Project, known: Known) -> None:
                 light(row[name].state, row[name].text)
 
 
-def result_card(
-    studio: Studio, step: str, result: Mapping[str, Any], folder: str, coverage: Mapping[str, Any] | None = None
-) -> None:
-    """Checks of a step: those that fail first, each with cause, remedy and an image. `coverage`: of its recording."""
+def steps_table(project: Project, known: Known, film: Callable[[Step], None], solve: Callable[[Step], None]) -> None:
+    """A row per step: how far it is, what rests on it, and buttons to do it again."""
+    with card("Steps"):
+        for step in project.steps:
+            with ui.column().classes("gap-0 w-full"):
+                with ui.row().classes("items-center gap-3 w-full"):
+                    ui.label(TITLES[step]).classes("pf-h2 w-28")
+                    one = step_light(step, project, known)
+                    light(one.state, one.text)
+                    if step in known.recordings or step in known.results:
+                        ui.button("Record again", on_click=partial(film, step)).props("flat dense no-caps")
+                    if step in known.results and known.can_solve(step, project):
+                        ui.button("Calculate again", on_click=partial(solve, step)).props("flat dense no-caps")
+                ui.label(RESTS[step]).classes("pf-small")
+
+
+def result_card(studio: Studio, step: Step, known: Known, folder: str) -> None:
+    """Checks of a step: those that fail first, each with cause, remedy and an image."""
+    result, coverage = known.results[step], known.coverage.get(step)
     checks = [(one["subject"], check) for one in result["reports"] for check in one["checks"]]
     bad = [(subject, check) for subject, check in checks if not check["passed"]]
-    with card(_TITLES[step]) as head:
+    with card(TITLES[step]) as head:
         for subject, check in bad:
             with ui.column().classes("pf-refusal"):
                 light("bad", f"{subject}: {check['name']}")
@@ -70,7 +86,11 @@ def result_card(
                     ui.label(check["detail"]).classes("pf-small")
     with head:
         ui.space()
-        light("good" if result["passed"] else "bad", "passed" if result["passed"] else "refused")
+        word = "passed" if result["passed"] else "refused"
+        if known.passed(step) or known.refused(step):
+            light("good" if result["passed"] else "bad", word)
+        else:
+            light("doubt", f"{word}, an earlier one")
         report = f"{folder}/{_REPORTS[step]}"
         if studio.workspace.path(report).is_file():
             ui.link("Report", f"/studio/file?name={quote(report)}", new_tab=True)
@@ -104,24 +124,25 @@ def graph(cameras: Sequence[str], together: Sequence[Sequence[int]]) -> None:
 
 
 def _coverage(cells: Mapping[str, Any]) -> None:
-    """A small grid per image: which parts the target has met."""
+    """A small grid per image: which parts the target has met, the more often the stronger."""
     with ui.row().classes("gap-4"):
         for camera, counts in cells.items():
             level = np.clip(np.asarray(counts, float) / _FULL_COUNT, 0, 1)
             rows, columns = level.shape
             boxes = "".join(
-                f'<rect x="{x}" y="{y}" width=".94" height=".94" rx=".12" fill="hsl({120 * level[y, x]:.0f} 60% 50%)"/>'
+                f'<rect x="{x}" y="{y}" width=".94" height=".94" rx=".12" opacity="{0.1 + 0.9 * level[y, x]:.2f}"/>'
                 for y in range(rows)
                 for x in range(columns)
             )
             with ui.column().classes("gap-1"):
-                ui.html(f'<svg viewBox="0 0 {columns} {rows}" width="120" aria-hidden="true">{boxes}</svg>', sanitize=False)
+                drawn = f'<svg viewBox="0 0 {columns} {rows}" width="120" fill="currentColor" aria-hidden="true">{boxes}</svg>'
+                ui.html(drawn, sanitize=False).classes("text-primary")
                 ui.label(f"{camera}: {float((level > 0).mean()):.0%}").classes("pf-small")
 
 
 async def print_dialog(studio: Studio, project: Project) -> Project | None:
     """Make or choose the targets; None where nothing was chosen."""
-    known = targets(studio.workspace)
+    lenses: Step = "intrinsics" if project.lenses else "verify"
     with ui.dialog() as dialog, ui.card().classes("gap-3"):
         ui.label("Targets").classes("pf-h2")
         page = ui.select(list(PAGES_M), value="a4", label="Paper").classes("w-32")
@@ -136,16 +157,17 @@ async def print_dialog(studio: Studio, project: Project) -> Project | None:
         async def make() -> None:
             try:
                 sheet = str(page.value)
-                cube = await asyncio.to_thread(print_cube, studio.workspace, marker_mm=float(marker.value), page=sheet)
                 across, down, side_mm = int(columns.value), int(rows.value), float(square.value)
+                check_target(board_of(columns=across, rows=down, square_mm=side_mm), lenses)
+                cube = await asyncio.to_thread(print_cube, studio.workspace, marker_mm=float(marker.value), page=sheet)
                 board = await asyncio.to_thread(
                     print_board, studio.workspace, columns=across, rows=down, square_mm=side_mm, page=sheet
                 )
             except (PosefuseError, TypeError) as error:
                 refused(error)
                 return
-            for select, one in ((cubes, cube), (boards, board)):
-                select.set_options(targets(studio.workspace), value=one.target)
+            cubes.set_options(targets(studio.workspace, "extrinsics"), value=cube.target)
+            boards.set_options(targets(studio.workspace, lenses), value=board.target)
             with made:
                 ui.link(f"Open {cube.pdf}", f"/studio/file?name={quote(cube.pdf)}", new_tab=True)
                 ui.link(f"Open {board.pdf}", f"/studio/file?name={quote(board.pdf)}", new_tab=True)
@@ -154,13 +176,23 @@ async def print_dialog(studio: Studio, project: Project) -> Project | None:
                 )
 
         ui.button("Make PDF files", icon="picture_as_pdf", on_click=make).props("outline no-caps")
-        cubes = ui.select(known, value=project.cube or None, label="Cube in use").classes("w-72")
-        boards = ui.select(known, value=project.board or None, label="Board in use").classes("w-72")
+        cubes = _target_choice(targets(studio.workspace, "extrinsics"), project.cube, "Cube in use")
+        boards = _target_choice(targets(studio.workspace, lenses), project.board, "Board in use")
+
+        def use() -> None:
+            if cubes.value and boards.value:
+                dialog.submit(replace(project, cube=str(cubes.value), board=str(boards.value)))
+            else:
+                ui.notify("Choose a cube and a board; Make PDF files makes both", type="warning")
+
         with ui.row().classes("w-full justify-end"):
-            ui.button("Use these", on_click=lambda: dialog.submit(True)).props("unelevated no-caps")
-    if not await dialog or not (cubes.value and boards.value):
-        return None
-    return replace(project, cube=str(cubes.value), board=str(boards.value))
+            ui.button("Use these", on_click=use).props("unelevated no-caps")
+    chosen: Project | None = await dialog
+    return chosen
+
+
+def _target_choice(names: Sequence[str], now: str, label: str) -> ui.select:
+    return ui.select(list(names), value=now if now in names else None, label=label).classes("w-72")
 
 
 def say_aloud(words: str, *, good: bool) -> None:

@@ -8,13 +8,14 @@ from typing import Any
 
 from nicegui import ui
 
-from posefuse.core import PosefuseError
+from posefuse.core import InputError, PosefuseError
 from posefuse.studio.found import Found, found_sources
-from posefuse.studio.live_link import WATCH
 from posefuse.studio.scene.view import CameraTile
+from posefuse.studio.session_messages import WATCH
 from posefuse.studio.setups import DEMO, Setup, delete_setup, save_setup, setup_named, setups
 from posefuse.studio.shell import card, light, refused, title
 from posefuse.studio.state import Studio
+from posefuse.studio.workspace import check_name
 
 _REFRESH_S = 0.7
 _ROLES = ("", "front", "back", "left", "right", "ceiling", "face", "hands", "reference")
@@ -150,8 +151,13 @@ class _Chooser:
     def _rename(self, old: str, new: str) -> None:
         if new == old or not new:
             return
-        if new in self._sources:
-            ui.notify(f"{new}: there is a camera of this name already", type="warning")
+        try:
+            check_name(new)
+            if new in self._sources:
+                raise InputError(f"{new}: there is a camera of this name already")
+        except InputError as error:
+            refused(error)
+            self._show_rows()
             return
         self._sources = {new if name == old else name: source for name, source in self._sources.items()}
         self._roles = {new if name == old else name: role for name, role in self._roles.items()}
@@ -166,8 +172,11 @@ class _Chooser:
         if not self._sources:
             ui.notify("Add a camera first", type="warning")
             return
-        self._end()
-        self._studio.jobs.start(WATCH, f"Images of {len(self._sources)} cameras", {"sources": self._sources}, page="/")
+        try:
+            self._studio.jobs.free_cameras()
+            self._studio.jobs.start(WATCH, f"Images of {len(self._sources)} cameras", {"sources": self._sources}, page="/")
+        except InputError as error:
+            refused(error)
 
     def _end(self) -> None:
         for job in self._studio.jobs.running(WATCH):
@@ -181,6 +190,24 @@ class _Chooser:
         self._show_rows()
 
     async def _save(self) -> None:
+        known = [one.name for one in setups(self._studio.workspace) if one.name != DEMO]
+
+        def save() -> None:
+            roles = {camera: role for camera, role in self._roles.items() if role}
+            setup = Setup(name=name.value.strip(), sources=self._sources, roles=roles, rig=rig.value or "")
+            try:
+                save_setup(self._studio.workspace, setup)
+            except PosefuseError as error:
+                refused(error)
+                return
+            ui.notify(f"Saved as {setup.name}", type="positive")
+            dialog.submit(True)
+
+        def delete() -> None:
+            delete_setup(self._studio.workspace, str(self._preset.value))
+            ui.notify(f"{self._preset.value}: deleted; its videos and rig stay")
+            dialog.submit(True)
+
         with ui.dialog() as dialog, ui.card().classes("gap-3"):
             name = ui.input("Name of the preset", value=self._preset.value or "room").classes("w-64")
             rigs = ["", *self._studio.workspace.files(".toml")]
@@ -188,19 +215,11 @@ class _Chooser:
                 "w-64"
             )
             with ui.row().classes("w-full justify-between"):
-                ui.button("Delete it", on_click=lambda: dialog.submit("delete")).props("flat no-caps color=negative")
-                ui.button("Save", on_click=lambda: dialog.submit("save")).props("unelevated no-caps")
-        answer = await dialog
-        try:
-            if answer == "save":
-                roles = {camera: role for camera, role in self._roles.items() if role}
-                setup = Setup(name=name.value.strip(), sources=self._sources, roles=roles, rig=rig.value or "")
-                save_setup(self._studio.workspace, setup)
-                ui.notify(f"Saved as {setup.name}", type="positive")
-            elif answer == "delete":
-                delete_setup(self._studio.workspace, name.value.strip())
-        except PosefuseError as error:
-            refused(error)
+                if self._preset.value in known:
+                    ui.button(f"Delete {self._preset.value}", on_click=delete).props("flat no-caps color=negative")
+                ui.space()
+                ui.button("Save", on_click=save).props("unelevated no-caps")
+        await dialog
         self._show_presets()
 
     def _show_presets(self) -> None:

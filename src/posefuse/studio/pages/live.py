@@ -7,11 +7,13 @@ from typing import Any
 
 from nicegui import ui
 
-from posefuse.core import PosefuseError
+from posefuse.core import InputError, PosefuseError
 from posefuse.studio.job_cards import result_links
-from posefuse.studio.live_link import LIVE, LIVE_BODIES
+from posefuse.studio.jobs import Jobs
+from posefuse.studio.live_link import LIVE_BODIES
 from posefuse.studio.pages.live_parts import health_line, outputs_card, people_card, record_card
 from posefuse.studio.scene.view import VIEWS, CameraTile, RigScene, ValuePlot
+from posefuse.studio.session_messages import LIVE
 from posefuse.studio.setups import DEMO, setups
 from posefuse.studio.shell import card, job_line, light, refused, title, words
 from posefuse.studio.state import Studio
@@ -49,7 +51,7 @@ def build(studio: Studio) -> None:
 
 def _start(studio: Studio) -> None:
     choices = [one.name for one in setups(studio.workspace) if one.rig or one.name == DEMO]
-    ended = next(iter(studio.jobs.all("live")), None)
+    ended = next(iter(studio.jobs.all(LIVE)), None)
     with card("Start a session"):
         with ui.row().classes("items-end gap-4"):
             setup = ui.select(choices, value=choices[-1], label="Cameras").classes("w-56")
@@ -59,7 +61,7 @@ def _start(studio: Studio) -> None:
         def start() -> None:
             arguments = {"setup": setup.value, "people": int(people.value or 1), "networks": network.value}
             try:
-                studio.jobs.start("live", f"Live session of {setup.value}", arguments, page="/live")
+                start_session(studio.jobs, f"Live session of {setup.value}", arguments)
             except PosefuseError as error:
                 refused(error)
 
@@ -70,6 +72,18 @@ def _start(studio: Studio) -> None:
         with card("The last session"):
             job_line(studio, ended)
             result_links(studio.jobs.report(ended.id))
+
+
+def start_session(jobs: Jobs, title: str, arguments: Mapping[str, Any]) -> None:
+    """Start a live session, unless one runs, which the page shows in a moment; cameras that are only looked at are given free.
+
+    Raises:
+        InputError: a calibration is being recorded.
+    """
+    if jobs.running(LIVE):
+        return
+    jobs.free_cameras()
+    jobs.start(LIVE, title, arguments, page="/live")
 
 
 def _starting(studio: Studio) -> None:
@@ -178,13 +192,15 @@ def _figure(about: str) -> ui.label:
 
 
 async def _end(studio: Studio) -> None:
+    job = studio.live.job
     with ui.dialog() as dialog, ui.card():
         ui.label("End the session for everyone? A recording is finished first.")
         with ui.row().classes("w-full justify-end"):
             ui.button("Keep it", on_click=lambda: dialog.submit(False)).props("flat no-caps")
             ui.button("End it", on_click=lambda: dialog.submit(True)).props("unelevated no-caps color=negative")
-    if await dialog and studio.live.job is not None:
-        studio.jobs.cancel(studio.live.job.id)
+    # the session that was shown when the button was pressed, not one that has taken its place
+    if await dialog and job is not None:
+        studio.jobs.cancel(job.id)
 
 
 def _angles_card(studio: Studio) -> None:
@@ -210,14 +226,17 @@ def _news_card(refreshers: list[Callable[[Mapping[str, Any]], None]]) -> None:
     shown: list[list[str]] = []
 
     def refresh(status: Mapping[str, Any]) -> None:
-        news, no = list(status["news"][-8:]), [line.partition(" ")[2] for line in status["refused"][-3:]]
+        news, no = list(status["news"][-8:]), list(status["refused"])
         if [news, no] == shown:
             return
+        # the card may be below the window
+        for line in [one for one in no if one not in shown[1]] if shown else []:
+            refused(InputError(line.partition(" ")[2]))
         shown[:] = [news, no]
         lines.clear()
         with lines:
-            for line in no:
-                light("bad", line)
+            for line in no[-3:]:
+                light("bad", line.partition(" ")[2])
             for line in reversed(news):
                 ui.label(line).classes("pf-small")
             if not (no or news):

@@ -8,9 +8,11 @@ from typing import Any
 
 from nicegui import ui
 
+from posefuse.core import InputError
 from posefuse.outputs.drawing import person_rgb
-from posefuse.studio.shell import card, light
+from posefuse.studio.shell import card, light, refused
 from posefuse.studio.state import Studio
+from posefuse.studio.workspace import check_name
 
 _MOST_ROWS = 8
 Refresh = Callable[[Mapping[str, Any]], None]
@@ -60,6 +62,11 @@ def record_card(studio: Studio) -> Refresh:
         def begin() -> None:
             if not (poses.value or videos.value):
                 ui.notify("Choose what to record: 2D and poses, videos, or both", type="warning")
+                return
+            try:
+                check_name(name.value.strip())
+            except InputError as error:
+                refused(error)
                 return
             studio.live.ask("record", name=name.value.strip(), poses=poses.value, videos=videos.value)
 

@@ -8,9 +8,9 @@ from typing import Any
 
 from nicegui import ui
 
-from posefuse.studio.live_link import LIVE
 from posefuse.studio.pages.live_parts import health_line
 from posefuse.studio.scene.view import CameraTile, RigScene
+from posefuse.studio.session_messages import LIVE
 from posefuse.studio.shell import apply_style, light
 from posefuse.studio.state import Studio
 

@@ -21,7 +21,7 @@ from posefuse.studio.timeline import SIZE_PX, Curve, Span, cursor, picture
 from posefuse.studio.workspace import recording_place
 
 _POLL_S = 0.1
-_NO_VIDEOS = "No videos were kept with this recording, or they were not finished."
+_NO_VIDEOS = "No videos of this recording were found in the workspace: none were kept, they are elsewhere, or were not finished."
 _TIMELINE = "Timeline: arrows go frame by frame, page keys by a second, space plays and pauses"
 _PAGE_S = 1.0
 _SPEEDS = {0.25: "¼", 0.5: "½", 1.0: "1×", 2.0: "2×"}
@@ -108,7 +108,7 @@ class _Recording:
             with head:
                 ui.space()
                 ui.switch("Overlay", value=True, on_change=lambda e: show(e.value))
-            if self._opened.recording.is_live and not self._opened.playback.has_images:
+            if not self._opened.playback.has_images:
                 ui.label(_NO_VIDEOS).classes("pf-small")
                 return
             with ui.element("div").classes("pf-player-tiles"):

@@ -121,7 +121,7 @@ class _Plan:
         on_change: Callable[[], None] | None = None,
         value: float = 0.0,
     ) -> ui.number:
-        field = ui.number(label, value=value, min=least, max=most, step=step, on_change=on_change or self._edited)
+        field = ui.number(label, value=value, min=least, max=most, step=step, format="%.4g", on_change=on_change or self._edited)
         return field.props("dense outlined").classes("pf-number")
 
     @property

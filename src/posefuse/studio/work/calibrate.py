@@ -19,33 +19,41 @@ from posefuse.calibration.report import CalibrationReport, RefusedCalibration
 from posefuse.calibration.targets.description import read_target
 from posefuse.calibration.targets.recordings import open_sources, require_target_seen
 from posefuse.core import InputError
+from posefuse.studio.calibrations import LENSES, RIG, Step, rests_on
 from posefuse.studio.jobs import read_json_or_empty, write_json
 from posefuse.studio.refusal_pictures import refusal_pictures
-from posefuse.studio.targets import FLOOR_ID, without_floor
+from posefuse.studio.targets import FLOOR_ID, check_target, without_floor
 from posefuse.studio.workspace import StudioWorkspace
 
-LENSES, RIG, CLOCKS = "lenses.toml", "rig.toml", "posefuse.toml"
+CLOCKS = "posefuse.toml"
 # rows of boards and cubes need not be looked at 30 times a second
 _EVERY = 2
 
 
 def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any) -> dict[str, Any]:
     """Do the step; its result is also kept as ``STEP.json`` in the calibration's folder."""
-    steps: Mapping[str, Callable[..., dict[str, Any]]] = {"intrinsics": _intrinsics, "extrinsics": _extrinsics, "verify": _verify}
-    step = str(arguments["step"])
+    steps: Mapping[Step, Callable[..., dict[str, Any]]] = {
+        "intrinsics": _intrinsics,
+        "extrinsics": _extrinsics,
+        "verify": _verify,
+    }
+    step: Step = arguments["step"]
     if step not in steps:
         raise InputError(f"calibrate: unknown step {step!r}")
     recording = workspace.existing(str(arguments["recording"])) / "videos"
     videos = {path.stem: path for path in sorted(recording.glob("*.mp4"))}
     target = workspace.existing(str(arguments["target"]))
+    check_target(read_target(target), step)
+    folder = workspace.existing(str(arguments["folder"]))
+    made_from = rests_on(folder, step)
     try:
         result = steps[step](workspace, arguments, videos, target, progress)
     except RefusedCalibration as refused:
         result = {"passed": False, "reports": [_report(refused.report)]}
-    result = {"step": step, "recording": arguments["recording"], **result}
+    result = {"step": step, "recording": arguments["recording"], "rests_on": made_from, **result}
     if not result["passed"]:
         result["pictures"] = _pictures(result, videos, target, workspace, arguments)
-    write_json(workspace.existing(str(arguments["folder"])) / f"{step}.json", result)
+    write_json(folder / f"{step}.json", result)
     return result
 
 

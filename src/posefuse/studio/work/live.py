@@ -15,9 +15,10 @@ from posefuse.core.arrays import Array
 from posefuse.core.joint_angles import angle_labels
 from posefuse.outputs.drawing import person_rgb
 from posefuse.studio.live_bodies import LiveBodies
-from posefuse.studio.live_host import BODIES, Host, Pace, Rates, status_pace
+from posefuse.studio.live_host import Host, Pace, Rates, status_pace
 from posefuse.studio.scene.messages import image_message, labels_message, poses_message, setup_message, values_message
 from posefuse.studio.scene.setup import scene_setup
+from posefuse.studio.session_messages import BODIES
 from posefuse.studio.setups import inputs_of_setup, rig_of_setup, setup_named
 from posefuse.studio.workspace import POSES_FILE, StudioWorkspace, check_name
 
@@ -78,7 +79,7 @@ class _Shown:
     def run(self) -> None:
         """Pack and report until the session ends."""
         self._host = host = Host(self._request, self._watched)
-        self._progress.publish(address=host.address)
+        self._progress.listens(host.address)
         pose_pace, status = Pace(1 / POSES_HZ), Pace(status_pace(False))
         t_ns = 0
         while not self._session.ended:
@@ -121,7 +122,7 @@ class _Shown:
             projected_px=fused,
             rgba=[] if pose is None or fused is None else _colours(pose.person_id),
         )
-        host.publish(("image", preview.camera), message)
+        host.publish(f"image {preview.camera}", message)
 
     def _publish(self, host: Host, pose: Pose3D, joints: JointAngles | None) -> None:
         t_s = pose.t_ns / 1e9 - self._begun_s
@@ -137,7 +138,7 @@ class _Shown:
             colours = rgba or [BODY_RGBA] * len(pose.person_id)
             meshes, bodies = self._bodies.step(t_s, pose, joints, colours)
             for slot, mesh in meshes.items():
-                host.publish(("mesh", slot), mesh, keep=True, channel=BODIES)
+                host.publish(f"mesh {slot}", mesh, keep=True, channel=BODIES)
             host.publish("bodies", bodies, channel=BODIES)
 
     def _set_up(self, skeleton: Skeleton, joints: JointAngles | None) -> None:
@@ -164,7 +165,7 @@ class _Shown:
             },
             "sizes": {camera.name: list(camera.size_wh) for camera in self._rig},
             "outputs": {
-                name: {"state": one.state, "text": one.text, "where": one.where, "taken": one.taken, "dropped": one.dropped}
+                name: {"state": one.state, "text": one.text, "where": one.where, "taken": one.taken}
                 for name, one in self._session.outputs.items()
             },
             "wanted": {name: dict(options) for name, options in self._wanted.items()},
@@ -174,7 +175,6 @@ class _Shown:
             "plots": list(self._setup_of[1]) if self._setup_of else [],
             "latency_p95_ms": max(latencies, default=float("nan")),
             "recording": self._recording,
-            "begun_s": self._begun_s,
             "news": self._session.news[-_MOST_NEWS:],
             "refused": list(self._refused[-_MOST_NEWS:]),
         }
@@ -194,6 +194,8 @@ class _Shown:
                 self._name(int(values["person"]), str(values["text"])[:40])
             elif name == "person":
                 self._person = int(values["person"])
+            # what was refused before has been done now, or is wanted no more
+            self._refused.clear()
         except (PosefuseError, OSError) as error:
             self._refused.append(f"{time.time():.0f} {error}")
 

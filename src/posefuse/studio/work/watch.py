@@ -3,7 +3,7 @@
 Arguments: ``setup`` (a preset) or ``sources`` (by camera name); ``target`` (a target file of the workspace; empty: none);
 ``record`` (a new folder of the workspace for the videos; empty: none); ``step`` of the calibration that it is for;
 ``lenses``: whether they are to come from it, too. It ends when it is cancelled, when its sources end, or, with a target, when
-enough is covered.
+enough is covered. What is neither recorded nor shown on any page gives the cameras free after a while.
 """
 
 from __future__ import annotations
@@ -41,6 +41,8 @@ from posefuse.studio.workspace import StudioWorkspace
 IMAGES_HZ = 15.0
 _JUDGE_S, _REST_S, _IDLE_S = 1.0, 0.005, 0.1
 _FINISH_S = 90.0
+# a page that is loaded again, on a machine that is busy
+_UNSEEN_S = 20.0
 _SHOWN_PX, _QUALITY = 480, 70
 
 
@@ -63,7 +65,7 @@ def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any)
                 raise InputError(f"{record}: exists already; choose another name")
             videos = workspace.folder(f"{record}/videos")
         watched = _Watch(feed, detector, record, arguments.get("step") or "extrinsics", bool(arguments.get("lenses")))
-        progress.publish(address=watched.host.address)
+        progress.listens(watched.host.address)
         feed.begin(videos)
         # a user who has seen enough ends it: what was recorded is complete then, too
         with suppress(KeyboardInterrupt):
@@ -78,7 +80,8 @@ def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any)
             "together": state.coverage.together.tolist(),
             "cells": state.coverage.cells.tolist(),
         }
-        write_json(workspace.path(f"{record}/coverage.json"), {"cameras": list(feed.cameras), "enough": enough, **covered})
+        about = {"cameras": list(feed.cameras), "target": target, "enough": enough}
+        write_json(workspace.path(f"{record}/coverage.json"), {**about, **covered})
     return {"record": record, "enough": enough}
 
 
@@ -118,9 +121,13 @@ class _Watch:
         return None if self._sizes_px is None else near_far_of(self._sizes_px)
 
     def run(self, *, stop_when_enough: bool) -> None:
-        """Until the sources end, or enough is covered; an interrupt ends it, too."""
+        """Until the sources end, enough is covered, or no page shows them; an interrupt ends it, too."""
         pace = Pace(status_pace(True))
+        seen_s = time.monotonic()
         while not (stop_when_enough and self.enough):
+            seen_s = time.monotonic() if self.host.watched or self._record else seen_s
+            if time.monotonic() - seen_s > _UNSEEN_S:
+                return
             over = self._feed.over
             self._feed.check()
             for fed in self._feed.newest():
@@ -147,7 +154,7 @@ class _Watch:
             self._judged_s[fed.camera] = now_s
             self._warnings[name] = exposure_warning(image) or focus_warning(image)
         if self.host.watched and self._paces[fed.camera].due():
-            self.host.publish(("image", name), self._packed(fed, xy))
+            self.host.publish(f"image {name}", self._packed(fed, xy))
 
     def _packed(self, fed: FedFrame, xy: Array) -> bytes:
         size = shrunk_wh(fed.frame.size_wh, _SHOWN_PX)
@@ -173,8 +180,6 @@ class _Watch:
             "target": self._detector is not None,
             "words": advice_for(self._step, covered, self._near_far),
             "enough": self.enough,
-            "covered": self.guidance.covered.tolist(),
-            "linked": self.guidance.linked.tolist(),
             "together": covered.together.tolist(),
             "record": self._record,
             "seconds": time.time() - self._begun_s,

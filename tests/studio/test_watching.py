@@ -1,0 +1,68 @@
+"""Cameras that are only looked at are given free when no page shows them."""
+
+import time
+from typing import Any
+
+import pytest
+
+from posefuse.studio.work import watch
+
+SOON_S = 0.2
+
+
+class Feed:
+    """Cameras that give no frame and never end."""
+
+    cameras = ("a", "b")
+    over = False
+
+    def __init__(self) -> None:
+        self.checks = 0
+
+    def check(self) -> None:
+        """Counts as a round of the loop."""
+        self.checks += 1
+
+    def newest(self) -> list[Any]:
+        """None."""
+        return []
+
+    def states(self) -> list[Any]:
+        """None."""
+        return []
+
+
+class Shown:
+    """The host of a page that is shown for some rounds."""
+
+    def __init__(self, feed: Feed, rounds: int) -> None:
+        self._feed, self._rounds = feed, rounds
+
+    @property
+    def watched(self) -> bool:
+        """In the first rounds."""
+        return self._feed.checks < self._rounds
+
+    def status(self, values: Any) -> None:
+        """Nothing."""
+
+
+def watched(record: str, rounds: int, monkeypatch: pytest.MonkeyPatch) -> Feed:
+    monkeypatch.setattr(watch, "_UNSEEN_S", SOON_S)
+    feed = Feed()
+    one = watch._Watch(feed, None, record, "extrinsics", False)  # type: ignore[arg-type]
+    one.host = Shown(feed, rounds)  # type: ignore[assignment]
+    one.run(stop_when_enough=False)
+    return feed
+
+
+def test_images_that_no_page_shows_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun_s = time.monotonic()
+    feed = watched("", 100, monkeypatch)
+    # a page that shows them keeps them
+    assert feed.checks > 100 and time.monotonic() - begun_s > SOON_S
+
+
+def test_a_recording_continues_without_a_page(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Feed, "over", property(lambda feed: feed.checks > 100))
+    assert watched("calibrations/room/verify-1", 0, monkeypatch).checks > 100
