@@ -74,6 +74,11 @@ def test_core_needs_numpy_only() -> None:
         assert tops <= set(sys.stdlib_module_names), f"{path.name} imports {sorted(tops - set(sys.stdlib_module_names))}"
 
 
+def test_openvino_is_imported_where_its_telemetry_is_off() -> None:
+    [place] = [path.name for path in FILES if "openvino" in {name.split(".")[0] for name in imported_names(path)}]
+    assert place == "openvino_cpu.py"
+
+
 def test_nothing_is_called_utils() -> None:
     banned = {"utils", "common", "helpers", "manager", "misc"}
     assert not [path for path in SRC.rglob("*") if path.stem in banned]
