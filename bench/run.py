@@ -34,7 +34,7 @@ TITLES = {
     "live_soak": "Live: an hour",
     "wire": "Network: one-way time of a skeleton",
 }
-PACKAGES = ("posefuse", "numpy", "openvino", "opencv-contrib-python-headless", "numba", "av")
+PACKAGES = ("posefuse", "numpy", "openvino", "opencv-python-headless", "numba", "av")
 
 
 def machine() -> str:

@@ -90,7 +90,7 @@ def write_biomechanics(
 ) -> list[Path]:
     """Write into an existing folder; returns the files made.
 
-    ``angles.csv``, ``angles.parquet``, ``report.html``, and ``gait_cycles.csv`` if a person walks. Per person ``angles.mot``
+    ``angles.csv``, ``report.html``, and ``gait_cycles.csv`` if a person walks. Per person ``angles.mot``
     (OpenSim), ``points_angles.c3d``, ``skeleton.bvh`` (centimetres, Y up), ``skeleton.glb``, and with `opensim` a folder
     ``opensim``. With several people these names end in ``_ID``. People who cannot be animated (`animation_gap` gives the reason)
     have no skeleton files.
@@ -107,9 +107,8 @@ def write_biomechanics(
     progress("report", 0, _STAGES, "joint angles" if chosen.fit == "none" else fitting)
     poses, joints = joints_of(recording, chosen)
     progress("report", 1, _STAGES, "tables and files for other programs")
-    made = [folder / "angles.csv", folder / "angles.parquet"]
-    for path in made:
-        write_angles(path, joints)
+    made = [folder / "angles.csv"]
+    write_angles(made[0], joints)
     for n in range(len(poses.person_id)):
         ending = person_suffix(recording, n)
         if np.isfinite(joints.angle_rad[:, n]).any():

@@ -14,10 +14,11 @@ import numpy as np
 from posefuse.core import InputError, JointAngles, PosefuseError, PoseSequence, Recording, Skeleton
 from posefuse.core.joint_angles import angle_labels
 from posefuse.core.poses import point_sigma_m
+from posefuse.foundation.extras import package_of_extra
 
 if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
+    from pandas import DataFrame
+    from xarray import Dataset
 
 SPACE = ("x", "y", "z")
 _POINT = ("time", "person", "keypoint")
@@ -31,7 +32,7 @@ _VARIABLES = {
 }
 
 
-def recording_to_xarray(recording: Recording, angles: JointAngles | None = None) -> xr.Dataset:
+def recording_to_xarray(recording: Recording, angles: JointAngles | None = None) -> Dataset:
     """Positions with their covariance, and the joint angles where they are given, as one Dataset.
 
     Units are in the attributes of every variable; skeleton, rig id and provenance (as JSON) in those of the Dataset.
@@ -39,8 +40,7 @@ def recording_to_xarray(recording: Recording, angles: JointAngles | None = None)
     Raises:
         InputError: angles of other people or time steps than the recording.
     """
-    import xarray as xr
-
+    xr = package_of_extra("xarray", "data")
     poses = recording.poses
     data: dict[str, Any] = {
         name: (dims, getattr(poses, field), {"units": units, "long_name": meaning})
@@ -74,10 +74,11 @@ def recording_to_xarray(recording: Recording, angles: JointAngles | None = None)
         "bones": json.dumps([list(bone) for bone in poses.skeleton.bones]),
         "provenance": json.dumps(dict(recording.provenance)),
     }
-    return xr.Dataset(data, coords=coords, attrs=attrs)
+    dataset: Dataset = xr.Dataset(data, coords=coords, attrs=attrs)
+    return dataset
 
 
-def poses_from_xarray(dataset: xr.Dataset) -> PoseSequence:
+def poses_from_xarray(dataset: Dataset) -> PoseSequence:
     """The poses of a Dataset as `recording_to_xarray` makes it, to the last bit, after netCDF too.
 
     Raises:
@@ -97,13 +98,12 @@ def poses_from_xarray(dataset: xr.Dataset) -> PoseSequence:
         raise InputError(f"dataset: does not fit together: {error}") from None
 
 
-def recording_to_dataframe(recording: Recording) -> pd.DataFrame:
+def recording_to_dataframe(recording: Recording) -> DataFrame:
     """One row per time step, person and keypoint.
 
     Columns: time_s, person, keypoint, x_m, y_m, z_m, sigma_m (root of the mean variance of the axes), reproj_px, n_views, kind.
     """
-    import pandas as pd
-
+    pd = package_of_extra("pandas", "data")
     poses = recording.poses
     t, n, k = poses.kind.shape
     xyz = poses.xyz_world.reshape(-1, 3)
