@@ -7,6 +7,7 @@ from pathlib import Path
 import yaml
 
 import posefuse
+from posefuse.cli.machine import EXTRAS
 
 ROOT = Path(__file__).resolve().parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -55,6 +56,10 @@ def test_until_it_is_published_no_page_begins_with_the_package_index() -> None:
 def test_the_readme_fits_on_two_screens() -> None:
     assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 80
     assert (ROOT / "docs" / "images" / "demo.webp").stat().st_size < 2_000_000
+
+
+def test_doctor_lists_every_extra_of_a_user() -> None:
+    assert {*EXTRAS, "dev", "docs", "mutation", "publish"} == set(PROJECT["project"]["optional-dependencies"])
 
 
 def test_every_extra_is_in_the_guide() -> None:
