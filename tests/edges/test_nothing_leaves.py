@@ -23,17 +23,16 @@ class Watch:
     def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         self.home, self.log = folder / "home", folder / "network.log"
         self.home.mkdir()
-        cache = os.environ.get("XDG_CACHE_HOME", str(Path.home() / ".cache"))
         shutil.copyfile(network_log.__file__, folder / "sitecustomize.py")
         monkeypatch.setenv("POSEFUSE_CACHE", str(default_cache_dir()))
+        # the simulator's body model, which takes minutes to make
+        monkeypatch.setenv("ANNY_CACHE_DIR", os.environ.get("ANNY_CACHE_DIR", str(Path.home() / ".cache" / "anny")))
         monkeypatch.setenv("POSEFUSE_TEST_NETWORK_LOG", str(self.log))
         monkeypatch.setenv("PYTHONPATH", str(folder), prepend=os.pathsep)
         for name in ("HOME", "USERPROFILE", "APPDATA", "LOCALAPPDATA"):
             monkeypatch.setenv(name, str(self.home))
         for name in [name for name in os.environ if name.startswith("XDG_")]:
             monkeypatch.delenv(name)
-        # what packages compute once stays: the simulator's body model takes minutes
-        monkeypatch.setenv("XDG_CACHE_HOME", cache)
 
     def python(self, *words: str) -> subprocess.CompletedProcess[str]:
         """Run Python to its end."""

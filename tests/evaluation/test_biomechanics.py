@@ -35,7 +35,7 @@ def test_every_file_has_the_same_values(recording, tmp_path, fit):
     with (tmp_path / "angles.csv").open(encoding="utf-8", newline="") as file:
         written = [float(row["left_knee.flexion_deg"]) for row in csv.DictReader(file)]
     np.testing.assert_allclose(written, knee, atol=5.1e-5)
-    np.testing.assert_allclose(read_mot(tmp_path / "angles.mot").column("left_knee_flexion"), knee, rtol=1e-8)
+    np.testing.assert_allclose(read_mot(tmp_path / "angles.mot").column("knee_angle_l"), knee, rtol=1e-8)
     assert len(read_bvh(tmp_path / "skeleton.bvh")) == 24
     assert "Knee flexion" in (tmp_path / "report.html").read_text()
 

@@ -17,7 +17,7 @@ from posefuse.formats.bvh import write_bvh
 from posefuse.formats.c3d import C3dData, write_c3d
 from posefuse.formats.gltf import write_gltf
 from posefuse.formats.joint_centres import joint_centres_from_mapping
-from posefuse.formats.mot import motion_from_joints, write_mot
+from posefuse.formats.mot import MotTable, motion_from_joints, write_mot
 from posefuse.foundation.settings import settings
 from posefuse.kinematics import JointSettings, joints_from_poses
 from posefuse.kinematics.animation import animation_from_joints, animation_gap
@@ -112,7 +112,10 @@ def write_biomechanics(
     for n in range(len(poses.person_id)):
         ending = person_suffix(recording, n)
         if np.isfinite(joints.angle_rad[:, n]).any():
-            made += _person_files(poses, joints, n, folder, ending)
+            motion = motion_from_joints(joints, n)
+            if motion.note:
+                progress("report", 1, _STAGES, f"angles{ending}.mot: {motion.note}")
+            made += _person_files(poses, joints, n, folder, ending, motion.table)
             if gap := animation_gap(joints, n):
                 progress("report", 1, _STAGES, f"no skeleton{ending}.bvh and .glb: {gap}")
             if chosen.opensim or chosen.opensim_model:
@@ -133,9 +136,9 @@ def _cycles(poses: PoseSequence, joints: JointAngles) -> dict[int, list[CycleAng
     return {person: gait_cycles(joints, places[person], gait) for person, gait in found.items() if gait is not None}
 
 
-def _person_files(poses: PoseSequence, joints: JointAngles, n: int, folder: Path, ending: str) -> list[Path]:
+def _person_files(poses: PoseSequence, joints: JointAngles, n: int, folder: Path, ending: str, motion: MotTable) -> list[Path]:
     made = [folder / f"angles{ending}.mot", folder / f"points_angles{ending}.c3d"]
-    write_mot(made[0], motion_from_joints(joints, n))
+    write_mot(made[0], motion)
     sigma_m = point_sigma_m(poses.cov_world[:, n])
     span_s = duration_s(poses)
     rate_hz = (len(poses) - 1) / span_s if span_s > 0 else 1.0
