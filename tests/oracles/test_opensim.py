@@ -114,7 +114,7 @@ def test_a_motion_moves_a_model_to_the_points(solved, osim, tmp_path):
         for marker in model.getMarkerSet():
             limbs[marker.getName()] = marker.getLocationInGround(state).to_numpy()
         for side in ("left", "right"):
-            for a, b, c in (("hip", "knee", "ankle"), ("shoulder", "elbow", "wrist")):
+            for a, c in (("hip", "ankle"), ("shoulder", "wrist")):
                 of_model = np.linalg.norm(limbs[f"{side}_{a}"] - limbs[f"{side}_{c}"])
                 ends = [sequence.xyz_world[i, 0, sequence.skeleton.index(f"{side}_{name}")] for name in (a, c)]
                 assert abs(of_model - np.linalg.norm(ends[0] - ends[1])) < 0.01
