@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from posefuse.core import DependencyError, PoseSequence, Recording
+from posefuse.core import DependencyError, PoseSequence, Recording, Skeleton
 from posefuse.evaluation.biomechanics import BiomechanicsSettings, joints_of, write_biomechanics
 from posefuse.formats.bvh import read_bvh
 from posefuse.formats.mot import read_mot
@@ -22,6 +22,39 @@ def recording(ring_rig, figure_sequence):
     xy = np.moveaxis(rig.project(sequence.xyz_world), 0, 2)
     score = np.isfinite(xy[..., 0]) * 1.0
     return Recording.from_views(rig, sequence, xy, score, np.where(score > 0, 2.0, np.nan))
+
+
+def with_points_of(recording, *parts):
+    """The recording as a network would give it that marks these parts of both sides only."""
+    names = tuple(f"{side}_{part}" for part in parts for side in ("left", "right"))
+    kept = [recording.poses.skeleton.index(name) for name in names]
+    fields = ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")
+    few = {name: getattr(recording.poses, name)[:, :, kept] for name in fields}
+    poses = dataclasses.replace(recording.poses, skeleton=Skeleton("few", names, ()), **few)
+    views = {name: getattr(recording.views, name)[:, :, :, kept] for name in ("xy_img", "score", "sigma_px")}
+    return Recording.from_views(recording.rig, poses, **views)
+
+
+LEGS = ("hip", "knee", "ankle", "heel", "big_toe")
+
+
+@pytest.mark.parametrize("fit", ["none", "points", "rays"])
+@pytest.mark.parametrize("parts", [("shoulder", *LEGS[:3]), ("shoulder", *LEGS), LEGS, LEGS[:3]], ids=len)
+def test_the_joints_whose_points_exist_are_computed_and_the_rest_is_listed(recording, tmp_path, fit, parts):
+    """Networks for gait mark the legs: no elbow, hand or face, and some no shoulder."""
+    said = []
+    few = with_points_of(recording, *parts)
+    chosen = BiomechanicsSettings(fit=fit)
+    made = write_biomechanics(few, tmp_path, chosen, progress=lambda stage, done, total, line="": said.append(line))
+    assert {"angles.csv", "angles.mot", "points_angles.c3d", "report.html"} <= {path.name for path in made}
+    _, joints = joints_of(few, chosen)
+    knee = np.degrees(joints.angle_rad[:, 0, joints.joints.index("left_knee"), 0])
+    np.testing.assert_allclose(knee, 40 + np.arange(24), atol=1.0)
+    known = {joint for j, joint in enumerate(joints.joints) if np.isfinite(joints.angle_rad[:, 0, j]).any()}
+    assert ("left_ankle" in known) == ("heel" in parts) and ("left_hip" in known) == ("shoulder" in parts)
+    [line] = [line for line in said if line.startswith("no angles of ")]
+    assert "neck" in line and "left_elbow" in line and ": few has no " in line
+    assert ("pelvis" in line) == ("shoulder" not in parts)
 
 
 @pytest.mark.parametrize("fit", ["none", "points", "rays"])

@@ -19,9 +19,10 @@ from posefuse.formats.gltf import write_gltf
 from posefuse.formats.joint_centres import joint_centres_from_mapping
 from posefuse.formats.mot import MotTable, motion_from_joints, write_mot
 from posefuse.foundation.settings import settings
-from posefuse.kinematics import JointSettings, joints_from_poses
+from posefuse.kinematics import JointSettings, joints_from_poses, undefined_segments
 from posefuse.kinematics.animation import animation_from_joints, animation_gap
 from posefuse.kinematics.body import BodySettings, bodies_from_poses, fit_poses, fit_views
+from posefuse.kinematics.definitions import joints_without_points
 from posefuse.kinematics.gait import gait_from_poses
 from posefuse.kinematics.opensim_path import opensim_motion
 from posefuse.kinematics.opensim_scale import write_scaled_model
@@ -42,7 +43,8 @@ class BiomechanicsSettings:
 
     Attributes:
         fit: ``points`` fits one skeleton per person to the 3D points; ``rays`` to what the views saw, brought to joint centres
-            (`rays_at_joint_centres`), so that one camera still counts; ``none`` takes the angles straight from the points.
+            (`rays_at_joint_centres`), so that one camera still counts; ``none`` takes the angles straight from the points, as
+            do all where the skeleton has no hips or no shoulders.
         opensim: run OpenSim's inverse kinematics as well; needs the extra ``biomech``.
         opensim_model: an .osim of the user's own that is scaled to each person; needs the extra ``biomech``.
         joints, body: see `JointSettings`, `BodySettings`.
@@ -61,7 +63,7 @@ def joints_of(recording: Recording, chosen: BiomechanicsSettings) -> tuple[PoseS
     Raises:
         InputError: left and right are swapped, or no person was seen well enough to have a skeleton.
     """
-    if chosen.fit == "none":
+    if chosen.fit == "none" or "pelvis" in undefined_segments(recording.poses.skeleton):
         return recording.poses, joints_from_poses(recording.poses, chosen.joints)
     if chosen.fit == "points":
         fit = fit_poses(recording.poses, chosen.body, joint_settings=chosen.joints)
@@ -106,6 +108,8 @@ def write_biomechanics(
     fitting = f"fitting the skeleton to the {chosen.fit} of {len(recording.poses)} time steps"
     progress("report", 0, _STAGES, "joint angles" if chosen.fit == "none" else fitting)
     poses, joints = joints_of(recording, chosen)
+    if lacking := joints_without_points(poses.skeleton):
+        progress("report", 1, _STAGES, lacking)
     progress("report", 1, _STAGES, "tables and files for other programs")
     made = [folder / "angles.csv"]
     write_angles(made[0], joints)
