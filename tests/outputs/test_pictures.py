@@ -186,6 +186,13 @@ def test_uncertainty_is_drawn_to_scale(make_recording: Make) -> None:
     assert drawn[0] < drawn[1]
 
 
+def test_a_refused_calibration_is_written_into_the_picture(make_recording: Make) -> None:
+    recording = make_recording()
+    refused = replace(recording, rig=replace(recording.rig, refused="corners fit"))
+    changed = (stage_picture(recording, 0, (400, 300)) != stage_picture(refused, 0, (400, 300))).any(axis=-1)
+    assert changed[:60].any() and not changed[60:].any()
+
+
 def test_no_person_in_the_picture(tmp_path: Path, make_recording: Make) -> None:
     recording = make_recording()
     no_person = replace(

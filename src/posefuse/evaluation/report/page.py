@@ -29,6 +29,7 @@ from posefuse.formats.page import (
     Table,
     write_page,
 )
+from posefuse.formats.rig import refusal_note
 from posefuse.kinematics.animation import FILE_FROM_WORLD, animation_from_joints, animation_gap, seen_throughout
 from posefuse.kinematics.gait import gait_from_poses
 from posefuse.kinematics.skin import skin_of
@@ -72,6 +73,8 @@ def report_page(recording: Recording, joints: JointAngles, images: Mapping[str, 
             f"got {len(joints.t_ns)} time steps and {len(joints.person_id)} people"
         )
     blocks: list[Block] = [Facts(_origin(recording)), _cards(recording)]
+    if refusal := refusal_note("rig", recording.rig):
+        blocks.append(Note(refusal, warning=True))
     blocks += [Note(str(line), warning=True) for line in recording.provenance.get("incomplete_cameras") or ()]
     if images:
         blocks.append(Images(images))
