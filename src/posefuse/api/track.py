@@ -92,7 +92,7 @@ def track(
         found = find_session(folder, config)
         note = lambda line: report("detect", 0, None, line)  # noqa: E731
         where = None if out is None else ResultFolder(path=Path(out), force=replace, resume=resume, kept=_KEPT)
-        prepared = None if where is None else prepare(found, build_sinks(config.outputs), where, note)
+        prepared = None if where is None else prepare(found, build_sinks(config.outputs), where)
         for line in found.notes:
             _warn(line)
         if found.inputs[0].kind != "pose2d":
