@@ -13,6 +13,7 @@ from posefuse import core
 from posefuse.core import InputError, JointAngles, Progress
 from posefuse.core.arrays import Array
 
+from .arguments import checked
 from .progress import shown
 from .rig import Rig, rig_of
 
@@ -94,6 +95,7 @@ class Recording(core.Recording):
 
         return joints_of(self, BiomechanicsSettings(fit=fit))[1]
 
+    @checked
     def solve(
         self,
         *,
@@ -134,6 +136,7 @@ class Recording(core.Recording):
             changes["associate.max_people"] = people
         return recording_of(solve_again(self, changed_config(config_of(self), changes), edits=edits))
 
+    @checked
     def save(
         self,
         path: str | Path,
@@ -162,6 +165,7 @@ class Recording(core.Recording):
         with shown(progress) as report:
             return save_recording(self, Path(path), formats, None if session is None else Path(session), replace, report)
 
+    @checked
     def export(
         self,
         path: str | Path,
@@ -187,6 +191,7 @@ class Recording(core.Recording):
             raise InputError(failures(failed))
         return files
 
+    @checked
     def report(
         self,
         path: str | Path,
@@ -205,6 +210,7 @@ class Recording(core.Recording):
             write_biomechanics(self, out.folder, chosen, title=title, progress=report)
         return Path(path) / "report.html"
 
+    @checked
     def to_xarray(self, *, angles: bool = False) -> xr.Dataset:
         """Positions with covariance (and, with `angles`, joint angles) as an xarray Dataset with named axes and units.
 
@@ -223,6 +229,7 @@ class Recording(core.Recording):
 
         return recording_to_dataframe(self)
 
+    @checked
     def plot(self, name: str, angle: str | None = None, *, person: int | None = None, axes: Any = None) -> Axes | list[Axes]:
         """Draw a keypoint (three axes: x, y, z) or a joint angle over time with a band of two standard deviations.
 
