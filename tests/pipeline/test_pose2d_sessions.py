@@ -165,10 +165,11 @@ def test_hands_and_face_reach_3d_and_every_file(project: Path, tmp_path: Path, r
     for name, of_file in in_files(out, whole).items():
         # a file keeps tenths of millimetres
         np.testing.assert_allclose(of_file, poses.xyz_world[:, 0], atol=2e-4, err_msg=name)
-    from posefuse.outputs.drawing import LEFT_RGB, RIGHT_RGB, bone_colours
+    from posefuse.core.palette import LEFT, RIGHT
+    from posefuse.outputs.drawing import bone_colours
 
     colours = dict(zip(whole.bones, bone_colours(whole), strict=True))
-    assert colours["left_hand_root", "left_index1"] == LEFT_RGB and colours["right_ring2", "right_ring3"] == RIGHT_RGB
+    assert colours["left_hand_root", "left_index1"] == LEFT.image_rgb and colours["right_ring2", "right_ring3"] == RIGHT.image_rgb
 
 
 def test_proportions_move_the_keypoints_of_other_tools_only_when_asked_for(project: Path, tmp_path: Path) -> None:
