@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from posefuse import core
-from posefuse.core import InputError, JointAngles, Progress
+from posefuse.core import InputError, Progress
 from posefuse.core.arrays import Array
 
 from .arguments import checked
+from .joint_angles import JointAngles, joint_angles_of
 from .progress import shown
 from .rig import Rig, rig_of
 
@@ -93,7 +94,7 @@ class Recording(core.Recording):
         """
         from posefuse.evaluation.biomechanics import BiomechanicsSettings, joints_of
 
-        return joints_of(self, BiomechanicsSettings(fit=fit))[1]
+        return joint_angles_of(joints_of(self, BiomechanicsSettings(fit=fit))[1])
 
     @checked
     def solve(

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from posefuse.core import InputError, JointAngles, PosefuseError, PoseSequence, Recording, Skeleton
+from posefuse.core.arrays import Array
 from posefuse.core.joint_angles import angle_labels
 from posefuse.core.poses import point_sigma_m
 from posefuse.foundation.extras import package_of_extra
@@ -47,9 +48,7 @@ def recording_to_xarray(recording: Recording, angles: JointAngles | None = None)
         for field, (name, dims, units, meaning) in _VARIABLES.items()
     }
     coords: dict[str, Any] = {
-        "time": ("time", (poses.t_ns - poses.t_ns[:1]) * 1e-9, {"units": "s", "long_name": "time since the first time step"}),
-        "t_ns": ("time", poses.t_ns, {"units": "ns", "long_name": "session clock, mid-exposure"}),
-        "person": poses.person_id,
+        **_time_and_person(poses.t_ns, poses.person_id),
         "keypoint": list(poses.skeleton.keypoints),
         "space": list(SPACE),
         "space_b": list(SPACE),
@@ -57,15 +56,8 @@ def recording_to_xarray(recording: Recording, angles: JointAngles | None = None)
     if angles is not None:
         if not (np.array_equal(angles.t_ns, poses.t_ns) and np.array_equal(angles.person_id, poses.person_id)):
             raise InputError("to_xarray: the joint angles are not those of this recording")
-        shape = (len(poses), len(poses.person_id), -1)
         coords["angle"] = angle_labels(angles, " ")
-        dims = ("time", "person", "angle")
-        data["joint_angle"] = (dims, angles.angle_rad.reshape(shape), {"units": "rad", "long_name": "joint angle"})
-        data["joint_angle_sigma"] = (
-            dims,
-            angles.sigma_rad.reshape(shape),
-            {"units": "rad", "long_name": "its standard deviation"},
-        )
+        data |= _angle_variables(angles)
     attrs = {
         "source": "posefuse",
         "rig_id": recording.rig.id,
@@ -76,6 +68,46 @@ def recording_to_xarray(recording: Recording, angles: JointAngles | None = None)
     }
     dataset: Dataset = xr.Dataset(data, coords=coords, attrs=attrs)
     return dataset
+
+
+def _time_and_person(t_ns: Array, person_id: Array) -> dict[str, Any]:
+    return {
+        "time": ("time", (t_ns - t_ns[:1]) * 1e-9, {"units": "s", "long_name": "time since the first time step"}),
+        "t_ns": ("time", t_ns, {"units": "ns", "long_name": "session clock, mid-exposure"}),
+        "person": person_id,
+    }
+
+
+def _angle_variables(angles: JointAngles) -> dict[str, Any]:
+    dims, shape = ("time", "person", "angle"), (len(angles), len(angles.person_id), -1)
+    return {
+        "joint_angle": (dims, angles.angle_rad.reshape(shape), {"units": "rad", "long_name": "joint angle"}),
+        "joint_angle_sigma": (dims, angles.sigma_rad.reshape(shape), {"units": "rad", "long_name": "its standard deviation"}),
+    }
+
+
+def angles_to_xarray(angles: JointAngles) -> Dataset:
+    """Joint angles and their standard deviations as a Dataset with the names and units of `recording_to_xarray`."""
+    coords = _time_and_person(angles.t_ns, angles.person_id) | {"angle": angle_labels(angles, " ")}
+    dataset: Dataset = package_of_extra("xarray", "data").Dataset(_angle_variables(angles), coords=coords)
+    return dataset
+
+
+def angles_to_dataframe(angles: JointAngles) -> DataFrame:
+    """One row per time step, person and angle: time_s, person, joint, angle, deg, sigma_deg."""
+    t, n = angles.angle_rad.shape[:2]
+    each = [(joint, name) for joint, names in zip(angles.joints, angles.angle_names, strict=True) for name in names]
+    table: DataFrame = package_of_extra("pandas", "data").DataFrame(
+        {
+            "time_s": np.repeat((angles.t_ns - angles.t_ns[:1]) * 1e-9, n * len(each)),
+            "person": np.tile(np.repeat(angles.person_id, len(each)), t),
+            "joint": [joint for joint, _ in each] * (t * n),
+            "angle": [name for _, name in each] * (t * n),
+            "deg": np.degrees(angles.angle_rad).ravel(),
+            "sigma_deg": np.degrees(angles.sigma_rad).ravel(),
+        }
+    )
+    return table
 
 
 def poses_from_xarray(dataset: Dataset) -> PoseSequence:
