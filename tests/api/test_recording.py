@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -147,3 +148,16 @@ def test_tables_and_curves_name_their_extra(make_recording: Make, monkeypatch: p
     for call in (recording.to_xarray, recording.to_dataframe, lambda: recording.plot("nose"), angles.to_xarray):
         with pytest.raises(DependencyError, match=r"install it with: pip install 'posefuse\[data\]'"):
             call()
+
+
+def test_notebooks_show_tables(make_recording: Make) -> None:
+    recording = make_recording()
+    html = recording._repr_html_()
+    assert html.startswith(f"<b>{repr(recording).splitlines()[0]}</b><table>") and "BLAZEPOSE33" in html.upper()
+    rig = pf.Rig(recording.rig.cameras[:1] + (replace(recording.rig.cameras[1], name="<b>"),))._repr_html_()
+    assert rig.count("<tr>") == 3 and "&lt;b&gt;" in rig
+    angles = recording.joint_angles(fit="none")
+    knee = angles["left_knee", "flexion"].deg
+    assert (
+        f"<td>left_knee</td><td>flexion</td><td>{np.nanmin(knee):.1f}</td><td>{np.nanmax(knee):.1f}</td>" in angles._repr_html_()
+    )

@@ -5,7 +5,11 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from posefuse import core
+
+from .notebook import html_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,6 +26,16 @@ class JointAngles(core.JointAngles):
         >>> angles["left_knee", "flexion"].deg.max()  # doctest: +SKIP
         >>> angles.to_dataframe().groupby(["joint", "angle"]).deg.max()  # doctest: +SKIP
     """
+
+    def _repr_html_(self) -> str:
+        names = [(joint, name) for joint, three in zip(self.joints, self.angle_names, strict=True) for name in three]
+        known = zip(names, self.angle_rad.reshape(-1, len(names)).T, strict=True)
+        rows = [
+            (joint, name, f"{np.degrees(np.nanmin(rad)):.1f}", f"{np.degrees(np.nanmax(rad)):.1f}")
+            for (joint, name), rad in known
+            if np.isfinite(rad).any()
+        ]
+        return html_table(repr(self), ("joint", "angle", "least deg", "greatest deg"), rows)
 
     def to_xarray(self) -> Dataset:
         """Angles and their standard deviations in radians, axes time, person, angle; needs the extra ``data``."""

@@ -15,6 +15,7 @@ from posefuse.core.arrays import Array
 
 from .arguments import checked
 from .joint_angles import JointAngles, joint_angles_of
+from .notebook import html_table
 from .progress import shown
 from .rig import Rig, rig_of
 
@@ -57,6 +58,10 @@ class Recording(core.Recording):
             f"  observations: {len(self.observations)} detections in {len(self.observations.frame_t_ns)} frames\n"
             f"  made by posefuse {self.provenance.get('posefuse', '?')} from {self.provenance.get('session', '?')}"
         )
+
+    def _repr_html_(self) -> str:
+        title, *facts = repr(self).splitlines()
+        return html_table(title, (), [fact.strip().split(": ", 1) for fact in facts])
 
     @property
     def duration_s(self) -> float:
