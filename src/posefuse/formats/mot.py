@@ -53,14 +53,14 @@ class MotTable:
         return np.asarray(self.values[:, self.columns.index(name)])
 
 
-class Motion(NamedTuple):
+class PersonMotion(NamedTuple):
     """A person's angles for OpenSim. note: what was bridged or left out, in one line; empty where nothing was."""
 
     table: MotTable
     note: str
 
 
-def motion_from_joints(joints: JointAngles, person: int = 0, name: str = "posefuse") -> Motion:
+def motion_from_joints(joints: JointAngles, person: int = 0, name: str = "posefuse") -> PersonMotion:
     """One person's angles as coordinates of OpenSim's full-body models, in degrees; time from the first time step.
 
     Names and signs are those of `OPENSIM`; an angle without one is ``joint_angle``. ``pelvis_tx``, ``_ty``, ``_tz`` (metres),
@@ -88,7 +88,7 @@ def motion_from_joints(joints: JointAngles, person: int = 0, name: str = "posefu
     notes += [f"gaps of up to {_LONGEST_BRIDGE_S} s bridged in {bridged} columns"] if bridged else []
     notes += [f"left out, unknown for longer: {', '.join(left_out)}"] if left_out else []
     values = np.stack(list(kept.values()), axis=1) if kept else np.zeros((len(t_s), 0))
-    return Motion(MotTable(name=name, t_s=t_s, columns=tuple(kept), values=values), "; ".join(notes))
+    return PersonMotion(MotTable(name=name, t_s=t_s, columns=tuple(kept), values=values), "; ".join(notes))
 
 
 def _coordinates(joints: JointAngles, person: int) -> dict[str, Array]:
