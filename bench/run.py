@@ -13,7 +13,7 @@ from datetime import date
 from importlib.metadata import version
 from pathlib import Path
 
-from openvino import Core
+from posefuse.detection.openvino_cpu import openvino_core
 
 HERE = Path(__file__).resolve().parent
 OUT = HERE.parent / "out" / "bench"
@@ -34,7 +34,7 @@ TITLES = {
     "live_soak": "Live: an hour",
     "wire": "Network: one-way time of a skeleton",
 }
-PACKAGES = ("posefuse", "numpy", "openvino", "opencv-contrib-python-headless", "numba", "av")
+PACKAGES = ("posefuse", "numpy", "openvino", "opencv-python-headless", "numba", "av")
 
 
 def machine() -> str:
@@ -45,7 +45,7 @@ def machine() -> str:
         else []
     )
     cores = len(os.sched_getaffinity(0))
-    networks = "bf16" if "BF16" in Core().get_property("CPU", "OPTIMIZATION_CAPABILITIES") else "f32"
+    networks = "bf16" if "BF16" in openvino_core().get_property("CPU", "OPTIMIZATION_CAPABILITIES") else "f32"
     named = names[0] if names else platform.processor()
     return f"{named}, {cores} cores, networks in {networks}, Python {platform.python_version()}"
 

@@ -1,23 +1,31 @@
 """What would be published, checked: python tools/package.py [--python PYTHON ...] [--no-install]
 
-Builds the source distribution and the wheel into dist/, lets twine check both, checks the size of the wheel, and installs it into
-an empty environment of each Python that is here, where it runs `posefuse demo` and writes the report. Uploads nothing.
+Builds the source distribution and the wheel into dist/, lets twine check both, and checks the size of the wheel. Installs the
+wheel into empty environments of each Python that is here, without constraints: once with the newest version of every package that
+there is today, once with the lowest that pyproject.toml allows. Runs the commands of a first hour in each, and prints a table.
+Uploads nothing.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import shutil
 import subprocess
 import sys
 import tempfile
-import venv
+import time
+from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 DIST = ROOT / "dist"
 PYTHONS = ("3.11", "3.12", "3.13")
 MOST_WHEEL_BYTES = 3_000_000
+# uv's names; pip can take the newest only
+RESOLUTIONS = {"newest": "highest", "lowest": "lowest-direct"}
+COMMANDS = ("demo", "report", "live", "print", "calibrate")
+BOARD = ("--columns", "5", "--rows", "7", "--square-mm", "30", "--marker-mm", "22")
 
 
 def main() -> None:
@@ -28,8 +36,7 @@ def main() -> None:
     options = parser.parse_args()
     wheel = build()
     if not options.no_install:
-        for python in options.python or present_pythons():
-            try_installed(wheel, python)
+        try_everywhere(wheel, options.python or present_pythons())
 
 
 def build() -> Path:
@@ -49,53 +56,72 @@ def build() -> Path:
 
 
 def present_pythons() -> list[str]:
-    """Those of `PYTHONS` on the path, and the one that runs this."""
-    here = f"{sys.version_info.major}.{sys.version_info.minor}"
-    found = {version: sys.executable if version == here else _working(f"python{version}") for version in PYTHONS}
+    """Those of `PYTHONS` that are on the path or that pyenv keeps."""
+    found = {version: next(_working(version), None) for version in PYTHONS}
     missing = [version for version, path in found.items() if path is None]
     if missing:
         print(f"not tried, because not on this machine: Python {', '.join(missing)}")
     return [path for path in found.values() if path is not None]
 
 
-def _working(name: str) -> str | None:
-    """Its path; None also for a stand-in of a version manager that has no such Python."""
-    path = shutil.which(name)
-    return path if path and subprocess.run([path, "--version"], capture_output=True, check=False).returncode == 0 else None
+def _working(version: str) -> Iterator[str]:
+    """Paths of that Python; a stand-in of a version manager that has no such Python does not count."""
+    kept = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv")) / "versions"
+    for path in (shutil.which(f"python{version}"), *map(str, sorted(kept.glob(f"{version}.*/bin/python")))):
+        if path and subprocess.run([path, "--version"], capture_output=True, check=False).returncode == 0:
+            yield path
 
 
-def try_installed(wheel: Path, python: str) -> None:
-    """Install the wheel with its dependencies into an empty environment and run the demo there."""
+def try_everywhere(wheel: Path, pythons: list[str]) -> None:
+    """Try the wheel with every Python and both choices of versions, and print what came out."""
+    rows = [row for python in pythons for chosen in RESOLUTIONS if (row := try_installed(wheel, python, chosen))]
+    print(f"\n| Python | versions | MB installed | {' | '.join(COMMANDS)} |\n|---|---|---|{'---|' * len(COMMANDS)}")
+    print("\n".join(f"| {' | '.join(row)} |" for row in rows))
+    if failed := [row for row in rows if any("failed" in cell for cell in row)]:
+        raise SystemExit(f"{len(failed)} of {len(rows)} installations do not work")
+
+
+def try_installed(wheel: Path, python: str, chosen: str) -> list[str]:
+    """Install the wheel into an empty environment and run the commands of a first hour there; a row of the table."""
     with tempfile.TemporaryDirectory() as place:
         environment = Path(place) / "venv"
-        if python == sys.executable:
-            venv.create(environment, with_pip=True)
-        else:
-            run([python, "-m", "venv", str(environment)])
+        uv = [sys.executable, "-m", "uv"]
+        run([*uv, "venv", "--quiet", "--python", python, str(environment)])
         scripts = environment / ("Scripts" if sys.platform == "win32" else "bin")
-        run(
-            [
-                str(scripts / "python"),
-                "-m",
-                "pip",
-                "install",
-                "--quiet",
-                "--constraint",
-                str(ROOT / "constraints.txt"),
-                str(wheel),
-            ]
+        # a version without a wheel is passed over, as by a user without a compiler; "direct" are the project's own dependencies
+        wanted = ["--requirements", str(ROOT / "pyproject.toml"), str(wheel)]
+        chosen_by = ["--only-binary", ":all:", "--resolution", RESOLUTIONS[chosen]]
+        run([*uv, "pip", "install", "--quiet", "--python", str(environment), *chosen_by, *wanted])
+        megabytes = sum(path.stat().st_size for path in environment.rglob("*") if path.is_file() and not path.is_symlink()) / 1e6
+        version = subprocess.check_output(
+            [scripts / "python", "-c", "import platform; print(platform.python_version())"], text=True
         )
-        result = Path(place) / "result"
-        run([str(scripts / "posefuse"), "demo", "--out", str(result)], cwd=place)
-        run([str(scripts / "posefuse"), "report", str(result)], cwd=place)
-        if not (result / "biomechanics" / "report.html").is_file():
-            raise SystemExit(f"{python}: the demo wrote no report")
-        print(f"{python}: installed into an empty environment; the demo and its report run")
+        results = [_outcome(scripts, words, Path(place)) for words in _commands(environment, Path(place))]
+        return [version.strip(), chosen, f"{megabytes:.0f}", *results]
 
 
-def run(command: list[str], cwd: str | None = None) -> None:
+def _commands(environment: Path, place: Path) -> Iterator[list[str]]:
+    """Words of the commands in `COMMANDS`, and what each needs."""
+    [clip] = environment.rglob("posefuse/demo_clip")
+    videos = [f"--source={path.stem}=video:{path}" for path in sorted((clip / "videos").iterdir())]
+    yield ["demo", "--out", "result"]
+    yield ["report", "result"]
+    yield ["live", str(clip / "rig.toml"), *videos, "--duration", "5"]
+    yield ["calibrate", "print", "--target", "charuco", *BOARD, "--out", "board.pdf"]
+    yield ["calibrate", "intrinsics", str(place / "board"), "--target", "charuco", *BOARD, "--out", "lenses.toml"]
+
+
+def _outcome(scripts: Path, words: list[str], place: Path) -> str:
+    if "intrinsics" in words:
+        run([str(scripts / "python"), str(ROOT / "tools" / "board_views.py"), str(place / "board")])
+    begun_s = time.monotonic()
+    done = subprocess.run([scripts / "posefuse", *words], cwd=place, check=False)
+    return "failed" if done.returncode else f"{time.monotonic() - begun_s:.0f} s"
+
+
+def run(command: list[str]) -> None:
     """Run a command; its failure ends the program."""
-    done = subprocess.run(command, cwd=cwd, check=False)
+    done = subprocess.run(command, check=False)
     if done.returncode:
         raise SystemExit(f"failed with status {done.returncode}: {' '.join(command)}")
 

@@ -21,7 +21,7 @@ from posefuse.pipeline import UNFINISHED_FILE, StageClock, TrackConfig, find_ses
 from posefuse.simulation import Scene, simulate
 
 BEST_NETWORKS, BEST_S = "blazepose_best", 20.0
-_PACKAGES = ("numpy", "openvino", "mujoco", "anny", "opencv-contrib-python-headless")
+_PACKAGES = ("numpy", "openvino", "mujoco", "anny", "opencv-python-headless")
 
 
 @dataclass(frozen=True)

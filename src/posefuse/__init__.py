@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from .api.calibrate import calibrate_clocks, calibrate_extrinsics, calibrate_intrinsics, calibrate_person, verify
     from .api.compare import compare
     from .api.detector import detector
+    from .api.joint_angles import JointAngles
     from .api.live import live
     from .api.plan import plan
     from .api.recording import Recording, read
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from .api.simulate import gazebo_world, simulate
     from .api.teleoperate import teleoperate
     from .api.track import track
-    from .core import Camera, Detections2D, JointAngles, Observations, Pose3D, PosefuseError, PoseSequence, Progress, Skeleton
+    from .core import Camera, Detections2D, Observations, Pose3D, PosefuseError, PoseSequence, Progress, Skeleton
     from .fusion import triangulate
     from .pipeline.edits import Edits, Exclusion
 
@@ -34,7 +35,7 @@ _HOMES = {
     "Detections2D": "core",
     "Edits": "pipeline.edits",
     "Exclusion": "pipeline.edits",
-    "JointAngles": "core",
+    "JointAngles": "api.joint_angles",
     "Observations": "core",
     "Pose3D": "core",
     "PoseSequence": "core",

@@ -1,13 +1,15 @@
 """A recording in the hand: labelled arrays, tables, plots, files, the second solve."""
 
+import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import posefuse as pf
-from posefuse.core import InputError
+from posefuse.core import DependencyError, InputError
 from posefuse.formats.labelled import poses_from_xarray
 
 Make = Callable[..., pf.Recording]
@@ -120,3 +122,42 @@ def test_comparing_a_recording_with_itself_moved_finds_nothing(make_recording: M
     recording.save(tmp_path / "result", formats=("trc",))
     found = pf.compare(recording, tmp_path / "result" / "pose.trc")
     assert found.errors.mpjpe_mm < 0.01
+
+
+def test_angles_are_tables_and_curves_of_their_own(make_recording: Make) -> None:
+    angles = make_recording(people=(7, 3), times=5).joint_angles(fit="none")
+    one = angles.of(3)
+    knee = one["left_knee", "flexion"]
+    table = one.to_dataframe()
+    assert isinstance(one, pf.JointAngles) and len(angles.to_dataframe()) == 2 * len(table)
+    rows = table[(table.joint == "left_knee") & (table.angle == "flexion")]
+    np.testing.assert_allclose(rows.deg, knee.deg)
+    np.testing.assert_allclose(rows.sigma_deg, knee.sigma_deg)
+    labelled = angles.to_xarray()["joint_angle"].sel(person=3, angle="left_knee flexion")
+    np.testing.assert_array_equal(labelled.values, knee.rad)
+    assert labelled.attrs["units"] == "rad"
+    (line,) = one.plot("left_knee", "flexion").lines
+    np.testing.assert_allclose(line.get_ydata(), knee.deg)
+
+
+def test_tables_and_curves_name_their_extra(make_recording: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("xarray", "pandas", "matplotlib.pyplot"):
+        monkeypatch.setitem(sys.modules, name, None)
+    recording = make_recording()
+    angles = recording.joint_angles(fit="none")
+    for call in (recording.to_xarray, recording.to_dataframe, lambda: recording.plot("nose"), angles.to_xarray):
+        with pytest.raises(DependencyError, match=r"install it with: pip install 'posefuse\[data\]'"):
+            call()
+
+
+def test_notebooks_show_tables(make_recording: Make) -> None:
+    recording = make_recording()
+    html = recording._repr_html_()
+    assert html.startswith(f"<b>{repr(recording).splitlines()[0]}</b><table>") and "BLAZEPOSE33" in html.upper()
+    rig = pf.Rig(recording.rig.cameras[:1] + (replace(recording.rig.cameras[1], name="<b>"),))._repr_html_()
+    assert rig.count("<tr>") == 3 and "&lt;b&gt;" in rig
+    angles = recording.joint_angles(fit="none")
+    knee = angles["left_knee", "flexion"].deg
+    assert (
+        f"<td>left_knee</td><td>flexion</td><td>{np.nanmin(knee):.1f}</td><td>{np.nanmax(knee):.1f}</td>" in angles._repr_html_()
+    )

@@ -21,8 +21,11 @@ LINES = (
     ("cli",),
 )
 LEVEL = {room: level for level, rooms in enumerate(LINES) for room in rooms}
-OPTIONAL = ("torch", "anny", "mujoco", "daqp", "rerun", "opensim", "rosbags", "mcap", "cyclonedds", "rospy", "pylsl", "nicegui")
-SLOW = ("cv2", "numba", "openvino", "scipy", "pyarrow", "ezc3d", "jinja2")
+DATA = ("xarray", "pandas", "matplotlib")
+OPTIONAL = (
+    "torch", "anny", "mujoco", "daqp", "rerun", "opensim", "rosbags", "mcap", "cyclonedds", "rospy", "pylsl", "nicegui", *DATA,
+)  # fmt: skip
+SLOW = ("cv2", "numba", "openvino", "scipy", "ezc3d", "jinja2")
 
 
 def room_of(path: Path) -> str:
@@ -74,6 +77,11 @@ def test_core_needs_numpy_only() -> None:
         assert tops <= set(sys.stdlib_module_names), f"{path.name} imports {sorted(tops - set(sys.stdlib_module_names))}"
 
 
+def test_openvino_is_imported_where_its_telemetry_is_off() -> None:
+    [place] = [path.name for path in FILES if "openvino" in {name.split(".")[0] for name in imported_names(path)}]
+    assert place == "openvino_cpu.py"
+
+
 def test_nothing_is_called_utils() -> None:
     banned = {"utils", "common", "helpers", "manager", "misc"}
     assert not [path for path in SRC.rglob("*") if path.stem in banned]
@@ -89,6 +97,17 @@ def test_help_imports_nothing_heavy() -> None:
     loaded = modules_after("from posefuse.cli import main\ntry:\n    main.main(['--help'])\nexcept SystemExit:\n    pass")
     assert "posefuse" in loaded
     assert not loaded & {*OPTIONAL, *SLOW}
+
+
+def test_tracking_and_reporting_need_no_tables_of_others(demo_session: Path, tmp_path: Path) -> None:
+    truth = (demo_session / "truth" / "truth.npz").as_posix()
+    oracle = ["--set", "detector.name=oracle", "--set", f"detector.options.truth={truth}", "--end", "0.5"]
+    for words in (["track", str(demo_session), "--out", str(tmp_path / "a"), *oracle], ["report", str(tmp_path / "a")]):
+        code = (
+            f"import sys\nfrom posefuse.cli.main import main\nsys.modules.update(dict.fromkeys({DATA}))\nsys.exit(main({words}))"
+        )
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=300)
+        assert done.returncode == 0, done.stderr
 
 
 def test_importing_posefuse_is_light() -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import yaml
 
 import posefuse
+from posefuse.cli.machine import EXTRAS
 
 ROOT = Path(__file__).resolve().parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -33,16 +34,35 @@ def test_licence_files_and_files_of_the_wheel_exist() -> None:
     assert not [name for name in [*PROJECT["project"]["license-files"], *included] if not (ROOT / name).exists()]
 
 
-def test_addresses_of_the_project_are_in_one_place() -> None:
-    placeholder = re.compile(r"https?://example\.org/posefuse")
-    texts = [path for pattern in ("*.md", "*.cff", "*.yml", "docs/**/*.md", ".github/**/*") for path in ROOT.glob(pattern)]
-    assert set(PROJECT["project"]["urls"]) == {"Homepage", "Documentation", "Source", "Issues"}
-    assert not [path for path in texts if path.is_file() and placeholder.search(path.read_text(encoding="utf-8"))]
+def pages() -> list[Path]:
+    return [
+        path
+        for pattern in ("*.md", "*.cff", "*.yml", "pyproject.toml", "docs/**/*.md", "src/**/*.py")
+        for path in ROOT.glob(pattern)
+    ]
+
+
+def test_no_placeholder_of_an_address_is_shown() -> None:
+    assert not [path for path in pages() if re.search(r"https?://example\.", path.read_text(encoding="utf-8"))]
+
+
+def test_until_it_is_published_no_page_begins_with_the_package_index() -> None:
+    """The line that would fail is no command of a page; "once it is published" may name it."""
+    assert "urls" not in PROJECT["project"], (
+        "published: delete this test, and let README and installing.md begin with pip install posefuse"
+    )
+    command = re.compile(r"^    pip (install|download) posefuse\b", re.MULTILINE)
+    assert not [path for path in pages() if command.search(path.read_text(encoding="utf-8"))]
+    assert re.search(r"^    make demo ", (ROOT / "README.md").read_text(encoding="utf-8"), re.MULTILINE)
 
 
 def test_the_readme_fits_on_two_screens() -> None:
     assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 80
     assert (ROOT / "docs" / "images" / "demo.webp").stat().st_size < 2_000_000
+
+
+def test_doctor_lists_every_extra_of_a_user() -> None:
+    assert {*EXTRAS, "dev", "docs", "mutation", "publish"} == set(PROJECT["project"]["optional-dependencies"])
 
 
 def test_every_extra_is_in_the_guide() -> None:

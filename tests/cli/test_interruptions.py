@@ -1,11 +1,13 @@
 """Finished work survives: whatever ends `posefuse track`, --resume gives the bytes of an uninterrupted run."""
 
 import json
+import re
 import shutil
 import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -193,6 +195,42 @@ def test_frames_whose_detections_never_reached_the_disk_are_detected_again(
     check_resumed(track, session, out, whole)
 
 
+def test_resume_where_nothing_was_interrupted_is_refused(track: Tracker, session: Path, tmp_path: Path) -> None:
+    done = track(session, tmp_path / "resutl", "--resume")
+    assert done.returncode == 1
+    assert "resutl: nothing to resume: no interrupted work is there; is it the right folder?" in done.stderr.splitlines()[-1]
+    assert not (tmp_path / "resutl").exists()
+
+
+def test_interrupted_work_is_found_after_its_parent_folder_was_renamed(
+    track: Tracker, session: Path, whole: dict[str, bytes], tmp_path: Path
+) -> None:
+    (tmp_path / "before").mkdir()
+    track(session, tmp_path / "before" / "result", at=([*DETECTING, "SIGKILL"],))
+    (tmp_path / "before").rename(tmp_path / "after")
+    check_resumed(track, session, tmp_path / "after" / "result", whole)
+
+
+def test_of_a_calibration_that_fits_no_pair_of_cameras_the_detections_are_kept(
+    track: Tracker, session: Path, tmp_path: Path
+) -> None:
+    """Each camera sees the person; no two see them in one place."""
+    own = Path(shutil.copytree(session, tmp_path / "session"))
+    rig = read_rig(own / "rig.toml")
+    tilts = [SE3.from_rotvec([0.3 * c - 0.3, 0, 0], np.zeros(3)) for c in range(len(rig))]
+    cameras = [replace(one, cam_from_world=tilt @ one.cam_from_world) for one, tilt in zip(rig, tilts, strict=True)]
+    write_rig(own / "rig.toml", replace(rig, cameras=tuple(cameras)))
+    done = track(own, tmp_path / "result")
+    assert done.returncode == 1
+    assert re.search(
+        r"a person was found in \d+ frames of cam00, .* but no two agree: is the calibration the one of these videos\?$",
+        done.stderr.splitlines()[-1],
+    ), done.stderr
+    assert "no person found" not in done.stderr and "the detections made so far are kept" in done.stderr
+    [left] = find_unfinished(tmp_path / "result")
+    assert read_log(left / LOG_FILE).batches
+
+
 @pytest.mark.slow
 def test_force_starts_from_the_beginning(track: Tracker, session: Path, whole: dict[str, bytes], tmp_path: Path) -> None:
     out = tmp_path / "result"
@@ -240,6 +278,14 @@ def test_a_failed_output_is_named_and_the_others_are_written(
         assert f"output trc: not written ({reason})" in done.stderr
         assert json.loads(done.stdout)["failed"] == {"trc": reason}
         assert results(out) == {name: content for name, content in whole.items() if name != "pose.trc"}
+
+
+def test_space_is_asked_for_the_people_there_are(
+    track: Tracker, session: Path, whole: dict[str, bytes], small_disk: Callable[[int], Path]
+) -> None:
+    """As many as may be followed would take some 20 MB; the one who is there takes less than one."""
+    done = track(session, small_disk(8) / "result", "--set", "associate.max_people=64")
+    assert done.returncode == 0, done.stderr
 
 
 def test_a_full_disk_is_reported_before_the_work_or_loses_no_detection(

@@ -1,11 +1,15 @@
 """Comparing recordings: what was done to one of them is found, and what is left is what it differs by."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from posefuse.core import InputError
 from posefuse.evaluation.compare import Tracks, compare, similarity
+from posefuse.evaluation.compare_page import comparison_page
+from posefuse.formats.page import Note
 
 NAMES = ("neck", "left_wrist", "right_wrist", "left_ankle", "right_ankle")
 
@@ -31,6 +35,12 @@ def test_offset_motion_and_scale_are_found_to_fractions_of_a_frame_between_rates
     assert found.errors.mpjpe_mm < 3
     # without the scale it cannot fit as well
     assert compare(a, moved).errors.mpjpe_mm > 2 * found.errors.mpjpe_mm
+
+
+def test_the_page_states_which_of_the_two_has_a_refused_calibration() -> None:
+    a, b = mover(50), replace(mover(50), warning="b: this calibration was refused")
+    notes = [block for block in comparison_page(a, b, compare(a, b, time=False)).blocks if isinstance(block, Note)]
+    assert [(note.text, note.warning) for note in notes] == [("b: this calibration was refused", True)]
 
 
 def test_noise_is_what_is_left() -> None:

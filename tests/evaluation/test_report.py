@@ -1,5 +1,6 @@
 """The report page: whole in itself, truthful about gaps, harmless text, clear errors; its figures are those of the recording."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -71,6 +72,14 @@ def test_the_page_states_session_rig_and_version(read_page, tmp_path, ring_rig):
     assert page.headings[0] == "Knee study <b>" and about["session"] == "trial <3>"
     assert recording.rig.id[:12] in about["rig"] and "4 cameras" in about["rig"] and about["version"] == f"posefuse {__version__}"
     assert "1 & <2>" in page.text and "cam <1>" in page.text and len(page.images) == 2
+
+
+def test_a_refused_calibration_is_stated(read_page, tmp_path, ring_rig):
+    recording = recording_of(ring_rig, *walker())
+    refused = replace(recording, rig=replace(recording.rig, refused="corners fit"))
+    said = "calibration was refused (corners fit) and kept all the same: do not trust positions"
+    assert said in reported(read_page, tmp_path, refused).text
+    assert "refused" not in reported(read_page, tmp_path, recording).text
 
 
 @pytest.mark.parametrize(

@@ -1,10 +1,14 @@
 """Angle tables and OpenSim motion files: round trips, units at the door, errors that name the line."""
 
+import csv
+import dataclasses
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from posefuse.core import SE3, InputError, JointAngles
-from posefuse.formats.angles import read_angles, write_angles
+from posefuse.formats.angles import write_angles
 from posefuse.formats.mot import MotTable, motion_from_joints, read_mot, write_mot
 
 
@@ -29,21 +33,22 @@ def joints():
     )
 
 
-@pytest.mark.parametrize("ending", [".csv", ".parquet"])
-def test_a_table_comes_back_in_degrees(tmp_path, joints, ending):
-    path = tmp_path / f"angles{ending}"
-    write_angles(path, joints)
-    back = read_angles(path)
-    np.testing.assert_array_equal(back["t_ns"], np.repeat(joints.t_ns, 2))
-    np.testing.assert_array_equal(back["person_id"], [3, 9] * 4)
-    flexion = back["left_knee.rotation_deg"].reshape(4, 2)
-    np.testing.assert_allclose(flexion, np.degrees(joints.angle_rad[:, :, 1, 2]), rtol=1e-12)
-    assert np.isnan(flexion[1, 0])
-    np.testing.assert_allclose(back["neck.flexion_sigma_deg"].reshape(4, 2), np.degrees(joints.sigma_rad[:, :, 2, 0]), rtol=1e-12)
+def test_a_table_of_angles_has_degrees_and_the_columns_of_the_table_of_points(tmp_path, joints):
+    write_angles(tmp_path / "angles.csv", joints)
+    with (tmp_path / "angles.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0])[:4] == ["t_s", "person", "left_hip.flexion_deg", "left_hip.flexion_sigma_deg"]
+    assert [(row["t_s"], row["person"]) for row in rows[:3]] == [("0.01", "3"), ("0.01", "9"), ("0.02", "3")]
+    rotation = [row["left_knee.rotation_deg"] for row in rows]
+    assert rotation.pop(2) == "" and len(max(rotation, key=len)) <= len("-123.4567")
+    expected = np.delete(np.degrees(joints.angle_rad[:, :, 1, 2]).ravel(), 2)
+    np.testing.assert_allclose([float(cell) for cell in rotation], expected, atol=5.1e-5)
+    sigma = [float(row["neck.flexion_sigma_deg"]) for row in rows]
+    np.testing.assert_allclose(sigma, np.degrees(joints.sigma_rad[:, :, 2, 0]).ravel(), atol=5.1e-5)
 
 
-def test_a_motion_comes_back(tmp_path, joints):
-    motion = motion_from_joints(joints, person=1, name="second person")
+def test_a_motion_comes_back_under_the_names_and_signs_of_opensim(tmp_path, joints):
+    motion = motion_from_joints(joints, person=1, name="second person").table
     assert "neck_adduction" not in motion.columns
     assert motion.t_s[0] == 0
     write_mot(tmp_path / "a.mot", motion)
@@ -52,14 +57,70 @@ def test_a_motion_comes_back(tmp_path, joints):
     assert back.columns == motion.columns
     assert back.in_degrees
     np.testing.assert_allclose(back.values, motion.values, rtol=1e-9)
-    np.testing.assert_allclose(back.column("left_hip_flexion"), np.degrees(joints.angle_rad[:, 1, 0, 0]), rtol=1e-9)
+    np.testing.assert_allclose(back.column("hip_flexion_l"), np.degrees(joints.angle_rad[:, 1, 0, 0]), rtol=1e-9)
+    np.testing.assert_allclose(back.column("left_knee_rotation"), np.degrees(joints.angle_rad[:, 1, 1, 2]), rtol=1e-9)
 
 
-def test_radians_stay_radians(tmp_path):
-    write_mot(tmp_path / "a.sto", MotTable(name="m", t_s=[0.0, 0.1], columns=("q",), values=[[1.0], [np.nan]], in_degrees=False))
-    back = read_mot(tmp_path / "a.sto")
-    assert not back.in_degrees
-    assert np.isnan(back.values[1, 0])
+def test_the_pelvis_is_placed_by_the_turns_of_the_free_joint_of_the_models():
+    """Composed as a model composes them, the coordinates give the pelvis in the axes of `pose.trc`."""
+    rng = np.random.default_rng(3)
+    world_from_pelvis = SE3.from_rotvec(rng.uniform(-1.2, 1.2, (50, 1, 1, 3)), rng.normal(size=(50, 1, 1, 3)))
+    nothing = np.full((50, 1, 1, 3), np.nan)
+    values = motion_from_joints(
+        JointAngles(
+            t_ns=np.arange(50) * 10_000_000, person_id=[0], segments=("pelvis",), world_from_segment=world_from_pelvis,
+            joints=("neck",), angle_names=(("a", "b", "c"),), angle_rad=nothing, sigma_rad=nothing,
+        )
+    ).table  # fmt: skip
+    turns = [values.column(f"pelvis_{name}") for name in ("tilt", "list", "rotation")]
+    composed = Rotation.from_euler("ZXY", np.stack(turns, axis=1), degrees=True).as_matrix()
+    ground = world_from_pelvis.matrix4()[:, 0, 0, [1, 2, 0]]
+    np.testing.assert_allclose(composed, ground[:, :, :3], atol=1e-12)
+    place = np.stack([values.column(f"pelvis_t{axis}") for axis in "xyz"], axis=1)
+    np.testing.assert_allclose(place, ground[:, :, 3], atol=1e-12)
+
+
+def gapped(joints, gaps):
+    """The angles of a person at 10 Hz for 8 s, unknown at (joint, first, end) time steps; joint None: all of the person."""
+    angle = np.tile(joints.angle_rad[:1, :1], (80, 1, 1, 1)) + np.arange(80)[:, None, None, None] * 0.01
+    xyz = np.zeros((80, 1, 1, 3))
+    for j, first, end in gaps:
+        angle[first:end, :, slice(None) if j is None else j] = np.nan
+        if j is None:
+            xyz[first:end] = np.nan
+    return JointAngles(
+        t_ns=np.arange(80) * 100_000_000, person_id=[3], segments=("pelvis",), joints=joints.joints,
+        world_from_segment=SE3.from_rotvec(np.zeros((80, 1, 1, 3)) + xyz, xyz),
+        angle_names=joints.angle_names, angle_rad=angle, sigma_rad=angle,
+    )  # fmt: skip
+
+
+def test_short_gaps_are_bridged_long_ones_leave_the_column_out_and_both_are_stated(tmp_path, joints):
+    motion, note = motion_from_joints(gapped(joints, [(0, 20, 23), (1, 20, 26)]))
+    out = "knee_angle_l, left_knee_adduction, left_knee_rotation"
+    assert note == f"gaps of up to 0.5 s bridged in 3 columns; left out, unknown for longer: {out}"
+    whole = motion_from_joints(gapped(joints, []))
+    assert whole.note == ""
+    np.testing.assert_allclose(motion.column("hip_flexion_l"), whole.table.column("hip_flexion_l"), atol=1e-9)
+    write_mot(tmp_path / "a.mot", motion)
+    assert "nan" not in (tmp_path / "a.mot").read_text()
+
+
+def test_of_a_person_who_goes_and_comes_back_the_longest_time_is_kept(joints):
+    motion, note = motion_from_joints(gapped(joints, [(None, 0, 5), (None, 30, 50)]))
+    np.testing.assert_allclose(motion.t_s, np.arange(50, 80) * 0.1)
+    assert note.startswith("holds 5.00 to 7.90 s, the longest time the person is there")
+    nobody = motion_from_joints(gapped(joints, [(None, 0, 80)]))
+    assert len(nobody.table.t_s) == 0 and nobody.table.columns == ()
+
+
+def test_radians_stay_radians_and_the_unknown_is_not_written(tmp_path):
+    motion = MotTable(name="m", t_s=[0.0, 0.1], columns=("q",), values=[[1.0], [2.0]], in_degrees=False)
+    write_mot(tmp_path / "a.sto", motion)
+    assert not read_mot(tmp_path / "a.sto").in_degrees
+    with pytest.raises(InputError, match=r"b\.sto: q is unknown at 0\.10 s"):
+        write_mot(tmp_path / "b.sto", dataclasses.replace(motion, values=[[1.0], [np.nan]]))
+    assert not (tmp_path / "b.sto").exists()
 
 
 @pytest.mark.parametrize(
@@ -77,8 +138,6 @@ def test_broken_files_say_where(tmp_path, text, message):
         read_mot(tmp_path / "b.mot")
 
 
-def test_unknown_names_list_what_exists(tmp_path, joints):
-    with pytest.raises(InputError, match=r"no column 'knee'; there are: left_hip_flexion"):
-        motion_from_joints(joints).column("knee")
-    with pytest.raises(InputError, match=r"expected a file ending in .csv or .parquet"):
-        write_angles(tmp_path / "a.xls", joints)
+def test_unknown_names_list_what_exists(joints):
+    with pytest.raises(InputError, match=r"no column 'knee'; there are: pelvis_tilt"):
+        motion_from_joints(joints).table.column("knee")

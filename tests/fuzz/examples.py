@@ -120,10 +120,6 @@ def _long_csv(folder: Path) -> None:
     write_trc(folder / "sound.trc", TrcData(names=NAMES, t_s=t_s, xyz_world=xyz, rate_hz=30.0))
 
 
-def _angles_csv(folder: Path) -> None:
-    (folder / "a.csv").write_text("t_ns,person_id,knee.flexion_deg\n" + "".join(f"{i * 10**7},0,{i}.5\n" for i in range(5)))
-
-
 def _mvnx(folder: Path) -> None:
     labels = ("Pelvis", "RightUpperLeg", "RightLowerLeg", "T8")
     segments = "".join(f'<segment label="{label}" id="{i + 1}"/>' for i, label in enumerate(labels))
@@ -242,7 +238,6 @@ EXAMPLES: dict[str, Example] = {
     "MOT": Example("a.mot", _mot),
     "CSV wide": Example("a.csv", _wide_csv),
     "CSV long": Example("a.csv", _long_csv),
-    "CSV angles": Example("a.csv", _angles_csv),
     "MVNX": Example("a.mvnx", _mvnx),
     "recording.npz": Example("recording.npz", _recording),
     "recording.json": Example("recording.json", _recording),

@@ -37,7 +37,6 @@ def _readers() -> dict[str, Callable[[Path], Any]]:
     from posefuse.calibration.extrinsics.floor_points import read_floor_points
     from posefuse.detection.models import read_card
     from posefuse.evaluation.tracks import read_tracks
-    from posefuse.formats.angles import read_angles
     from posefuse.formats.bvh import read_bvh
     from posefuse.formats.c3d import read_c3d
     from posefuse.formats.mot import read_mot
@@ -60,7 +59,6 @@ def _readers() -> dict[str, Callable[[Path], Any]]:
         "MOT": read_mot,
         "CSV wide": read_tracks,
         "CSV long": read_tracks,
-        "CSV angles": read_angles,
         "MVNX": read_tracks,
         "recording.npz": lambda path: read_recording(path.parent),
         "recording.json": lambda path: read_recording(path.parent),

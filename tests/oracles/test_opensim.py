@@ -83,12 +83,41 @@ def test_it_opens_the_model_and_our_motions(solved, osim, tmp_path):
     model = osim.Model(str(folder / MODEL_FILE))
     model.initSystem()
     assert model.getMarkerSet().getSize() == 23
-    ours = motion_from_joints(joints_from_poses(sequence))
+    sequence = replace(sequence, xyz_world=sequence.xyz_world.copy())
+    sequence.xyz_world.setflags(write=True)
+    sequence.xyz_world[10:14, :, sequence.skeleton.index("left_elbow")] = np.nan
+    ours, note = motion_from_joints(joints_from_poses(sequence))
+    assert "bridged" in note
     write_mot(tmp_path / "angles.mot", ours)
     table = osim.TimeSeriesTable(str(tmp_path / "angles.mot"))
     assert tuple(table.getColumnLabels()) == ours.columns
     assert table.getTableMetaDataString("inDegrees") == "yes"
     np.testing.assert_allclose(table.getMatrix().to_numpy(), ours.values, rtol=1e-8)
+    # the reader of its tools and of its window, which ends without a word at the first value that is no number
+    assert osim.Storage(str(tmp_path / "angles.mot")).getSize() == len(sequence)
+
+
+def test_a_motion_moves_a_model_to_the_points(solved, osim, tmp_path):
+    """The coordinates of angles.mot, put into a model with the usual names, bring its limbs to where the keypoints are."""
+    folder, sequence, _ = solved
+    motion = motion_from_joints(joints_from_poses(sequence)).table
+    model = osim.Model(str(folder / MODEL_FILE))
+    state = model.initSystem()
+    coordinates = {one.getName(): one for one in model.getCoordinateSet()}
+    moved = [name for name in motion.columns if name in coordinates and not name.startswith("pelvis")]
+    assert len(moved) >= 24
+    for i in (0, 12, 30):
+        for name in moved:
+            coordinates[name].setValue(state, np.radians(motion.column(name)[i]), False)
+        model.realizePosition(state)
+        limbs = {}
+        for marker in model.getMarkerSet():
+            limbs[marker.getName()] = marker.getLocationInGround(state).to_numpy()
+        for side in ("left", "right"):
+            for a, c in (("hip", "ankle"), ("shoulder", "wrist")):
+                of_model = np.linalg.norm(limbs[f"{side}_{a}"] - limbs[f"{side}_{c}"])
+                ends = [sequence.xyz_world[i, 0, sequence.skeleton.index(f"{side}_{name}")] for name in (a, c)]
+                assert abs(of_model - np.linalg.norm(ends[0] - ends[1])) < 0.01
 
 
 def test_its_motion_comes_back_as_it_wrote_it(solved, osim):

@@ -2,32 +2,27 @@
 
 import csv
 import json
-import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import ezc3d
 import numpy as np
-import pyarrow.csv
-import pyarrow.parquet
 import pytest
 
 from posefuse import __version__
 from posefuse.core import InputError, PoseSequence, Recording, Sink
 from posefuse.formats.c3d import read_c3d
-from posefuse.formats.recording import write_recording
 from posefuse.formats.trc import read_trc
 from posefuse.outputs.c3d import C3dSink
 from posefuse.outputs.json import JsonSink
-from posefuse.outputs.tables import CsvSink, ParquetSink
+from posefuse.outputs.tables import CsvSink
 from posefuse.outputs.trc import TrcSink
 
 Make = Callable[..., Recording]
 
 
-@pytest.mark.parametrize("sink", [TrcSink(), C3dSink(), CsvSink(), ParquetSink(), JsonSink()], ids=lambda sink: sink.name)
+@pytest.mark.parametrize("sink", [TrcSink(), C3dSink(), CsvSink(), JsonSink()], ids=lambda sink: sink.name)
 def test_they_keep_the_promise_of_a_sink(tmp_path: Path, make_recording: Make, sink: TrcSink) -> None:
     built = sink.build()
     assert isinstance(built, Sink)
@@ -81,35 +76,11 @@ def test_csv_is_tidy(tmp_path: Path, make_recording: Make) -> None:
     assert len(rows) == 7 * 2 * 5
     row = rows[(3 * 2 + 1) * 5 + 2]
     assert (row["t_s"], row["person"], row["keypoint"], row["kind"]) == ("2.12", "9", "right_shoulder", "fused")
-    np.testing.assert_array_equal([float(row[f"{axis}_m"]) for axis in "xyz"], recording.poses.xyz_world[3, 1, 2])
+    np.testing.assert_allclose([float(row[f"{axis}_m"]) for axis in "xyz"], recording.poses.xyz_world[3, 1, 2], atol=5.1e-7)
+    numbers = [row[name] for row in rows for name in ("t_s", "x_m", "y_m", "z_m", "sigma_m", "reproj_px")]
+    assert len(max(numbers, key=len)) <= len("-10.123456")
     gone = rows[3 * 2 * 5]
     assert (gone["x_m"], gone["sigma_m"], gone["reproj_px"], gone["n_views"], gone["kind"]) == ("", "", "", "0", "missing")
-
-
-def test_tables_are_written_without_pandas(tmp_path: Path, make_recording: Make) -> None:
-    """Importing it takes longer than writing all outputs of a short recording."""
-    write_recording(tmp_path, make_recording())
-    code = (
-        "import sys; from pathlib import Path\n"
-        "from posefuse.formats.recording import read_recording\n"
-        "from posefuse.outputs.tables import CsvSink, ParquetSink\n"
-        "folder = Path(sys.argv[1]); recording = read_recording(folder)\n"
-        "CsvSink().write(recording, folder); ParquetSink().write(recording, folder)\n"
-        "assert 'pandas' not in sys.modules\n"
-    )
-    subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=True, timeout=120)
-
-
-def test_parquet_equals_csv_and_carries_provenance(tmp_path: Path, make_recording: Make) -> None:
-    recording = make_recording(people=(4, 9))
-    (csv_path, _), (parquet_path,) = (sink.write(recording, tmp_path) for sink in (CsvSink(), ParquetSink()))
-    table = pyarrow.parquet.read_table(parquet_path)
-    assert json.loads(table.schema.metadata[b"posefuse"])["config"] == {"fuse": "all"}
-    text = pyarrow.csv.read_csv(csv_path)
-    assert text.column_names == table.column_names
-    for name in table.column_names:
-        assert text[name].to_pylist() == table[name].to_pylist()
-    assert table["x_m"].null_count == 1
 
 
 def test_json(tmp_path: Path, make_recording: Make) -> None:

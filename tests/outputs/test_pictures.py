@@ -11,12 +11,10 @@ import numpy as np
 import pytest
 
 from posefuse.core import InputError, Kind, Recording, Sink
+from posefuse.core.palette import LEFT, MIDDLE, RIGHT
 from posefuse.formats.video import VideoWriter
 from posefuse.outputs import FrameSink, drawing, write_outputs
 from posefuse.outputs.drawing import (
-    LEFT_RGB,
-    MIDDLE_RGB,
-    RIGHT_RGB,
     bone_colours,
     draw_skeleton,
     draw_view,
@@ -75,7 +73,7 @@ def test_the_skeleton_lies_where_the_camera_projects_it(make_recording: Make) ->
         tile_wh = (camera.size_wh[0] // factor, camera.size_wh[1] // factor)
         image = np.zeros((camera.size_wh[1], camera.size_wh[0], 3), np.uint8)
         tile = view_tile(unseen(recording), 0, 1, image, tile_wh)
-        for keypoint, colour in (("left_hip", LEFT_RGB), ("right_shoulder", RIGHT_RGB), ("nose", MIDDLE_RGB)):
+        for keypoint, colour in (("left_hip", LEFT.image_rgb), ("right_shoulder", RIGHT.image_rgb), ("nose", MIDDLE.image_rgb)):
             xyz = recording.poses.xyz_world[0, 0, recording.poses.skeleton.index(keypoint)]
             x, y = np.round((camera.project(xyz) + 0.5) / factor - 0.5).astype(int)
             np.testing.assert_allclose(tile[y, x], colour, atol=12)
@@ -124,7 +122,7 @@ def test_what_is_not_measured_is_hollow(make_recording: Make) -> None:
 
 def test_colours_follow_the_side(make_recording: Make) -> None:
     skeleton = make_recording().poses.skeleton
-    assert bone_colours(skeleton) == [MIDDLE_RGB, LEFT_RGB, RIGHT_RGB, MIDDLE_RGB]
+    assert bone_colours(skeleton) == [MIDDLE.image_rgb, LEFT.image_rgb, RIGHT.image_rgb, MIDDLE.image_rgb]
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 8, 16])
@@ -184,6 +182,13 @@ def test_uncertainty_is_drawn_to_scale(make_recording: Make) -> None:
         (stage_picture(r, 0, (400, 300)) != stage_picture(narrow, 0, (400, 300))).any(axis=-1).sum() for r in (recording, wide)
     ]
     assert drawn[0] < drawn[1]
+
+
+def test_a_refused_calibration_is_written_into_the_picture(make_recording: Make) -> None:
+    recording = make_recording()
+    refused = replace(recording, rig=replace(recording.rig, refused="corners fit"))
+    changed = (stage_picture(recording, 0, (400, 300)) != stage_picture(refused, 0, (400, 300))).any(axis=-1)
+    assert changed[:60].any() and not changed[60:].any()
 
 
 def test_no_person_in_the_picture(tmp_path: Path, make_recording: Make) -> None:

@@ -7,8 +7,6 @@ from pathlib import Path
 
 import ezc3d
 import numpy as np
-import pyarrow.csv
-import pyarrow.parquet
 import pytest
 
 from posefuse.cli.main import main
@@ -135,15 +133,12 @@ def in_files(out: Path, skeleton: Skeleton) -> dict[str, np.ndarray]:
     place = [parameters["LABELS"]["value"].index(name) for name in skeleton.keypoints]
     scale = {"mm": 1e-3, "m": 1.0}[parameters["UNITS"]["value"][0]]
     steps = json.loads((out / "pose.json").read_text())["time_steps"]
-    columns = ("x_m", "y_m", "z_m")
-    tables = {"csv": pyarrow.csv.read_csv(out / "pose.csv"), "parquet": pyarrow.parquet.read_table(out / "pose.parquet")}
+    with (out / "pose.csv").open(encoding="utf-8", newline="") as file:
+        rows = [[float(row[name]) for name in ("x_m", "y_m", "z_m")] for row in csv.DictReader(file)]
     return {
         "c3d": scale * np.moveaxis(c3d["data"]["points"][:3, place], 0, -1).swapaxes(0, 1),
         "json": np.array([[k[:3] for k in step["people"]["0"]] for step in steps]),
-        **{
-            name: np.stack([table[column].to_numpy() for column in columns], axis=-1).reshape(len(steps), -1, 3)
-            for name, table in tables.items()
-        },
+        "csv": np.array(rows).reshape(len(steps), -1, 3),
     }
 
 
@@ -160,7 +155,7 @@ def test_hands_and_face_reach_3d_and_every_file(project: Path, tmp_path: Path, r
     xyz = np.array(rest) + np.arange(FRAMES)[:, None, None] * [0.02, 0, 0]
     write_poses(project, ring_rig(3), xyz)
     out = tmp_path / "out"
-    assert track(project, out, outputs="trc,c3d,csv,parquet,json") == 0
+    assert track(project, out, outputs="trc,c3d,csv,json") == 0
     poses = read_recording(out).poses
     assert poses.skeleton == whole
     assert np.nanmedian(np.linalg.norm(poses.xyz_world[:, 0] - xyz, axis=-1)) < 0.002
@@ -170,10 +165,11 @@ def test_hands_and_face_reach_3d_and_every_file(project: Path, tmp_path: Path, r
     for name, of_file in in_files(out, whole).items():
         # a file keeps tenths of millimetres
         np.testing.assert_allclose(of_file, poses.xyz_world[:, 0], atol=2e-4, err_msg=name)
-    from posefuse.outputs.drawing import LEFT_RGB, RIGHT_RGB, bone_colours
+    from posefuse.core.palette import LEFT, RIGHT
+    from posefuse.outputs.drawing import bone_colours
 
     colours = dict(zip(whole.bones, bone_colours(whole), strict=True))
-    assert colours["left_hand_root", "left_index1"] == LEFT_RGB and colours["right_ring2", "right_ring3"] == RIGHT_RGB
+    assert colours["left_hand_root", "left_index1"] == LEFT.image_rgb and colours["right_ring2", "right_ring3"] == RIGHT.image_rgb
 
 
 def test_proportions_move_the_keypoints_of_other_tools_only_when_asked_for(project: Path, tmp_path: Path) -> None:

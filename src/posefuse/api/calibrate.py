@@ -40,6 +40,7 @@ from posefuse.pipeline.clock_calibration import person_in_session
 from posefuse.pipeline.config import CONFIG_FILE, changed_config, read_config
 from posefuse.pipeline.person_calibration import PersonSearch, check_recordings, find_person, frame_periods_s, solve_person
 
+from .arguments import checked
 from .calibration_results import ClockCalibration, IntrinsicsCalibration, RigCalibration, RigVerification
 from .progress import shown
 from .rig import read_rig, rig_of
@@ -51,6 +52,7 @@ TargetLike = Target | str | Path
 Settings = Mapping[str, Any]
 
 
+@checked
 def observe_target(
     inputs: Inputs, *, target: TargetLike, every: int = 1, progress: Progress | bool | None = None
 ) -> CornerObservations:
@@ -69,6 +71,7 @@ def observe_target(
         return observe_sources(open_sources(inputs), target_of(target), every, report)
 
 
+@checked
 def calibrate_intrinsics(
     inputs: Inputs, *, target: TargetLike, every: int = 1, progress: Progress | bool | None = None
 ) -> IntrinsicsCalibration:
@@ -110,6 +113,7 @@ def calibrate_intrinsics(
     )
 
 
+@checked
 def calibrate_extrinsics(
     inputs: Inputs | CornerObservations,
     *,
@@ -188,6 +192,7 @@ def calibrate_extrinsics(
     )
 
 
+@checked
 def calibrate_person(
     inputs: Inputs,
     *,
@@ -245,6 +250,7 @@ def calibrate_person(
     return RigCalibration(rig=rig_of(placed), report=found.report, clocks=estimate, frame_period_s=periods_s)
 
 
+@checked
 def calibrate_clocks(
     session: str | Path,
     *,
@@ -288,6 +294,7 @@ def calibrate_clocks(
     return ClockCalibration(rig=rig_of(seen.rig), clocks=found.clocks, report=found.report, frame_period_s=seen.frame_period_s)
 
 
+@checked
 def verify(
     rig: RigLike,
     inputs: Inputs | CornerObservations,

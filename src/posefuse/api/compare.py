@@ -7,10 +7,13 @@ from typing import TYPE_CHECKING
 
 from posefuse import core
 
+from .arguments import checked
+
 if TYPE_CHECKING:
     from posefuse.evaluation.compare import Comparison
 
 
+@checked
 def compare(
     a: core.Recording | str | Path,
     b: core.Recording | str | Path,

@@ -10,9 +10,12 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from posefuse import core
-from posefuse.core import InputError, JointAngles, Progress
+from posefuse.core import InputError, Progress
 from posefuse.core.arrays import Array
 
+from .arguments import checked
+from .joint_angles import JointAngles, joint_angles_of
+from .notebook import html_table
 from .progress import shown
 from .rig import Rig, rig_of
 
@@ -56,6 +59,10 @@ class Recording(core.Recording):
             f"  made by posefuse {self.provenance.get('posefuse', '?')} from {self.provenance.get('session', '?')}"
         )
 
+    def _repr_html_(self) -> str:
+        title, *facts = repr(self).splitlines()
+        return html_table(title, (), [fact.strip().split(": ", 1) for fact in facts])
+
     @property
     def duration_s(self) -> float:
         """From the first time step to the last."""
@@ -92,8 +99,9 @@ class Recording(core.Recording):
         """
         from posefuse.evaluation.biomechanics import BiomechanicsSettings, joints_of
 
-        return joints_of(self, BiomechanicsSettings(fit=fit))[1]
+        return joint_angles_of(joints_of(self, BiomechanicsSettings(fit=fit))[1])
 
+    @checked
     def solve(
         self,
         *,
@@ -134,6 +142,7 @@ class Recording(core.Recording):
             changes["associate.max_people"] = people
         return recording_of(solve_again(self, changed_config(config_of(self), changes), edits=edits))
 
+    @checked
     def save(
         self,
         path: str | Path,
@@ -162,6 +171,7 @@ class Recording(core.Recording):
         with shown(progress) as report:
             return save_recording(self, Path(path), formats, None if session is None else Path(session), replace, report)
 
+    @checked
     def export(
         self,
         path: str | Path,
@@ -187,6 +197,7 @@ class Recording(core.Recording):
             raise InputError(failures(failed))
         return files
 
+    @checked
     def report(
         self,
         path: str | Path,
@@ -205,6 +216,7 @@ class Recording(core.Recording):
             write_biomechanics(self, out.folder, chosen, title=title, progress=report)
         return Path(path) / "report.html"
 
+    @checked
     def to_xarray(self, *, angles: bool = False) -> xr.Dataset:
         """Positions with covariance (and, with `angles`, joint angles) as an xarray Dataset with named axes and units.
 
@@ -223,6 +235,7 @@ class Recording(core.Recording):
 
         return recording_to_dataframe(self)
 
+    @checked
     def plot(self, name: str, angle: str | None = None, *, person: int | None = None, axes: Any = None) -> Axes | list[Axes]:
         """Draw a keypoint (three axes: x, y, z) or a joint angle over time with a band of two standard deviations.
 

@@ -10,12 +10,14 @@ from typing import Any
 from posefuse.core import InputError, Progress
 from posefuse.fusion.settings import Weights
 
+from .arguments import checked
 from .progress import shown
 from .recording import Recording, recording_of
 
 _KEPT = "the detections made so far are kept; call again with resume=True to continue from them"
 
 
+@checked
 def track(
     session: str | Path,
     *,
@@ -26,7 +28,7 @@ def track(
     start_s: float | None = None,
     end_s: float | None = None,
     out: str | Path | None = None,
-    formats: Sequence[str] = (),
+    formats: Sequence[str] | None = None,
     resume: bool = False,
     replace: bool = False,
     settings: Mapping[str, Any] | None = None,
@@ -45,7 +47,8 @@ def track(
         end_s: end at this time of the session, in seconds.
         out: folder to write the result to. The detections are kept there while they are made, so that an interruption loses
             nothing.
-        formats: outputs to write there, e.g. ``("trc", "c3d")``; see `posefuse plugins`.
+        formats: outputs to write there, e.g. ``("trc", "c3d")``; see `posefuse plugins`. None: those that ``posefuse.toml``
+            names, else none.
         resume: continue the interrupted work of `out`.
         replace: replace an unchanged result that posefuse wrote there.
         settings: any other setting by dotted key, e.g. ``{"smooth.cutoff_hz": 8}``.
@@ -83,16 +86,16 @@ def track(
         "fuse.weights": weights,
         "start_s": start_s,
         "end_s": end_s,
-        "outputs": None if out is None else tuple(formats),
+        "outputs": None if formats is None else tuple(formats),
     }
     changes = {key: value for key, value in options.items() if value is not None}
     changes |= (network_settings(networks) if networks else {}) | dict(settings or {})
-    config = changed_config(read_config(path if path.is_file() else None, ()), changes)
+    config = changed_config(read_config(path if path.is_file() else None, (), base={"outputs": ()}), changes)
     with shown(progress) as report:
         found = find_session(folder, config)
         note = lambda line: report("detect", 0, None, line)  # noqa: E731
         where = None if out is None else ResultFolder(path=Path(out), force=replace, resume=resume, kept=_KEPT)
-        prepared = None if where is None else prepare(found, build_sinks(config.outputs), where, note)
+        prepared = None if where is None else prepare(found, build_sinks(config.outputs), where)
         for line in found.notes:
             _warn(line)
         if found.inputs[0].kind != "pose2d":

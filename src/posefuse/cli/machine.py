@@ -16,11 +16,19 @@ from posefuse.foundation.platform import usable_cores
 from posefuse.foundation.user_cache import default_cache_dir
 
 EXTRAS = {
+    "data": "xarray, pandas, plots",
+    "studio": "page in the browser",
     "sim": "simulator",
     "viewer": "Rerun viewer and recordings",
     "biomech": "OpenSim",
     "ros": "ROS 2 messages, MCAP",
     "lsl": "Lab Streaming Layer",
+    "teleop": "robot follows a hand",
+    "realsense": "depth cameras of Intel",
+    "oak": "depth cameras of Luxonis",
+    "onnx": "networks through ONNX Runtime",
+    "h5": "2D poses in HDF5",
+    "cluster": "batch on a Dask cluster",
 }
 
 

@@ -35,7 +35,7 @@ def track_session(folder: Path, options: TrackOptions, settings: SettingsOptions
     sinks = build_sinks(config.outputs)
     session = find_session(folder, config)
     out = ResultFolder(path=options.out, force=options.force, resume=options.resume)
-    prepared = prepare(session, sinks, out, terminal.note)
+    prepared = prepare(session, sinks, out)
     for note in session.notes:
         terminal.warn(note)
     terminal.note(f"{len(session.inputs)} cameras from {session.rig_path} ({session.inputs[0].kind})")

@@ -1,19 +1,30 @@
-"""OpenVINO on this machine's CPU: precision and threads of every network."""
+"""OpenVINO on this machine's CPU, imported without its telemetry: precision and threads of every network."""
 
 from __future__ import annotations
 
+import sys
 from functools import cache
 from typing import Any, Literal
 
 Precision = Literal["auto", "f32", "bf16"]
 
 
+def openvino_package() -> Any:
+    """The module `openvino`; everything that uses it takes it from here.
+
+    Its import sends an event to a server of its makers and writes an identity into the user's home, by way of the package
+    `openvino_telemetry`. It does without where it finds no such package.
+    """
+    sys.modules.setdefault("openvino_telemetry", None)  # type: ignore[arg-type]
+    import openvino
+
+    return openvino
+
+
 @cache
 def openvino_core() -> Any:
     """The one `openvino.Core` of this process."""
-    import openvino as ov
-
-    return ov.Core()
+    return openvino_package().Core()
 
 
 def compiled_for_cpu(model: Any, precision: Precision, streams: int) -> Any:

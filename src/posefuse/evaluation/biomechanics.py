@@ -17,11 +17,12 @@ from posefuse.formats.bvh import write_bvh
 from posefuse.formats.c3d import C3dData, write_c3d
 from posefuse.formats.gltf import write_gltf
 from posefuse.formats.joint_centres import joint_centres_from_mapping
-from posefuse.formats.mot import motion_from_joints, write_mot
+from posefuse.formats.mot import MotTable, motion_from_joints, write_mot
 from posefuse.foundation.settings import settings
-from posefuse.kinematics import JointSettings, joints_from_poses
+from posefuse.kinematics import JointSettings, joints_from_poses, undefined_segments
 from posefuse.kinematics.animation import animation_from_joints, animation_gap
 from posefuse.kinematics.body import BodySettings, bodies_from_poses, fit_poses, fit_views
+from posefuse.kinematics.definitions import joints_without_points
 from posefuse.kinematics.gait import gait_from_poses
 from posefuse.kinematics.opensim_path import opensim_motion
 from posefuse.kinematics.opensim_scale import write_scaled_model
@@ -42,7 +43,8 @@ class BiomechanicsSettings:
 
     Attributes:
         fit: ``points`` fits one skeleton per person to the 3D points; ``rays`` to what the views saw, brought to joint centres
-            (`rays_at_joint_centres`), so that one camera still counts; ``none`` takes the angles straight from the points.
+            (`rays_at_joint_centres`), so that one camera still counts; ``none`` takes the angles straight from the points, as
+            do all where the skeleton has no hips or no shoulders.
         opensim: run OpenSim's inverse kinematics as well; needs the extra ``biomech``.
         opensim_model: an .osim of the user's own that is scaled to each person; needs the extra ``biomech``.
         joints, body: see `JointSettings`, `BodySettings`.
@@ -61,7 +63,7 @@ def joints_of(recording: Recording, chosen: BiomechanicsSettings) -> tuple[PoseS
     Raises:
         InputError: left and right are swapped, or no person was seen well enough to have a skeleton.
     """
-    if chosen.fit == "none":
+    if chosen.fit == "none" or "pelvis" in undefined_segments(recording.poses.skeleton):
         return recording.poses, joints_from_poses(recording.poses, chosen.joints)
     if chosen.fit == "points":
         fit = fit_poses(recording.poses, chosen.body, joint_settings=chosen.joints)
@@ -90,7 +92,7 @@ def write_biomechanics(
 ) -> list[Path]:
     """Write into an existing folder; returns the files made.
 
-    ``angles.csv``, ``angles.parquet``, ``report.html``, and ``gait_cycles.csv`` if a person walks. Per person ``angles.mot``
+    ``angles.csv``, ``report.html``, and ``gait_cycles.csv`` if a person walks. Per person ``angles.mot``
     (OpenSim), ``points_angles.c3d``, ``skeleton.bvh`` (centimetres, Y up), ``skeleton.glb``, and with `opensim` a folder
     ``opensim``. With several people these names end in ``_ID``. People who cannot be animated (`animation_gap` gives the reason)
     have no skeleton files.
@@ -106,14 +108,18 @@ def write_biomechanics(
     fitting = f"fitting the skeleton to the {chosen.fit} of {len(recording.poses)} time steps"
     progress("report", 0, _STAGES, "joint angles" if chosen.fit == "none" else fitting)
     poses, joints = joints_of(recording, chosen)
+    if lacking := joints_without_points(poses.skeleton):
+        progress("report", 1, _STAGES, lacking)
     progress("report", 1, _STAGES, "tables and files for other programs")
-    made = [folder / "angles.csv", folder / "angles.parquet"]
-    for path in made:
-        write_angles(path, joints)
+    made = [folder / "angles.csv"]
+    write_angles(made[0], joints)
     for n in range(len(poses.person_id)):
         ending = person_suffix(recording, n)
         if np.isfinite(joints.angle_rad[:, n]).any():
-            made += _person_files(poses, joints, n, folder, ending)
+            motion = motion_from_joints(joints, n)
+            if motion.note:
+                progress("report", 1, _STAGES, f"angles{ending}.mot: {motion.note}")
+            made += _person_files(poses, joints, n, folder, ending, motion.table)
             if gap := animation_gap(joints, n):
                 progress("report", 1, _STAGES, f"no skeleton{ending}.bvh and .glb: {gap}")
             if chosen.opensim or chosen.opensim_model:
@@ -134,9 +140,9 @@ def _cycles(poses: PoseSequence, joints: JointAngles) -> dict[int, list[CycleAng
     return {person: gait_cycles(joints, places[person], gait) for person, gait in found.items() if gait is not None}
 
 
-def _person_files(poses: PoseSequence, joints: JointAngles, n: int, folder: Path, ending: str) -> list[Path]:
+def _person_files(poses: PoseSequence, joints: JointAngles, n: int, folder: Path, ending: str, motion: MotTable) -> list[Path]:
     made = [folder / f"angles{ending}.mot", folder / f"points_angles{ending}.c3d"]
-    write_mot(made[0], motion_from_joints(joints, n))
+    write_mot(made[0], motion)
     sigma_m = point_sigma_m(poses.cov_world[:, n])
     span_s = duration_s(poses)
     rate_hz = (len(poses) - 1) / span_s if span_s > 0 else 1.0

@@ -29,12 +29,14 @@ class Tracks:
 
     Attributes:
         name: of the recording, for people. points: K names. t_s: (T,) seconds, increasing. xyz_m: (T, K, 3); NaN where missing.
+        warning: why they are not to be trusted; empty otherwise.
     """
 
     name: str
     points: tuple[str, ...]
     t_s: Array
     xyz_m: Array
+    warning: str = ""
 
     def at(self, t_s: Array) -> Array:
         """(n, K, 3) at other times, linearly between time steps at most a quarter of a second apart; NaN elsewhere."""

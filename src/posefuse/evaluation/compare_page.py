@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.formats.page import Facts, Heading, Line, Page, Plot, Plots, Table, write_page
+from posefuse.formats.page import Facts, Heading, Line, Note, Page, Plot, Plots, Table, write_page
 from posefuse.foundation.output_folder import output_folder
 from posefuse.foundation.plain_values import plain
 
@@ -96,6 +96,7 @@ def comparison_page(a: Tracks, b: Tracks, found: Comparison) -> Page:
     return Page(
         f"{b.name} compared with {a.name}",
         [
+            *(Note(one.warning, warning=True) for one in (a, b) if one.warning),
             Heading("Alignment", f"{b.name} is aligned to {a.name}."),
             Facts(alignment_facts(found)),
             Heading("Distances"),

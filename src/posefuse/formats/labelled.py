@@ -12,12 +12,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from posefuse.core import InputError, JointAngles, PosefuseError, PoseSequence, Recording, Skeleton
+from posefuse.core.arrays import Array
 from posefuse.core.joint_angles import angle_labels
 from posefuse.core.poses import point_sigma_m
+from posefuse.foundation.extras import package_of_extra
 
 if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
+    from pandas import DataFrame
+    from xarray import Dataset
 
 SPACE = ("x", "y", "z")
 _POINT = ("time", "person", "keypoint")
@@ -31,7 +33,7 @@ _VARIABLES = {
 }
 
 
-def recording_to_xarray(recording: Recording, angles: JointAngles | None = None) -> xr.Dataset:
+def recording_to_xarray(recording: Recording, angles: JointAngles | None = None) -> Dataset:
     """Positions with their covariance, and the joint angles where they are given, as one Dataset.
 
     Units are in the attributes of every variable; skeleton, rig id and provenance (as JSON) in those of the Dataset.
@@ -39,17 +41,14 @@ def recording_to_xarray(recording: Recording, angles: JointAngles | None = None)
     Raises:
         InputError: angles of other people or time steps than the recording.
     """
-    import xarray as xr
-
+    xr = package_of_extra("xarray", "data")
     poses = recording.poses
     data: dict[str, Any] = {
         name: (dims, getattr(poses, field), {"units": units, "long_name": meaning})
         for field, (name, dims, units, meaning) in _VARIABLES.items()
     }
     coords: dict[str, Any] = {
-        "time": ("time", (poses.t_ns - poses.t_ns[:1]) * 1e-9, {"units": "s", "long_name": "time since the first time step"}),
-        "t_ns": ("time", poses.t_ns, {"units": "ns", "long_name": "session clock, mid-exposure"}),
-        "person": poses.person_id,
+        **_time_and_person(poses.t_ns, poses.person_id),
         "keypoint": list(poses.skeleton.keypoints),
         "space": list(SPACE),
         "space_b": list(SPACE),
@@ -57,15 +56,8 @@ def recording_to_xarray(recording: Recording, angles: JointAngles | None = None)
     if angles is not None:
         if not (np.array_equal(angles.t_ns, poses.t_ns) and np.array_equal(angles.person_id, poses.person_id)):
             raise InputError("to_xarray: the joint angles are not those of this recording")
-        shape = (len(poses), len(poses.person_id), -1)
         coords["angle"] = angle_labels(angles, " ")
-        dims = ("time", "person", "angle")
-        data["joint_angle"] = (dims, angles.angle_rad.reshape(shape), {"units": "rad", "long_name": "joint angle"})
-        data["joint_angle_sigma"] = (
-            dims,
-            angles.sigma_rad.reshape(shape),
-            {"units": "rad", "long_name": "its standard deviation"},
-        )
+        data |= _angle_variables(angles)
     attrs = {
         "source": "posefuse",
         "rig_id": recording.rig.id,
@@ -74,10 +66,51 @@ def recording_to_xarray(recording: Recording, angles: JointAngles | None = None)
         "bones": json.dumps([list(bone) for bone in poses.skeleton.bones]),
         "provenance": json.dumps(dict(recording.provenance)),
     }
-    return xr.Dataset(data, coords=coords, attrs=attrs)
+    dataset: Dataset = xr.Dataset(data, coords=coords, attrs=attrs)
+    return dataset
 
 
-def poses_from_xarray(dataset: xr.Dataset) -> PoseSequence:
+def _time_and_person(t_ns: Array, person_id: Array) -> dict[str, Any]:
+    return {
+        "time": ("time", (t_ns - t_ns[:1]) * 1e-9, {"units": "s", "long_name": "time since the first time step"}),
+        "t_ns": ("time", t_ns, {"units": "ns", "long_name": "session clock, mid-exposure"}),
+        "person": person_id,
+    }
+
+
+def _angle_variables(angles: JointAngles) -> dict[str, Any]:
+    dims, shape = ("time", "person", "angle"), (len(angles), len(angles.person_id), -1)
+    return {
+        "joint_angle": (dims, angles.angle_rad.reshape(shape), {"units": "rad", "long_name": "joint angle"}),
+        "joint_angle_sigma": (dims, angles.sigma_rad.reshape(shape), {"units": "rad", "long_name": "its standard deviation"}),
+    }
+
+
+def angles_to_xarray(angles: JointAngles) -> Dataset:
+    """Joint angles and their standard deviations as a Dataset with the names and units of `recording_to_xarray`."""
+    coords = _time_and_person(angles.t_ns, angles.person_id) | {"angle": angle_labels(angles, " ")}
+    dataset: Dataset = package_of_extra("xarray", "data").Dataset(_angle_variables(angles), coords=coords)
+    return dataset
+
+
+def angles_to_dataframe(angles: JointAngles) -> DataFrame:
+    """One row per time step, person and angle: time_s, person, joint, angle, deg, sigma_deg."""
+    t, n = angles.angle_rad.shape[:2]
+    each = [(joint, name) for joint, names in zip(angles.joints, angles.angle_names, strict=True) for name in names]
+    table: DataFrame = package_of_extra("pandas", "data").DataFrame(
+        {
+            "time_s": np.repeat((angles.t_ns - angles.t_ns[:1]) * 1e-9, n * len(each)),
+            "person": np.tile(np.repeat(angles.person_id, len(each)), t),
+            "joint": [joint for joint, _ in each] * (t * n),
+            "angle": [name for _, name in each] * (t * n),
+            "deg": np.degrees(angles.angle_rad).ravel(),
+            "sigma_deg": np.degrees(angles.sigma_rad).ravel(),
+        }
+    )
+    return table
+
+
+def poses_from_xarray(dataset: Dataset) -> PoseSequence:
     """The poses of a Dataset as `recording_to_xarray` makes it, to the last bit, after netCDF too.
 
     Raises:
@@ -97,13 +130,12 @@ def poses_from_xarray(dataset: xr.Dataset) -> PoseSequence:
         raise InputError(f"dataset: does not fit together: {error}") from None
 
 
-def recording_to_dataframe(recording: Recording) -> pd.DataFrame:
+def recording_to_dataframe(recording: Recording) -> DataFrame:
     """One row per time step, person and keypoint.
 
     Columns: time_s, person, keypoint, x_m, y_m, z_m, sigma_m (root of the mean variance of the axes), reproj_px, n_views, kind.
     """
-    import pandas as pd
-
+    pd = package_of_extra("pandas", "data")
     poses = recording.poses
     t, n, k = poses.kind.shape
     xyz = poses.xyz_world.reshape(-1, 3)

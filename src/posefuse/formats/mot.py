@@ -5,14 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from posefuse.core import InputError, JointAngles, ShapeError
+from posefuse.core.angle_aliases import OPENSIM
 from posefuse.core.arrays import Array, check_fields, freeze_fields
-from posefuse.core.joint_angles import angle_labels
 from posefuse.foundation.atomic import write_text
 from posefuse.foundation.parsing import one_line, read_text
+
+# as long as skeleton.bvh holds a pose
+_LONGEST_BRIDGE_S = 0.5
+# OpenSim's X, Y and Z as places of the world's axes
+_WORLD_AXES = [1, 2, 0]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -23,7 +29,7 @@ class MotTable:
         name: first line of the file.
         t_s: (T,) seconds, strictly increasing.
         columns: names of axis Q, without ``time``.
-        values: (T, Q); NaN where unknown. Angles in degrees when `in_degrees`, else radians; translations in metres.
+        values: (T, Q); NaN where a file has it. Angles in degrees when `in_degrees`, else radians; translations in metres.
         in_degrees: unit of the angles.
     """
 
@@ -47,17 +53,82 @@ class MotTable:
         return np.asarray(self.values[:, self.columns.index(name)])
 
 
-def motion_from_joints(joints: JointAngles, person: int = 0, name: str = "posefuse") -> MotTable:
-    """One person's angles as columns ``joint_angle`` in degrees, time from the first time step; all-NaN columns are left out."""
-    columns = angle_labels(joints, "_")
-    values = np.degrees(joints.angle_rad[:, person].reshape(len(joints.t_ns), -1))
-    kept = np.flatnonzero(np.isfinite(values).any(axis=0))
-    t_s = (joints.t_ns - joints.t_ns[0]) * 1e-9 if len(joints.t_ns) else np.zeros(0)
-    return MotTable(name=name, t_s=t_s, columns=tuple(columns[i] for i in kept), values=values[:, kept])
+class PersonMotion(NamedTuple):
+    """A person's angles for OpenSim. note: what was bridged or left out, in one line; empty where nothing was."""
+
+    table: MotTable
+    note: str
+
+
+def motion_from_joints(joints: JointAngles, person: int = 0, name: str = "posefuse") -> PersonMotion:
+    """One person's angles as coordinates of OpenSim's full-body models, in degrees; time from the first time step.
+
+    Names and signs are those of `OPENSIM`; an angle without one is ``joint_angle``. ``pelvis_tx``, ``_ty``, ``_tz`` (metres),
+    ``_tilt``, ``_list`` and ``_rotation`` place the pelvis among the points of ``pose.trc``.
+
+    OpenSim's readers end at the first unknown value. Rows are the longest time in which the person is never gone for more than
+    0.5 s; a column is bridged in straight lines, or left out where it is unknown for longer than that at a time.
+    """
+    columns = _coordinates(joints, person)
+    t_s = (joints.t_ns - joints.t_ns[:1]) * 1e-9
+    rows = _longest_presence(t_s, np.isfinite(np.stack(list(columns.values()))).any(axis=0))
+    whole, t_s = len(rows) == len(t_s), t_s[rows]
+    kept: dict[str, Array] = {}
+    bridged, left_out = 0, []
+    for column, values in columns.items():
+        known = np.isfinite(values[rows])
+        if not known.any():
+            continue
+        if np.diff(np.concatenate([t_s[:1], t_s[known], t_s[-1:]])).max() > _LONGEST_BRIDGE_S:
+            left_out.append(column)
+            continue
+        bridged += not known.all()
+        kept[column] = np.interp(t_s, t_s[known], values[rows][known])
+    notes = [] if whole or not len(t_s) else [f"holds {t_s[0]:.2f} to {t_s[-1]:.2f} s, the longest time the person is there"]
+    notes += [f"gaps of up to {_LONGEST_BRIDGE_S} s bridged in {bridged} columns"] if bridged else []
+    notes += [f"left out, unknown for longer: {', '.join(left_out)}"] if left_out else []
+    values = np.stack(list(kept.values()), axis=1) if kept else np.zeros((len(t_s), 0))
+    return PersonMotion(MotTable(name=name, t_s=t_s, columns=tuple(kept), values=values), "; ".join(notes))
+
+
+def _coordinates(joints: JointAngles, person: int) -> dict[str, Array]:
+    """Columns (T,) of a .mot by name, in degrees and metres; NaN where unknown."""
+    pelvis = joints.world_from_segment[:, person, joints.segments.index("pelvis")]
+    # axes of OpenSim's ground, as `write_trc` writes points
+    ground_from_pelvis, place = pelvis.matrix()[:, _WORLD_AXES], pelvis.xyz[:, _WORLD_AXES]
+    columns = {f"pelvis_{name}": values for name, values in _turns(ground_from_pelvis).items()}
+    columns |= {f"pelvis_t{axis}": place[:, i] for i, axis in enumerate("xyz")}
+    names = {(joint, angle): (name, sign) for name, (joint, angle, sign) in OPENSIM.items()}
+    for j, joint in enumerate(joints.joints):
+        for a, angle in enumerate(joints.angle_names[j]):
+            name, sign = names.get((joint, angle), (f"{joint}_{angle}", 1))
+            columns.setdefault(name, sign * np.degrees(joints.angle_rad[:, person, j, a]))
+    return columns
+
+
+def _turns(rotation: Array) -> dict[str, Array]:
+    """Degrees about Z, X and Y, in the sequence of the models' free joint, of rotations (T, 3, 3)."""
+    about_y = np.arctan2(-rotation[:, 2, 0], rotation[:, 2, 2])
+    known = np.isfinite(about_y)
+    about_y[known] = np.unwrap(about_y[known])
+    about_z, about_x = np.arctan2(-rotation[:, 0, 1], rotation[:, 1, 1]), np.arcsin(np.clip(rotation[:, 2, 1], -1, 1))
+    return {"tilt": np.degrees(about_z), "list": np.degrees(about_x), "rotation": np.degrees(about_y)}
+
+
+def _longest_presence(t_s: Array, known: Array) -> Array:
+    """Numbers of the time steps from the first to the last of the longest time without a gap that is too long to bridge."""
+    there = np.flatnonzero(known)
+    pieces = np.split(there, np.flatnonzero(np.diff(t_s[there]) > _LONGEST_BRIDGE_S) + 1)
+    longest = max(pieces, key=lambda piece: t_s[piece[-1]] - t_s[piece[0]] if len(piece) else 0.0)
+    return np.arange(longest[0], longest[-1] + 1) if len(longest) else longest
 
 
 def write_mot(path: Path, motion: MotTable) -> None:
-    """Write a .mot or .sto file; unknown values are written as ``nan``, which OpenSim reads."""
+    """Write a .mot or .sto file; raises InputError for an unknown value, at which OpenSim would end to read without a word."""
+    unknown = np.argwhere(~np.isfinite(motion.values))
+    if len(unknown):
+        row, column = unknown[0]
+        raise InputError(f"{path}: {motion.columns[column]} is unknown at {motion.t_s[row]:.2f} s; expected a number in each row")
     header = [
         motion.name.replace("\n", " "), "version=1", f"nRows={len(motion.t_s)}", f"nColumns={len(motion.columns) + 1}",
         f"inDegrees={'yes' if motion.in_degrees else 'no'}", "endheader", "\t".join(("time", *motion.columns)),

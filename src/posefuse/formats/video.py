@@ -113,7 +113,7 @@ class VideoWriter:
 def read_video(path: Path) -> Iterator[tuple[int, Array]]:
     """(time in ns, RGB image (H, W, 3)) of every frame of a video `VideoWriter` made; raises InputError when it cannot."""
     try:
-        with av.open(str(path), metadata_errors="replace") as container:
+        with av.open(str(path)) as container:
             converter = PixelConverter()
             for frame in container.decode(video=0):
                 yield (

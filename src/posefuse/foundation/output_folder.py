@@ -107,9 +107,10 @@ def find_unfinished(path: Path) -> list[Path]:
     if not target.parent.is_dir():
         return []
     found = []
+    # by name: a parent folder that was renamed took them along
     for folder in target.parent.glob(f".*{_SUFFIX}"):
         manifest = read_manifest(folder) if folder.is_dir() and not folder.is_symlink() else None
-        if manifest is not None and not manifest.complete and manifest.target == str(target):
+        if manifest is not None and not manifest.complete and Path(manifest.target).name == target.name:
             found.append(folder)
     return sorted(found, key=lambda folder: (folder / MANIFEST_FILE).stat().st_mtime_ns)
 

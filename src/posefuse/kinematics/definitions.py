@@ -305,6 +305,14 @@ def undefined_segments(skeleton: Skeleton) -> dict[str, str]:
     return {name: f"needs {', '.join(points)}, which {skeleton.name} does not have" for name, points in missing.items() if points}
 
 
+def joints_without_points(skeleton: Skeleton) -> str:
+    """Joints none of whose angles this skeleton can give, and the points it lacks, in one line; empty where it lacks none."""
+    lost = undefined_segments(skeleton)
+    joints = [joint.name for joint in JOINTS if joint.child in lost or joint.parent in lost]
+    lacking = [point for point in POINTS if not _sources(point, skeleton)]
+    return f"no angles of {', '.join(joints)}: {skeleton.name} has no {', '.join(lacking)}" if joints else ""
+
+
 def undefined_angles(skeleton: Skeleton) -> dict[str, str]:
     """Angles ``joint.angle`` that can never come out of this skeleton, each with the reason."""
     lost = undefined_segments(skeleton)

@@ -9,6 +9,7 @@ import numpy as np
 
 from posefuse.core import Kind, Pose3D, Rig
 from posefuse.core.arrays import Array
+from posefuse.core.palette import colour_of
 
 from .messages import header
 from .types import message
@@ -18,7 +19,7 @@ _SOLIDS = {"cube": 1, "sphere": 2}
 _FORGET_AFTER_NS = 500_000_000
 _KEYPOINT_M, _BONE_M, _LINE_M, _TEXT_M = 0.045, 0.02, 0.006, 0.12
 _PYRAMID_DEPTH_M = 0.25
-_LEFT, _RIGHT, _MIDDLE = (0.16, 0.47, 0.84), (0.87, 0.33, 0.19), (0.93, 0.93, 0.93)
+_GREY = (0.93, 0.93, 0.93)
 _PREDICTED_ALPHA = 0.45
 # what a marker has one of each of, as arrays, see `cdr.encode`: (n, 3) points and (n, 4) colours
 _NO_POINTS, _NO_COLOURS = np.zeros((0, 3)), np.zeros((0, 4))
@@ -26,12 +27,12 @@ _NO_POINTS, _NO_COLOURS = np.zeros((0, 3)), np.zeros((0, 4))
 
 @lru_cache(maxsize=16)
 def side_colours(keypoints: tuple[str, ...]) -> Array:
-    """(K, 3) red, green, blue: left blue, right red, the middle light."""
-    return np.array([_LEFT if n.startswith("left_") else _RIGHT if n.startswith("right_") else _MIDDLE for n in keypoints])
+    """(K, 3) red, green, blue of keypoints by their side."""
+    return np.array([colour_of(name).image_rgb for name in keypoints]) / 255
 
 
 def person_markers(pose: Pose3D, world_frame: str) -> Any:
-    """`MarkerArray`: bones and keypoints of everybody (left blue, right red, predicted see-through), ids above heads."""
+    """`MarkerArray`: bones and keypoints of everybody (left orange, right blue, predicted see-through), ids above heads."""
     k = pose.skeleton.keypoints
     colours = side_colours(k)
     markers = []
@@ -74,7 +75,7 @@ def camera_markers(rig: Rig, t_ns: int, world_frame: str) -> Any:
         rays = np.linalg.solve(camera.K, np.column_stack([corners, np.ones(4)]).T).T * _PYRAMID_DEPTH_M
         tip, rim = camera.centre_world, camera.cam_from_world.inverse() @ rays
         lines = np.concatenate([[tip, rim[i], rim[i], rim[(i + 1) % 4]] for i in range(4)])
-        grey = np.tile([*_MIDDLE, 1.0], (len(lines), 1))
+        grey = np.tile([*_GREY, 1.0], (len(lines), 1))
         markers.append(
             _marker(t_ns, world_frame, "cameras", number=c, kind=_LINE_LIST, size_m=_LINE_M, xyz=lines, rgba=grey, forget=False)
         )
@@ -168,7 +169,7 @@ def _plain(
         action=0,
         pose=pose,
         scale=message("geometry_msgs/msg/Vector3", x=scale[0], y=scale[1], z=scale[2]),
-        color=_colour(*_MIDDLE, 1.0),
+        color=_colour(*_GREY, 1.0),
         lifetime=message("builtin_interfaces/msg/Duration", sec=0, nanosec=_FORGET_AFTER_NS if forget else 0),
         frame_locked=False,
         points=points,

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from posefuse.core import DependencyError
+from posefuse.foundation.extras import package_of_extra
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -24,13 +24,7 @@ MAX_LIST = 64 * 2**20
 
 def optional_module(name: str) -> ModuleType:
     """Import a package of the extra ``ros``; raises DependencyError with the command to install it."""
-    from importlib import import_module
-
-    try:
-        return import_module(name)
-    except ImportError as error:
-        package = name.split(".")[0]
-        raise DependencyError(f"{package}: not usable ({error}); install it with: pip install 'posefuse[ros]'") from None
+    return package_of_extra(name, "ros")
 
 
 @cache

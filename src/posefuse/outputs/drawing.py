@@ -10,12 +10,10 @@ import numpy as np
 
 from posefuse.core import Kind, Recording, Skeleton
 from posefuse.core.arrays import Array, frozen
+from posefuse.core.palette import LEFT, MIDDLE, RIGHT, colour_of
 
 from .surface import draw_surface
 
-LEFT_RGB = (255, 140, 30)
-RIGHT_RGB = (40, 160, 255)
-MIDDLE_RGB = (90, 220, 110)
 DETECTION_RGB = (255, 255, 255)
 NOTE_RGB = (255, 230, 80)
 ALARM_RGB = (255, 80, 70)
@@ -30,8 +28,8 @@ _CROSS = np.array([[[-1, 0], [1, 0]], [[0, -1], [0, 1]]], np.int32)
 
 
 def keypoint_colours(skeleton: Skeleton) -> list[tuple[int, int, int]]:
-    """RGB per keypoint: left orange, right blue (the subject's), midline green."""
-    return [_side_colour(name) for name in skeleton.keypoints]
+    """RGB per keypoint: the subject's left orange, right blue, midline green (`core.palette`)."""
+    return [colour_of(name).image_rgb for name in skeleton.keypoints]
 
 
 def bone_colours(skeleton: Skeleton) -> list[tuple[int, int, int]]:
@@ -41,13 +39,9 @@ def bone_colours(skeleton: Skeleton) -> list[tuple[int, int, int]]:
     return [colours[a] if colours[a] == colours[b] else _mixed(colours[a], colours[b]) for a, b in ends]
 
 
-def _side_colour(name: str) -> tuple[int, int, int]:
-    return LEFT_RGB if name.startswith("left_") else RIGHT_RGB if name.startswith("right_") else MIDDLE_RGB
-
-
 def _mixed(a: tuple[int, int, int], b: tuple[int, int, int]) -> tuple[int, int, int]:
-    sides = {a, b} - {MIDDLE_RGB}
-    return sides.pop() if len(sides) == 1 else MIDDLE_RGB
+    sides = {a, b} - {MIDDLE.image_rgb}
+    return sides.pop() if len(sides) == 1 else MIDDLE.image_rgb
 
 
 @dataclass(frozen=True)
@@ -157,6 +151,12 @@ def draw_text(tile: Array, text: str, line: int, colour: tuple[int, int, int] = 
     ground = tile[top : top + height, : width + 12]
     ground[:] = ground // 3
     cv2.putText(tile, text, (6, top + round(height * 0.75)), cv2.FONT_HERSHEY_SIMPLEX, scale, colour, 1, cv2.LINE_AA)
+
+
+def draw_legend(tile: Array, line: int) -> None:
+    """Write which side has which colour, on two lines."""
+    draw_text(tile, "left", line, LEFT.image_rgb)
+    draw_text(tile, "right", line + 1, RIGHT.image_rgb)
 
 
 def draw_name(tile: Array, xy: Array, recording: Recording, n: int) -> None:

@@ -16,13 +16,15 @@ from posefuse.foundation.atomic import atomic_file
 from posefuse.foundation.background import Background
 from posefuse.foundation.settings import settings
 
-from .drawing import draw_view, empty_row, grid_for
+from .drawing import draw_legend, draw_view, empty_row, grid_for
 from .facts import rate_hz
 from .frames import Frames, FrameSink, FrameWriter, write_without_frames
 from .surface import BodySurface
 
 # of the encoder; the same on every machine, so that the file does not depend on the number of cores
 _THREADS = 2
+# below what may be written about a view
+_LEGEND_LINE = 4
 
 
 @settings
@@ -105,6 +107,8 @@ class _OverlayWriter:
             left, top = self._grid.corner(c)
             tile = picture[top : top + tile_height, left : left + tile_width]
             draw_view(tile, self._recording, i, c, None if frame is None else frame.image, bodies=bodies)
+            if c == 0:
+                draw_legend(tile, _LEGEND_LINE)
         t_ns = self._recording.poses.t_ns
         self._converting.call(picture, int(t_ns[i] - t_ns[0]))
 

@@ -10,6 +10,7 @@ import numpy as np
 from posefuse.core import AngleSeries, InputError, Recording
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
+from posefuse.foundation.extras import package_of_extra
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -85,9 +86,7 @@ def _curve(axes: Axes, t_s: Array, values: Array, sigma: Array, label: str) -> N
 
 
 def _new_axes(count: int) -> list[Any]:
-    from matplotlib import pyplot
-
-    _, axes = pyplot.subplots(
+    _, axes = package_of_extra("matplotlib.pyplot", "data").subplots(
         count, 1, sharex=True, figsize=(8, 2.4 * count if count > 1 else 3.6), layout="constrained", squeeze=False
     )
     return list(axes[:, 0])

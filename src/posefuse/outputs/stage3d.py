@@ -9,10 +9,11 @@ import numpy as np
 from posefuse.core import SE3, Camera, Recording
 from posefuse.core.arrays import Array
 
-from .drawing import EMPTY_RGB, draw_name, draw_skeleton, draw_text, keypoint_colours
+from .drawing import EMPTY_RGB, draw_legend, draw_name, draw_skeleton, draw_text, keypoint_colours
 
 _GROUND_RGB = (70, 74, 84)
 _CAMERA_RGB = (200, 205, 215)
+_WARNING_RGB = (250, 110, 90)
 _AXES_RGB = ((230, 90, 90), (100, 200, 100), (100, 140, 240))
 _CAMERA_DEPTH_M = 0.35
 _TRAIL_SHADE = 0.45
@@ -42,6 +43,9 @@ def stage_picture(recording: Recording, i: int, size_wh: tuple[int, int]) -> Arr
     for n in range(len(poses.person_id)):
         draw_name(picture, view.project(poses.xyz_world[i, n]), recording, n)
     draw_text(picture, f"{len(recording.rig)} cameras, floor in metres, 3-sigma ellipses", 0)
+    draw_legend(picture, 1)
+    if recording.rig.refused:
+        draw_text(picture, "this calibration was refused: do not trust positions", 3, _WARNING_RGB)
     return picture
 
 

@@ -12,6 +12,7 @@ from posefuse.core import Recording, Rig
 from posefuse.evaluation.compare import Comparison, Tracks, compare
 from posefuse.evaluation.tracks import read_tracks, tracks_of
 from posefuse.evaluation.truth_tracks import is_simulated, truth_tracks
+from posefuse.formats.rig import refusal_note
 
 from .reading import is_live, read_result
 
@@ -73,14 +74,18 @@ def _read(source: Source, person: int | None, warn: Warn | None, *, simulated: b
     """Of a live session, at simulated times where it recorded them, or of any other file or result folder; with its cameras."""
     if isinstance(source, tuple):
         path, recording = source
-        return tracks_of(recording.poses, path, person), recording.rig
+        return _tracks(recording, path, person), recording.rig
     if not (is_live(source) or source.is_dir()):
         return read_tracks(source, person), None
     recording = read_result(source, warn)
-    tracks = tracks_of(recording.poses, source, person)
+    tracks = _tracks(recording, source, person)
     if simulated and is_live(source):
         tracks = _at_simulated_times(tracks, source, int(recording.provenance["start_ns"]))
     return tracks, recording.rig
+
+
+def _tracks(recording: Recording, path: Path, person: int | None) -> Tracks:
+    return replace(tracks_of(recording.poses, path, person), warning=refusal_note(path, recording.rig))
 
 
 def _at_simulated_times(tracks: Tracks, path: Path, start_ns: int) -> Tracks:

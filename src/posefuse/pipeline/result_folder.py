@@ -11,7 +11,7 @@ from pathlib import Path
 from posefuse.core import InputError, Progress, Sink
 from posefuse.formats.detection_log import LOG_FILE
 from posefuse.foundation.output_folder import OutputFolder, check_replaceable, output_folder
-from posefuse.foundation.places import check_outside_inputs
+from posefuse.foundation.places import check_outside_inputs, check_space
 
 from .clock import StageClock
 from .config import TrackConfig
@@ -65,17 +65,17 @@ class Prepared:
     unfinished: Path | None
 
 
-def prepare(session: Session, sinks: Sequence[Sink], out: ResultFolder, note: Warn) -> Prepared:
+def prepare(session: Session, sinks: Sequence[Sink], out: ResultFolder) -> Prepared:
     """Check everything about the folder before any work is done.
 
     Raises:
-        InputError: the folder holds anything that may not be replaced, overlaps the session, or holds interrupted work and
-            neither `resume` nor `force` was given.
+        InputError: the folder holds anything that may not be replaced, overlaps the session, holds interrupted work and
+            neither `resume` nor `force` was given, or holds none and `resume` was.
     """
     inputs = (session.folder, session.rig_path, *(entry.path for entry in session.inputs))
     check_outside_inputs(out.path, inputs)
     check_replaceable(out.path, command="track", replace=out.replace)
-    return Prepared(session=session, out=out, sinks=sinks, inputs=inputs, unfinished=_unfinished(out, note))
+    return Prepared(session=session, out=out, sinks=sinks, inputs=inputs, unfinished=_unfinished(out))
 
 
 def track_into(
@@ -108,7 +108,7 @@ def track_into(
             command="track",
             inputs=prepared.inputs,
             replace=out.replace,
-            estimated_bytes=estimated_result_bytes(opened),
+            estimated_bytes=estimated_result_bytes(opened, 1),
             keep_unfinished=True,
             unfinished=prepared.unfinished,
             warn=warn,
@@ -123,6 +123,7 @@ def track_into(
             if tracked.interrupted:
                 steps = len(tracked.recording.poses)
                 warn(f"stopped early; the first {steps} time steps are finished and kept; --resume continues from them")
+            check_space(folder.folder, estimated_result_bytes(opened, len(tracked.recording.poses.person_id)))
             written = _write(tracked, opened, prepared.sinks, folder, clock, progress=progress, warn=warn)
             if not tracked.interrupted:
                 store.discard()
@@ -146,8 +147,8 @@ def _write(
     return Written(tracked=tracked, files=tuple(files), failed=failed)
 
 
-def _unfinished(out: ResultFolder, note: Warn) -> Path | None:
-    """The folder to continue in; None: start again from the beginning."""
+def _unfinished(out: ResultFolder) -> Path | None:
+    """The folder to continue in; None where none is asked for, and where a result that was cut short has its detections."""
     found = unfinished_work(out.path)
     if out.force:
         remove_unfinished(out.path)
@@ -155,7 +156,7 @@ def _unfinished(out: ResultFolder, note: Warn) -> Path | None:
     if found is not None and not out.resume:
         raise InputError(f"{out.path}: an earlier run was interrupted; --resume continues it, --force starts from the beginning")
     if found is None and out.resume and not (out.path / LOG_FILE).is_file():
-        note(f"{out.path}: no interrupted work found; starting from the beginning")
+        raise InputError(f"{out.path}: nothing to resume: no interrupted work is there; is it the right folder?")
     return found
 
 

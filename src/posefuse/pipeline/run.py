@@ -129,7 +129,7 @@ def track_opened(
         recording = run_second_pass(observations, rig, settings, provenance_of(opened, settings, incomplete), clock)
         recording = with_refined_rig(recording, settings, clock)
     except PosefuseError:
-        if store is not None:
+        if store is not None and not (observations.score > 0).any():
             store.discard()
         raise
     others = others_line(others_seen(recording.observations, config.associate), len(recording.poses.person_id))
@@ -219,17 +219,27 @@ def _check_people(observations: Observations, warn: Say) -> None:
     steps, names = len(observations.step_t_ns), observations.camera_names
     if not steps:
         raise InputError("no frame could be read from any camera")
-    kept = (observations.person_id != NOT_KEPT) & (observations.score > 0).any(axis=1)
-    found = np.unique(observations.frame_camera[observations.detection_frame[kept]])
-    empty = [name for c, name in enumerate(names) if c not in found]
-    for name in empty:
-        warn(f"camera {name}: no person found in {steps} of {steps} frames")
+    detected = (observations.score > 0).any(axis=1)
+    followed = detected & (observations.person_id != NOT_KEPT)
+    cameras = observations.frame_camera[observations.detection_frame]
+    # frames of each camera with a person, and how often that person is where the other cameras see one
+    seen = [len(np.unique(observations.detection_frame[detected & (cameras == c)])) for c in range(len(names))]
+    agreed = [int((followed & (cameras == c)).sum()) for c in range(len(names))]
+    for name, frames, used in zip(names, seen, agreed, strict=True):
+        if not frames:
+            warn(f"camera {name}: no person found in {steps} of {steps} frames")
+        elif not used:
+            warn(f"camera {name}: a person found in {frames} frames, but never where the other cameras see one")
     least = 1 if observations.depth_m is not None else LEAST_CAMERAS
-    if len(names) - len(empty) < least:
+    if sum(map(bool, seen)) < least:
+        empty = [name for name, frames in zip(names, seen, strict=True) if not frames]
         raise InputError(
             f"a person was found in {len(names) - len(empty)} of {len(names)} cameras; two are needed "
-            f"(no person in: {choices(empty)}); is the calibration the one of these videos?"
+            f"(no person in: {choices(empty)}); can the network see people in these images?"
         )
+    if sum(map(bool, agreed)) < least:
+        counts = ", ".join(f"{frames} frames of {name}" for name, frames in zip(names, seen, strict=True) if frames)
+        raise InputError(f"a person was found in {counts}, but no two agree: is the calibration the one of these videos?")
 
 
 def _found(views: ViewSequence) -> dict[str, float]:

@@ -20,6 +20,7 @@ from posefuse.sources import IMAGE_SUFFIXES, VIDEO_SUFFIXES
 
 from .config import CameraInput, TrackConfig
 from .pose2sim_project import PROJECT_FILE
+from .reading import is_result
 
 RIG_PATTERNS = (
     "rig.toml",
@@ -94,6 +95,11 @@ def find_session(folder: Path, config: TrackConfig) -> Session:
         raise InputError(f"{folder}: no such session folder")
     if (folder / UNFINISHED_FILE).exists():
         raise InputError(f"{folder}: this simulated session is unfinished; run the same `posefuse simulate` again to finish it")
+    if is_result(folder):
+        raise InputError(
+            f"{folder}: holds a result, not a session; `posefuse track {folder} --out OTHER` solves it again, in Python"
+            " pf.read(FOLDER).solve()"
+        )
     rig_path = _rig_path(folder, config)
     rig = read_placed_rig(rig_path)
     unknown = sorted(set(config.cameras) - set(rig.names))

@@ -120,16 +120,16 @@ def _reason(error: Exception) -> str:
 
 
 # measured on the demo clip with room to spare: bytes per time step, person and keypoint, then per pixel of the video
-_BYTES_PER_KEYPOINT = {"csv": 160, "json": 90, "parquet": 70, "trc": 40, "c3d": 25, "mcap": 400, "rerun": 400}
+_BYTES_PER_KEYPOINT = {"csv": 160, "json": 90, "trc": 40, "c3d": 25, "mcap": 400, "rerun": 400}
 _RECORDING_BYTES_PER_KEYPOINT = 120
 _VIEW_BYTES_PER_KEYPOINT = 2 * 16  # once in the log, once in the result
 _OVERLAY_BYTES = 40_000
 
 
-def estimated_result_bytes(opened: Opened) -> int:
-    """About how much the result will take on disk."""
+def estimated_result_bytes(opened: Opened, people: int) -> int:
+    """About how much the result with so many people will take on disk."""
     config, keypoints = opened.config, len(opened.steps.skeleton)
     per_keypoint = _RECORDING_BYTES_PER_KEYPOINT + _VIEW_BYTES_PER_KEYPOINT * len(opened.rig)
     per_keypoint += sum(_BYTES_PER_KEYPOINT.get(name, 0) for name in config.outputs)
-    per_step = per_keypoint * keypoints * config.associate.max_people + _OVERLAY_BYTES * ("overlay" in config.outputs)
+    per_step = per_keypoint * keypoints * people + _OVERLAY_BYTES * ("overlay" in config.outputs)
     return opened.timeline.count * per_step

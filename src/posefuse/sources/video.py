@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import av
 import numpy as np
@@ -30,6 +31,8 @@ _MOST_BROKEN_IN_A_ROW = 30
 _FIRST_YEAR = 2000
 # FFmpeg also opens playlists and descriptions in XML, which name other files, and damaged ones of which crash it
 _CONTAINERS = "mov,mp4,matroska,webm,avi,mpegts,mpeg,mpegvideo,m4v,h264,hevc"
+# PyAV 18 refuses metadata that is not UTF-8 unless it is asked to replace it; 19 always does, and has lost the argument
+_TOLERANT: dict[str, Any] = {"metadata_errors": "replace"} if int(av.__version__.partition(".")[0]) < 19 else {}
 
 
 @dataclass(frozen=True)
@@ -60,7 +63,7 @@ class VideoConfig:
 def recorded_at(path: Path) -> str | None:
     """When a video was recorded, in UTC as ``2026-03-01T09:30:00Z``, if its camera wrote that into the file."""
     try:
-        with av.open(str(path), metadata_errors="replace", container_options={"format_whitelist": _CONTAINERS}) as container:
+        with _opened(path) as container:
             stated = container.metadata.get("creation_time", "")
         when = datetime.fromisoformat(stated).astimezone(UTC)
     except (av.error.FFmpegError, OSError, ValueError):
@@ -197,13 +200,18 @@ def ticks_ns(config: VideoConfig, ticks: int, base_s: Fraction) -> int:
     return whole + round(config.offset_s * 1e9 + count / per_s * config.drift_ppm * 1e3)
 
 
+def _opened(path: Path) -> av.container.InputContainer:
+    container: av.container.InputContainer = av.open(str(path), container_options={"format_whitelist": _CONTAINERS}, **_TOLERANT)
+    return container
+
+
 def opened_video(config: VideoConfig) -> av.container.InputContainer:
     """The file, with a video stream that can be decoded; raises SourceError that names the defect."""
     where = f"{config.path}: camera {config.camera}"
     if not Path(config.path).is_file():
         raise SourceError(f"{where}: no such video file")
     try:
-        container = av.open(str(config.path), metadata_errors="replace", container_options={"format_whitelist": _CONTAINERS})
+        container = _opened(config.path)
     except (av.error.FFmpegError, OSError) as error:
         reason = error.strerror or type(error).__name__
         raise SourceError(f"{where}: not a video that can be opened ({reason}); is the file complete?") from None

@@ -60,7 +60,7 @@ class Follower:
 def standing(xyz: Array, wxyz: Array) -> Follower:
     """A robot that stands at (H, 3), (H, 4)."""
     return Follower(
-        moves=tuple(Motion(position=vector(one)) for one in xyz),
+        moves=tuple(Motion(position=as_vector(one)) for one in xyz),
         turns=tuple(Motion() for _ in xyz),
         wxyz=np.array(wxyz, np.float64),
     )
@@ -100,13 +100,13 @@ def step_follower(
     else:
         pace = order.speed_mps / limits.speed_mps
         moves = tuple(
-            follow(move, vector(target), move_bounds(limits), order.speed_mps, dt_s)
+            follow(move, as_vector(target), move_bounds(limits), order.speed_mps, dt_s)
             for move, target in zip(follower.moves, order.xyz_world, strict=True)
         )
         turns = tuple(
             follow(
                 rebased(turn),
-                vector(rotvec_between(here, target)),
+                as_vector(rotvec_between(here, target)),
                 turn_bounds(limits),
                 pace * limits.turn_rate_radps,
                 dt_s,
@@ -150,6 +150,6 @@ def turn_bounds(limits: LimitSettings) -> Bounds:
     return Bounds(speed=limits.turn_rate_radps, acceleration=limits.turn_acceleration_radps2, jerk=limits.turn_jerk_radps3)
 
 
-def vector(one: Array) -> Vector:
+def as_vector(one: Array) -> Vector:
     """Three numbers as the limits take them."""
     return float(one[0]), float(one[1]), float(one[2])

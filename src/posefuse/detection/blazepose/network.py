@@ -12,7 +12,7 @@ from posefuse.core import ModelError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.detection.models import ModelInput
-from posefuse.detection.openvino_cpu import Precision, compiled_for_cpu, openvino_core
+from posefuse.detection.openvino_cpu import Precision, compiled_for_cpu, openvino_core, openvino_package
 
 
 class BlazePoseNetwork:
@@ -30,8 +30,7 @@ class BlazePoseNetwork:
     """
 
     def __init__(self, path: Path, outputs: Sequence[str], takes: ModelInput, precision: Precision, streams: int) -> None:
-        import openvino as ov
-
+        ov = openvino_package()
         self.side_px = takes.side_px
         compiled = compiled_for_cpu(_pruned(path, outputs, takes), precision, streams)
         self._alone = streams == 1
@@ -79,9 +78,7 @@ class BlazePoseNetwork:
 
 
 def _pruned(path: Path, outputs: Sequence[str], takes: ModelInput) -> Any:
-    import openvino as ov
-    from openvino.preprocess import PrePostProcessor
-
+    ov = openvino_package()
     try:
         whole = openvino_core().read_model(path)
     except RuntimeError as error:
@@ -95,7 +92,7 @@ def _pruned(path: Path, outputs: Sequence[str], takes: ModelInput) -> Any:
     shape = tuple(model.input().shape)
     if shape != (1, takes.side_px, takes.side_px, 3):
         raise ModelError(f"{path}: expected an input (1, {takes.side_px}, {takes.side_px}, 3), got {shape}")
-    steps = PrePostProcessor(model)
+    steps = ov.preprocess.PrePostProcessor(model)
     steps.input().tensor().set_element_type(ov.Type.u8)
     scale = 255.0 / (takes.high - takes.low)
     steps.input().preprocess().convert_element_type(ov.Type.f32).mean(-takes.low * scale).scale(scale)

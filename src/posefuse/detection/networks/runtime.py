@@ -11,7 +11,7 @@ import numpy as np
 from posefuse.core import DependencyError, ModelError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
-from posefuse.detection.openvino_cpu import Precision, compiled_for_cpu, openvino_core
+from posefuse.detection.openvino_cpu import Precision, compiled_for_cpu, openvino_core, openvino_package
 
 from .card import NetworkCard, checked_file
 from .crops import normalised
@@ -64,8 +64,7 @@ class OpenVinoRunner:
     """Runs on the CPU, as many images at once as there are threads."""
 
     def __init__(self, card: NetworkCard, path: Path, precision: Precision, threads: int) -> None:
-        import openvino as ov
-
+        ov = openvino_package()
         try:
             model = openvino_core().read_model(path)
         except RuntimeError as error:
@@ -103,6 +102,8 @@ class OnnxRuntimeRunner:
             import onnxruntime as ort
         except ImportError:
             raise DependencyError("ONNX Runtime is not installed: pip install 'posefuse[onnx]', or engine=openvino") from None
+        # of its builds for Windows
+        ort.disable_telemetry_events()
         absent = [name for name in providers if name not in ort.get_available_providers()]
         if absent:
             there = choices(ort.get_available_providers())

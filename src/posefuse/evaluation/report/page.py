@@ -12,6 +12,7 @@ import numpy as np
 
 from posefuse import __version__
 from posefuse.core import InputError, JointAngles, PoseSequence, Recording
+from posefuse.core.palette import LEGEND
 from posefuse.evaluation.gait_cycles import gait_cycles, side_of
 from posefuse.formats.page import (
     Block,
@@ -29,6 +30,7 @@ from posefuse.formats.page import (
     Table,
     write_page,
 )
+from posefuse.formats.rig import refusal_note
 from posefuse.kinematics.animation import FILE_FROM_WORLD, animation_from_joints, animation_gap, seen_throughout
 from posefuse.kinematics.gait import gait_from_poses
 from posefuse.kinematics.skin import skin_of
@@ -41,7 +43,6 @@ from .quality import QUALITY_COLUMNS, quality_rows, views_picture
 TITLE = "Motion report"
 BAND_SIGMAS = 2.0
 _SHORT_ID = 12
-_COLOURS = "Blue: left; orange: right; green: trunk."
 _PAIRS = ("hip", "shoulder")
 
 
@@ -72,6 +73,8 @@ def report_page(recording: Recording, joints: JointAngles, images: Mapping[str, 
             f"got {len(joints.t_ns)} time steps and {len(joints.person_id)} people"
         )
     blocks: list[Block] = [Facts(_origin(recording)), _cards(recording)]
+    if refusal := refusal_note("rig", recording.rig):
+        blocks.append(Note(refusal, warning=True))
     blocks += [Note(str(line), warning=True) for line in recording.provenance.get("incomplete_cameras") or ()]
     if images:
         blocks.append(Images(images))
@@ -157,7 +160,7 @@ def _person(recording: Recording, joints: JointAngles, n: int) -> list[Block]:
                 f"{name}: joint angles over the gait cycle",
                 "From one foot strike (0 %) to the next strike of the same foot (100 %). Thick lines: mean; bands: "
                 "± 1 standard deviation; thin lines: the first strides; ticks on the axis: foot off. "
-                f"{_COLOURS} The pelvis rotates relative to the walking direction.",
+                f"{LEGEND} The pelvis rotates relative to the walking direction.",
             ),
             Plots(cycle_plots(cycles, gait), small=True),
         ]
@@ -166,7 +169,7 @@ def _person(recording: Recording, joints: JointAngles, n: int) -> list[Block]:
         *blocks,
         Heading(
             f"{name}: joint angles over time",
-            f"Bands: ± {BAND_SIGMAS:g} standard deviations of the measurement.{events} {_COLOURS}",
+            f"Bands: ± {BAND_SIGMAS:g} standard deviations of the measurement.{events} {LEGEND}",
         ),
         Plots(time_plots(joints, n, gait, BAND_SIGMAS), small=True),
         Heading("Range of motion over the whole recording", level=3),

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from posefuse.core import palette
 from posefuse.foundation.atomic import write_text
 
 from .blocks import Block, Details, Heading, Page
@@ -52,6 +53,9 @@ def page_html(page: Page) -> str:
         plotly=_text_of(PLOTLY.read_bytes()) if content["plots"] else "",
         has_player=bool(content["players"]),
         place_of=lambda block: places[id(block)],
+        left=palette.LEFT,
+        right=palette.RIGHT,
+        middle=palette.MIDDLE,
     )
 
 

@@ -18,7 +18,7 @@ from .plausible import require_plausible
 
 # what rounding to a few digits does to a rotation is mended; anything more is not a rotation
 ROTATION_TOLERANCE = 1e-3
-# no recording room is larger, and a camera in millimetres is always farther
+# no recording room is larger, and cameras in millimetres are always farther apart; where the origin lies is free (a robot's map)
 FARTHEST_M = 200.0
 # no pixel, metre or coefficient is larger; squares of damaged numbers overflow
 _LARGEST = 1e12
@@ -88,12 +88,6 @@ def camera_pose(where: str, rotation: Any, translation: Any) -> SE3:
     """cam_from_world of x_cam = R x_world + t, in metres."""
     matrix = rotation_matrix(where, rotation)
     xyz = numbers(f"{where}: translation", np.ravel(numbers(f"{where}: translation", translation)), (3,))
-    far_m = float(np.linalg.norm(xyz))
-    if far_m > FARTHEST_M:
-        raise CalibrationError(
-            f"{where}: translation: expected metres, got a camera {far_m:.0f} m from the origin; "
-            "this looks like millimetres: divide the translations by 1000"
-        )
     return SE3.from_matrix(matrix, xyz)
 
 
@@ -136,9 +130,17 @@ def rig(path: Path, cameras: list[Camera], about: Mapping[str, Any]) -> Rig:
     residual = about.get("residual_px")
     residual_px = math.nan if residual is None else float(numbers(f"{path}: residual_px", residual, ()))
     try:
-        return Rig(tuple(cameras), str(about.get("world_set_by", "unknown")), residual_px, str(about.get("refused", "")))
+        made = Rig(tuple(cameras), str(about.get("world_set_by", "unknown")), residual_px, str(about.get("refused", "")))
     except CalibrationError as error:
         raise CalibrationError(f"{path}: {error}") from None
+    centres = made.centres_world()
+    far_m = np.linalg.norm(centres - np.median(centres, axis=0), axis=-1)
+    if far_m.max() > FARTHEST_M:
+        raise CalibrationError(
+            f"{path}: camera {made.names[int(far_m.argmax())]}: translation: expected metres, got a camera {far_m.max():.0f} m"
+            " from the middle of the others; this looks like millimetres: divide the translations by 1000"
+        )
+    return made
 
 
 def about_rig(rig: Rig) -> dict[str, Any]:

@@ -25,7 +25,7 @@ def rig_values(rig: Rig) -> dict[str, Any]:
         for camera in rig
     ]
     residual_px = None if math.isnan(rig.residual_px) else rig.residual_px
-    return {"cameras": cameras, "world_set_by": rig.world_set_by, "residual_px": residual_px}
+    return {"cameras": cameras, "world_set_by": rig.world_set_by, "residual_px": residual_px, "refused": rig.refused}
 
 
 def rig_from_values(content: Mapping[str, Any]) -> Rig:
@@ -42,4 +42,5 @@ def rig_from_values(content: Mapping[str, Any]) -> Rig:
         )
         for one in content["cameras"]
     )
-    return Rig(cameras, content["world_set_by"], math.nan if content["residual_px"] is None else content["residual_px"])
+    residual_px = math.nan if content["residual_px"] is None else content["residual_px"]
+    return Rig(cameras, content["world_set_by"], residual_px, content.get("refused", ""))

@@ -47,7 +47,7 @@ def guessed_state(body: BodyModel, packed: Packed, workspace: FrameBuffers, xyz:
                 rot[n] = relative
             elif node.axis == 2:
                 q[n] = np.arctan2(-relative[0, 1], relative[1, 1])
-        elif node.name in _LIMBS:
+        elif _LIMBS.get(node.name) in body.skeleton.keypoints:
             along = points[body.skeleton.index(_LIMBS[node.name])] - points[body.skeleton.index(node.name)]
             if np.isfinite(along).all() and along.any():
                 rot[n] = _shortest(np.array([0.0, -1.0, 0.0]), frame[n].T @ along / np.linalg.norm(along))

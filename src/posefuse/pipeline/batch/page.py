@@ -9,6 +9,7 @@ import numpy as np
 
 from posefuse import __version__
 from posefuse.core.arrays import Array
+from posefuse.core.palette import LEGEND
 from posefuse.formats.page import Band, Block, Cards, Heading, Line, Note, Page, Plot, Plots, Series, Table
 
 from .figures import ANGLES, SIDES
@@ -73,7 +74,7 @@ def _cycles(participants: Sequence[str], rows: Rows) -> list[Block]:
         return []
     note = (
         "Thin lines: mean of the trials of each participant; thick lines and bands: mean of participants ± 1 standard deviation. "
-        "Blue: left; orange: right."
+        + LEGEND
     )
     return [Heading("Gait cycle of all participants", note), Plots(plots, small=True)]
 

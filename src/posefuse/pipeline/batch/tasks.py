@@ -125,8 +125,7 @@ def _tracked(session: Session, config: TrackConfig, out: Path, warn: Callable[[s
 def _track_into(
     session: Session, config: TrackConfig, out: ResultFolder, warn: Callable[[str], None], progress: Progress
 ) -> Recording:
-    note = lambda line: progress("detect", 0, None, line)  # noqa: E731
-    prepared = prepare(session, build_sinks(config.outputs), out, note)
+    prepared = prepare(session, build_sinks(config.outputs), out)
     return track_into(prepared, config, StageClock(), progress, warn, solve_interrupted=False).tracked.recording
 
 

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from posefuse.core.arrays import Array
-from posefuse.teleoperation.follower import Follower, standing, step_follower, vector, with_order
+from posefuse.teleoperation.follower import Follower, as_vector, standing, step_follower, with_order
 from posefuse.teleoperation.limits import Motion
 from posefuse.teleoperation.mapping import rotvec_between
 from posefuse.teleoperation.settings import TeleoperationSettings
@@ -96,7 +96,7 @@ def _as_commanded(wanted: Follower, before: Follower, posture: Posture, dt_s: fl
     if off_m == 0 and off_rad == 0:
         return wanted
     if off_m < _FOLLOWS_M and off_rad < _FOLLOWS_RAD:
-        near = (replace(move, position=vector(xyz)) for move, xyz in zip(wanted.moves, posture.xyz_world, strict=True))
+        near = (replace(move, position=as_vector(xyz)) for move, xyz in zip(wanted.moves, posture.xyz_world, strict=True))
         return replace(wanted, moves=tuple(near), wxyz=posture.wxyz)
     moves = map(partial(_moved, dt_s=dt_s), wanted.moves, before.moves, posture.xyz_world, posture.velocity_world)
     turned = map(rotvec_between, before.wxyz, posture.wxyz)
@@ -108,7 +108,7 @@ def _as_commanded(wanted: Follower, before: Follower, posture: Posture, dt_s: fl
 def _moved(wanted: Motion, before: Motion, position: Array, velocity: Array, *, dt_s: float) -> Motion:
     """A motion that did another step than the wanted one."""
     change = np.subtract(velocity, before.velocity) / dt_s
-    return replace(wanted, position=vector(position), velocity=vector(velocity), acceleration=vector(change), exact=False)
+    return replace(wanted, position=as_vector(position), velocity=as_vector(velocity), acceleration=as_vector(change), exact=False)
 
 
 def _goal(follower: Follower) -> Goal:

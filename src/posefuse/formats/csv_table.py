@@ -1,0 +1,26 @@
+"""Tables of numbers as CSV: a header, then rows; no more digits than were measured; what is missing is an empty cell."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from posefuse.core.arrays import Array
+from posefuse.foundation.atomic import atomic_file
+
+
+def write_columns(path: Path, columns: Mapping[str, Iterable[object]]) -> None:
+    """Write columns of one length by name; raises InputError when the file cannot be written."""
+    with atomic_file(path) as staged, staged.open("w", newline="", encoding="utf-8") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(columns)
+        rows.writerows(zip(*columns.values(), strict=True))
+
+
+def rounded(values: Array, digits: int) -> list[float | None]:
+    """The numbers of an array of any shape, in its order; None where one is NaN."""
+    # zero has no sign
+    return [None if number != number else number for number in (np.round(values, digits) + 0.0).ravel().tolist()]

@@ -1,0 +1,108 @@
+"""No command looks up a name, connects to another machine, or writes into the user's home; every process is watched."""
+
+import os
+import shutil
+import subprocess
+import sys
+import urllib.request
+from collections.abc import Sequence
+from pathlib import Path
+
+import network_log
+import pytest
+
+from posefuse.foundation.user_cache import default_cache_dir
+from tools.studio_server import free_port, server
+
+PATIENCE_S = 300.0
+
+
+class Watch:
+    """Runs commands in an empty home and keeps what they ask of the network."""
+
+    def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.home, self.log = folder / "home", folder / "network.log"
+        self.home.mkdir()
+        shutil.copyfile(network_log.__file__, folder / "sitecustomize.py")
+        monkeypatch.setenv("POSEFUSE_CACHE", str(default_cache_dir()))
+        # the simulator's body model, which takes minutes to make
+        monkeypatch.setenv("ANNY_CACHE_DIR", os.environ.get("ANNY_CACHE_DIR", str(Path.home() / ".cache" / "anny")))
+        monkeypatch.setenv("POSEFUSE_TEST_NETWORK_LOG", str(self.log))
+        monkeypatch.setenv("PYTHONPATH", str(folder), prepend=os.pathsep)
+        for name in ("HOME", "USERPROFILE", "APPDATA", "LOCALAPPDATA"):
+            monkeypatch.setenv(name, str(self.home))
+        for name in [name for name in os.environ if name.startswith("XDG_")]:
+            monkeypatch.delenv(name)
+
+    def python(self, *words: str) -> subprocess.CompletedProcess[str]:
+        """Run Python to its end."""
+        return subprocess.run([sys.executable, *words], capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+
+    def posefuse(self, *words: str) -> None:
+        """Run a command that succeeds."""
+        done = self.python("-m", "posefuse", *words)
+        assert done.returncode == 0, done.stderr
+
+    def assert_quiet(self) -> None:
+        """Nothing was asked for, nothing was written."""
+        assert not self.log.exists(), self.log.read_text(encoding="utf-8")
+        assert not [path for path in self.home.rglob("*") if path.is_file()]
+
+
+@pytest.fixture
+def watch(tmp_path: Path, models: None, monkeypatch: pytest.MonkeyPatch) -> Watch:
+    return Watch(tmp_path, monkeypatch)
+
+
+def live(session: Path) -> Sequence[str]:
+    videos = [f"--source={path.stem}=video:{path}" for path in sorted((session / "videos").iterdir())]
+    return ("live", str(session / "rig.toml"), *videos, "--duration", "2")
+
+
+@pytest.mark.parametrize(
+    "program",
+    [
+        "import socket; socket.getaddrinfo('posefuse.invalid', 443)",
+        "import socket; socket.gethostbyname('posefuse.invalid')",
+        "import socket; socket.socket(socket.AF_INET, socket.SOCK_DGRAM).sendto(b'', ('192.0.2.1', 9))",
+        "import subprocess, sys; subprocess.run([sys.executable, '-c', \"import socket; socket.getaddrinfo('a.invalid', 1)\"])",
+        "import openvino",
+    ],
+)
+def test_the_watch_sees_what_a_process_asks_for(watch: Watch, program: str) -> None:
+    watch.python("-c", program)
+    with pytest.raises(AssertionError, match=r"socket\."):
+        watch.assert_quiet()
+
+
+def test_demo_and_report(watch: Watch, tmp_path: Path) -> None:
+    watch.posefuse("demo", "--out", str(tmp_path / "result"))
+    watch.posefuse("report", str(tmp_path / "result"))
+    watch.assert_quiet()
+
+
+def test_live(watch: Watch, demo_session: Path) -> None:
+    watch.posefuse(*live(demo_session))
+    watch.assert_quiet()
+
+
+def test_batch(watch: Watch, demo_session: Path, tmp_path: Path) -> None:
+    shutil.copytree(demo_session, tmp_path / "study" / "P01" / "walk1", ignore=shutil.ignore_patterns("truth"))
+    watch.posefuse("batch", str(tmp_path / "study"), "--out", str(tmp_path / "results"), "--set", "end_s=0.2")
+    watch.assert_quiet()
+
+
+def test_simulate(watch: Watch, demo_session: Path, tmp_path: Path) -> None:
+    pytest.importorskip("anny", reason="the extra sim is not installed")
+    scene = (demo_session / "scene.yaml").read_text(encoding="utf-8").replace("duration_s: 10.0", "duration_s: 0.1")
+    (tmp_path / "scene.yaml").write_text(scene.replace("- 640", "- 64").replace("- 480", "- 48"), encoding="utf-8")
+    watch.posefuse("simulate", str(tmp_path / "scene.yaml"), "--out", str(tmp_path / "made"))
+    watch.assert_quiet()
+
+
+def test_studio(watch: Watch, tmp_path: Path) -> None:
+    pytest.importorskip("nicegui", reason="the extra studio is not installed")
+    port = free_port()
+    with server(tmp_path, port):
+        assert b"posefuse" in urllib.request.urlopen(f"http://127.0.0.1:{port}", timeout=PATIENCE_S).read()
+    watch.assert_quiet()

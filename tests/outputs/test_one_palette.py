@@ -1,0 +1,79 @@
+"""Left has one colour, and right another, in everything that is drawn: read out of the outputs themselves."""
+
+import colorsys
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from posefuse.core import Recording
+from posefuse.core.palette import LEFT, LEGEND, RIGHT
+from posefuse.evaluation.report import write_report
+from posefuse.formats.page import Heading, Page
+from posefuse.formats.page.write import page_html
+from posefuse.kinematics import joints_from_poses
+from posefuse.messages.markers import side_colours
+from posefuse.outputs import write_outputs
+from posefuse.outputs.overlay import OverlaySink
+from posefuse.outputs.overview import OverviewSink
+from posefuse.outputs.rerun_scene import keypoint_colours
+from posefuse.studio.timeline import COLOURS
+
+ORANGE, BLUE = (0.02, 0.11), (0.54, 0.62)
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def hue(colour: str | tuple[float, ...]) -> float:
+    if isinstance(colour, str):
+        colour = tuple(int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5))
+    return colorsys.rgb_to_hsv(*colour)[0]
+
+
+def assert_sides(left: str | tuple[float, ...], right: str | tuple[float, ...]) -> None:
+    assert ORANGE[0] < hue(left) < ORANGE[1] and BLUE[0] < hue(right) < BLUE[1]
+
+
+def test_pages_on_light_and_dark_ground() -> None:
+    css = page_html(Page("a", [Heading("b")]))
+    found = [re.findall(rf"--{side}: (#[0-9a-f]{{6}})", css) for side in ("left", "right")]
+    assert [len(values) for values in found] == [2, 2]
+    for left, right in zip(*found, strict=True):
+        assert_sides(left, right)
+
+
+def test_the_words_of_report_and_study_are_those_of_the_palette(tmp_path: Path, make_recording: Callable[..., Recording]) -> None:
+    recording = make_recording(times=30)
+    page = write_report(recording, joints_from_poses(recording.poses), tmp_path / "report.html").read_text()
+    assert LEGEND in page and "Blue: left" not in page
+    for path in (ROOT / "src" / "posefuse").rglob("*.py"):
+        assert path.name == "palette.py" or not re.search(r"(range|[Bb]lue): left", path.read_text(encoding="utf-8"))
+
+
+def test_markers_for_rviz_and_foxglove_the_3d_viewer_and_the_studio(make_recording: Callable[..., Recording]) -> None:
+    assert_sides(*map(tuple, side_colours(("left_hip", "right_hip"))))
+    skeleton = make_recording().poses.skeleton
+    of = dict(zip(skeleton.keypoints, keypoint_colours(skeleton), strict=True))
+    assert_sides(*(tuple(channel / 255 for channel in of[f"{side}_hip"]) for side in ("left", "right")))
+    assert_sides(COLOURS["left"], COLOURS["right"])
+
+
+@pytest.mark.parametrize("sink", [OverlaySink(width_px=1280, height_px=960), OverviewSink()], ids=lambda sink: sink.name)
+def test_pictures_name_the_colours(
+    tmp_path: Path, make_recording: Callable[..., Recording], sink: OverlaySink | OverviewSink
+) -> None:
+    """Without a person, only the words of the legend have these colours."""
+    poses = make_recording().poses
+    gone = replace(poses, xyz_world=np.full_like(poses.xyz_world, np.nan), kind=np.zeros_like(poses.kind))
+    [path] = write_outputs([sink], replace(make_recording(), poses=gone), tmp_path)
+    if path.suffix == ".png":
+        image = cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2RGB)
+    else:
+        with av.open(str(path)) as video:
+            image = next(video.decode(video=0)).to_ndarray(format="rgb24")
+    for side in (LEFT, RIGHT):
+        assert (np.abs(image.astype(int) - side.image_rgb).max(axis=-1) < 60).sum() > 8
