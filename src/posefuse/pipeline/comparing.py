@@ -12,6 +12,7 @@ from posefuse.core import Recording, Rig
 from posefuse.evaluation.compare import Comparison, Tracks, compare
 from posefuse.evaluation.tracks import read_tracks, tracks_of
 from posefuse.evaluation.truth_tracks import is_simulated, truth_tracks
+from posefuse.formats.recording import read_result_poses
 
 from .reading import is_live, read_result
 
@@ -76,9 +77,12 @@ def _read(source: Source, person: int | None, warn: Warn | None, *, simulated: b
         return tracks_of(recording.poses, path, person), recording.rig
     if not (is_live(source) or source.is_dir()):
         return read_tracks(source, person), None
+    if source.is_dir():
+        poses, rig, _ = read_result_poses(source)
+        return tracks_of(poses, source, person), rig
     recording = read_result(source, warn)
     tracks = tracks_of(recording.poses, source, person)
-    if simulated and is_live(source):
+    if simulated:
         tracks = _at_simulated_times(tracks, source, int(recording.provenance["start_ns"]))
     return tracks, recording.rig
 
