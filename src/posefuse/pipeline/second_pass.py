@@ -47,14 +47,18 @@ def poses_over_time(
     left and right as the steadied recording has them: when legs pass each other, several views confuse them at once and no
     single time step can show it.
     """
+    fused = _fused_over_time(views, rig, fusing, smoothing)
+    fused = to_joint_centres(fused, centres) if centres else fused
+    return smooth(fused, smoothing) if smoothing else fused
+
+
+def _fused_over_time(views: ViewSequence, rig: Rig, fusing: FuseSettings, smoothing: SmoothSettings | None) -> PoseSequence:
     poses: list[Pose3D] = []
     for i in range(len(views.t_ns)):
         poses.append(fuse(views.at(i), rig, fusing, poses[-1] if poses else None))
     if fusing.weights == "robust" and fusing.swap_correction:
         poses = _sides_over_time(poses, views, rig, replace(fusing, swap_correction=False), smoothing or SmoothSettings())
-    fused = PoseSequence.from_poses(poses)
-    fused = to_joint_centres(fused, centres) if centres else fused
-    return smooth(fused, smoothing) if smoothing else fused
+    return PoseSequence.from_poses(poses)
 
 
 def _sides_over_time(

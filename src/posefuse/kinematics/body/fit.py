@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posefuse.core import JointAngles, Kind, PoseSequence, Rig, ViewSequence
-from posefuse.core.arrays import Array
+from posefuse.core.arrays import Array, give_away
 from posefuse.kinematics.joints import FrameBuffers, joints_from_poses, joints_value
 from posefuse.kinematics.settings import JointSettings
 from posefuse.kinematics.sides import SIDES
@@ -184,6 +184,7 @@ def _fit(
         else:
             for plane, before in zip(planes, unfitted, strict=True):
                 plane[:, n] = before[:, n]
+    give_away(*planes)
     poses = replace(sequence, xyz_world=xyz, cov_world=cov, kind=kind)
     return BodyFit(poses, joints_value(sequence.t_ns, sequence.person_id, rotation, origin, angles, sigmas), fitted_bodies)
 
