@@ -61,10 +61,9 @@ def _fused_over_time(views: ViewSequence, rig: Rig, fusing: FuseSettings, smooth
     return PoseSequence.from_poses(poses)
 
 
-def _correct_sides(
-    poses: list[Pose3D], views: ViewSequence, rig: Rig, fusing: FuseSettings, smoothing: SmoothSettings
-) -> None:
-    """Fuse every time step again, in place, from views whose limbs are named left and right as the recording steadied over time has them.
+def _correct_sides(poses: list[Pose3D], views: ViewSequence, rig: Rig, fusing: FuseSettings, smoothing: SmoothSettings) -> None:
+    """Fuse time steps again, in place, from views whose limbs are named left and right as the recording steadied over time has
+    them.
 
     Where the first reference was still wrong, a better one names more views right: repeated until no view changes.
     """
