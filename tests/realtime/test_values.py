@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from posefuse.cli.live_report import write_latency_report
+from posefuse.cli.options.shared import people_from_text
 from posefuse.core import SE3, ConfigError, Detections2D, Frame, Pose3D, Region, Skeleton, SourceError
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.health.cameras import CameraState, Monitor, Verdict
@@ -76,6 +77,13 @@ def test_the_board_gives_back_what_was_written() -> None:
     np.testing.assert_array_equal(read.xyz_world, pose.xyz_world)
     np.testing.assert_array_equal(read.gain, [1.0, 2.0, 3.0])
     np.testing.assert_allclose(read.at(7 * S + S // 10), pose.xyz_world + 0.05)
+
+
+def test_all_people_that_may_be_followed_are_looked_for() -> None:
+    board = Board(multiprocessing.get_context("spawn"), 3)
+    pose = pose_at(7 * S, people=people_from_text(None, [SimpleNamespace(value="64")]))
+    board.write(pose, np.zeros(pose.xyz_world.shape), np.zeros(3))
+    np.testing.assert_array_equal(board.read().xyz_world, pose.xyz_world)
 
 
 def test_gain_is_the_entropy_a_frame_takes_away(ring_rig) -> None:
@@ -279,14 +287,14 @@ def test_a_session_without_views_has_a_page(tmp_path, read_page) -> None:
 # --- between processes
 
 
-def loopback_pair() -> tuple[socket.socket, socket.socket, bool]:
+def loopback_pair() -> tuple[socket.socket, socket.socket]:
     """As Windows makes a socket pair."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         one = socket.create_connection(server.getsockname())
-        return one, server.accept()[0], False
+        return one, server.accept()[0]
 
 
-PAIRS = {"packets": None, "unix stream": lambda: (*socket.socketpair(), False), "loopback": loopback_pair}
+PAIRS = {"as here": None, "loopback": loopback_pair}
 
 
 @pytest.fixture(params=PAIRS)
@@ -321,6 +329,24 @@ def test_a_channel_keeps_messages_whole_and_is_bounded(channels: tuple[Channel, 
         two.receive()
     with pytest.raises(ChannelClosed):
         two.send(1)
+
+
+@pytest.mark.parametrize("size", [300_000, 3_000_000])
+def test_a_message_of_any_size_arrives_whole(channels: tuple[Channel, Channel], size: int) -> None:
+    """Many people of a whole-body network are more than a packet or the system's buffer holds."""
+    one, two = channels
+    message, found = np.random.default_rng(0).bytes(size), []
+
+    def read() -> None:
+        while "end" not in found and two.wait(10.0):
+            found.append(two.receive())
+
+    reader = threading.Thread(target=read)
+    reader.start()
+    assert one.send(message, wait_s=10.0)
+    assert one.send("end", wait_s=10.0)
+    reader.join(30.0)
+    assert [value for value in found if value is not None] == [message, "end"]
 
 
 def test_half_a_message_is_never_given_out(channels: tuple[Channel, Channel]) -> None:

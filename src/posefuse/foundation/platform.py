@@ -88,17 +88,14 @@ def peak_memory_mb(pids: Sequence[int]) -> float:
         return float("nan")
 
 
-def message_sockets() -> tuple[socket.socket, socket.socket, bool]:
-    """Two connected sockets of this machine, and whether they keep message boundaries (Linux does; a byte stream elsewhere)."""
-    try:
-        return *socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET), True
-    except (AttributeError, OSError):
-        # macOS knows the name and refuses it; Windows has neither and connects two TCP sockets on the loopback
-        ends = socket.socketpair()
+def message_sockets() -> tuple[socket.socket, socket.socket]:
+    """Two connected byte streams of this machine."""
+    ends = socket.socketpair()
     for end in ends:
+        # Windows connects two TCP sockets on the loopback
         if end.family in (socket.AF_INET, socket.AF_INET6):
             end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    return *ends, False
+    return ends
 
 
 def usb_camera_format() -> str:
