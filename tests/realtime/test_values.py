@@ -201,7 +201,7 @@ def test_silence_ends_and_dead_processes_are_named() -> None:
     monitor.take_state(
         CameraState(camera="b", state="ended", text="the source has ended", captured=30, used=30, replaced=0, missing=0), 101 * S
     )
-    verdicts = monitor.judge(103 * S, {"c": "process 1 ended by signal SIGKILL"})
+    verdicts = monitor.judge(103 * S, {"c": Verdict("dead", "process 1 ended by signal SIGKILL")})
     assert [verdicts[name].state for name in "abc"] == ["silent", "ended", "dead"]
     assert "SIGKILL" in verdicts["c"].text
     assert {event.camera for event in monitor.events} == {"a", "b", "c"}
@@ -210,8 +210,9 @@ def test_silence_ends_and_dead_processes_are_named() -> None:
 def test_all_that_changes_is_reported_however_long_a_session_runs() -> None:
     monitor, said = Monitor(("a",)), []
     news = News(SimpleNamespace(monitor=monitor, watch=None, outlets=NoOutputs(), cuts=0), 0, said.append)
-    for second in range(1200):
-        monitor.judge(second * S, {"a": "process 1 ended"} if second % 2 else {})
+    for turn in range(1200):
+        second = 11 * turn
+        monitor.judge(second * S, {"a": Verdict("dead", "process 1 ended")} if turn % 2 else {})
         news.report(second * S)
     assert len(said) == monitor.event_count > len(monitor.events)
     assert said[-1] == "1199.00 s  camera a: dead: process 1 ended"
@@ -474,7 +475,7 @@ def test_what_the_rig_watch_finds_is_reported_unless_something_worse_is_wrong() 
     monitor = Monitor(("a", "b", "c"))
     run_frames(monitor, {"a": (0, 0), "b": (0, 0), "c": (0, 0)}, 100 * S, 1)
     ill = {"a": Verdict("moved", "a looks next to"), "b": Verdict("moved")}
-    verdicts = monitor.judge(101 * S, {"b": "process 1 ended"}, ill)
+    verdicts = monitor.judge(101 * S, {"b": Verdict("dead", "process 1 ended")}, ill)
     assert [verdicts[name].state for name in "abc"] == ["moved", "dead", "ok"]
     assert monitor.judge(101 * S, {}, {})["a"].state == "ok"
     assert [(event.camera, event.state) for event in monitor.events if event.camera == "a"][-2:] == [("a", "moved"), ("a", "ok")]

@@ -113,7 +113,7 @@ def fusion_node(
     counts, senders = views.intake.views.intake.counts, views.intake.views.senders
     figures = {
         **live_session_figures(done),
-        **how_it_ended(done.stopped_by, duration_s, terminal, failed=done.outputs_failed),
+        **how_it_ended(done.stopped_by, duration_s, terminal, failed=done.outputs_failed, fusion=done.fusion),
         "messages": {"accepted": counts.accepted, "refused": counts.refused},
         "last_refusal": counts.last_refusal,
         "not_used": dict(senders.refused),

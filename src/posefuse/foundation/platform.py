@@ -88,6 +88,16 @@ def peak_memory_mb(pids: Sequence[int]) -> float:
         return float("nan")
 
 
+def processor_s(pid: int) -> float | None:
+    """Processor time of a process so far; None where the system does not report it."""
+    try:
+        # the name in brackets may hold anything
+        fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    except (OSError, IndexError, ValueError):
+        return None
+
+
 def message_sockets() -> tuple[socket.socket, socket.socket]:
     """Two connected byte streams of this machine."""
     ends = socket.socketpair()

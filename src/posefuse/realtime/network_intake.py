@@ -9,7 +9,7 @@ from typing import Any
 
 from posefuse.core import Detections2D, Rig, Skeleton
 from posefuse.foundation.channel import Channel, ChannelClosed
-from posefuse.health.cameras import CameraState
+from posefuse.health.cameras import CameraState, Verdict
 from posefuse.messages import topics
 from posefuse.messages.dds import RosNode, Sample
 from posefuse.messages.dds_domain import Network
@@ -107,7 +107,7 @@ class NetworkIntake:
                 return
             yield received
 
-    def troubles(self) -> Mapping[str, str]:
+    def troubles(self) -> Mapping[str, Verdict]:
         """Nothing is known of processes on other machines; their silence is seen by the monitor."""
         return {}
 
