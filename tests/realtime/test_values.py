@@ -215,7 +215,7 @@ def test_all_that_changes_is_reported_however_long_a_session_runs() -> None:
         monitor.judge(second * S, {"a": Verdict("dead", "process 1 ended")} if turn % 2 else {})
         news.report(second * S)
     assert len(said) == monitor.event_count > len(monitor.events)
-    assert said[-1] == "1199.00 s  camera a: dead: process 1 ended"
+    assert said[-1] == "13189.00 s  camera a: dead: process 1 ended"
 
 
 def test_counts_continue_when_a_process_was_restarted() -> None:

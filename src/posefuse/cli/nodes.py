@@ -106,7 +106,7 @@ def fusion_node(
     plan = OutputPlan(
         rig=rig, clock=clock, rate_hz=config.rate_hz, configs=configs, notes=notes_of(rig, config), names=config.names
     )
-    views = NetworkViews(NetworkIntake(rig, network, clock), config, duration_s, terminal.note)
+    views = NetworkViews(NetworkIntake(rig, network, clock, hand_over_s=config.hand_over_s), config, duration_s, terminal.note)
     whole = SessionPlan(outputs=plan, config=config, duration_s=duration_s, remote=True)
     terminal.note(f"waiting for views of {', '.join(rig.names)} in domain {ros_2.domain}")
     done = run_session(whole, lambda board: views, terminal.note)
