@@ -63,7 +63,16 @@ def test_changes_of_a_camera_are_printed_ten_seconds_apart() -> None:
         news.report(now_ns)
     times = [float(line.split()[0]) for line in lines]
     assert monitor.event_count > 200 and 4 <= len(lines) <= 7
-    assert all(later - sooner >= 9.7 for sooner, later in pairwise(times))
+    assert all(later - sooner >= 9.7 for sooner, later in pairwise(times[1:]))
+
+
+def test_the_first_trouble_of_a_camera_is_printed_at_once() -> None:
+    monitor, lines = Monitor(("a",)), []
+    news = News(SimpleNamespace(monitor=monitor, watch=None, outlets=NoOutputs(), cuts=0), 0, lines.append)
+    for second, verdict in enumerate((Verdict("ok"), Verdict("dead", "process 1 ended"), *[Verdict("ok")] * 20)):
+        monitor.judge(second * S, {"a": verdict})
+        news.report(second * S)
+    assert [line.split("camera a: ")[1] for line in lines] == ["ok", "dead: process 1 ended", "ok"]
 
 
 def spin() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import TypeVar
 
-from posefuse.health.cameras import Event
+from posefuse.health.cameras import OK, Event
 
 from .fusion import Fusion
 from .output_plan import PROCESS
@@ -26,6 +26,8 @@ class News:
         self._trouble, self._cuts_said = "", 0
         self._camera_said: dict[str, Event] = {}
         self._camera_waits: dict[str, Event] = {}
+        # the first trouble of a camera is reported at once, however short ago the camera began
+        self._camera_troubled: set[str] = set()
 
     def report(self, now_ns: int) -> None:
         """Report what is new."""
@@ -50,12 +52,14 @@ class News:
     def _report_cameras(self, now_ns: int) -> None:
         for name, event in list(self._camera_waits.items()):
             before = self._camera_said.get(name)
-            if before is not None and now_ns - before.t_ns < _QUIET_NS:
+            began = before is None or (name not in self._camera_troubled and before.state == OK)
+            if before is not None and not began and now_ns - before.t_ns < _QUIET_NS:
                 continue
             del self._camera_waits[name]
             if before is None or event.state != before.state:
                 self._camera_said[name] = event
                 self._say_at(event.t_ns, f"camera {name}: {event.state}", event.text)
+                self._camera_troubled |= {name} if event.state not in (OK, "opening") else set()
 
     def _say_at(self, t_ns: int, what: str, why: str) -> None:
         self._say(f"{(t_ns - self._zero_ns) / 1e9:6.2f} s  {what}{': ' + why if why else ''}")
