@@ -2,8 +2,8 @@
 
     python bench/wide.py
 
-Cameras stand on a circle. The rig monitor gets one person's 12 keypoints; people stand 1.6 m apart on a grid, seen by 8 cameras with
-1.5 px of noise, and are all found in the first time step, then followed.
+Cameras stand on a circle. The rig monitor gets one person's 12 keypoints; people stand 1.6 m apart on a grid, seen by 8 cameras
+with 1.5 px of noise, and are all found in one time step.
 """
 
 import time
@@ -12,9 +12,9 @@ import numpy as np
 
 from posefuse.association import AssociateSettings, assign
 from posefuse.core import SKELETONS, Camera, Detections2D, Rig
-from posefuse.simulation.cameras import looking_at
 from posefuse.core.values import keypoint_boxes
 from posefuse.health.misalignment import instant_of, sums_of
+from posefuse.simulation.cameras import looking_at
 
 COCO = SKELETONS["coco17"]
 

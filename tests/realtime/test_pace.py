@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from posefuse.cli.live import how_it_ended
 from posefuse.health.cameras import CameraState, Monitor, Verdict
 from posefuse.realtime import processes
 from posefuse.realtime.messages import Status
@@ -147,3 +148,18 @@ def test_a_session_without_a_person_names_the_reason(came: int, used: int, seen:
     assert why in lines[-1]
     fusion.poses_with_people = 1
     assert not any("no person" in line for line in summary(fusion))
+
+
+@pytest.mark.parametrize(
+    ("poses", "stopped_by", "failed", "code"),
+    [(0, "", False, 3), (5, "", False, 0), (0, "", True, 1), (0, "SIGTERM", False, 143)],
+)
+def test_a_session_without_a_person_has_an_exit_code_of_its_own(poses: int, stopped_by: str, failed: bool, code: int) -> None:
+    fusion = SimpleNamespace(
+        rig=SimpleNamespace(names=("a", "b")), monitor=Monitor(("a", "b")), used={"a": 9, "b": 9}, seen={"a": 0, "b": 0},
+        poses_with_people=poses,
+    )  # fmt: skip
+    warned: list[str] = []
+    terminal = SimpleNamespace(warn=warned.append, note=warned.append)
+    assert how_it_ended(stopped_by, 10.0, terminal, failed=failed, fusion=fusion) == {"exit_code": code}
+    assert any(line.startswith("no person was tracked: ") for line in warned) == (not poses)
