@@ -16,7 +16,7 @@ from posefuse.realtime import processes
 from posefuse.realtime.messages import Status
 from posefuse.realtime.news import News
 from posefuse.realtime.output_plan import NoOutputs
-from posefuse.realtime.pace import Pace, summary
+from posefuse.realtime.pace import ProcessedImages, closing_lines
 
 S = 1_000_000_000
 
@@ -25,7 +25,7 @@ def state(camera: str, captured: int, used: int) -> CameraState:
     return CameraState(camera=camera, state="running", text="", captured=captured, used=used, replaced=captured - used, missing=0)
 
 
-def sentences(pace: Pace, share: float, network: str = "blazepose_full", seconds: int = 60) -> list[str]:
+def sentences(pace: ProcessedImages, share: float, network: str = "blazepose_full", seconds: int = 60) -> list[str]:
     found = []
     for t in range(seconds):
         for group, cameras in enumerate((("a", "b"), ("c",))):
@@ -35,13 +35,13 @@ def sentences(pace: Pace, share: float, network: str = "blazepose_full", seconds
 
 
 def test_a_slow_machine_is_reported_once_with_what_helps() -> None:
-    assert sentences(Pace(), 0.09) == [
+    assert sentences(ProcessedImages(), 0.09) == [
         "this computer processes 9% of the images: use --networks blazepose_lite, fewer cameras, or cameras at a lower frame rate"
     ]
-    assert sentences(Pace(), 0.09, "blazepose_lite") == [
+    assert sentences(ProcessedImages(), 0.09, "blazepose_lite") == [
         "this computer processes 9% of the images: use fewer cameras, or cameras at a lower frame rate"
     ]
-    assert not sentences(Pace(), 0.7)
+    assert not sentences(ProcessedImages(), 0.7)
 
 
 def test_a_camera_whose_frames_wait_is_not_silent() -> None:
@@ -143,11 +143,11 @@ def test_a_session_without_a_person_names_the_reason(came: int, used: int, seen:
         rig=SimpleNamespace(names=names), monitor=monitor, used=dict.fromkeys(names, used),
         seen=dict(zip(names, seen, strict=True)), poses_with_people=0,
     )  # fmt: skip
-    lines = list(summary(fusion))
+    lines = list(closing_lines(fusion))
     assert len(lines) == 1 + (0 < used < 100) and lines[-1].startswith("no person was tracked: ")
     assert why in lines[-1]
     fusion.poses_with_people = 1
-    assert not any("no person" in line for line in summary(fusion))
+    assert not any("no person" in line for line in closing_lines(fusion))
 
 
 @pytest.mark.parametrize(

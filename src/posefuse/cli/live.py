@@ -27,7 +27,7 @@ from posefuse.realtime.fusion import Fusion
 from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.realtime.networks import fetch_networks
 from posefuse.realtime.output_plan import OutputPlan
-from posefuse.realtime.pace import summary
+from posefuse.realtime.pace import closing_lines
 from posefuse.realtime.ros_cameras import rig_with_camera_infos
 from posefuse.realtime.session import run_live
 
@@ -111,7 +111,7 @@ def how_it_ended(
     if stopped_by and code:
         terminal.note(f"stopped by {stopped_by}" + ("" if duration_s is None else f" before {duration_s:g} s were over"))
     if fusion is not None:
-        for line in summary(fusion):
+        for line in closing_lines(fusion):
             terminal.warn(line)
         code = code or (0 if fusion.poses_with_people else NO_PERSON_CODE)
     return {"exit_code": code}

@@ -15,7 +15,7 @@ from .group import GroupPlan
 from .messages import Status, Use, VideoFailed
 from .networks import NetworkChooser
 from .news import Say
-from .pace import Pace
+from .pace import ProcessedImages
 from .processes import Groups
 
 _LEAD_NS = 300_000_000
@@ -32,7 +32,7 @@ class GroupViews(Groups):
         super().__init__(plans, board)
         self._chooser, self._say = chooser, say
         self._notices: list[str] = []
-        self._pace = Pace()
+        self._processed = ProcessedImages()
 
     def start(self, clock: SessionClock) -> int:
         """Recorded sources show their time 0 a moment from now, when all groups know it."""
@@ -59,7 +59,7 @@ class GroupViews(Groups):
 
     def _compare(self, status: Status) -> None:
         network = status.network or str(self._members[0].plan.detector.options.get("landmarks", ""))
-        if sentence := self._pace.news(status, time.monotonic(), network):
+        if sentence := self._processed.news(status, time.monotonic(), network):
             self._notices.append(sentence)
 
     def _consider(self, status: Status, chooser: NetworkChooser) -> None:

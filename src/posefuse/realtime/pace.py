@@ -13,7 +13,7 @@ _LEAST_SHARE, _OVER_S = 0.5, 10.0
 LEAST_CAMERAS = 2
 
 
-class Pace:
+class ProcessedImages:
     """How many of the images that the cameras deliver are processed; frames of a process that starts again count on."""
 
     def __init__(self) -> None:
@@ -44,7 +44,7 @@ class Pace:
         return f"this computer processes {share:.0%} of the images: use {smaller}fewer cameras, or cameras at a lower frame rate"
 
 
-def summary(fusion: Fusion) -> Iterator[str]:
+def closing_lines(fusion: Fusion) -> Iterator[str]:
     """What there is to report at the end of a session: that this machine was too slow, and why no person was ever tracked."""
     sources = [source for name in fusion.rig.names if (source := fusion.monitor.source(name)) is not None]
     came, images = sum(source.captured for source in sources), sum(fusion.used.values())

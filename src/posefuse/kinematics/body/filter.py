@@ -186,8 +186,10 @@ def _smoothed_block(
 
 def _smoothed_state(packed: Packed, moment: FilteredStep | None, after: FilteredStep | None, later: State | None) -> State | None:
     """One step backwards; `after`, `later`: the next step as filtered and as smoothed."""
-    if moment is None or after is None or later is None or after.expected is None or after.transition is None:
-        return moment and moment.state
+    if moment is None:
+        return None
+    if after is None or later is None or after.expected is None or after.transition is None:
+        return moment.state
     tree = packed.tree
     change = np.concatenate(
         [
