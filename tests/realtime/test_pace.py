@@ -55,6 +55,16 @@ def test_a_camera_whose_frames_wait_is_not_silent() -> None:
     assert (verdicts["slow"].state, verdicts["gone"].state) == ("overload", "silent")
 
 
+def test_a_camera_is_not_silent_while_its_process_owes_a_report() -> None:
+    """A process at work on one image reports when that is done; it is judged itself meanwhile."""
+    for regular, state_at in ((True, "ok"), (False, "silent")):
+        monitor = Monitor(("a",))
+        monitor.admit_frame("a", 0, 0, 0, 0)
+        monitor.take_state(state("a", 1, 1), 0, regular=regular)
+        assert monitor.judge(S * 3 // 2, {})["a"].state == state_at
+        assert monitor.judge(S * 5 // 2, {})["a"].state == "silent"
+
+
 def test_changes_of_a_camera_are_printed_ten_seconds_apart() -> None:
     monitor, lines = Monitor(("a",)), []
     news = News(SimpleNamespace(monitor=monitor, watch=None, outlets=NoOutputs(), cuts=0), 0, lines.append)

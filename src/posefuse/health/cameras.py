@@ -121,6 +121,7 @@ class _Watch:
     frozen: bool = False
     seen_ns: int | None = None
     came_ns: int = -(10**18)
+    reported_ns: int | None = None
     window_ns: int = 0
     in_window: int = 0
     flooding_ns: int = -(10**18)
@@ -173,11 +174,13 @@ class Monitor:
             return None
         return right_ns
 
-    def take_state(self, state: CameraState, now_ns: int) -> None:
-        """Take the status that the camera's own process reports."""
+    def take_state(self, state: CameraState, now_ns: int, *, regular: bool = False) -> None:
+        """Take the status that the camera's own process reports; `regular`: it does so whether there are frames or not."""
         watch = self._watches.get(state.camera)
         if watch is None:
             return
+        if regular:
+            watch.reported_ns = now_ns
         if now_ns - watch.counted_ns >= _COUNT_NS:
             rate_hz = (state.captured - watch.counted) * _S / (now_ns - watch.counted_ns)
             if rate_hz > FLOOD_HZ:
@@ -256,7 +259,9 @@ class Monitor:
             return Verdict("opening", "no frame yet")
         if now_ns - watch.seen_ns > SILENT_NS and now_ns - watch.came_ns <= SILENT_NS:
             return Verdict("overload", f"its frames wait: none was processed for {(now_ns - watch.seen_ns) / _S:.1f} s")
-        if now_ns - watch.seen_ns > SILENT_NS:
+        # a process that owes a report is judged itself, soon after
+        owes = watch.reported_ns is not None and now_ns - watch.reported_ns > SILENT_NS // 2
+        if now_ns - watch.seen_ns > SILENT_NS * (1 + owes):
             return Verdict("silent", f"no frame for {(now_ns - watch.seen_ns) / _S:.1f} s")
         if otherwise.state != OK and watch.used_share < _OVERLOAD_SHARE:
             return Verdict("overload", f"only {watch.used_share:.0%} of its frames are used: too few to watch the rig")

@@ -125,7 +125,7 @@ class Fusion:
             self.outlets.offer(live_centres(message, self.clock.now_ns()))
         elif isinstance(message, Status):
             for state in message.cameras:
-                self.monitor.take_state(state, message.t_ns)
+                self.monitor.take_state(state, message.t_ns, regular=True)
         elif isinstance(message, LivePreview):
             self.outlets.offer(message)
 
