@@ -11,9 +11,9 @@ from posefuse.cli.machine import EXTRAS
 
 ROOT = Path(__file__).resolve().parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-EXTRAS = PROJECT["project"]["optional-dependencies"]
+OPTIONAL = PROJECT["project"]["optional-dependencies"]
 # packages by the modules that are called otherwise
-MODULES = {"collada": "pycollada", "cv2": "opencv-contrib-python-headless", "rerun": "rerun-sdk"}
+MODULES = {"collada": "pycollada", "cv2": "opencv-python-headless", "rerun": "rerun-sdk"}
 
 
 def test_the_version_is_written_once_and_cited() -> None:
@@ -76,5 +76,5 @@ def test_ci_installs_every_package_without_which_tests_are_skipped() -> None:
     # modules of ours and of Python
     wanted = {MODULES.get(name, name) for name in modules - {"discs", "graphs", "fcntl"}}
     extras = re.search(r"^export EXTRAS=(.+)$", (ROOT / ".ci" / "run").read_text(encoding="utf-8"), re.MULTILINE)[1].split(",")
-    named = [*PROJECT["project"]["dependencies"], *(line for one in extras for line in EXTRAS[one])]
+    named = [*PROJECT["project"]["dependencies"], *(line for one in extras for line in OPTIONAL[one])]
     assert wanted - {re.split(r"[\[<>=]", line)[0] for line in named} == set() and len(wanted) > 5

@@ -1,7 +1,6 @@
 """What differs between systems, asked for as each of them would answer."""
 
 import os
-import socket
 import sys
 import threading
 from types import SimpleNamespace
@@ -88,21 +87,6 @@ def test_cameras_are_listed_by_what_opens_them(monkeypatch: pytest.MonkeyPatch) 
     assert platform.usb_cameras() == ["Front camera"]
     monkeypatch.setattr(platform, "sys", SimpleNamespace(platform="darwin"))
     assert platform.usb_cameras() == ["@device_pnp_1"]
-
-
-def test_sockets_fall_back_where_packets_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    original = socket.socketpair
-
-    def without_packets(*arguments: int) -> tuple[socket.socket, socket.socket]:
-        if len(arguments) > 1:
-            raise OSError("protocol not supported")
-        return original()
-
-    monkeypatch.setattr(socket, "socketpair", without_packets)
-    one, other, packets = platform.message_sockets()
-    with one, other:
-        one.sendall(b"x")
-        assert not packets and other.recv(1) == b"x"
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux says how much memory a process has held")

@@ -8,6 +8,7 @@ import pytest
 from posefuse.core import InputError, Kind, PoseSequence, Views, ViewSequence
 from posefuse.kinematics import JOINT_NAMES, joints_from_poses
 from posefuse.kinematics.body import BodySettings, BodyTracker, bodies_from_poses, fit_poses, fit_views, kernels
+from posefuse.kinematics.body import filter as filter_module
 from posefuse.kinematics.body.filter import Measurement
 from posefuse.kinematics.body.fit import _failed
 from posefuse.kinematics.body.guess import guessed_state
@@ -289,3 +290,63 @@ def test_a_fit_that_is_far_from_the_fused_keypoint_for_a_third_of_the_time_has_f
         assert _failed(fitted, fused, cov) == failed
         # where fusion itself is not sure it proves nothing
         assert not _failed(fitted, fused, cov * 25)
+
+
+def random_motion(rng: np.random.Generator, steps: int, rate_hz: float) -> list[dict]:
+    """Joints that turn at random, each at its own pace; one dict of angles per time step."""
+    limits = {
+        "pelvis": (40, 10, 10), "trunk": (0, 20, 20), "neck": (20, 15, 20), "left_hip": (40, 15, 15), "right_hip": (40, 15, 15),
+        "left_knee": (40, 0, 0), "right_knee": (40, 0, 0), "left_arm": (60, 20, 30), "right_arm": (60, 20, 30),
+        "left_elbow": (45, 0, 0), "right_elbow": (45, 0, 0), "left_ankle": (15, 5, 5), "right_ankle": (15, 5, 5),
+    }  # fmt: skip
+    t_s = np.arange(steps)[:, None, None] / rate_hz
+    waves = np.sin(2 * np.pi * rng.uniform(0.05, 0.8, (1, len(limits), 3)) * t_s + rng.uniform(0, 6.28, (1, len(limits), 3)))
+    bent = {name: 50.0 for name in limits if name.endswith(("knee", "elbow"))}
+    return [
+        {name: tuple(one * limit + [bent.get(name, 0.0), 0, 0]) for (name, limit), one in zip(limits.items(), wave, strict=True)}
+        for wave in waves
+    ]
+
+
+@pytest.mark.parametrize("by_rays", [False, True])
+def test_a_recording_fitted_in_blocks_is_as_one_fitted_whole(posed, ring_rig, monkeypatch, by_rays):
+    """A long recording is smoothed block by block, in constant memory; limbs are hidden across the borders of blocks."""
+    rng, rate_hz, steps = np.random.default_rng(4), 12.0, 1000
+    clean = posed(random_motion(rng, steps, rate_hz), sigma_m=SIGMA_M, rate_hz=rate_hz)
+    rig = ring_rig(3)
+    score = np.ones((steps, 1, 3, len(clean.skeleton)))
+    for names, hidden in (
+        (("left_wrist", "left_elbow", "left_index", "left_pinky"), slice(270, 420)),
+        (("right_knee",), slice(560, 601)),
+    ):
+        score[hidden, :, :, clean.skeleton.indices(names)] = 0
+    score[895:905] = 0
+    shown = (score > 0).all(axis=2)
+    noisy = clean.xyz_world + rng.normal(size=clean.xyz_world.shape) * SIGMA_M
+    seen = dataclasses.replace(
+        clean,
+        xyz_world=np.where(shown[..., None], noisy, np.nan),
+        cov_world=np.where(shown[..., None, None], clean.cov_world, np.nan),
+        kind=np.where(shown, clean.kind, Kind.MISSING),
+    )
+    xy = np.moveaxis(rig.project(clean.xyz_world), 0, 2)
+    xy = np.where(score[..., None] > 0, xy + rng.normal(size=xy.shape) * 1.5, np.nan)
+    views = ViewSequence(
+        t_ns=seen.t_ns,
+        skeleton=seen.skeleton,
+        camera_names=rig.names,
+        person_id=seen.person_id,
+        xy_img=xy,
+        score=score,
+        sigma_px=np.where(score > 0, 1.5, np.nan),
+    )
+    bodies = bodies_from_poses(seen)
+    found = []
+    for block in (filter_module._BLOCK_STEPS, steps):
+        monkeypatch.setattr(filter_module, "_BLOCK_STEPS", block)
+        found.append(fit_views(seen, rig, views, bodies=bodies) if by_rays else fit_poses(seen, bodies=bodies))
+    in_blocks, whole = found
+    off_m = np.linalg.norm(in_blocks.poses.xyz_world - whole.poses.xyz_world, axis=-1)
+    assert whole.bodies and np.nanmax(off_m) < 1e-4
+    np.testing.assert_array_equal(in_blocks.poses.kind, whole.poses.kind)
+    np.testing.assert_allclose(in_blocks.joints.angle_rad, whole.joints.angle_rad, atol=1e-3)

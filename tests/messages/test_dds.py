@@ -243,3 +243,34 @@ def test_another_cyclonedds_is_refused(monkeypatch):
     monkeypatch.setattr(dds_domain, "TESTED_CYCLONEDDS", "0.0.0")
     with pytest.raises(DependencyError, match=r"expected version 0\.0\.0, got 11"):
         RosNode("x", Network(local_only=True))
+
+
+_LISTENS = """
+import time
+from posefuse.messages import topics
+from posefuse.messages.dds import RosNode
+from posefuse.messages.dds_domain import Network
+with RosNode("listens", Network(domain_id={domain}, local_only=True)) as node:
+    reader = node.reader(topics.DETECTIONS)
+    print("ready", flush=True)
+    end_s = time.monotonic() + 2.0
+    while time.monotonic() < end_s:
+        node.wait(0.1)
+        reader.take()
+"""
+
+
+def test_malformed_packets_of_anyone_are_not_printed_on_the_terminal() -> None:
+    """Cyclone DDS has a line of half a kilobyte for each, and configures that away in no configuration."""
+    domain, rng = 78, np.random.default_rng(0)
+    command = [sys.executable, "-c", _LISTENS.format(domain=domain)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None and process.stdout.readline() == "ready\n"
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            for _ in range(100):
+                for port in range(7410 + 250 * domain, 7414 + 250 * domain):
+                    head = b"RTPS\x02\x03\x01\x10" + rng.bytes(12)
+                    gap = b"\x08\x01\x18\x00" + b"\xff" * 24
+                    sender.sendto(head + gap, ("127.0.0.1", port))
+        _, printed = process.communicate(timeout=60)
+    assert process.returncode == 0 and not printed

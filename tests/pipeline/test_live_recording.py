@@ -29,8 +29,10 @@ from posefuse.core.values import keypoint_boxes
 from posefuse.detection import read_card
 from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.formats.recording import read_recording, write_recording
+from posefuse.messages import bags
 from posefuse.messages.bags import Recorder
 from posefuse.outputs.live import RecordConfig
+from posefuse.pipeline import live_recording
 from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.live_recording import read_live_recording
 from posefuse.pipeline.live_steps import frame_period_ns
@@ -371,3 +373,22 @@ def test_the_front_door_reads_live_sessions_too(tmp_path: Path, rig: Rig) -> Non
     assert "people (ids): 4" in repr(found)
     assert found.to_xarray().sizes["time"] == len(found.poses)
     assert not found.solve().is_live
+
+
+def test_a_section_is_solved_as_from_the_whole_file_without_decoding_the_rest(
+    tmp_path: Path, rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, config = tmp_path / "a.mcap", replace(TrackConfig(), start_s=2.6, end_s=3.2, body="off")
+    record(path, rig, frames_of(rig, 120, lost=0.1), poses_of(400))
+    monkeypatch.setattr(live_recording, "_SECTION_MARGIN_S", 0.5)
+    decoded: list[str] = []
+    whole_decode = bags.decode
+    monkeypatch.setattr(bags, "decode", lambda raw, name, most: decoded.append(name) or whole_decode(raw, name, most))
+    whole, all_messages = read_result(path, pytest.fail), len(decoded)
+    decoded.clear()
+    section = read_result(path, pytest.fail, start_s=2.6, end_s=3.2)
+    assert len(decoded) < 0.55 * all_messages
+    assert section.provenance == whole.provenance
+    one, other = (solve_again(recording, config).poses for recording in (section, whole))
+    np.testing.assert_array_equal(one.t_ns, other.t_ns)
+    np.testing.assert_array_equal(one.xyz_world, other.xyz_world)

@@ -73,15 +73,29 @@ def test_another_skeleton_is_refused_counted_and_reported_once() -> None:
     assert "blazepose33 (2 keypoints)" in senders.news[1]
 
 
-def test_a_camera_has_one_sender_until_that_is_silent() -> None:
+def test_who_sent_first_keeps_the_camera_while_it_pauses() -> None:
     senders = begun("a", "b")
+    senders.present = {"node", "other node", "stranger"}
     assert senders.admits(no_person("a"), "node", T0)
     assert senders.admits(no_person("b"), "other node", T0)
-    assert not senders.admits(no_person("a"), "stranger", T0 + S // 2)
-    assert senders.admits(no_person("a"), "node", T0 + S)
-    assert not senders.admits(no_person("a"), "node again", T0 + 2 * S)
-    assert senders.admits(no_person("a", T0 + 2 * S), "node again", T0 + 2 * S + 1)
+    for seconds in (1, 60, 3600):
+        at_ns = T0 + seconds * S
+        assert not senders.admits(no_person("a", at_ns), "stranger", at_ns)
+    assert senders.news == ["camera a: views of a second sender (stranger) are not used, the camera is that of node"]
+    assert senders.admits(no_person("a", at_ns), "node", at_ns)
+    # a node that was started again is another participant; the former one has left
+    senders.present = {"node again", "other node"}
+    assert senders.admits(no_person("a", at_ns), "node again", at_ns + 1)
     assert senders.sender("a") == "node again"
+
+
+def test_a_setting_hands_a_camera_over() -> None:
+    senders = Senders(("a",), hand_over_s=2.0)
+    senders.skeleton = no_person("a").skeleton
+    assert senders.admits(no_person("a"), "node", T0)
+    assert not senders.admits(no_person("a"), "second", T0 + S)
+    assert not senders.admits(no_person("a"), "second", T0 + 2 * S)
+    assert senders.admits(no_person("a", T0 + 2 * S), "second", T0 + 2 * S + 1)
 
 
 def test_a_sender_with_a_believable_clock_replaces_one_without() -> None:

@@ -5,6 +5,7 @@ import os
 import signal
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import ClassVar
 
@@ -206,3 +207,35 @@ class NoGroups:
 
     def troubles(self) -> dict:
         return {}
+
+
+def test_a_second_participant_does_not_get_a_camera_while_the_first_pauses(ring_rig) -> None:
+    from posefuse.messages import topics
+    from posefuse.messages.dds import RosNode
+    from posefuse.messages.dds_domain import Network
+    from posefuse.messages.messages import message_from_detections
+
+    skeleton, network = SKELETONS["coco17"], Network(domain_id=DOMAIN + 2, local_only=True)
+    intake = NetworkIntake(ring_rig(2), network, SessionClock.begin())
+    senders = intake.views.senders
+
+    def send(node: RosNode, wanted: Callable[[], bool]) -> bool:
+        end_s = time.monotonic() + 20
+        while not wanted() and time.monotonic() < end_s:
+            view = Detections2D.empty("cam00", time.time_ns(), skeleton)
+            node.publish(topics.DETECTIONS, message_from_detections(view, {}), view.t_ns)
+            time.sleep(0.05)
+        return wanted()
+
+    try:
+        with RosNode("second", network) as second:
+            with RosNode("first", network) as first:
+                name = first.sender
+                assert send(first, lambda: senders.sender("cam00") == name)
+                time.sleep(1.5)
+                assert send(second, lambda: any("a second sender" in line for line in senders.refused))
+                assert senders.sender("cam00") == name
+            # the first one has left the network
+            assert send(second, lambda: senders.sender("cam00") == second.sender)
+    finally:
+        intake.close()

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from posefuse.cli.live_report import write_latency_report
+from posefuse.cli.options.shared import people_from_text
 from posefuse.core import SE3, ConfigError, Detections2D, Frame, Pose3D, Region, Skeleton, SourceError
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.health.cameras import CameraState, Monitor, Verdict
@@ -76,6 +77,13 @@ def test_the_board_gives_back_what_was_written() -> None:
     np.testing.assert_array_equal(read.xyz_world, pose.xyz_world)
     np.testing.assert_array_equal(read.gain, [1.0, 2.0, 3.0])
     np.testing.assert_allclose(read.at(7 * S + S // 10), pose.xyz_world + 0.05)
+
+
+def test_all_people_that_may_be_followed_are_looked_for() -> None:
+    board = Board(multiprocessing.get_context("spawn"), 3)
+    pose = pose_at(7 * S, people=people_from_text(None, [SimpleNamespace(value="64")]))
+    board.write(pose, np.zeros(pose.xyz_world.shape), np.zeros(3))
+    np.testing.assert_array_equal(board.read().xyz_world, pose.xyz_world)
 
 
 def test_gain_is_the_entropy_a_frame_takes_away(ring_rig) -> None:
@@ -193,7 +201,7 @@ def test_silence_ends_and_dead_processes_are_named() -> None:
     monitor.take_state(
         CameraState(camera="b", state="ended", text="the source has ended", captured=30, used=30, replaced=0, missing=0), 101 * S
     )
-    verdicts = monitor.judge(103 * S, {"c": "process 1 ended by signal SIGKILL"})
+    verdicts = monitor.judge(103 * S, {"c": Verdict("dead", "process 1 ended by signal SIGKILL")})
     assert [verdicts[name].state for name in "abc"] == ["silent", "ended", "dead"]
     assert "SIGKILL" in verdicts["c"].text
     assert {event.camera for event in monitor.events} == {"a", "b", "c"}
@@ -202,11 +210,12 @@ def test_silence_ends_and_dead_processes_are_named() -> None:
 def test_all_that_changes_is_reported_however_long_a_session_runs() -> None:
     monitor, said = Monitor(("a",)), []
     news = News(SimpleNamespace(monitor=monitor, watch=None, outlets=NoOutputs(), cuts=0), 0, said.append)
-    for second in range(1200):
-        monitor.judge(second * S, {"a": "process 1 ended"} if second % 2 else {})
+    for turn in range(1200):
+        second = 11 * turn
+        monitor.judge(second * S, {"a": Verdict("dead", "process 1 ended")} if turn % 2 else {})
         news.report(second * S)
     assert len(said) == monitor.event_count > len(monitor.events)
-    assert said[-1] == "1199.00 s  camera a: dead: process 1 ended"
+    assert said[-1] == "13189.00 s  camera a: dead: process 1 ended"
 
 
 def test_counts_continue_when_a_process_was_restarted() -> None:
@@ -279,14 +288,14 @@ def test_a_session_without_views_has_a_page(tmp_path, read_page) -> None:
 # --- between processes
 
 
-def loopback_pair() -> tuple[socket.socket, socket.socket, bool]:
+def loopback_pair() -> tuple[socket.socket, socket.socket]:
     """As Windows makes a socket pair."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         one = socket.create_connection(server.getsockname())
-        return one, server.accept()[0], False
+        return one, server.accept()[0]
 
 
-PAIRS = {"packets": None, "unix stream": lambda: (*socket.socketpair(), False), "loopback": loopback_pair}
+PAIRS = {"as here": None, "loopback": loopback_pair}
 
 
 @pytest.fixture(params=PAIRS)
@@ -321,6 +330,24 @@ def test_a_channel_keeps_messages_whole_and_is_bounded(channels: tuple[Channel, 
         two.receive()
     with pytest.raises(ChannelClosed):
         two.send(1)
+
+
+@pytest.mark.parametrize("size", [300_000, 3_000_000])
+def test_a_message_of_any_size_arrives_whole(channels: tuple[Channel, Channel], size: int) -> None:
+    """Many people of a whole-body network are more than a packet or the system's buffer holds."""
+    one, two = channels
+    message, found = np.random.default_rng(0).bytes(size), []
+
+    def read() -> None:
+        while "end" not in found and two.wait(10.0):
+            found.append(two.receive())
+
+    reader = threading.Thread(target=read)
+    reader.start()
+    assert one.send(message, wait_s=10.0)
+    assert one.send("end", wait_s=10.0)
+    reader.join(30.0)
+    assert [value for value in found if value is not None] == [message, "end"]
 
 
 def test_half_a_message_is_never_given_out(channels: tuple[Channel, Channel]) -> None:
@@ -448,7 +475,7 @@ def test_what_the_rig_watch_finds_is_reported_unless_something_worse_is_wrong() 
     monitor = Monitor(("a", "b", "c"))
     run_frames(monitor, {"a": (0, 0), "b": (0, 0), "c": (0, 0)}, 100 * S, 1)
     ill = {"a": Verdict("moved", "a looks next to"), "b": Verdict("moved")}
-    verdicts = monitor.judge(101 * S, {"b": "process 1 ended"}, ill)
+    verdicts = monitor.judge(101 * S, {"b": Verdict("dead", "process 1 ended")}, ill)
     assert [verdicts[name].state for name in "abc"] == ["moved", "dead", "ok"]
     assert monitor.judge(101 * S, {}, {})["a"].state == "ok"
     assert [(event.camera, event.state) for event in monitor.events if event.camera == "a"][-2:] == [("a", "moved"), ("a", "ok")]

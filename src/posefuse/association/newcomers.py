@@ -22,17 +22,30 @@ def newcomers(candidates: Candidates, free: Array, count: int, skeleton: Skeleto
     if not len(poses):
         return people
     support, share = agreement(candidates, poses, settings.tolerance_m)
-    support = np.where(share >= settings.min_share, support, 0.0)
+    support = np.where(share >= settings.min_share, support, 0.0) * free
+    by_camera = _best_by_camera(candidates, support)
     while len(people) < count:
-        best = _most_convincing(candidates, support * free, poses, views, settings)
+        best = _most_convincing(by_camera, poses, views, settings)
         if best is None:
             break
-        members = refined_members(candidates, best_per_camera(candidates, support[best] * free), free, settings)
-        support[best] = 0.0
+        members = refined_members(candidates, best_per_camera(candidates, support[best]), free, settings)
+        support[best], by_camera[best] = 0.0, 0.0
         if len(members) >= views[best] and _is_a_body(candidates, members, skeleton, settings):
             people.append(members)
             free[members] = False
+            # the proposals of this person alone change
+            changed = support[:, members].any(axis=1)
+            support[:, members] = 0.0
+            by_camera[changed] = _best_by_camera(candidates, support[changed])
     return people
+
+
+def _best_by_camera(candidates: Candidates, support: Array) -> Array:
+    """(H, C) the most support that proposals (H, R) have in each camera."""
+    by_camera = np.zeros((len(support), int(candidates.camera.max()) + 1))
+    for c in range(by_camera.shape[1]):
+        by_camera[:, c] = support[:, candidates.camera == c].max(axis=1, initial=0.0)
+    return by_camera
 
 
 def _is_a_body(candidates: Candidates, members: Array, skeleton: Skeleton, settings: AssociateSettings) -> bool:
@@ -75,13 +88,8 @@ def _of_pairs(candidates: Candidates, free: Array, settings: AssociateSettings) 
     return np.asarray(poses[keep])
 
 
-def _most_convincing(
-    candidates: Candidates, support: Array, poses: Array, views: Array, settings: AssociateSettings
-) -> int | None:
-    """The proposal with the most support over enough cameras, or the nearest to `near_xy_m`; None when there is none."""
-    by_camera = np.zeros((len(support), int(candidates.camera.max()) + 1))
-    for c in range(by_camera.shape[1]):
-        by_camera[:, c] = support[:, candidates.camera == c].max(axis=1, initial=0.0)
+def _most_convincing(by_camera: Array, poses: Array, views: Array, settings: AssociateSettings) -> int | None:
+    """The proposal with the most support (H, C) over enough cameras, or the nearest to `near_xy_m`; None when there is none."""
     total = np.where((by_camera > 0).sum(axis=1) >= views, by_camera.sum(axis=1), 0.0)
     if not total.max() > 0:
         return None

@@ -23,15 +23,17 @@ from posefuse.realtime.capture import LiveInput
 from posefuse.realtime.clock import SessionClock
 from posefuse.realtime.config import LiveConfig, RunOptions
 from posefuse.realtime.faults import faults_from_arguments
+from posefuse.realtime.fusion import Fusion
 from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.realtime.networks import fetch_networks
 from posefuse.realtime.output_plan import OutputPlan
+from posefuse.realtime.pace import closing_lines
 from posefuse.realtime.ros_cameras import rig_with_camera_infos
 from posefuse.realtime.session import run_live
 from posefuse.realtime.video_keeping import read_counts
 
 from .live_report import PAGE_FILE, live_session_figures, show_live_figures, write_latency_report
-from .stopping import session_exit_code
+from .stopping import NO_PERSON_CODE, session_exit_code
 from .terminal import Terminal
 from .videos import check_videos_folder, kept_videos, video_figures
 
@@ -69,7 +71,7 @@ def run_session(
         figures = {
             **live_session_figures(done),
             "videos": kept,
-            **how_it_ended(done.stopped_by, duration_s, terminal, failed=failed),
+            **how_it_ended(done.stopped_by, duration_s, terminal, failed=failed, fusion=done.fusion),
         }
         # before the videos are moved to their place, which a full disk may not allow
         show_live_figures(terminal, figures)
@@ -102,11 +104,17 @@ def fetch_chosen(choice: DetectorChoice, terminal: Terminal) -> None:
         fetch_networks(choice, progress)
 
 
-def how_it_ended(stopped_by: str, duration_s: float | None, terminal: Terminal, *, failed: bool = False) -> dict[str, int]:
-    """Say what request ended the session early; the exit code, as a figure."""
+def how_it_ended(
+    stopped_by: str, duration_s: float | None, terminal: Terminal, *, failed: bool = False, fusion: Fusion | None = None
+) -> dict[str, int]:
+    """Say what request ended the session early, and what its fusion has to report; the exit code, as a figure."""
     code = session_exit_code(stopped_by, endless=duration_s is None, failed=failed)
     if stopped_by and code:
         terminal.note(f"stopped by {stopped_by}" + ("" if duration_s is None else f" before {duration_s:g} s were over"))
+    if fusion is not None:
+        for line in closing_lines(fusion):
+            terminal.warn(line)
+        code = code or (0 if fusion.poses_with_people else NO_PERSON_CODE)
     return {"exit_code": code}
 
 

@@ -110,12 +110,12 @@ def fusion_node(
     whole = SessionPlan(outputs=plan, config=config, duration_s=duration_s, remote=True)
     terminal.note(f"waiting for views of {', '.join(rig.names)} in domain {network.domain_id}")
     with never_waiting(terminal.note) as say:
-        views = NetworkViews(NetworkIntake(rig, network, clock), config, duration_s, say)
+        views = NetworkViews(NetworkIntake(rig, network, clock, hand_over_s=config.hand_over_s), config, duration_s, say)
         done = run_session(whole, lambda board: views, say)
     counts, senders = views.intake.views.intake.counts, views.intake.views.senders
     figures = {
         **live_session_figures(done),
-        **how_it_ended(done.stopped_by, duration_s, terminal, failed=done.outputs_failed),
+        **how_it_ended(done.stopped_by, duration_s, terminal, failed=done.outputs_failed, fusion=done.fusion),
         "messages": {"accepted": counts.accepted, "refused": counts.refused},
         "last_refusal": counts.last_refusal,
         "not_used": dict(senders.refused),

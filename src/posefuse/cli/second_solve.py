@@ -45,7 +45,7 @@ def second_solve(path: Path, options: TrackOptions, settings: SettingsOptions, t
     check_outside_inputs(options.out, inputs)
     check_replaceable(options.out, command="track", replace=options.force)
     with clock.stage("read"):
-        earlier = read_result(path, terminal.warn)
+        earlier = read_result(path, terminal.warn, start_s=options.start, end_s=options.end)
     session = None if earlier.is_live else nearby_session(earlier, path)
     config = _config(options, settings, earlier, session)
     edits = _edits(path, earlier, options, terminal)

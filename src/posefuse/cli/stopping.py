@@ -13,6 +13,8 @@ from posefuse.foundation.requests_to_end import HANG_UP, REQUESTS_TO_END, Repeat
 
 FAILED_CODE = 1
 INTERRUPTED_CODE = 130
+# a live session in which no person was ever tracked
+NO_PERSON_CODE = 3
 # a program that a signal ends has this code plus the number of the signal
 _SIGNAL_CODE = 128
 

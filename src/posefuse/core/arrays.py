@@ -27,6 +27,12 @@ def frozen(value: Any, dtype: DTypeLike, name: str) -> Array:
     return array
 
 
+def give_away(*arrays: Array) -> None:
+    """Make arrays of one's own read-only, so that a value takes them as they are: a copy of an hour would take much memory."""
+    for array in arrays:
+        array.setflags(write=False)
+
+
 def _is_frozen(value: Any, dtype: DTypeLike) -> bool:
     # not a view: the array behind it may still be written
     if type(value) is not np.ndarray or value.dtype != dtype:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .arrays import Array
+from .arrays import Array, give_away
 from .observations import LIVE_STEP, NOT_KEPT, DetectionBatch, LookKind, Observations
 from .skeleton import Skeleton, exchange_sides
 from .values import VIEW_ARRAYS, Detections2D, Views, check_views, keypoint_boxes
@@ -92,6 +92,7 @@ def views_over_time(
             if depth is not None:
                 depth[:, :, c] = found.depth
     names = observations.camera_names
+    give_away(xy, score, sigma)
     return ViewSequence(
         t_ns=steps, skeleton=observations.skeleton, camera_names=names, person_id=ids, xy_img=xy, score=score, sigma_px=sigma,
         depth_m=depth,

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.fft import irfft, next_fast_len, rfft
 from scipy.optimize import minimize_scalar
 
 from posefuse.core import InputError
@@ -16,8 +17,8 @@ from .metrics import JointErrors, summary
 
 _LEAST_INSTANTS = 5
 _SPEED_HZ = 60.0
-# all shifts are tried, work that grows with the square: longer recordings are sampled more coarsely
-_MOST_SAMPLES = 20_000
+# of the values of a shift, this share must be known in both
+_LEAST_KNOWN = 0.1
 _GAP_S = 0.25
 # offsets in time, a gait cycle or so apart, that are tried in full
 _MOST_OFFSETS = 16
@@ -166,13 +167,7 @@ def _offset(a: Tracks, b: Tracks, space: bool, scale: bool) -> float:
 
     Speeds do not depend on where either system's origin is, but repeat from one gait cycle to the next: positions decide.
     """
-    longest_s = max(float(one.t_s[-1] - one.t_s[0]) for one in (a, b))
-    rate_hz = min(_SPEED_HZ, _MOST_SAMPLES / max(longest_s, 1.0))
-    times = [np.arange(one.t_s[0], one.t_s[-1], 1 / rate_hz) for one in (a, b)]
-    speeds = [_speed(one.at(t), rate_hz) for one, t in zip((a, b), times, strict=True)]
-    overlap = min(len(times[0]), len(times[1])) // 2
-    lags = range(-(len(times[1]) - overlap), len(times[0]) - overlap + 1)
-    cost = [_speed_cost(speeds[0], speeds[1], lag, overlap) for lag in lags]
+    lag_s, cost = _speed_costs(a, b)
     if not np.isfinite(cost).any():
         raise InputError(
             f"{a.name} and {b.name}: nothing in common over time: too few points are known in both to find their offset"
@@ -181,10 +176,9 @@ def _offset(a: Tracks, b: Tracks, space: bool, scale: bool) -> float:
     def misfit(offset: float) -> float:
         return _fitted(a.xyz_m, b.at(a.t_s - offset), space, scale)[1]
 
-    candidates = [lags[i] / rate_hz + times[0][0] - times[1][0] for i in _lowest(np.array(cost))]
-    coarse = min(candidates, key=misfit)
-
-    fine = minimize_scalar(misfit, bounds=(coarse - 2 / rate_hz, coarse + 2 / rate_hz), method="bounded", options={"xatol": 1e-4})
+    coarse = min((float(lag_s[i]) for i in _lowest(cost)), key=misfit)
+    bounds = (coarse - 2 / _SPEED_HZ, coarse + 2 / _SPEED_HZ)
+    fine = minimize_scalar(misfit, bounds=bounds, method="bounded", options={"xatol": 1e-4})
     return float(fine.x)
 
 
@@ -196,21 +190,39 @@ def _lowest(cost: Array) -> list[int]:
     return [int(i) for i in minima[np.argsort(filled[minima], kind="stable")][:_MOST_OFFSETS]]
 
 
-def _speed(xyz: Array, rate_hz: float) -> Array:
-    """(n, K) speed in m/s over a few samples."""
+def _speed_costs(a: Tracks, b: Tracks) -> tuple[Array, Array]:
+    """(L,) offsets in s that overlap by half of the shorter one, and how much speeds differ there; NaN where few are known.
+
+    The mean squared difference of the roots of speeds, of all offsets at once by the Fourier transform. Roots, so that a false
+    jump counts by its size, not by the square of it.
+    """
+    times = [np.arange(one.t_s[0], one.t_s[-1], 1 / _SPEED_HZ) for one in (a, b)]
+    sizes = [len(t) for t in times]
+    length = next_fast_len(sum(sizes), real=True)
+    apart, both = np.zeros((2, length // 2 + 1), np.complex128)
+    for point in a.points:
+        roots = [np.sqrt(_speed(one.only([point]).at(t)[:, 0])) for one, t in zip((a, b), times, strict=True)]
+        (one, one_square, one_known), (two, two_square, two_known) = (
+            (rfft(np.nan_to_num(root), length), rfft(np.nan_to_num(root) ** 2, length), rfft(np.isfinite(root) * 1.0, length))
+            for root in roots
+        )
+        apart += one_square * two_known.conj() + one_known * two_square.conj() - 2 * one * two.conj()
+        both += one_known * two_known.conj()
+    overlap = min(sizes) // 2
+    lags = np.arange(overlap - sizes[1], sizes[0] - overlap + 1)
+    common = np.minimum(sizes[0], sizes[1] + lags) - np.maximum(0, lags)
+    differences, pairs = irfft(apart, length)[lags], np.rint(irfft(both, length)[lags])
+    enough = (pairs > _LEAST_KNOWN * len(a.points) * common) & (common > 0)
+    cost = np.where(enough, np.maximum(differences, 0.0) / np.maximum(pairs, 1), np.nan)
+    return lags / _SPEED_HZ + times[0][0] - times[1][0], cost
+
+
+def _speed(xyz: Array) -> Array:
+    """(n,) speed in m/s over a few samples of (n, 3)."""
     span = 4
-    moved = np.full(xyz.shape[:2], np.nan)
-    moved[span // 2 : -span // 2] = np.linalg.norm(xyz[span:] - xyz[:-span], axis=-1) * rate_hz / span
+    moved = np.full(len(xyz), np.nan)
+    moved[span // 2 : -span // 2] = np.linalg.norm(xyz[span:] - xyz[:-span], axis=-1) * _SPEED_HZ / span
     return moved
-
-
-def _speed_cost(one: Array, two: Array, lag: int, least: int) -> float:
-    """Mean absolute difference where two, shifted by `lag` samples, overlaps one."""
-    start, end = max(0, lag), min(len(one), len(two) + lag)
-    if end - start < max(least, 1):
-        return np.nan
-    apart = np.abs(one[start:end] - two[start - lag : end - lag])
-    return float(np.nanmean(apart)) if np.isfinite(apart).mean() > 0.1 else np.nan
 
 
 def middle_of(xyz: Array) -> Array:

@@ -12,7 +12,7 @@ from posefuse.core.arrays import Array
 from posefuse.formats.c3d import read_c3d
 from posefuse.formats.mvnx import read_mvnx
 from posefuse.formats.points_csv import read_points_csv
-from posefuse.formats.recording import read_recording
+from posefuse.formats.recording import read_result_poses
 from posefuse.formats.trc import read_trc
 
 from .compare import Tracks
@@ -72,7 +72,7 @@ def named_tracks(path: Path, names: list[str] | tuple[str, ...], t_s: Array, xyz
 
 
 def _from_recording(path: Path, person: int | None) -> Tracks:
-    return tracks_of(read_recording(path).poses, path, person)
+    return tracks_of(read_result_poses(path)[0], path, person)
 
 
 def tracks_of(poses: PoseSequence, path: Path, person: int | None = None) -> Tracks:

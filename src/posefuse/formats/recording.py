@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.core import InputError, Observations, PosefuseError, PoseSequence, Recording, Skeleton
+from posefuse.core import InputError, Observations, PosefuseError, PoseSequence, Recording, Rig, Skeleton
 from posefuse.core.observations import OBSERVATION_ARRAYS
 from posefuse.foundation.atomic import atomic_file, write_text
 from posefuse.foundation.parsing import one_line, parse_json, read_text
@@ -69,11 +69,8 @@ def write_recording(folder: Path, recording: Recording) -> list[Path]:
     return [folder / name for name in RECORDING_FILES]
 
 
-def read_result_poses(folder: Path) -> tuple[PoseSequence, dict[str, Any]]:
-    """The 3D result alone and how it was made, of a result folder: a fraction of the time that reading all of it takes.
-
-    Returns:
-        The poses, and the content of ``recording.json``: skeleton, rig, provenance.
+def read_result_poses(folder: Path) -> tuple[PoseSequence, Rig, dict[str, Any]]:
+    """The 3D result alone, its rig and provenance, of a result folder: a fraction of the time that reading all of it takes.
 
     Raises:
         InputError: not a result folder, one of another format version, or damaged.
@@ -81,7 +78,8 @@ def read_result_poses(folder: Path) -> tuple[PoseSequence, dict[str, Any]]:
     about, arrays = _about(folder), read_arrays(folder / ARRAYS_FILE)
     try:
         skeleton = _skeleton(about["skeleton"])
-        return PoseSequence(skeleton=skeleton, **{name: arrays[name] for name in _POSES}), about
+        poses = PoseSequence(skeleton=skeleton, **{name: arrays[name] for name in _POSES})
+        return poses, rig_from_values(about["rig"]), about["provenance"]
     except (PosefuseError, *DAMAGED, IndexError) as error:
         raise InputError(f"{folder}: the result does not fit together: {one_line(error)}") from None
 

@@ -10,7 +10,7 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-from .framing import PacketFraming, StreamFraming
+from .framing import Framing
 from .platform import message_sockets
 
 # what the kernel may hold for a reader; it caps this at its own limit
@@ -27,8 +27,8 @@ class Channel:
     May be handed to a child process while it is started.
     """
 
-    def __init__(self, end: socket.socket, framing: PacketFraming | StreamFraming) -> None:
-        self._socket, self._framing = end, framing
+    def __init__(self, end: socket.socket) -> None:
+        self._socket, self._framing = end, Framing()
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
@@ -38,13 +38,12 @@ class Channel:
     @staticmethod
     def pair() -> tuple[Channel, Channel]:
         """Two ends."""
-        one, other, keeps_boundaries = message_sockets()
-        for end in (one, other):
+        ends = message_sockets()
+        for end in ends:
             end.setblocking(False)
             for option in (socket.SO_SNDBUF, socket.SO_RCVBUF):
                 end.setsockopt(socket.SOL_SOCKET, option, _BUFFER_BYTES)
-        framing = PacketFraming if keeps_boundaries else StreamFraming
-        return Channel(one, framing()), Channel(other, framing())
+        return Channel(ends[0]), Channel(ends[1])
 
     def fileno(self) -> int:
         """For `select`."""

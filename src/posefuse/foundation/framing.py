@@ -1,4 +1,4 @@
-"""Whole messages over sockets: as packets where the system keeps their boundaries, else as a stream of length and bytes."""
+"""Whole messages over the byte stream of a socket."""
 
 from __future__ import annotations
 
@@ -9,41 +9,11 @@ import struct
 import time
 
 _LENGTH = struct.Struct("<I")
-# the longest packet that is read
-_LONGEST = 1 << 18
 _RETRY_S = 0.01
 
 
-class PacketFraming:
-    """For sockets that keep message boundaries: a writer killed midway leaves no half message."""
-
-    def __init__(self) -> None:
-        # made when it is needed, as either end may go to another process
-        self._room = bytearray()
-
-    def send(self, end: socket.socket, raw: bytes, wait_s: float) -> bool:
-        """Whether the message was handed over within `wait_s`; raises OSError when the other end is closed."""
-        until_s = time.monotonic() + wait_s
-        while True:
-            try:
-                end.send(raw)
-                return True
-            except BlockingIOError:
-                if not _waited(end, until_s):
-                    return False
-
-    def receive(self, end: socket.socket) -> bytes | None:
-        """The oldest message, None when there is none now, empty when the other end is closed."""
-        # one buffer for all: memory for the longest packet takes longer to get than a packet to read
-        self._room = self._room or bytearray(_LONGEST)
-        try:
-            return bytes(memoryview(self._room)[: end.recv_into(self._room)])
-        except BlockingIOError:
-            return None
-
-
-class StreamFraming:
-    """For byte streams; half a message is never given out.
+class Framing:
+    """Length and bytes; half a message is never given out, and a message may have any size.
 
     A message counts as handed over once some of it went out; the rest, for which the socket had no room, is kept and goes out
     before anything else when the end is next used. Only the message being received is buffered, so that `select` on
@@ -56,7 +26,10 @@ class StreamFraming:
         self._closed = False
 
     def send(self, end: socket.socket, raw: bytes, wait_s: float) -> bool:
-        """As `PacketFraming.send`; within `wait_s` it waits for room for the whole message."""
+        """Whether the message was handed over; within `wait_s` it waits for room for all of it.
+
+        Raises OSError when the other end is closed.
+        """
         if self._closed:  # TCP would take one more message before it notices
             raise BrokenPipeError
         until_s = time.monotonic() + wait_s
@@ -69,7 +42,7 @@ class StreamFraming:
         return True
 
     def receive(self, end: socket.socket) -> bytes | None:
-        """As `PacketFraming.receive`."""
+        """The oldest message, None when there is none now, empty when the other end is closed."""
         with contextlib.suppress(OSError):  # no one takes the rest any more, but what was sent to us can still be read
             self._flushed(end, 0.0)
         try:

@@ -88,17 +88,24 @@ def peak_memory_mb(pids: Sequence[int]) -> float:
         return float("nan")
 
 
-def message_sockets() -> tuple[socket.socket, socket.socket, bool]:
-    """Two connected sockets of this machine, and whether they keep message boundaries (Linux does; a byte stream elsewhere)."""
+def processor_s(pid: int) -> float | None:
+    """Processor time of a process so far; None where the system does not report it."""
     try:
-        return *socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET), True
-    except (AttributeError, OSError):
-        # macOS knows the name and refuses it; Windows has neither and connects two TCP sockets on the loopback
-        ends = socket.socketpair()
+        # the name in brackets may hold anything
+        fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    except (OSError, IndexError, ValueError):
+        return None
+
+
+def message_sockets() -> tuple[socket.socket, socket.socket]:
+    """Two connected byte streams of this machine."""
+    ends = socket.socketpair()
     for end in ends:
+        # Windows connects two TCP sockets on the loopback
         if end.family in (socket.AF_INET, socket.AF_INET6):
             end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    return *ends, False
+    return ends
 
 
 def usb_camera_format() -> str:

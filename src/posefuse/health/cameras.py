@@ -120,6 +120,8 @@ class _Watch:
     changed_ns: int | None = None
     frozen: bool = False
     seen_ns: int | None = None
+    came_ns: int = -(10**18)
+    reported_ns: int | None = None
     window_ns: int = 0
     in_window: int = 0
     flooding_ns: int = -(10**18)
@@ -172,11 +174,13 @@ class Monitor:
             return None
         return right_ns
 
-    def take_state(self, state: CameraState, now_ns: int) -> None:
-        """Take the status that the camera's own process reports."""
+    def take_state(self, state: CameraState, now_ns: int, *, regular: bool = False) -> None:
+        """Take the status that the camera's own process reports; `regular`: it does so whether there are frames or not."""
         watch = self._watches.get(state.camera)
         if watch is None:
             return
+        if regular:
+            watch.reported_ns = now_ns
         if now_ns - watch.counted_ns >= _COUNT_NS:
             rate_hz = (state.captured - watch.counted) * _S / (now_ns - watch.counted_ns)
             if rate_hz > FLOOD_HZ:
@@ -187,6 +191,8 @@ class Monitor:
             came = state.captured - captured
             watch.used_share = (state.used - used) / came if came > 0 and since_ns else 1.0
             watch.share_of = now_ns, state.captured, state.used
+        if watch.source is not None and state.captured > watch.source.captured:
+            watch.came_ns = now_ns
         if watch.source is not None and state.captured < watch.source.captured:
             # its process was started again and counts from 0
             captured, replaced, missing = watch.before
@@ -195,11 +201,11 @@ class Monitor:
         watch.source = state
 
     def judge(
-        self, now_ns: int, troubles: Mapping[str, str], faulty: Mapping[str, Verdict] | None = None
+        self, now_ns: int, troubles: Mapping[str, Verdict], faulty: Mapping[str, Verdict] | None = None
     ) -> Mapping[str, Verdict]:
         """Every camera's state; by camera, `troubles` are those of its process, `faulty` those of its pose and clock."""
         for name, watch in self._watches.items():
-            verdict = self._verdict(watch, now_ns, troubles.get(name, ""), (faulty or {}).get(name, Verdict(OK)))
+            verdict = self._verdict(watch, now_ns, troubles.get(name), (faulty or {}).get(name, Verdict(OK)))
             if verdict.state != self._verdicts[name].state:
                 self.events.append(Event(now_ns, name, verdict.state, verdict.text))
                 self.event_count += 1
@@ -238,9 +244,9 @@ class Monitor:
         """Every source is over and will not come back."""
         return all(watch.source is not None and watch.source.state == "ended" for watch in self._watches.values())
 
-    def _verdict(self, watch: _Watch, now_ns: int, trouble: str, otherwise: Verdict) -> Verdict:
-        if trouble:
-            return Verdict("dead", trouble)
+    def _verdict(self, watch: _Watch, now_ns: int, trouble: Verdict | None, otherwise: Verdict) -> Verdict:
+        if trouble is not None:
+            return trouble
         if watch.source is not None and watch.source.state in ("ended", "lost"):
             return Verdict(watch.source.state, watch.source.text)
         if now_ns - watch.flooding_ns < _S:
@@ -251,7 +257,11 @@ class Monitor:
             return Verdict("frozen", "delivers the same image again and again")
         if watch.seen_ns is None:
             return Verdict("opening", "no frame yet")
-        if now_ns - watch.seen_ns > SILENT_NS:
+        if now_ns - watch.seen_ns > SILENT_NS and now_ns - watch.came_ns <= SILENT_NS:
+            return Verdict("overload", f"its frames wait: none was processed for {(now_ns - watch.seen_ns) / _S:.1f} s")
+        # a process that owes a report is judged itself, soon after
+        owes = watch.reported_ns is not None and now_ns - watch.reported_ns > SILENT_NS // 2
+        if now_ns - watch.seen_ns > SILENT_NS * (1 + owes):
             return Verdict("silent", f"no frame for {(now_ns - watch.seen_ns) / _S:.1f} s")
         if otherwise.state != OK and watch.used_share < _OVERLOAD_SHARE:
             return Verdict("overload", f"only {watch.used_share:.0%} of its frames are used: too few to watch the rig")

@@ -138,18 +138,16 @@ def sums_of(rig: Rig, now: TriangulatedStep, velocity_world: Array) -> Sums:
     across = moved[..., :2, :] - (xyz_cam[..., :2] / depth[..., None])[..., None] * moved[..., 2:, :]
     across = np.where(seen[..., None, None], across, 0.0)
     own = np.einsum("p,pciu,pciv->cuv", weight, across, across)
-    # (P, C, 2, C, 4) of which each camera's rows know its own unknowns only
-    wide = np.zeros((len(rows), cameras, 2, cameras, UNKNOWNS))
+    # what the points can take up is taken out; each camera's rows know its own unknowns only: (P, 3, 4 C) joins them
+    joint = np.einsum("pcix,pciu->pxcu", rows, across).reshape(len(rows), 3, UNKNOWNS * cameras)
+    normal = np.einsum("pcix,pciy->pxy", rows, rows)
+    taken = np.linalg.solve(normal + 1e-9 * np.eye(3), joint)
+    common = weight[:, None, None] * (2 * joint - normal @ taken)
+    information = -np.tensordot(taken, common, axes=([0, 1], [0, 1]))
     each = np.arange(cameras)
-    wide[:, each, :, each] = np.moveaxis(across, 1, 0)
-    design = wide.reshape(len(rows), 2 * cameras, UNKNOWNS * cameras)
-    rows = rows.reshape(len(rows), 2 * cameras, 3)
-    normal = np.swapaxes(rows, 1, 2) @ rows + 1e-9 * np.eye(3)
-    # what the points can take up is taken out
-    left = design - rows @ np.linalg.solve(normal, np.swapaxes(rows, 1, 2) @ design)
-    weighted = np.swapaxes(left, 1, 2) * weight[:, None, None]
-    information = (weighted @ left).sum(axis=0)
-    pull = (weighted @ off.reshape(len(rows), 2 * cameras, 1)).sum(axis=0)[:, 0]
+    information.reshape(cameras, UNKNOWNS, cameras, UNKNOWNS)[each, :, each] += own
+    pull = np.einsum("p,pciu,pci->cu", weight, across, off).ravel()
+    pull -= np.einsum("p,pxv,pcix,pci->v", weight, taken, rows, off, optimize=True)
     redundant = 2 * seen.sum(axis=1) - 3
     squares, count = float((weight * redundant * misfit**2).sum()), float((weight * redundant).sum())
     middle = np.median(now.xyz_world[good], axis=0)

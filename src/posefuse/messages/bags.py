@@ -140,8 +140,12 @@ class Recorded(NamedTuple):
     logged_ns: int
 
 
-def read_mcap(path: Path, names: Collection[str] | None = None, warn: Warn | None = None) -> Iterator[Recorded]:
+def read_mcap(
+    path: Path, names: Collection[str] | None = None, warn: Warn | None = None, wanted: Callable[[str, int], bool] | None = None
+) -> Iterator[Recorded]:
     """Messages of a ROS 2 .mcap file in the order they were written; `names` picks topics.
+
+    `wanted` is asked with topic and logged time before a message is decoded; None: all of them.
 
     Types this package knows are checked against the file's own definition of them; others are skipped. A file that was cut off
     (power, full disk, a killed process) is read up to its last whole chunk, and `warn` gets one line about it.
@@ -164,6 +168,8 @@ def read_mcap(path: Path, names: Collection[str] | None = None, warn: Warn | Non
                 raise SourceError(f"{path}: damaged: a message belongs to channel {record.channel_id}, which is not in the file")
             schema = schemas.get(channel.schema_id)
             if schema is None or (names is not None and channel.topic not in names) or not _known(schema, channel):
+                continue
+            if wanted is not None and not wanted(channel.topic, record.log_time):
                 continue
             if schema.id not in checked:
                 _check_definition(path, schema)

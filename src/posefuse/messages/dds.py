@@ -81,6 +81,10 @@ class Reader:
         """How many matching writers are there now."""
         return len(self.entity.get_matched_publications())
 
+    def senders(self) -> set[str]:
+        """The participants that have matching writers now; one that is gone leaves some seconds later."""
+        return {self._sender(handle) for handle in self.entity.get_matched_publications()}
+
 
 class Writer:
     """Sends messages on one topic. Made by `RosNode.writer`.

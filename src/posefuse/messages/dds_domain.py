@@ -64,8 +64,6 @@ def domain_xml(network: Network) -> str:
         # a peer that was cut off is found again within about this time
         f"<SPDPInterval>1s</SPDPInterval><Peers>{peers}</Peers></Discovery>"
         '<Internal><SocketReceiveBufferSize max="4MB"/></Internal>'
-        # it would write 32 lines a second for every peer that is away; what matters comes back as return codes
-        "<Tracing><Verbosity>none</Verbosity></Tracing>"
         "</Domain></CycloneDDS>"
     )
 
@@ -78,10 +76,22 @@ class _Domain:
         from cyclonedds.domain import Domain
 
         self.network = network
+        _silence_log()
         try:
             self.entity = Domain(network.domain_id, domain_xml(network))
         except DDSException as error:
             raise SourceError(f"DDS domain {network.domain_id}: cannot be opened; {_why_not_open(network, error)}") from None
+
+
+def _silence_log() -> None:
+    """Keep Cyclone DDS from writing to the terminal, once per process.
+
+    It writes 32 lines a second for every peer that is away, and a line for every malformed packet of anyone, whatever its
+    configuration asks for; what matters comes back as return codes.
+    """
+    from cyclonedds.internal import DDS
+
+    DDS._dll_handle.dds_set_log_mask(0)
 
 
 def _why_not_open(network: Network, error: Exception) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -188,18 +188,18 @@ def _keep(place: Path, content: bytes) -> None:
 
 def _looked_at(path: Path) -> Listed:
     live, modified_s = is_live(path), _modified_s(path)
+    made: Mapping[str, Any]
     try:
         if live and path.stat().st_size > _MOST_LIVE_BYTES:
             return Listed(path=path, live=True, modified_s=modified_s, problem="long: open it to see how good it is")
         if live:
             recording = read_result(path, lambda line: None)
-            poses, about = recording.poses, {"provenance": recording.provenance, "rig": {"cameras": recording.rig.names}}
+            poses, rig, made = recording.poses, recording.rig, recording.provenance
         else:
-            poses, about = read_result_poses(path)
+            poses, rig, made = read_result_poses(path)
     except (PosefuseError, OSError) as error:
         return Listed(path=path, live=live, modified_s=modified_s, problem=str(error))
-    made = about["provenance"]
-    figures = quality_figures(poses, len(about["rig"]["cameras"]))
+    figures = quality_figures(poses, len(rig))
     names = (made.get("config") or {}).get("names") or ()
     return Listed(
         path=path,

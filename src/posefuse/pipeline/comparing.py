@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from posefuse.core import Recording, Rig
+from posefuse.core import PoseSequence, Recording, Rig
 from posefuse.evaluation.compare import Comparison, Tracks, compare
 from posefuse.evaluation.tracks import read_tracks, tracks_of
 from posefuse.evaluation.truth_tracks import is_simulated, truth_tracks
+from posefuse.formats.recording import read_result_poses
 from posefuse.formats.rig import refusal_note
 
 from .reading import is_live, read_result
@@ -74,18 +75,21 @@ def _read(source: Source, person: int | None, warn: Warn | None, *, simulated: b
     """Of a live session, at simulated times where it recorded them, or of any other file or result folder; with its cameras."""
     if isinstance(source, tuple):
         path, recording = source
-        return _tracks(recording, path, person), recording.rig
+        return _tracks(recording.poses, recording.rig, path, person), recording.rig
     if not (is_live(source) or source.is_dir()):
         return read_tracks(source, person), None
+    if source.is_dir():
+        poses, rig, _ = read_result_poses(source)
+        return _tracks(poses, rig, source, person), rig
     recording = read_result(source, warn)
-    tracks = _tracks(recording, source, person)
-    if simulated and is_live(source):
+    tracks = _tracks(recording.poses, recording.rig, source, person)
+    if simulated:
         tracks = _at_simulated_times(tracks, source, int(recording.provenance["start_ns"]))
     return tracks, recording.rig
 
 
-def _tracks(recording: Recording, path: Path, person: int | None) -> Tracks:
-    return replace(tracks_of(recording.poses, path, person), warning=refusal_note(path, recording.rig))
+def _tracks(poses: PoseSequence, rig: Rig, path: Path, person: int | None) -> Tracks:
+    return replace(tracks_of(poses, path, person), warning=refusal_note(path, rig))
 
 
 def _at_simulated_times(tracks: Tracks, path: Path, start_ns: int) -> Tracks:

@@ -28,6 +28,8 @@ from .clock import StageClock
 from .time_steps import TimeStep
 
 Keep = Callable[[DetectionBatch], None]
+# time steps of a log that are packed together
+_PART_STEPS = 300
 # time steps between two searches that found no further person
 _SEARCH_EVERY = 5
 # a pose that gives the views their regions has this share of its keypoints
@@ -113,13 +115,19 @@ class PeopleFollower:
         """The same time steps with people instead of tracks, by all that is known at the end."""
         return [self._with_people(one) for one in followed]
 
+    def people_of(self, tracks: Array, t_ns: Array) -> Array:
+        """(R,) the people of tracks (R,) at these times (R,), by all that is known at the end."""
+        pairs, place = np.unique(np.stack([tracks, t_ns]), axis=1, return_inverse=True)
+        names = self._identity.names
+        people = [NOT_KEPT if track == NOT_KEPT else persons_at(names, track, at_ns) for track, at_ns in pairs.T.tolist()]
+        return np.array(people, np.int64)[place.ravel()]
+
     def _with_people(self, one: Followed) -> Followed:
-        persons = {NOT_KEPT: NOT_KEPT}
-        for track in one.views.person_id.tolist():
-            persons[track] = persons_at(self._identity.names, track, one.pose.t_ns)
-        ids = tuple(np.array([persons[track] for track in tracks.tolist()], np.int64) for tracks in one.person_ids)
-        pose = with_persons(one.pose, [persons[track] for track in one.pose.person_id.tolist()])
-        return replace(one, person_ids=ids, pose=pose)
+        def people(tracks: Array) -> Array:
+            return self.people_of(tracks, np.full(len(tracks), one.pose.t_ns))
+
+        pose = with_persons(one.pose, people(one.pose.person_id).tolist())
+        return replace(one, person_ids=tuple(map(people, one.person_ids)), pose=pose)
 
     def _step(self, i: int, step: TimeStep) -> Followed:
         self._batches = []
@@ -186,13 +194,38 @@ class PeopleFollower:
         return _Seen(batch=batch, person_ids=person_ids, views=views, pose=pose, clothing=clothing, hints=hints)
 
 
+class FollowedLog:
+    """The observations of time steps that are followed, packed as they come: an hour of single answers fills the memory."""
+
+    def __init__(self, follower: PeopleFollower, skeleton: Skeleton, rig: Rig) -> None:
+        self._follower, self._skeleton, self._rig = follower, skeleton, rig
+        self._parts: list[Observations] = []
+        self._waiting: list[Followed] = []
+
+    def add(self, one: Followed) -> None:
+        """One more time step."""
+        self._waiting.append(one)
+        if len(self._waiting) == _PART_STEPS:
+            self._pack()
+
+    def observations(self) -> Observations:
+        """All that the detector found, with the person of each detection, by all that is known at the end."""
+        self._pack()
+        log = Observations.concatenate(self._parts)
+        return log.with_person_ids(self._follower.people_of(log.person_id, log.step_t_ns[log.frame_step[log.detection_frame]]))
+
+    def _pack(self) -> None:
+        self._parts.append(observations_of(self._waiting, self._skeleton, self._rig))
+        self._waiting = []
+
+
 def observations_of(followed: Sequence[Followed], skeleton: Skeleton, rig: Rig) -> Observations:
-    """All that the detector found, with the person of each detection."""
+    """All that the detector found in time steps that follow each other, with the track or person of each detection."""
     batches, person_ids = [], []
-    for one in followed:
+    for step, one in enumerate(followed):
         for place, batch in enumerate(one.batches):
             no_one_kept = [np.full(len(found), NOT_KEPT) for found in batch.detections]
-            batches.append(batch)
+            batches.append(replace(batch, step=step))
             person_ids.append(one.person_ids if place == one.chosen else no_one_kept)
     return Observations.from_batches(skeleton, rig.names, batches, person_ids)
 

@@ -41,6 +41,8 @@ from .live_people import people_of_detections
 from .live_settings import track_config_of_live
 
 Warn = Callable[[str], None]
+# read on both sides of a section
+_SECTION_MARGIN_S = 2.0
 _TOPICS = {topic.name for topic in (topics.DETECTIONS, topics.POSE, topics.JOINT_CENTRES, topics.NAMES)}
 
 
@@ -54,7 +56,20 @@ class _Content:
     names: dict[int, str] = field(default_factory=dict)
 
 
-def read_live_recording(path: Path, warn: Warn | None = None) -> Recording:
+@dataclass(frozen=True, kw_only=True)
+class Section:
+    """A part of a session in seconds from its first output tick; None: from its beginning, to its end."""
+
+    start_s: float | None = None
+    end_s: float | None = None
+
+    def has(self, at_s: float) -> bool:
+        """Whether a time is in it, or so near that its frames are interpolated with."""
+        after = self.start_s is None or at_s >= self.start_s - _SECTION_MARGIN_S
+        return after and (self.end_s is None or at_s <= self.end_s + _SECTION_MARGIN_S)
+
+
+def read_live_recording(path: Path, warn: Warn | None = None, section: Section | None = None) -> Recording:
     """Read a recording of ``posefuse live --record``, its later parts (``NAME.2.mcap``, ...) included.
 
     The poses are those that were published, at the output ticks, at joint centres where the session moved them there. The
@@ -65,7 +80,7 @@ def read_live_recording(path: Path, warn: Warn | None = None) -> Recording:
 
     Args:
         path: the first part. warn: is given one line for each part that was cut off or is damaged; `warnings.warn`
-            where none is given.
+            where none is given. section: the rest is not decoded.
 
     Raises:
         SourceError: no such file, no MCAP file, or one that is damaged before its first pose.
@@ -79,7 +94,7 @@ def read_live_recording(path: Path, warn: Warn | None = None) -> Recording:
     for part in parts:
         _check_same_session(path, part, notes)
         try:
-            _read_part(part, content, say)
+            _read_part(part, content, say, section or Section())
         except SourceError as error:
             if not content.poses:
                 raise
@@ -119,11 +134,16 @@ def _check_same_session(path: Path, part: Path, notes: Mapping[str, str]) -> Non
         raise InputError(f"{part}: is a part of another session than {path}; move it to another folder")
 
 
-def _read_part(part: Path, content: _Content, say: Warn) -> None:
-    """Add what is in one part and was in none before it."""
+def _read_part(part: Path, content: _Content, say: Warn, section: Section) -> None:
+    """Add what is in one part and in the section, and was in none before it; the first pose always."""
+
+    def wanted(topic: str, logged_ns: int) -> bool:
+        timed = content.poses and topic in (topics.DETECTIONS.name, topics.POSE.name)
+        return not timed or section.has((logged_ns - content.poses[0].t_ns) / 1e9)
+
     newest_ns = max((pose.t_ns for pose in content.poses), default=None)
     before = {(one.camera, one.t_ns) for one in content.frames} if newest_ns is not None else set()
-    for topic, msg, _ in read_mcap(part, _TOPICS, say):
+    for topic, msg, _ in read_mcap(part, _TOPICS, say, wanted):
         if topic == topics.DETECTIONS.name:
             view, _ = detections_from_message(msg)
             if (view.camera, view.t_ns) not in before:

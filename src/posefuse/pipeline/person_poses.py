@@ -39,7 +39,7 @@ from posefuse.detection.build import DetectorChoice, build_detector
 from posefuse.detection.downloading import fetch_networks
 from posefuse.fusion import FuseSettings
 from posefuse.pipeline.config import CameraInput
-from posefuse.pipeline.following import PeopleFollower, observations_of
+from posefuse.pipeline.following import FollowedLog, PeopleFollower
 from posefuse.pipeline.images import ImageInstants, Timeline, common_timeline
 from posefuse.pipeline.second_pass import long_enough, poses_over_time
 from posefuse.pipeline.session import Input, fitted_camera
@@ -188,17 +188,18 @@ def poses_together(
     Raises:
         InputError: no person could be followed. SourceError: a video breaks off.
     """
-    instants, followed = ImageInstants(rig, sources, detector, timeline, _raise), []
+    instants = ImageInstants(rig, sources, detector, timeline, _raise)
     follower = PeopleFollower(
         skeleton=detector.skeleton, rig=rig, associating=AssociateSettings(max_people=people), fusing=FuseSettings()
     )
+    log = FollowedLog(follower, detector.skeleton, rig)
     try:
-        for one in follower.follow(instants.steps()):
-            followed.append(one)
-            progress(_TOGETHER, len(followed), timeline.count)
+        for done, one in enumerate(follower.follow(instants.steps()), start=1):
+            log.add(one)
+            progress(_TOGETHER, done, timeline.count)
     finally:
         instants.close()
-    observations = observations_of(follower.identified(followed), detector.skeleton, rig)
+    observations = log.observations()
     views = views_over_time(observations, long_enough(observations))
     # a view that takes left for right for a while is wrong in all its limbs at once
     steadied = poses_over_time(views, rig, FuseSettings(), SmoothSettings())

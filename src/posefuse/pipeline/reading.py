@@ -22,11 +22,14 @@ def is_result(path: Path) -> bool:
     return (path / ABOUT_FILE).is_file()
 
 
-def read_result(path: Path | str, warn: Callable[[str], None] | None = None) -> Recording:
+def read_result(
+    path: Path | str, warn: Callable[[str], None] | None = None, *, start_s: float | None = None, end_s: float | None = None
+) -> Recording:
     """Read a result folder of `posefuse track`, or the .mcap file of a live session with its later parts.
 
     Args:
         warn: is given one line about what is missing of a recording that was cut off; `warnings.warn` where none is given.
+        start_s, end_s: of a live session, this part alone is decoded (and a little on both sides).
 
     Raises:
         InputError: neither of the two, or one that is incomplete or of another format version.
@@ -34,9 +37,9 @@ def read_result(path: Path | str, warn: Callable[[str], None] | None = None) -> 
     """
     path = Path(path)
     if is_live(path):
-        from .live_recording import read_live_recording
+        from .live_recording import Section, read_live_recording
 
-        return read_live_recording(path, warn or _warn)
+        return read_live_recording(path, warn or _warn, Section(start_s=start_s, end_s=end_s))
     if not path.exists():
         raise InputError(f"{path}: no such file or folder")
     if path.is_file():

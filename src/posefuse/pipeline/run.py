@@ -33,7 +33,7 @@ from posefuse.tracking import proportional_joint_centres
 
 from .clock import StageClock
 from .config import TrackConfig
-from .following import Followed, PeopleFollower, observations_of
+from .following import FollowedLog, PeopleFollower
 from .opening import Opened, open_session
 from .others import others_line, others_seen
 from .session import LEAST_CAMERAS, Session
@@ -167,17 +167,17 @@ def detect(opened: Opened, clock: StageClock, progress: Progress, store: Store |
         skeleton=skeleton, rig=rig, associating=config.associate, fusing=config.fuse, clock=clock, keep=keep
     )  # fmt: skip
     steps = itertools.chain(stored_steps(stored) if stored else (), opened.steps.steps(first))
-    followed: list[Followed] = []
+    log, done = FollowedLog(follower, skeleton, rig), 0
     interrupted = False
     try:
-        for one in follower.follow(steps):
-            followed.append(one)
-            progress(len(followed), opened.timeline.count)
+        for done, one in enumerate(follower.follow(steps), start=1):
+            log.add(one)
+            progress(done, opened.timeline.count)
     except KeyboardInterrupt:
-        if len(followed) < 2:
+        if done < 2:
             raise
         interrupted = True
-    return observations_of(follower.identified(followed), skeleton, rig), interrupted
+    return log.observations(), interrupted
 
 
 def provenance_of(opened: Opened, settings: SolveSettings, incomplete: Sequence[str]) -> dict[str, Any]:

@@ -47,34 +47,39 @@ def poses_over_time(
     left and right as the steadied recording has them: when legs pass each other, several views confuse them at once and no
     single time step can show it.
     """
-    poses: list[Pose3D] = []
-    for i in range(len(views.t_ns)):
-        poses.append(fuse(views.at(i), rig, fusing, poses[-1] if poses else None))
-    if fusing.weights == "robust" and fusing.swap_correction:
-        poses = _sides_over_time(poses, views, rig, replace(fusing, swap_correction=False), smoothing or SmoothSettings())
-    fused = PoseSequence.from_poses(poses)
+    fused = _fused_over_time(views, rig, fusing, smoothing)
     fused = to_joint_centres(fused, centres) if centres else fused
     return smooth(fused, smoothing) if smoothing else fused
 
 
-def _sides_over_time(
-    poses: list[Pose3D], views: ViewSequence, rig: Rig, fusing: FuseSettings, smoothing: SmoothSettings
-) -> list[Pose3D]:
-    """Every time step fused from views whose limbs are named left and right as the recording steadied over time has them.
+def _fused_over_time(views: ViewSequence, rig: Rig, fusing: FuseSettings, smoothing: SmoothSettings | None) -> PoseSequence:
+    poses: list[Pose3D] = []
+    for i in range(len(views.t_ns)):
+        poses.append(fuse(views.at(i), rig, fusing, poses[-1] if poses else None))
+    if fusing.weights == "robust" and fusing.swap_correction:
+        _correct_sides(poses, views, rig, replace(fusing, swap_correction=False), smoothing or SmoothSettings())
+    return PoseSequence.from_poses(poses)
+
+
+def _correct_sides(poses: list[Pose3D], views: ViewSequence, rig: Rig, fusing: FuseSettings, smoothing: SmoothSettings) -> None:
+    """Fuse time steps again, in place, from views whose limbs are named left and right as the recording steadied over time has
+    them.
 
     Where the first reference was still wrong, a better one names more views right: repeated until no view changes.
     """
-    poses, named = list(poses), None
+    named = None
     for _ in range(_NAMING_ROUNDS):
-        fused = PoseSequence.from_poses(poses)
-        reference = smooth(steady_sides(fused, facing_votes(fused)), smoothing)
-        before, named = named, sides_like(reference, rig, views)
+        before, named = named, sides_like(_steadied(poses, smoothing), rig, views)
         changed = _steps_that_differ(before, named)
         if not len(changed):
             break
         for i in changed.tolist():
             poses[i] = fuse(named.at(i), rig, fusing)
-    return poses
+
+
+def _steadied(poses: list[Pose3D], smoothing: SmoothSettings) -> PoseSequence:
+    fused = PoseSequence.from_poses(poses)
+    return smooth(steady_sides(fused, facing_votes(fused)), smoothing)
 
 
 def _steps_that_differ(before: ViewSequence | None, after: ViewSequence) -> Array:

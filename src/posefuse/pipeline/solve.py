@@ -117,11 +117,11 @@ def _associated(observations: Observations, rig: Rig, settings: SolveSettings, c
     follower = PeopleFollower(
         skeleton=observations.skeleton, rig=rig, associating=settings.associate, fusing=settings.fuse, clock=clock
     )
-    steps, person_id = list(stored_steps(observations)), np.full(len(observations), NOT_KEPT)
-    for step, one in zip(steps, follower.identified(list(follower.follow(steps))), strict=True):
-        for (_, rows), people in zip(step.rows(one.batches[one.chosen].kind), one.person_ids, strict=True):
-            person_id[rows] = people
-    return person_id
+    tracks, steps = np.full(len(observations), NOT_KEPT), list(stored_steps(observations))
+    for step, one in zip(steps, follower.follow(steps), strict=True):
+        for (_, rows), found in zip(step.rows(one.batches[one.chosen].kind), one.person_ids, strict=True):
+            tracks[rows] = found
+    return follower.people_of(tracks, observations.step_t_ns[observations.frame_step[observations.detection_frame]])
 
 
 def run_second_pass(

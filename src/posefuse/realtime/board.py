@@ -10,8 +10,8 @@ import numpy as np
 
 from posefuse.core import Pose3D
 from posefuse.core.arrays import Array
+from posefuse.tracking.online.settings import MOST_PEOPLE
 
-MOST_PEOPLE = 8
 _MOST_KEYPOINTS = 160
 _TRIES = 8
 

@@ -41,6 +41,8 @@ class LiveConfig:
             ``auto`` does so where a table of joint centres was fitted to the detector and the tracker is ``asynchronous``.
         angles: compute joint angles and segment frames with every pose.
         camera_info: of cameras whose images come from ROS: compare with the rig, use instead of its intrinsics, or ignore.
+        hand_over_s: of cameras on other machines: one whose sender is silent for so long is handed over to another sender; left
+            out: who sent first keeps the camera while it is on the network.
         outputs: live outputs by name, each with its options, see `posefuse plugins`.
         gate: which keypoints are sent out.
         detector: which detector finds keypoints in images.
@@ -62,6 +64,7 @@ class LiveConfig:
     body: Literal["auto", "on", "off"] = "auto"
     angles: bool = True
     camera_info: CameraInfoUse = "check"
+    hand_over_s: Annotated[float, Gt(0), Le(3600)] | None = None
     outputs: dict[str, dict[str, Any]] = field(default_factory=dict)
     gate: KeypointGateSettings = field(default_factory=KeypointGateSettings)
     detector: DetectorChoice = field(default_factory=DetectorChoice)

@@ -47,7 +47,7 @@ class LiveIntake(Protocol):
         """What has come; never waits. What is not taken is there the next time."""
         ...
 
-    def troubles(self) -> Mapping[str, str]:
+    def troubles(self) -> Mapping[str, Verdict]:
         """What is wrong with the process or machine of a camera, by camera."""
         ...
 
@@ -81,6 +81,7 @@ class Fusion:
         self.bodies = bodies
         self.verdicts: Mapping[str, Verdict] = {}
         self.used = dict.fromkeys(rig.names, 0)
+        self.seen = dict.fromkeys(rig.names, 0)
         self.poses = self.poses_with_people = 0
         self.sigma_px = np.full(len(rig), _SIGMA_PX)
         self._places = {name: c for c, name in enumerate(rig.names)}
@@ -124,7 +125,7 @@ class Fusion:
             self.outlets.offer(live_centres(message, self.clock.now_ns()))
         elif isinstance(message, Status):
             for state in message.cameras:
-                self.monitor.take_state(state, message.t_ns)
+                self.monitor.take_state(state, message.t_ns, regular=True)
         elif isinstance(message, LivePreview):
             self.outlets.offer(message)
 
@@ -165,6 +166,7 @@ class Fusion:
         self.tracker.add(view)
         fused_ns = self.clock.now_ns()
         self.used[view.camera] += 1
+        self.seen[view.camera] += len(view) > 0
         self._learn_noise(view.camera, view.sigma_px)
         way = ViewTimes(view.camera, view.t_ns, seen.received_ns, seen.started_ns, seen.detected_ns, fused_ns)
         self._waiting.append(way)

@@ -15,6 +15,7 @@ from .group import GroupPlan
 from .messages import Status, Use, VideoFailed
 from .networks import NetworkChooser
 from .news import Say
+from .pace import ProcessedImages
 from .processes import Groups
 
 _LEAD_NS = 300_000_000
@@ -31,6 +32,7 @@ class GroupViews(Groups):
         super().__init__(plans, board)
         self._chooser, self._say = chooser, say
         self._notices: list[str] = []
+        self._processed = ProcessedImages()
 
     def start(self, clock: SessionClock) -> int:
         """Recorded sources show their time 0 a moment from now, when all groups know it."""
@@ -39,7 +41,7 @@ class GroupViews(Groups):
         return zero_ns + clock.offset_ns
 
     def notices(self) -> list[str]:
-        """Videos that ended early, each once."""
+        """Videos that ended early, and that this machine is too slow, each once."""
         new, self._notices = self._notices, []
         return new
 
@@ -49,9 +51,16 @@ class GroupViews(Groups):
             if isinstance(message, VideoFailed):
                 self._notices.append(f"video {message.camera}: failed: {message.reason}")
                 continue
+            if isinstance(message, Status):
+                self._compare(message)
             if isinstance(message, Status) and self._chooser is not None:
                 self._consider(message, self._chooser)
             yield message
+
+    def _compare(self, status: Status) -> None:
+        network = status.network or str(self._members[0].plan.detector.options.get("landmarks", ""))
+        if sentence := self._processed.news(status, time.monotonic(), network):
+            self._notices.append(sentence)
 
     def _consider(self, status: Status, chooser: NetworkChooser) -> None:
         if chooser.step(status, time.monotonic()):

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
 from posefuse.core import Detections2D, Rig, Skeleton
 from posefuse.foundation.channel import Channel, ChannelClosed
-from posefuse.health.cameras import CameraState
+from posefuse.health.cameras import CameraState, Verdict
 from posefuse.messages import topics
 from posefuse.messages.dds import RosNode, Sample
 from posefuse.messages.dds_domain import Network
@@ -28,6 +29,8 @@ _AT_ONCE = 64
 # a view has to fit one packet between two threads (`framing`)
 _MAX_BYTES = 240_000
 _MOST_NODES = 100
+# who is on the network is asked this often
+_PRESENT_S = 1.0
 
 
 class ViewIntake:
@@ -37,9 +40,9 @@ class ViewIntake:
         intake: counts what came and what could not be read, and why. senders: decides what is used, and counts the rest.
     """
 
-    def __init__(self, cameras: tuple[str, ...]) -> None:
+    def __init__(self, cameras: tuple[str, ...], hand_over_s: float | None = None) -> None:
         self.intake = Intake(DETECTIONS_TYPE, _view_from_message, _MAX_BYTES)
-        self.senders = Senders(cameras)
+        self.senders = Senders(cameras, hand_over_s)
         self._centres_intake = Intake(JOINT_CENTRES_TYPE, centres_from_message, _MAX_BYTES, self.intake.counts)
         # joint centres reported by the nodes, by sender
         self._centres: dict[str, Centres] = {}
@@ -81,8 +84,15 @@ class NetworkIntake:
         dropped: messages the fusion had no room for.
     """
 
-    def __init__(self, rig: Rig, network: Network, clock: SessionClock, name: str = "posefuse_fusion_intake") -> None:
-        self.views = ViewIntake(rig.names)
+    def __init__(
+        self,
+        rig: Rig,
+        network: Network,
+        clock: SessionClock,
+        name: str = "posefuse_fusion_intake",
+        hand_over_s: float | None = None,
+    ) -> None:
+        self.views = ViewIntake(rig.names, hand_over_s)
         self.dropped = 0
         self.rig, self.clock = rig, clock
         self._node = RosNode(name, network)
@@ -109,7 +119,7 @@ class NetworkIntake:
                 return
             yield received
 
-    def troubles(self) -> Mapping[str, str]:
+    def troubles(self) -> Mapping[str, Verdict]:
         """Nothing is known of processes on other machines; their silence is seen by the monitor."""
         return {}
 
@@ -135,8 +145,12 @@ class NetworkIntake:
         self._theirs.close()
 
     def _run(self) -> None:
+        asked_s = -_PRESENT_S
         while not self._stop.is_set():
+            now_s = time.monotonic()
             try:
+                if now_s - asked_s > _PRESENT_S:
+                    asked_s, self.views.senders.present = now_s, self._reader.senders()
                 if self._node.wait(_WAIT_S):
                     self._hand_on()
             except ChannelClosed:

@@ -9,6 +9,7 @@ from posefuse.core import Skeleton, SourceError
 from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse.foundation.channel import Channel
 from posefuse.foundation.platform import peak_memory_mb
+from posefuse.health.cameras import Verdict
 
 from .clock import SessionClock
 from .config import LiveConfig
@@ -71,7 +72,7 @@ class NetworkViews:
         """What has come; never waits."""
         return self.intake.messages()
 
-    def troubles(self) -> Mapping[str, str]:
+    def troubles(self) -> Mapping[str, Verdict]:
         """See `NetworkIntake`."""
         return self.intake.troubles()
 

@@ -14,8 +14,9 @@ from typing import Any, Self
 
 from posefuse.core import Skeleton, SourceError
 from posefuse.foundation.channel import Channel, ChannelClosed
-from posefuse.foundation.platform import peak_memory_mb
+from posefuse.foundation.platform import peak_memory_mb, processor_s
 from posefuse.foundation.requests_to_end import HANG_UP
+from posefuse.health.cameras import Verdict
 
 from .board import Board
 from .controls import KeepVideos, ShowImages
@@ -24,9 +25,13 @@ from .messages import Centres, Go, GroupFailed, Ready, Status, Stop
 from .video_keeping import FINISH_S
 
 START_S = 120.0
-# after the first time without a message something is wrong; after the second the process hangs and is ended
+# after the first time without a message something may be wrong; after the second a process that does nothing hangs
 SILENT_S = 1.5
 _HUNG_S = 5.0
+# one that works is slow, however long it takes; only this much processor time without a message is a fault
+_BUSY_S, _HUNG_BUSY_S = 0.02, 30.0
+# a process that has worked for so long since its start is well, and the next fault is a new one
+_WELL_S = 30.0
 _FIRST_RETRY_S = 0.2
 _LONGEST_RETRY_S = 10.0
 _AT_ONCE = 32
@@ -73,6 +78,8 @@ class _Member:
     marks: Ready | None = None
     ready: bool = False
     received_s: float = field(default_factory=time.monotonic)
+    began_s: float = field(default_factory=time.monotonic)
+    used_s: float | None = None
     retry_s: float = _FIRST_RETRY_S
     again_at_s: float | None = None
     trouble: str = ""
@@ -164,15 +171,12 @@ class Groups:
                 continue
             yield from self._from(member)
 
-    def troubles(self) -> dict[str, str]:
-        """What is wrong with the process a camera belongs to, by camera; only those with trouble."""
-        now = time.monotonic()
-        found = {}
+    def troubles(self) -> dict[str, Verdict]:
+        """What is wrong with the process a camera belongs to, by camera: it is ``dead``, or too slow; only those with trouble."""
+        found: dict[str, Verdict] = {}
         for member in self._members:
-            trouble = member.trouble
-            if not trouble and now - member.received_s > SILENT_S:
-                trouble = f"process {member.process.pid} has been silent for {now - member.received_s:.1f} s"
-            if trouble:
+            trouble = Verdict("dead", member.trouble) if member.trouble else _silence(member)
+            if trouble is not None:
                 found.update(dict.fromkeys((entry.camera for entry in member.plan.inputs), trouble))
         return found
 
@@ -220,7 +224,9 @@ class Groups:
         member.channel.close()
         member.process.close()
         member.channel, member.process = self._start(member.plan)
-        member.again_at_s, member.received_s, member.ready = None, time.monotonic(), False
+        member.again_at_s, member.ready = None, False
+        member.received_s = member.began_s = time.monotonic()
+        member.used_s = None
         member.restarts += 1
 
     def _hear_ready(self, member: _Member) -> None:
@@ -243,7 +249,7 @@ class Groups:
                 return
             if message is None:
                 break
-            member.received_s = time.monotonic()
+            self._took(member, message)
             if isinstance(message, Ready) and self._go is not None:
                 member.ready = True
                 self._send_go(member, self._go, 0.1)
@@ -251,13 +257,19 @@ class Groups:
                 self._died(member, message.reason)
                 return
             else:
-                if isinstance(message, Status) and all(state.state != "opening" for state in message.cameras):
-                    member.trouble, member.retry_s = "", _FIRST_RETRY_S
                 yield message
         # loading modules and networks takes a slow machine as long as it takes; ended for that, it would never begin
-        if time.monotonic() - member.received_s > (_HUNG_S if member.ready else START_S):
+        if _hangs(member):
             member.process.kill()
             self._died(member, f"process {member.process.pid} hung and was ended")
+
+    def _took(self, member: _Member, message: Any) -> None:
+        """Note that a process is alive; one that has worked for a while has no trouble behind it."""
+        member.received_s, member.used_s = time.monotonic(), None
+        if isinstance(message, Status) and all(state.state != "opening" for state in message.cameras):
+            member.trouble = ""
+            if member.received_s - member.began_s > _WELL_S:
+                member.retry_s = _FIRST_RETRY_S
 
     def _send_go(self, member: _Member, go: Go, wait_s: float) -> None:
         """Let the frames of one group come; a process that died since it was ready is started again."""
@@ -270,6 +282,33 @@ class Groups:
         member.trouble = f"{why}; starting again"
         member.again_at_s = time.monotonic() + member.retry_s
         member.retry_s = min(2 * member.retry_s, _LONGEST_RETRY_S)
+
+
+def _busy_s(member: _Member) -> float | None:
+    """Processor time since it has been silent for a while; None where the system does not report it."""
+    now_s = processor_s(member.process.pid)
+    if now_s is None:
+        return None
+    member.used_s = now_s if member.used_s is None else member.used_s
+    return now_s - member.used_s
+
+
+def _silence(member: _Member) -> Verdict | None:
+    silent_s = time.monotonic() - member.received_s
+    if silent_s <= SILENT_S:
+        return None
+    busy_s = _busy_s(member)
+    if busy_s is not None and (busy_s >= _BUSY_S or silent_s < 2 * SILENT_S):
+        return Verdict("overload", f"process {member.process.pid} works, but has processed nothing for {silent_s:.1f} s")
+    return Verdict("dead", f"process {member.process.pid} has been silent for {silent_s:.1f} s")
+
+
+def _hangs(member: _Member) -> bool:
+    silent_s = time.monotonic() - member.received_s
+    if silent_s <= (_HUNG_S if member.ready else START_S):
+        return False
+    busy_s = _busy_s(member)
+    return busy_s is None or busy_s < _BUSY_S or busy_s > _HUNG_BUSY_S
 
 
 def _cameras(plan: GroupPlan) -> str:

@@ -1,4 +1,4 @@
-"""Who may send the views of which camera: one sender at a time, the session's skeleton only, and no floods. No clock inside."""
+"""Who may send the views of which camera: who sent first, the session's skeleton only, and no floods. No clock inside."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from posefuse.core import Detections2D, Skeleton
 
 _S = 1_000_000_000
-# a sender that is silent for so long makes room for another
-_SILENT_NS = _S
 # a stamp within this of the arrival is that of a clock that a person has set
 _BELIEVABLE_NS = 10 * _S
 # a sender of which so many messages were refused in a second, and none accepted, is not read for a second
@@ -39,13 +37,21 @@ class _Sender:
 class Senders:
     """Decides on every view that comes over a network.
 
+    Who sends a camera's views first keeps the camera, also while it pauses, until it has left the network.
+
+    Args:
+        cameras: of the rig. hand_over_s: a sender that is silent for so long makes room for another; None: never.
+
     Attributes:
         skeleton: of the session; None until enough views have come.
         refused: how many messages were refused, by reason. news: reasons that were not reported yet.
         strangers: how many views of cameras came that are not in the rig, by camera.
+        present: the senders on the network; None while that is not known.
     """
 
-    def __init__(self, cameras: tuple[str, ...]) -> None:
+    def __init__(self, cameras: tuple[str, ...], hand_over_s: float | None = None) -> None:
+        self.present: set[str] | None = None
+        self._hand_over_s = hand_over_s
         self.skeleton: Skeleton | None = None
         self.refused: Counter[str] = Counter()
         self.strangers: Counter[str] = Counter()
@@ -104,11 +110,19 @@ class Senders:
             return f"camera {name}: views have the skeleton {theirs}, this session has {ours}: not used"
         believable = abs(view.t_ns - now_ns) < _BELIEVABLE_NS
         now = self._cameras.get(name)
-        taken = now is not None and now.sender != sender and now_ns - now.received_ns <= _SILENT_NS
+        taken = now is not None and now.sender != sender and not self._is_free(now, now_ns)
         if taken and now is not None and (now.believable or not believable):
-            return f"camera {name}: views come from two senders, those of the second are not used"
+            return f"camera {name}: views of a second sender ({sender}) are not used, the camera is that of {now.sender}"
         self._cameras[name] = _Camera(sender, now_ns, believable)
+        if self.present is not None:
+            self.present.add(sender)
         return None
+
+    def _is_free(self, camera: _Camera, now_ns: int) -> bool:
+        """Whether its sender is gone, or silent for so long that it makes room."""
+        if self.present is not None and camera.sender not in self.present:
+            return True
+        return self._hand_over_s is not None and now_ns - camera.received_ns > self._hand_over_s * _S
 
     def _vote(self, view: Detections2D, now_ns: int) -> None:
         """The skeleton of most cameras becomes the session's: when half of them have sent, or half a second after the first."""

@@ -31,9 +31,11 @@ def bone_lengths(xyz: Array, cov: Array, used: Array, skeleton: Skeleton, sigma_
     span = xyz[:, one] - xyz[:, two]
     distance = np.linalg.norm(span, axis=-1)
     along = span / np.where(distance > 1e-9, distance, np.nan)[..., None]
-    both = cov[:, one] + cov[:, two]
-    variance = np.einsum("tbi,tbij,tbj->tb", along, both, along)
-    across = np.trace(both, axis1=-2, axis2=-1) - variance
+    variance, across = np.empty((2, *distance.shape))
+    for b, (start, end) in enumerate(skeleton.bone_indices.tolist()):
+        both = cov[:, start] + cov[:, end]
+        variance[:, b] = np.einsum("ti,tij,tj->t", along[:, b], both, along[:, b])
+        across[:, b] = np.trace(both, axis1=-2, axis2=-1) - variance[:, b]
     counts = used[:, one] & used[:, two] & np.isfinite(distance)
     length = np.where(counts, distance - across / (2 * np.where(distance > 1e-9, distance, np.nan)), np.nan)
     enough = counts.sum(axis=0) >= _MIN_INSTANTS

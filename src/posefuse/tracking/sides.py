@@ -6,13 +6,14 @@ foot is fast and the standing one is not, so the labelling under which all limbs
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from posefuse.core import PoseSequence, Rig, Skeleton, ViewSequence
-from posefuse.core.arrays import Array
+from posefuse.core.arrays import Array, give_away
 from posefuse.core.skeleton import exchange_sides
 
 # a keypoint's surprise counts up to this distance from where its velocity would have taken it
@@ -27,6 +28,8 @@ _LEAST_TWIST = 0.2
 _LEAST_SIGMA_PX = 2.0
 # Cauchy loss that exchanging a limb in a view must save; its scale in standard deviations
 _LEAST_GAIN, _SCALE_SIGMA = 2.0, 2.0
+# time steps whose views are judged at once: intermediate arrays are several times as large as the views
+_PART_STEPS = 1000
 
 
 def steady_sides(sequence: PoseSequence, facing: Array) -> PoseSequence:
@@ -54,6 +57,7 @@ def steady_sides(sequence: PoseSequence, facing: Array) -> PoseSequence:
             wrong = np.isin(np.arange(len(sequence)), swapped)
             for array in arrays.values():
                 exchange_sides(array[:, n], wrong, left, right)
+    give_away(*arrays.values())
     changed: dict[str, Any] = dict(arrays)
     return replace(sequence, **changed)
 
@@ -66,9 +70,19 @@ def sides_like(reference: PoseSequence, rig: Rig, views: ViewSequence) -> ViewSe
     """
     planes = [np.array(views.xy_img), np.array(views.score), np.array(views.sigma_px)]
     planes += [] if views.depth_m is None else [np.array(views.depth_m)]
-    expected = np.stack([camera.project(reference.xyz_world) for camera in rig], axis=2)
+    for start in range(0, len(reference), _PART_STEPS):
+        part = slice(start, start + _PART_STEPS)
+        _name_sides_like(reference.xyz_world[part], rig, [plane[part] for plane in planes], reference.skeleton)
+    give_away(*planes)
+    depth = None if views.depth_m is None else planes[3]
+    return replace(views, xy_img=planes[0], score=planes[1], sigma_px=planes[2], depth_m=depth)
+
+
+def _name_sides_like(xyz_world: Array, rig: Rig, planes: Sequence[Array], skeleton: Skeleton) -> None:
+    """`sides_like` of points (T, N, K, 3), in place."""
+    expected = np.stack([camera.project(xyz_world) for camera in rig], axis=2)
     sigma = np.fmax(planes[2], _LEAST_SIGMA_PX)
-    for left, right in reference.skeleton.limbs:
+    for left, right in skeleton.limbs:
         loss = {
             (i, j): _loss(planes[0][..., seen, :] - expected[..., named, :], sigma[..., seen])
             for i, seen in enumerate((left, right))
@@ -78,8 +92,6 @@ def sides_like(reference: PoseSequence, rig: Rig, views: ViewSequence) -> ViewSe
         wrong = gain > _LEAST_GAIN
         for plane in planes:
             exchange_sides(plane, wrong, left, right)
-    depth = None if views.depth_m is None else planes[3]
-    return replace(views, xy_img=planes[0], score=planes[1], sigma_px=planes[2], depth_m=depth)
 
 
 def _loss(away_px: Array, sigma_px: Array) -> Array:

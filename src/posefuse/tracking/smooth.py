@@ -8,7 +8,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le
 
 from posefuse.core import Kind, PoseSequence
-from posefuse.core.arrays import Array
+from posefuse.core.arrays import Array, give_away
 from posefuse.foundation.settings import settings
 
 from .bones import hold_bones
@@ -83,6 +83,7 @@ def smooth(sequence: PoseSequence, settings: SmoothSettings) -> PoseSequence:
     cov += lasting
     there = np.isfinite(xyz[..., 0])
     kind = np.where(used, Kind.SMOOTHED, np.where(there, Kind.INTERPOLATED, Kind.MISSING))
+    give_away(xyz, cov)
     return PoseSequence(
         t_ns=sequence.t_ns,
         skeleton=sequence.skeleton,

@@ -16,7 +16,7 @@ from posefuse.core.arrays import Array
 from posefuse.kinematics.definitions import POINTS, landmark_pairs
 from posefuse.kinematics.sides import SIDES
 
-SOLE, _FOOT = ("heel", "toe"), ("ankle", "heel", "toe")
+SOLE, FOOT = ("heel", "toe"), ("ankle", "heel", "toe")
 _SLOW_M_S = 0.25
 # speed is measured from so long before to so long after: from frame to frame it is noise, the more the faster the cameras
 _SPEED_OVER_S, _SAME_S = 0.1, 1e-3
@@ -50,7 +50,7 @@ def contacts_of(t_ns: Array, xyz: Array, cov: Array, skeleton: Skeleton, keypoin
     """
     places, shared = np.full(xyz.shape, np.nan), np.zeros(cov.shape)
     for side in SIDES:
-        foot = foot_rows(skeleton, keypoint, side, _FOOT)
+        foot = foot_rows(skeleton, keypoint, side, FOOT)
         for column in foot_rows(skeleton, keypoint, side, SOLE):
             track = xyz[:, column]
             stances = list(_stances(t_ns * 1e-9, track))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +20,8 @@ _LOST_S = 1.0
 _FIRST_ITERATIONS = 30
 _FIRST_SD = 1.0
 _SPEED_SD = 3.0
+# the smoother runs back over so many steps at a time, from so much later; a test compares that with the whole recording at once
+_BLOCK_STEPS, _LOOK_AHEAD_S = 300, 3.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -152,30 +155,52 @@ class BodyFilter:
         return np.asarray(hessian)
 
 
-def smoothed(filter_: BodyFilter, moments: list[FilteredStep | None]) -> list[State | None]:
-    """States of a whole recording given all of it, from the filter's moments in time order."""
-    p = filter_.packed
-    out: list[State | None] = [None] * len(moments)
-    for i in range(len(moments) - 1, -1, -1):
-        moment = moments[i]
-        if moment is None:
-            continue
-        after = moments[i + 1] if i + 1 < len(moments) else None
-        later = out[i + 1] if i + 1 < len(moments) else None
-        if after is None or later is None or after.expected is None or after.transition is None:
-            out[i] = moment.state
-            continue
-        change = np.concatenate(
-            [
-                kernels.difference(p.tree.kind, p.tree.dof, later.q, later.rot, after.expected.q, after.expected.rot),
-                later.velocity - after.expected.velocity,
-            ]
-        )
-        step, cov = kernels.smooth_step(moment.state.cov, *after.transition, after.expected.cov, later.cov, change)
-        q, rot = moment.state.q.copy(), moment.state.rot.copy()
-        kernels.retract(p.tree.kind, p.tree.dof, step[: p.size], q, rot)
-        out[i] = replace(moment.state, q=q, rot=rot, velocity=moment.state.velocity + step[p.size :], cov=cov)
-    return out
+def smoothed(filter_: BodyFilter, seen: Iterable[Measurement]) -> Iterator[tuple[Measurement, State | None]]:
+    """What was seen, in time order, with the state given the whole recording; None where there is none yet.
+
+    What is seen later than some seconds changes a state no more: a recording is smoothed block by block, in constant memory.
+    """
+    kept: list[tuple[Measurement, FilteredStep | None]] = []
+    for one in seen:
+        kept.append((one, filter_.step(one)))
+        if len(kept) > _BLOCK_STEPS and (one.t_ns - kept[_BLOCK_STEPS][0].t_ns) * 1e-9 >= _LOOK_AHEAD_S:
+            yield from _smoothed_block(filter_.packed, kept, _BLOCK_STEPS)
+            del kept[:_BLOCK_STEPS]
+    yield from _smoothed_block(filter_.packed, kept, len(kept))
+
+
+def _smoothed_block(
+    packed: Packed, kept: list[tuple[Measurement, FilteredStep | None]], count: int
+) -> Iterator[tuple[Measurement, State | None]]:
+    """The first `count` of these steps, smoothed with all of them."""
+    states: list[State | None] = []
+    after, later = None, None
+    for place in range(len(kept) - 1, -1, -1):
+        moment = kept[place][1]
+        later = _smoothed_state(packed, moment, after, later)
+        after = moment
+        if place < count:
+            states.append(later)
+    return ((kept[place][0], state) for place, state in enumerate(reversed(states)))
+
+
+def _smoothed_state(packed: Packed, moment: FilteredStep | None, after: FilteredStep | None, later: State | None) -> State | None:
+    """One step backwards; `after`, `later`: the next step as filtered and as smoothed."""
+    if moment is None:
+        return None
+    if after is None or later is None or after.expected is None or after.transition is None:
+        return moment.state
+    tree = packed.tree
+    change = np.concatenate(
+        [
+            kernels.difference(tree.kind, tree.dof, later.q, later.rot, after.expected.q, after.expected.rot),
+            later.velocity - after.expected.velocity,
+        ]
+    )
+    step, cov = kernels.smooth_step(moment.state.cov, *after.transition, after.expected.cov, later.cov, change)
+    q, rot = moment.state.q.copy(), moment.state.rot.copy()
+    kernels.retract(tree.kind, tree.dof, step[: packed.size], q, rot)
+    return replace(moment.state, q=q, rot=rot, velocity=moment.state.velocity + step[packed.size :], cov=cov)
 
 
 def _information(cov: Array) -> Array:

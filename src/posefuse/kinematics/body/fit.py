@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from posefuse.core import JointAngles, Kind, PoseSequence, Rig, ViewSequence
-from posefuse.core.arrays import Array
+from posefuse.core.arrays import Array, give_away
 from posefuse.kinematics.joints import FrameBuffers, joints_from_poses, joints_value
 from posefuse.kinematics.settings import JointSettings
+from posefuse.kinematics.sides import SIDES
 
-from .contacts import contacts_of
-from .filter import BodyFilter, Measurement, State, smoothed
+from .contacts import FOOT, contacts_of, foot_rows
+from .filter import BodyFilter, Measurement, smoothed
 from .model import BodyModel, bodies_from_poses
 from .result import StateReader
 from .settings import BodySettings
 from .shape import LengthPrior, with_solved_lengths
 from .stand_in import nearest_in_time, with_stand_ins
 from .tracker import rays_of
+
+_Seen = Callable[[], Iterator[Measurement]]
 
 # a fit has failed when a keypoint is farther from the fused one than this and than so many of its standard deviations for this
 # share of the time; fits that found the right limb while fusion was misled by a false one stay below a quarter
@@ -65,7 +68,7 @@ def fit_poses(
             t_ns=int(sequence.t_ns[i]), xyz=xyz, cov=cov, projections=none, xy=empty[..., None] + [0, 0], inverse_var=empty
         )
 
-    return _fit(sequence, measured, settings, bodies, joint_settings)
+    return _fit(sequence, measured, settings, bodies, joint_settings, by_rays=False)
 
 
 def fit_views(
@@ -111,27 +114,24 @@ def fit_views(
             )
             for person, body in bodies.items()
         }
-    return _fit(sequence, measured, settings, bodies, joint_settings)
+    return _fit(sequence, measured, settings, bodies, joint_settings, by_rays=True)
 
 
-def _states(
-    body: BodyModel, seen: list[Measurement], settings: BodySettings, work: FrameBuffers
-) -> tuple[BodyFilter, list[State | None], list[Measurement]]:
-    """Smoothed states of one person, fitted to rays twice: the first fit shows which feet stand where."""
+def _with_contacts(body: BodyModel, seen: _Seen, settings: BodySettings, work: FrameBuffers) -> Iterator[Measurement]:
+    """What was seen, with the places of feet that stand; a first fit shows which do."""
+    feet = [row for side in SIDES for row in foot_rows(body.skeleton, body.keypoint, side, FOOT)]
+    t_ns = np.array([one.t_ns for one in seen()])
+    points, cov = np.full((len(t_ns), len(feet), 3), np.nan), np.full((len(t_ns), len(feet), 3, 3), np.nan)
     filter_ = BodyFilter(body, settings, work)
-    states = smoothed(filter_, [filter_.step(one) for one in seen])
-    if not settings.contact_sigma_m or not len(seen[0].projections):
-        return filter_, states, seen
-    reader, count = StateReader(filter_, work), len(body.keypoint)
-    points, cov = np.full((len(seen), count, 3), np.nan), np.full((len(seen), count, 3, 3), np.nan)
-    for i, state in enumerate(states):
+    reader = StateReader(filter_, work)
+    for i, (_, state) in enumerate(smoothed(filter_, seen())):
         if state is not None:
-            points[i], cov[i] = reader.points(state)
-    contacts = contacts_of(np.array([one.t_ns for one in seen]), points, cov, body.skeleton, body.keypoint)
-    standing = zip(seen, contacts.xyz, contacts.cov, strict=True)
-    seen = [replace(one, standing=xyz, standing_cov=shared) for one, xyz, shared in standing]
-    filter_ = BodyFilter(body, settings, work)
-    return filter_, smoothed(filter_, [filter_.step(one) for one in seen]), seen
+            points[i], cov[i] = (values[feet] for values in reader.points(state))
+    contacts = contacts_of(t_ns, points, cov, body.skeleton, body.keypoint[feet])
+    standing, shared = np.full((len(body.keypoint), 3), np.nan), np.zeros((len(body.keypoint), 3, 3))
+    for i, one in enumerate(seen()):
+        standing[feet], shared[feet] = contacts.xyz[i], contacts.cov[i]
+        yield replace(one, standing=standing.copy(), standing_cov=shared.copy())
 
 
 def _fit(
@@ -140,40 +140,51 @@ def _fit(
     settings: BodySettings | None,
     bodies: Mapping[int, BodyModel] | None,
     joint_settings: JointSettings | None,
+    *,
+    by_rays: bool,
 ) -> BodyFit:
     """`measured` gives what was seen of the keypoints (A,) of one person at one time step."""
     settings, joint_settings = settings or BodySettings(), joint_settings or JointSettings()
     bodies = bodies if bodies is not None else bodies_from_poses(sequence, settings, joint_settings)
     work = FrameBuffers(sequence.skeleton, joint_settings)
-    xyz, cov, kind = sequence.xyz_world.copy(), sequence.cov_world.copy(), sequence.kind.copy()
     plain = joints_from_poses(sequence, joint_settings)
-    rotation, origin = plain.world_from_segment.matrix().copy(), plain.world_from_segment.xyz.copy()
-    angles, sigmas = plain.angle_rad.copy(), plain.sigma_rad.copy()
+    unfitted = [sequence.xyz_world, sequence.cov_world, sequence.kind, plain.world_from_segment.matrix()]
+    unfitted += [plain.world_from_segment.xyz, plain.angle_rad, plain.sigma_rad]
+    planes = [plane.copy() for plane in unfitted]
+    xyz, cov, kind, rotation, origin, angles, sigmas = planes
     fitted_bodies = {}
     for n, person in enumerate(sequence.person_id.tolist()):
         if person not in bodies:
             continue
-        at = bodies[person].keypoint
-        seen = [measured(i, n, at) for i in range(len(sequence))]
-        filter_, states, seen = _states(bodies[person], seen, settings, work)
+        body = bodies[person]
+        at = body.keypoint
+
+        def seen(n: int = n, at: Array = at) -> Iterator[Measurement]:
+            return (measured(i, n, at) for i in range(len(sequence)))
+
+        with_feet = by_rays and settings.contact_sigma_m > 0
+        filter_ = BodyFilter(body, settings, work)
         reader = StateReader(filter_, work)
-        read = {i: reader.read(state, seen[i]) for i, state in enumerate(states) if state is not None}
-        steps = list(read)
-        if not read or _failed(np.array([one.xyz for one in read.values()]), xyz[steps, n][:, at], cov[steps, n][:, at]):
-            continue
-        fitted_bodies[person] = bodies[person]
-        for i, fitted in read.items():
+        places = np.full((len(sequence), len(at), 3), np.nan)
+        for i, (one, state) in enumerate(smoothed(filter_, _with_contacts(body, seen, settings, work) if with_feet else seen())):
+            if state is None:
+                continue
+            fitted = reader.read(state, one)
+            places[i] = fitted.xyz
             missing = kind[i, n, at] == Kind.MISSING
             sure = np.trace(fitted.cov, axis1=-2, axis2=-1) < 3 * settings.most_sigma_m**2
             kept = at[~missing | sure]
             xyz[i, n, kept], cov[i, n, kept] = fitted.xyz[~missing | sure], fitted.cov[~missing | sure]
             kind[i, n, kept] = np.where(missing, Kind.INTERPOLATED, Kind.SMOOTHED)[~missing | sure]
-            rotation[i, n], origin[i, n], angles[i, n], sigmas[i, n] = (
-                fitted.rotation,
-                fitted.origin,
-                fitted.angles,
-                fitted.sigmas,
-            )
+            rotation[i, n], origin[i, n] = fitted.rotation, fitted.origin
+            angles[i, n], sigmas[i, n] = fitted.angles, fitted.sigmas
+        found = np.isfinite(places[:, 0, 0])
+        if found.any() and not _failed(places[found], *(plane[found, n][:, at] for plane in unfitted[:2])):
+            fitted_bodies[person] = body
+        else:
+            for plane, before in zip(planes, unfitted, strict=True):
+                plane[:, n] = before[:, n]
+    give_away(*planes)
     poses = replace(sequence, xyz_world=xyz, cov_world=cov, kind=kind)
     return BodyFit(poses, joints_value(sequence.t_ns, sequence.person_id, rotation, origin, angles, sigmas), fitted_bodies)
 

@@ -108,7 +108,9 @@ def _as_commanded(wanted: Follower, before: Follower, posture: Posture, dt_s: fl
 def _moved(wanted: Motion, before: Motion, position: Array, velocity: Array, *, dt_s: float) -> Motion:
     """A motion that did another step than the wanted one."""
     change = np.subtract(velocity, before.velocity) / dt_s
-    return replace(wanted, position=as_vector(position), velocity=as_vector(velocity), acceleration=as_vector(change), exact=False)
+    return replace(
+        wanted, position=as_vector(position), velocity=as_vector(velocity), acceleration=as_vector(change), exact=False
+    )
 
 
 def _goal(follower: Follower) -> Goal:

@@ -180,16 +180,18 @@ class Joints:
         turned = np.linalg.norm(self._turn_rows @ along, axis=1) / self._limits.turn_acceleration_radps2
         drop = _STOP * dt_s**2 / max(float((np.abs(along) / self.ik.acceleration).max()), float(turned.max()), 1e-12)
         while share > 0 and len(stop) * dt_s < _STOP_S:
-            share, there = self._slowed(q, along, ends[-2], ends[-1], share, max(0.0, share - drop), dt_s)
+            share, there = self._slowed(q, along, ends[-2:], (max(0.0, share - drop), share), dt_s)
             q = q + share * along
             ends.append(there)
             stop.append(share)
         return stop, np.array(ends)
 
-    def _slowed(
-        self, q: Array, along: Array, before: Array, here: Array, share: float, least: float, dt_s: float
-    ) -> tuple[float, Array]:
-        """The least share from `least` to `share` that keeps the acceleration of the end effectors, and where they are then."""
+    def _slowed(self, q: Array, along: Array, ends: list[Array], shares: tuple[float, float], dt_s: float) -> tuple[float, Array]:
+        """The least of a range of shares that keeps the acceleration of the end effectors, and where they are then.
+
+        ends: where they were a step ago, and are.
+        """
+        (before, here), (least, share) = ends, shares
         most = _STOP * self._limits.acceleration_mps2 * dt_s**2
         there = self._ends(q + least * along)
         change = there - 2 * here + before

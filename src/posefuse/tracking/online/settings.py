@@ -12,6 +12,7 @@ from posefuse.tracking.lasting import LASTING_SHARE
 
 TrackerName = Literal["asynchronous", "latest"]
 TRACKERS: tuple[TrackerName, ...] = ("asynchronous", "latest")
+MOST_PEOPLE = 64
 
 
 @settings
@@ -68,7 +69,7 @@ class LiveSettings:
     """
 
     tracker: TrackerName = "asynchronous"
-    max_people: Annotated[int, Ge(1), Le(64)] = 1
+    max_people: Annotated[int, Ge(1), Le(MOST_PEOPLE)] = 1
     lost_after_s: Annotated[float, Gt(0)] = 0.7
     shown_s: Annotated[float, Gt(0)] = 0.3
     alone_s: Annotated[float, Gt(0)] = 1.5

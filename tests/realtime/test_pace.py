@@ -1,0 +1,175 @@
+"""A machine that is too slow is reported as that: once, with what helps; no camera is called dead or silent for it."""
+
+import multiprocessing
+import os
+import signal
+import sys
+import time
+from itertools import pairwise
+from types import SimpleNamespace
+
+import pytest
+
+from posefuse.cli.live import how_it_ended
+from posefuse.health.cameras import CameraState, Monitor, Verdict
+from posefuse.realtime import processes
+from posefuse.realtime.messages import Status
+from posefuse.realtime.news import News
+from posefuse.realtime.output_plan import NoOutputs
+from posefuse.realtime.pace import ProcessedImages, closing_lines
+
+S = 1_000_000_000
+
+
+def state(camera: str, captured: int, used: int) -> CameraState:
+    return CameraState(camera=camera, state="running", text="", captured=captured, used=used, replaced=captured - used, missing=0)
+
+
+def sentences(pace: ProcessedImages, share: float, network: str = "blazepose_full", seconds: int = 60) -> list[str]:
+    found = []
+    for t in range(seconds):
+        for group, cameras in enumerate((("a", "b"), ("c",))):
+            states = tuple(state(camera, 30 * t, round(share * 30 * t)) for camera in cameras)
+            found.append(pace.news(Status(group, t * S, states), float(t), network))
+    return [line for line in found if line]
+
+
+def test_a_slow_machine_is_reported_once_with_what_helps() -> None:
+    assert sentences(ProcessedImages(), 0.09) == [
+        "this computer processes 9% of the images: use --networks blazepose_lite, fewer cameras, or cameras at a lower frame rate"
+    ]
+    assert sentences(ProcessedImages(), 0.09, "blazepose_lite") == [
+        "this computer processes 9% of the images: use fewer cameras, or cameras at a lower frame rate"
+    ]
+    assert not sentences(ProcessedImages(), 0.7)
+
+
+def test_a_camera_whose_frames_wait_is_not_silent() -> None:
+    monitor = Monitor(("slow", "gone"))
+    for name in ("slow", "gone"):
+        monitor.admit_frame(name, 0, 0, 0, 0)
+    for t in range(5):
+        monitor.take_state(state("slow", 30 * t, 1), t * S)
+        monitor.take_state(state("gone", 1, 1), t * S)
+    verdicts = monitor.judge(4 * S, {})
+    assert (verdicts["slow"].state, verdicts["gone"].state) == ("overload", "silent")
+
+
+def test_a_camera_is_not_silent_while_its_process_owes_a_report() -> None:
+    """A process at work on one image reports when that is done; it is judged itself meanwhile."""
+    for regular, state_at in ((True, "ok"), (False, "silent")):
+        monitor = Monitor(("a",))
+        monitor.admit_frame("a", 0, 0, 0, 0)
+        monitor.take_state(state("a", 1, 1), 0, regular=regular)
+        assert monitor.judge(S * 3 // 2, {})["a"].state == state_at
+        assert monitor.judge(S * 5 // 2, {})["a"].state == "silent"
+
+
+def test_changes_of_a_camera_are_printed_ten_seconds_apart() -> None:
+    monitor, lines = Monitor(("a",)), []
+    news = News(SimpleNamespace(monitor=monitor, watch=None, outlets=NoOutputs(), cuts=0), 0, lines.append)
+    for quarter in range(4 * 60):
+        now_ns = quarter * S // 4
+        monitor.judge(now_ns, {"a": Verdict("dead", "process 1 ended")} if quarter % 2 else {"a": Verdict("ok")})
+        news.report(now_ns)
+    times = [float(line.split()[0]) for line in lines]
+    assert monitor.event_count > 200 and 4 <= len(lines) <= 7
+    assert all(later - sooner >= 9.7 for sooner, later in pairwise(times[1:]))
+
+
+def test_the_first_trouble_of_a_camera_is_printed_at_once() -> None:
+    monitor, lines = Monitor(("a",)), []
+    news = News(SimpleNamespace(monitor=monitor, watch=None, outlets=NoOutputs(), cuts=0), 0, lines.append)
+    for second, verdict in enumerate((Verdict("ok"), Verdict("dead", "process 1 ended"), *[Verdict("ok")] * 20)):
+        monitor.judge(second * S, {"a": verdict})
+        news.report(second * S)
+    assert [line.split("camera a: ")[1] for line in lines] == ["ok", "dead: process 1 ended", "ok"]
+
+
+def spin() -> None:
+    while True:
+        pass
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux reports the processor time of another process here")
+def test_a_process_that_works_is_slow_and_one_that_does_nothing_hangs(monkeypatch: pytest.MonkeyPatch) -> None:
+    process = multiprocessing.get_context("fork").Process(target=spin, daemon=True)
+    process.start()
+    monkeypatch.setattr(processes, "SILENT_S", 0.2)
+    monkeypatch.setattr(processes, "_HUNG_S", 0.5)
+    try:
+        member = processes._Member(plan=None, channel=None, process=process, ready=True)
+        time.sleep(0.3)
+        verdicts = []
+        for _ in range(8):
+            verdicts.append(processes._silence(member))
+            time.sleep(0.2)
+        assert {verdict.state for verdict in verdicts} == {"overload"}
+        assert not processes._hangs(member)
+        monkeypatch.setattr(processes, "_HUNG_BUSY_S", 0.01)
+        assert processes._hangs(member), "nothing came of much work"
+        monkeypatch.undo()
+        os.kill(process.pid, signal.SIGSTOP)
+        time.sleep(0.2)
+        member.received_s, member.used_s = time.monotonic() - 60, None
+        assert processes._silence(member).state == "dead" and processes._hangs(member)
+    finally:
+        process.kill()
+        process.join(5)
+
+
+def test_restarts_back_off_until_a_process_is_well() -> None:
+    groups = object.__new__(processes.Groups)
+    member = processes._Member(plan=SimpleNamespace(inputs=()), channel=None, process=None, ready=True)
+    waits = []
+    for _ in range(8):
+        groups._died(member, "ended")
+        waits.append(member.again_at_s - time.monotonic())
+    assert waits[0] < 0.3 and waits[-1] > 9
+    # the status of one that has just begun does not forget what happened
+    groups._took(member, Status(0, 0, (state("a", 1, 1),)))
+    assert member.retry_s == processes._LONGEST_RETRY_S and not member.trouble
+    member.began_s -= 60
+    groups._took(member, Status(0, 0, (state("a", 1, 1),)))
+    assert member.retry_s == processes._FIRST_RETRY_S
+
+
+@pytest.mark.parametrize(
+    ("came", "used", "seen", "why"),
+    [
+        (0, 0, (0, 0, 0), "no image of any camera was processed"),
+        (1000, 30, (5, 5, 0), "this computer is too slow"),
+        (1000, 300, (0, 0, 0), "in none of 3 cameras; 2 at once"),
+        (1000, 300, (9, 0, 0), "in one camera only (a) of 3"),
+        (1000, 300, (9, 9, 0), "seen by a, b, but not at one place"),
+    ],
+)
+def test_a_session_without_a_person_names_the_reason(came: int, used: int, seen: tuple[int, ...], why: str) -> None:
+    names = ("a", "b", "c")
+    monitor = Monitor(names)
+    for name in names:
+        monitor.take_state(state(name, came // 3, used), 0)
+    fusion = SimpleNamespace(
+        rig=SimpleNamespace(names=names), monitor=monitor, used=dict.fromkeys(names, used),
+        seen=dict(zip(names, seen, strict=True)), poses_with_people=0,
+    )  # fmt: skip
+    lines = list(closing_lines(fusion))
+    assert len(lines) == 1 + (0 < used < 100) and lines[-1].startswith("no person was tracked: ")
+    assert why in lines[-1]
+    fusion.poses_with_people = 1
+    assert not any("no person" in line for line in closing_lines(fusion))
+
+
+@pytest.mark.parametrize(
+    ("poses", "stopped_by", "failed", "code"),
+    [(0, "", False, 3), (5, "", False, 0), (0, "", True, 1), (0, "SIGTERM", False, 143)],
+)
+def test_a_session_without_a_person_has_an_exit_code_of_its_own(poses: int, stopped_by: str, failed: bool, code: int) -> None:
+    fusion = SimpleNamespace(
+        rig=SimpleNamespace(names=("a", "b")), monitor=Monitor(("a", "b")), used={"a": 9, "b": 9}, seen={"a": 0, "b": 0},
+        poses_with_people=poses,
+    )  # fmt: skip
+    warned: list[str] = []
+    terminal = SimpleNamespace(warn=warned.append, note=warned.append)
+    assert how_it_ended(stopped_by, 10.0, terminal, failed=failed, fusion=fusion) == {"exit_code": code}
+    assert any(line.startswith("no person was tracked: ") for line in warned) == (not poses)
