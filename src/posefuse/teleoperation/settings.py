@@ -137,12 +137,13 @@ class RobotSettings:
     """The robot's side.
 
     Attributes:
-        rate_hz: control rate. watchdog_s: without an order for this time the robot stops by itself.
+        rate_hz: control rate; more is not kept up with, as each step checks a whole stop.
+        watchdog_s: without an order for this time the robot stops by itself.
         position_xy_m, heading_deg: where the robot's base frame lies in the world of the rig.
         shared: the robot is in the operator's room. False switches the separation off: use it only for a robot elsewhere.
     """
 
-    rate_hz: Annotated[float, Ge(20), Le(1000)] = 100.0
+    rate_hz: Annotated[float, Ge(20), Le(250)] = 100.0
     watchdog_s: Positive = 0.06
     position_xy_m: tuple[float, float] = (0.0, 0.0)
     heading_deg: float = 0.0
