@@ -391,6 +391,17 @@ def test_a_hand_hidden_for_a_moment_may_come_back_where_it_can_have_moved():
         assert np.abs(run.state.xyz_world - stood).max() < 1e-3
 
 
+def test_a_hand_alone_that_comes_back_elsewhere_is_another_hand():
+    """Without a trunk nothing shows whose it is: what explains 0.5 m of a known body, 0.3 s of reaching, does not count."""
+    trunk = [name.endswith(("shoulder", "hip")) for name in BODY]
+    unseen = {"body_measured": ~np.array(trunk)}
+    run = Run().engaged()
+    run.tick(30, measured=np.array([False]), **unseen)
+    assert run.phase is Phase.HOLD
+    run.tick(1, hand=HAND + [0.5, 0.0, 0.0], **unseen)
+    assert run.phase is Phase.IDLE
+
+
 def test_an_operator_may_walk():
     run = Run(ELSEWHERE).engaged()
     for step in range(100):
