@@ -12,7 +12,7 @@ import network_log
 import pytest
 
 from posefuse.foundation.user_cache import default_cache_dir
-from tools.studio_server import free_port, server
+from tools.studio_server import cookie, free_port, server
 
 PATIENCE_S = 300.0
 
@@ -104,5 +104,7 @@ def test_studio(watch: Watch, tmp_path: Path) -> None:
     pytest.importorskip("nicegui", reason="the extra studio is not installed")
     port = free_port()
     with server(tmp_path, port):
-        assert b"posefuse" in urllib.request.urlopen(f"http://127.0.0.1:{port}", timeout=PATIENCE_S).read()
+        known = "; ".join(f"{name}={token}" for name, token in cookie(port).items())
+        page = urllib.request.Request(f"http://127.0.0.1:{port}", headers={"Cookie": known})
+        assert b"posefuse" in urllib.request.urlopen(page, timeout=PATIENCE_S).read()
     watch.assert_quiet()

@@ -138,6 +138,10 @@ def test_stages_are_reported_as_they_begin(recording, tmp_path):
     write_biomechanics(recording, tmp_path, BiomechanicsSettings(fit="points"), title="Trial 7", progress=report)
     assert reported == [
         ("report", 0, 3, "fitting the skeleton to the points of 24 time steps"),
+        (
+            *("report", 1, 3),
+            "no angles of left_wrist, right_wrist: anatomical23 has no left_index, right_index, left_pinky, right_pinky",
+        ),
         ("report", 1, 3, "tables and files for other programs"),
         ("report", 2, 3, "gait cycles and the page"),
         ("report", 3, 3),

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from running import Running
 
 from posefuse.core import ConfigError, DependencyError, SourceError
 from posefuse.messages import dds_domain, messages, topics
@@ -264,13 +265,13 @@ def test_malformed_packets_of_anyone_are_not_printed_on_the_terminal() -> None:
     """Cyclone DDS has a line of half a kilobyte for each, and configures that away in no configuration."""
     domain, rng = 78, np.random.default_rng(0)
     command = [sys.executable, "-c", _LISTENS.format(domain=domain)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None and process.stdout.readline() == "ready\n"
+    with Running(command) as listens:
+        listens.out.wait_for("ready")
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
             for _ in range(100):
                 for port in range(7410 + 250 * domain, 7414 + 250 * domain):
                     head = b"RTPS\x02\x03\x01\x10" + rng.bytes(12)
                     gap = b"\x08\x01\x18\x00" + b"\xff" * 24
                     sender.sendto(head + gap, ("127.0.0.1", port))
-        _, printed = process.communicate(timeout=60)
-    assert process.returncode == 0 and not printed
+        _, printed = listens.finished(60)
+    assert listens.process.returncode == 0 and not printed

@@ -391,6 +391,20 @@ def test_a_hand_hidden_for_a_moment_may_come_back_where_it_can_have_moved():
         assert np.abs(run.state.xyz_world - stood).max() < 1e-3
 
 
+def test_heartbeats_that_come_late_are_no_release():
+    """Found by the fault bench: with the switch held, late heartbeats looked like a release and the next ones like a press."""
+    run = Run(ELSEWHERE).engaged()
+    late = lambda news: replace(another_body(news, np.array([0.0, 0.7, 0.0]), 1.0), beats=late_beats(news))  # noqa: E731
+    run.tick(20, change=late)
+    assert run.phase is Phase.IDLE
+    assert run.tick(40, change=lambda news: another_body(news, np.array([0.0, 0.7, 0.0]), 1.0)) is Phase.IDLE
+    assert "let the switch go" in run.operator.gate.reason
+
+
+def late_beats(news):
+    return tuple(replace(beat, sent_ns=beat.sent_ns - 300_000_000) for beat in news.beats)
+
+
 def test_a_hand_alone_that_comes_back_elsewhere_is_another_hand():
     """Without a trunk nothing shows whose it is: what explains 0.5 m of a known body, 0.3 s of reaching, does not count."""
     trunk = [name.endswith(("shoulder", "hip")) for name in BODY]
