@@ -96,6 +96,32 @@ def test_joints_and_end_effectors_keep_every_limit(hands, seed):
     assert np.ptp(xyz, axis=0).max() > 0.2  # it does move
 
 
+def at_speed(rng):
+    """Joints of our robot that move as fast as they may."""
+    robot = MujocoRobot(mujoco_model(None, ("right",)), ["right_hand"], LIMITS)
+    start, way = robot.posture(), rng.normal(size=3)
+    for k in range(40):
+        robot.joints.move(start.xyz_world + 0.005 * k * way / np.linalg.norm(way), start.wxyz, DT_S)
+    return robot
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_late_process_stops_as_soon_and_within_the_limits(seed):
+    """Steps that were left out are not made up for: the velocity of the stop falls for them, too."""
+    calls = {}
+    for left_out in (0, 1):
+        robot = at_speed(np.random.default_rng(seed))
+        q = [robot.joints.q - robot.joints.step, robot.joints.q]
+        while np.abs(robot.joints.step).max() > 0:
+            # late at first only, then in time
+            robot.joints.brake(DT_S, left_out if len(q) < 6 else 0)
+            q.append(robot.joints.q)
+        calls[left_out] = len(q)
+        change = np.diff(ends_of(robot, np.array(q)), n=2, axis=0)
+        assert most(change[6:]) / DT_S**2 <= LIMITS.acceleration_mps2
+    assert calls[1] <= calls[0] - 3
+
+
 def test_each_joint_may_have_its_own_limits():
     speeds, accelerations = (2.0, 0.4, 2.0, 0.5, 2.0, 0.6, 2.0), (8.0, 2.0, 8.0, 3.0, 8.0, 2.5, 8.0)
     limits = replace(LIMITS, joint_speed_radps=speeds, joint_acceleration_radps2=accelerations)
