@@ -96,6 +96,34 @@ def test_joints_and_end_effectors_keep_every_limit(hands, seed):
     assert np.ptp(xyz, axis=0).max() > 0.2  # it does move
 
 
+@pytest.mark.parametrize("seed", range(2))
+def test_no_limit_depends_on_what_the_inverse_kinematics_finds(seed):
+    """One that minds nothing but the joints' own speed and acceleration, and drives them anywhere."""
+    rng, robot = (
+        np.random.default_rng(seed),
+        MujocoRobot(mujoco_model(None, ("right", "left")), ["right_hand", "left_hand"], LIMITS),
+    )
+    joints, way = robot.joints, np.zeros(17)
+
+    def anywhere(q, last, xyz, wxyz, dt_s):
+        change = joints.ik.acceleration * dt_s**2
+        return np.clip(
+            np.clip(way * joints.ik.speed * dt_s, last - change, last + change), *(dt_s * joints.ik.speed * [[-1], [1]])
+        )
+
+    joints.ik.step, q = anywhere, []
+    for k in range(300):
+        way = rng.uniform(-1, 1, size=17) if k % 60 == 0 else way
+        joints.move(robot.posture().xyz_world, robot.posture().wxyz, DT_S)
+        q.append(joints.q)
+    xyz, arm = ends_of(robot, np.array(q)), joints.chain.arm
+    assert least_m(robot, q, joints.chain.home)[0].min() >= LIMITS.collision_m - 1e-8
+    assert most(np.diff(xyz, axis=0)) / DT_S <= LIMITS.speed_mps * (1 + 1e-9)
+    assert most(np.diff(xyz, n=2, axis=0)) / DT_S**2 <= LIMITS.acceleration_mps2 * (1 + 1e-9)
+    assert (np.array(q)[:, arm] <= joints.ik.high[arm] + 1e-9).all() and (np.array(q)[:, arm] >= joints.ik.low[arm] - 1e-9).all()
+    assert np.ptp(q, axis=0).max() > 0.2
+
+
 def at_speed(rng):
     """Joints of our robot that move as fast as they may."""
     robot = MujocoRobot(mujoco_model(None, ("right",)), ["right_hand"], LIMITS)
