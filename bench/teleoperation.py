@@ -263,12 +263,12 @@ def _print_hand(rows) -> None:
             print(f"{1e3 * low:5.0f} to {1e3 * high:4.0f}  {100 * inside.mean():12.1f}  {rms:6.1f} {p95:6.1f} {p99:6.1f}")
 
 
-def film(out) -> None:
+def video(out) -> None:
     from pathlib import Path
 
-    from rehearsal.film import film_boxes
+    from rehearsal.video import draw_boxes
 
-    for path in film_boxes(Path(out)):
+    for path in draw_boxes(Path(out)):
         print(path)
 
 
@@ -392,7 +392,7 @@ def main() -> int:
     task.add_argument("--networks", default="blazepose_lite")
     task.add_argument("--latency", type=float, default=0.06, help="with --rendered: from mid-exposure to a detection, s")
     task.add_argument("--seed", type=int, default=0, help="with --rendered: of the operator's sway")
-    steps.add_parser("film").add_argument("--out", default=".", help="existing folder")
+    steps.add_parser("video").add_argument("--out", default=".", help="existing folder")
     killed = steps.add_parser("kill")
     killed.add_argument("--repeats", type=int, default=5)
     killed.add_argument("--session", metavar="FOLDER", help="of `posefuse simulate`: kill processes of a session on it instead")
@@ -407,8 +407,8 @@ def main() -> int:
         boxes_rendered(options.rendered, options.count, options.rate, options.networks, options.latency, options.seed)
     elif options.step == "boxes":
         boxes(options.seeds)
-    if options.step == "film":
-        film(options.out)
+    if options.step == "video":
+        video(options.out)
     if options.step == "kill" and options.session:
         kill_session(options.repeats, options.session)
     elif options.step == "kill":

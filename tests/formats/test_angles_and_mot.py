@@ -110,8 +110,8 @@ def test_of_a_person_who_goes_and_comes_back_the_longest_time_is_kept(joints):
     motion, note = motion_from_joints(gapped(joints, [(None, 0, 5), (None, 30, 50)]))
     np.testing.assert_allclose(motion.t_s, np.arange(50, 80) * 0.1)
     assert note.startswith("holds 5.00 to 7.90 s, the longest time the person is there")
-    nobody = motion_from_joints(gapped(joints, [(None, 0, 80)]))
-    assert len(nobody.table.t_s) == 0 and nobody.table.columns == ()
+    unseen = motion_from_joints(gapped(joints, [(None, 0, 80)]))
+    assert len(unseen.table.t_s) == 0 and unseen.table.columns == ()
 
 
 def test_radians_stay_radians_and_the_unknown_is_not_written(tmp_path):

@@ -37,7 +37,7 @@ STAMPS_NS = np.array([0, 33, 67, 180, 210]) * 1_000_000
 
 
 @dataclass(frozen=True)
-class Film:
+class Clip:
     """Frames from memory at uneven times that count from the session's zero."""
 
     camera: str
@@ -45,7 +45,7 @@ class Film:
     zero_ns: int | None = None
     size_wh: tuple[int, int] = (64, 48)
 
-    def build(self) -> "Film":
+    def build(self) -> "Clip":
         return self
 
     def close(self) -> None:
@@ -57,7 +57,7 @@ class Film:
 
 
 def test_every_frame_is_kept_at_its_own_time(tmp_path: Path) -> None:
-    inputs = [LiveInput(name, "film", Film(name, GOOD), reopen=False) for name in ("a", "b")]
+    inputs = [LiveInput(name, "clip", Clip(name, GOOD), reopen=False) for name in ("a", "b")]
     shown: list[int] = []
     with CameraFeed(inputs) as feed:
         record(feed, tmp_path, lambda seconds, news: None, lambda fed: shown.append(fed.camera), duration_s=20.0)
@@ -70,7 +70,7 @@ def test_every_frame_is_kept_at_its_own_time(tmp_path: Path) -> None:
 
 
 @dataclass(frozen=True)
-class Late(Film):
+class Late(Clip):
     """Delivers its first frame late, then four more at a tenth of a second each."""
 
     wait_s: float = 0.0
@@ -85,7 +85,7 @@ class Late(Film):
 
 @pytest.mark.realtime
 def test_the_duration_counts_from_the_first_frame_of_the_last_camera(tmp_path: Path) -> None:
-    inputs = [LiveInput(name, "film", Late(name, GOOD, wait_s=wait_s), reopen=False) for name, wait_s in (("a", 0.0), ("b", 1.0))]
+    inputs = [LiveInput(name, "clip", Late(name, GOOD, wait_s=wait_s), reopen=False) for name, wait_s in (("a", 0.0), ("b", 1.0))]
     with CameraFeed(inputs) as feed:
         record(feed, tmp_path, lambda seconds, news: None, lambda fed: None, duration_s=0.5)
     last = read_counts(tmp_path, ["a", "b"])["b"]
@@ -93,7 +93,7 @@ def test_the_duration_counts_from_the_first_frame_of_the_last_camera(tmp_path: P
 
 
 @dataclass(frozen=True)
-class Silent(Film):
+class Silent(Clip):
     """Ends, or waits, without a frame."""
 
     endless: bool = False
@@ -106,7 +106,7 @@ class Silent(Film):
 
 def run(arguments: list[str], sources: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> int:
     """`posefuse record` with these sources."""
-    inputs = [LiveInput(name, "film", source, reopen=False) for name, source in sources.items()]
+    inputs = [LiveInput(name, "clip", source, reopen=False) for name, source in sources.items()]
     monkeypatch.setattr(recording, "inputs_from_arguments", lambda *ignored: inputs)
     return main(["record", *arguments, "--json"])
 
@@ -133,7 +133,7 @@ def test_a_recording_stopped_before_its_first_frame_leaves_nothing_and_claims_no
 def test_a_camera_without_frames_and_lost_frames_end_in_an_error_that_names_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
-    sources = {"a": Film("a", GOOD), "b": Silent("b", GOOD), "c": Gap("c", GOOD)}
+    sources = {"a": Clip("a", GOOD), "b": Silent("b", GOOD), "c": Gap("c", GOOD)}
     assert run(["--out", str(tmp_path / "s")], sources, monkeypatch) == 1
     printed = capsys.readouterr()
     assert "b: no frame came" in printed.err
@@ -143,7 +143,7 @@ def test_a_camera_without_frames_and_lost_frames_end_in_an_error_that_names_them
 
 
 @dataclass(frozen=True)
-class Gap(Film):
+class Gap(Clip):
     """Counts seven more frames than it delivers."""
 
     def frames(self) -> Any:

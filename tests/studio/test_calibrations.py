@@ -86,7 +86,7 @@ def test_the_steps_come_in_order() -> None:
     assert next_step(BARE, NOTHING).action == "print"
     for number, step in enumerate(STEPS):
         known = after(*STEPS[:number])
-        assert (next_step(READY, known).action, next_step(READY, known).step) == ("film", step)
+        assert (next_step(READY, known).action, next_step(READY, known).step) == ("record", step)
         seen = filmed(known, step)
         assert (next_step(READY, seen).action, next_step(READY, seen).step) == ("solve", step)
     assert next_step(READY, after(*STEPS)).action == "use"
@@ -103,7 +103,7 @@ def test_a_refusal_gives_the_remedy_until_something_new_is_filmed() -> None:
     known = replace(after("intrinsics"), recordings={"intrinsics": "one", "extrinsics": "one"},
                     results={"intrinsics": result("intrinsics"), "extrinsics": refusal})  # fmt: skip
     step = next_step(READY, known)
-    assert (step.words, step.action) == ("show it to right", "film") and "right saw it 3 times" in step.why
+    assert (step.words, step.action) == ("show it to right", "record") and "right saw it 3 times" in step.why
     assert [lights(READY, known)[name]["extrinsics"].state for name in ("left", "right")] == ["doubt", "bad"]
     assert step.back == ("intrinsics",)
     assert next_step(READY, filmed(known, "extrinsics", "two")).action == "solve"
@@ -113,7 +113,7 @@ def test_a_refused_verification_leads_back_to_positions_and_lenses() -> None:
     known = after(*STEPS)
     known = replace(known, results={**known.results, "verify": result("verify", False, remedy="calibrate again")})
     step = next_step(READY, known)
-    assert (step.action, step.step, step.back) == ("film", "verify", ("intrinsics", "extrinsics"))
+    assert (step.action, step.step, step.back) == ("record", "verify", ("intrinsics", "extrinsics"))
     assert next_step(replace(READY, lenses=False), known).back == ("extrinsics",)
 
 
@@ -149,7 +149,7 @@ def test_what_rests_on_a_step_that_was_done_again_is_outdated(tmp_path: Path) ->
     # new positions: what was recorded before them shows the cameras as they stood then
     os.utime(workspace.path(names["verify"]) / "coverage.json", ns=(1, 1))
     calculated(workspace, "extrinsics", recorded(workspace, "extrinsics"))
-    assert (next_step(READY, now()).action, next_step(READY, now()).step) == ("film", "verify")
+    assert (next_step(READY, now()).action, next_step(READY, now()).step) == ("record", "verify")
     assert not now().passed("verify") and not now().refused("verify")
 
 
@@ -159,7 +159,7 @@ def test_a_recording_of_another_target_is_not_calculated(tmp_path: Path) -> None
     recorded(workspace, "intrinsics")
     assert next_step(READY, known_of(workspace, READY, ["left"])).action == "solve"
     other = replace(READY, board="targets/other.toml")
-    assert next_step(other, known_of(workspace, other, ["left"])).action == "film"
+    assert next_step(other, known_of(workspace, other, ["left"])).action == "record"
 
 
 def test_a_recording_that_was_stopped_by_mistake_takes_no_result_away(tmp_path: Path) -> None:

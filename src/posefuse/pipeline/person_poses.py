@@ -188,17 +188,17 @@ def poses_together(
     Raises:
         InputError: no person could be followed. SourceError: a video breaks off.
     """
-    instants = ImageInstants(rig, sources, detector, timeline, _raise)
+    images = ImageInstants(rig, sources, detector, timeline, _raise)
     follower = PeopleFollower(
         skeleton=detector.skeleton, rig=rig, associating=AssociateSettings(max_people=people), fusing=FuseSettings()
     )
     log = FollowedLog(follower, detector.skeleton, rig)
     try:
-        for done, one in enumerate(follower.follow(instants.steps()), start=1):
+        for done, one in enumerate(follower.follow(images.steps()), start=1):
             log.add(one)
             progress(_TOGETHER, done, timeline.count)
     finally:
-        instants.close()
+        images.close()
     observations = log.observations()
     views = views_over_time(observations, long_enough(observations))
     # a view that takes left for right for a while is wrong in all its limbs at once

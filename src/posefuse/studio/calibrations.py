@@ -19,7 +19,7 @@ from .workspace import StudioWorkspace, check_name
 FOLDER = "calibrations"
 LENSES, RIG = "lenses.toml", "rig.toml"
 LIGHTS = ("intrinsics", "overlap", "extrinsics", "clocks", "scale", "verified")
-Action = Literal["print", "film", "solve", "use"]
+Action = Literal["print", "record", "solve", "use"]
 Step = Literal["intrinsics", "extrinsics", "verify"]
 _STEPS: tuple[Step, ...] = ("intrinsics", "extrinsics", "verify")
 _COVERAGE = "coverage.json"
@@ -119,15 +119,15 @@ def next_step(project: Project, known: Known) -> Next:
         if known.refused(step):
             check, back = failed_checks(known.results[step])[0], project.steps[:number]
             words = check["remedy"] or check["detail"]
-            return Next(words=words, why=f"Refused: {check['detail']}", action="film", step=step, back=back)
+            return Next(words=words, why=f"Refused: {check['detail']}", action="record", step=step, back=back)
         if known.can_solve(step, project):
             early = "; it was stopped before enough was seen" if known.coverage[step].get("enough") is False else ""
             return Next(words=_SOLVE[step], why=f"from {known.recordings[step]}{early}", action="solve", step=step)
-        return Next(words=_FILM[step][0], why=_FILM[step][1], action="film", step=step)
+        return Next(words=_RECORD[step][0], why=_RECORD[step][1], action="record", step=step)
     return Next(words="The rig is verified", why="Use it for live sessions of these cameras.", action="use", step="verify")
 
 
-_FILM: Mapping[Step, tuple[str, str]] = {
+_RECORD: Mapping[Step, tuple[str, str]] = {
     "intrinsics": ("Show the board to each camera", "Near and far, tilted, into every corner of each image."),
     "extrinsics": (
         "Move the cube where two cameras see it",

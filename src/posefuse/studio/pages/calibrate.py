@@ -53,7 +53,7 @@ _NO_FLOOR = (
 )
 _BUTTONS: Mapping[str, tuple[str, str]] = {
     "print": ("Print targets", "print"),
-    "film": ("Start recording", "fiber_manual_record"),
+    "record": ("Start recording", "fiber_manual_record"),
     "solve": ("Calibrate", "play_arrow"),
     "use": ("Use this rig", "check"),
 }
@@ -236,7 +236,7 @@ class _Guide:
         self._steps.clear()
         with self._steps:
             if known.recordings and watching is None and solving is None:
-                steps_table(self._project, known, self._film, self._solve)
+                steps_table(self._project, known, self._record, self._solve)
         self._show_results(known)
 
     def _buttons(self, step: Next) -> None:
@@ -246,11 +246,11 @@ class _Guide:
         with self._bar, ui.row().classes("gap-3 items-center"):
             ui.button(text, icon=icon, on_click=lambda: self._act(step)).props("unelevated no-caps size=lg")
             if step.action == "solve":
-                ui.button("Record again", icon="fiber_manual_record", on_click=lambda: self._film(step.step)).props(
+                ui.button("Record again", icon="fiber_manual_record", on_click=lambda: self._record(step.step)).props(
                     "flat no-caps"
                 )
             for earlier in step.back:
-                again = ui.button(f"{TITLES[earlier]}: record again", icon="undo", on_click=partial(self._film, earlier))
+                again = ui.button(f"{TITLES[earlier]}: record again", icon="undo", on_click=partial(self._record, earlier))
                 again.props("outline no-caps")
             if step.action != "print":
                 ui.button("Targets", icon="print", on_click=self._print).props("flat no-caps")
@@ -258,8 +258,8 @@ class _Guide:
     async def _act(self, step: Next) -> None:
         if step.action == "print":
             await self._print()
-        elif step.action == "film":
-            self._film(step.step)
+        elif step.action == "record":
+            self._record(step.step)
         elif step.action == "solve":
             self._solve(step.step)
         elif step.action == "use":
@@ -273,7 +273,7 @@ class _Guide:
             self._state = None
             self._refresh()
 
-    def _film(self, step: Step) -> None:
+    def _record(self, step: Step) -> None:
         name = new_recording(self._studio.workspace, self._project, step)
         arguments = {
             "setup": self._project.setup, "target": self._project.target(step), "record": name, "project": self._project.name,

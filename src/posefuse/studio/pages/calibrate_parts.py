@@ -40,7 +40,7 @@ def lights_table(project: Project, known: Known) -> None:
                 light(row[name].state, row[name].text)
 
 
-def steps_table(project: Project, known: Known, film: Callable[[Step], None], solve: Callable[[Step], None]) -> None:
+def steps_table(project: Project, known: Known, record: Callable[[Step], None], solve: Callable[[Step], None]) -> None:
     """A row per step: how far it is, what rests on it, and buttons to do it again."""
     with card("Steps"):
         for step in project.steps:
@@ -50,7 +50,7 @@ def steps_table(project: Project, known: Known, film: Callable[[Step], None], so
                     one = step_light(step, project, known)
                     light(one.state, one.text)
                     if step in known.recordings or step in known.results:
-                        ui.button("Record again", on_click=partial(film, step)).props("flat dense no-caps")
+                        ui.button("Record again", on_click=partial(record, step)).props("flat dense no-caps")
                     if step in known.results and known.can_solve(step, project):
                         ui.button("Calculate again", on_click=partial(solve, step)).props("flat dense no-caps")
                 ui.label(RESTS[step]).classes("pf-small")

@@ -88,7 +88,7 @@ def _bend_arm(places: dict[str, Array]) -> None:
     places.update(right_elbow=elbow, right_fingertips=wrist + _FINGERS_M * forearm)
 
 
-def film_boxes(
+def draw_boxes(
     folder: Path, *, rate_hz: float = 10.0, seconds: float = 20.0, size_wh: tuple[int, int] = (854, 480)
 ) -> list[Path]:
     """Write ``teleoperation.mp4`` and ``teleoperation.png`` (its middle) into an existing folder.
