@@ -17,7 +17,8 @@ from .mapping import rotvec_between
 from .settings import LimitSettings, TeleoperationSettings
 from .values import Order, Phase
 
-_STANDING = 1e-6
+# m/s and rad/s: slower than this is no motion
+STANDING = 1e-6
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -54,7 +55,7 @@ class Follower:
     @property
     def stands(self) -> bool:
         """Whether nothing moves."""
-        return all(motion.speed <= _STANDING for motion in (*self.moves, *self.turns))
+        return all(motion.speed <= STANDING for motion in (*self.moves, *self.turns))
 
 
 def standing(xyz: Array, wxyz: Array) -> Follower:

@@ -8,9 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from posefuse.core.arrays import Array
-
-# m/s and rad/s
-STANDING = 1e-6
+from posefuse.teleoperation.follower import STANDING
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
