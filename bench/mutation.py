@@ -24,7 +24,18 @@ from typing import Any
 from mutants import REPOSITORY, Copy, Mutant, draw
 
 # what decides whether and how fast a robot moves
-_GUARDS = ("gate", "checks", "identity", "limits", "follower", "separation", "mapping", "robots/chain", "robots/ik", "robots/joints")
+_GUARDS = (
+    "gate",
+    "checks",
+    "identity",
+    "limits",
+    "follower",
+    "separation",
+    "mapping",
+    "robots/chain",
+    "robots/ik",
+    "robots/joints",
+)
 _RECORDED = ("following", "images", "run", "second_pass", "solve", "store", "time_steps")
 # name: files below src/posefuse, and the tests that are about them
 PACKAGES = {

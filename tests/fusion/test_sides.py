@@ -69,12 +69,16 @@ def test_one_compilation_serves_every_call(ring_rig, standing, views_of):
     rig = ring_rig(4)
     right = views_of(rig, COCO, standing[None], sigma_px=1.0, seed=2)
     before = fuse(right, rig, FuseSettings())
-    fuse(exchanged(right, [0, 1], GROUPS["body"]), rig, FuseSettings(), before)
+    fuse(exchanged(right, [0, 1], GROUPS["body"]), rig, FuseSettings())
+    kernels = (robust.solve_robust, linear.solve_linear, robust.squares_of)
     for weights in WEIGHTS:
         triangulate(rig, right.xy_img, right.score, right.sigma_px, weights, skeleton=COCO)
+    # other tests of this process may have had them compiled for other types
+    compiled = [len(kernel.signatures) for kernel in kernels]
+    fuse(exchanged(right, [0, 1], GROUPS["body"]), rig, FuseSettings(), before)
+    for weights in WEIGHTS:
         triangulate(rig, right.xy_img[0, :, :14].astype(np.float32), weights=weights, skeleton=PAPER)
-    for kernel in (robust.solve_robust, linear.solve_linear, robust.squares_of):
-        assert len(kernel.signatures) == 1
+    assert min(compiled) > 0 and [len(kernel.signatures) for kernel in kernels] == compiled
 
 
 @pytest.mark.parametrize("voted", [True, False])

@@ -1,7 +1,6 @@
 """One session on two machines, here two processes on the loopback device."""
 
 import json
-import os
 import signal
 import sys
 import time
@@ -11,6 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from own_domain import own_domain
 from running import Running
 
 from posefuse.core import (
@@ -38,8 +38,7 @@ from posefuse.tracking.online import CameraStatistics
 pytestmark = pytest.mark.realtime
 
 pytest.importorskip("cyclonedds")
-# apart from what tests of `wire` use, and from another run on this machine
-DOMAIN = 10 + os.getpid() % 80
+DOMAIN = own_domain()
 PATIENCE_S = 120.0
 
 

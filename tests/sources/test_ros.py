@@ -1,6 +1,5 @@
 """A ROS 2 image topic, sent by another process on loopback."""
 
-import os
 import sys
 import textwrap
 import threading
@@ -9,6 +8,7 @@ from itertools import islice, takewhile
 
 import numpy as np
 import pytest
+from own_domain import own_domain
 from running import Running
 
 pytest.importorskip("cyclonedds", reason="the extra `ros` is not installed")
@@ -19,7 +19,7 @@ from posefuse.messages.camera_messages import IMAGE_TYPE
 from posefuse.messages.topics import Topic
 from posefuse.sources.ros import RosConfig, RosSource
 
-DOMAIN = 100 + os.getpid() % 130
+DOMAIN = own_domain()
 SENDER = textwrap.dedent(
     """
     import sys, time
