@@ -238,6 +238,14 @@ def test_both_arms_of_a_robot_that_stands_fixed_are_watched_whole():
     assert spheres[:, 1].min() < -0.3 and spheres[:, 1].max() > 0.3 and (np.abs(spheres[:, :2]) < 0.2).all(axis=1).any()
 
 
+def test_geoms_whose_masks_keep_them_from_touching_are_not_watched():
+    model = fixed_arms()
+    [first, *_] = [g for g in range(model.ngeom) if "right" in model.geom(g).name]
+    model.geom_contype[first], model.geom_conaffinity[first] = 2, 4
+    pairs = MujocoRobot(model, ["right_hand", "left_hand"], LIMITS).joints.chain.pairs
+    assert len(pairs) and first not in pairs
+
+
 def test_every_pair_of_our_own_robot_is_watched():
     chain = MujocoRobot(mujoco_model(None, ("right", "left")), ["right_hand", "left_hand"], LIMITS).joints.chain
     model = chain.model
