@@ -114,3 +114,19 @@ def test_licences_of_the_core_are_permissive() -> None:
 
 def test_the_check_of_licences_can_fail() -> None:
     assert set(refused({"a": "LGPL-3.0", "b": "", "c": "MIT AND GPL-2.0-only", "d": "BSD-3-Clause AND 0BSD"})) == {"a", "b", "c"}
+
+
+def test_every_folder_of_tests_belongs_to_one_part() -> None:
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    named = sorted(name for line in re.findall(r"^PART_\w+ *:= (.+)$", makefile, re.MULTILINE) for name in line.split())
+    # what the parts share, what checks all of them, and what `make fuzz` runs
+    others = {"architecture", "contracts", "fuzz", "support"} - {*named}
+    folders = {path.parent.relative_to(ROOT / "tests").parts[0] for path in (ROOT / "tests").glob("*/**/*.py")}
+    assert named == sorted(folders - others)
+
+
+def test_no_job_of_every_change_takes_the_damaged_files() -> None:
+    """An expression of markers on the command line replaces the one of pyproject.toml."""
+    workflow = (ROOT / ".github" / "workflows" / "tests.yml").read_text(encoding="utf-8")
+    assert [chosen for chosen in re.findall(r'-m "([^"]+)"', workflow) if "not fuzz" not in chosen] == []
+    assert all("not fuzz" in chosen for chosen in PROJECT["tool"]["pytest"]["ini_options"]["addopts"].split("-m ")[1:])
