@@ -150,6 +150,16 @@ def test_a_late_process_stops_as_soon_and_within_the_limits(seed):
     assert calls[1] <= calls[0] - 3
 
 
+def test_where_a_stop_ends_is_known_before_it():
+    """What a trajectory over ROS leads to, in case it is the last."""
+    robot = at_speed(np.random.default_rng(3))
+    end, steps = robot.joints.resting()
+    for _ in range(steps):
+        robot.joints.brake(DT_S, 0)
+    assert steps > 3
+    np.testing.assert_allclose(robot.joints.q, end, atol=1e-12)
+
+
 def test_each_joint_may_have_its_own_limits():
     speeds, accelerations = (2.0, 0.4, 2.0, 0.5, 2.0, 0.6, 2.0), (8.0, 2.0, 8.0, 3.0, 8.0, 2.5, 8.0)
     limits = replace(LIMITS, joint_speed_radps=speeds, joint_acceleration_radps2=accelerations)
