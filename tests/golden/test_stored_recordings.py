@@ -1,4 +1,4 @@
-"""What an earlier posefuse stored is read by this one. A format is changed on purpose only: `recordings/make.py`, CHANGELOG.md."""
+"""What an earlier posefuse stored is read by this one. Formats change on purpose only: `recordings/make.py`."""
 
 import json
 import shutil
