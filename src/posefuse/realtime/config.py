@@ -9,7 +9,6 @@ from annotated_types import Ge, Gt, Le
 
 from posefuse.association import AssociateSettings
 from posefuse.association.settings import PeopleNames
-from posefuse.core import ConfigError
 from posefuse.detection.build import DetectorChoice
 from posefuse.foundation.settings import settings
 from posefuse.fusion import FuseSettings
@@ -74,12 +73,6 @@ class LiveConfig:
     joints: JointSettings = field(default_factory=JointSettings)
     whole_body: BodySettings = field(default_factory=BodySettings)
     live_body: LiveBodySettings = field(default_factory=LiveBodySettings)
-
-    def __post_init__(self) -> None:
-        if self.body == "on" and self.track.tracker != "asynchronous":
-            raise ConfigError(
-                f"body: expected auto or off with tracker {self.track.tracker}, which mixes views of different times; got on"
-            )
 
 
 @settings
