@@ -224,3 +224,13 @@ def test_every_length_has_limits_of_a_human_body() -> None:
             odd = usual.copy()
             odd[0, i] *= factor
             assert plausible_share(odd)[0] == pytest.approx(6 / 7), (i, factor)
+
+
+def test_the_newest_decision_counts_for_every_track_and_time() -> None:
+    rng = np.random.default_rng(0)
+    rows = zip(*rng.integers(0, (6, 3, 50), (40, 3)).T.tolist(), strict=True)
+    names = tuple(identity.Named(track=track, person=person, since_ns=since_ns) for track, person, since_ns in rows)
+    tracks, t_ns = rng.integers(-1, 8, 300), rng.integers(0, 60, 300)
+    for track, at_ns, got in zip(tracks.tolist(), t_ns.tolist(), identity.persons_at(names, tracks, t_ns).tolist(), strict=True):
+        decided = [one.person for one in names if one.track == track and one.since_ns <= at_ns]
+        assert got == (decided[-1] if decided else UNNAMED)
