@@ -37,7 +37,7 @@ class LiveConfig:
         proportions: move keypoints of detectors without such a table by average human proportions; gains and costs are in
             docs/networks.md.
         body: fit one skeleton of constant segment lengths per person to the rays of all views; lengths are learnt on the way.
-            ``auto`` does so where a table of joint centres was fitted to the detector and the tracker is ``asynchronous``.
+            ``auto`` does so where a table of joint centres was fitted to the detector.
         angles: compute joint angles and segment frames with every pose.
         camera_info: of cameras whose images come from ROS: compare with the rig, use instead of its intrinsics, or ignore.
         hand_over_s: of cameras on other machines: one whose sender is silent for so long is handed over to another sender; left
