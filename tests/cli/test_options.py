@@ -18,7 +18,7 @@ TARGET = (
     "--ids 1 2 3, --inverted, --legacy"
 )
 SETTINGS = "--config text, --set one --set two, --networks one --networks two"
-LIVE = "--tracker latest, --people 2, --rate 50, --groups 2"
+LIVE = "--people 2, --rate 50, --groups 2"
 ROS_2 = "--domain 3, --peer one --peer two, --interface text, --local-only"
 OUTPUTS = (
     "--record text, --ros, --osc one --osc two, --json-udp one --json-udp two, --output one --output two, --axes "

@@ -7,7 +7,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posefuse.core import Detections2D, Detector, Frame, JointCentres, LookKind, Pose3D, Region, Rig, Skeleton, SourceError
+from posefuse.core import (
+    Detections2D,
+    Detector,
+    Frame,
+    JointCentres,
+    LookKind,
+    Observations,
+    Pose3D,
+    Region,
+    Rig,
+    Skeleton,
+    SourceError,
+)
 from posefuse.core.arrays import Array
 from posefuse.detection import region_from_pose, with_clothing, with_depth
 from posefuse.sources import CountedSource, FramesAhead, RecordedSource, frame_sets, incomplete_cameras
@@ -110,8 +122,9 @@ class ImageInstants:
         on_lost: Callable[[str, SourceError], None],
     ) -> None:
         self._rig, self._detector, self._timeline, self._on_lost = rig, detector, timeline, on_lost
-        self._sources = [CountedSource(source) for source in sources]
-        self._streams = {source.camera: FramesAhead(source) for source in self._sources}
+        self._sources = sources
+        self._counted: list[CountedSource] = []
+        self._streams: list[FramesAhead] = []
 
     @property
     def skeleton(self) -> Skeleton:
@@ -123,22 +136,38 @@ class ImageInstants:
         """Where joint centres lie relative to the detector's keypoints, where that is known."""
         return joint_centres_of(self._detector, proportions=False)
 
-    def steps(self, first: int = 0) -> Iterator[ImageStep]:
-        """The time steps from number `first` on; may be called once."""
-        line = self._timeline
-        sets = frame_sets(
-            self._streams, line.t_ns(first), line.period_ns, line.t_ns(line.count - 1), on_lost=self._on_lost
-        )  # fmt: skip
+    def steps(self, stored: Observations | None = None) -> Iterator[ImageStep]:
+        """The time steps after those of `stored`; may be called once."""
+        line, first = self._timeline, 0 if stored is None else len(stored.step_t_ns)
+        self._counted = [self._from(source, first, stored) for source in self._sources]
+        self._streams = [FramesAhead(source) for source in self._counted]
+        streams = {source.camera: stream for source, stream in zip(self._counted, self._streams, strict=True)}
+        sets = frame_sets(streams, line.t_ns(first), line.period_ns, line.t_ns(line.count - 1), on_lost=self._on_lost)
         for frame_set in sets:
             yield ImageStep(frame_set.t_ns, frame_set.frames, self._rig, self._detector)
 
     def close(self) -> None:
         """Stop decoding."""
-        for stream in self._streams.values():
+        for stream in self._streams:
             stream.close()
+        for source in self._sources:
+            source.close()
 
     def incomplete(self) -> list[str]:
         """One line for each camera of which part cannot be read, or that ends before the others."""
         line = self._timeline
         end_ns = line.start_ns + (line.count - 1) * line.period_ns
-        return incomplete_cameras([source.coverage(line.start_ns, end_ns) for source in self._sources])
+        return incomplete_cameras([source.coverage(line.start_ns, end_ns) for source in self._counted])
+
+    def _from(self, source: RecordedSource, first: int, stored: Observations | None) -> CountedSource:
+        """The source from the frames of time step `first` on, where it is known of all frames before whether they can be read."""
+        line = self._timeline
+        begin_ns = line.t_ns(first) - line.period_ns
+        if stored is None:
+            return CountedSource(source, begin_ns)
+        listed = source.times_ns()
+        earlier = listed[(listed >= line.start_ns) & (listed < begin_ns)]
+        seen = stored.frame_t_ns[stored.frame_camera == stored.camera_names.index(source.camera)]
+        if np.isin(earlier, seen).all():
+            return CountedSource(source, begin_ns, earlier.tolist())
+        return CountedSource(source, line.start_ns - line.period_ns)

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from posefuse.core import Camera, Detections2D, InputError, JointCentres, LookKind, Pose3D, Rig, Skeleton
+from posefuse.core import Camera, Detections2D, InputError, JointCentres, LookKind, Observations, Pose3D, Rig, Skeleton
 from posefuse.core.errors import choices
 from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.formats.pose2d import Pose2DFrames, read_pose2d
@@ -58,9 +58,9 @@ class Pose2DInstants:
         """Where joint centres lie relative to the keypoints of their set, where that is known."""
         return joint_centres_of_set(self.skeleton)
 
-    def steps(self, first: int = 0) -> Iterator[Pose2DStep]:
-        """The time steps from number `first` on."""
-        for i in range(first, self._timeline.count):
+    def steps(self, stored: Observations | None = None) -> Iterator[Pose2DStep]:
+        """The time steps after those of `stored`."""
+        for i in range(0 if stored is None else len(stored.step_t_ns), self._timeline.count):
             t_ns = self._timeline.t_ns(i)
             clocks = zip(self._folders, self._clocks, strict=True)
             yield Pose2DStep(t_ns, tuple(self._file(folder, *clock, t_ns) for folder, clock in clocks))

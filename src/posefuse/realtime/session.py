@@ -235,7 +235,7 @@ def ready_joints(skeleton: Skeleton, config: LiveConfig) -> JointTracker | None:
 
 def ready_bodies(rig: Rig, skeleton: Skeleton, config: LiveConfig) -> LiveSkeletons | None:
     """The whole-body fit, its kernels compiled; None where it is off."""
-    if config.body == "off" or config.track.tracker != "asynchronous":
+    if config.body == "off":
         return None
     at_once = replace(config.live_body, learn_s=config.live_body.sample_every_s * FEWEST_SEEN)
     tracker = _new_tracker(rig, skeleton, config)

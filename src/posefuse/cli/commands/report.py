@@ -36,7 +36,7 @@ def report(
     from posefuse.pipeline.reading import read_result
     from posefuse.pipeline.reporting import report_folder, write_report_folder
 
-    recording = read_result(result, terminal.warn)
+    recording = read_result(result, terminal.warn, observed=fit == "rays")
     folder = out or report_folder(result)
     settings = BiomechanicsSettings(fit=fit, opensim=opensim, opensim_model=opensim_model)
     with compiling("joint angles", terminal.note), terminal.stages() as progress:

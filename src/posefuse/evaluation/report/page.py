@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from datetime import date
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import numpy as np
 
 from posefuse import __version__
 from posefuse.core import InputError, JointAngles, PoseSequence, Recording
+from posefuse.core.arrays import Array
 from posefuse.core.palette import LEGEND
 from posefuse.evaluation.gait_cycles import gait_cycles, side_of
 from posefuse.formats.page import (
@@ -28,6 +30,7 @@ from posefuse.formats.page import (
     Plots,
     Side,
     Table,
+    kept_steps,
     write_page,
 )
 from posefuse.formats.rig import refusal_note
@@ -125,7 +128,7 @@ def _player(recording: Recording, joints: JointAngles) -> Player:
         side_of(names[a]) if side_of(names[a]) == side_of(names[b]) else "mid" for a, b in poses.skeleton.bone_indices
     ]
     return Player(
-        (poses.t_ns - poses.t_ns[:1]) * 1e-9,
+        _seconds(poses),
         poses.xyz_world,
         bones=poses.skeleton.bone_indices,
         sides=sides,
@@ -135,12 +138,17 @@ def _player(recording: Recording, joints: JointAngles) -> Player:
     )
 
 
+def _seconds(poses: PoseSequence) -> Array:
+    return np.asarray((poses.t_ns - poses.t_ns[:1]) * 1e-9)
+
+
 def _mesh(poses: PoseSequence, joints: JointAngles, n: int) -> PlayerMesh | None:
     """The person as a mesh that moves with the segment frames; None where these have gaps, at the beginning and end, too."""
     if animation_gap(joints, n) is not None or not seen_throughout(joints, n):
         return None
     skeleton = animation_from_joints(poses, joints, n)
-    rotation, position = skeleton.world()
+    kept = kept_steps(_seconds(poses))
+    rotation, position = replace(skeleton, rotation=skeleton.rotation[kept], position=skeleton.position[kept]).world()
     turn = FILE_FROM_WORLD.T
     return PlayerMesh(skin=skin_of(skeleton), rotation=turn @ rotation, position=position @ FILE_FROM_WORLD)
 

@@ -27,7 +27,8 @@ class PlayerMesh:
     """A person as a mesh over time.
 
     Attributes:
-        skin: the mesh and its joints. rotation: (T, J, 3, 3) world_from_joint, world Z up. position: (T, J, 3) metres.
+        skin: the mesh and its joints.
+        rotation: (T', J, 3, 3) world_from_joint at the time steps that are kept, world Z up. position: (T', J, 3) metres.
     """
 
     skin: Skin
@@ -70,11 +71,7 @@ class Player:
     @property
     def kept(self) -> Array:
         """Places (T',) of the time steps that are stored."""
-        if len(self.t_s) < 2:
-            return np.arange(len(self.t_s))
-        period_s = float(np.median(np.diff(self.t_s)))
-        step = max(1, round(1 / (_MOST_HZ * period_s))) if period_s > 0 else 1
-        return np.arange(0, len(self.t_s), step)[:_MOST_FRAMES]
+        return kept_steps(self.t_s)
 
     @property
     def note(self) -> str:
@@ -85,12 +82,21 @@ class Player:
         return f"The first {self.t_s[kept[-1]] - self.t_s[0]:.0f} s of {self.t_s[-1] - self.t_s[0]:.0f} s."
 
 
+def kept_steps(t_s: Array) -> Array:
+    """Places (T',) of those of the times (T,) that a player keeps."""
+    if len(t_s) < 2:
+        return np.arange(len(t_s))
+    period_s = float(np.median(np.diff(t_s)))
+    step = max(1, round(1 / (_MOST_HZ * period_s))) if period_s > 0 else 1
+    return np.arange(0, len(t_s), step)[:_MOST_FRAMES]
+
+
 def player_content(player: Player) -> dict[str, Any]:
     """A player as the page's script reads it: one packed array per person, keypoint and axis."""
     kept = player.kept
-    xyz = np.asarray(player.xyz_m, float)[kept]
+    xyz = np.asarray(player.xyz_m[kept], float)
     t_s = np.asarray(player.t_s, float)[kept]
-    meshes = [None if mesh is None else _mesh_content(mesh, kept) for mesh in player.meshes]
+    meshes = [None if mesh is None else _mesh_content(mesh) for mesh in player.meshes]
     return {
         "meshes": meshes,
         "t": packed(t_s - t_s[:1], step=_STEP_S),
@@ -105,10 +111,10 @@ def player_content(player: Player) -> dict[str, Any]:
     }
 
 
-def _mesh_content(mesh: PlayerMesh, kept: Array) -> dict[str, Any]:
+def _mesh_content(mesh: PlayerMesh) -> dict[str, Any]:
     """Vertices, faces, weights of joints, and each joint's place at rest and over time."""
     skin, joints = mesh.skin, range(mesh.rotation.shape[1])
-    turns = [smooth_quaternions(mesh.rotation[kept][:, j]) for j in joints]
+    turns = [smooth_quaternions(mesh.rotation[:, j]) for j in joints]
     return {
         "vertices": packed(skin.vertices.ravel(), step=_STEP_M)["d"],
         "faces": skin.faces.ravel().tolist(),
@@ -116,7 +122,7 @@ def _mesh_content(mesh: PlayerMesh, kept: Array) -> dict[str, Any]:
         "weight": _whole(skin.weight).ravel().tolist(),
         "bind": np.round(skin.joint_from_mesh[:, :3], _BIND_DECIMALS).reshape(len(skin.joint_from_mesh), 12).tolist(),
         "turn": [[packed(turn[:, i], step=_STEP_TURN)["d"] for i in range(4)] for turn in turns],
-        "place": [[packed(mesh.position[kept][:, j, i], step=_STEP_M)["d"] for i in range(3)] for j in joints],
+        "place": [[packed(mesh.position[:, j, i], step=_STEP_M)["d"] for i in range(3)] for j in joints],
         "step": list(_STEP_M),
         "turn_step": list(_STEP_TURN),
     }

@@ -11,7 +11,7 @@ from posefuse.core import InputError, Skeleton
 from posefuse.foundation.parsing import short
 
 from . import alphapose, coco, deeplabcut, mediapipe, mmpose, openpose, sleap
-from .frames import UNTRACKED, People2D, Pose2DFrames
+from .frames import UNTRACKED, People2D, Pose2DFrames, parsed_json
 from .openpose import read_openpose_folder
 
 # what reading values of the wrong type or shape may raise, tables and HDF5 files that break off included
@@ -71,6 +71,8 @@ def read_pose2d(
                 return format.reader.read(path, camera, skeleton, size_wh)
             except _MALFORMED as error:
                 raise InputError(f"{path}: camera {camera}: damaged {format.name} data ({short(error)})") from None
+            finally:
+                parsed_json.cache_clear()
     looked = "; ".join(f"{format.name}: {format.looks_for}" for format in FORMATS)
     raise InputError(f"{path}: camera {camera}: no format of 2D poses recognised; looked for {looked}")
 

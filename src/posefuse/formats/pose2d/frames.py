@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -103,7 +103,17 @@ def frames_from_mapping(
 
 
 def read_json(path: Path) -> Any:
-    """A JSON file's content; raises InputError in one line for one that cannot be read."""
+    """A JSON file's content, not to be changed; raises InputError in one line for one that cannot be read."""
+    try:
+        state = path.stat()
+    except OSError:  # `read_text` words it
+        return parse_json(str(path), read_text(path))
+    return parsed_json(path, state.st_mtime_ns, state.st_size)
+
+
+@lru_cache(maxsize=1)
+def parsed_json(path: Path, modified_ns: int, size: int) -> Any:
+    """The content of a file in this state: every format that may fit looks at it before one reads it."""
     return parse_json(str(path), read_text(path))
 
 
