@@ -16,6 +16,8 @@ pytest.importorskip("cyclonedds", reason="the extra `ros` is not installed")
 from posefuse.core import Frame, SourceError
 from posefuse.evaluation.contracts import check_source
 from posefuse.messages.camera_messages import IMAGE_TYPE
+from posefuse.messages.dds import RosNode
+from posefuse.messages.dds_domain import Network
 from posefuse.messages.topics import Topic
 from posefuse.sources.ros import RosConfig, RosSource
 
@@ -100,6 +102,30 @@ def test_closing_ends_the_frames(sender):
     source.close()
     thread.join(timeout=20)
     assert not thread.is_alive()
+
+
+def test_what_is_closed_while_another_thread_uses_it_ends_quietly(monkeypatch):
+    from cyclonedds.core import DDSException
+
+    with RosNode("closed", Network(domain_id=DOMAIN, local_only=True)) as node:
+
+        class Closed:
+            def wait(self, _: int) -> int:
+                node.close()
+                raise DDSException(-12, msg="Occurred while waiting")
+
+        node._waitset = Closed()
+        assert node.wait(1.0) is False
+    source = object.__new__(RosSource)
+    source._closed, source._seq = False, 5
+    source._first = Frame(camera="a", seq=0, t_ns=0, received_ns=0, image=np.zeros((3, 4, 3), np.uint8))
+
+    def gone() -> list:
+        source._closed = True
+        raise SourceError("Cyclone DDS could not read")
+
+    monkeypatch.setattr(source, "_take", gone, raising=False)
+    assert list(source.frames()) == []
 
 
 def test_a_missing_topic_is_refused_with_a_list_of_topics(sender):

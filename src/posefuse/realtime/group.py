@@ -91,7 +91,7 @@ def _opened(plan: GroupPlan, channel: Channel, board: Board) -> Group:
 
     cv2.setNumThreads(1)
     group = Group(plan, channel, board)
-    channel.send(Ready(plan.group, group.detector.now.skeleton, group.joint_centres()), _SEND_S)
+    channel.send(Ready(plan.group, group.detector.skeleton, group.joint_centres()), _SEND_S)
     return group
 
 

@@ -87,9 +87,14 @@ class RosSource:
         """Frames as they come, until `close`; the first call begins with the image `build` waited for."""
         if self._first.seq == self._seq == 0:
             yield self._first
-        while not self._closed:
-            yield from self._take()
-            self._node.wait(_POLL_S)
+        try:
+            while not self._closed:
+                yield from self._take()
+                self._node.wait(_POLL_S)
+        except SourceError:
+            # a reader may be closed while it is read
+            if not self._closed:
+                raise
 
     def close(self) -> None:
         """Leave the network; a running `frames` ends soon. Safe to call twice."""
