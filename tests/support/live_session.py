@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from running import Running
 
@@ -22,8 +23,8 @@ def command(session: Path, *options: str, source: str | None = None) -> list[str
 class Live:
     """A running session whose notes are read as they come."""
 
-    def __init__(self, arguments: list[str]) -> None:
-        self._running = Running(arguments)
+    def __init__(self, arguments: list[str], **more: Any) -> None:
+        self._running = Running(arguments, **more)
         self.process = self._running.process
 
     def wait_for(self, pattern: str) -> re.Match:
