@@ -4,6 +4,7 @@ import os
 import sys
 import textwrap
 import threading
+import time
 from contextlib import nullcontext
 from itertools import islice, takewhile
 
@@ -92,6 +93,19 @@ def test_images_of_another_size_or_older_are_refused_and_counted(sender):
     assert source.refused_frames > 5
     source.close()
     assert source.last_refusal.startswith("topic /cam/image_raw: ")
+
+
+@pytest.mark.parametrize("jump_s", [-7200, 7200])
+def test_a_clock_that_is_set_shows_in_the_stamps_only(sender, monkeypatch, jump_s):
+    source, real = config("/cam/image_raw").build(), time.time_ns
+    frames = source.frames()
+    before = next(frames).received_ns
+    monkeypatch.setattr(time, "time_ns", lambda: real() + jump_s * 10**9)
+    try:
+        later = [frame.received_ns - before for frame in islice(frames, 20)]
+    finally:
+        source.close()
+    assert 0 < later[-1] < 600e9
 
 
 def test_closing_ends_the_frames(sender):
