@@ -128,6 +128,7 @@ def test_an_interrupted_command_ends_quietly_and_loses_nothing_and_a_next_run_wo
         # before the command has begun, Python itself ends; what was done already is done
         assert ended in (code, -number, expected), f"{where}: {ended}: {run.said()}"
         assert "Traceback" not in run.said() and "this is a bug" not in run.said(), f"{where}: {run.said()}"
+        assert out.exists() or "is unfinished" not in run.said(), f"{where}: {run.said()}"
         assert left(run.mark) == [], where
         assert tree(inputs) == before and (tmp_path / "notes.txt").read_text() == "mine", where
         again = started(words, inputs, tmp_path / f"{number.name}-2" if name in ENDLESS else out)

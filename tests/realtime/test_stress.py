@@ -1,19 +1,22 @@
 """Ten minutes of sabotage of one live session with all its outputs: it continues to the end, and nothing recorded is lost."""
 
 import contextlib
+import json
 import os
 import random
 import shutil
 import signal
 import socket
+import sys
 import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from live_session import Live, command
+from live_session import PATIENCE_S, Live, command, until
 from marked import ON_LINUX, left, marked, new_mark
+from running import Running
 from test_session_outputs import fill
 
 from posefuse.messages.bags import read_poses
@@ -150,3 +153,55 @@ def test_ten_minutes_of_kills_stops_floods_a_full_disk_and_a_removed_folder(
     assert flood.poses_s[-1] > ended_s - 5.0, "the session gives poses to its end"
     assert memory[-1] - first < MOST_MB
     assert said.count("\n") < 30 * sabotage.count, "garbage from the network is not on the terminal"
+
+
+@pytest.mark.parametrize("by_s", [-7200, 7200])
+def test_a_session_does_not_notice_that_the_clock_of_the_machine_is_set(demo_session: Path, tmp_path: Path, by_s: int) -> None:
+    set_clock, recording = tmp_path / "set", tmp_path / "a.mcap"
+    environment = environment_of(set_clock, by_s)
+    live = Live(command(demo_session, "--loop", "10", "--record", str(recording)), env=environment)
+    live.wait_for("cam03: ok")
+    until(lambda: recording.exists() and recording.stat().st_size > 200_000)
+    set_clock.touch()
+    size = recording.stat().st_size
+    until(lambda: recording.stat().st_size > size + 400_000)
+    live.process.send_signal(signal.SIGINT)
+    figures, _ = live.ended()
+    assert {event["state"] for event in figures["events"]} <= {"opening", "ok", "overload"}
+    poses = [pose for pose, _ in read_poses(recording)]
+    seen = [pose.t_ns for pose in poses if len(pose.person_id)]
+    assert len(seen) > 0.5 * len(poses) and (seen[-1] - poses[0].t_ns) / 1e9 < figures["seconds"] + 1
+
+
+@pytest.mark.parametrize("by_s", [-7200, 7200])
+def test_nodes_continue_when_the_clock_of_the_machine_is_set(demo_session: Path, tmp_path: Path, by_s: int) -> None:
+    set_clock, rig = tmp_path / "set", str(demo_session / "rig.toml")
+    network, program = (
+        ["--local-only", "--domain", str(DOMAIN + 1), "--json"],
+        [sys.executable, "-m", "posefuse.cli.main", "node"],
+    )
+    cameras = command(demo_session, "--loop", "10", *network)[4:]
+    with (
+        Running([*program, "fusion", rig, *network], env=environment_of(set_clock, by_s)) as fusion,
+        Running([*program, "camera", *cameras], env=environment_of(set_clock, by_s)) as node,
+    ):
+        fusion.err.wait_for("cam03: ok", PATIENCE_S)
+        set_clock.touch()
+        time.sleep(8.0)
+        ended = []
+        for one in (fusion, node):
+            one.process.send_signal(signal.SIGINT)
+            ended.append(one.finished(PATIENCE_S))
+            assert one.process.returncode == 0, ended[-1][1]
+    figures = json.loads(ended[0][0])
+    assert {name: one["state"] for name, one in figures["cameras"].items()} == dict.fromkeys(figures["cameras"], "ok")
+    assert sum(figures["strangers"].values()) == 0 and figures["poses_with_people"] > 0.5 * figures["poses"]
+
+
+def environment_of(set_clock: Path, by_s: int) -> dict[str, str]:
+    """Of a process whose clock is set by so much once the file is there."""
+    place = set_clock.parent / "site"
+    place.mkdir(exist_ok=True)
+    shutil.copyfile(Path(__file__).parents[1] / "support" / "set_clock.py", place / "sitecustomize.py")
+    path = os.pathsep.join(filter(None, [str(place), os.environ.get("PYTHONPATH")]))
+    return {**os.environ, "CLOCK_SET_BY": str(set_clock), "CLOCK_SET_S": str(by_s), "PYTHONPATH": path}
