@@ -14,7 +14,7 @@ from posefuse.detection.blazepose import BlazePoseConfig
 from posefuse.detection.build import DetectorChoice
 from posefuse.detection.choosing import NetworkCost, largest_sustained, measured_costs
 from posefuse.foundation.plugins import plugin_config
-from posefuse.foundation.requests_to_end import leave_requests_to_parent
+from posefuse.foundation.requests_to_end import children_ignore_requests, leave_requests_to_parent
 
 AUTO = "auto"
 # the networks that are downloaded to choose from; larger ones count where the user has them
@@ -61,7 +61,9 @@ def settled_network(choice: DetectorChoice, cameras: int, say: Callable[[str], N
     config: BlazePoseConfig = plugin_config("detectors", choice.name, choice.options)
     # in a separate process, which frees its memory at the end and does not heed Ctrl-C of the terminal
     with ProcessPoolExecutor(1, get_context("spawn"), initializer=leave_requests_to_parent) as other:
-        costs = other.submit(measured_costs, config=config, until=partial(_too_slow, cameras)).result()
+        with children_ignore_requests():
+            measured = other.submit(measured_costs, config=config, until=partial(_too_slow, cameras))
+        costs = measured.result()
     best = largest_sustained(costs, cameras, _RATE_HZ)
     every = "processes every frame of" if best.sustains(cameras, _RATE_HZ) else "the fastest for"
     say(f"network {best.name}: {every} {cameras} cameras at {_RATE_HZ:g} frames/s, {1000 * best.image_s:.1f} ms per image")
