@@ -13,10 +13,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from live_session import PATIENCE_S, Live, command
+from live_session import PATIENCE_S, Live, command, fill
 from marked import ON_LINUX, left, marked, new_mark
 from running import Running
-from test_session_outputs import fill
 
 from posefuse.messages.bags import read_poses
 

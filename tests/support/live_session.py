@@ -10,7 +10,7 @@ from typing import Any
 
 from running import Running
 
-PATIENCE_S = 180.0
+PATIENCE_S, FILLED = 180.0, 1 << 16
 
 
 def command(session: Path, *options: str, source: str | None = None) -> list[str]:
@@ -50,3 +50,13 @@ def until(condition: Callable[[], bool]) -> None:
     while not condition():
         assert time.monotonic() < end, "waited in vain"
         time.sleep(0.05)
+
+
+def fill(path: Path) -> float:
+    """Fill the disk to its last byte; returns the moment it was full."""
+    with path.open("wb", buffering=0) as file:
+        try:
+            while True:
+                file.write(bytes(FILLED))
+        except OSError:
+            return time.monotonic()
