@@ -147,10 +147,10 @@ def test_cameras_of_another_machine_look_for_people_who_are_not_sure_enough_to_b
 
     rig, clock, skeleton = ring_rig(3), SessionClock.begin(), SKELETONS["coco17"]
     where = {"domain_id": DOMAIN + 2, "local_only": True}
-    output, board = Ros2Config(**where).build(), new_board(rig)
+    output, board = Ros2Config(**where).build(), new_board()
     output.take(LiveStart(t_ns=clock.now_ns(), rig=rig, rate_hz=100.0, clock_offset_ns=0))
     outlets = Given(output)
-    fusion = Fusion(rig, OneUnsurePerson(skeleton), new_board(rig), clock, outlets, Centring(rig.names, False))
+    fusion = Fusion(rig, OneUnsurePerson(skeleton), new_board(), clock, outlets, Centring(rig.names, False))
     end = time.monotonic() + PATIENCE_S
     with RosNode("camera", Network(**where)) as node:
         cameras = CameraNode(rig, rig.names, node, board, clock, skeleton)

@@ -15,6 +15,7 @@ import numpy as np
 import posefuse as pf
 from posefuse.core import InputError, JointAngles
 from posefuse.core.arrays import Array
+from posefuse.foundation.requests_to_end import children_ignore_requests, leave_requests_to_parent
 from posefuse.kinematics.gait import Gait, gait_from_poses
 from posefuse.pipeline.live_videos import session_with_videos
 from posefuse.pipeline.playback import Playback, PlaybackStep
@@ -64,12 +65,14 @@ def open_recording(path: Path, within: Path) -> OpenedRecording:
 @cache
 def _other_process() -> ProcessPoolExecutor:
     """A process for what compiles code, which would hold up every page; it ends with the server."""
-    return ProcessPoolExecutor(1, mp_context=get_context("spawn"))
+    return ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=leave_requests_to_parent)
 
 
 async def load_joint_angles(path: Path) -> JointAngles | None:
     """Angles of all people of a recording, straight from its points, worked out in another process; None where there are none."""
-    return await asyncio.get_running_loop().run_in_executor(_other_process(), _joint_angles, path)
+    with children_ignore_requests():
+        angles = asyncio.get_running_loop().run_in_executor(_other_process(), _joint_angles, path)
+    return await angles
 
 
 def _joint_angles(path: Path) -> JointAngles | None:

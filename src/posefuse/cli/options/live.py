@@ -89,8 +89,8 @@ class LiveSettingsOptions(SettingsOptions):
         tuple[str, ...],
         Parameter(
             metavar="auto|NAME|CARD.toml",
-            help="2D network: auto (default: the largest that processes every frame on this machine, measured at the start and "
-            "reconsidered under load), blazepose_lite, blazepose_full, blazepose_heavy, blazepose_best, or your own model card "
+            help="2D network: auto (default: the largest that processes every frame on this machine, measured at the start), "
+            "blazepose_lite, blazepose_full, blazepose_heavy, blazepose_best, or your own model card "
             "(see docs/networks.md).",
             validator=check_networks,
         ),
