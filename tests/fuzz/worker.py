@@ -124,7 +124,7 @@ def _command(kind: str, path: Path, folder: Path) -> list[str]:
         return ["compare", str(folder / "sound.trc"), str(path)]
     if kind.startswith("options"):
         return [word.replace("FOLDER", str(folder)) for word in shlex.split(path.read_text())]
-    command = ["track", str(folder), "--out", str(folder.with_name("out")), "--set", "raw=true", "--outputs", "json"]
+    command = ["track", str(folder), "--out", str(folder.with_name("out")), "--set", "raw=true", "--outputs", "csv"]
     if kind == "track, MP4":
         command += ["--set", "detector.name=oracle", "--set", f"detector.options.truth={DEMO / 'truth' / 'truth.npz'}"]
         command += ["--end", "0.3"]
