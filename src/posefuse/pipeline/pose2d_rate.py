@@ -11,6 +11,7 @@ from posefuse.core import InputError, SourceError
 from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.session import Session, data_entries
 
+from .images import frame_period_ns
 from .pose2sim_project import read_project
 
 # rates that differ by less are one rate: files round what cameras deliver
@@ -52,5 +53,5 @@ def _video_rates(folder: Path) -> Iterator[tuple[str, float]]:
             times = np.asarray(VideoConfig(path, path.stem).build().times_ns())
         except SourceError:
             continue
-        if len(times) > 1:
-            yield path.name, 1e9 / float(np.median(np.diff(times)))
+        if (period_ns := frame_period_ns(times)) is not None:
+            yield path.name, 1e9 / period_ns
