@@ -25,7 +25,7 @@ from posefuse.kinematics.body import BodySettings, bodies_from_poses, fit_poses,
 from posefuse.kinematics.definitions import joints_without_points
 from posefuse.kinematics.gait import Gait, gait_from_poses
 from posefuse.kinematics.opensim_path import opensim_motion
-from posefuse.kinematics.opensim_scale import write_scaled_model
+from posefuse.kinematics.opensim_scale import scaled_motion
 from posefuse.kinematics.sides import SIDES
 from posefuse.kinematics.skin import skin_of
 from posefuse.outputs.facts import duration_s, person_suffix
@@ -47,7 +47,8 @@ class BiomechanicsSettings:
             (`rays_at_joint_centres`), so that one camera still counts; ``none`` takes the angles straight from the points, as
             do all where the skeleton has no hips or no shoulders.
         opensim: run OpenSim's inverse kinematics as well; needs the extra ``biomech``.
-        opensim_model: an .osim of the user's own that is scaled to each person; needs the extra ``biomech``.
+        opensim_model: an .osim of the user's own to scale to each person and to run inverse kinematics on; needs the extra
+            ``biomech``.
         joints, body: see `JointSettings`, `BodySettings`.
     """
 
@@ -194,7 +195,7 @@ def _opensim_files(poses: PoseSequence, n: int, folder: Path, chosen: Biomechani
         if chosen.opensim:
             opensim_motion(poses, folder, n, body)
         if chosen.opensim_model:
-            write_scaled_model(chosen.opensim_model, folder, body)
+            scaled_motion(chosen.opensim_model, poses, folder, n, body)
     except DependencyError:
         folder.rmdir()
         raise
