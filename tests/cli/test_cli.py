@@ -16,6 +16,7 @@ import pytest
 
 from posefuse import __version__
 from posefuse.cli import main as cli
+from posefuse.cli.command_line import GROUPS
 from posefuse.cli.commands import plugins as plugins_command
 from posefuse.cli.live_report import show_live_figures
 from posefuse.cli.options.shared import Figures, Shown
@@ -278,6 +279,16 @@ def test_help_and_version_work_as_a_program() -> None:
         [sys.executable, "-m", "posefuse.cli.main", "--version"], capture_output=True, text=True, check=True, timeout=120
     )
     assert version.stdout.strip() == f"posefuse {__version__}"
+
+
+@pytest.mark.parametrize("words", [(), ("calibrate",)])
+def test_without_a_command_the_help_is_shown(words: tuple[str, ...], capsys) -> None:
+    assert cli.main([*words]) == 0
+    shown = capsys.readouterr()
+    cli.main([*words, "--help"])
+    assert shown.out == capsys.readouterr().out and shown.err == ""
+    titles = [line.split()[1] for line in shown.out.splitlines() if line.startswith("╭─ ")]
+    assert titles == (["Commands", "Options"] if words else [title.split()[0] for title in (*GROUPS, "Options")])
 
 
 def test_a_table_that_is_too_wide_has_narrow_cells_before_broken_words(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
