@@ -16,6 +16,7 @@ import posefuse as pf
 from posefuse.core import InputError, JointAngles
 from posefuse.core.arrays import Array
 from posefuse.kinematics.gait import Gait, gait_from_poses
+from posefuse.outputs.drawing import person_rgb
 from posefuse.pipeline.live_videos import session_with_videos
 from posefuse.pipeline.playback import Playback, PlaybackStep
 
@@ -26,7 +27,6 @@ from .streams import Stream
 TILE_PX = 480
 # frames per second while playing: what several videos cost a small computer to decode
 _PLAY_HZ = 12.0
-_PERSON_RGB = ((38, 198, 218), (255, 179, 0), (236, 64, 122), (124, 179, 66), (126, 87, 194), (255, 112, 67))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -164,5 +164,5 @@ class ResultPlayer:
             moment.size_wh,
             detected_px=moment.detected_px,
             projected_px=moment.projected_px,
-            rgba=[(*_PERSON_RGB[person % len(_PERSON_RGB)], 255) for person in people],
+            rgba=[(*person_rgb(person), 255) for person in people],
         )
