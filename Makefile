@@ -48,7 +48,7 @@ help:
 	@echo "make demo-clip  render the bundled clip again with the simulator"
 	@echo "make pictures   draw the pictures of the docs again"
 	@echo "make docs       build the documentation site in out/site; a warning is an error"
-	@echo "make package    build, check and try what would be published; nothing is uploaded"
+	@echo "make package    build, check and try what would be published; nothing is uploaded; the table of docs/installing.md"
 
 setup: $(READY)
 
@@ -123,7 +123,7 @@ docs: with-dev,docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 
 package: with-dev,publish
-	$(BIN)/python tools/package.py
+	$(BIN)/python tools/package.py --write docs/installing.md
 
 clean:
 	rm -rf out build dist .pytest_cache .mypy_cache .ruff_cache

@@ -212,8 +212,6 @@ def test_options_that_are_repeated_are_all_kept() -> None:
         ("calibrate person a --intrinsics i --out o --apart a b", "--apart: expected 3 values"),
         ("calibrate person a --intrinsics i --out o --apart a b far", 'unable to convert "far" into float'),
         ("node relay rig.toml", "unknown command 'relay'; there are: camera, fusion"),
-        ("calibrate", "expected a command: intrinsics, extrinsics"),
-        ("", "expected a command: demo, track"),
     ],
 )
 def test_a_wrong_command_line_is_one_line_and_exit_1(words: str, line: str, capsys: pytest.CaptureFixture[str]) -> None:

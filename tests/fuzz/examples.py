@@ -176,7 +176,7 @@ def openpose_session(folder: Path) -> None:
     """Two cameras of the bundled clip as OpenPose JSON of a walking person, with a settings file."""
     rig: Rig = read_rig(DEMO / "rig.toml").only(("cam00", "cam01"))
     write_rig(folder / "rig.toml", rig)
-    (folder / "posefuse.toml").write_text('rate_hz = 30.0\nraw = true\noutputs = ["json"]\n[cameras.cam00]\noffset_s = 0.0\n')
+    (folder / "posefuse.toml").write_text('rate_hz = 30.0\nraw = true\noutputs = ["csv"]\n[cameras.cam00]\noffset_s = 0.0\n')
     person = made_up_person(BODY_25)
     for camera in rig:
         place = folder / "pose2d" / f"{camera.name}_json"

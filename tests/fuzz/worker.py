@@ -136,7 +136,7 @@ def _command(kind: str, path: Path, folder: Path) -> list[str]:
         return [kind.partition(",")[0], str(folder), *out]
     if kind == "track, result":
         return ["track", str(folder), *out]
-    command = ["track", str(folder), *out, "--set", "raw=true", "--outputs", "json"]
+    command = ["track", str(folder), *out, "--set", "raw=true", "--outputs", "csv"]
     if kind == "track, MP4":
         command += ["--set", "detector.name=oracle", "--set", f"detector.options.truth={DEMO / 'truth' / 'truth.npz'}"]
         command += ["--end", "0.3"]

@@ -35,7 +35,7 @@ def test_the_clip_is_tracked_to_its_truth_and_every_file_is_there(demo_session: 
     assert min(got["found"].values()) > 0.98
     assert got["mpjpe_mm"] < 1.1 * 12.1  # `make demo` prints 12.1
     assert sorted(path.name for path in out.iterdir()) == sorted([*got["files"], MANIFEST_FILE])
-    assert {"pose.trc", "pose.c3d", "pose.csv", "pose.json", "overlay.mp4", "overview.png"} <= set(got["files"])
+    assert {"pose.trc", "pose.c3d", "pose.csv", "overlay.mp4", "overview.png"} <= set(got["files"])
     recording = read_recording(out)
     assert recording.provenance["rig_id"] == recording.rig.id
     assert recording.provenance["config"]["fuse"]["weights"] == "robust"

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -31,6 +31,15 @@ _TEXT_PIECES = 200
 _NAMES_PER_PARAMETER = 255
 # frames that ezc3d gets at a time
 _PART_FRAMES = 1000
+_EVENT_LABELS = {"strike": "Foot Strike", "off": "Foot Off"}
+
+
+class C3dEvent(NamedTuple):
+    """`strike` or `off` of the `left` or `right` foot, in seconds from the first frame."""
+
+    t_s: float
+    side: str
+    kind: str
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -44,6 +53,7 @@ class C3dData:
         rate_hz: frames per second; C3D has no other time.
         angle_names: A angles. angle_rad: (T, A, 3); NaN where missing.
         about: group ``POSEFUSE`` of the file: parameter name to text.
+        subject: who it is. events: in order of time; a file holds the first 255. Both are written, not read.
     """
 
     names: tuple[str, ...]
@@ -53,6 +63,8 @@ class C3dData:
     angle_names: tuple[str, ...] = ()
     angle_rad: Array = field(default_factory=lambda: np.zeros((0, 0, 3)))
     about: Mapping[str, str] = field(default_factory=dict)
+    subject: str = ""
+    events: tuple[C3dEvent, ...] = ()
 
     def __post_init__(self) -> None:
         freeze_fields(self, dict.fromkeys(("xyz_world", "sigma_m", "angle_rad"), np.float64))
@@ -163,6 +175,14 @@ def _add_parameters(file: Any, data: C3dData) -> None:
         file.add_parameter("POINT", "ANGLES", list(data.angle_names))
         file.add_parameter("POINT", "ANGLE_UNITS", "deg")
         file.add_parameter("POINT", "TYPE_GROUPS", ["ANGLES", "ANGLE"])
+    if data.subject:
+        _add_group(file, "SUBJECTS", USED=[1], NAMES=[data.subject], USES_PREFIXES=[0], LABEL_PREFIXES=[""])
+    if events := data.events[:_NAMES_PER_PARAMETER]:
+        # a time is minutes and seconds; readers add them up
+        times = np.array([[0.0, event.t_s] for event in events]).T
+        sides, labels = [event.side.title() for event in events], [_EVENT_LABELS[event.kind] for event in events]
+        subjects = [data.subject] * len(events)
+        _add_group(file, "EVENT", USED=[len(events)], CONTEXTS=sides, LABELS=labels, TIMES=times, SUBJECTS=subjects)
     file.add_parameter("MANUFACTURER", "COMPANY", "posefuse")
     file.add_parameter("MANUFACTURER", "SOFTWARE", "posefuse")
     file.add_parameter("MANUFACTURER", "VERSION_LABEL", data.about.get("VERSION", ""))
@@ -172,6 +192,11 @@ def _add_parameters(file: Any, data: C3dData) -> None:
             raise InputError(f"C3D parameter POSEFUSE:{key}: too long ({len(text)} characters)")
         # ends of strings are padded away in C3D: a mark keeps blanks at the end of a piece
         file.add_parameter("POSEFUSE", key, [f"{piece}|" for piece in pieces])
+
+
+def _add_group(file: Any, group: str, **parameters: list[Any] | Array) -> None:
+    for name, values in parameters.items():
+        file.add_parameter(group, name, values)
 
 
 def _about(parameters: Mapping[str, Group]) -> dict[str, str]:

@@ -19,6 +19,7 @@ from posefuse.core.arrays import Array
 from posefuse.core.poses import point_sigma_m
 from posefuse.formats.recording import read_recording
 from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.platform import display
 from posefuse.foundation.settings import settings
 
 from .drawing import DETECTION_RGB, jpeg_of, shrunk_wh
@@ -28,7 +29,6 @@ from .rerun_scene import (
     TIMELINE,
     camera_path,
     check_rerun,
-    has_display,
     log_cameras,
     log_detections,
     log_name,
@@ -75,7 +75,7 @@ def open_in_viewer(path: Path) -> None:
         DependencyError: the extra `viewer` is not installed, or there is no display to show it on.
     """
     check_rerun()
-    if not has_display():
+    if not display():
         raise DependencyError(
             "the Rerun viewer (extra posefuse[viewer]) needs a display and there is none: write the output `rerun` "
             f"(--outputs rerun) and open {FILE} on another machine, or in a browser: rerun --web-viewer {FILE}"

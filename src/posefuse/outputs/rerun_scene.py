@@ -6,8 +6,6 @@ Rerun puts pixel centres at halves, posefuse at integers: every 2D position is m
 from __future__ import annotations
 
 import importlib.util
-import os
-import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +14,7 @@ import numpy as np
 from posefuse.core import Camera, DependencyError, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.core.se3 import wxyz_from_matrix
+from posefuse.foundation.platform import display
 
 from .drawing import bone_colours, keypoint_colours
 
@@ -41,11 +40,6 @@ def check_rerun() -> None:
         raise DependencyError("the Rerun viewer is not installed: pip install 'posefuse[viewer]'")
 
 
-def has_display() -> bool:
-    """Whether a viewer can open a window here."""
-    return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
-
-
 def opened_stream(title: str, place: str, blueprint: rr.blueprint.Blueprint) -> rr.RecordingStream:
     """A live stream into a viewer of its own (`place` is ``spawn``) or into the .rrd file `place`.
 
@@ -59,7 +53,7 @@ def opened_stream(title: str, place: str, blueprint: rr.blueprint.Blueprint) -> 
     if place != SPAWN:
         stream.save(place, default_blueprint=blueprint)
         return stream
-    if not has_display():
+    if not display():
         raise DependencyError("--view needs a display and there is none: use --view-file FILE.rrd and open it elsewhere")
     stream.spawn(memory_limit=_MEMORY, default_blueprint=blueprint)
     return stream

@@ -27,6 +27,9 @@ from posefuse.tracking import joint_centres_of
 
 from .config import TrackConfig
 
+# dropped frames leave gaps of whole periods: the smallest tenth of a camera's gaps has none
+_WHOLE_SHARE = 0.1
+
 
 @dataclass(frozen=True)
 class Timeline:
@@ -55,8 +58,9 @@ def common_timeline(
         SourceError: nothing recorded between start_s and end_s, or more than max_time_steps.
     """
     starts, ends = [t[0] for t in times_ns.values()], [t[-1] for t in times_ns.values()]
-    periods = {name: float(np.median(np.diff(t))) for name, t in times_ns.items() if len(t) > 1}
-    fastest = min(periods, key=lambda name: periods[name], default=next(iter(times_ns)))
+    periods = {name: period_ns for name, t in times_ns.items() if (period_ns := frame_period_ns(t)) is not None}
+    # of cameras that are equally fast but for the rounding of their times, the first
+    fastest = min(periods, key=lambda name: round(periods[name], -3), default=next(iter(times_ns)))
     period_ns = round(1e9 / rate_hz) if rate_hz else round(periods.get(fastest, 1e9 / 30))
     first_ns = int(times_ns[fastest][0])
     first_ns -= (first_ns - int(min(starts)) + period_ns // 2) // period_ns * period_ns
@@ -73,6 +77,24 @@ def common_timeline(
         )
     check_time_steps(int(count), 1e9 / period_ns, "the recording", max_time_steps)
     return Timeline(first_ns, period_ns, int(count))
+
+
+def frame_period_ns(t_ns: Array) -> float | None:
+    """The time from frame to frame of a camera, over all its time; None for fewer than two frames.
+
+    Files round times (Matroska to milliseconds), so the median of the differences is off; frames that are missing are counted.
+    """
+    t_ns = np.unique(t_ns)
+    gaps = np.diff(t_ns).astype(np.float64)
+    if not len(gaps):
+        return None
+    period = float(np.quantile(gaps, _WHOLE_SHARE))
+    # twice: the second time with a period that is known well enough to count the frames of longer gaps
+    for _ in range(2):
+        whole = np.maximum(np.round(gaps / period), 1)
+        period = float(np.median(gaps / whole))
+    count = np.concatenate([[0], np.cumsum(np.maximum(np.round(gaps / period), 1))])
+    return float(np.polyfit(count, (t_ns - t_ns[0]).astype(np.float64), 1)[0]) if len(gaps) > 1 else period
 
 
 def check_time_steps(count: int, rate_hz: float, what: str, max_time_steps: int) -> None:

@@ -95,9 +95,9 @@ def pose2d_instants(session: Session, config: TrackConfig) -> tuple[Rig, Pose2DI
     Raises:
         InputError: folders of different skeletons, no frame between start_s and end_s, or a frame rate that is not known.
     """
-    folders = [read_pose2d(entry.path, entry.camera, size_wh=session.rig[entry.camera].size_wh) for entry in session.inputs]
+    folders = [read_pose2d(entry.path, entry.camera) for entry in session.inputs]
     _check_one_skeleton(folders)
-    rate_hz = pose2d_rate_hz(session, folders, config)
+    rate_hz = pose2d_rate_hz(session, config)
     period_ns = round(1e9 / rate_hz)
     first = min(folder.numbers[0] for folder in folders)
     last = max(folder.numbers[-1] for folder in folders)

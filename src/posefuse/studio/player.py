@@ -17,6 +17,7 @@ from posefuse.core import InputError, JointAngles
 from posefuse.core.arrays import Array
 from posefuse.foundation.requests_to_end import children_ignore_requests, leave_requests_to_parent
 from posefuse.kinematics.gait import Gait, gait_from_poses
+from posefuse.outputs.drawing import person_rgb
 from posefuse.pipeline.live_videos import session_with_videos
 from posefuse.pipeline.playback import Playback, PlaybackStep
 
@@ -27,7 +28,6 @@ from .streams import Stream
 TILE_PX = 480
 # frames per second while playing: what several videos cost a small computer to decode
 _PLAY_HZ = 12.0
-_PERSON_RGB = ((38, 198, 218), (255, 179, 0), (236, 64, 122), (124, 179, 66), (126, 87, 194), (255, 112, 67))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -167,5 +167,5 @@ class ResultPlayer:
             moment.size_wh,
             detected_px=moment.detected_px,
             projected_px=moment.projected_px,
-            rgba=[(*_PERSON_RGB[person % len(_PERSON_RGB)], 255) for person in people],
+            rgba=[(*person_rgb(person), 255) for person in people],
         )

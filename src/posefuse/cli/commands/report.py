@@ -29,7 +29,7 @@ def report(
         fit: Fit one skeleton of constant lengths to the 3D points, to the rays of all views, or not at all.
         title: Title of the page (default: Motion report).
         opensim: Run OpenSim's inverse kinematics too (extra: biomech).
-        opensim_model: Scale this OpenSim model to each person: scaled.osim, scale factors, joint centres (extra: biomech).
+        opensim_model: Scale your OpenSim model to each person and run inverse kinematics on it (extra: biomech).
     """
     from posefuse.evaluation.biomechanics import BiomechanicsSettings
     from posefuse.foundation.compiled import compiling

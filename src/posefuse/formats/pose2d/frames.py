@@ -54,7 +54,6 @@ class Pose2DFrames:
         skeleton: of all frames.
         numbers: frame numbers that are there, strictly increasing.
         people: place in `numbers` -> everybody in that frame; may raise InputError.
-        rate_hz: frame rate, where the files state it.
     """
 
     camera: str
@@ -62,7 +61,6 @@ class Pose2DFrames:
     skeleton: Skeleton
     numbers: tuple[int, ...]
     people: Callable[[int], People2D]
-    rate_hz: float | None = None
 
     def __len__(self) -> int:
         return len(self.numbers)
@@ -94,12 +92,10 @@ class Pose2DFrames:
             yield self.frame(number, round(number * 1e9 / rate_hz))
 
 
-def frames_from_mapping(
-    camera: str, format: str, skeleton: Skeleton, people: Mapping[int, People2D], rate_hz: float | None = None
-) -> Pose2DFrames:
+def frames_from_mapping(camera: str, format: str, skeleton: Skeleton, people: Mapping[int, People2D]) -> Pose2DFrames:
     """Frames that are in memory already, by number."""
     numbers = tuple(sorted(people))
-    return Pose2DFrames(camera, format, skeleton, numbers, lambda place: people[numbers[place]], rate_hz)
+    return Pose2DFrames(camera, format, skeleton, numbers, lambda place: people[numbers[place]])
 
 
 def read_json(path: Path) -> Any:
