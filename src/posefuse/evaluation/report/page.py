@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from posefuse import __version__
-from posefuse.core import InputError, JointAngles, PoseSequence, Recording
+from posefuse.core import InputError, JointAngles, Recording
 from posefuse.core.palette import LEGEND
 from posefuse.evaluation.gait_cycles import gait_cycles, side_of
 from posefuse.formats.page import (
@@ -24,16 +24,13 @@ from posefuse.formats.page import (
     Note,
     Page,
     Player,
-    PlayerMesh,
     Plots,
     Side,
     Table,
     write_page,
 )
 from posefuse.formats.rig import refusal_note
-from posefuse.kinematics.animation import FILE_FROM_WORLD, animation_from_joints, animation_gap, seen_throughout
 from posefuse.kinematics.gait import gait_from_poses
-from posefuse.kinematics.skin import skin_of
 from posefuse.outputs.facts import duration_s, recorded_utc
 
 from .angles import cycle_plots, range_table, time_plots
@@ -79,7 +76,7 @@ def report_page(recording: Recording, joints: JointAngles, images: Mapping[str, 
     if images:
         blocks.append(Images(images))
     if len(poses) and np.isfinite(poses.xyz_world).any():
-        blocks += [Heading("The recording in 3D"), _player(recording, joints)]
+        blocks += [Heading("The recording in 3D"), _player(recording)]
     for n in range(len(poses.person_id)):
         blocks += _person(recording, joints, n)
     if recording.provenance:
@@ -117,7 +114,7 @@ def _cards(recording: Recording) -> Cards:
     return Cards(values)
 
 
-def _player(recording: Recording, joints: JointAngles) -> Player:
+def _player(recording: Recording) -> Player:
     poses = recording.poses
     names = poses.skeleton.keypoints
     pairs = [(f"right_{part}", f"left_{part}") for part in _PAIRS]
@@ -131,18 +128,7 @@ def _player(recording: Recording, joints: JointAngles) -> Player:
         sides=sides,
         people=list(recording.person_names),
         right_left=[(names.index(a), names.index(b)) for a, b in pairs if a in names and b in names],
-        meshes=[_mesh(poses, joints, n) for n in range(len(poses.person_id))],
     )
-
-
-def _mesh(poses: PoseSequence, joints: JointAngles, n: int) -> PlayerMesh | None:
-    """The person as a mesh that moves with the segment frames; None where these have gaps, at the beginning and end, too."""
-    if animation_gap(joints, n) is not None or not seen_throughout(joints, n):
-        return None
-    skeleton = animation_from_joints(poses, joints, n)
-    rotation, position = skeleton.world()
-    turn = FILE_FROM_WORLD.T
-    return PlayerMesh(skin=skin_of(skeleton), rotation=turn @ rotation, position=position @ FILE_FROM_WORLD)
 
 
 def _person(recording: Recording, joints: JointAngles, n: int) -> list[Block]:

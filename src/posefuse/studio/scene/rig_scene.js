@@ -1,10 +1,8 @@
-import { listen, SETUP, POSES, LABELS, MESH, BODIES, RigDrawing } from "posefuse-studio";
+import { listen, SETUP, POSES, LABELS, RigDrawing } from "posefuse-studio";
 
 export default {
   template: `<div><canvas></canvas><div class="pf-labels"></div></div>`,
-  props: {
-    stream: String, bodies: String, skeletons: Boolean, meshes: Boolean, ellipsoids: Boolean, trails: Boolean, cameras: Boolean,
-  },
+  props: { stream: String, skeletons: Boolean, ellipsoids: Boolean, trails: Boolean, cameras: Boolean },
   mounted() {
     try {
       this.drawing = new RigDrawing(this.$el, this.$el.children[0], this.$el.children[1]);
@@ -12,14 +10,12 @@ export default {
       this.$el.textContent = "This browser cannot draw in 3D (WebGL is off).";
       return;
     }
-    const { skeletons, meshes, ellipsoids, trails, cameras } = this;
-    this.drawing.show({ skeletons, meshes, ellipsoids, trails, cameras });
+    const { skeletons, ellipsoids, trails, cameras } = this;
+    this.drawing.show({ skeletons, ellipsoids, trails, cameras });
     this.connect();
-    this.connect_bodies();
   },
   beforeUnmount() {
     this.leave?.();
-    this.leave_bodies?.();
     this.drawing?.close();
   },
   watch: {
@@ -28,10 +24,6 @@ export default {
       this.connect();
     },
     skeletons(on) { this.drawing?.show({ skeletons: on }); },
-    meshes(on) {
-      this.drawing?.show({ meshes: on });
-      this.connect_bodies();
-    },
     ellipsoids(on) { this.drawing?.show({ ellipsoids: on }); },
     trails(on) { this.drawing?.show({ trails: on }); },
     cameras(on) { this.drawing?.show({ cameras: on }); },
@@ -42,19 +34,6 @@ export default {
         if (message.kind === SETUP) this.drawing.take_setup(message.content);
         else if (message.kind === POSES) this.drawing.take_poses(message);
         else if (message.kind === LABELS) this.drawing.names = message.content;
-      });
-    },
-    // what is not shown is not sent
-    connect_bodies() {
-      this.leave_bodies?.();
-      this.leave_bodies = null;
-      if (!this.bodies || !this.meshes || !this.drawing) return;
-      this.leave_bodies = listen(this.bodies, (message) => {
-        if (message.kind === MESH) this.drawing.bodies.take_mesh(message);
-        else if (message.kind === BODIES) {
-          this.drawing.bodies.take_bodies(message);
-          this.drawing.changed();
-        }
       });
     },
     look(where) { this.drawing?.look(where); },
