@@ -39,7 +39,7 @@ ACCEPTED = {
     ),
     "record": (
         "--source one --out text",
-        f"--json, --rig text, --duration 5, --view, --view-file text, {ROS_2}",
+        f"--json, --rig text, --duration 5, {ROS_2}",
     ),
     "live rig.toml": (
         "",
@@ -59,7 +59,7 @@ ACCEPTED = {
     ),
     "calibrate guide": (
         "--source one --source two",
-        f"--intrinsics text, --record text, --duration 5, --view, --view-file text, --json, --force, {ROS_2}, {TARGET}",
+        f"--intrinsics text, --record text, --duration 5, --json, {ROS_2}, {TARGET}",
     ),
     "calibrate person a=a.mp4 b=b.mp4": (
         "--intrinsics text --out text",

@@ -65,11 +65,11 @@ def opened_stream(title: str, place: str, blueprint: rr.blueprint.Blueprint) -> 
     return stream
 
 
-def camera_path(name: str, root: str = CAMERAS) -> str:
+def camera_path(name: str) -> str:
     """Where a camera's image and what is drawn into it are logged."""
     import rerun as rr
 
-    return f"{root}/{rr.escape_entity_path_part(name)}"
+    return f"{CAMERAS}/{rr.escape_entity_path_part(name)}"
 
 
 def log_cameras(stream: rr.RecordingStream, cameras: Sequence[Camera], rgb: RGB | None = None) -> None:
@@ -146,11 +146,11 @@ def log_detections(stream: rr.RecordingStream, camera: str, xy_img: Array, rgb: 
     stream.log(f"{camera_path(camera)}/detections", points)
 
 
-def camera_views(names: Sequence[str], root: str = CAMERAS) -> Any:
+def camera_views(names: Sequence[str]) -> Any:
     """A grid of all cameras' images."""
     import rerun.blueprint as rrb
 
-    return rrb.Grid(*(rrb.Spatial2DView(origin=camera_path(name, root), contents=["$origin/**"], name=name) for name in names))
+    return rrb.Grid(*(rrb.Spatial2DView(origin=camera_path(name), contents=["$origin/**"], name=name) for name in names))
 
 
 def session_blueprint(names: Sequence[str], below: Sequence[Any]) -> rr.blueprint.Blueprint:

@@ -142,8 +142,8 @@ class ExtrinsicsOptions:
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class GuideOptions(ReplaceOptions):
-    """The cameras, and where the coverage is shown."""
+class GuideOptions:
+    """The cameras, and where their videos go."""
 
     intrinsics: OptionalFile = None
     """Rig file that gives the cameras' names and their order."""
@@ -153,10 +153,6 @@ class GuideOptions(ReplaceOptions):
     """One per camera, as in `posefuse live`."""
     duration: Annotated[float | None, Parameter(metavar="S"), positive(MOST_S)] = None
     """Stop after so many seconds at the latest."""
-    view: bool = False
-    """Show the coverage in the Rerun viewer (extra: viewer)."""
-    view_file: Annotated[Path | None, Parameter(metavar="FILE.rrd")] = None
-    """Write what the viewer would show to a file."""
 
 
 @Parameter(name="*")
