@@ -126,7 +126,7 @@ def test_references_list_every_command_setting_and_name() -> None:
     assert not [words for words in command_words() if f"## posefuse {' '.join(words)}\n" not in commands]
     assert "`--people N`" in commands
     assert not [key for key in ("cutoff_hz", "max_people", "offset_s", "rate_hz") if f"| `{key}` |" not in settings]
-    ours = [plugin.name for kind in ("detectors", "sinks", "live_outputs") for plugin in list_plugins(kind) if plugin.config]
+    ours = [plugin.name for kind in ("detectors", "outputs", "live_outputs") for plugin in list_plugins(kind) if plugin.config]
     assert not [name for name in ours if f"### `{name}`" not in settings]
     assert all(f"heading: posefuse.{name}\n" in api for _, names in GROUPS for name in names)
 
@@ -148,7 +148,7 @@ def test_messages_in_troubleshooting_are_those_of_the_code() -> None:
 def test_all_outputs_are_in_the_list_of_files() -> None:
     page = (DOCS / "reference" / "files.md").read_text(encoding="utf-8")
     assert not [
-        plugin.name for plugin in list_plugins("sinks") if plugin.package == "posefuse" and f"`{plugin.name}`" not in page
+        plugin.name for plugin in list_plugins("outputs") if plugin.package == "posefuse" and f"`{plugin.name}`" not in page
     ]
 
 

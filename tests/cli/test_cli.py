@@ -111,7 +111,7 @@ def test_models_can_be_checked_without_a_network(tmp_path: Path, monkeypatch: py
         (["track"], "missing SESSION"),
         (["track", "nowhere", "--out", "x"], "no such session folder"),
         (["track", "nowhere", "--out", "x", "--person", "here"], "expected X,Y in metres"),
-        (["track", "nowhere", "--out", "x", "--outputs", "fbx"], "no plug-in 'fbx' among sinks; there are: "),
+        (["track", "nowhere", "--out", "x", "--outputs", "fbx"], "no plug-in 'fbx' among outputs; there are: "),
         (["track", "nowhere", "--out", "x", "--set", "fuse.weights=best"], "'best'"),
         (["simulate", "none.yaml", "--out", "x"], "none.yaml"),
         (["view", "nowhere"], "nowhere"),
@@ -266,7 +266,7 @@ def test_a_plugin_that_cannot_be_imported_is_listed_with_its_reason(monkeypatch:
     assert listed[0]["name"] == "broken"
     assert "posefuse_nowhere" in listed[0]["reason"]
     with pytest.raises(DependencyError, match="posefuse_nowhere"):
-        plugins.build_plugin("sinks", "broken", {})
+        plugins.build_plugin("outputs", "broken", {})
 
 
 def test_help_and_version_work_as_a_program() -> None:
