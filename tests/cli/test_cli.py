@@ -362,3 +362,31 @@ def test_a_request_to_end_that_comes_while_a_compiled_kernel_is_loaded_does_not_
         )
         assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.splitlines()[-1] == "stopped"
+
+
+@pytest.mark.parametrize(
+    ("line", "package", "extra"),
+    [
+        ("live {rig} {sources} --record {new}/a.mcap", "mcap.writer", "ros"),
+        ("live {rig} {sources} --output lsl", "pylsl", "lsl"),
+        ("live {rig} {sources} --view", "rerun", "viewer"),
+        ("live {rig} {sources} --ros", "cyclonedds._clayer", "ros"),
+        ("track {demo} --out {new}/r --outputs mcap", "mcap.writer", "ros"),
+        ("track {demo} --out {new}/r --outputs rerun", "rerun", "viewer"),
+        ("track {demo} --out {new}/r --view", "rerun", "viewer"),
+        ("view {demo}", "rerun", "viewer"),
+    ],
+)
+def test_what_needs_an_extra_says_so_before_any_work(
+    line: str, package: str, extra: str, tmp_path: Path, demo_session: Path, monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
+    def work(*_: object) -> None:
+        raise AssertionError("began to work")
+
+    monkeypatch.setitem(sys.modules, package, None)
+    for place in ("posefuse.cli.live.fetch_chosen", "posefuse.cli.live.run_live", "posefuse.cli.tracking.fetch_networks"):
+        monkeypatch.setattr(place, work)
+    sources = " ".join(f"--source cam0{i}=video:{demo_session}/videos/cam0{i}.mp4" for i in range(4))
+    words = line.format(rig=demo_session / "rig.toml", demo=demo_session, sources=sources, new=tmp_path)
+    code, _, err = run(capsys, *words.split())
+    assert code == 1 and f"posefuse[{extra}]" in err.splitlines()[-1] and not list(tmp_path.iterdir())

@@ -13,6 +13,7 @@ from posefuse.core import InputError, Recording
 from posefuse.foundation.compiled import compiling
 from posefuse.foundation.output_folder import check_replaceable, output_folder
 from posefuse.foundation.places import check_outside_inputs
+from posefuse.outputs.rerun_scene import check_viewer
 from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.config import DEFAULT_OUTPUTS, TrackConfig, options_by_name, read_config
 from posefuse.pipeline.edits import NO_EDITS, Edits, Exclusion
@@ -41,6 +42,8 @@ def second_solve(path: Path, options: TrackOptions, settings: SettingsOptions, t
     ]
     if refused:
         raise InputError(f"{refused[0]}: is for sessions of videos, {path} is a recording of detections")
+    if options.view:
+        check_viewer()
     clock, inputs = StageClock(), files_of_result(path)
     check_outside_inputs(options.out, inputs)
     check_replaceable(options.out, command="track", replace=options.force)

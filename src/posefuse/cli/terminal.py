@@ -86,14 +86,8 @@ class Terminal:
     @contextmanager
     def progress(self, label: str) -> Iterator[Advance]:
         """A progress bar on stderr that the callback moves."""
-        from posefuse.foundation.progress_bars import progress_bars
-
-        with progress_bars(self._notes) as bars:
-            task = bars.add_task(label, total=None)
-            yield lambda done, total: bars.update(task, completed=done, total=total)
-            if bars.tasks[task].total is None:
-                # there was nothing to count
-                bars.update(task, visible=False)
+        with self.stages() as report:
+            yield lambda done, total: report(label, done, total)
 
     @contextmanager
     def stages(self) -> Iterator[Progress]:

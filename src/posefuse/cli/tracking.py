@@ -12,6 +12,7 @@ from posefuse.cli.options.track import TrackOptions
 from posefuse.core import InputError, Recording
 from posefuse.evaluation.metrics import JointErrors, joint_errors
 from posefuse.formats.truth import read_truth
+from posefuse.outputs.rerun_scene import check_viewer
 from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.config import CONFIG_FILE, TrackConfig, read_config
 from posefuse.pipeline.result_folder import ResultFolder, Written, prepare, track_into
@@ -30,6 +31,8 @@ def track_session(folder: Path, options: TrackOptions, settings: SettingsOptions
     ``exit_code`` among them: 1 when an output could not be written.
     """
     check_no_edits(options)
+    if options.view:
+        check_viewer()
     clock = StageClock()
     config = effective_track_config(folder, options, settings)
     sinks = build_sinks(config.outputs)

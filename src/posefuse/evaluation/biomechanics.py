@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from posefuse.core import DependencyError, JointAngles, PoseSequence, Progress, Recording, ViewSequence, silent
+from posefuse.core import JointAngles, PoseSequence, Progress, Recording, ViewSequence, silent
 from posefuse.core.arrays import Array
 from posefuse.core.poses import point_sigma_m
 from posefuse.formats.angles import write_angles
@@ -24,7 +24,7 @@ from posefuse.kinematics.animation import animation_from_joints, animation_gap
 from posefuse.kinematics.body import BodySettings, bodies_from_poses, fit_poses, fit_views
 from posefuse.kinematics.definitions import joints_without_points
 from posefuse.kinematics.gait import gait_from_poses
-from posefuse.kinematics.opensim_path import opensim_motion
+from posefuse.kinematics.opensim_path import opensim_library, opensim_motion
 from posefuse.kinematics.opensim_scale import write_scaled_model
 from posefuse.kinematics.skin import skin_of
 from posefuse.outputs.facts import duration_s, person_suffix
@@ -105,6 +105,8 @@ def write_biomechanics(
         InputError: see `joints_of`; a place that cannot be written to. DependencyError: OpenSim is missing.
     """
     chosen = chosen or BiomechanicsSettings()
+    if chosen.opensim or chosen.opensim_model:
+        opensim_library()
     fitting = f"fitting the skeleton to the {chosen.fit} of {len(recording.poses)} time steps"
     progress("report", 0, _STAGES, "joint angles" if chosen.fit == "none" else fitting)
     poses, joints = joints_of(recording, chosen)
@@ -177,13 +179,9 @@ def _c3d_angles(joints: JointAngles, n: int) -> tuple[tuple[str, ...], Array]:
 
 def _opensim_files(poses: PoseSequence, n: int, folder: Path, chosen: BiomechanicsSettings) -> list[Path]:
     folder.mkdir(exist_ok=True)
-    try:
-        body = bodies_from_poses(poses, chosen.body)[int(poses.person_id[n])]
-        if chosen.opensim:
-            opensim_motion(poses, folder, n, body)
-        if chosen.opensim_model:
-            write_scaled_model(chosen.opensim_model, folder, body)
-    except DependencyError:
-        folder.rmdir()
-        raise
+    body = bodies_from_poses(poses, chosen.body)[int(poses.person_id[n])]
+    if chosen.opensim:
+        opensim_motion(poses, folder, n, body)
+    if chosen.opensim_model:
+        write_scaled_model(chosen.opensim_model, folder, body)
     return sorted(folder.iterdir())

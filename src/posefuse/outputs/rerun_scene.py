@@ -46,6 +46,16 @@ def has_display() -> bool:
     return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
+def check_viewer() -> None:
+    """Raise DependencyError without the Rerun SDK, or a display for its window."""
+    check_rerun()
+    if not has_display():
+        raise DependencyError(
+            "the Rerun viewer (extra posefuse[viewer]) needs a display and there is none: write the output `rerun` to a file and "
+            "open it on another machine, or in a browser: rerun --web-viewer recording.rrd"
+        )
+
+
 def opened_stream(title: str, place: str, blueprint: rr.blueprint.Blueprint) -> rr.RecordingStream:
     """A live stream into a viewer of its own (`place` is ``spawn``) or into the .rrd file `place`.
 
@@ -59,8 +69,7 @@ def opened_stream(title: str, place: str, blueprint: rr.blueprint.Blueprint) -> 
     if place != SPAWN:
         stream.save(place, default_blueprint=blueprint)
         return stream
-    if not has_display():
-        raise DependencyError("--view needs a display and there is none: use --view-file FILE.rrd and open it elsewhere")
+    check_viewer()
     stream.spawn(memory_limit=_MEMORY, default_blueprint=blueprint)
     return stream
 
