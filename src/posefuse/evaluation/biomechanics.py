@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from posefuse.core import JointAngles, PoseSequence, Progress, Recording, ViewSequence, silent
+from posefuse.core import JointAngles, PoseSequence, Progress, Recording, Skeleton, ViewSequence, silent
 from posefuse.core.arrays import Array
 from posefuse.core.poses import point_sigma_m
 from posefuse.formats.angles import write_angles
@@ -63,7 +63,7 @@ def joints_of(recording: Recording, chosen: BiomechanicsSettings) -> tuple[PoseS
     Raises:
         InputError: left and right are swapped, or no person was seen well enough to have a skeleton.
     """
-    if chosen.fit == "none" or "pelvis" in undefined_segments(recording.poses.skeleton):
+    if not _is_fitted(recording.poses.skeleton, chosen):
         return recording.poses, joints_from_poses(recording.poses, chosen.joints)
     if chosen.fit == "points":
         fit = fit_poses(recording.poses, chosen.body, joint_settings=chosen.joints)
@@ -71,6 +71,20 @@ def joints_of(recording: Recording, chosen: BiomechanicsSettings) -> tuple[PoseS
         views = rays_at_joint_centres(recording)
         fit = fit_views(recording.poses, recording.rig, views, chosen.body, joint_settings=chosen.joints)
     return fit.poses, fit.joints
+
+
+def how_angles_are_made(skeleton: Skeleton, chosen: BiomechanicsSettings) -> str:
+    """From what the angles and the files for other programs come."""
+    if not _is_fitted(skeleton, chosen):
+        return "straight from the 3D points of the result"
+    return (
+        f"of one skeleton of constant segment lengths per person, fitted to the {chosen.fit} of the result, which smooths them; "
+        "`posefuse report --fit none` takes them straight from the 3D points"
+    )
+
+
+def _is_fitted(skeleton: Skeleton, chosen: BiomechanicsSettings) -> bool:
+    return chosen.fit != "none" and "pelvis" not in undefined_segments(skeleton)
 
 
 def rays_at_joint_centres(recording: Recording) -> ViewSequence:
@@ -107,8 +121,8 @@ def write_biomechanics(
     chosen = chosen or BiomechanicsSettings()
     if chosen.opensim or chosen.opensim_model:
         opensim_library()
-    fitting = f"fitting the skeleton to the {chosen.fit} of {len(recording.poses)} time steps"
-    progress("report", 0, _STAGES, "joint angles" if chosen.fit == "none" else fitting)
+    how = how_angles_are_made(recording.poses.skeleton, chosen)
+    progress("report", 0, _STAGES, f"joint angles of {len(recording.poses)} time steps, {how}")
     poses, joints = joints_of(recording, chosen)
     if lacking := joints_without_points(poses.skeleton):
         progress("report", 1, _STAGES, lacking)
@@ -130,7 +144,7 @@ def write_biomechanics(
     cycles = _cycles(poses, joints)
     if cycles:
         made.append(write_gait_cycles(folder / "gait_cycles.csv", cycles))
-    made.append(write_report(recording, joints, folder / "report.html", title=title))
+    made.append(write_report(recording, joints, folder / "report.html", title=title, angles=how))
     progress("report", _STAGES, _STAGES)
     return made
 

@@ -87,17 +87,19 @@ def _images(session: Session, config: TrackConfig, warn: Say) -> tuple[Rig, Imag
     from posefuse.detection.build import build_detector
 
     _check_rate(session, config)
-    sources, cameras = [], []
+    sources, cameras, failed = [], [], list[str]()
     for entry in session.inputs:
         try:
             source = build_source(entry, config, len(session.inputs))
         except SourceError as error:
+            failed.append(f"{entry.camera}: {error}")
             warn(f"{error}; continues without camera {entry.camera}")
             continue
         sources.append(source)
         cameras.append(fitted_camera(session.rig[entry.camera], entry, source))
     if len(sources) < least_cameras(session.inputs):
-        raise SourceError(f"{session.folder}: expected at least {LEAST_CAMERAS} cameras that can be read, got {len(sources)}")
+        expected = f"{session.folder}: expected at least {LEAST_CAMERAS} cameras that can be read, got {len(sources)}"
+        raise SourceError("; ".join([expected, *failed]))
     rig = dataclasses.replace(session.rig, cameras=tuple(cameras))
     timeline = common_timeline(
         {s.camera: _times(s) for s in sources}, config.rate_hz, config.start_s, config.end_s, max_time_steps=config.max_time_steps

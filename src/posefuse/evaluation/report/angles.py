@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from posefuse.core import JointAngles
-from posefuse.evaluation.gait_cycles import PERCENT, CycleAngles, side_of
+from posefuse.evaluation.gait_cycles import HEADING, PERCENT, CycleAngles, side_of
 from posefuse.formats.page import Band, Cell, Line, Plot, Series, Table, Ticks
 from posefuse.kinematics.gait import Gait
 
@@ -59,13 +59,16 @@ def cycle_plots(cycles: list[CycleAngles], gait: Gait) -> list[Plot]:
 
 
 def range_table(joints: JointAngles, person: int) -> Table:
-    """Least, most, range and mean of every angle over the whole recording."""
+    """Least, most, range and mean of every angle over the whole recording.
+
+    The heading of the pelvis is left out: it counts the turns of the person in the room, and no joint moves.
+    """
     rows = []
     for title, members in _grouped(joints).items():
         for q, a in members:
             values = np.degrees(joints.angle_rad[:, person, q, a])
             known = values[np.isfinite(values)]
-            if len(known) <= _SHARE_DRAWN * len(values):
+            if len(known) <= _SHARE_DRAWN * len(values) or (joints.joints[q], joints.angle_names[q][a]) == HEADING:
                 continue
             sigma = float(np.degrees(np.nanmedian(joints.sigma_rad[:, person, q, a])))
             side = side_of(joints.joints[q])

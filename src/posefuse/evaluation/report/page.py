@@ -44,7 +44,12 @@ _PAIRS = ("hip", "shoulder")
 
 
 def write_report(
-    recording: Recording, joints: JointAngles, out: Path, images: Mapping[str, bytes] | None = None, title: str = TITLE
+    recording: Recording,
+    joints: JointAngles,
+    out: Path,
+    images: Mapping[str, bytes] | None = None,
+    title: str = TITLE,
+    angles: str = "",
 ) -> Path:
     """Write one HTML page that needs no other file and no network.
 
@@ -53,15 +58,21 @@ def write_report(
         joints: its angles, over the same time steps and people.
         out: the file to write, e.g. ``report.html``.
         images: captions to JPEG images shown at the top, e.g. overlays.
-        title: on top of the page.
+        title: on top of the page. angles: how they were made, in words.
 
     Raises:
         InputError: joints of other time steps or people, or a place that cannot be written to.
     """
-    return write_page(out, report_page(recording, joints, images, title))
+    return write_page(out, report_page(recording, joints, images, title, angles))
 
 
-def report_page(recording: Recording, joints: JointAngles, images: Mapping[str, bytes] | None = None, title: str = TITLE) -> Page:
+def report_page(
+    recording: Recording,
+    joints: JointAngles,
+    images: Mapping[str, bytes] | None = None,
+    title: str = TITLE,
+    angles: str = "",
+) -> Page:
     """The blocks of the report; see `write_report`."""
     poses = recording.poses
     if not (np.array_equal(joints.t_ns, poses.t_ns) and np.array_equal(joints.person_id, poses.person_id)):
@@ -69,7 +80,8 @@ def report_page(recording: Recording, joints: JointAngles, images: Mapping[str, 
             f"report: expected joints of the {len(poses)} time steps and {len(poses.person_id)} people of the recording, "
             f"got {len(joints.t_ns)} time steps and {len(joints.person_id)} people"
         )
-    blocks: list[Block] = [Facts(_origin(recording)), _cards(recording)]
+    made = {"joint angles": angles} if angles else {}
+    blocks: list[Block] = [Facts(_origin(recording) | made), _cards(recording)]
     if refusal := refusal_note("rig", recording.rig):
         blocks.append(Note(refusal, warning=True))
     blocks += [Note(str(line), warning=True) for line in recording.provenance.get("incomplete_cameras") or ()]
@@ -80,8 +92,8 @@ def report_page(recording: Recording, joints: JointAngles, images: Mapping[str, 
     for n in range(len(poses.person_id)):
         blocks += _person(recording, joints, n)
     if recording.provenance:
-        made = {key: _text(value) for key, value in recording.provenance.items()}
-        blocks += [Heading("How it was made"), Details("Settings and versions", [Facts(made)])]
+        settings = {key: _text(value) for key, value in recording.provenance.items()}
+        blocks += [Heading("How it was made"), Details("Settings and versions", [Facts(settings)])]
     return Page(title, blocks)
 
 
@@ -90,6 +102,7 @@ def _origin(recording: Recording) -> dict[str, str]:
     recorded = recorded_utc(recording.provenance).replace("T", " ").replace("Z", " UTC")
     return {
         "session": str(recording.provenance.get("session", "unnamed")),
+        "people": ", ".join(recording.person_names),
         "date of the recording": recorded or "not stated by the files",
         "date of this report": date.today().isoformat(),
         "rig": f"{len(rig)} cameras ({', '.join(rig.names)}), id {rig.id[:_SHORT_ID]}, world frame: {rig.world_set_by}",
