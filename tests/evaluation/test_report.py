@@ -10,6 +10,7 @@ from posefuse import __version__
 from posefuse.core import SKELETONS, InputError, PoseSequence, Recording
 from posefuse.evaluation.gait_cycles import PERCENT, gait_cycles, write_gait_cycles
 from posefuse.evaluation.report import write_report
+from posefuse.evaluation.report.angles import time_plots
 from posefuse.evaluation.report.normal import SOURCES
 from posefuse.evaluation.report.parameters import RANGES, parameter_blocks
 from posefuse.evaluation.report.quality import keypoint_quality
@@ -258,4 +259,5 @@ def test_a_person_who_turns_has_no_range_of_pelvis_rotation(read_page, tmp_path,
     ranges = next(table for table in page.tables if table[0][0] == "angle, degrees")
     titles = [row[0] for row in ranges]
     assert "Pelvis rotation left" not in titles and "Pelvis obliquity right down" in titles
+    assert "Pelvis rotation left" not in [plot.title for plot in time_plots(joints, 0, None, 2.0)]
     assert dict(page.tables[0])["people"] == "Anna" and dict(page.tables[0])["joint angles"] == "straight"

@@ -59,16 +59,13 @@ def cycle_plots(cycles: list[CycleAngles], gait: Gait) -> list[Plot]:
 
 
 def range_table(joints: JointAngles, person: int) -> Table:
-    """Least, most, range and mean of every angle over the whole recording.
-
-    The heading of the pelvis is left out: it counts the turns of the person in the room, and no joint moves.
-    """
+    """Least, most, range and mean of every angle over the whole recording."""
     rows = []
     for title, members in _grouped(joints).items():
         for q, a in members:
             values = np.degrees(joints.angle_rad[:, person, q, a])
             known = values[np.isfinite(values)]
-            if len(known) <= _SHARE_DRAWN * len(values) or (joints.joints[q], joints.angle_names[q][a]) == HEADING:
+            if len(known) <= _SHARE_DRAWN * len(values):
                 continue
             sigma = float(np.degrees(np.nanmedian(joints.sigma_rad[:, person, q, a])))
             side = side_of(joints.joints[q])
@@ -106,9 +103,14 @@ def _window(members: list[CycleAngles]) -> tuple[float, float, float, float]:
 
 
 def _grouped(joints: JointAngles) -> dict[str, list[tuple[int, int]]]:
-    """Places (joint, angle) by title, left and right of one angle together, legs first."""
+    """Places (joint, angle) by title, left and right of one angle together, legs first.
+
+    The heading of the pelvis is left out: it counts the person's turns in the room, and is no angle of a joint.
+    """
     groups: dict[str, list[tuple[int, int]]] = {}
     for q, joint in sorted(enumerate(joints.joints), key=lambda one: rank_of(one[1])):
         for a, angle in enumerate(joints.angle_names[q]):
+            if (joint, angle) == HEADING:
+                continue
             groups.setdefault(title_of(joint, angle), []).append((q, a))
     return groups
