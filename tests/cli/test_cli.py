@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -14,13 +15,15 @@ from pathlib import Path
 
 import pytest
 
+import posefuse
 from posefuse import __version__
 from posefuse.cli import main as cli
+from posefuse.cli import options as options_package
 from posefuse.cli.commands import plugins as plugins_command
 from posefuse.cli.live_report import show_live_figures
 from posefuse.cli.options.shared import Figures, Shown
 from posefuse.cli.stopping import terminate_on_signals
-from posefuse.cli.terminal import Terminal
+from posefuse.cli.terminal import Terminal, in_options
 from posefuse.core import DependencyError
 from posefuse.foundation.requests_to_end import REQUESTS_TO_END
 from posefuse.realtime.latency import STAGES
@@ -377,7 +380,7 @@ def test_a_request_to_end_that_comes_while_a_compiled_kernel_is_loaded_does_not_
         ("view {demo}", "rerun", "viewer"),
     ],
 )
-def test_what_needs_an_extra_says_so_before_any_work(
+def test_what_needs_an_extra_is_refused_before_any_work(
     line: str, package: str, extra: str, tmp_path: Path, demo_session: Path, monkeypatch: pytest.MonkeyPatch, capsys
 ) -> None:
     def work(*_: object) -> None:
@@ -390,3 +393,27 @@ def test_what_needs_an_extra_says_so_before_any_work(
     words = line.format(rig=demo_session / "rig.toml", demo=demo_session, sources=sources, new=tmp_path)
     code, _, err = run(capsys, *words.split())
     assert code == 1 and f"posefuse[{extra}]" in err.splitlines()[-1] and not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("`resume=True` continues, `replace=True` begins", "--resume continues, --force begins"),
+        ("add `rate_hz=HZ`, or `clocks=offset`", "add --rate HZ, or --clocks offset"),
+        ("try `drift=True`; `max_offset_s=60`", "try --clocks drift; --most-s 60"),
+        ("`posefuse models` fetches them; `.mcap`", "`posefuse models` fetches them; `.mcap`"),
+    ],
+)
+def test_arguments_of_python_are_options_of_the_command_line(text: str, shown: str, capsys) -> None:
+    Terminal(False).warn(text)
+    assert shown in capsys.readouterr().err
+
+
+def test_every_argument_that_a_message_names_is_an_option() -> None:
+    """Each translation ends in an option that some command has."""
+    folder = Path(options_package.__file__).parent
+    options = {name for one in folder.glob("*.py") for name in re.findall(r"^    (\w+):", one.read_text(), re.MULTILINE)}
+    texts = [path.read_text() for path in Path(posefuse.__file__).parent.rglob("*.py") if "cli" not in path.parts]
+    named = {name for text in texts for name in re.findall(r'(?<!")"(?!")[^"\n]*`([a-z_]+)=[^`"\n]*`', text)}
+    shown = {in_options(f"`{name}=True`").removeprefix("--").split()[0].replace("-", "_") for name in named}
+    assert {"rate", "force", "clocks"} <= shown <= options

@@ -216,7 +216,7 @@ def _put(content: dict[str, Any], keys: Sequence[str], value: Any) -> None:
     for key in keys[:-1]:
         inner = content[key] = options_by_name(content.get(key, {}))
         if not isinstance(inner, Mapping):
-            raise ConfigError(f"--set {'.'.join(keys)}: {key} is a value, not a group")
+            raise ConfigError(f"{'.'.join(keys)}: {key} is a value, not a group")
         content = inner
     before, named = content.get(keys[-1]), options_by_name(value)
     if isinstance(before, Mapping) and named is not value:

@@ -116,8 +116,8 @@ def _check_rate(session: Session, config: TrackConfig) -> None:
     untimed = [one.camera for one in session.inputs if one.kind == "images" and not (one.path / TIMES_FILE).is_file()]
     if untimed and config.rate_hz is None:
         raise InputError(
-            f"{session.folder}: the images of {choices(untimed)} do not state their frame rate; add --rate HZ, rate_hz = HZ to "
-            f"{CONFIG_FILE}, or {TIMES_FILE} (columns file, t_s) to each folder"
+            f"{session.folder}: the images of {choices(untimed)} do not state their frame rate; add `rate_hz=HZ`, "
+            f"rate_hz = HZ to {CONFIG_FILE}, or {TIMES_FILE} (columns file, t_s) to each folder"
         )
 
 

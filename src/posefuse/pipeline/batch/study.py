@@ -159,7 +159,7 @@ def _complete(out: Path, tasks: Sequence[Task], replace: bool) -> dict[str, Outc
     if others and not replace:
         raise InputError(
             f"{out}: holds results of {', '.join(others[:3])}{', ...' if len(others) > 3 else ''} that were made with other "
-            "settings, files or another version; --force makes them again, or choose another folder"
+            "settings, files or another version; `replace=True` makes them again, or choose another folder"
         )
     return same
 
