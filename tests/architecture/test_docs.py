@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from types import ModuleType
 
 import matplotlib
 import pytest
@@ -61,6 +62,18 @@ def test_python_blocks_run(name: str, code: str, monkeypatch: pytest.MonkeyPatch
 @pytest.mark.parametrize(("name", "code"), blocks("python no-run"), ids=block_id)
 def test_python_blocks_that_need_cameras_are_python(name: str, code: str) -> None:
     ast.parse(code)
+
+
+def test_the_plugins_of_the_page_pass_their_checks(monkeypatch: pytest.MonkeyPatch) -> None:
+    height, lamp = (code for name, code in blocks("python") if "plugins.md" in name and "@settings" in code)
+    for name, code in {"my_package": "", "my_package.height": height, "my_package.lamp": lamp}.items():
+        module = ModuleType(name)
+        exec(compile(code, name, "exec"), vars(module))
+        monkeypatch.setitem(sys.modules, name, module)
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setattr(pf, "track", tracked_once)
+    [test] = [code for name, code in blocks("python no-run") if "plugins.md" in name]
+    exec(compile(test, "plugins.md", "exec"), {"__name__": "docs"})
 
 
 @pytest.mark.parametrize(("name", "code"), blocks("toml"), ids=block_id)

@@ -6,7 +6,15 @@ from types import MappingProxyType
 import pytest
 
 from posefuse.core import ConfigError
-from posefuse.pipeline.config import DEFAULT_OUTPUTS, Options, TrackConfig, changed_config, options_by_name, read_config
+from posefuse.pipeline.config import (
+    DEFAULT_OUTPUTS,
+    Options,
+    TrackConfig,
+    changed_config,
+    options_by_name,
+    read_config,
+    settings_by_key,
+)
 from posefuse.pipeline.writing import build_sinks
 
 
@@ -48,6 +56,14 @@ def test_a_broken_file_is_named(tmp_path: Path) -> None:
         read_config(path, [])
     with pytest.raises(ConfigError, match="no such file"):
         read_config(tmp_path / "none.toml", [])
+
+
+def test_a_model_card_in_a_settings_file_lies_next_to_it(tmp_path: Path) -> None:
+    path = tmp_path / "posefuse.toml"
+    path.write_text('[detector]\nname = "onnx"\n[detector.options]\ncard = "rtmpose.toml"\n')
+    assert read_config(path, []).detector.options["card"] == str(tmp_path / "rtmpose.toml")
+    assert settings_by_key(path, [])["detector.options.card"] == str(tmp_path / "rtmpose.toml")
+    assert read_config(None, ["detector.options.card=a.toml"]).detector.options["card"] == "a.toml"
 
 
 def test_an_output_takes_options_by_name_and_a_wrong_one_is_refused_before_work(tmp_path: Path) -> None:

@@ -157,7 +157,7 @@ def read_overridden(
     Raises:
         ConfigError: an unknown key, a wrong value, or an override without ``=``; names the key and what is allowed.
     """
-    content: dict[str, Any] = copy.deepcopy(dict(base)) | (read_mapping(path) if path else {})
+    content: dict[str, Any] = copy.deepcopy(dict(base)) | (_read_file(path) if path else {})
     for option, (dotted, value) in options.items():
         if value is not None:
             _check_option(option, dotted, value, cls)
@@ -190,11 +190,22 @@ def settings_by_key(path: Path | None, overrides: Sequence[str]) -> dict[str, An
         ConfigError: a file that cannot be read, an unknown key or a wrong value.
     """
     read_config(path, overrides)  # everything is checked before any work
-    found = dict(_leaves(read_mapping(path), "")) if path else {}
+    found = dict(_leaves(_read_file(path), "")) if path else {}
     for override in overrides:
         key, _, text = override.partition("=")
         found[key] = _value(text)
     return found
+
+
+def _read_file(path: Path) -> dict[str, Any]:
+    """A settings file; model cards that it names are relative to it."""
+    content = read_mapping(path)
+    detector = content.get("detector")
+    options = detector.get("options") if isinstance(detector, Mapping) else None
+    for key, value in options.items() if isinstance(options, dict) else ():
+        if isinstance(value, str) and value.endswith(".toml"):
+            options[key] = str(path.parent.absolute() / value)
+    return content
 
 
 def _leaves(content: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, Any]]:
