@@ -10,7 +10,7 @@ from functools import cache
 
 import pytest
 
-from posefuse.cli.command_line import COMMANDS, STEPS, Invocation, WrongCommandLineError, parse
+from posefuse.cli.command_line import COMMANDS, GROUPS, STEPS, Invocation, WrongCommandLineError, parse
 from posefuse.cli.main import main
 
 TARGET = (
@@ -213,7 +213,6 @@ def test_options_that_are_repeated_are_all_kept() -> None:
         ("calibrate person a --intrinsics i --out o --apart a b far", 'unable to convert "far" into float'),
         ("node relay rig.toml", "unknown command 'relay'; there are: camera, fusion"),
         ("calibrate", "expected a command: intrinsics, extrinsics"),
-        ("", "expected a command: demo, track"),
     ],
 )
 def test_a_wrong_command_line_is_one_line_and_exit_1(words: str, line: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -260,3 +259,10 @@ def test_options_of_a_command_are_in_its_help(capsys: pytest.CaptureFixture[str]
 
 def test_the_table_has_every_command() -> None:
     assert {command.split()[0] for command in ACCEPTED} == {*COMMANDS}
+
+
+def test_no_word_at_all_shows_the_commands_in_groups(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == 0
+    out, err = capsys.readouterr()
+    assert err == "" and all(f" {title} " in out for title in GROUPS) and all(f"│ {name} " in out for name in COMMANDS)
+    assert len(set(COMMANDS)) == len(COMMANDS)

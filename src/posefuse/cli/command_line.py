@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import (
     App,
     CycloptsError,
+    Group,
     MissingArgumentError,
     Parameter,
     UnknownCommandError,
@@ -22,26 +23,15 @@ from posefuse import __version__
 if TYPE_CHECKING:
     from .terminal import Terminal
 
-COMMANDS = (
-    "demo",
-    "track",
-    "record",
-    "studio",
-    "live",
-    "teleoperate",
-    "node",
-    "batch",
-    "calibrate",
-    "view",
-    "report",
-    "export",
-    "simulate",
-    "compare",
-    "models",
-    "fit-noise",
-    "plugins",
-    "doctor",
-)
+GROUPS = {
+    "Start": ("demo", "doctor", "models", "studio"),
+    "Record and calibrate": ("record", "calibrate"),
+    "Track recordings": ("track", "batch"),
+    "Live": ("live", "node", "teleoperate"),
+    "Results": ("report", "view", "export", "compare"),
+    "Plan and extend": ("simulate", "fit-noise", "plugins"),
+}
+COMMANDS = tuple(name for names in GROUPS.values() for name in names)
 STEPS = {
     "node": ("camera", "fusion"),
     "calibrate": ("intrinsics", "extrinsics", "guide", "person", "clocks", "verify", "print"),
@@ -78,12 +68,13 @@ class Invocation:
 
 
 def parse(tokens: Sequence[str]) -> Invocation | None:
-    """The command to run; None where help or the version was asked for, and shown.
+    """The command to run; None where help (also by no word at all) or the version was asked for, and shown.
 
     Raises:
         WrongCommandLineError: an unknown command or option, a value that is missing or wrong.
     """
     app = application()
+    tokens = tokens or ["--help"]
     if _HELP_FLAGS & set(tokens):
         _import_listed(app, tokens)
     words: tuple[str, ...] = ()
@@ -99,7 +90,7 @@ def parse(tokens: Sequence[str]) -> Invocation | None:
         words = words or tuple(word for word in error.command_chain or () if not word.startswith("-"))
         raise WrongCommandLineError(_line(words, _problem(error))) from None
     if getattr(command, "__func__", None) is App.help_print:
-        raise WrongCommandLineError(_line(words, f"expected a command: {', '.join(STEPS[words[0]] if words else COMMANDS)}"))
+        raise WrongCommandLineError(_line(words, f"expected a command: {', '.join(STEPS[words[0]])}"))
     return Invocation(words, as_json, command, inner)
 
 
@@ -121,21 +112,23 @@ def application() -> App:
         default_parameter=Parameter(negative=(), show_default=_default_text),
     )
     app.meta.default(_common)
-    for position, name in enumerate(COMMANDS):
-        if name in STEPS:
-            app.command(_with_steps(name, position))
-        else:
-            module = name.replace("-", "_")
-            app.command(f"{_MODULES}.{module}:{module}", name=name, sort_key=position)
+    for place, (title, names) in enumerate(GROUPS.items()):
+        group = Group(title, sort_key=place)
+        for name in names:
+            if name in STEPS:
+                app.command(_with_steps(name, group, names.index(name)))
+            else:
+                module = name.replace("-", "_")
+                app.command(f"{_MODULES}.{module}:{module}", name=name, group=group, sort_key=names.index(name))
     return app
 
 
-def _with_steps(name: str, position: int) -> App:
+def _with_steps(name: str, among: Group, position: int) -> App:
     helps = {
         "node": "Run a live session on several machines: `node camera` where the cameras are, `node fusion` anywhere.",
         "calibrate": "Calibrate cameras from a board, a marker object or a person; find clock offsets; verify; print targets.",
     }
-    group = App(name=name, help=helps[name], sort_key=position)
+    group = App(name=name, help=helps[name], group=among, sort_key=position)
     for order, step in enumerate(STEPS[name]):
         group.command(f"{_MODULES}.{name}_{step}:{name}_{step}", name=step, sort_key=order)
     return group
