@@ -62,7 +62,7 @@ def tracked(keep: Path, row: Row, seed: int, changes: dict[str, float]) -> Recor
     if not (session / "truth" / "truth.npz").exists() or (session / "INCOMPLETE").exists():
         simulate(replace(scene_of(row.scene, seed), **changes), session, processes=1)
     network = [f"detector.options.landmarks={row.network}"] if row.network else []
-    config = replace(read_config(None, network), outputs=(), body="off")
+    config = replace(read_config(None, network), outputs={}, body="off")
 
     def silent(*_: object) -> None: ...
 

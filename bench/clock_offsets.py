@@ -36,7 +36,7 @@ ASKED_S = 1.0
 
 def views_of_session(session: Path, detector: DetectorChoice) -> tuple[Rig, ViewSequence]:
     """2D poses of every frame, as the pipeline for recordings has them."""
-    config = replace(TrackConfig(), detector=detector, outputs=(), raw=True)
+    config = replace(TrackConfig(), detector=detector, outputs={}, raw=True)
     done = track_session(find_session(session, config), config, StageClock(), lambda *_: None, lambda _: None, lambda _: None)
     return done.recording.rig, done.recording.views
 

@@ -64,7 +64,7 @@ def recorded_poses(recording: Path, zero_ns: int) -> list[Pose3D]:
 def poses_of_every_frame(rig: Rig, session: Path, delay_ms: float, settings: tuple[str, ...]) -> list[Pose3D]:
     """The tracker's output at every output tick when each frame's 2D poses reach it `delay_ms` after exposure."""
     config = read_overridden(None, settings, LiveConfig)
-    track = replace(TrackConfig(), detector=config.detector, outputs=())
+    track = replace(TrackConfig(), detector=config.detector, outputs={})
     done = track_session(find_session(session, track), track, StageClock(), lambda *_: None, lambda _: None, lambda _: None)
     views = done.recording.views
     tracker, centring = ready_tracker(rig, views.skeleton, config), Centring(rig.names, config.joint_centres)

@@ -46,7 +46,7 @@ SINCE_S = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0)
 
 def tracked(session: Path, seconds: float) -> Tracked:
     """The session as a recording."""
-    config = TrackConfig(outputs=(), end_s=seconds)
+    config = TrackConfig(outputs={}, end_s=seconds)
     return track_session(find_session(session, config), config, StageClock(), lambda *_: None, lambda _: None, print)
 
 

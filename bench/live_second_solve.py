@@ -106,7 +106,7 @@ def error(poses: PoseSequence, truth: Truth, seconds: float) -> dict:
 
 def tracked(session: Path, seconds: float) -> Recording:
     """`posefuse track`."""
-    config = TrackConfig(outputs=(), end_s=seconds)
+    config = TrackConfig(outputs={}, end_s=seconds)
     say = lambda *_: None  # noqa: E731
     return track_session(find_session(session, config), config, StageClock(), say, say, say).recording
 

@@ -44,7 +44,7 @@ def displaced(rig: Rig, move_m: float, turn_rad: float, seed: int) -> Rig:
 
 def tracked(session: Path) -> tuple[Recording, TrackConfig]:
     """`posefuse track` with the true rig."""
-    config = TrackConfig(outputs=())
+    config = TrackConfig(outputs={})
     silent = lambda *_: None  # noqa: E731
     return track_session(find_session(session, config), config, StageClock(), silent, silent, silent).recording, config
 

@@ -154,7 +154,7 @@ def clip_of_scene(name: str, scene: Scene, cache: Path) -> Clip:
 def clip_of_session(name: str, session: Path, cache: Path) -> Clip:
     """2D poses as the pipeline for recordings has them, made once."""
     if not cache.exists():
-        config = replace(TrackConfig(), rate_hz=RATE_HZ, joint_centres=False, outputs=())
+        config = replace(TrackConfig(), rate_hz=RATE_HZ, joint_centres=False, outputs={})
         done = track_session(find_session(session, config), config, StageClock(), *3 * [lambda *_: None])
         cache.parent.mkdir(parents=True, exist_ok=True)
         with output_folder(cache, command="bench rig_monitor") as made:

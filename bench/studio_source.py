@@ -12,26 +12,21 @@ import itertools
 import sys
 import time
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 
-from posefuse.core import SE3, JointAngles, Pose3D
-from posefuse.core.truth import Truth
 from posefuse.formats.truth import read_truth
 from posefuse.formats.video import read_video
 from posefuse.pipeline.demo_clip import clip_folder
 from posefuse.studio.job_process import JobReporter
 from posefuse.studio.jobs import JOBS_FOLDER, write_json
-from posefuse.studio.live_bodies import LiveBodies
 from posefuse.studio.live_host import Host
 from posefuse.studio.scene.messages import image_message, poses_message, setup_message, values_message
 from posefuse.studio.scene.setup import scene_setup
-from posefuse.studio.session_messages import BODIES
-from posefuse.studio.work.live import BODY_RGBA, plot_names
+from posefuse.studio.work.live import plot_names
 from posefuse.studio.workspace import StudioWorkspace
 
 IMAGES_HZ, POSES_HZ = 15.0, 40.0
@@ -47,34 +42,6 @@ def images_of(video: Path, most: int) -> list[bytes]:
         _, jpeg = cv2.imencode(".jpg", cv2.cvtColor(small, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, 70])
         found.append(jpeg.tobytes())
     return found
-
-
-def step_of(truth: Truth, frame: int, t_ns: int) -> tuple[Pose3D, JointAngles]:
-    """Pose and angles of a frame of the clip, at another time."""
-    one, joints = slice(frame, frame + 1), truth.joints
-    assert joints is not None
-    shape = truth.xyz_world.shape[1:3]
-    pose = Pose3D(
-        t_ns=t_ns,
-        skeleton=truth.skeleton,
-        person_id=truth.person_id,
-        xyz_world=truth.xyz_world[frame],
-        cov_world=np.broadcast_to(_SIGMA_M**2 * np.eye(3), (*shape, 3, 3)),
-        reproj_px=np.ones(shape),
-        n_views=np.full(shape, len(truth.rig)),
-        kind=np.ones(shape),
-    )
-    frames = SE3(joints.world_from_segment.wxyz[one], joints.world_from_segment.xyz[one])
-    angles = {name: getattr(joints, name)[one] for name in ("angle_rad", "sigma_rad")}
-    return pose, replace(joints, t_ns=np.array([t_ns]), world_from_segment=frames, **angles)
-
-
-def publish_bodies(host: Host, bodies: LiveBodies, t_s: float, pose: Pose3D, joints: JointAngles) -> None:
-    """As a live session does."""
-    meshes, message = bodies.step(t_s, pose, joints, [BODY_RGBA] * len(pose.person_id))
-    for slot, mesh in meshes.items():
-        host.publish(f"mesh {slot}", mesh, keep=True, channel=BODIES)
-    host.publish("bodies", message, channel=BODIES)
 
 
 def main() -> None:
@@ -97,7 +64,6 @@ def main() -> None:
     plots = plot_names(joints)
     host.publish("setup", setup_message(scene_setup(rig, poses.skeleton, plots=plots)), keep=True)
     cov = np.broadcast_to(np.diag([1.0, 1.0, 4.0]) * _SIGMA_M**2, (*poses.xyz_world.shape[1:3], 3, 3))
-    bodies = LiveBodies()
     begun, sent = time.monotonic(), [0.0, 0.0, 0.0]
     atexit.register(report.end, state="cancelled")
     while not report.cancelled.is_set():
@@ -109,8 +75,6 @@ def main() -> None:
             host.publish("poses", poses_message(t_s, poses.person_id, xyz, cov))
             degrees = np.degrees(joints.angle_rad[frame, 0]).ravel()
             host.publish("values", values_message(t_s, degrees, np.full(len(degrees), np.nan)))
-            if host.wanted(BODIES):
-                publish_bodies(host, bodies, t_s, *step_of(truth, frame, round(t_s * 1e9)))
         if host.watched and t_s - sent[1] >= 1 / IMAGES_HZ:
             sent[1] = t_s
             for number, lens in enumerate(lenses):

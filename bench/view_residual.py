@@ -141,7 +141,7 @@ def learned_from(folders: Sequence[Path]) -> list[dict[str, Seen]]:
         for session in (one for one in sorted(folder.glob("scene*")) if is_rendered(one)):
             truth = read_truth(session / "truth" / "truth.npz")
             inputs = {name: CameraInput(images=f"videos/{name}") for name in truth.rig.names}
-            config = TrackConfig(rate_hz=RATE_HZ, cameras=inputs, outputs=())
+            config = TrackConfig(rate_hz=RATE_HZ, cameras=inputs, outputs={})
             recording = unsmoothed(recorded(session, folders[0] / "tracked" / f"{folder.name}-{session.name}", config))
             if len(recording.poses.person_id) == 1:
                 body = Tracked(recording, truth)
@@ -190,7 +190,7 @@ def solved(body: Body, form: str, residuals: dict[str, Residual]) -> dict[str, P
 
 def real_body(session: Path, kept: Path) -> tuple[Tracked, Array]:
     """The real recording, its own result in place of a truth, and the reference (T, 12, 3)."""
-    recording = recorded(session, kept, TrackConfig(outputs=()))
+    recording = recorded(session, kept, TrackConfig(outputs={}))
     poses, reference = recording.poses, read_trc(session / REFERENCE)
     stand_in = Truth(
         rig=recording.rig, t_ns=poses.t_ns, skeleton=poses.skeleton, person_id=poses.person_id, xyz_world=poses.xyz_world,

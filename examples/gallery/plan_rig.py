@@ -12,7 +12,10 @@ from matplotlib import pyplot
 import posefuse as pf
 from posefuse.core import SE3
 
-SIGMA_PX = 3.0  # what a network is off by in a 640 px wide image, standard deviation per axis
+# edit these for your own rig: positions in metres, and what a network is off by in px, standard deviation per axis
+AROUND = [(4.0 * np.cos(a), 4.0 * np.sin(a), 2.3) for a in np.deg2rad([45, 135, 225, 315])]
+WALL = [(x, -4.0, 2.3) for x in (-3.0, -1.0, 1.0, 3.0)]
+SIGMA_PX = 3.0
 
 
 def camera(name: str, position_m: tuple[float, float, float], target_m: tuple[float, float, float] = (0, 0, 1)) -> pf.Camera:
@@ -39,14 +42,12 @@ def expected_error_mm(rig: pf.Rig, xyz_m: np.ndarray) -> np.ndarray:
 
 
 def main(out: Path) -> dict[str, float]:
-    around = [(4.0 * np.cos(a), 4.0 * np.sin(a), 2.3) for a in np.deg2rad([45, 135, 225, 315])]
-    wall = [(x, -4.0, 2.3) for x in (-3.0, -1.0, 1.0, 3.0)]
     x, y = np.meshgrid(np.linspace(-2, 2, 41), np.linspace(-2, 2, 41))
     grid = np.stack([x, y, np.ones_like(x)], axis=-1)
 
     figure, axes = pyplot.subplots(1, 2, figsize=(9, 4.2), layout="constrained")
     medians = {}
-    for one, (name, places) in zip(axes, {"around": around, "along a wall": wall}.items(), strict=True):
+    for one, (name, places) in zip(axes, {"around": AROUND, "along a wall": WALL}.items(), strict=True):
         rig = pf.Rig(tuple(camera(f"cam{i}", place) for i, place in enumerate(places)))
         error = expected_error_mm(rig, grid)
         medians[name] = float(np.nanmedian(error))
@@ -62,4 +63,6 @@ def main(out: Path) -> dict[str, float]:
 if __name__ == "__main__":
     folder = Path("out/gallery")
     folder.mkdir(parents=True, exist_ok=True)
-    print(main(folder))
+    for name, median_mm in main(folder).items():
+        print(f"{name}: median {median_mm:.0f} mm")
+    print(f"drawn in {folder / 'plan_rig.png'}; edit the numbers at the top for your own rig")

@@ -44,7 +44,7 @@ class Context:
     @property
     def config(self) -> TrackConfig:
         """How every scene is tracked; raises ConfigError for overrides that cannot be."""
-        return replace(read_config(None, self.overrides), outputs=())
+        return replace(read_config(None, self.overrides), outputs={})
 
 
 @dataclass(frozen=True, eq=False)

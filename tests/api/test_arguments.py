@@ -75,7 +75,7 @@ def test_what_fits_passes_and_other_errors_are_those_of_python() -> None:
 def test_a_result_is_not_taken_for_a_session(make_recording: Callable[..., pf.Recording], tmp_path: Path) -> None:
     """Its overlay.mp4 was taken for a camera."""
     make_recording().save(tmp_path / "result")
-    with pytest.raises(InputError, match=r"holds a result, not a session; .* pf\.read\(FOLDER\)\.solve\(\)"):
+    with pytest.raises(InputError, match=r"holds a result, not a session; .*pf\.read\(RESULT\)\.solve\(\)"):
         pf.track(tmp_path / "result")
 
 

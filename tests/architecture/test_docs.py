@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from types import ModuleType
 
 import matplotlib
 import pytest
@@ -61,6 +62,18 @@ def test_python_blocks_run(name: str, code: str, monkeypatch: pytest.MonkeyPatch
 @pytest.mark.parametrize(("name", "code"), blocks("python no-run"), ids=block_id)
 def test_python_blocks_that_need_cameras_are_python(name: str, code: str) -> None:
     ast.parse(code)
+
+
+def test_the_plugins_of_the_page_pass_their_checks(monkeypatch: pytest.MonkeyPatch) -> None:
+    height, lamp = (code for name, code in blocks("python") if "plugins.md" in name and "@settings" in code)
+    for name, code in {"my_package": "", "my_package.height": height, "my_package.lamp": lamp}.items():
+        module = ModuleType(name)
+        exec(compile(code, name, "exec"), vars(module))
+        monkeypatch.setitem(sys.modules, name, module)
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setattr(pf, "track", tracked_once)
+    [test] = [code for name, code in blocks("python no-run") if "plugins.md" in name]
+    exec(compile(test, "plugins.md", "exec"), {"__name__": "docs"})
 
 
 @pytest.mark.parametrize(("name", "code"), blocks("toml"), ids=block_id)
@@ -126,7 +139,7 @@ def test_references_list_every_command_setting_and_name() -> None:
     assert not [words for words in command_words() if f"## posefuse {' '.join(words)}\n" not in commands]
     assert "`--people N`" in commands
     assert not [key for key in ("cutoff_hz", "max_people", "offset_s", "rate_hz") if f"| `{key}` |" not in settings]
-    ours = [plugin.name for kind in ("detectors", "sinks", "live_outputs") for plugin in list_plugins(kind) if plugin.config]
+    ours = [plugin.name for kind in ("detectors", "outputs", "live_outputs") for plugin in list_plugins(kind) if plugin.config]
     assert not [name for name in ours if f"### `{name}`" not in settings]
     assert all(f"heading: posefuse.{name}\n" in api for _, names in GROUPS for name in names)
 
@@ -148,7 +161,7 @@ def test_messages_in_troubleshooting_are_those_of_the_code() -> None:
 def test_all_outputs_are_in_the_list_of_files() -> None:
     page = (DOCS / "reference" / "files.md").read_text(encoding="utf-8")
     assert not [
-        plugin.name for plugin in list_plugins("sinks") if plugin.package == "posefuse" and f"`{plugin.name}`" not in page
+        plugin.name for plugin in list_plugins("outputs") if plugin.package == "posefuse" and f"`{plugin.name}`" not in page
     ]
 
 

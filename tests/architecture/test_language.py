@@ -1,5 +1,6 @@
 """The glossary of CONTRIBUTING.md holds: its left column is in no comment, docstring, message or page."""
 
+import ast
 import io
 import re
 import tokenize
@@ -68,3 +69,28 @@ def test_the_check_can_fail(tmp_path: Path) -> None:
     assert found_in(tmp_path / "a.py") == ["line 1: 'Nobody'", "line 2: 'instant'"]
     (tmp_path / "a.md").write_text("The camera was\nbumped, see `bumped`.", encoding="utf-8")
     assert found_in(tmp_path / "a.md") == ["line 2: 'bumped'"]
+
+
+# texts about other programs' options, and about options that exist in the shell alone
+_OTHER_OPTIONS = (
+    "cli/*", "studio/*", "teleoperation/*", "simulation/gazebo/*", "detection/models/archives.py", "messages/ros1.py",
+    "outputs/rerun_scene.py", "realtime/faults.py", "calibration/targets/description.py",
+)  # fmt: skip
+
+
+def test_the_library_names_arguments_of_python() -> None:
+    """`cli.terminal.in_options` makes options of them; whole commands (`posefuse track ... --out DIR`) may stand in any text."""
+    package = ROOT / "src" / "posefuse"
+    found = []
+    for path in sorted(package.rglob("*.py")):
+        name = path.relative_to(package)
+        if any(name.match(pattern) or name.is_relative_to(pattern.removesuffix("/*")) for pattern in _OTHER_OPTIONS):
+            continue
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        docs = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docs:
+                text = re.sub(r"`?posefuse [a-z][^`]*|dask worker.*|--set .*", "", node.value)
+                if re.search(r"(^|[\s(])--[a-z]", text):
+                    found.append(f"{name}:{node.lineno}: {node.value[:80]}")
+    assert found == []

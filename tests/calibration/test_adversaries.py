@@ -208,7 +208,9 @@ def test_unusable_input_is_refused_with_the_reason(lab: Any, plain: CornerObserv
 def test_lenses_known_to_a_per_cent_are_refined_when_asked(lab: Any, plain: CornerObservations) -> None:
     cameras = list(lab.rig.cameras)
     cameras[1] = replace(cameras[1], K=cameras[1].K * np.array([[1.01, 1, 1], [1, 1.01, 1], [1, 1, 1]]))
-    with pytest.raises(RefusedCalibration, match=r"cam01's focal length would rather be -1\.\d%.*--refine-lenses") as refused:
+    with pytest.raises(
+        RefusedCalibration, match=r"cam01's focal length would rather be -1\.\d%.*`focal_known_to_percent=3`"
+    ) as refused:
         calibrate_extrinsics(plain, tuple(cameras), lab.target, TOGETHER)
     held = refused.value.kept
     focal = cameras[1].K[0, 0]

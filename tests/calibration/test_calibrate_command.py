@@ -31,7 +31,7 @@ def test_printing_without_sizes_names_the_missing_ones(tmp_path: Path) -> None:
         run("print", "--cube", "--out", out)
     assert run("print", "--cube", "--marker-mm", "120", "--out", out)["pages"] == 6
     assert (tmp_path / "cube.pdf").read_bytes().startswith(b"%PDF-1.4")
-    with pytest.raises(InputError, match=r"cube\.pdf already exists; choose another name, or add --force"):
+    with pytest.raises(InputError, match=r"cube\.pdf already exists; choose another name, or add `replace=True`"):
         run("print", "--cube", "--marker-mm", "100", "--out", out)
     before = (tmp_path / "cube.pdf").read_bytes()
     run("print", "--cube", "--marker-mm", "100", "--out", out, "--force")
@@ -67,7 +67,7 @@ def test_a_person_needs_one_length_and_one_kind_of_input(tmp_path: Path, lab: An
         run(*person, "--height-m", "1.8", str(film))
     with pytest.raises(InputError, match=r"no such file or folder: .*none\.mp4"):
         run(*person, "--height-m", "1.8", str(film), "cam01=none.mp4")
-    with pytest.raises(InputError, match="one known length: --height-m METRES, or --apart"):
+    with pytest.raises(InputError, match="one known length: `height_m=METRES`, or `camera_distance="):
         run(*person, *both)
     with pytest.raises(WrongCommandLineError, match=r'--apart: unable to convert "far" into float'):
         run(*person, "--apart", "cam00", "cam01", "far", *both)
@@ -81,7 +81,7 @@ def test_a_person_needs_one_length_and_one_kind_of_input(tmp_path: Path, lab: An
     poses.mkdir()
     with pytest.raises(InputError, match="got both"):
         run(*person, "--height-m", "1.8", str(film), f"cam01={poses}")
-    with pytest.raises(InputError, match="add --rate-hz"):
+    with pytest.raises(InputError, match="add `rate_hz=HZ`"):
         run(*person, "--height-m", "1.8", f"cam01={poses}", f"cam02={poses}")
     with pytest.raises(InputError, match="lies inside the input"):
         run(*person, "--height-m", "1.8", str(film), f"cam01={tmp_path}")

@@ -1,6 +1,7 @@
 """After a refusal: the command that is printed can be typed, and fits what failed."""
 
 import shlex
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,12 @@ def test_the_next_command_fits_the_failure_and_can_be_typed(failure: str, words:
     command, _ = next_after(CalibrationReport("extrinsics", (Check(name, False, detail), other)), ASKED)
     assert words in command
     assert parse([word for word in shlex.split(command)[1:] if word != "..."]) is not None
+
+
+def test_a_clock_of_another_rate_is_followed_by_the_drift_that_the_line_names() -> None:
+    line = Check("parts agree", False, "phone2 runs +12.4 ms later after 20 s than before", "another rate: try `drift=True`")
+    command, _ = next_after(CalibrationReport("person", (line,)), replace(ASKED, step="person"))
+    assert "--clocks drift" in command
 
 
 def test_a_refusal_carries_its_next_command() -> None:

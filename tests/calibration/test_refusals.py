@@ -77,7 +77,9 @@ def test_a_side_in_other_units_is_refused_before_and_after_the_solve(lab: Any) -
     seen = lab.watch()
     with pytest.raises(RefusedCalibration, match=r"target has a plausible size: marker side 0\.24 mm"):
         calibrate_extrinsics(seen, lab.rig.cameras, Markers(0.24e-3), TOGETHER)
-    with pytest.raises(RefusedCalibration, match=r"rig has a plausible size: with a marker side of 24 mm .*--any-size") as caught:
+    with pytest.raises(
+        RefusedCalibration, match=r"rig has a plausible size: with a marker side of 24 mm .*`any_size=True`"
+    ) as caught:
         calibrate_extrinsics(seen, lab.rig.cameras, Markers(0.024), TOGETHER)
     # it can be had on request, and says what it failed
     assert caught.value.kept.rig.refused == "rig has a plausible size"

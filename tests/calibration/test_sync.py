@@ -80,7 +80,7 @@ def test_a_drift_is_found_and_one_that_is_not_asked_for_is_refused(rig: Rig) -> 
     fit = estimate_clocks(rig, tracks, start, with_drift=True)
     np.testing.assert_allclose(fit.clocks.drift, drift, atol=4e-4)
     assert (np.abs(fit.clocks.drift - drift) <= 4 * fit.clocks.drift_sigma).all()
-    with pytest.raises(RefusedCalibration, match=r"parts agree: cam01 runs \+.* ms later after .* try --clocks drift"):
+    with pytest.raises(RefusedCalibration, match=r"parts agree: cam01 runs \+.* ms later after .* try `drift=True`"):
         clocks_from_person(rig, tracks, most_s=1.0)
 
 
@@ -129,13 +129,13 @@ def test_clocks_of_a_session_are_found_written_and_read_by_track(rig: Rig, tmp_p
             people = [{"pose_keypoints_2d": person}]
             (folder / f"{number:06d}.json").write_text(json.dumps({"people": people if camera.name != "cam03" else []}))
     with pytest.raises(InputError, match=r"camera cam03: no person"):
-        run("clocks", str(tmp_path), "--rate-hz", "20")
+        run("clocks", str(tmp_path), "--rate", "20")
     for path in (tmp_path / "pose2d" / "cam03").iterdir():
         path.unlink()
     (tmp_path / "pose2d" / "cam03").rmdir()
     with pytest.raises(InputError, match="do not state their frame rate"):
         run("clocks", str(tmp_path))
-    figures = run("clocks", str(tmp_path), "--rate-hz", "20", "--most-s", "2")
+    figures = run("clocks", str(tmp_path), "--rate", "20", "--most-s", "2")
     assert figures["cam01_offset_ms"] == pytest.approx(370, abs=3)
     assert figures["cam01_offset_sigma_ms"] < 5
     config = read_settings(Path(figures["settings"]), TrackConfig)

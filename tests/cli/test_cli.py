@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -15,15 +16,17 @@ from types import SimpleNamespace
 
 import pytest
 
+import posefuse
 from posefuse import __version__
 from posefuse.cli import machine
 from posefuse.cli import main as cli
+from posefuse.cli import options as options_package
 from posefuse.cli.command_line import GROUPS
 from posefuse.cli.commands import plugins as plugins_command
 from posefuse.cli.live_report import show_live_figures
 from posefuse.cli.options.shared import Figures, Shown
 from posefuse.cli.stopping import terminate_on_signals
-from posefuse.cli.terminal import Terminal
+from posefuse.cli.terminal import Terminal, in_options
 from posefuse.core import DependencyError
 from posefuse.foundation.requests_to_end import REQUESTS_TO_END
 from posefuse.realtime.latency import STAGES
@@ -136,7 +139,7 @@ def test_models_can_be_checked_without_a_network(tmp_path: Path, monkeypatch: py
         (["track"], "missing SESSION"),
         (["track", "nowhere", "--out", "x"], "no such session folder"),
         (["track", "nowhere", "--out", "x", "--person", "here"], "expected X,Y in metres"),
-        (["track", "nowhere", "--out", "x", "--outputs", "fbx"], "no plug-in 'fbx' among sinks; there are: "),
+        (["track", "nowhere", "--out", "x", "--outputs", "fbx"], "no plug-in 'fbx' among outputs; there are: "),
         (["track", "nowhere", "--out", "x", "--set", "fuse.weights=best"], "'best'"),
         (["simulate", "none.yaml", "--out", "x"], "none.yaml"),
         (["view", "nowhere"], "nowhere"),
@@ -291,7 +294,7 @@ def test_a_plugin_that_cannot_be_imported_is_listed_with_its_reason(monkeypatch:
     assert listed[0]["name"] == "broken"
     assert "posefuse_nowhere" in listed[0]["reason"]
     with pytest.raises(DependencyError, match="posefuse_nowhere"):
-        plugins.build_plugin("sinks", "broken", {})
+        plugins.build_plugin("outputs", "broken", {})
 
 
 def test_help_and_version_work_as_a_program() -> None:
@@ -397,3 +400,55 @@ def test_a_request_to_end_that_comes_while_a_compiled_kernel_is_loaded_does_not_
         )
         assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.splitlines()[-1] == "stopped"
+
+
+@pytest.mark.parametrize(
+    ("line", "package", "extra"),
+    [
+        ("live {rig} {sources} --record {new}/a.mcap", "mcap.writer", "ros"),
+        ("live {rig} {sources} --output lsl", "pylsl", "lsl"),
+        ("live {rig} {sources} --view", "rerun", "viewer"),
+        ("live {rig} {sources} --ros", "cyclonedds._clayer", "ros"),
+        ("track {demo} --out {new}/r --outputs mcap", "mcap.writer", "ros"),
+        ("track {demo} --out {new}/r --outputs rerun", "rerun", "viewer"),
+        ("track {demo} --out {new}/r --view", "rerun", "viewer"),
+        ("view {demo}", "rerun", "viewer"),
+    ],
+)
+def test_what_needs_an_extra_is_refused_before_any_work(
+    line: str, package: str, extra: str, tmp_path: Path, demo_session: Path, monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
+    def work(*_: object) -> None:
+        raise AssertionError("began to work")
+
+    monkeypatch.setitem(sys.modules, package, None)
+    for place in ("posefuse.cli.live.fetch_chosen", "posefuse.cli.live.run_live", "posefuse.cli.tracking.fetch_networks"):
+        monkeypatch.setattr(place, work)
+    sources = " ".join(f"--source cam0{i}=video:{demo_session}/videos/cam0{i}.mp4" for i in range(4))
+    words = line.format(rig=demo_session / "rig.toml", demo=demo_session, sources=sources, new=tmp_path)
+    code, _, err = run(capsys, *words.split())
+    assert code == 1 and f"posefuse[{extra}]" in err.splitlines()[-1] and not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("`resume=True` continues, `replace=True` begins", "--resume continues, --force begins"),
+        ("add `rate_hz=HZ`, or `clocks=offset`", "add --rate HZ, or --clocks offset"),
+        ("try `drift=True`; `max_offset_s=60`", "try --clocks drift; --most-s 60"),
+        ("`posefuse models` fetches them; `.mcap`", "`posefuse models` fetches them; `.mcap`"),
+    ],
+)
+def test_arguments_of_python_are_options_of_the_command_line(text: str, shown: str, capsys) -> None:
+    Terminal(False).warn(text)
+    assert shown in capsys.readouterr().err
+
+
+def test_every_argument_that_a_message_names_is_an_option() -> None:
+    """Each translation ends in an option that some command has."""
+    folder = Path(options_package.__file__).parent
+    options = {name for one in folder.glob("*.py") for name in re.findall(r"^    (\w+):", one.read_text(), re.MULTILINE)}
+    texts = [path.read_text() for path in Path(posefuse.__file__).parent.rglob("*.py") if "cli" not in path.parts]
+    named = {name for text in texts for name in re.findall(r'(?<!")"(?!")[^"\n]*`([a-z_]+)=[^`"\n]*`', text)}
+    shown = {in_options(f"`{name}=True`").removeprefix("--").split()[0].replace("-", "_") for name in named}
+    assert {"rate", "force", "clocks"} <= shown <= options

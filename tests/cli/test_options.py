@@ -10,7 +10,7 @@ from functools import cache
 
 import pytest
 
-from posefuse.cli.command_line import COMMANDS, STEPS, Invocation, WrongCommandLineError, parse
+from posefuse.cli.command_line import COMMANDS, GROUPS, STEPS, Invocation, WrongCommandLineError, parse
 from posefuse.cli.main import main
 
 TARGET = (
@@ -39,7 +39,7 @@ ACCEPTED = {
     ),
     "record": (
         "--source one --out text",
-        f"--json, --rig text, --duration 5, --view, --view-file text, {ROS_2}",
+        f"--json, --rig text, --duration 5, {ROS_2}",
     ),
     "live rig.toml": (
         "",
@@ -59,17 +59,17 @@ ACCEPTED = {
     ),
     "calibrate guide": (
         "--source one --source two",
-        f"--intrinsics text, --record text, --duration 5, --view, --view-file text, --json, --force, {ROS_2}, {TARGET}",
+        f"--intrinsics text, --record text, --duration 5, --json, {ROS_2}, {TARGET}",
     ),
     "calibrate person a=a.mp4 b=b.mp4": (
         "--intrinsics text --out text",
-        "--height-m 1.8, --apart a b 2.5, --rate-hz 30, --time-steps 100, --clocks drift, --most-s 2, "
+        "--height-m 1.8, --apart a b 2.5, --rate 30, --time-steps 100, --clocks drift, --most-s 2, "
         "--upside-down one --upside-down two, "
         "--networks one --networks two, --json, --force, --report text, --time-steps 100",
     ),
     "calibrate clocks SESSION": (
         "",
-        "--rig text, --input pose2d, --clocks drift, --rate-hz 30, --seconds 20, --most-s 2, --networks one "
+        "--rig text, --input pose2d, --clocks drift, --rate 30, --seconds 20, --most-s 2, --networks one "
         "--networks two, --json, --force, --report text",
     ),
     "calibrate verify a=a.mp4 b=b.mp4": (
@@ -258,3 +258,10 @@ def test_options_of_a_command_are_in_its_help(capsys: pytest.CaptureFixture[str]
 
 def test_the_table_has_every_command() -> None:
     assert {command.split()[0] for command in ACCEPTED} == {*COMMANDS}
+
+
+def test_no_word_at_all_shows_the_commands_in_groups(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == 0
+    out, err = capsys.readouterr()
+    assert err == "" and all(f" {title} " in out for title in GROUPS) and all(f"│ {name} " in out for name in COMMANDS)
+    assert len(set(COMMANDS)) == len(COMMANDS)

@@ -4,7 +4,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import asdict, fields, is_dataclass
+from dataclasses import asdict, fields, is_dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, get_args, get_type_hints
@@ -62,6 +62,11 @@ def leaves(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
         yield key, list(value) if isinstance(value, tuple) else str(value) if isinstance(value, Path) else value
 
 
+def by_key(config: TrackConfig) -> dict[str, Any]:
+    """Every setting, the outputs by their names."""
+    return {**dict(leaves(replace(config, outputs={}))), ".outputs": list(config.outputs)}
+
+
 def read(*texts: str) -> dict[str, Any]:
     """Every setting that a command line results in, by its key."""
     words = [word for text in texts for word in text.split()]
@@ -76,9 +81,11 @@ def read(*texts: str) -> dict[str, Any]:
         outputs = output_configs(given["outputs"], given["ros_2"], config)
         return {**dict(leaves(config)), **dict(leaves(outputs, ".outputs"))}
     if words[0] == "track":
-        return dict(leaves(effective_track_config(SESSION, given["options"], given["settings"])))
-    changes, formats = study_settings(given["options"], given["settings"])
-    return dict(leaves(config_of_trial(SESSION, None, {**changes, "outputs": formats})))
+        config = effective_track_config(SESSION, given["options"], given["settings"])
+    else:
+        changes, formats = study_settings(given["options"], given["settings"])
+        config = config_of_trial(SESSION, None, {"outputs": formats, **changes})
+    return by_key(config)
 
 
 def others(hint: Any, value: Any) -> Iterator[Any]:
@@ -143,7 +150,8 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[str, str]
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_setting_of_a_file_reaches_the_command(command: str, files: dict[str, tuple[str, str]]) -> None:
     content = json.loads(Path(files[command][1].split()[1]).read_text())
-    expected = dict(leaves(settings_from_mapping(content, COMMANDS[command][1], where="test")))
+    settings = settings_from_mapping(content, COMMANDS[command][1], where="test")
+    expected = by_key(settings) if isinstance(settings, TrackConfig) else dict(leaves(settings))
     got, plain = read(command, files[command][1]), read(command)
     assert {key: got[key] for key in expected} == expected
     assert [key for key in plain if plain[key] == expected.get(key)] == []

@@ -8,13 +8,13 @@ import pytest
 
 from posefuse.core import Detections2D, Frame, Kind, LivePose, LiveStart, PoseSequence, Recording, SourceError
 from posefuse.core.skeleton import COCO17
-from posefuse.evaluation.contracts import ContractError, check_detector, check_live_output, check_sink, check_source
+from posefuse.evaluation.contracts import ContractError, check_detector, check_live_output, check_output, check_source
 from posefuse.formats.truth import read_truth
 from posefuse.foundation.plugins import GROUPS, build_plugin, list_plugins, plugin_config
 
 T, N, K = 6, 2, len(COCO17)
 LIVE_OUTPUTS = [plugin.name for plugin in list_plugins("live_outputs")]
-SINKS = [plugin.name for plugin in list_plugins("sinks")]
+SINKS = [plugin.name for plugin in list_plugins("outputs")]
 
 
 @pytest.fixture
@@ -53,7 +53,7 @@ def test_sinks(name: str, recording: Recording, tmp_path: Path) -> None:
         pytest.importorskip("rerun", reason="the extra viewer is not installed")
     if name == "mcap":
         pytest.importorskip("mcap", reason="the extra ros is not installed")
-    check_sink(build_plugin("sinks", name, {}), recording, tmp_path)
+    check_output(build_plugin("outputs", name, {}), recording, tmp_path)
 
 
 def test_the_video_source(demo_session: Path) -> None:
@@ -182,10 +182,10 @@ def test_the_sink_check_can_fail(recording: Recording, tmp_path: Path) -> None:
         folder = tmp_path / (fault or "good")
         folder.mkdir()
         if not fault:
-            check_sink(Writer(), recording, folder)
+            check_output(Writer(), recording, folder)
             continue
         with pytest.raises(ContractError, match=rule):
-            check_sink(Writer(fault), recording, folder)
+            check_output(Writer(fault), recording, folder)
 
 
 # what an output cannot do without, and the package that must be there

@@ -41,3 +41,10 @@ def test_an_alias_is_the_angle_with_its_sign(angles: JointAngles, name: str, joi
 def test_an_unknown_name_lists_those_that_exist(angles: JointAngles) -> None:
     with pytest.raises(InputError, match=r"no angle 'pelvis_lean' of OpenSim; there are: .*ankle_angle_l"):
         angles["pelvis_lean"]
+
+
+def test_all_angles_are_in_degrees_by_one_word(angles: JointAngles) -> None:
+    j = angles.joints.index("left_knee")
+    a = angles.angle_names[j].index("flexion")
+    np.testing.assert_array_equal(angles.deg[:, 0, j, a], angles["left_knee", "flexion"].deg)
+    np.testing.assert_array_equal(angles.sigma_deg[:, 0, j, a], angles["left_knee", "flexion"].sigma_deg)

@@ -137,7 +137,11 @@ def test_stages_are_reported_as_they_begin(recording, tmp_path):
     report = lambda *report: reported.append(report)  # noqa: E731
     write_biomechanics(recording, tmp_path, BiomechanicsSettings(fit="points"), title="Trial 7", progress=report)
     assert reported == [
-        ("report", 0, 3, "fitting the skeleton to the points of 24 time steps"),
+        (
+            *("report", 0, 3),
+            "joint angles of 24 time steps, of one skeleton of constant segment lengths per person, fitted to the points of the "
+            "result, which smooths them; `posefuse report --fit none` takes them straight from the 3D points",
+        ),
         (
             *("report", 1, 3),
             "no angles of left_wrist, right_wrist: anatomical23 has no left_index, right_index, left_pinky, right_pinky",

@@ -10,12 +10,14 @@ from posefuse import __version__
 from posefuse.core import SKELETONS, InputError, PoseSequence, Recording
 from posefuse.evaluation.gait_cycles import PERCENT, gait_cycles, write_gait_cycles
 from posefuse.evaluation.report import write_report
+from posefuse.evaluation.report.angles import time_plots
 from posefuse.evaluation.report.normal import SOURCES
-from posefuse.evaluation.report.parameters import RANGES
+from posefuse.evaluation.report.parameters import RANGES, parameter_blocks
 from posefuse.evaluation.report.quality import keypoint_quality
+from posefuse.formats.page import MISSING
 from posefuse.formats.page.packing import unpacked
 from posefuse.kinematics import JOINTS, joints_from_poses
-from posefuse.kinematics.gait import gait_from_poses
+from posefuse.kinematics.gait import Spread, gait_from_poses
 
 SKELETON = SKELETONS["anatomical23"]
 
@@ -106,6 +108,8 @@ def test_gait_parameters_stand_next_to_published_ones(read_page, tmp_path, ring_
     assert step[2].endswith(f"({gait.step_length_m['left'].count})") and step[3:] == ["", ""]
     for row in page.tables[1][1:]:
         assert bool(row[3]) == bool(row[4])
+    assert rows["Double support", ""][2].endswith(f"({gait.double_support_share.count})")
+    assert rows["Asymmetry of the step length", ""][2] == "+0\N{NO-BREAK SPACE}%"
     assert set(RANGES) <= {(j.name.removeprefix("left_"), angle) for j in JOINTS for angle in j.angle_names}
 
 
@@ -232,3 +236,28 @@ def test_quality_counts_what_was_measured(ring_rig):
     assert rows["right_knee"].longest_gap_s == 0
     assert rows["right_knee"].sigma_mm == pytest.approx(10)
     assert rows["nose"].found == 0 and rows["nose"].longest_gap_s == pytest.approx(239 / 60, abs=1e-6)
+
+
+def test_a_side_that_takes_longer_steps_is_stated(read_page, tmp_path, ring_rig):
+    xyz, t_ns = walker()
+    gait = gait_from_poses(recording_of(ring_rig, xyz, t_ns).poses)
+    longer = replace(gait, step_length_m={**gait.step_length_m, "left": Spread(0.66, 0.0, 3), "right": Spread(0.54, 0.0, 3)})
+    rows = {row[0]: row for row in parameter_blocks(longer, [])[0].rows}
+    assert rows["Asymmetry of the step length"][2] == "+20\N{NO-BREAK SPACE}%"
+    unknown = replace(gait, step_length_m={**gait.step_length_m, "left": Spread.of([])})
+    assert {row[0]: row for row in parameter_blocks(unknown, [])[0].rows}["Asymmetry of the step length"][2] == MISSING
+
+
+def test_a_person_who_turns_has_no_range_of_pelvis_rotation(read_page, tmp_path, ring_rig):
+    xyz, t_ns = walker()
+    recording = recording_of(ring_rig, xyz, t_ns, {"config": {"names": ["Anna"]}})
+    joints = joints_from_poses(recording.poses)
+    q, a = joints.joints.index("pelvis"), joints.angle_names[joints.joints.index("pelvis")].index("rotation_left")
+    angle = joints.angle_rad.copy()
+    angle[:, 0, q, a] = np.linspace(0, 5.6, len(angle))
+    page = read_page(write_report(recording, replace(joints, angle_rad=angle), tmp_path / "r.html", angles="straight"))
+    ranges = next(table for table in page.tables if table[0][0] == "angle, degrees")
+    titles = [row[0] for row in ranges]
+    assert "Pelvis rotation left" not in titles and "Pelvis obliquity right down" in titles
+    assert "Pelvis rotation left" not in [plot.title for plot in time_plots(joints, 0, None, 2.0)]
+    assert dict(page.tables[0])["people"] == "Anna" and dict(page.tables[0])["joint angles"] == "straight"

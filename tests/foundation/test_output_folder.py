@@ -85,7 +85,7 @@ def test_a_failed_run_keeps_the_old_result(tmp_path: Path, problem: type[BaseExc
 
 def test_a_result_is_replaced_only_on_request_and_by_the_same_command(tmp_path: Path) -> None:
     make(tmp_path / "result")
-    refused(tmp_path / "result", "holds results already; choose another folder or add --force", replace=False)
+    refused(tmp_path / "result", "holds results already; choose another folder or add `replace=True`", replace=False)
     refused(tmp_path / "result", "holds results of `posefuse track`", command="simulate")
     make(tmp_path / "result", "two")
 

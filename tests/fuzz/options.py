@@ -21,9 +21,9 @@ OPTIONS: tuple[str, ...] = (
     "compare FOLDER/rig.toml FOLDER/rig.toml",
     *(f"compare FOLDER/a.trc FOLDER/b.trc --align-first={value}" for value in _NUMBERS),
     *(f"simulate FOLDER/none.yaml --out FOLDER/s --workers={value}" for value in ("0", "-1", "nan")),
-    *(f"calibrate clocks FOLDER --seconds={value} --rate-hz 30" for value in _NUMBERS),
-    *(f"calibrate clocks FOLDER --rate-hz={value}" for value in (*_NUMBERS, "1e9")),
-    *(f"calibrate clocks FOLDER --most-s={value} --rate-hz 30" for value in _NUMBERS),
+    *(f"calibrate clocks FOLDER --seconds={value} --rate 30" for value in _NUMBERS),
+    *(f"calibrate clocks FOLDER --rate={value}" for value in (*_NUMBERS, "1e9")),
+    *(f"calibrate clocks FOLDER --most-s={value} --rate 30" for value in _NUMBERS),
     *(
         f"calibrate print --target charuco --columns {value} --rows 5 --square-mm 30 --marker-mm 20 --out FOLDER/a.pdf"
         for value in ("0", "-1", "1000000")
@@ -37,12 +37,12 @@ OPTIONS: tuple[str, ...] = (
     "calibrate print --target markers --marker-mm 50 --ids 1 --dictionary DICT --out FOLDER/a.pdf",
     *(
         f"calibrate person cam00=FOLDER/pose2d/cam00_json cam01=FOLDER/pose2d/cam01_json --intrinsics FOLDER/rig.toml "
-        f"--rate-hz={value} --height-m 1.8 --out FOLDER/r.toml"
+        f"--rate={value} --height-m 1.8 --out FOLDER/r.toml"
         for value in (*_NUMBERS, "1e9")
     ),
     *(
         f"calibrate person cam00=FOLDER/pose2d/cam00_json cam01=FOLDER/pose2d/cam01_json --intrinsics FOLDER/rig.toml "
-        f"--rate-hz 30 --height-m={value} --out FOLDER/r.toml"
+        f"--rate 30 --height-m={value} --out FOLDER/r.toml"
         for value in _NUMBERS
     ),
     *(

@@ -61,6 +61,9 @@ def test_measures_are_those_walked(heading_rad):
         assert gait.step_length_m[side].mean == pytest.approx(SPEED_M_S * STRIDE_S / 2, rel=0.04)
         # this figure's feet leave the ground without a jerk, so foot off is seen up to 0.1 s late
         assert 0.6 < gait.stance_share[side].mean < 0.6 + 0.1 / STRIDE_S
+    # one foot at least is always on the ground: what both stances exceed a stride by
+    both = sum(gait.stance_share[side].mean for side in ("left", "right")) - 1
+    assert gait.double_support_share.mean == pytest.approx(both, abs=0.01) and gait.double_support_share.count > 2
 
 
 def test_strikes_are_where_the_feet_land():

@@ -2,20 +2,16 @@
 
 import json
 import struct
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from posefuse.core import SE3
 from posefuse.formats.gltf import write_gltf
-from posefuse.formats.page import Player, PlayerMesh
-from posefuse.formats.page.player import player_content
 from posefuse.kinematics import joints_from_poses
-from posefuse.kinematics.animation import FILE_FROM_WORLD, animation_from_joints
+from posefuse.kinematics.animation import animation_from_joints
 from posefuse.kinematics.definitions import NOSE_BELOW_RAD
-from posefuse.kinematics.skin import MovingSkin, skin_of, skinned_vertices
+from posefuse.kinematics.skin import skin_of, skinned_vertices
 from posefuse.kinematics.skin.template import length_names, template
 
 BENT = {
@@ -132,84 +128,3 @@ def test_the_file_moves_as_we_do(moving, tmp_path) -> None:
     np.testing.assert_allclose(moved, skinned_vertices(moving, skin)[frame], atol=1e-5)
     assert values(mesh["indices"]).max() == len(rest) - 1
     np.testing.assert_allclose(np.linalg.norm(values(mesh["attributes"]["NORMAL"]), axis=1), 1.0, atol=1e-5)
-
-
-def test_a_page_moves_as_we_do(moving) -> None:
-    """From the packed numbers of the page alone, to the millimetres that it keeps."""
-    skin, (rotation, position) = skin_of(moving), moving.world()
-    count = len(rotation)
-    mesh = PlayerMesh(skin=skin, rotation=rotation, position=position)
-    player = Player(
-        np.arange(count) / 30, np.zeros((count, 1, 1, 3)), bones=np.zeros((0, 2), int), sides=(), people=("a",), meshes=(mesh,)
-    )
-    content = player_content(player)["meshes"][0]
-
-    def numbers(steps: list[int], step: list[int]) -> np.ndarray:
-        return np.cumsum(steps) * step[0] / 10.0 ** step[1]
-
-    vertices = numbers(content["vertices"], content["step"]).reshape(-1, 3)
-    bind = np.array(content["bind"]).reshape(-1, 3, 4)
-    turn = np.array([[numbers(one, content["turn_step"]) for one in parts] for parts in content["turn"]])
-    place = np.array([[numbers(one, content["step"]) for one in axes] for axes in content["place"]])
-    joint, weight = (np.array(content[name]).reshape(len(vertices), -1) for name in ("joint", "weight"))
-    assert (weight.sum(axis=1) == 255).all()
-    frame = 1
-    matrices = Rotation.from_quat(turn[:, :, frame]).as_matrix() @ bind
-    matrices[:, :, 3] += place[:, :, frame]
-    moved = np.einsum("vk,vkij,vj->vi", weight / 255, matrices[joint], np.c_[vertices, np.ones(len(vertices))])
-    assert np.linalg.norm(moved - skinned_vertices(moving, skin)[frame], axis=-1).max() < 0.004
-
-
-def live_steps(sequence, rate_hz=10.0):
-    """Time steps one by one, as a live session gives them, with the angles of each."""
-    joints = joints_from_poses(sequence)
-    for i in range(len(sequence)):
-        t_ns = np.array([round(i * 1e9 / rate_hz)])
-        frames = SE3(joints.world_from_segment.wxyz[i : i + 1], joints.world_from_segment.xyz[i : i + 1])
-        angles = {name: getattr(joints, name)[i : i + 1] for name in ("angle_rad", "sigma_rad")}
-        yield replace(sequence.at(i), t_ns=int(t_ns[0])), replace(joints, t_ns=t_ns, world_from_segment=frames, **angles)
-
-
-def blended(skin, matrices):
-    """(V, 3) as a page moves the vertices."""
-    each = np.einsum("vk,vkij->vij", skin.weight, matrices[skin.joint])
-    return np.einsum("vij,vj->vi", each[..., :3], skin.vertices) + each[..., 3]
-
-
-def test_a_live_body_moves_as_a_recorded_one(posed) -> None:
-    sequence = posed([{**BENT, "left_knee": (20 + 5 * i, 0, 0), "trunk": (0, i, 2 * i)} for i in range(12)])
-    recorded = animation_from_joints(sequence, joints_from_poses(sequence))
-    expected = skinned_vertices(recorded, skin_of(recorded)) @ FILE_FROM_WORLD
-    moving = MovingSkin()
-    found = [moving.step(pose, joints) for pose, joints in live_steps(sequence)]
-    assert [one is None for one in found] == [True] * 9 + [False] * 3 and moving.revision == 1
-    for i in (9, 10, 11):
-        np.testing.assert_allclose(blended(moving.skin, found[i]), expected[i], atol=2e-4)
-
-
-def test_a_live_body_keeps_what_is_hidden_and_waits_for_a_pelvis(posed) -> None:
-    sequence = posed([BENT] * 14)
-    moving, steps = MovingSkin(), list(live_steps(sequence))
-    before = [moving.step(*step) for step in steps[:13]][-1]
-    pose, joints = steps[12]
-    hidden = np.zeros(len(joints.segments), bool)
-    hidden[joints.segments.index("left_forearm")] = True
-    wxyz, xyz = (np.where(hidden[:, None], np.nan, getattr(joints.world_from_segment, name)) for name in ("wxyz", "xyz"))
-    np.testing.assert_allclose(moving.step(pose, replace(joints, world_from_segment=SE3(wxyz, xyz))), before, atol=1e-6)
-    nothing = SE3(np.full_like(wxyz, np.nan), np.full_like(xyz, np.nan))
-    assert moving.step(pose, replace(joints, world_from_segment=nothing)) is None
-
-
-def test_a_live_body_learns_lengths_from_what_is_usually_seen(posed) -> None:
-    """A hand that was seen once has no length; a forearm that was hidden at times has the one of the other times."""
-    sequence, moving = posed([BENT] * 22), MovingSkin()
-    for i, (pose, joints) in enumerate(live_steps(sequence)):
-        lost = np.zeros(len(joints.segments), bool)
-        lost[joints.segments.index("right_hand")] = i != 4
-        lost[joints.segments.index("left_shank")] = i % 3 == 0
-        wxyz, xyz = (np.where(lost[:, None], np.nan, getattr(joints.world_from_segment, name)) for name in ("wxyz", "xyz"))
-        found = moving.step(pose, replace(joints, world_from_segment=SE3(wxyz, xyz)))
-    assert moving.revision == 2 and np.isfinite(found).all() and np.isfinite(moving.skin.vertices).all()
-    names = animation_from_joints(sequence, joints_from_poses(sequence)).names
-    # without the hand and its end; the forearm ends at the wrist then
-    assert len(found) == len(names) - 1

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from posefuse.core import SKELETONS, InputError, MessageError, PoseSequence, Recording, SourceError
-from posefuse.evaluation.contracts import check_sink
+from posefuse.evaluation.contracts import check_output
 from posefuse.messages import bags, topics
 from posefuse.messages.messages import message_from_detections, message_from_pose
 from posefuse.messages.ros_output import RosOutput
@@ -248,7 +248,7 @@ def test_the_sink_writes_what_a_live_session_publishes(tmp_path, ring_rig, some_
     xy = rng.uniform(0, 400, (t, n, c, k, 2))
     xy[score == 0] = np.nan
     recording = Recording.from_views(ring_rig(c), poses, xy, score, np.where(score > 0, 2.0, np.nan))
-    check_sink(McapSink().build(), recording, tmp_path)
+    check_output(McapSink().build(), recording, tmp_path)
     (path,) = McapSink(epoch_offset_ns=50).build().write(recording, tmp_path)
     views = [v for v, _ in bags.read_detections(path)]
     assert [v.camera for v in views[:3]] == ["cam00", "cam01", "cam02"]

@@ -1,11 +1,21 @@
 """Settings: every default once, every wrong key or value one line that says what is allowed."""
 
 from pathlib import Path
+from types import MappingProxyType
 
 import pytest
 
 from posefuse.core import ConfigError
-from posefuse.pipeline.config import TrackConfig, read_config
+from posefuse.pipeline.config import (
+    DEFAULT_OUTPUTS,
+    Options,
+    TrackConfig,
+    changed_config,
+    options_by_name,
+    read_config,
+    settings_by_key,
+)
+from posefuse.pipeline.writing import build_sinks
 
 
 def test_overrides_replace_values_of_the_file(tmp_path: Path) -> None:
@@ -46,3 +56,35 @@ def test_a_broken_file_is_named(tmp_path: Path) -> None:
         read_config(path, [])
     with pytest.raises(ConfigError, match="no such file"):
         read_config(tmp_path / "none.toml", [])
+
+
+def test_a_model_card_in_a_settings_file_lies_next_to_it(tmp_path: Path) -> None:
+    path = tmp_path / "posefuse.toml"
+    path.write_text('[detector]\nname = "onnx"\n[detector.options]\ncard = "rtmpose.toml"\n')
+    assert read_config(path, []).detector.options["card"] == str(tmp_path / "rtmpose.toml")
+    assert settings_by_key(path, [])["detector.options.card"] == str(tmp_path / "rtmpose.toml")
+    assert read_config(None, ["detector.options.card=a.toml"]).detector.options["card"] == "a.toml"
+
+
+def test_an_output_takes_options_by_name_and_a_wrong_one_is_refused_before_work(tmp_path: Path) -> None:
+    path = tmp_path / "posefuse.toml"
+    path.write_text("[outputs.overlay]\nwidth_px = 320\n[outputs.trc]\n")
+    outputs: Options = {"--outputs": ("outputs", ("csv", "overlay"))}
+
+    def read(file: Path | None, *overrides: str, options: Options = MappingProxyType({})) -> dict[str, object]:
+        return read_config(file, overrides, options).outputs
+
+    assert read(None, "outputs.overlay.width_px=320") == {**options_by_name(DEFAULT_OUTPUTS), "overlay": {"width_px": 320}}
+    assert read(path) == {"overlay": {"width_px": 320}, "trc": {}}
+    # an option names the outputs; one that the file describes keeps its description, and --set adds to it
+    assert read(path, options=outputs) == {"csv": {}, "overlay": {"width_px": 320}}
+    assert read(path, "outputs.overlay.height_px=240", options=outputs)["overlay"] == {"width_px": 320, "height_px": 240}
+    assert changed_config(TrackConfig(), {"outputs": ("trc",), "outputs.csv.x": 1}).outputs == {"trc": {}, "csv": {"x": 1}}
+    sink = build_sinks(read(path, options=outputs))[1]  # type: ignore[arg-type]
+    assert sink.width_px == 320  # type: ignore[attr-defined]
+    for wrong, line in (
+        ({"overlay": {"width": 3}}, "outputs overlay: unknown key 'width'; there are:"),
+        ({"hight": {}}, "no plug-in 'hight' among outputs; there are:"),
+    ):
+        with pytest.raises(ConfigError, match=line):
+            build_sinks(wrong)

@@ -45,6 +45,6 @@ def test_a_body_found_twice_is_no_other() -> None:
 
 def test_one_line_names_the_cameras_and_one_camera_alone_is_not_reported() -> None:
     line = others_line({"a": 2, "b": 1}, 1)
-    assert line == "up to 2 people were seen besides the 1 followed: a (2), b (1); --people all follows all"
+    assert line == "up to 2 more people were seen than the 1 followed: a (2), b (1); `people=N` follows more"
     assert others_line({"a": 3}, 1) is None
     assert others_line({}, 1) is None

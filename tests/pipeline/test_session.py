@@ -58,7 +58,7 @@ def test_the_rate_of_images_is_asked_for_in_one_line(session: Path) -> None:
     for name in ("cam_01", "cam_02", "cam_10"):
         touch(session / "images" / name, ["0001.jpg", "0002.jpg"])
     said: list[str] = []
-    with pytest.raises(InputError, match=r"images of cam_01, cam_02, cam_10 do not state their frame rate; add --rate HZ"):
+    with pytest.raises(InputError, match=r"images of cam_01, cam_02, cam_10 do not state their frame rate; add `rate_hz=HZ`"):
         open_session(find_session(session, TrackConfig()), TrackConfig(), said.append)
     assert said == []
 

@@ -103,7 +103,7 @@ def test_images_are_rgb_in_order_with_rate_or_times_file(tmp_path: Path) -> None
     with pytest.raises(SourceError, match="expected columns file, t_s"):
         ImagesConfig(folder, "cam").build()
     (folder / "timestamps.csv").unlink()
-    with pytest.raises(SourceError, match=r"do not state their frame rate; add --rate HZ, .* or timestamps\.csv"):
+    with pytest.raises(SourceError, match=r"do not state their frame rate; add `rate_hz=HZ`, .* or timestamps\.csv"):
         ImagesConfig(folder, "cam").build()
 
 

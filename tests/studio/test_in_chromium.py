@@ -8,11 +8,9 @@ import pytest
 from small_session import saved_session
 
 from posefuse.core import Rig
-from tools.studio_server import PATIENCE_S, free_port, server, stand_in
+from tools.studio_server import free_port, server, stand_in
 
 pytestmark = pytest.mark.slow
-# the label of a person moves: without it, what stays is still where no person is drawn
-_NO_LABELS = ".pf-labels { visibility: hidden }"
 
 
 @pytest.fixture(scope="module")
@@ -39,34 +37,6 @@ def drawn(page: Any, what: str) -> int:
 def drawn_more(page: Any, what: str, count: int) -> None:
     """Wait until so many more were drawn."""
     page.wait_for_function(f"window.posefuseDrawn.{what} > {drawn(page, what) + count}")
-
-
-def scene(page: Any) -> bytes:
-    return bytes(page.locator(".pf-scene").first.screenshot())
-
-
-def test_a_body_is_drawn_while_it_is_wanted_and_not_sent_otherwise(page: Any, base: str) -> None:
-    sockets: list[Any] = []
-    page.on("websocket", lambda socket: sockets.append(socket) if socket.url.endswith("/live-bodies") else None)
-    page.goto(f"{base}/live")
-    page.locator(".pf-person").first.wait_for()
-    page.add_style_tag(content=_NO_LABELS)
-    drawn_more(page, "scene", 10)
-    assert drawn(page, "bodies") == 0 and sockets == []
-    for other in ("Uncertainty", "Trails", "Skeleton"):
-        page.get_by_role("checkbox", name=other).click()
-    page.get_by_role("checkbox", name="Body").click()
-    page.wait_for_function("window.posefuseDrawn.bodies > 20")
-    with_body = scene(page)
-    with sockets[0].expect_event("close", timeout=PATIENCE_S * 1e3):
-        page.get_by_role("checkbox", name="Body").click()
-    before = drawn(page, "bodies")
-    drawn_more(page, "scene", 10)
-    assert drawn(page, "bodies") == before
-    without = scene(page)
-    drawn_more(page, "scene", 10)
-    assert scene(page) == without
-    assert with_body != without
 
 
 def test_a_second_session_is_listed_and_can_be_ended(page: Any, workspace: Path, base: str) -> None:

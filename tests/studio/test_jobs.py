@@ -17,6 +17,7 @@ from posefuse.core import InputError
 from posefuse.studio import job_process
 from posefuse.studio.jobs import JOBS_FOLDER, Job, Jobs, Report, write_json
 from posefuse.studio.private_files import read_own
+from posefuse.studio.shell import state_of
 from posefuse.studio.workspace import StudioWorkspace
 
 
@@ -196,3 +197,17 @@ def test_state_files_are_for_their_owner_only(workspace: StudioWorkspace) -> Non
     write_json(workspace.root / "a.json", {"a": 1})
     assert json.loads((workspace.root / "a.json").read_text(encoding="utf-8")) == {"a": 1}
     assert (workspace.root / "a.json").stat().st_mode & 0o077 == 0
+
+
+@pytest.mark.parametrize(
+    ("report", "shown"),
+    [
+        (Report(state="done", result={"trials": 2, "failed": {"P01/walk1": "cam1: not a video"}}), ("doubt", "1 of 2 failed")),
+        (Report(state="done", result={"trials": 2, "failed": {}}), ("good", "done")),
+        (Report(state="done"), ("good", "done")),
+        (Report(state="failed"), ("bad", "failed")),
+        (Report(state="running"), ("doubt", "running")),
+    ],
+)
+def test_a_study_with_failed_trials_has_no_green_light(report: Report, shown: tuple[str, str]) -> None:
+    assert state_of(report) == shown

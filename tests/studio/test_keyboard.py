@@ -114,9 +114,11 @@ def test_the_phone_page_has_nothing_to_use(page: Any, lab: tuple[StudioWorkspace
 
 def test_controls_are_used_by_space_and_enter(page: Any, lab: tuple[StudioWorkspace, str]) -> None:
     open_page(page, f"{lab[1]}/live", PAGES["/live"])
-    page.get_by_role("checkbox", name="Body").focus()
+    box = page.get_by_role("checkbox", name="Uncertainty")
+    assert box.is_checked()
+    box.focus()
     page.keyboard.press("Space")
-    page.wait_for_function("window.posefuseDrawn.bodies > 5")
+    page.wait_for_function("document.activeElement.closest('[role=checkbox]').getAttribute('aria-checked') === 'false'")
     page.locator(".pf-nav").get_by_role("link", name="Simulate").focus()
     page.keyboard.press("Enter")
     page.get_by_role("heading", name="Simulate", level=1).wait_for()

@@ -16,16 +16,7 @@ from posefuse.studio.jobs import Job
 from posefuse.studio.live_host import Host
 from posefuse.studio.live_link import LiveLink
 from posefuse.studio.private_files import SessionAddress
-from posefuse.studio.session_messages import (
-    BODIES,
-    LIVE,
-    SCENE,
-    WATCH,
-    DamagedMessage,
-    packed_request,
-    packed_status,
-    unpacked_status,
-)
+from posefuse.studio.session_messages import LIVE, WATCH, DamagedMessage, packed_request, packed_status, unpacked_status
 from posefuse.studio.state import Studio
 from posefuse.studio.workspace import StudioWorkspace
 
@@ -83,19 +74,16 @@ def test_a_session_receives_what_pages_show(host: Host) -> None:
     async def use() -> None:
         link.awake(True)
         await asyncio.to_thread(until, lambda: link._connection is not None)
-        page = Page()
-        for stream in (link.stream, link.bodies):
-            stream._subscribers.add(page)  # type: ignore[arg-type]
-            stream._report_subscribers()
-        await asyncio.to_thread(until, lambda: host.wanted(SCENE) and host.wanted(BODIES))
-        host.publish("mesh", b"kept", keep=True, channel=BODIES)
-        host.publish("pose", b"scene", keep=True)
-        await asyncio.to_thread(until, lambda: link.bodies._kept and link.stream._kept)
-        assert (link.bodies._kept, link.stream._kept) == ({"mesh": b"kept"}, {"pose": b"scene"})
-        link.bodies._subscribers.clear()
-        link.bodies._report_subscribers()
-        await asyncio.to_thread(until, lambda: not host.wanted(BODIES))
-        assert host.watched
+        assert not host.watched
+        link.stream._subscribers.add(Page())  # type: ignore[arg-type]
+        link.stream._report_subscribers()
+        await asyncio.to_thread(until, lambda: host.watched)
+        host.publish("setup", b"scene", keep=True)
+        await asyncio.to_thread(until, lambda: link.stream._kept)
+        assert link.stream._kept == {"setup": b"scene"}
+        link.stream._subscribers.clear()
+        link.stream._report_subscribers()
+        await asyncio.to_thread(until, lambda: not host.watched)
 
     in_loop(link, use)
 
@@ -150,8 +138,8 @@ class Trap:
 @pytest.mark.parametrize(
     "damaged",
     [
-        pickle.dumps(("status", SCENE, "", Trap())), b"", b"\n", b"{", b"[1, 2]\n", b'["status", "scene", ""]\n', b"\xff" * 9,
-        b'["status", "scene", ""]\n{"cameras": {"a": {"state": 5}}}', b'["run", "scene", "a"]\nx', b'["stream", "scene", {}]\n',
+        pickle.dumps(("status", "", Trap())), b"", b"\n", b"{", b"[1, 2]\n", b'["status", ""]\n', b"\xff" * 9,
+        b'["status", ""]\n{"cameras": {"a": {"state": 5}}}', b'["run", "a"]\nx', b'["stream", {}]\n',
     ],
 )  # fmt: skip
 def test_a_damaged_message_is_noted_and_the_next_one_taken(host: Host, damaged: bytes, caplog: pytest.LogCaptureFixture) -> None:
@@ -202,7 +190,7 @@ def test_a_damaged_request_does_not_end_the_session_or_the_next_request() -> Non
             b'["record"]',
             b'["record", {}]',
             b'["watch", {}]',
-            b'["watch", {"channels": 5}]',
+            b'["watch", {"on": []}]',
         ):
             server.send_bytes(raw)
         server.send_bytes(packed_request("record", {"name": "walk"}))

@@ -6,15 +6,11 @@ import struct
 import numpy as np
 import pytest
 
-from posefuse.formats.gltf import Skin
 from posefuse.studio.scene.messages import (
     HEADER,
-    PlacedBody,
-    bodies_message,
     ellipsoid_factors,
     image_message,
     labels_message,
-    mesh_message,
     poses_message,
     setup_message,
     values_message,
@@ -77,29 +73,3 @@ def test_values_setup_and_labels_are_read_back() -> None:
     np.testing.assert_array_equal(np.frombuffer(message, "<f4", 4, 20), [1.0, 0.5, np.nan, np.nan])
     assert json.loads(setup_message({"bones": [[0, 1]]})[16:]) == {"bones": [[0, 1]]}
     assert json.loads(labels_message({3: "Anna"})[16:]) == {"3": "Anna"}
-
-
-def test_meshes_and_bodies_are_read_back() -> None:
-    rng = np.random.default_rng(2)
-    skin = Skin(
-        vertices=rng.normal(size=(7, 3)),
-        faces=rng.integers(0, 7, (5, 3)),
-        joint=rng.integers(0, 3, (7, 4)),
-        weight=rng.random((7, 4)),
-        joint_from_mesh=np.tile(np.eye(4), (3, 1, 1)),
-    )
-    message = mesh_message(2, 40_001, skin)
-    assert start(message) == (6, 0.0) and struct.unpack_from("<4H2I", message, 16) == (2, 40_001, 7, 3, 5, 0)
-    np.testing.assert_allclose(np.frombuffer(message, "<f4", 21, 32).reshape(7, 3), skin.vertices, rtol=1e-6)
-    np.testing.assert_allclose(np.frombuffer(message, "<f4", 28, 32 + 84).reshape(7, 4), skin.weight, rtol=1e-6)
-    np.testing.assert_array_equal(np.frombuffer(message, "<u2", 28, 32 + 196).reshape(7, 4), skin.joint)
-    np.testing.assert_array_equal(np.frombuffer(message, "<u2", 15, 32 + 252).reshape(5, 3), skin.faces)
-    assert len(message) == 32 + 252 + 30
-
-    places = rng.normal(size=(2, 3, 3, 4))
-    bodies = [PlacedBody(person=9 + n, slot=n, revision=5, world_from_mesh=places[n], rgba=(1, 2, 3, 255)) for n in range(2)]
-    message = bodies_message(1.5, bodies)
-    assert start(message) == (7, 1.5) and struct.unpack_from("<I", message, 16) == (2,)
-    assert struct.unpack_from("<IHHI4B", message, 36) == (10, 1, 5, 3, 1, 2, 3, 255)
-    np.testing.assert_allclose(np.frombuffer(message, "<f4", 72, 52).reshape(places.shape), places, rtol=1e-6)
-    assert len(message) == 52 + 4 * 72

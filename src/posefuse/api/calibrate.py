@@ -157,7 +157,7 @@ def calibrate_extrinsics(
     """
     lenses, kind = None if intrinsics is None else _rig(intrinsics), target_of(target)
     if lenses is None and focal_known_to_percent is not None:
-        raise InputError("--refine-lenses: needs intrinsics to refine (--intrinsics); without them, all intrinsics are estimated")
+        raise InputError("`focal_known_to_percent=P`: needs `intrinsics=FILE` to refine; without them, all are estimated")
     check_floor(floor, kind)
     if isinstance(inputs, CornerObservations):
         seen = inputs
@@ -347,7 +347,7 @@ def target_of(target: TargetLike) -> Target:
 
 def _known_length(height_m: float | None, camera_distance: tuple[str, str, float] | None, rig: core.Rig) -> KnownLength:
     if (height_m is None) == (camera_distance is None):
-        raise InputError("person: the scale needs one known length: --height-m METRES, or --apart CAMERA CAMERA METRES")
+        raise InputError("person: the scale needs one known length: `height_m=METRES`, or `camera_distance=CAMERA CAMERA METRES`")
     if camera_distance is None:
         return KnownLength(stature_m=height_m)
     first, second, metres = camera_distance

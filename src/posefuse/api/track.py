@@ -14,8 +14,6 @@ from .arguments import checked
 from .progress import shown
 from .recording import Recording, recording_of
 
-_KEPT = "the detections made so far are kept; call again with resume=True to continue from them"
-
 
 @checked
 def track(
@@ -94,7 +92,7 @@ def track(
     with shown(progress) as report:
         found = find_session(folder, config)
         note = lambda line: report("detect", 0, None, line)  # noqa: E731
-        where = None if out is None else ResultFolder(path=Path(out), force=replace, resume=resume, kept=_KEPT)
+        where = None if out is None else ResultFolder(path=Path(out), force=replace, resume=resume)
         prepared = None if where is None else prepare(found, build_sinks(config.outputs), where)
         for line in found.notes:
             _warn(line)

@@ -26,7 +26,7 @@ from posefuse.realtime.faults import faults_from_arguments
 from posefuse.realtime.fusion import Fusion
 from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.realtime.networks import fetch_networks
-from posefuse.realtime.output_plan import OutputPlan
+from posefuse.realtime.output_plan import OutputPlan, check_outputs
 from posefuse.realtime.pace import closing_lines
 from posefuse.realtime.ros_cameras import rig_with_camera_infos
 from posefuse.realtime.session import run_live
@@ -185,7 +185,7 @@ def output_configs(
     """Configs of the outputs of the settings and the command line by name; `also` adds outputs and options.
 
     Raises:
-        ConfigError: no such output, or options it does not take.
+        ConfigError: no such output, or options it does not take. DependencyError: an output that lacks a package.
         InputError: a file to record that exists already.
     """
     chosen: dict[str, dict[str, Any]] = {name: dict(options) for name, options in config.outputs.items()}
@@ -196,7 +196,9 @@ def output_configs(
             check_output_file(Path(path), option=option)
     named = {"axes": outputs.axes, "base_frame": outputs.base}
     given = {**ros_2.settings, **{name: value for name, value in named.items() if value}}
-    return {name: plugin_config("live_outputs", name, options, given=given) for name, options in chosen.items()}
+    configs = {name: plugin_config("live_outputs", name, options, given=given) for name, options in chosen.items()}
+    check_outputs(configs)
+    return configs
 
 
 def _shorthands(outputs: OutputOptions) -> Iterator[tuple[str, dict[str, Any]]]:

@@ -46,7 +46,9 @@ def _run(invocation: Invocation, requests: StopRequests) -> int:
         try:
             interrupted, code = _command(invocation)
         except PosefuseError as error:
-            print("\n".join((f"{name}: {error}", *getattr(error, "__notes__", ()))), file=sys.stderr)
+            from .terminal import in_options
+
+            print(in_options("\n".join((f"{name}: {error}", *getattr(error, "__notes__", ())))), file=sys.stderr)
             return 1
         except OSError as error:
             if not is_disk_full(error):

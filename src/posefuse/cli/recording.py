@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +10,8 @@ from posefuse.cli.options.record import RecordOptions
 from posefuse.cli.options.shared import Ros2Options
 from posefuse.core import SourceError
 from posefuse.formats.rig import read_rig
-from posefuse.foundation.output_file import check_output_file
-from posefuse.outputs.rerun_scene import SPAWN
 from posefuse.realtime.camera_feed import CameraFeed
-from posefuse.realtime.frame_view import frame_view
 from posefuse.realtime.inputs import inputs_from_arguments
-from posefuse.realtime.record_view import RecordView
 from posefuse.realtime.recorder import CameraNews, record
 from posefuse.realtime.session import stop_requests
 from posefuse.realtime.video_keeping import read_counts
@@ -39,21 +34,17 @@ def record_session(options: RecordOptions, ros_2: Ros2Options, terminal: Termina
     if not inputs:
         raise SourceError("expected a source for at least 1 camera, got none; see --source")
     check_videos_folder(options.out, command="record")
-    if options.view_file is not None:
-        check_output_file(options.view_file, option="--view-file")
     names = [entry.camera for entry in inputs]
-    place = str(options.view_file) if options.view_file else SPAWN if options.view else None
     with (
         stop_requests() as stopped,
         CameraFeed(inputs, rig=rig, packets=True) as feed,
-        frame_view(place, partial(RecordView, names)) as show,
         kept_videos(options.out, rig, inputs, command="record") as videos,
     ):
         assert videos is not None
         terminal.note(
             f"recording {', '.join(names)}; " + ("Ctrl-C ends" if options.duration is None else f"{options.duration:g} s")
         )
-        record(feed, videos, _reporter(terminal), show, duration_s=options.duration, stopped=stopped)
+        record(feed, videos, _reporter(terminal), duration_s=options.duration, stopped=stopped)
         figures = checked_figures(videos, names, stopped, terminal)
     _show_next(options.out, options.rig, terminal)
     by = stopped[0] if stopped else ""

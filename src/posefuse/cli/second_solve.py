@@ -15,8 +15,9 @@ from posefuse.core import InputError, Recording
 from posefuse.foundation.compiled import compiling
 from posefuse.foundation.output_folder import check_replaceable, output_folder
 from posefuse.foundation.places import check_outside_inputs
+from posefuse.outputs.rerun_scene import check_viewer
 from posefuse.pipeline.clock import StageClock
-from posefuse.pipeline.config import DEFAULT_OUTPUTS, TrackConfig, read_config
+from posefuse.pipeline.config import DEFAULT_OUTPUTS, TrackConfig, options_by_name, read_config
 from posefuse.pipeline.edits import NO_EDITS, Edits, Exclusion
 from posefuse.pipeline.edits_file import edits_path, read_edits
 from posefuse.pipeline.reading import files_of_result, read_result
@@ -43,6 +44,8 @@ def second_solve(path: Path, options: TrackOptions, settings: SettingsOptions, t
     ]
     if refused:
         raise InputError(f"{refused[0]}: is for sessions of videos, {path} is a recording of detections")
+    if options.view:
+        check_viewer()
     clock, inputs = StageClock(), files_of_result(path)
     check_outside_inputs(options.out, inputs)
     check_replaceable(options.out, command="track", replace=options.force)
@@ -103,8 +106,8 @@ def _show(figures: Mapping[str, Any], earlier: Recording, terminal: Terminal) ->
 def _config(options: TrackOptions, settings: SettingsOptions, earlier: Recording, session: Session | None) -> TrackConfig:
     """The recording's own settings with the config file and the command line on top."""
     base = dict(earlier.provenance.get("config") or {})
-    names = DEFAULT_OUTPUTS if earlier.is_live else tuple(base.get("outputs") or ())
-    base["outputs"] = [name for name in names if session is not None or name not in _NEED_IMAGES]
+    outputs = options_by_name(DEFAULT_OUTPUTS if earlier.is_live else base.get("outputs") or ())
+    base["outputs"] = {name: one for name, one in outputs.items() if session is not None or name not in _NEED_IMAGES}
     return read_config(settings.config, settings.overrides, solve_options(options), base)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cached_property
@@ -16,8 +17,24 @@ if TYPE_CHECKING:
     from posefuse.core import Progress
 
 _ANY_WIDTH = 10_000
+# arguments of Python in messages of the library, and what they are called on the command line where that is another name
+_ARGUMENT = re.compile(r"`(\w+)=([^`]*)`")
+_OPTIONS = {
+    "replace": "force", "rate_hz": "rate", "start_s": "start", "end_s": "end", "drift": "clocks drift", "max_offset_s": "most-s",
+    "focal_known_to_percent": "refine-lenses", "camera_distance": "apart", "emergency_stop": "i-have-an-emergency-stop",
+}  # fmt: skip
 Advance = Callable[[int, int], None]
 """Progress callback: (done, total)."""
+
+
+def in_options(text: str) -> str:
+    """A message for a shell: an argument of Python, `` `clocks=offset` ``, is the option ``--clocks offset``."""
+
+    def option(found: re.Match[str]) -> str:
+        name, value = found.groups()
+        return f"--{_OPTIONS.get(name, name.replace('_', '-'))}" + ("" if value == "True" else f" {value}")
+
+    return _ARGUMENT.sub(option, text)
 
 
 class Terminal:
@@ -40,11 +57,11 @@ class Terminal:
 
     def note(self, text: str) -> None:
         """One line of news."""
-        self._notes.print(text, markup=False)
+        self._notes.print(in_options(text), markup=False)
 
     def warn(self, text: str) -> None:
         """One line about something that is not as it should be, with work going on."""
-        self._notes.print(f"warning: {text}", style="yellow", markup=False)
+        self._notes.print(f"warning: {in_options(text)}", style="yellow", markup=False)
 
     def next(self, command: str, purpose: str) -> None:
         """One thing to do after this command; what it is good for."""
@@ -86,14 +103,8 @@ class Terminal:
     @contextmanager
     def progress(self, label: str) -> Iterator[Advance]:
         """A progress bar on stderr that the callback moves."""
-        from posefuse.foundation.progress_bars import progress_bars
-
-        with progress_bars(self._notes) as bars:
-            task = bars.add_task(label, total=None)
-            yield lambda done, total: bars.update(task, completed=done, total=total)
-            if bars.tasks[task].total is None:
-                # there was nothing to count
-                bars.update(task, visible=False)
+        with self.stages() as report:
+            yield lambda done, total: report(label, done, total)
 
     @contextmanager
     def stages(self) -> Iterator[Progress]:
@@ -108,7 +119,7 @@ def _cell(value: Any) -> Text:
     """A cell with its text as it is: square brackets in names of files are no markup."""
     from rich.text import Text
 
-    return Text(terminal_cell_text(value))
+    return Text(in_options(terminal_cell_text(value)))
 
 
 def terminal_cell_text(value: Any) -> str:

@@ -10,8 +10,10 @@ from posefuse.cli.networks import fetch_networks
 from posefuse.cli.options.shared import SettingsOptions, names_from_text
 from posefuse.cli.options.track import TrackOptions
 from posefuse.core import InputError, Recording
+from posefuse.detection.build import DetectorChoice
 from posefuse.evaluation.metrics import JointErrors, joint_errors
 from posefuse.formats.truth import read_truth
+from posefuse.outputs.rerun_scene import check_viewer
 from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.config import CONFIG_FILE, TrackConfig, read_config
 from posefuse.pipeline.result_folder import ResultFolder, Written, prepare, track_into
@@ -30,6 +32,8 @@ def track_session(folder: Path, options: TrackOptions, settings: SettingsOptions
     ``exit_code`` among them: 1 when an output could not be written.
     """
     check_no_edits(options)
+    if options.view:
+        check_viewer()
     clock = StageClock()
     config = effective_track_config(folder, options, settings)
     sinks = build_sinks(config.outputs)
@@ -46,6 +50,8 @@ def track_session(folder: Path, options: TrackOptions, settings: SettingsOptions
     tracked = written.tracked
     errors = _errors(session, tracked.recording)
     figures = _figures(options.out, written, clock, errors)
+    if session.inputs[0].kind != "pose2d":
+        figures["network"] = network_of(config.detector)
     _show(terminal, figures, errors)
     terminal.next(f"posefuse report {options.out}", "joint angles, gait, files for OpenSim and Blender, one page")
     terminal.next(f"posefuse view {options.out}", "the skeleton in the 3D viewer (extra: viewer)")
@@ -69,6 +75,11 @@ def effective_track_config(folder: Path, options: TrackOptions, settings: Settin
     rig = str(Path(options.rig).absolute()) if options.rig is not None and Path(options.rig).exists() else options.rig
     on_top = {"--rig": ("rig", rig), "--input": ("input", options.input)}
     return read_config(path, settings.overrides, on_top | solve_options(options))
+
+
+def network_of(detector: DetectorChoice) -> str:
+    """The network, or its card, by which keypoints were found."""
+    return str(next((detector.options[key] for key in ("card", "landmarks") if key in detector.options), detector.name))
 
 
 def solve_options(options: TrackOptions) -> dict[str, tuple[str, Any]]:
@@ -132,6 +143,7 @@ def _show(terminal: Terminal, figures: Mapping[str, Any], errors: JointErrors | 
         "cameras": figures["cameras"],
         "frames": f"{figures['time_steps']} time steps, {figures['time_steps'] * figures['cameras']} images",
         "people": figures["people"],
+        **({"network": figures["network"]} if "network" in figures else {}),
         "seen in": ", ".join(f"{name} {share:.0%}" for name, share in figures["found"].items()),
     }
     if errors:

@@ -84,6 +84,16 @@ class JointAngles:
                 f"JointAngles: {sizes['J']} angles for {len(self.joints)} joints and {len(self.angle_names)} angle names"
             )
 
+    @property
+    def deg(self) -> Array:
+        """All angles in degrees, (T, N, J, 3)."""
+        return np.asarray(np.degrees(self.angle_rad))
+
+    @property
+    def sigma_deg(self) -> Array:
+        """Their standard deviations in degrees, (T, N, J, 3)."""
+        return np.asarray(np.degrees(self.sigma_rad))
+
     def __len__(self) -> int:
         """How many time steps."""
         return len(self.t_ns)

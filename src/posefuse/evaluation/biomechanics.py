@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from posefuse.core import DependencyError, JointAngles, PoseSequence, Progress, Recording, ViewSequence, silent
+from posefuse.core import JointAngles, PoseSequence, Progress, Recording, Skeleton, ViewSequence, silent
 from posefuse.core.arrays import Array
 from posefuse.core.poses import point_sigma_m
 from posefuse.formats.angles import write_angles
@@ -24,7 +24,7 @@ from posefuse.kinematics.animation import animation_from_joints, animation_gap
 from posefuse.kinematics.body import BodySettings, bodies_from_poses, fit_poses, fit_views
 from posefuse.kinematics.definitions import joints_without_points
 from posefuse.kinematics.gait import Gait, gait_from_poses
-from posefuse.kinematics.opensim_path import opensim_motion
+from posefuse.kinematics.opensim_path import opensim_library, opensim_motion
 from posefuse.kinematics.opensim_scale import scaled_motion
 from posefuse.kinematics.sides import SIDES
 from posefuse.kinematics.skin import skin_of
@@ -65,7 +65,7 @@ def joints_of(recording: Recording, chosen: BiomechanicsSettings) -> tuple[PoseS
     Raises:
         InputError: left and right are swapped, or no person was seen well enough to have a skeleton.
     """
-    if chosen.fit == "none" or "pelvis" in undefined_segments(recording.poses.skeleton):
+    if not _is_fitted(recording.poses.skeleton, chosen):
         return recording.poses, joints_from_poses(recording.poses, chosen.joints)
     if chosen.fit == "points":
         fit = fit_poses(recording.poses, chosen.body, joint_settings=chosen.joints)
@@ -73,6 +73,20 @@ def joints_of(recording: Recording, chosen: BiomechanicsSettings) -> tuple[PoseS
         views = rays_at_joint_centres(recording)
         fit = fit_views(recording.poses, recording.rig, views, chosen.body, joint_settings=chosen.joints)
     return fit.poses, fit.joints
+
+
+def how_angles_are_made(skeleton: Skeleton, chosen: BiomechanicsSettings) -> str:
+    """From what the angles and the files for other programs come."""
+    if not _is_fitted(skeleton, chosen):
+        return "straight from the 3D points of the result"
+    return (
+        f"of one skeleton of constant segment lengths per person, fitted to the {chosen.fit} of the result, which smooths them; "
+        "`posefuse report --fit none` takes them straight from the 3D points"
+    )
+
+
+def _is_fitted(skeleton: Skeleton, chosen: BiomechanicsSettings) -> bool:
+    return chosen.fit != "none" and "pelvis" not in undefined_segments(skeleton)
 
 
 def rays_at_joint_centres(recording: Recording) -> ViewSequence:
@@ -107,8 +121,10 @@ def write_biomechanics(
         InputError: see `joints_of`; a place that cannot be written to. DependencyError: OpenSim is missing.
     """
     chosen = chosen or BiomechanicsSettings()
-    fitting = f"fitting the skeleton to the {chosen.fit} of {len(recording.poses)} time steps"
-    progress("report", 0, _STAGES, "joint angles" if chosen.fit == "none" else fitting)
+    if chosen.opensim or chosen.opensim_model:
+        opensim_library()
+    how = how_angles_are_made(recording.poses.skeleton, chosen)
+    progress("report", 0, _STAGES, f"joint angles of {len(recording.poses)} time steps, {how}")
     poses, joints = joints_of(recording, chosen)
     if lacking := joints_without_points(poses.skeleton):
         progress("report", 1, _STAGES, lacking)
@@ -132,7 +148,7 @@ def write_biomechanics(
     cycles = _cycles(poses, joints)
     if cycles:
         made.append(write_gait_cycles(folder / "gait_cycles.csv", cycles))
-    made.append(write_report(recording, joints, folder / "report.html", title=title))
+    made.append(write_report(recording, joints, folder / "report.html", title=title, angles=how))
     progress("report", _STAGES, _STAGES)
     return made
 
@@ -190,13 +206,9 @@ def _c3d_angles(joints: JointAngles, n: int) -> tuple[tuple[str, ...], Array]:
 
 def _opensim_files(poses: PoseSequence, n: int, folder: Path, chosen: BiomechanicsSettings) -> list[Path]:
     folder.mkdir(exist_ok=True)
-    try:
-        body = bodies_from_poses(poses, chosen.body)[int(poses.person_id[n])]
-        if chosen.opensim:
-            opensim_motion(poses, folder, n, body)
-        if chosen.opensim_model:
-            scaled_motion(chosen.opensim_model, poses, folder, n, body)
-    except DependencyError:
-        folder.rmdir()
-        raise
+    body = bodies_from_poses(poses, chosen.body)[int(poses.person_id[n])]
+    if chosen.opensim:
+        opensim_motion(poses, folder, n, body)
+    if chosen.opensim_model:
+        scaled_motion(chosen.opensim_model, poses, folder, n, body)
     return sorted(folder.iterdir())

@@ -82,7 +82,7 @@ def check_detector(detector: Detector, frames: Sequence[Frame]) -> None:
             _require(bool((answer.sigma_px[seen] > 0).all()), "a scored keypoint has sigma_px > 0")
 
 
-def check_sink(sink: Sink, recording: Recording, folder: Path) -> None:
+def check_output(sink: Sink, recording: Recording, folder: Path) -> None:
     """A sink: writes at least one new, non-empty file into the folder and names exactly what it wrote."""
     _require(isinstance(sink, Sink), f"{type(sink).__name__} lacks a member of core.Sink")
     _require(sink.name != "", "a sink has a name")

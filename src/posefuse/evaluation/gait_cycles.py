@@ -21,7 +21,7 @@ _SIDES = ("left", "right")
 # of the median stride: a longer one holds a turn or a stop
 _SHORTEST, _LONGEST = 0.5, 1.5
 _LEAST_KNOWN = 0.9
-_HEADING = ("pelvis", "rotation_left")
+HEADING = ("pelvis", "rotation_left")
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +79,7 @@ def gait_cycles(joints: JointAngles, person: int, gait: Gait) -> list[CycleAngle
                 for begin, end in spans[side]
                 if (values := _resampled(t_s, joints.angle_rad[:, person, q, a], begin, end)) is not None
             ]
-            if (joint, angle) == _HEADING:
+            if (joint, angle) == HEADING:
                 kept = [(begin, end, values - np.linspace(*_turn(values))) for begin, end, values in kept]
             if kept:
                 begins, ends, values = (np.array(column) for column in zip(*kept, strict=True))

@@ -26,7 +26,7 @@ def check_output_file(path: Path, *, option: str, inputs: Sequence[Path] = (), r
         raise InputError(f"{option} {path}: expected a file name, got a folder")
     check_outside_inputs(path, inputs)
     if path.exists() and not replace:
-        force = "" if replace is None else ", or add --force: the old one is then kept as NAME.replaced-TIME"
+        force = "" if replace is None else ", or add `replace=True`: the old one is then kept as NAME.replaced-TIME"
         raise InputError(f"{option} {path} already exists; choose another name{force}")
     try:
         new_file(path).unlink()

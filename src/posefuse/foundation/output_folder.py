@@ -150,7 +150,7 @@ def _check_own(path: Path, target: Path, command: str, replace: bool) -> None:
     if manifest.command != command:
         raise InputError(f"{path}: holds results of `posefuse {manifest.command}`; choose another folder")
     if not replace:
-        raise InputError(f"{path}: holds results already; choose another folder or add --force to replace them")
+        raise InputError(f"{path}: holds results already; choose another folder or add `replace=True` to replace them")
 
 
 def _make_parents(path: Path, target: Path) -> list[Path]:

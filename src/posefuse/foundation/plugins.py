@@ -16,7 +16,7 @@ from .settings import settings_from_mapping
 GROUPS = {
     "sources": "posefuse.sources",
     "detectors": "posefuse.detectors",
-    "sinks": "posefuse.outputs",
+    "outputs": "posefuse.outputs",
     "live_outputs": "posefuse.live_outputs",
 }
 

@@ -56,6 +56,7 @@ class Gait:
         step_width_m: across it.
         stride_length_m, stride_time_s: strike to strike of the same foot.
         stance_share: by side, share of the stride on the ground.
+        double_support_share: share of the stride with both feet on the ground.
         cadence_per_min: steps per minute.
         speed_m_s: mean speed of the pelvis while walking.
     """
@@ -67,6 +68,7 @@ class Gait:
     stride_length_m: Spread
     stride_time_s: Spread
     stance_share: dict[str, Spread]
+    double_support_share: Spread
     cadence_per_min: float
     speed_m_s: float
 
@@ -166,6 +168,7 @@ def _measured(
         stride_length_m=Spread.of([float(np.linalg.norm((b - a)[:2])) for a, b, _ in strides]),
         stride_time_s=Spread.of([float(time) for _, _, time in strides]),
         stance_share={side: Spread.of(_stances(t_s[strikes[side]], t_s[offs[side]])) for side in SIDES},
+        double_support_share=Spread.of(_double_supports(t_s, strikes, offs)),
         cadence_per_min=60.0 * (len(events) - 1) / float(t_s[last] - t_s[first]),
         speed_m_s=float(np.linalg.norm(path, axis=-1).mean()),
     )
@@ -177,4 +180,17 @@ def _stances(strikes: Array, offs: Array) -> list[float]:
         between = offs[(offs > begin) & (offs < end)]
         if len(between) == 1:
             shares.append(float((between[0] - begin) / (end - begin)))
+    return shares
+
+
+def _double_supports(t_s: Array, strikes: dict[str, Array], offs: dict[str, Array]) -> list[float]:
+    """Of each stride of either foot: from its strike to the other's foot off, and from the other's strike to its own foot off."""
+    shares = []
+    for side, other in (SIDES, SIDES[::-1]):
+        for begin, end in pairwise(strikes[side]):
+            events = [[i for i in places if begin < i < end] for places in (offs[other], strikes[other], offs[side])]
+            if all(len(inside) == 1 for inside in events):
+                (other_off,), (other_strike,), (own_off,) = events
+                both = t_s[other_off] - t_s[begin] + t_s[own_off] - t_s[other_strike]
+                shares.append(float(both / (t_s[end] - t_s[begin])))
     return shares

@@ -17,6 +17,7 @@ from posefuse.messages import topics
 from posefuse.messages.bags import Recorder
 from posefuse.messages.messages import message_from_detections
 from posefuse.messages.ros_output import RosOutput
+from posefuse.messages.types import optional_module
 
 
 @settings
@@ -32,7 +33,8 @@ class McapSink:
     name: ClassVar[str] = "mcap"
 
     def build(self) -> Sink:
-        """This output, ready."""
+        """This output, ready; raises DependencyError without the extra `ros`."""
+        optional_module("mcap.writer")
         return self
 
     def write(self, recording: Recording, folder: Path) -> list[Path]:

@@ -19,7 +19,6 @@ from posefuse.core.arrays import Array
 from posefuse.core.poses import point_sigma_m
 from posefuse.formats.recording import read_recording
 from posefuse.foundation.atomic import atomic_file
-from posefuse.foundation.platform import display
 from posefuse.foundation.settings import settings
 
 from .drawing import DETECTION_RGB, jpeg_of, shrunk_wh
@@ -29,6 +28,7 @@ from .rerun_scene import (
     TIMELINE,
     camera_path,
     check_rerun,
+    check_viewer,
     log_cameras,
     log_detections,
     log_name,
@@ -74,12 +74,7 @@ def open_in_viewer(path: Path) -> None:
     Raises:
         DependencyError: the extra `viewer` is not installed, or there is no display to show it on.
     """
-    check_rerun()
-    if not display():
-        raise DependencyError(
-            "the Rerun viewer (extra posefuse[viewer]) needs a display and there is none: write the output `rerun` "
-            f"(--outputs rerun) and open {FILE} on another machine, or in a browser: rerun --web-viewer {FILE}"
-        )
+    check_viewer()
     ended = subprocess.run([sys.executable, "-m", "rerun", str(path)], check=False)
     if ended.returncode:
         raise DependencyError(f"the Rerun viewer ended with status {ended.returncode}; check it with: rerun rrd verify {path}")

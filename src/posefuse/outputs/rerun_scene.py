@@ -40,6 +40,16 @@ def check_rerun() -> None:
         raise DependencyError("the Rerun viewer is not installed: pip install 'posefuse[viewer]'")
 
 
+def check_viewer() -> None:
+    """Raise DependencyError without the Rerun SDK, or a display for its window."""
+    check_rerun()
+    if not display():
+        raise DependencyError(
+            "the Rerun viewer (extra posefuse[viewer]) needs a display and there is none: write the output `rerun` to a file and "
+            "open it on another machine, or in a browser: rerun --web-viewer recording.rrd"
+        )
+
+
 def opened_stream(title: str, place: str, blueprint: rr.blueprint.Blueprint) -> rr.RecordingStream:
     """A live stream into a viewer of its own (`place` is ``spawn``) or into the .rrd file `place`.
 
@@ -53,17 +63,16 @@ def opened_stream(title: str, place: str, blueprint: rr.blueprint.Blueprint) -> 
     if place != SPAWN:
         stream.save(place, default_blueprint=blueprint)
         return stream
-    if not display():
-        raise DependencyError("--view needs a display and there is none: use --view-file FILE.rrd and open it elsewhere")
+    check_viewer()
     stream.spawn(memory_limit=_MEMORY, default_blueprint=blueprint)
     return stream
 
 
-def camera_path(name: str, root: str = CAMERAS) -> str:
+def camera_path(name: str) -> str:
     """Where a camera's image and what is drawn into it are logged."""
     import rerun as rr
 
-    return f"{root}/{rr.escape_entity_path_part(name)}"
+    return f"{CAMERAS}/{rr.escape_entity_path_part(name)}"
 
 
 def log_cameras(stream: rr.RecordingStream, cameras: Sequence[Camera], rgb: RGB | None = None) -> None:
@@ -140,11 +149,11 @@ def log_detections(stream: rr.RecordingStream, camera: str, xy_img: Array, rgb: 
     stream.log(f"{camera_path(camera)}/detections", points)
 
 
-def camera_views(names: Sequence[str], root: str = CAMERAS) -> Any:
+def camera_views(names: Sequence[str]) -> Any:
     """A grid of all cameras' images."""
     import rerun.blueprint as rrb
 
-    return rrb.Grid(*(rrb.Spatial2DView(origin=camera_path(name, root), contents=["$origin/**"], name=name) for name in names))
+    return rrb.Grid(*(rrb.Spatial2DView(origin=camera_path(name), contents=["$origin/**"], name=name) for name in names))
 
 
 def session_blueprint(names: Sequence[str], below: Sequence[Any]) -> rr.blueprint.Blueprint:

@@ -10,6 +10,7 @@ from types import MappingProxyType
 from typing import Annotated, Any, Literal, TypeVar
 
 from annotated_types import Ge, Gt, Le, Lt
+from pydantic import BeforeValidator
 
 from posefuse.association import AssociateSettings
 from posefuse.association.settings import PeopleNames
@@ -33,6 +34,15 @@ MOST_GAP_S = 1.0
 # a frame per quarter of an hour, and ten times the fastest camera of a laboratory
 LEAST_HZ, MOST_HZ = 0.001, 10_000.0
 DEFAULT_OUTPUTS = ("trc", "c3d", "csv", "overlay", "overview")
+
+
+def options_by_name(outputs: Any) -> Any:
+    """Names of outputs as a table with no options of theirs; anything else as it is."""
+    named = isinstance(outputs, list | tuple) and all(isinstance(name, str) for name in outputs)
+    return {name: {} for name in outputs} if named else outputs
+
+
+Outputs = Annotated[dict[str, dict[str, Any]], BeforeValidator(options_by_name)]
 
 
 @settings
@@ -92,7 +102,7 @@ class TrackConfig:
         live_gap_s: second solve of a live session, in which not every frame was used: interpolate between two frames of a
             camera that are at most this far apart. Chosen with `bench/live_second_solve.py --gaps`.
         raw: keep every time step as it was fused: no smoothing, no filled gaps.
-        outputs: names of outputs, see `posefuse plugins`.
+        outputs: names of outputs, or a table of them, each with its options; see `posefuse plugins`.
     """
 
     rig: str | None = None
@@ -116,7 +126,7 @@ class TrackConfig:
     refine: RefineSettings = field(default_factory=RefineSettings)
     live_gap_s: Annotated[float, Ge(0), Le(MOST_GAP_S)] = 0.2
     raw: bool = False
-    outputs: tuple[str, ...] = DEFAULT_OUTPUTS
+    outputs: Outputs = field(default_factory=lambda: options_by_name(DEFAULT_OUTPUTS))
 
 
 def read_config(
@@ -126,7 +136,7 @@ def read_config(
     base: Mapping[str, Any] = MappingProxyType({}),
 ) -> TrackConfig:
     """The settings of `posefuse track`, see `read_overridden`."""
-    return read_overridden(path, overrides, TrackConfig, options, base)
+    return read_overridden(path, overrides, TrackConfig, options, {"outputs": DEFAULT_OUTPUTS, **base})
 
 
 def read_overridden(
@@ -147,16 +157,17 @@ def read_overridden(
     Raises:
         ConfigError: an unknown key, a wrong value, or an override without ``=``; names the key and what is allowed.
     """
-    content: dict[str, Any] = copy.deepcopy(dict(base)) | (read_mapping(path) if path else {})
+    content: dict[str, Any] = copy.deepcopy(dict(base)) | (_read_file(path) if path else {})
+    for option, (dotted, value) in options.items():
+        if value is not None:
+            _check_option(option, dotted, value, cls)
+            _put(content, dotted.split("."), value)
+    # after the options: --outputs names the outputs, --set outputs.NAME.KEY gives one of them an option
     for override in overrides:
         key, equals, text = override.partition("=")
         if not equals or not key:
             raise ConfigError(f"--set {override}: expected KEY=VALUE, e.g. --set fuse.weights=score")
         _put(content, key.split("."), _value(text))
-    for option, (dotted, value) in options.items():
-        if value is not None:
-            _check_option(option, dotted, value, cls)
-            _put(content, dotted.split("."), value)
     return settings_from_mapping(content, cls, where=str(path) if path else "settings")
 
 
@@ -179,11 +190,22 @@ def settings_by_key(path: Path | None, overrides: Sequence[str]) -> dict[str, An
         ConfigError: a file that cannot be read, an unknown key or a wrong value.
     """
     read_config(path, overrides)  # everything is checked before any work
-    found = dict(_leaves(read_mapping(path), "")) if path else {}
+    found = dict(_leaves(_read_file(path), "")) if path else {}
     for override in overrides:
         key, _, text = override.partition("=")
         found[key] = _value(text)
     return found
+
+
+def _read_file(path: Path) -> dict[str, Any]:
+    """A settings file; model cards that it names are relative to it."""
+    content = read_mapping(path)
+    detector = content.get("detector")
+    options = detector.get("options") if isinstance(detector, Mapping) else None
+    for key, value in options.items() if isinstance(options, dict) else ():
+        if isinstance(value, str) and value.endswith(".toml"):
+            options[key] = str(path.parent.absolute() / value)
+    return content
 
 
 def _leaves(content: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, Any]]:
@@ -203,10 +225,14 @@ def _check_option(option: str, dotted: str, value: Any, cls: type[Any]) -> None:
 
 def _put(content: dict[str, Any], keys: Sequence[str], value: Any) -> None:
     for key in keys[:-1]:
-        inner = content.setdefault(key, {})
+        inner = content[key] = options_by_name(content.get(key, {}))
         if not isinstance(inner, Mapping):
-            raise ConfigError(f"--set {'.'.join(keys)}: {key} is a value, not a group")
-        content = inner  # type: ignore[assignment]
+            raise ConfigError(f"{'.'.join(keys)}: {key} is a value, not a group")
+        content = inner
+    before, named = content.get(keys[-1]), options_by_name(value)
+    if isinstance(before, Mapping) and named is not value:
+        # outputs by name keep the options that a file gives them
+        value = {name: before.get(name, {}) for name in named}
     content[keys[-1]] = value
 
 

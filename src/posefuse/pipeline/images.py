@@ -102,7 +102,7 @@ def check_time_steps(count: int, rate_hz: float, what: str, max_time_steps: int)
     if count > max_time_steps:
         raise SourceError(
             f"{what}: {count:.4g} time steps ({count / rate_hz:.4g} s at {rate_hz:.4g} Hz); expected at most {max_time_steps}: "
-            "check rate_hz and the times of the cameras, choose a part with --start and --end, or set max_time_steps"
+            "check rate_hz and the times of the cameras, choose a part with `start_s=S` and `end_s=S`, or set max_time_steps"
         )
 
 

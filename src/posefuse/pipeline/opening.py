@@ -87,17 +87,19 @@ def _images(session: Session, config: TrackConfig, warn: Say) -> tuple[Rig, Imag
     from posefuse.detection.build import build_detector
 
     _check_rate(session, config)
-    sources, cameras = [], []
+    sources, cameras, failed = [], [], list[str]()
     for entry in session.inputs:
         try:
             source = build_source(entry, config, len(session.inputs))
         except SourceError as error:
+            failed.append(f"{entry.camera}: {error}")
             warn(f"{error}; continues without camera {entry.camera}")
             continue
         sources.append(source)
         cameras.append(fitted_camera(session.rig[entry.camera], entry, source))
     if len(sources) < least_cameras(session.inputs):
-        raise SourceError(f"{session.folder}: expected at least {LEAST_CAMERAS} cameras that can be read, got {len(sources)}")
+        expected = f"{session.folder}: expected at least {LEAST_CAMERAS} cameras that can be read, got {len(sources)}"
+        raise SourceError("; ".join([expected, *failed]))
     rig = dataclasses.replace(session.rig, cameras=tuple(cameras))
     timeline = common_timeline(
         {s.camera: _times(s) for s in sources}, config.rate_hz, config.start_s, config.end_s, max_time_steps=config.max_time_steps
@@ -114,8 +116,8 @@ def _check_rate(session: Session, config: TrackConfig) -> None:
     untimed = [one.camera for one in session.inputs if one.kind == "images" and not (one.path / TIMES_FILE).is_file()]
     if untimed and config.rate_hz is None:
         raise InputError(
-            f"{session.folder}: the images of {choices(untimed)} do not state their frame rate; add --rate HZ, rate_hz = HZ to "
-            f"{CONFIG_FILE}, or {TIMES_FILE} (columns file, t_s) to each folder"
+            f"{session.folder}: the images of {choices(untimed)} do not state their frame rate; add `rate_hz=HZ`, "
+            f"rate_hz = HZ to {CONFIG_FILE}, or {TIMES_FILE} (columns file, t_s) to each folder"
         )
 
 

@@ -39,7 +39,9 @@ def others_line(seen: dict[str, int], followed: int) -> str | None:
     if len(seen) < _LEAST_CAMERAS:
         return None
     where = ", ".join(f"{camera} ({count})" for camera, count in seen.items())
-    return f"up to {max(seen.values())} people were seen besides the {followed} followed: {where}; --people all follows all"
+    count = max(seen.values())
+    more = "1 more person was" if count == 1 else f"up to {count} more people were"
+    return f"{more} seen than the {followed} followed: {where}; `people=N` follows more"
 
 
 def _kept(observations: Observations, frames: Sequence[int]) -> Detections2D:

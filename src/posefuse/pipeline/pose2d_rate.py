@@ -35,12 +35,12 @@ def pose2d_rate_hz(session: Session, config: TrackConfig) -> float:
     rates = dict(_video_rates(session.folder))
     if not rates:
         raise InputError(
-            f"{session.folder}: the 2D poses do not state their frame rate, and no video lies next to them; add --rate HZ, "
+            f"{session.folder}: the 2D poses do not state their frame rate, and no video lies next to them; add `rate_hz=HZ`, "
             f"or rate_hz = HZ to {session.folder / 'posefuse.toml'}"
         )
     if max(rates.values()) > min(rates.values()) * (1 + _SAME_SHARE):
         different = ", ".join(f"{name} {rate:g} Hz" for name, rate in rates.items())
-        raise InputError(f"{session.folder}: expected one frame rate, got {different}; add --rate HZ")
+        raise InputError(f"{session.folder}: expected one frame rate, got {different}; add `rate_hz=HZ`")
     return float(np.median(list(rates.values())))
 
 

@@ -22,7 +22,7 @@ from .store import DetectionStore, keep_log_only, remove_unfinished, unfinished_
 from .writing import estimated_result_bytes, write_result
 
 Warn = Callable[[str], None]
-KEPT = "the detections made so far are kept; the same command with --resume continues from them"
+KEPT = "the detections made so far are kept; the same again with `resume=True` continues from them"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,13 +31,12 @@ class ResultFolder:
 
     Attributes:
         path: new or empty folder. force: replace an older, unchanged result, and drop interrupted work.
-        resume: continue the detections of a run that was interrupted. kept: the message when work is kept.
+        resume: continue the detections of a run that was interrupted.
     """
 
     path: Path
     force: bool = False
     resume: bool = False
-    kept: str = KEPT
 
     @property
     def replace(self) -> bool:
@@ -122,7 +121,7 @@ def track_into(
             tracked = track_opened(opened, clock, detected, note, warn, store, solve_interrupted=solve_interrupted)
             if tracked.interrupted:
                 steps = len(tracked.recording.poses)
-                warn(f"stopped early; the first {steps} time steps are finished and kept; --resume continues from them")
+                warn(f"stopped early; the first {steps} time steps are finished and kept; `resume=True` continues from them")
             check_space(folder.folder, estimated_result_bytes(opened, len(tracked.recording.poses.person_id)))
             written = _write(tracked, opened, prepared.sinks, folder, clock, progress=progress, warn=warn)
             if not tracked.interrupted:
@@ -154,7 +153,9 @@ def _unfinished(out: ResultFolder) -> Path | None:
         remove_unfinished(out.path)
         return None
     if found is not None and not out.resume:
-        raise InputError(f"{out.path}: an earlier run was interrupted; --resume continues it, --force starts from the beginning")
+        raise InputError(
+            f"{out.path}: an earlier run was interrupted; `resume=True` continues it, `replace=True` starts from the beginning"
+        )
     if found is None and out.resume and not (out.path / LOG_FILE).is_file():
         raise InputError(f"{out.path}: nothing to resume: no interrupted work is there; is it the right folder?")
     return found
@@ -167,5 +168,5 @@ def _kept(out: ResultFolder, note: Warn) -> Iterator[None]:
         yield
     except BaseException:
         if unfinished_work(out.path) is not None:
-            note(out.kept)
+            note(KEPT)
         raise

@@ -135,6 +135,9 @@ def track_opened(
     others = others_line(others_seen(recording.observations, config.associate), len(recording.poses.person_id))
     if others:
         note(others)
+    people = recording.poses.person_id
+    if unused := config.names[int(people.max(initial=-1)) + 1 :]:
+        note(f"{len(people)} {'person' if len(people) == 1 else 'people'} found: no one has the name {choices(unused)}")
     if REFINED in recording.provenance:
         note(refined_line(recording.provenance[REFINED]))
     with clock.stage("watch"):
@@ -235,7 +238,8 @@ def _check_people(observations: Observations, warn: Say) -> None:
         empty = [name for name, frames in zip(names, seen, strict=True) if not frames]
         raise InputError(
             f"a person was found in {len(names) - len(empty)} of {len(names)} cameras; two are needed "
-            f"(no person in: {choices(empty)}); can the network see people in these images?"
+            f"(no person in: {choices(empty)}); can the network see people in these images? "
+            "Of a network of your own, check channels, mean, std and layout in its card"
         )
     if sum(map(bool, agreed)) < least:
         counts = ", ".join(f"{frames} frames of {name}" for name, frames in zip(names, seen, strict=True) if frames)

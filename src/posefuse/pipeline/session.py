@@ -97,8 +97,8 @@ def find_session(folder: Path, config: TrackConfig) -> Session:
         raise InputError(f"{folder}: this simulated session is unfinished; run the same `posefuse simulate` again to finish it")
     if is_result(folder):
         raise InputError(
-            f"{folder}: holds a result, not a session; `posefuse track {folder} --out OTHER` solves it again, in Python"
-            " pf.read(FOLDER).solve()"
+            f"{folder}: holds a result, not a session; pf.read(RESULT).solve() solves it again, as does "
+            "`posefuse track RESULT --out OTHER`"
         )
     rig_path = _rig_path(folder, config)
     rig = read_placed_rig(rig_path)
@@ -162,7 +162,7 @@ def _rig_path(folder: Path, config: TrackConfig) -> Path:
     if found:
         return found[0]
     places = ", ".join(str(folder / place) for place in RIG_FOLDERS[:2])
-    raise CalibrationError(f"no calibration file in {places}; looked for {', '.join(RIG_PATTERNS)}; name one with --rig FILE")
+    raise CalibrationError(f"no calibration file in {places}; looked for {', '.join(RIG_PATTERNS)}; name one with `rig=FILE`")
 
 
 def rig_files(folder: Path) -> list[Path]:

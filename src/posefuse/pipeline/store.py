@@ -137,6 +137,6 @@ def _check_same(before: Mapping[str, Any], now: Mapping[str, Any]) -> None:
         name = changed[0]
         more = f" ({len(changed) - 1} more changed)" if len(changed) > 1 else ""
         raise InputError(
-            f"--resume: {name} has changed since the detections were made: {before.get(name)}, now {now.get(name)}{more}; "
-            "use what was used then, or --force to start from the beginning"
+            f"`resume=True`: {name} has changed since the detections were made: {before.get(name)}, now {now.get(name)}{more}; "
+            "use what was used then, or `replace=True` to start from the beginning"
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from posefuse.core import Frame, InputError, PosefuseError, Recording, Sink
 from posefuse.core import Progress as StageProgress
@@ -22,9 +23,14 @@ from .solve import config_of
 Progress = Callable[[int, int], None]
 
 
-def build_sinks(names: Sequence[str]) -> list[Sink]:
-    """The outputs of these names; raises ConfigError for one that does not exist, before any work is done."""
-    return [build_plugin("sinks", name, {}) for name in names]
+def build_sinks(outputs: Sequence[str] | Mapping[str, Mapping[str, Any]]) -> list[Sink]:
+    """The outputs of these names, each with its options where they have some.
+
+    Raises:
+        ConfigError: one that does not exist, or an option that it does not take; before any work is done.
+    """
+    options = outputs if isinstance(outputs, Mapping) else dict[str, Mapping[str, Any]]()
+    return [build_plugin("outputs", name, options.get(name, {})) for name in outputs]
 
 
 def write_result(

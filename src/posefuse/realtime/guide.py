@@ -13,7 +13,6 @@ from posefuse.calibration.targets.guidance import Guidance, new_guidance, seen
 from posefuse.calibration.targets.kinds import Target
 
 from .camera_feed import CameraFeed
-from .guide_frame import GuideFrame
 
 _REPORT_EVERY_S, _REST_S = 1.0, 0.005
 
@@ -22,7 +21,6 @@ def guide(
     feed: CameraFeed,
     target: Target,
     report: Callable[[Guidance], None],
-    show: Callable[[GuideFrame], None],
     duration_s: float | None = None,
     *,
     videos: Path | None = None,
@@ -30,8 +28,7 @@ def guide(
 ) -> Guidance:
     """Watch until enough is covered, the sources end, `stopped` has an entry, or `duration_s` with all cameras; close the feed.
 
-    `report` is called once a second and at the end, `show` with every frame that was looked at. With `videos`, a folder, every
-    frame of every camera is kept there.
+    `report` is called once a second and at the end. With `videos`, a folder, every frame of every camera is kept there.
 
     Raises:
         SourceError: a source that fails and is not opened again. InputError: a video that cannot be made.
@@ -46,7 +43,6 @@ def guide(
         for fed in feed.newest():
             corners = detector.detect(cv2.cvtColor(fed.frame.image, cv2.COLOR_RGB2GRAY))
             state = seen(state, fed.camera, fed.t_ns, corners.xy_img, fed.frame.size_wh)
-            show(GuideFrame(fed.camera, fed.t_ns, fed.frame, corners, state))
         now = time.monotonic()
         if over or (duration_s is not None and feed.seconds() > duration_s):
             break

@@ -41,7 +41,7 @@ def inputs_from_arguments(
     for argument in arguments:
         for entry in _entries(argument, rig, ros or {}):
             if entry.camera in found:
-                raise SourceError(f"--source {argument}: camera {entry.camera} has a source already")
+                raise SourceError(f"source {argument}: camera {entry.camera} has a source already")
             found[entry.camera] = entry
     return tuple(found[name] for name in (found if rig is None else rig.names) if name in found)
 
@@ -57,12 +57,12 @@ def _entries(argument: str, rig: Rig | None, ros: Mapping[str, Any]) -> list[Liv
     named = re.fullmatch(r"([^=:/\\]+)=(.+)", argument)
     camera, what = (named[1], named[2]) if named else (None, argument)
     if rig is not None and camera is not None and camera not in rig.names:
-        raise SourceError(f"--source {argument}: no camera {camera!r} in the rig; there are: {choices(rig.names)}")
+        raise SourceError(f"source {argument}: no camera {camera!r} in the rig; there are: {choices(rig.names)}")
     kind, colon, rest = what.partition(":")
     if kind == "sim" and colon and rest:
         return [_simulated(name, Path(rest)) for name in ([camera] if camera else _simulated_names(Path(rest), rig))]
     if camera is None:
-        raise SourceError(f"--source {argument}: expected CAMERA=KIND:WHERE; e.g. {EXAMPLES}")
+        raise SourceError(f"source {argument}: expected CAMERA=KIND:WHERE; e.g. {EXAMPLES}")
     if kind in ("realsense", "oak") and rest:
         return [_depth_camera(argument, camera, rig, kind, rest)]
     if kind.lower() == "ros" and rest:
@@ -88,7 +88,7 @@ def _depth_camera(argument: str, camera: str, rig: Rig | None, kind: str, rest: 
 
     serial, _, size = rest.removesuffix(_WITH_DEPTH).partition("@")
     if not size and rig is None:
-        raise SourceError(f"--source {argument}: expected a size, e.g. {camera}={kind}:{serial}@1280x720@30")
+        raise SourceError(f"source {argument}: expected a size, e.g. {camera}={kind}:{serial}@1280x720@30")
     size = size or "{}x{}".format(*rig[camera].size_wh)  # type: ignore[index]
     make = RealSenseConfig if kind == "realsense" else OakConfig
     return LiveInput(camera, kind, make(camera, serial, size, depth=rest.endswith(_WITH_DEPTH)), reopen=True)
@@ -114,5 +114,5 @@ def _camera_input(argument: str, camera: str, kind: str, what: str, rest: str) -
         device, _, size = rest.partition("@")
         return LiveInput(camera, kind, StreamConfig(where=device, camera=camera, size=size), reopen=True)
     if kind in KINDS:
-        raise SourceError(f"--source {argument}: expected where it is after {kind}:; e.g. {EXAMPLES}")
-    raise SourceError(f"--source {argument}: kind {kind!r} is not known; there are: {choices(KINDS)}; e.g. {EXAMPLES}")
+        raise SourceError(f"source {argument}: expected where it is after {kind}:; e.g. {EXAMPLES}")
+    raise SourceError(f"source {argument}: kind {kind!r} is not known; there are: {choices(KINDS)}; e.g. {EXAMPLES}")

@@ -60,7 +60,7 @@ class NodeIntrinsics:
         if apart > AGREE_PX:
             self.problems.append(
                 f"camera {ours.name}: its node works with other intrinsics than the rig here (up to {apart:.1f} px apart); "
-                "--camera-info use takes those of the nodes"
+                "`camera_info=use` takes those of the nodes"
             )
 
 

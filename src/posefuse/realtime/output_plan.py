@@ -50,6 +50,12 @@ class OutputPlan:
         )
 
 
+def check_outputs(configs: Mapping[str, LiveOutputConfig]) -> None:
+    """Build each output once, so that a missing package is named before any work; raises DependencyError."""
+    for config in configs.values():
+        config.build().close()
+
+
 @dataclass(frozen=True)
 class OutputEvent:
     """An output's state has changed. `t_ns`: session time; `output`: its name, or ``process`` for all of them."""

@@ -40,7 +40,7 @@ class ProcessedImages:
         if not slow or self._reported:
             return ""
         self._reported = True
-        smaller = "" if network.endswith("lite") else "--networks blazepose_lite, "
+        smaller = "" if network.endswith("lite") else "`networks=blazepose_lite`, "
         return f"this computer processes {share:.0%} of the images: use {smaller}fewer cameras, or cameras at a lower frame rate"
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from posefuse.core.arrays import Array
 from posefuse.health.cameras import CameraState
 
-from .camera_feed import CameraFeed, FedFrame
+from .camera_feed import CameraFeed
 
 _REPORT_EVERY_S, _REST_S = 1.0, 0.005
 # a grey value that a sensor cannot exceed; of so many pixels it hides what they show
@@ -44,7 +44,6 @@ def record(
     feed: CameraFeed,
     videos: Path,
     report: Callable[[float, tuple[CameraNews, ...]], None],
-    show: Callable[[FedFrame], None],
     *,
     duration_s: float | None = None,
     stopped: Sequence[str] = (),
@@ -53,7 +52,7 @@ def record(
 
     Args:
         feed: open cameras that have not begun. videos: an existing folder.
-        report: is called once a second with the seconds since the beginning. show: with the newest frames.
+        report: is called once a second with the seconds since the beginning.
 
     Raises:
         SourceError: a source that fails and is not opened again. InputError: a video that cannot be made.
@@ -67,7 +66,6 @@ def record(
         feed.check()
         for fed in feed.newest():
             exposures[feed.cameras[fed.camera]] = exposure_warning(fed.frame.image)
-            show(fed)
         now = time.monotonic()
         if over or (duration_s is not None and feed.seconds() >= duration_s):
             break

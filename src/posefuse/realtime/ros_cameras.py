@@ -38,7 +38,7 @@ def rig_with_camera_infos(rig: Rig, inputs: Sequence[LiveInput], use: CameraInfo
         try:
             camera = camera_of_info(rig[name], msg) if msg is not None else None
         except MessageError as error:
-            raise SourceError(f"{topic}: {error}; --camera-info ignore continues without it") from None
+            raise SourceError(f"{topic}: {error}; `camera_info=ignore` continues without it") from None
         problem = _problem(rig[name], camera, silent=msg is None)
         if use == "use" and camera is None:
             raise SourceError(f"camera {name}: its intrinsics are wanted from {topic}, but {problem}")
@@ -65,5 +65,5 @@ def _problem(ours: Camera, theirs: Camera | None, *, silent: bool) -> str:
         return ""
     return (
         f"it differs from the rig by up to {apart:.1f} px (focal length {theirs.K[0, 0]:.1f} px, rig {ours.K[0, 0]:.1f} px); "
-        "the rig's is used, --camera-info use takes this one"
+        "the rig's is used, `camera_info=use` takes this one"
     )

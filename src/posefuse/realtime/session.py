@@ -68,7 +68,7 @@ def run_live(
         InputError: an output that cannot be opened.
     """
     if len(inputs) < LEAST_CAMERAS:
-        raise SourceError(f"expected sources for at least {LEAST_CAMERAS} cameras, got {len(inputs)}; see --source")
+        raise SourceError(f"expected sources for at least {LEAST_CAMERAS} cameras, got {len(inputs)}")
     rig = rig.only(entry.camera for entry in inputs)
     with never_waiting(say) as say_soon:
         config = replace(config, detector=settled_network(config.detector, len(inputs), say_soon))

@@ -88,7 +88,8 @@ def earlier_session(paths: SessionPaths, scene: Scene, replace: bool) -> Earlier
         return Earlier.RESUMED
     if not replace:
         raise InputError(
-            f"{paths.folder}: holds an unfinished session of another scene; choose another folder or move it aside with --force"
+            f"{paths.folder}: holds an unfinished session of another scene; choose another folder, or move it aside "
+            "with `replace=True`"
         )
     return Earlier.KEPT_ASIDE
 

@@ -108,7 +108,7 @@ class ImagesSource:
             images = sorted(p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES)
             if images and self._config.rate_hz is None:
                 raise SourceError(
-                    f"{self._where}: images do not state their frame rate; add --rate HZ, rate_hz = HZ to posefuse.toml, "
+                    f"{self._where}: images do not state their frame rate; add `rate_hz=HZ`, rate_hz = HZ to posefuse.toml, "
                     f"or {TIMES_FILE} with columns file, t_s to the folder"
                 )
             return [(path, i / (self._config.rate_hz or 1.0)) for i, path in enumerate(images)]

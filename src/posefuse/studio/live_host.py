@@ -16,7 +16,7 @@ from multiprocessing.connection import Connection, Listener
 from typing import Any
 
 from .private_files import SessionAddress
-from .session_messages import MOST_BYTES, SCENE, SessionMessage, packed_status, unpacked_request
+from .session_messages import MOST_BYTES, SessionMessage, packed_status, unpacked_request
 
 _STATUS_S = 0.25
 _IDLE_STATUS_S = 1.0
@@ -27,9 +27,9 @@ class Watcher:
     """One server. A thread sends to it, the newest of each key, so that one that hangs delays nothing."""
 
     def __init__(self, connection: Connection) -> None:
-        self.wanted: frozenset[str] = frozenset()
+        self.looking = False
         self._connection = connection
-        self._pending: dict[tuple[str, str, str], SessionMessage] = {}
+        self._pending: dict[tuple[str, str], SessionMessage] = {}
         self._news = threading.Condition()
         self.gone = False
         threading.Thread(target=self._send, daemon=True).start()
@@ -57,15 +57,18 @@ class Host:
     Args:
         on_request: takes what a server asks for, by name and values; may raise anything, which is logged.
         on_watched: whether any page looks at the scene; called when that changes.
+
+    Attributes:
+        watched: whether any page looks.
     """
 
     def __init__(self, on_request: Callable[[str, Mapping[str, Any]], None], on_watched: Callable[[bool], None]) -> None:
         self._key = secrets.token_bytes(32)
         self._listener = Listener(("127.0.0.1", 0), authkey=self._key)
         self._watchers: list[Watcher] = []
-        self._kept: dict[tuple[str, str, str], SessionMessage] = {}
+        self._kept: dict[tuple[str, str], SessionMessage] = {}
+        self.watched = False
         self._on_request, self._on_watched = on_request, on_watched
-        self._wanted: frozenset[str] = frozenset()
         self._lock = threading.RLock()
         threading.Thread(target=self._accept, daemon=True).start()
 
@@ -74,22 +77,13 @@ class Host:
         """Where it is, and the key."""
         return SessionAddress(port=int(self._listener.address[1]), key=self._key)
 
-    @property
-    def watched(self) -> bool:
-        """Whether any page looks."""
-        return self.wanted(SCENE)
-
-    def wanted(self, channel: str) -> bool:
-        """Whether any page shows what goes over this channel."""
-        return channel in self._wanted
-
-    def publish(self, key: str, message: bytes, *, keep: bool = False, channel: str = SCENE) -> None:
+    def publish(self, key: str, message: bytes, *, keep: bool = False) -> None:
         """To all servers whose pages look; with `keep` to all, also to those that come later."""
-        self._put(SessionMessage(kind="kept" if keep else "stream", channel=channel, key=key, content=message))
+        self._put(SessionMessage(kind="kept" if keep else "stream", key=key, content=message))
 
     def status(self, values: Mapping[str, Any]) -> None:
         """To all servers; `values`: see `session_messages`."""
-        self._put(SessionMessage(kind="status", channel=SCENE, key="", content=packed_status(values)))
+        self._put(SessionMessage(kind="status", key="", content=packed_status(values)))
 
     def _put(self, message: SessionMessage) -> None:
         keep = message.kind != "stream"
@@ -97,7 +91,7 @@ class Host:
             if keep:
                 self._kept[_place(message)] = message
             for watcher in self._watchers:
-                if keep or message.channel in watcher.wanted:
+                if keep or watcher.looking:
                     watcher.put(message)
 
     def _accept(self) -> None:
@@ -128,21 +122,20 @@ class Host:
 
     def _take(self, name: str, values: Mapping[str, Any], watcher: Watcher) -> None:
         if name == "watch":
-            watcher.wanted = frozenset(map(str, values["channels"]))
+            watcher.looking = values["on"] is True
             self._count()
         else:
             self._on_request(name, values)
 
     def _count(self) -> None:
         with self._lock:
-            before, self._wanted = self._wanted, frozenset[str]().union(*(watcher.wanted for watcher in self._watchers))
-            watched = SCENE in self._wanted
-        if watched != (SCENE in before):
-            self._on_watched(watched)
+            before, self.watched = self.watched, any(watcher.looking for watcher in self._watchers)
+        if self.watched != before:
+            self._on_watched(self.watched)
 
 
-def _place(message: SessionMessage) -> tuple[str, str, str]:
-    return message.kind, message.channel, message.key
+def _place(message: SessionMessage) -> tuple[str, str]:
+    return message.kind, message.key
 
 
 class Pace:

@@ -13,20 +13,9 @@ from typing import Any
 
 from .jobs import Job, Jobs
 from .private_files import SessionAddress
-from .session_messages import (
-    BODIES,
-    LIVE,
-    MOST_BYTES,
-    SCENE,
-    DamagedMessage,
-    SessionMessage,
-    packed_request,
-    unpacked_status,
-)
+from .session_messages import LIVE, MOST_BYTES, DamagedMessage, SessionMessage, packed_request, unpacked_status
 from .streams import Stream
 
-LIVE_BODIES = "live-bodies"
-"""Name of the stream of meshes."""
 _LOOK_S = 0.7
 _FIRST_LOOK_S = 1.0
 _log = logging.getLogger(__name__)
@@ -39,13 +28,13 @@ class LiveLink:
         work: `LIVE` or `WATCH`.
 
     Attributes:
-        stream: what the pages draw. bodies: meshes of people, for pages that show them.
+        stream: what the pages draw.
         status: the newest values of the work; empty while no session runs.
         job: of the session; None while none runs.
     """
 
     def __init__(self, jobs: Jobs, work: str = LIVE) -> None:
-        self.stream, self.bodies = Stream(self._watched), Stream(self._watched)
+        self.stream = Stream(self._watched)
         self.status: Mapping[str, Any] = {}
         self.job: Job | None = None
         self._jobs, self._work = jobs, work
@@ -78,9 +67,8 @@ class LiveLink:
                 self._connection.send_bytes(packed_request(request, values))
 
     def _watched(self, pages: int = 0) -> None:
-        """Say which streams any page shows."""
-        shown = {SCENE: self.stream, BODIES: self.bodies}
-        self.ask("watch", channels=[channel for channel, stream in shown.items() if stream.watched])
+        """Report whether any page shows the stream."""
+        self.ask("watch", on=self.stream.watched)
 
     def _run(self) -> None:
         while True:
@@ -138,5 +126,4 @@ class LiveLink:
             _log.warning("%s: %s; %d so far", self._work, line, self._troubles)
 
     def _publish(self, message: SessionMessage) -> None:
-        stream = self.bodies if message.channel == BODIES else self.stream
-        stream.publish(message.key, message.content, keep=message.kind == "kept")
+        self.stream.publish(message.key, message.content, keep=message.kind == "kept")

@@ -19,7 +19,7 @@ _FIRST = ("trc", "c3d", "csv")
 def output_card(studio: Studio, name: str) -> None:
     """The card of a recording by its name in the workspace."""
     page = report_folder(studio.workspace.existing(name)) / PAGE_FILE
-    formats = [one.name for one in list_plugins("sinks") if one.config is not None]
+    formats = [one.name for one in list_plugins("outputs") if one.config is not None]
 
     def start(work: str, what: str, **more: object) -> None:
         try:

@@ -1,6 +1,6 @@
 """What a session and a server send each other: a line of JSON, then bytes. Nothing in it can run; everything is checked.
 
-From the session: kind, channel and key, then what a page draws, or the session's state as JSON. From the server: a request by
+From the session: kind and key, then what a page draws, or the session's state as JSON. From the server: a request by
 name with values. They are sent over `multiprocessing.connection`, whose two ends prove that they have the same key, as bytes
 alone: its objects are pickles.
 """
@@ -14,8 +14,6 @@ from typing import Any, Literal
 
 from pydantic import TypeAdapter, ValidationError
 
-SCENE, BODIES = "scene", "bodies"
-"""Channels: what all pages draw; meshes of people, for pages that show them."""
 LIVE, WATCH = "live", "watch"
 """Kinds of work that pages follow, and the names of their streams."""
 MOST_BYTES = 64 * 2**20
@@ -33,27 +31,26 @@ class SessionMessage:
 
     Attributes:
         kind: ``stream`` and ``kept`` are for pages, a kept one also for those that come later; ``status`` is for the server.
-        channel: `SCENE` or `BODIES`. key: a newer message of the same key replaces it. content: bytes, of a status JSON.
+        key: a newer message of the same key replaces it. content: bytes, of a status JSON.
     """
 
     kind: Kind
-    channel: str
     key: str
     content: bytes
 
     def packed(self) -> bytes:
         """As it is sent."""
-        return json.dumps([self.kind, self.channel, self.key]).encode() + b"\n" + self.content
+        return json.dumps([self.kind, self.key]).encode() + b"\n" + self.content
 
     @classmethod
     def unpacked(cls, raw: bytes) -> SessionMessage:
         """From what was received; raises DamagedMessage."""
         head, _, content = raw.partition(b"\n")
         try:
-            kind, channel, key = _HEAD.validate_json(head)
+            kind, key = _HEAD.validate_json(head)
         except ValidationError as error:
             raise DamagedMessage(f"{head[:80]!r}: {error.errors()[0]['msg']}") from None
-        return cls(kind=kind, channel=channel, key=key, content=content)
+        return cls(kind=kind, key=key, content=content)
 
 
 def packed_request(name: str, values: Mapping[str, Any]) -> bytes:
@@ -139,7 +136,7 @@ class WatchStatus:
     seconds: float
 
 
-_HEAD: TypeAdapter[tuple[Kind, str, str]] = TypeAdapter(tuple[Kind, str, str])
+_HEAD: TypeAdapter[tuple[Kind, str]] = TypeAdapter(tuple[Kind, str])
 _REQUEST: TypeAdapter[tuple[str, dict[str, Any]]] = TypeAdapter(tuple[str, dict[str, Any]])
 _STATUS: Mapping[str, TypeAdapter[Any]] = {LIVE: TypeAdapter(LiveStatus), WATCH: TypeAdapter(WatchStatus)}
 

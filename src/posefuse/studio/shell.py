@@ -10,7 +10,7 @@ import segno
 from nicegui import ui
 
 from .access import is_loopback
-from .jobs import Job
+from .jobs import Job, Report
 from .pages import PAGES, StudioPage
 from .session_messages import LIVE, WATCH
 from .state import Studio
@@ -102,6 +102,14 @@ def card(heading: str = "", *, classes: str = "") -> Iterator[ui.row]:
         yield head
 
 
+def state_of(report: Report) -> tuple[str, str]:
+    """Light and word of a job; a study of which trials failed is not good."""
+    failed = report.result.get("failed")
+    if report.state == "done" and failed:
+        return "doubt", f"{len(failed)} of {report.result['trials']} failed"
+    return {"done": "good", "failed": "bad", "lost": "bad", "cancelled": "off"}.get(report.state, "doubt"), report.state
+
+
 def light(state: str, text: str) -> ui.row:
     """A light with its word: ``good``, ``bad``, ``doubt`` or ``off``; colour is never the only sign."""
     icon = {"good": "check_circle", "bad": "error", "doubt": "warning", "off": "radio_button_unchecked"}[state]
@@ -126,8 +134,7 @@ def job_line(studio: Studio, job: Job) -> None:
     report = studio.jobs.report(job.id)
     with ui.column().classes("pf-job"):
         with ui.row().classes("pf-job-head"):
-            word = {"done": "good", "failed": "bad", "lost": "bad", "cancelled": "off"}.get(report.state, "doubt")
-            light(word, report.state)
+            light(*state_of(report))
             ui.link(job.title, job.page).classes("pf-job-title")
             ui.space()
             if not report.ended:

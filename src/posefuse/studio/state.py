@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from .access import Access
 from .jobs import Jobs
-from .live_link import LIVE_BODIES, LiveLink
+from .live_link import LiveLink
 from .session_messages import LIVE, WATCH
 from .streams import Stream
 from .workspace import StudioWorkspace
@@ -38,7 +38,7 @@ class Studio:
         """A new one."""
         jobs = Jobs(workspace)
         live, watch = LiveLink(jobs), LiveLink(jobs, WATCH)
-        streams = {LIVE: live.stream, LIVE_BODIES: live.bodies, WATCH: watch.stream}
+        streams = {LIVE: live.stream, WATCH: watch.stream}
         return cls(workspace=workspace, access=access, jobs=jobs, live=live, watch=watch, streams=streams)
 
     async def came(self, visitor: str) -> None:

@@ -104,13 +104,13 @@ def _check_linked(names: Sequence[str], rough: RoughClocks, most_s: float) -> Ch
     if len(lost) == len(names):
         return Check(
             "cameras are linked", False, f"at no offset within {most_s:g} s do two cameras see the same person move",
-            "record longer, walk about, turning this way and that; or give a larger --most-s",
+            "record longer, walk about, turning this way and that; or search farther with `max_offset_s=S`",
         )  # fmt: skip
     linked = "at some offset every camera sees the person where others do"
     return Check(
         "cameras are linked", not lost,
         f"at no offset within {most_s:g} s does {', '.join(lost)} see the person where others do" if lost else linked,
-        "walk where two cameras see you together, and let them run at one time; if they did, give a larger --most-s",
+        "walk where two cameras see you together, and let them run at one time; else `max_offset_s=S` searches farther",
     )  # fmt: skip
 
 
@@ -128,8 +128,8 @@ def check_one_offset(names: Sequence[str], rough: RoughClocks) -> Check:
         "one offset fits best", bool(rough.rivalry[worst] <= _MOST_RIVALRY),
         f"{names[worst]} fits best at {rough.offset_s[worst]:+.1f} s, and {max(0.0, rough.rivalry[worst]):.0%} as well at"
         f" {rough.other_s[worst]:+.1f} s (limit {_MOST_RIVALRY:.0%})",
-        "another person, a rig of other cameras, clocks farther apart than --most-s, or too little way: walk about, turning this"
-        " way and that",
+        "another person, a rig of other cameras, clocks farther apart (`max_offset_s=S`), or too little way: walk about, "
+        "turning this way and that",
     )  # fmt: skip
 
 
@@ -144,7 +144,7 @@ def _check_spread(rig: Rig, fit: ClockFit) -> Check:
     return Check(
         "paths fit", bool(fit.spread_px[worst] <= limit[worst]),
         f"{rig.names[worst]}'s lie worst, usually {fit.spread_px[worst]:.1f} px off the paths (limit {limit[worst]:.1f})",
-        "it follows another person, was moved after the rig was made, or is farther off than --most-s",
+        "it follows another person, was moved after the rig was made, or is farther off than searched (`max_offset_s=S`)",
     )  # fmt: skip
 
 
@@ -175,5 +175,5 @@ def _check_steady(names: Sequence[str], fit: ClockFit, with_drift: bool) -> Chec
         "parts agree", ratio_ <= 1,
         f"{names[c]} runs {apart_s * 1e3:+.1f} ms later after {at_s:.0f} s than before (limit"
         f" {abs(apart_s) / ratio_ * 1e3:.1f})",
-        remedy if with_drift else f"its clock runs at another rate: try --clocks drift; or {remedy}",
+        remedy if with_drift else f"its clock runs at another rate: try `drift=True`; or {remedy}",
     )  # fmt: skip

@@ -137,7 +137,7 @@ def clocks_near(trouble: Trouble) -> Iterator[CauseTrial]:
     free = near_solve(solved, trouble.cameras, solved.solution.state, freedom)
     words = _clock_story(trouble.cameras, replace(solved, solution=free))
     if words:
-        remedy = "the cameras are not synchronised: calibrate with --clocks offset"
+        remedy = "the cameras are not synchronised: calibrate with `clocks=offset`"
         yield trial(words, remedy, solved, free, len(trouble.cameras) - 1)
 
 
@@ -155,7 +155,7 @@ def clocks_off(trouble: Trouble) -> Iterator[CauseTrial]:
             continue
         words = _clock_story(cameras, solved)
         if words:
-            remedy = f"the cameras are not synchronised: calibrate with --clocks {clocks}" + (
+            remedy = f"the cameras are not synchronised: calibrate with `clocks={clocks}`" + (
                 "" if np.abs(late).max() < trouble.options.most_offset_s else ", and stamps shifted by these offsets"
             )
             yield from trial_from_scratch(words, remedy, solved, lost, frees * (len(cameras) - 1))
@@ -204,7 +204,7 @@ def board_swapped(trouble: Trouble) -> Iterator[CauseTrial]:
             solved, lost = solve_from_scratch(trouble, trouble.observations, trouble.cameras, other)
             yield from trial_from_scratch(
                 f"the board has {other.columns} columns and {other.rows} rows, not {target.columns} and {target.rows}",
-                f"--columns {other.columns} --rows {other.rows}", solved, lost, 0,
+                f"`columns={other.columns}` `rows={other.rows}`", solved, lost, 0,
             )  # fmt: skip
 
 

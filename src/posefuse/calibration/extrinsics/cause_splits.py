@@ -193,7 +193,7 @@ def _split_story(trouble: Trouble, solution: PropSolution, c: int, at_s: float, 
     late_s = float(solution.state.delay_s[[c, count], 0].mean() - np.median(others_s)) if len(others_s) else 0.0
     if abs(late_s) > max(_LEAST_JUMP_S, _SIGMA * sigma_s) and abs(late_s) * px_per_s > 2 * max(moved_px, jumped_px):
         return (f"the clock of {name} is off by {late_s * 1e3:+.0f} ms",
-                "the cameras are not synchronised: calibrate with --clocks offset", 1)  # fmt: skip
+                "the cameras are not synchronised: calibrate with `clocks=offset`", 1)  # fmt: skip
     if abs(jump_s) > max(_LEAST_JUMP_S, _SIGMA * sigma_s) and jumped_px > moved_px:
         return (f"the clock of {name} jumps by {jump_s * 1e3:+.0f} ms at {at_s:.0f} s",
                 "frames were lost: give each frame its true time stamp, or use the part before or after", 2)  # fmt: skip

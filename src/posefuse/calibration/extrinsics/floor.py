@@ -32,7 +32,7 @@ class FloorMarker:
 def check_floor(floor: FloorMarker | ThreePoints | None, target: Target) -> None:
     """Raise InputError where the floor needs another target, ConfigError where the dictionary has no such marker."""
     if isinstance(floor, FloorMarker) and not isinstance(target, Markers):
-        raise InputError("a marker on the floor (--floor-marker): needs a target of markers, of the same dictionary")
+        raise InputError("a marker on the floor needs a target of markers, of the same dictionary")
     if isinstance(floor, FloorMarker) and isinstance(target, Markers):
         _tile(floor, target)
 
@@ -69,6 +69,6 @@ def lens_sigma(percent: float | None, cameras: Sequence[Camera]) -> tuple[float,
     if percent is None:
         return None
     if not percent > 0:
-        raise InputError(f"--refine-lenses: expected > 0 percent, got {percent:g}")
+        raise InputError(f"`focal_known_to_percent={percent:g}`: expected > 0 percent, got {percent:g}")
     focal_px = percent / 100 * float(np.mean([camera.K[0, 0] for camera in cameras]))
     return (focal_px,) * 4 + (_LENS_PER_PERCENT * percent,) * 2

@@ -286,5 +286,5 @@ def check_upright(cameras: Sequence[Camera], up_cam: Array, limits: Limits = LIM
     wrong = [camera.name for camera, value in zip(cameras, cosine, strict=True) if value < limits.upside_down_cosine]
     return Check(
         "images are upright", not wrong, f"upside down: {', '.join(wrong)}" if wrong else "the top of every image is up",
-        "turn the image; for a camera that is mounted upside down, name it with --upside-down",
+        "turn the image; for a camera that is mounted upside down, name it with `upside_down=CAMERA`",
     )  # fmt: skip

@@ -110,7 +110,7 @@ def check_synchronised(cameras: tuple[Camera, ...], free: PointSolution) -> Chec
     return Check(self_checks.IN_STEP, bool(ratio[worst] <= 1),
                  f"the clock of {cameras[worst].name} is {late_s[worst] * 1e3:+.0f} ms late (standard error"
                  f" {sigma_s[worst] * 1e3:.1f} ms, limit {_LATE_S * 1e3:.0f} ms)",
-                 "the cameras are not synchronised: calibrate with --clocks offset")  # fmt: skip
+                 "the cameras are not synchronised: calibrate with `clocks=offset`")  # fmt: skip
 
 
 def true_sided(skeleton: Skeleton, xyz: Array) -> float:

@@ -1,9 +1,8 @@
-"""`posefuse calibrate guide`: a table and the next step once a second, and images on request."""
+"""`posefuse calibrate guide`: a table and the next step once a second."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
 from typing import Any
 
 from posefuse.calibration.targets.guidance import Guidance
@@ -14,15 +13,12 @@ from posefuse.cli.stopping import session_exit_code
 from posefuse.cli.terminal import Terminal
 from posefuse.cli.videos import check_videos_folder, kept_videos
 from posefuse.formats.rig import read_rig
-from posefuse.outputs.rerun_scene import SPAWN
 from posefuse.realtime.camera_feed import CameraFeed
-from posefuse.realtime.frame_view import frame_view
 from posefuse.realtime.guide import guide
-from posefuse.realtime.guide_view import GuideView
 from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.realtime.session import stop_requests
 
-from .inputs import check_files, target_from_options, target_words
+from .inputs import target_from_options, target_words
 
 
 def guide_at_cameras(target: TargetOptions, options: GuideOptions, ros_2: Ros2Options, terminal: Terminal) -> Mapping[str, Any]:
@@ -35,20 +31,17 @@ def guide_at_cameras(target: TargetOptions, options: GuideOptions, ros_2: Ros2Op
         terminal.table("seen together with", ("camera", "covered", *covered.cameras), rows)
         terminal.note(state.words)
 
-    check_files((options.intrinsics,), (("--view-file", options.view_file),), force=options.force)
     if options.record is not None:
         check_videos_folder(options.record, command="record")
     kind = target_from_options(target)
     rig = None if options.intrinsics is None else read_rig(options.intrinsics)
     inputs = inputs_from_arguments(options.source, rig, ros_2.settings)
-    place = str(options.view_file) if options.view_file else SPAWN if options.view else None
     with (
         stop_requests() as stopped,
         CameraFeed(inputs, packets=options.record is not None) as feed,
-        frame_view(place, partial(GuideView, [one.camera for one in inputs])) as look,
         kept_videos(options.record, None, inputs, command="record") as videos,
     ):
-        found = guide(feed, kind, report, look, options.duration, videos=videos, stopped=stopped)
+        found = guide(feed, kind, report, options.duration, videos=videos, stopped=stopped)
         figures = _figures(found)
         if videos is not None:
             figures["videos"] = checked_figures(videos, [one.camera for one in inputs], stopped, terminal)

@@ -49,7 +49,8 @@ def next_after(report: CalibrationReport, asked: Asked) -> tuple[str, str]:
     said = f"{report.failed[0].name}: {report.failed[0].detail}"
     kind = next((kind for expression, kind in _RULES if re.search(expression, said)), _RECORD)
     if kind == _CLOCKS and asked.step in ("extrinsics", "person"):
-        return asked.again("--clocks offset"), "estimates the clock of each camera"
+        mode = "drift" if "drift" in report.failed[0].remedy else "offset"
+        return asked.again(f"--clocks {mode}"), "estimates the clock of each camera"
     if kind == _LENSES and asked.step in ("extrinsics", "person"):
         return _intrinsics(asked), "the intrinsics of these cameras again, from a board shown to each of them"
     if kind == _TURN:

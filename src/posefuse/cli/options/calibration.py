@@ -142,8 +142,8 @@ class ExtrinsicsOptions:
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class GuideOptions(ReplaceOptions):
-    """The cameras, and where the coverage is shown."""
+class GuideOptions:
+    """The cameras, and where their videos go."""
 
     intrinsics: OptionalFile = None
     """Rig file that gives the cameras' names and their order."""
@@ -153,10 +153,6 @@ class GuideOptions(ReplaceOptions):
     """One per camera, as in `posefuse live`."""
     duration: Annotated[float | None, Parameter(metavar="S"), positive(MOST_S)] = None
     """Stop after so many seconds at the latest."""
-    view: bool = False
-    """Show the coverage in the Rerun viewer (extra: viewer)."""
-    view_file: Annotated[Path | None, Parameter(metavar="FILE.rrd")] = None
-    """Write what the viewer would show to a file."""
 
 
 @Parameter(name="*")
@@ -170,7 +166,7 @@ class PersonOptions:
     """Height of the person in metres, which sets the scale within a few per cent."""
     apart: Annotated[tuple[str, str, float] | None, Parameter(metavar="CAMERA CAMERA METRES")] = None
     """Or: the measured distance of two cameras."""
-    rate_hz: RateHz = None
+    rate: RateHz = None
     """Frame rate of 2D poses."""
     time_steps: Annotated[int, Parameter(metavar="N"), count(MOST_FRAMES)] = 600
     """Largest number of time steps of the videos to use."""
@@ -190,7 +186,7 @@ class ClockOptions:
     """Which data of the session to use."""
     clocks: Literal["offset", "drift"] = "offset"
     """Whether to estimate a drift (a different clock rate) as well."""
-    rate_hz: RateHz = None
+    rate: RateHz = None
     """Frame rate of 2D poses and images that state none."""
     seconds: Annotated[float, Parameter(metavar="S"), positive(MOST_S)] = 60.0
     """Use so many seconds from the middle of the recording."""

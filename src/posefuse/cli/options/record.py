@@ -25,7 +25,3 @@ class RecordOptions:
     """Stop so many seconds after the first frame of the last camera; else at Ctrl-C, or when the sources end."""
     resume: bool = False
     """Complete the recording of SESSION that was interrupted; no cameras are opened."""
-    view: bool = False
-    """Show the images in the Rerun viewer (extra: viewer)."""
-    view_file: Annotated[Path | None, Parameter(metavar="FILE.rrd")] = None
-    """Write what the viewer would show to a file."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from posefuse.core import JointAngles
-from posefuse.evaluation.gait_cycles import PERCENT, CycleAngles, side_of
+from posefuse.evaluation.gait_cycles import HEADING, PERCENT, CycleAngles, side_of
 from posefuse.formats.page import Band, Cell, Line, Plot, Series, Table, Ticks
 from posefuse.kinematics.gait import Gait
 
@@ -103,9 +103,14 @@ def _window(members: list[CycleAngles]) -> tuple[float, float, float, float]:
 
 
 def _grouped(joints: JointAngles) -> dict[str, list[tuple[int, int]]]:
-    """Places (joint, angle) by title, left and right of one angle together, legs first."""
+    """Places (joint, angle) by title, left and right of one angle together, legs first.
+
+    The heading of the pelvis is left out: it counts the person's turns in the room, and is no angle of a joint.
+    """
     groups: dict[str, list[tuple[int, int]]] = {}
     for q, joint in sorted(enumerate(joints.joints), key=lambda one: rank_of(one[1])):
         for a, angle in enumerate(joints.angle_names[q]):
+            if (joint, angle) == HEADING:
+                continue
             groups.setdefault(title_of(joint, angle), []).append((q, a))
     return groups

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import replace
 from datetime import date
 from pathlib import Path
 from typing import Any
@@ -12,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from posefuse import __version__
-from posefuse.core import InputError, JointAngles, PoseSequence, Recording
-from posefuse.core.arrays import Array
+from posefuse.core import InputError, JointAngles, Recording
 from posefuse.core.palette import LEGEND
 from posefuse.evaluation.gait_cycles import gait_cycles, side_of
 from posefuse.formats.page import (
@@ -26,17 +24,13 @@ from posefuse.formats.page import (
     Note,
     Page,
     Player,
-    PlayerMesh,
     Plots,
     Side,
     Table,
-    kept_steps,
     write_page,
 )
 from posefuse.formats.rig import refusal_note
-from posefuse.kinematics.animation import FILE_FROM_WORLD, animation_from_joints, animation_gap, seen_throughout
 from posefuse.kinematics.gait import gait_from_poses
-from posefuse.kinematics.skin import skin_of
 from posefuse.outputs.facts import duration_s, recorded_utc
 
 from .angles import cycle_plots, range_table, time_plots
@@ -50,7 +44,12 @@ _PAIRS = ("hip", "shoulder")
 
 
 def write_report(
-    recording: Recording, joints: JointAngles, out: Path, images: Mapping[str, bytes] | None = None, title: str = TITLE
+    recording: Recording,
+    joints: JointAngles,
+    out: Path,
+    images: Mapping[str, bytes] | None = None,
+    title: str = TITLE,
+    angles: str = "",
 ) -> Path:
     """Write one HTML page that needs no other file and no network.
 
@@ -59,15 +58,21 @@ def write_report(
         joints: its angles, over the same time steps and people.
         out: the file to write, e.g. ``report.html``.
         images: captions to JPEG images shown at the top, e.g. overlays.
-        title: on top of the page.
+        title: on top of the page. angles: how they were made, in words.
 
     Raises:
         InputError: joints of other time steps or people, or a place that cannot be written to.
     """
-    return write_page(out, report_page(recording, joints, images, title))
+    return write_page(out, report_page(recording, joints, images, title, angles))
 
 
-def report_page(recording: Recording, joints: JointAngles, images: Mapping[str, bytes] | None = None, title: str = TITLE) -> Page:
+def report_page(
+    recording: Recording,
+    joints: JointAngles,
+    images: Mapping[str, bytes] | None = None,
+    title: str = TITLE,
+    angles: str = "",
+) -> Page:
     """The blocks of the report; see `write_report`."""
     poses = recording.poses
     if not (np.array_equal(joints.t_ns, poses.t_ns) and np.array_equal(joints.person_id, poses.person_id)):
@@ -75,19 +80,20 @@ def report_page(recording: Recording, joints: JointAngles, images: Mapping[str, 
             f"report: expected joints of the {len(poses)} time steps and {len(poses.person_id)} people of the recording, "
             f"got {len(joints.t_ns)} time steps and {len(joints.person_id)} people"
         )
-    blocks: list[Block] = [Facts(_origin(recording)), _cards(recording)]
+    made = {"joint angles": angles} if angles else {}
+    blocks: list[Block] = [Facts(_origin(recording) | made), _cards(recording)]
     if refusal := refusal_note("rig", recording.rig):
         blocks.append(Note(refusal, warning=True))
     blocks += [Note(str(line), warning=True) for line in recording.provenance.get("incomplete_cameras") or ()]
     if images:
         blocks.append(Images(images))
     if len(poses) and np.isfinite(poses.xyz_world).any():
-        blocks += [Heading("The recording in 3D"), _player(recording, joints)]
+        blocks += [Heading("The recording in 3D"), _player(recording)]
     for n in range(len(poses.person_id)):
         blocks += _person(recording, joints, n)
     if recording.provenance:
-        made = {key: _text(value) for key, value in recording.provenance.items()}
-        blocks += [Heading("How it was made"), Details("Settings and versions", [Facts(made)])]
+        settings = {key: _text(value) for key, value in recording.provenance.items()}
+        blocks += [Heading("How it was made"), Details("Settings and versions", [Facts(settings)])]
     return Page(title, blocks)
 
 
@@ -96,6 +102,7 @@ def _origin(recording: Recording) -> dict[str, str]:
     recorded = recorded_utc(recording.provenance).replace("T", " ").replace("Z", " UTC")
     return {
         "session": str(recording.provenance.get("session", "unnamed")),
+        "people": ", ".join(recording.person_names),
         "date of the recording": recorded or "not stated by the files",
         "date of this report": date.today().isoformat(),
         "rig": f"{len(rig)} cameras ({', '.join(rig.names)}), id {rig.id[:_SHORT_ID]}, world frame: {rig.world_set_by}",
@@ -120,7 +127,7 @@ def _cards(recording: Recording) -> Cards:
     return Cards(values)
 
 
-def _player(recording: Recording, joints: JointAngles) -> Player:
+def _player(recording: Recording) -> Player:
     poses = recording.poses
     names = poses.skeleton.keypoints
     pairs = [(f"right_{part}", f"left_{part}") for part in _PAIRS]
@@ -128,29 +135,13 @@ def _player(recording: Recording, joints: JointAngles) -> Player:
         side_of(names[a]) if side_of(names[a]) == side_of(names[b]) else "mid" for a, b in poses.skeleton.bone_indices
     ]
     return Player(
-        _seconds(poses),
+        (poses.t_ns - poses.t_ns[:1]) * 1e-9,
         poses.xyz_world,
         bones=poses.skeleton.bone_indices,
         sides=sides,
         people=list(recording.person_names),
         right_left=[(names.index(a), names.index(b)) for a, b in pairs if a in names and b in names],
-        meshes=[_mesh(poses, joints, n) for n in range(len(poses.person_id))],
     )
-
-
-def _seconds(poses: PoseSequence) -> Array:
-    return np.asarray((poses.t_ns - poses.t_ns[:1]) * 1e-9)
-
-
-def _mesh(poses: PoseSequence, joints: JointAngles, n: int) -> PlayerMesh | None:
-    """The person as a mesh that moves with the segment frames; None where these have gaps, at the beginning and end, too."""
-    if animation_gap(joints, n) is not None or not seen_throughout(joints, n):
-        return None
-    skeleton = animation_from_joints(poses, joints, n)
-    kept = kept_steps(_seconds(poses))
-    rotation, position = replace(skeleton, rotation=skeleton.rotation[kept], position=skeleton.position[kept]).world()
-    turn = FILE_FROM_WORLD.T
-    return PlayerMesh(skin=skin_of(skeleton), rotation=turn @ rotation, position=position @ FILE_FROM_WORLD)
 
 
 def _person(recording: Recording, joints: JointAngles, n: int) -> list[Block]:

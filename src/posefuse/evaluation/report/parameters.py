@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Literal
 
 import numpy as np
@@ -18,6 +19,7 @@ _KEPT = "\N{NO-BREAK SPACE}"
 _SIDES: tuple[Literal["left", "right"], ...] = ("left", "right")
 # angles whose range over the gait cycle is in the table; definitions differ too much between systems to cite a normal value
 RANGES = (("hip", "flexion"), ("knee", "flexion"), ("ankle", "dorsiflexion"))
+_ASYMMETRY = "Asymmetry of the {}"
 _COLUMNS = ("parameter", "side", "value", "normal for adults", "source")
 
 
@@ -32,13 +34,16 @@ def parameter_blocks(gait: Gait | None, cycles: list[CycleAngles]) -> list[Block
         _row("Stride time", spread_text(gait.stride_time_s, "s")),
         *(_row("Step length", spread_text(gait.step_length_m[side], "m"), side=side) for side in _SIDES),
         _row("Step width", spread_text(gait.step_width_m, "m")),
+        _row(_ASYMMETRY.format("step length"), _asymmetry(gait.step_length_m)),
         *(_row("Stance phase", spread_text(gait.stance_share[side], "%", 100.0, 0), STANCE, side) for side in _SIDES),
+        _row(_ASYMMETRY.format("stance phase"), _asymmetry(gait.stance_share)),
+        _row("Double support", spread_text(gait.double_support_share, "%", 100.0, 0)),
         *_ranges(cycles),
     ]
     used = {row[-1] for row in rows} & set(SOURCES)
     return [
         Table(_COLUMNS, rows, text=True),
-        Note("Mean ± standard deviation (number of steps or strides)."),
+        Note("Mean ± standard deviation (number of steps or strides). Asymmetry: left minus right, as a share of their mean."),
         Note(CAUTION),
         Details("Sources of the normal values", [Facts({key: text for key, text in SOURCES.items() if key in used})]),
     ]
@@ -50,6 +55,13 @@ def spread_text(spread: Spread, unit: str, scale: float = 1.0, digits: int = 2) 
         return MISSING
     unit = unit if unit == "°" else f"{_KEPT}{unit}"
     return f"{scale * spread.mean:.{digits}f}{_KEPT}±{_KEPT}{scale * spread.sd:.{digits}f}{unit} ({spread.count})"
+
+
+def _asymmetry(sides: Mapping[str, Spread]) -> str:
+    """Left minus right, in per cent of their mean; a dash where one is not known."""
+    left, right = (sides[side].mean for side in _SIDES)
+    share = 100 * (left - right) / ((left + right) / 2)
+    return f"{share:+.0f}{_KEPT}%" if np.isfinite(share) else MISSING
 
 
 def _ranges(cycles: list[CycleAngles]) -> list[list[Any]]:

@@ -5,7 +5,7 @@ plotly.js (basic bundle, MIT, kept compressed in `assets`); nothing is fetched. 
 """
 
 from .blocks import MISSING, Block, Cards, Cell, Details, Facts, Heading, Images, Note, Page, Table
-from .player import Player, PlayerMesh, Side, kept_steps
+from .player import Player, Side
 from .plots import Band, Bars, Dots, Line, Plot, Plots, Series, Spikes, Ticks
 from .write import write_page
 
@@ -25,7 +25,6 @@ __all__ = [
     "Note",
     "Page",
     "Player",
-    "PlayerMesh",
     "Plot",
     "Plots",
     "Series",
@@ -33,6 +32,5 @@ __all__ = [
     "Spikes",
     "Table",
     "Ticks",
-    "kept_steps",
     "write_page",
 ]

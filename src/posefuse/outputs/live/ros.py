@@ -67,15 +67,24 @@ class Ros2Config:
 
     def build(self) -> LiveOutput:
         """Not yet opened; raises DependencyError without the extra `ros`."""
+        from posefuse.messages.dds_domain import require_tested_cyclonedds
+
+        if not self._by_rclpy():
+            require_tested_cyclonedds()
         return RosLiveOutput("ros2", self._node, f"ROS 2 domain {self.domain_id}", self)
+
+    def _by_rclpy(self) -> bool:
+        from posefuse.messages.rclpy_node import ros2_is_sourced
+
+        plain = not (self.local_only or self.interface or self.peers)
+        return self.middleware == "rclpy" or (self.middleware == "auto" and plain and ros2_is_sourced())
 
     def _node(self) -> Any:
         from posefuse.messages.dds import RosNode
         from posefuse.messages.dds_domain import Network
-        from posefuse.messages.rclpy_node import RclpyNode, ros2_is_sourced
+        from posefuse.messages.rclpy_node import RclpyNode
 
-        plain = not (self.local_only or self.interface or self.peers)
-        if self.middleware == "rclpy" or (self.middleware == "auto" and plain and ros2_is_sourced()):
+        if self._by_rclpy():
             return RclpyNode("posefuse", self.domain_id)
         return RosNode(
             "posefuse", Network(domain_id=self.domain_id, local_only=self.local_only, interface=self.interface, peers=self.peers)

@@ -28,6 +28,7 @@ from posefuse.outputs.rerun_scene import (
     TIMELINE,
     camera_path,
     check_rerun,
+    check_viewer,
     log_cameras,
     log_detections,
     log_name,
@@ -62,8 +63,8 @@ class RerunLiveConfig:
     keeps_all: ClassVar[bool] = False
 
     def build(self) -> LiveOutput:
-        """Not yet opened; raises DependencyError without the Rerun SDK."""
-        check_rerun()
+        """Not yet opened; raises DependencyError without the Rerun SDK, or a display to open its viewer on."""
+        check_viewer() if self.file is None else check_rerun()
         return RerunLiveOutput(self)
 
 

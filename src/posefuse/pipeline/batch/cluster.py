@@ -28,7 +28,7 @@ def outcomes_on_cluster(tasks: Sequence[Task], address: str) -> Iterator[Outcome
     try:
         client = distributed.Client(address, timeout=_CONNECT_S, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
-        raise InputError(f"--scheduler {address}: no Dask scheduler answers there ({error or 'timeout'})") from None
+        raise InputError(f"`scheduler={address}`: no Dask scheduler answers there ({error or 'timeout'})") from None
     with client:
         _check_workers(client, address)
         # the scheduler forgets a task as soon as no future of it is left
@@ -55,12 +55,12 @@ def _check_workers(client: Any, address: str) -> None:
     try:
         versions = client.run(posefuse_version)
     except ImportError as error:
-        raise InputError(f"--scheduler {address}: a worker cannot import posefuse ({error}); install it there") from None
+        raise InputError(f"`scheduler={address}`: a worker cannot import posefuse ({error}); install it there") from None
     if not versions:
-        raise InputError(f"--scheduler {address}: the cluster has no workers; start some with: dask worker {address}")
+        raise InputError(f"`scheduler={address}`: the cluster has no workers; start some with: dask worker {address}")
     others = sorted({version for version in versions.values() if version != __version__})
     if others:
-        raise InputError(f"--scheduler {address}: workers have posefuse {', '.join(others)}, here is {__version__}")
+        raise InputError(f"`scheduler={address}`: workers have posefuse {', '.join(others)}, here is {__version__}")
 
 
 def posefuse_version() -> str:
@@ -72,5 +72,5 @@ def _distributed() -> Any:
     try:
         import distributed
     except ImportError:
-        raise DependencyError("--scheduler needs Dask: pip install 'posefuse[cluster]'") from None
+        raise DependencyError("a scheduler needs Dask: pip install 'posefuse[cluster]'") from None
     return distributed

@@ -141,7 +141,9 @@ def _run(tasks: Sequence[Task], jobs: int | None, scheduler: str | None) -> Iter
 
 def _fetch(task: Task, progress: Progress) -> None:
     """Download networks once and here: every process would do it for itself. Raises ConfigError for a wrong setting."""
-    fetch_networks(config_of_trial(Path(task.session), task.rig, task.settings).detector, progress)
+    config = config_of_trial(Path(task.session), task.rig, {"outputs": task.formats, **task.settings})
+    build_sinks(config.outputs)
+    fetch_networks(config.detector, progress)
 
 
 def _complete(out: Path, tasks: Sequence[Task], replace: bool) -> dict[str, Outcome]:
@@ -157,7 +159,7 @@ def _complete(out: Path, tasks: Sequence[Task], replace: bool) -> dict[str, Outc
     if others and not replace:
         raise InputError(
             f"{out}: holds results of {', '.join(others[:3])}{', ...' if len(others) > 3 else ''} that were made with other "
-            "settings, files or another version; --force makes them again, or choose another folder"
+            "settings, files or another version; `replace=True` makes them again, or choose another folder"
         )
     return same
 

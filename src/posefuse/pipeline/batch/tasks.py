@@ -102,7 +102,7 @@ def run_task(task: Task, progress: Progress = silent) -> Outcome:
 
 
 def _figures(task: Task, warnings: list[str], progress: Progress) -> dict[str, Any]:
-    config = config_of_trial(Path(task.session), task.rig, {**task.settings, "outputs": task.formats})
+    config = config_of_trial(Path(task.session), task.rig, {"outputs": task.formats, **task.settings})
     session = find_session(Path(task.session), config)
     warnings += session.notes
     out = Path(task.out)

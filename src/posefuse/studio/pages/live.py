@@ -10,7 +10,6 @@ from nicegui import ui
 from posefuse.core import InputError, PosefuseError
 from posefuse.studio.job_cards import result_links
 from posefuse.studio.jobs import Jobs
-from posefuse.studio.live_link import LIVE_BODIES
 from posefuse.studio.pages.live_parts import health_line, outputs_card, people_card, record_card
 from posefuse.studio.scene.view import VIEWS, CameraTile, RigScene, ValuePlot
 from posefuse.studio.session_messages import LIVE
@@ -106,7 +105,7 @@ def _session(studio: Studio) -> None:
     refreshers: list[Callable[[Mapping[str, Any]], None]] = []
     with ui.element("div").classes("pf-split"):
         with ui.element("div").classes("pf-column"):
-            _scene_card(bodies=bool(studio.live.status["plots"]))
+            _scene_card()
             _tiles_card(sizes, refreshers)
         with ui.element("div").classes("pf-column"):
             _figures_card(studio, refreshers)
@@ -125,28 +124,21 @@ def _session(studio: Studio) -> None:
     ui.timer(_REFRESH_S, refresh)
 
 
-def _scene_card(*, bodies: bool) -> None:
-    """`bodies`: whether there are joint angles to pose meshes with."""
+def _scene_card() -> None:
     with card("3D") as head, ui.element("div").classes("pf-stage"):
-        scene = RigScene(LIVE, bodies=LIVE_BODIES, ellipsoids=True, trails=True)
+        scene = RigScene(LIVE, ellipsoids=True, trails=True)
         with ui.row().classes("pf-stage-views"):
             for where, text in VIEWS.items():
                 ui.button(text, on_click=lambda where=where: scene.look(where)).props("flat dense no-caps size=sm")
     with head:
         ui.space()
         with ui.row().classes("gap-3"):
-            boxes = {name: ui.checkbox(text, value=on).props("dense") for name, text, on in _PARTS}
+            boxes = {name: ui.checkbox(text, value=True).props("dense") for name, text in _PARTS.items()}
     for name, box in boxes.items():
         box.on_value_change(lambda event, name=name: scene.show(**{name: bool(event.value)}))
-    boxes["meshes"].set_enabled(bodies)
-    if not bodies:
-        boxes["meshes"].tooltip("No body: the network does not mark enough of it.")
 
 
-_PARTS = (
-    ("skeletons", "Skeleton", True), ("meshes", "Body", False), ("ellipsoids", "Uncertainty", True), ("trails", "Trails", True),
-    ("cameras", "Cameras", True),
-)  # fmt: skip
+_PARTS = {"skeletons": "Skeleton", "ellipsoids": "Uncertainty", "trails": "Trails", "cameras": "Cameras"}
 
 
 def _tiles_card(sizes: Mapping[str, Any], refreshers: list[Callable[[Mapping[str, Any]], None]]) -> None:

@@ -5,7 +5,7 @@ offset type   header
 ====== ====== ========================================================================================================
 0      2 x u8 ``PF``
 2      u8     version, 1
-3      u8     kind: 1 setup, 2 poses, 3 image, 4 values, 5 labels, 6 mesh, 7 bodies
+3      u8     kind: 1 setup, 2 poses, 3 image, 4 values, 5 labels
 4      u32    reserved, 0
 8      f64    time in seconds that the message is for
 ====== ====== ========================================================================================================
@@ -21,10 +21,6 @@ After the header:
   detected and N*K*2 x f32 projected keypoints in pixels of this image; the rest is a JPEG file, empty where the camera has no
   image at this time.
 - values (4): u32 count V; V*2 x f32: value and standard deviation, in the order of the setup's plots.
-- mesh (6): u16 slot, revision, vertices V, joints J, u32 faces F, u32 reserved; V*3 x f32 vertices, V*4 x f32 weights,
-  V*4 x u16 joints that move them, F*3 x u16 faces.
-- bodies (7): u32 people N; per person u32 id, u16 slot and revision of the mesh, u32 joints J, 4 x u8 rgba; then for each
-  J*12 x f32: rows of the (3, 4) matrices by which the weights move the vertices into the world.
 """
 
 from __future__ import annotations
@@ -32,16 +28,14 @@ from __future__ import annotations
 import json
 import struct
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from posefuse.core.arrays import Array
-from posefuse.formats.gltf import Skin
 
 VERSION = 1
-SETUP, POSES, IMAGE, VALUES, LABELS, MESH, BODIES = 1, 2, 3, 4, 5, 6, 7
+SETUP, POSES, IMAGE, VALUES, LABELS = 1, 2, 3, 4, 5
 HEADER = struct.Struct("<2sBBId")
 _ELLIPSOIDS = 1
 # covariances of unmeasured keypoints are large by design; a ball of a metre would only hide the rest
@@ -130,33 +124,3 @@ def values_message(t_s: float, values: Array, sigmas: Array) -> bytes:
     """Values (V,) of the plots with their standard deviations, NaN where unknown."""
     both = np.stack([values, sigmas], axis=-1)
     return packed_header(VALUES, t_s) + struct.pack("<I", len(both)) + np.ascontiguousarray(both, "<f4").tobytes()
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class PlacedBody:
-    """A person's mesh at one time.
-
-    Attributes:
-        person: id. slot, revision: which mesh, see `mesh_message`. world_from_mesh: (J, 3, 4). rgba: 0..255.
-    """
-
-    person: int
-    slot: int
-    revision: int
-    world_from_mesh: Array
-    rgba: Sequence[int]
-
-
-def mesh_message(slot: int, revision: int, skin: Skin) -> bytes:
-    """A mesh, which stays until another one takes its slot; bodies name both numbers, so that none moves another's mesh."""
-    counts = (slot, revision, len(skin.vertices), len(skin.joint_from_mesh), len(skin.faces), 0)
-    floats = [np.ascontiguousarray(one, "<f4").tobytes() for one in (skin.vertices, skin.weight)]
-    whole = [np.ascontiguousarray(one, "<u2").tobytes() for one in (skin.joint, skin.faces)]
-    return b"".join([packed_header(MESH, 0.0), struct.pack("<HHHHII", *counts), *floats, *whole])
-
-
-def bodies_message(t_s: float, bodies: Sequence[PlacedBody]) -> bytes:
-    """All meshes of one time step."""
-    people = [struct.pack("<IHHI4B", one.person, one.slot, one.revision, len(one.world_from_mesh), *one.rgba) for one in bodies]
-    places = [np.ascontiguousarray(one.world_from_mesh, "<f4").tobytes() for one in bodies]
-    return b"".join([packed_header(BODIES, t_s), struct.pack("<I", len(bodies)), *people, *places])

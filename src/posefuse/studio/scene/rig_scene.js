@@ -1,11 +1,9 @@
-import { listen, SETUP, POSES, LABELS, MESH, BODIES, RigDrawing } from "posefuse-studio";
+import { listen, SETUP, POSES, LABELS, RigDrawing } from "posefuse-studio";
 
 export default {
   template: `<div><canvas></canvas><div class="pf-labels"></div>
     <div v-if="!own" class="pf-sides"><span v-for="(colour, side) in sides" :style="{ color: colour }">{{ side }}</span></div></div>`,
-  props: {
-    stream: String, bodies: String, skeletons: Boolean, meshes: Boolean, ellipsoids: Boolean, trails: Boolean, cameras: Boolean,
-  },
+  props: { stream: String, skeletons: Boolean, ellipsoids: Boolean, trails: Boolean, cameras: Boolean },
   // own: people are drawn in colours of their own, so sides have none
   data: () => ({ sides: {}, own: false }),
   mounted() {
@@ -15,14 +13,12 @@ export default {
       this.$el.textContent = "This browser cannot draw in 3D (WebGL is off).";
       return;
     }
-    const { skeletons, meshes, ellipsoids, trails, cameras } = this;
-    this.drawing.show({ skeletons, meshes, ellipsoids, trails, cameras });
+    const { skeletons, ellipsoids, trails, cameras } = this;
+    this.drawing.show({ skeletons, ellipsoids, trails, cameras });
     this.connect();
-    this.connect_bodies();
   },
   beforeUnmount() {
     this.leave?.();
-    this.leave_bodies?.();
     this.drawing?.close();
   },
   watch: {
@@ -31,10 +27,6 @@ export default {
       this.connect();
     },
     skeletons(on) { this.drawing?.show({ skeletons: on }); },
-    meshes(on) {
-      this.drawing?.show({ meshes: on });
-      this.connect_bodies();
-    },
     ellipsoids(on) { this.drawing?.show({ ellipsoids: on }); },
     trails(on) { this.drawing?.show({ trails: on }); },
     cameras(on) { this.drawing?.show({ cameras: on }); },
@@ -50,19 +42,6 @@ export default {
           this.own = message.rgba.some((rgba) => rgba[3]);
         }
         else if (message.kind === LABELS) this.drawing.names = message.content;
-      });
-    },
-    // what is not shown is not sent
-    connect_bodies() {
-      this.leave_bodies?.();
-      this.leave_bodies = null;
-      if (!this.bodies || !this.meshes || !this.drawing) return;
-      this.leave_bodies = listen(this.bodies, (message) => {
-        if (message.kind === MESH) this.drawing.bodies.take_mesh(message);
-        else if (message.kind === BODIES) {
-          this.drawing.bodies.take_bodies(message);
-          this.drawing.changed();
-        }
       });
     },
     look(where) { this.drawing?.look(where); },

@@ -16,21 +16,18 @@ class RigScene(Element, component="rig_scene.js", esm={"posefuse-studio": "lib"}
     """3D: skeletons, ellipsoids, trails, cameras and floor.
 
     Args:
-        stream: name of the stream. bodies: that of meshes, which is opened while they are shown; empty: there are none.
+        stream: name of the stream.
         ellipsoids, trails, cameras: what is shown at first, with the skeletons.
     """
 
-    def __init__(
-        self, stream: str, *, bodies: str = "", ellipsoids: bool = True, trails: bool = False, cameras: bool = True
-    ) -> None:
+    def __init__(self, stream: str, *, ellipsoids: bool = True, trails: bool = False, cameras: bool = True) -> None:
         super().__init__()
-        self._props.update(stream=stream, bodies=bodies, ellipsoids=ellipsoids, trails=trails, cameras=cameras)
-        self._props.update(skeletons=True, meshes=False)
+        self._props.update(stream=stream, skeletons=True, ellipsoids=ellipsoids, trails=trails, cameras=cameras)
         self.classes("pf-scene")
         self.props('role="img" aria-label="3D view; drag to turn, wheel to zoom"')
 
     def show(self, **parts: bool) -> None:
-        """Switch parts on or off: ``skeletons``, ``meshes``, ``ellipsoids``, ``trails``, ``cameras``."""
+        """Switch parts on or off: ``skeletons``, ``ellipsoids``, ``trails``, ``cameras``."""
         self._props.update(parts)
         self.update()
 

@@ -14,11 +14,9 @@ from posefuse.core import Detections2D, JointAngles, LivePreview, Pose3D, Posefu
 from posefuse.core.arrays import Array
 from posefuse.core.joint_angles import angle_labels
 from posefuse.outputs.drawing import person_rgb
-from posefuse.studio.live_bodies import LiveBodies
 from posefuse.studio.live_host import Host, Pace, Rates, status_pace
 from posefuse.studio.scene.messages import image_message, labels_message, poses_message, setup_message, values_message
 from posefuse.studio.scene.setup import scene_setup
-from posefuse.studio.session_messages import BODIES
 from posefuse.studio.setups import inputs_of_setup, rig_of_setup, setup_named
 from posefuse.studio.workspace import POSES_FILE, StudioWorkspace, check_name
 
@@ -27,8 +25,6 @@ _MOST_NEWS = 30
 # more than the latency of a busy machine, at up to 100 poses a second
 _MOST_PAST = 100
 _WAIT_S = 0.1
-# one person alone
-BODY_RGBA = (184, 189, 199, 255)
 
 
 def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any) -> dict[str, Any]:
@@ -73,7 +69,6 @@ class _Shown:
         self._begun_s = time.time()
         self._setup_of: tuple[Skeleton, tuple[str, ...], tuple[str, ...]] | None = None
         self._past: tuple[Pose3D, ...] = ()
-        self._bodies = LiveBodies()
         self.recordings: list[str] = []
 
     def run(self) -> None:
@@ -134,12 +129,6 @@ class _Shown:
             n = ids.index(self._person) if self._person in ids else 0
             degrees: list[Array] = [np.degrees(one[0, n]).ravel() for one in (joints.angle_rad, joints.sigma_rad)]
             host.publish("values", values_message(t_s, *degrees))
-        if joints is not None and host.wanted(BODIES):
-            colours = rgba or [BODY_RGBA] * len(pose.person_id)
-            meshes, bodies = self._bodies.step(t_s, pose, joints, colours)
-            for slot, mesh in meshes.items():
-                host.publish(f"mesh {slot}", mesh, keep=True, channel=BODIES)
-            host.publish("bodies", bodies, channel=BODIES)
 
     def _set_up(self, skeleton: Skeleton, joints: JointAngles | None) -> None:
         """The scene, again whenever a camera becomes faulty or well."""

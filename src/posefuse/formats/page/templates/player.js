@@ -7,8 +7,7 @@
     const [play, slider, clock, speed, view, follow] = [".play", ".time", "output", ".speed", ".view", ".follow"].map(name => root.querySelector(name));
     const time = summed(content.t.d, content.t.m, content.t.n);
     const people = content.people.map(one => one.xyz.map(axes => axes.map(steps => summed(steps, ...content.step))));
-    const bounds = boundsOf(people), meshes = content.meshes.map(mesh => mesh && meshOf(mesh)), body = root.querySelector(".body");
-    body.closest("label").hidden = !meshes.some(Boolean);
+    const bounds = boundsOf(people);
     let now = 0, running = false, yaw = -0.9, pitch = 0.15, zoom = 1, last = 0, queued = false;
     slider.max = Math.max(0, time.length - 1);
 
@@ -51,23 +50,6 @@
       const { low, high } = bounds;
       for (let x = low[0]; x <= high[0] + 1e-6; x += bounds.cell) line([x, low[1], 0], [x, high[1], 0], colour("line"), 1);
       for (let y = low[1]; y <= high[1] + 1e-6; y += bounds.cell) line([low[0], y, 0], [high[0], y, 0], colour("line"), 1);
-      if (body.checked) meshes.filter(Boolean).forEach(mesh => {
-        const places = mesh(now), seen = new Float64Array(places.length);
-        for (let v = 0; v < places.length; v += 3) {
-          const [x, y, z] = [0, 1, 2].map(axis => places[v + axis] - about[axis]);
-          const away = -sy * x + cy * y;
-          seen[v] = cy * x + sy * y; seen[v + 1] = cp * z + sp * away; seen[v + 2] = cp * away - sp * z;
-        }
-        facesOf(seen, mesh.faces).forEach(([corners, light]) => {
-          context.fillStyle = context.strokeStyle = `hsl(215 14% ${(30 + 52 * light).toFixed(0)}%)`;
-          context.lineWidth = 0.7;
-          context.beginPath();
-          corners.forEach(v => context.lineTo(width / 2 + scale * seen[v], height / 2 - scale * seen[v + 1]));
-          context.closePath();
-          context.fill();
-          context.stroke();
-        });
-      });
       context.lineCap = "round";
       people.forEach(person => content.bones.forEach(([a, b], n) => {
         const from = point(person, a, now), to = point(person, b, now);
@@ -111,7 +93,6 @@
     play.addEventListener("click", () => run(!running));
     slider.addEventListener("input", () => { run(false); go(Number(slider.value)); });
     follow.addEventListener("change", later);
-    body.addEventListener("change", later);
     view.addEventListener("change", () => {
       const facing = facingAt(people, content, now);
       ({ side: () => { yaw = facing; pitch = 0; }, front: () => { yaw = facing + Math.PI / 2; pitch = 0; }, top: () => { yaw = facing; pitch = Math.PI / 2; } })[view.value]?.();
@@ -131,53 +112,6 @@
     dark.addEventListener("change", later);
     matchMedia("print").addEventListener("change", draw);
     draw();
-  };
-
-  // a function from the place of a time step to all vertices: linear blend skinning
-  const meshOf = content => {
-    const vertices = summed(content.vertices, ...content.step);
-    const turns = content.turn.map(parts => parts.map(one => summed(one, ...content.turn_step)));
-    const places = content.place.map(axes => axes.map(one => summed(one, ...content.step)));
-    const at = i => {
-      const out = new Float64Array(vertices.length);
-      const matrices = content.bind.map((bind, j) => {
-        const turn = rotationOf(turns[j].map(one => one[i]));
-        return [0, 1, 2].flatMap(row => [0, 1, 2, 3].map(column =>
-          [0, 1, 2].reduce((sum, k) => sum + turn[row][k] * bind[4 * k + column], column === 3 ? places[j][row][i] : 0)));
-      });
-      const each = content.joint.length / (vertices.length / 3);
-      content.joint.forEach((joint, n) => {
-        const weight = content.weight[n] / 255, v = 3 * Math.floor(n / each), m = matrices[joint];
-        if (weight) for (let row = 0; row < 3; row++) {
-          const k = 4 * row;
-          out[v + row] += weight * (m[k] * vertices[v] + m[k + 1] * vertices[v + 1] + m[k + 2] * vertices[v + 2] + m[k + 3]);
-        }
-      });
-      return out;
-    };
-    return Object.assign(at, { faces: content.faces });
-  };
-  const rotationOf = quaternion => {
-    const size = Math.hypot(...quaternion), [x, y, z, w] = quaternion.map(one => one / size);
-    return [
-      [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-      [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-      [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ];
-  };
-  // the faces that are turned to the viewer, the farthest first, each with how much it is; places are right, up, away
-  const facesOf = (places, faces) => {
-    const found = [];
-    for (let f = 0; f < faces.length; f += 3) {
-      const corners = [0, 1, 2].map(i => 3 * faces[f + i]), [a, b, c] = corners;
-      const side = (to, axis) => places[to + axis] - places[a + axis];
-      const [ux, uy, uz, vx, vy, vz] = [side(b, 0), side(b, 1), side(b, 2), side(c, 0), side(c, 1), side(c, 2)];
-      const facing = ux * vy - uy * vx;
-      if (facing <= 0) continue;
-      const light = facing / Math.hypot(facing, uy * vz - uz * vy, uz * vx - ux * vz);
-      found.push([corners, light, places[a + 2] + places[b + 2] + places[c + 2]]);
-    }
-    return found.sort((one, other) => other[2] - one[2]);
   };
 
   // the extent of all people over all of time, rounded outwards to whole squares of the ground

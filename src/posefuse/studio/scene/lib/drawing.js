@@ -1,7 +1,6 @@
 // Draws one scene with three.js: instanced bones, joints and ellipsoids, so that a frame is a handful of draw calls.
 
 import { THREE, OrbitControls, CSS2DRenderer, CSS2DObject } from "nicegui-scene";
-import { Bodies } from "./bodies.js";
 import { Seen } from "./seen.js";
 
 const MOST_BONES = 2000, MOST_POINTS = 2000;
@@ -36,14 +35,13 @@ export class RigDrawing {
     this.joints = instances(ball(), surface(0.4), MOST_POINTS);
     const glass = Object.assign(surface(1.0), { transparent: true, opacity: 0.28, depthWrite: false });
     this.ellipsoids = instances(ball(), glass, MOST_POINTS);
-    this.bodies = new Bodies(this.scene, surface);
     this.still = new THREE.Group();
     this.people = new Map();
     this.trails = new Trails();
     this.past = new Map();
     this.scene.add(this.bones, this.joints, this.ellipsoids, this.still, this.trails.lines);
     this.setup = { bones: [], bone_rgb: [], keypoint_rgb: [], trails: [], cameras: [], floor: { centre: [0, 0], half_m: 3 } };
-    this.shown = { skeletons: true, meshes: false, ellipsoids: true, trails: false, cameras: true };
+    this.shown = { skeletons: true, ellipsoids: true, trails: false, cameras: true };
     this.names = {};
     this.waiting = false;
     // the view fits into the window until the user turns it
@@ -184,8 +182,6 @@ export class RigDrawing {
     Object.assign(this.shown, parts);
     if (this.rig) this.rig.visible = this.shown.cameras;
     this.bones.visible = this.joints.visible = this.shown.skeletons;
-    this.bodies.group.visible = this.shown.meshes;
-    this.bodies.set_clear(this.shown.skeletons);
     if (!this.shown.ellipsoids) finish(this.ellipsoids, 0);
     if (!this.shown.trails) this.trails.clear();
     this.changed();
@@ -254,7 +250,6 @@ export class RigDrawing {
     this.controls.dispose();
     dispose(this.still);
     dispose(this.trails.lines);
-    this.bodies.close();
     this.renderer.dispose();
   }
 }

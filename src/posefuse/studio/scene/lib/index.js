@@ -1,11 +1,11 @@
 // One websocket per stream and page; every element that draws it gets the decoded messages. Layout: scene/messages.py.
 
-const SETUP = 1, POSES = 2, IMAGE = 3, VALUES = 4, LABELS = 5, MESH = 6, BODIES = 7;
+const SETUP = 1, POSES = 2, IMAGE = 3, VALUES = 4, LABELS = 5;
 const RETRY_MS = 800;
 const streams = new Map();
 
 // counted for the measurements of bench/studio.py
-window.posefuseDrawn = window.posefuseDrawn || { scene: 0, tile: 0, bodies: 0, messages: 0 };
+window.posefuseDrawn = window.posefuseDrawn || { scene: 0, tile: 0, messages: 0 };
 
 export function listen(name, listener) {
   let stream = streams.get(name);
@@ -36,7 +36,6 @@ function open(name, stream) {
     if (!message) return;
     window.posefuseDrawn.messages++;
     if (message.kind === SETUP || message.kind === LABELS) stream.kept.set(message.kind, message);
-    if (message.kind === MESH) stream.kept.set(`mesh ${message.slot}`, message);
     for (const listener of stream.listeners) listener(message);
   };
   socket.onclose = () => setTimeout(() => open(name, stream), RETRY_MS);
@@ -51,8 +50,6 @@ function decoded(buffer) {
   }
   if (kind === POSES) return { kind, t_s, ...poses(buffer, view) };
   if (kind === IMAGE) return { kind, t_s, ...image(buffer, view) };
-  if (kind === MESH) return { kind, ...mesh(buffer, view) };
-  if (kind === BODIES) return { kind, t_s, bodies: bodies(buffer, view) };
   if (kind === VALUES) return { kind, t_s, values: floats(buffer, 20, 2 * view.getUint32(16, true)) };
   return null;
 }
@@ -75,32 +72,6 @@ function poses(buffer, view) {
   return { people, keypoints, ids, rgba, xyz, shapes };
 }
 
-function mesh(buffer, view) {
-  const [slot, revision, count, joints] = [0, 1, 2, 3].map((i) => view.getUint16(16 + 2 * i, true));
-  const faces = view.getUint32(24, true), at = 32 + 28 * count;
-  return {
-    slot, revision, joints,
-    vertices: floats(buffer, 32, 3 * count),
-    weight: floats(buffer, 32 + 12 * count, 4 * count),
-    joint: new Uint16Array(buffer.slice(at, at + 8 * count)),
-    faces: new Uint16Array(buffer.slice(at + 8 * count, at + 8 * count + 6 * faces)),
-  };
-}
-
-function bodies(buffer, view) {
-  const found = [], people = view.getUint32(16, true);
-  let at = 20 + 16 * people;
-  for (let n = 0; n < people; n++) {
-    const own = 20 + 16 * n, joints = view.getUint32(own + 8, true);
-    found.push({
-      id: view.getUint32(own, true), slot: view.getUint16(own + 4, true), revision: view.getUint16(own + 6, true),
-      rgba: [...new Uint8Array(buffer, own + 12, 4)], matrices: floats(buffer, at, 12 * joints),
-    });
-    at += 48 * joints;
-  }
-  return found;
-}
-
 function image(buffer, view) {
   const [camera, width, height, detections, people, keypoints] = [0, 1, 2, 3, 4, 5].map((i) => view.getUint16(16 + 2 * i, true));
   const rgba = [];
@@ -112,6 +83,6 @@ function image(buffer, view) {
   return { camera, width, height, detections, people, keypoints, rgba, seen, fused, jpeg };
 }
 
-export { SETUP, POSES, IMAGE, VALUES, LABELS, MESH, BODIES };
+export { SETUP, POSES, IMAGE, VALUES, LABELS };
 export { RigDrawing } from "./drawing.js";
 export { Seen } from "./seen.js";
