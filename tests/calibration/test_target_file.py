@@ -12,7 +12,7 @@ from posefuse.api.calibrate import target_of
 from posefuse.calibration.extrinsics.floor import FloorMarker, with_floor
 from posefuse.calibration.targets.description import read_target, write_target
 from posefuse.calibration.targets.detection import TargetDetector
-from posefuse.calibration.targets.kinds import ArucoBoard, Charuco, Chessboard, Markers, Target, dictionary_of
+from posefuse.calibration.targets.kinds import Charuco, Chessboard, Markers, Target, dictionary_of
 from posefuse.cli.calibrating.inputs import target_from_options, target_words
 from posefuse.cli.command_line import WrongCommandLineError, parse
 from posefuse.cli.options.calibration import TargetOptions
@@ -22,7 +22,6 @@ TARGETS: tuple[Target, ...] = (
     Markers(0.1205, "DICT_5X5_100", (3, 4, 7), True),
     Charuco(columns=5, rows=7, square_m=0.05, marker_m=0.0375, dictionary="DICT_4X4_100", inverted=True, legacy=True),
     Chessboard(8, 6, 0.031),
-    ArucoBoard(columns=3, rows=4, side_m=0.04, gap_m=0.011, first_id=12, inverted=True),
 )
 
 

@@ -17,7 +17,7 @@ from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import coverage, coverage_picture
 from posefuse.calibration.targets.detection import TargetDetector, detect_corners, why_nothing
-from posefuse.calibration.targets.kinds import ArucoBoard, Charuco, Chessboard, Markers, Target
+from posefuse.calibration.targets.kinds import Charuco, Chessboard, Markers, Target
 from posefuse.calibration.targets.printing import board_sheets, cube_sheets, write_pdf
 from posefuse.calibration.targets.synthetic import Faults, Waving, board, observe_prop
 from posefuse.core import CalibrationError, ConfigError, Rig
@@ -27,7 +27,7 @@ from posefuse.sources import ImagesConfig
 BOARD = Charuco(columns=5, rows=7, square_m=0.05, marker_m=0.0375)
 
 
-def picture(target: Charuco | ArucoBoard, px_per_m: float, path: Path) -> np.ndarray:
+def picture(target: Charuco, px_per_m: float, path: Path) -> np.ndarray:
     """The printed page as a picture, by a renderer of its own."""
     write_pdf(path / "board.pdf", board_sheets(target, "a3"))
     dpi = round(px_per_m * 0.0254)
@@ -59,15 +59,6 @@ def test_a_printed_charuco_board_has_its_true_size_and_the_printed_side_up(tmp_p
     xyz = BOARD.corners(0)[found.corner]
     assert len(xyz) == len(BOARD.corners(0))
     assert_printed_true(found.xy_img, xyz, atol=0.6)
-
-
-@needs_poppler
-def test_a_printed_marker_board_has_its_true_size_and_the_printed_side_up(tmp_path: Path) -> None:
-    target = ArucoBoard(columns=4, rows=5, side_m=0.04, gap_m=0.01, first_id=3)
-    read = markers_by_opencv(picture(target, 5000, tmp_path))
-    assert sorted(read) == list(range(3, 23))
-    # OpenCV gives whole pixels, of the black side of each edge
-    assert_printed_true(np.concatenate([read[i] for i in sorted(read)]), target.corners(0), atol=1.0)
 
 
 @needs_poppler

@@ -11,7 +11,7 @@ from scipy.optimize import linear_sum_assignment
 from posefuse.calibration.solving.rotations import Poses
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import linked_groups
-from posefuse.calibration.targets.kinds import ArucoBoard, Charuco
+from posefuse.calibration.targets.kinds import Charuco
 from posefuse.core import Camera, ConfigError
 from posefuse.core.arrays import Array
 
@@ -194,7 +194,7 @@ def board_swapped(trouble: Trouble) -> Iterator[CauseTrial]:
     target = trouble.target
     if np.isfinite(spread := base_spread_px(trouble)) and spread < _ANOTHER_BOARD_PX:
         return
-    if isinstance(target, Charuco | ArucoBoard) and target.columns != target.rows:
+    if isinstance(target, Charuco) and target.columns != target.rows:
         try:
             other = replace(target, columns=target.rows, rows=target.columns)
         except ConfigError:
@@ -211,7 +211,7 @@ def board_swapped(trouble: Trouble) -> Iterator[CauseTrial]:
 def board_deformed(trouble: Trouble) -> Iterator[CauseTrial]:
     """The board stretched or bent, as far as fits best."""
     solved = trouble.solved
-    if solved is None or not isinstance(trouble.target, Charuco | ArucoBoard):
+    if solved is None or not isinstance(trouble.target, Charuco):
         return
     for way in DEFORMATIONS:
         found = best_deformation(solved, trouble.cameras, way)

@@ -13,7 +13,7 @@ MOST_MM, MOST_S, MOST_HZ, MOST_HEIGHT_M = 10_000.0, 86_400.0, 10_000.0, 3.0
 # squares of a board along one side, and frames between two that are looked at
 MOST_SQUARES, MOST_FRAMES = 200, 1_000_000
 ClockMode = Literal["auto", "together", "offset", "drift"]
-TARGETS = ("markers", "charuco", "chessboard", "aruco-board")
+TARGETS = ("markers", "charuco", "chessboard")
 TARGET_SUFFIX = ".toml"
 CLOCKS_HELP = "Estimate the clock offsets of the cameras: never (together), always (offset; with drift), or when needed (auto)."
 MOST_S_HELP = "Largest clock offset between two cameras to search for, in seconds."
@@ -53,21 +53,19 @@ class TargetOptions:
 
     target: TargetName = "charuco"
     columns: Squares = None
-    """Squares across (charuco), inner corners (chessboard), markers (aruco-board)."""
+    """Squares across (charuco), inner corners (chessboard)."""
     rows: Squares = None
     """The same, down."""
     square_mm: Millimetres = None
     """Edge of a square."""
     marker_mm: Millimetres = None
     """Edge of a marker's black square."""
-    gap_mm: Millimetres = None
-    """White gap between two markers (aruco-board)."""
     thickness_mm: Millimetres = None
     """Board printed on both sides, tops together: distance of the two prints."""
     dictionary: Annotated[str | None, Parameter(metavar="NAME")] = None
     """OpenCV's name of the marker dictionary (default DICT_4X4_50)."""
     ids: Annotated[tuple[int, ...], Parameter(metavar="ID", consume_multiple=True)] = ()
-    """Markers of the target (default all); of an aruco-board the first."""
+    """Markers of the target (default all)."""
     inverted: bool = False
     """Black and white are swapped."""
     legacy: bool = False
