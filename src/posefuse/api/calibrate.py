@@ -21,7 +21,7 @@ from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.world import ThreePoints
 from posefuse.calibration.intrinsics import board
 from posefuse.calibration.person.scale import KnownLength
-from posefuse.calibration.report import RefusedCalibration
+from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.description import read_target
 from posefuse.calibration.targets.detection import detect_corners
@@ -34,7 +34,7 @@ from posefuse.calibration.targets.recordings import (
     require_target_seen,
     seen_or_why_not,
 )
-from posefuse.core import SE3, InputError, Progress
+from posefuse.core import SE3, CalibrationError, InputError, Progress
 from posefuse.core.arrays import Array
 from posefuse.pipeline.clock_calibration import person_in_session
 from posefuse.pipeline.config import CONFIG_FILE, changed_config, read_config
@@ -87,8 +87,8 @@ def calibrate_intrinsics(
         The cameras (all at the origin), and a report per camera.
 
     Raises:
-        RefusedCalibration: a check of a camera fails; `report` names it and the next step.
-        CalibrationError: a camera in which the target was not found.
+        RefusedCalibration: a check of a camera fails, or the target was not found in it; `report` names it and the next step,
+            notes name further cameras, and `kept` has the `IntrinsicsCalibration` of the others.
         InputError: unusable recordings.
 
     Examples:
@@ -98,14 +98,33 @@ def calibrate_intrinsics(
         >>> found = pf.calibrate_intrinsics(["cam00.mp4", "cam01.mp4"], target=board)  # doctest: +SKIP
         >>> found.save("lenses.toml", report="lenses.html")  # doctest: +SKIP
     """
-    found, kind = [], target_of(target)
+    found, refused, kind = [], [], target_of(target)
+    board.check_board(kind)
     with shown(progress) as report:
         sources = open_sources(inputs)
         for done, source in enumerate(sources):
             report("intrinsics", done, len(sources))
-            observations = seen_or_why_not(detect_corners(source, kind, every), source, kind)
-            found.append(board.calibrate_intrinsics(observations, kind))
+            try:
+                observations = seen_or_why_not(detect_corners(source, kind, every), source, kind)
+                found.append(board.calibrate_intrinsics(observations, kind))
+            except RefusedCalibration as error:
+                refused.append(error)
+            except CalibrationError as error:
+                unseen = Check("target seen", False, str(error))
+                refused.append(RefusedCalibration(CalibrationReport(f"intrinsics of {source.camera}", (unseen,))))
         report("intrinsics", len(sources), len(sources))
+    others = None if not found else _intrinsics(found)
+    if refused:
+        first, *more = refused
+        for one in more:
+            first.add_note(str(one))
+        first.kept = others
+        raise first
+    assert others is not None
+    return others
+
+
+def _intrinsics(found: Sequence[board.Intrinsics]) -> IntrinsicsCalibration:
     return IntrinsicsCalibration(
         rig=rig_of(core.Rig(tuple(one.camera for one in found), world_set_by="lenses only")),
         reports={one.camera.name: one.report for one in found},

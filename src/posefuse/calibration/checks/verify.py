@@ -172,7 +172,7 @@ def _camera_checks(found: tuple[CameraError, ...], limits: VerifyLimits) -> tupl
     detail = "; ".join(one.words for one in wrong) or (f"the worst: {worst.words}" if worst else "no camera was measured")
     return (
         Check("cameras are where the rig has them", not wrong, detail,
-              "it was moved, zoomed or refocused since the calibration, or its clock differs: calibrate again"),
+              "it was moved, zoomed or refocused since the calibration, or its clock differs: calibrate again", "rig"),
         Check("every camera is measured", not unseen, f"not verified: {', '.join(unseen)}" if unseen else "all saw the target",
               "hold the target where this camera and another see it, or leave the camera out"),
     )  # fmt: skip
@@ -201,13 +201,13 @@ def _report(
         Check("lengths are right", rms <= limit and unmeasured < len(error),
               f"rms {rms * 1e3:.2f} mm over {len(error)} lengths, {noise_m * 1e3:.2f} mm of it from noise of the corners (limit"
               f" {limit * 1e3:.2f} mm){lost}",
-              _EXCHANGED if unmeasured else "a camera moved since the calibration, or the target is not as described"),
+              _EXCHANGED if unmeasured else "a camera moved since the calibration, or the target is not as described", "rig"),
         Check("scale is right", abs(scale - 1) <= _MOST_SCALE_ERROR,
               f"lengths measure {scale:.4f} of the truth (limit {_MOST_SCALE_ERROR:.0%} off)",
-              "a wrong marker side, here or in the calibration"),
+              "a wrong marker side, here or in the calibration", "rig"),
         Check("reprojection", bool(reprojection_px[worst] <= limit_px),
               f"{rig.names[worst]} is worst with {worst_px} (limit {limit_px:.2f})",
-              "this camera moved, or its intrinsics are wrong"),
+              "this camera moved, or its intrinsics are wrong", "rig"),
     )  # fmt: skip
     numbers = {"length_rms_mm": rms * 1e3, "length_noise_mm": noise_m * 1e3, "scale": scale, "lengths": float(len(error))}
     for one in found:

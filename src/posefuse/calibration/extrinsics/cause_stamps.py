@@ -17,7 +17,7 @@ from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.core.arrays import Array
 
 from .bootstrap import prop_track, prop_views
-from .cause_solves import solve_from_scratch, trial_from_scratch
+from .cause_solves import solve_from_scratch, trial
 from .causes import CauseTrial, Trouble
 from .pipeline import Solved
 from .planar import planar_views
@@ -98,7 +98,8 @@ def irregular_stamps(trouble: Trouble) -> Iterator[CauseTrial]:
         clocks = "offset" if shifted or delay_s.any() else "together"
         again, lost = solve_from_scratch(trouble, restamped, trouble.cameras, trouble.target, clocks, delay_s)
         words = f"the time stamps of {trouble.cameras[c].name} are irregular: {times.words}"
-        yield from trial_from_scratch(words, _REMEDY, again, lost, 2 if shifted else 1)
+        if again is not None:
+            yield trial(words, _REMEDY, again, again.solution, 2 if shifted else 1, "record", lost)
 
 
 def _worst_cameras(trouble: Trouble, solved: Solved) -> list[int]:

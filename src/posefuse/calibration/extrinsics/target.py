@@ -33,6 +33,7 @@ SAID_BY_ITSELF = (
     "target seen",
     "marker ids are unique",
     "videos differ",
+    "images are upright",
     "target has a plausible size",
     "rig has a plausible size",
     "recording carries the intrinsics",
@@ -252,7 +253,7 @@ def world_checks(rig: Rig, has_floor: bool, upside_down: tuple[str, ...] = (), l
         done.append(
             Check("cameras are above the floor", bool(height[worst] > 0),
                   f"the lowest is {rig.names[worst]} at {height[worst]:.2f} m",
-                  "the tile lies face down, is described mirrored, or is not on the floor"),
+                  "the tile lies face down, is described mirrored, or is not on the floor", "input"),
         )  # fmt: skip
     return done
 

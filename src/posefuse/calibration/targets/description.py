@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, fields
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 from posefuse.core import ConfigError, InputError, PosefuseError
 from posefuse.core.errors import choices
@@ -65,7 +65,7 @@ def description_of(target: Target) -> TargetDescription:
     """The other way round."""
     kind = next(name for name, one in _KINDS.items() if isinstance(target, one))
     values = {field.name: getattr(target, field.name) for field in fields(target)}
-    said = {_stated(name): _mm(value) if name.endswith("_m") else value for name, value in values.items()}
+    said: dict[str, Any] = {_stated(name): _mm(value) if name.endswith("_m") else value for name, value in values.items()}
     return TargetDescription(kind=kind, **said)
 
 

@@ -37,7 +37,6 @@ RigFile = Annotated[Path, Parameter(metavar="FILE")]
 OptionalFile = Annotated[Path | None, Parameter(metavar="FILE")]
 Millimetres = Annotated[float | None, Parameter(metavar="MM"), positive(MOST_MM)]
 Squares = Annotated[int | None, Parameter(metavar="N"), count(MOST_SQUARES)]
-Every = Annotated[int, Parameter(metavar="N", help="Look at every Nth frame."), count(MOST_FRAMES)]
 Clocks = Annotated[ClockMode, Parameter(help=CLOCKS_HELP)]
 MostSeconds = Annotated[float, Parameter(metavar="S", help=MOST_S_HELP), positive(MOST_S)]
 RateHz = Annotated[float | None, Parameter(metavar="HZ"), positive(MOST_HZ)]
@@ -122,12 +121,20 @@ class FloorOptions:
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class ExtrinsicsOptions:
+class FrameOptions:
+    """What is looked at."""
+
+    every: Annotated[int, Parameter(metavar="N"), count(MOST_FRAMES)] = 1
+    """Look at every Nth frame."""
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class ExtrinsicsOptions(FrameOptions):
     """How the camera poses are found."""
 
     intrinsics: OptionalFile = None
     """Rig file with the intrinsics; without it, they are found from the same recording, if it determines them."""
-    every: Every = 1
     clocks: Clocks = "auto"
     refine_lenses: Annotated[float | None, Parameter(metavar="PERCENT"), positive(100)] = None
     """Refine the intrinsics too; how well their focal lengths are known, in percent, e.g. 0.5."""
@@ -197,12 +204,11 @@ class ClockOptions:
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class VerifyOptions:
+class VerifyOptions(FrameOptions):
     """What is verified."""
 
     rig: RigFile
     """Rig file to verify."""
-    every: Every = 1
     offset_ms: Annotated[tuple[str, ...], Parameter(metavar="CAMERA=MS")] = ()
     """Clock offset in milliseconds, in place of those in posefuse.toml next to the rig file. May be given several times."""
 
