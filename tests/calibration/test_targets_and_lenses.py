@@ -6,12 +6,15 @@ import subprocess
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
+from calibrating import run
 
+from posefuse.api import calibrate as api
 from posefuse.calibration.intrinsics.board import PARAMETERS, calibrate_intrinsics
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.targets.corners import CornerObservations
@@ -130,6 +133,31 @@ def test_intrinsics_come_back_within_their_standard_errors(watched: tuple[Rig, C
         assert sigma == 0 or abs(value - want) < 5 * sigma, name
     assert found.camera.K[0, 0] == pytest.approx(true[0], rel=0.003)
     assert len(found.view_t_ns) <= 40
+
+
+def test_one_refused_camera_does_not_lose_the_others(
+    watched: tuple[Rig, CornerObservations], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is good is in the file, and the camera that is recorded again joins it there."""
+    good = watched[1]
+    few = good.rows(np.isin(good.t_ns, np.unique(good.t_ns)[:2]))
+    seen = {"cam01": good, "cam02": few, "cam03": good, "cam04": few}
+    monkeypatch.setattr(api, "open_sources", lambda inputs: [SimpleNamespace(camera=name) for name in inputs])
+    monkeypatch.setattr(api, "detect_corners", lambda source, *_: replace(seen[source.camera], cameras=(source.camera,)))
+    out = tmp_path / "lenses.toml"
+    words = ("intrinsics", "--columns", "8", "--rows", "6", "--square-mm", "70", "--marker-mm", "50", "--out", str(out))
+    with pytest.raises(RefusedCalibration, match="camera cam02: expected at least 4 views") as refused:
+        run(*words, *(f"{name}={name}.mp4" for name in seen))
+    assert "cam04" in refused.value.__notes__[0] and refused.value.__notes__[1].startswith("next: ")
+    assert read_rig(out).names == ("cam01", "cam03")
+    before = read_rig(out)["cam01"].K
+    seen["cam02"] = good
+    run(*words, "--force", "cam02=cam02.mp4")
+    assert read_rig(out).names == ("cam01", "cam03", "cam02")
+    np.testing.assert_array_equal(read_rig(out)["cam01"].K, before)
+    with pytest.raises(RefusedCalibration) as none:
+        run(*words, "--force", "cam04=cam04.mp4")
+    assert none.value.kept is None and len(read_rig(out)) == 3
 
 
 def test_views_that_are_too_few_or_too_alike_are_refused(watched: tuple[Rig, CornerObservations]) -> None:
