@@ -79,7 +79,7 @@ class Room:
         options = STEPS[step].format(f=self.folder).split()
         with pytest.raises(RefusedCalibration) as refused:
             run(step, str(self.folder), *options, "--report", str(self.folder / "report.html"))
-        command, _, _ = refused.value.__notes__[0].removeprefix("next: ").rpartition("  (")
+        command, _, _ = refused.value.__notes__[-1].removeprefix("next: ").rpartition("  (")
         return command
 
     def typed(self, command: str) -> list[str]:

@@ -36,6 +36,7 @@ from posefuse.calibration.targets.recordings import (
 )
 from posefuse.core import SE3, CalibrationError, InputError, Progress
 from posefuse.core.arrays import Array
+from posefuse.formats.rig import rescaled_cameras
 from posefuse.pipeline.clock_calibration import person_in_session
 from posefuse.pipeline.config import CONFIG_FILE, changed_config, read_config
 from posefuse.pipeline.person_calibration import PersonSearch, check_recordings, find_person, frame_periods_s, solve_person
@@ -191,20 +192,25 @@ def calibrate_extrinsics(
     observations, world = world_rule(floor, seen, kind)
     limits = replace(LIMITS, distance_m=(0.0, np.inf)) if any_size else LIMITS
     options = Options(clocks=clocks, limits=limits, own_intrinsics=lenses is None)
-    cameras = cameras_of(observations, kind, options) if lenses is None else tuple(lenses[name] for name in seen.cameras)
+    if lenses is None:
+        cameras, rescaled = cameras_of(observations, kind, options), ()
+    else:
+        cameras, rescaled = rescaled_cameras([lenses[name] for name in seen.cameras], _sizes_wh(seen))
     sigma = start_sigma(cameras) if lenses is None else lens_sigma(focal_known_to_percent, cameras)
     options = replace(options, lens_sigma=sigma)
     try:
         found = moving_target.calibrate_extrinsics(observations, cameras, kind, options, world, tuple(upside_down))
     except RefusedCalibration as refused:
         if not keep_refused or refused.kept is None:
+            for note in rescaled:
+                refused.add_note(note)
             raise
         found = refused.kept
     (offset_s, drift), (offset_sigma_s, drift_sigma) = found.delay_s.T, found.delay_sigma_s.T
     estimate = ClockEstimate(offset_s, drift, offset_sigma_s, drift_sigma, found.middle_ns / 1e9)
     return RigCalibration(
         rig=rig_of(found.rig),
-        report=found.report,
+        report=replace(found.report, notes=(*rescaled, *found.report.notes)),
         clocks=estimate if estimate.offset_s.any() or estimate.drift.any() else None,
         cells={camera.name: found.coverage.cells[i] for i, camera in enumerate(found.rig)},
         position_cov_m2={camera.name: found.position_cov_m2[i] for i, camera in enumerate(found.rig)},
@@ -351,8 +357,13 @@ def verify(
     seen = (
         inputs if isinstance(inputs, CornerObservations) else observe_target(inputs, target=kind, every=every, progress=progress)
     )
-    measured = verification.verify(cameras, seen, kind, late_s)
-    return RigVerification(rig=cameras, report=measured.report, measured=measured)
+    fitted, rescaled = rescaled_cameras(cameras.cameras, _sizes_wh(seen))
+    measured = verification.verify(replace(cameras, cameras=fitted), seen, kind, late_s)
+    return RigVerification(rig=cameras, report=replace(measured.report, notes=rescaled), measured=measured)
+
+
+def _sizes_wh(seen: CornerObservations) -> dict[str, tuple[int, int]]:
+    return dict(zip(seen.cameras, seen.sizes_wh, strict=True))
 
 
 def _rig(rig: RigLike) -> core.Rig:
