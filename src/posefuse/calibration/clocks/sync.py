@@ -83,7 +83,7 @@ def estimate_clocks(rig: Rig, tracks: Sequence[PersonTrack], start: ClockEstimat
     """Clocks of all cameras together, from clocks that are right to some frames.
 
     Args:
-        tracks: one per camera of the rig, of the same keypoints. start: as `sync_start` finds them.
+        tracks: one per camera of the rig, of the same keypoints. start: as `clocks.start` finds them.
 
     Raises:
         CalibrationError: no two cameras saw the points at one time.
