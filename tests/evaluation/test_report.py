@@ -3,11 +3,13 @@
 from dataclasses import replace
 from itertools import pairwise
 
+import ezc3d
 import numpy as np
 import pytest
 
 from posefuse import __version__
 from posefuse.core import SKELETONS, InputError, PoseSequence, Recording
+from posefuse.evaluation.biomechanics import BiomechanicsSettings, write_biomechanics
 from posefuse.evaluation.gait_cycles import PERCENT, gait_cycles, write_gait_cycles
 from posefuse.evaluation.report import write_report
 from posefuse.evaluation.report.normal import SOURCES
@@ -232,3 +234,16 @@ def test_quality_counts_what_was_measured(ring_rig):
     assert rows["right_knee"].longest_gap_s == 0
     assert rows["right_knee"].sigma_mm == pytest.approx(10)
     assert rows["nose"].found == 0 and rows["nose"].longest_gap_s == pytest.approx(239 / 60, abs=1e-6)
+
+
+def test_foot_strikes_and_foot_offs_are_events_of_the_c3d(tmp_path, ring_rig):
+    recording = recording_of(ring_rig, *walker())
+    write_biomechanics(recording, tmp_path, BiomechanicsSettings(fit="none"))
+    groups, gait = ezc3d.c3d(str(tmp_path / "points_angles.c3d"))["parameters"], gait_from_poses(recording.poses)
+    event, seconds = groups["EVENT"], groups["EVENT"]["TIMES"]["value"][1]
+    kinds = list(zip(event["CONTEXTS"]["value"], event["LABELS"]["value"], strict=True))
+    for label, times in (("Foot Strike", gait.strike_s), ("Foot Off", gait.off_s)):
+        for side in ("left", "right"):
+            written = [t_s for t_s, kind in zip(seconds, kinds, strict=True) if kind == (side.title(), label)]
+            np.testing.assert_allclose(written, times[side], atol=1e-5)
+    assert np.all(np.diff(seconds) >= 0) and groups["SUBJECTS"]["NAMES"]["value"] == ["person 0"]
