@@ -11,6 +11,8 @@ import re
 import subprocess
 import sys
 import tomllib
+from concurrent.futures import ThreadPoolExecutor
+from itertools import product
 from pathlib import Path
 
 from package import PYTHONS, ROOT, replace_between_marks
@@ -32,7 +34,9 @@ def main() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     parts = ["core", *(extra for extra in project["optional-dependencies"] if extra not in LEFT_OUT)]
     head = [["part", *SYSTEMS], ["---"] * (1 + len(SYSTEMS))]
-    rows = [*head, *([part, *(cell(part, system) for system in SYSTEMS)] for part in parts)]
+    with ThreadPoolExecutor(4) as pool:
+        cells = dict(pool.map(lambda one: (one, cell(*one)), product(parts, SYSTEMS)))
+    rows = [*head, *([part, *(cells[part, system] for system in SYSTEMS)] for part in parts)]
     text = "\n".join(f"| {' | '.join(row)} |" for row in rows)
     print(text)
     if options.write:
@@ -59,7 +63,7 @@ def missing(part: str, system: str, python: str) -> str:
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     if done.returncode == 0:
         return ""
-    named = re.search(r"Because (?:only )?(?:all versions of )?([\w.-]+)", done.stderr)
+    named = re.search(r"Wheels are (?:required|available) for `([\w.-]+)`", done.stderr)
     return named[1] if named else "?"
 
 

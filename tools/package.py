@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -109,9 +108,12 @@ def write(page: Path, rows: list[list[str]]) -> None:
     replace_between_marks(page, "package", table(ordered))
 
 
-def between_marks(page: Path, name: str) -> list[str]:
-    """The text of a page before, between and after the marks of this name."""
-    return re.split(f"(?<=<!-- {name}: begin -->\n)|(?=<!-- {name}: end -->)", page.read_text(encoding="utf-8"))
+def between_marks(page: Path, name: str) -> tuple[str, str, str]:
+    """The text of a page up to the mark that begins this name's part, the part, and the text from the mark that ends it."""
+    begin, end = f"<!-- {name}: begin -->\n", f"<!-- {name}: end -->"
+    before, _, rest = page.read_text(encoding="utf-8").partition(begin)
+    part, _, after = rest.partition(end)
+    return before + begin, part, end + after
 
 
 def replace_between_marks(page: Path, name: str, text: str) -> None:

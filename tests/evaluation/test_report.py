@@ -3,11 +3,13 @@
 from dataclasses import replace
 from itertools import pairwise
 
+import ezc3d
 import numpy as np
 import pytest
 
 from posefuse import __version__
 from posefuse.core import SKELETONS, InputError, PoseSequence, Recording
+from posefuse.evaluation.biomechanics import BiomechanicsSettings, write_biomechanics
 from posefuse.evaluation.gait_cycles import PERCENT, gait_cycles, write_gait_cycles
 from posefuse.evaluation.report import write_report
 from posefuse.evaluation.report.angles import time_plots
@@ -128,6 +130,19 @@ def test_angles_over_time_are_those_of_the_recording_with_gaps_and_bands(read_pa
         np.testing.assert_allclose(line["y"], angle, atol=0.01)
         np.testing.assert_allclose(band["high"] - band["low"], 4 * sigma, atol=0.1)
         assert np.isnan(line["y"][60:90]).all() == (side == "left")
+
+
+def test_foot_strikes_and_foot_offs_are_events_of_the_c3d(tmp_path, ring_rig):
+    recording = recording_of(ring_rig, *walker())
+    write_biomechanics(recording, tmp_path, BiomechanicsSettings(fit="none"))
+    groups, gait = ezc3d.c3d(str(tmp_path / "points_angles.c3d"))["parameters"], gait_from_poses(recording.poses)
+    event, seconds = groups["EVENT"], groups["EVENT"]["TIMES"]["value"][1]
+    kinds = list(zip(event["CONTEXTS"]["value"], event["LABELS"]["value"], strict=True))
+    for label, times in (("Foot Strike", gait.strike_s), ("Foot Off", gait.off_s)):
+        for side in ("left", "right"):
+            written = [t_s for t_s, kind in zip(seconds, kinds, strict=True) if kind == (side.title(), label)]
+            np.testing.assert_allclose(written, times[side], atol=1e-5)
+    assert np.all(np.diff(seconds) >= 0) and groups["SUBJECTS"]["NAMES"]["value"] == ["person 0"]
 
 
 def test_the_mean_cycle_is_the_mean_of_the_strides(read_page, tmp_path, ring_rig):
