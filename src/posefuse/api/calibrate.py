@@ -192,8 +192,9 @@ def calibrate_extrinsics(
     observations, world = world_rule(floor, seen, kind)
     limits = replace(LIMITS, distance_m=(0.0, np.inf)) if any_size else LIMITS
     options = Options(clocks=clocks, limits=limits, own_intrinsics=lenses is None)
+    rescaled: tuple[str, ...] = ()
     if lenses is None:
-        cameras, rescaled = cameras_of(observations, kind, options), ()
+        cameras = cameras_of(observations, kind, options)
     else:
         cameras, rescaled = rescaled_cameras([lenses[name] for name in seen.cameras], _sizes_wh(seen))
     sigma = start_sigma(cameras) if lenses is None else lens_sigma(focal_known_to_percent, cameras)

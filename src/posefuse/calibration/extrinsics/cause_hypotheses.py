@@ -47,8 +47,8 @@ def intrinsics_wrong(trouble: Trouble) -> Iterator[CauseTrial]:
     worst = np.argsort(-excess)
     for some in {(int(worst[0]),), tuple(sorted(int(i) for i in worst[:2]))} if len(cameras) > 2 else set():
         one = let_lenses_free(cameras, solved, False, some)
-        yield trial(_lens_story(trouble, solved, one, some), _FOCUS, solved, one, 6 * len(some), "lenses")
-    yield trial(_lens_story(trouble, solved, free, None), _FOCUS, solved, free, 6 * len(cameras), "lenses")
+        yield trial(_lens_story(trouble, solved, one, some), _FOCUS, solved, one, 6 * len(some), kind="lenses")
+    yield trial(_lens_story(trouble, solved, free, None), _FOCUS, solved, free, 6 * len(cameras), kind="lenses")
 
 
 def _lens_story(trouble: Trouble, solved: Solved, free: PropSolution, some: tuple[int, ...] | None) -> str:
@@ -78,7 +78,7 @@ def _permuted(trouble: Trouble, solved: Solved, free: PropSolution) -> Iterator[
     names = [cameras[i].name for i in other]
     yield trial(
         f"the names of {', '.join(names[:-1])} and {names[-1]} are swapped: each other's intrinsics fit",
-        "name the videos, or the intrinsics, the other way round", solved, again, 0, "input",
+        "name the videos, or the intrinsics, the other way round", solved, again, 0, kind="input",
     )  # fmt: skip
 
 
@@ -96,7 +96,7 @@ def clocks_near(trouble: Trouble) -> Iterator[CauseTrial]:
     words = _clock_story(trouble.cameras, replace(solved, solution=free))
     if words:
         remedy = "the cameras are not synchronised: calibrate with `clocks=offset`"
-        yield trial(words, remedy, solved, free, len(trouble.cameras) - 1, "clocks")
+        yield trial(words, remedy, solved, free, len(trouble.cameras) - 1, kind="clocks")
 
 
 def clocks_off(trouble: Trouble) -> Iterator[CauseTrial]:
@@ -117,7 +117,7 @@ def clocks_off(trouble: Trouble) -> Iterator[CauseTrial]:
                 "" if np.abs(late).max() < trouble.options.most_offset_s else ", and stamps shifted by these offsets"
             )
             kind: CheckKind = "drift" if clocks == "drift" else "clocks"
-            yield trial(words, remedy, solved, solved.solution, frees * (len(cameras) - 1), kind, lost)
+            yield trial(words, remedy, solved, solved.solution, frees * (len(cameras) - 1), kind=kind, lost=lost)
 
 
 def _see_together(observations: CornerObservations, delay_s: Array) -> bool:
@@ -156,7 +156,7 @@ def board_stretched(trouble: Trouble) -> Iterator[CauseTrial]:
     found = best_stretch(solved, trouble.cameras)
     if found is not None and abs(found.share) > _LEAST_STRETCH:
         words = f"the board is longer in one direction than described: printed stretched by {found.share:+.1%}"
-        yield trial(words, STRETCHED_REMEDY, solved, found.solution, 1, "input")
+        yield trial(words, STRETCHED_REMEDY, solved, found.solution, 1, kind="input")
 
 
 HYPOTHESES = (

@@ -24,10 +24,10 @@ def near_solve(solved: Solved, cameras: tuple[Camera, ...], state: PropState, fr
 
 
 def trial(
-    words: str, remedy: str, solved: Solved, solution: PropSolution, frees: int, kind: CheckKind, lost: int = 0
+    words: str, remedy: str, solved: Solved, solution: PropSolution, frees: int, *, kind: CheckKind, lost: int = 0
 ) -> CauseTrial:
     """What a solve gives."""
-    return CauseTrial(words, remedy, solved.seen.camera, solution.residual_px, lost, frees, kind)
+    return CauseTrial(words, remedy, solved.seen.camera, solution.residual_px, lost, frees, kind=kind)
 
 
 def solve_from_scratch(

@@ -111,7 +111,8 @@ def _split(trouble: Trouble, solved: Solved, c: int, step: int) -> Iterator[Caus
             apart, solution = min(((apart, solution), again), key=lambda one: _size(one[1]))
     words, remedy, frees, kind = _split_story(trouble, solution, c, t_s + start_s, apart)
     camera = np.where(apart.seen.camera == len(trouble.cameras), c, apart.seen.camera)
-    yield CauseTrial(words, remedy, camera, solution.residual_px, max(len(solved.seen.camera) - len(camera), 0), frees, kind)
+    lost = max(len(solved.seen.camera) - len(camera), 0)
+    yield CauseTrial(words, remedy, camera, solution.residual_px, lost, frees, kind=kind)
 
 
 def _size(solution: PropSolution, rows: Array | slice = slice(None)) -> float:

@@ -99,7 +99,7 @@ def irregular_stamps(trouble: Trouble) -> Iterator[CauseTrial]:
         again, lost = solve_from_scratch(trouble, restamped, trouble.cameras, trouble.target, clocks, delay_s)
         words = f"the time stamps of {trouble.cameras[c].name} are irregular: {times.words}"
         if again is not None:
-            yield trial(words, _REMEDY, again, again.solution, 2 if shifted else 1, "record", lost)
+            yield trial(words, _REMEDY, again, again.solution, 2 if shifted else 1, kind="record", lost=lost)
 
 
 def _worst_cameras(trouble: Trouble, solved: Solved) -> list[int]:

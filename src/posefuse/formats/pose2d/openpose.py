@@ -84,7 +84,7 @@ def _hip_offsets(paths: Sequence[Path]) -> list[float]:
     """How far point 8 is from the middle of points 9 and 12, as a share of the person's size: 0 where 8 is BODY_25's mid_hip.
 
     In BODY_25B the three are the right elbow, the left wrist and the right hip. Seen from the side, hips are at one place, so
-    their distance says nothing of the size.
+    their distance does not show the size.
     """
     offsets: list[float] = []
     for path, person in ((file, person) for file in paths for person in _read(file)):
