@@ -26,7 +26,7 @@ from posefuse.realtime.faults import faults_from_arguments
 from posefuse.realtime.fusion import Fusion
 from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.realtime.networks import fetch_networks
-from posefuse.realtime.output_plan import OutputPlan, check_outputs
+from posefuse.realtime.output_plan import OutputPlan, check_live_outputs
 from posefuse.realtime.pace import closing_lines
 from posefuse.realtime.ros_cameras import rig_with_camera_infos
 from posefuse.realtime.session import run_live
@@ -198,7 +198,7 @@ def output_configs(
     named = {"axes": outputs.axes, "base_frame": outputs.base}
     given = {**ros_2.settings, **{name: value for name, value in named.items() if value}}
     configs = {name: plugin_config("live_outputs", name, options, given=given) for name, options in chosen.items()}
-    check_outputs(configs)
+    check_live_outputs(configs)
     return configs
 
 
