@@ -1,17 +1,41 @@
 # Everything a newcomer needs: `make demo`, `make test`. A second run installs nothing.
+MAKEFLAGS += --no-builtin-rules
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
-EXTRAS ?= dev,docs,publish,sim,teleop,viewer,ros
+# the core and the tools of its tests; what needs more is skipped by name. `make test EXTRAS=dev$(MORE),biomech` skips nothing
+EXTRAS ?= dev
+MORE   := ,sim,teleop,viewer,ros
 SUM    := $(shell (cat pyproject.toml constraints.txt tools/install.sh; echo $(EXTRAS)) | cksum | cut -d' ' -f1)
 READY  := $(VENV)/.ready-$(SUM)
 CORE   := $(VENV)/.core-$(SUM)
 
-.PHONY: mutation calibration-faults help setup setup-core demo test test-slow fuzz reliability check bench bench-live paper demo-clip pictures docs package clean
+QUICK  := not slow and not realtime and not fuzz
+
+# the parts that can be tested alone, `make test-files`: folders of tests, and the extras that they need besides `dev`
+PARTS           := laws files estimation calibration body recorded live ros sim studio teleop
+PART_laws       := laws derivatives oracles contracts golden
+PART_files      := foundation core formats outputs
+PART_estimation := detection fusion association tracking
+PART_calibration := calibration health
+PART_body       := kinematics evaluation
+PART_recorded   := pipeline api cli truth edges
+PART_live       := realtime sources
+PART_ros        := messages
+PART_sim        := simulation paper
+PART_studio     := studio
+PART_teleop     := teleoperation
+EXTRA_ros       := ,ros
+EXTRA_sim       := ,sim
+EXTRA_teleop    := ,teleop
+
+.PHONY: mutation calibration-faults help setup setup-core demo test test-realtime test-slow $(PARTS:%=test-%) fuzz reliability check bench bench-live paper demo-clip pictures docs package clean
 
 help:
 	@echo "make demo       set up, then run the whole pipeline on the bundled clip"
-	@echo "make test       set up, then run the tests"
+	@echo "make test       set up, then run the tests; with EXTRAS=dev$(MORE),biomech those of every part"
+	@echo "make test-PART  set up what it needs, then run the tests of one part: $(PARTS)"
+	@echo "make test-realtime  what keeps pace with the clock: five minutes in which nothing else should run"
 	@echo "make test-slow  the minutes-long studies"
 	@echo "make fuzz       some 4,000 damaged files for every reader and command; the table of docs/reliability.md"
 	@echo "make reliability  the fuzz stage and every other attempt to lose work; all tables of docs/reliability.md"
@@ -24,13 +48,17 @@ help:
 	@echo "make demo-clip  render the bundled clip again with the simulator"
 	@echo "make pictures   draw the pictures of the docs again"
 	@echo "make docs       build the documentation site in out/site; a warning is an error"
-	@echo "make package    build, check and try what would be published; nothing is uploaded"
+	@echo "make package    build, check and try what would be published; nothing is uploaded; the table of docs/installing.md"
 
 setup: $(READY)
 
 $(READY): pyproject.toml constraints.txt tools/install.sh
 	PYTHON=$(PYTHON) bash tools/install.sh $(VENV) $(EXTRAS)
-	@rm -f $(VENV)/.ready-* && touch $@
+	@touch $@
+
+# other extras than those of the tests
+with-%:
+	@$(MAKE) --no-print-directory setup EXTRAS=$*
 
 # what `track`, `live` and `report` need, and nothing else: no torch, MuJoCo, linters
 setup-core: $(CORE)
@@ -43,15 +71,19 @@ demo: setup-core
 	$(BIN)/posefuse demo --out out/demo --force
 
 test: setup
-	@failed=0; \
-	$(BIN)/python -m pytest -rs -n auto --maxprocesses 4 --dist loadfile -m "not slow and not realtime and not fuzz" || failed=1; \
-	$(BIN)/python -m pytest -rs -m "realtime and not slow and not fuzz" || failed=1; \
-	exit $$failed
+	$(BIN)/python -m pytest -rs -n auto --maxprocesses 4 --dist loadfile -m "$(QUICK)"
+
+test-realtime: setup
+	$(BIN)/python -m pytest -rs -m "realtime and not slow and not fuzz"
+
+.SECONDEXPANSION:
+$(PARTS:%=test-%): test-%: with-dev$$(EXTRA_$$*)
+	$(BIN)/python -m pytest -rs -m "$(QUICK)" $(PART_$*:%=tests/%)
 
 test-slow: setup
 	$(BIN)/python -m pytest -m slow
 
-fuzz: setup
+fuzz: with-dev$(MORE)
 	$(BIN)/python tests/fuzz/drive.py --write docs/reliability.md
 
 reliability: fuzz
@@ -62,37 +94,36 @@ check: setup
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-bench: setup
+bench: with-dev$(MORE)
 	$(BIN)/python bench/run.py
 
-calibration-faults: setup
+calibration-faults: with-dev$(MORE)
 	nice $(BIN)/python bench/calibration_faults.py --page docs/calibration_faults.md
 
-mutation: EXTRAS := $(EXTRAS),mutation
-mutation: setup
+mutation: with-dev$(MORE),mutation
 	nice $(BIN)/python bench/mutation.py --count 20 --minutes 60 --survivors --page docs/mutation.md
 
-bench-live: setup
+bench-live: with-dev$(MORE)
 	$(BIN)/python bench/run.py live live_tracking live_faults
 
-paper: setup
+paper: with-dev$(MORE)
 	$(BIN)/python -m paper all --out out/paper
 	cp out/paper/accuracy.md docs/accuracy.md
 
-demo-clip: setup
+demo-clip: with-dev$(MORE)
 	$(BIN)/posefuse simulate examples/scenes/demo.yaml --out examples/demo --force
 	$(BIN)/python tools/wheel_clip.py
 
-pictures: demo
+pictures: demo with-dev$(MORE)
 	cp out/demo/overview.png docs/images/overview.png
 	$(BIN)/python docs/make_simulation_pictures.py
 	$(BIN)/python -m tools.docs_site.pictures
 
-docs: setup
+docs: with-dev,docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 
-package: setup
-	$(BIN)/python tools/package.py
+package: with-dev,publish
+	$(BIN)/python tools/package.py --write docs/installing.md
 
 clean:
 	rm -rf out build dist .pytest_cache .mypy_cache .ruff_cache

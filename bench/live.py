@@ -4,7 +4,7 @@
 
 A simulated session is played at the pace of the clock. Medians over the runs; tables on stderr, one JSON object on stdout.
 Scenarios: four cameras; eight (each video given twice, as two cameras at one place); both also with the small network; the
-paper's ``latest`` tracker; the network's landmarks as they are, not moved to joint centres. *every frame* is what a machine that
+network's landmarks as they are, not moved to joint centres. *every frame* is what a machine that
 never drops a frame would give after the same delay: 2D poses of all frames, made beforehand, through the same tracker.
 """
 
@@ -150,7 +150,6 @@ def main() -> None:
         scenarios = {
             "4 cameras": (rig, [f"sim:{session}"], *full),
             "4, small network": (rig, [f"sim:{session}"], *small),
-            "4, latest": (rig, [f"sim:{session}"], *full, "--set", "track.tracker=latest"),
             "4, as the network marks": (rig, [f"sim:{session}"], *full, "--set", "joint_centres=false"),
             "8 cameras": (doubled, twin_sources, *full),
             "8, small network": (doubled, twin_sources, *small),

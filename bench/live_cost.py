@@ -137,7 +137,7 @@ def fusion_stages(rig: Rig, spent: Spent, seconds: float = 3.0) -> None:
     centring = Centring(rig.names, wanted=True)
     centring.learn(Centres(rig.names, joint_centres_of(detector, proportions=False)))
     tracker, joints = ready_tracker(rig, skeleton, config), ready_joints(skeleton, config)
-    fusion = Fusion(rig, tracker, new_board(rig), clock, NoOutputs(), centring, joints=joints)
+    fusion = Fusion(rig, tracker, new_board(), clock, NoOutputs(), centring, joints=joints)
     views = [view for moment in made_up_detections(rig, skeleton, round(30 * seconds), start_ns=BEGIN_NS) for view in moment]
     events = [(view.t_ns + VIEW_DELAY_NS + i % len(rig) * 2_000_000, view) for i, view in enumerate(views)]
     events += [(BEGIN_NS + i * PERIOD_NS, None) for i in range(round(seconds * 1e9 / PERIOD_NS))]

@@ -12,7 +12,6 @@ object on stdout.
 
 import argparse
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,28 +21,24 @@ from rich.console import Console
 from rich.table import Table
 
 from posefuse.core import Recording, Truth
-from posefuse.tracking.online import TRACKERS, LiveSettings
+from posefuse.tracking.online import LiveSettings
 
 ROWS = ("idle", "walk", "reach", "squat", "turn", "screen", "false_arm")
 
 
-def measured(recording: Recording, truth: Truth, seed: int) -> dict[str, dict[str, tuple[float, float, float]]]:
-    """Error in mm, NEES and share of joints by tracker and way to arrive."""
-    found: dict[str, dict[str, tuple[float, float, float]]] = {}
-    for arrive in ARRIVE:
-        trial = Trial(recording, truth, table_of(recording), arrivals_of(recording, arrive, seed))
-        for tracker in TRACKERS:
-            found.setdefault(tracker, {})[arrive] = trial.accuracy(replace(LiveSettings(), tracker=tracker))
-    return found
+def measured(recording: Recording, truth: Truth, seed: int) -> dict[str, tuple[float, float, float]]:
+    """Error in mm, NEES and share of joints by way to arrive."""
+    table = table_of(recording)
+    trials = {arrive: Trial(recording, truth, table, arrivals_of(recording, arrive, seed)) for arrive in ARRIVE}
+    return {arrive: trial.accuracy(LiveSettings()) for arrive, trial in trials.items()}
 
 
-def show(found: dict[str, dict[str, dict[str, tuple[float, float, float]]]]) -> None:
+def show(found: dict[str, dict[str, tuple[float, float, float]]]) -> None:
     table = Table(title="error at output time, mm (NEES), share of the joints that came out", title_justify="left")
-    for column in ("motion", *(f"{tracker}, {arrive}" for tracker in TRACKERS for arrive in ARRIVE)):
+    for column in ("motion", *ARRIVE):
         table.add_column(column)
-    for row, trackers in found.items():
-        cells = ["{:.1f} ({:.1f}) {:.0f}%".format(*trackers[tracker][arrive]) for tracker in TRACKERS for arrive in ARRIVE]
-        table.add_row(row, *cells)
+    for row, figures in found.items():
+        table.add_row(row, *("{:.1f} ({:.1f}) {:.0f}%".format(*figures[arrive]) for arrive in ARRIVE))
     Console(stderr=True, width=140).print(table)
 
 
@@ -60,10 +55,7 @@ def main() -> None:
     found = {}
     for row in filter(None, args.rows.split(",")):
         bodies = [measured(*seen(args.keep, row, seed), seed) for seed in seeds]
-        found[row] = {
-            tracker: {arrive: tuple(np.mean([body[tracker][arrive] for body in bodies], axis=0).tolist()) for arrive in ARRIVE}
-            for tracker in TRACKERS
-        }
+        found[row] = {arrive: tuple(np.mean([body[arrive] for body in bodies], axis=0).tolist()) for arrive in ARRIVE}
     if args.session:
         found[args.session.name] = measured(*seen_in(args.keep, args.session), seed=0)
     show(found)

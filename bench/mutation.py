@@ -23,6 +23,19 @@ from typing import Any
 
 from mutants import REPOSITORY, Copy, Mutant, draw
 
+# what decides whether and how fast a robot moves
+_GUARDS = (
+    "gate",
+    "checks",
+    "identity",
+    "limits",
+    "follower",
+    "separation",
+    "mapping",
+    "robots/chain",
+    "robots/ik",
+    "robots/joints",
+)
 _RECORDED = ("following", "images", "run", "second_pass", "solve", "store", "time_steps")
 # name: files below src/posefuse, and the tests that are about them
 PACKAGES = {
@@ -40,6 +53,13 @@ PACKAGES = {
             "tests/pipeline/test_whole_body.py",
             "tests/cli/test_interruptions.py",
             "tests/truth/test_recorded_pipeline.py",
+        ),
+    ),
+    "teleoperation": (
+        tuple(f"teleoperation/{name}.py" for name in _GUARDS),
+        tuple(
+            f"tests/teleoperation/test_{name}.py"
+            for name in ("gate", "limits", "follower", "separation", "mapping", "joint_limits", "mujoco_robot", "faults")
         ),
     ),
     "tracking": (("tracking/**/*.py",), ("tests/tracking", "tests/laws/test_smooth_laws.py")),

@@ -2,10 +2,11 @@
 
 import base64
 import gzip
+import importlib.util
 import json
 import os
 import subprocess
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -18,11 +19,37 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 import pytest
 
-from posefuse.core import Camera, Rig
+from posefuse.core import Camera, DependencyError, Rig
 from posefuse.foundation.user_cache import default_cache_dir
 from posefuse.simulation.cameras import looking_at
 
 _SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+def is_of_missing_extra(error: DependencyError) -> bool:
+    """Whether the package that the error is about is not installed; one that is there and does not work is no reason to skip."""
+    cause = error.__context__
+    return isinstance(cause, ModuleNotFoundError) and importlib.util.find_spec((cause.name or "").partition(".")[0]) is None
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_setup() -> Generator[None, object, object]:
+    return (yield from skipped_without_extra())
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call() -> Generator[None, object, object]:
+    return (yield from skipped_without_extra())
+
+
+def skipped_without_extra() -> Generator[None, object, object]:
+    """A test that needs an extra which is not installed is skipped, and the line that posefuse prints names the extra."""
+    try:
+        return (yield)
+    except DependencyError as error:
+        if not is_of_missing_extra(error):
+            raise
+        pytest.skip(str(error))
 
 
 @pytest.fixture(scope="session")

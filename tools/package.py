@@ -1,4 +1,4 @@
-"""What would be published, checked: python tools/package.py [--python PYTHON ...] [--no-install]
+"""What would be published, checked: python tools/package.py [--python PYTHON ...] [--minutes N] [--write PAGE] [--no-install]
 
 Builds the source distribution and the wheel into dist/, lets twine check both, and checks the size of the wheel. Installs the
 wheel into empty environments of each Python that is here, without constraints: once with the newest version of every package that
@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -21,7 +22,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 DIST = ROOT / "dist"
 PYTHONS = ("3.11", "3.12", "3.13")
-MOST_WHEEL_BYTES = 3_000_000
+# a third of it is the clip of `demo`; weights or a second clip, packed by mistake, are far beyond
+MOST_WHEEL_BYTES = 3_500_000
 # uv's names; pip can take the newest only
 RESOLUTIONS = {"newest": "highest", "lowest": "lowest-direct"}
 COMMANDS = ("demo", "report", "live", "print", "calibrate")
@@ -32,11 +34,18 @@ def main() -> None:
     """Build, check, try."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--python", action="append", help="Python to try it with (default: those of 3.11 to 3.13 that are here)")
+    parser.add_argument("--minutes", type=float, default=float("inf"), help="begin no installation later than this")
+    parser.add_argument("--write", type=Path, metavar="PAGE", help="put the rows into the table of this page")
     parser.add_argument("--no-install", action="store_true", help="build and check only")
     options = parser.parse_args()
     wheel = build()
     if not options.no_install:
-        try_everywhere(wheel, options.python or present_pythons())
+        rows = try_everywhere(wheel, options.python or present_pythons(), options.minutes)
+        print(f"\n{table(rows)}")
+        if options.write:
+            write(options.write, rows)
+        if failed := [row for row in rows if any("failed" in cell for cell in row)]:
+            raise SystemExit(f"{len(failed)} of {len(rows)} installations do not work")
 
 
 def build() -> Path:
@@ -72,13 +81,43 @@ def _working(version: str) -> Iterator[str]:
             yield path
 
 
-def try_everywhere(wheel: Path, pythons: list[str]) -> None:
-    """Try the wheel with every Python and both choices of versions, and print what came out."""
-    rows = [row for python in pythons for chosen in RESOLUTIONS if (row := try_installed(wheel, python, chosen))]
-    print(f"\n| Python | versions | MB installed | {' | '.join(COMMANDS)} |\n|---|---|---|{'---|' * len(COMMANDS)}")
-    print("\n".join(f"| {' | '.join(row)} |" for row in rows))
-    if failed := [row for row in rows if any("failed" in cell for cell in row)]:
-        raise SystemExit(f"{len(failed)} of {len(rows)} installations do not work")
+def try_everywhere(wheel: Path, pythons: list[str], minutes: float = float("inf")) -> list[list[str]]:
+    """Try the wheel with every Python and both choices of versions, as far as the time reaches; rows of the table."""
+    end_s = time.monotonic() + 60 * minutes
+    rows = []
+    for chosen in RESOLUTIONS:
+        for python in pythons:
+            if time.monotonic() < end_s:
+                rows.append(try_installed(wheel, python, chosen))
+            else:
+                print(f"not tried, because the {minutes:g} minutes are over: {python}, {chosen} versions")
+    return rows
+
+
+def table(rows: list[list[str]]) -> str:
+    """The rows as Markdown."""
+    head = [["Python", "versions", "MB installed", *COMMANDS], ["---"] * (3 + len(COMMANDS))]
+    return "\n".join(f"| {' | '.join(row)} |" for row in (*head, *rows))
+
+
+def write(page: Path, rows: list[list[str]]) -> None:
+    """Put rows between the marks of a page; those of other Pythons and choices, from earlier runs, stay."""
+    _, middle, _ = between_marks(page, "package")
+    known = [[cell.strip() for cell in line.strip("|").split("|")] for line in middle.splitlines()[2:]]
+    merged = {tuple(row[:2]): row for row in (*known, *rows)}
+    ordered = sorted(merged.values(), key=lambda row: (row[0], list(RESOLUTIONS).index(row[1])))
+    replace_between_marks(page, "package", table(ordered))
+
+
+def between_marks(page: Path, name: str) -> list[str]:
+    """The text of a page before, between and after the marks of this name."""
+    return re.split(f"(?<=<!-- {name}: begin -->\n)|(?=<!-- {name}: end -->)", page.read_text(encoding="utf-8"))
+
+
+def replace_between_marks(page: Path, name: str, text: str) -> None:
+    """Put text between the marks of this name."""
+    before, _, after = between_marks(page, name)
+    page.write_text(f"{before}{text}\n{after}", encoding="utf-8")
 
 
 def try_installed(wheel: Path, python: str, chosen: str) -> list[str]:

@@ -7,7 +7,7 @@ The cameras are simulated: `tools/studio_walk.yaml`, a cube and a board that are
 All videos are played at their own pace, again and again, as if they came from cameras.
 
 It prints the time of each step and counts requests to other hosts, errors of pages and lines of the browser's console. It ends
-with 1 where there was one, where a step failed, or where the way took longer than `LIMIT_S`.
+with 1 where there was one, or where a step failed, which may take `_PATIENCE_MS`.
 Needs Chromium (``--chromium PATH``) and the extras `dev` and `sim`.
 """
 
@@ -28,9 +28,8 @@ from playwright.sync_api import Page, expect, sync_playwright
 from studio_pages import Watched
 from studio_server import CHROMIUM, GRAPHICS, ROOT, SIZES, TOKEN, free_port, server
 
-LIMIT_S = 300.0
 _MESSAGES = 500
-_PATIENCE_MS = 240_000.0
+_PATIENCE_MS = 900_000.0
 _CAMERAS = ("cam00", "cam01", "cam02", "cam03")
 _RECORD_S = 12.0
 # until what came into the window has been drawn
@@ -53,7 +52,8 @@ class Walk:
     """One visitor with one tab and a phone, a clock and a camera for screenshots."""
 
     def __init__(self, watched: Watched, base: str, pictures: Path | None) -> None:
-        self.page, self._watched, self._base, self._pictures = watched.page(SIZES[""]), watched, base, pictures
+        self._watched, self._base, self._pictures = watched, base, pictures
+        self.page = self._tab("")
         self.took_s: dict[str, float] = {}
 
     @contextmanager
@@ -90,13 +90,18 @@ class Walk:
     def other_tab(self, path: str) -> None:
         """Close this tab and open another."""
         self.page.close()
-        self.page = self._watched.page(SIZES[""])
+        self.page = self._tab("")
         self.page.goto(f"{self._base}{path}")
 
     def phone(self) -> Page:
         """The phone page, in a tab of a phone's size."""
-        page = self._watched.page(SIZES["_phone"])
+        page = self._tab("_phone")
         page.goto(f"{self._base}/phone")
+        return page
+
+    def _tab(self, size: str) -> Page:
+        page = self._watched.page(SIZES[size])
+        page.set_default_timeout(_PATIENCE_MS)
         return page
 
     def go(self, name: str) -> None:
@@ -106,7 +111,7 @@ class Walk:
 
     def press(self, name: str) -> None:
         """A button, when it is there."""
-        self.page.get_by_role("button", name=name, exact=True).first.click(timeout=_PATIENCE_MS)
+        self.page.get_by_role("button", name=name, exact=True).first.click()
 
     def fill(self, label: str, text: str) -> None:
         """A field."""
@@ -121,7 +126,7 @@ class Walk:
 
     def see(self, what: object) -> None:
         """Wait until it is shown."""
-        expect(what if not isinstance(what, str) else self.page.get_by_text(what).first).to_be_visible(timeout=_PATIENCE_MS)  # type: ignore[call-overload]
+        expect(what if not isinstance(what, str) else self.page.get_by_text(what).first).to_be_visible()  # type: ignore[call-overload]
 
 
 def walk(way: Walk) -> None:
@@ -139,7 +144,7 @@ def _cameras(way: Walk, folder: str, preset: str, *, rig: str) -> None:
         for camera in _CAMERAS:
             way.press(f"Add {folder}/{camera}.mp4")
         way.press("Show images")
-        expect(way.page.get_by_text("640x480")).to_have_count(len(_CAMERAS), timeout=_PATIENCE_MS)
+        expect(way.page.get_by_text("640x480")).to_have_count(len(_CAMERAS))
     with way.step(f"preset {preset}"):
         way.press("Save as preset")
         way.fill("Name of the preset", preset)
@@ -192,25 +197,25 @@ def _live(way: Walk) -> None:
         way.go("Live")
         way.choose("Cameras", "person")
         way.press("Start")
-        page.locator(".pf-person").first.wait_for(state="visible", timeout=_PATIENCE_MS)
+        page.locator(".pf-person").first.wait_for(state="visible")
     with way.step("a name for the person"):
         name = page.get_by_label("Name of person").first
-        name.fill("Ada", timeout=_PATIENCE_MS)
+        name.fill("Ada")
         name.press("Enter")
         way.see(page.locator(".pf-person", has_text="Ada").first)
     with way.step("poses to another program"), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taker:
         taker.bind(("127.0.0.1", 9001))
-        taker.settimeout(20.0)
+        taker.settimeout(_PATIENCE_MS / 1e3)
         page.get_by_role("switch", name="JSON over UDP").click()
         # where the clip begins again no person is tracked for a moment
         if not any(b"left_knee" in taker.recv(65536) for _ in range(_MESSAGES)):
             raise AssertionError(f"no person in the first {_MESSAGES} messages")
         way.see("messages to")
         page.get_by_role("switch", name="JSON over UDP").click()
-        expect(page.get_by_text("messages to")).to_have_count(0, timeout=_PATIENCE_MS)
+        expect(page.get_by_text("messages to")).to_have_count(0)
     with way.step("the phone page, which is read-only"):
         phone = way.phone()
-        phone.locator(".pf-person").first.wait_for(state="visible", timeout=_PATIENCE_MS)
+        phone.locator(".pf-person").first.wait_for(state="visible")
         expect(phone.get_by_role("button")).to_have_count(0)
         way.picture("phone", phone)
         phone.close()
@@ -223,7 +228,7 @@ def _live(way: Walk) -> None:
         way.page.wait_for_timeout(1e3 * _RECORD_S)
         way.picture("live_while_recording")
         way.press("Stop")
-        expect(way.page.get_by_text("● recordings/walk")).to_be_hidden(timeout=_PATIENCE_MS)
+        expect(way.page.get_by_text("● recordings/walk")).to_be_hidden()
     with way.step("the session ends"):
         way.press("End session")
         way.press("End it")
@@ -234,7 +239,7 @@ def _report(way: Walk) -> None:
     page = way.page
     with way.step("the recording in the list"):
         way.go("Recordings")
-        page.get_by_role("link", name="recordings/walk/recording.mcap", exact=True).click(timeout=_PATIENCE_MS)
+        page.get_by_role("link", name="recordings/walk/recording.mcap", exact=True).click()
         way.see("Angles and gait events")
     with way.step("its angles"):
         way.see("left knee flexion")
@@ -274,6 +279,7 @@ def main() -> int:
     options = parser.parse_args()
     if options.pictures is not None:
         options.pictures.mkdir(parents=True, exist_ok=True)
+    expect.set_options(timeout=_PATIENCE_MS)
     with tempfile.TemporaryDirectory() as place, sync_playwright() as playwright:
         workspace, port = options.keep or Path(place) / "lab", free_port()
         workspace.mkdir()
@@ -301,7 +307,7 @@ def main() -> int:
         for name, what in _DOCS.items():
             picture = next(options.pictures.glob(f"*{what.replace(' ', '_')}.png"))
             shutil.copy(picture, ROOT / "docs" / "images" / f"{name}.png")
-    return int(bool(failed or watched.elsewhere or watched.errors or total_s > LIMIT_S))
+    return int(bool(failed or watched.elsewhere or watched.errors))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Cut the clip of the wheel from the bundled clip: python tools/wheel_clip.py
 
-The wheel has the first seconds of `examples/demo` (packets copied, not encoded again), so that it stays under 3 MB. The whole
+The wheel has the first seconds of `examples/demo` (packets copied, not encoded again), so that it stays small. The whole
 clip with its exact truth is in the repository and the source distribution.
 """
 

@@ -7,8 +7,6 @@ import tokenize
 from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("src", "bench", "paper", "examples", "tools")
 SPOKEN = {tokenize.COMMENT, tokenize.STRING, *({tokenize.FSTRING_MIDDLE} if hasattr(tokenize, "FSTRING_MIDDLE") else ())}
@@ -46,9 +44,9 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 CODE = [path for folder in FOLDERS for path in sorted((ROOT / folder).rglob("*.py"))]
 
 
-@pytest.mark.parametrize("path", [*PAGES, *CODE], ids=lambda path: path.relative_to(ROOT).as_posix())
-def test_standard_terms_are_used(path: Path) -> None:
-    assert not found_in(path)
+def test_standard_terms_are_used() -> None:
+    found = {path.relative_to(ROOT).as_posix(): found_in(path) for path in [*PAGES, *CODE]}
+    assert {path: terms for path, terms in found.items() if terms} == {}
 
 
 def odd_names(code: str) -> list[str]:
@@ -56,9 +54,9 @@ def odd_names(code: str) -> list[str]:
     return [name for name in re.findall(r"^ *def (test_\w+)\(", code, re.MULTILINE) if PATTERN.search(name.replace("_", " "))]
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "tests").rglob("test_*.py")), ids=lambda path: path.relative_to(ROOT).as_posix())
-def test_tests_are_named_in_standard_terms(path: Path) -> None:
-    assert odd_names(path.read_text(encoding="utf-8")) == []
+def test_tests_are_named_in_standard_terms() -> None:
+    found = {path.name: odd_names(path.read_text(encoding="utf-8")) for path in sorted((ROOT / "tests").rglob("test_*.py"))}
+    assert {path: names for path, names in found.items() if names} == {}
 
 
 def test_the_check_of_names_can_fail() -> None:

@@ -2,9 +2,12 @@
 
 import re
 import tomllib
+from collections.abc import Iterator
+from importlib.metadata import Distribution, distribution
 from pathlib import Path
 
 import yaml
+from packaging.requirements import Requirement
 
 import posefuse
 from posefuse.cli.machine import EXTRAS
@@ -13,6 +16,10 @@ ROOT = Path(__file__).resolve().parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 OPTIONAL = PROJECT["project"]["optional-dependencies"]
 # packages by the modules that are called otherwise
+PERMISSIVE = re.compile(r"\b(MIT|0?BSD|Apache|PSF|Python Software Foundation|Zlib|CC0|ISC|Unlicense)\b")
+COPYLEFT = re.compile(r"GPL|MPL|EUPL|CDDL|GNU|Mozilla|proprietary|non-?commercial", re.IGNORECASE)
+# its metadata name none; its LICENSE file is that of MIT
+LICENCES = {"ezc3d": "MIT"}
 MODULES = {"collada": "pycollada", "cv2": "opencv-python-headless", "rerun": "rerun-sdk"}
 
 
@@ -74,7 +81,52 @@ def test_ci_installs_every_package_without_which_tests_are_skipped() -> None:
     texts = [path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("*.py")]
     modules = {name for text in texts for name in re.findall(r'importorskip\("(\w+)', text)}
     # modules of ours and of Python
-    wanted = {MODULES.get(name, name) for name in modules - {"discs", "graphs", "fcntl"}}
+    wanted = {MODULES.get(name, name) for name in modules - {"discs", "graphs", "fcntl", "pty"}}
     extras = re.search(r"^export EXTRAS=(.+)$", (ROOT / ".ci" / "run").read_text(encoding="utf-8"), re.MULTILINE)[1].split(",")
     named = [*PROJECT["project"]["dependencies"], *(line for one in extras for line in OPTIONAL[one])]
     assert wanted - {re.split(r"[\[<>=]", line)[0] for line in named} == set() and len(wanted) > 5
+
+
+def core_packages(name: str = "posefuse", known: frozenset[str] = frozenset()) -> Iterator[Distribution]:
+    """The packages that the core needs, and those that they need."""
+    found = distribution(name)
+    yield found
+    needed = [one for one in map(Requirement, found.requires or []) if not one.marker or one.marker.evaluate({"extra": ""})]
+    for one in needed:
+        if one.name not in known:
+            yield from core_packages(one.name, known | {name, one.name})
+
+
+def licence_of(package: Distribution) -> str:
+    about = package.metadata
+    classified = [line for line in about.get_all("Classifier") or [] if line.startswith("License ::")]
+    return LICENCES.get(package.name) or about.get("License-Expression") or " ".join(classified) or about.get("License") or ""
+
+
+def refused(licences: dict[str, str]) -> dict[str, str]:
+    return {name: text for name, text in licences.items() if not PERMISSIVE.search(text) or COPYLEFT.search(text)}
+
+
+def test_licences_of_the_core_are_permissive() -> None:
+    licences = {package.name: licence_of(package) for package in core_packages()}
+    assert len(licences) > 15 and refused(licences) == {}
+
+
+def test_the_check_of_licences_can_fail() -> None:
+    assert set(refused({"a": "LGPL-3.0", "b": "", "c": "MIT AND GPL-2.0-only", "d": "BSD-3-Clause AND 0BSD"})) == {"a", "b", "c"}
+
+
+def test_every_folder_of_tests_belongs_to_one_part() -> None:
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    named = sorted(name for line in re.findall(r"^PART_\w+ *:= (.+)$", makefile, re.MULTILINE) for name in line.split())
+    # what the parts share, what checks all of them, and what `make fuzz` runs
+    others = {"architecture", "contracts", "fuzz", "support"} - {*named}
+    folders = {path.parent.relative_to(ROOT / "tests").parts[0] for path in (ROOT / "tests").glob("*/**/*.py")}
+    assert named == sorted(folders - others)
+
+
+def test_no_job_of_every_change_takes_the_damaged_files() -> None:
+    """An expression of markers on the command line replaces the one of pyproject.toml."""
+    workflow = (ROOT / ".github" / "workflows" / "tests.yml").read_text(encoding="utf-8")
+    assert [chosen for chosen in re.findall(r'-m "([^"]+)"', workflow) if "not fuzz" not in chosen] == []
+    assert all("not fuzz" in chosen for chosen in PROJECT["tool"]["pytest"]["ini_options"]["addopts"].split("-m ")[1:])

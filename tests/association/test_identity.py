@@ -3,13 +3,17 @@
 import numpy as np
 import pytest
 
-from posefuse.association import UNNAMED, Identity, persons_at, with_persons
+from posefuse.association import UNNAMED, Identity, identity, with_persons
 from posefuse.association.traits import Traits, body_lengths_m, plausible_share, sameness
 from posefuse.core import Kind, Pose3D
 from posefuse.core.skeleton import COCO17
 
 PERIOD_NS = 33_333_333
 NOISE_M = 0.012
+
+
+def person_at(names: tuple[identity.Named, ...], track: int, t_ns: int) -> int:
+    return int(identity.persons_at(names, np.array([track]), np.array([t_ns]))[0])
 
 
 def body(scale: float) -> np.ndarray:
@@ -95,7 +99,7 @@ def test_two_who_left_are_distinguished_when_they_return_elsewhere(back: tuple[i
     room.frames(20, {0: (0, 0.0), 3: (back[0], 3.0), 4: (back[1], 1.5)})
     assert [room.state.person_of(track) for track in (3, 4)] == list(back)
     begin_ns = 70 * PERIOD_NS
-    assert persons_at(room.state.names, 3, begin_ns) == back[0], "known from its first frame on, once it is known"
+    assert person_at(room.state.names, 3, begin_ns) == back[0], "known from its first frame on, once it is known"
 
 
 @pytest.mark.parametrize("exchanged", [False, True])
@@ -108,8 +112,8 @@ def test_two_who_touched_are_distinguished_after_they_part(exchanged: bool) -> N
     room.frames(40, after)
     expected = [1, 0] if exchanged else [0, 1]
     assert [room.state.person_of(track) for track in (0, 1)] == expected
-    assert [persons_at(room.state.names, track, parted_ns) for track in (0, 1)] == expected
-    assert [persons_at(room.state.names, track, 30 * PERIOD_NS) for track in (0, 1)] == [0, 1], (
+    assert [person_at(room.state.names, track, parted_ns) for track in (0, 1)] == expected
+    assert [person_at(room.state.names, track, 30 * PERIOD_NS) for track in (0, 1)] == [0, 1], (
         "before they touched nothing changes"
     )
 
@@ -129,8 +133,8 @@ def test_no_person_is_ever_two_tracks_of_one_frame() -> None:
     room.frames(20, {0: (0, 0.0), 1: (1, 2.0), 2: (2, 4.0)})
     room.frames(40, {1: (1, 2.0), 2: (2, 4.0)})
     for i in range(room.i):
-        persons = [persons_at(room.state.names, track, i * PERIOD_NS) for track in (1, 2)]
-        persons += [persons_at(room.state.names, 0, i * PERIOD_NS)] if i < 40 else []
+        persons = [person_at(room.state.names, track, i * PERIOD_NS) for track in (1, 2)]
+        persons += [person_at(room.state.names, 0, i * PERIOD_NS)] if i < 40 else []
         known = [person for person in persons if person != UNNAMED]
         assert len(set(known)) == len(known)
 
@@ -220,3 +224,13 @@ def test_every_length_has_limits_of_a_human_body() -> None:
             odd = usual.copy()
             odd[0, i] *= factor
             assert plausible_share(odd)[0] == pytest.approx(6 / 7), (i, factor)
+
+
+def test_the_newest_decision_counts_for_every_track_and_time() -> None:
+    rng = np.random.default_rng(0)
+    rows = zip(*rng.integers(0, (6, 3, 50), (40, 3)).T.tolist(), strict=True)
+    names = tuple(identity.Named(track=track, person=person, since_ns=since_ns) for track, person, since_ns in rows)
+    tracks, t_ns = rng.integers(-1, 8, 300), rng.integers(0, 60, 300)
+    for track, at_ns, got in zip(tracks.tolist(), t_ns.tolist(), identity.persons_at(names, tracks, t_ns).tolist(), strict=True):
+        decided = [one.person for one in names if one.track == track and one.since_ns <= at_ns]
+        assert got == (decided[-1] if decided else UNNAMED)

@@ -12,13 +12,16 @@ import tomllib
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 import posefuse
 from posefuse import __version__
+from posefuse.cli import machine
 from posefuse.cli import main as cli
 from posefuse.cli import options as options_package
+from posefuse.cli.command_line import GROUPS
 from posefuse.cli.commands import plugins as plugins_command
 from posefuse.cli.live_report import show_live_figures
 from posefuse.cli.options.shared import Figures, Shown
@@ -57,6 +60,28 @@ def test_doctor_names_what_is_needed(capsys) -> None:
     assert checks["Python"]["needed"] and checks["Python"]["ok"]
     assert not checks["display"]["needed"]
     assert all(check["ok"] or check["cure"] for check in checks.values())
+
+
+def test_doctor_is_ready_before_the_first_download(monkeypatch: pytest.MonkeyPatch, capsys, tmp_path: Path) -> None:
+    monkeypatch.setenv("POSEFUSE_CACHE", str(tmp_path))
+    figures = json.loads(run(capsys, "doctor", "--json")[1])
+    checks = {check["name"]: check for check in figures["checks"]}
+    assert figures["ready"] and "after the first download" in checks["tracking"]["found"]
+    assert not checks["model blazepose_full"]["ok"] and not checks["model blazepose_full"]["needed"]
+
+
+@pytest.mark.parametrize("system", ["win32", "darwin"])
+def test_doctor_on_systems_with_a_desktop(monkeypatch: pytest.MonkeyPatch, system: str) -> None:
+    """No DISPLAY, no /proc/cpuinfo, cameras by the names that FFmpeg lists."""
+    devices = [SimpleNamespace(name="0", description="Logitech BRIO", media_types=["video"])]
+    monkeypatch.setattr("av.enumerate_input_devices", lambda kind: devices, raising=False)
+    monkeypatch.setattr(machine, "_cpu_flags", set)
+    monkeypatch.delenv("DISPLAY", raising=False)
+    real = machine.usable_cores
+    monkeypatch.setattr("posefuse.foundation.platform.sys", SimpleNamespace(platform=system))
+    found = {check.name: check for check in (machine._display(), machine._cameras(), machine._processor())}
+    assert found["display"].ok and found["USB cameras"].found == {"win32": "Logitech BRIO", "darwin": "0"}[system]
+    assert found["processor"].found == f"{real()} cores"
 
 
 def test_doctor_is_not_ready_where_track_cannot_begin(monkeypatch: pytest.MonkeyPatch, capsys, models: None) -> None:
@@ -281,6 +306,16 @@ def test_help_and_version_work_as_a_program() -> None:
         [sys.executable, "-m", "posefuse.cli.main", "--version"], capture_output=True, text=True, check=True, timeout=120
     )
     assert version.stdout.strip() == f"posefuse {__version__}"
+
+
+@pytest.mark.parametrize("words", [(), ("calibrate",)])
+def test_without_a_command_the_help_is_shown(words: tuple[str, ...], capsys) -> None:
+    assert cli.main([*words]) == 0
+    shown = capsys.readouterr()
+    cli.main([*words, "--help"])
+    assert shown.out == capsys.readouterr().out and shown.err == ""
+    titles = [line.split()[1] for line in shown.out.splitlines() if line.startswith("╭─ ")]
+    assert titles == (["Commands", "Options"] if words else [title.split()[0] for title in (*GROUPS, "Options")])
 
 
 def test_a_table_that_is_too_wide_has_narrow_cells_before_broken_words(monkeypatch: pytest.MonkeyPatch, capsys) -> None:

@@ -18,7 +18,7 @@ TARGET = (
     "--ids 1 2 3, --inverted, --legacy"
 )
 SETTINGS = "--config text, --set one --set two, --networks one --networks two"
-LIVE = "--tracker latest, --people 2, --rate 50, --groups 2"
+LIVE = "--people 2, --rate 50, --groups 2"
 ROS_2 = "--domain 3, --peer one --peer two, --interface text, --local-only"
 OUTPUTS = (
     "--record text, --ros, --osc one --osc two, --json-udp one --json-udp two, --output one --output two, --axes "
@@ -212,7 +212,6 @@ def test_options_that_are_repeated_are_all_kept() -> None:
         ("calibrate person a --intrinsics i --out o --apart a b", "--apart: expected 3 values"),
         ("calibrate person a --intrinsics i --out o --apart a b far", 'unable to convert "far" into float'),
         ("node relay rig.toml", "unknown command 'relay'; there are: camera, fusion"),
-        ("calibrate", "expected a command: intrinsics, extrinsics"),
     ],
 )
 def test_a_wrong_command_line_is_one_line_and_exit_1(words: str, line: str, capsys: pytest.CaptureFixture[str]) -> None:

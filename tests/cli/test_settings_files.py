@@ -39,7 +39,7 @@ COMMANDS: dict[str, tuple[str, type[Any], str]] = {
     "live rig.toml": (
         "--config",
         LiveConfig,
-        "--tracker latest, --body off, --people 2, --names A,B, --rate 50, --groups 2, --camera-info use, --domain 3, "
+        "--body off, --people 2, --names A,B, --rate 50, --groups 2, --camera-info use, --domain 3, "
         "--peer one, --interface text, --local-only, --sim-time, --record other.mcap, --record other.mcap --record-images, "
         "--ros --base text, --ros1, --osc host:1, --json-udp host:1, --output lsl, --axes y_up, --view-file other.rrd",
     ),

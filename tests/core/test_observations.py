@@ -8,7 +8,7 @@ import pytest
 from posefuse.core import DetectionBatch, Detections2D, LookKind, Observations, ShapeError, ViewSequence
 from posefuse.core.observations import OBSERVATION_ARRAYS
 from posefuse.core.skeleton import COCO17
-from posefuse.core.views_over_time import observations_from_views, people_in, views_over_time
+from posefuse.core.views_over_time import ViewsInParts, observations_from_views, people_in, views_over_time
 
 K, NAMES = len(COCO17), ("left", "middle", "right")
 
@@ -82,6 +82,21 @@ def test_views_of_cameras_synchronised_are_what_was_seen() -> None:
         np.testing.assert_array_equal(getattr(back, name), getattr(views, name))
     ids, counts = people_in(observations_from_views(views))
     assert (ids.tolist(), counts.tolist()) == ([3, 7], [4, 6])
+
+
+@pytest.mark.parametrize("times", ["steps", "between"])
+def test_views_in_parts_are_the_views(times: str) -> None:
+    log = Observations.from_batches(COCO17, NAMES, batches(23))
+    first = np.diff(log.detection_frame, prepend=-1) > 0
+    followed = first & (log.frame_look[log.detection_frame] == LookKind.EXPECTED)
+    log = log.with_person_ids(np.where(followed, np.arange(len(log)) % 2, -1))
+    log = replace(log, step_t_ns=log.step_t_ns * 1_000_000, frame_t_ns=log.frame_t_ns * 1_000_000)
+    t_ns = None if times == "steps" else log.step_t_ns + 40_000_000
+    whole, parts = views_over_time(log, [1, 0], t_ns, 250_000_000), ViewsInParts(log, [1, 0], t_ns, 250_000_000)
+    assert (whole.score > 0).any(axis=(1, 3)).sum() > 20
+    for part in (slice(0, 23), slice(0, 1), slice(5, 12), slice(22, 30), slice(30, 40)):
+        for name in ("t_ns", "xy_img", "score", "sigma_px"):
+            np.testing.assert_array_equal(getattr(parts.part(part), name), getattr(whole.part(part), name))
 
 
 @pytest.mark.parametrize(

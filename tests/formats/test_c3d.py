@@ -1,5 +1,6 @@
 """C3D: against ezc3d itself, a file of a gait lab, and round trips."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import ezc3d
@@ -7,7 +8,8 @@ import numpy as np
 import pytest
 
 from posefuse.core import InputError, ShapeError
-from posefuse.formats.c3d import C3dData, read_c3d, write_c3d
+from posefuse.formats import c3d
+from posefuse.formats.c3d import C3dData, C3dEvent, read_c3d, write_c3d
 from posefuse.formats.c3d_blocks import read_blocks
 
 
@@ -60,6 +62,39 @@ def test_what_ezc3d_sees(tmp_path: Path) -> None:
     np.testing.assert_allclose(file["data"]["points"][:3, 5, 0], np.degrees(data.angle_rad[0, 0]), rtol=1e-6)
     assert file["data"]["meta_points"]["residuals"][0, 3, 2] == -1
     assert (np.delete(file["data"]["meta_points"]["residuals"][0, 3], 2) >= 0).all()
+
+
+@pytest.mark.parametrize("frames", [1, 6, 7, 8, 66_000])
+def test_a_file_written_in_parts_is_the_file_written_at_once(
+    tmp_path: Path, frames: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = np.random.default_rng(0)
+    xyz = np.where(rng.random((frames, 2, 1)) < 0.1, np.nan, rng.normal(size=(frames, 2, 3)))
+    data = C3dData(
+        names=("a", "b"), xyz_world=xyz, sigma_m=rng.uniform(0, 0.1, (frames, 2)), rate_hz=30.0, angle_names=("c",),
+        angle_rad=rng.normal(size=(frames, 1, 3)), subject="Ada", events=(C3dEvent(0.1, "left", "strike"),),
+    )  # fmt: skip
+    for name, most in (("parts.c3d", 7 if frames < 10 else 10_000), ("once.c3d", 100_000)):
+        monkeypatch.setattr(c3d, "_PART_FRAMES", most)
+        write_c3d(tmp_path / name, data)
+    assert (tmp_path / "parts.c3d").read_bytes() == (tmp_path / "once.c3d").read_bytes()
+    # with the frames counted by us, it is the file that the library writes
+    c3d._c3d_of(data, slice(0, frames), max(0.1, 1000 * float(data.sigma_m.max()) / 255)).write(str(tmp_path / "library.c3d"))
+    assert (tmp_path / "once.c3d").read_bytes() == (tmp_path / "library.c3d").read_bytes()
+
+
+@pytest.mark.parametrize("count", [3, 300])
+def test_subject_and_events_as_the_library_reads_them(tmp_path: Path, count: int) -> None:
+    events = tuple(C3dEvent(0.1 * i, ("left", "right")[i % 2], ("strike", "off")[i // 2 % 2]) for i in range(count))
+    write_c3d(tmp_path / "a.c3d", replace(some_points(), subject="José", events=events))
+    groups = ezc3d.c3d(str(tmp_path / "a.c3d"))["parameters"]
+    assert groups["SUBJECTS"]["NAMES"]["value"] == ["José"]
+    event, kept = groups["EVENT"], min(count, 255)
+    assert event["USED"]["value"] == [kept] and event["SUBJECTS"]["value"] == ["José"] * kept
+    assert event["CONTEXTS"]["value"][:3] == ["Left", "Right", "Left"]
+    assert event["LABELS"]["value"][:3] == ["Foot Strike", "Foot Strike", "Foot Off"]
+    np.testing.assert_allclose(event["TIMES"]["value"], [np.zeros(kept), 0.1 * np.arange(kept)], rtol=1e-6)
+    read_c3d(tmp_path / "a.c3d")
 
 
 def test_large_residuals_do_not_wrap(tmp_path: Path) -> None:

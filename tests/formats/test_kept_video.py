@@ -127,6 +127,21 @@ def test_no_frame_of_any_encoder_is_lost_and_each_keeps_its_own_time(tmp_path: P
     check_lengths(tmp_path / "kept.mp4")
 
 
+@pytest.mark.parametrize("name", STREAMS)
+def test_frames_from_a_time_on_are_those_of_the_whole_and_little_before_is_decoded(tmp_path: Path, name: str) -> None:
+    made_stream(tmp_path / "made", name)
+    source = VideoConfig(tmp_path / "made", "cam00", offset_s=0.25, drift_ppm=40.0).build()
+    whole = list(source.frames())
+    for begin_ns in [0, *(frame.t_ns + 1 for frame in whole[::7]), whole[-1].t_ns]:
+        found = list(source.frames_from(begin_ns))
+        expected = [frame for frame in whole if frame.t_ns >= begin_ns]
+        assert [(one.seq, one.t_ns) for one in found] == [(one.seq, one.t_ns) for one in expected]
+        for one, other in zip(found, expected, strict=True):
+            np.testing.assert_array_equal(one.image, other.image)
+    if "a long GOP" not in name and "as it is" not in name and name not in ("VP8", "MPEG-4 with B-frames"):
+        assert next(iter(source.arriving(whole[-1].t_ns))).seq >= COUNT - 3 * 12, "two key frames before at most"
+
+
 def check_lengths(path: Path) -> None:
     """Units of H.264 and HEVC begin with their lengths, as other players want it; the reader here takes others, too."""
     with av.open(str(path)) as container:

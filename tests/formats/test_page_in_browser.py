@@ -38,7 +38,9 @@ addEventListener("load", async () => {
   button.click();
   find('[data-title="Save the data as CSV"]').click();
   const seen = trace => ({ name: trace.name, x: [...trace.x], y: [...trace.y] });
-  const report = { errors, played: Number(time.value), csv: await saved[0], shown: find(".legendtext").textContent,
+  const canvas = find(".player canvas"), ink = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+  const blue = ink.filter((red, at) => at % 4 == 0 && ink[at + 3] > 128 && ink[at + 2] > red + 80).length;
+  const report = { errors, blue, played: Number(time.value), csv: await saved[0], shown: find(".legendtext").textContent,
                    drawn: axes.map(one => one.data.map(seen)) };
   document.body.innerHTML = "";
   document.body.append(Object.assign(document.createElement("pre"), { id: "report", textContent: JSON.stringify(report) }));
@@ -87,6 +89,11 @@ def values(column):
 def test_the_script_runs_without_errors_and_the_player_plays(seen):
     assert seen["errors"] == []
     assert 0 < seen["played"] < 900
+
+
+def test_the_player_names_the_colours_of_the_sides(seen):
+    """Its one bone is a left one: only the word of the legend is blue."""
+    assert seen["blue"] > 8
 
 
 def test_what_is_drawn_is_what_was_given(seen):

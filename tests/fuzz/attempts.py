@@ -15,7 +15,9 @@ from drive import ROOT, write_between_marks
 KINDS: dict[str, tuple[str, ...]] = {
     "deletions": ("tests/cli/test_nothing_is_lost.py", "tests/foundation/test_output_folder.py"),
     "interruptions": ("tests/cli/test_interruptions.py",),
+    "interrupts": ("tests/cli/test_interrupts.py",),
     "live": ("tests/realtime/test_session_outputs.py", "tests/realtime/test_outputs.py"),
+    "stress": ("tests/realtime/test_stress.py",),
     "damaged": ("tests/cli/test_damaged_videos.py", "tests/sources/test_coverage.py", "tests/cli/test_limits.py"),
     "systems": ("tests/edges/test_other_systems.py",),
 }

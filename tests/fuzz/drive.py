@@ -125,14 +125,16 @@ def _pump(stream: IO[str], answers: queue.Queue[str | None]) -> None:
     answers.put(None)
 
 
-def run(variants: int, kinds: Sequence[str], commands: bool = True) -> tuple[dict[str, Counter[str]], list[Failure]]:
-    """Damage and read `variants` files of each kind; the counts per kind and what went wrong."""
+def run(
+    variants: int, kinds: Sequence[str], commands: bool = True, first: int = 0
+) -> tuple[dict[str, Counter[str]], list[Failure]]:
+    """Damage and read `variants` files of each kind, from seed `first` on; the counts per kind and what went wrong."""
     counts: dict[str, Counter[str]] = {}
     failures: list[Failure] = []
     worker = Worker()
     with tempfile.TemporaryDirectory(prefix="posefuse-fuzz-") as folder:
         try:
-            for kind, seed, damage, place, file, limit_s in _variants(Path(folder), variants, kinds, commands):
+            for kind, seed, damage, place, file, limit_s in _variants(Path(folder), variants, kinds, commands, first):
                 outcome, detail = worker.ask(kind, place, file, limit_s)
                 if seed == SOUND and outcome == "clear":
                     # a reader that refuses even the undamaged file would find nothing
@@ -146,17 +148,18 @@ def run(variants: int, kinds: Sequence[str], commands: bool = True) -> tuple[dic
 
 
 def _variants(
-    folder: Path, variants: int, kinds: Sequence[str], commands: bool
+    folder: Path, variants: int, kinds: Sequence[str], commands: bool, first: int
 ) -> Iterator[tuple[str, int, str, Path, str, float]]:
     for kind in (kind for kind in EXAMPLES if kind in kinds):
-        example, is_command = EXAMPLES[kind], kind.startswith(("track", "compare"))
+        example, is_command = EXAMPLES[kind], kind.startswith(("track", "compare", "report", "export"))
         if is_command and not commands:
             continue
         sound = folder / "sound"
         sound.mkdir()
         example.make(sound)
         content = (sound / example.file).read_bytes()
-        for seed in range(SOUND, max(3, round(variants * (COMMAND_SHARE if is_command else 1)))):
+        count = max(3, round(variants * (COMMAND_SHARE if is_command else 1)))
+        for seed in (SOUND, *range(first, first + count)):
             damage, bytes_ = ("none", content) if seed == SOUND else damaged(content, kind, seed)
             place = folder / "variant" / "session"
             shutil.copytree(sound, place)
@@ -203,10 +206,11 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--variants", type=int, default=110, help="per reader; commands get a quarter")
     parser.add_argument("--only", action="append", metavar="KIND", help=f"one of: {', '.join([*EXAMPLES, 'options'])}")
+    parser.add_argument("--first", type=int, default=0, metavar="SEED", help="the first seed; fresh ones find what 0 does not")
     parser.add_argument("--readers-only", action="store_true", help="do not run the commands")
     parser.add_argument("--write", type=Path, metavar="PAGE", help="put the table between the marks of this page")
     args = parser.parse_args()
-    counts, failures = run(args.variants, args.only or [*EXAMPLES, "options"], not args.readers_only)
+    counts, failures = run(args.variants, args.only or [*EXAMPLES, "options"], not args.readers_only, args.first)
     for one in failures:
         print(f"--- {one.kind}, seed {one.seed} ({one.damage}): {one.outcome}\n{one.detail}", flush=True)
     print(table(counts))

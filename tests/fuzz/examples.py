@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import sys
 import tarfile
 import zipfile
 from collections.abc import Callable
@@ -25,6 +26,10 @@ from posefuse.formats.video import VideoWriter
 from posefuse.tracking.stand_in import made_up_person
 
 ROOT = Path(__file__).resolve().parents[2]
+# the writers of other tools' formats that their own tests use
+sys.path.append(str(ROOT / "tests" / "formats" / "pose2d"))
+from test_formats import WRITERS  # noqa: E402
+
 GOLDEN = ROOT / "tests" / "golden" / "files"
 DEMO = ROOT / "examples" / "demo"
 NETWORK = b"a network" * 100
@@ -36,7 +41,7 @@ class Example:
     """A valid folder and the file in it that is damaged. `make` fills a folder."""
 
     file: str
-    make: Callable[[Path], None]
+    make: Callable[[Path], object]
 
 
 def walking(times: int = 40) -> tuple[np.ndarray, np.ndarray]:
@@ -171,7 +176,7 @@ def openpose_session(folder: Path) -> None:
     """Two cameras of the bundled clip as OpenPose JSON of a walking person, with a settings file."""
     rig: Rig = read_rig(DEMO / "rig.toml").only(("cam00", "cam01"))
     write_rig(folder / "rig.toml", rig)
-    (folder / "posefuse.toml").write_text('rate_hz = 30.0\nraw = true\noutputs = ["json"]\n[cameras.cam00]\noffset_s = 0.0\n')
+    (folder / "posefuse.toml").write_text('rate_hz = 30.0\nraw = true\noutputs = ["csv"]\n[cameras.cam00]\noffset_s = 0.0\n')
     person = made_up_person(BODY_25)
     for camera in rig:
         place = folder / "pose2d" / f"{camera.name}_json"
@@ -246,12 +251,20 @@ EXAMPLES: dict[str, Example] = {
     "image": Example("002.jpg", _images),
     "timestamps.csv": Example("timestamps.csv", _images),
     "OpenPose JSON": Example("pose2d/cam00_json/frame_000000000002_keypoints.json", openpose_session),
+    "AlphaPose JSON": Example("alphapose-results.json", WRITERS["alphapose"][0]),
+    "COCO JSON": Example("results.json", WRITERS["coco"][0]),
+    "MMPose JSON": Example("cam.json", WRITERS["mmpose"][0]),
+    "DeepLabCut CSV": Example("camDLC.csv", WRITERS["deeplabcut"][0]),
     "wheel": Example("mediapipe-0.10.21-x.whl", _wheel),
     "npm package": Example("mediapipe-pose-0.5.1675469404.tgz", _npm),
     "MCAP": Example("a.mcap", _mcap),
     "compare TRC": Example("a.trc", _trc),
     "compare C3D": Example("a.c3d", _c3d),
     "compare CSV": Example("a.csv", _wide_csv),
+    "report, recording": Example("recording.npz", _recording),
+    "report, rig": Example("rig.toml", _recording),
+    "export, observations": Example("observations.npz", _recording),
+    "track, result": Example("observations.npz", _recording),
     "track, OpenPose": Example("pose2d/cam01_json/frame_000000000003_keypoints.json", openpose_session),
     "track, rig": Example("rig.toml", openpose_session),
     "track, settings": Example("posefuse.toml", openpose_session),

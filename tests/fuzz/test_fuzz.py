@@ -1,6 +1,7 @@
 """Damaged files: a few of every kind here, thousands by `make fuzz`."""
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -55,3 +56,9 @@ def test_every_table_of_attempts_has_its_tests_and_its_place_in_the_page() -> No
         assert all((root / file).is_file() for file in files)
         table = page.partition(f"<!-- {kind}: begin -->")[2].partition(f"<!-- {kind}: end -->")[0]
         assert table.count("\n") > 3 and "FAILED" not in table
+
+
+def test_every_test_that_the_page_names_is_there() -> None:
+    tests, page = HERE.parent, (HERE.parents[1] / "docs" / "reliability.md").read_text()
+    named = set(re.findall(r"`(?:tests/)?(?:\w+/)*(test_\w+\.py)`", page))
+    assert len(named) > 10 and named <= {path.name for path in tests.rglob("test_*.py")}

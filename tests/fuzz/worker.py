@@ -67,6 +67,7 @@ def _readers() -> dict[str, Callable[[Path], Any]]:
         "image": lambda path: _images(path.parent),
         "timestamps.csv": lambda path: _images(path.parent),
         "OpenPose JSON": lambda path: list(read_openpose_folder(path.parent, "cam00").frames(30.0)),
+        **dict.fromkeys(("AlphaPose JSON", "COCO JSON", "MMPose JSON", "DeepLabCut CSV"), _pose2d),
         "wheel": lambda path: _model("blazepose_full", path),
         "npm package": lambda path: _model("blazepose_heavy", path),
         "MCAP": _mcap,
@@ -87,6 +88,12 @@ def _misbehave(what: str) -> None:
         os.kill(os.getpid(), signal.SIGTERM)
     if what == "clear":
         raise InputError("a clear line")
+
+
+def _pose2d(path: Path) -> None:
+    from posefuse.formats.pose2d import read_pose2d
+
+    read_pose2d(path, "cam").frame(0, 0)
 
 
 def _video(path: Path) -> None:
@@ -124,7 +131,12 @@ def _command(kind: str, path: Path, folder: Path) -> list[str]:
         return ["compare", str(folder / "sound.trc"), str(path)]
     if kind.startswith("options"):
         return [word.replace("FOLDER", str(folder)) for word in shlex.split(path.read_text())]
-    command = ["track", str(folder), "--out", str(folder.with_name("out")), "--set", "raw=true", "--outputs", "json"]
+    out = ["--out", str(folder.with_name("out"))]
+    if kind.startswith(("report", "export")):
+        return [kind.partition(",")[0], str(folder), *out]
+    if kind == "track, result":
+        return ["track", str(folder), *out]
+    command = ["track", str(folder), *out, "--set", "raw=true", "--outputs", "csv"]
     if kind == "track, MP4":
         command += ["--set", "detector.name=oracle", "--set", f"detector.options.truth={DEMO / 'truth' / 'truth.npz'}"]
         command += ["--end", "0.3"]

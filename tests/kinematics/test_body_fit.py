@@ -10,7 +10,7 @@ from posefuse.kinematics import JOINT_NAMES, joints_from_poses
 from posefuse.kinematics.body import BodySettings, BodyTracker, bodies_from_poses, fit_poses, fit_views, kernels
 from posefuse.kinematics.body import filter as filter_module
 from posefuse.kinematics.body.filter import Measurement
-from posefuse.kinematics.body.fit import _failed
+from posefuse.kinematics.body.fit import _failed, _off
 from posefuse.kinematics.body.guess import guessed_state
 from posefuse.kinematics.body.packed import packed_from_body
 from posefuse.kinematics.body.response import robust_variance_factor
@@ -287,9 +287,9 @@ def test_a_fit_that_is_far_from_the_fused_keypoint_for_a_third_of_the_time_has_f
     for steps, failed in ((29, False), (31, True)):
         fitted = fused.copy()
         fitted[10 : 10 + steps, 1] = [0.2, 0, 0]
-        assert _failed(fitted, fused, cov) == failed
+        assert _failed(len(fitted), *(each.sum(axis=0) for each in _off(fitted, fused, cov))) == failed
         # where fusion itself is not sure it proves nothing
-        assert not _failed(fitted, fused, cov * 25)
+        assert not _failed(len(fitted), *(each.sum(axis=0) for each in _off(fitted, fused, cov * 25)))
 
 
 def random_motion(rng: np.random.Generator, steps: int, rate_hz: float) -> list[dict]:

@@ -3,6 +3,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
+
 from posefuse.core import SE3, Camera, MessageError
 from posefuse.messages import camera_messages as cm
 from posefuse.messages.cdr import encode

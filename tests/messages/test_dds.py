@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import os
 import socket
 import subprocess
 import sys
@@ -14,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from own_domain import own_domain
 from running import Running
 
 from posefuse.core import ConfigError, DependencyError, SourceError
@@ -44,7 +44,7 @@ def peer(what, domain_id):
 @pytest.fixture
 def local():
     """Networks that never leave the machine; the domain keeps test runs at the same time apart."""
-    return lambda: Network(domain_id=100 + os.getpid() % 130, local_only=True)
+    return lambda: Network(domain_id=own_domain(), local_only=True)
 
 
 @pytest.fixture
@@ -218,7 +218,7 @@ def test_an_interface_that_is_not_there_is_reported():
 
 
 def test_ports_in_use_are_reported():
-    domain = 91 + os.getpid() % 10
+    domain = own_domain()
     with ExitStack() as taken:
         for port in range(7410 + 250 * domain, 7410 + 250 * domain + 64):
             taken.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)).bind(("", port))

@@ -1,10 +1,10 @@
 """Where a robot's frame is in the world, by the transforms other nodes publish."""
 
-import os
 import time
 
 import numpy as np
 import pytest
+from own_domain import own_domain
 
 from posefuse.core import SE3, MessageError
 from posefuse.messages.body_messages import transform
@@ -60,7 +60,7 @@ def test_transforms_of_others_are_used_and_own_ones_are_not():
     from posefuse.messages.dds_domain import Network
     from posefuse.messages.topics import TF, TF_STATIC
 
-    network, base, broken = Network(domain_id=100 + os.getpid() % 130, local_only=True), some(5), some(6)
+    network, base, broken = Network(domain_id=own_domain(), local_only=True), some(5), some(6)
     with RosNode("posefuse", network) as ours, RosNode("robot", network) as robot:
         reader = FrameReader(ours)
         good, bad = transform(0, "world", "base", base), transform(0, "world", "bad", broken)

@@ -1,10 +1,10 @@
 """Simulated time against real time, whatever speed the simulator runs at."""
 
-import os
 import time
 
 import numpy as np
 import pytest
+from own_domain import own_domain
 
 from posefuse.core import SourceError
 from posefuse.messages.sim_time import SimulatedClock
@@ -66,7 +66,7 @@ def test_a_node_that_receives_no_clock_reports_it():
     from posefuse.messages.topics import CLOCK
     from posefuse.messages.types import message
 
-    with RosNode("sim", Network(domain_id=100 + os.getpid() % 130, local_only=True)) as node:
+    with RosNode("sim", Network(domain_id=own_domain(), local_only=True)) as node:
         reader = ClockReader(node)
         with pytest.raises(SourceError, match="nothing came on /clock"):
             reader.wait(0.05)

@@ -11,10 +11,10 @@ import pytest
 
 from posefuse.core import DependencyError, InputError, PoseSequence
 from posefuse.formats.mot import motion_from_joints, read_mot, write_mot
-from posefuse.kinematics import joints_from_poses
+from posefuse.kinematics import joints_from_poses, opensim_path
 from posefuse.kinematics.body import bodies_from_poses
 from posefuse.kinematics.opensim_path import LOG_FILE, MODEL_FILE, opensim_motion, write_opensim_model
-from posefuse.kinematics.opensim_scale import CENTRES_FILE, FACTORS_FILE, SCALED_FILE, scale_factors, write_scaled_model
+from posefuse.kinematics.opensim_scale import FACTORS_FILE, SCALED_FILE, scale_factors, scaled_motion, write_scaled_model
 
 OURS = {
     "hip_flexion_r": ("right_hip", 0), "hip_adduction_l": ("left_hip", 1), "knee_angle_l": ("left_knee", 0),
@@ -148,8 +148,9 @@ def test_a_users_own_model_gets_the_persons_lengths(osim, tmp_path):
     person = bodies_from_poses(figures())[0]
     write_opensim_model(tmp_path / "other.osim", stretched(person, 1.2))
     before = (tmp_path / "other.osim").read_bytes()
-    found = write_scaled_model(tmp_path / "other.osim", tmp_path, person)
+    names = write_scaled_model(tmp_path / "other.osim", tmp_path, person)
     assert (tmp_path / "other.osim").read_bytes() == before
+    found = scale_factors(tmp_path / "other.osim", person)
     np.testing.assert_allclose(found.bodies["femur_r"], 1 / 1.2, rtol=1e-6)
     np.testing.assert_allclose(found.bodies["pelvis"], 1.0, rtol=1e-6)
     again = scale_factors(tmp_path / SCALED_FILE, person)
@@ -159,18 +160,41 @@ def test_a_users_own_model_gets_the_persons_lengths(osim, tmp_path):
     scales = osim.ScaleSet(str(tmp_path / FACTORS_FILE))
     assert {scales.get(i).getSegmentName() for i in range(scales.getSize())} == set(found.bodies)
     model = osim.Model(str(tmp_path / SCALED_FILE))
-    model.updMarkerSet().clearAndDestroy()
-    markers = osim.MarkerSet(str(tmp_path / CENTRES_FILE))
-    for i in range(markers.getSize()):
-        model.addMarker(markers.get(i).clone())
     state = model.initSystem()
-    knee = (
-        next(joint for joint in model.getJointSet() if joint.getName() == "tibia_l_joint")
-        .getChildFrame()
-        .getPositionInGround(state)
-    )
-    marker = model.getMarkerSet().get("left_knee").getLocationInGround(state)
-    assert [marker.get(i) for i in range(3)] == pytest.approx([knee.get(i) for i in range(3)], abs=1e-9)
+    assert {"left_heel", "right_heel", "nose", "left_ear", "left_knee"} <= set(names)
+    knee = model.getJointSet().get("tibia_l_joint").getChildFrame().getPositionInGround(state).to_numpy()
+    marker = model.getMarkerSet().get("left_knee").getLocationInGround(state).to_numpy()
+    np.testing.assert_allclose(marker, knee, atol=1e-9)
+
+
+def test_inverse_kinematics_on_a_users_own_model_moves_feet_and_head(osim, tmp_path):
+    """Of other lengths, with markers of its own in other places: its angles become those of the person, ankle and neck too."""
+    sequence = figures()
+    write_opensim_model(tmp_path / "other.osim", stretched(bodies_from_poses(sequence)[0], 1.2))
+    motion = scaled_motion(tmp_path / "other.osim", sequence, tmp_path)
+    joints = joints_from_poses(sequence)
+    moved = {**OURS, "subtalar_angle_r": ("right_ankle", 1), "neck_bending": ("neck", 1)}
+    del moved["pro_sup_l"]  # nothing of the hand is in the model
+    for coordinate, (joint, axis) in moved.items():
+        ours = np.degrees(joints.angle_rad[:, 0, joints.joints.index(joint), axis])
+        np.testing.assert_allclose(motion.column(coordinate), ours, atol=1.5, err_msg=coordinate)
+    assert np.ptp(motion.column("ankle_angle_r")) > 15
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "other.osim", "scaled.osim", "scale_factors.xml", "scaled.trc", "scaled.mot", "opensim.log"
+    }  # fmt: skip
+
+
+def test_what_hips_and_shoulders_leave_open_stays_at_its_default(osim, tmp_path, monkeypatch):
+    """The tilt of the pelvis and the bend of the spine move hips and shoulders alike: one of them has to be held."""
+    sequence = figures()
+    stiff = opensim_motion(sequence, tmp_path)
+    torso, *others = opensim_path._LINKS
+    bending = dataclasses.replace(torso, turns=(("lumbar_extension", (0.0, 0.0, 1.0)), *torso.turns))
+    monkeypatch.setattr(opensim_path, "_LINKS", (bending, *others))
+    write_opensim_model(tmp_path / "other.osim", bodies_from_poses(sequence)[0])
+    motion = scaled_motion(tmp_path / "other.osim", sequence, tmp_path)
+    np.testing.assert_allclose(motion.column("pelvis_tilt"), stiff.column("pelvis_tilt"), atol=1.0)
+    np.testing.assert_allclose(motion.column("lumbar_extension"), 0.0, atol=0.5)
 
 
 def test_what_is_no_model_is_refused_in_a_line(osim, tmp_path):
@@ -179,7 +203,7 @@ def test_what_is_no_model_is_refused_in_a_line(osim, tmp_path):
     with pytest.raises(InputError, match=r"no\.osim: expected"):
         scale_factors(tmp_path / "no.osim", person)
     with pytest.raises(InputError, match="expected an existing folder"):
-        write_scaled_model(tmp_path / "no.osim", tmp_path / "none", person)
+        scaled_motion(tmp_path / "no.osim", figures(), tmp_path / "none", body=person)
 
 
 def test_without_the_package_it_names_what_to_install(monkeypatch, tmp_path):

@@ -15,14 +15,13 @@ from posefuse.core import InputError, PoseSequence, Recording, Sink
 from posefuse.formats.c3d import read_c3d
 from posefuse.formats.trc import read_trc
 from posefuse.outputs.c3d import C3dSink
-from posefuse.outputs.json import JsonSink
 from posefuse.outputs.tables import CsvSink
 from posefuse.outputs.trc import TrcSink
 
 Make = Callable[..., Recording]
 
 
-@pytest.mark.parametrize("sink", [TrcSink(), C3dSink(), CsvSink(), JsonSink()], ids=lambda sink: sink.name)
+@pytest.mark.parametrize("sink", [TrcSink(), C3dSink(), CsvSink()], ids=lambda sink: sink.name)
 def test_they_keep_the_promise_of_a_sink(tmp_path: Path, make_recording: Make, sink: TrcSink) -> None:
     built = sink.build()
     assert isinstance(built, Sink)
@@ -83,24 +82,9 @@ def test_csv_is_tidy(tmp_path: Path, make_recording: Make) -> None:
     assert (gone["x_m"], gone["sigma_m"], gone["reproj_px"], gone["n_views"], gone["kind"]) == ("", "", "", "0", "missing")
 
 
-def test_json(tmp_path: Path, make_recording: Make) -> None:
-    recording = make_recording(people=(4, 9))
-    [path] = JsonSink().write(recording, tmp_path)
-    content = json.loads(path.read_text(), parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
-    assert content["provenance"]["version"] == __version__
-    assert content["columns"] == ["x_m", "y_m", "z_m", "sigma_m", "n_views", "reproj_px", "kind"]
-    assert len(content["time_steps"]) == 7
-    instant = content["time_steps"][3]
-    assert instant["t_s"] == 2.12
-    assert instant["people"]["4"][0] is None
-    x, y, z, sigma, views, reproj, kind = instant["people"]["9"][2]
-    np.testing.assert_allclose([x, y, z], recording.poses.xyz_world[3, 1, 2], atol=1e-6)
-    assert (sigma, views, reproj, kind) == (pytest.approx((14e-4 / 3) ** 0.5, abs=1e-6), 3, 1.5, "fused")
-
-
 def test_one_time_step_is_enough(tmp_path: Path, make_recording: Make) -> None:
     recording = make_recording(times=1)
-    for sink in (TrcSink(), C3dSink(), CsvSink(), JsonSink()):
+    for sink in (TrcSink(), C3dSink(), CsvSink()):
         path, *_ = sink.write(recording, tmp_path)
         assert path.stat().st_size > 0
 
@@ -113,5 +97,3 @@ def test_no_person_at_all(tmp_path: Path, make_recording: Make) -> None:
     assert TrcSink().write(recording, tmp_path) == []
     path, _ = CsvSink().write(recording, tmp_path)
     assert len(path.read_text().splitlines()) == 1
-    [path] = JsonSink().write(recording, tmp_path)
-    assert json.loads(path.read_text())["time_steps"][0]["people"] == {}

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from posefuse.core import Recording
-from posefuse.core.palette import LEFT, LEGEND, RIGHT
+from posefuse.core.palette import LEFT, LEGEND, PEOPLE, RIGHT
 from posefuse.evaluation.report import write_report
 from posefuse.formats.page import Heading, Page
 from posefuse.formats.page.write import page_html
@@ -22,6 +22,7 @@ from posefuse.outputs import write_outputs
 from posefuse.outputs.overlay import OverlaySink
 from posefuse.outputs.overview import OverviewSink
 from posefuse.outputs.rerun_scene import keypoint_colours
+from posefuse.studio.scene.setup import scene_setup
 from posefuse.studio.timeline import COLOURS
 
 ORANGE, BLUE = (0.02, 0.11), (0.54, 0.62)
@@ -60,6 +61,19 @@ def test_markers_for_rviz_and_foxglove_the_3d_viewer_and_the_studio(make_recordi
     of = dict(zip(skeleton.keypoints, keypoint_colours(skeleton), strict=True))
     assert_sides(*(tuple(channel / 255 for channel in of[f"{side}_hip"]) for side in ("left", "right")))
     assert_sides(COLOURS["left"], COLOURS["right"])
+
+
+def test_the_3d_scene_of_the_studio_and_its_legend(make_recording: Callable[..., Recording]) -> None:
+    skeleton = make_recording().poses.skeleton
+    setup = scene_setup(skeleton=skeleton)
+    of = dict(zip(skeleton.keypoints, setup["keypoint_rgb"], strict=True))
+    assert_sides(*(tuple(channel / 255 for channel in of[f"{side}_hip"]) for side in ("left", "right")))
+    assert_sides(setup["sides"]["left"], setup["sides"]["right"])
+
+
+def test_people_have_no_colour_of_a_side() -> None:
+    for rgb in PEOPLE:
+        assert min(np.abs(np.subtract(rgb, side.image_rgb)).max() for side in (LEFT, RIGHT)) > 60
 
 
 @pytest.mark.parametrize("sink", [OverlaySink(width_px=1280, height_px=960), OverviewSink()], ids=lambda sink: sink.name)

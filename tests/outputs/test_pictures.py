@@ -24,10 +24,10 @@ from posefuse.outputs.drawing import (
 )
 from posefuse.outputs.facts import person_file
 from posefuse.outputs.frames import every_instant
-from posefuse.outputs.json import JsonSink
 from posefuse.outputs.overlay import OverlaySink
 from posefuse.outputs.overview import OverviewSink, best_instant
 from posefuse.outputs.stage3d import bystander, stage_picture
+from posefuse.outputs.trc import TrcSink
 
 Make = Callable[..., Recording]
 Frames = Callable[[Recording], Iterator]
@@ -214,11 +214,11 @@ def test_one_pass_feeds_all_outputs(tmp_path: Path, make_recording: Make, grey_f
             asked.append(t_ns)
             yield t_ns, frames
 
-    sinks = [JsonSink(), OverlaySink(width_px=320, height_px=240), OverviewSink(width_px=320, height_px=240)]
+    sinks = [TrcSink(), OverlaySink(width_px=320, height_px=240), OverviewSink(width_px=320, height_px=240)]
     assert all(isinstance(sink, Sink) for sink in sinks)
     assert [isinstance(sink, FrameSink) for sink in sinks] == [False, True, True]
     made = write_outputs(sinks, recording, tmp_path, counted())
-    assert [path.name for path in made] == ["pose.json", "overlay.mp4", "overview.png"]
+    assert [path.name for path in made] == ["pose.trc", "overlay.mp4", "overview.png"]
     assert asked == recording.poses.t_ns.tolist()
 
 

@@ -201,6 +201,14 @@ def test_the_timeline_is_in_phase_with_the_fastest_camera_and_covers_all() -> No
         common_timeline({"slow": slow, "fast": fast}, None, 5.0, 6.0)
 
 
+@pytest.mark.parametrize("to_ns", [1_000, 1_000_000])
+def test_the_rate_is_that_of_the_camera_however_its_file_rounds_times(to_ns: int) -> None:
+    frames = np.delete(np.arange(3000), [7, 1200, 1201])
+    line = common_timeline({"cam": np.round(frames * 1e9 / 30 / to_ns).astype(np.int64) * to_ns}, None, None, None)
+    assert line.period_ns == pytest.approx(1e9 / 30, rel=1e-6)
+    assert line.count == 3000
+
+
 def test_a_recording_of_too_many_time_steps_is_refused_with_its_length_and_rate() -> None:
     times_ns = {"a": np.arange(101) * 20_000_000, "b": np.arange(101) * 20_000_000}
     with pytest.raises(SourceError, match=r"101 time steps \(2\.02 s at 50 Hz\); expected at most 100"):

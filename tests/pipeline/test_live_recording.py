@@ -34,8 +34,8 @@ from posefuse.messages.bags import Recorder
 from posefuse.outputs.live import RecordConfig
 from posefuse.pipeline import live_recording
 from posefuse.pipeline.config import TrackConfig
+from posefuse.pipeline.images import frame_period_ns
 from posefuse.pipeline.live_recording import read_live_recording
-from posefuse.pipeline.live_steps import frame_period_ns
 from posefuse.pipeline.reading import read_result
 from posefuse.pipeline.solve import solve_again
 from posefuse.realtime.config import LiveConfig

@@ -107,7 +107,7 @@ def test_the_videos_next_to_them_state_the_rate(project: Path, tmp_path: Path, d
 
 
 def test_a_table_per_camera_is_data_as_well(project: Path, tmp_path: Path, ring_rig: Callable[..., Rig]) -> None:
-    names = [f"{name}_{part}" for name in SKELETONS["blazepose33"].keypoints for part in ("x", "y", "visibility")]
+    columns = [(name, part) for name in SKELETONS["blazepose33"].keypoints for part in ("x", "y", "likelihood")]
     rng = np.random.default_rng(0)
     body = person()[:, HALPE.index("mid_hip")][:, None] + rng.normal(0, 0.3, (33, 3))
     for camera in ring_rig(3):
@@ -116,10 +116,10 @@ def test_a_table_per_camera_is_data_as_well(project: Path, tmp_path: Path, ring_
         (project / "pose" / f"{camera.name}_json").rmdir()
         with (project / "pose" / f"{camera.name}.csv").open("w", newline="") as file:
             rows = csv.writer(file)
-            rows.writerow(["frame", *names])
+            rows.writerow(["scorer", *(["net"] * len(columns))])
+            rows.writerows([title, *(column[i] for column in columns)] for i, title in enumerate(("bodyparts", "coords")))
             for i, xy in enumerate(camera.project(body)):
-                shares = (xy + 0.5) / camera.size_wh
-                rows.writerow([i, *np.concatenate([shares, np.full((33, 1), 0.9)], axis=-1).ravel().tolist()])
+                rows.writerow([i, *np.concatenate([xy, np.full((33, 1), 0.9)], axis=-1).ravel().tolist()])
     assert track(project, tmp_path / "out", "--raw") == 0
     poses = read_recording(tmp_path / "out").poses
     assert poses.skeleton.name == "blazepose33"
@@ -132,13 +132,11 @@ def in_files(out: Path, skeleton: Skeleton) -> dict[str, np.ndarray]:
     parameters = c3d["parameters"]["POINT"]
     place = [parameters["LABELS"]["value"].index(name) for name in skeleton.keypoints]
     scale = {"mm": 1e-3, "m": 1.0}[parameters["UNITS"]["value"][0]]
-    steps = json.loads((out / "pose.json").read_text())["time_steps"]
     with (out / "pose.csv").open(encoding="utf-8", newline="") as file:
         rows = [[float(row[name]) for name in ("x_m", "y_m", "z_m")] for row in csv.DictReader(file)]
     return {
         "c3d": scale * np.moveaxis(c3d["data"]["points"][:3, place], 0, -1).swapaxes(0, 1),
-        "json": np.array([[k[:3] for k in step["people"]["0"]] for step in steps]),
-        "csv": np.array(rows).reshape(len(steps), -1, 3),
+        "csv": np.array(rows).reshape(-1, len(skeleton), 3),
     }
 
 
@@ -155,7 +153,7 @@ def test_hands_and_face_reach_3d_and_every_file(project: Path, tmp_path: Path, r
     xyz = np.array(rest) + np.arange(FRAMES)[:, None, None] * [0.02, 0, 0]
     write_poses(project, ring_rig(3), xyz)
     out = tmp_path / "out"
-    assert track(project, out, outputs="trc,c3d,csv,json") == 0
+    assert track(project, out, outputs="trc,c3d,csv") == 0
     poses = read_recording(out).poses
     assert poses.skeleton == whole
     assert np.nanmedian(np.linalg.norm(poses.xyz_world[:, 0] - xyz, axis=-1)) < 0.002

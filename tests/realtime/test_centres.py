@@ -86,7 +86,7 @@ def standing_person() -> np.ndarray:
 @pytest.mark.parametrize("wanted", [True, False])
 def test_the_output_is_at_joint_centres_and_the_views_get_landmarks(ring_rig, standing_person, wanted) -> None:
     rig, kept, tracker = ring_rig(3), Kept(), Still(standing_person)
-    board = new_board(rig)
+    board = new_board()
     fusion = Fusion(rig, tracker, board, SessionClock.begin(), kept, Centring(rig.names, wanted))
     fusion.tick(BEGIN_NS, PERIOD_NS)
     fusion.take(Centres(rig.names, FULL))

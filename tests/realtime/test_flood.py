@@ -1,13 +1,13 @@
 """A flood of messages over real DDS against a running fusion node."""
 
 import json
-import os
 import signal
 import sys
 import time
 from pathlib import Path
 
 import pytest
+from own_domain import own_domain
 from running import Running
 
 pytest.importorskip("cyclonedds")
@@ -21,7 +21,7 @@ from posefuse.messages.messages import message_from_detections
 from posefuse.tracking.stand_in import made_up_detections
 
 pytestmark = [pytest.mark.slow, pytest.mark.realtime]
-DOMAIN = 14 + os.getpid() % 80
+DOMAIN = own_domain()
 LATENCY_S, AFTER_S, PATIENCE_S = 0.03, 6.0, 400.0
 COUNT = 10_000
 

@@ -49,12 +49,10 @@ class CountedPixels:
 
 
 class SeesNoPerson:
-    """In place of a detector that may be exchanged."""
-
-    network = ""
+    """In place of a detector."""
 
     def __init__(self, choice: DetectorChoice, rig: Rig) -> None:
-        self.now, self.skeleton, self.searched = self, SKELETON, 0
+        self.skeleton, self.searched = SKELETON, 0
 
     def detect(self, frames: list[Frame], regions: list) -> list[Detections2D]:
         self.searched += sum(one is None for one in regions)
@@ -65,7 +63,7 @@ class SeesNoPerson:
 def watched(ring_rig, monkeypatch: pytest.MonkeyPatch):
     """Lets a group look at `count` frames of one camera, and gives (messages, images asked for, searches)."""
     rig, clock_s = ring_rig(3, size_wh=(64, 48)), itertools.count(1000.0, 1 / 30)
-    monkeypatch.setattr(group_module, "ChangeableDetector", SeesNoPerson)
+    monkeypatch.setattr(group_module, "build_detector", SeesNoPerson)
 
     def look(count: int, people: int = 0, glances: bool = True) -> tuple[list[SeenView], int, int]:
         ours, theirs = Channel.pair()
@@ -75,14 +73,14 @@ def watched(ring_rig, monkeypatch: pytest.MonkeyPatch):
             group=0, rig=rig, inputs=(entry,), detector=DetectorChoice(), clock=session, most_people=1, search_every_s=1e6,
             preview_hz=0.0, glances=glances,
         )  # fmt: skip
-        board = new_board(rig)
+        board = new_board()
         group = Group(plan, theirs, board)
         group._shift_ns["cam00"] = 0
         pixels = [CountedPixels() for _ in range(count)]
         for i, one in enumerate(pixels):
             if people:
                 far = np.full((people, len(SKELETON), 3), 1e6)
-                board.write(pose_of(far, session.now_ns()), np.zeros_like(far), np.zeros(len(rig)))
+                board.write(pose_of(far, session.now_ns()), np.zeros_like(far))
             now_s = next(clock_s)
             monkeypatch.setattr(group_module.time, "monotonic", lambda now_s=now_s: now_s)
             t_ns = 100 * S + i * PERIOD_NS
@@ -139,7 +137,7 @@ def test_what_is_reported_together_is_judged_and_counted_frame_by_frame(watched,
             return 103 * S
 
     fusion = Fusion(
-        rig, ready_tracker(rig, SKELETON, LiveConfig()), new_board(rig), Clock(), NoOutputs(), Centring(rig.names, False)
+        rig, ready_tracker(rig, SKELETON, LiveConfig()), new_board(), Clock(), NoOutputs(), Centring(rig.names, False)
     )
     for one in messages:
         fusion.take(one)
@@ -180,9 +178,7 @@ def test_views_that_would_make_the_next_output_late_wait(watched, ring_rig) -> N
                 yield self.left.pop(0)
 
     clock, intake = Clock(), Intake()
-    fusion = Fusion(
-        rig, ready_tracker(rig, SKELETON, LiveConfig()), new_board(rig), clock, NoOutputs(), Centring(rig.names, False)
-    )
+    fusion = Fusion(rig, ready_tracker(rig, SKELETON, LiveConfig()), new_board(), clock, NoOutputs(), Centring(rig.names, False))
     due_ns = clock.now + 800_000
     fusion._listen(intake, due_ns)
     assert 0 < len(intake.left) < 4

@@ -33,10 +33,8 @@ NAMES = ("cam00", "cam01", "cam02")
 class SlowDetector:
     """Every camera has its next frame before one search has ended."""
 
-    network = ""
-
     def __init__(self, choice: DetectorChoice, rig: Rig) -> None:
-        self.now, self.skeleton, self.group, self.seq = self, SKELETON, None, 0
+        self.skeleton, self.group, self.seq = SKELETON, None, 0
 
     def detect(self, frames: list[Frame], regions: list) -> list[Detections2D]:
         self.show_next()
@@ -54,13 +52,13 @@ class SlowDetector:
 @pytest.fixture
 def group(ring_rig, monkeypatch: pytest.MonkeyPatch):
     """(group of three cameras, the board, the end of the channel where its messages come)."""
-    monkeypatch.setattr(group_module, "ChangeableDetector", SlowDetector)
+    monkeypatch.setattr(group_module, "build_detector", SlowDetector)
     rig, (ours, theirs) = ring_rig(3, size_wh=(64, 48)), Channel.pair()
     plan = GroupPlan(
         group=0, rig=rig, inputs=tuple(LiveInput(name, "test", NoSourceConfig(), False) for name in NAMES),
         detector=DetectorChoice(), clock=SessionClock.begin(), most_people=1, search_every_s=1e6, preview_hz=0.0, glances=False,
     )  # fmt: skip
-    board = new_board(rig)
+    board = new_board()
     group = Group(plan, theirs, board)
     group._shift_ns = dict.fromkeys(NAMES, 0)
     group.detector.group = group
@@ -73,13 +71,13 @@ def group(ring_rig, monkeypatch: pytest.MonkeyPatch):
 def test_while_no_person_is_followed_all_cameras_search_frames_of_one_time(group) -> None:
     group, _, channel = group
     for _ in range(3):
-        group._look_at_best()
+        group._look_at_next()
         seen = [message.detections for message in iter(channel.receive, None)]
         assert [view.camera for view in seen] == list(NAMES)
         assert len({view.t_ns for view in seen}) == 1
 
 
-def test_with_a_person_one_frame_at_a_time_is_looked_at(group) -> None:
+def test_with_a_person_the_frame_of_the_camera_that_waited_longest_is_looked_at(group) -> None:
     group, board, channel = group
     xyz = np.full((1, len(SKELETON), 3), 1e6)
     pose = Pose3D(
@@ -87,9 +85,9 @@ def test_with_a_person_one_frame_at_a_time_is_looked_at(group) -> None:
         cov_world=np.tile(np.eye(3), (1, len(SKELETON), 1, 1)), reproj_px=np.ones((1, len(SKELETON))),
         n_views=np.ones((1, len(SKELETON))), kind=np.ones((1, len(SKELETON))),
     )  # fmt: skip
-    group._looked_s = dict.fromkeys(NAMES, time.monotonic())
-    board.write(pose, np.zeros_like(xyz), np.array([1.0, 3.0, 2.0]))
-    group._look_at_best()
+    group._looked_s = dict(zip(NAMES, (2.0, 1.0, 3.0), strict=True))
+    board.write(pose, np.zeros_like(xyz))
+    group._look_at_next()
     assert [message.detections.camera for message in iter(channel.receive, None)] == ["cam01"]
 
 

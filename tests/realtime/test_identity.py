@@ -7,7 +7,7 @@ import numpy as np
 from posefuse.core import Detections2D, Kind, Pose3D
 from posefuse.core.skeleton import COCO17
 from posefuse.realtime.identity import NamedTracker
-from posefuse.realtime.scheduling import search_slot
+from posefuse.realtime.searching import search_slot
 from posefuse.tracking.online import CameraStatistics, LiveSettings
 
 PERIOD_NS = 33_333_333

@@ -163,7 +163,7 @@ def session(rig: Rig) -> tuple[Fusion, SimpleNamespace]:
     clock = SimpleNamespace(now=T0, now_ns=lambda: clock.now)
     config = LiveConfig()
     tracker = ready_tracker(rig, BLAZE, config)
-    return Fusion(rig, tracker, new_board(rig), clock, NoOutputs(), Centring(rig.names, True)), clock
+    return Fusion(rig, tracker, new_board(), clock, NoOutputs(), Centring(rig.names, True)), clock
 
 
 class Played:

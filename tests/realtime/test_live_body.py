@@ -6,10 +6,9 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from posefuse.cli.replay import difference_m, replayed
-from posefuse.core import SE3, ConfigError, Detections2D, LiveDetections, LivePose, LiveStart, Pose3D, Rig
+from posefuse.core import SE3, Detections2D, LiveDetections, LivePose, LiveStart, Pose3D, Rig
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.outputs.live.record import RecordConfig
@@ -22,7 +21,6 @@ from posefuse.realtime.provenance import notes_of
 from posefuse.realtime.session import ready_bodies, ready_tracker
 from posefuse.simulation.build import live_scene
 from posefuse.simulation.scene import Scene
-from posefuse.tracking.online import LiveSettings
 
 K, PERIOD_NS, BEGIN_NS = len(ANATOMICAL23), 10_000_000, 1_000_000_000
 RATE_HZ, LATE_S, SIGMA_PX, SECONDS = 30.0, (0.02, 0.06), 2.0, 3.0
@@ -247,9 +245,3 @@ def test_a_replay_fits_as_the_session_did(tmp_path: Path) -> None:
     sink.close()
     assert max(difference_m(pose, again) for pose, again in replayed(path, rig, ON)) == 0.0
     assert max(difference_m(pose, again) for pose, again in replayed(path, rig, OFF)) > 0.001
-
-
-def test_a_tracker_that_mixes_times_is_refused() -> None:
-    with pytest.raises(ConfigError, match="mixes views of different times"):
-        replace(ON, track=LiveSettings(tracker="latest"))
-    assert ready_bodies(walk().rig, ANATOMICAL23, replace(LiveConfig(), track=LiveSettings(tracker="latest"))) is None

@@ -1,12 +1,12 @@
 """Intrinsics that camera nodes tell the fusion node, over the loopback device."""
 
-import os
 import threading
 import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from own_domain import own_domain
 
 pytest.importorskip("cyclonedds")
 
@@ -20,7 +20,7 @@ from posefuse.realtime.network_intake import NetworkIntake
 from posefuse.realtime.node_intrinsics import publish_intrinsics, rig_of_nodes
 
 pytestmark = pytest.mark.realtime
-NETWORK = Network(domain_id=12 + os.getpid() % 80, local_only=True)
+NETWORK = Network(domain_id=own_domain(), local_only=True)
 
 
 def longer(rig, by):

@@ -1,7 +1,6 @@
 """One session on two machines, here two processes on the loopback device."""
 
 import json
-import os
 import signal
 import sys
 import time
@@ -11,6 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from own_domain import own_domain
 from running import Running
 
 from posefuse.core import (
@@ -38,8 +38,7 @@ from posefuse.tracking.online import CameraStatistics
 pytestmark = pytest.mark.realtime
 
 pytest.importorskip("cyclonedds")
-# apart from what tests of `wire` use, and from another run on this machine
-DOMAIN = 10 + os.getpid() % 80
+DOMAIN = own_domain()
 PATIENCE_S = 120.0
 
 
@@ -148,10 +147,10 @@ def test_cameras_of_another_machine_look_for_people_who_are_not_sure_enough_to_b
 
     rig, clock, skeleton = ring_rig(3), SessionClock.begin(), SKELETONS["coco17"]
     where = {"domain_id": DOMAIN + 2, "local_only": True}
-    output, board = Ros2Config(**where).build(), new_board(rig)
+    output, board = Ros2Config(**where).build(), new_board()
     output.take(LiveStart(t_ns=clock.now_ns(), rig=rig, rate_hz=100.0, clock_offset_ns=0))
     outlets = Given(output)
-    fusion = Fusion(rig, OneUnsurePerson(skeleton), new_board(rig), clock, outlets, Centring(rig.names, False))
+    fusion = Fusion(rig, OneUnsurePerson(skeleton), new_board(), clock, outlets, Centring(rig.names, False))
     end = time.monotonic() + PATIENCE_S
     with RosNode("camera", Network(**where)) as node:
         cameras = CameraNode(rig, rig.names, node, board, clock, skeleton)

@@ -4,6 +4,7 @@ import os
 import pickle
 import shutil
 import signal
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -143,6 +144,23 @@ def test_an_output_that_hangs_is_reported(monkeypatch) -> None:
     until(lambda: worker.health().state == HANGS)
     until(lambda: worker.health().state == OK)
     assert worker.health().failures == 0
+    worker.finish()
+    worker.join(PATIENCE_S)
+
+
+def test_an_output_that_hangs_while_it_is_opened_again_is_reported(monkeypatch) -> None:
+    monkeypatch.setattr("posefuse.realtime.output_process._HANGS_S", 0.05)
+    monkeypatch.setattr("posefuse.realtime.output_process._FIRST_RETRY_S", 0.01)
+    opened = threading.Event()
+    config = Scripted(
+        fails=lambda count: OSError(5, "unplugged"),
+        open_fails=lambda part: opened.wait(PATIENCE_S) and None if part > 1 else None,
+    )
+    worker = Worker("scripted", config, made_up_start(1))
+    until(lambda: worker.health().state == HANGS, lambda: worker.put(POSE))
+    assert worker.health().text == "has been opening for more than 0.05 s"
+    opened.set()
+    until(lambda: worker.health().state == FAILED)
     worker.finish()
     worker.join(PATIENCE_S)
 

@@ -46,7 +46,7 @@ def slow_to_finish(plan: SimpleNamespace, channel: Channel, board: object) -> No
         channel.wait(30.0)
     for _ in range(30):
         time.sleep(0.1)
-        channel.send(Status(0, 0, (), "", 0, 0.0))
+        channel.send(Status(0, 0, ()))
     (plan.folder / "finished").touch()
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from live_session import PATIENCE_S, Live, command, until
+from live_session import FILLED, PATIENCE_S, Live, command, fill, until
 
 from posefuse.messages import topics
 from posefuse.messages.bags import read_mcap, read_poses
@@ -18,7 +18,6 @@ from posefuse.messages.bags import read_mcap, read_poses
 pytestmark = pytest.mark.realtime
 
 pytest.importorskip("mcap")
-FILLED = 1 << 16
 
 
 def test_killed_outputs_are_reported_and_recording_continues_and_the_session_ends_with_1(
@@ -103,13 +102,3 @@ def test_a_full_disk_ends_the_videos_which_is_reported_at_once_and_the_session_e
     faults = [video["fault"] for video in figures["videos"].values()]
     assert any("No space left on device" in fault for fault in faults)
     assert (disk / "videos" / "rig.toml").is_file()
-
-
-def fill(path: Path) -> float:
-    """Fill the disk to its last byte; returns the moment it was full."""
-    with path.open("wb", buffering=0) as file:
-        try:
-            while True:
-                file.write(bytes(FILLED))
-        except OSError:
-            return time.monotonic()

@@ -23,7 +23,7 @@ def video(tmp_path: Path) -> Path:
 
 
 def read(path: Path) -> Coverage:
-    source = CountedSource(VideoConfig(path, "cam01").build())
+    source = CountedSource(VideoConfig(path, "cam01").build(), 0)
     list(source.frames())
     return source.coverage(0, (FRAMES - 1) * PERIOD_NS)
 

@@ -1,14 +1,15 @@
 """A ROS 2 image topic, sent by another process on loopback."""
 
-import os
 import sys
 import textwrap
 import threading
+import time
 from contextlib import nullcontext
 from itertools import islice, takewhile
 
 import numpy as np
 import pytest
+from own_domain import own_domain
 from running import Running
 
 pytest.importorskip("cyclonedds", reason="the extra `ros` is not installed")
@@ -16,10 +17,12 @@ pytest.importorskip("cyclonedds", reason="the extra `ros` is not installed")
 from posefuse.core import Frame, SourceError
 from posefuse.evaluation.contracts import check_source
 from posefuse.messages.camera_messages import IMAGE_TYPE
+from posefuse.messages.dds import RosNode
+from posefuse.messages.dds_domain import Network
 from posefuse.messages.topics import Topic
 from posefuse.sources.ros import RosConfig, RosSource
 
-DOMAIN = 100 + os.getpid() % 130
+DOMAIN = own_domain()
 SENDER = textwrap.dedent(
     """
     import sys, time
@@ -92,6 +95,19 @@ def test_images_of_another_size_or_older_are_refused_and_counted(sender):
     assert source.last_refusal.startswith("topic /cam/image_raw: ")
 
 
+@pytest.mark.parametrize("jump_s", [-7200, 7200])
+def test_a_clock_that_is_set_shows_in_the_stamps_only(sender, monkeypatch, jump_s):
+    source, real = config("/cam/image_raw").build(), time.time_ns
+    frames = source.frames()
+    before = next(frames).received_ns
+    monkeypatch.setattr(time, "time_ns", lambda: real() + jump_s * 10**9)
+    try:
+        later = [frame.received_ns - before for frame in islice(frames, 20)]
+    finally:
+        source.close()
+    assert 0 < later[-1] < 600e9
+
+
 def test_closing_ends_the_frames(sender):
     source = config("/cam/image_raw").build()
     seen = []
@@ -100,6 +116,30 @@ def test_closing_ends_the_frames(sender):
     source.close()
     thread.join(timeout=20)
     assert not thread.is_alive()
+
+
+def test_what_is_closed_while_another_thread_uses_it_ends_quietly(monkeypatch):
+    from cyclonedds.core import DDSException
+
+    with RosNode("closed", Network(domain_id=DOMAIN, local_only=True)) as node:
+
+        class Closed:
+            def wait(self, _: int) -> int:
+                node.close()
+                raise DDSException(-12, msg="Occurred while waiting")
+
+        node._waitset = Closed()
+        assert node.wait(1.0) is False
+    source = object.__new__(RosSource)
+    source._closed, source._seq = False, 5
+    source._first = Frame(camera="a", seq=0, t_ns=0, received_ns=0, image=np.zeros((3, 4, 3), np.uint8))
+
+    def gone() -> list:
+        source._closed = True
+        raise SourceError("Cyclone DDS could not read")
+
+    monkeypatch.setattr(source, "_take", gone, raising=False)
+    assert list(source.frames()) == []
 
 
 def test_a_missing_topic_is_refused_with_a_list_of_topics(sender):

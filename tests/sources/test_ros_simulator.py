@@ -1,6 +1,5 @@
 """Cameras of a simulator: stamps in simulated time, CameraInfo next to the images; sent by another process on loopback."""
 
-import os
 import sys
 import textwrap
 import time
@@ -8,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from own_domain import own_domain
 from running import Running
 
 pytest.importorskip("cyclonedds", reason="the extra `ros` is not installed")
@@ -19,7 +19,7 @@ from posefuse.realtime.ros_cameras import rig_with_camera_infos
 from posefuse.sources.ros import RosConfig
 from posefuse.sources.ros_camera_info import apart_px, camera_of_info, info_topic
 
-DOMAIN = 100 + os.getpid() % 130
+DOMAIN = own_domain()
 # half as fast as real time; cam00 as calibrated, cam01 with another lens, cam02 uncalibrated, cam03 silent
 SENDER = textwrap.dedent(
     """

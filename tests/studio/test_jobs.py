@@ -90,10 +90,32 @@ def test_a_job_that_stopped_reporting_is_lost_with_its_last_words(workspace: Stu
     write_json(folder / "job.json", {"id": "old", "work": "track", "title": "T", "arguments": {}, "begun_s": time.time() - 500})
     write_json(folder / "state.json", {"state": "running", "reported_s": time.time()})
     assert jobs.report("old").state == "running" and [job.id for job in jobs.running()] == ["old"]
+    jobs = Jobs(workspace)
     write_json(folder / "state.json", {"state": "running", "reported_s": time.time() - 100})
     (folder / "log.txt").write_text("Killed\n\n", encoding="utf-8")
     assert (jobs.report("old").state, jobs.report("old").error) == ("lost", "Killed")
     assert jobs.running() == []
+
+
+@pytest.mark.parametrize("jump_s", [-7200.0, 7200.0])
+def test_a_job_that_reports_is_not_lost_when_the_clock_is_set(
+    workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch, jump_s: float
+) -> None:
+    folder, jobs, real = workspace.folder(f"{JOBS_FOLDER}/one"), Jobs(workspace), time.time
+    write_json(folder / "job.json", {"id": "one", "work": "track", "title": "T", "arguments": {}, "begun_s": real()})
+    reporter = job_process.JobReporter(workspace, "one")
+    try:
+        before = jobs.report("one")
+        monkeypatch.setattr(time, "time", lambda: real() + jump_s)
+        assert before.state == jobs.report("one").state == "running"
+        # its next reports come, too
+        end_s = time.monotonic() + 60
+        while jobs.report("one").reported_s == before.reported_s:
+            assert time.monotonic() < end_s
+            time.sleep(0.05)
+        assert jobs.report("one").state == "running"
+    finally:
+        reporter.end(state="done")
 
 
 def test_damaged_state_is_no_trouble(workspace: StudioWorkspace) -> None:

@@ -6,10 +6,11 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from running import Running
 
-PATIENCE_S = 180.0
+PATIENCE_S, FILLED = 180.0, 1 << 16
 
 
 def command(session: Path, *options: str, source: str | None = None) -> list[str]:
@@ -22,8 +23,8 @@ def command(session: Path, *options: str, source: str | None = None) -> list[str
 class Live:
     """A running session whose notes are read as they come."""
 
-    def __init__(self, arguments: list[str]) -> None:
-        self._running = Running(arguments)
+    def __init__(self, arguments: list[str], **more: Any) -> None:
+        self._running = Running(arguments, **more)
         self.process = self._running.process
 
     def wait_for(self, pattern: str) -> re.Match:
@@ -49,3 +50,13 @@ def until(condition: Callable[[], bool]) -> None:
     while not condition():
         assert time.monotonic() < end, "waited in vain"
         time.sleep(0.05)
+
+
+def fill(path: Path) -> float:
+    """Fill the disk to its last byte; returns the moment it was full."""
+    with path.open("wb", buffering=0) as file:
+        try:
+            while True:
+                file.write(bytes(FILLED))
+        except OSError:
+            return time.monotonic()

@@ -58,6 +58,12 @@ class Run:
         return self
 
 
+@pytest.mark.parametrize(("healthy", "phase"), [(0, Phase.IDLE), (1, Phase.READY)])
+def test_one_camera_is_enough_where_the_settings_say_so(healthy, phase):
+    run = Run(settings=replace(SETTINGS, gate=replace(SETTINGS.gate, least_cameras=1)))
+    assert run.tick(15, held=False, change=lambda news: replace(news, cameras=replace(news.cameras, healthy=healthy))) is phase
+
+
 def test_engaging_needs_a_switch_that_was_let_go_first():
     run = Run()
     assert run.tick(40) is Phase.IDLE

@@ -150,6 +150,16 @@ def test_a_late_process_stops_as_soon_and_within_the_limits(seed):
     assert calls[1] <= calls[0] - 3
 
 
+def test_where_a_stop_ends_is_known_before_it():
+    """What a trajectory over ROS leads to, in case it is the last."""
+    robot = at_speed(np.random.default_rng(3))
+    end, steps = robot.joints.resting()
+    for _ in range(steps):
+        robot.joints.brake(DT_S, 0)
+    assert steps > 3
+    np.testing.assert_allclose(robot.joints.q, end, atol=1e-12)
+
+
 def test_each_joint_may_have_its_own_limits():
     speeds, accelerations = (2.0, 0.4, 2.0, 0.5, 2.0, 0.6, 2.0), (8.0, 2.0, 8.0, 3.0, 8.0, 2.5, 8.0)
     limits = replace(LIMITS, joint_speed_radps=speeds, joint_acceleration_radps2=accelerations)
@@ -236,6 +246,14 @@ def test_both_arms_of_a_robot_that_stands_fixed_are_watched_whole():
     assert sum("torso" in pair for pair in names) == 6 and sum("floor" in pair for pair in names) == 6
     spheres = robot.posture().spheres_world
     assert spheres[:, 1].min() < -0.3 and spheres[:, 1].max() > 0.3 and (np.abs(spheres[:, :2]) < 0.2).all(axis=1).any()
+
+
+def test_geoms_whose_masks_keep_them_from_touching_are_not_watched():
+    model = fixed_arms()
+    [first, *_] = [g for g in range(model.ngeom) if "right" in model.geom(g).name]
+    model.geom_contype[first], model.geom_conaffinity[first] = 2, 4
+    pairs = MujocoRobot(model, ["right_hand", "left_hand"], LIMITS).joints.chain.pairs
+    assert len(pairs) and first not in pairs
 
 
 def test_every_pair_of_our_own_robot_is_watched():

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from own_domain import own_domain
 
 pytest.importorskip("cyclonedds")
 pytest.importorskip("mujoco")
@@ -23,7 +24,7 @@ from posefuse.teleoperation.robots.reports import OutletReporter, RosPlan
 from posefuse.teleoperation.robots.ros_robot import open_ros_robot
 from posefuse.teleoperation.settings import RobotSettings, TeleoperationSettings
 
-PLAN = RosPlan(domain_id=83, local_only=True, cmd_vel="/cmd_vel")
+PLAN = RosPlan(domain_id=own_domain(), local_only=True, cmd_vel="/cmd_vel")
 SETTINGS = TeleoperationSettings(robot=RobotSettings(position_xy_m=(2.0, 0.0), heading_deg=90.0))
 JOINTS = [f"right_j{i}" for i in range(1, 8)]
 

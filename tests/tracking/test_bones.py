@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from posefuse.core import SKELETONS
-from posefuse.tracking.bones import bone_lengths, hold_bones
+from posefuse.tracking import bones
+from posefuse.tracking.bones import bone_lengths
 
 COCO = SKELETONS["coco17"]
 NOISE = np.diag([1.0, 4.0, 2.0]) * 1e-4
@@ -22,6 +23,12 @@ def tumbling(count: int, seed: int = 0, scale: np.ndarray | None = None) -> np.n
 def measured(truth: np.ndarray, seed: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     xyz = truth + np.random.default_rng(seed).normal(size=truth.shape) @ np.sqrt(NOISE)
     return xyz, np.broadcast_to(NOISE, (*truth.shape, 3)).copy(), np.ones(truth.shape[:2], bool)
+
+
+def hold_bones(xyz: np.ndarray, cov: np.ndarray, *rest) -> tuple[np.ndarray, np.ndarray]:
+    held, narrowed = xyz.copy(), cov.copy()
+    bones.hold_bones(held, narrowed, *rest)
+    return held, narrowed
 
 
 def test_lengths_are_recovered_without_the_bias_of_noise():

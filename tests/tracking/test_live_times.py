@@ -3,11 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from posefuse.core import SE3, Detections2D
 from posefuse.core.skeleton import COCO17
-from posefuse.tracking.online import TRACKERS
 
 HOUR_NS = 3_600_000_000_000
 
@@ -18,13 +16,12 @@ def same(one, two, tolerance=0.0):
         np.testing.assert_allclose(getattr(one, name), getattr(two, name), rtol=0, atol=tolerance, err_msg=name)
 
 
-@pytest.mark.parametrize("name", TRACKERS)
-def test_a_replay_gives_the_same_poses(world, name):
+def test_a_replay_gives_the_same_poses(world):
     w = world()
     views = w.views(1.0)
     poses = []
     for _ in range(2):
-        tracker = w.tracker(tracker=name)
+        tracker = w.tracker()
         for view in views:
             tracker.add(view)
         poses.append(tracker.at(1_050_000_000))
@@ -126,10 +123,9 @@ def test_a_common_jump_of_all_cameras_is_a_jump_of_time(world):
     assert np.nanmax(np.linalg.norm(pose.xyz_world[0] - w.place(0), axis=-1)) < 0.1
 
 
-@pytest.mark.parametrize("name", TRACKERS)
-def test_the_same_moment_twice_counts_once(world, name):
+def test_the_same_moment_twice_counts_once(world):
     w = world()
-    once, twice = w.tracker(tracker=name), w.tracker(tracker=name)
+    once, twice = w.tracker(), w.tracker()
     for view in w.views(0.8):
         once.add(view)
         twice.add(view)
@@ -150,10 +146,9 @@ def test_a_flood_is_refused_and_memory_stays_bounded(world):
     assert len(tracker.at(840_000_000).person_id) == 1
 
 
-@pytest.mark.parametrize("name", TRACKERS)
-def test_no_person_and_nothing_finite_are_no_one(world, detections_of, name):
+def test_no_person_and_nothing_finite_are_no_one(world, detections_of):
     w = world()
-    tracker = w.tracker(tracker=name)
+    tracker = w.tracker()
     assert len(tracker.at(0).person_id) == 0
     for i, camera in enumerate(w.rig.names):
         tracker.add(Detections2D.empty(camera, i * 1_000_000, COCO17))

@@ -11,7 +11,7 @@ the same for recordings and live.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -209,10 +209,14 @@ class Identity:
         return replace(self, tracks=tracks, people=people, names=(*self.names, *named))
 
 
-def persons_at(names: tuple[Named, ...], track: int, t_ns: int) -> int:
-    """Who the track was at this time, as the newest decision has it; `UNNAMED` if that was never decided."""
-    named = [one for one in names if one.track == track and one.since_ns <= t_ns]
-    return named[-1].person if named else UNNAMED
+def persons_at(names: Iterable[Named], tracks: Array, t_ns: Array) -> Array:
+    """(R,) who tracks (R,) were at these times (R,), as the newest decisions have it; `UNNAMED` where that was never decided."""
+    order = np.argsort(tracks, kind="stable")
+    in_order, people = tracks[order], np.full(len(tracks), UNNAMED)
+    for one in names:
+        rows = order[np.searchsorted(in_order, one.track) : np.searchsorted(in_order, one.track, "right")]
+        people[rows[t_ns[rows] >= one.since_ns]] = one.person
+    return people
 
 
 def with_persons(pose: Pose3D, persons: Sequence[int]) -> Pose3D:

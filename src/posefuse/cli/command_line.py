@@ -23,13 +23,14 @@ from posefuse import __version__
 if TYPE_CHECKING:
     from .terminal import Terminal
 
+# as the help lists them
 GROUPS = {
-    "Start": ("demo", "doctor", "models", "studio"),
+    "Start": ("demo", "doctor", "studio"),
     "Record and calibrate": ("record", "calibrate"),
-    "Track recordings": ("track", "batch"),
-    "Live": ("live", "node", "teleoperate"),
-    "Results": ("report", "view", "export", "compare"),
-    "Plan and extend": ("simulate", "fit-noise", "plugins"),
+    "Track": ("track", "batch"),
+    "Live": ("live", "teleoperate", "node"),
+    "Look at a result": ("view", "report", "export", "compare"),
+    "Simulate and extend": ("simulate", "models", "fit-noise", "plugins"),
 }
 COMMANDS = tuple(name for names in GROUPS.values() for name in names)
 STEPS = {
@@ -37,6 +38,7 @@ STEPS = {
     "calibrate": ("intrinsics", "extrinsics", "guide", "person", "clocks", "verify", "print"),
 }
 _MODULES = "posefuse.cli.commands"
+_OPTIONS = Group("Options", sort_key=len(GROUPS))
 _HELP_FLAGS = {"--help", "-h"}
 
 
@@ -68,13 +70,12 @@ class Invocation:
 
 
 def parse(tokens: Sequence[str]) -> Invocation | None:
-    """The command to run; None where help (also by no word at all) or the version was asked for, and shown.
+    """The command to run; None where help or the version was shown: asked for, or because no command was named.
 
     Raises:
         WrongCommandLineError: an unknown command or option, a value that is missing or wrong.
     """
     app = application()
-    tokens = tokens or ["--help"]
     if _HELP_FLAGS & set(tokens):
         _import_listed(app, tokens)
     words: tuple[str, ...] = ()
@@ -90,13 +91,17 @@ def parse(tokens: Sequence[str]) -> Invocation | None:
         words = words or tuple(word for word in error.command_chain or () if not word.startswith("-"))
         raise WrongCommandLineError(_line(words, _problem(error))) from None
     if getattr(command, "__func__", None) is App.help_print:
-        raise WrongCommandLineError(_line(words, f"expected a command: {', '.join(STEPS[words[0]])}"))
+        _import_listed(app, words)
+        app.help_print(list(words))
+        return None
     return Invocation(words, as_json, command, inner)
 
 
 def _common(
     *tokens: Annotated[str, Parameter(show=False, allow_leading_hyphen=True)],
-    json: Annotated[bool, Parameter(help="Print the figures as one JSON object on stdout, all else on stderr.")] = False,
+    json: Annotated[
+        bool, Parameter(group=_OPTIONS, help="Print the figures as one JSON object on stdout, all else on stderr.")
+    ] = False,
 ) -> None:
     """Options that every command takes, at any position."""
 
@@ -112,26 +117,27 @@ def application() -> App:
         default_parameter=Parameter(negative=(), show_default=_default_text),
     )
     app.meta.default(_common)
-    for place, (title, names) in enumerate(GROUPS.items()):
-        group = Group(title, sort_key=place)
-        for name in names:
+    app["--help"].group = app["--version"].group = _OPTIONS
+    for order, (title, names) in enumerate(GROUPS.items()):
+        group = Group(title, sort_key=order)
+        for position, name in enumerate(names):
             if name in STEPS:
-                app.command(_with_steps(name, group, names.index(name)))
+                app.command(_with_steps(name, group, position))
             else:
                 module = name.replace("-", "_")
-                app.command(f"{_MODULES}.{module}:{module}", name=name, group=group, sort_key=names.index(name))
+                app.command(f"{_MODULES}.{module}:{module}", name=name, group=group, sort_key=position)
     return app
 
 
-def _with_steps(name: str, among: Group, position: int) -> App:
+def _with_steps(name: str, group: Group, position: int) -> App:
     helps = {
         "node": "Run a live session on several machines: `node camera` where the cameras are, `node fusion` anywhere.",
         "calibrate": "Calibrate cameras from a board, a marker object or a person; find clock offsets; verify; print targets.",
     }
-    group = App(name=name, help=helps[name], group=among, sort_key=position)
+    steps = App(name=name, help=helps[name], group=group, sort_key=position)
     for order, step in enumerate(STEPS[name]):
-        group.command(f"{_MODULES}.{name}_{step}:{name}_{step}", name=step, sort_key=order)
-    return group
+        steps.command(f"{_MODULES}.{name}_{step}:{name}_{step}", name=step, sort_key=order)
+    return steps
 
 
 def _import_listed(app: App, tokens: Sequence[str]) -> None:

@@ -165,7 +165,6 @@ def effective_live_config(settings: LiveSettingsOptions) -> LiveConfig:
         "--rate": ("rate_hz", settings.rate),
         "--groups": ("groups", settings.groups),
         "--body": ("body", settings.body),
-        "--tracker": ("track.tracker", settings.tracker),
         "--people": ("track.max_people", settings.people),
         "--names": ("names", names_from_text(settings.names)),
         "--camera-info": ("camera_info", settings.camera_info),

@@ -12,7 +12,7 @@ from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 
 from posefuse.detection import default_cards, list_cards, status
-from posefuse.foundation.platform import usable_cores
+from posefuse.foundation.platform import display, usable_cores, usb_cameras
 from posefuse.foundation.user_cache import default_cache_dir
 
 EXTRAS = {
@@ -30,6 +30,9 @@ EXTRAS = {
     "h5": "2D poses in HDF5",
     "cluster": "batch on a Dask cluster",
 }
+
+
+_LITTLE_DISK_GB = 5.0
 
 
 @dataclass(frozen=True)
@@ -54,11 +57,13 @@ def machine_checks() -> list[MachineCheck]:
         _python(),
         _processor(),
         _disk(),
+        _cache(),
         *_packages(),
         _video_codec(),
         *_models(),
         _tracking(),
         *_extras(),
+        _cameras(),
         *_rendering(),
         _display(),
     ]
@@ -70,10 +75,10 @@ def _python() -> MachineCheck:
 
 
 def _processor() -> MachineCheck:
-    flags = _cpu_flags()
+    flags, cores = _cpu_flags(), usable_cores()
     fast = [name for name in ("avx2", "avx512f", "avx512_bf16", "amx_bf16") if name in flags]
-    cores = usable_cores()
-    found = f"{cores} cores; {', '.join(fast) or 'no AVX2'}"
+    # only Linux lists what the processor can do
+    found = f"{cores} cores" + (f"; {', '.join(fast) or 'no AVX2'}" if flags else "")
     return MachineCheck("processor", cores >= 2, False, found, "two cores or more keep decoding and inference apart")
 
 
@@ -86,6 +91,12 @@ def _cpu_flags() -> set[str]:
 
 
 def _disk() -> MachineCheck:
+    free_gb = shutil.disk_usage(Path.cwd()).free / 1e9
+    cure = "free some: results with overlay.mp4 and recorded videos are large"
+    return MachineCheck("disk", free_gb >= _LITTLE_DISK_GB, False, f"{free_gb:.0f} GB free in this folder", cure)
+
+
+def _cache() -> MachineCheck:
     folder = default_cache_dir()
     nearest = next(parent for parent in (folder, *folder.parents) if parent.exists())
     writable = os.access(nearest, os.W_OK)
@@ -120,7 +131,7 @@ def _installed(names: Sequence[str]) -> tuple[list[str], list[str]]:
 def _packages() -> list[MachineCheck]:
     present, absent = _installed(_names_of(None))
     found = f"{len(present)} packages" + (f"; missing: {', '.join(absent)}" if absent else "")
-    return [MachineCheck("core packages", not absent, True, found, "pip install posefuse")]
+    return [MachineCheck("core packages", not absent, True, found, "install posefuse again")]
 
 
 def _tracking() -> MachineCheck:
@@ -131,8 +142,11 @@ def _tracking() -> MachineCheck:
         from posefuse.pipeline import run
 
         cache_dir = default_cache_dir()
-        if any(status(card, cache_dir) != "ready" for card in default_cards()):
-            return MachineCheck("tracking", False, True, f"{run.__name__} works; its networks are missing", "posefuse models")
+        states = {status(card, cache_dir) for card in default_cards()}
+        if "damaged" in states:
+            return MachineCheck("tracking", False, True, f"{run.__name__} works; its networks are damaged", "posefuse models")
+        if "missing" in states:
+            return MachineCheck("tracking", True, True, "ready after the first download, which the first run begins (35 MB)")
         detector = BlazePoseConfig().build()
     except Exception as error:  # noqa: BLE001 - whatever stops this stops `track` as well
         return MachineCheck("tracking", False, True, f"{type(error).__name__}: {error}", cure)
@@ -164,7 +178,7 @@ def _models() -> list[MachineCheck]:
         MachineCheck(
             f"model {card.name}",
             state == "ready",
-            card.name in needed,
+            card.name in needed and state == "damaged",
             f"{card.summary}: {state}",
             f"posefuse models {card.name}",
         )
@@ -184,7 +198,13 @@ def _rendering() -> list[MachineCheck]:
         return [MachineCheck(name, False, False, "no", str(error))]
 
 
+def _cameras() -> MachineCheck:
+    found = usb_cameras()
+    cure = "connect one; videos and network cameras need none"
+    return MachineCheck("USB cameras", bool(found), False, ", ".join(found) or "none", cure)
+
+
 def _display() -> MachineCheck:
-    found = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY") or ""
+    found = display()
     cure = "only `posefuse view` and `--view` need one; files can be looked at elsewhere"
     return MachineCheck("display", bool(found), False, found or "none", cure)

@@ -59,17 +59,15 @@ def camera_node(
         raise SourceError("expected a source for at least 1 camera, got none; see --source")
     rig = rig_with_camera_infos(rig, inputs, config.camera_info, terminal.note)
     fetch_chosen(config.detector, terminal)
-    detector, chooser = settled_network(config.detector, len(inputs), terminal.note)
-    config = replace(config, detector=detector)
+    config = replace(config, detector=settled_network(config.detector, len(inputs), terminal.note))
     clock = SessionClock.begin()
-    # the whole rig stands on the board, so that gains and regions have one order on all machines
-    board = new_board(rig)
+    board = new_board()
     plan = OutputPlan(rig=rig, clock=clock, configs={"ros2": Ros2Config()})
     # a fusion node on another machine learns of a camera's health by its views
     groups_of = [replace(one, glances=False) for one in group_plans(rig, inputs, config, plan)]
     with (
         RosNode(f"posefuse_cameras_{topics.ros_name(name)}", network_of(ros_2)) as node,
-        GroupViews(groups_of, board, chooser, terminal.note) as groups,
+        GroupViews(groups_of, board) as groups,
     ):
         publish_intrinsics(node, rig, [entry.camera for entry in inputs], time.time_ns())
         skeleton = groups.wait_ready()

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from posefuse.cli.options.shared import SettingsOptions
 from posefuse.cli.options.track import EXCLUDED, TrackOptions
 from posefuse.core import InputError, Recording
@@ -52,6 +54,8 @@ def second_solve(path: Path, options: TrackOptions, settings: SettingsOptions, t
     session = None if earlier.is_live else nearby_session(earlier, path)
     config = _config(options, settings, earlier, session)
     edits = _edits(path, earlier, options, terminal)
+    # an hour of them takes much memory, and only observations are solved again
+    earlier = dataclasses.replace(earlier, poses=earlier.poses.people(np.zeros(0, np.intp)))
     sinks = build_sinks(config.outputs)
     with output_folder(
         options.out, command="track", inputs=inputs, replace=options.force, warn=terminal.warn

@@ -28,7 +28,8 @@ def simulate_session(scene_file: Path, out: Path, force: bool, workers: int | No
         with terminal.progress("rendering") as advance:
             paths = simulate(scene, out, advance, workers, replace=force, warn=terminal.warn)
     except KeyboardInterrupt:
-        terminal.warn(f"{out} is unfinished; the same command continues where it stopped")
+        if out.is_dir():
+            terminal.warn(f"{out} is unfinished; the same command continues where it stopped")
         raise
     seconds = time.perf_counter() - began_s
     truth = read_truth(paths.truth)

@@ -88,7 +88,7 @@ def completed_recording(folder: Path) -> dict[str, KeptCounts]:
     videos, manifest = staging / VIDEOS_FOLDER, read_manifest(staging)
     assert manifest is not None
     made = _written(videos)
-    if any(time.time() - path.stat().st_mtime < _IN_USE_S for path in made):
+    if any(abs(time.time() - path.stat().st_mtime) < _IN_USE_S for path in made):
         raise InputError(f"{folder}: {staging} was written to within the last {_IN_USE_S} s; is it still being recorded?")
     begun = datetime.fromtimestamp((staging / MANIFEST_FILE).stat().st_mtime, UTC)
     with output_folder(folder, command=manifest.command, keep_unfinished=True, unfinished=staging) as out:

@@ -15,7 +15,7 @@ Array = NDArray[Any]
 def frozen(value: Any, dtype: DTypeLike, name: str) -> Array:
     """`value` as a read-only, contiguous array of its own; raises ShapeError when it is not numeric.
 
-    An array that this function returned before is not copied again: it can no longer be written.
+    An array that this function returned before, or whole rows of one, is not copied again: it can no longer be written.
     """
     if _is_frozen(value, dtype):
         return np.asarray(value)
@@ -31,14 +31,17 @@ def give_away(*arrays: Array) -> None:
     """Make arrays of one's own read-only, so that a value takes them as they are: a copy of an hour would take much memory."""
     for array in arrays:
         array.setflags(write=False)
+        if type(array.base) is np.ndarray:
+            give_away(array.base)
 
 
 def _is_frozen(value: Any, dtype: DTypeLike) -> bool:
-    # not a view: the array behind it may still be written
-    if type(value) is not np.ndarray or value.dtype != dtype:
+    if type(value) is not np.ndarray or value.dtype != dtype or not value.flags.c_contiguous:
         return False
-    flags = value.flags
-    return flags.owndata and flags.c_contiguous and not flags.writeable
+    # of a view, the array behind it may still be written
+    while type(value) is np.ndarray and not value.flags.writeable:
+        value = value.base
+    return value is None
 
 
 # standard deviation of a normal distribution from its median absolute deviation

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike
 
-from .arrays import Array, check_fields, freeze_fields
+from .arrays import Array, check_fields, freeze_fields, give_away
 from .errors import ShapeError
 from .skeleton import Skeleton
 from .values import check_keypoints
@@ -147,4 +147,14 @@ class PoseSequence:
         if any(p.skeleton != first.skeleton or not np.array_equal(p.person_id, first.person_id) for p in poses):
             raise ShapeError("PoseSequence: expected the same skeleton and people in every pose")
         stacked = {name: np.stack([getattr(p, name) for p in poses]) for name in _POSE_AXES if name != "person_id"}
+        give_away(*stacked.values())
         return PoseSequence(t_ns=np.array([p.t_ns for p in poses]), skeleton=first.skeleton, person_id=first.person_id, **stacked)
+
+    @staticmethod
+    def concatenate(parts: Sequence[PoseSequence]) -> PoseSequence:
+        """One after the other, at least one, of the same people in the same order."""
+        arrays: dict[str, Any] = {
+            name: np.concatenate([getattr(p, name) for p in parts]) for name in ("t_ns", *_POSE_AXES) if name != "person_id"
+        }
+        give_away(*arrays.values())
+        return replace(parts[0], **arrays)

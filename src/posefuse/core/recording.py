@@ -11,7 +11,7 @@ import numpy as np
 
 from .arrays import Array
 from .errors import ShapeError, choices
-from .observations import Observations
+from .observations import DetectionBatch, LookKind, Observations
 from .poses import PoseSequence
 from .rig import Rig
 from .views_over_time import ViewSequence, observations_from_views, views_over_time
@@ -73,6 +73,15 @@ class Recording:
             sigma_px=sigma_px,
         )
         return Recording(rig=rig, poses=poses, observations=observations_from_views(views), provenance=provenance or {})
+
+    @staticmethod
+    def of_poses(rig: Rig, poses: PoseSequence, provenance: Mapping[str, Any]) -> Recording:
+        """A recording without what it was made from, which takes as much memory as the result."""
+        batches = [
+            DetectionBatch(step=i, t_ns=t_ns, kind=LookKind.EXPECTED, detections=()) for i, t_ns in enumerate(poses.t_ns.tolist())
+        ]
+        observations = Observations.from_batches(poses.skeleton, rig.names, batches)
+        return Recording(rig=rig, poses=poses, observations=observations, provenance=provenance)
 
     def __repr__(self) -> str:
         poses = self.poses

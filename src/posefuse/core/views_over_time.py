@@ -54,6 +54,11 @@ class ViewSequence:
             depth_m=None if self.depth_m is None else self.depth_m[i],
         )
 
+    def part(self, steps: slice) -> ViewSequence:
+        """These time steps only."""
+        arrays: dict[str, Any] = {name: getattr(self, name)[steps] for name in VIEW_ARRAYS if name != "person_id"}
+        return replace(self, t_ns=self.t_ns[steps], depth_m=None if self.depth_m is None else self.depth_m[steps], **arrays)
+
     def people(self, which: Array) -> ViewSequence:
         """These people only: `which` is (N,) bool, or their places on axis N in the order wanted."""
         arrays: dict[str, Any] = {name: getattr(self, name)[:, which] for name in VIEW_ARRAYS if name != "person_id"}
@@ -75,28 +80,38 @@ def views_over_time(
         t_ns: (T,) times, for a live session, of which not every frame was used; None: the observations' own time steps.
         gap_ns: with `t_ns`: a camera's frames this far apart are interpolated between, even if frames are missing there.
     """
-    ids = np.array(list(person_id), np.int64)
-    steps = observations.step_t_ns if t_ns is None else np.asarray(t_ns, np.int64)
-    rows = _rows_of_people(observations, ids, steps_only=t_ns is None)
-    shape = (len(steps), len(ids), len(observations.camera_names), len(observations.skeleton))
-    xy, score, sigma = np.full((*shape, 2), np.nan), np.zeros(shape), np.full(shape, np.nan)
-    depth = None if observations.depth_m is None else np.full((*shape, 2), np.nan)
-    for c in range(shape[2]):
-        frames = _of_steps(observations, rows, ids, c) if t_ns is None else _of_times(observations, rows, ids, c)
-        if len(frames.t_ns):
-            own = np.arange(len(steps)) if t_ns is None else nearest_frames(frames.t_ns, steps)
-            reach_ns = _REACH_PERIODS * _period_ns(steps if t_ns is None else frames.t_ns)
-            alone_ns = np.inf if t_ns is None else max(_period_ns(frames.t_ns) / 2, _SAME_TIME_NS)
-            found = _at_times(steps, frames, own, max(reach_ns, gap_ns), alone_ns, observations.skeleton)
-            xy[:, :, c], score[:, :, c], sigma[:, :, c] = found.xy, found.score, found.sigma
-            if depth is not None:
-                depth[:, :, c] = found.depth
-    names = observations.camera_names
-    give_away(xy, score, sigma)
-    return ViewSequence(
-        t_ns=steps, skeleton=observations.skeleton, camera_names=names, person_id=ids, xy_img=xy, score=score, sigma_px=sigma,
-        depth_m=depth,
-    )  # fmt: skip
+    return ViewsInParts(observations, person_id, t_ns, gap_ns).part(slice(None))
+
+
+class ViewsInParts:
+    """What `views_over_time` gives, made for a part of the time steps when it is asked for: all of an hour takes much memory."""
+
+    def __init__(self, observations: Observations, person_id: Iterable[int], t_ns: Array | None = None, gap_ns: int = 0) -> None:
+        self._seen, self._ids = observations, np.array(list(person_id), np.int64)
+        self.t_ns = observations.step_t_ns if t_ns is None else np.asarray(t_ns, np.int64)
+        rows, count = _rows_of_people(observations, self._ids, steps_only=t_ns is None), len(observations.camera_names)
+        self._tracks = [
+            _of_steps(observations, rows, c, gap_ns) if t_ns is None else _of_times(observations, rows, c, self.t_ns, gap_ns)
+            for c in range(count)
+        ]
+
+    def part(self, steps: slice) -> ViewSequence:
+        """The views of these time steps, to the last bit as they are in the whole."""
+        seen, t_ns = self._seen, self.t_ns[steps]
+        shape = (len(t_ns), len(self._ids), len(seen.camera_names), len(seen.skeleton))
+        xy, score, sigma = np.full((*shape, 2), np.nan), np.zeros(shape), np.full(shape, np.nan)
+        depth = None if seen.depth_m is None else np.full((*shape, 2), np.nan)
+        for c, track in enumerate(self._tracks):
+            if len(track.t_ns) and len(t_ns):
+                found = _at_times(t_ns, *track.around(steps, seen, self._ids), track.reach_ns, track.alone_ns, seen.skeleton)
+                xy[:, :, c], score[:, :, c], sigma[:, :, c] = found.xy, found.score, found.sigma
+                if depth is not None:
+                    depth[:, :, c] = found.depth
+        give_away(xy, score, sigma)
+        return ViewSequence(
+            t_ns=t_ns, skeleton=seen.skeleton, camera_names=seen.camera_names, person_id=self._ids, xy_img=xy, score=score,
+            sigma_px=sigma, depth_m=depth,
+        )  # fmt: skip
 
 
 def observations_from_views(views: ViewSequence) -> Observations:
@@ -153,6 +168,32 @@ class _CameraFrames:
         return _CameraFrames(self.t_ns[places], self.xy[places], self.score[places], self.sigma[places], depth)
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _CameraTrack:
+    """Where one camera's frames and the detections in them are.
+
+    Attributes:
+        t_ns: (F,) times of its frames. own: (T,) the frame of each time step.
+        rows, places: (R,) rows of the detection table, and the frame of each.
+        reach_ns: frames farther apart than this are not interpolated between.
+        alone_ns: a frame farther from its time than this counts only where it is interpolated.
+    """
+
+    t_ns: Array
+    own: Array
+    rows: Array
+    places: Array
+    reach_ns: float
+    alone_ns: float
+
+    def around(self, steps: slice, seen: Observations, ids: Array) -> tuple[_CameraFrames, Array]:
+        """The frames of these time steps with one more at both ends, and (T,) the one of each time step."""
+        own = self.own[steps]
+        begin, end = max(int(own.min()) - 1, 0), int(own.max()) + 2
+        here = (self.places >= begin) & (self.places < end)
+        return _filled(seen, self.t_ns[begin:end], self.rows[here], self.places[here] - begin, ids), own - begin
+
+
 def _rows_of_people(observations: Observations, ids: Array, steps_only: bool) -> Array:
     """The detections of these people; `steps_only`: those in frames that belong to a time step."""
     wanted = np.isin(observations.person_id, ids)
@@ -161,24 +202,32 @@ def _rows_of_people(observations: Observations, ids: Array, steps_only: bool) ->
     return np.flatnonzero(wanted)
 
 
-def _of_steps(observations: Observations, rows: Array, ids: Array, c: int) -> _CameraFrames:
+def _of_steps(observations: Observations, rows: Array, c: int, gap_ns: int) -> _CameraTrack:
     """One camera's frame of each time step, unseen where it has none."""
     t_ns, mine = observations.step_t_ns.copy(), observations.frame_camera == c
     mine &= observations.frame_step != LIVE_STEP
     t_ns[observations.frame_step[mine]] = observations.frame_t_ns[mine]
     frame = observations.detection_frame[rows]
     here = mine[frame]
-    return _filled(observations, t_ns, rows[here], observations.frame_step[frame[here]], ids)
+    reach_ns = max(_REACH_PERIODS * _period_ns(observations.step_t_ns), gap_ns)
+    places = observations.frame_step[frame[here]]
+    return _CameraTrack(
+        t_ns=t_ns, own=np.arange(len(t_ns)), rows=rows[here], places=places, reach_ns=reach_ns, alone_ns=np.inf
+    )  # fmt: skip
 
 
-def _of_times(observations: Observations, rows: Array, ids: Array, c: int) -> _CameraFrames:
+def _of_times(observations: Observations, rows: Array, c: int, steps_ns: Array, gap_ns: int) -> _CameraTrack:
     """One camera's frames, whether they belong to a time step or not."""
     mine = np.flatnonzero(observations.frame_camera == c)
     t_ns, place = np.unique(observations.frame_t_ns[mine], return_inverse=True)
     place_of = np.full(len(observations.frame_t_ns), -1)
     place_of[mine] = place
     at = place_of[observations.detection_frame[rows]]
-    return _filled(observations, t_ns, rows[at >= 0], at[at >= 0], ids)
+    period_ns, own = _period_ns(t_ns), nearest_frames(t_ns, steps_ns) if len(t_ns) else np.zeros(0, np.int64)
+    return _CameraTrack(
+        t_ns=t_ns, own=own, rows=rows[at >= 0], places=at[at >= 0], reach_ns=max(_REACH_PERIODS * period_ns, gap_ns),
+        alone_ns=max(period_ns / 2, _SAME_TIME_NS),
+    )  # fmt: skip
 
 
 def nearest_frames(frame_t_ns: Array, t_ns: Array) -> Array:

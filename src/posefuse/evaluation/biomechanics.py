@@ -14,7 +14,7 @@ from posefuse.core.arrays import Array
 from posefuse.core.poses import point_sigma_m
 from posefuse.formats.angles import write_angles
 from posefuse.formats.bvh import write_bvh
-from posefuse.formats.c3d import C3dData, write_c3d
+from posefuse.formats.c3d import C3dData, C3dEvent, write_c3d
 from posefuse.formats.gltf import write_gltf
 from posefuse.formats.joint_centres import joint_centres_from_mapping
 from posefuse.formats.mot import MotTable, motion_from_joints, write_mot
@@ -23,9 +23,10 @@ from posefuse.kinematics import JointSettings, joints_from_poses, undefined_segm
 from posefuse.kinematics.animation import animation_from_joints, animation_gap
 from posefuse.kinematics.body import BodySettings, bodies_from_poses, fit_poses, fit_views
 from posefuse.kinematics.definitions import joints_without_points
-from posefuse.kinematics.gait import gait_from_poses
+from posefuse.kinematics.gait import Gait, gait_from_poses
 from posefuse.kinematics.opensim_path import opensim_library, opensim_motion
-from posefuse.kinematics.opensim_scale import write_scaled_model
+from posefuse.kinematics.opensim_scale import scaled_motion
+from posefuse.kinematics.sides import SIDES
 from posefuse.kinematics.skin import skin_of
 from posefuse.outputs.facts import duration_s, person_suffix
 from posefuse.tracking import views_at_joint_centres
@@ -46,7 +47,8 @@ class BiomechanicsSettings:
             (`rays_at_joint_centres`), so that one camera still counts; ``none`` takes the angles straight from the points, as
             do all where the skeleton has no hips or no shoulders.
         opensim: run OpenSim's inverse kinematics as well; needs the extra ``biomech``.
-        opensim_model: an .osim of the user's own that is scaled to each person; needs the extra ``biomech``.
+        opensim_model: an .osim of the user's own to scale to each person and to run inverse kinematics on; needs the extra
+            ``biomech``.
         joints, body: see `JointSettings`, `BodySettings`.
     """
 
@@ -136,6 +138,8 @@ def write_biomechanics(
             if motion.note:
                 progress("report", 1, _STAGES, f"angles{ending}.mot: {motion.note}")
             made += _person_files(poses, joints, n, folder, ending, motion.table)
+            made.append(folder / f"points_angles{ending}.c3d")
+            write_c3d(made[-1], _c3d_data(poses, joints, n, recording.person_names[n]))
             if gap := animation_gap(joints, n):
                 progress("report", 1, _STAGES, f"no skeleton{ending}.bvh and .glb: {gap}")
             if chosen.opensim or chosen.opensim_model:
@@ -157,27 +161,36 @@ def _cycles(poses: PoseSequence, joints: JointAngles) -> dict[int, list[CycleAng
 
 
 def _person_files(poses: PoseSequence, joints: JointAngles, n: int, folder: Path, ending: str, motion: MotTable) -> list[Path]:
-    made = [folder / f"angles{ending}.mot", folder / f"points_angles{ending}.c3d"]
+    made = [folder / f"angles{ending}.mot"]
     write_mot(made[0], motion)
-    sigma_m = point_sigma_m(poses.cov_world[:, n])
-    span_s = duration_s(poses)
-    rate_hz = (len(poses) - 1) / span_s if span_s > 0 else 1.0
-    labels, angles = _c3d_angles(joints, n)
-    points = C3dData(
-        names=poses.skeleton.keypoints,
-        xyz_world=poses.xyz_world[:, n],
-        sigma_m=sigma_m,
-        rate_hz=rate_hz,
-        angle_names=labels,
-        angle_rad=angles,
-    )
-    write_c3d(made[1], points)
     if animation_gap(joints, n) is None:
         made += [folder / f"skeleton{ending}.bvh", folder / f"skeleton{ending}.glb"]
-        write_bvh(made[2], animation_from_joints(poses, joints, n, _CENTIMETRES))
+        write_bvh(made[1], animation_from_joints(poses, joints, n, _CENTIMETRES))
         animation = animation_from_joints(poses, joints, n)
-        write_gltf(made[3], animation, skin=skin_of(animation))
+        write_gltf(made[2], animation, skin=skin_of(animation))
     return made
+
+
+def _c3d_data(poses: PoseSequence, joints: JointAngles, n: int, name: str) -> C3dData:
+    span_s = duration_s(poses)
+    labels, angles = _c3d_angles(joints, n)
+    return C3dData(
+        names=poses.skeleton.keypoints,
+        xyz_world=poses.xyz_world[:, n],
+        sigma_m=point_sigma_m(poses.cov_world[:, n]),
+        rate_hz=(len(poses) - 1) / span_s if span_s > 0 else 1.0,
+        angle_names=labels,
+        angle_rad=angles,
+        subject=name,
+        events=_events(gait_from_poses(poses, n)),
+    )
+
+
+def _events(gait: Gait | None) -> tuple[C3dEvent, ...]:
+    if gait is None:
+        return ()
+    found = [C3dEvent(float(t_s), side, "strike") for side in SIDES for t_s in gait.strike_s[side]]
+    return tuple(sorted(found + [C3dEvent(float(t_s), side, "off") for side in SIDES for t_s in gait.off_s[side]]))
 
 
 def _c3d_angles(joints: JointAngles, n: int) -> tuple[tuple[str, ...], Array]:
@@ -197,5 +210,5 @@ def _opensim_files(poses: PoseSequence, n: int, folder: Path, chosen: Biomechani
     if chosen.opensim:
         opensim_motion(poses, folder, n, body)
     if chosen.opensim_model:
-        write_scaled_model(chosen.opensim_model, folder, body)
+        scaled_motion(chosen.opensim_model, poses, folder, n, body)
     return sorted(folder.iterdir())

@@ -3,6 +3,7 @@ axes and length unit, which the format does not name; angles of the file are deg
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,9 +14,11 @@ from scipy.spatial.transform import Rotation
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
-from posefuse.foundation.atomic import write_text
+from posefuse.foundation.atomic import write_lines
 from posefuse.foundation.parsing import one_line, short
 
+# frames that are written together
+_PART_FRAMES = 1000
 _CHANNELS = tuple(axis + kind for kind in ("position", "rotation") for axis in "XYZ")
 
 
@@ -219,10 +222,15 @@ def write_bvh(path: Path | str, data: BvhData) -> None:
     order: list[int] = []
     lines = ["HIERARCHY", *_block(data, children, children[-1][0], 0, order)]
     lines += ["MOTION", f"Frames: {len(data)}", f"Frame Time: {data.frame_s:.8f}"]
-    angles = np.stack([Rotation.from_matrix(data.rotation[:, j]).as_euler("ZXY", degrees=True) for j in order], axis=1)
-    numbers = np.concatenate([data.position[:, order[0]], angles.reshape(len(data), -1)], axis=1)
-    lines += [" ".join(f"{number:.6f}" for number in row) for row in numbers]
-    write_text(path, "\n".join(lines) + "\n")
+    write_lines(path, itertools.chain(lines, _motion_lines(data, order)))
+
+
+def _motion_lines(data: BvhData, order: list[int]) -> Iterator[str]:
+    for start in range(0, len(data), _PART_FRAMES):
+        part = slice(start, start + _PART_FRAMES)
+        turns = [Rotation.from_matrix(data.rotation[part, j]).as_euler("ZXY", degrees=True) for j in order]
+        for row in np.concatenate([data.position[part, order[0]], *turns], axis=1):
+            yield " ".join(f"{number:.6f}" for number in row)
 
 
 def _check_writable(path: Path, data: BvhData, roots: list[int]) -> None:

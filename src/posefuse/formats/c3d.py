@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from posefuse.core.arrays import Array, check_fields, freeze_fields, frozen
 from posefuse.core.errors import choices
 from posefuse.foundation.atomic import atomic_file
 
-from .c3d_blocks import Group, read_blocks
+from .c3d_blocks import BLOCK_BYTES, POINT_BYTES, Group, data_start, read_blocks, with_frame_count
 
 _METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 # residuals are stored as one byte times this; a file with larger ones gets a coarser step
@@ -28,6 +29,17 @@ _BYTE = 255
 _TEXT_PIECE = 120
 _TEXT_PIECES = 200
 _NAMES_PER_PARAMETER = 255
+# frames that ezc3d gets at a time
+_PART_FRAMES = 1000
+_EVENT_LABELS = {"strike": "Foot Strike", "off": "Foot Off"}
+
+
+class C3dEvent(NamedTuple):
+    """`strike` or `off` of the `left` or `right` foot, in seconds from the first frame."""
+
+    t_s: float
+    side: str
+    kind: str
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -41,6 +53,7 @@ class C3dData:
         rate_hz: frames per second; C3D has no other time.
         angle_names: A angles. angle_rad: (T, A, 3); NaN where missing.
         about: group ``POSEFUSE`` of the file: parameter name to text.
+        subject: who it is. events: in order of time; a file holds the first 255. Both are written, not read.
     """
 
     names: tuple[str, ...]
@@ -50,6 +63,8 @@ class C3dData:
     angle_names: tuple[str, ...] = ()
     angle_rad: Array = field(default_factory=lambda: np.zeros((0, 0, 3)))
     about: Mapping[str, str] = field(default_factory=dict)
+    subject: str = ""
+    events: tuple[C3dEvent, ...] = ()
 
     def __post_init__(self) -> None:
         freeze_fields(self, dict.fromkeys(("xyz_world", "sigma_m", "angle_rad"), np.float64))
@@ -64,18 +79,43 @@ class C3dData:
 
 def write_c3d(path: Path | str, data: C3dData) -> None:
     """Write a C3D file (floating point, no analog channels); raises InputError when the place cannot be written to."""
-    import ezc3d
-
     path = Path(path)
     labels = [*data.names, *data.angle_names]
     if len(set(labels)) != len(labels):
         raise InputError(f"{path}: names of points and angles must be unique, got {choices(labels)}")
-    values = np.concatenate([data.xyz_world / _METRES["mm"], np.degrees(data.angle_rad)], axis=1)
+    step_mm = max(_FINEST_RESIDUAL_MM, float(np.nan_to_num(data.sigma_m).max(initial=0)) / _METRES["mm"] / _BYTE)
+    frames, frame_bytes = len(data.xyz_world), len(labels) * POINT_BYTES
+    with atomic_file(path) as staged, staged.open("wb") as out:
+        for start in range(0, max(frames, 1), _PART_FRAMES):
+            content = _file_of(path, data, slice(start, start + _PART_FRAMES), step_mm)
+            begin = data_start(content)
+            if start == 0:
+                out.write(with_frame_count(path, content[:begin], frames, frames * frame_bytes))
+            out.write(content[begin : begin + min(frames - start, _PART_FRAMES) * frame_bytes])
+        out.write(bytes(BLOCK_BYTES - out.tell() % BLOCK_BYTES))
+
+
+def _file_of(path: Path, data: C3dData, part: slice, step_mm: float) -> bytes:
+    """A file of these frames alone: ezc3d takes thirty times the memory of the numbers."""
+    with TemporaryDirectory() as scratch:
+        written = Path(scratch) / "part.c3d"
+        try:
+            _c3d_of(data, part, step_mm).write(str(written))
+            return written.read_bytes()
+        except (OSError, RuntimeError, ValueError) as error:
+            raise InputError(f"{path}: cannot be written ({error})") from None
+
+
+def _c3d_of(data: C3dData, part: slice, step_mm: float) -> Any:
+    import ezc3d
+
+    labels = [*data.names, *data.angle_names]
+    angle_deg = np.degrees(data.angle_rad[part])
+    values = np.concatenate([data.xyz_world[part] / _METRES["mm"], angle_deg], axis=1)
     points = np.ones((4, len(labels), len(values)))
     points[:3] = values.transpose(2, 1, 0)
-    residual_mm = np.concatenate([data.sigma_m / _METRES["mm"], np.zeros(data.angle_rad.shape[:2])], axis=1).T
+    residual_mm = np.concatenate([data.sigma_m[part] / _METRES["mm"], np.zeros(angle_deg.shape[:2])], axis=1).T
     residual_mm = np.nan_to_num(residual_mm)
-    step_mm = max(_FINEST_RESIDUAL_MM, float(residual_mm.max(initial=0)) / _BYTE)
     residual_mm[~np.isfinite(points).all(axis=0)] = -1
 
     file = ezc3d.c3d()
@@ -89,11 +129,7 @@ def write_c3d(path: Path | str, data: C3dData) -> None:
     point["UNITS"]["value"] = ["mm"]
     point["SCALE"]["value"] = np.array([-step_mm])  # negative: stored as floating point
     _add_parameters(file, data)
-    with atomic_file(path) as staged:
-        try:
-            file.write(str(staged))
-        except (OSError, RuntimeError, ValueError) as error:
-            raise InputError(f"{path}: cannot be written ({error})") from None
+    return file
 
 
 def read_c3d(path: Path | str) -> C3dData:
@@ -139,6 +175,14 @@ def _add_parameters(file: Any, data: C3dData) -> None:
         file.add_parameter("POINT", "ANGLES", list(data.angle_names))
         file.add_parameter("POINT", "ANGLE_UNITS", "deg")
         file.add_parameter("POINT", "TYPE_GROUPS", ["ANGLES", "ANGLE"])
+    if data.subject:
+        _add_group(file, "SUBJECTS", USED=[1], NAMES=[data.subject], USES_PREFIXES=[0], LABEL_PREFIXES=[""])
+    if events := data.events[:_NAMES_PER_PARAMETER]:
+        # a time is minutes and seconds; readers add them up
+        times = np.array([[0.0, event.t_s] for event in events]).T
+        sides, labels = [event.side.title() for event in events], [_EVENT_LABELS[event.kind] for event in events]
+        subjects = [data.subject] * len(events)
+        _add_group(file, "EVENT", USED=[len(events)], CONTEXTS=sides, LABELS=labels, TIMES=times, SUBJECTS=subjects)
     file.add_parameter("MANUFACTURER", "COMPANY", "posefuse")
     file.add_parameter("MANUFACTURER", "SOFTWARE", "posefuse")
     file.add_parameter("MANUFACTURER", "VERSION_LABEL", data.about.get("VERSION", ""))
@@ -148,6 +192,11 @@ def _add_parameters(file: Any, data: C3dData) -> None:
             raise InputError(f"C3D parameter POSEFUSE:{key}: too long ({len(text)} characters)")
         # ends of strings are padded away in C3D: a mark keeps blanks at the end of a piece
         file.add_parameter("POSEFUSE", key, [f"{piece}|" for piece in pieces])
+
+
+def _add_group(file: Any, group: str, **parameters: list[Any] | Array) -> None:
+    for name, values in parameters.items():
+        file.add_parameter(group, name, values)
 
 
 def _about(parameters: Mapping[str, Group]) -> dict[str, str]:

@@ -15,7 +15,11 @@ import numpy as np
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
 
-_BLOCK_BYTES = 512
+BLOCK_BYTES = 512
+# of a floating-point point
+POINT_BYTES = 16
+# places in the header
+_LAST_FRAME, _DATA_BLOCK = 8, 16
 _KEY = 0x50
 _PROCESSORS = {84: "intel", 85: "dec", 86: "mips"}
 _TYPES = {-1: "text", 1: "i1", 2: "i2", 4: "f4"}
@@ -64,7 +68,7 @@ def read_blocks(path: Path) -> C3dBlocks:
         content = path.read_bytes()
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    if len(content) < 2 * _BLOCK_BYTES or content[1] != _KEY:
+    if len(content) < 2 * BLOCK_BYTES or content[1] != _KEY:
         raise InputError(f"{path}: cannot be read as C3D: expected a header of 512 bytes whose second byte is 80, and parameters")
     numbers = _Numbers(path, content)
     header = _header(numbers)
@@ -74,14 +78,33 @@ def read_blocks(path: Path) -> C3dBlocks:
     return C3dBlocks(parameters, xyz, residual)
 
 
+def data_start(content: bytes) -> int:
+    """Where the points begin in a file of an Intel processor."""
+    return (int.from_bytes(content[_DATA_BLOCK : _DATA_BLOCK + 2], "little") - 1) * BLOCK_BYTES
+
+
+def with_frame_count(path: Path, head: bytes, frames: int, data_bytes: int) -> bytes:
+    """Header and parameters, as ezc3d writes them of any recording, of one with so many frames and bytes of points."""
+    places = _Parameters(_Numbers(path, head)).places()
+    blocks = len(head) // BLOCK_BYTES + data_bytes // BLOCK_BYTES + 2
+    changed = bytearray(head)
+    for place, number in (
+        (_LAST_FRAME, min(frames, _LAST_IN_HEADER)),
+        (places["POINT", "FRAMES"], min(frames, _LAST_IN_HEADER)),
+        (places["ROTATION", "DATA_START"], blocks % (_LAST_IN_HEADER + 1)),
+    ):
+        changed[place : place + 2] = number.to_bytes(2, "little")
+    return bytes(changed)
+
+
 class _Numbers:
     """Numbers at places of the file, in its processor's order; a place outside the file is an InputError."""
 
     def __init__(self, path: Path, content: bytes) -> None:
         self.path, self._content = path, content
-        self.parameter_start = (content[0] - 1) * _BLOCK_BYTES
-        if not 0 < self.parameter_start <= len(content) - _BLOCK_BYTES:
-            self.fail(f"parameters begin in block {content[0]} of {len(content) // _BLOCK_BYTES}")
+        self.parameter_start = (content[0] - 1) * BLOCK_BYTES
+        if not 0 < self.parameter_start <= len(content) - BLOCK_BYTES:
+            self.fail(f"parameters begin in block {content[0]} of {len(content) // BLOCK_BYTES}")
         self.processor = _PROCESSORS.get(content[self.parameter_start + 3], "intel")
         self._order = ">" if self.processor == "mips" else "<"
 
@@ -123,8 +146,8 @@ def _header(numbers: _Numbers) -> _Header:
     )
     if not np.isfinite(header.scale) or header.scale == 0:
         numbers.fail(f"header: expected a scale other than 0, got {header.scale}")
-    if not 1 < header.data_block <= len(numbers) // _BLOCK_BYTES + 1:
-        numbers.fail(f"header: data begin in block {header.data_block} of {len(numbers) // _BLOCK_BYTES}")
+    if not 1 < header.data_block <= len(numbers) // BLOCK_BYTES + 1:
+        numbers.fail(f"header: data begin in block {header.data_block} of {len(numbers) // BLOCK_BYTES}")
     return header
 
 
@@ -135,11 +158,16 @@ class _Parameters:
         self._numbers = numbers
         self._names: dict[int, str] = {}
         self._found: list[tuple[int, str, list[Any]]] = []
-
-    def groups(self) -> dict[str, Group]:
-        place = self._numbers.parameter_start + 4
+        self._places: dict[tuple[int, str], int] = {}
+        place = numbers.parameter_start + 4
         while place:
             place = self._entry(place)
+
+    def places(self) -> dict[tuple[str, str], int]:
+        """Where the only number of a parameter is, by group and name."""
+        return {(self._names[number], name): place for (number, name), place in self._places.items()}
+
+    def groups(self) -> dict[str, Group]:
         groups: dict[str, Group] = {name: {} for name in self._names.values()}
         for number, name, values in self._found:
             if number in self._names:
@@ -159,6 +187,7 @@ class _Parameters:
             self._names[-number] = name
         elif number:
             self._found.append((number, name, self._values(link + 2, name)))
+            self._places[number, name] = link + 4 + self._numbers.one(link + 3, "i1", f"parameter {name}")
         if step and step < 2:
             self._numbers.fail(f"parameter {name}: expected the next one after it, got a step of {step} bytes")
         return link + step if step else 0
@@ -214,7 +243,7 @@ def _scale(header: _Header, parameters: Mapping[str, Group]) -> float:
 def _points(numbers: _Numbers, header: _Header, frames: int, scale: float) -> tuple[Array, Array]:
     floating = scale < 0
     words = _WORDS_PER_POINT * header.points + header.analog
-    start = (header.data_block - 1) * _BLOCK_BYTES
+    start = (header.data_block - 1) * BLOCK_BYTES
     size = frames * words * _NUMBER_BYTES[floating]
     if start + size > len(numbers):
         numbers.fail(

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
 
 from posefuse.core.arrays import Array
 from posefuse.foundation.atomic import atomic_file
+
+_PART_ROWS = 1000
 
 
 def write_columns(path: Path, columns: Mapping[str, Iterable[object]]) -> None:
@@ -20,7 +22,9 @@ def write_columns(path: Path, columns: Mapping[str, Iterable[object]]) -> None:
         rows.writerows(zip(*columns.values(), strict=True))
 
 
-def rounded(values: Array, digits: int) -> list[float | None]:
-    """The numbers of an array of any shape, in its order; None where one is NaN."""
-    # zero has no sign
-    return [None if number != number else number for number in (np.round(values, digits) + 0.0).ravel().tolist()]
+def rounded(values: Array, digits: int, converted: Callable[[Array], Array] = np.asarray) -> Iterator[float | None]:
+    """The numbers of an array of any shape, in its order; None where one is NaN. They are made as they are written."""
+    for start in range(0, len(values), _PART_ROWS):
+        part = converted(values[start : start + _PART_ROWS])
+        # zero has no sign
+        yield from (None if number != number else number for number in (np.round(part, digits) + 0.0).ravel().tolist())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,7 @@ import numpy as np
 from posefuse.core import InputError, JointAngles, ShapeError
 from posefuse.core.angle_aliases import OPENSIM
 from posefuse.core.arrays import Array, check_fields, freeze_fields
-from posefuse.foundation.atomic import write_text
+from posefuse.foundation.atomic import write_lines
 from posefuse.foundation.parsing import one_line, read_text
 
 # as long as skeleton.bvh holds a pose
@@ -134,7 +135,7 @@ def write_mot(path: Path, motion: MotTable) -> None:
         f"inDegrees={'yes' if motion.in_degrees else 'no'}", "endheader", "\t".join(("time", *motion.columns)),
     ]  # fmt: skip
     rows = ("\t".join(f"{number:.10g}" for number in (t, *row)) for t, row in zip(motion.t_s, motion.values, strict=True))
-    write_text(path, "\n".join((*header, *rows)) + "\n")
+    write_lines(path, itertools.chain(header, rows))
 
 
 def read_mot(path: Path) -> MotTable:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from posefuse.core import InputError
-from posefuse.core.arrays import Array
+from posefuse.core.arrays import Array, give_away
 from posefuse.foundation.parsing import one_line
 
 # what zipfile, its decompressors and NumPy's header parser raise on damaged bytes (encrypted: RuntimeError;
@@ -41,7 +41,9 @@ def read_arrays(path: Path) -> dict[str, Array]:
             raise InputError(f"{path}: not an .npz file, or its end is missing")
         _check_expansion(path)
         with np.load(path, allow_pickle=False) as stored:
-            return {name: stored[name] for name in stored.files}
+            arrays = {name: stored[name] for name in stored.files}
+            give_away(*arrays.values())
+            return arrays
     except DAMAGED as error:
         raise InputError(f"{path}: not an .npz file that can be read ({one_line(error)})") from None
 

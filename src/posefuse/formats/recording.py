@@ -84,15 +84,15 @@ def read_result_poses(folder: Path) -> tuple[PoseSequence, Rig, dict[str, Any]]:
         raise InputError(f"{folder}: the result does not fit together: {one_line(error)}") from None
 
 
-def read_recording(folder: Path | str) -> Recording:
-    """Read a result folder.
+def read_recording(folder: Path | str, *, observed: bool = True) -> Recording:
+    """Read a result folder; with `observed` off without the detections that the result was made from.
 
     Raises:
         InputError: not a result folder, one of a newer format, or files that do not belong together.
     """
     folder = Path(folder)
     about = _about(folder)
-    arrays, observed = read_arrays(folder / ARRAYS_FILE), read_arrays(folder / OBSERVATIONS_FILE)
+    arrays = read_arrays(folder / ARRAYS_FILE)
     found = read_rig(folder / RIG_FILE).id
     if found != about["rig_id"]:
         raise InputError(f"{folder}: {RIG_FILE} is rig {found}, the result was made with rig {about['rig_id']}")
@@ -100,9 +100,11 @@ def read_recording(folder: Path | str) -> Recording:
         rig = rig_from_values(about["rig"])
         skeleton = _skeleton(about["skeleton"])
         poses = PoseSequence(skeleton=skeleton, **{name: arrays[name] for name in _POSES})
-        parts = {name: observed[name] for name in OBSERVATION_ARRAYS}
-        if about["format_version"] == DEPTH_VERSION:
-            parts["depth_m"] = observed["depth_m"]
+        if not observed:
+            return Recording.of_poses(rig, poses, about["provenance"])
+        parts = read_arrays(folder / OBSERVATIONS_FILE)
+        names = OBSERVATION_ARRAYS + (("depth_m",) if about["format_version"] == DEPTH_VERSION else ())
+        parts = {name: parts[name] for name in names}
         observations = Observations(skeleton=skeleton, camera_names=rig.names, **parts)
         return Recording(rig=rig, poses=poses, observations=observations, provenance=about["provenance"])
     except KeyError as error:

@@ -5,6 +5,7 @@ Converted at the door: (X, Y, Z) of the file = (Y, Z, X) of our world, which is 
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +16,7 @@ import numpy as np
 from posefuse.core import InputError, ShapeError
 from posefuse.core.arrays import Array, check_fields, freeze_fields
 from posefuse.core.errors import choices
-from posefuse.foundation.atomic import write_text
+from posefuse.foundation.atomic import write_lines
 from posefuse.foundation.parsing import one_line, read_text, short
 
 METRES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
@@ -96,10 +97,13 @@ def write_trc(path: Path | str, data: TrcData, units: Literal["m", "mm"] = "m") 
     ]
     digits = 7 if units == "m" else 4
     xyz_file = data.xyz_world[..., [1, 2, 0]].reshape(count, -1) / METRES[units]
-    for i, (t_s, row) in enumerate(zip(data.t_s, xyz_file, strict=True)):
-        cells = [f"{value:.{digits}f}" if math.isfinite(value) else "" for value in row]
-        lines.append("\t".join([str(i + 1), f"{t_s:.6f}", *cells]))
-    write_text(path, "\n".join(lines) + "\n")
+    rows = (_line(i + 1, t_s, row, digits) for i, (t_s, row) in enumerate(zip(data.t_s, xyz_file, strict=True)))
+    write_lines(path, itertools.chain(lines, rows))
+
+
+def _line(number: int, t_s: float, row: Array, digits: int) -> str:
+    cells = [f"{value:.{digits}f}" if math.isfinite(value) else "" for value in row]
+    return "\t".join([str(number), f"{t_s:.6f}", *cells])
 
 
 def _lines(path: Path) -> list[str]:

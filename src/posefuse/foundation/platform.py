@@ -132,6 +132,13 @@ def usb_cameras() -> list[str]:
     return [getattr(device, named) for device in found if "video" in device.media_types]
 
 
+def display() -> str:
+    """Where windows open; empty where there is no screen. Windows and macOS have a desktop of their own."""
+    if sys.platform in ("win32", "darwin"):
+        return "desktop"
+    return os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY") or ""
+
+
 def offscreen_backends() -> tuple[str, ...]:
     """MuJoCo's ways to draw without a screen here, best first."""
     return {"win32": ("wgl",), "darwin": ("cgl",)}.get(sys.platform, ("egl", "osmesa"))

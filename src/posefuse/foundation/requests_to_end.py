@@ -10,7 +10,8 @@ import stat
 import sys
 import threading
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from types import FrameType
 
 HANG_UP: signal.Signals | None = getattr(signal, "SIGHUP", None)
@@ -71,6 +72,22 @@ def without_terminal() -> None:
         except (OSError, ValueError, AttributeError):
             # closed already, or no file at all
             continue
+
+
+@contextmanager
+def children_ignore_requests() -> Iterator[None]:
+    """Processes started within ignore Ctrl-C and hang-ups from their first moment on; `leave_requests_to_parent` keeps it so.
+
+    They would print a trace of what they import just then. Only the main thread can see to it.
+    """
+    main = threading.current_thread() is threading.main_thread()
+    ignored = [signal.SIGINT, *([] if HANG_UP is None else [HANG_UP])] if main else []
+    before = {number: signal.signal(number, signal.SIG_IGN) for number in ignored}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def leave_requests_to_parent() -> None:

@@ -10,8 +10,7 @@ from posefuse.core.depth import keypoint_depth
 from posefuse.core.errors import choices
 
 from .settings import FuseSettings
-from .sides import solve_with_swaps_corrected
-from .triangulate import Triangulated, plain_weight, solve_all, solve_settled, solve_weighted, stated_sigma
+from .triangulate import Triangulated, plain_weight, solve_all, solve_robust, solve_weighted, stated_sigma
 
 
 def fuse(views: Views, rig: Rig, settings: FuseSettings, previous: Pose3D | None = None) -> Pose3D:
@@ -21,8 +20,7 @@ def fuse(views: Views, rig: Rig, settings: FuseSettings, previous: Pose3D | None
         views: C cameras named as in `rig`, in its order.
         rig: the cameras.
         settings: weights and thresholds.
-        previous: the pose one time step before, where there is one: gives ``all`` its segment axes, and decides which side
-            decides a tie between views. Matched by person_id.
+        previous: the pose one time step before, where there is one: gives ``all`` its segment axes. Matched by person_id.
 
     Returns:
         Pose3D: kind FUSED, or MISSING (NaN) where fewer than two usable views agree. Views with depth (``robust`` only) count
@@ -58,12 +56,7 @@ def _solve(
         return solve_all(rig, xy, score, sigma=sigma, skeleton=views.skeleton, previous_world=before, settings=settings)
     if settings.weights != "robust":
         return solve_weighted(rig, xy, score, sigma, plain_weight(settings.weights, xy, score, settings))
-    depth = _depth(views, rig)
-    if settings.swap_correction:
-        return solve_with_swaps_corrected(
-            rig, xy, score, sigma=sigma, skeleton=views.skeleton, before=before, settings=settings, depth=depth
-        )
-    return solve_settled(rig, xy, score, sigma, settings, depth=depth)
+    return solve_robust(rig, xy, score, sigma, settings, depth=_depth(views, rig))
 
 
 def _depth(views: Views, rig: Rig) -> Array | None:

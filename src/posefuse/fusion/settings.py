@@ -27,7 +27,6 @@ class FuseSettings:
             larger side of the extent of the body in that view, and at least this many px. It grows as 1 / score, so that 1 /
             sigma^2 is the score^2 of the paper. The default lies within the spread of human annotators (COCO keypoint
             similarity: 0.007 to 0.03 of the height).
-        swap_correction: correct a view in which left and right are swapped (``robust`` only).
     """
 
     weights: Weights = "robust"
@@ -38,4 +37,3 @@ class FuseSettings:
     score_min: Annotated[float, Ge(0), Le(1)] = 0.1
     sigma_share: Annotated[float, Ge(0)] = 0.015
     sigma_min_px: Annotated[float, Gt(0)] = 1.0
-    swap_correction: bool = True

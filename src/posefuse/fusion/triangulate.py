@@ -91,7 +91,7 @@ def triangulate(
     depth = None if depth is None else depth.reshape(groups, *depth.shape[len(lead) :])
     xy, score, sigma = (part.reshape(groups, *part.shape[len(lead) :]) for part in (xy, score, sigma))
     if weights == "robust":
-        solved = solve_settled(rig, xy, score, sigma, settings, depth=depth)
+        solved = solve_robust(rig, xy, score, sigma, settings, depth=depth)
     elif weights == "all":
         if skeleton is None:
             raise ConfigError("triangulate: weights 'all' looks at body segments: give skeleton= (one of core.SKELETONS)")
@@ -151,93 +151,40 @@ def plain_weight(weights: Weights, xy_img: Array, score: Array, settings: FuseSe
     return (score > 0).astype(np.float64) if weights == "none" else score_weight(score, settings)
 
 
-@dataclass(frozen=True, eq=False)
-class RobustSolution:
-    """Robust fusion of groups and what it was decided by.
-
-    Attributes:
-        points: the best point of each keypoint.
-        square: (G, C, K) squared residual of every view in units of its variance; NaN where unusable.
-        cost: (G, K) robust loss.
-        rival: (G, K) where no fewer views than `points` rests on agree on another point.
-        contradicted: (G,) where most views miss their points by far more than they state.
-    """
-
-    points: Triangulated
-    square: Array
-    cost: Array
-    rival: Array
-    contradicted: Array
-
-    def unambiguous(self) -> Triangulated:
-        """The points without those that have a rival: nothing decides which of the two is right."""
-        points = self.points
-        if self.rival.any():
-            points.xyz[self.rival], points.cov[self.rival], points.reproj[self.rival] = np.nan, np.nan, np.nan
-            points.n_views[self.rival] = 0
-        return points
-
-
 def solve_robust(
-    rig: Rig, xy_img: Array, score: Array, sigma: Array, settings: FuseSettings, *, depth: Array | None = None
-) -> RobustSolution:
-    """Robust fusion of groups (G, C, K, ...)."""
-    from .kernels import robust
-
-    return _solve_robust(rig, xy_img, score, sigma, settings, most_scale=robust.MAX_SCALE, depth=depth)
-
-
-def solve_settled(
     rig: Rig, xy_img: Array, score: Array, sigma: Array, settings: FuseSettings, *, depth: Array | None
 ) -> Triangulated:
-    """`solve_robust`, then `settled_points`."""
-    solved = solve_robust(rig, xy_img, score, sigma, settings, depth=depth)
-    return settled_points(solved, rig, xy_img, score=score, sigma=sigma, settings=settings, depth=depth)
+    """Robust fusion of groups (G, C, K, ...). Points that have a rival are missing: nothing decides which of the two is right.
 
-
-def settled_points(
-    solved: RobustSolution,
-    rig: Rig,
-    xy_img: Array,
-    *,
-    score: Array,
-    sigma: Array,
-    settings: FuseSettings,
-    depth: Array | None,
-) -> Triangulated:
-    """The unambiguous points of `solved`; where the views contradict each other everywhere, the rig is taken to be wrong.
-
-    No view is then blamed: sigma grows until they agree. Call it last, after left/right swaps are corrected: these make
-    views contradict each other as well.
+    Where the views of a group contradict each other everywhere, the rig is taken to be wrong: no view is then blamed, sigma
+    grows until they agree.
     """
     from .kernels import robust
 
-    points = solved.unambiguous()
-    if solved.contradicted.any():
-        at = np.flatnonzero(solved.contradicted)
+    points, contradicted = _solve_robust(rig, xy_img, score, sigma, settings, most_scale=robust.MAX_SCALE, depth=depth)
+    if contradicted.any():
+        at = np.flatnonzero(contradicted)
         deep = None if depth is None else depth[at]
-        again = _solve_robust(rig, xy_img[at], score[at], sigma[at], settings, most_scale=robust.LAST_SCALE, depth=deep)
-        at, kept = at[~again.contradicted], np.flatnonzero(~again.contradicted)
-        for plane, renewed in zip(vars(points).values(), vars(again.unambiguous()).values(), strict=True):
-            plane[at] = renewed[kept]
+        again, still = _solve_robust(rig, xy_img[at], score[at], sigma[at], settings, most_scale=robust.LAST_SCALE, depth=deep)
+        for plane, renewed in zip(vars(points).values(), vars(again).values(), strict=True):
+            plane[at[~still]] = renewed[~still]
     return points
 
 
 def _solve_robust(
     rig: Rig, xy_img: Array, score: Array, sigma: Array, settings: FuseSettings, *, most_scale: float, depth: Array | None
-) -> RobustSolution:
+) -> tuple[Triangulated, Array]:
+    """The points, and (G,) the groups in which most views miss their points by far more than they state."""
     from .kernels import robust
 
-    groups, _, keypoints = sigma.shape
     points = _empty(sigma.shape)
-    square, cost, rival = np.empty(sigma.shape), np.empty((groups, keypoints)), np.empty((groups, keypoints), bool)
-    wanted = np.empty(groups)
+    rival, wanted = np.empty(points.n_views.shape, bool), np.empty(len(sigma))
     usable = np.where((score >= settings.score_min) & (score > 0), sigma, np.nan)
     robust.solve_robust(
-        packed_rig(rig), xy_img, usable, most_scale, points.xyz, points.cov, points.reproj, points.n_views, square, cost, rival,
-        wanted, depth,
-    )  # fmt: skip
-    return RobustSolution(points, square, cost, rival, wanted >= most_scale)
+        packed_rig(rig), xy_img, usable, most_scale, points.xyz, points.cov, points.reproj, points.n_views, rival, wanted, depth
+    )
+    points.xyz[rival], points.cov[rival], points.reproj[rival], points.n_views[rival] = np.nan, np.nan, np.nan, 0
+    return points, wanted >= most_scale
 
 
 def solve_weighted(rig: Rig, xy_img: Array, score: Array, sigma: Array, weight: Array) -> Triangulated:

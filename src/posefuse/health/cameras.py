@@ -22,7 +22,7 @@ JUMP_NS = _S // 2
 _AGREE_NS = _S // 10
 _AGREEING = 8
 # frames older than usual by less than this may just be late (a slow stream or processor): more of them must agree before
-# the clock is blamed
+# the clock is blamed. A frame that is older than the one before it is not late: its clock was set back
 _LATE_NS = 3 * _S
 _AGREEING_LATE = 90
 _USUAL_OF = 31
@@ -114,6 +114,8 @@ class _Watch:
     ages_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_USUAL_OF))
     strange_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_AGREEING_LATE))
     shift_ns: int = 0
+    newest_ns: int = -(10**18)
+    set_back: bool = False
     jumped: str = ""
     late: bool = False
     jumped_at_ns: int = -(10**18)
@@ -284,9 +286,12 @@ class Monitor:
         if abs(age_ns - usual_ns) <= JUMP_NS:
             watch.ages_ns.append(age_ns)
             watch.strange_ns.clear()
+            watch.newest_ns = t_ns
             return t_ns
+        if not watch.strange_ns:
+            watch.set_back = t_ns < watch.newest_ns
         watch.strange_ns.append(age_ns)
-        watch.late = 0 < age_ns - usual_ns < _LATE_NS
+        watch.late = 0 < age_ns - usual_ns < _LATE_NS and not watch.set_back
         needed = _AGREEING_LATE if watch.late else _AGREEING
         recent = list(watch.strange_ns)[-needed:]
         jump_ns = int(median(recent)) - usual_ns

@@ -54,37 +54,42 @@ def animation_from_joints(sequence: PoseSequence, joints: JointAngles, person: i
     """
     frame_s = _frame_s(sequence.t_ns)
     world = joints.world_from_segment[:, person]
-    rotation, origin = world.matrix(), world.xyz
     index = {name: s for s, name in enumerate(joints.segments)}
-    names = ["pelvis"] + [name for name in _PARENT if np.isfinite(origin[:, index[name], 0]).any()]
+    names = ["pelvis"] + [name for name in _PARENT if np.isfinite(world.xyz[:, index[name], 0]).any()]
     names = [name for name in names if _rooted(name, names)]
+    ends = [n for n in names if n in _ENDS and n not in {_PARENT.get(m) for m in names}]
     t_s, seen_s = _seconds(joints.t_ns), _seen_s(joints, person)
-    filled = {name: _filled(name, t_s, rotation[:, index[name]], origin[:, index[name]], seen_s) for name in names}
-    if "thorax" in filled:
+
+    def filled(name: str) -> tuple[Array, Array]:
+        frame = world[:, index[name]]
+        turn, place = _filled(name, t_s, frame.matrix(), frame.xyz, seen_s)
         # the line from mid-hip to neck is rigid, so it turns about the hips
-        filled["thorax"] = filled["thorax"][0], filled["pelvis"][1]
-    points = landmarks(sequence)
-    labels, parent, offset, local = ["pelvis"], [-1], [np.zeros(3)], [FILE_FROM_WORLD @ filled["pelvis"][0] @ FILE_FROM_SEGMENT.T]
+        return (turn, filled("pelvis")[1]) if name == "thorax" else (turn, place)
+
+    points, pelvis = landmarks(sequence), filled("pelvis")
+    labels, parent, offset = ["pelvis"], [-1], [np.zeros(3)]
+    rotation = np.empty((len(t_s), len(names) + len(ends), 3, 3))
+    rotation[:, 0] = FILE_FROM_WORLD @ pelvis[0] @ FILE_FROM_SEGMENT.T
     for name in names[1:]:
-        over, own = filled[_PARENT[name]], filled[name]
+        over, own = filled(_PARENT[name]), filled(name)
+        rotation[:, len(labels)] = FILE_FROM_SEGMENT @ np.swapaxes(over[0], -1, -2) @ own[0] @ FILE_FROM_SEGMENT.T
         labels.append(name)
         parent.append(labels.index(_PARENT[name]))
         offset.append(_median_in(over, own[1]))
-        local.append(FILE_FROM_SEGMENT @ np.swapaxes(over[0], -1, -2) @ own[0] @ FILE_FROM_SEGMENT.T)
-    for name in [n for n in names if n in _ENDS and n not in {_PARENT.get(m) for m in names}]:
+    for name in ends:
+        rotation[:, len(labels)] = np.eye(3)
         labels.append(f"{name}_end")
         parent.append(labels.index(name))
-        offset.append(_median_in(filled[name], np.mean([points[p][:, person] for p in _ENDS[name]], axis=0)))
-        local.append(np.broadcast_to(np.eye(3), local[0].shape))
+        offset.append(_median_in(filled(name), np.mean([points[p][:, person] for p in _ENDS[name]], axis=0)))
     scaled = np.array(offset) / metres_per_unit
     position = np.tile(scaled, (len(joints.t_ns), 1, 1))
-    position[:, 0] = filled["pelvis"][1] @ FILE_FROM_WORLD.T / metres_per_unit
+    position[:, 0] = pelvis[1] @ FILE_FROM_WORLD.T / metres_per_unit
     return BvhData(
         names=tuple(labels),
         parent=np.array(parent),
         offset=scaled,
         frame_s=frame_s,
-        rotation=np.stack(local, axis=1),
+        rotation=rotation,
         position=position,
     )
 

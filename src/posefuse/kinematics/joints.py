@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from posefuse.core import SE3, JointAngles, Pose3D, PoseSequence, ShapeError, Skeleton
-from posefuse.core.arrays import Array
+from posefuse.core.arrays import Array, give_away
 
 from . import kernels
 from .definitions import (
@@ -62,9 +62,8 @@ def reasons_from_poses(sequence: PoseSequence, settings: JointSettings | None = 
         check_sides(sequence)
     work = FrameBuffers(sequence.skeleton, settings)
     shape = sequence.xyz_world.shape[:2]
-    rotation = np.full((*shape, len(SEGMENT_NAMES), 3, 3), np.nan)
-    origin = np.full((*shape, len(SEGMENT_NAMES), 3), np.nan)
-    angles, sigmas = np.full((2, *shape, len(JOINT_NAMES), 3), np.nan)
+    wxyz, origin = np.empty((*shape, len(SEGMENT_NAMES), 4)), np.empty((*shape, len(SEGMENT_NAMES), 3))
+    angles, sigmas = np.empty((*shape, len(JOINT_NAMES), 3)), np.empty((*shape, len(JOINT_NAMES), 3))
     reasons = np.zeros((*shape, len(JOINT_NAMES), 3), np.uint8)
     for n in range(shape[1]):
         planes = _smoothed_planes(sequence, n, work)
@@ -73,9 +72,9 @@ def reasons_from_poses(sequence: PoseSequence, settings: JointSettings | None = 
             work.read(sequence.xyz_world[i, n], sequence.cov_world[i, n])
             work.solve(planes[i])
             kernels.unwrap(work.angles, last)
-            rotation[i, n], origin[i, n] = work.rotation, work.origins()
+            wxyz[i, n], origin[i, n] = frames_of(work.rotation, work.origins())
             angles[i, n], sigmas[i, n], reasons[i, n] = work.angles, work.sigmas, work.reasons
-    return joints_value(sequence.t_ns, sequence.person_id, rotation, origin, angles, sigmas), reasons
+    return joints_value(sequence.t_ns, sequence.person_id, wxyz, origin, angles, sigmas), reasons
 
 
 class JointTracker:
@@ -110,7 +109,7 @@ class JointTracker:
             memory.t_ns = pose.t_ns
             memories[person] = memory
         self._memories = memories
-        return joints_value(np.array([pose.t_ns]), pose.person_id, rotation, origin, angles, sigmas)
+        return joints_value(np.array([pose.t_ns]), pose.person_id, *frames_of(rotation, origin), angles, sigmas)
 
 
 def segment_axes(sequence: PoseSequence, settings: JointSettings | None = None) -> SE3:
@@ -121,11 +120,17 @@ def segment_axes(sequence: PoseSequence, settings: JointSettings | None = None) 
     return joints_from_poses(sequence, settings).world_from_segment
 
 
-def joints_value(t_ns: Array, person_id: Array, rotation: Array, origin: Array, angles: Array, sigmas: Array) -> JointAngles:
-    """Joints of raw arrays over (T, N); a frame that is NaN has no origin either."""
+def frames_of(rotation: Array, origin: Array) -> tuple[Array, Array]:
+    """Quaternions (..., 4) and origins of frames (..., 3, 3), (..., 3); a frame that is NaN has no origin either."""
     wxyz = np.empty((*rotation.shape[:-2], 4))
     kernels.quaternions(rotation.reshape(-1, 3, 3), wxyz.reshape(-1, 4))
-    frames = SE3(wxyz, np.where(np.isnan(rotation[..., :1, 0]), np.nan, origin))
+    return wxyz, np.where(np.isnan(rotation[..., :1, 0]), np.nan, origin)
+
+
+def joints_value(t_ns: Array, person_id: Array, wxyz: Array, origin: Array, angles: Array, sigmas: Array) -> JointAngles:
+    """Joints of arrays over (T, N), which it takes over."""
+    give_away(wxyz, origin, angles, sigmas)
+    frames = SE3(wxyz, origin)
     return JointAngles(
         t_ns=t_ns,
         person_id=person_id,
@@ -209,18 +214,17 @@ class FrameBuffers:
 def _smoothed_planes(sequence: PoseSequence, person: int, work: FrameBuffers) -> Array:
     """(T, L, PLANE_SIZE) limb planes from the past, the present and the future together."""
     t_s = sequence.t_ns * 1e-9
-    passes = []
-    for order in (range(len(t_s)), range(len(t_s) - 1, -1, -1)):
+    past, future = np.empty((2, len(t_s), len(LIMBS), kernels.PLANE_SIZE))
+    for planes, order in ((past, range(len(t_s))), (future, range(len(t_s) - 1, -1, -1))):
         memory = _Memory(0).planes
         before = t_s[order[0]] if len(order) else 0.0
-        expected, updated = np.empty((2, len(t_s), len(LIMBS), kernels.PLANE_SIZE))
         for i in order:
             work.read(sequence.xyz_world[i, person], sequence.cov_world[i, person])
             work.step_planes(memory, t_s[i] - before)
             before = t_s[i]
-            expected[i], updated[i] = work.expected, work.updated
-        passes.append((expected, updated))
-    return _merged_planes(passes[0][1], passes[1][0])
+            # the present counts once
+            planes[i] = work.updated if planes is past else work.expected
+    return _merged_planes(past, future)
 
 
 def _merged_planes(past: Array, future: Array) -> Array:

@@ -10,7 +10,8 @@ Optional: needs ``pip install "posefuse[biomech]"``.
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,8 +25,10 @@ from posefuse.formats.trc import TrcData, write_trc
 
 from .body.model import BodyModel, bodies_from_poses
 
-MODEL_FILE, MARKERS_FILE, MOTION_FILE, LOG_FILE = "model.osim", "markers.trc", "inverse_kinematics.mot", "opensim.log"
+MODEL_FILE, MOTION_FILE, LOG_FILE = "model.osim", "inverse_kinematics.mot", "opensim.log"
 _MASS_KG = 75.0
+# of a radian squared against a metre squared of a marker: holds what hips and shoulders leave open, and moves no marker
+_HELD_WEIGHT = 0.1
 _Z, _X, _Y = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
 
 
@@ -92,30 +95,79 @@ def opensim_motion(sequence: PoseSequence, folder: Path, person: int = 0, body: 
         DependencyError: the `opensim` package is missing.
         InputError: the person has no skeleton, or OpenSim fails; names its log.
     """
+    body = body or bodies_from_poses(sequence)[int(sequence.person_id[person])]
+    with logged_opensim(folder) as osim:
+        write_opensim_model(folder / MODEL_FILE, body)
+        names = [body.skeleton.keypoints[k] for k in body.keypoint]
+        return inverse_kinematics(osim, folder / MODEL_FILE, folder / MOTION_FILE, names, sequence, person)
+
+
+@contextmanager
+def logged_opensim(folder: Path) -> Iterator[Any]:
+    """The `opensim` package, which writes its log into this folder; its failures become an InputError that names the log.
+
+    Raises:
+        DependencyError: the `opensim` package is missing. InputError: no such folder, or OpenSim fails.
+    """
     osim = opensim_library()
     if not folder.is_dir():
         raise InputError(f"{folder}: expected an existing folder for OpenSim's files")
-    body = body or bodies_from_poses(sequence)[int(sequence.person_id[person])]
-    names = tuple(body.skeleton.keypoints[k] for k in body.keypoint)
-    t_s = (sequence.t_ns - sequence.t_ns[0]) * 1e-9
-    rate_hz = (len(t_s) - 1) / t_s[-1] if len(t_s) > 1 else 1.0
-    write_trc(
-        folder / MARKERS_FILE,
-        TrcData(names=names, t_s=t_s, xyz_world=sequence.xyz_world[:, person, body.keypoint], rate_hz=rate_hz),
-    )
     log = folder / LOG_FILE
     log.unlink(missing_ok=True)
     osim.Logger.setLevelString("Warn")
     osim.Logger.removeFileSink()
     osim.Logger.addFileSink(str(log))
     try:
-        write_opensim_model(folder / MODEL_FILE, body)
-        _run_inverse_kinematics(osim, folder, names, float(t_s[0]), float(t_s[-1]))
+        yield osim
     except RuntimeError as error:
         raise InputError(f"{folder}: OpenSim failed ({' '.join(str(error).split())[:300]}); see {log}") from None
     finally:
         osim.Logger.removeFileSink()
-    return read_mot(folder / MOTION_FILE)
+
+
+def inverse_kinematics(
+    osim: Any,
+    model: Path,
+    motion: Path,
+    names: Sequence[str],
+    sequence: PoseSequence,
+    person: int,
+    held: Sequence[str] = (),
+) -> MotTable:
+    """The motion of a model with markers that are named like keypoints; writes it, and next to it the keypoints as TRC.
+
+    `held` names coordinates that stay near their default: what the keypoints do not determine.
+    """
+    t_s = (sequence.t_ns - sequence.t_ns[0]) * 1e-9
+    rate_hz = (len(t_s) - 1) / t_s[-1] if len(t_s) > 1 else 1.0
+    xyz = sequence.xyz_world[:, person, [sequence.skeleton.index(name) for name in names]]
+    trc = motion.with_suffix(".trc")
+    write_trc(trc, TrcData(names=tuple(names), t_s=t_s, xyz_world=xyz, rate_hz=rate_hz))
+    tool = osim.InverseKinematicsTool()
+    tool.setName("posefuse")
+    tool.set_model_file(str(model))
+    tool.setMarkerDataFileName(str(trc))
+    tool.setStartTime(float(t_s[0]))
+    tool.setEndTime(float(t_s[-1]))
+    tool.setResultsDir(str(motion.parent))
+    tool.setOutputMotionFileName(str(motion))
+    tasks = tool.upd_IKTaskSet()
+    for name in names:
+        task = osim.IKMarkerTask()
+        task.setName(name)
+        task.setApply(True)
+        task.setWeight(1.0)
+        tasks.cloneAndAppend(task)
+    for name in held:
+        task = osim.IKCoordinateTask()
+        task.setName(name)
+        task.setValueType(osim.IKCoordinateTask.DefaultValue)
+        task.setWeight(_HELD_WEIGHT)
+        tasks.cloneAndAppend(task)
+    tool.set_report_errors(False)
+    if not tool.run():
+        raise RuntimeError("the inverse kinematics tool did not finish")
+    return read_mot(motion)
 
 
 def write_opensim_model(path: Path, body: BodyModel) -> None:
@@ -214,24 +266,3 @@ def _completing(axes: list[tuple[float, float, float]]) -> list[tuple[float, flo
     """Unit axes that make three independent ones of those given."""
     left = [axis for axis in (_Z, _X, _Y) if not any(np.allclose(np.abs(axis), np.abs(other)) for other in axes)]
     return left[: 3 - len(axes)]
-
-
-def _run_inverse_kinematics(osim: Any, folder: Path, names: tuple[str, ...], start_s: float, end_s: float) -> None:
-    tool = osim.InverseKinematicsTool()
-    tool.setName("posefuse")
-    tool.set_model_file(str(folder / MODEL_FILE))
-    tool.setMarkerDataFileName(str(folder / MARKERS_FILE))
-    tool.setStartTime(start_s)
-    tool.setEndTime(end_s)
-    tool.setResultsDir(str(folder))
-    tool.setOutputMotionFileName(str(folder / MOTION_FILE))
-    tasks = tool.upd_IKTaskSet()
-    for name in names:
-        task = osim.IKMarkerTask()
-        task.setName(name)
-        task.setApply(True)
-        task.setWeight(1.0)
-        tasks.cloneAndAppend(task)
-    tool.set_report_errors(False)
-    if not tool.run():
-        raise RuntimeError("the inverse kinematics tool did not finish")

@@ -1,8 +1,11 @@
-"""A user's own OpenSim model scaled to a person: factors per body, the scaled model, and the joint centres on it.
+"""A user's own OpenSim model scaled to a person, with markers where the keypoints sit on it, and its inverse kinematics.
 
 Joints are found by the usual names of their coordinates (``hip_flexion_r``, ``knee_angle_r``, ``arm_flex_r``, ...), so any model
 that has them will do. A body is scaled by how much longer the person's segment is than the distance between the model's own joint
 centres in its default pose; pelvis and torso by widths and heights of their own; all other bodies by the mean.
+
+Markers are the joint centres, the points of the feet and, where the model can turn its head, those of the head. In the model's
+neutral pose feet and head are aligned with the ground's axes, so they take the places that these points have on the person.
 
 Optional: needs ``pip install "posefuse[biomech]"``.
 """
@@ -16,18 +19,24 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.core import InputError
+from posefuse.core import InputError, PoseSequence
 from posefuse.core.arrays import Array
+from posefuse.formats.mot import MotTable
 
-from .body.model import BodyModel
-from .opensim_path import opensim_library
+from .body.model import BodyModel, bodies_from_poses
+from .opensim_path import inverse_kinematics, logged_opensim, opensim_library
 
-SCALED_FILE, FACTORS_FILE, CENTRES_FILE = "scaled.osim", "scale_factors.xml", "joint_centres.xml"
+SCALED_FILE, FACTORS_FILE, SCALED_MOTION_FILE = "scaled.osim", "scale_factors.xml", "scaled.mot"
 # joint -> coordinates that models name it by
 _COORDINATES = {
     "hip": ("hip_flexion",), "knee": ("knee_angle",), "ankle": ("ankle_angle",), "shoulder": ("arm_flex", "elv_angle"),
     "elbow": ("elbow_flex", "elbow_flexion"), "wrist": ("wrist_flex", "flexion"),
 }  # fmt: skip
+# the last body below the ankle that the foot's points are fixed to: toes stay straight
+_FOOT = ("subtalar_angle", "ankle_angle")
+_NECK = ("neck_", "head_")
+# hips and shoulders do not separate the tilt of the pelvis from the bend of the spine
+_SPINE = ("lumbar_extension", "L5_S1_Flex_Ext")
 # segment -> (joint it begins at, joint it ends at)
 _SPANS = {"thigh": ("hip", "knee"), "shank": ("knee", "ankle"), "upper_arm": ("shoulder", "elbow"), "forearm": ("elbow", "wrist")}
 _SIDES = {"left": "l", "right": "r"}
@@ -40,12 +49,10 @@ class ScaleFactors:
     Attributes:
         bodies: name of a body -> (3,) factors along its own axes (X forward, Y up, Z right).
         lengths_m: name of a segment -> (the model's, the person's).
-        joints: name of one of our joints -> (name of the body it is fixed to, (3,) place on the unscaled body).
     """
 
     bodies: Mapping[str, Array]
     lengths_m: Mapping[str, tuple[float, float]]
-    joints: Mapping[str, tuple[str, Array]]
 
 
 def scale_factors(model_path: Path, body: BodyModel) -> ScaleFactors:
@@ -78,24 +85,42 @@ def scale_factors(model_path: Path, body: BodyModel) -> ScaleFactors:
                 continue
             for name in _chain(model, last, _child(joints[f"{side}_{begin}"])):
                 factors[name] = np.full(3, ratio[key])
-    placed = {name: (_parent(joint), _place(joint)) for name, joint in joints.items()}
-    return ScaleFactors(factors, lengths, placed)
+    return ScaleFactors(factors, lengths)
 
 
-def write_scaled_model(model_path: Path, folder: Path, body: BodyModel) -> ScaleFactors:
-    """Write ``scaled.osim``, ``scale_factors.xml`` (a ScaleSet for OpenSim's scale tool) and ``joint_centres.xml`` (a MarkerSet).
+def scaled_motion(
+    model_path: Path, sequence: PoseSequence, folder: Path, person: int = 0, body: BodyModel | None = None
+) -> MotTable:
+    """Scale the user's model to the person and run OpenSim's inverse kinematics on it.
 
-    The markers are named as the keypoints of our TRC, so that inverse kinematics can be run on the user's model.
+    Writes ``scaled.osim`` (with our markers), ``scale_factors.xml`` (a ScaleSet for OpenSim's scale tool), ``scaled.trc`` (the
+    markers' paths), ``scaled.mot`` and OpenSim's log.
 
     Args:
-        model_path: the user's .osim; it is only read. folder: an existing folder. body: the person's skeleton.
+        model_path: the user's .osim; it is only read. sequence: the recording. folder: an existing folder.
+        person: place on axis N. body: the person's skeleton; estimated from the recording when not given.
+
+    Returns:
+        Coordinates in degrees and metres, under the model's own names.
 
     Raises:
-        see `scale_factors`; InputError: a place that cannot be written to.
+        see `scale_factors`; InputError: a place that cannot be written to, or OpenSim fails; names its log.
+    """
+    body = body or bodies_from_poses(sequence)[int(sequence.person_id[person])]
+    with logged_opensim(folder) as osim:
+        names = write_scaled_model(model_path, folder, body)
+        scaled = folder / SCALED_FILE
+        held = [name for name in _SPINE if name in _by_coordinate(_opened(osim, scaled)[0])]
+        return inverse_kinematics(osim, scaled, folder / SCALED_MOTION_FILE, names, sequence, person, held=held)
+
+
+def write_scaled_model(model_path: Path, folder: Path, body: BodyModel) -> list[str]:
+    """Write ``scaled.osim`` and ``scale_factors.xml``; returns the names of the markers that were put into the model.
+
+    Raises:
+        see `scale_factors`.
     """
     osim = opensim_library()
-    if not folder.is_dir():
-        raise InputError(f"{folder}: expected an existing folder for OpenSim's files")
     found = scale_factors(model_path, body)
     model, state = _opened(osim, model_path)
     scales = osim.ScaleSet()
@@ -105,18 +130,59 @@ def write_scaled_model(model_path: Path, folder: Path, body: BodyModel) -> Scale
         one.setScaleFactors(osim.Vec3(*factor))
         one.setApply(True)
         scales.cloneAndAppend(one)
-    markers = osim.MarkerSet()
-    for name, (at, place) in found.joints.items():
-        marker = osim.Marker()
-        marker.setName(name)
-        marker.setParentFrameName(f"/bodyset/{at}")
-        marker.set_location(osim.Vec3(*(place * found.bodies[at])))
-        markers.cloneAndAppend(marker)
     model.scale(state, scales, True)
     scales.printToXML(str(folder / FACTORS_FILE))
-    markers.printToXML(str(folder / CENTRES_FILE))
+    markers = _markers(model, body)
+    own = model.updMarkerSet()
+    for name, (at, place) in markers.items():
+        if own.contains(name):
+            own.remove(own.getIndex(name))
+        model.addMarker(osim.Marker(name, model.getBodySet().get(at), osim.Vec3(*place)))
+    model.finalizeConnections()
     model.printToXML(str(folder / SCALED_FILE))
-    return found
+    return list(markers)
+
+
+def _markers(model: Any, body: BodyModel) -> dict[str, tuple[str, Array]]:
+    """Name of each keypoint that the model has a place for -> (the body it is fixed to, (3,) its place there)."""
+    osim, state = opensim_library(), _neutral(model)
+    keypoints = body.skeleton.keypoints
+    joints = {name: joint for name, joint in _joints(model).items() if name in keypoints}
+    markers = {name: (_parent(joint), _place(joint)) for name, joint in joints.items()}
+    for node, (at, origin_ground) in _extremities(model, state, joints, body).items():
+        on_node, frame = body.keypoint_node == body.node(node), model.getBodySet().get(at)
+        for k, local in zip(body.keypoint[on_node], body.keypoint_local[on_node], strict=True):
+            place = model.getGround().findStationLocationInAnotherFrame(state, osim.Vec3(*(origin_ground + local)), frame)
+            markers.setdefault(keypoints[k], (at, _xyz(place)))
+    return markers
+
+
+def _neutral(model: Any) -> Any:
+    """The state in which every turn is zero."""
+    state = model.initSystem()
+    rotational = 1
+    for one in model.getCoordinateSet():
+        if one.getMotionType() == rotational and not one.getLocked(state) and not one.isDependent(state):
+            one.setValue(state, 0.0, False)
+    model.realizePosition(state)
+    return state
+
+
+def _extremities(model: Any, state: Any, joints: Mapping[str, Any], body: BodyModel) -> dict[str, tuple[str, Array]]:
+    """Node of the person's skeleton -> (the model's body, where the node's origin is in the ground in this state)."""
+    centres = {name: _xyz(joint.getChildFrame().getPositionInGround(state)) for name, joint in joints.items()}
+    by_coordinate = _by_coordinate(model)
+    found: dict[str, tuple[str, Array]] = {}
+    for side, letter in _SIDES.items():
+        foot = next((by_coordinate[f"{c}_{letter}"] for c in _FOOT if f"{c}_{letter}" in by_coordinate), None)
+        if foot is not None and f"{side}_ankle" in centres:
+            found[f"{side}_ankle"] = _child(foot), centres[f"{side}_ankle"]
+    neck = next((joint for name, joint in by_coordinate.items() if name.startswith(_NECK)), None)
+    nodes = [node.name for node in body.nodes]
+    if neck is not None and "head" in nodes and {"left_shoulder", "right_shoulder"} <= set(centres):
+        above = body.offset[body.node("head")]
+        found["head"] = _child(neck), (centres["left_shoulder"] + centres["right_shoulder"]) / 2 + above
+    return {node: place for node, place in found.items() if node in nodes}
 
 
 def _opened(osim: Any, path: Path) -> tuple[Any, Any]:
@@ -129,10 +195,7 @@ def _opened(osim: Any, path: Path) -> tuple[Any, Any]:
 
 def _joints(model: Any) -> dict[str, Any]:
     """Our joint name -> the model's joint."""
-    by_coordinate = {}
-    for joint in model.getJointSet():
-        for i in range(joint.numCoordinates()):
-            by_coordinate[joint.get_coordinates(i).getName()] = joint
+    by_coordinate = _by_coordinate(model)
     found = {}
     for side, letter in _SIDES.items():
         for name, coordinates in _COORDINATES.items():
@@ -140,6 +203,10 @@ def _joints(model: Any) -> dict[str, Any]:
             if joint is not None:
                 found[f"{side}_{name}"] = joint
     return found
+
+
+def _by_coordinate(model: Any) -> dict[str, Any]:
+    return {joint.get_coordinates(i).getName(): joint for joint in model.getJointSet() for i in range(joint.numCoordinates())}
 
 
 def _lengths(centres: Mapping[str, Array], body: BodyModel) -> dict[str, tuple[float, float]]:

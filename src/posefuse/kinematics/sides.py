@@ -81,7 +81,9 @@ def check_sides(sequence: PoseSequence) -> None:
 
 def landmarks(sequence: PoseSequence) -> dict[str, Array]:
     """Each of `POINTS` over time (T, N, 3); NaN where the skeleton or the recording lacks it."""
-    pairs = landmark_pairs(sequence.skeleton)
-    xyz = np.concatenate([sequence.xyz_world, np.full_like(sequence.xyz_world[:, :, :1], np.nan)], axis=2)
-    points = (xyz[:, :, pairs[:, 0]] + xyz[:, :, pairs[:, 1]]) / 2
-    return {name: points[:, :, i] for i, name in enumerate(POINTS)}
+    xyz, pairs = sequence.xyz_world, landmark_pairs(sequence.skeleton)
+    missing = np.full_like(xyz[:, :, 0], np.nan)
+    return {
+        name: (xyz[:, :, a] + xyz[:, :, b]) / 2 if min(a, b) >= 0 else missing
+        for name, (a, b) in zip(POINTS, pairs.tolist(), strict=True)
+    }

@@ -190,8 +190,15 @@ class RosNode:
 
     def wait(self, timeout_s: float) -> bool:
         """Wait until any reader has messages; False when the time is over or the node is closed."""
+        from cyclonedds.core import DDSException
+
         waitset = self._waitset
-        return waitset is not None and bool(waitset.wait(int(timeout_s * 1e9)))
+        try:
+            return waitset is not None and bool(waitset.wait(int(timeout_s * 1e9)))
+        except DDSException:
+            if self._waitset is None:
+                return False
+            raise
 
     def topics(self) -> dict[str, set[str]]:
         """ROS topics others publish, with their types (``pkg/msg/Type``)."""

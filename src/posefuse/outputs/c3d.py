@@ -54,6 +54,7 @@ class C3dSink:
                     sigma_m=point_sigma_m(poses.cov_world[:, n]),
                     rate_hz=rate,
                     about=about,
+                    subject=recording.person_names[n],
                 ),
             )
             made.append(path)

@@ -10,7 +10,7 @@ import numpy as np
 
 from posefuse.core import Kind, Recording, Skeleton
 from posefuse.core.arrays import Array, frozen
-from posefuse.core.palette import LEFT, MIDDLE, RIGHT, colour_of
+from posefuse.core.palette import LEFT, MIDDLE, PEOPLE, RIGHT, colour_of
 
 from .surface import draw_surface
 
@@ -18,7 +18,6 @@ DETECTION_RGB = (255, 255, 255)
 NOTE_RGB = (255, 230, 80)
 ALARM_RGB = (255, 80, 70)
 EMPTY_RGB = (38, 40, 46)
-_PERSON_RGB = ((255, 255, 255), (255, 230, 80), (120, 240, 240), (255, 160, 220), (170, 255, 150), (200, 180, 255))
 # sixteenths of a pixel in OpenCV's drawing calls
 _SHIFT = 4
 _FAR_PX = 30_000
@@ -181,7 +180,7 @@ def draw_name(tile: Array, xy: Array, recording: Recording, n: int) -> None:
 
 def person_rgb(person: int) -> tuple[int, int, int]:
     """The colour of a person's name, by id."""
-    return _PERSON_RGB[person % len(_PERSON_RGB)]
+    return PEOPLE[person % len(PEOPLE)]
 
 
 def view_tile(

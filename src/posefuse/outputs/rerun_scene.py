@@ -6,8 +6,6 @@ Rerun puts pixel centres at halves, posefuse at integers: every 2D position is m
 from __future__ import annotations
 
 import importlib.util
-import os
-import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +14,7 @@ import numpy as np
 from posefuse.core import Camera, DependencyError, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.core.se3 import wxyz_from_matrix
+from posefuse.foundation.platform import display
 
 from .drawing import bone_colours, keypoint_colours
 
@@ -41,15 +40,10 @@ def check_rerun() -> None:
         raise DependencyError("the Rerun viewer is not installed: pip install 'posefuse[viewer]'")
 
 
-def has_display() -> bool:
-    """Whether a viewer can open a window here."""
-    return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
-
-
 def check_viewer() -> None:
     """Raise DependencyError without the Rerun SDK, or a display for its window."""
     check_rerun()
-    if not has_display():
+    if not display():
         raise DependencyError(
             "the Rerun viewer (extra posefuse[viewer]) needs a display and there is none: write the output `rerun` to a file and "
             "open it on another machine, or in a browser: rerun --web-viewer recording.rrd"

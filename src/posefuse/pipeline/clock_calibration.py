@@ -73,8 +73,8 @@ def _from_images(session: Session, config: TrackConfig, seconds: float, progress
 
 
 def _from_files(session: Session, config: TrackConfig, seconds: float) -> SessionSeen:
-    poses = [read_pose2d(entry.path, entry.camera, size_wh=session.rig[entry.camera].size_wh) for entry in session.inputs]
-    rate_hz = pose2d_rate_hz(session, poses, config)
+    poses = [read_pose2d(entry.path, entry.camera) for entry in session.inputs]
+    rate_hz = pose2d_rate_hz(session, config)
     found = {}
     for entry, one in zip(session.inputs, poses, strict=True):
         frames = list(one.frames(rate_hz))

@@ -33,7 +33,7 @@ MOST_DRIFT_PPM = 100_000.0
 MOST_GAP_S = 1.0
 # a frame per quarter of an hour, and ten times the fastest camera of a laboratory
 LEAST_HZ, MOST_HZ = 0.001, 10_000.0
-DEFAULT_OUTPUTS = ("trc", "c3d", "csv", "json", "overlay", "overview")
+DEFAULT_OUTPUTS = ("trc", "c3d", "csv", "overlay", "overview")
 
 
 def options_by_name(outputs: Any) -> Any:

@@ -13,6 +13,7 @@ from posefuse.core import InputError, Observations, Recording
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.core.observations import NOT_KEPT
+from posefuse.core.views_over_time import people_in
 from posefuse.foundation.settings import settings
 
 from .config import FARTHEST_S
@@ -59,7 +60,7 @@ def check_edits(edits: Edits, recording: Recording) -> None:
             raise InputError(f"exclusion: expected an end after the start, got {one.start_s:g} s to {one.end_s:g} s")
         if one.camera is not None and one.camera not in recording.rig.names:
             raise InputError(f"exclusion: no camera {one.camera!r}; there are: {choices(recording.rig.names)}")
-    people = recording.poses.person_id.tolist()
+    people = people_in(recording.observations)[0].tolist()
     if edits.person is not None and edits.person not in people:
         raise InputError(f"person to keep: no person {edits.person}; there are: {choices(map(str, people))}")
 

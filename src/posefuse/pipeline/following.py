@@ -117,10 +117,7 @@ class PeopleFollower:
 
     def people_of(self, tracks: Array, t_ns: Array) -> Array:
         """(R,) the people of tracks (R,) at these times (R,), by all that is known at the end."""
-        pairs, place = np.unique(np.stack([tracks, t_ns]), axis=1, return_inverse=True)
-        names = self._identity.names
-        people = [NOT_KEPT if track == NOT_KEPT else persons_at(names, track, at_ns) for track, at_ns in pairs.T.tolist()]
-        return np.array(people, np.int64)[place.ravel()]
+        return persons_at(self._identity.names, tracks, t_ns)
 
     def _with_people(self, one: Followed) -> Followed:
         def people(tracks: Array) -> Array:

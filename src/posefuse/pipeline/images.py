@@ -7,13 +7,28 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posefuse.core import Detections2D, Detector, Frame, JointCentres, LookKind, Pose3D, Region, Rig, Skeleton, SourceError
+from posefuse.core import (
+    Detections2D,
+    Detector,
+    Frame,
+    JointCentres,
+    LookKind,
+    Observations,
+    Pose3D,
+    Region,
+    Rig,
+    Skeleton,
+    SourceError,
+)
 from posefuse.core.arrays import Array
 from posefuse.detection import region_from_pose, with_clothing, with_depth
 from posefuse.sources import CountedSource, FramesAhead, RecordedSource, frame_sets, incomplete_cameras
 from posefuse.tracking import joint_centres_of
 
 from .config import TrackConfig
+
+# dropped frames leave gaps of whole periods: the smallest tenth of a camera's gaps has none
+_WHOLE_SHARE = 0.1
 
 
 @dataclass(frozen=True)
@@ -43,8 +58,9 @@ def common_timeline(
         SourceError: nothing recorded between start_s and end_s, or more than max_time_steps.
     """
     starts, ends = [t[0] for t in times_ns.values()], [t[-1] for t in times_ns.values()]
-    periods = {name: float(np.median(np.diff(t))) for name, t in times_ns.items() if len(t) > 1}
-    fastest = min(periods, key=lambda name: periods[name], default=next(iter(times_ns)))
+    periods = {name: period_ns for name, t in times_ns.items() if (period_ns := frame_period_ns(t)) is not None}
+    # of cameras that are equally fast but for the rounding of their times, the first
+    fastest = min(periods, key=lambda name: round(periods[name], -3), default=next(iter(times_ns)))
     period_ns = round(1e9 / rate_hz) if rate_hz else round(periods.get(fastest, 1e9 / 30))
     first_ns = int(times_ns[fastest][0])
     first_ns -= (first_ns - int(min(starts)) + period_ns // 2) // period_ns * period_ns
@@ -61,6 +77,24 @@ def common_timeline(
         )
     check_time_steps(int(count), 1e9 / period_ns, "the recording", max_time_steps)
     return Timeline(first_ns, period_ns, int(count))
+
+
+def frame_period_ns(t_ns: Array) -> float | None:
+    """The time from frame to frame of a camera, over all its time; None for fewer than two frames.
+
+    Files round times (Matroska to milliseconds), so the median of the differences is off; frames that are missing are counted.
+    """
+    t_ns = np.unique(t_ns)
+    gaps = np.diff(t_ns).astype(np.float64)
+    if not len(gaps):
+        return None
+    period = float(np.quantile(gaps, _WHOLE_SHARE))
+    # twice: the second time with a period that is known well enough to count the frames of longer gaps
+    for _ in range(2):
+        whole = np.maximum(np.round(gaps / period), 1)
+        period = float(np.median(gaps / whole))
+    count = np.concatenate([[0], np.cumsum(np.maximum(np.round(gaps / period), 1))])
+    return float(np.polyfit(count, (t_ns - t_ns[0]).astype(np.float64), 1)[0]) if len(gaps) > 1 else period
 
 
 def check_time_steps(count: int, rate_hz: float, what: str, max_time_steps: int) -> None:
@@ -110,8 +144,9 @@ class ImageInstants:
         on_lost: Callable[[str, SourceError], None],
     ) -> None:
         self._rig, self._detector, self._timeline, self._on_lost = rig, detector, timeline, on_lost
-        self._sources = [CountedSource(source) for source in sources]
-        self._streams = {source.camera: FramesAhead(source) for source in self._sources}
+        self._sources = sources
+        self._counted: list[CountedSource] = []
+        self._streams: list[FramesAhead] = []
 
     @property
     def skeleton(self) -> Skeleton:
@@ -123,22 +158,38 @@ class ImageInstants:
         """Where joint centres lie relative to the detector's keypoints, where that is known."""
         return joint_centres_of(self._detector, proportions=False)
 
-    def steps(self, first: int = 0) -> Iterator[ImageStep]:
-        """The time steps from number `first` on; may be called once."""
-        line = self._timeline
-        sets = frame_sets(
-            self._streams, line.t_ns(first), line.period_ns, line.t_ns(line.count - 1), on_lost=self._on_lost
-        )  # fmt: skip
+    def steps(self, stored: Observations | None = None) -> Iterator[ImageStep]:
+        """The time steps after those of `stored`; may be called once."""
+        line, first = self._timeline, 0 if stored is None else len(stored.step_t_ns)
+        self._counted = [self._from(source, first, stored) for source in self._sources]
+        self._streams = [FramesAhead(source) for source in self._counted]
+        streams = {source.camera: stream for source, stream in zip(self._counted, self._streams, strict=True)}
+        sets = frame_sets(streams, line.t_ns(first), line.period_ns, line.t_ns(line.count - 1), on_lost=self._on_lost)
         for frame_set in sets:
             yield ImageStep(frame_set.t_ns, frame_set.frames, self._rig, self._detector)
 
     def close(self) -> None:
         """Stop decoding."""
-        for stream in self._streams.values():
+        for stream in self._streams:
             stream.close()
+        for source in self._sources:
+            source.close()
 
     def incomplete(self) -> list[str]:
         """One line for each camera of which part cannot be read, or that ends before the others."""
         line = self._timeline
         end_ns = line.start_ns + (line.count - 1) * line.period_ns
-        return incomplete_cameras([source.coverage(line.start_ns, end_ns) for source in self._sources])
+        return incomplete_cameras([source.coverage(line.start_ns, end_ns) for source in self._counted])
+
+    def _from(self, source: RecordedSource, first: int, stored: Observations | None) -> CountedSource:
+        """The source from the frames of time step `first` on, where it is known of all frames before whether they can be read."""
+        line = self._timeline
+        begin_ns = line.t_ns(first) - line.period_ns
+        if stored is None:
+            return CountedSource(source, begin_ns)
+        listed = source.times_ns()
+        earlier = listed[(listed >= line.start_ns) & (listed < begin_ns)]
+        seen = stored.frame_t_ns[stored.frame_camera == stored.camera_names.index(source.camera)]
+        if np.isin(earlier, seen).all():
+            return CountedSource(source, begin_ns, earlier.tolist())
+        return CountedSource(source, line.start_ns - line.period_ns)

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from posefuse.core import InputError, JointCentres, Rig, Skeleton, SourceError
+from posefuse.core import InputError, JointCentres, Observations, Rig, Skeleton, SourceError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.foundation.platform import usable_cores
@@ -35,8 +35,8 @@ class TimeSteps(Protocol):
         """Where joint centres lie relative to the keypoints; None where that is not known."""
         ...
 
-    def steps(self, first: int = 0) -> Iterator[TimeStep]:
-        """The time steps from number `first` on; may be called once."""
+    def steps(self, stored: Observations | None = None) -> Iterator[TimeStep]:
+        """The time steps after those of `stored`; may be called once."""
         ...
 
     def incomplete(self) -> list[str]:

@@ -22,13 +22,12 @@ _LEAST_CAMERAS = 2
 def others_seen(observations: Observations, settings: AssociateSettings) -> dict[str, int]:
     """By camera, the most people that one search of a whole image found besides those of the result; none: left out."""
     most: dict[str, int] = {}
-    looks: dict[tuple[int, int], list[int]] = {}
-    for frame, key in enumerate(zip(observations.frame_step.tolist(), observations.frame_camera.tolist(), strict=True)):
-        looks.setdefault(key, []).append(frame)
+    places = observations.frame_step.astype(np.int64) * len(observations.camera_names) + observations.frame_camera
+    order = np.argsort(places, kind="stable")
     for frame in np.flatnonzero(observations.frame_look == LookKind.SEARCH).tolist():
         found = observations.detections(frame)
-        same = looks[int(observations.frame_step[frame]), int(observations.frame_camera[frame])]
-        kept = _kept(observations, same)
+        begin, end = (np.searchsorted(places, places[frame], side, sorter=order) for side in ("left", "right"))
+        kept = _kept(observations, order[begin:end].tolist())
         together = _joined(kept, found)
         alone = ~duplicates(together, settings.duplicate_share)[len(kept) :] & (found.score > 0).any(axis=1)
         most[found.camera] = max(most.get(found.camera, 0), int(alone.sum()))

@@ -167,5 +167,5 @@ def frame_period_s(times_ns: Array) -> float:
 def _person_in_files(paths: Mapping[str, Path], cameras: tuple[Camera, ...], rate_hz: float | None) -> ChosenPerson:
     if rate_hz is None:
         raise InputError("person: 2D poses do not state their frame rate: add `rate_hz=HZ`")
-    poses = {camera.name: read_pose2d(paths[camera.name], camera.name, size_wh=camera.size_wh) for camera in cameras}
+    poses = {camera.name: read_pose2d(paths[camera.name], camera.name) for camera in cameras}
     return choose_person({name: list(frames.frames(rate_hz)) for name, frames in poses.items()}, cameras)

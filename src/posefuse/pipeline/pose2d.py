@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from posefuse.core import Camera, Detections2D, InputError, JointCentres, LookKind, Pose3D, Rig, Skeleton
+from posefuse.core import Camera, Detections2D, InputError, JointCentres, LookKind, Observations, Pose3D, Rig, Skeleton
 from posefuse.core.errors import choices
 from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.formats.pose2d import Pose2DFrames, read_pose2d
@@ -58,9 +58,9 @@ class Pose2DInstants:
         """Where joint centres lie relative to the keypoints of their set, where that is known."""
         return joint_centres_of_set(self.skeleton)
 
-    def steps(self, first: int = 0) -> Iterator[Pose2DStep]:
-        """The time steps from number `first` on."""
-        for i in range(first, self._timeline.count):
+    def steps(self, stored: Observations | None = None) -> Iterator[Pose2DStep]:
+        """The time steps after those of `stored`."""
+        for i in range(0 if stored is None else len(stored.step_t_ns), self._timeline.count):
             t_ns = self._timeline.t_ns(i)
             clocks = zip(self._folders, self._clocks, strict=True)
             yield Pose2DStep(t_ns, tuple(self._file(folder, *clock, t_ns) for folder, clock in clocks))
@@ -95,9 +95,9 @@ def pose2d_instants(session: Session, config: TrackConfig) -> tuple[Rig, Pose2DI
     Raises:
         InputError: folders of different skeletons, no frame between start_s and end_s, or a frame rate that is not known.
     """
-    folders = [read_pose2d(entry.path, entry.camera, size_wh=session.rig[entry.camera].size_wh) for entry in session.inputs]
+    folders = [read_pose2d(entry.path, entry.camera) for entry in session.inputs]
     _check_one_skeleton(folders)
-    rate_hz = pose2d_rate_hz(session, folders, config)
+    rate_hz = pose2d_rate_hz(session, config)
     period_ns = round(1e9 / rate_hz)
     first = min(folder.numbers[0] for folder in folders)
     last = max(folder.numbers[-1] for folder in folders)

@@ -1,39 +1,38 @@
-"""Frame rate of 2D pose files: as set, as the files, the project or the videos next to them state it; never assumed."""
+"""Frame rate of 2D pose files: as set, as the project or the videos next to them state it; never assumed."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from posefuse.core import InputError, SourceError
-from posefuse.formats.pose2d import Pose2DFrames
 from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.session import Session, data_entries
 
+from .images import frame_period_ns
 from .pose2sim_project import read_project
 
 # rates that differ by less are one rate: files round what cameras deliver
 _SAME_SHARE = 0.01
 
 
-def pose2d_rate_hz(session: Session, frames: Sequence[Pose2DFrames], config: TrackConfig) -> float:
+def pose2d_rate_hz(session: Session, config: TrackConfig) -> float:
     """Frames per second of a session's 2D poses.
 
-    The first of these that is known: ``rate_hz`` of the config (``--rate``), the files themselves, the ``Config.toml`` of a
-    Pose2Sim project, the videos in the session's folder.
+    The first of these that is known: ``rate_hz`` of the config (``--rate``), the ``Config.toml`` of a Pose2Sim project, the
+    videos in the session's folder.
 
     Raises:
-        InputError: none of them is known, or two cameras state different rates.
+        InputError: none of them is known, or two videos have different rates.
     """
     if config.rate_hz is not None:
         return config.rate_hz
-    stated = {one.camera: one.rate_hz for one in frames if one.rate_hz is not None}
     project = read_project(session.folder)
-    if not stated and project is not None and project.frame_rate_hz is not None:
+    if project is not None and project.frame_rate_hz is not None:
         return project.frame_rate_hz
-    rates = stated or dict(_video_rates(session.folder))
+    rates = dict(_video_rates(session.folder))
     if not rates:
         raise InputError(
             f"{session.folder}: the 2D poses do not state their frame rate, and no video lies next to them; add `rate_hz=HZ`, "
@@ -54,5 +53,5 @@ def _video_rates(folder: Path) -> Iterator[tuple[str, float]]:
             times = np.asarray(VideoConfig(path, path.stem).build().times_ns())
         except SourceError:
             continue
-        if len(times) > 1:
-            yield path.name, 1e9 / float(np.median(np.diff(times)))
+        if (period_ns := frame_period_ns(times)) is not None:
+            yield path.name, 1e9 / period_ns

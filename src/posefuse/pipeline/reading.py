@@ -23,13 +23,19 @@ def is_result(path: Path) -> bool:
 
 
 def read_result(
-    path: Path | str, warn: Callable[[str], None] | None = None, *, start_s: float | None = None, end_s: float | None = None
+    path: Path | str,
+    warn: Callable[[str], None] | None = None,
+    *,
+    start_s: float | None = None,
+    end_s: float | None = None,
+    observed: bool = True,
 ) -> Recording:
     """Read a result folder of `posefuse track`, or the .mcap file of a live session with its later parts.
 
     Args:
         warn: is given one line about what is missing of a recording that was cut off; `warnings.warn` where none is given.
         start_s, end_s: of a live session, this part alone is decoded (and a little on both sides).
+        observed: False: a result folder is read without the detections that it was made from.
 
     Raises:
         InputError: neither of the two, or one that is incomplete or of another format version.
@@ -44,7 +50,7 @@ def read_result(
         raise InputError(f"{path}: no such file or folder")
     if path.is_file():
         raise InputError(f"{path}: expected a result folder of `posefuse track` or a {LIVE_SUFFIX} file of `posefuse live`")
-    return read_recording(path)
+    return read_recording(path, observed=observed)
 
 
 def files_of_result(path: Path) -> list[Path]:

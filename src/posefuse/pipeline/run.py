@@ -169,7 +169,7 @@ def detect(opened: Opened, clock: StageClock, progress: Progress, store: Store |
     follower = PeopleFollower(
         skeleton=skeleton, rig=rig, associating=config.associate, fusing=config.fuse, clock=clock, keep=keep
     )  # fmt: skip
-    steps = itertools.chain(stored_steps(stored) if stored else (), opened.steps.steps(first))
+    steps = itertools.chain(stored_steps(stored) if stored else (), opened.steps.steps(stored))
     log, done = FollowedLog(follower, skeleton, rig), 0
     interrupted = False
     try:

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from posefuse.core import InputError, JointCentres, Observations, Pose3D, PoseSequence, Rig, ViewSequence
-from posefuse.core.arrays import Array
-from posefuse.core.views_over_time import people_in
+from posefuse.core import InputError, JointCentres, Observations, PoseSequence, Rig, ViewSequence
+from posefuse.core.arrays import Array, give_away
+from posefuse.core.views_over_time import ViewsInParts, people_in
 from posefuse.fusion import FuseSettings, fuse
 from posefuse.kinematics import facing_votes
-from posefuse.tracking import SmoothSettings, sides_like, smooth, steady_sides, to_joint_centres
+from posefuse.tracking import SmoothSettings, smooth, steady_sides, to_joint_centres
+from posefuse.tracking.sides import parts_of, sides_that_differ, with_sides_exchanged
 
 # a person followed in fewer time steps than this is not one
 _LEAST_STEPS = 5
 # rounds of naming sides at most: most recordings settle after two or three, and one that alternates must come to an end
 _NAMING_ROUNDS = 10
+_PLANES = ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")
 
 
 def long_enough(observations: Observations) -> list[int]:
@@ -34,7 +37,7 @@ def long_enough(observations: Observations) -> list[int]:
 
 
 def poses_over_time(
-    views: ViewSequence,
+    views: ViewSequence | ViewsInParts,
     rig: Rig,
     fusing: FuseSettings,
     smoothing: SmoothSettings | None,
@@ -43,49 +46,57 @@ def poses_over_time(
     """Fuse every time step, move keypoints to joint centres (with `centres`), then (with `smoothing`) treat gaps and noise over
     the whole recording.
 
-    Where left/right swaps may be corrected, the recording is first steadied over time and then every view's limbs are named
-    left and right as the steadied recording has them: when legs pass each other, several views confuse them at once and no
-    single time step can show it.
+    With ``robust`` weights the recording is first steadied over time and then every view's limbs are named left and right as
+    the steadied recording has them: when legs pass each other, several views confuse them at once and no single time step can
+    show it.
     """
-    fused = _fused_over_time(views, rig, fusing, smoothing)
+    fused = _fused_over_time(views, rig, fusing)
+    if fusing.weights == "robust":
+        fused = _with_sides_corrected(fused, views, rig, fusing, smoothing or SmoothSettings())
     fused = to_joint_centres(fused, centres) if centres else fused
     return smooth(fused, smoothing) if smoothing else fused
 
 
-def _fused_over_time(views: ViewSequence, rig: Rig, fusing: FuseSettings, smoothing: SmoothSettings | None) -> PoseSequence:
-    poses: list[Pose3D] = []
-    for i in range(len(views.t_ns)):
-        poses.append(fuse(views.at(i), rig, fusing, poses[-1] if poses else None))
-    if fusing.weights == "robust" and fusing.swap_correction:
-        _correct_sides(poses, views, rig, replace(fusing, swap_correction=False), smoothing or SmoothSettings())
-    return PoseSequence.from_poses(poses)
+def _fused_over_time(views: ViewSequence | ViewsInParts, rig: Rig, fusing: FuseSettings) -> PoseSequence:
+    poses, last = [], None
+    for part in parts_of(len(views.t_ns)):
+        seen, some = views.part(part), []
+        for i in range(len(seen.t_ns)):
+            last = fuse(seen.at(i), rig, fusing, last)
+            some.append(last)
+        poses.append(PoseSequence.from_poses(some))
+    return PoseSequence.concatenate(poses)
 
 
-def _correct_sides(poses: list[Pose3D], views: ViewSequence, rig: Rig, fusing: FuseSettings, smoothing: SmoothSettings) -> None:
-    """Fuse time steps again, in place, from views whose limbs are named left and right as the recording steadied over time has
-    them.
+def _with_sides_corrected(
+    fused: PoseSequence, views: ViewSequence | ViewsInParts, rig: Rig, fusing: FuseSettings, smoothing: SmoothSettings
+) -> PoseSequence:
+    """Time steps fused again from views whose limbs are named left and right as the recording steadied over time has them.
 
     Where the first reference was still wrong, a better one names more views right: repeated until no view changes.
     """
-    named = None
+    parts = parts_of(len(fused))
+    exchanged = [np.zeros(1, bool)] * len(parts)
     for _ in range(_NAMING_ROUNDS):
-        before, named = named, sides_like(_steadied(poses, smoothing), rig, views)
-        changed = _steps_that_differ(before, named)
-        if not len(changed):
+        reference, changes = _steadied_points(fused, smoothing), False
+        planes = {name: np.array(getattr(fused, name)) for name in _PLANES}
+        for place, part in enumerate(parts):
+            seen = views.part(part)
+            wrong = sides_that_differ(reference[part], rig, seen)
+            differing = np.flatnonzero((wrong != exchanged[place]).any(axis=(1, 2, 3)))
+            exchanged[place] = wrong
+            named = with_sides_exchanged(seen, wrong) if len(differing) else seen
+            for i in differing.tolist():
+                pose, changes = fuse(named.at(i), rig, fusing), True
+                for name, plane in planes.items():
+                    plane[part.start + i] = getattr(pose, name)
+        if not changes:
             break
-        for i in changed.tolist():
-            poses[i] = fuse(named.at(i), rig, fusing)
+        give_away(*planes.values())
+        changed: dict[str, Any] = dict(planes)
+        fused = replace(fused, **changed)
+    return fused
 
 
-def _steadied(poses: list[Pose3D], smoothing: SmoothSettings) -> PoseSequence:
-    fused = PoseSequence.from_poses(poses)
-    return smooth(steady_sides(fused, facing_votes(fused)), smoothing)
-
-
-def _steps_that_differ(before: ViewSequence | None, after: ViewSequence) -> Array:
-    """Time steps in which some keypoint of a view is another one than before; all where there was none before."""
-    steps = len(after.t_ns)
-    if before is None:
-        return np.arange(steps)
-    same = (before.xy_img == after.xy_img) | (np.isnan(before.xy_img) & np.isnan(after.xy_img))
-    return np.flatnonzero(~same.reshape(steps, -1).all(axis=1))
+def _steadied_points(fused: PoseSequence, smoothing: SmoothSettings) -> Array:
+    return smooth(steady_sides(fused, facing_votes(fused)), smoothing).xyz_world

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from posefuse.core import Frame, InputError, PosefuseError, Recording, SourceError
-from posefuse.sources import FramesAhead, frame_sets
+from posefuse.sources import CountedSource, FramesAhead, frame_sets
 
 from .config import TrackConfig
 from .opening import build_source
@@ -81,7 +81,8 @@ def session_frames(
         return
     t_ns = recording.poses.t_ns
     period_ns = int(np.median(np.diff(t_ns))) if len(t_ns) > 1 else 1_000_000_000
-    streams = {entry.camera: FramesAhead(build_source(entry, config, len(inputs))) for entry in inputs}
+    sources = {entry.camera: build_source(entry, config, len(inputs)) for entry in inputs}
+    streams = {name: FramesAhead(CountedSource(source, int(t_ns[0]) - period_ns)) for name, source in sources.items()}
     try:
         sets = frame_sets(streams, int(t_ns[0]), period_ns, int(t_ns[-1]), on_lost=_reported_already)
         for done, one in enumerate(sets, start=1):

@@ -11,10 +11,11 @@ import numpy as np
 
 from posefuse.association import AssociateSettings
 from posefuse.calibration.extrinsics.refine import RefineSettings, refined_extrinsics
-from posefuse.core import InputError, JointCentres, Observations, Recording, Rig, views_over_time
+from posefuse.core import InputError, JointCentres, Observations, Recording, Rig
 from posefuse.core.arrays import Array
 from posefuse.core.live_observations import on_time_steps
 from posefuse.core.observations import NOT_KEPT
+from posefuse.core.views_over_time import ViewsInParts
 from posefuse.formats.joint_centres import joint_centres_from_mapping
 from posefuse.foundation.plain_values import plain
 from posefuse.foundation.settings import settings_from_mapping
@@ -117,8 +118,8 @@ def _associated(observations: Observations, rig: Rig, settings: SolveSettings, c
     follower = PeopleFollower(
         skeleton=observations.skeleton, rig=rig, associating=settings.associate, fusing=settings.fuse, clock=clock
     )
-    tracks, steps = np.full(len(observations), NOT_KEPT), list(stored_steps(observations))
-    for step, one in zip(steps, follower.follow(steps), strict=True):
+    tracks = np.full(len(observations), NOT_KEPT)
+    for step, one in zip(stored_steps(observations), follower.follow(stored_steps(observations)), strict=True):
         for (_, rows), found in zip(step.rows(one.batches[one.chosen].kind), one.person_ids, strict=True):
             tracks[rows] = found
     return follower.people_of(tracks, observations.step_t_ns[observations.frame_step[observations.detection_frame]])
@@ -135,7 +136,7 @@ def run_second_pass(
     with (clock or StageClock()).stage("smooth"):
         kept = observations.keeping(long_enough(observations))
         people, gap_s = long_enough(kept), settings.gap_s
-        views = views_over_time(kept, people, *(() if gap_s is None else (kept.step_t_ns, round(gap_s * 1e9))))
+        views = ViewsInParts(kept, people, *(() if gap_s is None else (kept.step_t_ns, round(gap_s * 1e9))))
         poses = poses_over_time(views, rig, settings.fuse, settings.smooth, settings.centres)
         recording = Recording(rig=rig, poses=poses, observations=kept, provenance=provenance)
         if settings.body is None:

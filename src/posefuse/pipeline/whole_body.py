@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from posefuse.core import InputError, JointCentres, Kind, PoseSequence, Recording, ViewSequence
+from posefuse.core import InputError, JointCentres, Kind, PoseSequence, Recording
 from posefuse.core.joint_centres import SEGMENT_ENDS
+from posefuse.core.views_over_time import ViewsInParts
 from posefuse.kinematics.body import BodySettings, LengthPrior, fit_views
 from posefuse.tracking import usual_lengths, views_at_joint_centres
 
@@ -39,7 +40,7 @@ def hidden_people(poses: PoseSequence) -> set[int]:
 
 def with_bodies(
     recording: Recording,
-    views: ViewSequence,
+    views: ViewsInParts,
     settings: BodySettings,
     centres: JointCentres | None,
     *,
@@ -55,7 +56,7 @@ def with_bodies(
     chosen = np.isin(poses.person_id, list(hidden_people(poses) if only_hidden else poses.person_id))
     if not chosen.any():
         return recording
-    rays = views_at_joint_centres(poses, recording.rig, views, centres)
+    rays = views_at_joint_centres(poses, recording.rig, views.part(slice(None)), centres)
     try:
         fit = fit_views(poses.people(chosen), recording.rig, rays.people(chosen), settings, lengths=usual_length_prior())
     except InputError:  # no person has a skeleton

@@ -126,7 +126,7 @@ def _reason(error: Exception) -> str:
 
 
 # measured on the demo clip with room to spare: bytes per time step, person and keypoint, then per pixel of the video
-_BYTES_PER_KEYPOINT = {"csv": 160, "json": 90, "trc": 40, "c3d": 25, "mcap": 400, "rerun": 400}
+_BYTES_PER_KEYPOINT = {"csv": 160, "trc": 40, "c3d": 25, "mcap": 400, "rerun": 400}
 _RECORDING_BYTES_PER_KEYPOINT = 120
 _VIEW_BYTES_PER_KEYPOINT = 2 * 16  # once in the log, once in the result
 _OVERLAY_BYTES = 40_000

@@ -24,13 +24,11 @@ class Expected:
         t_ns: session time it is for; 0 when there is none yet.
         xyz_world: (N, K, 3) people followed; NaN where unknown.
         velocity_world: (N, K, 3) metres per second.
-        gain: (C,) information each camera's next frame is expected to bring.
     """
 
     t_ns: int
     xyz_world: Array
     velocity_world: Array
-    gain: Array
 
     def at(self, t_ns: int) -> Array:
         """(N, K, 3) carried on to a time near it."""
@@ -40,22 +38,20 @@ class Expected:
 class Board:
     """Shared memory with one writer and many readers; a reader that meets a change in progress looks again."""
 
-    def __init__(self, context: BaseContext, cameras: int) -> None:
-        self._cameras = cameras
+    def __init__(self, context: BaseContext) -> None:
         # revision (odd while being written), t_ns, people, keypoints
         self._words = context.RawArray("q", 4)
-        self._numbers = context.RawArray("d", cameras + 2 * MOST_PEOPLE * _MOST_KEYPOINTS * 3)
+        self._numbers = context.RawArray("d", 2 * MOST_PEOPLE * _MOST_KEYPOINTS * 3)
 
-    def write(self, pose: Pose3D, velocity_world: Array, gain: Array) -> None:
+    def write(self, pose: Pose3D, velocity_world: Array) -> None:
         """Replace what is there."""
         words, numbers = self._views()
         n, k = min(len(pose.person_id), MOST_PEOPLE), min(len(pose.skeleton), _MOST_KEYPOINTS)
         words[0] += 1
         words[1:] = pose.t_ns, n, k
-        numbers[: self._cameras] = gain
         size = n * k * 3
-        numbers[self._cameras : self._cameras + size] = pose.xyz_world[:n, :k].ravel()
-        numbers[self._cameras + size : self._cameras + 2 * size] = velocity_world[:n, :k].ravel()
+        numbers[:size] = pose.xyz_world[:n, :k].ravel()
+        numbers[size : 2 * size] = velocity_world[:n, :k].ravel()
         words[0] += 1
 
     def read(self) -> Expected:
@@ -63,11 +59,10 @@ class Board:
         words, numbers = self._views()
         for _ in range(_TRIES):
             before, t_ns, n, k = (int(word) for word in words)
-            copied = numbers[: self._cameras + 2 * n * k * 3].copy()
+            copied = numbers[: 2 * n * k * 3].copy()
             if before % 2 == 0 and int(words[0]) == before:
-                gain, rest = copied[: self._cameras], copied[self._cameras :].reshape(2, n, k, 3)
-                return Expected(t_ns, rest[0], rest[1], gain)
-        return Expected(0, np.zeros((0, 0, 3)), np.zeros((0, 0, 3)), np.zeros(self._cameras))
+                return Expected(t_ns, *copied.reshape(2, n, k, 3))
+        return Expected(0, np.zeros((0, 0, 3)), np.zeros((0, 0, 3)))
 
     def _views(self) -> tuple[Any, Array]:
         return np.frombuffer(self._words, np.int64), np.frombuffer(self._numbers, np.float64)

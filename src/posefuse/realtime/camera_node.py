@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from posefuse.core import CameraHealth, LiveHealth, LivePreview, Pose3D, Rig, Skeleton
 from posefuse.foundation.channel import wait_any
 from posefuse.health.cameras import Monitor
@@ -19,15 +17,12 @@ from posefuse.outputs.live.ros import health_lines, publish_preview
 from .board import Board
 from .clock import SessionClock
 from .fusion import velocity_between
-from .joint_centres import message_from_centres
-from .messages import Centres, SeenView, Status
+from .messages import SeenView, Status
 from .processes import Groups
-from .scheduling import expected_gain
 
 _S = 1_000_000_000
 _POLL_S = 0.01
 _JUDGE_NS = _S // 4
-_SIGMA_PX = 4.0
 _MAX_BYTES = 2**20
 
 
@@ -59,9 +54,6 @@ class CameraNode:
             elif isinstance(message, Status):
                 for state in message.cameras:
                     self.monitor.take_state(state, message.t_ns)
-            elif isinstance(message, Centres):
-                now_ns = self._clock.now_ns()
-                self._node.publish(topics.JOINT_CENTRES, message_from_centres(message, now_ns), now_ns)
             elif isinstance(message, LivePreview):
                 publish_preview(self._node, message, self._rig)
         now_ns = self._clock.now_ns()
@@ -96,7 +88,6 @@ class CameraNode:
             self._look_for(taken[0])
 
     def _look_for(self, pose: Pose3D) -> None:
-        sigma = np.full(len(self._rig), _SIGMA_PX)
-        self._board.write(pose, velocity_between(self._looked_for, pose), expected_gain(pose, self._rig, sigma))
+        self._board.write(pose, velocity_between(self._looked_for, pose))
         if self._looked_for is None or pose.t_ns - self._looked_for.t_ns > 25_000_000:
             self._looked_for = pose

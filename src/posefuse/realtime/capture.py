@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import threading
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -226,17 +225,6 @@ def keeping_packets(entry: LiveInput) -> LiveInput:
     if not any(field.name == "keep_encoded" for field in dataclasses.fields(entry.config)):
         return entry
     return dataclasses.replace(entry, config=dataclasses.replace(entry.config, keep_encoded=True))
-
-
-def pick(captures: list[Capture], worth: Callable[[Capture], float]) -> tuple[Capture, Caught] | None:
-    """Take the waiting frame that is worth most; None when none waits. Call with `news` held."""
-    waiting = [capture for capture in captures if capture.waiting() is not None]
-    if not waiting:
-        return None
-    best = max(waiting, key=worth)
-    caught = best.take()
-    assert caught is not None
-    return best, caught
 
 
 def take_all(captures: list[Capture]) -> list[tuple[Capture, Caught]]:

@@ -9,7 +9,6 @@ from annotated_types import Ge, Gt, Le
 
 from posefuse.association import AssociateSettings
 from posefuse.association.settings import PeopleNames
-from posefuse.core import ConfigError
 from posefuse.detection.build import DetectorChoice
 from posefuse.foundation.settings import settings
 from posefuse.fusion import FuseSettings
@@ -38,7 +37,7 @@ class LiveConfig:
         proportions: move keypoints of detectors without such a table by average human proportions; gains and costs are in
             docs/networks.md.
         body: fit one skeleton of constant segment lengths per person to the rays of all views; lengths are learnt on the way.
-            ``auto`` does so where a table of joint centres was fitted to the detector and the tracker is ``asynchronous``.
+            ``auto`` does so where a table of joint centres was fitted to the detector.
         angles: compute joint angles and segment frames with every pose.
         camera_info: of cameras whose images come from ROS: compare with the rig, use instead of its intrinsics, or ignore.
         hand_over_s: of cameras on other machines: one whose sender is silent for so long is handed over to another sender; left
@@ -74,12 +73,6 @@ class LiveConfig:
     joints: JointSettings = field(default_factory=JointSettings)
     whole_body: BodySettings = field(default_factory=BodySettings)
     live_body: LiveBodySettings = field(default_factory=LiveBodySettings)
-
-    def __post_init__(self) -> None:
-        if self.body == "on" and self.track.tracker != "asynchronous":
-            raise ConfigError(
-                f"body: expected auto or off with tracker {self.track.tracker}, which mixes views of different times; got on"
-            )
 
 
 @settings

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable, Iterable, Mapping
-from statistics import median
 from typing import Any, Protocol
 
 import numpy as np
@@ -25,15 +24,11 @@ from .live_body import LiveSkeletons, pose_for_output
 from .messages import Centres, SeenView, Status
 from .output_plan import Outlets
 from .rig_watch import RigWatch
-from .scheduling import expected_gain
 
 _S = 1_000_000_000
 # the expected pose is published, and cameras are judged, this often
 _BOARD_NS = _S // 40
 _JUDGE_NS = _S // 4
-# a camera's usual noise, until its own views determine it
-_SIGMA_PX = 4.0
-_SIGMA_FORGET = 0.02
 
 
 class LiveIntake(Protocol):
@@ -83,8 +78,6 @@ class Fusion:
         self.used = dict.fromkeys(rig.names, 0)
         self.seen = dict.fromkeys(rig.names, 0)
         self.poses = self.poses_with_people = 0
-        self.sigma_px = np.full(len(rig), _SIGMA_PX)
-        self._places = {name: c for c, name in enumerate(rig.names)}
         self._waiting: list[ViewTimes] = []
         self._last_published: Pose3D | None = None
         self._followed = 0
@@ -167,7 +160,6 @@ class Fusion:
         fused_ns = self.clock.now_ns()
         self.used[view.camera] += 1
         self.seen[view.camera] += len(view) > 0
-        self._learn_noise(view.camera, view.sigma_px)
         way = ViewTimes(view.camera, view.t_ns, seen.received_ns, seen.started_ns, seen.detected_ns, fused_ns)
         self._waiting.append(way)
         stages = {
@@ -183,12 +175,6 @@ class Fusion:
         self.cuts += 1
         if self.watch is not None:
             self.watch.cut()
-
-    def _learn_noise(self, camera: str, sigma_px: Array) -> None:
-        stated = sigma_px[np.isfinite(sigma_px)].tolist()
-        if stated:
-            c = self._places[camera]
-            self.sigma_px[c] += _SIGMA_FORGET * (median(stated) - self.sigma_px[c])
 
     def _listen(self, intake: LiveIntake, due_ns: int) -> None:
         channels = intake.channels()
@@ -212,7 +198,7 @@ class Fusion:
         pose = self.tracker.looked_for(t_ns)
         known: Array = np.asarray(np.isfinite(pose.xyz_world).any(axis=(1, 2)))
         shown = pose if known.all() else pose.people(known)
-        self._board.write(shown, velocity_between(before, shown), expected_gain(shown, self.rig, self.sigma_px))
+        self._board.write(shown, velocity_between(before, shown))
         self._last_published = shown
         self.outlets.offer(LiveExpected(pose=shown))
 

@@ -14,22 +14,20 @@ import numpy as np
 
 from posefuse.core import Camera, Detections2D, InputError, JointCentres, PosefuseError, Region, Rig
 from posefuse.detection import with_clothing, with_depth
-from posefuse.detection.build import DetectorChoice
+from posefuse.detection.build import DetectorChoice, build_detector
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.platform import lower_priority
 from posefuse.foundation.requests_to_end import leave_requests_to_parent
 from posefuse.sources.arriving import Arrived
 
 from .board import Board, Expected
-from .capture import SAMPLE_STEP, Capture, Caught, LiveInput, pick, take_all
-from .changeable_detector import ChangeableDetector
+from .capture import SAMPLE_STEP, Capture, Caught, LiveInput, take_all
 from .clock import SessionClock
 from .controls import KeepVideos, ShowImages
 from .faults import before_bump, seen_by_bumped
-from .messages import Centres, Glance, Go, GroupFailed, Ready, SeenView, Status, Stop, Use, VideoFailed
+from .messages import Glance, Go, GroupFailed, Ready, SeenView, Status, Stop, VideoFailed
 from .preview import preview_jpeg
-from .scheduling import LEAST_EVERY_S, search_slot
-from .searching import SearchSchedule
+from .searching import SearchSchedule, search_slot
 from .video_keeping import VideoKeeper, wait_for_videos
 
 _STATUS_S = 0.25
@@ -93,7 +91,7 @@ def _opened(plan: GroupPlan, channel: Channel, board: Board) -> Group:
 
     cv2.setNumThreads(1)
     group = Group(plan, channel, board)
-    channel.send(Ready(plan.group, group.detector.now.skeleton, group.joint_centres()), _SEND_S)
+    channel.send(Ready(plan.group, group.detector.skeleton, group.joint_centres()), _SEND_S)
     return group
 
 
@@ -110,15 +108,14 @@ class Group:
         ]
         for capture in self._captures:
             capture.open()
-        self.detector = ChangeableDetector(plan.detector, plan.rig)
+        self.detector = build_detector(plan.detector, plan.rig)
         self._looked_s = dict.fromkeys((entry.camera for entry in plan.inputs), 0.0)
         self._searched_slot = dict.fromkeys(self._looked_s, -1)
         self._previewed_s = dict(self._looked_s)
         self._sent_s = dict(self._looked_s)
         self._glances: dict[str, list[Glance]] = {name: [] for name in self._looked_s}
         self._searches = {entry.camera: SearchSchedule() for entry in plan.inputs}
-        self._status_s = self._busy_s = 0.0
-        self._whole_images = 0
+        self._status_s = 0.0
         self._shift_ns: dict[str, int] = {}
         self._video_faults = dict.fromkeys(self._looked_s, "")
 
@@ -132,17 +129,12 @@ class Group:
             self._shift_ns[capture.entry.camera] = zero
             capture.begin(go.zero_ns, go.zero_ns + self._plan.clock.offset_ns)
         while not isinstance(message := self._channel.receive(), Stop):
-            if isinstance(message, Use):
-                self.detector.load(message.network)
-            elif isinstance(message, ShowImages):
+            if isinstance(message, ShowImages):
                 self._plan = replace(self._plan, preview_hz=message.rate_hz)
             elif isinstance(message, KeepVideos):
                 self._keep_videos(message.folder)
-            if self.detector.exchanged():
-                cameras = tuple(entry.camera for entry in self._plan.inputs)
-                self._channel.send(Centres(cameras, self.joint_centres()), _SEND_S)
             self._send_status()
-            self._look_at_best()
+            self._look_at_next()
 
     def finish(self) -> None:
         """Close the sources, and finish the videos as long as they make progress; the status reports that to the session."""
@@ -172,28 +164,26 @@ class Group:
         """Offsets of joint centres from what the detector marks; None: they are the same, or not known."""
         from posefuse.tracking import joint_centres_of
 
-        return joint_centres_of(self.detector.now, proportions=self._plan.proportions)
+        return joint_centres_of(self.detector, proportions=self._plan.proportions)
 
-    def _look_at_best(self) -> None:
+    def _look_at_next(self) -> None:
         with self._news:
             if all(capture.waiting() is None for capture in self._captures) and not self._news.wait(_IDLE_S):
                 return
             chosen = self._chosen(self._board.read())
         for capture, caught in chosen:
-            begun_s = time.monotonic()
             self._look(capture, caught, self._board.read())
-            self._busy_s += time.monotonic() - begun_s
 
     def _chosen(self, expected: Expected) -> list[tuple[Capture, Caught]]:
-        """The frame that is worth most. While no person is followed, the frames of all cameras.
+        """The frame of the camera that has waited longest. While no person is followed, the frames of all cameras.
 
         A search of a whole image takes longer than a frame period, and a new person is placed by views of one time: frames
         taken one after another would be apart by as much as the person walks meanwhile.
         """
         if not self._followed(expected):
             return take_all(self._captures)
-        best = pick(self._captures, lambda capture: self._worth(capture, expected))
-        return [] if best is None else [best]
+        waiting = [capture for capture in self._captures if capture.waiting() is not None]
+        return take_all(sorted(waiting, key=lambda capture: self._looked_s[capture.entry.camera])[:1])
 
     def _followed(self, expected: Expected) -> bool:
         return len(expected.xyz_world) > 0 and self._plan.clock.now_ns() - expected.t_ns <= _STALE_NS
@@ -208,12 +198,6 @@ class Group:
                 return None
             if isinstance(message, Go):
                 return message
-
-    def _worth(self, capture: Capture, expected: Expected) -> float:
-        """Expected information; a view that was left out for long goes first, the longest first."""
-        waited_s = time.monotonic() - self._looked_s[capture.entry.camera]
-        gain = float(expected.gain[self._plan.rig.names.index(capture.entry.camera)])
-        return 1e6 * waited_s if waited_s > LEAST_EVERY_S else gain * waited_s
 
     def _look(self, capture: Capture, caught: Caught, expected: Expected) -> None:
         name, arrived = capture.entry.camera, caught.arrived
@@ -231,7 +215,6 @@ class Group:
         found = self._detected(camera, caught, regions)
         shown = _in_session(found, shift_ns + caught.wrong.off_ns)
         if regions is None:
-            self._whole_images += 1
             sample = arrived.pixels.sample(SAMPLE_STEP)
             self._searches[name].searched(sample, now_s, found=len(shown) > 0, image=arrived.pixels.rgb())
         seen = SeenView(
@@ -252,13 +235,13 @@ class Group:
 
     def _detected(self, camera: Camera, caught: Caught, regions: Sequence[Region] | None) -> Detections2D:
         if regions is not None and not regions:
-            return Detections2D.empty(camera.name, caught.arrived.t_ns, self.detector.now.skeleton)
+            return Detections2D.empty(camera.name, caught.arrived.t_ns, self.detector.skeleton)
         frame = caught.arrived.frame()
         if not caught.wrong.bumped:
-            [found] = self.detector.now.detect([frame], [regions])
+            [found] = self.detector.detect([frame], [regions])
             found = with_depth(found, frame.depth)
             return with_clothing(found, frame.image) if self._plan.most_people > 1 else found
-        [found] = self.detector.now.detect([frame], [regions and [before_bump(region, camera) for region in regions]])
+        [found] = self.detector.detect([frame], [regions and [before_bump(region, camera) for region in regions]])
         return seen_by_bumped(found, camera)
 
     def _search_or_nothing(self, caught: Caught, now_s: float) -> Sequence[Region] | None:
@@ -274,7 +257,7 @@ class Group:
             return None
         from posefuse.detection import region_from_pose
 
-        skeleton = self.detector.now.skeleton
+        skeleton = self.detector.skeleton
         looks = [region_from_pose(camera, xyz, skeleton) for xyz in expected.at(t_ns)]
         return [look for look in looks if look is not None]
 
@@ -291,10 +274,7 @@ class Group:
         if now - self._status_s >= _STATUS_S:
             self._status_s = now
             states = tuple(capture.state() for capture in self._captures)
-            status = Status(
-                self._plan.group, self._plan.clock.now_ns(), states, self.detector.network, self._whole_images, self._busy_s
-            )
-            self._channel.send(status, _SEND_S)
+            self._channel.send(Status(self._plan.group, self._plan.clock.now_ns(), states), _SEND_S)
             self._report_video_faults()
 
     def _report_video_faults(self) -> None:

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import contextlib
 import time
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from posefuse.foundation.channel import ChannelClosed
-
 from .board import Board
 from .clock import SessionClock
 from .group import GroupPlan
-from .messages import Status, Use, VideoFailed
-from .networks import NetworkChooser
-from .news import Say
+from .messages import Status, VideoFailed
 from .pace import ProcessedImages
 from .processes import Groups
 
@@ -22,15 +17,10 @@ _LEAD_NS = 300_000_000
 
 
 class GroupViews(Groups):
-    """Sends the groups the network to detect with, where `chooser` is given.
+    """`plans`: one per group; `board`: what they look for."""
 
-    Args:
-        plans: one per group. board: what they look for. say: takes one line when the network changes.
-    """
-
-    def __init__(self, plans: Sequence[GroupPlan], board: Board, chooser: NetworkChooser | None, say: Say) -> None:
+    def __init__(self, plans: Sequence[GroupPlan], board: Board) -> None:
         super().__init__(plans, board)
-        self._chooser, self._say = chooser, say
         self._notices: list[str] = []
         self._processed = ProcessedImages()
 
@@ -53,21 +43,9 @@ class GroupViews(Groups):
                 continue
             if isinstance(message, Status):
                 self._compare(message)
-            if isinstance(message, Status) and self._chooser is not None:
-                self._consider(message, self._chooser)
             yield message
 
     def _compare(self, status: Status) -> None:
-        network = status.network or str(self._members[0].plan.detector.options.get("landmarks", ""))
+        network = str(self._members[0].plan.detector.options.get("landmarks", ""))
         if sentence := self._processed.news(status, time.monotonic(), network):
             self._notices.append(sentence)
-
-    def _consider(self, status: Status, chooser: NetworkChooser) -> None:
-        if chooser.step(status, time.monotonic()):
-            self._say(f"network {chooser.name} from now on: {chooser.why}")
-        if status.network != chooser.name:
-            for member in self._members:
-                if member.plan.group == status.group:
-                    # a process that ended is restarted, and its status shows that it needs the message
-                    with contextlib.suppress(ChannelClosed):
-                        member.channel.send(Use(chooser.name))

@@ -81,19 +81,11 @@ class SeenView:
 
 @dataclass(frozen=True)
 class Status:
-    """A group is alive.
-
-    Attributes:
-        network: that it detects with, where that may be changed; else empty.
-        searched: whole images so far. busy_s: time spent on detection so far.
-    """
+    """A group is alive."""
 
     group: int
     t_ns: int
     cameras: tuple[CameraState, ...]
-    network: str = ""
-    searched: int = 0
-    busy_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -102,10 +94,3 @@ class VideoFailed:
 
     camera: str
     reason: str
-
-
-@dataclass(frozen=True)
-class Use:
-    """Detect with another bundled network, as soon as it is loaded."""
-
-    network: str

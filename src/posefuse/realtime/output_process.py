@@ -199,9 +199,10 @@ class Worker:
         """As it is now."""
         now = replace(self._now, dropped=self._dropped)
         busy_s = self._busy_s
-        if now.state == OK and busy_s and time.monotonic() - busy_s > _HANGS_S:
-            return replace(now, state=HANGS, text=f"has taken nothing for more than {_HANGS_S:g} s")
-        return now
+        if not busy_s or time.monotonic() - busy_s <= _HANGS_S:
+            return now
+        what = "has taken nothing" if self._output is not None else "has been opening"
+        return replace(now, state=HANGS, text=f"{what} for more than {_HANGS_S:g} s")
 
     def finish(self) -> None:
         """Request the end, after the queued messages; for an output that hangs one message is dropped."""
@@ -224,22 +225,21 @@ class Worker:
     def _run(self) -> None:
         while (message := self._queue.get()) is not None:
             self._kept.keep(message)
+            self._busy_s = time.monotonic()
             if self._output is None and not self._open_again():
                 self._dropped += 1
             elif self._output is not None:
                 self._take(self._output, message)
+            self._busy_s = 0.0
         self._close()
 
     def _take(self, output: LiveOutput, message: LiveMessage) -> None:
-        self._busy_s = time.monotonic()
         try:
             output.take(message)
             self._now = replace(self._now, taken=self._now.taken + 1)
         except Exception as error:  # noqa: BLE001 - others' outputs may fail in any way; it is reported, not hidden
             self._dropped += 1
             self._again_later(words_of(error, output.where))
-        finally:
-            self._busy_s = 0.0
 
     def _opened(self) -> LiveOutput:
         output = self._config.build()

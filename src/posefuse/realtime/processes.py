@@ -6,7 +6,6 @@ import contextlib
 import multiprocessing
 import os
 import signal
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -15,7 +14,7 @@ from typing import Any, Self
 from posefuse.core import Skeleton, SourceError
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.platform import peak_memory_mb, processor_s
-from posefuse.foundation.requests_to_end import HANG_UP
+from posefuse.foundation.requests_to_end import children_ignore_requests
 from posefuse.health.cameras import Verdict
 
 from .board import Board
@@ -43,17 +42,8 @@ def spawned(target: Callable[..., None], *args: Any, name: str) -> Any:
     """A started process that Ctrl-C in the terminal, or closing it, does not reach; its parent ends it."""
     context = multiprocessing.get_context("spawn")
     process = context.Process(target=target, args=args, name=name, daemon=True)
-    if threading.current_thread() is not threading.main_thread():
+    with children_ignore_requests():
         process.start()
-        return process
-    # what is ignored now is ignored by the child from its first moment on; `leave_requests_to_parent` keeps it so
-    ignored = [signal.SIGINT, *([] if HANG_UP is None else [HANG_UP])]
-    before = {number: signal.signal(number, signal.SIG_IGN) for number in ignored}
-    try:
-        process.start()
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
     return process
 
 

@@ -75,3 +75,11 @@ def _differ(one: Array, other: Array) -> bool:
     apart = cv2.absdiff(one, other) > _CHANGED_LEVELS
     # mostly there are hardly any: not worth going through the channels
     return int(np.count_nonzero(apart)) >= _CHANGED_PIXELS and int(apart.any(axis=-1).sum()) >= _CHANGED_PIXELS
+
+
+def search_slot(now_ns: int, every_s: float) -> int:
+    """The number of the stretch of time in which every camera searches its whole image once, at its first look.
+
+    It is the same for all cameras: a new person is found where two of them see them at about the same time.
+    """
+    return now_ns // round(every_s * 1e9)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
@@ -22,7 +23,6 @@ from posefuse.tracking import at_joint_centres
 from posefuse.tracking.online import Tracker, build_tracker
 from posefuse.tracking.stand_in import made_up_detections
 
-from .assignment import dealt
 from .board import Board
 from .capture import LiveInput, keeping_packets
 from .config import LiveConfig
@@ -40,7 +40,6 @@ from .output_plan import NoOutputs, OutputPlan
 from .outputs import OutputProcess
 from .provenance import notes_of
 from .rig_watch import watching
-from .scheduling import expected_gain
 from .session_plan import Finished, SessionPlan, SessionViews
 from .speaking import never_waiting
 
@@ -72,12 +71,11 @@ def run_live(
         raise SourceError(f"expected sources for at least {LEAST_CAMERAS} cameras, got {len(inputs)}")
     rig = rig.only(entry.camera for entry in inputs)
     with never_waiting(say) as say_soon:
-        detector, chooser = settled_network(config.detector, len(inputs), say_soon)
-        config = replace(config, detector=detector)
+        config = replace(config, detector=settled_network(config.detector, len(inputs), say_soon))
         plan = replace(plan, rig=rig, rate_hz=config.rate_hz, notes=notes_of(rig, config), names=config.names)
         plans = group_plans(rig, inputs, config, plan, videos)
         whole = SessionPlan(outputs=plan, config=config, duration_s=duration_s, remote=False)
-        return run_session(whole, lambda board: GroupViews(plans, board, chooser, say_soon), say_soon, controls)
+        return run_session(whole, lambda board: GroupViews(plans, board), say_soon, controls)
 
 
 def run_session(
@@ -93,7 +91,7 @@ def run_session(
         InputError: an output that cannot be opened.
     """
     rig, clock, config = plan.outputs.rig, plan.outputs.clock, plan.config
-    board = new_board(rig)
+    board = new_board()
     outputs = OutputProcess(plan.outputs) if plan.outputs.configs else NoOutputs()
     try:
         with stop_requests() as stopped, views_on(board) as views, watching(rig, clocks=plan.remote) as watch:
@@ -176,7 +174,7 @@ def _controlled(
 def group_plans(
     rig: Rig, inputs: Sequence[LiveInput], config: LiveConfig, plan: OutputPlan, videos: Path | None = None
 ) -> list[GroupPlan]:
-    """Cameras dealt out to groups, see `dealing`."""
+    """Neighbouring cameras share a group: whichever is lost, the others still look from different directions."""
     cores = usable_cores()
     count = config.groups or max(1, min(cores, len(inputs) // 2))
     count = min(count, len(inputs))
@@ -198,8 +196,16 @@ def group_plans(
             proportions=config.proportions,
             videos=videos,
         )
-        for group, cameras in enumerate(dealt(rig, list(by_name), count))
+        for group, cameras in enumerate(blocks(rig, list(by_name), count))
     ]
+
+
+def blocks(rig: Rig, cameras: Sequence[str], count: int) -> list[list[str]]:
+    """`cameras` in `count` blocks by azimuth about the middle of the rig, from the first camera on; equal ones as they come."""
+    ahead = rig.centres_world() - rig.centres_world().mean(axis=0)
+    azimuth = dict(zip(rig.names, np.arctan2(ahead[:, 1], ahead[:, 0]).tolist(), strict=True))
+    turned = {name: round(azimuth[name] - azimuth[cameras[0]], 6) % math.tau for name in cameras}
+    return [block.tolist() for block in np.array_split(sorted(cameras, key=turned.__getitem__), count)]
 
 
 def ready_tracker(rig: Rig, skeleton: Skeleton, config: LiveConfig) -> Tracker:
@@ -235,7 +241,7 @@ def ready_joints(skeleton: Skeleton, config: LiveConfig) -> JointTracker | None:
 
 def ready_bodies(rig: Rig, skeleton: Skeleton, config: LiveConfig) -> LiveSkeletons | None:
     """The whole-body fit, its kernels compiled; None where it is off."""
-    if config.body == "off" or config.track.tracker != "asynchronous":
+    if config.body == "off":
         return None
     at_once = replace(config.live_body, learn_s=config.live_body.sample_every_s * FEWEST_SEEN)
     tracker = _new_tracker(rig, skeleton, config)
@@ -255,14 +261,13 @@ def warm_tracker(tracker: Tracker, rig: Rig, skeleton: Skeleton) -> None:
             tracker.add(view)
             pose = tracker.at(view.t_ns + 20_000_000)
         at_joint_centres(pose, no_offsets, no_offsets.usual)
-        expected_gain(pose, rig, np.ones(len(rig)))
 
 
-def new_board(rig: Rig) -> Board:
-    """An empty board for all cameras of the rig."""
+def new_board() -> Board:
+    """An empty board."""
     import multiprocessing
 
-    return Board(multiprocessing.get_context("spawn"), len(rig))
+    return Board(multiprocessing.get_context("spawn"))
 
 
 @contextmanager

@@ -44,6 +44,10 @@ class RecordedSource(Source, Protocol):
         """(F,) int64 session times of the frames it lists."""
         ...
 
+    def frames_from(self, begin_ns: int) -> Iterator[Frame]:
+        """Those of `frames` that are not before a session time, without the time that it takes to decode all before it."""
+        ...
+
     @property
     def stated_frames(self) -> int:
         """The number of frames that its header states; 0 where it states none."""
@@ -51,10 +55,14 @@ class RecordedSource(Source, Protocol):
 
 
 class CountedSource:
-    """A source that remembers what it delivered; otherwise the source itself."""
+    """A source from a time on, that remembers what it delivered; otherwise the source itself.
 
-    def __init__(self, source: RecordedSource) -> None:
-        self._source = source
+    Args:
+        begin_ns: frames before it are left out. earlier_ns: of these, times of those that were delivered already.
+    """
+
+    def __init__(self, source: RecordedSource, begin_ns: int, earlier_ns: Sequence[int] = ()) -> None:
+        self._source, self._begin_ns, self._earlier_ns = source, begin_ns, earlier_ns
         self._delivered_ns: list[int] = []
 
     @property
@@ -72,9 +80,9 @@ class CountedSource:
         return self._source.times_ns()
 
     def frames(self) -> Iterator[Frame]:
-        """Frames in time order from the start, counted again."""
-        self._delivered_ns = []
-        for frame in self._source.frames():
+        """Frames in time order from the time on, counted again."""
+        self._delivered_ns = [*self._earlier_ns]
+        for frame in self._source.frames_from(self._begin_ns):
             self._delivered_ns.append(frame.t_ns)
             yield frame
 

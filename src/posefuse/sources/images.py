@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -74,9 +74,16 @@ class ImagesSource:
 
     def frames(self) -> Iterator[Frame]:
         """Frames in time order from the start."""
+        return self._read(self._times_s)
+
+    def frames_from(self, begin_ns: int) -> Iterator[Frame]:
+        """See `RecordedSource`."""
+        return self._read([one for one in self._times_s if self._session_ns(one[1]) >= begin_ns])
+
+    def _read(self, listed: Sequence[tuple[Path, float]]) -> Iterator[Frame]:
         self.broken_frames = 0
         size_wh: tuple[int, int] | None = None
-        for seq, (path, time_s) in enumerate(self._times_s):
+        for seq, (path, time_s) in enumerate(listed, start=len(self._times_s) - len(listed)):
             image = cv2.imread(str(path), cv2.IMREAD_COLOR)
             if image is None:
                 self.broken_frames += 1

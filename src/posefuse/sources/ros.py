@@ -75,6 +75,8 @@ class RosSource:
         self._seq, self._newest_ns = -1, -(2**63)
         self._lens = RigLens(config.lens) if config.lens is not None and has_lens(config.lens) else None
         self._closed = False
+        # the session's clock does not jump when this machine's is set
+        self._session_from_monotonic_ns = time.time_ns() - time.monotonic_ns() + self._offset_ns
         self._node = RosNode(f"posefuse/source_{ros_name(config.camera)}", config.network)
         self._sim_time = ClockReader(self._node) if config.sim_time else None
         type_name = COMPRESSED_TYPE if config.topic.endswith("/compressed") else IMAGE_TYPE
@@ -87,9 +89,14 @@ class RosSource:
         """Frames as they come, until `close`; the first call begins with the image `build` waited for."""
         if self._first.seq == self._seq == 0:
             yield self._first
-        while not self._closed:
-            yield from self._take()
-            self._node.wait(_POLL_S)
+        try:
+            while not self._closed:
+                yield from self._take()
+                self._node.wait(_POLL_S)
+        except SourceError:
+            # a reader may be closed while it is read
+            if not self._closed:
+                raise
 
     def close(self) -> None:
         """Leave the network; a running `frames` ends soon. Safe to call twice."""
@@ -110,7 +117,7 @@ class RosSource:
         if self._sim_time is not None:
             self._sim_time.update()
         for sample in self._reader.take():
-            received_ns = time.time_ns() + self._offset_ns
+            received_ns = time.monotonic_ns() + self._session_from_monotonic_ns
             try:
                 msg = decode(sample.raw, self._topic.type_name, _MAX_BYTES)
                 frame = frame_from_message(msg, self.camera, self._seq + 1, received_ns)

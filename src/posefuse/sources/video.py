@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from fractions import Fraction
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import av
 import numpy as np
-from av.video.frame import VideoFrame
+from av.video.frame import PictureType, VideoFrame
 from av.video.stream import VideoStream
 
 from posefuse.core import Frame, SourceError
@@ -28,6 +30,8 @@ VIDEO_SUFFIXES = (".mp4", ".mkv", ".mov", ".avi", ".webm", ".m4v", ".mpg", ".mpe
 # these start at an arbitrary time (a broadcast clock), so only times since the first frame mean anything
 ARBITRARY_START = ("mpegts", "avi", "mpeg")
 _MOST_BROKEN_IN_A_ROW = 30
+# decoding begins so many key frames before a time: with an open GOP the last one alone does not show all
+_KEYS_BEFORE = 2
 _FIRST_YEAR = 2000
 # FFmpeg also opens playlists and descriptions in XML, which name other files, and damaged ones of which crash it
 _CONTAINERS = "mov,mp4,matroska,webm,avi,mpegts,mpeg,mpegvideo,m4v,h264,hevc"
@@ -83,6 +87,7 @@ class VideoSource:
         self._config = config
         self.camera = config.camera
         self.broken_frames = 0
+        self._start_ticks: int | None = None
         first = next(self._decode(), None)
         if first is None:
             raise SourceError(f"{config.path}: camera {config.camera}: no frame can be decoded; is the file complete?")
@@ -98,12 +103,9 @@ class VideoSource:
 
     def times_ns(self) -> Array:
         """(F,) int64 session times of all frames the file lists, without decoding them."""
-        with opened_video(self._config) as container:
-            stream = container.streams.video[0]
-            ticks = sorted(_ticks(container, stream))
-            if ticks and container.format.name in ARBITRARY_START:
-                ticks = [tick - ticks[0] for tick in ticks]
-            base = Fraction(stream.time_base or 1)
+        ticks, base = self._listed.ticks, self._listed.base_s
+        if ticks and self._listed.starts_anywhere:
+            ticks = [tick - ticks[0] for tick in ticks]
         try:
             return np.array([self._session_ns(tick * base) for tick in ticks], dtype=np.int64)
         except OverflowError:
@@ -113,11 +115,16 @@ class VideoSource:
         """Frames in time order from the start; a frame that cannot be decoded is left out and counted in `broken_frames`."""
         return (arrived.frame() for arrived in self.arriving())
 
-    def arriving(self) -> Iterator[Arrived]:
-        """See `UnconvertedSource`."""
+    def frames_from(self, begin_ns: int) -> Iterator[Frame]:
+        """See `RecordedSource`; decoded from a key frame shortly before, where the file has an index."""
+        return (arrived.frame() for arrived in self.arriving(begin_ns) if arrived.t_ns >= begin_ns)
+
+    def arriving(self, begin_ns: int | None = None) -> Iterator[Arrived]:
+        """See `UnconvertedSource`; with `begin_ns`, frames before it may be missing."""
+        entry = None if begin_ns is None else self._entry(begin_ns)
         self.broken_frames = 0
         last_ns: int | None = None
-        for frame in self._decode():
+        for frame in self._decode(entry):
             if (size_wh := frame.pixels.size_wh) != self.size_wh:
                 raise SourceError(f"{self._where}: frame {frame.seq} is {size_wh}, the first was {self.size_wh} px")
             if last_ns is not None and frame.t_ns <= last_ns:
@@ -136,24 +143,48 @@ class VideoSource:
     def _session_ns(self, file_time_s: Fraction) -> int:
         return session_ns(self._config, file_time_s)
 
-    def _decode(self) -> Iterator[Arrived]:
+    @cached_property
+    def _listed(self) -> _Listed:
+        with opened_video(self._config) as container:
+            return _listed(container)
+
+    def _entry(self, begin_ns: int) -> int | None:
+        """Where to seek, in ticks, so that all frames from a time on are decoded as from the start; None: only from the start."""
+        listed = self._listed
+        start = (self._start_ticks or 0) if listed.starts_anywhere else 0
+        before = [key for key in listed.keys if self._session_ns((key - start) * listed.base_s) <= begin_ns]
+        if len(before) < _KEYS_BEFORE:
+            return None
+        key = before[-_KEYS_BEFORE]
+        with opened_video(self._config) as container:
+            # a file without an index may lead anywhere, and intra refresh marks frames that do not show all
+            container.seek(listed.keys[key], stream=container.streams.video[0])
+            with suppress(SourceError):
+                for frame, _ in self._decoded_frames(container, container.streams.video[0]):
+                    if frame.pts is None or frame.pts >= key:
+                        return listed.keys[key] if frame.pts == key and frame.pict_type == PictureType.I else None
+        return None
+
+    def _decode(self, entry: int | None = None) -> Iterator[Arrived]:
+        """Frames from the start, or from this key frame on."""
         with opened_video(self._config) as container:
             stream = container.streams.video[0]
             # with threads for slices alone FFmpeg starts one per core, too, and hands the work round
             stream.thread_type = "AUTO" if self._config.threads else "NONE"
-            stream_base, start_ticks = Fraction(stream.time_base or 1), 0
-            converter = PixelConverter()
-            seq = 0
+            stream_base, converter, seq = Fraction(stream.time_base or 1), PixelConverter(), -1
+            if entry is not None:
+                container.seek(entry, stream=stream)
             for decoded, encoded in self._decoded_frames(container, stream):
                 if decoded.pts is None:
                     self.broken_frames += 1
                     continue
-                if seq == 0 and container.format.name in ARBITRARY_START:
-                    start_ticks = decoded.pts
+                if self._start_ticks is None:
+                    self._start_ticks = decoded.pts
+                seq = bisect_left(self._listed.ticks, decoded.pts) if seq < 0 and entry is not None else seq + 1
+                start_ticks = self._start_ticks if container.format.name in ARBITRARY_START else 0
                 t_ns = ticks_ns(self._config, decoded.pts - start_ticks, decoded.time_base or stream_base)
                 pixels = DecodedPixels(decoded, converter)
                 yield Arrived(camera=self.camera, seq=seq, t_ns=t_ns, received_ns=t_ns, pixels=pixels, encoded=encoded)
-                seq += 1
 
     def _decoded_frames(
         self, container: av.container.InputContainer, stream: VideoStream
@@ -226,9 +257,29 @@ def opened_video(config: VideoConfig) -> av.container.InputContainer:
     return container
 
 
-def _ticks(container: av.container.InputContainer, stream: VideoStream) -> set[int]:
-    """Presentation times of all packets up to the first that cannot be read."""
+class _Listed(NamedTuple):
+    """What a file lists, in ticks of `base_s`, sorted: times of frames, and when key frames are decoded by their times.
+
+    There is no key frame where a packet has no time.
+    """
+
+    ticks: list[int]
+    keys: dict[int, int]
+    base_s: Fraction
+    starts_anywhere: bool
+
+
+def _listed(container: av.container.InputContainer) -> _Listed:
+    """Of all packets up to the first that cannot be read."""
+    stream = container.streams.video[0]
     ticks: set[int] = set()
+    keys: dict[int, int] = {}
+    timed = True
     with suppress(av.error.FFmpegError):
-        ticks.update(packet.pts for packet in container.demux(stream) if packet.pts is not None)
-    return ticks
+        for packet in container.demux(stream):
+            if packet.pts is not None:
+                ticks.add(packet.pts)
+                keys.update({packet.pts: packet.dts} if packet.is_keyframe and packet.dts is not None else {})
+            timed = timed and (packet.pts is not None or not packet.size)
+    anywhere = container.format.name in ARBITRARY_START
+    return _Listed(sorted(ticks), dict(sorted(keys.items())) if timed else {}, Fraction(stream.time_base or 1), anywhere)

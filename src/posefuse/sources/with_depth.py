@@ -43,7 +43,14 @@ class DepthSource:
 
     def frames(self) -> Iterator[Frame]:
         """The source's frames; raises SourceError for a depth image that cannot be read."""
-        for frame in self._source.frames():
+        return self._with_depth(self._source.frames())
+
+    def frames_from(self, begin_ns: int) -> Iterator[Frame]:
+        """See `RecordedSource`."""
+        return self._with_depth(self._source.frames_from(begin_ns))
+
+    def _with_depth(self, frames: Iterator[Frame]) -> Iterator[Frame]:
+        for frame in frames:
             try:
                 depth = self._depth.at(round((frame.t_ns - self._offset_ns) / self._stretch), frame.size_wh)
             except InputError as error:

@@ -80,16 +80,16 @@ class JobReporter:
             if gone:
                 # a workspace that was deleted: no one can ask for the result, or for the end, any more
                 return
-            if self._report != self._written or time.time() - self._written_s > _ALIVE_S:
+            if self._report != self._written or time.monotonic() - self._written_s > _ALIVE_S:
                 self._write()
 
     def _write(self) -> None:
         with self._lock:
-            report, self._written_s = self._report, time.time()
+            report, self._written_s = self._report, time.monotonic()
             self._written = report
         # a full disk must not end the work: its next report may find room
         with suppress(InputError, OSError):
-            write_json(self._folder / "state.json", asdict(replace(report, reported_s=self._written_s)))
+            write_json(self._folder / "state.json", asdict(replace(report, reported_s=time.time())))
 
 
 def run_job(workspace: StudioWorkspace, job: Job, reporter: JobReporter) -> None:

@@ -101,6 +101,8 @@ class Jobs:
         # a task never changes, a report not after its end: with hundreds of them, reading them again would cost the server a core
         self._tasks: dict[str, Job] = {}
         self._ended: dict[str, Report] = {}
+        # the time of each job's newest report, and when it came by a clock that no one sets
+        self._heard: dict[str, tuple[float, float]] = {}
 
     def start(self, work: str, title: str, arguments: Mapping[str, Any], *, page: str = "/") -> Job:
         """Begin; returns at once.
@@ -160,13 +162,20 @@ class Jobs:
             self._ended[job_id] = report
             return report
         job = self.job(job_id)
-        # a time in the future is as wrong as one long ago
-        silent_s = abs(time.time() - (report.reported_s or (job.begun_s if job else 0.0)))
+        silent_s = self._silent_s(job_id, report.reported_s or (job.begun_s if job else 0.0))
         process = self._processes.get(job_id)
         died = process is not None and process.returncode is not None
         if not died and silent_s <= (_LOST_S if report.reported_s else _STARTING_S):
             return report
         return replace(report, state="lost", error=self._last_words(folder) or "its process ended without a report")
+
+    def _silent_s(self, job_id: str, reported_s: float) -> float:
+        """Since its newest report; that of the first one read is a time of the wall clock, in the future as wrong as long ago."""
+        now_s, heard = time.monotonic(), self._heard.get(job_id)
+        if heard is None or heard[0] != reported_s:
+            late_s = abs(time.time() - reported_s) if heard is None else 0.0
+            heard = self._heard[job_id] = reported_s, now_s - late_s
+        return now_s - heard[1]
 
     def address(self, job_id: str) -> SessionAddress | None:
         """Where its process listens; None where it does not."""

@@ -15,7 +15,9 @@ import numpy as np
 import posefuse as pf
 from posefuse.core import InputError, JointAngles
 from posefuse.core.arrays import Array
+from posefuse.foundation.requests_to_end import children_ignore_requests, leave_requests_to_parent
 from posefuse.kinematics.gait import Gait, gait_from_poses
+from posefuse.outputs.drawing import person_rgb
 from posefuse.pipeline.live_videos import session_with_videos
 from posefuse.pipeline.playback import Playback, PlaybackStep
 
@@ -26,7 +28,6 @@ from .streams import Stream
 TILE_PX = 480
 # frames per second while playing: what several videos cost a small computer to decode
 _PLAY_HZ = 12.0
-_PERSON_RGB = ((38, 198, 218), (255, 179, 0), (236, 64, 122), (124, 179, 66), (126, 87, 194), (255, 112, 67))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -64,12 +65,14 @@ def open_recording(path: Path, within: Path) -> OpenedRecording:
 @cache
 def _other_process() -> ProcessPoolExecutor:
     """A process for what compiles code, which would hold up every page; it ends with the server."""
-    return ProcessPoolExecutor(1, mp_context=get_context("spawn"))
+    return ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=leave_requests_to_parent)
 
 
 async def load_joint_angles(path: Path) -> JointAngles | None:
     """Angles of all people of a recording, straight from its points, worked out in another process; None where there are none."""
-    return await asyncio.get_running_loop().run_in_executor(_other_process(), _joint_angles, path)
+    with children_ignore_requests():
+        angles = asyncio.get_running_loop().run_in_executor(_other_process(), _joint_angles, path)
+    return await angles
 
 
 def _joint_angles(path: Path) -> JointAngles | None:
@@ -164,5 +167,5 @@ class ResultPlayer:
             moment.size_wh,
             detected_px=moment.detected_px,
             projected_px=moment.projected_px,
-            rgba=[(*_PERSON_RGB[person % len(_PERSON_RGB)], 255) for person in people],
+            rgba=[(*person_rgb(person), 255) for person in people],
         )

@@ -88,10 +88,10 @@ class LiveOutputState:
 
 @dataclass(frozen=True, kw_only=True)
 class LiveRecording:
-    """The recording that runs: its folder in the workspace, and since when (Unix time)."""
+    """The recording that runs: its folder in the workspace, and for how long."""
 
     folder: str
-    since_s: float
+    seconds: float
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeGuard
 
-from posefuse.core import InputError, Rig, SourceError
+from posefuse.core import InputError, Rig
 from posefuse.realtime.capture import LiveInput
 
 from .jobs import read_json_or_empty, write_json
@@ -131,8 +131,8 @@ def _seconds(path: Path) -> float:
     """Length of a video."""
     import av
 
-    try:
-        with av.open(str(path)) as container:
-            return container.duration / av.time_base if container.duration else 0.0
-    except (av.FFmpegError, OSError) as error:
-        raise SourceError(f"{path.name}: cannot be read as a video ({error})") from None
+    from posefuse.sources import VideoConfig
+    from posefuse.sources.video import opened_video
+
+    with opened_video(VideoConfig(path, path.stem)) as container:
+        return container.duration / av.time_base if container.duration else 0.0

@@ -10,12 +10,13 @@ from html import escape
 import numpy as np
 
 from posefuse.core.arrays import Array
+from posefuse.core.palette import LEFT, MIDDLE, RIGHT
 from posefuse.pipeline.edits import Exclusion
 
 SIZE_PX = (1200, 260)
 _LEFT, _RIGHT, _TOP, _BOTTOM = 52, 12, 14, 30
 _MOST_POINTS = 600
-COLOURS = {"left": "#ef6c00", "right": "#1e88e5", "mid": "#43a047"}
+COLOURS = {"left": LEFT.on_light, "right": RIGHT.on_light, "mid": MIDDLE.on_light}
 
 
 @dataclass(frozen=True, eq=False)

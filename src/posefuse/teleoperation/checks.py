@@ -48,7 +48,7 @@ def camera_finding(cameras: CameraReport | None, now_ns: int, settings: GateSett
     """Enough cameras are healthy; with some faulty the speed limit falls with their share."""
     if cameras is None or not -_AHEAD_S * 1e9 <= now_ns - cameras.t_ns <= settings.health_s * 1e9:
         return Finding(0.0, "no news of the cameras")
-    if cameras.healthy < max(settings.least_cameras, 1) or cameras.healthy > cameras.total:
+    if cameras.healthy < settings.least_cameras or cameras.healthy > cameras.total:
         return Finding(0.0, f"{cameras.healthy} of {cameras.total} cameras are well")
     if cameras.healthy < cameras.total:
         return Finding(cameras.healthy / cameras.total, f"{cameras.healthy} of {cameras.total} cameras are well")

@@ -27,29 +27,27 @@ def bone_lengths(xyz: Array, cov: Array, used: Array, skeleton: Skeleton, sigma_
         NaN for a bone seen in fewer than ten time steps. The length is the median, less what noise across the bone adds to
         a distance; the spread is that of the lengths beyond what the covariances explain.
     """
-    one, two = skeleton.bone_indices.T
-    span = xyz[:, one] - xyz[:, two]
-    distance = np.linalg.norm(span, axis=-1)
-    along = span / np.where(distance > 1e-9, distance, np.nan)[..., None]
-    variance, across = np.empty((2, *distance.shape))
-    for b, (start, end) in enumerate(skeleton.bone_indices.tolist()):
-        both = cov[:, start] + cov[:, end]
-        variance[:, b] = np.einsum("ti,tij,tj->t", along[:, b], both, along[:, b])
-        across[:, b] = np.trace(both, axis1=-2, axis2=-1) - variance[:, b]
-    counts = used[:, one] & used[:, two] & np.isfinite(distance)
-    length = np.where(counts, distance - across / (2 * np.where(distance > 1e-9, distance, np.nan)), np.nan)
-    enough = counts.sum(axis=0) >= _MIN_INSTANTS
-    centre, spread = np.full(len(one), np.nan), np.full(len(one), np.nan)
-    if enough.any():
-        centre[enough] = np.nanmedian(length[:, enough], axis=0)
-        seen = SIGMA_PER_MAD * np.nanmedian(np.abs(length[:, enough] - centre[enough]), axis=0)
-        noise = np.nanmedian(np.where(counts, variance, np.nan)[:, enough], axis=0)
-        spread[enough] = np.sqrt(np.maximum(seen**2 - noise, sigma_min_m**2))
+    centre, spread = np.full((2, len(skeleton.bone_indices)), np.nan)
+    for b, (one, two) in enumerate(skeleton.bone_indices.tolist()):
+        span, both = xyz[:, one] - xyz[:, two], cov[:, one] + cov[:, two]
+        distance = np.linalg.norm(span, axis=-1)
+        counts = used[:, one] & used[:, two] & np.isfinite(distance)
+        if counts.sum() < _MIN_INSTANTS:
+            continue
+        divisor = np.where(distance > 1e-9, distance, np.nan)
+        along = span / divisor[:, None]
+        variance = np.einsum("ti,tij,tj->t", along, both, along)
+        across = np.trace(both, axis1=-2, axis2=-1) - variance
+        length = np.where(counts, distance - across / (2 * divisor), np.nan)
+        centre[b] = np.nanmedian(length)
+        seen = SIGMA_PER_MAD * np.nanmedian(np.abs(length - centre[b]))
+        noise = np.nanmedian(np.where(counts, variance, np.nan))
+        spread[b] = np.sqrt(np.maximum(seen**2 - noise, sigma_min_m**2))
     return centre, spread
 
 
-def hold_bones(xyz: Array, cov: Array, used: Array, skeleton: Skeleton, sigma_min_m: float) -> tuple[Array, Array]:
-    """One person's keypoints (T, K, 3) and covariances (T, K, 3, 3), given also that bones keep their length.
+def hold_bones(xyz: Array, cov: Array, used: Array, skeleton: Skeleton, sigma_min_m: float) -> None:
+    """One person's keypoints (T, K, 3) and covariances (T, K, 3, 3), given also that bones keep their length, in place.
 
     Iterated extended Kalman update of each time step with one pseudo-measurement per bone, |a - b| = length with its spread
     (`bone_lengths`): the Gauss-Newton minimum of the keypoints' Mahalanobis distances plus the bones' squared errors.
@@ -58,13 +56,11 @@ def hold_bones(xyz: Array, cov: Array, used: Array, skeleton: Skeleton, sigma_mi
     length, spread = bone_lengths(xyz, cov, used, skeleton, sigma_min_m)
     known = np.flatnonzero(np.isfinite(length) & (length > 0.02))
     if not len(known):
-        return xyz, cov
+        return
     ends = skeleton.bone_indices[known]
-    held, narrowed = xyz.copy(), cov.copy()
     for start in range(0, len(xyz), _CHUNK):
         part = slice(start, start + _CHUNK)
-        held[part], narrowed[part] = _hold(xyz[part], cov[part], ends, length[known], spread[known])
-    return held, narrowed
+        xyz[part], cov[part] = _hold(xyz[part], cov[part], ends, length[known], spread[known])
 
 
 def _hold(xyz: Array, cov: Array, ends: Array, length: Array, spread: Array) -> tuple[Array, Array]:

@@ -6,7 +6,6 @@ foot is fast and the standing one is not, so the labelling under which all limbs
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -43,8 +42,7 @@ def steady_sides(sequence: PoseSequence, facing: Array) -> PoseSequence:
         sequence: poses. facing: (2, T, N) clues, for arms and for legs, that their left one is on the left, less those against
             it, as `posefuse.kinematics.facing_votes` counts them; zeros where nothing is known.
     """
-    fields = ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")
-    arrays = {name: np.array(getattr(sequence, name)) for name in fields}
+    arrays = {name: getattr(sequence, name) for name in ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")}
     # arms first: their shoulders then show which side of the body the hips are on
     for part, (left, right) in enumerate(sequence.skeleton.limbs):
         for n in range(len(sequence.person_id)):
@@ -55,7 +53,9 @@ def steady_sides(sequence: PoseSequence, facing: Array) -> PoseSequence:
                 agree += np.where(np.abs(twist) > _LEAST_TWIST, np.sign(twist), 0)
             swapped = _labels(sequence.t_ns, xyz[:, left], xyz[:, right], agree)
             wrong = np.isin(np.arange(len(sequence)), swapped)
-            for array in arrays.values():
+            if wrong.any() and arrays["kind"] is sequence.kind:
+                arrays = {name: array.copy() for name, array in arrays.items()}
+            for array in arrays.values() if wrong.any() else ():
                 exchange_sides(array[:, n], wrong, left, right)
     give_away(*arrays.values())
     changed: dict[str, Any] = dict(arrays)
@@ -68,30 +68,41 @@ def sides_like(reference: PoseSequence, rig: Rig, views: ViewSequence) -> ViewSe
     The reference is the same recording steadied over time, so a view is judged by what came before and after as well as by
     the other views.
     """
-    planes = [np.array(views.xy_img), np.array(views.score), np.array(views.sigma_px)]
-    planes += [] if views.depth_m is None else [np.array(views.depth_m)]
-    for start in range(0, len(reference), _PART_STEPS):
-        part = slice(start, start + _PART_STEPS)
-        _name_sides_like(reference.xyz_world[part], rig, [plane[part] for plane in planes], reference.skeleton)
-    give_away(*planes)
-    depth = None if views.depth_m is None else planes[3]
-    return replace(views, xy_img=planes[0], score=planes[1], sigma_px=planes[2], depth_m=depth)
+    parts = parts_of(len(reference))
+    wrong = [sides_that_differ(reference.xyz_world[part], rig, views.part(part)) for part in parts]
+    return with_sides_exchanged(views, np.concatenate(wrong))
 
 
-def _name_sides_like(xyz_world: Array, rig: Rig, planes: Sequence[Array], skeleton: Skeleton) -> None:
-    """`sides_like` of points (T, N, K, 3), in place."""
+def parts_of(steps: int) -> list[slice]:
+    """Time steps whose views are judged at once; at least one part, which may be empty."""
+    return [slice(start, start + _PART_STEPS) for start in range(0, max(steps, 1), _PART_STEPS)]
+
+
+def sides_that_differ(xyz_world: Array, rig: Rig, views: ViewSequence) -> Array:
+    """(T, N, C, L) which of the skeleton's L pairs of limbs a view has exchanged, by points (T, N, K, 3); see `sides_like`."""
     expected = np.stack([camera.project(xyz_world) for camera in rig], axis=2)
-    sigma = np.fmax(planes[2], _LEAST_SIGMA_PX)
-    for left, right in skeleton.limbs:
+    sigma, wrong = np.fmax(views.sigma_px, _LEAST_SIGMA_PX), np.zeros((*views.score.shape[:3], len(views.skeleton.limbs)), bool)
+    for limb, (left, right) in enumerate(views.skeleton.limbs):
         loss = {
-            (i, j): _loss(planes[0][..., seen, :] - expected[..., named, :], sigma[..., seen])
+            (i, j): _loss(views.xy_img[..., seen, :] - expected[..., named, :], sigma[..., seen])
             for i, seen in enumerate((left, right))
             for j, named in enumerate((left, right))
         }
-        gain = loss[0, 0] + loss[1, 1] - loss[0, 1] - loss[1, 0]
-        wrong = gain > _LEAST_GAIN
-        for plane in planes:
-            exchange_sides(plane, wrong, left, right)
+        wrong[..., limb] = loss[0, 0] + loss[1, 1] - loss[0, 1] - loss[1, 0] > _LEAST_GAIN
+    return wrong
+
+
+def with_sides_exchanged(views: ViewSequence, wrong: Array) -> ViewSequence:
+    """The views with left and right exchanged of the limbs (T, N, C, L) that are wrong."""
+    planes = {name: np.array(getattr(views, name)) for name in ("xy_img", "score", "sigma_px")}
+    if views.depth_m is not None:
+        planes["depth_m"] = np.array(views.depth_m)
+    for limb, (left, right) in enumerate(views.skeleton.limbs):
+        for plane in planes.values():
+            exchange_sides(plane, wrong[..., limb], left, right)
+    give_away(*planes.values())
+    changed: dict[str, Any] = dict(planes)
+    return replace(views, **changed)
 
 
 def _loss(away_px: Array, sigma_px: Array) -> Array:

@@ -70,17 +70,19 @@ def smooth(sequence: PoseSequence, settings: SmoothSettings) -> PoseSequence:
         covariance grown accordingly), MISSING elsewhere.
     """
     xyz, cov = np.full(sequence.xyz_world.shape, np.nan), np.full(sequence.cov_world.shape, np.nan)
-    lasting = np.zeros(sequence.cov_world.shape)
     used = np.zeros(sequence.kind.shape, bool)
-    rate_hz = cutoff_hz(sequence.t_ns, settings)
-    for n in range(sequence.kind.shape[1]):
-        for k in range(sequence.kind.shape[2]):
+    rate_hz, (people, keypoints) = cutoff_hz(sequence.t_ns, settings), sequence.kind.shape[1:]
+    for n in range(people):
+        scales = np.ones(keypoints)
+        for k in range(keypoints):
             point = np.ascontiguousarray(sequence.xyz_world[:, n, k]), np.ascontiguousarray(sequence.cov_world[:, n, k])
-            xyz[:, n, k], cov[:, n, k], used[:, n, k], lasting[:, n, k] = _smooth_point(sequence.t_ns, *point, rate_hz, settings)
+            xyz[:, n, k], cov[:, n, k], used[:, n, k], scales[k] = _smooth_point(sequence.t_ns, *point, rate_hz, settings)
         if settings.bones and len(sequence.skeleton.bone_indices):
-            xyz[:, n], cov[:, n] = hold_bones(xyz[:, n], cov[:, n], used[:, n], sequence.skeleton, settings.bone_sigma_m)
-    # after the bones: they constrain the smoother's estimate, not the common error of all keypoints
-    cov += lasting
+            hold_bones(xyz[:, n], cov[:, n], used[:, n], sequence.skeleton, settings.bone_sigma_m)
+        # after the bones: they constrain the smoother's estimate, not the common error of all keypoints
+        for k in range(keypoints):
+            noise, known = sequence.cov_world[:, n, k], np.isfinite(xyz[:, n, k, 0])
+            cov[:, n, k] += scales[k] * _lasting(sequence.t_ns, noise, used[:, n, k], known, rate_hz, settings)
     there = np.isfinite(xyz[..., 0])
     kind = np.where(used, Kind.SMOOTHED, np.where(there, Kind.INTERPOLATED, Kind.MISSING))
     give_away(xyz, cov)
@@ -96,14 +98,16 @@ def smooth(sequence: PoseSequence, settings: SmoothSettings) -> PoseSequence:
     )
 
 
-def _smooth_point(t_ns: Array, z: Array, noise: Array, rate_hz: float, settings: SmoothSettings) -> tuple[Array, ...]:
-    """Posterior mean (T, 3), covariance (T, 3, 3), which measurements (T,) went into it, what lasting errors add (T, 3, 3)."""
+def _smooth_point(
+    t_ns: Array, z: Array, noise: Array, rate_hz: float, settings: SmoothSettings
+) -> tuple[Array, Array, Array, float]:
+    """Posterior mean (T, 3), covariance (T, 3, 3), which measurements (T,) went into it, and by what covariances had to grow."""
     from . import smooth_kernels
 
     measured = np.asarray(np.isfinite(z).all(axis=-1) & np.isfinite(noise).all(axis=(-1, -2)))
-    mean, cov, lasting = np.full(z.shape, np.nan), np.full(noise.shape, np.nan), np.zeros(noise.shape)
+    mean, cov = np.full(z.shape, np.nan), np.full(noise.shape, np.nan)
     if not measured.any():
-        return mean, cov, measured, lasting
+        return mean, cov, measured, 1.0
     t_s = (t_ns - t_ns[0]) * 1e-9
     q = _jerk_density(t_s, noise[measured], rate_hz)
     z, noise = np.where(measured[:, None], z, 0.0), np.where(measured[:, None, None], noise, 0.0)
@@ -128,13 +132,19 @@ def _smooth_point(t_ns: Array, z: Array, noise: Array, rate_hz: float, settings:
     if welcome.any():
         left_out &= ~welcome
         _, scale = solve()
-    used = measured & ~left_out
-    rate = 2 * np.pi * rate_hz / _HALF_POWER
-    known = np.isfinite(mean[:, 0])
+    return mean, cov * scale, measured & ~left_out, scale
+
+
+def _lasting(t_ns: Array, noise: Array, used: Array, known: Array, rate_hz: float, settings: SmoothSettings) -> Array:
+    """(T, 3, 3) what lasting errors add where a point is known (T,), from the covariances of the measurements used (T,)."""
+    from . import smooth_kernels
+
+    lasting, rate = np.zeros(noise.shape), 2 * np.pi * rate_hz / _HALF_POWER
     smooth_kernels.add_lasting(
-        t_s, noise, used, known, rate, settings.lasting_share, settings.lasting_s, settings.max_gap_s, lasting
-    )
-    return mean, cov * scale, used, lasting * scale
+        (t_ns - t_ns[:1]) * 1e-9, np.where(used[:, None, None], noise, 0.0), used, known, rate, settings.lasting_share,
+        settings.lasting_s, settings.max_gap_s, lasting,
+    )  # fmt: skip
+    return lasting
 
 
 def _jerk_density(t_s: Array, noise: Array, rate_hz: float) -> float:

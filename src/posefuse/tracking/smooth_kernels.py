@@ -214,7 +214,9 @@ def add_lasting(t, noise, measured, known, rate, share, lasts, max_gap, cov):
     sum w_i^2 where they are independent and sum w_i w_j exp(-|t_i - t_j| / lasts) where they last; the difference is added.
     Runs end as in `smooth_point`.
     """
-    weights = np.empty(len(t))
+    weights, fade = np.empty(len(t)), np.ones(len(t))
+    for i in range(1, len(t)):
+        fade[i] = math.exp((t[i - 1] - t[i]) / lasts)
     first = 0
     for step in range(len(t)):
         if not known[step]:
@@ -238,12 +240,14 @@ def add_lasting(t, noise, measured, known, rate, share, lasts, max_gap, cov):
             last = i
             weights[i] = _weight((t[i] - t[step]) * rate) / (noise[i, 0, 0] + noise[i, 1, 1] + noise[i, 2, 2])
             total += weights[i]
-        kept, size = 0.0, 0.0
+        kept, size, earlier = 0.0, 0.0, 0.0
         for i in range(first, end):
             weights[i] /= total
             size += abs(weights[i])
-            for j in range(first, i):
-                kept += 2.0 * weights[i] * weights[j] * math.exp((t[j] - t[i]) / lasts)
+            # the sum of all earlier weights, each faded since: a second loop over them would take the square of the rate
+            earlier *= fade[i]
+            kept += 2.0 * weights[i] * earlier
+            earlier += weights[i]
         for i in range(first, end):
             scale = share * max(kept, 0.0) * abs(weights[i]) / size
             for a in range(3):

@@ -13,8 +13,7 @@ from posefuse.formats.pose2d import FORMATS, UNTRACKED, Pose2DFrames, read_pose2
 from posefuse.formats.pose2d.keypoint_sets import keypoint_name
 
 DATA = Path(__file__).parent / "data"
-SIZE_WH = (640, 360)
-COCO, BLAZE = SKELETONS["coco17"], SKELETONS["blazepose33"]
+COCO = SKELETONS["coco17"]
 # frames 0, 2, 5: two people, no person, one
 NUMBERS, COUNTS = (0, 2, 5), (2, 0, 1)
 PEOPLE = [
@@ -99,19 +98,6 @@ def mmpose_images(folder: Path) -> Path:
     return folder
 
 
-def sleap(folder: Path) -> Path:
-    h5py = pytest.importorskip("h5py", reason="the extra h5 is not installed")
-    tracks = np.full((2, 2, 17, NUMBERS[-1] + 1), np.nan)
-    scores = np.full((2, 17, NUMBERS[-1] + 1), np.nan)
-    for number, track, person in each():
-        place = {7: 0, 3: 1}[track]
-        tracks[place, :, :, number], scores[place, :, number] = person[:, :2].T, person[:, 2]
-    with h5py.File(folder / "cam.analysis.h5", "w") as file:
-        file["tracks"], file["point_scores"] = tracks, scores
-        file["node_names"] = [name.replace("_", " ").title().encode() for name in COCO.keypoints]
-    return folder / "cam.analysis.h5"
-
-
 def deeplabcut(folder: Path) -> Path:
     people, parts = ("a", "b"), ("x", "y", "likelihood")
     header = [(person, name, part) for person in people for name in COCO.keypoints for part in parts]
@@ -136,7 +122,6 @@ WRITERS: dict[str, tuple[Callable[[Path], Path], dict[int, int] | None]] = {
     "coco": (coco, NUMBERED),
     "mmpose": (mmpose_video, NUMBERED),
     "mmpose images": (mmpose_images, NUMBERED),
-    "sleap": (sleap, BY_PLACE),
     "deeplabcut": (deeplabcut, BY_PLACE),
 }
 
@@ -157,45 +142,6 @@ def test_the_same_people_in_every_format(name: str, tmp_path: Path) -> None:
     frames = read_pose2d(write(tmp_path), "cam")
     assert frames.format == name.split()[0]
     same(frames, tracks)
-
-
-def mediapipe_people() -> np.ndarray:
-    return np.concatenate([np.random.default_rng(9).uniform(30, 330, (3, 33, 2)), np.full((3, 33, 1), 0.75)], axis=-1)
-
-
-def mediapipe_json(path: Path, people: np.ndarray) -> Path:
-    rows = [[{"x": x, "y": y, "z": 0.0, "visibility": v} for x, y, v in person] for person in people]
-    frames = [{"frame": 3 + i, "timestamp_ms": 40 * i, "pose_landmarks": [row]} for i, row in enumerate(rows)]
-    return save(path / "cam.json", {"frames": frames})
-
-
-def mediapipe_csv(path: Path, people: np.ndarray, wide: bool) -> Path:
-    with (path / "cam.csv").open("w", newline="") as file:
-        rows = csv.writer(file)
-        if wide:
-            rows.writerow(["frame", *(f"{name.upper()}_{part}" for name in BLAZE.keypoints for part in ("x", "y", "visibility"))])
-            rows.writerows([[3 + i, *person.ravel()] for i, person in enumerate(people)])
-        else:
-            rows.writerow(["frame", "landmark", "x", "y", "visibility"])
-            rows.writerows([[3 + i, k, *point] for i, person in enumerate(people) for k, point in enumerate(person)])
-    return path / "cam.csv"
-
-
-@pytest.mark.parametrize("form", ["json", "long", "wide"])
-@pytest.mark.parametrize("shares", [False, True])
-def test_mediapipe_landmarks(form: str, shares: bool, tmp_path: Path) -> None:
-    people = mediapipe_people()
-    written = people.copy()
-    if shares:
-        written[..., :2] = (people[..., :2] + 0.5) / SIZE_WH
-    path = mediapipe_json(tmp_path, written) if form == "json" else mediapipe_csv(tmp_path, written, form == "wide")
-    frames = read_pose2d(path, "cam", size_wh=SIZE_WH)
-    assert (frames.format, frames.skeleton, frames.numbers) == ("mediapipe", BLAZE, (3, 4, 5))
-    assert frames.rate_hz == (pytest.approx(25.0) if form == "json" else None)
-    assert np.allclose(frames.frame(4, 0).xy_img[0], people[1, :, :2], atol=1e-2)
-    if shares:
-        with pytest.raises(InputError, match="size_wh"):
-            read_pose2d(path, "cam")
 
 
 def test_deeplabcut_files_made_by_pandas() -> None:

@@ -1,4 +1,4 @@
-"""Makes the golden files of the room `files`: run it only when a format is changed on purpose."""
+"""Makes the golden files in forms that posefuse writes; the rigs in other tools' forms are kept as they are."""
 
 import json
 from pathlib import Path
@@ -30,14 +30,6 @@ def golden_trc() -> TrcData:
 
 if __name__ == "__main__":
     rig = golden_rig()
-    for name, kind in (
-        ("rig.toml", "toml"),
-        ("camera_array.toml", "caliscope"),
-        ("rig.qca.txt", "qualisys"),
-        ("rig.yaml", "opencv"),
-        ("rig.json", "opencv"),
-        ("rig_ros", "ros"),
-    ):
-        write_rig(HERE / name, rig, kind)
+    write_rig(HERE / "rig.toml", rig)
     write_trc(HERE / "pose.trc", golden_trc())
     (HERE / "facts.json").write_text(json.dumps({"rig_id": rig.id}) + "\n")

@@ -1,7 +1,6 @@
 """Gazebo's part played by another process: images, CameraInfo and /clock over DDS, tracked live, compared with the truth."""
 
 import json
-import os
 import shutil
 import signal
 import subprocess
@@ -11,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from own_domain import own_domain
 from running import Running
 
 pytest.importorskip("cyclonedds")
@@ -24,7 +24,7 @@ from posefuse.simulation.scene import PersonSettings, Scene
 from posefuse.simulation.session import simulate
 
 pytestmark = [pytest.mark.slow, pytest.mark.gl]
-DOMAIN = 16 + os.getpid() % 80
+DOMAIN = own_domain()
 RATE, POSES_S, PATIENCE_S = 0.4, 6.0, 240.0
 # a wrong length of the motion, and what has to be recorded to tell it from the true one, in simulated time
 WRONG_LOOP_NS, LEAST_SIM_NS = 3_000_000_000, 5_000_000_000

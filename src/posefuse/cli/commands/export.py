@@ -19,7 +19,7 @@ def export(
     session: Annotated[Path | None, Parameter(metavar="FOLDER")] = None,
     terminal: Shown,
 ) -> Figures:
-    """Write a result as files of other formats: TRC, C3D, CSV, JSON, videos.
+    """Write a result as files of other formats: TRC, C3D, CSV, MCAP, videos.
 
     Args:
         result: Folder written by `posefuse track`, or the .mcap of `posefuse live --record`.

@@ -29,14 +29,14 @@ def report(
         fit: Fit one skeleton of constant lengths to the 3D points, to the rays of all views, or not at all.
         title: Title of the page (default: Motion report).
         opensim: Run OpenSim's inverse kinematics too (extra: biomech).
-        opensim_model: Scale this OpenSim model to each person: scaled.osim, scale factors, joint centres (extra: biomech).
+        opensim_model: Scale your OpenSim model to each person and run inverse kinematics on it (extra: biomech).
     """
     from posefuse.evaluation.biomechanics import BiomechanicsSettings
     from posefuse.foundation.compiled import compiling
     from posefuse.pipeline.reading import read_result
     from posefuse.pipeline.reporting import report_folder, write_report_folder
 
-    recording = read_result(result, terminal.warn)
+    recording = read_result(result, terminal.warn, observed=fit == "rays")
     folder = out or report_folder(result)
     settings = BiomechanicsSettings(fit=fit, opensim=opensim, opensim_model=opensim_model)
     with compiling("joint angles", terminal.note), terminal.stages() as progress:

@@ -89,14 +89,12 @@ class LiveSettingsOptions(SettingsOptions):
         tuple[str, ...],
         Parameter(
             metavar="auto|NAME|CARD.toml",
-            help="2D network: auto (default: the largest that processes every frame on this machine, measured at the start and "
-            "reconsidered under load), blazepose_lite, blazepose_full, blazepose_heavy, blazepose_best, or your own model card "
+            help="2D network: auto (default: the largest that processes every frame on this machine, measured at the start), "
+            "blazepose_lite, blazepose_full, blazepose_heavy, blazepose_best, or your own model card "
             "(see docs/networks.md).",
             validator=check_networks,
         ),
     ] = ()
-    tracker: Literal["asynchronous", "latest"] | None = None
-    """How views become poses (default asynchronous)."""
     body: Literal["auto", "on", "off"] | None = None
     """Fit one skeleton of constant lengths per person, learnt on the way (auto, the default: with fitted joint centres)."""
     people: Annotated[int | None, Parameter(metavar="N", converter=people_from_text, n_tokens=1, accepts_keys=False)] = None
@@ -114,4 +112,4 @@ class LiveSettingsOptions(SettingsOptions):
     @property
     def given(self) -> bool:
         """Whether anything was given that changes how views become poses."""
-        return bool(self.config or self.overrides or self.tracker or self.body or self.people is not None)
+        return bool(self.config or self.overrides or self.body or self.people is not None)

@@ -71,7 +71,7 @@ class Player:
 def player_content(player: Player) -> dict[str, Any]:
     """A player as the page's script reads it: one packed array per person, keypoint and axis."""
     kept = player.kept
-    xyz = np.asarray(player.xyz_m, float)[kept]
+    xyz = np.asarray(player.xyz_m[kept], float)
     t_s = np.asarray(player.t_s, float)[kept]
     return {
         "t": packed(t_s - t_s[:1], step=_STEP_S),

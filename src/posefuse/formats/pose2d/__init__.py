@@ -10,8 +10,8 @@ from typing import Protocol
 from posefuse.core import InputError, Skeleton
 from posefuse.foundation.parsing import short
 
-from . import alphapose, coco, deeplabcut, mediapipe, mmpose, openpose, sleap
-from .frames import UNTRACKED, People2D, Pose2DFrames
+from . import alphapose, coco, deeplabcut, mmpose, openpose
+from .frames import UNTRACKED, People2D, Pose2DFrames, parsed_json
 from .openpose import read_openpose_folder
 
 # what reading values of the wrong type or shape may raise, tables and HDF5 files that break off included
@@ -22,9 +22,7 @@ POSE2D_SUFFIXES = (".json", ".csv", ".h5", ".hdf5")
 class _Reader(Protocol):
     def fits(self, path: Path) -> bool: ...
 
-    def read(
-        self, path: Path, camera: str, skeleton: Skeleton | None = None, size_wh: tuple[int, int] | None = None
-    ) -> Pose2DFrames: ...
+    def read(self, path: Path, camera: str, skeleton: Skeleton | None = None) -> Pose2DFrames: ...
 
 
 @dataclass(frozen=True)
@@ -42,22 +40,17 @@ FORMATS = (
     Pose2DFormat("alphapose", "alphapose-results.json, or a JSON list with idx or image names", alphapose),
     Pose2DFormat("mmpose", "JSON with frame_id and instances, or a folder of JSON lists with keypoint_scores", mmpose),
     Pose2DFormat("coco", "a JSON list with image_id and keypoints", coco),
-    Pose2DFormat("mediapipe", "JSON frames with landmarks, or csv with a frame column and landmarks' x and y", mediapipe),
     Pose2DFormat("deeplabcut", "csv that begins with scorer, or h5 with df_with_missing", deeplabcut),
-    Pose2DFormat("sleap", "h5 with tracks and node_names", sleap),
 )
 
 
-def read_pose2d(
-    path: Path, camera: str, *, skeleton: Skeleton | None = None, size_wh: tuple[int, int] | None = None
-) -> Pose2DFrames:
+def read_pose2d(path: Path, camera: str, *, skeleton: Skeleton | None = None) -> Pose2DFrames:
     """One camera's 2D poses, of whatever format they are.
 
     Args:
         path: a file, or a folder with one file per frame.
         camera: name in the rig.
         skeleton: keypoint set; None: recognised from the files.
-        size_wh: px of the images, for formats in shares of them.
 
     Raises:
         InputError: nothing there, no format that fits (lists what was looked for), or content that is not as it should be.
@@ -68,9 +61,11 @@ def read_pose2d(
     for format in FORMATS:
         if _fits(format, path):
             try:
-                return format.reader.read(path, camera, skeleton, size_wh)
+                return format.reader.read(path, camera, skeleton)
             except _MALFORMED as error:
                 raise InputError(f"{path}: camera {camera}: damaged {format.name} data ({short(error)})") from None
+            finally:
+                parsed_json.cache_clear()
     looked = "; ".join(f"{format.name}: {format.looks_for}" for format in FORMATS)
     raise InputError(f"{path}: camera {camera}: no format of 2D poses recognised; looked for {looked}")
 

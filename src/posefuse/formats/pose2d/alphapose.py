@@ -28,7 +28,7 @@ def fits(path: Path) -> bool:
     return _by_image(content)
 
 
-def read(path: Path, camera: str, skeleton: Skeleton | None = None, size_wh: tuple[int, int] | None = None) -> Pose2DFrames:
+def read(path: Path, camera: str, skeleton: Skeleton | None = None) -> Pose2DFrames:
     """Frames by the number in each image's name, with AlphaPose's tracked ids.
 
     Raises:

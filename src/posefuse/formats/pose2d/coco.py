@@ -17,6 +17,6 @@ def fits(path: Path) -> bool:
     return path.is_file() and path.suffix == ".json" and is_results_list(read_json(path))
 
 
-def read(path: Path, camera: str, skeleton: Skeleton | None = None, size_wh: tuple[int, int] | None = None) -> Pose2DFrames:
+def read(path: Path, camera: str, skeleton: Skeleton | None = None) -> Pose2DFrames:
     """Frames numbered by image_id; raises InputError for another form."""
     return read_list(path, camera, NAME, skeleton)

@@ -34,7 +34,7 @@ def fits(path: Path) -> bool:
         return f"{_KEY}/table" in file
 
 
-def read(path: Path, camera: str, skeleton: Skeleton | None = None, size_wh: tuple[int, int] | None = None) -> Pose2DFrames:
+def read(path: Path, camera: str, skeleton: Skeleton | None = None) -> Pose2DFrames:
     """Frames by the table's index.
 
     Raises:

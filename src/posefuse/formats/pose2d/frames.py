@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +54,6 @@ class Pose2DFrames:
         skeleton: of all frames.
         numbers: frame numbers that are there, strictly increasing.
         people: place in `numbers` -> everybody in that frame; may raise InputError.
-        rate_hz: frame rate, where the files state it.
     """
 
     camera: str
@@ -62,7 +61,6 @@ class Pose2DFrames:
     skeleton: Skeleton
     numbers: tuple[int, ...]
     people: Callable[[int], People2D]
-    rate_hz: float | None = None
 
     def __len__(self) -> int:
         return len(self.numbers)
@@ -94,16 +92,24 @@ class Pose2DFrames:
             yield self.frame(number, round(number * 1e9 / rate_hz))
 
 
-def frames_from_mapping(
-    camera: str, format: str, skeleton: Skeleton, people: Mapping[int, People2D], rate_hz: float | None = None
-) -> Pose2DFrames:
+def frames_from_mapping(camera: str, format: str, skeleton: Skeleton, people: Mapping[int, People2D]) -> Pose2DFrames:
     """Frames that are in memory already, by number."""
     numbers = tuple(sorted(people))
-    return Pose2DFrames(camera, format, skeleton, numbers, lambda place: people[numbers[place]], rate_hz)
+    return Pose2DFrames(camera, format, skeleton, numbers, lambda place: people[numbers[place]])
 
 
 def read_json(path: Path) -> Any:
-    """A JSON file's content; raises InputError in one line for one that cannot be read."""
+    """A JSON file's content, not to be changed; raises InputError in one line for one that cannot be read."""
+    try:
+        state = path.stat()
+    except OSError:  # `read_text` words it
+        return parse_json(str(path), read_text(path))
+    return parsed_json(path, state.st_mtime_ns, state.st_size)
+
+
+@lru_cache(maxsize=1)
+def parsed_json(path: Path, modified_ns: int, size: int) -> Any:
+    """The content of a file in this state: every format that may fit looks at it before one reads it."""
     return parse_json(str(path), read_text(path))
 
 

@@ -24,7 +24,7 @@ def fits(path: Path) -> bool:
     return path.is_file() and path.suffix == ".json" and _frames(read_json(path)) is not None
 
 
-def read(path: Path, camera: str, skeleton: Skeleton | None = None, size_wh: tuple[int, int] | None = None) -> Pose2DFrames:
+def read(path: Path, camera: str, skeleton: Skeleton | None = None) -> Pose2DFrames:
     """Frames by frame_id, or by the number in each file's name; raises InputError for another form.
 
     The names of the keypoints come from the file where it states them (``meta_info``), else from their number.

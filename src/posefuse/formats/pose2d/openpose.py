@@ -30,7 +30,7 @@ def fits(path: Path) -> bool:
     return isinstance(content, dict) and isinstance(content.get("people"), list)
 
 
-def read(path: Path, camera: str, skeleton: Skeleton | None = None, size_wh: tuple[int, int] | None = None) -> Pose2DFrames:
+def read(path: Path, camera: str, skeleton: Skeleton | None = None) -> Pose2DFrames:
     """A folder of OpenPose JSON files, see `read_openpose_folder`."""
     return read_openpose_folder(path, camera, skeleton)
 

@@ -1,6 +1,6 @@
 """Calibrated rigs from and to files: one file per format, reader and writer side by side."""
 
 from .image_size import fit_camera_to_video
-from .reading import RIG_FORMATS, read_placed_rig, read_rig, refusal_note, write_rig
+from .reading import read_placed_rig, read_rig, refusal_note, write_rig
 
-__all__ = ["RIG_FORMATS", "fit_camera_to_video", "read_placed_rig", "read_rig", "refusal_note", "write_rig"]
+__all__ = ["fit_camera_to_video", "read_placed_rig", "read_rig", "refusal_note", "write_rig"]

@@ -1,4 +1,4 @@
-"""Anipose and Pose2Sim calibration TOML, the default: one table per camera.
+"""Anipose and Pose2Sim calibration TOML, the form that posefuse writes: one table per camera.
 
 ``x_cam = R x_world + t`` in OpenCV axes, R as a rotation vector (Rodrigues), metres. Keys both tools ignore carry what
 they do not know: ``readout_s`` per camera, ``world_set_by`` and ``residual_px`` in ``[metadata]``.
@@ -15,7 +15,6 @@ from posefuse.core import Camera, Rig
 from . import parts
 from .toml_text import toml_text
 
-NAME = "toml"
 HOLDS = "Anipose / Pose2Sim *.toml"
 
 
@@ -47,8 +46,8 @@ def camera_from_table(where: str, name: str, table: Mapping[str, Any]) -> Camera
     )
 
 
-def table_from_camera(camera: Camera) -> dict[str, Any]:
-    """The keys of one camera, without its rotation's Anipose form (a vector) changed."""
+def _table_from_camera(camera: Camera) -> dict[str, Any]:
+    """The keys of one camera."""
     table: dict[str, Any] = {
         "name": camera.name,
         "size": list(camera.size_wh),
@@ -64,7 +63,7 @@ def table_from_camera(camera: Camera) -> dict[str, Any]:
 def text_from(rig: Rig) -> str:
     """The file of a rig."""
     tables: dict[tuple[str, ...], Any] = {
-        (key,): table_from_camera(camera) for key, camera in zip(parts.plain_keys(rig), rig, strict=True)
+        (key,): _table_from_camera(camera) for key, camera in zip(parts.plain_keys(rig), rig, strict=True)
     }
     about = parts.about_rig(rig)
     tables[("metadata",)] = {"adjusted": False, "error": about.get("residual_px", 0.0), **about}

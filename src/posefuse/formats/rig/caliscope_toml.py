@@ -1,8 +1,7 @@
 """caliscope's ``camera_array.toml``: tables ``[cameras.N]``, ``x_cam = R x_world + t``, R as a 3x3 matrix, metres.
 
 caliscope knows cameras by number (``cam_id``, once ``port``) and names their videos ``cam_N``, so the cameras have
-these names here. Cameras that are set to be ignored, or that it has not placed, are left out. Its ``fisheye``, ``error`` (px) and
-``ignore`` are its own keys; ``name``, ``readout_s`` and the table ``[posefuse]`` are ours.
+these names here. Cameras that are set to be ignored, or that it has not placed, are left out.
 """
 
 from __future__ import annotations
@@ -14,10 +13,8 @@ from typing import Any
 from posefuse.core import CalibrationError, Rig
 
 from . import parts
-from .anipose_toml import camera_from_table, table_from_camera
-from .toml_text import toml_text
+from .anipose_toml import camera_from_table
 
-NAME = "caliscope"
 HOLDS = "caliscope camera_array.toml"
 
 
@@ -31,7 +28,7 @@ def rig_from(path: Path, content: Mapping[str, Any]) -> Rig:
     cameras = []
     for key, table in content["cameras"].items():
         number = table.get("cam_id", table.get("port", key)) if isinstance(table, Mapping) else key
-        name = str(table.get("name", f"cam_{number}")) if isinstance(table, Mapping) else str(key)
+        name = f"cam_{number}"
         where = f"{path}: camera {name}"
         if not isinstance(table, Mapping):
             raise CalibrationError(f"{where}: expected a table of keys, got {type(table).__name__}")
@@ -42,16 +39,4 @@ def rig_from(path: Path, content: Mapping[str, Any]) -> Rig:
         raise CalibrationError(
             f"{path}: expected at least 1 camera with rotation and translation, got 0 of {len(content['cameras'])}"
         )
-    about = content.get("posefuse", {})
-    return parts.rig(path, cameras, about if isinstance(about, Mapping) else {})
-
-
-def text_from(rig: Rig) -> str:
-    """The file of a rig."""
-    tables: dict[tuple[str, ...], dict[str, Any]] = {}
-    for i, camera in enumerate(rig):
-        number = {"cam_id": i, "rotation_count": 0, "ignore": False}
-        matrix = {"rotation": parts.rows(camera.cam_from_world.matrix())}
-        tables["cameras", str(i)] = number | table_from_camera(camera) | matrix
-    tables[("posefuse",)] = parts.about_rig(rig)
-    return toml_text(tables)
+    return parts.rig(path, cameras, {})

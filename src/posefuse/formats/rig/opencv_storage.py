@@ -2,12 +2,11 @@
 
 ``x_cam = R x_world + t``, metres. Keys as OpenCV's calibration sample writes them; the names others use are read too.
 A file of several cameras is a mapping of camera name to such keys. Fisheye is the sample's ``fisheye_model: 1``.
-Keys of posefuse: ``name``, ``readout_s``, ``world_set_by``, ``residual_px``.
+Keys of posefuse: ``name``, ``readout_s``.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,11 +14,9 @@ from typing import Any
 import numpy as np
 
 from posefuse.core import Camera, Rig
-from posefuse.core.arrays import Array
 
 from . import parts
 
-NAME = "opencv"
 HOLDS = "OpenCV FileStorage *.yaml, *.yml, *.json (one file, or a folder of one file per camera)"
 _MATRIX = ("camera_matrix", "K", "cameraMatrix", "intrinsic_matrix", "mtx", "matrix")
 _DISTORTION = ("distortion_coefficients", "dist_coeffs", "distCoeffs", "D", "dist", "distortions")
@@ -37,7 +34,7 @@ def rig_from(path: Path, content: Mapping[str, Any]) -> Rig:
     """The rig of a parsed file; a camera without a name is called like its file."""
     tables = {path.stem: content} if _is_camera(content) else _camera_tables(content)
     cameras = [_camera(path, str(table.get("name", table.get("camera_name", key))), table) for key, table in tables.items()]
-    return parts.rig(path, cameras, content)
+    return parts.rig(path, cameras, {})
 
 
 def _is_camera(content: Mapping[str, Any]) -> bool:
@@ -67,67 +64,3 @@ def _camera(path: Path, name: str, table: Mapping[str, Any]) -> Camera:
         fisheye=table.get("fisheye_model", table.get("fisheye", 0)),
         readout_s=table.get("readout_s", 0.0),
     )
-
-
-def yaml_text(rig: Rig) -> str:
-    """The YAML file of a rig, cameras by name."""
-    lines = ["%YAML:1.0", "---"]
-    for key, value in parts.about_rig(rig).items():
-        lines.append(f"{key}: {_scalar(value)}")
-    for key, camera in zip(parts.plain_keys(rig), rig, strict=True):
-        lines.append(f"{key}:")
-        lines += [f"   {line}" for line in _yaml_lines(camera)]
-    return "\n".join(lines) + "\n"
-
-
-def yaml_texts(rig: Rig) -> dict[str, str]:
-    """File name -> YAML text, one file per camera."""
-    about = [f"{key}: {_scalar(value)}" for key, value in parts.about_rig(rig).items()]
-    texts = ["\n".join(["%YAML:1.0", "---", *_yaml_lines(camera), *about]) + "\n" for camera in rig]
-    return {f"{stem}.yaml": text for stem, text in zip(parts.file_stems(rig), texts, strict=True)}
-
-
-def json_text(rig: Rig) -> str:
-    """The JSON file of a rig, cameras by name."""
-    tables = {
-        key: {k: _json_matrix(v) if isinstance(v, np.ndarray) else v for k, v in _entries(camera).items()}
-        for key, camera in zip(parts.plain_keys(rig), rig, strict=True)
-    }
-    return json.dumps(parts.about_rig(rig) | tables, indent=2) + "\n"
-
-
-def _entries(camera: Camera) -> dict[str, Any]:
-    d = camera.distortion
-    if camera.model == "pinhole":
-        d = np.concatenate([d, np.zeros(max(0, 5 - len(d)))])
-    entries: dict[str, Any] = {
-        "name": camera.name,
-        "image_width": camera.size_wh[0],
-        "image_height": camera.size_wh[1],
-        "fisheye_model": int(camera.model == "fisheye"),
-        "camera_matrix": camera.K,
-        "distortion_coefficients": d.reshape(-1, 1),
-        "R": camera.cam_from_world.matrix(),
-        "t": camera.cam_from_world.xyz.reshape(3, 1),
-    }
-    return entries | ({"readout_s": camera.readout_s} if camera.readout_s else {})
-
-
-def _yaml_lines(camera: Camera) -> list[str]:
-    lines = []
-    for key, value in _entries(camera).items():
-        if isinstance(value, np.ndarray):
-            lines += [f"{key}: !!opencv-matrix", f"   rows: {value.shape[0]}", f"   cols: {value.shape[1]}", "   dt: d"]
-            lines.append(f"   data: [ {', '.join(repr(number) for number in parts.rows(value.ravel()))} ]")
-        else:
-            lines.append(f"{key}: {_scalar(value)}")
-    return lines
-
-
-def _json_matrix(array: Array) -> dict[str, Any]:
-    head = {"type_id": "opencv-matrix", "rows": array.shape[0], "cols": array.shape[1], "dt": "d"}
-    return head | {"data": parts.rows(array.ravel())}
-
-
-def _scalar(value: Any) -> str:
-    return json.dumps(value, ensure_ascii=False)

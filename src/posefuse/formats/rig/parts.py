@@ -22,10 +22,8 @@ ROTATION_TOLERANCE = 1e-3
 FARTHEST_M = 200.0
 # no pixel, metre or coefficient is larger; squares of damaged numbers overflow
 _LARGEST = 1e12
-# keys next to the cameras in files of some format
-NOT_CAMERAS = (
-    "metadata", "capture_volume", "charuco", "checkerboard", "cameras", "posefuse", "world_set_by", "residual_px", "refused",
-)  # fmt: skip
+# tables next to the cameras in a file
+NOT_CAMERAS = ("metadata", "capture_volume", "charuco", "checkerboard")
 
 
 def numbers(where: str, value: Any, shape: tuple[int, ...] | None = None) -> Array:
@@ -152,17 +150,11 @@ def about_rig(rig: Rig) -> dict[str, Any]:
 
 
 def plain_keys(rig: Rig) -> list[str]:
-    """A different key per camera that any format and file system takes: a letter, then letters, digits, _ and -."""
+    """A different key per camera that other readers of TOML take: a letter, then letters, digits, _ and -."""
     keys = ["".join(ch if ch.isascii() and (ch.isalnum() or ch in "_-") else "_" for ch in name) for name in rig.names]
     keys = [key if key[0].isalpha() else f"cam_{key}" for key in keys]
     clear = len(set(keys)) == len(keys) and not set(keys) & set(NOT_CAMERAS)
     return keys if clear else [f"{key}_{i}" for i, key in enumerate(keys)]
-
-
-def file_stems(rig: Rig) -> list[str]:
-    """A file name per camera, without ending; numbered where their alphabet is not the order of the rig."""
-    keys = plain_keys(rig)
-    return keys if keys == sorted(keys) else [f"{i:03d}_{key}" for i, key in enumerate(keys)]
 
 
 def rows(array: Array) -> list[Any]:

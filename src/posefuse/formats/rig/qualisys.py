@@ -25,7 +25,6 @@ from posefuse.core.errors import choices
 
 from . import parts
 
-NAME = "qualisys"
 HOLDS = "Qualisys *.qca.txt"
 SUBPIXELS = 64.0
 _MM = 1000.0
@@ -42,11 +41,7 @@ def matches(path: Path, content: Any) -> bool:
 def rig_from(path: Path, content: ET.Element) -> Rig:
     """The rig of a parsed file; cameras that are switched off (``active="0"``) are left out."""
     elements = [element for element in content.iter("camera") if element.get("active", "1") != "0"]
-    about: dict[str, Any] = {"world_set_by": content.get("world-set-by", "Qualisys")}
-    about["refused"] = content.get("refused", "")
-    if content.get("residual-px") is not None:
-        about["residual_px"] = _number(f"{path}", content, "residual-px")
-    return parts.rig(path, [_camera(path, element) for element in elements], about)
+    return parts.rig(path, [_camera(path, element) for element in elements], {"world_set_by": "Qualisys"})
 
 
 def _camera(path: Path, element: ET.Element) -> Camera:
@@ -79,67 +74,6 @@ def _distortion(where: str, intrinsic: ET.Element) -> Array:
     p1, p2 = (_number(where, intrinsic, key) for key in _TANGENTIAL)
     coefficients = np.array([k1, k2, p1, p2, k3])
     return coefficients if k3 else coefficients[:4]
-
-
-def text_from(rig: Rig) -> str:
-    """The file of a rig.
-
-    Raises:
-        CalibrationError: a camera this format cannot hold (fisheye, rolling shutter, more than five coefficients).
-    """
-    root = ET.Element("calibration", {"source": "posefuse", "type": "regular", "world-set-by": rig.world_set_by})
-    residual = parts.about_rig(rig).get("residual_px")
-    if residual is not None:
-        root.set("residual-px", repr(residual))
-    if rig.refused:
-        root.set("refused", rig.refused)
-    cameras = ET.SubElement(root, "cameras")
-    for camera in rig:
-        _check_holds(camera)
-        cameras.append(_element(camera))
-    ET.indent(root)
-    return ET.tostring(root, encoding="unicode", xml_declaration=False) + "\n"
-
-
-def _check_holds(camera: Camera) -> None:
-    k = camera.distortion
-    problems = {
-        "a fisheye lens": camera.model != "pinhole",
-        "a rolling shutter": camera.readout_s != 0,
-        "more than 5 distortion coefficients": bool(k[5:].any()),
-    }
-    for problem, found in problems.items():
-        if found:
-            raise CalibrationError(f"camera {camera.name}: a Qualisys file cannot hold {problem}; write a .toml instead")
-
-
-def _element(camera: Camera) -> ET.Element:
-    width, height = camera.size_wh
-    element = ET.Element("camera", {"active": "1", "serial": camera.name, "viewrotation": "0"})
-    view = {"left": "0", "top": "0", "right": str(width - 1), "bottom": str(height - 1)}
-    for tag in ("fov_marker", "fov_marker_max", "fov_video", "fov_video_max"):
-        ET.SubElement(element, tag, view)
-    r = _OPENCV_FROM_QUALISYS @ camera.cam_from_world.matrix()
-    centre_mm = camera.centre_world * _MM
-    turn = {f"r{i + 1}{j + 1}": repr(float(r[i, j])) for i in range(3) for j in range(3)}
-    ET.SubElement(element, "transform", turn | {axis: repr(float(centre_mm[i])) for i, axis in enumerate("xyz")})
-    k1, k2, p1, p2, k3 = np.concatenate([camera.distortion, np.zeros(5)])[:5]
-    lens = dict(zip((*_RADIAL, *_TANGENTIAL), (k1, k2, k3, p1, p2), strict=True))
-    matrix = camera.K * SUBPIXELS
-    values = {
-        "focalLengthU": matrix[0, 0],
-        "focalLengthV": matrix[1, 1],
-        "centerPointU": matrix[0, 2],
-        "centerPointV": matrix[1, 2],
-        "skew": matrix[0, 1],
-        "sensorMinU": 0.0,
-        "sensorMaxU": (width - 1) * SUBPIXELS,
-        "sensorMinV": 0.0,
-        "sensorMaxV": (height - 1) * SUBPIXELS,
-        **lens,
-    }
-    ET.SubElement(element, "intrinsic", {key: repr(float(value)) for key, value in values.items()})
-    return element
 
 
 def _child(where: str, element: ET.Element, tag: str) -> ET.Element:

@@ -10,7 +10,7 @@ would publish: the pose of the optical frame in the world (world_from_cam), metr
         translation: {x: 0.0, y: 0.0, z: 1.0}
         rotation: {x: 0.0, y: 0.0, z: 0.0, w: 1.0}
 
-Own keys: ``readout_s``, ``world_set_by``, ``residual_px``. Distortion models: plumb_bob, rational_polynomial, equidistant.
+Own key: ``readout_s``. Distortion models: plumb_bob, rational_polynomial, equidistant.
 """
 
 from __future__ import annotations
@@ -20,15 +20,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
-from posefuse.core import SE3, CalibrationError, Camera, Rig
-from posefuse.core.arrays import Array
+from posefuse.core import SE3, CalibrationError, Rig
 from posefuse.core.errors import choices
 
 from . import parts
 
-NAME = "ros"
 HOLDS = "ROS camera_info *.yaml with its pose under tf (one camera, or a folder of them)"
 _MODELS = ("plumb_bob", "rational_polynomial", "equidistant", "fisheye", "")
 
@@ -59,7 +56,7 @@ def rig_from(path: Path, content: Mapping[str, Any]) -> Rig:
         fisheye=model in ("equidistant", "fisheye"),
         readout_s=content.get("readout_s", 0.0),
     )
-    return parts.rig(path, [camera], content)
+    return parts.rig(path, [camera], {})
 
 
 def _pose(where: str, tf: Any) -> SE3:
@@ -75,48 +72,3 @@ def _pose(where: str, tf: Any) -> SE3:
     if abs(np.linalg.norm(wxyz) - 1) > parts.ROTATION_TOLERANCE:
         raise CalibrationError(f"{where}: tf: rotation: expected a unit quaternion, got length {np.linalg.norm(wxyz):.4g}")
     return SE3(wxyz, parts.numbers(f"{where}: tf: translation", xyz, (3,)))
-
-
-def texts(rig: Rig) -> dict[str, str]:
-    """File name -> YAML text, one file per camera."""
-    about = parts.about_rig(rig)
-    stems = parts.file_stems(rig)
-    return {f"{stem}.yaml": yaml.safe_dump(_content(c) | about, sort_keys=False) for stem, c in zip(stems, rig, strict=True)}
-
-
-def _content(camera: Camera) -> dict[str, Any]:
-    model, distortion = _ros_distortion(camera)
-    world_from_cam = camera.cam_from_world.inverse()
-    w, x, y, z = parts.rows(world_from_cam.wxyz)
-    content: dict[str, Any] = {
-        "image_width": camera.size_wh[0],
-        "image_height": camera.size_wh[1],
-        "camera_name": camera.name,
-        "camera_matrix": _matrix(camera.K),
-        "distortion_model": model,
-        "distortion_coefficients": _matrix(distortion.reshape(1, -1)),
-        "rectification_matrix": _matrix(np.eye(3)),
-        "projection_matrix": _matrix(np.hstack([camera.K, np.zeros((3, 1))])),
-        "tf": {
-            "header": {"frame_id": "world"},
-            "child_frame_id": f"{camera.name}_optical_frame",
-            "transform": {
-                "translation": dict(zip("xyz", parts.rows(world_from_cam.xyz), strict=True)),
-                "rotation": {"x": x, "y": y, "z": z, "w": w},
-            },
-        },
-    }
-    return content | ({"readout_s": camera.readout_s} if camera.readout_s else {})
-
-
-def _ros_distortion(camera: Camera) -> tuple[str, Array]:
-    d = camera.distortion
-    if camera.model == "fisheye":
-        return "equidistant", d
-    if len(d) > 5:
-        return "rational_polynomial", d
-    return "plumb_bob", np.concatenate([d, np.zeros(5 - len(d))])
-
-
-def _matrix(array: Array) -> dict[str, Any]:
-    return {"rows": array.shape[0], "cols": array.shape[1], "data": parts.rows(array.ravel())}

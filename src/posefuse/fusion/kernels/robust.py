@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from .lens import straighten_group
-from .point import KNEE, invert, look, loss, normal_system, refine, squared_depth, squared_px, squared_residual
+from .point import invert, look, normal_system, refine, squared_depth, squared_px, squared_residual
 from .precision import fast_kernel
 from .start import GATE, consensus, depth_point, linear_start
 
@@ -188,13 +188,12 @@ def has_rival(cams, views, n, p, rest, q, other, work):
 
 
 @fast_kernel()
-def solve_robust(cams, xy_img, sigma, most, xyz, cov, reproj, n_views, square, cost, rival, wanted, depth=None):
+def solve_robust(cams, xy_img, sigma, most, xyz, cov, reproj, n_views, rival, wanted, depth=None):
     """Robust fusion of groups: xy_img (G, C, K, 2) raw px, sigma (G, C, K) px (not > 0: unusable), scaled by `most` at most.
 
-    Filled in: xyz (G, K, 3), cov (G, K, 3, 3), reproj (G, K) px, n_views (G, K), square (G, C, K) = |e|^2 of every
-    usable view, cost (G, K) = robust loss, rival (G, K) where as many views agree on another point, wanted (G,) the scale of
-    sigma that the residuals ask for. Missing points are NaN with n_views 0. depth (G, C, K, 2): that of the keypoints and its
-    standard deviation in m, NaN where unknown.
+    Filled in: xyz (G, K, 3), cov (G, K, 3, 3), reproj (G, K) px, n_views (G, K), rival (G, K) where as many views agree on
+    another point, wanted (G,) the scale of sigma that the residuals ask for. Missing points are NaN with n_views 0.
+    depth (G, C, K, 2): that of the keypoints and its standard deviation in m, NaN where unknown.
     """
     groups, count, keypoints = sigma.shape
     views, rest, work, q = np.empty((count, 7)), np.empty((count, 7)), np.empty((3, 9)), np.empty(3)
@@ -209,28 +208,16 @@ def solve_robust(cams, xy_img, sigma, most, xyz, cov, reproj, n_views, square, c
         for attempt in range(ATTEMPTS):
             many = 0
             chi2[:], dof[:] = 0.0, 0.0
-            square[g], xyz[g], cov[g], reproj[g] = math.nan, math.nan, math.nan, math.nan
-            n_views[g], cost[g], rival[g] = 0, 0.0, False
+            xyz[g], cov[g], reproj[g] = math.nan, math.nan, math.nan
+            n_views[g], rival[g] = 0, False
             for k in range(keypoints):
                 n = gather_views(cams, ideal, sigma[g], scale, k, views, deep, planes)
-                cost[g, k] = 2.0 * KNEE * n
-                least = 2
-                if planes is not None:
-                    least = 1
-                    for i in range(n):
-                        cost[g, k] += 2.0 * KNEE * (planes[i, 1] > 0.0)
+                least = 2 if planes is None else 1
                 if n < least or robust_point(cams, views, n, p, other, work, planes) == math.inf:
                     continue
-                cost[g, k] = 0.0
-                if planes is not None:
-                    for i in range(n):
-                        cost[g, k] += loss(squared_depth(cams, views, i, p, planes))
-                for i in range(n):
-                    s = squared_residual(cams, views, i, p)
-                    square[g, int(views[i, 6]), k] = s
-                    cost[g, k] += loss(s)
-                    squares[i] = s
                 if n > 2:
+                    for i in range(n):
+                        squares[i] = squared_residual(cams, views, i, p)
                     pool[many] = middle_residual(squares, n)
                     many += 1
                 rival[g, k] = has_rival(cams, views, n, p, rest, q, other, work)
@@ -248,18 +235,3 @@ def solve_robust(cams, xy_img, sigma, most, xyz, cov, reproj, n_views, square, c
                 break
             scale = better
         inflate(cov[g], chi2, dof, 1.0 / (scale * scale))
-
-
-@fast_kernel()
-def squares_of(cams, xy_img, sigma, xyz, square):
-    """square (G, C, K) = |e|^2 of the views of given points xyz (G, K, 3); NaN where either is missing."""
-    groups, count, keypoints = sigma.shape
-    views = np.empty((1, 7))
-    ideal, last = np.empty((count, 6, keypoints)), np.empty(keypoints)
-    square[:] = math.nan
-    for g in range(groups):
-        straighten_group(cams, xy_img[g], ideal, last)
-        for c in range(count):
-            for k in range(keypoints):
-                if math.isfinite(xyz[g, k, 0]) and look(cams, c, ideal, k, sigma[g, c, k], views, 0):
-                    square[g, c, k] = squared_residual(cams, views, 0, xyz[g, k])

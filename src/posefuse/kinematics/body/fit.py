@@ -9,13 +9,13 @@ import numpy as np
 
 from posefuse.core import JointAngles, Kind, PoseSequence, Rig, ViewSequence
 from posefuse.core.arrays import Array, give_away
-from posefuse.kinematics.joints import FrameBuffers, joints_from_poses, joints_value
+from posefuse.kinematics.joints import FrameBuffers, frames_of, joints_from_poses, joints_value
 from posefuse.kinematics.settings import JointSettings
 from posefuse.kinematics.sides import SIDES
 
 from .contacts import FOOT, contacts_of, foot_rows
 from .filter import BodyFilter, Measurement, smoothed
-from .model import BodyModel, bodies_from_poses
+from .model import BodyModel, bodies_from_joints, bodies_from_poses
 from .result import StateReader
 from .settings import BodySettings
 from .shape import LengthPrior, with_solved_lengths
@@ -145,13 +145,12 @@ def _fit(
 ) -> BodyFit:
     """`measured` gives what was seen of the keypoints (A,) of one person at one time step."""
     settings, joint_settings = settings or BodySettings(), joint_settings or JointSettings()
-    bodies = bodies if bodies is not None else bodies_from_poses(sequence, settings, joint_settings)
-    work = FrameBuffers(sequence.skeleton, joint_settings)
     plain = joints_from_poses(sequence, joint_settings)
-    unfitted = [sequence.xyz_world, sequence.cov_world, sequence.kind, plain.world_from_segment.matrix()]
-    unfitted += [plain.world_from_segment.xyz, plain.angle_rad, plain.sigma_rad]
-    planes = [plane.copy() for plane in unfitted]
-    xyz, cov, kind, rotation, origin, angles, sigmas = planes
+    bodies = bodies if bodies is not None else bodies_from_joints(sequence, plain, settings)
+    work = FrameBuffers(sequence.skeleton, joint_settings)
+    planes = [plane.copy() for plane in _planes_of(sequence, plain)]
+    del plain
+    xyz, cov, kind, wxyz, origin, angles, sigmas = planes
     fitted_bodies = {}
     for n, person in enumerate(sequence.person_id.tolist()):
         if person not in bodies:
@@ -165,33 +164,41 @@ def _fit(
         with_feet = by_rays and settings.contact_sigma_m > 0
         filter_ = BodyFilter(body, settings, work)
         reader = StateReader(filter_, work)
-        places = np.full((len(sequence), len(at), 3), np.nan)
+        count, far, known = 0, np.zeros(len(at), int), np.zeros(len(at), int)
         for i, (one, state) in enumerate(smoothed(filter_, _with_contacts(body, seen, settings, work) if with_feet else seen())):
             if state is None:
                 continue
             fitted = reader.read(state, one)
-            places[i] = fitted.xyz
+            off = _off(fitted.xyz, sequence.xyz_world[i, n, at], sequence.cov_world[i, n, at])
+            count, far, known = count + 1, far + off[0], known + off[1]
             missing = kind[i, n, at] == Kind.MISSING
             sure = np.trace(fitted.cov, axis1=-2, axis2=-1) < 3 * settings.most_sigma_m**2
             kept = at[~missing | sure]
             xyz[i, n, kept], cov[i, n, kept] = fitted.xyz[~missing | sure], fitted.cov[~missing | sure]
             kind[i, n, kept] = np.where(missing, Kind.INTERPOLATED, Kind.SMOOTHED)[~missing | sure]
-            rotation[i, n], origin[i, n] = fitted.rotation, fitted.origin
+            wxyz[i, n], origin[i, n] = frames_of(fitted.rotation, fitted.origin)
             angles[i, n], sigmas[i, n] = fitted.angles, fitted.sigmas
-        found = np.isfinite(places[:, 0, 0])
-        if found.any() and not _failed(places[found], *(plane[found, n][:, at] for plane in unfitted[:2])):
+        if count and not _failed(count, far, known):
             fitted_bodies[person] = body
         else:
-            for plane, before in zip(planes, unfitted, strict=True):
+            for plane, before in zip(planes, _planes_of(sequence, joints_from_poses(sequence, joint_settings)), strict=True):
                 plane[:, n] = before[:, n]
     give_away(*planes)
     poses = replace(sequence, xyz_world=xyz, cov_world=cov, kind=kind)
-    return BodyFit(poses, joints_value(sequence.t_ns, sequence.person_id, rotation, origin, angles, sigmas), fitted_bodies)
+    return BodyFit(poses, joints_value(sequence.t_ns, sequence.person_id, wxyz, origin, angles, sigmas), fitted_bodies)
 
 
-def _failed(fitted: Array, fused: Array, fused_cov: Array) -> bool:
-    """Whether a fit (T, A, 3) found another pose than the one that was seen: by fused keypoints (T, A, 3), (T, A, 3, 3)."""
+def _planes_of(poses: PoseSequence, joints: JointAngles) -> list[Array]:
+    frames = joints.world_from_segment
+    return [poses.xyz_world, poses.cov_world, poses.kind, frames.wxyz, frames.xyz, joints.angle_rad, joints.sigma_rad]
+
+
+def _off(fitted: Array, fused: Array, fused_cov: Array) -> tuple[Array, Array]:
+    """(..., A) which keypoints (..., A, 3) a fit puts far from the fused ones, and which of these are known."""
     off_m, sigma_m = np.linalg.norm(fitted - fused, axis=-1), np.sqrt(np.trace(fused_cov, axis1=-2, axis2=-1))
-    far = off_m > np.maximum(_FAILED_M, _FAILED_SIGMAS * sigma_m)
-    known = np.isfinite(off_m) & np.isfinite(sigma_m)
-    return bool((far.sum(axis=0) > _FAILED_SHARE * np.maximum(known.sum(axis=0), len(off_m) / 2)).any())
+    return off_m > np.maximum(_FAILED_M, _FAILED_SIGMAS * sigma_m), np.isfinite(off_m) & np.isfinite(sigma_m)
+
+
+def _failed(count: int, far: Array, known: Array) -> bool:
+    """Whether a fit of `count` time steps found another pose than was seen: in how many each keypoint (A,) is far, and known."""
+    return bool((far > _FAILED_SHARE * np.maximum(known, count / 2)).any())

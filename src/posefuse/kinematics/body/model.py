@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posefuse.core import InputError, PoseSequence, Skeleton
+from posefuse.core import InputError, JointAngles, PoseSequence, Skeleton
 from posefuse.core.arrays import SIGMA_PER_MAD, Array
 from posefuse.core.skeleton import LIMB_ENDS
 from posefuse.kinematics.definitions import SEGMENT_NAMES, landmark_pairs
@@ -83,9 +83,12 @@ def bodies_from_poses(
     Raises:
         InputError: that is so of everybody; left and right are swapped.
     """
-    settings = settings or BodySettings()
-    frames = joints_from_poses(sequence, joint_settings).world_from_segment
-    rotation = frames.matrix()
+    return bodies_from_joints(sequence, joints_from_poses(sequence, joint_settings), settings or BodySettings())
+
+
+def bodies_from_joints(sequence: PoseSequence, joints: JointAngles, settings: BodySettings) -> dict[int, BodyModel]:
+    """`bodies_from_poses` where the joints of the poses are known already."""
+    rotation = joints.world_from_segment.matrix()
     bodies = {int(person): body_from_frames(sequence, n, rotation[:, n], settings) for n, person in enumerate(sequence.person_id)}
     known = {person: body for person, body in bodies.items() if body is not None}
     if bodies and not known:

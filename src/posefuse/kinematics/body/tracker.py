@@ -11,7 +11,7 @@ from posefuse.core import InputError, JointAngles, Kind, Pose3D, Rig, Skeleton, 
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.kinematics.definitions import JOINT_NAMES
-from posefuse.kinematics.joints import FrameBuffers, joints_value
+from posefuse.kinematics.joints import FrameBuffers, frames_of, joints_value
 from posefuse.kinematics.settings import JointSettings
 
 from .filter import BodyFilter, Measurement
@@ -113,7 +113,7 @@ class BodyTracker:
             rotation[0, n], origin[0, n] = fitted.rotation, fitted.origin
             angles[0, n], sigmas[0, n] = fitted.angles, fitted.sigmas
         out = replace(pose, xyz_world=xyz, cov_world=cov, kind=kind)
-        return out, joints_value(np.array([pose.t_ns]), pose.person_id, rotation, origin, angles, sigmas)
+        return out, joints_value(np.array([pose.t_ns]), pose.person_id, *frames_of(rotation, origin), angles, sigmas)
 
 
 def rays_of(rig: Rig, xy_img: Array, score: Array, sigma_px: Array) -> tuple[Array, Array]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -19,6 +18,7 @@ from posefuse.core.arrays import Array
 from posefuse.formats.depth_images import write_depth
 from posefuse.formats.truth import write_arrays
 from posefuse.formats.video import VideoWriter
+from posefuse.foundation.requests_to_end import children_ignore_requests, leave_requests_to_parent
 from posefuse.simulation.cameras import SensorSettings
 from posefuse.simulation.scene import H264Settings, JpegSettings
 
@@ -82,7 +82,8 @@ def render_all(job: RenderJob, tasks: Iterable[RenderTask], processes: int) -> I
     waiting: set[Future[int]] = set()
     try:
         for task in tasks:
-            waiting.add(pool.submit(_render, task))
+            with children_ignore_requests():
+                waiting.add(pool.submit(_render, task))
             if len(waiting) >= processes * _AHEAD:
                 done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
                 yield from (future.result() for future in done)
@@ -117,8 +118,7 @@ _worker: _Worker | None = None
 
 def _start(job: RenderJob, stop: Event) -> None:
     global _worker
-    # Ctrl-C is for the parent, which then stops its children in order
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    leave_requests_to_parent()
     cv2.setNumThreads(1)
     _worker = _Worker(job, stop)
 

@@ -81,7 +81,7 @@ def record_card(studio: Studio) -> Refresh:
         for element, shown in ((choice, not recording), (start, not recording), (stop, bool(recording)), (line, bool(recording))):
             element.set_visibility(shown)
         if recording:
-            seconds = time.time() - recording["since_s"]
+            seconds = recording["seconds"]
             line.set_text(f"● {recording['folder']}   {int(seconds // 60)}:{seconds % 60:04.1f}")
 
     return refresh

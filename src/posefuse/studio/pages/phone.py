@@ -53,7 +53,7 @@ def _word(status: Mapping[str, Any]) -> tuple[str, str]:
         return "off", "no session runs"
     faulty = [name for name, one in status["cameras"].items() if one["state"] != "ok"]
     if recording := status["recording"]:
-        return ("bad" if faulty else "good"), f"recording {time.time() - recording['since_s']:.0f} s"
+        return ("bad" if faulty else "good"), f"recording {recording['seconds']:.0f} s"
     return ("bad", f"look at {', '.join(faulty)}") if faulty else ("good", f"people: {len(status['people'])}")
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from posefuse.core import Rig, Skeleton
 from posefuse.core.arrays import Array
+from posefuse.core.palette import LEFT, RIGHT
 from posefuse.outputs.drawing import bone_colours, keypoint_colours
 
 from .messages import ellipsoid_factors
@@ -44,6 +45,7 @@ def _bones(skeleton: Skeleton) -> dict[str, Any]:
     return {
         "bones": skeleton.bone_indices.tolist(),
         "bone_rgb": [list(colour) for colour in bone_colours(skeleton)],
+        "sides": {"left": LEFT.on_dark, "right": RIGHT.on_dark},
         "keypoint_rgb": [list(colour) for colour in keypoint_colours(skeleton)],
         "trails": [skeleton.index(name) for name in _TRAILS if name in skeleton.keypoints],
     }

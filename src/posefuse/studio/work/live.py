@@ -163,7 +163,7 @@ class _Shown:
             "person": self._person,
             "plots": list(self._setup_of[1]) if self._setup_of else [],
             "latency_p95_ms": max(latencies, default=float("nan")),
-            "recording": self._recording,
+            "recording": self._recording and self._recording | {"seconds": time.monotonic() - self._recording["since_s"]},
             "news": self._session.news[-_MOST_NEWS:],
             "refused": list(self._refused[-_MOST_NEWS:]),
         }
@@ -217,7 +217,7 @@ class _Shown:
         if videos:
             (folder / "videos").mkdir()
             self._session.keep_videos(folder / "videos")
-        self._recording = {"folder": place, "since_s": time.time(), "poses": poses, "videos": videos}
+        self._recording = {"folder": place, "since_s": time.monotonic(), "poses": poses, "videos": videos}
         self.recordings.append(f"{place}/{POSES_FILE}")
 
     def _stop_recording(self) -> None:

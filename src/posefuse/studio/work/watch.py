@@ -108,7 +108,7 @@ class _Watch:
         self._warnings: dict[str, str] = {}
         self._sizes: dict[str, list[int]] = {}
         self._rates = Rates()
-        self._begun_s = time.time()
+        self._begun_s = time.monotonic()
         self.host.publish("setup", setup_message(scene_setup()), keep=True)
 
     @property
@@ -182,5 +182,5 @@ class _Watch:
             "enough": self.enough,
             "together": covered.together.tolist(),
             "record": self._record,
-            "seconds": time.time() - self._begun_s,
+            "seconds": time.monotonic() - self._begun_s,
         }

@@ -1,7 +1,4 @@
-"""People followed live, from views of different cameras, times and ages.
-
-The two trackers take the same calls: `build_tracker` makes the requested one.
-"""
+"""People followed live, from views of different cameras, times and ages."""
 
 from __future__ import annotations
 
@@ -9,9 +6,9 @@ from posefuse.core import Rig, Skeleton
 
 from .contract import CameraStatistics, Fuse, Solve, Tracker
 from .evidence import Evidence
-from .settings import TRACKERS, LiveSettings
+from .settings import LiveSettings
 
-__all__ = ["TRACKERS", "CameraStatistics", "Evidence", "Fuse", "LiveSettings", "Solve", "Tracker", "build_tracker"]
+__all__ = ["CameraStatistics", "Evidence", "Fuse", "LiveSettings", "Solve", "Tracker", "build_tracker"]
 
 
 def build_tracker(rig: Rig, skeleton: Skeleton, settings: LiveSettings, solve: Solve, fuse: Fuse) -> Tracker:
@@ -19,15 +16,11 @@ def build_tracker(rig: Rig, skeleton: Skeleton, settings: LiveSettings, solve: S
 
     Args:
         rig: the cameras. skeleton: of every view.
-        settings: which tracker, and how it judges.
+        settings: how it judges.
         solve: association and fusion of one time step, from one view of every camera (empty for those that have none) and the
-            pose before. New people come from it, and ``latest`` uses nothing else.
+            pose before. New people come from it.
         fuse: fusion of one time step alone, of views that are known to show the same people.
     """
-    if settings.tracker == "latest":
-        from .latest import LatestTracker
-
-        return LatestTracker(rig, skeleton, settings, solve)
     from .asynchronous import AsynchronousTracker
 
     return AsynchronousTracker(rig, skeleton, settings, solve, fuse)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from annotated_types import Ge, Gt, Le, MaxLen, MinLen
 
@@ -10,8 +10,6 @@ from posefuse.core.duplicates import DUPLICATE_SHARE
 from posefuse.foundation.settings import settings
 from posefuse.tracking.lasting import LASTING_SHARE
 
-TrackerName = Literal["asynchronous", "latest"]
-TRACKERS: tuple[TrackerName, ...] = ("asynchronous", "latest")
 MOST_PEOPLE = 64
 
 
@@ -25,11 +23,10 @@ class MotionModelSettings:
 
 @settings
 class LiveSettings:
-    """How people are followed live, from views that arrive at any time.
+    """How people are followed live, from views that arrive at any time: each view is applied at its own time, and the pose is
+    predicted to the output time.
 
     Attributes:
-        tracker: ``asynchronous`` (each view is applied at its own time, and the pose is predicted to the output time), or
-            ``latest``, the method of the paper (the newest view of each camera, fused as if all were simultaneous).
         max_people: how many people to follow at a time.
         lost_after_s: a keypoint is missing when no view measured it for this long; a person is dropped when that holds for all
             keypoints.
@@ -68,7 +65,6 @@ class LiveSettings:
         bone_sigma_m: standard deviation of bone lengths as this network measures them.
     """
 
-    tracker: TrackerName = "asynchronous"
     max_people: Annotated[int, Ge(1), Le(MOST_PEOPLE)] = 1
     lost_after_s: Annotated[float, Gt(0)] = 0.7
     shown_s: Annotated[float, Gt(0)] = 0.3

@@ -62,6 +62,10 @@
         if (top && people.length > 1) context.fillText(content.people[n].name, onScreen(top)[0] + 8, onScreen(top)[1] - 8);
       });
       context.fillText(`squares of ${bounds.cell} m`, 10, height - 10);
+      ["left", "right"].forEach((side, n) => {
+        context.fillStyle = colour(side);
+        context.fillText(side, 10 + 32 * n, height - 28);
+      });
       clock.textContent = time.length ? `${time[now].toFixed(2)} s` : "";
       slider.value = now;
     };

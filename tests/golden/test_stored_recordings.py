@@ -1,0 +1,51 @@
+"""What an earlier posefuse stored is read by this one. Formats change on purpose only: `recordings/make.py`."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import posefuse as pf
+from posefuse.formats.detection_log import LOG_FILE, read_log
+from posefuse.pipeline.edits_file import read_edits
+
+GOLDEN = Path(__file__).with_name("recordings")
+FACTS = json.loads((GOLDEN / "facts.json").read_text(encoding="utf-8"))
+
+
+@pytest.fixture
+def result(tmp_path: Path) -> Path:
+    """A copy, which may be written to."""
+    return Path(shutil.copytree(GOLDEN / "result", tmp_path / "result"))
+
+
+def test_a_stored_result_is_read_and_solves_again_to_the_same_poses(result: Path) -> None:
+    recording = pf.read(result)
+    assert len(recording.poses) == FACTS["time_steps"]
+    np.testing.assert_allclose(1e3 * recording.poses.xyz_world[7, 0], FACTS["xyz_mm"], atol=1e-3)
+    again = recording.solve()
+    # another processor may round differently
+    np.testing.assert_allclose(again.poses.xyz_world, recording.poses.xyz_world, atol=1e-9)
+    np.testing.assert_allclose(again.poses.cov_world, recording.poses.cov_world, rtol=1e-6)
+
+
+def test_stored_edits_are_read(result: Path) -> None:
+    edits = read_edits(result)
+    assert edits.names == ("Ada",) and edits.person == 0
+    assert [(one.start_s, one.end_s, one.camera) for one in edits.exclusions] == [(0.1, 0.2, "cam1")]
+
+
+def test_detections_of_an_interrupted_run_are_read() -> None:
+    stored = read_log(GOLDEN / LOG_FILE)
+    recording = pf.read(GOLDEN / "result")
+    steps, dropped = stored.whole_steps()
+    assert len(steps) > 3 and dropped >= 0
+    assert stored.camera_names == recording.rig.names
+
+
+def test_an_exported_mcap_is_read() -> None:
+    pytest.importorskip("mcap", reason="the extra ros is not installed")
+    poses = pf.read(GOLDEN / "exported.mcap").poses
+    np.testing.assert_allclose(1e3 * poses.xyz_world[7, 0], FACTS["xyz_mm"], atol=1e-2)

@@ -1,0 +1,158 @@
+"""Ten minutes of sabotage of one live session with all its outputs: it continues to the end, and nothing recorded is lost."""
+
+import contextlib
+import json
+import os
+import random
+import shutil
+import signal
+import socket
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from live_session import PATIENCE_S, Live, command, fill
+from marked import ON_LINUX, left, marked, new_mark
+from running import Running
+
+from posefuse.messages.bags import read_poses
+
+pytest.importorskip("mcap")
+pytest.importorskip("cyclonedds")
+
+pytestmark = [pytest.mark.slow, pytest.mark.realtime, ON_LINUX]
+
+LASTS_S = float(os.environ.get("POSEFUSE_STRESS_S", "600"))
+# of this time: the disk is full, has room again, and the folder of the recording is removed
+FULL, FREED, REMOVED, CALM = 0.40, 0.51, 0.65, 0.95
+SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGSTOP, signal.SIGCONT)
+EVERY_S, STOPPED_S, DISK_MB, MOST_MB = (3.0, 20.0), 4.0, 200, 150
+DOMAIN = 60 + os.getpid() % 40
+# what the DDS standard lets others know of a domain
+DDS_PORTS = [7400 + 250 * DOMAIN + offset for offset in (0, 1, 10, 11, 12, 13)]
+
+
+class Flood(threading.Thread):
+    """Datagrams of random bytes to the ports of the session, all the time."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.sent, self.over = 0, threading.Event()
+
+    def run(self) -> None:
+        rng = random.Random(1)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            while not self.over.wait(0.002):
+                body = rng.randbytes(rng.choice((1, 20, 200, 1400)))
+                with contextlib.suppress(OSError):
+                    sender.sendto(rng.choice((b"RTPS\x02\x01", b"")) + body, ("127.0.0.1", rng.choice(DDS_PORTS)))
+                    self.sent += 1
+
+
+class Sabotage:
+    """Signals to processes of the session drawn at random, at times drawn at random."""
+
+    def __init__(self, root: int, mark: str) -> None:
+        self.count, self._root, self._mark, self._rng = 0, root, mark, random.Random(2)
+        self._next_s, self._stopped = 0.0, dict[int, float]()
+
+    def step(self, now_s: float) -> None:
+        for pid, since_s in list(self._stopped.items()):
+            if now_s - since_s > STOPPED_S:
+                self._send(pid, signal.SIGCONT)
+                del self._stopped[pid]
+        if now_s >= self._next_s:
+            self._next_s = now_s + self._rng.uniform(*EVERY_S)
+            children = sorted(set(marked(self._mark)) - {self._root})
+            if children:
+                pid, number = self._rng.choice(children), self._rng.choice(SIGNALS)
+                self._send(pid, number)
+                self.count += 1
+                if number == signal.SIGSTOP:
+                    self._stopped[pid] = now_s
+
+    def _send(self, pid: int, number: signal.Signals) -> None:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(pid, number)
+
+
+def memory_mb(pid: int) -> float:
+    return int(Path(f"/proc/{pid}/status").read_text().partition("VmRSS:")[2].split()[0]) / 1024
+
+
+def readable(folder: Path) -> int:
+    """Poses in the recordings of a folder; each must be readable up to where it was cut off."""
+    return sum(1 for path in folder.glob("*.mcap") for _ in read_poses(path, warn=str))
+
+
+def test_ten_minutes_of_kills_stops_floods_a_full_disk_and_a_removed_folder(
+    demo_session: Path, small_disk: Callable[[int], Path], tmp_path: Path, record_property
+) -> None:
+    disk, spare, kept, (mark, environment) = small_disk(DISK_MB), tmp_path / "spare", tmp_path / "kept", new_mark()
+    folder, filler, flood = disk / "session", disk / "filler", Flood()
+    flood.start()
+    folder.mkdir()
+    spare.mkdir()
+    outputs = ["--ros", "--local-only", "--domain", str(DOMAIN), "--osc", "127.0.0.1:9", "--json-udp", "127.0.0.1:9"]
+    outputs += ["--record", str(folder / "s.mcap"), "--set", f"outputs.record.spare={spare}", "--groups", "2"]
+    live = Live(command(demo_session, "--loop", "10", *outputs), env=environment, start_new_session=True)
+    try:
+        live.wait_for("cam03: ok")
+        begun_s, sabotage, memory = time.monotonic(), Sabotage(live.process.pid, mark), list[float]()
+        events = [(FULL, lambda: fill(filler)), (FREED, filler.unlink)]
+        events += [(REMOVED, lambda: [shutil.copytree(folder, kept), shutil.rmtree(folder)])]
+        while (share := (time.monotonic() - begun_s) / LASTS_S) < 1.0:
+            assert live.process.poll() is None, live.ended()[1][-5000:]
+            if events and share >= events[0][0]:
+                events.pop(0)[1]()
+            if share < CALM:
+                sabotage.step(time.monotonic())
+            memory.append(memory_mb(live.process.pid))
+            time.sleep(0.2)
+        parts = readable(kept), readable(spare)
+        ended_s = time.monotonic()
+        live.process.send_signal(signal.SIGINT)
+        figures, said = live.ended(1)
+        record_property("s from Ctrl-C to the end", f"{time.monotonic() - ended_s:.1f}")
+    finally:
+        live.process.kill()
+        flood.over.set()
+    assert left(mark) == []
+    first = memory[len(memory) // 5]
+    record_property("signals", sabotage.count)
+    record_property("datagrams of random bytes", flood.sent)
+    record_property("restarts of camera processes", figures["restarts"])
+    record_property("lines on the terminal", said.count("\n"))
+    record_property("MB of the session's process at a fifth of the time, and at the end", f"{first:.0f}, {memory[-1]:.0f}")
+    record_property("poses read from the recordings of the removed folder, and in the second place", f"{parts[0]}, {parts[1]}")
+    assert min(parts) > 0
+    assert memory[-1] - first < MOST_MB
+    assert said.count("\n") < 30 * sabotage.count, "garbage from the network is not on the terminal"
+
+
+@pytest.mark.parametrize("by_s", [-7200, 7200])
+def test_sessions_and_nodes_continue_when_the_clock_of_the_machine_is_set(demo_session: Path, tmp_path: Path, by_s: int) -> None:
+    set_clock, site = tmp_path / "set", tmp_path / "site"
+    site.mkdir()
+    shutil.copyfile(Path(__file__).parents[1] / "support" / "set_clock.py", site / "sitecustomize.py")
+    path = os.pathsep.join(filter(None, [str(site), os.environ.get("PYTHONPATH")]))
+    environment = {**os.environ, "CLOCK_SET_BY": str(set_clock), "CLOCK_SET_S": str(by_s), "PYTHONPATH": path}
+    network, live = ["--local-only", "--domain", str(DOMAIN + 1)], command(demo_session, "--loop", "10")
+    node, (rig, *cameras) = [*live[:3], "node"], live[4:]
+    commands = (live, [*node, "camera", rig, *cameras, *network], [*node, "fusion", rig, "--json", *network])
+    with contextlib.ExitStack() as stack:
+        runs = [stack.enter_context(Running(one, env=environment)) for one in commands]
+        for run in (runs[0], runs[2]):
+            run.err.wait_for("cam03: ok", PATIENCE_S)
+        set_clock.touch()
+        time.sleep(8.0)
+        for run in (runs[2], runs[1], runs[0]):
+            run.process.send_signal(signal.SIGINT)
+            out, err = run.finished(PATIENCE_S)
+            assert run.process.returncode == 0, err
+            if run is not runs[1]:
+                figures = json.loads(out)
+                states = {name: one["state"] for name, one in figures["cameras"].items()}
+                assert states == dict.fromkeys(states, "ok") and figures["poses_with_people"] > 0.5 * figures["poses"], err
