@@ -1,5 +1,6 @@
 """Calibration from Python: the same figures as from the command line, typed results, files, refusals with their report."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,11 +10,12 @@ import pytest
 from posefuse.api.calibrate import calibrate_extrinsics, calibrate_person, verify
 from posefuse.api.calibration_results import ClockCalibration, RigCalibration
 from posefuse.calibration.clocks.sync import ClockEstimate
+from posefuse.calibration.extrinsics import target as moving_target
 from posefuse.calibration.extrinsics.floor import FloorMarker
-from posefuse.calibration.report import CalibrationReport, Check
+from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
 from posefuse.calibration.targets.kinds import Charuco, Markers
 from posefuse.calibration.targets.recordings import paths_by_camera
-from posefuse.core import InputError
+from posefuse.core import CalibrationError, InputError
 from posefuse.formats.rig import read_rig
 
 BOARD = Charuco(columns=5, rows=7, square_m=0.04, marker_m=0.03)
@@ -60,6 +62,28 @@ def test_the_prop_of_the_laboratory_is_calibrated_saved_and_verified(lab: Any, t
     assert list(tmp_path.glob("rig.toml.replaced-*"))
     checked = verify(found.rig, seen, target=lab.target)
     assert checked.passed == (not checked.report.failed)
+
+
+def test_intrinsics_and_rigs_of_twice_the_size_are_rescaled_and_it_is_said(lab: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    double = replace(lab.rig, cameras=tuple(camera.scaled((1280, 960)) for camera in lab.rig))
+    seen, used = lab.watch(motion=replace(lab.motion, seconds=4.0)), []
+
+    def solve(observations: object, cameras: object, *_: object) -> None:
+        used.extend(cameras)  # type: ignore[call-overload]
+        raise RefusedCalibration(CalibrationReport("test", (Check("one", False, "is wrong"),)))
+
+    monkeypatch.setattr(moving_target, "calibrate_extrinsics", solve)
+    with pytest.raises(RefusedCalibration) as refused:
+        calibrate_extrinsics(seen, intrinsics=double, target=lab.target)
+    for camera, true in zip(used, lab.rig, strict=True):
+        np.testing.assert_allclose(camera.K, true.K)
+    note = "cam00: its calibration of 1280x960 px was rescaled to images of 640x480 px"
+    assert refused.value.__notes__[0] == note
+    checked = verify(double, seen, target=lab.target)
+    assert checked.passed and note in checked.report.notes
+    squeezed = replace(lab.rig, cameras=tuple(camera.scaled((640, 360)) for camera in lab.rig))
+    with pytest.raises(CalibrationError, match=r"images are 640x480 px, its calibration \(640, 360\), in other proportions"):
+        verify(squeezed, seen, target=lab.target)
 
 
 def test_clock_offsets_become_settings_and_never_overwrite_them(lab: Any, tmp_path: Path) -> None:

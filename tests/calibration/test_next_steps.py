@@ -1,56 +1,155 @@
 """After a refusal: the command that is printed can be typed, and fits what failed."""
 
 import shlex
-from dataclasses import replace
+from dataclasses import dataclass, field, is_dataclass, replace
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, get_args
 
+import cv2
 import numpy as np
 import pytest
+from calibrating import run
 
 from posefuse.calibration.clocks.sync import ClockEstimate
-from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
+from posefuse.calibration.report import CalibrationReport, Check, CheckKind, RefusedCalibration
+from posefuse.calibration.targets.description import write_target
+from posefuse.calibration.targets.kinds import Charuco, Markers
+from posefuse.cli.calibrating import person_steps, target_steps
 from posefuse.cli.calibrating.inputs import clocks_beside, recordings_of
 from posefuse.cli.calibrating.next_steps import Asked, next_after
-from posefuse.cli.calibrating.showing import reported, write_clocks
+from posefuse.cli.calibrating.showing import write_clocks
 from posefuse.cli.command_line import parse
 from posefuse.cli.terminal import Terminal
-from posefuse.core import InputError
+from posefuse.core import InputError, Rig
+from posefuse.formats.kept_video import KeptVideo
+from posefuse.formats.pixels import RgbPixels
+from posefuse.formats.rig import write_rig
 
-ASKED = Asked(
-    step="extrinsics", inputs=("cam01=a.mp4", "b.mp4"), target="--target cube.toml", intrinsics=Path("l.toml"), out=Path("r.toml")
-)
-FAILURES = {
-    "cause: the intrinsics of cam01 are wrong: focal length would rather be -2.8%": "calibrate intrinsics",
-    "cause: the clock of cam02 is off by +100 ms": "--clocks offset",
-    "cause: the clock of cam02 jumps by +250 ms at 14 s": "--record SESSION",
-    "cause: cam02 was moved at 15 s by 30 mm and 1.00 deg": "--record SESSION",
-    "images are upright: upside down: cam01, b": "--upside-down cam01 --upside-down b",
-    "rig has a plausible size: is --marker-mm 27 in mm?": "calibrate extrinsics --target cube.toml",
-    "cameras are linked: b cannot be linked to cam01": "calibrate guide --target cube.toml --intrinsics l.toml",
+STEPS = {
+    "intrinsics": "--target {f}/board.toml --every 3 --out {f}/new.toml",
+    "extrinsics": "--target {f}/cube.toml --intrinsics {f}/lenses.toml --floor-marker 40 --floor-side-mm 150 --refine-lenses 0.5"
+    " --every 2 --upside-down b --any-size --out {f}/new.toml",
+    "person": "--intrinsics {f}/lenses.toml --apart a b 3.42 --most-s 5 --upside-down b --networks blazepose_lite"
+    " --out {f}/new.toml",
+    "clocks": "--rig {f}/rig.toml --seconds 20 --most-s 3",
+    "verify": "--target {f}/board.toml --rig {f}/rig.toml --offset-ms a=5 --every 4",
+}
+# what is printed after each kind of refusal, where it is not a new recording
+PRINTED = {
+    ("extrinsics", "clocks"): "--clocks offset",
+    ("person", "clocks"): "--clocks offset",
+    ("extrinsics", "drift"): "--clocks drift",
+    ("person", "drift"): "--clocks drift",
+    ("clocks", "drift"): "--clocks drift",
+    ("extrinsics", "lenses"): "calibrate intrinsics SESSION --target BOARD.toml --out",
+    ("person", "lenses"): "calibrate intrinsics SESSION --target BOARD.toml --out",
+    ("extrinsics", "upside down"): "--upside-down b --upside-down a",
+    ("person", "upside down"): "--upside-down b --upside-down a",
+    ("extrinsics", "record"): "calibrate guide --target",
+    ("verify", "rig"): "calibrate guide --target CUBE.toml --intrinsics",
 }
 
 
-@pytest.mark.parametrize(("failure", "words"), FAILURES.items())
-def test_the_next_command_fits_the_failure_and_can_be_typed(failure: str, words: str) -> None:
-    name, _, detail = failure.partition(": ")
-    other = Check("corners fit", False, "spread of a corner coordinate 2 px", "blur, or clocks = offset")
-    command, _ = next_after(CalibrationReport("extrinsics", (Check(name, False, detail), other)), ASKED)
-    assert words in command
-    assert parse([word for word in shlex.split(command)[1:] if word != "..."]) is not None
+class ArrivedError(Exception):
+    """The command was understood, its files were opened, and the calculation began."""
 
 
-def test_a_clock_of_another_rate_is_followed_by_the_drift_that_the_line_names() -> None:
-    line = Check("parts agree", False, "phone2 runs +12.4 ms later after 20 s than before", "another rate: try `drift=True`")
-    command, _ = next_after(CalibrationReport("person", (line,)), replace(ASKED, step="person"))
-    assert "--clocks drift" in command
+@dataclass
+class Room:
+    """A folder with all that the commands take; calculations refuse for what is set, or tell that they were reached."""
+
+    folder: Path
+    refusal: Check | None = None
+    asked: list[dict[str, Any]] = field(default_factory=list)
+
+    def calculate(self, *given: Any, **options: Any) -> Any:
+        self.asked.append({name: value for name, value in options.items() if name not in ("progress", "intrinsics")})
+        if self.refusal is None:
+            raise ArrivedError
+        report = CalibrationReport("test", (self.refusal,))
+        if "clock_offset_s" in options:
+            return SimpleNamespace(report=report, save=lambda path, replace: path.write_text("refused"))
+        raise RefusedCalibration(report)
+
+    def printed_after(self, step: str, kind: CheckKind) -> str:
+        """The next command, as it is typed."""
+        self.refusal = Check("one", False, "is wrong", kind=kind, cameras=("a",) if kind == "upside down" else ())
+        (self.folder / "report.html").unlink(missing_ok=True)
+        options = STEPS[step].format(f=self.folder).split()
+        with pytest.raises(RefusedCalibration) as refused:
+            run(step, str(self.folder), *options, "--report", str(self.folder / "report.html"))
+        command, _, _ = refused.value.__notes__[-1].removeprefix("next: ").rpartition("  (")
+        return command
+
+    def typed(self, command: str) -> list[str]:
+        """The command with the placeholders as a user replaces them."""
+        sources = " ".join(f"--source {name}=video:{self.folder}/videos/{name}.mp4" for name in "ab")
+        command = command.replace("--source CAMERA=KIND:WHERE ...", sources)
+        for out in ("--out SESSION", "--record SESSION"):
+            command = command.replace(out, f"{out.split()[0]} {self.folder}/recorded-{len(list(self.folder.iterdir()))}")
+        for name, path in (("SESSION", ""), ("BOARD.toml", "board.toml"), ("CUBE.toml", "cube.toml")):
+            command = command.replace(f" {name}", f" {self.folder}/{path}")
+        return shlex.split(command)[1:]
 
 
-def test_a_refusal_carries_its_next_command() -> None:
-    report = CalibrationReport("extrinsics", (Check("cause", False, "cam02 was moved at 15 s"),))
-    with pytest.raises(RefusedCalibration) as refused, reported(None, ASKED):
-        report.require()
-    assert refused.value.__notes__[0].startswith("next: posefuse calibrate guide")
+@pytest.fixture
+def room(tmp_path: Path, ring_rig: Any, monkeypatch: pytest.MonkeyPatch) -> Room:
+    marker = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50), 3, 60)
+    page = np.full((120, 160, 3), 255, np.uint8)
+    page[30:90, 50:110] = marker[..., None]
+    (tmp_path / "videos").mkdir()
+    for name in "ab":
+        with KeptVideo(tmp_path / "videos" / f"{name}.mp4") as video:
+            for i in range(12):
+                video.write(RgbPixels(np.roll(page, 2 * i, axis=1)), i * 50_000_000)
+    rig = Rig(tuple(replace(camera, name=name) for camera, name in zip(ring_rig(2), "ab", strict=True)))
+    write_rig(tmp_path / "rig.toml", rig)
+    write_rig(tmp_path / "lenses.toml", rig)
+    write_target(tmp_path / "cube.toml", Markers(0.1, ids=(1, 2, 3)))
+    write_target(tmp_path / "board.toml", Charuco(columns=5, rows=7, square_m=0.1, marker_m=0.075))
+    made = Room(tmp_path)
+    for step in ("intrinsics", "extrinsics", "person", "clocks"):
+        monkeypatch.setattr(person_steps if step in ("person", "clocks") else target_steps, f"calibrate_{step}", made.calculate)
+    monkeypatch.setattr(target_steps, "verify", made.calculate)
+    return made
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("step", STEPS)
+def test_every_printed_command_runs_as_printed_and_keeps_what_was_asked_for(room: Room, step: str) -> None:
+    """A new recording is made for each step once: every kind of refusal prints the same command for it."""
+    ran = set()
+    for kind in get_args(CheckKind):
+        command = room.printed_after(step, kind)
+        assert PRINTED.get((step, kind), "") in command
+        typed = room.typed(command)
+        room.refusal = None
+        if typed[0] == "record" or typed[1] == "guide":
+            if command not in ran:
+                found = parse(typed)
+                assert found is not None and found.run(Terminal(as_json=True))["exit_code"] == 0
+                ran.add(command)
+            continue
+        with pytest.raises(ArrivedError):
+            run(*typed[1:])
+        if typed[1] == step:
+            changed = {"clocks", "drift", "upside_down"}
+            first, second = ({name: one[name] for name in one.keys() - changed} for one in room.asked[-2:])
+            assert first == second
+            others = [name for name in changed & room.asked[-1].keys() if room.asked[-2][name] != room.asked[-1][name]]
+            assert len(others) == (kind not in ("input", "record"))
+
+
+def test_clocks_that_were_estimated_already_are_not_advised_again() -> None:
+    parsed = parse(
+        ["calibrate", "person", "walk", "--intrinsics", "l.toml", "--clocks", "offset", "--height-m", "1.8", "--out", "r.toml"]
+    )
+    assert parsed is not None
+    asked = Asked(step="person", inputs=("walk",), options=tuple(v for v in parsed.bound.arguments.values() if is_dataclass(v)))
+    for kind, words in (("clocks", "posefuse record"), ("drift", "--height-m 1.8 --clocks drift")):
+        report = CalibrationReport("person", (Check("clocks", False, "differ", kind=kind),))  # type: ignore[arg-type]
+        assert words in next_after(report, asked)[0]
 
 
 def test_verification_reads_the_clocks_that_a_calibration_wrote(lab: Any, tmp_path: Path) -> None:

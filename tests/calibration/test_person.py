@@ -4,6 +4,7 @@ import re
 from dataclasses import replace
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -234,3 +235,14 @@ def test_the_world_does_not_matter(lab: Any) -> None:
     views = watched(lab.rig, seconds=4.0)
     one, other = (rough(views, rig) for rig in (lab.rig, elsewhere))
     np.testing.assert_array_equal(one.centres_world(), other.centres_world())
+
+
+def test_the_random_numbers_of_opencv_are_left_alone_and_change_nothing(lab: Any) -> None:
+    found, drawn = [], []
+    for seed in (1, 2):
+        cv2.setRNGSeed(seed)
+        drawn.append(cv2.randu(np.zeros(4), 0, 1).ravel())
+        cv2.setRNGSeed(seed)
+        found.append(poses_of(rough_rig(watched(lab.rig), lab.rig.cameras, KnownLength(stature_m=STATURE_M))).t)
+        np.testing.assert_array_equal(cv2.randu(np.zeros(4), 0, 1).ravel(), drawn[-1])
+    np.testing.assert_array_equal(*found)

@@ -12,8 +12,8 @@ from posefuse.api.calibrate import target_of
 from posefuse.calibration.extrinsics.floor import FloorMarker, with_floor
 from posefuse.calibration.targets.description import read_target, write_target
 from posefuse.calibration.targets.detection import TargetDetector
-from posefuse.calibration.targets.kinds import ArucoBoard, Charuco, Chessboard, Markers, Target, dictionary_of
-from posefuse.cli.calibrating.inputs import target_from_options, target_words
+from posefuse.calibration.targets.kinds import Charuco, Chessboard, Markers, Target, dictionary_of
+from posefuse.cli.calibrating.inputs import option_words, target_from_options
 from posefuse.cli.command_line import WrongCommandLineError, parse
 from posefuse.cli.options.calibration import TargetOptions
 from posefuse.core import ConfigError, InputError
@@ -22,7 +22,6 @@ TARGETS: tuple[Target, ...] = (
     Markers(0.1205, "DICT_5X5_100", (3, 4, 7), True),
     Charuco(columns=5, rows=7, square_m=0.05, marker_m=0.0375, dictionary="DICT_4X4_100", inverted=True, legacy=True),
     Chessboard(8, 6, 0.031),
-    ArucoBoard(columns=3, rows=4, side_m=0.04, gap_m=0.011, first_id=12, inverted=True),
 )
 
 
@@ -133,6 +132,6 @@ def test_a_floor_marker_is_looked_for_where_the_target_has_ids_of_its_own(
 
 def test_the_words_of_a_target_say_the_same_target_again() -> None:
     said = TargetOptions(target="markers", marker_mm=120.0, ids=(3, 4), inverted=True)
-    again = parse(["calibrate", "print", *target_words(said).split(), "--out", "a.pdf"])
+    again = parse(["calibrate", "print", *option_words(said).split(), "--out", "a.pdf"])
     assert again is not None
     assert target_from_options(again.bound.arguments["target"]) == target_from_options(said)

@@ -6,18 +6,21 @@ import subprocess
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
+from calibrating import run
 
+from posefuse.api import calibrate as api
 from posefuse.calibration.intrinsics.board import PARAMETERS, calibrate_intrinsics
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import coverage, coverage_picture
 from posefuse.calibration.targets.detection import TargetDetector, detect_corners, why_nothing
-from posefuse.calibration.targets.kinds import ArucoBoard, Charuco, Chessboard, Markers, Target
+from posefuse.calibration.targets.kinds import Charuco, Chessboard, Markers, Target
 from posefuse.calibration.targets.printing import board_sheets, cube_sheets, write_pdf
 from posefuse.calibration.targets.synthetic import Faults, Waving, board, observe_prop
 from posefuse.core import CalibrationError, ConfigError, Rig
@@ -27,7 +30,7 @@ from posefuse.sources import ImagesConfig
 BOARD = Charuco(columns=5, rows=7, square_m=0.05, marker_m=0.0375)
 
 
-def picture(target: Charuco | ArucoBoard, px_per_m: float, path: Path) -> np.ndarray:
+def picture(target: Charuco, px_per_m: float, path: Path) -> np.ndarray:
     """The printed page as a picture, by a renderer of its own."""
     write_pdf(path / "board.pdf", board_sheets(target, "a3"))
     dpi = round(px_per_m * 0.0254)
@@ -59,15 +62,6 @@ def test_a_printed_charuco_board_has_its_true_size_and_the_printed_side_up(tmp_p
     xyz = BOARD.corners(0)[found.corner]
     assert len(xyz) == len(BOARD.corners(0))
     assert_printed_true(found.xy_img, xyz, atol=0.6)
-
-
-@needs_poppler
-def test_a_printed_marker_board_has_its_true_size_and_the_printed_side_up(tmp_path: Path) -> None:
-    target = ArucoBoard(columns=4, rows=5, side_m=0.04, gap_m=0.01, first_id=3)
-    read = markers_by_opencv(picture(target, 5000, tmp_path))
-    assert sorted(read) == list(range(3, 23))
-    # OpenCV gives whole pixels, of the black side of each edge
-    assert_printed_true(np.concatenate([read[i] for i in sorted(read)]), target.corners(0), atol=1.0)
 
 
 @needs_poppler
@@ -139,6 +133,31 @@ def test_intrinsics_come_back_within_their_standard_errors(watched: tuple[Rig, C
         assert sigma == 0 or abs(value - want) < 5 * sigma, name
     assert found.camera.K[0, 0] == pytest.approx(true[0], rel=0.003)
     assert len(found.view_t_ns) <= 40
+
+
+def test_one_refused_camera_does_not_lose_the_others(
+    watched: tuple[Rig, CornerObservations], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is good is in the file, and the camera that is recorded again joins it there."""
+    good = watched[1]
+    few = good.rows(np.isin(good.t_ns, np.unique(good.t_ns)[:2]))
+    seen = {"cam01": good, "cam02": few, "cam03": good, "cam04": few}
+    monkeypatch.setattr(api, "open_sources", lambda inputs: [SimpleNamespace(camera=name) for name in inputs])
+    monkeypatch.setattr(api, "detect_corners", lambda source, *_: replace(seen[source.camera], cameras=(source.camera,)))
+    out = tmp_path / "lenses.toml"
+    words = ("intrinsics", "--columns", "8", "--rows", "6", "--square-mm", "70", "--marker-mm", "50", "--out", str(out))
+    with pytest.raises(RefusedCalibration, match="camera cam02: expected at least 4 views") as refused:
+        run(*words, *(f"{name}={name}.mp4" for name in seen))
+    assert "cam04" in refused.value.__notes__[0] and refused.value.__notes__[1].startswith("next: ")
+    assert read_rig(out).names == ("cam01", "cam03")
+    before = read_rig(out)["cam01"].K
+    seen["cam02"] = good
+    run(*words, "--force", "cam02=cam02.mp4")
+    assert read_rig(out).names == ("cam01", "cam03", "cam02")
+    np.testing.assert_array_equal(read_rig(out)["cam01"].K, before)
+    with pytest.raises(RefusedCalibration) as none:
+        run(*words, "--force", "cam04=cam04.mp4")
+    assert none.value.kept is None and len(read_rig(out)) == 3
 
 
 def test_views_that_are_too_few_or_too_alike_are_refused(watched: tuple[Rig, CornerObservations]) -> None:

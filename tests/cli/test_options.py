@@ -14,7 +14,7 @@ from posefuse.cli.command_line import COMMANDS, GROUPS, STEPS, Invocation, Wrong
 from posefuse.cli.main import main
 
 TARGET = (
-    "--target aruco-board, --columns 5, --rows 7, --square-mm 50, --marker-mm 40, --gap-mm 5, --dictionary text, "
+    "--target charuco, --columns 5, --rows 7, --square-mm 50, --marker-mm 40, --dictionary text, "
     "--ids 1 2 3, --inverted, --legacy"
 )
 SETTINGS = "--config text, --set one --set two, --networks one --networks two"

@@ -41,7 +41,7 @@ COMMANDS: dict[str, tuple[str, type[Any], str]] = {
         LiveConfig,
         "--body off, --people 2, --names A,B, --rate 50, --groups 2, --camera-info use, --domain 3, "
         "--peer one, --interface text, --local-only, --sim-time, --record other.mcap, --record other.mcap --record-images, "
-        "--ros --base text, --ros1, --osc host:1, --json-udp host:1, --output lsl, --axes y_up, --view-file other.rrd",
+        "--ros --local-only, --ros1, --osc host:1, --json-udp host:1, --output lsl, --axes y_up, --view-file other.rrd",
     ),
     "track SESSION --out text": (
         "--config",

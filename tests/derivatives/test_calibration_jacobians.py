@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from posefuse.calibration.extrinsics.pipeline import Options, key_snapshots, link, solve_linked
 from posefuse.calibration.extrinsics.prop_solve import Freedom, Noise, PropState, _Model, solve_prop
@@ -80,6 +81,42 @@ def test_pixels_of_lenses_are_those_of_the_shared_camera_model(ring_rig: Callabl
         step = np.eye(3)[axis] * STEP
         change = (Lenses(rig.cameras).px(which, in_cam + step) - Lenses(rig.cameras).px(which, in_cam - step)) / (2 * STEP)
         np.testing.assert_allclose(jacobian[:, :, axis], change, rtol=1e-6, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("model", "distortion"),
+    [
+        ("pinhole", (-0.12, 0.05, 0.001, -0.0005, 0.01)),
+        ("pinhole", (-0.12, 0.05, 0.001, -0.0005, 0.01, 0.1, 0.02, 0.0)),
+        ("fisheye", (0.03, -0.01, 0.002, 0.0)),
+    ],
+    ids=["brown", "rational", "fisheye"],
+)
+def test_pixels_change_with_the_lens_as_said(ring_rig: Callable[..., Rig], model: str, distortion: tuple[float, ...]) -> None:
+    camera = replace(ring_rig(1).cameras[0], model=model, distortion=np.array(distortion))
+    points, which = np.array([[0.8, 0.5, 1.0], [0.1, 0.2, 1.0], [1.5, 1.0, 1.0]]), np.zeros(3, np.int64)
+    jacobian = Lenses((camera,)).lens_jacobian(which, points)
+    for p, step in enumerate(np.eye(6) * 1e-5):
+        px = [Lenses((camera,), delta[None]).px(which, points) for delta in (step, -step)]
+        np.testing.assert_allclose(jacobian[:, :, p], (px[0] - px[1]) / 2e-5, rtol=1e-5, atol=1e-5)
+
+
+def test_refined_fisheye_lenses_are_as_uncertain_as_stated(ring_rig: Callable[..., Rig]) -> None:
+    """Mean square of errors in standard errors, which is 1; the given lenses deviate by their own standard errors."""
+    random, ratios, prior = np.random.default_rng(5), [], np.array([3.0, 3.0, 2.0, 2.0, 0.02, 0.01])
+    flat = ring_rig(3, radius_m=2.5)
+    wide = np.array([[260.0, 0, 319.5], [0, 260.0, 239.5], [0, 0, 1]])
+    rig = Rig(tuple(replace(c, K=wide, model="fisheye", distortion=np.array([0.03, -0.01, 0.002, 0.0])) for c in flat))
+    target, options, nothing = Markers(0.24), Options(instants=40, clocks="together", lens_sigma=tuple(prior)), np.zeros((3, 2))
+    for seed in range(3):
+        seen = observe_prop(rig, cube(0.3), target, Waving(seconds=12, rate_hz=10, seed=seed), Faults(missed=0.0, seed=seed))
+        off = random.normal(0, prior, (3, 6))
+        lenses = Lenses(rig.cameras, off)
+        given = tuple(replace(c, K=lenses.camera_matrix(i), distortion=lenses.distortion(i)) for i, c in enumerate(rig))
+        links = link(given, target, key_snapshots(seen, options, nothing))
+        found = solve_linked(seen, given, target, options, links, nothing).solution
+        ratios.append((found.state.lens_delta + off) / found.lens_sigma)
+    assert 0.5 < float((np.array(ratios) ** 2).mean()) < 1.6
 
 
 def test_grouped_sums() -> None:

@@ -3,13 +3,15 @@
 import json
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from posefuse.core import CalibrationError, Rig
-from posefuse.formats.rig import read_rig, write_rig
+from posefuse.core import SE3, CalibrationError, Rig
+from posefuse.formats.rig import read_rig, rig_warnings, write_rig
+from posefuse.simulation.cameras import looking_at
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden" / "files"
 MIRROR = [[1.0, 0, 0], [0, 1.0, 0], [0, 0, -1.0]]
@@ -139,3 +141,62 @@ def test_files_that_are_no_rig(tmp_path: Path) -> None:
     (tmp_path / "x.txt").write_text('<!DOCTYPE c [<!ENTITY a "b">]><calibration/>')
     with pytest.raises(CalibrationError, match="DOCTYPE"):
         read_rig(tmp_path / "x.txt")
+
+
+READINGS: dict[str, Callable[[SE3], SE3]] = {
+    "the inverse of poses": lambda pose: pose.inverse(),
+    "camera centres for t": lambda pose: SE3(pose.wxyz, pose.inverse().xyz),
+    "transposed rotations": lambda pose: SE3.from_matrix(pose.matrix().T, pose.xyz),
+}
+
+
+@pytest.fixture
+def room(ring_rig: Callable[..., Rig]) -> Rig:
+    """Cameras in places as a laboratory has them: no two alike."""
+    places = [((-3.2, -2.1, 2.4), (0.2, 0, 1)), ((3.9, -1.2, 1.7), (0, 0.3, 0.8)), ((2.2, 3.4, 2.6), (-0.3, 0, 1.1)),
+              ((-2.4, 3.1, 1.2), (0.1, -0.2, 0.9)), ((0.4, -4.4, 2.0), (0, 0.2, 1.2))]  # fmt: skip
+    poses = [looking_at(np.array(at), np.array(to)) for at, to in places]
+    return Rig(tuple(replace(camera, cam_from_world=pose) for camera, pose in zip(ring_rig(5), poses, strict=True)))
+
+
+@pytest.mark.parametrize("words", READINGS)
+def test_poses_that_mean_something_else_are_named_before_tracking(words: str, room: Rig) -> None:
+    rig, read = room, READINGS[words]
+    assert rig_warnings("rig.toml", rig) == ()
+    every = Rig(tuple(replace(camera, cam_from_world=read(camera.cam_from_world)) for camera in rig))
+    assert any(f"would if the file held {words}" in line for line in rig_warnings("rig.toml", every))
+
+
+@pytest.mark.parametrize(("words", "c"), [("the inverse of poses", 4), ("camera centres for t", 0)])
+def test_one_camera_whose_pose_means_something_else_is_named(words: str, c: int, room: Rig) -> None:
+    """Where it looks away from what the others see; else only `track` can notice it."""
+    cameras, read = list(room.cameras), READINGS[words]
+    cameras[c] = replace(cameras[c], cam_from_world=read(cameras[c].cam_from_world))
+    [line] = rig_warnings("rig.toml", Rig(tuple(cameras)))
+    assert line.startswith(f"rig.toml: cam0{c} sees nothing of what 4 others see together") and words in line
+
+
+@pytest.mark.parametrize(
+    ("turn", "axis"), [([np.pi / 2, 0, 0], "-Y"), ([-np.pi / 2, 0, 0], "Y"), ([np.pi, 0, 0], "-Z"), ([0, np.pi / 2, 0], "X")]
+)
+def test_a_world_that_does_not_stand_upright_is_named(turn: list[float], axis: str, ring_rig: Callable[..., Rig]) -> None:
+    rig = ring_rig(4).moved(SE3.from_rotvec(turn, np.zeros(3)))
+    [line] = rig_warnings("rig.toml", rig)
+    assert f"up in the images is {axis} of the world; expected Z" in line
+
+
+def test_a_principal_point_outside_of_the_image_is_a_cropped_sensor_where_the_file_states_it(
+    tmp_path: Path, ring_rig: Callable[..., Rig]
+) -> None:
+    cropped = ring_rig(2).cameras[0].cropped(350, 0, (200, 480))
+    assert cropped.K[0, 2] < 0
+    path = tmp_path / "rig.toml"
+    write_rig(path, Rig((cropped,)))
+    np.testing.assert_allclose(read_rig(path).cameras[0].K, cropped.K)
+    path.write_text(path.read_text().replace("cropped = true\n", ""))
+    with pytest.raises(CalibrationError, match=r"lies outside of the image of 200x480 px; .*state cropped = true"):
+        read_rig(path)
+    text = (GOLDEN / "rig.qca.txt").read_text()
+    (tmp_path / "lab.qca.txt").write_text(text.replace('<fov_video left="0"', '<fov_video left="700"'))
+    shifted = read_rig(GOLDEN / "rig.qca.txt").cameras[0].K[0, 2] - 700
+    assert shifted < 0 and read_rig(tmp_path / "lab.qca.txt").cameras[0].K[0, 2] == pytest.approx(shifted)

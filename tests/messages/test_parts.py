@@ -162,7 +162,7 @@ def test_angles_take_the_shorter_path_and_gaps_and_new_people_start_again():
 # --- what goes out
 
 
-def test_parts_are_published_in_the_world_or_in_the_frame_of_a_robot(kept):
+def test_parts_are_published_in_the_world(kept):
     output = RosOutput(kept)
     for i in range(3):
         output.step(dataclasses.replace(person(), t_ns=5 * S + i * S // 100))
@@ -174,15 +174,6 @@ def test_parts_are_published_in_the_world_or_in_the_frame_of_a_robot(kept):
     assert (
         kept.on("/humans/bodies/p1/joint_states")[-1].velocity.size == kept.on("/humans/bodies/p1/joint_states")[-1].position.size
     )
-    kept.sent.clear()
-    output = RosOutput(kept, base_frame="robot_base")
-    output.step(person())
-    assert not kept.on("/humans/bodies/p1/left_hand/pose")
-    output.people.base_from_world = SE3.from_rotvec(np.array([0, 0, np.pi / 2]), np.array([0.0, 0.0, -1.0]))
-    output.step(dataclasses.replace(person(), t_ns=6 * S))
-    (pose,) = kept.on("/humans/bodies/p1/left_hand/pose")
-    assert pose.header.frame_id == "robot_base"
-    np.testing.assert_allclose([pose.pose.position.x, pose.pose.position.y, pose.pose.position.z], [-0.2, 0.65, 0.4], atol=1e-9)
 
 
 def test_covariance_and_velocity_of_parts_are_made_only_for_those_who_ask(kept, monkeypatch):

@@ -2,7 +2,9 @@
 
 import csv
 import json
+import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import ezc3d
@@ -10,7 +12,7 @@ import numpy as np
 import pytest
 
 from posefuse.cli.main import main
-from posefuse.core import SKELETONS, Rig, Skeleton
+from posefuse.core import SE3, SKELETONS, Rig, Skeleton
 from posefuse.formats.recording import read_recording
 from posefuse.formats.rig import write_rig
 
@@ -75,6 +77,18 @@ def test_a_pose2sim_project_is_tracked_by_one_command(project: Path, tmp_path: P
     poses = read_recording(tmp_path / "out").poses
     assert poses.skeleton == HALPE and set(np.diff(poses.t_ns)) == {20_000_000}
     assert np.nanmax(np.linalg.norm(poses.xyz_world[:, 0] - person(), axis=-1)) < 0.01
+
+
+@pytest.mark.parametrize(("metres", "tall"), [(0.1, r"0\.1\d"), (3.28, r"5\.\d\d")], ids=["decimetres", "feet"])
+def test_translations_in_another_unit_show_in_the_size_of_people(
+    project: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], ring_rig: Callable[..., Rig], metres: float, tall: str
+) -> None:
+    rig = ring_rig(3)
+    other = [SE3(camera.cam_from_world.wxyz, metres * camera.cam_from_world.xyz) for camera in rig]
+    rig = replace(rig, cameras=tuple(replace(camera, cam_from_world=pose) for camera, pose in zip(rig, other, strict=True)))
+    write_rig(project / "calibration" / "Calib_scene.toml", rig)
+    assert track(project, tmp_path / "out") == 0
+    assert re.search(rf"Calib_scene.toml: people are {tall} m tall by this calibration", capsys.readouterr().err)
 
 
 def test_a_trial_of_a_session_uses_the_calibration_above_it(project: Path, tmp_path: Path) -> None:

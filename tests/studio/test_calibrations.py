@@ -3,6 +3,7 @@
 import os
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from xml.etree import ElementTree
 
@@ -10,6 +11,10 @@ import cv2
 import numpy as np
 import pytest
 
+from posefuse.api.calibration_results import RigCalibration
+from posefuse.api.rig import rig_of
+from posefuse.calibration.clocks.sync import ClockEstimate
+from posefuse.calibration.report import CalibrationReport
 from posefuse.calibration.targets.coverage import ENOUGH_TOGETHER, TargetCoverage
 from posefuse.calibration.targets.description import read_target, write_target
 from posefuse.calibration.targets.kinds import Charuco
@@ -46,8 +51,10 @@ NOTHING = Known(cameras=("left", "right"))
 STEPS: tuple[Step, ...] = ("intrinsics", "extrinsics", "verify")
 
 
-def result(step: str, passed: bool = True, *, recording: str = "one", detail: str = "", remedy: str = "") -> dict[str, Any]:
-    checks = [{"name": "enough views", "passed": passed, "detail": detail, "remedy": remedy}]
+def result(
+    step: str, passed: bool = True, *, recording: str = "one", detail: str = "", remedy: str = "", kind: str = "record"
+) -> dict[str, Any]:
+    checks = [{"name": "enough views", "passed": passed, "detail": detail, "remedy": remedy, "kind": kind}]
     return {"step": step, "passed": passed, "recording": recording, "cameras": ["left", "right"],
             "reports": [{"subject": step, "checks": checks}]}  # fmt: skip
 
@@ -109,12 +116,41 @@ def test_a_refusal_gives_the_remedy_until_something_new_is_filmed() -> None:
     assert next_step(READY, filmed(known, "extrinsics", "two")).action == "solve"
 
 
-def test_a_refused_verification_leads_back_to_positions_and_lenses() -> None:
+@pytest.mark.parametrize(
+    ("refused", "kind", "again", "others"),
+    [
+        ("verify", "record", "verify", ("intrinsics", "extrinsics")),
+        ("verify", "rig", "extrinsics", ("intrinsics", "verify")),
+        ("extrinsics", "lenses", "intrinsics", ("extrinsics",)),
+        ("extrinsics", "clocks", "extrinsics", ("intrinsics",)),
+    ],
+)
+def test_a_refusal_leads_to_the_step_that_is_to_blame(refused: Step, kind: str, again: Step, others: tuple[Step, ...]) -> None:
     known = after(*STEPS)
-    known = replace(known, results={**known.results, "verify": result("verify", False, remedy="calibrate again")})
+    known = replace(known, results={**known.results, refused: result(refused, False, remedy="calibrate again", kind=kind)})
     step = next_step(READY, known)
-    assert (step.action, step.step, step.back) == ("record", "verify", ("intrinsics", "extrinsics"))
-    assert next_step(replace(READY, lenses=False), known).back == ("extrinsics",)
+    assert (step.action, step.step, step.back) == ("record", again, others)
+    without = next_step(replace(READY, lenses=False), known)
+    assert "intrinsics" not in (without.step, *without.back)
+
+
+def test_clocks_of_an_earlier_calibration_are_not_applied(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ring_rig: Any) -> None:
+    workspace = StudioWorkspace(tmp_path)
+    save_project(workspace, READY)
+    recording = recorded(workspace, "extrinsics")
+    cube = print_cube(workspace, marker_mm=100, page="a4").target
+    seen = SimpleNamespace(patch=np.zeros(0), rows=lambda keep: None, of_patches=lambda ids: ())
+    monkeypatch.setattr(calibrate, "observe_target", lambda *_, **__: seen)
+    monkeypatch.setattr(calibrate, "require_target_seen", lambda *_: None)
+    rig = rig_of(ring_rig(2))
+    for late_s in (0.12, 0.0):
+        clocks = ClockEstimate.known(np.array([0.0, late_s]), 0.0) if late_s else None
+        found = RigCalibration(rig=rig, report=CalibrationReport("extrinsics", ()), clocks=clocks)
+        monkeypatch.setattr(calibrate, "calibrate_extrinsics", lambda *_, found=found, **__: found)
+        arguments = {"step": "extrinsics", "folder": READY.folder, "recording": recording, "target": cube}
+        assert calibrate.run(arguments, workspace, None)["passed"]
+        offsets = calibrate._offsets(workspace.path(READY.folder) / calibrate.CLOCKS)
+        assert offsets == ({"cam00": 0.0, "cam01": late_s} if late_s else {})
 
 
 def test_any_number_of_recordings_of_a_step_can_be_made(tmp_path: Path) -> None:

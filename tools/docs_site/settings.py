@@ -20,7 +20,7 @@ ROOTS: tuple[tuple[str, str, type[Any]], ...] = (
 PLUGINS: tuple[tuple[str, str, str], ...] = (
     ("detectors", "Detectors", "Set as `detector.name` and `detector.options.KEY`."),
     ("sources", "Sources", "Options of cameras and files, for programs that build sources themselves."),
-    ("sinks", "Outputs of recordings", "Chosen by name with `--outputs`."),
+    ("outputs", "Outputs of recordings", "Chosen by name with `--outputs`."),
     ("live_outputs", "Live outputs", "Set as `outputs.NAME.KEY`."),
 )
 _BOUNDS = {"ge": "≥", "gt": ">", "le": "≤", "lt": "<"}

@@ -21,7 +21,7 @@ from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.world import ThreePoints
 from posefuse.calibration.intrinsics import board
 from posefuse.calibration.person.scale import KnownLength
-from posefuse.calibration.report import RefusedCalibration
+from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.description import read_target
 from posefuse.calibration.targets.detection import detect_corners
@@ -34,8 +34,9 @@ from posefuse.calibration.targets.recordings import (
     require_target_seen,
     seen_or_why_not,
 )
-from posefuse.core import SE3, InputError, Progress
+from posefuse.core import SE3, CalibrationError, InputError, Progress
 from posefuse.core.arrays import Array
+from posefuse.formats.rig import rescaled_cameras
 from posefuse.pipeline.clock_calibration import person_in_session
 from posefuse.pipeline.config import CONFIG_FILE, changed_config, read_config
 from posefuse.pipeline.person_calibration import PersonSearch, check_recordings, find_person, frame_periods_s, solve_person
@@ -87,8 +88,8 @@ def calibrate_intrinsics(
         The cameras (all at the origin), and a report per camera.
 
     Raises:
-        RefusedCalibration: a check of a camera fails; `report` names it and the next step.
-        CalibrationError: a camera in which the target was not found.
+        RefusedCalibration: a check of a camera fails, or the target was not found in it; `report` names it and the next step,
+            notes name further cameras, and `kept` has the `IntrinsicsCalibration` of the others.
         InputError: unusable recordings.
 
     Examples:
@@ -98,14 +99,33 @@ def calibrate_intrinsics(
         >>> found = pf.calibrate_intrinsics(["cam00.mp4", "cam01.mp4"], target=board)  # doctest: +SKIP
         >>> found.save("lenses.toml", report="lenses.html")  # doctest: +SKIP
     """
-    found, kind = [], target_of(target)
+    found, refused, kind = [], [], target_of(target)
+    board.check_board(kind)
     with shown(progress) as report:
         sources = open_sources(inputs)
         for done, source in enumerate(sources):
             report("intrinsics", done, len(sources))
-            observations = seen_or_why_not(detect_corners(source, kind, every), source, kind)
-            found.append(board.calibrate_intrinsics(observations, kind))
+            try:
+                observations = seen_or_why_not(detect_corners(source, kind, every), source, kind)
+                found.append(board.calibrate_intrinsics(observations, kind))
+            except RefusedCalibration as error:
+                refused.append(error)
+            except CalibrationError as error:
+                unseen = Check("target seen", False, str(error))
+                refused.append(RefusedCalibration(CalibrationReport(f"intrinsics of {source.camera}", (unseen,))))
         report("intrinsics", len(sources), len(sources))
+    others = None if not found else _intrinsics(found)
+    if refused:
+        first, *more = refused
+        for one in more:
+            first.add_note(str(one))
+        first.kept = others
+        raise first
+    assert others is not None
+    return others
+
+
+def _intrinsics(found: Sequence[board.Intrinsics]) -> IntrinsicsCalibration:
     return IntrinsicsCalibration(
         rig=rig_of(core.Rig(tuple(one.camera for one in found), world_set_by="lenses only")),
         reports={one.camera.name: one.report for one in found},
@@ -172,20 +192,25 @@ def calibrate_extrinsics(
     observations, world = world_rule(floor, seen, kind)
     limits = replace(LIMITS, distance_m=(0.0, np.inf)) if any_size else LIMITS
     options = Options(clocks=clocks, limits=limits, own_intrinsics=lenses is None)
-    cameras = cameras_of(observations, kind, options) if lenses is None else tuple(lenses[name] for name in seen.cameras)
+    if lenses is None:
+        cameras, rescaled = cameras_of(observations, kind, options), ()
+    else:
+        cameras, rescaled = rescaled_cameras([lenses[name] for name in seen.cameras], _sizes_wh(seen))
     sigma = start_sigma(cameras) if lenses is None else lens_sigma(focal_known_to_percent, cameras)
     options = replace(options, lens_sigma=sigma)
     try:
         found = moving_target.calibrate_extrinsics(observations, cameras, kind, options, world, tuple(upside_down))
     except RefusedCalibration as refused:
         if not keep_refused or refused.kept is None:
+            for note in rescaled:
+                refused.add_note(note)
             raise
         found = refused.kept
     (offset_s, drift), (offset_sigma_s, drift_sigma) = found.delay_s.T, found.delay_sigma_s.T
     estimate = ClockEstimate(offset_s, drift, offset_sigma_s, drift_sigma, found.middle_ns / 1e9)
     return RigCalibration(
         rig=rig_of(found.rig),
-        report=found.report,
+        report=replace(found.report, notes=(*rescaled, *found.report.notes)),
         clocks=estimate if estimate.offset_s.any() or estimate.drift.any() else None,
         cells={camera.name: found.coverage.cells[i] for i, camera in enumerate(found.rig)},
         position_cov_m2={camera.name: found.position_cov_m2[i] for i, camera in enumerate(found.rig)},
@@ -332,8 +357,13 @@ def verify(
     seen = (
         inputs if isinstance(inputs, CornerObservations) else observe_target(inputs, target=kind, every=every, progress=progress)
     )
-    measured = verification.verify(cameras, seen, kind, late_s)
-    return RigVerification(rig=cameras, report=measured.report, measured=measured)
+    fitted, rescaled = rescaled_cameras(cameras.cameras, _sizes_wh(seen))
+    measured = verification.verify(replace(cameras, cameras=fitted), seen, kind, late_s)
+    return RigVerification(rig=cameras, report=replace(measured.report, notes=rescaled), measured=measured)
+
+
+def _sizes_wh(seen: CornerObservations) -> dict[str, tuple[int, int]]:
+    return dict(zip(seen.cameras, seen.sizes_wh, strict=True))
 
 
 def _rig(rig: RigLike) -> core.Rig:

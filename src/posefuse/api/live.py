@@ -360,7 +360,7 @@ def live(
         ...         print(pose.t_ns, pose.xyz_world)
     """
     from posefuse.detection.build import network_settings
-    from posefuse.formats.rig import read_placed_rig, refusal_note
+    from posefuse.formats.rig import read_placed_rig, rig_warnings
     from posefuse.foundation.output_file import check_output_file
     from posefuse.foundation.plugins import plugin_config
     from posefuse.pipeline.config import changed_config
@@ -369,7 +369,7 @@ def live(
     from posefuse.realtime.output_plan import check_live_outputs
 
     cameras = rig if isinstance(rig, core.Rig) else read_placed_rig(Path(rig))
-    if note := refusal_note("live" if isinstance(rig, core.Rig) else rig, cameras):
+    for note in rig_warnings("live" if isinstance(rig, core.Rig) else rig, cameras):
         warnings.warn(note, UserWarning, stacklevel=2)
     arguments = [f"{name}={what}" for name, what in sources.items()] if isinstance(sources, Mapping) else list(sources)
     options = {"track.max_people": people, "rate_hz": rate_hz}

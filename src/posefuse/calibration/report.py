@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 from posefuse.core import CalibrationError
+
+CheckKind = Literal["record", "clocks", "drift", "lenses", "rig", "upside down", "input"]
 
 
 @dataclass(frozen=True)
@@ -18,12 +20,17 @@ class Check:
         passed: whether it holds.
         detail: what was found, where, and the limit.
         remedy: what to do when it does not hold.
+        kind: what mends it: to ``record`` again, to estimate the ``clocks`` or their ``drift``, to calibrate the ``lenses``
+            or the ``rig`` again, to name cameras as ``upside down``, or to correct names, files or sizes of the ``input``.
+        cameras: that are upside down.
     """
 
     name: str
     passed: bool
     detail: str
     remedy: str = ""
+    kind: CheckKind = "record"
+    cameras: tuple[str, ...] = ()
 
     @property
     def line(self) -> str:
@@ -67,7 +74,8 @@ class RefusedCalibration(CalibrationError):
     """A calibration whose own checks do not hold.
 
     Attributes:
-        report: with the checks. kept: the refused `Calibration` itself, for those who want it all the same, or None.
+        report: with the checks. kept: what there is all the same: the refused `Calibration`, the intrinsics of
+            the other cameras, or None.
     """
 
     def __init__(self, report: CalibrationReport, kept: Any = None) -> None:

@@ -195,8 +195,7 @@ def output_configs(
     for option, path in (("--record", chosen.get("record", {}).get("path")), ("--view-file", outputs.view_file)):
         if path is not None:
             check_output_file(Path(path), option=option)
-    named = {"axes": outputs.axes, "base_frame": outputs.base}
-    given = {**ros_2.settings, **{name: value for name, value in named.items() if value}}
+    given = {**ros_2.settings, **({"axes": outputs.axes} if outputs.axes else {})}
     return {name: plugin_config("live_outputs", name, options, given=given) for name, options in chosen.items()}
 
 

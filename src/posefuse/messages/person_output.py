@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from posefuse.core import SE3, Pose3D
+from posefuse.core import Pose3D
 from posefuse.core.arrays import Array
 from posefuse.core.skeleton import pick_keypoints
 
@@ -30,15 +30,11 @@ class PersonOutput:
     """Publishes to an outlet, only what is wanted.
 
     Attributes:
-        outlet: where to. world_frame: of position and velocity, and of the parts where there is no other frame.
-        base_frame: frame the parts are expressed in; empty: the world.
-        base_from_world: where the world is in that frame; None while no one knows: no parts are published.
+        outlet: where to. world_frame: what all is expressed in.
     """
 
     outlet: Outlet
     world_frame: str
-    base_frame: str = ""
-    base_from_world: SE3 | None = None
     _part_rates: Velocities = field(default_factory=Velocities)
     _body_rates: Velocities = field(default_factory=Velocities)
     _sizes: dict[str, tuple[int, Array]] = field(default_factory=dict)
@@ -76,21 +72,18 @@ class PersonOutput:
                 self.outlet.publish(topics.body(one, "velocity"), twist_stamped(pose.t_ns, self.world_frame, rates[n]), pose.t_ns)
 
     def _show_parts(self, pose: Pose3D, bodies: Bodies, ids: Sequence[str]) -> None:
-        if self.base_frame and self.base_from_world is None:
-            return
-        parts, base_from_world = parts_from_pose(pose, bodies), self.base_from_world or SE3.identity()
+        parts = parts_from_pose(pose, bodies)
         rates, cov = np.full((*parts.batch, 6), np.nan), np.full((*parts.batch, 6, 6), np.nan)
         if self._parts_wanted(ids, "twist"):
-            world = self._part_rates.step(pose.t_ns, pose.person_id.tolist(), packed_poses(parts), pose_difference)
-            rates = (base_from_world.matrix() @ world.reshape(*parts.batch, 2, 3, 1)).reshape(rates.shape)
+            rates = self._part_rates.step(pose.t_ns, pose.person_id.tolist(), packed_poses(parts), pose_difference)
+            rates = rates.reshape(*parts.batch, 6)
         if self._parts_wanted(ids, "pose_with_covariance"):
-            both = np.kron(np.eye(2), base_from_world.matrix())
-            cov = both @ covariance_of_parts(pose, parts) @ both.T
-        shown, frame, t_ns = base_from_world @ parts, self.base_frame or self.world_frame, pose.t_ns
+            cov = covariance_of_parts(pose, parts)
+        frame, t_ns = self.world_frame, pose.t_ns
         sure, moving = np.isfinite(cov).all(axis=(-1, -2)), np.isfinite(rates).all(axis=-1)
         for n, p in np.argwhere(np.isfinite(parts.xyz).all(axis=-1)).tolist():
             in_pose, in_cov, in_twist = (topics.body(ids[n], f"{PARTS[p]}/{what}") for what in topics.PART_TOPICS)
-            here = shown[n, p]
+            here = parts[n, p]
             if self.outlet.wanted(in_pose):
                 self.outlet.publish(in_pose, pose_stamped(t_ns, frame, here), t_ns)
             if sure[n, p] and self.outlet.wanted(in_cov):

@@ -62,7 +62,6 @@ class RosOutput:
         view_camera: whose view `skeleton2d` and `roi` give; empty takes the rig's first.
         epoch_offset_ns: Unix epoch minus session clock, added to every stamp.
         markers_hz: most markers per second; eyes need fewer than robots need poses.
-        base_frame: frame of the poses of heads and hands, see `PersonOutput`; empty: the world.
     """
 
     outlet: Outlet
@@ -71,7 +70,6 @@ class RosOutput:
     view_camera: str = ""
     epoch_offset_ns: int = 0
     markers_hz: float = 30.0
-    base_frame: str = ""
 
     def __post_init__(self) -> None:
         self._tracked: tuple[str, ...] | None = None
@@ -79,7 +77,7 @@ class RosOutput:
         self._left_ns: dict[str, int] = {}
         self._markers_due_ns: int | None = None
         self._joint_rates = Velocities()
-        self.people = PersonOutput(self.outlet, self.world_frame, self.base_frame)
+        self.people = PersonOutput(self.outlet, self.world_frame)
         self._view: Camera | None = None
         if self.rig is not None:
             self._view = self.rig[self.view_camera] if self.view_camera else self.rig.cameras[0]

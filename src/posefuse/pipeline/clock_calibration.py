@@ -11,14 +11,13 @@ from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks
 from posefuse.core import InputError, Progress, Rig, silent
 from posefuse.detection.build import build_detector
 from posefuse.detection.downloading import fetch_networks
-from posefuse.formats.pose2d import read_pose2d
 
 from .config import TrackConfig
 from .images import common_timeline
 from .opening import build_source
 from .person_calibration import frame_period_s
 from .person_poses import poses_apart
-from .pose2d import stated_camera
+from .pose2d import read_session_poses, stated_camera
 from .pose2d_rate import pose2d_rate_hz
 from .session import Session, find_session, fitted_camera
 
@@ -73,8 +72,8 @@ def _from_images(session: Session, config: TrackConfig, seconds: float, progress
 
 
 def _from_files(session: Session, config: TrackConfig, seconds: float) -> SessionSeen:
-    poses = [read_pose2d(entry.path, entry.camera) for entry in session.inputs]
-    rate_hz = pose2d_rate_hz(session, config)
+    poses = read_session_poses(session, config.keypoints)
+    rate_hz = pose2d_rate_hz(session, poses, config)
     found = {}
     for entry, one in zip(session.inputs, poses, strict=True):
         frames = list(one.frames(rate_hz))

@@ -82,6 +82,7 @@ class TrackConfig:
         start_s, end_s: part of the recording to work on, in session seconds.
         rate_hz: output rate; the rate of the cameras when left out. Also the frame rate of image folders and 2D poses that do
             not state theirs.
+        keypoints: order of the keypoints in files of 2D poses, e.g. ``body_25b``; recognised from all cameras when left out.
         max_time_steps: a recording with more time steps is refused. The default is 18 hours at 30 Hz.
         detector: which detector finds keypoints in images.
         associate: how detections are assigned to people.
@@ -111,6 +112,7 @@ class TrackConfig:
     start_s: Annotated[float, Ge(-FARTHEST_S), Le(FARTHEST_S)] | None = None
     end_s: Annotated[float, Ge(-FARTHEST_S), Le(FARTHEST_S)] | None = None
     rate_hz: Annotated[float, Ge(LEAST_HZ), Le(MOST_HZ)] | None = None
+    keypoints: str = ""
     max_time_steps: Annotated[int, Ge(1)] = 2_000_000
     detector: DetectorChoice = field(default_factory=DetectorChoice)
     associate: AssociateSettings = field(default_factory=AssociateSettings)

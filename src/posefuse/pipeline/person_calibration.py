@@ -20,7 +20,7 @@ from posefuse.core import Camera, InputError, Progress, Rig, silent
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.detection.build import DetectorChoice
-from posefuse.formats.pose2d import read_pose2d
+from posefuse.formats.pose2d import read_pose2d_of_cameras
 from posefuse.sources import VIDEO_SUFFIXES, VideoConfig
 
 from .person_poses import person_in_videos
@@ -167,5 +167,5 @@ def frame_period_s(times_ns: Array) -> float:
 def _person_in_files(paths: Mapping[str, Path], cameras: tuple[Camera, ...], rate_hz: float | None) -> ChosenPerson:
     if rate_hz is None:
         raise InputError("person: 2D poses do not state their frame rate: add `rate_hz=HZ`")
-    poses = {camera.name: read_pose2d(paths[camera.name], camera.name) for camera in cameras}
-    return choose_person({name: list(frames.frames(rate_hz)) for name, frames in poses.items()}, cameras)
+    poses = read_pose2d_of_cameras(paths, {camera.name: camera.size_wh for camera in cameras})
+    return choose_person({one.camera: list(one.frames(rate_hz)) for one in poses}, cameras)

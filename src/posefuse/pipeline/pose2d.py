@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from posefuse.core import Camera, Detections2D, InputError, JointCentres, LookKind, Observations, Pose3D, Rig, Skeleton
 from posefuse.core.errors import choices
 from posefuse.formats.joint_centres import read_joint_centres
-from posefuse.formats.pose2d import Pose2DFrames, read_pose2d
+from posefuse.formats.pose2d import Pose2DFrames, read_pose2d_of_cameras
 from posefuse.sources import Coverage, incomplete_cameras
 
 from .config import CameraInput, TrackConfig
@@ -95,7 +95,7 @@ def pose2d_instants(session: Session, config: TrackConfig) -> tuple[Rig, Pose2DI
     Raises:
         InputError: folders of different skeletons, no frame between start_s and end_s, or a frame rate that is not known.
     """
-    folders = [read_pose2d(entry.path, entry.camera) for entry in session.inputs]
+    folders = read_session_poses(session, config.keypoints)
     _check_one_skeleton(folders)
     rate_hz = pose2d_rate_hz(session, config)
     period_ns = round(1e9 / rate_hz)
@@ -114,6 +114,12 @@ def pose2d_instants(session: Session, config: TrackConfig) -> tuple[Rig, Pose2DI
     cameras = tuple(stated_camera(session.rig[entry.camera], entry) for entry in session.inputs)
     rig = dataclasses.replace(session.rig, cameras=cameras)
     return rig, Pose2DInstants(folders, timeline, first + skip, [entry.settings for entry in session.inputs]), timeline
+
+
+def read_session_poses(session: Session, keypoints: str) -> list[Pose2DFrames]:
+    """2D poses of all cameras of a session, see `read_pose2d_of_cameras`."""
+    paths = {entry.camera: entry.path for entry in session.inputs}
+    return read_pose2d_of_cameras(paths, {camera.name: camera.size_wh for camera in session.rig}, keypoints)
 
 
 def joint_centres_of_set(skeleton: Skeleton) -> JointCentres | None:

@@ -11,6 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from posefuse import __version__
+from posefuse.calibration.person.scale import size_doubt
 from posefuse.core import (
     DetectionBatch,
     InputError,
@@ -140,6 +141,8 @@ def track_opened(
         note(f"{len(people)} {'person' if len(people) == 1 else 'people'} found: no one has the name {choices(unused)}")
     if REFINED in recording.provenance:
         note(refined_line(recording.provenance[REFINED]))
+    if doubt := size_doubt(recording.poses.skeleton, recording.poses.xyz_world):
+        warn(f"{session.rig_path.name}: {doubt}")
     with clock.stage("watch"):
         for finding in rig_findings(recording.views, rig):
             warn(finding_line(finding, session.folder))

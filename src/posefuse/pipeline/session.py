@@ -15,7 +15,7 @@ from posefuse.core import CalibrationError, Camera, InputError, Rig, Source
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.formats.pose2d import POSE2D_SUFFIXES
-from posefuse.formats.rig import fit_camera_to_video, read_placed_rig, refusal_note
+from posefuse.formats.rig import fit_camera_to_video, read_placed_rig, rig_warnings
 from posefuse.sources import IMAGE_SUFFIXES, VIDEO_SUFFIXES
 
 from .config import CameraInput, TrackConfig
@@ -125,8 +125,7 @@ def find_session(folder: Path, config: TrackConfig) -> Session:
         )
     used = {entry.camera for entry in inputs}
     notes = tuple(f"camera {name}: calibrated, but no {kind} found; left aside" for name in rig.names if name not in used)
-    refused = refusal_note(rig_path, rig)
-    return Session(folder, rig_path, rig.only(entry.camera for entry in inputs), inputs, (*notes, refused) if refused else notes)
+    return Session(folder, rig_path, rig.only(entry.camera for entry in inputs), inputs, (*notes, *rig_warnings(rig_path, rig)))
 
 
 def _depth_folder(folder: Path, camera: str, settings: CameraInput) -> Path | None:

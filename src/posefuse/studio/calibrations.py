@@ -88,7 +88,7 @@ class Known:
 
 @dataclass(frozen=True, kw_only=True)
 class Next:
-    """What to do: in large letters, why, and what the button does; `back`: earlier steps that may have to be done again."""
+    """What to do: in large letters, why, and what the button does; `back`: other steps that may have to be done again."""
 
     words: str
     why: str
@@ -117,14 +117,23 @@ def next_step(project: Project, known: Known) -> Next:
         if known.passed(step):
             continue
         if known.refused(step):
-            check, back = failed_checks(known.results[step])[0], project.steps[:number]
+            check = failed_checks(known.results[step])[0]
+            again = _mended_by(check, step, project)
+            others = tuple(one for one in project.steps[: number + 1] if one != again)
             words = check["remedy"] or check["detail"]
-            return Next(words=words, why=f"Refused: {check['detail']}", action="record", step=step, back=back)
+            return Next(words=words, why=f"Refused: {check['detail']}", action="record", step=again, back=others)
         if known.can_solve(step, project):
             early = "; it was stopped before enough was seen" if known.coverage[step].get("enough") is False else ""
             return Next(words=_SOLVE[step], why=f"from {known.recordings[step]}{early}", action="solve", step=step)
         return Next(words=_RECORD[step][0], why=_RECORD[step][1], action="record", step=step)
     return Next(words="The rig is verified", why="Use it for live sessions of these cameras.", action="use", step="verify")
+
+
+def _mended_by(check: Mapping[str, Any], step: Step, project: Project) -> Step:
+    """The step to record again where a check of a step fails: that step, or an earlier one that is to blame."""
+    if check.get("kind") == "lenses" and project.lenses:
+        return "intrinsics"
+    return "extrinsics" if check.get("kind") == "rig" else step
 
 
 _RECORD: Mapping[Step, tuple[str, str]] = {

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from posefuse.core import SKELETONS, InputError
-from posefuse.formats.pose2d import read_openpose_folder
+from posefuse.formats.pose2d import read_openpose_folder, read_pose2d_of_cameras
 
 
 def person(skeleton_name: str, seed: int = 0) -> np.ndarray:
@@ -50,6 +50,28 @@ def test_the_order_is_reported_from_the_people(tmp_path, name):
     assert two.t_ns == 20_000_000 and two.camera == "cam1"
     assert np.allclose(two.xy_img[1], person(name, 1)[:, :2], atol=1e-3)
     assert (two.box_img[0, :2] <= two.xy_img[0].min(0)).all()
+
+
+@pytest.mark.parametrize("name", ["body_25", "body_25b"])
+def test_a_walker_from_the_side_and_a_camera_without_hips_are_read_as_the_others(tmp_path, name):
+    """In the image hips seen from the side are at one place, wherever the legs are; one camera shows no hip at all."""
+    side, above = tmp_path / "side", tmp_path / "above"
+    hips = [SKELETONS[name].index(part) for part in ("left_hip", "right_hip") if part in SKELETONS[name].keypoints]
+    for k in range(8):
+        flat = person(name, k)
+        flat[:, 0] = 300 + 0.15 * (flat[:, 0] - 300) + np.random.default_rng(k).normal(0, 6, len(flat))
+        write(side, k, [flat])
+        upper = person(name, k)
+        upper[hips, 2] = 0
+        write(above, k, [upper])
+    both = read_pose2d_of_cameras({"side": side, "above": above}, {"side": (640, 480), "above": (640, 480)})
+    assert [one.skeleton.name for one in both] == [name, name]
+    assert read_openpose_folder(side, "side").skeleton.name == name
+    other = "body_25" if name == "body_25b" else "body_25b"
+    stated = read_pose2d_of_cameras({"side": side}, {"side": (640, 480)}, other)
+    assert stated[0].skeleton.name == other
+    with pytest.raises(InputError, match=r"keypoints: no set 'body25'; there are: .*body_25b"):
+        read_pose2d_of_cameras({"side": side}, {"side": (640, 480)}, "body25")
 
 
 def test_eighteen_points_become_coco17(tmp_path):

@@ -36,9 +36,7 @@ class Verification:
     """What was measured.
 
     Attributes:
-        xyz_world: (P, 3) corners found in space, metres. t_ns: (P,).
         length_error_m: (L,) measured minus true distances between corners of one patch at one time step.
-        length_at_world: (L, 3) middle of each of them. length_true_m: (L,).
         scale: ratio of measured to true lengths (median).
         reprojection_px: (C,) rms distance of the seen corners to the reprojected ones.
         cell_px: (C, rows, columns) the same per image region; NaN where nothing was seen.
@@ -46,11 +44,7 @@ class Verification:
         report: checks.
     """
 
-    xyz_world: Array
-    t_ns: Array
     length_error_m: Array
-    length_at_world: Array
-    length_true_m: Array
     scale: float
     reprojection_px: Array
     cell_px: Array
@@ -91,7 +85,7 @@ def verify(
     found = camera_errors(rig, seen, target, limits)
     noise_px = float(np.nanmin([one.noise_px for one in found])) if any(one.noise_px > 0 for one in found) else 0.0
     corners = np.stack([target.corners(int(patch)) for patch in seen.patches])
-    error, at, true, noise_m = _lengths(key, xyz, point_covariance(rig, xyz, xy, noise_px), corners)
+    error, true, noise_m = _lengths(key, xyz, point_covariance(rig, xyz, xy, noise_px), corners)
     # the rays of exchanged cameras may meet behind one of them, where no length can be measured
     measured = np.isfinite(error) & np.isfinite(noise_m)
     if measured.sum() < _LEAST_LENGTHS:
@@ -100,8 +94,7 @@ def verify(
             " hold the target where two cameras see it, and check that each video is of the camera that it is named after"
         )
     unmeasured = int((~measured).sum())
-    error, at, true, noise_m = error[measured], at[measured], true[measured], noise_m[measured]
-    good = np.isfinite(xyz).all(axis=1)
+    error, true, noise_m = error[measured], true[measured], noise_m[measured]
     square = (off**2).sum(axis=-1)
     scale = float(np.median(1 + error / true))
     reprojection_px = _rms(square)
@@ -109,11 +102,7 @@ def verify(
     report = _report(rig, error, true, unmeasured=unmeasured, scale=scale, noise_m=rms_m, reprojection_px=reprojection_px,
                      found=found, limits=limits)  # fmt: skip
     return Verification(
-        xyz_world=xyz[good],
-        t_ns=times[key[good, 0]],
         length_error_m=error,
-        length_at_world=at,
-        length_true_m=true,
         scale=scale,
         reprojection_px=reprojection_px,
         cell_px=_cells(rig, xy, square),
@@ -122,8 +111,8 @@ def verify(
     )
 
 
-def _lengths(key: Array, xyz: Array, covariance: Array, corners: Array) -> tuple[Array, Array, Array, Array]:
-    """Errors, places, true values and standard errors of all distances between corners of one patch at one time step.
+def _lengths(key: Array, xyz: Array, covariance: Array, corners: Array) -> tuple[Array, Array, Array]:
+    """Errors, true values and standard errors of all distances between corners of one patch at one time step.
 
     Noise across a short distance makes it longer by the variance over twice the distance; that is taken away.
     """
@@ -132,7 +121,7 @@ def _lengths(key: Array, xyz: Array, covariance: Array, corners: Array) -> tuple
     image = np.unique(key[:, :2], axis=0, return_inverse=True)[1].ravel()
     order = np.argsort(image, kind="stable")
     cuts = np.flatnonzero(np.diff(image[order])) + 1
-    error, at, true, sigma = [], [], [], []
+    error, true, sigma = [], [], []
     for rows in np.split(order, cuts) if len(order) else []:
         i, j = np.triu_indices(len(rows), 1)
         nominal = corners[key[rows[0], 1], key[rows, 2]]
@@ -143,12 +132,11 @@ def _lengths(key: Array, xyz: Array, covariance: Array, corners: Array) -> tuple
         along = np.einsum("ni,nij,nj->n", between, both, between) / np.maximum(found, 1e-9) ** 2
         across = np.trace(both, axis1=1, axis2=2) - along
         error.append(found - across / (2 * np.maximum(found, 1e-9)) - wanted)
-        at.append((xyz[rows[i]] + xyz[rows[j]]) / 2)
         true.append(wanted)
         sigma.append(np.sqrt(np.maximum(along, 0.0)))
     if not error:
-        return np.zeros(0), np.zeros((0, 3)), np.zeros(0), np.zeros(0)
-    return np.concatenate(error), np.concatenate(at), np.concatenate(true), np.concatenate(sigma)
+        return np.zeros(0), np.zeros(0), np.zeros(0)
+    return np.concatenate(error), np.concatenate(true), np.concatenate(sigma)
 
 
 def _cells(rig: Rig, xy: Array, square: Array) -> Array:
@@ -184,7 +172,7 @@ def _camera_checks(found: tuple[CameraError, ...], limits: VerifyLimits) -> tupl
     detail = "; ".join(one.words for one in wrong) or (f"the worst: {worst.words}" if worst else "no camera was measured")
     return (
         Check("cameras are where the rig has them", not wrong, detail,
-              "it was moved, zoomed or refocused since the calibration, or its clock differs: calibrate again"),
+              "it was moved, zoomed or refocused since the calibration, or its clock differs: calibrate again", "rig"),
         Check("every camera is measured", not unseen, f"not verified: {', '.join(unseen)}" if unseen else "all saw the target",
               "hold the target where this camera and another see it, or leave the camera out"),
     )  # fmt: skip
@@ -213,13 +201,13 @@ def _report(
         Check("lengths are right", rms <= limit and unmeasured < len(error),
               f"rms {rms * 1e3:.2f} mm over {len(error)} lengths, {noise_m * 1e3:.2f} mm of it from noise of the corners (limit"
               f" {limit * 1e3:.2f} mm){lost}",
-              _EXCHANGED if unmeasured else "a camera moved since the calibration, or the target is not as described"),
+              _EXCHANGED if unmeasured else "a camera moved since the calibration, or the target is not as described", "rig"),
         Check("scale is right", abs(scale - 1) <= _MOST_SCALE_ERROR,
               f"lengths measure {scale:.4f} of the truth (limit {_MOST_SCALE_ERROR:.0%} off)",
-              "a wrong marker side, here or in the calibration"),
+              "a wrong marker side, here or in the calibration", "rig"),
         Check("reprojection", bool(reprojection_px[worst] <= limit_px),
               f"{rig.names[worst]} is worst with {worst_px} (limit {limit_px:.2f})",
-              "this camera moved, or its intrinsics are wrong"),
+              "this camera moved, or its intrinsics are wrong", "rig"),
     )  # fmt: skip
     numbers = {"length_rms_mm": rms * 1e3, "length_noise_mm": noise_m * 1e3, "scale": scale, "lengths": float(len(error))}
     for one in found:
@@ -227,11 +215,3 @@ def _report(
                     f"{one.name}_focal_percent": 1e2 * one.focal, f"{one.name}_late_ms": 1e3 * one.late_s}  # fmt: skip
     numbers |= {f"{name}_reprojection_px": float(px) for name, px in zip(rig.names, reprojection_px, strict=True)}
     return CalibrationReport("verification", checks, numbers=numbers)
-
-
-def check_stature(measured_m: float, stated_m: float) -> Check:
-    """A person's height out of limb lengths against the stated one: the scale of a rig, to some per cent."""
-    ratio = measured_m / stated_m
-    return Check("scale against the person", 0.9 <= ratio <= 1.1,
-                 f"measured limbs give {measured_m:.2f} m, stated are {stated_m:.2f} m (limit 10 %)",
-                 "the marker side given to the calibration is wrong")  # fmt: skip

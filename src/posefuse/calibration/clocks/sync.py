@@ -27,9 +27,10 @@ _BEFORE_S, _BEFORE_DRIFT = 0.3, 3e-3
 
 @dataclass(frozen=True, eq=False)
 class ClockEstimate:
-    """offset_s, drift, and their standard errors, each (C,), against the first camera, which has 0.
+    """offset_s, drift, and their standard errors, each (C,), against one camera, the reference, whose values are all 0.
 
-    A frame that camera c stamped s was taken at s - offset - drift * (s - middle_s) on the first camera's clock.
+    From a person it is the first camera, from a target the one that is linked best to the others. A frame that camera c stamped
+    s was taken at s - offset - drift * (s - middle_s) on the reference's clock.
     """
 
     offset_s: Array
@@ -82,7 +83,7 @@ def estimate_clocks(rig: Rig, tracks: Sequence[PersonTrack], start: ClockEstimat
     """Clocks of all cameras together, from clocks that are right to some frames.
 
     Args:
-        tracks: one per camera of the rig, of the same keypoints. start: as `sync_start` finds them.
+        tracks: one per camera of the rig, of the same keypoints. start: as `clocks.start` finds them.
 
     Raises:
         CalibrationError: no two cameras saw the points at one time.

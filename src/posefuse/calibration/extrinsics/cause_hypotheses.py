@@ -8,19 +8,18 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from posefuse.calibration.solving.rotations import Poses
+from posefuse.calibration.report import CheckKind
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import linked_groups
-from posefuse.calibration.targets.kinds import ArucoBoard, Charuco
-from posefuse.core import Camera, ConfigError
+from posefuse.calibration.targets.kinds import Charuco
+from posefuse.core import Camera
 from posefuse.core.arrays import Array
 
-from .board_shape import DEFORMATIONS, DEFORMED_REMEDY, best_deformation
-from .cause_solves import near_solve, solve_from_scratch, trial, trial_from_scratch
+from .board_shape import STRETCHED_REMEDY, best_stretch
+from .cause_solves import near_solve, solve_from_scratch, trial
 from .cause_splits import moved_or_jumped
 from .cause_stamps import irregular_stamps
-from .cause_views import views_wrong
-from .causes import CauseTrial, Hypothesis, Trouble, base_spread_px
+from .causes import CauseTrial, Hypothesis, Trouble
 from .clocks import rough_offsets
 from .lens_check import lens_change, lens_words
 from .pipeline import Solved
@@ -29,11 +28,8 @@ from .solution_checks import let_lenses_free, usual_distance_m
 
 _LONGEST_OFFSET_S = 2.0
 _LEAST_DRIFT = 1e-4
-_TURN = np.diag([-1.0, -1.0, 1.0])
-_BAD_SHARE, _SHARED_TIME, _AT_ONCE_S = 0.5, 0.25, 0.05
-_LEAST_DEFORMED = 0.002
-# corners of a board described otherwise are off by squares, not by some px
-_ANOTHER_BOARD_PX = 4.0
+_LEAST_STRETCH = 0.002
+_SHARED_TIME, _AT_ONCE_S = 0.25, 0.05
 _FOCUS = "focus or zoom has changed since they were calibrated, or they are of another camera: calibrate them again"
 
 
@@ -51,8 +47,8 @@ def intrinsics_wrong(trouble: Trouble) -> Iterator[CauseTrial]:
     worst = np.argsort(-excess)
     for some in {(int(worst[0]),), tuple(sorted(int(i) for i in worst[:2]))} if len(cameras) > 2 else set():
         one = let_lenses_free(cameras, solved, False, some)
-        yield trial(_lens_story(trouble, solved, one, some), _FOCUS, solved, one, 6 * len(some))
-    yield trial(_lens_story(trouble, solved, free, None), _FOCUS, solved, free, 6 * len(cameras))
+        yield trial(_lens_story(trouble, solved, one, some), _FOCUS, solved, one, 6 * len(some), "lenses")
+    yield trial(_lens_story(trouble, solved, free, None), _FOCUS, solved, free, 6 * len(cameras), "lenses")
 
 
 def _lens_story(trouble: Trouble, solved: Solved, free: PropSolution, some: tuple[int, ...] | None) -> str:
@@ -82,50 +78,12 @@ def _permuted(trouble: Trouble, solved: Solved, free: PropSolution) -> Iterator[
     names = [cameras[i].name for i in other]
     yield trial(
         f"the names of {', '.join(names[:-1])} and {names[-1]} are swapped: each other's intrinsics fit",
-        "name the videos, or the intrinsics, the other way round", solved, again, 0,
+        "name the videos, or the intrinsics, the other way round", solved, again, 0, "input",
     )  # fmt: skip
 
 
 def _bend(camera: Camera) -> Array:
     return np.concatenate([camera.distortion, np.zeros(2)])[:2]
-
-
-def image_turned(trouble: Trouble) -> Iterator[CauseTrial]:
-    """One camera's image is turned by half a turn."""
-    solved = trouble.solved
-    for c, camera in enumerate(trouble.cameras):
-        size = np.array(camera.size_wh)
-        words = f"the image of {camera.name} is turned by 180 deg"
-        remedy = "turn the image back, or calibrate the intrinsics with the image as it is now"
-        if solved is not None:
-            mine = (solved.seen.camera == c)[:, None]
-            seen = replace(solved.seen, xy_img=np.where(mine, size - 1 - solved.seen.xy_img, solved.seen.xy_img),
-                           velocity_px_s=np.where(mine, -solved.seen.velocity_px_s, solved.seen.velocity_px_s))  # fmt: skip
-            pose, turned = solved.solution.state.cam_from_world, replace(solved, seen=seen)
-            roll = np.where((np.arange(len(pose)) == c)[:, None, None], _TURN, np.eye(3))
-            state = replace(solved.solution.state, cam_from_world=Poses(roll @ pose.R, (roll @ pose.t[..., None])[..., 0]))
-            # the camera itself has to move: another one holds the world
-            reference = solved.links.reference if solved.links.reference != c else int(c == 0)
-            freedom = Freedom(reference=reference, held_patches=solved.links.shape.held)
-            yield trial(words, remedy, turned, near_solve(turned, trouble.cameras, state, freedom), 0)
-
-
-def image_mirrored(trouble: Trouble) -> Iterator[CauseTrial]:
-    """One camera's image is flipped; only for cameras of which hardly a view fits."""
-    for c in _bad_cameras(trouble):
-        seen, width = trouble.observations, trouble.cameras[c].size_wh[0]
-        flipped = np.where((seen.camera == c)[:, None], seen.xy_img * [-1, 1] + [width - 1, 0], seen.xy_img)
-        solved, lost = solve_from_scratch(trouble, replace(seen, xy_img=flipped), trouble.cameras, trouble.target)
-        words = f"the image of {trouble.cameras[c].name} is mirrored"
-        yield from trial_from_scratch(words, "switch the mirror mode of the camera off", solved, lost, 0)
-
-
-def _bad_cameras(trouble: Trouble) -> list[int]:
-    solved = trouble.solved
-    if solved is None:
-        return list(range(len(trouble.cameras)))
-    camera = solved.seen.camera[solved.seen.group_starts()]
-    return [c for c in range(len(trouble.cameras)) if (camera == c).any() and solved.inlier[camera == c].mean() < _BAD_SHARE]
 
 
 def clocks_near(trouble: Trouble) -> Iterator[CauseTrial]:
@@ -138,7 +96,7 @@ def clocks_near(trouble: Trouble) -> Iterator[CauseTrial]:
     words = _clock_story(trouble.cameras, replace(solved, solution=free))
     if words:
         remedy = "the cameras are not synchronised: calibrate with `clocks=offset`"
-        yield trial(words, remedy, solved, free, len(trouble.cameras) - 1)
+        yield trial(words, remedy, solved, free, len(trouble.cameras) - 1, "clocks")
 
 
 def clocks_off(trouble: Trouble) -> Iterator[CauseTrial]:
@@ -158,7 +116,8 @@ def clocks_off(trouble: Trouble) -> Iterator[CauseTrial]:
             remedy = f"the cameras are not synchronised: calibrate with `clocks={clocks}`" + (
                 "" if np.abs(late).max() < trouble.options.most_offset_s else ", and stamps shifted by these offsets"
             )
-            yield from trial_from_scratch(words, remedy, solved, lost, frees * (len(cameras) - 1))
+            kind: CheckKind = "drift" if clocks == "drift" else "clocks"
+            yield trial(words, remedy, solved, solved.solution, frees * (len(cameras) - 1), kind, lost)
 
 
 def _see_together(observations: CornerObservations, delay_s: Array) -> bool:
@@ -189,45 +148,22 @@ def _clock_story(cameras: tuple[Camera, ...], solved: Solved) -> str:
     return ", ".join(parts)
 
 
-def board_swapped(trouble: Trouble) -> Iterator[CauseTrial]:
-    """A board whose columns and rows are swapped."""
-    target = trouble.target
-    if np.isfinite(spread := base_spread_px(trouble)) and spread < _ANOTHER_BOARD_PX:
-        return
-    if isinstance(target, Charuco | ArucoBoard) and target.columns != target.rows:
-        try:
-            other = replace(target, columns=target.rows, rows=target.columns)
-        except ConfigError:
-            return
-        corners = len(other.corners(0))
-        if trouble.observations.corner.max(initial=0) < corners:
-            solved, lost = solve_from_scratch(trouble, trouble.observations, trouble.cameras, other)
-            yield from trial_from_scratch(
-                f"the board has {other.columns} columns and {other.rows} rows, not {target.columns} and {target.rows}",
-                f"`columns={other.columns}` `rows={other.rows}`", solved, lost, 0,
-            )  # fmt: skip
-
-
-def board_deformed(trouble: Trouble) -> Iterator[CauseTrial]:
-    """The board stretched or bent, as far as fits best."""
+def board_stretched(trouble: Trouble) -> Iterator[CauseTrial]:
+    """The board stretched in print, as far as fits best."""
     solved = trouble.solved
-    if solved is None or not isinstance(trouble.target, Charuco | ArucoBoard):
+    if solved is None or not isinstance(trouble.target, Charuco):
         return
-    for way in DEFORMATIONS:
-        found = best_deformation(solved, trouble.cameras, way)
-        if found is not None and abs(found.share) > _LEAST_DEFORMED:
-            yield trial(f"the board is {found.words}", DEFORMED_REMEDY, solved, found.solution, 1)
+    found = best_stretch(solved, trouble.cameras)
+    if found is not None and abs(found.share) > _LEAST_STRETCH:
+        words = f"the board is longer in one direction than described: printed stretched by {found.share:+.1%}"
+        yield trial(words, STRETCHED_REMEDY, solved, found.solution, 1, "input")
 
 
 HYPOTHESES = (
-    Hypothesis("images turned", "nothing: one image is turned back", image_turned, near=True),
     Hypothesis("intrinsics", "intrinsics of one, two or all cameras; or their order", intrinsics_wrong, near=True),
     Hypothesis("moved or jumped", "one camera from a time step on", moved_or_jumped, near=True),
     Hypothesis("time stamps", "the time of each frame of one camera", irregular_stamps, near=True),
-    Hypothesis("views", "the noise, or some markers, of one camera", views_wrong, near=True),
-    Hypothesis("board deformed", "one deformation of the board", board_deformed, near=True),
+    Hypothesis("board stretched", "one length of the board", board_stretched, near=True),
     Hypothesis("clocks, near", "offset of each clock", clocks_near, near=True),
-    Hypothesis("images mirrored", "nothing: one image is flipped back", image_mirrored, near=False),
     Hypothesis("clocks", "offset, or offset and drift, of each clock", clocks_off, near=False),
-    Hypothesis("board described wrongly", "nothing: columns and rows are swapped", board_swapped, near=True),
 )

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from posefuse.calibration.report import CheckKind
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Target
 from posefuse.core import Camera
@@ -22,9 +23,11 @@ def near_solve(solved: Solved, cameras: tuple[Camera, ...], state: PropState, fr
     return solve_prop(solved.seen, solved.corners, cameras, state, free)
 
 
-def trial(words: str, remedy: str, solved: Solved, solution: PropSolution, frees: int) -> CauseTrial:
-    """What a solve on the same corners gives."""
-    return CauseTrial(words, remedy, solved.seen.camera, solution.residual_px, 0, frees)
+def trial(
+    words: str, remedy: str, solved: Solved, solution: PropSolution, frees: int, kind: CheckKind, lost: int = 0
+) -> CauseTrial:
+    """What a solve gives."""
+    return CauseTrial(words, remedy, solved.seen.camera, solution.residual_px, lost, frees, kind)
 
 
 def solve_from_scratch(
@@ -42,10 +45,3 @@ def solve_from_scratch(
         return None, len(seen.camera)
     solved = solve_linked(observations, cameras, target, options, links, delay)
     return solved, max(len(seen.camera) - len(solved.seen.camera), 0)
-
-
-def trial_from_scratch(words: str, remedy: str, solved: Solved | None, lost: int, frees: int) -> list[CauseTrial]:
-    """What a solve from the beginning gives: nothing where it could not be linked."""
-    if solved is None:
-        return []
-    return [CauseTrial(words, remedy, solved.seen.camera, solved.solution.residual_px, lost, frees)]

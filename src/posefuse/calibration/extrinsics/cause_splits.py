@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from posefuse.calibration.report import CheckKind
 from posefuse.calibration.solving.projection import Lenses
 from posefuse.calibration.solving.rotations import Poses, angle_between
 from posefuse.core.arrays import Array
@@ -108,9 +109,9 @@ def _split(trouble: Trouble, solved: Solved, c: int, step: int) -> Iterator[Caus
         if clocks_s is not None:
             again = _solve_split(trouble, solved, c, t_s, clocks_s)
             apart, solution = min(((apart, solution), again), key=lambda one: _size(one[1]))
-    words, remedy, frees = _split_story(trouble, solution, c, t_s + start_s, apart)
+    words, remedy, frees, kind = _split_story(trouble, solution, c, t_s + start_s, apart)
     camera = np.where(apart.seen.camera == len(trouble.cameras), c, apart.seen.camera)
-    yield CauseTrial(words, remedy, camera, solution.residual_px, max(len(solved.seen.camera) - len(camera), 0), frees)
+    yield CauseTrial(words, remedy, camera, solution.residual_px, max(len(solved.seen.camera) - len(camera), 0), frees, kind)
 
 
 def _size(solution: PropSolution, rows: Array | slice = slice(None)) -> float:
@@ -174,7 +175,7 @@ def _read_again(trouble: Trouble, solved: Solved, delay: Array, c: int, t_s: flo
     return again.rows(np.isin(again.instant, np.unique(solved.seen.instant)) & np.isin(again.patch, np.unique(solved.seen.patch)))
 
 
-def _split_story(trouble: Trouble, solution: PropSolution, c: int, at_s: float, apart: Solved) -> tuple[str, str, int]:
+def _split_story(trouble: Trouble, solution: PropSolution, c: int, at_s: float, apart: Solved) -> tuple[str, str, int, CheckKind]:
     """What differs between the camera before and after: its pose or its clock, whichever moves more pixels."""
     name, count = trouble.cameras[c].name, len(trouble.cameras)
     pose = solution.state.cam_from_world
@@ -193,9 +194,9 @@ def _split_story(trouble: Trouble, solution: PropSolution, c: int, at_s: float, 
     late_s = float(solution.state.delay_s[[c, count], 0].mean() - np.median(others_s)) if len(others_s) else 0.0
     if abs(late_s) > max(_LEAST_JUMP_S, _SIGMA * sigma_s) and abs(late_s) * px_per_s > 2 * max(moved_px, jumped_px):
         return (f"the clock of {name} is off by {late_s * 1e3:+.0f} ms",
-                "the cameras are not synchronised: calibrate with `clocks=offset`", 1)  # fmt: skip
+                "the cameras are not synchronised: calibrate with `clocks=offset`", 1, "clocks")  # fmt: skip
     if abs(jump_s) > max(_LEAST_JUMP_S, _SIGMA * sigma_s) and jumped_px > moved_px:
         return (f"the clock of {name} jumps by {jump_s * 1e3:+.0f} ms at {at_s:.0f} s",
-                "frames were lost: give each frame its true time stamp, or use the part before or after", 2)  # fmt: skip
+                "frames were lost: give each frame its true time, or use the part before or after", 2, "record")  # fmt: skip
     return (f"{name} was moved at {at_s:.0f} s by {shift_m * 1e3:.0f} mm and {np.rad2deg(turn_rad):.2f} deg",
-            "calibrate again, or use the part before or after", 7)  # fmt: skip
+            "calibrate again, or use the part before or after", 7, "record")  # fmt: skip

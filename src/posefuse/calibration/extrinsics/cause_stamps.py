@@ -17,7 +17,7 @@ from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.core.arrays import Array
 
 from .bootstrap import prop_track, prop_views
-from .cause_solves import solve_from_scratch, trial_from_scratch
+from .cause_solves import solve_from_scratch, trial
 from .causes import CauseTrial, Trouble
 from .pipeline import Solved
 from .planar import planar_views
@@ -98,7 +98,8 @@ def irregular_stamps(trouble: Trouble) -> Iterator[CauseTrial]:
         clocks = "offset" if shifted or delay_s.any() else "together"
         again, lost = solve_from_scratch(trouble, restamped, trouble.cameras, trouble.target, clocks, delay_s)
         words = f"the time stamps of {trouble.cameras[c].name} are irregular: {times.words}"
-        yield from trial_from_scratch(words, _REMEDY, again, lost, 2 if shifted else 1)
+        if again is not None:
+            yield trial(words, _REMEDY, again, again.solution, 2 if shifted else 1, "record", lost)
 
 
 def _worst_cameras(trouble: Trouble, solved: Solved) -> list[int]:
@@ -122,7 +123,7 @@ def frame_times(observations: CornerObservations, zero_ns: int, trouble: Trouble
 
     `zero_ns`: zero of the session time of `solved`.
     """
-    shape = _first_prop(solved)
+    shape = _prop(solved)
     observations = observations.of_patches(solved.seen.patches[list(shape.prop_from_patch)])
     seen = observations.rows(observations.camera == c)
     t_ns, frame = np.unique(seen.t_ns, return_inverse=True)
@@ -148,11 +149,11 @@ def frame_times(observations: CornerObservations, zero_ns: int, trouble: Trouble
     return FrameTimes(t_ns, late_s - usual_s, usual_s, period_s)
 
 
-def _first_prop(solved: Solved) -> PropShape:
-    """The patches of the first prop where the solution has them."""
-    first, used = solved.links.shape.of_prop(0), np.unique(solved.seen.patch)
-    found = {p: solved.solution.state.prop_from_patch[p] for p in first.prop_from_patch if p in used}
-    return PropShape(found, dict.fromkeys(found, 0), first.held)
+def _prop(solved: Solved) -> PropShape:
+    """The patches that the solution kept, where it has them."""
+    used = np.unique(solved.seen.patch)
+    shape = solved.links.shape
+    return PropShape({p: solved.solution.state.prop_from_patch[p] for p in shape.prop_from_patch if p in used}, shape.held)
 
 
 def _late_s(off_px: Array, tried_s: Array) -> Array:
@@ -182,7 +183,7 @@ def _path_by_others(
     seen = snapshots(others, steps_ns, solved.solution.state.delay_s)
     known = solved.seen.patches
     seen = replace(seen, patch=np.searchsorted(known, seen.patches[seen.patch]), patches=known)
-    lenses, shape = Lenses(trouble.cameras), _first_prop(solved)
+    lenses, shape = Lenses(trouble.cameras), _prop(solved)
     views = prop_views(seen, planar_views(seen, solved.corners, lenses), shape, solved.corners, lenses)
     path = prop_track(seen, views, shape, solved.corners, lenses, solved.solution.state.cam_from_world)
     return (steps_ns - zero_ns) / 1e9, path

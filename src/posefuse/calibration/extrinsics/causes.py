@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posefuse.calibration.report import Check
+from posefuse.calibration.report import Check, CheckKind
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Target
 from posefuse.core import Camera
@@ -52,7 +52,7 @@ class CauseTrial:
     Attributes:
         words: the cause, with its figures. remedy: what to do.
         camera, residual_px: (N,), (N, 2) of the corners that it placed. lost: corners that it could not place.
-        frees: unknowns it has more than the solution that was refused.
+        frees: unknowns it has more than the solution that was refused. kind: what mends it, as in `Check`.
     """
 
     words: str
@@ -61,6 +61,7 @@ class CauseTrial:
     residual_px: Array
     lost: int
     frees: int
+    kind: CheckKind = "record"
 
 
 @dataclass(frozen=True)
@@ -104,7 +105,10 @@ def _best(trouble: Trouble, trials: Sequence[CauseTrial]) -> tuple[Cause, ...]:
     base = _base(trouble)
     sigma_px = float(np.clip(min(_spread_px(trial) for trial in trials), _LEAST_SIGMA_PX, _MOST_SIGMA_PX))
     before = _cost(base, sigma_px)
-    causes = [Cause(trial, (before - _cost(trial, sigma_px)) / max(before - _NOISE, 1e-9), _spread_px(trial)) for trial in trials]
+    if before <= _NOISE:
+        # there is no misfit to explain
+        return ()
+    causes = [Cause(trial, (before - _cost(trial, sigma_px)) / (before - _NOISE), _spread_px(trial)) for trial in trials]
     causes = [cause for cause in causes if cause.explained >= _LEAST_EXPLAINED]
     if not causes:
         return ()
@@ -120,9 +124,12 @@ def _best(trouble: Trouble, trials: Sequence[CauseTrial]) -> tuple[Cause, ...]:
 def cause_check(causes: Sequence[Cause], before_px: float) -> Check:
     """The causes as a failed check, with the evidence."""
     words = " or ".join(cause.trial.words for cause in causes)
-    evidence = f"it takes away {causes[0].explained:.0%} of the misfit" if len(causes) == 1 else "the images do not show which"
+    evidence = (
+        f"it takes away {min(causes[0].explained, 1.0):.0%} of the misfit" if len(causes) == 1 else "the images do not show which"
+    )
     spread = "" if np.isnan(before_px) else f": corners spread {causes[0].spread_px:.2f} px instead of {before_px:.2f} px"
-    return Check("cause", False, f"{words} ({evidence}{spread})", " or ".join(dict.fromkeys(c.trial.remedy for c in causes)))
+    remedy = " or ".join(dict.fromkeys(cause.trial.remedy for cause in causes))
+    return Check("cause", False, f"{words} ({evidence}{spread})", remedy, causes[0].trial.kind)
 
 
 def _base(trouble: Trouble) -> CauseTrial:

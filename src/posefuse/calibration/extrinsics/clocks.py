@@ -34,12 +34,12 @@ def rough_offsets(observations: CornerObservations, cameras: tuple[Camera, ...],
     """
     count = len(cameras)
     edges: list[tuple[float, int, int, float]] = []
-    for paths in _paths(observations, cameras, target):
-        for a in range(count):
-            for b in range(a + 1, count):
-                found = _pair_offset(paths[a], paths[b], most_s)
-                if found is not None:
-                    edges.append((found[1], a, b, found[0]))
+    paths = _paths(observations, cameras, target)
+    for a in range(count):
+        for b in range(a + 1, count):
+            found = _pair_offset(paths[a], paths[b], most_s)
+            if found is not None:
+                edges.append((found[1], a, b, found[0]))
     offset = np.full(count, np.nan)
     if not edges:
         return offset
@@ -55,8 +55,8 @@ def rough_offsets(observations: CornerObservations, cameras: tuple[Camera, ...],
             offset[a] = offset[b] - late
 
 
-def _paths(observations: CornerObservations, cameras: tuple[Camera, ...], target: Target) -> list[list[tuple[Array, Array]]]:
-    """Per prop and camera: times (n,) s and places of the prop in camera axes (n, 3) m, in a few windows of the recording."""
+def _paths(observations: CornerObservations, cameras: tuple[Camera, ...], target: Target) -> list[tuple[Array, Array]]:
+    """Per camera: times (n,) s and places of the prop in camera axes (n, 3) m, in a few windows of the recording."""
     first, last = int(observations.t_ns.min()), int(observations.t_ns.max())
     step = round(1e9 / _RATE_HZ)
     span, window = last - first, round(_WINDOW_S * 1e9)
@@ -68,11 +68,10 @@ def _paths(observations: CornerObservations, cameras: tuple[Camera, ...], target
     seen = snapshots(observations, instants, np.zeros((len(cameras), 2)))
     corners, lenses = patch_corners(target, seen.patches), Lenses(cameras)
     planar = planar_views(seen, corners, lenses)
-    shape = shape_of(target, seen, planar)
-    props = [prop_views(seen, planar, shape.of_prop(k), corners, lenses) for k in range(shape.count)]
+    views = prop_views(seen, planar, shape_of(target, seen, planar), corners, lenses)
     return [
-        [(seen.t_s[views.instant[views.camera == c]], views.cam_from_prop.t[views.camera == c, 0]) for c in range(len(cameras))]
-        for views in props
+        (seen.t_s[views.instant[mine]], views.cam_from_prop.t[mine, 0])
+        for mine in views.camera == np.arange(len(cameras))[:, None]
     ]
 
 

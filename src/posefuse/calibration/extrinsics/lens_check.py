@@ -125,7 +125,7 @@ def check_lenses(cameras: Sequence[Camera], change: LensChange, limits: Limits) 
     return Check(
         "intrinsics fit", bool(excess[worst, kind] <= 1), lens_words(cameras, change, limits, worst, kind) + unsure,
         "focus or zoom has changed since they were calibrated, or they belong to another camera or image size:"
-        " calibrate them again, or let them move with `focal_known_to_percent=3`",
+        " calibrate them again, or let them move with `focal_known_to_percent=3`", "lenses",
     )  # fmt: skip
 
 

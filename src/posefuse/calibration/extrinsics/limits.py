@@ -11,7 +11,8 @@ import numpy as np
 class Limits:
     """Thresholds of the checks of a rig from a prop or board.
 
-    "bench" is `bench/calibration_faults.py`, which shows each of them able to refuse and to accept. Judgement: set by the author.
+    "bench" is `bench/calibration_faults.py`. Judgement: set by the author. No fault there fails `halves_*`, `inlier_share`,
+    `corner_spread` or `apart_m` alone, and none fails `own_*`, which have tests only.
 
     Attributes:
         corner_spread_px_per_1000: of a corner coordinate, per 1000 px of image width. Detection leaves 0.1 to 0.4 (docs).

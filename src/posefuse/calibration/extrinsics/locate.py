@@ -32,7 +32,10 @@ def aligned(observations: CornerObservations, rig: Rig) -> CornerObservations:
         )
     for name, size in zip(observations.cameras, observations.sizes_wh, strict=True):
         if tuple(size) != rig[name].size_wh:
-            raise CalibrationError(f"camera {name}: images are {size[0]}x{size[1]} px, its calibration {rig[name].size_wh}")
+            raise CalibrationError(
+                f"camera {name}: images are {size[0]}x{size[1]} px, its calibration {rig[name].size_wh}, in other proportions:"
+                " calibrate its intrinsics from images as these are"
+            )
     place = np.array([rig.names.index(name) for name in observations.cameras], dtype=np.int64)
     frames = dict(zip(observations.cameras, observations.frame_count, strict=True))
     return replace(

@@ -19,7 +19,7 @@ from .limits import LIMITS, Limits
 from .planar import planar_views
 from .prop_shape import PropShape, shape_of
 from .prop_solve import Freedom, Noise, PropSolution, PropState, solve_prop, whitened_corners
-from .snapshots import Snapshots, apart, middle_ns, pick_instants, snapshots
+from .snapshots import Snapshots, middle_ns, pick_instants, snapshots
 from .voting import Edge, tree
 
 LEAST_INSTANTS = 8
@@ -67,8 +67,7 @@ class Links:
     Attributes:
         edges: per camera pair i < j, how well single time steps agree. placed: cameras reached from the reference.
         reference: the camera with most agreement.
-        shape: markers on the props.
-        seen: the corners of these markers, with time steps of its own for each prop. in_images: the props in single images.
+        shape: markers on the prop. seen: the corners. in_images: the prop in single images.
     """
 
     edges: dict[tuple[int, int], Edge]
@@ -110,13 +109,10 @@ def inlier_groups(seen: Snapshots, solution: PropSolution) -> Array:
 
 
 def link(cameras: tuple[Camera, ...], target: Target, seen: Snapshots) -> Links:
-    """The rough answer: markers on the props, the props in every image, cameras to each other."""
+    """The rough answer: markers on the prop, the prop in every image, cameras to each other."""
     corners, lenses = patch_corners(target, seen.patches), Lenses(cameras)
     views = planar_views(seen, corners, lenses)
     shape = shape_of(target, seen, views)
-    if shape.count > 1:
-        seen = apart(seen, shape.prop_of_patches(len(seen.patches)))
-        views = planar_views(seen, corners, lenses)
     in_images = prop_views(seen, views, shape, corners, lenses)
     edges = camera_edges(in_images, len(cameras))
     reference, placed = tree(len(cameras), strong_camera_edges(edges))
@@ -178,32 +174,22 @@ def solve_linked(
 
 
 def _disagreeing_patches(seen: Snapshots, solution: PropSolution, shape: PropShape) -> dict[int, float]:
-    """Patches with mostly misfitting views, with the fitting share; all patches of a further prop if its reference patch is one.
-
-    The held patch of the first prop stays: without it there is nothing to calibrate from.
-    """
+    """Patches with mostly misfitting views, with the fitting share; the held one stays, as all others are placed by it."""
     patch = seen.patch[seen.group_starts()]
     inlier = inlier_groups(seen, solution)
     count = np.bincount(patch, minlength=len(seen.patches))
     share = np.bincount(patch, inlier, len(seen.patches)) / np.maximum(count, 1)
     bad = (count > 0) & (share < _LEAST_PATCH_SHARE)
-    prop_of = shape.prop_of_patches(len(seen.patches))
-    for held in shape.held:
-        if prop_of[held] > 0 and bad[held]:
-            bad |= (count > 0) & (prop_of == prop_of[held])
     return {int(p): float(share[p]) for p in np.flatnonzero(bad) if p != shape.held[0]}
 
 
 def _settle_clocks(observations: CornerObservations, cameras: tuple[Camera, ...], solved: Solved, freedom: Freedom) -> Solved:
     """Read the corners again at the clocks found and solve again, until the clocks stay."""
-    shape = solved.links.shape
-    prop_of = shape.prop_of_patches(len(solved.seen.patches))
-    t_s = solved.seen.t_s[: len(solved.seen.t_s) // shape.count]
-    instants_ns = np.round(t_s * 1e9).astype(np.int64) + middle_ns(observations)
+    instants_ns = np.round(solved.seen.t_s * 1e9).astype(np.int64) + middle_ns(observations)
     patches, instants = np.unique(solved.seen.patch), np.unique(solved.seen.instant)
     for _ in range(_MOST_CLOCK_ROUNDS):
         state = solved.solution.state
-        seen = apart(snapshots(observations, instants_ns, state.delay_s), prop_of)
+        seen = snapshots(observations, instants_ns, state.delay_s)
         seen = seen.rows(np.isin(seen.patch, patches) & np.isin(seen.instant, instants))
         solved = replace(solved, seen=seen, solution=solve_prop(seen, solved.corners, cameras, state, freedom))
         if np.abs(solved.solution.state.delay_s[:, 0] - state.delay_s[:, 0]).max() < _CLOCK_SETTLED_S:

@@ -1,4 +1,4 @@
-"""Which patches sit on one rigid prop, and where: from the target file, or by votes of the images that show two of them.
+"""Which patches sit on the rigid prop, and where: from the target file, or by votes of the images that show two of them.
 
 Votes: Sarmadi et al. (2019).
 """
@@ -21,40 +21,25 @@ from .voting import Edge, tree, vote
 _MARKER_ANGLE_RAD = np.deg2rad(8)
 _MARKER_DISTANCE = 0.35
 _LEAST_AGREEING, _LEAST_SHARE = 4, 0.5
-# a further prop counts when two cameras see it together in so many time steps
+# the sides of a board locate each other where they are seen together in so many time steps
 _LEAST_TOGETHER = 8
 
 
 @dataclass(frozen=True, eq=False)
 class PropShape:
-    """Markers on rigid props: usually one prop, or several that move independently.
+    """Markers on the rigid prop.
 
     Attributes:
-        prop_from_patch: by index of the patch, each on its own prop. prop_of: number of that prop, by index of the patch.
-        held: patches whose pose on their prop is held: one of each prop, and those that nothing links to it.
+        prop_from_patch: by index of the patch; those that are not on the prop are left out.
+        held: patches whose pose on the prop is held: the first one, and those that nothing links to it.
     """
 
     prop_from_patch: dict[int, Poses]
-    prop_of: dict[int, int]
     held: tuple[int, ...]
-
-    @property
-    def count(self) -> int:
-        """Number of props."""
-        return max(self.prop_of.values()) + 1
-
-    def prop_of_patches(self, patches: int) -> Array:
-        """(patches,) number of the prop of each patch, -1 where it belongs to none."""
-        return np.array([self.prop_of.get(i, -1) for i in range(patches)])
-
-    def of_prop(self, prop: int) -> PropShape:
-        """Only the patches of one prop."""
-        mine = {patch: pose for patch, pose in self.prop_from_patch.items() if self.prop_of[patch] == prop}
-        return PropShape(mine, dict.fromkeys(mine, 0), tuple(p for p in self.held if p in mine))
 
 
 def shape_of(target: Target, seen: Snapshots, views: PlanarViews) -> PropShape:
-    """Where the patches of a target sit on its props: from the target file, else from images that show several of them."""
+    """Where the patches of a target sit on its prop: from the target file, else from images that show several of them."""
     known = sides(target)
     if known:
         return known_shape(seen, {number: Poses.from_se3(pose) for number, pose in known.items()})
@@ -63,7 +48,7 @@ def shape_of(target: Target, seen: Snapshots, views: PlanarViews) -> PropShape:
 
 def one_patch() -> PropShape:
     """A prop of a single patch, number 0."""
-    return PropShape({0: Poses(np.eye(3), np.zeros(3))}, {0: 0}, (0,))
+    return PropShape({0: Poses(np.eye(3), np.zeros(3))}, (0,))
 
 
 def known_shape(seen: Snapshots, prop_from_patch: Mapping[int, Poses]) -> PropShape:
@@ -76,13 +61,13 @@ def known_shape(seen: Snapshots, prop_from_patch: Mapping[int, Poses]) -> PropSh
     root, *others = placed
     steps = {i: np.unique(seen.instant[seen.patch == i]) for i in placed}
     apart = [i for i in others if len(np.intersect1d(steps[i], steps[root])) < _LEAST_TOGETHER]
-    return PropShape(placed, dict.fromkeys(placed, 0), (root, *apart))
+    return PropShape(placed, (root, *apart))
 
 
 def prop_shape(views: PlanarViews, patch_count: int, side_m: float) -> PropShape:
     """Which markers sit on one rigid prop and where, from images that show two of them or more.
 
-    The prop with most agreement is number 0. The remaining patches form further props, which move independently.
+    Markers that move independently of those with most agreement are left out.
     """
     edges: dict[tuple[int, int], Edge] = {}
     for (i, j), (first, second) in _together(views.camera, views.instant, views.patch, patch_count).items():
@@ -90,23 +75,9 @@ def prop_shape(views: PlanarViews, patch_count: int, side_m: float) -> PropShape
         edge = vote(candidates, _MARKER_ANGLE_RAD, np.full(len(first), _MARKER_DISTANCE * side_m))
         edges[(i, j)] = edge
     strong = {k: e for k, e in edges.items() if e.agreeing >= _LEAST_AGREEING and e.share >= _LEAST_SHARE}
-    seen = np.bincount(views.patch, minlength=patch_count)
-    shape, left = PropShape({}, {}, ()), np.ones(patch_count, bool)
-    while left.any():
-        among = {(a, b): edge for (a, b), edge in strong.items() if left[a] and left[b]}
-        root, placed = tree(patch_count, among, None if among else int(np.argmax(np.where(left, seen, -1))))
-        left[list(placed)] = False
-        if not shape.held or _seen_together(views, list(placed)) >= _LEAST_TOGETHER:
-            prop_of = shape.prop_of | dict.fromkeys(placed, len(shape.held))
-            shape = PropShape(shape.prop_from_patch | placed, prop_of, (*shape.held, root))
-    return shape
-
-
-def _seen_together(views: PlanarViews, patches: list[int]) -> int:
-    """Time steps at which two cameras or more see some of the patches."""
-    mine = np.isin(views.patch, patches)
-    pairs = np.unique(np.stack([views.instant[mine], views.camera[mine]]), axis=1)
-    return int((np.bincount(pairs[0]) >= 2).sum()) if pairs.size else 0
+    most_seen = int(np.argmax(np.bincount(views.patch, minlength=patch_count)))
+    root, placed = tree(patch_count, strong, None if strong else most_seen)
+    return PropShape(placed, (root,))
 
 
 def _together(camera: Array, instant: Array, patch: Array, count: int) -> dict[tuple[int, int], tuple[Array, Array]]:

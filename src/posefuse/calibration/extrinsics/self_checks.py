@@ -61,7 +61,7 @@ def check_same_video_by_corners(observations: CornerObservations) -> Check:
 def videos_differ(alike: Sequence[str]) -> Check:
     """No pair of cameras is in `alike`, in words."""
     detail = f"{', '.join(alike)} show the same video" if alike else "no two cameras show the same"
-    return Check("videos differ", not alike, detail, "give each camera its own video")
+    return Check("videos differ", not alike, detail, "give each camera its own video", "input")
 
 
 def check_sharp(observations: CornerObservations) -> Check:
@@ -245,7 +245,7 @@ def check_facing(cameras: Sequence[Camera], solved: Solved, limits: Limits = LIM
     return Check(
         "nothing is mirrored", share[worst] >= limits.facing_share,
         f"{share[worst]:.0%} of {worst}'s views see the printed face (needed {limits.facing_share:.0%})",
-        "the board is described mirrored, the image is flipped, or the markers are too small to show their slant",
+        "the board is described mirrored, the image is flipped, or the markers are too small to show their slant", "input",
     )  # fmt: skip
 
 
@@ -257,7 +257,7 @@ def check_clocks(cameras: Sequence[Camera], late_s: Array, sigma_s: Array, limit
         IN_STEP, bool(ratio[worst] <= 1),
         f"{cameras[worst].name} runs {late_s[worst] * 1e3:+.1f} ms late (standard error {sigma_s[worst] * 1e3:.1f} ms,"
         f" limit {limits.late_s * 1e3:.0f} ms)",
-        "the cameras are not synchronised: calibrate with clocks = offset",
+        "the cameras are not synchronised: calibrate with clocks = offset", "clocks",
     )  # fmt: skip
 
 
@@ -286,5 +286,6 @@ def check_upright(cameras: Sequence[Camera], up_cam: Array, limits: Limits = LIM
     wrong = [camera.name for camera, value in zip(cameras, cosine, strict=True) if value < limits.upside_down_cosine]
     return Check(
         "images are upright", not wrong, f"upside down: {', '.join(wrong)}" if wrong else "the top of every image is up",
-        "turn the image; for a camera that is mounted upside down, name it with `upside_down=CAMERA`",
+        "turn the image; for a camera that is mounted upside down, name it with `upside_down=CAMERA`", "upside down",
+        tuple(wrong),
     )  # fmt: skip

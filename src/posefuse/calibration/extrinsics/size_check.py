@@ -23,7 +23,7 @@ def check_target_size(target: Target, limits: Limits) -> Check:
     return Check(
         "target has a plausible size", least_m <= side_m <= most_m,
         f"{_edge(target)} {side_m * _MM:g} mm (expected {least_m * _MM:g} to {most_m * _MM:g} mm)",
-        f"check the unit: {UNITS}",
+        f"check the unit: {UNITS}", "input",
     )  # fmt: skip
 
 
@@ -36,5 +36,5 @@ def check_rig_size(target: Target, cameras: tuple[Camera, ...], cam_from_world: 
         f"with a {_edge(target)} of {scale_m(target) * _MM:g} mm the target was {distance_m:.2f} m from the cameras, and"
         f" {cameras[a].name} and {cameras[b].name} are {apart_m:.2f} m apart"
         f" (expected a distance of {least_m:g} to {most_m:g} m)",
-        f"measure the print: {UNITS}; for a rig that really has this size add `any_size=True`",
+        f"measure the print: {UNITS}; for a rig that really has this size add `any_size=True`", "input",
     )  # fmt: skip

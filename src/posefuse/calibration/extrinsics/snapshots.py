@@ -116,29 +116,6 @@ def snapshots(observations: CornerObservations, instants_ns: Array, delay_s: Arr
     return _grouped(t_s, camera, instant, patch=patch_of, corner=corner, xy=xy, velocity=velocity, patches=patches)
 
 
-def apart(seen: Snapshots, prop_of_patch: Array) -> Snapshots:
-    """The same with time steps of its own for each prop, so that each has its own pose; a patch of prop -1 is left out.
-
-    Time step i of prop k of n is number i + k * len(t_s), at the time of i.
-    """
-    count = int(prop_of_patch.max()) + 1
-    prop = prop_of_patch[seen.patch]
-    kept = seen.rows(prop >= 0)
-    if count == 1:
-        return kept
-    prop = prop_of_patch[kept.patch]
-    return _grouped(
-        np.tile(kept.t_s, count),
-        kept.camera,
-        kept.instant + prop * len(kept.t_s),
-        patch=kept.patch,
-        corner=kept.corner,
-        xy=kept.xy_img,
-        velocity=kept.velocity_px_s,
-        patches=kept.patches,
-    )
-
-
 def _longest_gap_s(stamps_s: Array) -> float:
     steps = np.diff(np.unique(stamps_s))
     return min(_LONGEST_GAP_PERIODS * float(np.median(steps)), _LONGEST_GAP_S) if len(steps) else 0.0

@@ -6,7 +6,7 @@ import numpy as np
 
 from posefuse.calibration.report import CalibrationReport, Check
 from posefuse.calibration.targets.corners import CornerObservations
-from posefuse.calibration.targets.kinds import ArucoBoard, Charuco, Target
+from posefuse.calibration.targets.kinds import Charuco, Target
 from posefuse.core import Camera
 from posefuse.core.arrays import Array
 
@@ -50,7 +50,7 @@ def solution_checks(
         *half_checks(cameras, solved, halves, distance_m, limits),
         check_lenses(cameras, _lens_change(cameras, solved, halves, options), limits),
     ]
-    if isinstance(target, Charuco | ArucoBoard):
+    if isinstance(target, Charuco):
         done.append(check_board_shape(thinned(solved), cameras, limits))
     if options.clocks == "together":
         freedom = Freedom(reference=solved.links.reference, held_patches=solved.links.shape.held, offset=True)

@@ -8,7 +8,6 @@ import numpy as np
 
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
 from posefuse.calibration.solving.projection import Lenses
-from posefuse.calibration.solving.rotations import Poses
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import TargetCoverage, coverage
 from posefuse.calibration.targets.kinds import Chessboard, Markers, Target
@@ -34,6 +33,7 @@ SAID_BY_ITSELF = (
     "target seen",
     "marker ids are unique",
     "videos differ",
+    "images are upright",
     "target has a plausible size",
     "rig has a plausible size",
     "recording carries the intrinsics",
@@ -48,12 +48,9 @@ class Calibration:
         rig: in the world asked for. report: the checks. coverage: of the recording.
         position_sigma_m: (C,) standard error of each camera's place against the reference camera.
         position_cov_m2: (C, 3, 3) the same as covariance, in world coordinates.
-        delay_s, delay_sigma_s: (C, 2) clocks (offset s, drift s/s) and their standard errors: a frame that camera c
-            stamped s was taken at s - offset - drift * (s - middle).
-        middle_ns: middle of the recording, from which drift counts.
-        t_ns: (T,) key time steps. world_from_prop: (T,) the prop there; prop: (T,) number of that prop, usually 0.
-        prop_from_patch: per marker id. prop_of_patch: number of its prop.
-        camera, xy_img, residual_px: (N,), (N, 2), (N, 2) corners used and predicted minus observed.
+        delay_s, delay_sigma_s: (C, 2) clocks (offset s, drift s/s) against the reference camera, and their standard errors, as
+            `ClockEstimate` has them. middle_ns: middle of the recording, from which drift counts.
+        prop_from_patch: per marker id.
     """
 
     rig: Rig
@@ -64,14 +61,7 @@ class Calibration:
     delay_s: Array
     delay_sigma_s: Array
     middle_ns: int
-    t_ns: Array
-    world_from_prop: SE3
-    prop: Array
     prop_from_patch: dict[int, SE3]
-    prop_of_patch: dict[int, int]
-    camera: Array
-    xy_img: Array
-    residual_px: Array
 
 
 def calibrate_extrinsics(
@@ -246,6 +236,12 @@ def _rig(cameras: tuple[Camera, ...], solved: Solved) -> Rig:
     return Rig(placed, residual_px=rms)
 
 
+def delay_against_reference(solved: Solved) -> Array:
+    """(C, 2) clocks against the camera whose clock was held."""
+    late = solved.solution.state.delay_s
+    return np.asarray(late - late[solved.links.reference])
+
+
 def world_checks(rig: Rig, has_floor: bool, upside_down: tuple[str, ...] = (), limits: Limits = LIMITS) -> list[Check]:
     """Checks that need the world: cameras above the floor, images upright."""
     up_cam = np.stack([camera.cam_from_world.matrix()[:, 2] for camera in rig])
@@ -257,7 +253,7 @@ def world_checks(rig: Rig, has_floor: bool, upside_down: tuple[str, ...] = (), l
         done.append(
             Check("cameras are above the floor", bool(height[worst] > 0),
                   f"the lowest is {rig.names[worst]} at {height[worst]:.2f} m",
-                  "the tile lies face down, is described mirrored, or is not on the floor"),
+                  "the tile lies face down, is described mirrored, or is not on the floor", "input"),
         )  # fmt: skip
     return done
 
@@ -265,12 +261,6 @@ def world_checks(rig: Rig, has_floor: bool, upside_down: tuple[str, ...] = (), l
 def _notes(solved: Solved, target: Target) -> tuple[str, ...]:
     named = "marker {}" if isinstance(target, Markers) else "side {} of the board"
     notes = [f"{named.format(patch)} left out: {reason}" for patch, reason in sorted(solved.dropped.items())]
-    used = np.unique(solved.seen.patch)
-    prop_of = solved.links.shape.prop_of_patches(len(solved.seen.patches))[used]
-    if len(np.unique(prop_of)) > 1:
-        whose = sorted(solved.seen.patches[used[prop_of == k]].tolist() for k in np.unique(prop_of))
-        words = "; ".join(", ".join(map(str, patches)) for patches in whose)
-        notes.append(f"{len(whose)} props that move independently: markers {words}")
     share = float(solved.inlier.mean())
     if share < 1:
         notes.append(f"{1 - share:.1%} of the marker views disagree and count little")
@@ -278,7 +268,7 @@ def _notes(solved: Solved, target: Target) -> tuple[str, ...]:
 
 
 def _numbers(solved: Solved, rig: Rig, distance_m: float) -> dict[str, float]:
-    sigma = checks.position_sigma_m(solved)
+    sigma, late = checks.position_sigma_m(solved), delay_against_reference(solved)
     numbers = {
         "residual_px": rig.residual_px,
         "sigma_px": solved.solution.sigma_px,
@@ -287,7 +277,7 @@ def _numbers(solved: Solved, rig: Rig, distance_m: float) -> dict[str, float]:
     }
     for i, name in enumerate(rig.names):
         numbers[f"{name}_position_sigma_mm"] = float(sigma[i] * 1e3)
-        numbers[f"{name}_offset_ms"] = float(solved.solution.state.delay_s[i, 0] * 1e3)
+        numbers[f"{name}_offset_ms"] = float(late[i, 0] * 1e3)
     return numbers
 
 
@@ -299,28 +289,15 @@ def _calibration(task: _Task, solved: Solved, done: tuple[Check, ...], notes: tu
     report = CalibrationReport(
         "extrinsics", done, (*_notes(solved, task.target), *notes), _numbers(solved, rig, usual_distance_m(solved))
     )
-    state, seen, middle = solved.solution.state, solved.seen, middle_ns(task.observations)
-    used = np.unique(seen.instant)
-    moved = Poses.from_se3(new_from_old)
-    prop = Poses(moved.R[None], moved.t[None]) @ state.world_from_prop[used]
-    patches = np.unique(seen.patch)
+    turn, state = new_from_old.matrix(), solved.solution.state
     return Calibration(
         rig=rig,
         report=report,
         coverage=coverage(task.observations),
         position_sigma_m=checks.position_sigma_m(solved),
-        position_cov_m2=moved.R @ checks.position_cov_m2(solved) @ moved.R.T,
-        delay_s=state.delay_s,
+        position_cov_m2=turn @ checks.position_cov_m2(solved) @ turn.T,
+        delay_s=delay_against_reference(solved),
         delay_sigma_s=solved.solution.delay_sigma_s,
-        middle_ns=middle,
-        t_ns=np.round(seen.t_s[used] * 1e9).astype(np.int64) + middle,
-        world_from_prop=prop.se3(),
-        prop=used // (len(seen.t_s) // solved.links.shape.count),
-        prop_from_patch={
-            int(seen.patches[p]): Poses(state.prop_from_patch.R[p], state.prop_from_patch.t[p]).se3() for p in patches
-        },
-        prop_of_patch={int(seen.patches[p]): solved.links.shape.prop_of[int(p)] for p in patches},
-        camera=seen.camera,
-        xy_img=seen.xy_img,
-        residual_px=solved.solution.residual_px,
+        middle_ns=middle_ns(task.observations),
+        prop_from_patch={int(solved.seen.patches[p]): state.prop_from_patch[p].se3() for p in np.unique(solved.seen.patch)},
     )

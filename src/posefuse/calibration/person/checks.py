@@ -98,7 +98,8 @@ def check_intrinsics(cameras: tuple[Camera, ...], free: PointSolution) -> Check:
     words = ", ".join(f"{cameras[c].name}'s focal length would rather be {longer[c]:+.1%} (standard error {sigma[c]:.1%}, limit"
                       f" {limit[c]:.0%})" for c in named)  # fmt: skip
     return Check("intrinsics fit", not len(wrong), words,
-                 "focus or zoom has changed since they were calibrated, or they are of another camera or image size")  # fmt: skip
+                 "focus or zoom has changed since they were calibrated, or they are of another camera or image size",
+                 "lenses")  # fmt: skip
 
 
 def check_synchronised(cameras: tuple[Camera, ...], free: PointSolution) -> Check:
@@ -110,7 +111,7 @@ def check_synchronised(cameras: tuple[Camera, ...], free: PointSolution) -> Chec
     return Check(self_checks.IN_STEP, bool(ratio[worst] <= 1),
                  f"the clock of {cameras[worst].name} is {late_s[worst] * 1e3:+.0f} ms late (standard error"
                  f" {sigma_s[worst] * 1e3:.1f} ms, limit {_LATE_S * 1e3:.0f} ms)",
-                 "the cameras are not synchronised: calibrate with `clocks=offset`")  # fmt: skip
+                 "the cameras are not synchronised: calibrate with `clocks=offset`", "clocks")  # fmt: skip
 
 
 def true_sided(skeleton: Skeleton, xyz: Array) -> float:

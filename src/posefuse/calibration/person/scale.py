@@ -12,6 +12,8 @@ from posefuse.core.skeleton import LIMB_ENDS
 
 # of people who can be asked to walk through a room
 _STATURES_M = (0.8, 2.4)
+# of people of any age, standing or not; limbs that are not wholly seen come out somewhat short
+_SIZES_M = (0.5, 2.7)
 # the length of a limb as a share of the person's height, as networks mark it;
 # `bench/fit_stature.py`: bodies left out come out 0.4 % too small, with a standard deviation of 1.1 %
 STATURE_SHARES = {"upper_arm": 0.1560, "forearm": 0.1443, "thigh": 0.2261, "shank": 0.2346}
@@ -68,3 +70,17 @@ def stature_m(skeleton: Skeleton, xyz: Array) -> float:
     lengths, shares = limb_lengths_m(skeleton, xyz), np.array(list(STATURE_SHARES.values()))
     known = np.isfinite(lengths)
     return float(lengths[known].sum() / shares[known].sum()) if known.any() else float("nan")
+
+
+def size_doubt(skeleton: Skeleton, xyz: Array) -> str:
+    """What a rig is wrong in where people (T, N, K, 3) are far too small or too large in it; empty where they are not."""
+    sizes_m = np.array([stature_m(skeleton, xyz[:, n]) for n in range(xyz.shape[1])])
+    if not np.isfinite(sizes_m).any():
+        return ""
+    size_m, (least_m, most_m) = float(np.nanmedian(sizes_m)), _SIZES_M
+    if least_m <= size_m <= most_m:
+        return ""
+    return (
+        f"people are {size_m:.2f} m tall by this calibration: its translations are not in metres (decimetres, feet?), or the size"
+        " of its target was wrong"
+    )

@@ -141,7 +141,6 @@ def _pair(one: PersonTrack, other: PersonTrack, camera: Camera, other_camera: Ca
     if shared < _LEAST_POINTS:
         return 0.0
     picked = np.flatnonzero(known)[:: max(1, shared // _MOST_POINTS)]
-    cv2.setRNGSeed(7)
     limit = _EPIPOLAR_PX / float((camera.K[0, 0] + other_camera.K[0, 0]) / 2)
     essential, inlier = cv2.findEssentialMat(p[picked], q[picked], np.eye(3), cv2.RANSAC, 0.999, limit)
     share = 0.0 if essential is None or essential.shape != (3, 3) else float(inlier.mean())

@@ -49,7 +49,6 @@ def _pair(flat: Array, seen: Array, focal: Array, a: int, b: int) -> tuple[float
         return None
     both = both[:: max(1, len(both) // _MOST_PAIRED)]
     p, q = flat[a, both], flat[b, both]
-    cv2.setRNGSeed(7)
     essential, inlier = cv2.findEssentialMat(p, q, np.eye(3), cv2.RANSAC, 0.9999, _EPIPOLAR_PX / float(focal[[a, b]].mean()))
     if essential is None or essential.shape != (3, 3):
         return None
@@ -89,7 +88,6 @@ def _resected(xyz: Array, norm: Array, focal_px: float) -> tuple[int, Poses] | N
     """Pose of a camera from points (n, 3) seen at (n, 2) on its ideal image plane, and how many of them agree."""
     if len(xyz) < _LEAST_SHARED // 2:
         return None
-    cv2.setRNGSeed(7)
     found, turn, shift, inlier = cv2.solvePnPRansac(
         xyz, norm, np.eye(3), None, iterationsCount=2000, reprojectionError=_RESECTION_PX / focal_px, flags=cv2.SOLVEPNP_EPNP
     )

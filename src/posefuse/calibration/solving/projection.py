@@ -11,7 +11,7 @@ from posefuse.core.arrays import Array
 
 LENS_PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2")
 
-_STEP_NORM = 1e-6
+_STEP_NORM = _STEP_K = 1e-6
 
 
 class Lenses:
@@ -69,18 +69,19 @@ class Lenses:
         return np.asarray(slope @ d_norm)
 
     def lens_jacobian(self, camera: Array, xyz_cam: Array) -> Array:
-        """(N, 2, 6) change of the px with `LENS_PARAMETERS` (pinhole models of up to 5 coefficients)."""
+        """(N, 2, 6) change of the px with `LENS_PARAMETERS`, distortion by central differences: right for every lens model."""
         xy = xyz_cam[:, :2] / xyz_cam[:, 2:]
-        r2 = (xy**2).sum(axis=1)
         out = np.zeros((len(xy), 2, len(LENS_PARAMETERS)))
         for i in np.unique(camera):
             mine = camera == i
-            bent = lens.distort(xy[mine], self.distortion(i), self._cameras[i].model)
-            scale = self.camera_matrix(i)[:2, :2]
+            k, model, scale = self.distortion(i), self._cameras[i].model, self.camera_matrix(i)[:2, :2]
+            bent = lens.distort(xy[mine], k, model)
             out[mine, 0, 0], out[mine, 1, 1] = bent[:, 0], bent[:, 1]
             out[mine, 0, 2] = out[mine, 1, 3] = 1.0
-            out[mine, :, 4] = (xy[mine] * r2[mine, None]) @ scale.T
-            out[mine, :, 5] = (xy[mine] * r2[mine, None] ** 2) @ scale.T
+            k = np.concatenate([k, np.zeros(max(0, 4 - len(k)))])
+            for column, step in enumerate(_STEP_K * np.eye(len(k))[:2], start=4):
+                change = lens.distort(xy[mine], k + step, model) - lens.distort(xy[mine], k - step, model)
+                out[mine, :, column] = change @ scale.T / (2 * _STEP_K)
         return out
 
     def _slope(self, i: int, xy: Array) -> Array:

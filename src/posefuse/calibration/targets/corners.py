@@ -27,7 +27,7 @@ class CornerObservations:
         camera: (N,) index into `cameras`. t_ns: (N,) time of the frame.
         patch: (N,) piece of the target (marker id; 0 for a board). corner: (N,) number of the corner on its patch.
         xy_img: (N, 2) raw px.
-        sharpness: (N,) contrast of the edges next to the corner, grey levels per px; NaN where not measured.
+        sharpness: (N,) contrast of the edges next to the corner, 1/px, see `detection.sharpness`; NaN where not measured.
         doubled: (camera name, marker id, frames) of markers met twice in one image, whose corners were left out.
         edge_width_px: (camera name, px) usual width of moving edges in its images, with or without a target; NaN where
             nothing moved.

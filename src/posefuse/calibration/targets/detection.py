@@ -15,7 +15,7 @@ from posefuse.core.arrays import Array
 
 from .blur import BLURRED_EDGE_PX, MovingEdges, usual_edge_width_px
 from .corners import CornerObservations, joined
-from .kinds import BOARD_PATCH, DICTIONARIES, ArucoBoard, Charuco, Chessboard, Markers, Target, dictionary_of, sides
+from .kinds import BOARD_PATCH, DICTIONARIES, Charuco, Chessboard, Markers, Target, dictionary_of, sides
 from .marker_fit import fit_marker
 
 _REFINE_STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-3)
@@ -178,8 +178,6 @@ def _finder(target: Target) -> Callable[[Array], Corners]:
             return _marker_finder(target)
         case Charuco():
             return _charuco_finder(target)
-        case ArucoBoard():
-            return _aruco_board_finder(target)
         case Chessboard():
             return lambda grey: _chessboard(grey, target)
 
@@ -249,21 +247,6 @@ def _joined(parts: list[Corners]) -> Corners:
         corner=np.concatenate([part.corner for part in parts]),
         xy_img=np.concatenate([part.xy_img for part in parts]),
     )
-
-
-def _aruco_board_finder(target: ArucoBoard) -> Callable[[Array], Corners]:
-    detector = cv2.aruco.ArucoDetector(dictionary_of(target.dictionary), _parameters())
-    count = len(sides(target)) * target.markers
-
-    def find(grey: Array) -> Corners:
-        ids, xy, twice = _markers(grey, detector)
-        place = ids - target.first_id
-        mine = (place >= 0) & (place < count)
-        side, place = np.divmod(place[mine], target.markers)
-        corner = (4 * place[:, None] + np.arange(4)).ravel()
-        return Corners(np.repeat(side, 4), corner, xy[mine].reshape(-1, 2), twice)
-
-    return find
 
 
 def _chessboard(grey: Array, target: Chessboard) -> Corners:

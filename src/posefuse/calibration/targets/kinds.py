@@ -91,7 +91,11 @@ class Charuco:
         if self.marker_m >= self.square_m:
             square_mm, marker_mm = round(self.square_m * 1e3, 6), round(self.marker_m * 1e3, 6)
             raise ConfigError(f"charuco: marker of {marker_mm:g} mm: expected less than the square of {square_mm:g} mm around it")
-        _check_sides("charuco", self.dictionary, self.thickness_m, 0, self.markers)
+        sides = 1
+        if self.thickness_m is not None:
+            _check_positive("charuco", thickness_m=self.thickness_m)
+            sides = 2
+        _check_ids("charuco", self.dictionary, (0, sides * self.markers - 1))
 
     @property
     def markers(self) -> int:
@@ -135,56 +139,7 @@ class Chessboard:
         return _grid(self.columns, self.rows, self.square_m)
 
 
-@dataclass(frozen=True, kw_only=True)
-class ArucoBoard:
-    """Grid of ArUco markers with ids counting up row by row.
-
-    Attributes:
-        columns, rows: markers across and down. side_m: edge of a marker. gap_m: white between two.
-        first_id: id of the top left marker.
-        thickness_m: distance of the prints of a board that is printed on both sides, tops together; None has one side.
-    """
-
-    columns: int
-    rows: int
-    side_m: float
-    gap_m: float
-    dictionary: str = "DICT_4X4_50"
-    first_id: int = 0
-    inverted: bool = False
-    thickness_m: float | None = None
-
-    def __post_init__(self) -> None:
-        _check_positive("aruco board", side_m=self.side_m, gap_m=self.gap_m)
-        _check_count("aruco board", 1, columns=self.columns, rows=self.rows)
-        _check_sides("aruco board", self.dictionary, self.thickness_m, self.first_id, self.markers)
-
-    @property
-    def markers(self) -> int:
-        """Markers on one side."""
-        return self.columns * self.rows
-
-    @property
-    def width_m(self) -> float:
-        """Distance along x of the origins of the front and of the back, the middles of a marker each."""
-        return (self.columns - 1) * (self.side_m + self.gap_m)
-
-    def corners(self, patch: int) -> Array:
-        """(4*columns*rows, 3) corners, four per marker, markers row by row from the top left."""
-        step = self.side_m + self.gap_m
-        centres = _grid(self.columns, self.rows, step)
-        return np.asarray((centres[:, None] + _MARKER * self.side_m).reshape(-1, 3))
-
-
-Target = Markers | Charuco | Chessboard | ArucoBoard
-
-
-def _check_sides(owner: str, dictionary: str, thickness_m: float | None, first_id: int, markers: int) -> None:
-    """The dictionary has the markers of one side, or of both where there is a thickness."""
-    if thickness_m is not None:
-        _check_positive(owner, thickness_m=thickness_m)
-    sides = 1 if thickness_m is None else 2
-    _check_ids(owner, dictionary, (first_id, first_id + sides * markers - 1))
+Target = Markers | Charuco | Chessboard
 
 
 def _check_ids(owner: str, dictionary: str, ids: Sequence[int]) -> None:
@@ -215,7 +170,7 @@ def sides(target: Target) -> dict[int, SE3]:
 
 def scale_m(target: Target) -> float:
     """The length everything else is measured by: edge of a marker, or of a board's square."""
-    return target.side_m if isinstance(target, Markers | ArucoBoard) else target.square_m
+    return target.side_m if isinstance(target, Markers) else target.square_m
 
 
 def patch_corners(target: Target, patches: Array) -> Array:

@@ -15,7 +15,7 @@ import numpy as np
 from posefuse.core import ConfigError
 from posefuse.core.arrays import Array
 
-from .kinds import BACK_PATCH, ArucoBoard, Charuco, Markers, dictionary_of, sides
+from .kinds import BACK_PATCH, Charuco, Markers, dictionary_of, sides
 
 PAGES_M = {"a4": (0.210, 0.297), "a3": (0.297, 0.420), "a2": (0.420, 0.594), "a1": (0.594, 0.841), "a0": (0.841, 1.189),
            "letter": (0.2159, 0.2794)}  # fmt: skip
@@ -58,11 +58,9 @@ def cube_sheets(target: Markers, first_id: int = 0, page: str = "a4") -> list[Sh
     return marker_sheets(target, range(first_id, first_id + CUBE_IDS), page)
 
 
-def board_sheets(target: Charuco | ArucoBoard, page: str = "a3") -> list[Sheet]:
+def board_sheets(target: Charuco, page: str = "a3") -> list[Sheet]:
     """A board on one page per side, long side along the long side of the page."""
-    if isinstance(target, Charuco):
-        return [_charuco_sheet(target, page, side) for side in sides(target)]
-    return [_aruco_board_sheet(target, page, side) for side in sides(target)]
+    return [_charuco_sheet(target, page, side) for side in sides(target)]
 
 
 def _side_words(side: int) -> str:
@@ -83,36 +81,6 @@ def _charuco_sheet(target: Charuco, page: str, side: int) -> Sheet:
         f" {target.marker_m * 1e3:g} mm, {target.dictionary}{_side_words(side)}"
     )
     return Sheet(size, _rectangles(image < 128, left, bottom, scale), (), caption)
-
-
-def _aruco_board_sheet(target: ArucoBoard, page: str, side: int) -> Sheet:
-    step = target.side_m + target.gap_m
-    margin = target.gap_m if target.inverted else 0.0
-    width, height = (count * step - target.gap_m + 2 * margin for count in (target.columns, target.rows))
-    size, (left, bottom) = _placed(page, width, height)
-    black = _gaps(target, left, bottom, width) if target.inverted else []
-    left, bottom = left + margin, bottom + margin
-    first_id = target.first_id + side * target.markers
-    for i in range(target.markers):
-        row, column = divmod(i, target.columns)
-        bits = _bits(target.dictionary, first_id + i) ^ target.inverted
-        black += _squares(bits, left + column * step, bottom + (target.rows - 1 - row) * step, target.side_m / len(bits))
-    caption = (
-        f"posefuse ArUco board {target.columns} x {target.rows}, side {target.side_m * 1e3:g} mm, gap"
-        f" {target.gap_m * 1e3:g} mm, {target.dictionary} from {first_id}{_side_words(side)}"
-    )
-    return Sheet(size, tuple(black), (), caption)
-
-
-def _gaps(target: ArucoBoard, left: float, bottom: float, width: float) -> list[tuple[float, float, float, float]]:
-    """What lies between and round the markers of an inverted board, from its bottom left: strips across, and pieces between."""
-    side, gap, step = target.side_m, target.gap_m, target.side_m + target.gap_m
-    across = [(left, bottom + row * step, width, gap) for row in range(target.rows + 1)]
-    return across + [
-        (left + column * step, bottom + gap + row * step, gap, side)
-        for row in range(target.rows)
-        for column in range(target.columns + 1)
-    ]
 
 
 def _bits(dictionary: str, marker: int) -> Array:

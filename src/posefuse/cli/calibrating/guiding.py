@@ -18,7 +18,7 @@ from posefuse.realtime.guide import guide
 from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.realtime.session import stop_requests
 
-from .inputs import target_from_options, target_words
+from .inputs import option_words, target_from_options
 
 
 def guide_at_cameras(target: TargetOptions, options: GuideOptions, ros_2: Ros2Options, terminal: Terminal) -> Mapping[str, Any]:
@@ -59,8 +59,8 @@ def _show_next(target: TargetOptions, options: GuideOptions, found: Guidance, te
     if not found.enough:
         terminal.note(f"not enough yet: {found.words}")
     where = options.record or "SESSION"
-    lenses = options.intrinsics or "lenses.toml"
+    lenses = "" if options.intrinsics is None else f" --intrinsics {options.intrinsics}"
     terminal.next(
-        f"posefuse calibrate extrinsics {target_words(target)} --intrinsics {lenses} --out rig.toml {where}",
+        f"posefuse calibrate extrinsics {where} {option_words(target)}{lenses} --out rig.toml",
         "the rig from what was recorded",
     )

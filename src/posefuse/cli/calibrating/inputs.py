@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 from posefuse.calibration.targets.description import TargetDescription, described_target, read_target
 from posefuse.calibration.targets.kinds import Target
@@ -42,16 +44,29 @@ def _target_of_file(path: Path, options: TargetOptions) -> Target:
     return read_target(path)
 
 
-def target_words(options: TargetOptions) -> str:
-    """The options that describe the target, as they are typed."""
-    usual = TargetOptions()
-    words = [f"--target {options.target}"]
-    for field in fields(TargetOptions):
-        value = getattr(options, field.name)
-        if field.name != "target" and value != getattr(usual, field.name):
-            text = "" if value is True else " " + (" ".join(map(str, value)) if isinstance(value, tuple) else f"{value}")
-            words.append(f"{_option(field.name)}{text}")
+def option_words(*groups: Any, **changed: Any) -> str:
+    """Groups of options as they are typed: those that are not at their default.
+
+    Args:
+        changed: other values of some options, by the names of their fields.
+    """
+    words = []
+    for owner, field in [(group, field) for group in groups for field in fields(group)]:
+        value = changed.get(field.name, getattr(owner, field.name))
+        if value is True:
+            words.append(_option(field.name))
+        elif value != field.default:
+            words += _valued(_option(field.name), value)
     return " ".join(words)
+
+
+def _valued(option: str, value: Any) -> list[str]:
+    """A value, several texts each with the option's name, or several values that follow it once."""
+    if not isinstance(value, tuple):
+        return [option, shlex.quote(str(value))]
+    if all(isinstance(one, str) for one in value):
+        return [word for one in value for word in (option, shlex.quote(one))]
+    return [option, *(shlex.quote(str(one)) for one in value)]
 
 
 def _option(name: str) -> str:

@@ -1,74 +1,68 @@
-"""After a check that fails: the command to type next, by what failed."""
+"""After a check that fails: the command to type next, by what mends it."""
 
 from __future__ import annotations
 
-import re
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from typing import Any
 
 from posefuse.calibration.report import CalibrationReport
+
+from .inputs import option_words
 
 
 @dataclass(frozen=True, kw_only=True)
 class Asked:
-    """What the refused command was asked for, as it is typed.
+    """What the refused command was asked for.
 
     Attributes:
-        step: of `posefuse calibrate`. inputs: recordings. target: its options. intrinsics: rig file with the lenses; None where
-            the step has none. out: the file it writes; None where it writes none.
+        step: of `posefuse calibrate`. inputs: recordings. options: its groups of options.
     """
 
     step: str
     inputs: Sequence[str]
-    target: str = ""
-    intrinsics: Path | None = None
-    out: Path | None = None
+    options: Sequence[Any]
 
-    def again(self, *more: str) -> str:
-        """The same command, with more options."""
-        words = ["posefuse calibrate", self.step, self.target, *more]
-        words += [f"--intrinsics {self.intrinsics}"] if self.intrinsics is not None else []
-        words += [f"--out {self.out}"] if self.out is not None else []
-        return " ".join([*(word for word in words if word), *self.inputs])
+    def option(self, name: str) -> Any:
+        """Its value; None where the step has no such option."""
+        return next((getattr(group, name) for group in self.options if hasattr(group, name)), None)
 
-
-# the first entry whose expression is found in the first failed check wins; that is the cause, where it is known
-_LENSES, _CLOCKS, _RECORD, _TURN, _CHECK = "lenses", "clocks", "record", "turn", "check"
-_RULES = (
-    (r"upside down", _TURN),
-    (r"clocks? of .* (jumps|drift)|loses frames|stamps of|was moved|same video|stand still|moved between", _RECORD),
-    (r"synchronised|clock|ms late", _CLOCKS),
-    (r"intrinsics of|focal length|intrinsics fit|distortion of|principal point", _LENSES),
-    (r"swapped|plausible size|described|mirrored|dictionary|marker ids|longer in one direction|stretched|bent", _CHECK),
-)
+    def again(self, **changed: Any) -> str:
+        """The same command with other values of some options. It replaces the report that the refused one wrote."""
+        return _typed(self.step, *map(shlex.quote, self.inputs), option_words(*self.options, **{"force": True, **changed}))
 
 
 def next_after(report: CalibrationReport, asked: Asked) -> tuple[str, str]:
-    """The command to type after a refusal, and what it is good for."""
-    said = f"{report.failed[0].name}: {report.failed[0].detail}"
-    kind = next((kind for expression, kind in _RULES if re.search(expression, said)), _RECORD)
-    if kind == _CLOCKS and asked.step in ("extrinsics", "person"):
-        mode = "drift" if "drift" in report.failed[0].remedy else "offset"
-        return asked.again(f"--clocks {mode}"), "estimates the clock of each camera"
-    if kind == _LENSES and asked.step in ("extrinsics", "person"):
-        return _intrinsics(asked), "the intrinsics of these cameras again, from a board shown to each of them"
-    if kind == _TURN:
-        cameras = re.search(r"upside down: ([^;]+)", said)
-        names = [] if cameras is None else [f"--upside-down {name.strip()}" for name in cameras.group(1).split(",")]
-        return asked.again(*names), "if these cameras hang upside down"
-    if kind == _CHECK:
-        return asked.again(), "after names, files or sizes are corrected as the line above states"
-    return _record(asked), "a new recording, with everything still; then the same command with it"
-
-
-def _intrinsics(asked: Asked) -> str:
-    out = asked.intrinsics or "lenses.toml"
-    return f"posefuse calibrate intrinsics --target BOARD.toml --out {out} --force " + " ".join(asked.inputs and ["SESSION"])
-
-
-def _record(asked: Asked) -> str:
+    """The command to type after a refusal, by the first check that fails, and what it is good for."""
+    check, clocks = report.failed[0], asked.option("clocks")
+    match check.kind:
+        case "clocks" if clocks in ("auto", "together"):
+            return asked.again(clocks="offset"), "estimates the clock of each camera"
+        case "drift" if clocks in ("auto", "together", "offset"):
+            return asked.again(clocks="drift"), "estimates the rate of each clock, too"
+        case "lenses" if asked.step in ("extrinsics", "person"):
+            out = asked.option("intrinsics") or "lenses.toml"
+            command = _typed("intrinsics", "SESSION --target BOARD.toml --out", shlex.quote(str(out)), "--force")
+            return command, "the intrinsics of these cameras again, from a board shown to each of them"
+        case "upside down" if asked.option("upside_down") is not None:
+            named = (*asked.option("upside_down"), *check.cameras)
+            return asked.again(upside_down=named), "if these cameras hang upside down"
+        case "input":
+            return asked.again(), "after names, files or sizes are corrected as the line above states"
+        case "rig":
+            return _guide("--target CUBE.toml", asked.option("rig")), "a recording for a new calibration of the rig"
     if asked.step == "extrinsics":
-        lenses = f" --intrinsics {asked.intrinsics}" if asked.intrinsics is not None else ""
-        return f"posefuse calibrate guide {asked.target}{lenses} --source CAMERA=KIND:WHERE ... --record SESSION"
-    return "posefuse record --source CAMERA=KIND:WHERE ... --out SESSION"
+        command = _guide(option_words(asked.options[0]), asked.option("intrinsics"))
+    else:
+        command = "posefuse record --source CAMERA=KIND:WHERE ... --out SESSION"
+    return command, "a new recording, with everything still; then the same command with it"
+
+
+def _guide(target: str, lenses: Any) -> str:
+    given = "" if lenses is None else f"--intrinsics {shlex.quote(str(lenses))}"
+    return _typed("guide", target, given, "--source CAMERA=KIND:WHERE ... --record SESSION")
+
+
+def _typed(*words: str) -> str:
+    return " ".join(["posefuse calibrate", *filter(None, words)])

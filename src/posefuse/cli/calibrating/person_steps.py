@@ -23,7 +23,7 @@ def person(
     """Rig file and report from videos, or from 2D poses that another tool has written."""
     outputs = (("--out", files.out), ("--report", files.report))
     check_files((*inputs, options.intrinsics), outputs, force=files.force)
-    asked = Asked(step="person", inputs=inputs, intrinsics=options.intrinsics, out=files.out)
+    asked = Asked(step="person", inputs=inputs, options=(options, files, networks))
     with reported(files.report, asked), terminal.stages() as progress:
         found = calibrate_person(
             recordings_of(inputs),
@@ -53,7 +53,8 @@ def clocks(
     """Clock offset of every camera of a session, written as settings that `posefuse track` of it reads."""
     check_files((options.rig,), (("--report", files.report),), force=files.force)
     chosen = {} if options.input is None else {"input": options.input}
-    with reported(files.report, Asked(step="clocks", inputs=(str(session),))), terminal.stages() as progress:
+    asked = Asked(step="clocks", inputs=(str(session),), options=(options, files, networks))
+    with reported(files.report, asked), terminal.stages() as progress:
         found = calibrate_clocks(
             session,
             rig=options.rig,

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from posefuse.api.calibrate import calibrate_extrinsics, calibrate_intrinsics, observe_target, verify
+from posefuse.api.calibration_results import IntrinsicsCalibration
+from posefuse.api.rig import rig_of
 from posefuse.calibration.extrinsics.floor import FloorMarker, check_floor, with_floor
 from posefuse.calibration.extrinsics.floor_points import read_floor_points
 from posefuse.calibration.extrinsics.world import ThreePoints
+from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.result_files import coverage_path, write_coverage
 from posefuse.calibration.targets.description import write_target
 from posefuse.calibration.targets.kinds import Chessboard, Markers, Target
@@ -19,6 +23,7 @@ from posefuse.cli.options.calibration import (
     TARGET_SUFFIX,
     ExtrinsicsOptions,
     FloorOptions,
+    FrameOptions,
     PrintOptions,
     ReportOptions,
     RigOptions,
@@ -26,33 +31,59 @@ from posefuse.cli.options.calibration import (
     VerifyOptions,
 )
 from posefuse.cli.terminal import Terminal
-from posefuse.core import InputError
+from posefuse.core import CalibrationError, Camera, InputError
 from posefuse.formats.rig import read_placed_rig, read_rig
 from posefuse.foundation.atomic import atomic_file
 from posefuse.foundation.output_file import keep_copy
 from posefuse.pipeline.config import CONFIG_FILE
 
-from .inputs import check_files, clock_offsets_s, clocks_beside, recordings_of, target_file, target_from_options, target_words
+from .inputs import check_files, clock_offsets_s, clocks_beside, recordings_of, target_file, target_from_options
 from .next_steps import Asked
 from .showing import reported, show_report, write_clocks
 
 
 def intrinsics(
-    inputs: Sequence[str], target: TargetOptions, every: int, files: RigOptions, terminal: Terminal
+    inputs: Sequence[str], target: TargetOptions, frames: FrameOptions, files: RigOptions, terminal: Terminal
 ) -> Mapping[str, Any]:
     """Intrinsics of each camera from its views of a board: rig file without poses, and reports."""
     check_files((*inputs, target_file(target)), (("--out", files.out), ("--report", files.report)), force=files.force)
-    asked = Asked(step="intrinsics", inputs=inputs, target=target_words(target), out=files.out)
-    with reported(files.report, asked), terminal.stages() as progress:
-        found = calibrate_intrinsics(recordings_of(inputs), target=target_from_options(target), every=every, progress=progress)
-    for report in found.reports.values():
-        show_report(report, terminal)
-    found.save(files.out, report=files.report, replace=files.force)
+    recordings, kind = recordings_of(inputs), target_from_options(target)
+    with reported(files.report, Asked(step="intrinsics", inputs=inputs, options=(target, frames, files))):
+        try:
+            with terminal.stages() as progress:
+                found = calibrate_intrinsics(recordings, target=kind, every=frames.every, progress=progress)
+        except RefusedCalibration as refused:
+            if refused.kept is not None:
+                _save_lenses(refused.kept, files, terminal)
+            raise
+    _save_lenses(found, files, terminal)
     terminal.next(
         f"posefuse calibrate guide --target CUBE.toml --intrinsics {files.out} --source CAMERA=KIND:WHERE ... --record SESSION",
         "move a target where two cameras see it; `calibrate extrinsics` then finds the poses of the cameras",
     )
     return {"rig": str(files.out), "cameras": {name: dict(report.numbers) for name, report in found.reports.items()}}
+
+
+def _save_lenses(found: IntrinsicsCalibration, files: RigOptions, terminal: Terminal) -> None:
+    """Reports and rig file; cameras of an older file that were not calibrated now stay in it."""
+    for report in found.reports.values():
+        show_report(report, terminal)
+    stay = _lenses_of_others(files.out, found.rig.names)
+    if stay:
+        found = replace(found, rig=rig_of(replace(found.rig, cameras=(*stay, *found.rig))))
+    found.save(files.out, report=files.report, replace=files.force)
+    words = f"; {', '.join(camera.name for camera in stay)} as before" if stay else ""
+    terminal.note(f"{files.out}: intrinsics of {', '.join(found.reports)}{words}")
+
+
+def _lenses_of_others(path: Path, names: Sequence[str]) -> list[Camera]:
+    """Cameras of a file of intrinsics except those named; none where it is no such file."""
+    try:
+        cameras = read_rig(path).cameras if path.is_file() else ()
+    except CalibrationError:
+        return []
+    placed = any(camera.cam_from_world.xyz.any() for camera in cameras)
+    return [] if placed else [camera for camera in cameras if camera.name not in names]
 
 
 def extrinsics(
@@ -65,8 +96,10 @@ def extrinsics(
 ) -> Mapping[str, Any]:
     """Poses of the cameras from a moving target: rig file, coverage image, report, and clocks where they count."""
     picture = coverage_path(files.out)
-    outputs = (("--out", files.out), ("--report", files.report), ("--out", picture))
-    check_files((*inputs, target_file(target), options.intrinsics, floor.floor_points), outputs, force=files.force)
+    read = (*inputs, target_file(target), options.intrinsics, floor.floor_points)
+    check_files(read, (("--out", files.out), ("--report", files.report)), force=files.force)
+    # a refused run leaves the image, and must not stop the next one; an older image is kept as a copy
+    check_files(read, (("--out", picture),), force=True)
     # everything that may be wrong with the command line, before minutes of work
     kind = target_from_options(target)
     lenses = None if options.intrinsics is None else read_rig(options.intrinsics)
@@ -80,8 +113,7 @@ def extrinsics(
     # before the solve: it is needed most when that refuses
     terminal.note(f"{picture}: {write_coverage(picture, seen).advice()}")
     require_target_seen(seen, open_sources(recordings), kind)
-    asked = Asked(step="extrinsics", inputs=inputs, target=target_words(target), intrinsics=options.intrinsics, out=files.out)
-    with reported(files.report, asked):
+    with reported(files.report, Asked(step="extrinsics", inputs=inputs, options=(target, floor, options, files))):
         found = calibrate_extrinsics(
             seen,
             intrinsics=lenses,
@@ -100,7 +132,7 @@ def extrinsics(
     found.save(files.out, report=files.report, replace=files.force)
     settings = write_clocks(files.out.with_name(CONFIG_FILE), found.rig.names, found.clocks, terminal)
     terminal.next(
-        f"posefuse calibrate verify --target BOARD.toml --rig {files.out} SESSION", "with a target that the rig was not made from"
+        f"posefuse calibrate verify SESSION --target BOARD.toml --rig {files.out}", "with a target that the rig was not made from"
     )
     return {
         "rig": str(files.out),
@@ -140,7 +172,7 @@ def verify_rig(
     show_report(found.report, terminal)
     if files.report is not None:
         found.save(files.report, replace=files.force)
-    with reported(None, Asked(step="verify", inputs=inputs)):
+    with reported(None, Asked(step="verify", inputs=inputs, options=(target, options, files))):
         found.report.require()
     terminal.next(f"put {options.rig} into the folder of your videos: posefuse track SESSION --out RESULT", "the rig is good")
     return dict(found.report.numbers)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from posefuse.cli.options.calibration import CameraRecordings, Every, RigOptions, TargetOptions
+from posefuse.cli.options.calibration import CameraRecordings, FrameOptions, RigOptions, TargetOptions
 from posefuse.cli.options.shared import Figures, Shown
 
 
 def calibrate_intrinsics(
-    *inputs: CameraRecordings, target: TargetOptions = TargetOptions(), every: Every = 1, files: RigOptions, terminal: Shown
+    *inputs: CameraRecordings,
+    target: TargetOptions = TargetOptions(),
+    frames: FrameOptions = FrameOptions(),
+    files: RigOptions,
+    terminal: Shown,
 ) -> Figures:
     """Find the intrinsics of each camera from images of a board.
 
@@ -16,4 +20,4 @@ def calibrate_intrinsics(
     """
     from posefuse.cli.calibrating.target_steps import intrinsics
 
-    return intrinsics(inputs, target, every, files, terminal)
+    return intrinsics(inputs, target, frames, files, terminal)

@@ -13,7 +13,7 @@ MOST_MM, MOST_S, MOST_HZ, MOST_HEIGHT_M = 10_000.0, 86_400.0, 10_000.0, 3.0
 # squares of a board along one side, and frames between two that are looked at
 MOST_SQUARES, MOST_FRAMES = 200, 1_000_000
 ClockMode = Literal["auto", "together", "offset", "drift"]
-TARGETS = ("markers", "charuco", "chessboard", "aruco-board")
+TARGETS = ("markers", "charuco", "chessboard")
 TARGET_SUFFIX = ".toml"
 CLOCKS_HELP = "Estimate the clock offsets of the cameras: never (together), always (offset; with drift), or when needed (auto)."
 MOST_S_HELP = "Largest clock offset between two cameras to search for, in seconds."
@@ -37,7 +37,6 @@ RigFile = Annotated[Path, Parameter(metavar="FILE")]
 OptionalFile = Annotated[Path | None, Parameter(metavar="FILE")]
 Millimetres = Annotated[float | None, Parameter(metavar="MM"), positive(MOST_MM)]
 Squares = Annotated[int | None, Parameter(metavar="N"), count(MOST_SQUARES)]
-Every = Annotated[int, Parameter(metavar="N", help="Look at every Nth frame."), count(MOST_FRAMES)]
 Clocks = Annotated[ClockMode, Parameter(help=CLOCKS_HELP)]
 MostSeconds = Annotated[float, Parameter(metavar="S", help=MOST_S_HELP), positive(MOST_S)]
 RateHz = Annotated[float | None, Parameter(metavar="HZ"), positive(MOST_HZ)]
@@ -53,21 +52,19 @@ class TargetOptions:
 
     target: TargetName = "charuco"
     columns: Squares = None
-    """Squares across (charuco), inner corners (chessboard), markers (aruco-board)."""
+    """Squares across (charuco), inner corners (chessboard)."""
     rows: Squares = None
     """The same, down."""
     square_mm: Millimetres = None
     """Edge of a square."""
     marker_mm: Millimetres = None
     """Edge of a marker's black square."""
-    gap_mm: Millimetres = None
-    """White gap between two markers (aruco-board)."""
     thickness_mm: Millimetres = None
     """Board printed on both sides, tops together: distance of the two prints."""
     dictionary: Annotated[str | None, Parameter(metavar="NAME")] = None
     """OpenCV's name of the marker dictionary (default DICT_4X4_50)."""
     ids: Annotated[tuple[int, ...], Parameter(metavar="ID", consume_multiple=True)] = ()
-    """Markers of the target (default all); of an aruco-board the first."""
+    """Markers of the target (default all)."""
     inverted: bool = False
     """Black and white are swapped."""
     legacy: bool = False
@@ -124,12 +121,20 @@ class FloorOptions:
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class ExtrinsicsOptions:
+class FrameOptions:
+    """What is looked at."""
+
+    every: Annotated[int, Parameter(metavar="N"), count(MOST_FRAMES)] = 1
+    """Look at every Nth frame."""
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class ExtrinsicsOptions(FrameOptions):
     """How the camera poses are found."""
 
     intrinsics: OptionalFile = None
     """Rig file with the intrinsics; without it, they are found from the same recording, if it determines them."""
-    every: Every = 1
     clocks: Clocks = "auto"
     refine_lenses: Annotated[float | None, Parameter(metavar="PERCENT"), positive(100)] = None
     """Refine the intrinsics too; how well their focal lengths are known, in percent, e.g. 0.5."""
@@ -195,12 +200,11 @@ class ClockOptions:
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class VerifyOptions:
+class VerifyOptions(FrameOptions):
     """What is verified."""
 
     rig: RigFile
     """Rig file to verify."""
-    every: Every = 1
     offset_ms: Annotated[tuple[str, ...], Parameter(metavar="CAMERA=MS")] = ()
     """Clock offset in milliseconds, in place of those in posefuse.toml next to the rig file. May be given several times."""
 

@@ -57,8 +57,6 @@ class OutputOptions:
     """Publish in ROS 2."""
     ros1: bool = False
     """Publish in ROS 1, at the master of ROS_MASTER_URI."""
-    base: Annotated[str, Parameter(metavar="FRAME")] = ""
-    """Express hands and head in this tf frame of a robot, instead of the world."""
     osc: Annotated[tuple[str, ...], Parameter(metavar="HOST:PORT")] = ()
     """Send poses as OSC. May be given several times."""
     json_udp: Annotated[tuple[str, ...], Parameter(metavar="HOST:PORT")] = ()

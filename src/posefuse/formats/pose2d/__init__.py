@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from posefuse.core import InputError, Skeleton
+from posefuse.core import SKELETONS, InputError, Skeleton
+from posefuse.core.errors import choices
 from posefuse.foundation.parsing import short
 
 from . import alphapose, coco, deeplabcut, mmpose, openpose
@@ -70,6 +72,27 @@ def read_pose2d(path: Path, camera: str, *, skeleton: Skeleton | None = None) ->
     raise InputError(f"{path}: camera {camera}: no format of 2D poses recognised; looked for {looked}")
 
 
+def read_pose2d_of_cameras(
+    paths: Mapping[str, Path], sizes_wh: Mapping[str, tuple[int, int]], keypoints: str = ""
+) -> list[Pose2DFrames]:
+    """2D poses of several cameras, all in one order of keypoints: what one camera leaves open, the people of all decide.
+
+    Args:
+        paths, sizes_wh: as for `read_pose2d`, by camera name. keypoints: name of the keypoint set; empty to recognise it.
+
+    Raises:
+        InputError: as `read_pose2d`; or no such keypoint set.
+    """
+    if keypoints and keypoints not in SKELETONS:
+        raise InputError(f"keypoints: no set {keypoints!r}; there are: {choices(SKELETONS)}")
+    stated = SKELETONS.get(keypoints)
+    order = stated or openpose.body_order(path for path in paths.values() if openpose.fits(path))
+    return [
+        read_pose2d(path, name, skeleton=order if openpose.fits(path) else stated, size_wh=sizes_wh[name])
+        for name, path in paths.items()
+    ]
+
+
 def _fits(format: Pose2DFormat, path: Path) -> bool:
     try:
         return format.reader.fits(path)
@@ -79,4 +102,5 @@ def _fits(format: Pose2DFormat, path: Path) -> bool:
 
 __all__ = [
     "FORMATS", "POSE2D_SUFFIXES", "UNTRACKED", "People2D", "Pose2DFormat", "Pose2DFrames", "read_openpose_folder", "read_pose2d",
+    "read_pose2d_of_cameras",
 ]  # fmt: skip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +17,8 @@ from .frames import People2D, Pose2DFrames, check_distance, frame_number, read_j
 from .keypoint_sets import BODY_POINTS, in_coco17_order, skeleton_of_count
 
 NAME = "openpose"
-# mid_hip is within a quarter of the hip width of the middle of the hips, in any posture
-_HIP_SHARE = 4.0
+# of a person's size in the image: mid_hip is nearer to the middle of the hips, an elbow farther from what BODY_25B has there
+_MOST_OFFSET = 0.08
 _ENOUGH_PEOPLE = 200
 
 
@@ -63,32 +64,38 @@ def read_openpose_folder(folder: Path, camera: str, skeleton: Skeleton | None = 
     return Pose2DFrames(camera, NAME, chosen, numbers, lambda place: _people(ordered[place], chosen))
 
 
+def body_order(folders: Iterable[Path]) -> Skeleton | None:
+    """BODY_25 or BODY_25B, from the people of all cameras together; None where no folder has people of 25 keypoints and hips."""
+    offsets = [offset for folder in folders for offset in _hip_offsets(sorted(folder.glob("*.json")))]
+    return SKELETONS["body_25b" if np.median(offsets) > _MOST_OFFSET else "body_25"] if offsets else None
+
+
 def _skeleton_of(folder: Path, camera: str, paths: tuple[Path, ...]) -> Skeleton:
-    offsets: list[float] = []
-    for path, person in ((file, person) for file in paths for person in _read(file)):
-        if len(person) != BODY_POINTS:
-            return skeleton_of_count(len(person), str(path))
-        check_distance(person, str(path))
-        offsets.extend(_hip_offset(person))
-        if len(offsets) >= _ENOUGH_PEOPLE:
-            break
-    if not offsets:
+    first = next((len(person) for path in paths for person in _read(path)), 0)
+    order = body_order([folder]) if first in (0, BODY_POINTS) else skeleton_of_count(first, str(folder))
+    if order is None:
         raise InputError(
             f"{folder}: camera {camera}: no person with hips in any of {len(paths)} files: the order of keypoints is unknown"
         )
-    return SKELETONS["body_25b" if np.median(offsets) > 1 else "body_25"]
+    return order
 
 
-def _hip_offset(person: Array) -> list[float]:
-    """How far point 8 is from the middle of points 9 and 12, by their distance: 0 where 8 is BODY_25's mid_hip.
+def _hip_offsets(paths: Sequence[Path]) -> list[float]:
+    """How far point 8 is from the middle of points 9 and 12, as a share of the person's size: 0 where 8 is BODY_25's mid_hip.
 
-    In BODY_25B the three are the right elbow, the left wrist and the right hip.
+    In BODY_25B the three are the right elbow, the left wrist and the right hip. Seen from the side, hips are at one place, so
+    their distance says nothing of the size.
     """
-    if not (person[[8, 9, 12], 2] > 0).all():
-        return []
-    point, right, left = person[[8, 9, 12], :2]
-    across = max(float(np.linalg.norm(right - left)), 1.0)
-    return [float(np.linalg.norm(point - (right + left) / 2)) / across * _HIP_SHARE]
+    offsets: list[float] = []
+    for path, person in ((file, person) for file in paths for person in _read(file)):
+        if len(person) != BODY_POINTS or len(offsets) >= _ENOUGH_PEOPLE:
+            break
+        check_distance(person, str(path))
+        if (person[[8, 9, 12], 2] > 0).all():
+            point, right, left = person[[8, 9, 12], :2]
+            size = float(np.linalg.norm(np.ptp(person[person[:, 2] > 0, :2], axis=0)))
+            offsets.append(float(np.linalg.norm(point - (right + left) / 2)) / max(size, 1.0))
+    return offsets
 
 
 def _read(path: Path) -> list[Array]:

@@ -1,6 +1,14 @@
 """Calibrated rigs from and to files: one file per format, reader and writer side by side."""
 
-from .image_size import fit_camera_to_video
-from .reading import read_placed_rig, read_rig, refusal_note, write_rig
+from .image_size import fit_camera_to_video, rescaled_cameras
+from .reading import read_placed_rig, read_rig, refusal_note, rig_warnings, write_rig
 
-__all__ = ["fit_camera_to_video", "read_placed_rig", "read_rig", "refusal_note", "write_rig"]
+__all__ = [
+    "fit_camera_to_video",
+    "read_placed_rig",
+    "read_rig",
+    "refusal_note",
+    "rescaled_cameras",
+    "rig_warnings",
+    "write_rig",
+]

@@ -1,7 +1,8 @@
 """Anipose and Pose2Sim calibration TOML, the form that posefuse writes: one table per camera.
 
 ``x_cam = R x_world + t`` in OpenCV axes, R as a rotation vector (Rodrigues), metres. Keys both tools ignore carry what
-they do not know: ``readout_s`` per camera, ``world_set_by`` and ``residual_px`` in ``[metadata]``.
+they do not know: ``readout_s`` and ``cropped`` (images are a part of the sensor) per camera, ``world_set_by`` and
+``residual_px`` in ``[metadata]``.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import Any
 from posefuse.core import Camera, Rig
 
 from . import parts
+from .plausible import centre_problem
 from .toml_text import toml_text
 
 HOLDS = "Anipose / Pose2Sim *.toml"
@@ -43,6 +45,7 @@ def camera_from_table(where: str, name: str, table: Mapping[str, Any]) -> Camera
         translation=parts.entry(where, table, "translation"),
         fisheye=table.get("fisheye", False),
         readout_s=table.get("readout_s", 0.0),
+        cropped=table.get("cropped", False),
     )
 
 
@@ -57,6 +60,7 @@ def _table_from_camera(camera: Camera) -> dict[str, Any]:
         "translation": parts.rows(camera.cam_from_world.xyz),
         "fisheye": camera.model == "fisheye",
     }
+    table |= {"cropped": True} if centre_problem(camera) else {}
     return table | ({"readout_s": camera.readout_s} if camera.readout_s else {})
 
 

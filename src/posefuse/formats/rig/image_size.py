@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -60,6 +61,25 @@ def fit_camera_to_video(
         f"{_sizes(camera, size_wh)}, which may be a cut-out or a resampling{turned}; "
         f"state which for camera {camera.name}: crop = [left, top] in px of the calibrated image, or scale = true"
     )
+
+
+def rescaled_cameras(
+    cameras: Sequence[Camera], size_wh: Mapping[str, tuple[int, int]]
+) -> tuple[tuple[Camera, ...], tuple[str, ...]]:
+    """Cameras as they apply to images of other sizes in the calibrated proportions, and a note on each that was changed.
+
+    Args:
+        size_wh: (width, height) of the images by camera name. Sizes in other proportions change nothing.
+    """
+    fitted, notes = [], []
+    for camera in cameras:
+        width, height = wanted = size_wh.get(camera.name, camera.size_wh)
+        if wanted != camera.size_wh and _same_proportions(camera.size_wh, wanted):
+            calibrated = f"{camera.size_wh[0]}x{camera.size_wh[1]} px"
+            notes.append(f"{camera.name}: its calibration of {calibrated} was rescaled to images of {width}x{height} px")
+            camera = camera.scaled(wanted)
+        fitted.append(camera)
+    return tuple(fitted), tuple(notes)
 
 
 def black_bars(image: Array) -> tuple[int, int, int, int]:

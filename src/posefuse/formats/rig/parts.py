@@ -100,6 +100,7 @@ def camera(
     translation: Any,
     fisheye: Any = False,
     readout_s: Any = 0.0,
+    cropped: Any = False,
 ) -> Camera:
     """One camera of a file, every number checked; `where` names file and camera in errors."""
     if not isinstance(fisheye, bool | int) or fisheye not in (0, 1):
@@ -114,7 +115,7 @@ def camera(
             model="fisheye" if fisheye else "pinhole",
             readout_s=float(numbers(f"{where}: readout_s", readout_s, ())),
         )
-        return require_plausible(where, made)
+        return require_plausible(where, made, bool(cropped))
     except ShapeError as error:
         raise CalibrationError(f"{where}: {error}") from None
     except CalibrationError as error:

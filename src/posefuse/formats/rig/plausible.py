@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posefuse.core import CalibrationError, Camera, Rig
+from posefuse.core import SE3, CalibrationError, Camera, Rig
 from posefuse.core.arrays import Array
 
 
@@ -22,7 +23,9 @@ class PlausibleLimits:
         rim: part of the half diagonal inside which a lens must be invertible.
         apart_m: two cameras nearer than this are one.
         common_view: share of a camera's view that others must see, below which inverse poses are tried.
-        inverse_ratio: by how much more the cameras must see in common with inverse poses.
+        inverse_ratio: by how much more the cameras must see in common with poses read in another way.
+        seen_by_all: share of what the other cameras see together that a camera must see with its pose read in another way.
+        upright: cosine between the mean of the images' up and an axis of the world, above which that axis is the world's up.
     """
 
     aspect: float = 1.6
@@ -32,6 +35,8 @@ class PlausibleLimits:
     apart_m: float = 0.002
     common_view: float = 0.3
     inverse_ratio: float = 1.7
+    seen_by_all: float = 0.7
+    upright: float = 0.9
 
 
 LIMITS = PlausibleLimits()
@@ -39,9 +44,15 @@ LIMITS = PlausibleLimits()
 _DEPTHS, _GRID = (0.25, 0.5, 1.0, 2.0), np.linspace(0.1, 0.9, 5)
 
 
-def require_plausible(where: str, camera: Camera, limits: PlausibleLimits = LIMITS) -> Camera:
-    """The camera; raises CalibrationError for intrinsics that cannot be meant."""
-    problem = _size_problem(camera, limits) or _matrix_problem(camera, limits) or _lens_problem(camera, limits)
+def require_plausible(where: str, camera: Camera, cropped: bool, limits: PlausibleLimits = LIMITS) -> Camera:
+    """The camera; raises CalibrationError for intrinsics that cannot be meant.
+
+    Args:
+        cropped: the file states that the images are a part of the sensor, which may lie anywhere about the principal point.
+    """
+    problem = "" if cropped else _size_problem(camera, limits)
+    problem = problem or _matrix_problem(camera, limits)
+    problem = problem or ("" if cropped else centre_problem(camera)) or _lens_problem(camera, limits)
     if problem:
         raise CalibrationError(f"{where}: {problem}")
     return camera
@@ -59,9 +70,17 @@ def _matrix_problem(camera: Camera, limits: PlausibleLimits) -> str:
             f"matrix: expected a focal length of {least * max(width, height):.0f} to {most * max(width, height):.0f} px"
             f" for images of {width}x{height} px, got {fx:.1f}; is it in millimetres, or of another image size?"
         )
-    cx, cy = camera.K[:2, 2]
+    return ""
+
+
+def centre_problem(camera: Camera) -> str:
+    """What is wrong with a principal point outside of the image; empty where it lies inside."""
+    (cx, cy), (width, height) = camera.K[:2, 2], camera.size_wh
     if not (-0.5 <= cx <= width - 0.5 and -0.5 <= cy <= height - 0.5):
-        return f"matrix: the principal point ({cx:.0f}, {cy:.0f}) px lies outside of the image of {width}x{height} px"
+        return (
+            f"matrix: the principal point ({cx:.0f}, {cy:.0f}) px lies outside of the image of {width}x{height} px;"
+            " if images are cut out of the sensor's, state cropped = true for this camera (in a .toml)"
+        )
     return ""
 
 
@@ -100,11 +119,12 @@ def require_placed(where: str, rig: Rig, limits: PlausibleLimits = LIMITS) -> Ri
             f"{where}: all {len(rig)} cameras are at one place: these are intrinsics only;"
             " `posefuse calibrate extrinsics` finds where the cameras stand"
         )
-    shared, other = _common_view(rig), _common_view(_inverse(rig))
-    if shared < limits.common_view and other > limits.inverse_ratio * max(shared, 1e-3):
+    shared, others = _common_view(rig), _common_views_reread(rig)
+    if shared < limits.common_view and others[_INVERSE] > limits.inverse_ratio * max(shared, 1e-3):
+        words = max(others, key=lambda reading: others[reading])
         raise CalibrationError(
-            f"{where}: the cameras see {shared:.0%} of their views in common, and {other:.0%} with the inverse of their poses:"
-            " it holds world_from_camera; expected camera_from_world, x_cam = R x_world + t"
+            f"{where}: the cameras see {shared:.0%} of their views in common, and {others[words]:.0%} if the file holds {words};"
+            f" {_EXPECTED}"
         )
     a, b = np.unravel_index(np.argmin(away + np.eye(len(rig)) * 1e9), away.shape)
     if away[a, b] < limits.apart_m:
@@ -112,16 +132,71 @@ def require_placed(where: str, rig: Rig, limits: PlausibleLimits = LIMITS) -> Ri
     return rig
 
 
-def _inverse(rig: Rig) -> Rig:
-    return Rig(tuple(replace(camera, cam_from_world=camera.cam_from_world.inverse()) for camera in rig))
+_EXPECTED = "expected camera_from_world, x_cam = R x_world + t"
+# what else a file may hold for R and t, and the pose that is meant by it
+_INVERSE = "the inverse of poses (world_from_camera)"
+_READINGS: Mapping[str, Callable[[SE3], SE3]] = {
+    _INVERSE: lambda pose: pose.inverse(),
+    "camera centres for t": lambda pose: SE3(pose.wxyz, -(pose.matrix() @ pose.xyz)),
+    "transposed rotations": lambda pose: SE3.from_matrix(pose.matrix().T, pose.xyz),
+}
+
+
+def _common_views_reread(rig: Rig) -> dict[str, float]:
+    """The common view with all poses read in another way, by what the file would then hold."""
+    return {
+        words: _common_view(Rig(tuple(replace(camera, cam_from_world=read(camera.cam_from_world)) for camera in rig)))
+        for words, read in _READINGS.items()
+    }
+
+
+def doubts(where: str, rig: Rig, limits: PlausibleLimits = LIMITS) -> tuple[str, ...]:
+    """What is odd about the poses of a placed rig, and may yet be meant: all poses, single cameras, the axes of the world."""
+    if len(rig) < 2:
+        return ()
+    shared, others = _common_view(rig), _common_views_reread(rig)
+    words = max(others, key=lambda reading: others[reading])
+    lines = _lonely_cameras(where, rig, limits)
+    if max(shared, limits.common_view / 2) * limits.inverse_ratio < others[words]:
+        lines = [f"{where}: the cameras hardly see anything in common, and would if the file held {words}; {_EXPECTED}"]
+    up = -np.mean([camera.cam_from_world.matrix()[1] for camera in rig], axis=0)
+    axis = int(np.argmax(np.abs(up)))
+    if (axis, np.sign(up[axis])) != (2, 1) and abs(up[axis]) > limits.upright:
+        found = f"{'-' if up[axis] < 0 else ''}{'XYZ'[axis]}"
+        lines.append(f"{where}: up in the images is {found} of the world; expected Z: the results will not stand upright")
+    return tuple(lines)
+
+
+def _lonely_cameras(where: str, rig: Rig, limits: PlausibleLimits) -> list[str]:
+    """Cameras that see nothing of what most of the others see together, and would if their poses were read in another way."""
+    points = np.concatenate([_view(camera, _usual_m(rig)) for camera in rig])
+    seen = np.stack([_seen(camera, points) for camera in rig])
+    lines = []
+    for c, camera in enumerate(rig):
+        by_others = np.delete(seen, c, axis=0).sum(axis=0)
+        together = by_others == by_others.max()
+        if by_others.max() < 2 or seen[c, together].any():
+            continue
+        for words, read in _READINGS.items():
+            other = _seen(replace(camera, cam_from_world=read(camera.cam_from_world)), points[together]).mean()
+            if other >= limits.seen_by_all:
+                lines.append(
+                    f"{where}: {camera.name} sees nothing of what {by_others.max()} others see together, and would if the file"
+                    f" held {words}; {_EXPECTED}"
+                )
+                break
+    return lines
+
+
+def _usual_m(rig: Rig) -> float:
+    centres = rig.centres_world()
+    away = np.linalg.norm(centres[:, None] - centres[None], axis=-1)
+    return float(np.median(away[~np.eye(len(rig), dtype=bool)]))
 
 
 def _common_view(rig: Rig) -> float:
     """Mean share of each camera's view, sampled over depths, that the other cameras see; the mean of all pairs."""
-    centres = rig.centres_world()
-    away = np.linalg.norm(centres[:, None] - centres[None], axis=-1)
-    usual_m = float(np.median(away[~np.eye(len(rig), dtype=bool)]))
-    shares = []
+    usual_m, shares = _usual_m(rig), []
     for a, camera in enumerate(rig):
         points = _view(camera, usual_m)
         shares.append(np.mean([_seen(other, points).mean() for b, other in enumerate(rig) if b != a]))

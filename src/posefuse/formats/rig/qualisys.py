@@ -65,6 +65,7 @@ def _camera(path: Path, element: ET.Element) -> Camera:
         distortion=_distortion(where, intrinsic),
         rotation=rotation,
         translation=-rotation @ centre_m,
+        cropped=left > 0 or top > 0,
     )
 
 

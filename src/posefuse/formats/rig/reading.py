@@ -10,7 +10,7 @@ from posefuse.foundation.atomic import write_text
 
 from . import anipose_toml, caliscope_toml, opencv_storage, parts, qualisys, ros_camera_info
 from .document import read_document
-from .plausible import require_placed
+from .plausible import doubts, require_placed
 
 # ROS before OpenCV: both call the intrinsics camera_matrix, and ROS has more keys
 _READERS: tuple[ModuleType, ...] = (caliscope_toml, anipose_toml, qualisys, ros_camera_info, opencv_storage)
@@ -43,9 +43,14 @@ def read_placed_rig(path: Path | str) -> Rig:
     """The rig of a file that must have extrinsics.
 
     Raises:
-        CalibrationError: as `read_rig`; and for cameras at one place (intrinsics only) or poses that are inverse.
+        CalibrationError: as `read_rig`; and for cameras at one place (intrinsics only) or poses that mean something else.
     """
     return require_placed(str(path), read_rig(path))
+
+
+def rig_warnings(path: Path | str, rig: Rig) -> tuple[str, ...]:
+    """What to know before a placed rig is used: a calibration that was refused, and poses that are odd; one line each."""
+    return (*filter(None, [refusal_note(path, rig)]), *doubts(str(path), rig))
 
 
 def refusal_note(path: Path | str, rig: Rig) -> str:

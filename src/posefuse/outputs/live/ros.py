@@ -49,8 +49,6 @@ class Ros2Config:
         domain_id: ROS_DOMAIN_ID. local_only: nothing leaves this machine. interface: network card; empty: the library chooses.
         peers: other machines, where multicast is off. detections: publish 2D poses too; not where they came from ROS.
         sim_time: stamps are simulated time, from `/clock` (ROS: `use_sim_time`).
-        base_frame: tf frame of a robot in which hands and head are expressed; other nodes publish its pose in ``world``.
-            Empty: the world.
         middleware: ``auto`` takes rclpy where a ROS 2 environment is sourced and no network option is given, else DDS.
     """
 
@@ -60,7 +58,6 @@ class Ros2Config:
     peers: tuple[str, ...] = ()
     detections: bool = True
     sim_time: bool = False
-    base_frame: str = ""
     middleware: Literal["auto", "dds", "rclpy"] = "auto"
     takes: ClassVar[tuple[type[LiveMessage], ...]] = _EVERYTHING
     keeps_all: ClassVar[bool] = False
@@ -120,9 +117,8 @@ class RosLiveOutput:
         self._make_node, self._config = node, config
         self._node: Any = None
         self._ros: Any = None
-        # simulated time, and frames of robots, where they are wanted
+        # simulated time, where it is wanted
         self._clock: Any = None
-        self._frames: Any = None
 
     def take(self, message: LiveMessage) -> None:
         """See `LiveOutput`."""
@@ -131,7 +127,6 @@ class RosLiveOutput:
                 self._open(message)
             case LivePose():
                 self._follow_clock(message.pose.t_ns)
-                self._follow_base()
                 self._ros.step(message.pose, message.joints, message.stages_ns)
             case LiveExpected(pose=pose) if self._node.wanted(topics.EXPECTED):
                 self._node.publish(topics.EXPECTED, message_from_pose(pose, {}, self._ros.world_frame), pose.t_ns)
@@ -153,11 +148,7 @@ class RosLiveOutput:
 
     def _open(self, start: LiveStart) -> None:
         self._node = self._make_node()
-        self._ros = RosOutput(self._node, start.rig, base_frame=self._config.base_frame)
-        if self._config.base_frame:
-            from posefuse.messages.frames import FrameReader
-
-            self._frames = FrameReader(self._node)
+        self._ros = RosOutput(self._node, start.rig)
         if self._config.sim_time:
             from posefuse.messages.sim_time import ClockReader
 
@@ -165,11 +156,6 @@ class RosLiveOutput:
             self._clock.wait(_CLOCK_WITHIN_S)
             self._follow_clock(start.t_ns)
         self._ros.start(start.t_ns)
-
-    def _follow_base(self) -> None:
-        if self._frames is not None:
-            self._frames.update()
-            self._ros.people.base_from_world = self._frames.frames.find(self._config.base_frame, self._ros.world_frame)
 
     def _follow_clock(self, t_ns: int) -> None:
         if self._clock is not None:

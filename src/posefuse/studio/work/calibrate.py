@@ -99,8 +99,8 @@ def _extrinsics(
         progress=progress,
     )
     found.save(folder / RIG, report=folder / "rig.html", replace=True)
-    if found.clock_settings:
-        (folder / CLOCKS).write_text(found.clock_settings, encoding="utf-8")
+    # those of an earlier calibration hold no longer
+    (folder / CLOCKS).write_text(found.clock_settings, encoding="utf-8")
     return {
         "passed": True,
         "cameras": list(found.rig.names),
@@ -135,7 +135,10 @@ def _offsets(path: Any) -> dict[str, float]:
 def _report(report: CalibrationReport) -> dict[str, Any]:
     return {
         "subject": report.subject,
-        "checks": [{"name": one.name, "passed": one.passed, "detail": one.detail, "remedy": one.remedy} for one in report.checks],
+        "checks": [
+            {"name": one.name, "passed": one.passed, "detail": one.detail, "remedy": one.remedy, "kind": one.kind}
+            for one in report.checks
+        ],
         "notes": list(report.notes),
         "numbers": {name: value for name, value in report.numbers.items() if np.isfinite(value)},
     }

@@ -1,4 +1,4 @@
-"""Props that move independently, boards printed on both sides, and inverted prints: against the simulated truth."""
+"""Boards printed on both sides, and inverted prints: against the simulated truth."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -6,24 +6,20 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from calibrating import merged
 
 from posefuse.calibration.extrinsics.pipeline import Options, key_snapshots, link
 from posefuse.calibration.extrinsics.self_checks import camera_differences
-from posefuse.calibration.extrinsics.target import Calibration, calibrate_extrinsics
-from posefuse.calibration.report import RefusedCalibration
+from posefuse.calibration.extrinsics.target import calibrate_extrinsics
 from posefuse.calibration.solving.rotations import poses_of
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.description import TargetDescription, described_target
 from posefuse.calibration.targets.detection import Corners, TargetDetector
-from posefuse.calibration.targets.kinds import ArucoBoard, Charuco, Markers, sides
+from posefuse.calibration.targets.kinds import Charuco, sides
 from posefuse.calibration.targets.printing import board_sheets
-from posefuse.calibration.targets.synthetic import Faults, Waving, cube, observe_prop
+from posefuse.calibration.targets.synthetic import Faults, Waving, observe_prop
 from posefuse.core import SE3, ConfigError, Rig
 
-MARKERS = Markers(0.24)
 OPTIONS = Options(instants=50, clocks="together")
-SECOND_ID, SECONDS = 6, 20.0
 TWO_SIDED = Charuco(columns=5, rows=7, square_m=0.12, marker_m=0.09, thickness_m=0.01)
 
 
@@ -32,71 +28,6 @@ def worst_mm_and_deg(rig: Rig, found: Rig) -> tuple[float, float]:
     true, ours = (poses_of(one) for one in (rig, found))
     metres, radians = camera_differences(true, ours)
     return float(metres.max() * 1e3), float(np.rad2deg(radians.max()))
-
-
-def motion_of(prop: int) -> Waving:
-    return Waving(seconds=SECONDS, rate_hz=12.0, seed=40 + prop)
-
-
-def seen_of_prop(rig: Rig, prop: int, cameras: tuple[int, ...], delay_s: tuple[float, ...] = ()) -> CornerObservations:
-    """One of two boxes of markers, each moved in its own way, as some of the cameras see it."""
-    faults = Faults(seed=prop, delay_s=delay_s)
-    seen = observe_prop(rig, cube(0.3, first_id=SECOND_ID * prop), MARKERS, motion_of(prop), faults)
-    return seen.rows(np.isin(seen.camera, cameras))
-
-
-def held_marker(found: Calibration, prop: int) -> int:
-    """The marker whose frame is that of its prop."""
-    mine = [patch for patch, of in found.prop_of_patch.items() if of == prop]
-    return next(patch for patch in mine if np.linalg.norm(found.prop_from_patch[patch].xyz) == 0)
-
-
-@pytest.fixture(scope="module")
-def rig(ring_rig: Callable[..., Rig]) -> Rig:
-    return ring_rig(3, distortion=(-0.12, 0.05, 0.001, -0.0005, 0.0))
-
-
-@pytest.fixture(scope="module")
-def two_props(rig: Rig) -> Calibration:
-    """Only the second camera sees both boxes, so neither box alone links all cameras."""
-    seen = merged(seen_of_prop(rig, 0, (0, 1)), seen_of_prop(rig, 1, (1, 2)))
-    return calibrate_extrinsics(seen, rig.cameras, MARKERS, OPTIONS)
-
-
-def test_two_props_link_cameras_that_neither_links_alone(rig: Rig, two_props: Calibration) -> None:
-    millimetres, degrees = worst_mm_and_deg(rig, two_props.rig)
-    assert millimetres < 8
-    assert degrees < 0.08
-    assert millimetres < 5e3 * two_props.position_sigma_m.max()
-    assert "2 props that move independently: markers 0, 1, 2, 3, 4, 5; 6, 7, 8, 9, 10, 11" in " ".join(two_props.report.notes)
-    with pytest.raises(RefusedCalibration, match="cam02"):
-        calibrate_extrinsics(seen_of_prop(rig, 0, (0, 1)), rig.cameras, MARKERS, OPTIONS)
-
-
-def test_each_prop_has_its_own_way(two_props: Calibration) -> None:
-    """The distance of the two boxes does not depend on the world frame."""
-    place = {}
-    for prop in (0, 1):
-        mine = two_props.prop == prop
-        place[prop] = dict(zip(two_props.t_ns[mine].tolist(), two_props.world_from_prop.xyz[mine], strict=True))
-    common = sorted(set(place[0]) & set(place[1]))
-    assert len(common) > 10
-    measured = [np.linalg.norm(place[0][t] - place[1][t]) for t in common]
-    t_s, true = np.array(common) / 1e9, []
-    for prop in (0, 1):
-        marker = cube(0.3, first_id=SECOND_ID * prop)[held_marker(two_props, two_props.prop_of_patch[SECOND_ID * prop])]
-        true.append(motion_of(prop).pose(t_s) @ np.tile(marker.xyz, (len(t_s), 1)))
-    np.testing.assert_allclose(measured, np.linalg.norm(true[0] - true[1], axis=1), atol=0.012)
-
-
-@pytest.mark.slow
-def test_clocks_are_found_from_two_props(rig: Rig) -> None:
-    late = (0.0, 0.11, -0.07)
-    seen = merged(seen_of_prop(rig, 0, (0, 1), late), seen_of_prop(rig, 1, (1, 2), late))
-    found = calibrate_extrinsics(seen, rig.cameras, MARKERS, replace(OPTIONS, clocks="offset"))
-    offset = found.delay_s[:, 0] - found.delay_s[0, 0]
-    np.testing.assert_allclose(offset, late, atol=1e-3)
-    assert worst_mm_and_deg(rig, found.rig)[0] < 6
 
 
 @pytest.fixture(scope="module")
@@ -134,8 +65,8 @@ def test_a_back_that_is_glued_on_badly_does_no_harm(facing: Rig) -> None:
     np.testing.assert_allclose(off.xyz, glued.xyz, atol=1.5e-3)
 
 
-@pytest.mark.parametrize("target", [TWO_SIDED, ArucoBoard(columns=3, rows=4, side_m=0.04, gap_m=0.01, thickness_m=0.005)])
-def test_the_sides_of_a_board_are_distinguished_by_their_markers(target: Charuco | ArucoBoard) -> None:
+def test_the_sides_of_a_board_are_distinguished_by_their_markers() -> None:
+    target = TWO_SIDED
     found = [detected(target, drawn(sheet)) for sheet in board_sheets(target, "a0")]
     assert [set(one.patch.tolist()) for one in found] == [{0}, {1}]
     np.testing.assert_array_equal(found[0].corner, found[1].corner)
@@ -147,14 +78,8 @@ def test_the_sides_of_a_board_are_distinguished_by_their_markers(target: Charuco
     np.testing.assert_allclose(back[:, 2], -(target.thickness_m or 0))
 
 
-@pytest.mark.parametrize(
-    "target",
-    [
-        Charuco(columns=5, rows=7, square_m=0.12, marker_m=0.09),
-        ArucoBoard(columns=3, rows=4, side_m=0.04, gap_m=0.01),
-    ],
-)
-def test_an_inverted_board_has_its_corners_where_the_usual_one_has_them(target: Charuco | ArucoBoard) -> None:
+def test_an_inverted_board_has_its_corners_where_the_usual_one_has_them() -> None:
+    target = Charuco(columns=5, rows=7, square_m=0.12, marker_m=0.09)
     inverted = replace(target, inverted=True)
     (grey,) = (drawn(sheet) for sheet in board_sheets(target, "a0"))
     usual, other = detected(target, grey), detected(inverted, 255 - grey)
@@ -170,13 +95,13 @@ def test_an_inverted_board_has_its_corners_where_the_usual_one_has_them(target: 
 def test_a_back_that_cannot_be_is_refused() -> None:
     with pytest.raises(ConfigError, match="DICT_4X4_50 has markers 0 to 49, this target needs 0 to 69; take a larger dictionary"):
         Charuco(columns=7, rows=10, square_m=0.05, marker_m=0.03, thickness_m=0.005)
-    with pytest.raises(ConfigError, match="thickness_mm: only a charuco or an aruco-board"):
+    with pytest.raises(ConfigError, match="thickness_mm: only a charuco has a back side"):
         described_target(
             TargetDescription(kind="markers", marker_mm=100.0, thickness_mm=3.0), lambda names: ConfigError(str(names))
         )
 
 
-def detected(target: Charuco | ArucoBoard, grey: np.ndarray) -> Corners:
+def detected(target: Charuco, grey: np.ndarray) -> Corners:
     """By the number of the corner: OpenCV finds markers in any order."""
     found = TargetDetector(target).detect(grey)
     order = np.argsort(found.corner, kind="stable")
