@@ -24,7 +24,7 @@ def test_a_name_of_any_letters_works_in_every_command(
     result, other = tmp_path / f"{name} result", tmp_path / f"{name} other"
     settings = [word for key, value in SETTINGS.items() for word in ("--set", f"{key}={value}")]
     commands = {
-        "track": (session, "--out", result, "--names", name, "--outputs", "trc,csv,json,overview", *settings),
+        "track": (session, "--out", result, "--names", name, "--outputs", "trc,csv,overview", *settings),
         "again": (result, "--out", other),
         "export": (result, "--out", tmp_path / f"{name} files", "--outputs", "c3d,trc"),
         "compare": (result, other, "--out", tmp_path / f"{name} comparison"),

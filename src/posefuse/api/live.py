@@ -366,7 +366,7 @@ def live(
     from posefuse.pipeline.config import changed_config
     from posefuse.realtime.config import LiveConfig
     from posefuse.realtime.inputs import inputs_from_arguments
-    from posefuse.realtime.output_plan import check_outputs
+    from posefuse.realtime.output_plan import check_live_outputs
 
     cameras = rig if isinstance(rig, core.Rig) else read_placed_rig(Path(rig))
     for note in rig_warnings("live" if isinstance(rig, core.Rig) else rig, cameras):
@@ -382,7 +382,7 @@ def live(
         check_output_file(Path(record), option="record")
         chosen["record"] = {**chosen.get("record", {}), "path": Path(record).absolute()}
     configs = {name: plugin_config("live_outputs", name, one) for name, one in chosen.items()}
-    check_outputs(configs)
+    check_live_outputs(configs)
     return build_live_session(cameras, inputs, config, configs, duration_s=duration_s, progress=progress)
 
 

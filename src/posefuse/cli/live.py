@@ -26,7 +26,7 @@ from posefuse.realtime.faults import faults_from_arguments
 from posefuse.realtime.fusion import Fusion
 from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.realtime.networks import fetch_networks
-from posefuse.realtime.output_plan import OutputPlan, check_outputs
+from posefuse.realtime.output_plan import OutputPlan, check_live_outputs
 from posefuse.realtime.pace import closing_lines
 from posefuse.realtime.ros_cameras import rig_with_camera_infos
 from posefuse.realtime.session import run_live
@@ -59,6 +59,7 @@ def run_session(
     inputs = settled_inputs(sources, timing, ros_2, rig)
     rig = rig_with_camera_infos(rig, inputs, config.camera_info, terminal.note)
     plan = OutputPlan(rig=rig, clock=SessionClock.begin(), configs=output_configs(outputs, ros_2, config))
+    check_live_outputs(plan.configs)
     terminal.note(
         f"{len(inputs)} camera{'s' * (len(inputs) != 1)}: " + ", ".join(f"{entry.camera} ({entry.kind})" for entry in inputs)
     )
@@ -185,7 +186,7 @@ def output_configs(
     """Configs of the outputs of the settings and the command line by name; `also` adds outputs and options.
 
     Raises:
-        ConfigError: no such output, or options it does not take. DependencyError: an output that lacks a package.
+        ConfigError: no such output, or options it does not take.
         InputError: a file to record that exists already.
     """
     chosen: dict[str, dict[str, Any]] = {name: dict(options) for name, options in config.outputs.items()}
@@ -195,9 +196,7 @@ def output_configs(
         if path is not None:
             check_output_file(Path(path), option=option)
     given = {**ros_2.settings, **({"axes": outputs.axes} if outputs.axes else {})}
-    configs = {name: plugin_config("live_outputs", name, options, given=given) for name, options in chosen.items()}
-    check_outputs(configs)
-    return configs
+    return {name: plugin_config("live_outputs", name, options, given=given) for name, options in chosen.items()}
 
 
 def _shorthands(outputs: OutputOptions) -> Iterator[tuple[str, dict[str, Any]]]:

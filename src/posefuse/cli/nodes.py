@@ -24,7 +24,7 @@ from posefuse.realtime.network_intake import NetworkIntake
 from posefuse.realtime.network_views import NetworkViews
 from posefuse.realtime.networks import settled_network
 from posefuse.realtime.node_intrinsics import publish_intrinsics, rig_of_nodes
-from posefuse.realtime.output_plan import OutputPlan
+from posefuse.realtime.output_plan import OutputPlan, check_live_outputs
 from posefuse.realtime.provenance import notes_of
 from posefuse.realtime.ros_cameras import rig_with_camera_infos
 from posefuse.realtime.session import group_plans, new_board, run_session, stop_requests
@@ -99,6 +99,7 @@ def fusion_node(
         check_replaceable(outputs.report, command="live", replace=False)
     # views that came from ROS are not sent back there
     configs = output_configs(outputs, ros_2, config, {"ros2": {"detections": False}})
+    check_live_outputs(configs)
     if config.camera_info == "use":
         rig = rig_of_nodes(rig, network, terminal.note, duration_s)
     clock = SessionClock.begin()

@@ -51,7 +51,7 @@ def track_session(folder: Path, options: TrackOptions, settings: SettingsOptions
     errors = _errors(session, tracked.recording)
     figures = _figures(options.out, written, clock, errors)
     if session.inputs[0].kind != "pose2d":
-        figures["network"] = network_of(config.detector)
+        figures["network"] = network_shown(config.detector)
     _show(terminal, figures, errors)
     terminal.next(f"posefuse report {options.out}", "joint angles, gait, files for OpenSim and Blender, one page")
     terminal.next(f"posefuse view {options.out}", "the skeleton in the 3D viewer (extra: viewer)")
@@ -77,7 +77,7 @@ def effective_track_config(folder: Path, options: TrackOptions, settings: Settin
     return read_config(path, settings.overrides, on_top | solve_options(options))
 
 
-def network_of(detector: DetectorChoice) -> str:
+def network_shown(detector: DetectorChoice) -> str:
     """The network, or its card, by which keypoints were found."""
     return str(next((detector.options[key] for key in ("card", "landmarks") if key in detector.options), detector.name))
 

@@ -204,9 +204,9 @@ def _read_file(path: Path) -> dict[str, Any]:
     content = read_mapping(path)
     detector = content.get("detector")
     options = detector.get("options") if isinstance(detector, Mapping) else None
-    for key, value in options.items() if isinstance(options, dict) else ():
-        if isinstance(value, str) and value.endswith(".toml"):
-            options[key] = str(path.parent.absolute() / value)
+    if isinstance(options, dict):
+        cards = {key: value for key, value in options.items() if isinstance(value, str) and value.endswith(".toml")}
+        options.update({key: str(path.parent.absolute() / card) for key, card in cards.items()})
     return content
 
 
@@ -228,7 +228,7 @@ def _check_option(option: str, dotted: str, value: Any, cls: type[Any]) -> None:
 def _put(content: dict[str, Any], keys: Sequence[str], value: Any) -> None:
     for key in keys[:-1]:
         inner = content[key] = options_by_name(content.get(key, {}))
-        if not isinstance(inner, Mapping):
+        if not isinstance(inner, dict):
             raise ConfigError(f"{'.'.join(keys)}: {key} is a value, not a group")
         content = inner
     before, named = content.get(keys[-1]), options_by_name(value)

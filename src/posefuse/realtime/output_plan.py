@@ -50,7 +50,7 @@ class OutputPlan:
         )
 
 
-def check_outputs(configs: Mapping[str, LiveOutputConfig]) -> None:
+def check_live_outputs(configs: Mapping[str, LiveOutputConfig]) -> None:
     """Build each output once, so that a missing package is named before any work; raises DependencyError."""
     for config in configs.values():
         config.build().close()
