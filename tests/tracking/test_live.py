@@ -44,7 +44,7 @@ def test_a_person_at_rest_is_where_the_truth_is(world):
     """With errors as the default network has them on people who stand."""
     w = world(motion="stand")
     views = (with_errors_at_rest(w.views(2.0, seed=None), np.random.default_rng(seed)) for seed in range(3))
-    assert np.mean([mean_error_m(w, run(w, one, 2.0)[1]) for one in views]) < 0.0
+    assert np.mean([mean_error_m(w, run(w, one, 2.0)[1]) for one in views]) < 0.0186
 
 
 # of the stated variance, what is new in every view and what wanders; the rest stays. As `bench/fit_tracker.py --rest` prints it

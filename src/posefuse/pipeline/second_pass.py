@@ -13,7 +13,7 @@ from posefuse.core.views_over_time import ViewsInParts, people_in
 from posefuse.fusion import FuseSettings, fuse
 from posefuse.kinematics import facing_votes
 from posefuse.tracking import SmoothSettings, smooth, steady_sides, to_joint_centres
-from posefuse.tracking.sides import parts_of, sides_that_differ, with_sides_exchanged
+from posefuse.tracking.sides import parts_of_steps, sides_that_differ, with_sides_exchanged
 
 # a person followed in fewer time steps than this is not one
 _LEAST_STEPS = 5
@@ -59,7 +59,7 @@ def poses_over_time(
 
 def _fused_over_time(views: ViewSequence | ViewsInParts, rig: Rig, fusing: FuseSettings) -> PoseSequence:
     poses, last = [], None
-    for part in parts_of(len(views.t_ns)):
+    for part in parts_of_steps(len(views.t_ns)):
         seen, some = views.part(part), []
         for i in range(len(seen.t_ns)):
             last = fuse(seen.at(i), rig, fusing, last)
@@ -75,7 +75,7 @@ def _with_sides_corrected(
 
     Where the first reference was still wrong, a better one names more views right: repeated until no view changes.
     """
-    parts = parts_of(len(fused))
+    parts = parts_of_steps(len(fused))
     exchanged = [np.zeros(1, bool)] * len(parts)
     for _ in range(_NAMING_ROUNDS):
         reference, changes = _steadied_points(fused, smoothing), False

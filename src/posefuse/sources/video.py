@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import av
 import numpy as np
-from av.video.frame import PictureType, VideoFrame
+from av.video.frame import VideoFrame
 from av.video.stream import VideoStream
 
 from posefuse.core import Frame, SourceError
@@ -30,8 +30,6 @@ VIDEO_SUFFIXES = (".mp4", ".mkv", ".mov", ".avi", ".webm", ".m4v", ".mpg", ".mpe
 # these start at an arbitrary time (a broadcast clock), so only times since the first frame mean anything
 ARBITRARY_START = ("mpegts", "avi", "mpeg")
 _MOST_BROKEN_IN_A_ROW = 30
-# decoding begins so many key frames before a time: with an open GOP the last one alone does not show all
-_KEYS_BEFORE = 2
 _FIRST_YEAR = 2000
 # FFmpeg also opens playlists and descriptions in XML, which name other files, and damaged ones of which crash it
 _CONTAINERS = "mov,mp4,matroska,webm,avi,mpegts,mpeg,mpegvideo,m4v,h264,hevc"
@@ -153,16 +151,16 @@ class VideoSource:
         listed = self._listed
         start = (self._start_ticks or 0) if listed.starts_anywhere else 0
         before = [key for key in listed.keys if self._session_ns((key - start) * listed.base_s) <= begin_ns]
-        if len(before) < _KEYS_BEFORE:
+        if not before:
             return None
-        key = before[-_KEYS_BEFORE]
+        key = before[-1]
         with opened_video(self._config) as container:
-            # a file without an index may lead anywhere, and intra refresh marks frames that do not show all
+            # a file without an index may lead anywhere, and with intra refresh the marked frame is not decoded
             container.seek(listed.keys[key], stream=container.streams.video[0])
             with suppress(SourceError):
                 for frame, _ in self._decoded_frames(container, container.streams.video[0]):
                     if frame.pts is None or frame.pts >= key:
-                        return listed.keys[key] if frame.pts == key and frame.pict_type == PictureType.I else None
+                        return listed.keys[key] if frame.pts == key else None
         return None
 
     def _decode(self, entry: int | None = None) -> Iterator[Arrived]:

@@ -68,12 +68,12 @@ def sides_like(reference: PoseSequence, rig: Rig, views: ViewSequence) -> ViewSe
     The reference is the same recording steadied over time, so a view is judged by what came before and after as well as by
     the other views.
     """
-    parts = parts_of(len(reference))
+    parts = parts_of_steps(len(reference))
     wrong = [sides_that_differ(reference.xyz_world[part], rig, views.part(part)) for part in parts]
     return with_sides_exchanged(views, np.concatenate(wrong))
 
 
-def parts_of(steps: int) -> list[slice]:
+def parts_of_steps(steps: int) -> list[slice]:
     """Time steps whose views are judged at once; at least one part, which may be empty."""
     return [slice(start, start + _PART_STEPS) for start in range(0, max(steps, 1), _PART_STEPS)]
 
