@@ -16,6 +16,7 @@ import numpy as np
 
 from posefuse.core import SKELETONS, InputError, Skeleton
 from posefuse.core.arrays import Array
+from posefuse.foundation.parsing import short
 
 from .frames import People2D, Pose2DFrames, frames_from_mapping, read_json
 from .keypoint_sets import keypoint_name
@@ -163,7 +164,7 @@ def _index(point: str) -> int:
     for k, own in enumerate(_LANDMARKS):
         if name == own:
             return k
-    raise ValueError(f"no landmark {point!r}")
+    raise ValueError(f"no landmark {short(point)}")
 
 
 def _number(text: str) -> float:
