@@ -20,8 +20,7 @@ from running import Running
 from posefuse.cli.stopping import NO_PERSON_CODE
 from posefuse.messages.bags import read_poses
 
-pytest.importorskip("mcap")
-pytest.importorskip("cyclonedds")
+pytest.importorskip("cyclonedds", reason="the extra `ros` is not installed")
 
 pytestmark = [pytest.mark.slow, pytest.mark.realtime, ON_LINUX]
 
@@ -79,10 +78,6 @@ class Sabotage:
             os.kill(pid, number)
 
 
-def memory_mb(pid: int) -> float:
-    return int(Path(f"/proc/{pid}/status").read_text().partition("VmRSS:")[2].split()[0]) / 1024
-
-
 def readable(folder: Path) -> int:
     """Poses in the recordings of a folder; each must be readable up to where it was cut off."""
     return sum(1 for path in folder.glob("*.mcap") for _ in read_poses(path, warn=str))
@@ -110,7 +105,7 @@ def test_ten_minutes_of_kills_stops_floods_a_full_disk_and_a_removed_folder(
                 events.pop(0)[1]()
             if share < CALM:
                 sabotage.step(time.monotonic())
-            memory.append(memory_mb(live.process.pid))
+            memory.append(int(re.findall(r"VmRSS:\s+(\d+)", Path(f"/proc/{live.process.pid}/status").read_text())[0]) / 1024)
             time.sleep(0.2)
         parts = readable(kept), readable(spare)
         ended_s = time.monotonic()
