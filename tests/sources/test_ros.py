@@ -6,6 +6,7 @@ import threading
 import time
 from contextlib import nullcontext
 from itertools import islice, takewhile
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -123,12 +124,11 @@ def test_what_is_closed_while_another_thread_uses_it_ends_quietly(monkeypatch):
 
     with RosNode("closed", Network(domain_id=DOMAIN, local_only=True)) as node:
 
-        class Closed:
-            def wait(self, _: int) -> int:
-                node.close()
-                raise DDSException(-12, msg="Occurred while waiting")
+        def wait(_: int) -> int:
+            node.close()
+            raise DDSException(-12, msg="Occurred while waiting")
 
-        node._waitset = Closed()
+        node._waitset = SimpleNamespace(wait=wait)
         assert node.wait(1.0) is False
     source = object.__new__(RosSource)
     source._closed, source._seq = False, 5

@@ -124,7 +124,7 @@ def _header(path: Path, lines: list[str]) -> dict[str, str]:
 def _metres(path: Path, units: str) -> float:
     if units not in METRES:
         raise InputError(
-            f"{path}: units: expected one of {choices(METRES)}, got {units!r}; state them: read_trc(path, units='mm')"
+            f"{path}: units: expected one of {choices(METRES)}, got {short(units)}; state them: read_trc(path, units='mm')"
         )
     return METRES[units]
 
@@ -171,6 +171,6 @@ def _check_scale(path: Path, xyz_m: Array, units: str) -> None:
     size_m = float(np.ptp(seen, axis=0).max())
     if np.median(np.abs(seen)) > _FARTHEST_M or size_m < _SMALLEST_M:
         raise InputError(
-            f"{path}: units {units!r} give points that span {size_m:.3g} m; "
+            f"{path}: units {short(units)} give points that span {size_m:.3g} m; "
             f"they seem to be wrong: state them, e.g. read_trc(path, units='{'mm' if size_m > 1 else 'm'}')"
         )

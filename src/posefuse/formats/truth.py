@@ -17,7 +17,7 @@ import numpy as np
 from posefuse.core import SE3, SKELETONS, Camera, CameraTruth, InputError, JointAngles, PosefuseError, Rig, Truth
 from posefuse.core.arrays import Array
 from posefuse.foundation.atomic import atomic_file
-from posefuse.foundation.parsing import one_line, parse_json
+from posefuse.foundation.parsing import one_line, parse_json, short
 
 from .npz import DAMAGED, read_arrays
 
@@ -53,7 +53,7 @@ def read_truth(path: Path) -> Truth:
     try:
         description = parse_json(f"{path}: description", arrays["description"].tobytes())
         if description["format"] != _FORMAT:
-            raise InputError(f"{path}: expected a file of format {_FORMAT!r}, got {description['format']!r}")
+            raise InputError(f"{path}: expected a file of format {_FORMAT!r}, got {short(description['format'])}")
         rig = Rig(tuple(_camera(one) for one in description["cameras"]), description["world_set_by"], 0.0)
         views = tuple(
             CameraTruth(

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import html
 import os
+import signal
 import socket
 import threading
 import webbrowser
@@ -15,6 +16,7 @@ from types import FrameType
 from typing import Any
 
 from posefuse.core import DependencyError, InputError
+from posefuse.foundation.requests_to_end import HANG_UP, heeded
 
 from .access import AccessMiddleware
 from .private_files import private_folder, write_own
@@ -154,6 +156,17 @@ class _Server(uvicorn.Server):
         # what a tick prepares: the headers of every answer
         if not await self.on_tick(0):
             await self._asked.wait()
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """Of a closed terminal, too: what its usual handler raises would end up in whatever the server does just then."""
+        with super().capture_signals():
+            before = {number: signal.signal(number, self.handle_exit) for number in heeded([HANG_UP] if HANG_UP else [])}
+            try:
+                yield
+            finally:
+                for number, handler in before.items():
+                    signal.signal(number, handler)
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """Take a signal to end."""

@@ -210,6 +210,14 @@ def test_the_same_keypoint_under_two_names_is_an_error(tmp_path: Path) -> None:
         read_pose2d(path, "cam")
 
 
+def test_a_name_of_any_length_is_one_short_line(tmp_path: Path) -> None:
+    path = deeplabcut(tmp_path)
+    path.write_text(path.read_text().replace("nose", "x" * 70_000, 1))
+    with pytest.raises(InputError, match="expected a column") as refused:
+        read_pose2d(path, "cam")
+    assert len(str(refused.value)) < 500
+
+
 def test_people_of_different_sets_in_one_file_are_named(tmp_path: Path) -> None:
     rows = [{"image_id": i, "category_id": 1, "keypoints": [1.0] * 3 * count} for i, count in enumerate((17, 26))]
     with pytest.raises(InputError, match=r"entry 1: expected 17 keypoints \(coco17\), got 26"):

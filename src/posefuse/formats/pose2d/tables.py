@@ -8,6 +8,7 @@ import numpy as np
 
 from posefuse.core import InputError, Skeleton
 from posefuse.core.arrays import Array
+from posefuse.foundation.parsing import short
 
 from .frames import People2D, Pose2DFrames, frames_from_mapping
 from .keypoint_sets import skeleton_of_names
@@ -54,7 +55,7 @@ def frames_of_table(
                 if column is not None:
                     points[:, n, k, c] = values[:, column]
                 elif coordinate != "likelihood":
-                    raise InputError(f"{where}: point {name!r}: expected a column {coordinate!r}, got none")
+                    raise InputError(f"{where}: point {short(name)}: expected a column {coordinate!r}, got none")
                 else:
                     points[:, n, k, c] = np.isfinite(points[:, n, k, 0])
     ids = np.arange(len(individuals))

@@ -23,6 +23,7 @@ import numpy as np
 
 from posefuse.core import SE3, CalibrationError, Rig
 from posefuse.core.errors import choices
+from posefuse.foundation.parsing import short
 
 from . import parts
 
@@ -41,7 +42,7 @@ def rig_from(path: Path, content: Mapping[str, Any]) -> Rig:
     where = f"{path}: camera {name}"
     model = content["distortion_model"]
     if model not in _MODELS:
-        raise CalibrationError(f"{where}: distortion_model: expected one of {choices(filter(None, _MODELS))}, got {model!r}")
+        raise CalibrationError(f"{where}: distortion_model: expected one of {choices(filter(None, _MODELS))}, got {short(model)}")
     if "tf" not in content:
         raise CalibrationError(f"{where}: has no pose; add it next to the intrinsics: tf, a geometry_msgs/TransformStamped")
     cam_from_world = _pose(where, content["tf"]).inverse()
