@@ -200,7 +200,6 @@ def calibrate_person(
     height_m: float | None = None,
     camera_distance: tuple[str, str, float] | None = None,
     rate_hz: float | None = None,
-    time_steps: int = 600,
     clocks: ClockMode = "auto",
     max_offset_s: float = 10.0,
     upside_down: Sequence[str] = (),
@@ -210,12 +209,11 @@ def calibrate_person(
     """Find the poses of the cameras from a person who walks in front of them.
 
     Args:
-        inputs: per camera a video, or 2D poses of another tool; a mapping by camera name, or paths.
+        inputs: per camera a video, of which the middle 60 s are used, or 2D poses of another tool; by camera name, or paths.
         intrinsics: a rig whose cameras have these names; its poses are not used.
         height_m: height of the person in metres, which sets the scale within a few per cent.
         camera_distance: or two cameras and their measured distance in metres.
         rate_hz: frame rate of 2D poses.
-        time_steps: of videos, used at most.
         clocks: as in `calibrate_extrinsics`.
         max_offset_s: largest clock offset between two cameras to search for.
         upside_down: cameras that are mounted upside down.
@@ -239,7 +237,7 @@ def calibrate_person(
     length = _known_length(height_m, camera_distance, chosen)
     cameras = tuple(replace(camera, cam_from_world=SE3.identity()) for camera in chosen)
     config = changed_config(read_config(None, ()), dict(settings or {}))
-    search = PersonSearch(detector=config.detector, time_steps=time_steps, rate_hz=rate_hz, clocks=clocks, most_s=max_offset_s)
+    search = PersonSearch(detector=config.detector, rate_hz=rate_hz, clocks=clocks, most_s=max_offset_s)
     with shown(progress) as report:
         seen = find_person(paths, cameras, length, search, report)
         found, estimate = solve_person(seen, length, with_drift=clocks == "drift", upside_down=upside_down)

@@ -21,7 +21,7 @@ _MOST_RIVALRY, _LEAST_CLEARNESS = 0.85, 0.3
 _MOST_SPREAD_PX_PER_1000 = 12.0
 _MOST_SIGMA_S = 0.01
 # parts of a recording may differ by so much, or so many standard errors
-_MOST_JUMP_S, LATE_SIGMA = 0.008, 5.0
+MOST_JUMP_S, LATE_SIGMA = 0.008, 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +135,7 @@ def check_one_offset(names: Sequence[str], rough: RoughClocks) -> Check:
 
 def fit_checks(rig: Rig, fit: ClockFit, with_drift: bool) -> list[Check]:
     """The solve's own statement of its quality."""
-    return [_check_spread(rig, fit), _check_steady(rig.names, fit, with_drift), _check_determined(rig.names, fit.clocks)]
+    return [_check_spread(rig, fit), _check_steady(rig.names, fit, with_drift), check_determined(rig.names, fit.clocks)]
 
 
 def _check_spread(rig: Rig, fit: ClockFit) -> Check:
@@ -148,7 +148,8 @@ def _check_spread(rig: Rig, fit: ClockFit) -> Check:
     )  # fmt: skip
 
 
-def _check_determined(names: Sequence[str], clocks: ClockEstimate) -> Check:
+def check_determined(names: Sequence[str], clocks: ClockEstimate) -> Check:
+    """The standard errors of the offsets are small."""
     worst = int(np.argmax(clocks.offset_sigma_s))
     return Check(
         "clocks are determined", bool(clocks.offset_sigma_s[worst] <= _MOST_SIGMA_S),
@@ -164,7 +165,7 @@ def _check_steady(names: Sequence[str], fit: ClockFit, with_drift: bool) -> Chec
     for count in range(1, len(fit.blocks)):
         (first, first_sigma), (second, second_sigma) = fit.parts(count)
         apart, sigma = second - first, np.hypot(first_sigma, second_sigma)
-        ratio = np.abs(apart) / np.maximum(_MOST_JUMP_S, LATE_SIGMA * sigma)
+        ratio = np.abs(apart) / np.maximum(MOST_JUMP_S, LATE_SIGMA * sigma)
         c = int(np.argmax(ratio))
         worst = max(worst, (float(ratio[c]), c, float(apart[c]), float(fit.block_s[count - 1 : count + 1].mean())))
     ratio_, c, apart_s, at_s = worst

@@ -120,11 +120,12 @@ class FloorUnderBody:
     """For feet that stay on one line and so span no plane: up is the way from feet to heads, the floor is below the feet.
 
     Attributes:
-        feet_m, head_m: as in `FloorFromFeet`.
+        feet_m, head_m, keypoint_height_m: as in `FloorFromFeet`.
     """
 
     feet_m: Array
     head_m: Array
+    keypoint_height_m: float = 0.0
     words: str = "up along the body, floor under the feet"
     has_floor: bool = True
 
@@ -136,7 +137,7 @@ class FloorUnderBody:
         up /= np.linalg.norm(up)
         lowest = np.quantile((feet - middle) @ up, _STANDING_SHARE)
         along = np.linalg.svd(feet - middle, full_matrices=False)[2][0]
-        return _frame(middle + lowest * up, along, up)
+        return _frame(middle + (lowest - self.keypoint_height_m) * up, along, up)
 
 
 @dataclass(frozen=True)

@@ -9,22 +9,25 @@ import numpy as np
 from posefuse.calibration.report import Check
 from posefuse.calibration.solving.point_solve import PointSolution, PointViews
 from posefuse.core import CalibrationError, Camera
-from posefuse.core.arrays import Array
 
 from .bundle import PersonSolution, freed, solve_person_bundle
-from .checks import LEAST_INLIER_SHARE, check_intrinsics, check_synchronised, inliers
+from .checks import LEAST_INLIER_SHARE, agreeing_shares, check_intrinsics, check_synchronised
+from .standing import STANDING_POINTS, check_standing
 from .views import PersonViews
 
 # an explanation leaves so much of the spread at most, and lets every camera agree
 _MOST_LEFT = 0.8
 
 
-def likely_person_causes(views: PersonViews, cameras: tuple[Camera, ...], solved: PersonSolution) -> tuple[Check, ...]:
+def likely_person_causes(
+    views: PersonViews, cameras: tuple[Camera, ...], solved: PersonSolution, unit_m: float
+) -> tuple[Check, ...]:
     """The first explanation that makes all cameras agree, as a failed check; none where there is none.
 
-    Tried are one camera's image flipped back, with and without its left and right, and focal lengths and clocks let free.
+    Tried are one camera's image flipped back, with and without its left and right, focal lengths and clocks let free, and cameras
+    that move, each once. unit_m: length of a unit of the solution.
     """
-    shares = _shares(solved.solution, solved.rows, len(cameras))
+    shares = agreeing_shares(solved.solution, solved.rows, len(cameras))
     worst = int(np.argmin(shares))
     for flipped in (_flipped(views, cameras, worst, sides=False), _flipped(views, cameras, worst, sides=True)):
         try:
@@ -34,22 +37,17 @@ def likely_person_causes(views: PersonViews, cameras: tuple[Camera, ...], solved
         if _explains(again.solution, again.rows, solved, len(cameras)):
             words = f"the image of {cameras[worst].name} is mirrored"
             return (Check("cause", False, words, "switch the mirror mode of the camera off"),)
-    free = freed(cameras, solved)
+    free = freed(cameras, solved, focal=True)
     if _explains(free, solved.rows, solved, len(cameras)):
         failed = [check for check in (check_synchronised(cameras, free), check_intrinsics(cameras, free)) if not check.passed]
         return tuple(replace(check, name="cause") for check in failed[:1])
-    return ()
-
-
-def _shares(solution: PointSolution, rows: PointViews, cameras: int) -> Array:
-    """(C,) share of each camera's keypoints that agree."""
-    good = inliers(solution)
-    return np.array([good[rows.camera == c].mean() if (rows.camera == c).any() else 0.0 for c in range(cameras)])
+    standing = check_standing(cameras, solve_person_bundle(views, cameras, STANDING_POINTS, solved), unit_m)
+    return () if standing.passed else (replace(standing, name="cause"),)
 
 
 def _explains(solution: PointSolution, rows: PointViews, before: PersonSolution, cameras: int) -> bool:
-    alike = (_shares(solution, rows, cameras) >= LEAST_INLIER_SHARE).all()
-    more = _shares(solution, rows, cameras).min() > _shares(before.solution, before.rows, cameras).min()
+    alike = (agreeing_shares(solution, rows, cameras) >= LEAST_INLIER_SHARE).all()
+    more = agreeing_shares(solution, rows, cameras).min() > agreeing_shares(before.solution, before.rows, cameras).min()
     return bool(alike and more and solution.sigma_px <= max(_MOST_LEFT * before.solution.sigma_px, 1.0))
 
 

@@ -53,9 +53,7 @@ def person_solution_checks(
     skeleton: Skeleton, cameras: tuple[Camera, ...], solution: PointSolution, rows: PointViews, rig: Rig, xyz: Array
 ) -> list[Check]:
     """The keypoints fit, the cameras agree, nothing is mirrored, and no two cameras share a place."""
-    limit = _MOST_SIGMA_PX_PER_1000 * max(max(camera.size_wh) for camera in cameras) / 1000
-    inlier = inliers(solution)
-    share = np.array([inlier[rows.camera == c].mean() for c in range(len(cameras))])
+    limit, share = _spread_limit_px(cameras), agreeing_shares(solution, rows, len(cameras))
     worst = int(np.argmin(share))
     return [
         Check("keypoints fit", solution.sigma_px <= limit, f"spread {solution.sigma_px:.1f} px (limit {limit:.1f})",
@@ -66,6 +64,22 @@ def person_solution_checks(
         check_mirror(skeleton, xyz),
         self_checks.check_cameras_apart(cameras, poses_of(rig)),
     ]  # fmt: skip
+
+
+def solution_fits(cameras: tuple[Camera, ...], solution: PointSolution, rows: PointViews) -> bool:
+    """Whether the keypoints fit, and all cameras agree."""
+    agree = (agreeing_shares(solution, rows, len(cameras)) >= LEAST_INLIER_SHARE).all()
+    return bool(agree and solution.sigma_px <= _spread_limit_px(cameras))
+
+
+def _spread_limit_px(cameras: tuple[Camera, ...]) -> float:
+    return _MOST_SIGMA_PX_PER_1000 * max(max(camera.size_wh) for camera in cameras) / 1000
+
+
+def agreeing_shares(solution: PointSolution, rows: PointViews, cameras: int) -> Array:
+    """(C,) share of each camera's keypoints that agree."""
+    good = inliers(solution, rows)
+    return np.array([good[rows.camera == c].mean() if (rows.camera == c).any() else 0.0 for c in range(cameras)])
 
 
 def check_walk(hips: Array, distance_m: float) -> Check:
@@ -140,7 +154,7 @@ def spread_m(points: Array) -> Array:
     return np.asarray(np.linalg.svd(near - near.mean(axis=0), compute_uv=False) / np.sqrt(len(near)))
 
 
-def inliers(solution: PointSolution) -> Array:
-    """(N,) whether a row lies within 4 robust standard deviations."""
-    size = np.abs(solution.residual_px).max(axis=1)
+def inliers(solution: PointSolution, rows: PointViews) -> Array:
+    """(N,) whether a row lies within 4 robust standard deviations, as noisy as it is itself."""
+    size = np.abs(solution.residual_px).max(axis=1) / rows.relative_sigma
     return np.asarray(size <= _INLIER_SIGMA * solution.sigma_px)

@@ -31,14 +31,18 @@ from .checks import (
     person_solution_checks,
     spread_m,
 )
-from .scale import STATURE_SIGMA, KnownLength
+from .scale import STATURE_SIGMA, KnownLength, stature_m
+from .standing import STANDING_POINTS, check_standing
 from .views import PersonViews
 
 _SUBJECT = "extrinsics from a person"
 # feet that spread less across their path than this do not determine the vertical
 _PLANE_M = 0.15
 _HALVES_SHARE, _HALVES_RAD = 0.03, np.deg2rad(1.5)
-_FEET = ("left_heel", "right_heel", "left_big_toe", "right_big_toe", "left_ankle", "right_ankle")
+_SOLES = ("left_heel", "right_heel", "left_big_toe", "right_big_toe", "left_foot_index", "right_foot_index")
+_ANKLES = ("left_ankle", "right_ankle")
+# height of an ankle above the sole, as a share of the person's height (Drillis and Contini 1966)
+_ANKLE_SHARE = 0.039
 _HEADS = ("head", "nose", "neck")
 _HIPS = ("left_hip", "right_hip")
 
@@ -74,21 +78,21 @@ def calibrate_from_person(
     CalibrationReport(_SUBJECT, tuple(done)).require()
     solved = solve_person_bundle(views, cameras)
     solution, rows = solved.solution, solved.rows
-    rig, xyz = _scaled(views, cameras, solved, length)
+    rig, xyz, unit_m = _scaled(views, cameras, solved, length)
     distance_m = float(np.nanmedian(np.linalg.norm(rig.cameras[0].cam_from_world @ xyz.reshape(-1, 3), axis=1)))
-    feet, head = _feet_and_head(views.skeleton, xyz)
     hips = xyz[:, views.skeleton.indices(_HIPS)].mean(axis=1)
     done += [*person_solution_checks(views.skeleton, cameras, solution, rows, rig, xyz), check_walk(hips, distance_m)]
     if CalibrationReport(_SUBJECT, tuple(done)).failed:
-        CalibrationReport(_SUBJECT, (*likely_person_causes(views, cameras, solved), *done)).require()
-    free = freed(cameras, solved)
+        CalibrationReport(_SUBJECT, (*likely_person_causes(views, cameras, solved, unit_m), *done)).require()
+    free = freed(cameras, solved, focal=True)
     done += [check_intrinsics(cameras, free), check_synchronised(cameras, free)]
-    # halves take two more solves, which do not help a rig that already fails
+    # the others take more solves, which do not help a rig that already fails
     CalibrationReport(_SUBJECT, tuple(done)).require()
+    done.append(check_standing(cameras, solve_person_bundle(views, cameras, STANDING_POINTS, solved), unit_m))
     done.append(_check_halves(views, cameras, distance_m, length))
-    rule = FloorFromFeet(feet, head) if spread_m(feet)[1] > _PLANE_M else FloorUnderBody(feet, head)
+    rule = _floor(views.skeleton, xyz)
     new_from_old = rule.new_from_old(rig)
-    residual = solution.residual_px[inliers(solution)]
+    residual = solution.residual_px[inliers(solution, rows)]
     rig = replace(rig.moved(new_from_old), world_set_by=rule.words, residual_px=float(np.sqrt((residual**2).sum(axis=1).mean())))
     done += world_checks(rig, rule.has_floor, upside_down)
     report = CalibrationReport(
@@ -100,8 +104,10 @@ def calibrate_from_person(
     return PersonCalibration(rig, report, (new_from_old @ xyz.reshape(-1, 3)).reshape(xyz.shape))
 
 
-def _scaled(views: PersonViews, cameras: tuple[Camera, ...], solved: PersonSolution, length: KnownLength) -> tuple[Rig, Array]:
-    """The rig in metres and the person's keypoints (T, K, 3) in it."""
+def _scaled(
+    views: PersonViews, cameras: tuple[Camera, ...], solved: PersonSolution, length: KnownLength
+) -> tuple[Rig, Array, float]:
+    """The rig in metres, the person's keypoints (T, K, 3) in it, and the length of a unit of the solution."""
     pose = solved.solution.state.cam_from_world.se3()
     rig = Rig(tuple(replace(camera, cam_from_world=pose[i]) for i, camera in enumerate(cameras)))
     shape = views.xy_img.shape[1:3]
@@ -113,15 +119,22 @@ def _scaled(views: PersonViews, cameras: tuple[Camera, ...], solved: PersonSolut
     scaled = tuple(
         replace(camera, cam_from_world=SE3(camera.cam_from_world.wxyz, camera.cam_from_world.xyz * factor)) for camera in rig
     )
-    return Rig(scaled), xyz * factor
+    return Rig(scaled), xyz * factor, factor
 
 
-def _feet_and_head(skeleton: Skeleton, xyz: Array) -> tuple[Array, Array]:
+def _floor(skeleton: Skeleton, xyz: Array) -> FloorFromFeet | FloorUnderBody:
+    """The floor under keypoints (T, K, 3): under heels and toes, where the network has them."""
+
     def of(names: Sequence[str]) -> Array:
         there = [skeleton.index(name) for name in names if name in skeleton.keypoints]
         return xyz[:, there].reshape(-1, 3)
 
-    return of(_FEET), of(_HEADS)
+    soles, head = of(_SOLES), of(_HEADS)
+    if np.isfinite(soles).all(axis=1).any():
+        feet, above_m = soles, 0.0
+    else:
+        feet, above_m = of(_ANKLES), _ANKLE_SHARE * stature_m(skeleton, xyz)
+    return (FloorFromFeet if spread_m(feet)[1] > _PLANE_M else FloorUnderBody)(feet, head, above_m)
 
 
 def _check_halves(views: PersonViews, cameras: tuple[Camera, ...], distance_m: float, length: KnownLength) -> Check:
@@ -130,7 +143,7 @@ def _check_halves(views: PersonViews, cameras: tuple[Camera, ...], distance_m: f
     found = []
     for half in (0, 1):
         part = views.at(stretch == half)
-        one, _ = _scaled(part, cameras, solve_person_bundle(part, cameras), length)
+        one, *_ = _scaled(part, cameras, solve_person_bundle(part, cameras), length)
         found.append(Poses(np.stack([c.cam_from_world.matrix() for c in one]), np.stack([c.cam_from_world.xyz for c in one])))
     apart_m, turned = camera_differences(found[0], found[1])
     limit = _HALVES_SHARE * distance_m
