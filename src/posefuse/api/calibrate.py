@@ -38,7 +38,7 @@ from posefuse.core import SE3, InputError, Progress
 from posefuse.core.arrays import Array
 from posefuse.pipeline.clock_calibration import person_in_session
 from posefuse.pipeline.config import CONFIG_FILE, changed_config, read_config
-from posefuse.pipeline.person_calibration import PersonSearch, check_recordings, find_person, frame_periods_s, solve_person
+from posefuse.pipeline.person_calibration import check_recordings, find_person, frame_periods_s, solve_person
 
 from .arguments import checked
 from .calibration_results import ClockCalibration, IntrinsicsCalibration, RigCalibration, RigVerification
@@ -237,9 +237,8 @@ def calibrate_person(
     length = _known_length(height_m, camera_distance, chosen)
     cameras = tuple(replace(camera, cam_from_world=SE3.identity()) for camera in chosen)
     config = changed_config(read_config(None, ()), dict(settings or {}))
-    search = PersonSearch(detector=config.detector, rate_hz=rate_hz, clocks=clocks, most_s=max_offset_s)
     with shown(progress) as report:
-        seen = find_person(paths, cameras, length, search, report)
+        seen = find_person(paths, cameras, length, config.detector, rate_hz, clocks, max_offset_s, report)
         found, estimate = solve_person(seen, length, with_drift=clocks == "drift", upside_down=upside_down)
     # the intrinsics as they were given: videos of another size are fitted again wherever they are read
     poses = {camera.name: camera.cam_from_world for camera in found.rig}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,21 +25,6 @@ from .person_poses import PersonSeen, person_in_videos
 from .session import LEAST_CAMERAS
 
 
-@dataclass(frozen=True, kw_only=True)
-class PersonSearch:
-    """How the person is found in the recordings.
-
-    Attributes:
-        detector: for videos. rate_hz: of 2D poses in files.
-        clocks: one of `CLOCK_MODES`. most_s: largest clock offset between two cameras.
-    """
-
-    detector: DetectorChoice
-    rate_hz: float | None = None
-    clocks: str = "auto"
-    most_s: float = 10.0
-
-
 def check_recordings(paths: Mapping[str, Path]) -> None:
     """Raise InputError where there are too few recordings, or one does not exist."""
     absent = [str(path) for path in paths.values() if not path.exists()]
@@ -53,28 +38,30 @@ def find_person(
     paths: Mapping[str, Path],
     cameras: tuple[Camera, ...],
     length: KnownLength,
-    search: PersonSearch,
+    detector: DetectorChoice,
+    rate_hz: float | None,
+    clocks: str,
+    most_s: float,
     progress: Progress = silent,
 ) -> PersonSeen:
     """The person in every recording: videos, or 2D poses of another tool.
 
     Args:
-        cameras: intrinsics in the order of `paths`; their poses are not used.
+        cameras: intrinsics in the order of `paths`; their poses are not used. detector: for videos. rate_hz: of 2D poses.
+        clocks, most_s: as of `unplaced_clocks`.
 
     Raises:
         InputError: both kinds of recordings, or no frame rate. CalibrationError: cameras that cannot be linked.
     """
     videos = [path for path in paths.values() if path.suffix.lower() in VIDEO_SUFFIXES]
     if len(videos) == len(paths):
-        return person_in_videos(
-            paths, Rig(cameras), length, search.detector, progress, clocks=search.clocks, most_s=search.most_s
-        )
+        return person_in_videos(paths, Rig(cameras), length, detector, progress, clocks=clocks, most_s=most_s)
     if videos:
         raise InputError(f"person: expected videos or 2D poses for all cameras, got both: {choices(map(str, paths.values()))}")
-    chosen = _person_in_files(paths, cameras, search.rate_hz)
-    clocks = unplaced_clocks(chosen.tracks, cameras, length, search.clocks, search.most_s)
-    tracks = chosen.tracks if clocks is None else at_clocks(chosen.tracks, clocks)
-    return PersonSeen(tracks=tracks, cameras=cameras, clocks=clocks, several_in=chosen.several_in)
+    chosen = _person_in_files(paths, cameras, rate_hz)
+    first = unplaced_clocks(chosen.tracks, cameras, length, clocks, most_s)
+    tracks = chosen.tracks if first is None else at_clocks(chosen.tracks, first)
+    return PersonSeen(tracks=tracks, cameras=cameras, clocks=first, several_in=chosen.several_in)
 
 
 def solve_person(

@@ -58,7 +58,7 @@ def clocks_from_person(rig: Rig, tracks: Sequence[PersonTrack], most_s: float, w
     done.append(check_one_offset(rig.names, rough))
     _require(done)
     fit = estimate_clocks(rig, moving, ClockEstimate.known(rough.offset_s, middle_s(tracks)), with_drift)
-    done += fit_checks(rig, fit, with_drift)
+    done += [_check_spread(rig, fit), _check_steady(rig.names, fit, with_drift), check_determined(rig.names, fit.clocks)]
     report = CalibrationReport(SUBJECT, tuple(done), numbers=clock_figures(rig.names, fit.clocks))
     report.require()
     return FoundClocks(fit.clocks, report)
@@ -131,11 +131,6 @@ def check_one_offset(names: Sequence[str], rough: RoughClocks) -> Check:
         "another person, a rig of other cameras, clocks farther apart than --most-s, or too little way: walk about, turning this"
         " way and that",
     )  # fmt: skip
-
-
-def fit_checks(rig: Rig, fit: ClockFit, with_drift: bool) -> list[Check]:
-    """The solve's own statement of its quality."""
-    return [_check_spread(rig, fit), _check_steady(rig.names, fit, with_drift), check_determined(rig.names, fit.clocks)]
 
 
 def _check_spread(rig: Rig, fit: ClockFit) -> Check:

@@ -19,19 +19,17 @@ from .views import PersonViews
 _MOST_LEFT = 0.8
 
 
-def likely_person_causes(
-    views: PersonViews, cameras: tuple[Camera, ...], solved: PersonSolution, unit_m: float
-) -> tuple[Check, ...]:
+def likely_person_causes(views: PersonViews, cameras: tuple[Camera, ...], solved: PersonSolution) -> tuple[Check, ...]:
     """The first explanation that makes all cameras agree, as a failed check; none where there is none.
 
     Tried are one camera's image flipped back, with and without its left and right, focal lengths and clocks let free, and cameras
-    that move, each once. unit_m: length of a unit of the solution.
+    that move, each once.
     """
     shares = agreeing_shares(solved.solution, solved.rows, len(cameras))
     worst = int(np.argmin(shares))
     for flipped in (_flipped(views, cameras, worst, sides=False), _flipped(views, cameras, worst, sides=True)):
         try:
-            again = solve_person_bundle(flipped, cameras)
+            again = solve_person_bundle(flipped, cameras, STANDING_POINTS)
         except CalibrationError:
             continue
         if _explains(again.solution, again.rows, solved, len(cameras)):
@@ -41,7 +39,7 @@ def likely_person_causes(
     if _explains(free, solved.rows, solved, len(cameras)):
         failed = [check for check in (check_synchronised(cameras, free), check_intrinsics(cameras, free)) if not check.passed]
         return tuple(replace(check, name="cause") for check in failed[:1])
-    standing = check_standing(cameras, solve_person_bundle(views, cameras, STANDING_POINTS, solved), unit_m)
+    standing = check_standing(cameras, solve_person_bundle(views, cameras, STANDING_POINTS, solved))
     return () if standing.passed else (replace(standing, name="cause"),)
 
 

@@ -16,7 +16,7 @@ from posefuse.calibration.extrinsics.target import world_checks
 from posefuse.calibration.extrinsics.world import FloorFromFeet, FloorUnderBody, triangulate_linear
 from posefuse.calibration.report import CalibrationReport, Check
 from posefuse.calibration.solving.rotations import Poses
-from posefuse.core import SE3, CalibrationError, Camera, Rig, Skeleton
+from posefuse.core import SE3, Camera, Rig, Skeleton
 from posefuse.core.arrays import Array
 
 from .bundle import PersonSolution, freed, solve_person_bundle
@@ -66,29 +66,27 @@ def calibrate_from_person(
 ) -> PersonCalibration:
     """Camera poses from a walking person; the floor is the plane of the feet.
 
+    Args:
+        cameras: in the order of the views.
+
     Raises:
         CalibrationError: input that cannot be used. RefusedCalibration (one of them, with the report): a check fails.
     """
-    by_name = {camera.name: camera for camera in cameras}
-    missing = [name for name in views.cameras if name not in by_name]
-    if missing:
-        raise CalibrationError(f"person: no intrinsics of {', '.join(missing)}; there are: {', '.join(by_name)}")
-    cameras = tuple(by_name[name] for name in views.cameras)
     done = [check_person_in_views(views), check_same_video_by_person(views)]
     CalibrationReport(_SUBJECT, tuple(done)).require()
     solved = solve_person_bundle(views, cameras)
     solution, rows = solved.solution, solved.rows
-    rig, xyz, unit_m = _scaled(views, cameras, solved, length)
+    rig, xyz = _scaled(views, cameras, solved, length)
     distance_m = float(np.nanmedian(np.linalg.norm(rig.cameras[0].cam_from_world @ xyz.reshape(-1, 3), axis=1)))
     hips = xyz[:, views.skeleton.indices(_HIPS)].mean(axis=1)
     done += [*person_solution_checks(views.skeleton, cameras, solution, rows, rig, xyz), check_walk(hips, distance_m)]
     if CalibrationReport(_SUBJECT, tuple(done)).failed:
-        CalibrationReport(_SUBJECT, (*likely_person_causes(views, cameras, solved, unit_m), *done)).require()
+        CalibrationReport(_SUBJECT, (*likely_person_causes(views, cameras, solved), *done)).require()
     free = freed(cameras, solved, focal=True)
     done += [check_intrinsics(cameras, free), check_synchronised(cameras, free)]
     # the others take more solves, which do not help a rig that already fails
     CalibrationReport(_SUBJECT, tuple(done)).require()
-    done.append(check_standing(cameras, solve_person_bundle(views, cameras, STANDING_POINTS, solved), unit_m))
+    done.append(check_standing(cameras, solve_person_bundle(views, cameras, STANDING_POINTS, solved)))
     done.append(_check_halves(views, cameras, distance_m, length))
     rule = _floor(views.skeleton, xyz)
     new_from_old = rule.new_from_old(rig)
@@ -104,10 +102,8 @@ def calibrate_from_person(
     return PersonCalibration(rig, report, (new_from_old @ xyz.reshape(-1, 3)).reshape(xyz.shape))
 
 
-def _scaled(
-    views: PersonViews, cameras: tuple[Camera, ...], solved: PersonSolution, length: KnownLength
-) -> tuple[Rig, Array, float]:
-    """The rig in metres, the person's keypoints (T, K, 3) in it, and the length of a unit of the solution."""
+def _scaled(views: PersonViews, cameras: tuple[Camera, ...], solved: PersonSolution, length: KnownLength) -> tuple[Rig, Array]:
+    """The rig in metres and the person's keypoints (T, K, 3) in it."""
     pose = solved.solution.state.cam_from_world.se3()
     rig = Rig(tuple(replace(camera, cam_from_world=pose[i]) for i, camera in enumerate(cameras)))
     shape = views.xy_img.shape[1:3]
@@ -119,7 +115,7 @@ def _scaled(
     scaled = tuple(
         replace(camera, cam_from_world=SE3(camera.cam_from_world.wxyz, camera.cam_from_world.xyz * factor)) for camera in rig
     )
-    return Rig(scaled), xyz * factor, factor
+    return Rig(scaled), xyz * factor
 
 
 def _floor(skeleton: Skeleton, xyz: Array) -> FloorFromFeet | FloorUnderBody:
@@ -143,7 +139,7 @@ def _check_halves(views: PersonViews, cameras: tuple[Camera, ...], distance_m: f
     found = []
     for half in (0, 1):
         part = views.at(stretch == half)
-        one, *_ = _scaled(part, cameras, solve_person_bundle(part, cameras), length)
+        one, _ = _scaled(part, cameras, solve_person_bundle(part, cameras), length)
         found.append(Poses(np.stack([c.cam_from_world.matrix() for c in one]), np.stack([c.cam_from_world.xyz for c in one])))
     apart_m, turned = camera_differences(found[0], found[1])
     limit = _HALVES_SHARE * distance_m

@@ -8,7 +8,6 @@ import numpy as np
 
 from posefuse.calibration.report import Check
 from posefuse.calibration.solving.point_solve import PointState, solve_points
-from posefuse.calibration.solving.rotations import Poses, angle_between
 from posefuse.core import Camera
 from posefuse.core.arrays import Array
 
@@ -29,24 +28,20 @@ class _Split:
     """A solve in which camera `of` has one pose before a time and another one afterwards.
 
     Attributes:
-        solved: with the second pose as one more camera, the last one. cameras: of it. since_s: that time, from the middle of the
-            recording. ratio: the move over its limit. cost: of the keypoints, robust.
+        solved: with the second pose as one more camera, the last one. cameras: of it. words: when it moved, and how far.
+        ratio: the move over its limit. cost: of the keypoints, robust.
     """
 
     of: int
     solved: PersonSolution
     cameras: tuple[Camera, ...]
-    since_s: float
+    words: str
     ratio: float
     cost: float
 
 
-def check_standing(cameras: tuple[Camera, ...], solved: PersonSolution, unit_m: float) -> Check:
-    """No camera moves during the recording; all that do are named, each with the time.
-
-    Args:
-        unit_m: length of a unit of the solution.
-    """
+def check_standing(cameras: tuple[Camera, ...], solved: PersonSolution) -> Check:
+    """No camera moves during the recording; all that do are named, each with the time."""
     now, everyone, worst = solved, cameras, 0.0
     words: list[str] = []
     left = list(range(len(cameras)))
@@ -57,7 +52,7 @@ def check_standing(cameras: tuple[Camera, ...], solved: PersonSolution, unit_m: 
         if not moved:
             break
         alike = [one for one in moved[1:] if one.cost < moved[0].cost * (1 + _ALIKE)]
-        words.append(" or ".join(_words(one, unit_m) for one in (moved[0], *alike)))
+        words.append(" or ".join(split.words for split in (moved[0], *alike)))
         now, everyone = moved[0].solved, moved[0].cameras
         left = [c for c in left if c not in [one.of for one in (moved[0], *alike)]]
     detail = f"the largest move is {worst:.0%} of what would be noticed" if not words else "; ".join(words)
@@ -76,11 +71,14 @@ def _split(cameras: tuple[Camera, ...], solved: PersonSolution, c: int) -> _Spli
     poses = free.solution.state.cam_from_world[np.r_[c, len(cameras) : len(all_cameras)]]
     seen = free.solution.state.xyz[solved.rows.point[mine[:: max(1, len(mine) // _MOST_COMPARED)]]]
     xy = np.stack([replace(cameras[c], cam_from_world=poses[i].se3()).project(seen) for i in range(len(poses))])
-    ratio, first, last = _largest_step(xy, _LEAST_RAD * cameras[c].K[0, 0])
+    focal_px = float(cameras[c].K[0, 0])
+    ratio, first, last, step_px = _largest_step(xy, _LEAST_RAD * focal_px)
     edges = np.sort(since_s)[np.arange(1, _STRETCHES) * len(mine) // _STRETCHES] if len(mine) else np.zeros(_STRETCHES - 1)
     at_s = float(edges[first - 1 : last].mean())
     two_cameras, two = _with_poses(cameras, solved, c, mine, (since_s >= at_s).astype(np.int64))
-    return _Split(c, two, two_cameras, at_s, ratio, _cost(two, solved.solution.sigma_px))
+    words = (f"{cameras[c].name} was moved at about {at_s - solved.rows.since_s.min():.0f} s, its view by"
+             f" {np.rad2deg(step_px / focal_px):.1f} deg")  # fmt: skip
+    return _Split(c, two, two_cameras, words, ratio, _cost(two, solved.solution.sigma_px))
 
 
 def _with_poses(
@@ -96,12 +94,12 @@ def _with_poses(
     return all_cameras, PersonSolution(solve_points(rows, all_cameras, start, solved.freedom), rows, solved.freedom)
 
 
-def _largest_step(xy: Array, least_px: float) -> tuple[float, int, int]:
-    """Of points (S, N, 2) seen by the pose of each stretch: the largest step over its limit, and stretches it lies between.
+def _largest_step(xy: Array, least_px: float) -> tuple[float, int, int, float]:
+    """Of points (S, N, 2) seen by the pose of each stretch: the largest step over its limit, the stretches it lies between, px.
 
     A stretch in which the camera moves is no part of either side.
     """
-    best, count = (0.0, 1, 1), len(xy)
+    best, count = (0.0, 1, 1, 0.0), len(xy)
     good = np.isfinite(xy).all(axis=(0, 2))
     for first in range(1, count):
         for last in (first, first + 1):
@@ -112,7 +110,7 @@ def _largest_step(xy: Array, least_px: float) -> tuple[float, int, int]:
             within = np.concatenate([before - before.mean(axis=0), after - after.mean(axis=0)])
             each_px = _size(within) * np.sqrt(len(within) / (len(within) - 2))
             sigma_px = each_px * np.sqrt(1 / len(before) + 1 / len(after))
-            best = max(best, (float(step_px / max(least_px, _SIGMAS * sigma_px)), first, last))
+            best = max(best, (float(step_px / max(least_px, _SIGMAS * sigma_px)), first, last, step_px))
     return best
 
 
@@ -124,12 +122,3 @@ def _size(off: Array) -> float:
 def _cost(solved: PersonSolution, sigma_px: float) -> float:
     square = ((solved.solution.residual_px / solved.rows.relative_sigma[:, None] / sigma_px) ** 2).sum(axis=1)
     return float(np.log1p(np.nan_to_num(square, nan=1e6)).mean())
-
-
-def _words(split: _Split, unit_m: float) -> str:
-    pose = split.solved.solution.state.cam_from_world
-    one, other = Poses(pose.R[[split.of]], pose.t[[split.of]]).inverse(), Poses(pose.R[[-1]], pose.t[[-1]]).inverse()
-    turned = np.rad2deg(angle_between(one.R, other.R)[0])
-    shifted_mm = 1e3 * unit_m * np.linalg.norm(one.t - other.t)
-    at_s = split.since_s - split.solved.rows.since_s.min()
-    return f"{split.cameras[split.of].name} was moved at about {at_s:.0f} s, by {turned:.1f} deg and {shifted_mm:.0f} mm"
