@@ -53,7 +53,7 @@ def clocks_from_person(rig: Rig, tracks: Sequence[PersonTrack], most_s: float, w
     done = [check_person_in_tracks(rig.names, moving)]
     _require(done)
     rough = rough_clocks(rig, moving, most_s)
-    done.append(_check_linked(rig.names, rough, most_s))
+    done.append(check_linked(rig.names, rough, most_s))
     _require(done)
     done.append(check_one_offset(rig.names, rough))
     _require(done)
@@ -99,18 +99,16 @@ def person_seen(blind: Sequence[str]) -> Check:
     return Check("person seen", not blind, detail, "walk where this camera looks, or leave it out")
 
 
-def _check_linked(names: Sequence[str], rough: RoughClocks, most_s: float) -> Check:
+def check_linked(names: Sequence[str], rough: RoughClocks, most_s: float) -> Check:
+    """At some offset, every camera sees the person where others do."""
     lost = [name for name, offset in zip(names, rough.offset_s, strict=True) if not np.isfinite(offset)]
-    if len(lost) == len(names):
-        return Check(
-            "cameras are linked", False, f"at no offset within {most_s:g} s do two cameras see the same person move",
-            "record longer, walk about, turning this way and that; or give a larger --most-s",
-        )  # fmt: skip
-    linked = "at some offset every camera sees the person where others do"
+    who = "any camera" if len(lost) == len(names) else ", ".join(lost)
     return Check(
         "cameras are linked", not lost,
-        f"at no offset within {most_s:g} s does {', '.join(lost)} see the person where others do" if lost else linked,
-        "walk where two cameras see you together, and let them run at one time; if they did, give a larger --most-s",
+        f"at no offset within {most_s:g} s does {who} see the person where others do"
+        if lost else "at some offset every camera sees the person where others do",
+        "walk where two cameras see you together, turning this way and that, and let them run at one time; if they did, give a"
+        " larger --most-s",
     )  # fmt: skip
 
 

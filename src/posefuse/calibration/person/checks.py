@@ -17,10 +17,10 @@ from posefuse.core.arrays import Array
 from .views import PersonViews
 
 _MOST_SIGMA_PX_PER_1000 = 12.0
-LEAST_INLIER_SHARE, _INLIER_SIGMA = 0.7, 4.0
+_LEAST_INLIER_SHARE, _INLIER_SIGMA = 0.7, 4.0
 _LEAST_WALK_SHARE = 0.04
 _SAME_VIDEO_PX = 2.0
-LEAST_TRUE_SIDED = 0.5
+_LEAST_TRUE_SIDED = 0.5
 # of free focal lengths and clocks: the best precision that a person allows, and standard errors
 _FOCAL_SHARE, _LATE_S, _TERM_SIGMA = 0.05, 0.015, 6.0
 _LEFTWARDS = (("right_shoulder", "right_hip"), ("left_shoulder", "left_hip"))
@@ -58,8 +58,8 @@ def person_solution_checks(
     return [
         Check("keypoints fit", solution.sigma_px <= limit, f"spread {solution.sigma_px:.1f} px (limit {limit:.1f})",
               "wrong intrinsics, cameras unsynchronised, or different people in different cameras"),
-        Check("cameras agree", bool(share[worst] >= LEAST_INLIER_SHARE),
-              f"{cameras[worst].name} agrees worst: {share[worst]:.0%} of its keypoints (needed {LEAST_INLIER_SHARE:.0%})",
+        Check("cameras agree", bool(share[worst] >= _LEAST_INLIER_SHARE),
+              f"{cameras[worst].name} agrees worst: {share[worst]:.0%} of its keypoints (needed {_LEAST_INLIER_SHARE:.0%})",
               "it follows another person, moved, or is unsynchronised"),
         check_mirror(skeleton, xyz),
         self_checks.check_cameras_apart(cameras, poses_of(rig)),
@@ -68,7 +68,7 @@ def person_solution_checks(
 
 def solution_fits(cameras: tuple[Camera, ...], solution: PointSolution, rows: PointViews) -> bool:
     """Whether the keypoints fit, and all cameras agree."""
-    agree = (agreeing_shares(solution, rows, len(cameras)) >= LEAST_INLIER_SHARE).all()
+    agree = (agreeing_shares(solution, rows, len(cameras)) >= _LEAST_INLIER_SHARE).all()
     return bool(agree and solution.sigma_px <= _spread_limit_px(cameras))
 
 
@@ -96,8 +96,8 @@ def check_mirror(skeleton: Skeleton, xyz: Array) -> Check:
     """Left, front and up of the keypoints (T, K, 3) lie as in a body."""
     share = true_sided(skeleton, xyz)
     return Check(
-        "nothing is mirrored", share >= LEAST_TRUE_SIDED,
-        f"the person has left, front and up where they belong {share:.0%} of the time (needed {LEAST_TRUE_SIDED:.0%})",
+        "nothing is mirrored", share >= _LEAST_TRUE_SIDED,
+        f"the person has left, front and up where they belong {share:.0%} of the time (needed {_LEAST_TRUE_SIDED:.0%})",
         "mirrored videos; or a person who stays in one place far away, which fits a mirrored room as well: walk about, come near",
     )  # fmt: skip
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from posefuse.calibration.clocks.person import (
     MOST_JUMP_S,
     SUBJECT,
     check_determined,
+    check_linked,
     check_one_offset,
     check_person_in_tracks,
     middle_s,
@@ -57,15 +59,18 @@ def unplaced_clocks(
     zero = ClockEstimate.known(np.zeros(len(tracks)), middle_s(tracks))
     if clocks == "auto" and _synchronised(tracks, cameras):
         return None
-    near = _settled_if_it_fits(tracks, cameras, zero, clocks == "drift")
-    if near is not None:
-        return near.clocks
-    try:
-        return _far_clocks(tracks, cameras, zero, clocks == "drift", most_s)
-    except RefusedCalibration as refused:
-        if clocks == "auto":
-            _require_as_synchronised(tracks, cameras, length, refused.report.failed)
-        raise
+    with suppress(CalibrationError):
+        near = _settled(tracks, cameras, zero, clocks == "drift")
+        if solution_fits(cameras, near.solved.solution, near.solved.rows):
+            return near.clocks
+    # farther apart than the steps of a solve reach
+    rough = rough_clocks_unplaced(cameras, moving, most_s)
+    linked = check_linked(names, rough, most_s)
+    report = CalibrationReport(SUBJECT, (check_one_offset(names, rough) if linked.passed else linked,))
+    if report.failed and clocks == "auto":
+        _require_as_synchronised(tracks, cameras, length, report.failed)
+    report.require()
+    return _settled(tracks, cameras, ClockEstimate.known(rough.offset_s, zero.middle_s), clocks == "drift").clocks
 
 
 def at_clocks(tracks: Sequence[PersonTrack], clocks: ClockEstimate) -> tuple[PersonTrack, ...]:
@@ -81,20 +86,6 @@ def _synchronised(tracks: Sequence[PersonTrack], cameras: tuple[Camera, ...]) ->
         return False
     fits = solution_fits(cameras, solved.solution, solved.rows)
     return fits and check_synchronised(cameras, freed(cameras, solved, focal=True)).passed
-
-
-def _far_clocks(
-    tracks: Sequence[PersonTrack], cameras: tuple[Camera, ...], zero: ClockEstimate, with_drift: bool, most_s: float
-) -> ClockEstimate:
-    """Clocks that are farther apart than the steps of a solve reach."""
-    names, moving = [track.camera for track in tracks], [moving_keypoints(track) for track in tracks]
-    rough = rough_clocks_unplaced(cameras, moving, most_s)
-    lost = [name for name, offset in zip(names, rough.offset_s, strict=True) if not np.isfinite(offset)]
-    linked = Check("cameras are linked", not lost, f"{', '.join(lost)}: no way over the floor is like that of the others",
-                   "walk where two cameras see you together, turning this way and that")  # fmt: skip
-    CalibrationReport(SUBJECT, (linked,)).require()
-    CalibrationReport(SUBJECT, (check_one_offset(names, rough),)).require()
-    return _settled(tracks, cameras, ClockEstimate.known(rough.offset_s, zero.middle_s), with_drift).clocks
 
 
 def _require_as_synchronised(
@@ -184,16 +175,6 @@ class _Settled:
     clocks: ClockEstimate
     solved: PersonSolution
     half_s: float
-
-
-def _settled_if_it_fits(
-    tracks: Sequence[PersonTrack], cameras: tuple[Camera, ...], start: ClockEstimate, with_drift: bool
-) -> _Settled | None:
-    try:
-        both = _settled(tracks, cameras, start, with_drift)
-    except CalibrationError:
-        return None
-    return both if solution_fits(cameras, both.solved.solution, both.solved.rows) else None
 
 
 def _settled(tracks: Sequence[PersonTrack], cameras: tuple[Camera, ...], start: ClockEstimate, with_drift: bool) -> _Settled:
