@@ -12,7 +12,7 @@ from synthetic_walk import watch_walker as watched
 from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks, prominent
 from posefuse.calibration.extrinsics.self_checks import camera_differences, scale_of
 from posefuse.calibration.person.bundle import freed, solve_person_bundle
-from posefuse.calibration.person.scale import KnownLength, stature_m
+from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.person.settle import at_clocks, calibrate_tracks, unplaced_clocks
 from posefuse.calibration.person.solve import PersonCalibration, calibrate_from_person, rough_rig
 from posefuse.calibration.person.views import PersonViews, person_views
@@ -39,9 +39,6 @@ def test_a_walk_gives_the_rig_and_its_stature_the_scale(lab: Any, found: PersonC
     assert millimetres < 8
     assert degrees < 0.1
     assert errors(lab.rig, found.rig, scaled=False)[0] < 0.02 * 4500
-    assert stature_m(BODY, found.xyz_world) == pytest.approx(STATURE_M, rel=1e-6)
-    ankles = found.xyz_world[:, BODY.indices(("left_ankle", "right_ankle")), 2]
-    assert np.quantile(ankles, 0.3) == pytest.approx(0.039 * STATURE_M, abs=0.06)
     assert (found.rig.centres_world()[:, 2] > 1.5).all()
 
 

@@ -181,8 +181,7 @@ def floor_from_feet(feet_m: Array, head_m: Array, keypoint_height_m: float = 0.0
         weight = 1 / (1 + (np.maximum(height, 0.3 * np.minimum(height, 0) * -1) / _FLOOR_CUT_M) ** 2)
     if spread[1] < 0.1 * spread[0]:
         raise CalibrationError("floor: the feet stay on one line; walk across the floor in both directions")
-    new_from_old = _frame(middle, axes[0], up)
-    return SE3(np.array([1.0, 0, 0, 0]), np.array([0, 0, keypoint_height_m])) @ new_from_old
+    return _frame(middle - keypoint_height_m * up, axes[0], up)
 
 
 def _feet_and_heads(feet_m: Array, head_m: Array) -> tuple[Array, Array]:

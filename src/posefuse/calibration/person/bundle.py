@@ -7,13 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posefuse.calibration.extrinsics.world import triangulate_linear
-from posefuse.calibration.solving.point_solve import (
-    PointFreedom,
-    PointSolution,
-    PointViews,
-    solve_points,
-    start_state,
-)
+from posefuse.calibration.solving.point_solve import PointFreedom, PointSolution, PointState, PointViews, solve_points
 from posefuse.calibration.solving.rotations import Poses
 from posefuse.core import Camera, Rig
 from posefuse.core.arrays import Array
@@ -57,7 +51,8 @@ def solve_person_bundle(
     good, xyz = _start_points(views, cameras, usable, poses, point_of)
     point_of = point_of[good]
     rows = _rows(views, usable, point_of)
-    return PersonSolution(solve_points(rows, cameras, start_state(poses, xyz), freedom), rows, freedom)
+    start = PointState(poses, xyz, np.zeros((len(cameras), 3)))
+    return PersonSolution(solve_points(rows, cameras, start, freedom), rows, freedom)
 
 
 def _start_points(

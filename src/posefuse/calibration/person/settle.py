@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -60,17 +60,21 @@ def unplaced_clocks(
     if clocks == "auto" and _synchronised(tracks, cameras):
         return None
     with suppress(CalibrationError):
-        near = _settled(tracks, cameras, zero, clocks == "drift")
-        if solution_fits(cameras, near.solved.solution, near.solved.rows):
-            return near.clocks
+        near, solved = _settled(tracks, cameras, zero, clocks == "drift")
+        if solution_fits(cameras, solved.solution, solved.rows):
+            return near
     # farther apart than the steps of a solve reach
     rough = rough_clocks_unplaced(cameras, moving, most_s)
     linked = check_linked(names, rough, most_s)
     report = CalibrationReport(SUBJECT, (check_one_offset(names, rough) if linked.passed else linked,))
     if report.failed and clocks == "auto":
-        _require_as_synchronised(tracks, cameras, length, report.failed)
+        # what is wrong with them as their stamps are comes first
+        try:
+            calibrate_from_person(person_views(tracks), cameras, length)
+        except RefusedCalibration as refused:
+            raise RefusedCalibration(replace(refused.report, checks=(*refused.report.checks, *report.failed))) from None
     report.require()
-    return _settled(tracks, cameras, ClockEstimate.known(rough.offset_s, zero.middle_s), clocks == "drift").clocks
+    return _settled(tracks, cameras, ClockEstimate.known(rough.offset_s, zero.middle_s), clocks == "drift")[0]
 
 
 def at_clocks(tracks: Sequence[PersonTrack], clocks: ClockEstimate) -> tuple[PersonTrack, ...]:
@@ -80,23 +84,11 @@ def at_clocks(tracks: Sequence[PersonTrack], clocks: ClockEstimate) -> tuple[Per
 
 def _synchronised(tracks: Sequence[PersonTrack], cameras: tuple[Camera, ...]) -> bool:
     """Whether a rig fits the cameras as their stamps are, and clocks that are let free stay."""
-    try:
+    with suppress(CalibrationError):
         solved = solve_person_bundle(person_views(tracks), cameras, _POINTS)
-    except CalibrationError:
-        return False
-    fits = solution_fits(cameras, solved.solution, solved.rows)
-    return fits and check_synchronised(cameras, freed(cameras, solved, focal=True)).passed
-
-
-def _require_as_synchronised(
-    tracks: Sequence[PersonTrack], cameras: tuple[Camera, ...], length: KnownLength, failed: Sequence[Check]
-) -> None:
-    """Raise what is wrong with the cameras as their stamps are, and that no other clocks were found."""
-    try:
-        calibrate_from_person(person_views(tracks), cameras, length)
-    except RefusedCalibration as refused:
-        report = refused.report
-        raise RefusedCalibration(replace(report, checks=(*report.checks, *failed))) from None
+        fits = solution_fits(cameras, solved.solution, solved.rows)
+        return fits and check_synchronised(cameras, freed(cameras, solved, focal=True)).passed
+    return False
 
 
 def calibrate_tracks(
@@ -118,16 +110,16 @@ def calibrate_tracks(
     if first is None:
         return calibrate_from_person(person_views(tracks), cameras, length, upside_down), None
     names = [track.camera for track in tracks]
-    both = _settled(tracks, cameras, ClockEstimate.known(np.zeros(len(tracks)), middle_s(tracks)), with_drift)
-    found = calibrate_from_person(person_views(tracks, both.clocks), cameras, length, upside_down)
-    apart_s = _halves_apart_s(tracks, cameras, both.clocks)
+    both, solved = _settled(tracks, cameras, ClockEstimate.known(np.zeros(len(tracks)), middle_s(tracks)), with_drift)
+    found = calibrate_from_person(person_views(tracks, both), cameras, length, upside_down)
+    apart_s = _halves_apart_s(tracks, cameras, both)
     # clocks absorb errors of the rig: two halves with separate rigs show that, the residuals of the fit do not
     shared_s = float(np.sqrt((apart_s[1:] ** 2).mean())) / 2
-    sigma_s = np.where(np.arange(len(tracks)) > 0, np.hypot(both.clocks.offset_sigma_s, shared_s), 0.0)
-    left = replace(both.clocks, offset_sigma_s=sigma_s)
+    sigma_s = np.where(np.arange(len(tracks)) > 0, np.hypot(both.offset_sigma_s, shared_s), 0.0)
+    left = replace(both, offset_sigma_s=sigma_s)
     checks = [check_determined(names, left), _check_halves(names, apart_s)]
     if not with_drift:
-        checks.append(_check_steady(names, freed(cameras, both.solved, drift=True), both.half_s))
+        checks.append(_check_steady(names, freed(cameras, solved, drift=True), -float(solved.rows.since_s.min())))
     report = replace(found.report, checks=(*found.report.checks, *checks))
     report.require()
     return replace(found, report=report), first.then(left)
@@ -141,7 +133,7 @@ def _halves_apart_s(tracks: Sequence[PersonTrack], cameras: tuple[Camera, ...], 
         for c, track in enumerate(tracks):
             t_s = clocks.taken_s(c, track.t_ns / 1e9)
             part.append(track.at((t_s >= clocks.middle_s) == second))
-        offsets.append(_settled(part, cameras, clocks, False).clocks.offset_s)
+        offsets.append(_settled(part, cameras, clocks, False)[0].offset_s)
     return np.asarray(offsets[1] - offsets[0])
 
 
@@ -168,17 +160,10 @@ def _check_steady(names: Sequence[str], free: PointSolution, half_s: float) -> C
     )  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False)
-class _Settled:
-    """Clocks, and the last solve, made at them; half_s: half of the length of the recording."""
-
-    clocks: ClockEstimate
-    solved: PersonSolution
-    half_s: float
-
-
-def _settled(tracks: Sequence[PersonTrack], cameras: tuple[Camera, ...], start: ClockEstimate, with_drift: bool) -> _Settled:
-    """Poses and clocks in one solve, and the views read again at the clocks found, until these stay."""
+def _settled(
+    tracks: Sequence[PersonTrack], cameras: tuple[Camera, ...], start: ClockEstimate, with_drift: bool
+) -> tuple[ClockEstimate, PersonSolution]:
+    """Poses and clocks in one solve, and the views read again at the clocks found, until these stay; and the last solve."""
     clocks, near = start, None
     for _ in range(_MOST_ROUNDS):
         views = person_views(tracks, clocks)
@@ -189,7 +174,7 @@ def _settled(tracks: Sequence[PersonTrack], cameras: tuple[Camera, ...], start: 
         clocks = clocks.then(left)
         if np.abs(left.offset_s).max() < _SETTLED_S:
             break
-    return _Settled(clocks, solved, float(np.ptp(views.t_ns)) / 2e9)
+    return clocks, solved
 
 
 def _left(free: PointSolution, middle_s: float) -> ClockEstimate:

@@ -49,11 +49,10 @@ _HIPS = ("left_hip", "right_hip")
 
 @dataclass(frozen=True, eq=False)
 class PersonCalibration:
-    """A rig from a person, which passed its checks. xyz_world: (T, K, 3) m."""
+    """A rig from a person, which passed its checks."""
 
     rig: Rig
     report: CalibrationReport
-    xyz_world: Array
 
 
 def rough_rig(views: PersonViews, cameras: tuple[Camera, ...], length: KnownLength) -> Rig:
@@ -89,9 +88,9 @@ def calibrate_from_person(
     done.append(check_standing(cameras, solve_person_bundle(views, cameras, STANDING_POINTS, solved)))
     done.append(_check_halves(views, cameras, distance_m, length))
     rule = _floor(views.skeleton, xyz)
-    new_from_old = rule.new_from_old(rig)
     residual = solution.residual_px[inliers(solution, rows)]
-    rig = replace(rig.moved(new_from_old), world_set_by=rule.words, residual_px=float(np.sqrt((residual**2).sum(axis=1).mean())))
+    rms_px = float(np.sqrt((residual**2).sum(axis=1).mean()))
+    rig = replace(rig.moved(rule.new_from_old(rig)), world_set_by=rule.words, residual_px=rms_px)
     done += world_checks(rig, rule.has_floor, upside_down)
     report = CalibrationReport(
         _SUBJECT, tuple(done),
@@ -99,7 +98,7 @@ def calibrate_from_person(
         | ({} if length.stature_m is None else {"scale_sigma_percent": 100 * STATURE_SIGMA}),
     )  # fmt: skip
     report.require()
-    return PersonCalibration(rig, report, (new_from_old @ xyz.reshape(-1, 3)).reshape(xyz.shape))
+    return PersonCalibration(rig, report)
 
 
 def _scaled(views: PersonViews, cameras: tuple[Camera, ...], solved: PersonSolution, length: KnownLength) -> tuple[Rig, Array]:

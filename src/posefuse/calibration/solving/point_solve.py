@@ -86,11 +86,6 @@ class PointFreedom:
     drift: bool = False
 
 
-def start_state(poses: Poses, xyz: Array) -> PointState:
-    """Poses and points with the intrinsics and clocks as they are given."""
-    return PointState(poses, xyz, np.zeros((len(poses), len(_TERM_SIGMA))))
-
-
 def solve_points(views: PointViews, cameras: tuple[Camera, ...], start: PointState, freedom: PointFreedom) -> PointSolution:
     """A robust solve with a wide loss, and one with the spread found."""
     first = solve_bundle(_problem(views, cameras, freedom, _ROUGH_SIGMA_PX), start)
