@@ -238,7 +238,9 @@ def calibrate_person(
     cameras = tuple(replace(camera, cam_from_world=SE3.identity()) for camera in chosen)
     config = changed_config(read_config(None, ()), dict(settings or {}))
     with shown(progress) as report:
-        seen = find_person(paths, cameras, length, config.detector, rate_hz, clocks, max_offset_s, report)
+        seen = find_person(
+            paths, cameras, length, detector=config.detector, rate_hz=rate_hz, clocks=clocks, most_s=max_offset_s, progress=report
+        )
         found, estimate = solve_person(seen, length, with_drift=clocks == "drift", upside_down=upside_down)
     # the intrinsics as they were given: videos of another size are fitted again wherever they are read
     poses = {camera.name: camera.cam_from_world for camera in found.rig}
