@@ -34,7 +34,6 @@ SECONDS = (20.0, 30.0, 60.0)
 # of `pose2sim_single`, and about that of any other walker
 STATURE_M = 1.75
 REAL_RATE_HZ = 60.0
-TIME_STEPS = 600
 LEAST_SCORE = 0.5
 NETWORKS = ("blazepose_full", "blazepose_heavy")
 
@@ -75,8 +74,8 @@ def simulated(only: int | None = None) -> dict:
         paths = SessionPaths(rendered_walk(seed, longest_s, rate_hz, count))
         rig, length = read_rig(paths.rig), KnownLength(stature_m=height_of(paths))
         videos = {camera.name: paths.video(camera.name) for camera in rig}
-        seen = person_in_videos(videos, rig, length, DetectorChoice(), TIME_STEPS)
-        views, cameras = seen.views, seen.cameras
+        seen = person_in_videos(videos, rig, length, DetectorChoice())
+        views, cameras = person_views(seen.tracks), seen.cameras
         for seconds in (s for s in SECONDS if s <= longest_s):
             part = views.at(views.t_ns < seconds * 1e9)
             figures[f"seed {seed}, {count} cameras, {seconds:.0f} s"] = outcome(rig, part, cameras, length)
@@ -143,10 +142,9 @@ def folders_of(data: Path, rig: Rig) -> dict[str, Path]:
 def _estimates(data: Path, lenses: Rig, length: KnownLength) -> dict[str, tuple[PersonViews, tuple[Camera, ...]]]:
     videos = {name: data / "videos" / f"{name.replace('_', '')}.mp4" for name in lenses.names}
     seen = {
-        network: person_in_videos(videos, lenses, length, DetectorChoice(options={"landmarks": network}), TIME_STEPS)
-        for network in NETWORKS
+        network: person_in_videos(videos, lenses, length, DetectorChoice(options={"landmarks": network})) for network in NETWORKS
     }
-    found = {network: (one.views, one.cameras) for network, one in seen.items()}
+    found = {network: (person_views(one.tracks), one.cameras) for network, one in seen.items()}
     folders = folders_of(data, lenses)
     poses = {name: list(read_openpose_folder(folder, name).frames(REAL_RATE_HZ)) for name, folder in folders.items()}
     return {**found, "OpenPose": (person_views(person_tracks(poses)), lenses.cameras)}

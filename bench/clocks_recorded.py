@@ -23,9 +23,7 @@ from posefuse.calibration.clocks.person import clocks_from_person
 from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.person.scale import KnownLength
-from posefuse.calibration.person.settle import calibrate_out_of_step, unplaced_clocks
-from posefuse.calibration.person.solve import calibrate_from_person
-from posefuse.calibration.person.views import person_views
+from posefuse.calibration.person.settle import at_clocks, calibrate_tracks, unplaced_clocks
 from posefuse.core import CalibrationError, Rig
 from posefuse.detection.build import DetectorChoice, build_detector
 from posefuse.formats.pose2d import read_openpose_folder
@@ -50,7 +48,7 @@ SHIFTED_FRAMES = (0, 0, 12, 0)
 def tracks_of(rig: Rig, session: Path) -> tuple[PersonTrack, ...]:
     """The person in every frame of the videos, as the first look of `posefuse calibrate` has it."""
     sources = [VideoConfig(session / "videos" / f"{name}.mp4", name).build() for name in rig.names]
-    found = poses_apart(sources, build_detector(DetectorChoice(), rig), timeline_of(sources, 10**6))
+    found = poses_apart(sources, build_detector(DetectorChoice(), rig), timeline_of(sources, np.inf, np.inf))
     return person_tracks(found)
 
 
@@ -93,16 +91,15 @@ def alone(rig: Rig, tracks: Sequence[PersonTrack], late_s: Sequence[float]) -> d
     """Worst camera and clock when both are solved from the person, as `--clocks auto` does."""
     length, tracks, figures = KnownLength(stature_m=STATURE_M), shifted(tracks, late_s), {}
     try:
-        start = unplaced_clocks(tracks, rig.cameras, length, "auto", MOST_S)
-        if start is None:
-            found = calibrate_from_person(person_views(tracks), rig.cameras, length)
-        else:
-            found, settled = calibrate_out_of_step(tracks, rig.cameras, length, start, with_drift=False)
-            figures = clock_errors(settled, late_s)
+        first = unplaced_clocks(tracks, rig.cameras, length, "auto", MOST_S)
+        corrected = tracks if first is None else at_clocks(tracks, first)
+        found, clocks = calibrate_tracks(corrected, rig.cameras, length, first, with_drift=False)
+        if clocks is not None:
+            figures = clock_errors(clocks, late_s)
     except CalibrationError as refused:
         return {"refused": str(refused)}
     millimetres, degrees = after_similarity(rig, found.rig)
-    taken = "synchronised" if start is None else "estimated"
+    taken = "synchronised" if clocks is None else "estimated"
     return {"clocks": taken, "position_mm": float(millimetres.max()), "rotation_deg": float(degrees.max()), **figures}
 
 

@@ -20,6 +20,7 @@ import numpy as np
 from paper.scenes.scenes import walking_scene
 from posefuse.calibration.extrinsics.world import triangulate_linear
 from posefuse.calibration.person.scale import KnownLength, limb_lengths_m, stature_m
+from posefuse.calibration.person.views import person_views
 from posefuse.core import Skeleton
 from posefuse.core.arrays import Array
 from posefuse.core.skeleton import LIMB_ENDS
@@ -31,7 +32,7 @@ from posefuse.simulation.body.colours import completed_shape
 from posefuse.simulation.scene import read_scene
 
 FITTED, LEFT_OUT = range(7300, 7305), range(7305, 7310)
-SECONDS, RATE_HZ, TIME_STEPS = 6.0, 15.0, 60
+SECONDS, RATE_HZ = 6.0, 15.0
 
 
 def session(out: Path, seed: int) -> SessionPaths:
@@ -49,7 +50,7 @@ def keypoints(paths: SessionPaths) -> tuple[Skeleton, Array]:
     """The person's keypoints (T, K, 3) in the true rig, as the default network marks them."""
     rig = read_rig(paths.rig)
     videos = {camera.name: paths.video(camera.name) for camera in rig}
-    views = person_in_videos(videos, rig, KnownLength(stature_m=1.7), DetectorChoice(), TIME_STEPS).views
+    views = person_views(person_in_videos(videos, rig, KnownLength(stature_m=1.7), DetectorChoice()).tracks)
     xy = np.where(views.usable[..., None], views.xy_img, np.nan)
     xyz = triangulate_linear(rig, xy.reshape(len(rig), -1, 2)).reshape(*xy.shape[1:3], 3)
     return views.skeleton, xyz

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 
 from posefuse.calibration.extrinsics.pipeline import Options
-from posefuse.calibration.person.synthetic_walk import STATURE_M, watch_walker
 from posefuse.calibration.targets.corners import CornerObservations
 
 from .command_cases import GOOD as RENDERED
-from .person_cases import calibrate, calibrate_with_clocks, person_rig
+from .person_cases import calibrate, person_rig
 from .sessions import INSTANTS, Session, board_session, prop_session, solve
 from .verdict import Answer, GoodSession
 from .verify_cases import answer, held_board, room
+from .walkers import gait_of, watch
 
 _PROPS, _BOARDS, _PERSONS, _VERIFIED = 38, 10, 6, 4
 
@@ -67,11 +67,10 @@ def _board(number: int) -> GoodSession:
 
 def _person(number: int) -> GoodSession:
     def run(seed: int) -> Answer:
-        truth, noise_px = person_rig(100 * seed + number), 1.0 + 0.5 * number
-        if number % 3 == 2:
-            return calibrate_with_clocks(truth, (0.0, 0.1, -0.05, 0.03), "auto", noise_px, seed)
-        views = watch_walker(truth, seconds=15.0 + 5 * number, noise_px=noise_px, seed=seed)
-        return calibrate(truth, views, truth.cameras, STATURE_M)
+        truth, gait = person_rig(100 * seed + number), gait_of(100 * seed + number)
+        late_s = (0.0, 0.1, -0.05, 0.03) if number % 3 == 2 else ()
+        seen = watch(truth, gait, 20.0 + 8 * number, late_s=late_s, noise_px=1.0 + 0.3 * number, seed=seed)
+        return calibrate(truth, seen, truth.cameras)
 
     return GoodSession(f"person {number}", run)
 

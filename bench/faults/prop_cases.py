@@ -90,11 +90,6 @@ def _turned(which: tuple[int, ...], group: str = "prop") -> Build:
     return _images(build)
 
 
-def _flipped(s: Session, seed: int) -> CornerObservations:
-    seen = s.watch()
-    return of_camera(seen, 1, seen.xy_img * [-1, 1] + [s.rig.cameras[1].size_wh[0] - 1, 0])
-
-
 def _twice(noise_px: float) -> Build:
     def build(s: Session, seed: int) -> CornerObservations:
         seen = s.watch()
@@ -137,24 +132,10 @@ def _uneven_stamps(s: Session, seed: int) -> CornerObservations:
     return restamped(seen, 2, seen.t_ns + np.where(number % 3 == 0, period_ns * 9 // 10, 0))
 
 
-def _markers_swapped(s: Session, seed: int) -> CornerObservations:
-    seen = s.watch()
-    return replace(seen, patch=np.where((seen.camera == 1) & np.isin(seen.patch, [1, 2]), 3 - seen.patch, seen.patch))
-
-
 def _loose_markers(s: Session, seed: int) -> CornerObservations:
     """Half of the markers move against the others: the prop is not rigid."""
     seen, other = s.watch(), s.watch(motion=replace(s.motion, seed=seed + 50))
     return merged(seen.rows(seen.patch < 3), other.rows(other.patch >= 3))
-
-
-def _noisy(noise_px: float, which: tuple[int, ...]) -> Build:
-    def build(s: Session, seed: int) -> CornerObservations:
-        seen, noise = s.watch(), np.random.default_rng([seed, 3])
-        off = noise.normal(0, noise_px, seen.xy_img.shape)
-        return replace(seen, xy_img=seen.xy_img + np.where(np.isin(seen.camera, which)[:, None], off, 0.0))
-
-    return _images(build)
 
 
 def _other_side(factor: float) -> Build:
@@ -163,10 +144,6 @@ def _other_side(factor: float) -> Build:
         return s.watch(), s.rig.cameras, replace(s.target, side_m=s.target.side_m * factor)
 
     return build
-
-
-def _other_board(target: Charuco) -> Build:
-    return lambda s, seed: (s.watch(), s.rig.cameras, target)
 
 
 def _stretched_board(s: Session, seed: int) -> tuple[CornerObservations, tuple[Camera, ...], Target]:
@@ -189,11 +166,6 @@ class _Bent(Charuco):
     def corners(self, patch: int) -> np.ndarray:
         flat = super().corners(patch)
         return flat + 0.5 * np.square(flat[:, :1] - flat[:, 0].mean()) * [0.0, 0.0, 1.0]
-
-
-def _mirrored_board(s: Session, seed: int) -> CornerObservations:
-    seen = s.watch()
-    return replace(seen, corner=(seen.corner // 4) * 4 + 3 - seen.corner % 4)
 
 
 def _resized(scale_w: float, scale_h: float) -> Build:
@@ -277,7 +249,6 @@ CASES = (
         _turned((0, 1, 2, 3)),
         why=("a room seen upside down is a room; with a marker on the floor it is found (cameras are above the floor)"),
     ),
-    _case("image of one mirrored", r"cam01.*mirrored|mirrored.*cam01", _images(_flipped)),
     _case("names of two cameras swapped", r"cam01.*cam02.*swapped", _permuted((0, 2, 1, 3))),
     _case("names of three cameras in a circle", r"cam01.*cam02.*cam03.*(swapped|order)", _permuted((0, 2, 3, 1))),
     _case("one video given twice", r"cam00 and cam01.*(same video|nearest, 0 mm)", _twice(0.0)),
@@ -311,10 +282,7 @@ CASES = (
         r"marker 2 in 81 frames of cam00",
         _images(lambda s, seed: replace(s.watch(), doubled=(("cam00", 2, 81),))),
     ),
-    _case("markers of one camera swapped", r"markers? [12].*cam01|cam01.*markers? [12]", _images(_markers_swapped)),
     _case("a prop that is not rigid", r"not rigid|left out|never seen together|independently", _images(_loose_markers)),
-    _case("all images blurred: corners 6 px off", r"blur", _noisy(6.0, (0, 1, 2, 3))),
-    _case("images of one camera blurred: corners 5 px off", r"blur.{0,30}cam01|cam01.{0,60}blur", _noisy(5.0, (1,))),
     _case("the prop is held still", r"(held|kept) still|coverage|too little", _images(_held_still)),
     _case("marker side 24 mm stated for 240", r"marker|side", _other_side(0.1)),
     _case("marker side 0.24 mm stated for 240", r"marker side", _other_side(1e-3)),
@@ -334,13 +302,6 @@ CASES = (
         r"cam02.*(ms late|clock)|clock.*cam02|cam02 \+1\d\d ms",
         _late(0, 0, 0.1, 0),
         TOGETHER,
-        group="board",
-    ),
-    _case("board: described mirrored", r"described mirrored", _images(_mirrored_board), group="board"),
-    _case(
-        "board: columns and rows swapped",
-        r"board|described",
-        _other_board(Charuco(columns=7, rows=5, square_m=0.12, marker_m=0.09)),
         group="board",
     ),
     _case(

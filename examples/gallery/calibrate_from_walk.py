@@ -15,10 +15,10 @@ import posefuse as pf
 HEIGHT_M = 1.78
 
 
-def main(session: Path, out: Path, time_steps: int = 300) -> float:
+def main(session: Path, out: Path) -> float:
     true_rig = pf.read_rig(session / "rig.toml")
     videos = {name: session / "videos" / f"{name}.mp4" for name in true_rig.names}
-    found = pf.calibrate_person(videos, intrinsics=true_rig, height_m=HEIGHT_M, time_steps=time_steps, clocks="synchronised")
+    found = pf.calibrate_person(videos, intrinsics=true_rig, height_m=HEIGHT_M)
     found.save(out / "rig.toml", report=out / "calibration.html")
 
     errors = []

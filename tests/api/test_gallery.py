@@ -57,7 +57,7 @@ def test_live_poses(demo_session: Path, models: None) -> None:
 
 @pytest.mark.slow
 def test_calibrate_from_walk(demo_session: Path, tmp_path: Path, models: None) -> None:
-    assert script("calibrate_from_walk").main(demo_session, tmp_path, time_steps=150) < 8
+    assert script("calibrate_from_walk").main(demo_session, tmp_path) < 8
     assert len(pf.read_rig(tmp_path / "rig.toml")) == 4
 
 

@@ -7,17 +7,15 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from synthetic_walk import BODY, STATURE_M, walker
+from synthetic_walk import watch_walker as watched
 
 from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks, prominent
-from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.extrinsics.self_checks import camera_differences, scale_of
 from posefuse.calibration.person.bundle import freed, solve_person_bundle
-from posefuse.calibration.person.scale import KnownLength, stature_m
-from posefuse.calibration.person.settle import _ahead, calibrate_out_of_step, unplaced_clocks
+from posefuse.calibration.person.scale import KnownLength
+from posefuse.calibration.person.settle import at_clocks, calibrate_tracks, unplaced_clocks
 from posefuse.calibration.person.solve import PersonCalibration, calibrate_from_person, rough_rig
-from posefuse.calibration.person.start import turned_inside_out
-from posefuse.calibration.person.synthetic_walk import BODY, STATURE_M, walker
-from posefuse.calibration.person.synthetic_walk import watch_walker as watched
 from posefuse.calibration.person.views import PersonViews, person_views
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.solving.rotations import Poses, poses_of
@@ -42,9 +40,6 @@ def test_a_walk_gives_the_rig_and_its_stature_the_scale(lab: Any, found: PersonC
     assert millimetres < 8
     assert degrees < 0.1
     assert errors(lab.rig, found.rig, scaled=False)[0] < 0.02 * 4500
-    assert stature_m(BODY, found.xyz_world) == pytest.approx(STATURE_M, rel=1e-6)
-    ankles = found.xyz_world[:, BODY.indices(("left_ankle", "right_ankle")), 2]
-    assert np.quantile(ankles, 0.3) == pytest.approx(0, abs=0.06)
     assert (found.rig.centres_world()[:, 2] > 1.5).all()
 
 
@@ -72,18 +67,17 @@ def test_a_wrong_focal_length_a_late_clock_and_a_mirrored_image_are_named(lab: A
     late = views.xy_img.copy()
     late[2] = lab.rig.cameras[2].project(walker(views.t_ns / 1e9 - 0.1))
     assert re.search(r"clock of cam02 is \+(9|1[012])\d ms late", refused(lab, replace(views, xy_img=late), cameras))
-    for sides in (False, True):
-        mirrored = views.xy_img.copy()
-        mirrored[1] = mirrored[1] * [-1, 1] + [cameras[1].size_wh[0] - 1, 0]
-        mirrored[1] = mirrored[1][:, BODY.mirror] if sides else mirrored[1]
-        assert "cause: the image of cam01 is mirrored" in refused(lab, replace(views, xy_img=mirrored), cameras)
+    mirrored = views.xy_img.copy()
+    # a network names sides by their looks
+    mirrored[1] = (mirrored[1] * [-1, 1] + [cameras[1].size_wh[0] - 1, 0])[:, BODY.mirror]
+    assert "cause: the image of cam01 is mirrored" in refused(lab, replace(views, xy_img=mirrored), cameras)
 
 
 def test_focal_lengths_and_clocks_let_free_scatter_as_their_standard_errors_say(lab: Any) -> None:
     off = []
     for seed in range(4):
         views = watched(lab.rig, seconds=10.0, seed=seed)
-        free = freed(lab.rig.cameras, solve_person_bundle(views, lab.rig.cameras))
+        free = freed(lab.rig.cameras, solve_person_bundle(views, lab.rig.cameras), focal=True)
         held = free.terms_sigma > 0
         assert held.sum() == 2 * len(lab.rig) - 1
         off.append((free.state.terms / np.where(held, free.terms_sigma, 1.0))[held])
@@ -110,23 +104,6 @@ def test_only_the_ratios_of_the_stated_noise_count(lab: Any) -> None:
     assert not np.array_equal(
         rough(replace(views, sigma_px=uneven * views.sigma_px), lab.rig).centres_world(), one.centres_world()
     )
-
-
-def test_a_person_who_stays_in_one_place_far_away_is_not_turned_inside_out(ring_rig: Any) -> None:
-    """A mirrored body in a mirrored room fits nearly as well, and is what a solve may begin with."""
-    rig, t_s = ring_rig(4, radius_m=12.0), np.arange(10) / 2.0
-    body = walker(t_s, lap_rad_s=0.0).reshape(-1, 3)
-    norm = np.stack([camera.norm_from_px(camera.project(body)) for camera in rig])
-    focal = np.array([camera.K[0, 0] for camera in rig])
-    true = poses_of(rig)
-    other = turned_inside_out(true, body, norm, focal, 0)
-    assert other is not None
-    assert camera_differences(true, other[0])[0].max() > 3
-    back = turned_inside_out(*other, norm, focal, 0)
-    assert back is not None
-    metres, radians = camera_differences(true, Poses(back[0].R, back[0].t * scale_of(true, back[0])))
-    assert metres.max() < 1.0
-    assert np.rad2deg(radians.max()) < 5
 
 
 @pytest.mark.slow
@@ -213,21 +190,14 @@ def test_cameras_synchronised_are_taken_so(lab: Any) -> None:
 def test_rig_and_clocks_come_from_the_person_alone(lab: Any) -> None:
     length, late_s = KnownLength(stature_m=STATURE_M), np.array([0.0, 0.147, -0.11, 0.05])
     tracks = tracks_of(lab.rig, late_s)
-    start = unplaced_clocks(tracks, lab.rig.cameras, length, "auto", 1.0)
-    assert start is not None
-    found, clocks = calibrate_out_of_step(tracks, lab.rig.cameras, length, start, with_drift=False)
+    first = unplaced_clocks(tracks, lab.rig.cameras, length, "auto", 1.0)
+    assert first is not None
+    found, clocks = calibrate_tracks(at_clocks(tracks, first), lab.rig.cameras, length, first, with_drift=False)
+    assert clocks is not None
     np.testing.assert_allclose(clocks.offset_s, late_s, atol=0.004)
     assert (np.abs(clocks.offset_s - late_s) <= 4 * clocks.offset_sigma_s).all()
     assert errors(lab.rig, found.rig, scaled=True)[0] < 15
     assert {"parts agree", "clocks of halves agree"} <= {check.name for check in found.report.checks}
-
-
-def test_rounds_that_creep_are_seen_to_their_end() -> None:
-    """Every round takes away the same share of what is missing."""
-    end, share = np.array([0.0, 0.2, -0.1]), 0.6
-    one, two, three = (ClockEstimate.known(end * (1 - share**n), 0.0) for n in (1, 2, 3))
-    np.testing.assert_allclose(_ahead((one, two), (two, three)).offset_s, end, atol=1e-9)
-    assert _ahead(None, (one, two)) is two
 
 
 def test_the_world_does_not_matter(lab: Any) -> None:

@@ -5,16 +5,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from synthetic_walk import BODY, STATURE_M, walker
 
 from posefuse.calibration.clocks.person_tracks import person_tracks
 from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.person.several_people import ChosenPerson, choose_person, people_tracks
 from posefuse.calibration.person.solve import PersonCalibration, calibrate_from_person
-from posefuse.calibration.person.synthetic_walk import BODY, STATURE_M, walker
 from posefuse.calibration.person.views import person_views
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.core import Camera, Detections2D, Rig
-from posefuse.pipeline.person_calibration import PersonSeen, solve_person
+from posefuse.pipeline.person_calibration import solve_person
+from posefuse.pipeline.person_poses import PersonSeen
 
 T_S = np.arange(72) / 6.0
 LENGTH = KnownLength(stature_m=STATURE_M)
@@ -63,10 +64,7 @@ def followed(rig: Rig, chosen: ChosenPerson) -> list[int]:
 
 
 def calibrated(rig: Rig, chosen: ChosenPerson) -> PersonCalibration:
-    seen = PersonSeen(
-        tracks=chosen.tracks, views=person_views(chosen.tracks), cameras=rig.cameras, clocks=None, corrected=False,
-        several_in=chosen.several_in,
-    )  # fmt: skip
+    seen = PersonSeen(tracks=chosen.tracks, cameras=rig.cameras, clocks=None, several_in=chosen.several_in)
     return solve_person(seen, LENGTH, with_drift=False)[0]
 
 

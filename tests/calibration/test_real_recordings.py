@@ -117,8 +117,8 @@ def test_a_person_in_videos_gives_positions_within_30_mm_and_shows_where_the_ref
     folder, length = shared_data / "pose2sim_single", KnownLength(stature_m=1.75)
     rig = read_rig(folder / "calibration" / "Calib_qualisys.toml")
     films = {name: folder / "videos" / f"{name.replace('_', '')}.mp4" for name in rig.names}
-    seen = person_in_videos(films, rig, length, DetectorChoice(), 100)
-    views, cameras = seen.views, seen.cameras
+    seen = person_in_videos(films, rig, length, DetectorChoice())
+    views, cameras = person_views(seen.tracks), seen.cameras
     found = calibrate_from_person(views, cameras, length)
     metres, degrees = after_similarity(rig, found.rig)
     print(f"\n{metres * 1e3} mm, {degrees} deg")

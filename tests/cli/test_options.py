@@ -63,9 +63,9 @@ ACCEPTED = {
     ),
     "calibrate person a=a.mp4 b=b.mp4": (
         "--intrinsics text --out text",
-        "--height-m 1.8, --apart a b 2.5, --rate 30, --time-steps 100, --clocks drift, --most-s 2, "
+        "--height-m 1.8, --apart a b 2.5, --rate 30, --clocks drift, --most-s 2, "
         "--upside-down one --upside-down two, "
-        "--networks one --networks two, --json, --force, --report text, --time-steps 100",
+        "--networks one --networks two, --json, --force, --report text",
     ),
     "calibrate clocks SESSION": (
         "",

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from synthetic_walk import BODY, walker
 
-from posefuse.calibration.person.synthetic_walk import BODY, walker
 from posefuse.core import SE3, Kind, PoseSequence, Recording, Rig
 from posefuse.foundation.plain_values import plain
 from posefuse.pipeline.config import TrackConfig

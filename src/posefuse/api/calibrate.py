@@ -39,7 +39,7 @@ from posefuse.core.arrays import Array
 from posefuse.formats.rig import rescaled_cameras
 from posefuse.pipeline.clock_calibration import person_in_session
 from posefuse.pipeline.config import CONFIG_FILE, changed_config, read_config
-from posefuse.pipeline.person_calibration import PersonSearch, check_recordings, find_person, frame_periods_s, solve_person
+from posefuse.pipeline.person_calibration import check_recordings, find_person, frame_periods_s, solve_person
 
 from .arguments import checked
 from .calibration_results import ClockCalibration, IntrinsicsCalibration, RigCalibration, RigVerification
@@ -226,7 +226,6 @@ def calibrate_person(
     height_m: float | None = None,
     camera_distance: tuple[str, str, float] | None = None,
     rate_hz: float | None = None,
-    time_steps: int = 600,
     clocks: ClockMode = "auto",
     max_offset_s: float = 10.0,
     upside_down: Sequence[str] = (),
@@ -236,12 +235,11 @@ def calibrate_person(
     """Find the poses of the cameras from a person who walks in front of them.
 
     Args:
-        inputs: per camera a video, or 2D poses of another tool; a mapping by camera name, or paths.
+        inputs: per camera a video, of which the middle 60 s are used, or 2D poses of another tool; by camera name, or paths.
         intrinsics: a rig whose cameras have these names; its poses are not used.
         height_m: height of the person in metres, which sets the scale within a few per cent.
         camera_distance: or two cameras and their measured distance in metres.
         rate_hz: frame rate of 2D poses.
-        time_steps: of videos, used at most.
         clocks: as in `calibrate_extrinsics`.
         max_offset_s: largest clock offset between two cameras to search for.
         upside_down: cameras that are mounted upside down.
@@ -265,9 +263,10 @@ def calibrate_person(
     length = _known_length(height_m, camera_distance, chosen)
     cameras = tuple(replace(camera, cam_from_world=SE3.identity()) for camera in chosen)
     config = changed_config(read_config(None, ()), dict(settings or {}))
-    search = PersonSearch(detector=config.detector, time_steps=time_steps, rate_hz=rate_hz, clocks=clocks, most_s=max_offset_s)
     with shown(progress) as report:
-        seen = find_person(paths, cameras, length, search, report)
+        seen = find_person(
+            paths, cameras, length, detector=config.detector, rate_hz=rate_hz, clocks=clocks, most_s=max_offset_s, progress=report
+        )
         found, estimate = solve_person(seen, length, with_drift=clocks == "drift", upside_down=upside_down)
     # the intrinsics as they were given: videos of another size are fitted again wherever they are read
     poses = {camera.name: camera.cam_from_world for camera in found.rig}

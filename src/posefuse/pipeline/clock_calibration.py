@@ -13,16 +13,12 @@ from posefuse.detection.build import build_detector
 from posefuse.detection.downloading import fetch_networks
 
 from .config import TrackConfig
-from .images import common_timeline
 from .opening import build_source
 from .person_calibration import frame_period_s
-from .person_poses import poses_apart
+from .person_poses import poses_apart, timeline_of
 from .pose2d import read_session_poses, stated_camera
 from .pose2d_rate import pose2d_rate_hz
 from .session import Session, find_session, fitted_camera
-
-# errors of neighbouring frames are correlated: more frames add little
-_MOST_HZ = 15.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -45,6 +41,8 @@ def person_in_session(folder: Path, config: TrackConfig, seconds: float, progres
         InputError: no session, several kinds of data, or 2D poses without a frame rate.
     """
     session = find_session(folder, config)
+    # the order of the cameras in the rig file is of no account
+    session = replace(session, inputs=tuple(sorted(session.inputs, key=lambda entry: entry.camera)))
     kinds = {entry.kind for entry in session.inputs}
     if len(kinds) > 1:
         raise InputError(f"{session.folder}: expected one kind of data for all cameras, got {', '.join(sorted(kinds))}")
@@ -59,12 +57,8 @@ def _from_images(session: Session, config: TrackConfig, seconds: float, progress
     sources = [build_source(entry, config, len(as_recorded)) for entry in as_recorded]
     cameras = [fitted_camera(session.rig[one.camera], entry, one) for entry, one in zip(as_recorded, sources, strict=True)]
     rig = replace(session.rig, cameras=tuple(cameras))
-    times_ns = {source.camera: np.asarray(source.times_ns()) for source in sources}
-    period_s = tuple(frame_period_s(t) for t in times_ns.values())
-    first_s, last_s = (float(np.median([t[i] for t in times_ns.values()])) / 1e9 for i in (0, -1))
-    spare_s = max(0.0, (last_s - first_s - seconds) / 2)
-    cut = (first_s + spare_s, last_s - spare_s) if spare_s else (None, None)
-    timeline = common_timeline(times_ns, min(1 / min(period_s), _MOST_HZ), *cut)
+    period_s = tuple(frame_period_s(np.asarray(source.times_ns())) for source in sources)
+    timeline = timeline_of(sources, seconds)
     fetch_networks(config.detector, progress)
     detector = build_detector(config.detector, rig)
     tracks = person_tracks(poses_apart(sources, detector, timeline, progress))

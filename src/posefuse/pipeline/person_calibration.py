@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from posefuse.calibration.clocks.person_tracks import PersonTrack
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.person.scale import KnownLength
-from posefuse.calibration.person.settle import calibrate_out_of_step, unplaced_clocks
+from posefuse.calibration.person.settle import at_clocks, calibrate_tracks, unplaced_clocks
 from posefuse.calibration.person.several_people import ChosenPerson, choose_person
-from posefuse.calibration.person.solve import PersonCalibration, calibrate_from_person
-from posefuse.calibration.person.views import PersonViews, person_views
+from posefuse.calibration.person.solve import PersonCalibration
 from posefuse.calibration.report import Check, RefusedCalibration
 from posefuse.core import Camera, InputError, Progress, Rig, silent
 from posefuse.core.arrays import Array
@@ -23,42 +21,8 @@ from posefuse.detection.build import DetectorChoice
 from posefuse.formats.pose2d import read_pose2d_of_cameras
 from posefuse.sources import VIDEO_SUFFIXES, VideoConfig
 
-from .person_poses import person_in_videos
+from .person_poses import PersonSeen, person_in_videos
 from .session import LEAST_CAMERAS
-
-
-@dataclass(frozen=True, kw_only=True)
-class PersonSearch:
-    """How the person is found in the recordings.
-
-    Attributes:
-        detector: for videos. time_steps: of the videos, used at most. rate_hz: of 2D poses in files.
-        clocks: one of `CLOCK_MODES`. most_s: largest clock offset between two cameras.
-    """
-
-    detector: DetectorChoice
-    time_steps: int = 600
-    rate_hz: float | None = None
-    clocks: str = "auto"
-    most_s: float = 10.0
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PersonSeen:
-    """What the cameras saw of the person.
-
-    Attributes:
-        tracks: at each camera's own frame times. views: at common time steps. cameras: as their images were.
-        clocks: found first; None where the cameras are synchronised. corrected: the tracks' times are corrected by them already.
-        several_in: cameras that see further people.
-    """
-
-    tracks: tuple[PersonTrack, ...]
-    views: PersonViews
-    cameras: tuple[Camera, ...]
-    clocks: ClockEstimate | None
-    corrected: bool
-    several_in: tuple[str, ...] = ()
 
 
 def check_recordings(paths: Mapping[str, Path]) -> None:
@@ -74,42 +38,30 @@ def find_person(
     paths: Mapping[str, Path],
     cameras: tuple[Camera, ...],
     length: KnownLength,
-    search: PersonSearch,
+    detector: DetectorChoice,
+    rate_hz: float | None,
+    clocks: str,
+    most_s: float,
     progress: Progress = silent,
 ) -> PersonSeen:
     """The person in every recording: videos, or 2D poses of another tool.
 
     Args:
-        cameras: intrinsics in the order of `paths`; their poses are not used.
+        cameras: intrinsics in the order of `paths`; their poses are not used. detector: for videos. rate_hz: of 2D poses.
+        clocks, most_s: as of `unplaced_clocks`.
 
     Raises:
         InputError: both kinds of recordings, or no frame rate. CalibrationError: cameras that cannot be linked.
     """
     videos = [path for path in paths.values() if path.suffix.lower() in VIDEO_SUFFIXES]
     if len(videos) == len(paths):
-        one = person_in_videos(
-            paths, Rig(cameras), length, search.detector, search.time_steps, progress, clocks=search.clocks, most_s=search.most_s
-        )
-        return PersonSeen(
-            tracks=one.views.tracks(),
-            views=one.views,
-            cameras=one.cameras,
-            clocks=one.clocks,
-            corrected=True,
-            several_in=one.several_in,
-        )
+        return person_in_videos(paths, Rig(cameras), length, detector, progress, clocks=clocks, most_s=most_s)
     if videos:
         raise InputError(f"person: expected videos or 2D poses for all cameras, got both: {choices(map(str, paths.values()))}")
-    chosen = _person_in_files(paths, cameras, search.rate_hz)
-    clocks = unplaced_clocks(chosen.tracks, cameras, length, search.clocks, search.most_s)
-    return PersonSeen(
-        tracks=chosen.tracks,
-        views=person_views(chosen.tracks),
-        cameras=cameras,
-        clocks=clocks,
-        corrected=False,
-        several_in=chosen.several_in,
-    )
+    chosen = _person_in_files(paths, cameras, rate_hz)
+    first = unplaced_clocks(chosen.tracks, cameras, length, clocks, most_s)
+    tracks = chosen.tracks if first is None else at_clocks(chosen.tracks, first)
+    return PersonSeen(tracks=tracks, cameras=cameras, clocks=first, several_in=chosen.several_in)
 
 
 def solve_person(
@@ -121,7 +73,7 @@ def solve_person(
         RefusedCalibration: a check fails; it carries the report, which names the cameras with several people in view.
     """
     try:
-        found, clocks = _solve(seen, length, with_drift=with_drift, upside_down=upside_down)
+        found, clocks = calibrate_tracks(seen.tracks, seen.cameras, length, seen.clocks, with_drift, tuple(upside_down))
     except RefusedCalibration as refused:
         if not seen.several_in:
             raise
@@ -136,17 +88,6 @@ def solve_person(
         " and the height has to be theirs"
     )
     return replace(found, report=replace(found.report, notes=(*found.report.notes, note))), clocks
-
-
-def _solve(
-    seen: PersonSeen, length: KnownLength, *, with_drift: bool, upside_down: Sequence[str]
-) -> tuple[PersonCalibration, ClockEstimate | None]:
-    hung, clocks = tuple(upside_down), seen.clocks
-    if clocks is None:
-        return calibrate_from_person(seen.views, seen.cameras, length, hung), None
-    start = ClockEstimate.known(np.zeros(len(seen.tracks)), clocks.middle_s) if seen.corrected else clocks
-    found, left = calibrate_out_of_step(seen.tracks, seen.cameras, length, start, with_drift, hung)
-    return found, clocks.then(left) if seen.corrected else left
 
 
 def frame_periods_s(paths: Mapping[str, Path], rate_hz: float | None) -> tuple[float, ...]:

@@ -14,6 +14,7 @@ from typing import NoReturn
 import numpy as np
 
 from posefuse.association import AssociateSettings
+from posefuse.calibration.clocks.person_tracks import PersonTrack
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.person.settle import unplaced_clocks
@@ -43,9 +44,11 @@ from posefuse.pipeline.following import FollowedLog, PeopleFollower
 from posefuse.pipeline.images import ImageInstants, Timeline, common_timeline
 from posefuse.pipeline.second_pass import long_enough, poses_over_time
 from posefuse.pipeline.session import Input, fitted_camera
-from posefuse.sources import FramesAhead, RecordedSource, VideoConfig, VideoSource, frame_sets
+from posefuse.sources import FramesAhead, RecordedSource, VideoConfig, frame_sets
 from posefuse.tracking import SmoothSettings, sides_like
 
+# of a recording, from its middle; errors of neighbouring frames are correlated, so more frames add little
+_MOST_S, _MOST_HZ = 60.0, 15.0
 # frames between two searches of whole images: for a lost person, and for further people
 _SEARCH_EVERY, _LOOK_ROUND_EVERY = 5, 15
 _MOST_PEOPLE = 3
@@ -53,18 +56,18 @@ _APART, _TOGETHER = "finding the person", "finding the person again, with all ca
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class PersonInVideos:
-    """One person in videos.
+class PersonSeen:
+    """What the cameras saw of one person.
 
     Attributes:
-        views: at common time steps. cameras: as they apply to the videos' images.
-        clocks: that the views were read by; None where the cameras are synchronised. several_in: cameras that see further people.
+        tracks: one per camera, with times that are corrected by `clocks`. cameras: as they apply to the images.
+        clocks: found first; None where the cameras are synchronised. several_in: cameras that see further people.
     """
 
-    views: PersonViews
+    tracks: tuple[PersonTrack, ...]
     cameras: tuple[Camera, ...]
     clocks: ClockEstimate | None
-    several_in: tuple[str, ...]
+    several_in: tuple[str, ...] = ()
 
 
 def person_in_videos(
@@ -72,16 +75,15 @@ def person_in_videos(
     lenses: Rig,
     length: KnownLength,
     choice: DetectorChoice,
-    time_steps: int,
     progress: Progress = silent,
     clocks: str = "together",
     most_s: float = 10.0,
-) -> PersonInVideos:
+) -> PersonSeen:
     """The person in every video; of several people the one that most cameras see together.
 
     Args:
         paths: video of each camera. lenses: a camera for each of them; its pose is not used.
-        length: sets the scale. choice: the detector. time_steps: used at most.
+        length: sets the scale. choice: the detector.
         clocks, most_s: as `unplaced_clocks` has them.
 
     Raises:
@@ -92,7 +94,7 @@ def person_in_videos(
         fitted_camera(lenses[source.camera], Input(source.camera, "videos", path, CameraInput()), source)
         for source, path in zip(sources, paths.values(), strict=True)
     )
-    timeline = timeline_of(sources, time_steps)
+    timeline = timeline_of(sources)
     fetch_networks(choice, progress)
     detector = build_detector(choice, Rig(cameras))
     chosen = choose_person(poses_apart(sources, detector, timeline, progress), cameras)
@@ -101,20 +103,22 @@ def person_in_videos(
     if found is not None:
         progress(_APART, timeline.count, timeline.count, "the cameras are not synchronised; continuing with the offsets found")
         sources = [VideoConfig(path, name, *found.correction(c)).build() for c, (name, path) in enumerate(paths.items())]
-        timeline = timeline_of(sources, time_steps)
+        timeline = timeline_of(sources)
     alone = person_views(apart, found)
     rig = rough_rig(alone, cameras, length)
     people = _MOST_PEOPLE if chosen.several_in else 1
     views = poses_together(sources, detector, timeline, rig, alone, people=people, progress=progress)
-    return PersonInVideos(views=views, cameras=cameras, clocks=found, several_in=chosen.several_in)
+    return PersonSeen(tracks=views.tracks(), cameras=cameras, clocks=found, several_in=chosen.several_in)
 
 
-def timeline_of(sources: Sequence[VideoSource], time_steps: int) -> Timeline:
-    """Time steps at the cameras' own rate, or as many as were asked for."""
+def timeline_of(sources: Sequence[RecordedSource], seconds: float = _MOST_S, most_hz: float = _MOST_HZ) -> Timeline:
+    """Time steps at the cameras' own rate or less, in `seconds` from the middle of the recordings."""
     times_ns = {source.camera: np.asarray(source.times_ns()) for source in sources}
-    seconds = (max(t[-1] for t in times_ns.values()) - min(t[0] for t in times_ns.values())) / 1e9
     fastest_hz = max(1e9 / float(np.median(np.diff(t))) for t in times_ns.values())
-    return common_timeline(times_ns, min(fastest_hz, time_steps / max(seconds, 1e-3)), None, None)
+    first_s, last_s = (float(np.median([t[i] for t in times_ns.values()])) / 1e9 for i in (0, -1))
+    spare_s = max(0.0, (last_s - first_s - seconds) / 2)
+    cut = (first_s + spare_s, last_s - spare_s) if spare_s else (None, None)
+    return common_timeline(times_ns, min(fastest_hz, most_hz), *cut)
 
 
 def poses_apart(

@@ -21,7 +21,7 @@ _MOST_RIVALRY, _LEAST_CLEARNESS = 0.85, 0.3
 _MOST_SPREAD_PX_PER_1000 = 12.0
 _MOST_SIGMA_S = 0.01
 # parts of a recording may differ by so much, or so many standard errors
-_MOST_JUMP_S, LATE_SIGMA = 0.008, 5.0
+MOST_JUMP_S, LATE_SIGMA = 0.008, 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,12 +53,12 @@ def clocks_from_person(rig: Rig, tracks: Sequence[PersonTrack], most_s: float, w
     done = [check_person_in_tracks(rig.names, moving)]
     _require(done)
     rough = rough_clocks(rig, moving, most_s)
-    done.append(_check_linked(rig.names, rough, most_s))
+    done.append(check_linked(rig.names, rough, most_s))
     _require(done)
     done.append(check_one_offset(rig.names, rough))
     _require(done)
     fit = estimate_clocks(rig, moving, ClockEstimate.known(rough.offset_s, middle_s(tracks)), with_drift)
-    done += fit_checks(rig, fit, with_drift)
+    done += [_check_spread(rig, fit), _check_steady(rig.names, fit, with_drift), check_determined(rig.names, fit.clocks)]
     report = CalibrationReport(SUBJECT, tuple(done), numbers=clock_figures(rig.names, fit.clocks))
     report.require()
     return FoundClocks(fit.clocks, report)
@@ -99,18 +99,16 @@ def person_seen(blind: Sequence[str]) -> Check:
     return Check("person seen", not blind, detail, "walk where this camera looks, or leave it out")
 
 
-def _check_linked(names: Sequence[str], rough: RoughClocks, most_s: float) -> Check:
+def check_linked(names: Sequence[str], rough: RoughClocks, most_s: float) -> Check:
+    """At some offset, every camera sees the person where others do."""
     lost = [name for name, offset in zip(names, rough.offset_s, strict=True) if not np.isfinite(offset)]
-    if len(lost) == len(names):
-        return Check(
-            "cameras are linked", False, f"at no offset within {most_s:g} s do two cameras see the same person move",
-            "record longer, walk about, turning this way and that; or search farther with `max_offset_s=S`",
-        )  # fmt: skip
-    linked = "at some offset every camera sees the person where others do"
+    who = "any camera" if len(lost) == len(names) else ", ".join(lost)
     return Check(
         "cameras are linked", not lost,
-        f"at no offset within {most_s:g} s does {', '.join(lost)} see the person where others do" if lost else linked,
-        "walk where two cameras see you together, and let them run at one time; else `max_offset_s=S` searches farther",
+        f"at no offset within {most_s:g} s does {who} see the person where others do"
+        if lost else "at some offset every camera sees the person where others do",
+        "walk where two cameras see you together, turning this way and that, and let them run at one time; if they did, search"
+        " farther with `max_offset_s=S`",
     )  # fmt: skip
 
 
@@ -133,11 +131,6 @@ def check_one_offset(names: Sequence[str], rough: RoughClocks) -> Check:
     )  # fmt: skip
 
 
-def fit_checks(rig: Rig, fit: ClockFit, with_drift: bool) -> list[Check]:
-    """The solve's own statement of its quality."""
-    return [_check_spread(rig, fit), _check_steady(rig.names, fit, with_drift), _check_determined(rig.names, fit.clocks)]
-
-
 def _check_spread(rig: Rig, fit: ClockFit) -> Check:
     limit = np.array([_MOST_SPREAD_PX_PER_1000 * max(camera.size_wh) / 1000 for camera in rig])
     worst = int(np.nanargmax(np.nan_to_num(fit.spread_px / limit, nan=np.inf)))
@@ -148,7 +141,8 @@ def _check_spread(rig: Rig, fit: ClockFit) -> Check:
     )  # fmt: skip
 
 
-def _check_determined(names: Sequence[str], clocks: ClockEstimate) -> Check:
+def check_determined(names: Sequence[str], clocks: ClockEstimate) -> Check:
+    """The standard errors of the offsets are small."""
     worst = int(np.argmax(clocks.offset_sigma_s))
     return Check(
         "clocks are determined", bool(clocks.offset_sigma_s[worst] <= _MOST_SIGMA_S),
@@ -164,7 +158,7 @@ def _check_steady(names: Sequence[str], fit: ClockFit, with_drift: bool) -> Chec
     for count in range(1, len(fit.blocks)):
         (first, first_sigma), (second, second_sigma) = fit.parts(count)
         apart, sigma = second - first, np.hypot(first_sigma, second_sigma)
-        ratio = np.abs(apart) / np.maximum(_MOST_JUMP_S, LATE_SIGMA * sigma)
+        ratio = np.abs(apart) / np.maximum(MOST_JUMP_S, LATE_SIGMA * sigma)
         c = int(np.argmax(ratio))
         worst = max(worst, (float(ratio[c]), c, float(apart[c]), float(fit.block_s[count - 1 : count + 1].mean())))
     ratio_, c, apart_s, at_s = worst

@@ -120,11 +120,12 @@ class FloorUnderBody:
     """For feet that stay on one line and so span no plane: up is the way from feet to heads, the floor is below the feet.
 
     Attributes:
-        feet_m, head_m: as in `FloorFromFeet`.
+        feet_m, head_m, keypoint_height_m: as in `FloorFromFeet`.
     """
 
     feet_m: Array
     head_m: Array
+    keypoint_height_m: float = 0.0
     words: str = "up along the body, floor under the feet"
     has_floor: bool = True
 
@@ -136,7 +137,7 @@ class FloorUnderBody:
         up /= np.linalg.norm(up)
         lowest = np.quantile((feet - middle) @ up, _STANDING_SHARE)
         along = np.linalg.svd(feet - middle, full_matrices=False)[2][0]
-        return _frame(middle + lowest * up, along, up)
+        return _frame(middle + (lowest - self.keypoint_height_m) * up, along, up)
 
 
 @dataclass(frozen=True)
@@ -180,8 +181,7 @@ def floor_from_feet(feet_m: Array, head_m: Array, keypoint_height_m: float = 0.0
         weight = 1 / (1 + (np.maximum(height, 0.3 * np.minimum(height, 0) * -1) / _FLOOR_CUT_M) ** 2)
     if spread[1] < 0.1 * spread[0]:
         raise CalibrationError("floor: the feet stay on one line; walk across the floor in both directions")
-    new_from_old = _frame(middle, axes[0], up)
-    return SE3(np.array([1.0, 0, 0, 0]), np.array([0, 0, keypoint_height_m])) @ new_from_old
+    return _frame(middle - keypoint_height_m * up, axes[0], up)
 
 
 def _feet_and_heads(feet_m: Array, head_m: Array) -> tuple[Array, Array]:

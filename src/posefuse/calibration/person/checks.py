@@ -17,10 +17,10 @@ from posefuse.core.arrays import Array
 from .views import PersonViews
 
 _MOST_SIGMA_PX_PER_1000 = 12.0
-LEAST_INLIER_SHARE, _INLIER_SIGMA = 0.7, 4.0
+_LEAST_INLIER_SHARE, _INLIER_SIGMA = 0.7, 4.0
 _LEAST_WALK_SHARE = 0.04
 _SAME_VIDEO_PX = 2.0
-LEAST_TRUE_SIDED = 0.5
+_LEAST_TRUE_SIDED = 0.5
 # of free focal lengths and clocks: the best precision that a person allows, and standard errors
 _FOCAL_SHARE, _LATE_S, _TERM_SIGMA = 0.05, 0.015, 6.0
 _LEFTWARDS = (("right_shoulder", "right_hip"), ("left_shoulder", "left_hip"))
@@ -53,19 +53,33 @@ def person_solution_checks(
     skeleton: Skeleton, cameras: tuple[Camera, ...], solution: PointSolution, rows: PointViews, rig: Rig, xyz: Array
 ) -> list[Check]:
     """The keypoints fit, the cameras agree, nothing is mirrored, and no two cameras share a place."""
-    limit = _MOST_SIGMA_PX_PER_1000 * max(max(camera.size_wh) for camera in cameras) / 1000
-    inlier = inliers(solution)
-    share = np.array([inlier[rows.camera == c].mean() for c in range(len(cameras))])
+    limit, share = _spread_limit_px(cameras), agreeing_shares(solution, rows, len(cameras))
     worst = int(np.argmin(share))
     return [
         Check("keypoints fit", solution.sigma_px <= limit, f"spread {solution.sigma_px:.1f} px (limit {limit:.1f})",
               "wrong intrinsics, cameras unsynchronised, or different people in different cameras"),
-        Check("cameras agree", bool(share[worst] >= LEAST_INLIER_SHARE),
-              f"{cameras[worst].name} agrees worst: {share[worst]:.0%} of its keypoints (needed {LEAST_INLIER_SHARE:.0%})",
+        Check("cameras agree", bool(share[worst] >= _LEAST_INLIER_SHARE),
+              f"{cameras[worst].name} agrees worst: {share[worst]:.0%} of its keypoints (needed {_LEAST_INLIER_SHARE:.0%})",
               "it follows another person, moved, or is unsynchronised"),
         check_mirror(skeleton, xyz),
         self_checks.check_cameras_apart(cameras, poses_of(rig)),
     ]  # fmt: skip
+
+
+def solution_fits(cameras: tuple[Camera, ...], solution: PointSolution, rows: PointViews) -> bool:
+    """Whether the keypoints fit, and all cameras agree."""
+    agree = (agreeing_shares(solution, rows, len(cameras)) >= _LEAST_INLIER_SHARE).all()
+    return bool(agree and solution.sigma_px <= _spread_limit_px(cameras))
+
+
+def _spread_limit_px(cameras: tuple[Camera, ...]) -> float:
+    return _MOST_SIGMA_PX_PER_1000 * max(max(camera.size_wh) for camera in cameras) / 1000
+
+
+def agreeing_shares(solution: PointSolution, rows: PointViews, cameras: int) -> Array:
+    """(C,) share of each camera's keypoints that agree."""
+    good = inliers(solution, rows)
+    return np.array([good[rows.camera == c].mean() if (rows.camera == c).any() else 0.0 for c in range(cameras)])
 
 
 def check_walk(hips: Array, distance_m: float) -> Check:
@@ -82,8 +96,8 @@ def check_mirror(skeleton: Skeleton, xyz: Array) -> Check:
     """Left, front and up of the keypoints (T, K, 3) lie as in a body."""
     share = true_sided(skeleton, xyz)
     return Check(
-        "nothing is mirrored", share >= LEAST_TRUE_SIDED,
-        f"the person has left, front and up where they belong {share:.0%} of the time (needed {LEAST_TRUE_SIDED:.0%})",
+        "nothing is mirrored", share >= _LEAST_TRUE_SIDED,
+        f"the person has left, front and up where they belong {share:.0%} of the time (needed {_LEAST_TRUE_SIDED:.0%})",
         "mirrored videos; or a person who stays in one place far away, which fits a mirrored room as well: walk about, come near",
     )  # fmt: skip
 
@@ -141,7 +155,7 @@ def spread_m(points: Array) -> Array:
     return np.asarray(np.linalg.svd(near - near.mean(axis=0), compute_uv=False) / np.sqrt(len(near)))
 
 
-def inliers(solution: PointSolution) -> Array:
-    """(N,) whether a row lies within 4 robust standard deviations."""
-    size = np.abs(solution.residual_px).max(axis=1)
+def inliers(solution: PointSolution, rows: PointViews) -> Array:
+    """(N,) whether a row lies within 4 robust standard deviations, as noisy as it is itself."""
+    size = np.abs(solution.residual_px).max(axis=1) / rows.relative_sigma
     return np.asarray(size <= _INLIER_SIGMA * solution.sigma_px)

@@ -1,40 +1,43 @@
-"""Clocks of cameras with unknown extrinsics, from a person: rig and clocks are solved in turn until they converge."""
+"""Clocks of cameras with unknown extrinsics, from a person: taken as synchronised first, then poses and clocks in one solve."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
 from posefuse.calibration.clocks.person import (
     LATE_SIGMA,
+    MOST_JUMP_S,
     SUBJECT,
+    check_determined,
+    check_linked,
     check_one_offset,
     check_person_in_tracks,
-    fit_checks,
     middle_s,
     moving_keypoints,
 )
 from posefuse.calibration.clocks.person_tracks import PersonTrack
 from posefuse.calibration.clocks.start import rough_clocks_unplaced
-from posefuse.calibration.clocks.sync import ClockEstimate, ClockFit, estimate_clocks
-from posefuse.calibration.report import CalibrationReport, Check
-from posefuse.core import CalibrationError, Camera, Rig
+from posefuse.calibration.clocks.sync import ClockEstimate
+from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
+from posefuse.calibration.solving.point_solve import DRIFT, LATE, PointSolution
+from posefuse.core import CalibrationError, Camera
 from posefuse.core.arrays import Array
 
+from .bundle import PersonSolution, freed, solve_person_bundle
+from .checks import check_synchronised, solution_fits
 from .scale import KnownLength
-from .solve import PersonCalibration, calibrate_from_person, rough_rig
+from .solve import PersonCalibration, calibrate_from_person
 from .views import person_views
 
-_MOST_ROUNDS = 6
-_SETTLED_S, _FARTHEST = 3e-4, 4.0
-# a rig from half of a recording and its clocks may be so far off together
+_MOST_ROUNDS, _SETTLED_S = 6, 3e-4
+# clocks need fewer keypoints than poses
+_POINTS = 1200
+# two halves of a recording, each with a rig of its own, may state clocks that are so far apart
 _HALVES_S = 0.03
-# a rig that is good enough for clocks needs so many time steps
-_INSTANTS = 60
-# cameras closer together than a third of a usual frame are synchronised, whatever clocks would take up of a rig's own errors
-_IN_STEP_S = 0.01
 
 
 def unplaced_clocks(
@@ -51,57 +54,78 @@ def unplaced_clocks(
     """
     if clocks == "together":
         return None
-    moving = [moving_keypoints(track) for track in tracks]
-    CalibrationReport(SUBJECT, (check_person_in_tracks([track.camera for track in tracks], moving),)).require()
-    start = ClockEstimate.known(np.zeros(len(tracks)), middle_s(tracks))
-    try:
-        rig, fit = _settled(tracks, cameras, length, start, clocks == "drift")
-        if clocks == "auto" and _in_step(fit.clocks):
-            return None
-        CalibrationReport(SUBJECT, tuple(fit_checks(rig, fit, clocks == "drift"))).require()
-        return fit.clocks
-    except CalibrationError:
-        # farther apart than a step of the solve reaches
-        rough = rough_clocks_unplaced(cameras, moving, most_s)
-    lost = [track.camera for track, offset in zip(tracks, rough.offset_s, strict=True) if not np.isfinite(offset)]
-    linked = Check("cameras are linked", not lost, f"{', '.join(lost)}: no way over the floor is like that of the others",
-                   "walk where two cameras see you together, turning this way and that")  # fmt: skip
-    CalibrationReport(SUBJECT, (linked,)).require()
-    CalibrationReport(SUBJECT, (check_one_offset([track.camera for track in tracks], rough),)).require()
-    _, fit = _settled(tracks, cameras, length, ClockEstimate.known(rough.offset_s, start.middle_s), clocks == "drift")
-    return fit.clocks
+    names, moving = [track.camera for track in tracks], [moving_keypoints(track) for track in tracks]
+    CalibrationReport(SUBJECT, (check_person_in_tracks(names, moving),)).require()
+    zero = ClockEstimate.known(np.zeros(len(tracks)), middle_s(tracks))
+    if clocks == "auto" and _synchronised(tracks, cameras):
+        return None
+    with suppress(CalibrationError):
+        near, solved = _settled(tracks, cameras, zero, clocks == "drift")
+        if solution_fits(cameras, solved.solution, solved.rows):
+            return near
+    # farther apart than the steps of a solve reach
+    rough = rough_clocks_unplaced(cameras, moving, most_s)
+    linked = check_linked(names, rough, most_s)
+    report = CalibrationReport(SUBJECT, (check_one_offset(names, rough) if linked.passed else linked,))
+    if report.failed and clocks == "auto":
+        # what is wrong with them as their stamps are comes first
+        try:
+            calibrate_from_person(person_views(tracks), cameras, length)
+        except RefusedCalibration as refused:
+            raise RefusedCalibration(replace(refused.report, checks=(*refused.report.checks, *report.failed))) from None
+    report.require()
+    return _settled(tracks, cameras, ClockEstimate.known(rough.offset_s, zero.middle_s), clocks == "drift")[0]
 
 
-def calibrate_out_of_step(
+def at_clocks(tracks: Sequence[PersonTrack], clocks: ClockEstimate) -> tuple[PersonTrack, ...]:
+    """The tracks with their stamps corrected, as `calibrate_tracks` takes them."""
+    return tuple(replace(track, t_ns=1e9 * clocks.taken_s(c, track.t_s)) for c, track in enumerate(tracks))
+
+
+def _synchronised(tracks: Sequence[PersonTrack], cameras: tuple[Camera, ...]) -> bool:
+    """Whether a rig fits the cameras as their stamps are, and clocks that are let free stay."""
+    with suppress(CalibrationError):
+        solved = solve_person_bundle(person_views(tracks), cameras, _POINTS)
+        fits = solution_fits(cameras, solved.solution, solved.rows)
+        return fits and check_synchronised(cameras, freed(cameras, solved, focal=True)).passed
+    return False
+
+
+def calibrate_tracks(
     tracks: Sequence[PersonTrack],
     cameras: tuple[Camera, ...],
     length: KnownLength,
-    start: ClockEstimate,
+    first: ClockEstimate | None,
     with_drift: bool,
     upside_down: tuple[str, ...] = (),
-) -> tuple[PersonCalibration, ClockEstimate]:
-    """Rig and clocks together, from clocks that are nearly right.
+) -> tuple[PersonCalibration, ClockEstimate | None]:
+    """The rig, and the clocks where the cameras are not synchronised.
+
+    Args:
+        tracks: one per camera, corrected by the clocks that were found first. first: these; None for synchronised cameras.
 
     Raises:
         CalibrationError: as `calibrate_from_person`. RefusedCalibration (one of them, with the report): a check fails.
     """
-    rig, fit = _settled(tracks, cameras, length, start, with_drift)
-    checks = fit_checks(rig, fit, with_drift)
-    CalibrationReport(SUBJECT, tuple(checks)).require()
-    found = calibrate_from_person(person_views(tracks, fit.clocks), cameras, length, upside_down)
-    apart_s = _halves_apart_s(tracks, cameras, length, fit.clocks)
-    checks.append(_check_halves([track.camera for track in tracks], apart_s))
-    report = replace(found.report, checks=(*found.report.checks, *checks))
-    report.require()
+    if first is None:
+        return calibrate_from_person(person_views(tracks), cameras, length, upside_down), None
+    names = [track.camera for track in tracks]
+    both, solved = _settled(tracks, cameras, ClockEstimate.known(np.zeros(len(tracks)), middle_s(tracks)), with_drift)
+    found = calibrate_from_person(person_views(tracks, both), cameras, length, upside_down)
+    apart_s = _halves_apart_s(tracks, cameras, both)
     # clocks absorb errors of the rig: two halves with separate rigs show that, the residuals of the fit do not
     shared_s = float(np.sqrt((apart_s[1:] ** 2).mean())) / 2
-    sigma_s = np.where(np.arange(len(tracks)) > 0, np.hypot(fit.clocks.offset_sigma_s, shared_s), 0.0)
-    return replace(found, report=report), replace(fit.clocks, offset_sigma_s=sigma_s)
+    sigma_s = np.where(np.arange(len(tracks)) > 0, np.hypot(both.offset_sigma_s, shared_s), 0.0)
+    left = replace(both, offset_sigma_s=sigma_s)
+    checks = [check_determined(names, left), _check_halves(names, apart_s)]
+    if not with_drift:
+        checks.append(_check_steady(names, freed(cameras, solved, drift=True), -float(solved.rows.since_s.min())))
+    report = replace(found.report, checks=(*found.report.checks, *checks))
+    report.require()
+    return replace(found, report=report), first.then(left)
 
 
-def _halves_apart_s(
-    tracks: Sequence[PersonTrack], cameras: tuple[Camera, ...], length: KnownLength, clocks: ClockEstimate
-) -> Array:
+def _halves_apart_s(tracks: Sequence[PersonTrack], cameras: tuple[Camera, ...], clocks: ClockEstimate) -> Array:
     """(C,) difference between the clocks of the first and the second half of the recording, each solved with a separate rig."""
     offsets = []
     for second in (False, True):
@@ -109,7 +133,7 @@ def _halves_apart_s(
         for c, track in enumerate(tracks):
             t_s = clocks.taken_s(c, track.t_ns / 1e9)
             part.append(track.at((t_s >= clocks.middle_s) == second))
-        offsets.append(_settled(part, cameras, length, clocks, False)[1].clocks.offset_s)
+        offsets.append(_settled(part, cameras, clocks, False)[0].offset_s)
     return np.asarray(offsets[1] - offsets[0])
 
 
@@ -122,35 +146,39 @@ def _check_halves(names: Sequence[str], apart_s: Array) -> Check:
     )  # fmt: skip
 
 
+def _check_steady(names: Sequence[str], free: PointSolution, half_s: float) -> Check:
+    """Clock rates that are let free stay where they are: against the median, since the held one may be the one that drifts."""
+    drift, sigma = free.state.terms[:, DRIFT], free.terms_sigma[:, DRIFT]
+    apart_s = (drift - np.median(drift)) * half_s
+    limit_s = np.maximum(MOST_JUMP_S, LATE_SIGMA * np.maximum(sigma, np.median(sigma)) * half_s)
+    c = int(np.argmax(np.abs(apart_s) / limit_s))
+    return Check(
+        "parts agree", bool(abs(apart_s[c]) <= limit_s[c]),
+        f"{names[c]} runs {apart_s[c] * 1e3:+.1f} ms later in the second half than in the first (limit {limit_s[c] * 1e3:.1f})",
+        "its clock runs at another rate: try `clocks=drift`; or frames were lost, or come at no constant rate, without a note in"
+        " its file: use the part before or after", "drift",
+    )  # fmt: skip
+
+
 def _settled(
-    tracks: Sequence[PersonTrack], cameras: tuple[Camera, ...], length: KnownLength, start: ClockEstimate, with_drift: bool
-) -> tuple[Rig, ClockFit]:
-    moving, clocks = [moving_keypoints(track) for track in tracks], start
-    before: tuple[ClockEstimate, ClockEstimate] | None = None
+    tracks: Sequence[PersonTrack], cameras: tuple[Camera, ...], start: ClockEstimate, with_drift: bool
+) -> tuple[ClockEstimate, PersonSolution]:
+    """Poses and clocks in one solve, and the views read again at the clocks found, until these stay; and the last solve."""
+    clocks, near = start, None
     for _ in range(_MOST_ROUNDS):
         views = person_views(tracks, clocks)
-        rig = rough_rig(views.at(np.linspace(0, len(views.t_ns) - 1, _INSTANTS).astype(int)), cameras, length)
-        fit = estimate_clocks(rig, moving, clocks, with_drift)
-        if np.abs(fit.clocks.offset_s - clocks.offset_s).max() < _SETTLED_S:
+        solved = solve_person_bundle(views, cameras, _POINTS, near)
+        free = freed(cameras, solved, drift=with_drift)
+        near = replace(solved, solution=free)
+        left = _left(free, clocks.middle_s)
+        clocks = clocks.then(left)
+        if np.abs(left.offset_s).max() < _SETTLED_S:
             break
-        before, clocks = (clocks, fit.clocks), _ahead(before, (clocks, fit.clocks))
-    return rig, fit
+    return clocks, solved
 
 
-def _ahead(before: tuple[ClockEstimate, ClockEstimate] | None, now: tuple[ClockEstimate, ClockEstimate]) -> ClockEstimate:
-    """Where rounds that lead from the first of a pair to the second are heading, by the last two (Anderson 1965).
-
-    A person who walks round in one sense leaves rig and clocks to settle by turns for long otherwise.
-    """
-    start, end = now
-    if before is None:
-        return end
-    step, step_before = end.offset_s - start.offset_s, before[1].offset_s - before[0].offset_s
-    change = step - step_before
-    share = float(np.clip(-(step @ change) / max(float(change @ change), 1e-18), 0.0, _FARTHEST))
-    further = [now_ + share * (now_ - then) for now_, then in ((end.offset_s, before[1].offset_s), (end.drift, before[1].drift))]
-    return replace(end, offset_s=further[0], drift=further[1])
-
-
-def _in_step(clocks: ClockEstimate) -> bool:
-    return bool((np.abs(clocks.offset_s) <= np.maximum(_IN_STEP_S, LATE_SIGMA * clocks.offset_sigma_s)).all())
+def _left(free: PointSolution, middle_s: float) -> ClockEstimate:
+    """What is left of clocks and their rates, against the first camera."""
+    apart, sigma = free.state.terms - free.state.terms[0], np.hypot(free.terms_sigma, free.terms_sigma[0])
+    sigma[0] = 0
+    return ClockEstimate(apart[:, LATE], apart[:, DRIFT], sigma[:, LATE], sigma[:, DRIFT], middle_s)

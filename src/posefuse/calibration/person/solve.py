@@ -16,7 +16,7 @@ from posefuse.calibration.extrinsics.target import world_checks
 from posefuse.calibration.extrinsics.world import FloorFromFeet, FloorUnderBody, triangulate_linear
 from posefuse.calibration.report import CalibrationReport, Check
 from posefuse.calibration.solving.rotations import Poses
-from posefuse.core import SE3, CalibrationError, Camera, Rig, Skeleton
+from posefuse.core import SE3, Camera, Rig, Skeleton
 from posefuse.core.arrays import Array
 
 from .bundle import PersonSolution, freed, solve_person_bundle
@@ -31,25 +31,28 @@ from .checks import (
     person_solution_checks,
     spread_m,
 )
-from .scale import STATURE_SIGMA, KnownLength
+from .scale import STATURE_SIGMA, KnownLength, stature_m
+from .standing import STANDING_POINTS, check_standing
 from .views import PersonViews
 
 _SUBJECT = "extrinsics from a person"
 # feet that spread less across their path than this do not determine the vertical
 _PLANE_M = 0.15
 _HALVES_SHARE, _HALVES_RAD = 0.03, np.deg2rad(1.5)
-_FEET = ("left_heel", "right_heel", "left_big_toe", "right_big_toe", "left_ankle", "right_ankle")
+_SOLES = ("left_heel", "right_heel", "left_big_toe", "right_big_toe", "left_foot_index", "right_foot_index")
+_ANKLES = ("left_ankle", "right_ankle")
+# height of an ankle above the sole, as a share of the person's height (Drillis and Contini 1966)
+_ANKLE_SHARE = 0.039
 _HEADS = ("head", "nose", "neck")
 _HIPS = ("left_hip", "right_hip")
 
 
 @dataclass(frozen=True, eq=False)
 class PersonCalibration:
-    """A rig from a person, which passed its checks. xyz_world: (T, K, 3) m."""
+    """A rig from a person, which passed its checks."""
 
     rig: Rig
     report: CalibrationReport
-    xyz_world: Array
 
 
 def rough_rig(views: PersonViews, cameras: tuple[Camera, ...], length: KnownLength) -> Rig:
@@ -62,34 +65,32 @@ def calibrate_from_person(
 ) -> PersonCalibration:
     """Camera poses from a walking person; the floor is the plane of the feet.
 
+    Args:
+        cameras: in the order of the views.
+
     Raises:
         CalibrationError: input that cannot be used. RefusedCalibration (one of them, with the report): a check fails.
     """
-    by_name = {camera.name: camera for camera in cameras}
-    missing = [name for name in views.cameras if name not in by_name]
-    if missing:
-        raise CalibrationError(f"person: no intrinsics of {', '.join(missing)}; there are: {', '.join(by_name)}")
-    cameras = tuple(by_name[name] for name in views.cameras)
     done = [check_person_in_views(views), check_same_video_by_person(views)]
     CalibrationReport(_SUBJECT, tuple(done)).require()
     solved = solve_person_bundle(views, cameras)
     solution, rows = solved.solution, solved.rows
     rig, xyz = _scaled(views, cameras, solved, length)
     distance_m = float(np.nanmedian(np.linalg.norm(rig.cameras[0].cam_from_world @ xyz.reshape(-1, 3), axis=1)))
-    feet, head = _feet_and_head(views.skeleton, xyz)
     hips = xyz[:, views.skeleton.indices(_HIPS)].mean(axis=1)
     done += [*person_solution_checks(views.skeleton, cameras, solution, rows, rig, xyz), check_walk(hips, distance_m)]
     if CalibrationReport(_SUBJECT, tuple(done)).failed:
         CalibrationReport(_SUBJECT, (*likely_person_causes(views, cameras, solved), *done)).require()
-    free = freed(cameras, solved)
+    free = freed(cameras, solved, focal=True)
     done += [check_intrinsics(cameras, free), check_synchronised(cameras, free)]
-    # halves take two more solves, which do not help a rig that already fails
+    # the others take more solves, which do not help a rig that already fails
     CalibrationReport(_SUBJECT, tuple(done)).require()
+    done.append(check_standing(cameras, solve_person_bundle(views, cameras, STANDING_POINTS, solved)))
     done.append(_check_halves(views, cameras, distance_m, length))
-    rule = FloorFromFeet(feet, head) if spread_m(feet)[1] > _PLANE_M else FloorUnderBody(feet, head)
-    new_from_old = rule.new_from_old(rig)
-    residual = solution.residual_px[inliers(solution)]
-    rig = replace(rig.moved(new_from_old), world_set_by=rule.words, residual_px=float(np.sqrt((residual**2).sum(axis=1).mean())))
+    rule = _floor(views.skeleton, xyz)
+    residual = solution.residual_px[inliers(solution, rows)]
+    rms_px = float(np.sqrt((residual**2).sum(axis=1).mean()))
+    rig = replace(rig.moved(rule.new_from_old(rig)), world_set_by=rule.words, residual_px=rms_px)
     done += world_checks(rig, rule.has_floor, upside_down)
     report = CalibrationReport(
         _SUBJECT, tuple(done),
@@ -97,7 +98,7 @@ def calibrate_from_person(
         | ({} if length.stature_m is None else {"scale_sigma_percent": 100 * STATURE_SIGMA}),
     )  # fmt: skip
     report.require()
-    return PersonCalibration(rig, report, (new_from_old @ xyz.reshape(-1, 3)).reshape(xyz.shape))
+    return PersonCalibration(rig, report)
 
 
 def _scaled(views: PersonViews, cameras: tuple[Camera, ...], solved: PersonSolution, length: KnownLength) -> tuple[Rig, Array]:
@@ -116,12 +117,19 @@ def _scaled(views: PersonViews, cameras: tuple[Camera, ...], solved: PersonSolut
     return Rig(scaled), xyz * factor
 
 
-def _feet_and_head(skeleton: Skeleton, xyz: Array) -> tuple[Array, Array]:
+def _floor(skeleton: Skeleton, xyz: Array) -> FloorFromFeet | FloorUnderBody:
+    """The floor under keypoints (T, K, 3): under heels and toes, where the network has them."""
+
     def of(names: Sequence[str]) -> Array:
         there = [skeleton.index(name) for name in names if name in skeleton.keypoints]
         return xyz[:, there].reshape(-1, 3)
 
-    return of(_FEET), of(_HEADS)
+    soles, head = of(_SOLES), of(_HEADS)
+    if np.isfinite(soles).all(axis=1).any():
+        feet, above_m = soles, 0.0
+    else:
+        feet, above_m = of(_ANKLES), _ANKLE_SHARE * stature_m(skeleton, xyz)
+    return (FloorFromFeet if spread_m(feet)[1] > _PLANE_M else FloorUnderBody)(feet, head, above_m)
 
 
 def _check_halves(views: PersonViews, cameras: tuple[Camera, ...], distance_m: float, length: KnownLength) -> Check:

@@ -93,27 +93,3 @@ def _resected(xyz: Array, norm: Array, focal_px: float) -> tuple[int, Poses] | N
     )
     agreeing = 0 if inlier is None else len(inlier)
     return (agreeing, Poses(cv2.Rodrigues(turn)[0], shift.ravel())) if found and agreeing >= _LEAST_SHARED // 2 else None
-
-
-def turned_inside_out(poses: Poses, xyz: Array, norm: Array, focal: Array, reference: int) -> tuple[Poses, Array] | None:
-    """The other reading of something seen from afar: front is back, and the cameras stand on the other side of each other.
-
-    Args:
-        poses: cam_from_world (C,). xyz: (P, 3) in that world. norm: (C, P, 2) ideal image points; NaN where unseen.
-        focal: (C,) px. reference: camera that keeps its pose.
-
-    Returns:
-        Poses and points of the other reading, to start from; None when a camera does not fit it.
-    """
-    cam = poses[reference].move(xyz)
-    depth = 2 * np.median(cam[:, 2]) - cam[:, 2]
-    kept = depth > 0
-    world = poses[reference].inverse().move(cam * (depth / cam[:, 2])[:, None])
-    placed = []
-    for c in range(len(poses)):
-        seen = kept & np.isfinite(norm[c]).all(axis=1)
-        found = (0, poses[c]) if c == reference else _resected(world[seen], norm[c, seen], float(focal[c]))
-        if found is None:
-            return None
-        placed.append(found[1])
-    return stacked(placed), np.where(kept[:, None], world, xyz)

@@ -16,9 +16,9 @@ from .rotations import Poses, hat
 _CAUCHY = 2.0
 _ROUGH_SIGMA_PX = 8.0
 _LEAST_SIGMA_PX = 0.05
-# what is known of a camera's focal length (share) and clock (s) before they are let free
-_TERM_SIGMA = np.array([0.5, 0.5])
-FOCAL, LATE = 0, 1
+# what is known of a camera's focal length (share), clock (s) and clock rate before they are let free
+_TERM_SIGMA = np.array([0.5, 0.5, 3e-3])
+FOCAL, LATE, DRIFT = 0, 1, 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,8 +28,8 @@ class PointViews:
     Attributes:
         camera, point: (N,). xy_img: (N, 2) px. point_count: P.
         relative_sigma: (N,) how much noisier a row is than the common spread.
-        velocity_px_s: (N, 2) of the seen points, needed where clocks are let free. block: (P,) number of the stretch of time of
-            each point: errors within one are not independent.
+        velocity_px_s: (N, 2) of the seen points, and since_s: (N,) time from the middle of the recording, needed where clocks are
+            let free. block: (P,) number of the stretch of time of each point: errors within one are not independent.
     """
 
     camera: Array
@@ -38,6 +38,7 @@ class PointViews:
     point_count: int
     relative_sigma: Array
     velocity_px_s: Array
+    since_s: Array
     block: Array
 
 
@@ -46,7 +47,8 @@ class PointState:
     """Unknowns.
 
     Attributes:
-        cam_from_world: (C,). xyz: (P, 3). terms: (C, 2) share by which focal lengths are longer, s by which clocks are late.
+        cam_from_world: (C,). xyz: (P, 3). terms: (C, 3): focal lengths longer by a share, clocks late by s, clocks
+            fast by a share.
     """
 
     cam_from_world: Poses
@@ -60,7 +62,7 @@ class PointSolution:
 
     Attributes:
         state: unknowns; the scale is that of the start. sigma_px: robust spread of a coordinate.
-        residual_px: (N, 2) predicted minus observed. terms_sigma: (C, 2) standard errors; 0 where held.
+        residual_px: (N, 2) predicted minus observed. terms_sigma: (C, 3) standard errors; 0 where held.
     """
 
     state: PointState
@@ -74,18 +76,14 @@ class PointFreedom:
     """All cameras move except `reference`, and except the translation component `scale` (camera, axis).
 
     Attributes:
-        focal: let every focal length free. clocks: and every clock but the reference's.
+        focal: let every focal length free. clocks: and every clock but the reference's. drift: and its rate.
     """
 
     reference: int
     scale: tuple[int, int]
     focal: bool = False
     clocks: bool = False
-
-
-def start_state(poses: Poses, xyz: Array) -> PointState:
-    """Poses and points with the intrinsics and clocks as they are given."""
-    return PointState(poses, xyz, np.zeros((len(poses), len(_TERM_SIGMA))))
+    drift: bool = False
 
 
 def solve_points(views: PointViews, cameras: tuple[Camera, ...], start: PointState, freedom: PointFreedom) -> PointSolution:
@@ -111,6 +109,7 @@ def _free(count: int, freedom: PointFreedom) -> tuple[Array, Array]:
     poses[freedom.scale[0], 3 + freedom.scale[1]] = False
     terms[:, FOCAL] = freedom.focal
     terms[:, LATE] = others & freedom.clocks
+    terms[:, DRIFT] = others & freedom.drift
     return poses, terms
 
 
@@ -133,10 +132,10 @@ def _problem(views: PointViews, cameras: tuple[Camera, ...], freedom: PointFreed
         return state.cam_from_world[views.camera].move(state.xyz[views.point])
 
     def residual(state: PointState) -> Array:
-        longer, late_s = state.terms[views.camera].T
+        longer, late_s, drift = state.terms[views.camera].T
         away = lenses.px(views.camera, in_cameras(state)) - centre
         # a frame stamped late shows an earlier moment
-        predicted = centre + away * (1 + longer)[:, None] - views.velocity_px_s * late_s[:, None]
+        predicted = centre + away * (1 + longer)[:, None] - views.velocity_px_s * (late_s + drift * views.since_s)[:, None]
         return np.asarray((predicted - views.xy_img) / scale)
 
     def linearise(state: PointState) -> Linearised:
@@ -147,7 +146,8 @@ def _problem(views: PointViews, cameras: tuple[Camera, ...], freedom: PointFreed
         pose = np.concatenate([-d_cam @ hat(turned), d_cam], axis=2)
         in_world = d_cam @ state.cam_from_world.R[views.camera]
         away = lenses.px(views.camera, cam) - centre
-        terms = np.stack([away, -views.velocity_px_s], axis=2) / scale[..., None]
+        late = -views.velocity_px_s
+        terms = np.stack([away, late, late * views.since_s[:, None]], axis=2) / scale[..., None]
         blocks = (ResidualBlock(pose, views.camera, count), ResidualBlock(terms, views.camera, count, prior, state.terms))
         return Linearised(residual(state), blocks, in_world, views.point)
 

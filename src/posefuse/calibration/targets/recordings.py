@@ -27,20 +27,20 @@ _NUMBERED_HZ = 30.0
 
 
 def paths_by_camera(inputs: Inputs) -> dict[str, Path]:
-    """The recording of each camera.
+    """The recording of each camera, by name: no result depends on the order in which they are given.
 
     Raises:
         InputError: two recordings of one name.
     """
     if isinstance(inputs, Mapping):
-        return {name: Path(path) for name, path in inputs.items()}
+        return {name: Path(path) for name, path in sorted(inputs.items())}
     paths = [inputs] if isinstance(inputs, str | Path) else inputs
     pairs = [pair for path in paths for pair in named_recordings(Path(path)).items()]
     names = [name for name, _ in pairs]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise InputError(f"two recordings are named {choices(twice)}; give each camera its own name, as NAME=PATH")
-    return dict(pairs)
+    return dict(sorted(pairs))
 
 
 def named_recordings(path: Path) -> dict[str, Path]:

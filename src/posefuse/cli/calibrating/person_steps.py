@@ -31,7 +31,6 @@ def person(
             height_m=options.height_m,
             camera_distance=options.apart,
             rate_hz=options.rate,
-            time_steps=options.time_steps,
             clocks=options.clocks,
             max_offset_s=options.most_s,
             upside_down=options.upside_down,

@@ -173,8 +173,6 @@ class PersonOptions:
     """Or: the measured distance of two cameras."""
     rate: RateHz = None
     """Frame rate of 2D poses."""
-    time_steps: Annotated[int, Parameter(metavar="N"), count(MOST_FRAMES)] = 600
-    """Largest number of time steps of the videos to use."""
     clocks: Clocks = "auto"
     most_s: MostSeconds = 10.0
     upside_down: UpsideDown = ()

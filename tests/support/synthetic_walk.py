@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from posefuse.calibration.person.scale import STATURE_SHARES
+from posefuse.calibration.person.views import PersonViews
 from posefuse.core import SKELETONS, Rig
 from posefuse.core.arrays import Array
-
-from .scale import STATURE_SHARES
-from .views import PersonViews
 
 BODY, STATURE_M = SKELETONS["coco17"], 1.75
 

@@ -1,0 +1,174 @@
+"""A person as users calibrate from them: through the public function, in any order of the cameras, and with cameras that move."""
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from synthetic_walk import BODY, STATURE_M, walker
+
+import posefuse as pf
+from posefuse.calibration.extrinsics.target import calibrate_extrinsics
+from posefuse.calibration.person.bundle import solve_person_bundle
+from posefuse.calibration.person.scale import KnownLength
+from posefuse.calibration.person.solve import _floor, calibrate_from_person
+from posefuse.calibration.person.standing import check_standing
+from posefuse.calibration.person.views import PersonViews
+from posefuse.calibration.report import RefusedCalibration
+from posefuse.calibration.targets.synthetic import Faults
+from posefuse.core import SE3, Rig, Skeleton
+from posefuse.formats.rig import write_rig
+from posefuse.pipeline.person_poses import timeline_of
+
+RATE_HZ, SECONDS = 12.0, 20.0
+T_S = np.arange(round(RATE_HZ * SECONDS)) / RATE_HZ
+
+
+def views_of(rig: Rig, seed: int = 0) -> PersonViews:
+    xy = np.stack([camera.project(walker(T_S, lap_rad_s=0.7)) for camera in rig])
+    every = np.ones(xy.shape[:-1])
+    xy = xy + np.random.default_rng(seed).normal(0, 1.5, xy.shape)
+    return PersonViews(rig.names, BODY, np.round(T_S * 1e9), xy, 0.9 * every, 1.5 * every)
+
+
+def turned(rig: Rig, camera: int, degrees: float) -> Rig:
+    pose = SE3.from_rotvec(np.deg2rad(degrees) * np.array([0, 0.8, 0.6]), np.zeros(3)) @ rig.cameras[camera].cam_from_world
+    return replace(rig, cameras=tuple(replace(c, cam_from_world=pose) if i == camera else c for i, c in enumerate(rig)))
+
+
+def moved_at(rig: Rig, at_s: dict[int, float], degrees: float) -> PersonViews:
+    views = views_of(rig)
+    xy = views.xy_img.copy()
+    for camera, at in at_s.items():
+        late = at <= T_S
+        xy[camera, late] = views_of(turned(rig, camera, degrees)).xy_img[camera, late]
+    return replace(views, xy_img=xy)
+
+
+def standing(rig: Rig, views: PersonViews) -> Any:
+    return check_standing(rig.cameras, solve_person_bundle(views, rig.cameras, 600))
+
+
+@pytest.mark.parametrize("at_s", [10.0, 15.0])
+def test_a_camera_that_turns_by_a_degree_is_named_with_the_time(lab: Any, at_s: float) -> None:
+    check = standing(lab.rig, moved_at(lab.rig, {2: at_s}, 1.0))
+    assert not check.passed
+    found = re.fullmatch(r"cam02 was moved at about (\d+) s, its view by (\d\.\d) deg", check.detail)
+    assert found is not None, check.detail
+    assert float(found[1]) == pytest.approx(at_s, abs=1.5)
+    assert float(found[2]) == pytest.approx(1.0, abs=0.3)
+
+
+def test_cameras_that_stand_are_not_accused(lab: Any) -> None:
+    assert standing(lab.rig, views_of(lab.rig)).passed
+
+
+@pytest.mark.slow
+def test_two_cameras_that_move_at_one_time_are_both_named(lab: Any) -> None:
+    """In four cameras; an innocent one may be named with them, and two that move at different times may pass."""
+    check = standing(lab.rig, moved_at(lab.rig, {0: 10.0, 2: 10.0}, 3.0))
+    assert "cam00 was moved" in check.detail and "cam02 was moved" in check.detail
+
+
+@pytest.mark.slow
+def test_a_rig_of_which_a_camera_moved_is_refused(lab: Any) -> None:
+    with pytest.raises(RefusedCalibration, match=r"cameras stand still: cam02 was moved at about 1\d s"):
+        calibrate_from_person(moved_at(lab.rig, {2: 10.0}, 1.0), lab.rig.cameras, KnownLength(stature_m=STATURE_M))
+
+
+def written(folder: Path, rig: Rig, late_s: tuple[float, ...]) -> dict[str, Path]:
+    """COCO files of each camera."""
+    files, random = {}, np.random.default_rng(3)
+    for camera, late in zip(rig, late_s, strict=True):
+        xy = camera.project(walker(T_S - late, lap_rad_s=0.7))
+        rows = np.concatenate([xy + random.normal(0, 1, xy.shape), np.full((*xy.shape[:2], 1), 0.9)], axis=-1)
+        entries = [{"image_id": i, "category_id": 1, "score": 1, "keypoints": row.ravel().tolist()} for i, row in enumerate(rows)]
+        files[camera.name] = folder / f"{camera.name}.json"
+        files[camera.name].write_text(json.dumps(entries))
+    return files
+
+
+@pytest.mark.slow
+def test_the_order_of_the_cameras_changes_nothing(lab: Any, tmp_path: Path) -> None:
+    rig = replace(lab.rig, cameras=lab.rig.cameras[:3])
+    files, late_s = written(tmp_path, rig, (0.0, 0.1, -0.05)), {"cam00": 0.0, "cam01": 0.1, "cam02": -0.05}
+    found = [
+        pf.calibrate_person({name: files[name] for name in order}, intrinsics=rig, height_m=STATURE_M, rate_hz=RATE_HZ)
+        for order in (("cam00", "cam01", "cam02"), ("cam02", "cam00", "cam01"))
+    ]
+    assert found[0].rig.names == found[1].rig.names == rig.names
+    np.testing.assert_array_equal(found[0].rig.centres_world(), found[1].rig.centres_world())
+    assert found[0].clock_settings == found[1].clock_settings != ""
+    # another camera as the first by name: other numbers, and the same within what is stated
+    other = {"cam00": "z", "cam01": "y", "cam02": "x"}
+    renamed = replace(rig, cameras=tuple(replace(camera, name=other[camera.name]) for camera in rig))
+    again = pf.calibrate_person(
+        {other[name]: path for name, path in files.items()}, intrinsics=renamed, height_m=STATURE_M, rate_hz=RATE_HZ
+    )
+    for one, names in ((found[0], list(late_s)), (again, [other[name] for name in late_s])):
+        assert one.clocks is not None
+        offset_s = np.array([one.clocks.offset_s[one.rig.names.index(name)] for name in names])
+        np.testing.assert_allclose(offset_s - offset_s[0], list(late_s.values()), atol=0.006)
+
+
+@pytest.mark.slow
+def test_the_order_of_the_cameras_does_not_change_clocks_nor_extrinsics_from_a_target(lab: Any, tmp_path: Path) -> None:
+    found = []
+    for order in ((0, 1, 2, 3), (2, 3, 0, 1)):
+        folder = tmp_path / str(order[0])
+        (folder / "pose2d").mkdir(parents=True)
+        rig = Rig(tuple(lab.rig.cameras[i] for i in order))
+        write_rig(folder / "rig.toml", rig)
+        written(folder / "pose2d", rig, tuple((0.0, 0.1, -0.05, 0.02)[i] for i in order))
+        one = pf.calibrate_clocks(folder, rate_hz=RATE_HZ, max_offset_s=1.0)
+        found.append(dict(zip(one.rig.names, one.clocks.offset_s, strict=True)))
+    assert found[0] == pytest.approx(found[1], abs=1e-3)
+    seen, rigs = lab.watch(Faults(delay_s=(0.0, 0.05, -0.05, 0.1))), []
+    for order in ((0, 1, 2, 3), (2, 3, 0, 1)):
+        permuted = replace(
+            seen, cameras=tuple(seen.cameras[i] for i in order), sizes_wh=tuple(seen.sizes_wh[i] for i in order),
+            frame_count=tuple(seen.frame_count[i] for i in order), camera=np.argsort(order)[seen.camera],
+        )  # fmt: skip
+        rigs.append(calibrate_extrinsics(permuted, lab.rig.cameras, lab.target).rig)
+    apart = [np.linalg.norm(rig["cam00"].centre_world - rig["cam03"].centre_world) for rig in rigs]
+    assert apart[0] == pytest.approx(apart[1], abs=5e-4)
+
+
+def test_a_long_recording_is_cut_and_not_sampled_coarsely() -> None:
+    class Recorded:
+        def __init__(self, camera: str, seconds: float, rate_hz: float) -> None:
+            self.camera, self._t_ns = camera, (np.arange(round(seconds * rate_hz)) / rate_hz * 1e9).astype(np.int64)
+
+        def times_ns(self) -> np.ndarray:
+            return self._t_ns
+
+    def timeline(seconds: float, rate_hz: float) -> Any:
+        sources: list[Any] = [Recorded("a", seconds, rate_hz), Recorded("b", seconds, rate_hz)]
+        return timeline_of(sources)
+
+    long = timeline(150.0, 30.0)
+    assert 1e9 / long.period_ns == pytest.approx(15, rel=0.01)
+    assert long.count * long.period_ns / 1e9 == pytest.approx(60, abs=0.2)
+    assert (long.start_ns + long.count * long.period_ns / 2) / 1e9 == pytest.approx(75, abs=0.2)
+    assert timeline(20.0, 10.0).count == 200
+
+
+def test_the_floor_lies_under_the_soles(lab: Any) -> None:
+    """Of a person who walks with flat feet, whose ankles are 85 mm above their heels and toes."""
+    random = np.random.default_rng(0)
+    feet = ("left_heel", "right_heel", "left_big_toe", "right_big_toe", "left_ankle", "right_ankle")
+    place = np.column_stack([random.uniform(-1.5, 1.5, (300, 2)), np.zeros(300)])
+    lifted_m = np.where(np.arange(300) % 2, 0.12, 0.0)
+    body = np.repeat(place[:, None], 7, axis=1) + random.normal(0, 0.005, (300, 7, 3))
+    body[:, (0, 2, 4), 2] += lifted_m[:, None]
+    body[:, (1, 3, 5), 2] += 0.12 - lifted_m[:, None]
+    body[:, 4:6, 2] += 0.085
+    body[:, 6, 2] += 1.6
+    floor = _floor(Skeleton("feet", (*feet, "nose")), body)
+    new_from_old = floor.new_from_old(lab.rig)
+    assert (new_from_old @ np.zeros(3))[2] == pytest.approx(0, abs=0.02)
+    # a network without heels and toes: a share of the height above its ankles
+    assert _floor(BODY, walker(T_S)).keypoint_height_m == pytest.approx(0.039 * STATURE_M, rel=1e-6)
