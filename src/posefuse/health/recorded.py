@@ -1,20 +1,62 @@
-"""Whether poses and clocks of the cameras of a recording agree with their calibration, from the views of the person."""
+"""How well each camera of a recording fits the others, and which ones were moved, swapped or are unsynchronised."""
 
 from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from posefuse.calibration.keypoints import MIN_SCORE, limb_keypoints
-from posefuse.core import Rig, ViewSequence
+from posefuse.core import Observations, PoseSequence, Recording, Rig, ViewSequence, views_over_time
+from posefuse.core.arrays import Array
+from posefuse.core.observations import LIVE_STEP, NOT_KEPT
+from posefuse.tracking.sides import sides_like
 
 from .rig_monitor import RigFinding, new_monitor_state, observe
 
 # more views add nothing: a network's errors are correlated for longer than this
 _EVERY_S = 0.1
+# limb keypoints by which a detection is compared with the person
+_LEAST_KEYPOINTS = 4
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraFit:
+    """How well one camera fits the person that all cameras saw.
+
+    Attributes:
+        seen: share of the time steps in which its image has the person. left_out: share of these that the result does not use,
+            because the detection is not where the other cameras see the person.
+        reproj_px: median distance of all its detections of the person, those left out too, from the reprojected result; NaN where
+            there is none. sigmas: the same in units of the stated standard deviation of a coordinate.
+    """
+
+    seen: float
+    left_out: float
+    reproj_px: float
+    sigmas: float
+
+
+def camera_fits(recording: Recording, views: ViewSequence) -> dict[str, CameraFit]:
+    """Each camera's fit, by name; `views` as `views_of_person` gives them."""
+    used, limbs = recording.views, limb_keypoints(views.skeleton.keypoints)
+    poses = _only(recording.poses, _seen_most(recording.poses))
+    kept = (used.score > 0)[:, used.person_id == poses.person_id[0]].any(axis=(1, 3))
+    seen, fits = (views.score[:, 0] > 0).any(axis=2), {}
+    for c, camera in enumerate(recording.rig):
+        off_px = np.linalg.norm(camera.project(poses.xyz_world[:, 0]) - views.xy_img[:, 0, c], axis=-1)[:, limbs]
+        fits[camera.name] = CameraFit(
+            seen=float(seen[:, c].mean()),
+            left_out=float((seen & ~kept)[:, c].sum() / max(seen[:, c].sum(), 1)),
+            reproj_px=_median(off_px),
+            sigmas=_median(off_px / views.sigma_px[:, 0, c][:, limbs]),
+        )
+    return fits
 
 
 def rig_findings(views: ViewSequence, rig: Rig) -> list[RigFinding]:
-    """Cameras that were moved, swapped or unsynchronised, as the first person's keypoints show; needs three cameras."""
+    """Cameras that were moved, swapped or unsynchronised, as one person's keypoints show; needs three cameras."""
     period_s = float(np.median(np.diff(views.t_ns))) / 1e9 if len(views.t_ns) > 1 else _EVERY_S
     step = max(1, round(_EVERY_S / period_s))
     limbs = limb_keypoints(views.skeleton.keypoints)
@@ -24,3 +66,50 @@ def rig_findings(views: ViewSequence, rig: Rig) -> list[RigFinding]:
         state, new = observe(state, rig, t_ns, seen)
         found += new
     return found
+
+
+def views_of_person(recording: Recording) -> ViewSequence:
+    """The person seen most in each camera, wherever it is: of every image the detection most like the person in shape.
+
+    A camera of a wrong rig shows people where the others see none. Such detections belong to no person of the result, but how
+    a body is posed in an image hardly depends on where the camera looks.
+    """
+    log, poses = recording.observations, _only(recording.poses, _seen_most(recording.poses))
+    person = int(poses.person_id[0])
+    unlike_px = np.where(np.isin(log.person_id, (person, NOT_KEPT)), _unlike_px(log, poses, recording.rig), np.inf)
+    # the best of each camera at each time step
+    frame = log.detection_frame
+    order = np.lexsort((unlike_px, log.frame_camera[frame], log.frame_step[frame]))
+    place = np.stack([log.frame_camera[frame], log.frame_step[frame]])[:, order]
+    best = order[np.diff(place, axis=1, prepend=-2).any(axis=0)]
+    ids = np.full(len(log), NOT_KEPT)
+    ids[best[np.isfinite(unlike_px[best])]] = person
+    return sides_like(poses, recording.rig, views_over_time(log.with_person_ids(ids), poses.person_id))
+
+
+def _unlike_px(log: Observations, poses: PoseSequence, rig: Rig) -> Array:
+    """(R,) how far the limbs of each detection are from the person's when the middles lie on each other; inf where unknown."""
+    frame, limbs = log.detection_frame, limb_keypoints(log.skeleton.keypoints)
+    expected = np.stack([camera.project(poses.xyz_world[:, 0, limbs]) for camera in rig])
+    off = log.xy_img[:, limbs] - expected[log.frame_camera[frame], log.frame_step[frame]]
+    off[log.score[:, limbs] < MIN_SCORE] = np.nan
+    known = (np.isfinite(off[..., 0]).sum(axis=1) >= _LEAST_KEYPOINTS) & (log.frame_step[frame] != LIVE_STEP)
+    unlike_px = np.full(len(log), np.inf)
+    off = off[known] - np.nanmedian(off[known], axis=1, keepdims=True)
+    unlike_px[known] = np.nanmedian(np.linalg.norm(off, axis=-1), axis=1)
+    return unlike_px
+
+
+def _seen_most(poses: PoseSequence) -> int:
+    return int(np.argmax(np.isfinite(poses.xyz_world[..., 0]).sum(axis=(0, 2))))
+
+
+def _only(poses: PoseSequence, n: int) -> PoseSequence:
+    parts = {name: getattr(poses, name)[:, n : n + 1] for name in ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")}
+    return replace(poses, person_id=poses.person_id[n : n + 1], **parts)
+
+
+def _median(values: Array) -> float:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        return float(np.nanmedian(values))
