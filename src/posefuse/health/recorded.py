@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +20,11 @@ from .rig_monitor import RigFinding, new_monitor_state, observe
 _EVERY_S = 0.1
 # limb keypoints by which a detection is compared with the person
 _LEAST_KEYPOINTS = 4
+UNFIT = "unfit"
+# a camera does not fit if a larger share of its views is left out, that many standard deviations off in the median; good real
+# sessions reach 0.34 at 1.5 (`bench/rig_monitor.py --real`)
+_LEFT_OUT, _SIGMAS = 0.4, 3.0
+_UNFIT_REMEDY = "is the calibration the one of these cameras, and of where they are now?"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +47,7 @@ class CameraFit:
 def camera_fits(recording: Recording, views: ViewSequence) -> dict[str, CameraFit]:
     """Each camera's fit, by name; `views` as `views_of_person` gives them."""
     used, limbs = recording.views, limb_keypoints(views.skeleton.keypoints)
-    poses = _only(recording.poses, _seen_most(recording.poses))
+    poses = _seen_most(recording.poses)
     kept = (used.score > 0)[:, used.person_id == poses.person_id[0]].any(axis=(1, 3))
     seen, fits = (views.score[:, 0] > 0).any(axis=2), {}
     for c, camera in enumerate(recording.rig):
@@ -55,8 +61,11 @@ def camera_fits(recording: Recording, views: ViewSequence) -> dict[str, CameraFi
     return fits
 
 
-def rig_findings(views: ViewSequence, rig: Rig) -> list[RigFinding]:
-    """Cameras that were moved, swapped or unsynchronised, as one person's keypoints show; needs three cameras."""
+def rig_findings(views: ViewSequence, rig: Rig, fits: Mapping[str, CameraFit]) -> list[RigFinding]:
+    """Cameras that were moved, swapped or unsynchronised, as one person's keypoints show; needs three cameras.
+
+    Where nothing of that is certain, but cameras fit too badly to be used: these (`UNFIT`).
+    """
     period_s = float(np.median(np.diff(views.t_ns))) / 1e9 if len(views.t_ns) > 1 else _EVERY_S
     step = max(1, round(_EVERY_S / period_s))
     limbs = limb_keypoints(views.skeleton.keypoints)
@@ -65,7 +74,14 @@ def rig_findings(views: ViewSequence, rig: Rig) -> list[RigFinding]:
     for t_ns, seen in zip(views.t_ns[::step].tolist(), xy[::step], strict=True):
         state, new = observe(state, rig, t_ns, seen)
         found += new
-    return found
+    bad = {name: one for name, one in fits.items() if one.left_out > _LEFT_OUT and one.sigmas > _SIGMAS}
+    return found if found or not bad else [_unfit(bad, int(views.t_ns[0]))]
+
+
+def _unfit(bad: Mapping[str, CameraFit], t_ns: int) -> RigFinding:
+    each = ", ".join(f"{name} {one.left_out:.0%} ({one.reproj_px:.0f} px off)" for name, one in bad.items())
+    words = f"views are left out, because the person is elsewhere for the other cameras: {each}; {_UNFIT_REMEDY}"
+    return RigFinding(kind=UNFIT, cameras=tuple(bad), t_ns=t_ns, detail=words, displaced_m=np.nan)
 
 
 def views_of_person(recording: Recording) -> ViewSequence:
@@ -74,7 +90,7 @@ def views_of_person(recording: Recording) -> ViewSequence:
     A camera of a wrong rig shows people where the others see none. Such detections belong to no person of the result, but how
     a body is posed in an image hardly depends on where the camera looks.
     """
-    log, poses = recording.observations, _only(recording.poses, _seen_most(recording.poses))
+    log, poses = recording.observations, _seen_most(recording.poses)
     person = int(poses.person_id[0])
     unlike_px = np.where(np.isin(log.person_id, (person, NOT_KEPT)), _unlike_px(log, poses, recording.rig), np.inf)
     # the best of each camera at each time step
@@ -100,13 +116,9 @@ def _unlike_px(log: Observations, poses: PoseSequence, rig: Rig) -> Array:
     return unlike_px
 
 
-def _seen_most(poses: PoseSequence) -> int:
-    return int(np.argmax(np.isfinite(poses.xyz_world[..., 0]).sum(axis=(0, 2))))
-
-
-def _only(poses: PoseSequence, n: int) -> PoseSequence:
-    parts = {name: getattr(poses, name)[:, n : n + 1] for name in ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")}
-    return replace(poses, person_id=poses.person_id[n : n + 1], **parts)
+def _seen_most(poses: PoseSequence) -> PoseSequence:
+    seen = np.isfinite(poses.xyz_world[..., 0]).sum(axis=(0, 2))
+    return poses.people(np.arange(len(seen)) == seen.argmax())
 
 
 def _median(values: Array) -> float:

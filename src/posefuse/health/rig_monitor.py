@@ -18,7 +18,7 @@ from posefuse.core.arrays import Array
 
 from .misalignment import LATE, TURN, UNKNOWNS, Sums, TriangulatedStep, instant_of, sums_of
 
-MOVED, UNSYNCHRONISED, SWAPPED, UNFIT = "moved", "unsynchronised", "swapped", "unfit"
+MOVED, UNSYNCHRONISED, SWAPPED = "moved", "unsynchronised", "swapped"
 # time constants of the two windows: short for gross errors, long for small ones
 MEMORIES_S = (2.0, 8.0)
 # likelihood-ratio threshold of each window, in units of the residual variance per degree of freedom; `bench/rig_monitor.py
@@ -42,8 +42,8 @@ _LEAST_COUNT = 200.0
 LEAST_CAMERAS = 3
 # margin to the second-best explanation, as a share of the threshold
 _APART = 0.5
-# distance between rays above which no rotation or delay is the explanation, cameras may be swapped, and the rig is another one
-_GROSS_M, _MAY_BE_SWAPPED_M, _UNFIT_M = 0.1, 0.06, 0.12
+# distance between rays above which no rotation or delay is the explanation, and cameras may be swapped
+_GROSS_M, _MAY_BE_SWAPPED_M = 0.1, 0.06
 # chosen, not fitted: newest time steps that are tried with cameras exchanged; the exchange must leave less than this share of the
 # distance between rays; and pairs within this factor of the best one are named with it
 _SWAP_INSTANTS, _SWAP_GAIN, _SWAP_ALIKE = 10, 0.4, 1.5
@@ -55,7 +55,7 @@ class RigFinding:
     """Something is wrong with a camera.
 
     Attributes:
-        kind: ``moved``, ``unsynchronised``, ``swapped``, or ``unfit``: none of these. cameras: which. t_ns: when it was noticed.
+        kind: ``moved``, ``unsynchronised`` or ``swapped``; of a recording ``unfit``, too: none of these. cameras: which. t_ns: when it was noticed.
         detail: one line with numbers. displaced_m: distance of the rays from the person. amount: rotation in rad, or delay in s.
     """
 
@@ -191,9 +191,7 @@ def _suspected(state: MonitorState, rig: Rig) -> RigFinding | None:
         return _swapped(rig, pairs, apart_m)
     worst = [_worst(sums, memory) for memory, sums in enumerate(state.sums)]
     sure = [one for one in worst if one is not None]
-    if sure:
-        return _named(rig, max(sure, key=lambda one: one[0])[1])
-    return _unfit(rig, apart_m) if apart_m > _UNFIT_M else None
+    return _named(rig, max(sure, key=lambda one: one[0])[1]) if sure else None
 
 
 def _worst(sums: Sums, memory: int) -> tuple[float, Suspect] | None:
@@ -244,14 +242,6 @@ def _swapped(rig: Rig, pairs: list[tuple[int, int]], gross_m: float) -> RigFindi
     )
 
 
-def _unfit(rig: Rig, apart_m: float) -> RigFinding:
-    words = (
-        f"the cameras do not fit each other: their rays pass {1e3 * apart_m:.0f} mm from the person;"
-        " is the calibration the one of these cameras, and where they stand now?"
-    )
-    return RigFinding(kind=UNFIT, cameras=rig.names, t_ns=0, detail=words, displaced_m=apart_m)
-
-
 def _gone_on(
     state: MonitorState, finding: RigFinding, rig: Rig, t_ns: int, xy_img: Array
 ) -> tuple[MonitorState, list[RigFinding]]:
@@ -274,7 +264,7 @@ def _gone_on(
 
 def _by_now(sums: Sums, finding: RigFinding, rig: Rig) -> tuple[RigFinding, float]:
     """A finding with its largest displacement so far, and the present displacement."""
-    if finding.kind in (SWAPPED, UNFIT):
+    if finding.kind == SWAPPED:
         now_m = _misfit_m(sums)
         return replace(finding, displaced_m=max(finding.displaced_m, now_m)), now_m
     camera = rig.names.index(finding.cameras[0])
