@@ -11,7 +11,7 @@ import numpy as np
 from posefuse.calibration.keypoints import MIN_SCORE, limb_keypoints
 from posefuse.core import Observations, PoseSequence, Recording, Rig, ViewSequence, views_over_time
 from posefuse.core.arrays import Array
-from posefuse.core.observations import LIVE_STEP, NOT_KEPT
+from posefuse.core.observations import NOT_KEPT
 from posefuse.tracking.sides import sides_like
 
 from .rig_monitor import RigFinding, new_monitor_state, observe
@@ -21,10 +21,9 @@ _EVERY_S = 0.1
 # limb keypoints by which a detection is compared with the person
 _LEAST_KEYPOINTS = 4
 UNFIT = "unfit"
-# a camera does not fit if a larger share of its views is left out, that many standard deviations off in the median; good real
-# sessions reach 0.34 at 1.5 (`bench/rig_monitor.py --real`)
+# a camera does not fit when a larger share of its views is left out, so many standard deviations off in the median; good sessions
+# of real footage reach 0.34 at 1.5 (`bench/rig_monitor.py --real`)
 _LEFT_OUT, _SIGMAS = 0.4, 3.0
-_UNFIT_REMEDY = "is the calibration the one of these cameras, and of where they are now?"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,34 +43,29 @@ class CameraFit:
     sigmas: float
 
 
-def camera_fits(recording: Recording, views: ViewSequence) -> dict[str, CameraFit]:
-    """Each camera's fit, by name; `views` as `views_of_person` gives them."""
-    used, limbs = recording.views, limb_keypoints(views.skeleton.keypoints)
-    poses = _seen_most(recording.poses)
-    kept = (used.score > 0)[:, used.person_id == poses.person_id[0]].any(axis=(1, 3))
-    seen, fits = (views.score[:, 0] > 0).any(axis=2), {}
-    for c, camera in enumerate(recording.rig):
-        off_px = np.linalg.norm(camera.project(poses.xyz_world[:, 0]) - views.xy_img[:, 0, c], axis=-1)[:, limbs]
-        fits[camera.name] = CameraFit(
-            seen=float(seen[:, c].mean()),
-            left_out=float((seen & ~kept)[:, c].sum() / max(seen[:, c].sum(), 1)),
-            reproj_px=_median(off_px),
-            sigmas=_median(off_px / views.sigma_px[:, 0, c][:, limbs]),
-        )
-    return fits
+def checked_rig(recording: Recording, rig: Rig) -> tuple[dict[str, CameraFit], list[RigFinding]]:
+    """Each camera's fit, by name, and cameras that were moved, swapped or unsynchronised (needs three cameras).
 
-
-def rig_findings(views: ViewSequence, rig: Rig, fits: Mapping[str, CameraFit]) -> list[RigFinding]:
-    """Cameras that were moved, swapped or unsynchronised, as one person's keypoints show; needs three cameras.
-
-    Where nothing of that is certain, but cameras fit too badly to be used: these (`UNFIT`).
+    Where nothing of that is certain, but cameras fit too badly to be used, these are found (`UNFIT`). The person who is seen
+    most is looked at.
     """
-    period_s = float(np.median(np.diff(views.t_ns))) / 1e9 if len(views.t_ns) > 1 else _EVERY_S
+    seen = np.isfinite(recording.poses.xyz_world[..., 0]).sum(axis=(0, 2))
+    poses, log = recording.poses.people(np.arange(len(seen)) == seen.argmax()), recording.observations
+    period_s = float(np.median(np.diff(poses.t_ns))) / 1e9 if len(poses) > 1 else _EVERY_S
     step = max(1, round(_EVERY_S / period_s))
+    poses = PoseSequence.from_poses([poses.at(i) for i in range(0, len(poses), step)])
+    log = log.only(log.frame_step % step == 0)
+    log = replace(log, step_t_ns=log.step_t_ns[::step], frame_step=log.frame_step // step)
+    views = _views_of_person(log, poses, recording.rig)
+    fits = _fits(log, poses, recording.rig, views)
+    return fits, _findings(views, rig, fits)
+
+
+def _findings(views: ViewSequence, rig: Rig, fits: Mapping[str, CameraFit]) -> list[RigFinding]:
     limbs = limb_keypoints(views.skeleton.keypoints)
     xy = np.where((views.score[:, 0] >= MIN_SCORE)[..., None], views.xy_img[:, 0], np.nan)[:, :, limbs]
     state, found = new_monitor_state(rig), []
-    for t_ns, seen in zip(views.t_ns[::step].tolist(), xy[::step], strict=True):
+    for t_ns, seen in zip(views.t_ns.tolist(), xy, strict=True):
         state, new = observe(state, rig, t_ns, seen)
         found += new
     bad = {name: one for name, one in fits.items() if one.left_out > _LEFT_OUT and one.sigmas > _SIGMAS}
@@ -80,27 +74,44 @@ def rig_findings(views: ViewSequence, rig: Rig, fits: Mapping[str, CameraFit]) -
 
 def _unfit(bad: Mapping[str, CameraFit], t_ns: int) -> RigFinding:
     each = ", ".join(f"{name} {one.left_out:.0%} ({one.reproj_px:.0f} px off)" for name, one in bad.items())
-    words = f"views are left out, because the person is elsewhere for the other cameras: {each}; {_UNFIT_REMEDY}"
+    words = (
+        f"views are left out, because the other cameras see the person elsewhere: {each}; is the calibration the one of these"
+        " cameras, and of where they are now?"
+    )
     return RigFinding(kind=UNFIT, cameras=tuple(bad), t_ns=t_ns, detail=words, displaced_m=np.nan)
 
 
-def views_of_person(recording: Recording) -> ViewSequence:
-    """The person seen most in each camera, wherever it is: of every image the detection most like the person in shape.
+def _fits(log: Observations, poses: PoseSequence, rig: Rig, views: ViewSequence) -> dict[str, CameraFit]:
+    kept = np.zeros((len(rig), len(poses)), bool)
+    frame = log.detection_frame[log.person_id == poses.person_id[0]]
+    kept[log.frame_camera[frame], log.frame_step[frame]] = True
+    seen, limbs, fits = (views.score[:, 0] > 0).any(axis=2).T, limb_keypoints(views.skeleton.keypoints), {}
+    for c, camera in enumerate(rig):
+        off_px = np.linalg.norm(camera.project(poses.xyz_world[:, 0]) - views.xy_img[:, 0, c], axis=-1)[:, limbs]
+        fits[camera.name] = CameraFit(
+            seen=float(seen[c].mean()),
+            left_out=float((seen & ~kept)[c].sum() / max(seen[c].sum(), 1)),
+            reproj_px=_median(off_px),
+            sigmas=_median(off_px / views.sigma_px[:, 0, c][:, limbs]),
+        )
+    return fits
 
-    A camera of a wrong rig shows people where the others see none. Such detections belong to no person of the result, but how
-    a body is posed in an image hardly depends on where the camera looks.
+
+def _views_of_person(log: Observations, poses: PoseSequence, rig: Rig) -> ViewSequence:
+    """The person in each camera, wherever it is: in every image the detection most like the person in shape.
+
+    A camera that is not where the rig has it shows people where the others see none. Such detections belong to no person of the
+    result, but how a body is posed in an image hardly depends on the direction of the camera.
     """
-    log, poses = recording.observations, _seen_most(recording.poses)
-    person = int(poses.person_id[0])
-    unlike_px = np.where(np.isin(log.person_id, (person, NOT_KEPT)), _unlike_px(log, poses, recording.rig), np.inf)
-    # the best of each camera at each time step
+    [person] = poses.person_id.tolist()
+    unlike_px = np.where(np.isin(log.person_id, (person, NOT_KEPT)), _unlike_px(log, poses, rig), np.inf)
     frame = log.detection_frame
     order = np.lexsort((unlike_px, log.frame_camera[frame], log.frame_step[frame]))
     place = np.stack([log.frame_camera[frame], log.frame_step[frame]])[:, order]
     best = order[np.diff(place, axis=1, prepend=-2).any(axis=0)]
     ids = np.full(len(log), NOT_KEPT)
     ids[best[np.isfinite(unlike_px[best])]] = person
-    return sides_like(poses, recording.rig, views_over_time(log.with_person_ids(ids), poses.person_id))
+    return sides_like(poses, rig, views_over_time(log.with_person_ids(ids), [person]))
 
 
 def _unlike_px(log: Observations, poses: PoseSequence, rig: Rig) -> Array:
@@ -109,16 +120,11 @@ def _unlike_px(log: Observations, poses: PoseSequence, rig: Rig) -> Array:
     expected = np.stack([camera.project(poses.xyz_world[:, 0, limbs]) for camera in rig])
     off = log.xy_img[:, limbs] - expected[log.frame_camera[frame], log.frame_step[frame]]
     off[log.score[:, limbs] < MIN_SCORE] = np.nan
-    known = (np.isfinite(off[..., 0]).sum(axis=1) >= _LEAST_KEYPOINTS) & (log.frame_step[frame] != LIVE_STEP)
+    known = np.isfinite(off[..., 0]).sum(axis=1) >= _LEAST_KEYPOINTS
     unlike_px = np.full(len(log), np.inf)
     off = off[known] - np.nanmedian(off[known], axis=1, keepdims=True)
     unlike_px[known] = np.nanmedian(np.linalg.norm(off, axis=-1), axis=1)
     return unlike_px
-
-
-def _seen_most(poses: PoseSequence) -> PoseSequence:
-    seen = np.isfinite(poses.xyz_world[..., 0]).sum(axis=(0, 2))
-    return poses.people(np.arange(len(seen)) == seen.argmax())
 
 
 def _median(values: Array) -> float:

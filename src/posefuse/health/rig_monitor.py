@@ -55,7 +55,8 @@ class RigFinding:
     """Something is wrong with a camera.
 
     Attributes:
-        kind: ``moved``, ``unsynchronised`` or ``swapped``; of a recording ``unfit``, too: none of these. cameras: which. t_ns: when it was noticed.
+        kind: ``moved``, ``unsynchronised`` or ``swapped``; of a recording also ``unfit``: none of these. cameras: which.
+        t_ns: when it was noticed.
         detail: one line with numbers. displaced_m: distance of the rays from the person. amount: rotation in rad, or delay in s.
     """
 
