@@ -52,7 +52,7 @@ class CameraError:
         name, views: shared with other cameras. others: cameras it is measured against.
         turn_rad, shift_m: of its pose. focal: share of its focal length. late_s: of its clock.
         effect: what they do together to the image, in px (rms) per 1000 px of width.
-        noise_px: spread of a corner coordinate that is left.
+        noise_px: spread of a corner coordinate that is left. misfit_px: mean residual of all cameras while this one is free.
     """
 
     name: str
@@ -68,6 +68,7 @@ class CameraError:
     late_sigma: float = np.nan
     effect: float = np.nan
     noise_px: float = np.nan
+    misfit_px: float = np.nan
 
     def excess(self, limits: VerifyLimits) -> float:
         """The largest error over its limit; more than 1 is wrong, NaN is not known."""
@@ -92,19 +93,20 @@ class CameraError:
 
 
 def camera_errors(rig: Rig, seen: Snapshots, target: Target, limits: VerifyLimits) -> tuple[CameraError, ...]:
-    """Each camera against those that are not found wrong: the worst is taken away first, and the others measured again."""
+    """Each camera against those that are not found wrong.
+
+    As long as one is wrong, the camera goes without which the others agree best: a wrong camera makes others look wrong that are
+    measured against it, often more than itself. In the end those that went are measured against those that stayed.
+    """
     views = _each_patch_alone(seen)
     trusted = {int(c) for c in np.unique(views.camera)}
     found = {c: _against(rig, views, target, c, trusted - {c}, limits) for c in range(len(rig))}
-    wrong: set[int] = set()
     while len(trusted) > 2:
-        excess = {c: found[c].excess(limits) for c in trusted if np.isfinite(found[c].turn_rad)}
-        worst = max(excess, key=lambda c: excess[c], default=-1)
-        if worst < 0 or excess[worst] <= 1:
+        known = [found[c] for c in trusted if np.isfinite(found[c].turn_rad)]
+        if not any(one.excess(limits) > 1 for one in known):
             break
-        wrong.add(worst)
-        trusted.discard(worst)
-        again = {c: _against(rig, views, target, c, trusted - {c}, limits) for c in range(len(rig)) if c not in wrong}
+        trusted.discard(rig.names.index(min(known, key=lambda one: one.misfit_px).name))
+        again = {c: _against(rig, views, target, c, trusted - {c}, limits) for c in range(len(rig))}
         found |= {c: one for c, one in again.items() if np.isfinite(one.turn_rad)}
     return tuple(found[c] for c in range(len(rig)))
 
@@ -205,4 +207,5 @@ def _error(rig: Rig, solution: PropSolution, seen: Snapshots, target: Target, c:
         late_sigma=float(solution.delay_sigma_s[c, 0]),
         effect=_effect(rig, solution, seen, target, c),
         noise_px=solution.sigma_px,
+        misfit_px=float(np.nanmean(np.linalg.norm(solution.residual_px, axis=1))),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
@@ -21,12 +22,14 @@ from .point_noise import point_covariance
 
 # chosen, not fitted: errors of lengths on top of noise, as a share of the median length, and of the scale, that a rig may have
 _MOST_LENGTH_RMS_SHARE = 0.02
-_MOST_SCALE_ERROR = 0.01
+_MOST_SCALE_ERROR = 0.007
 # the noise of corners is known to some ten per cent, and a linear triangulation is not the best there is
 _NOISE_FACTOR = 1.5
 # chosen, not fitted: coarse, of all corners together; single cameras are judged by `VerifyLimits`
 _MOST_REPROJECTION_PX_PER_1000 = 2.5
 _LEAST_LENGTHS = 20
+# chosen, not fitted: the misfit that is left when the names of two cameras are exchanged
+_EXCHANGE_LEAVES = 0.2
 _EXCHANGED = "cameras were exchanged, or one moved far since the calibration: check which is which, and calibrate again"
 VERIFY_LIMITS = VerifyLimits()
 
@@ -106,7 +109,8 @@ def verify(
     scale = float(np.median(1 + error / true))
     reprojection_px = _rms(square)
     rms_m = float(np.sqrt((noise_m**2).mean()))
-    report = _report(rig, error, true, unmeasured=unmeasured, scale=scale, noise_m=rms_m, reprojection_px=reprojection_px,
+    exchanged = "" if all(one.excess(limits) <= 1 for one in found if one.noise_px > 0) else _exchanged(rig, xy)
+    report = _report(rig, error, true, exchanged=exchanged, unmeasured=unmeasured, scale=scale, noise_m=rms_m, reprojection_px=reprojection_px,
                      found=found, limits=limits)  # fmt: skip
     return Verification(
         xyz_world=xyz[good],
@@ -123,10 +127,7 @@ def verify(
 
 
 def _lengths(key: Array, xyz: Array, covariance: Array, corners: Array) -> tuple[Array, Array, Array, Array]:
-    """Errors, places, true values and standard errors of all distances between corners of one patch at one time step.
-
-    Noise across a short distance makes it longer by the variance over twice the distance; that is taken away.
-    """
+    """Errors, places, true values and standard errors of all distances between corners of one patch at one time step."""
     good = np.isfinite(xyz).all(axis=1)
     key, xyz, covariance = key[good], xyz[good], covariance[good]
     image = np.unique(key[:, :2], axis=0, return_inverse=True)[1].ravel()
@@ -141,8 +142,7 @@ def _lengths(key: Array, xyz: Array, covariance: Array, corners: Array) -> tuple
         found = np.linalg.norm(between, axis=1)
         both = covariance[rows[i]] + covariance[rows[j]]
         along = np.einsum("ni,nij,nj->n", between, both, between) / np.maximum(found, 1e-9) ** 2
-        across = np.trace(both, axis1=1, axis2=2) - along
-        error.append(found - across / (2 * np.maximum(found, 1e-9)) - wanted)
+        error.append(found - wanted)
         at.append((xyz[rows[i]] + xyz[rows[j]]) / 2)
         true.append(wanted)
         sigma.append(np.sqrt(np.maximum(along, 0.0)))
@@ -174,16 +174,38 @@ def _rms(square: Array) -> Array:
         )
 
 
-def _camera_checks(found: tuple[CameraError, ...], limits: VerifyLimits) -> tuple[Check, Check]:
+def _exchanged(rig: Rig, xy: Array) -> str:
+    """Which two cameras have each other's name, in words; empty where no exchange makes the rays of corners (C, P, 2) meet."""
+    off_px = {}
+    for a, b in [(0, 0), *combinations(range(len(rig)), 2)]:
+        if rig.cameras[a].size_wh == rig.cameras[b].size_wh:
+            order = np.arange(len(rig))
+            order[[a, b]] = b, a
+            off_px[a, b] = _median_px(rig, xy[order])
+    best = min(off_px, key=lambda pair: off_px[pair])
+    words = f"{rig.names[best[0]]} and {rig.names[best[1]]} have exchanged names: so corners are {off_px[best]:.1f} px off"
+    return f"{words}, not {off_px[0, 0]:.1f}" if off_px[best] < _EXCHANGE_LEAVES * off_px[0, 0] else ""
+
+
+def _median_px(rig: Rig, xy: Array) -> float:
+    off_px = np.linalg.norm(rig.project(triangulate_linear(rig, xy)) - xy, axis=-1)
+    known = off_px[np.isfinite(off_px)]
+    return float(np.median(known)) if len(known) else np.inf
+
+
+def _camera_checks(found: tuple[CameraError, ...], limits: VerifyLimits, exchanged: str) -> tuple[Check, Check]:
     unseen = [
         f"{one.name} ({one.views} views shared with others, needed {limits.views})" for one in found if np.isnan(one.turn_rad)
     ]
     known = [one for one in found if not np.isnan(one.turn_rad)]
     wrong = [one for one in known if one.excess(limits) > 1]
     worst = max(known, key=lambda one: one.excess(limits), default=None)
-    detail = "; ".join(one.words for one in wrong) or (f"the worst: {worst.words}" if worst else "no camera was measured")
+    detail = (
+        exchanged or "; ".join(one.words for one in wrong) or (f"the worst: {worst.words}" if worst else "no camera was measured")
+    )
     return (
         Check("cameras are where the rig has them", not wrong, detail,
+              "give each camera the name it had in the calibration" if exchanged else
               "it was moved, zoomed or refocused since the calibration, or its clock differs: calibrate again"),
         Check("every camera is measured", not unseen, f"not verified: {', '.join(unseen)}" if unseen else "all saw the target",
               "hold the target where this camera and another see it, or leave the camera out"),
@@ -194,6 +216,7 @@ def _report(
     rig: Rig,
     error: Array,
     true: Array,
+    exchanged: str,
     unmeasured: int,
     scale: float,
     noise_m: float,
@@ -209,13 +232,13 @@ def _report(
     worst_px = f"{reprojection_px[worst]:.2f} px rms" if reprojection_px[worst] < width_px else f"more than {width_px} px rms"
     lost = f"; {unmeasured} more cannot be measured" if unmeasured else ""
     checks = (
-        *_camera_checks(found, limits),
+        *_camera_checks(found, limits, exchanged),
         Check("lengths are right", rms <= limit and unmeasured < len(error),
               f"rms {rms * 1e3:.2f} mm over {len(error)} lengths, {noise_m * 1e3:.2f} mm of it from noise of the corners (limit"
               f" {limit * 1e3:.2f} mm){lost}",
               _EXCHANGED if unmeasured else "a camera moved since the calibration, or the target is not as described"),
         Check("scale is right", abs(scale - 1) <= _MOST_SCALE_ERROR,
-              f"lengths measure {scale:.4f} of the truth (limit {_MOST_SCALE_ERROR:.0%} off)",
+              f"lengths measure {scale:.4f} of the truth (limit {_MOST_SCALE_ERROR:.1%} off)",
               "a wrong marker side, here or in the calibration"),
         Check("reprojection", bool(reprojection_px[worst] <= limit_px),
               f"{rig.names[worst]} is worst with {worst_px} (limit {limit_px:.2f})",
