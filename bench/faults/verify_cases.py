@@ -11,14 +11,15 @@ import argparse
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from itertools import product
 
 import numpy as np
 
-from posefuse.calibration.checks.verify import VERIFY_LIMITS, verify
+from posefuse.calibration.checks.verify import verify
 from posefuse.calibration.solving.rotations import angle_between
 from posefuse.calibration.targets.corners import CornerObservations
-from posefuse.calibration.targets.kinds import Charuco
+from posefuse.calibration.targets.kinds import Charuco, Target
 from posefuse.calibration.targets.synthetic import Faults, Waving, board, observe_prop
 from posefuse.core import CalibrationError, Camera, Rig
 
@@ -99,21 +100,24 @@ BENDS: dict[str, Callable[[Camera, int], Camera]] = {
 }
 
 
+@cache
+def true_session(set_up: str, seed: int) -> tuple[Rig, Target, CornerObservations]:
+    """A rig that is right, and what its cameras see of a target."""
+    if set_up == "board, four on one side":
+        truth = room(seed)
+        return truth, TARGET, held_board(truth, seed)
+    session = prop_session(seed)
+    return session.rig, session.target, session.watch()
+
+
 def bent(set_up: str, bend: str, seed: int) -> tuple[str, str, float]:
     """Who is named ("right", "right and others", "only others", "passed"), the words, and how many stated standard errors the
     stated pose of the culprit is from the true one."""
-    index = list(BENDS).index(bend)
-    if set_up == "board, four on one side":
-        truth, target = room(seed), TARGET
-        seen = held_board(truth, seed)
-    else:
-        session = prop_session(seed)
-        truth, target = session.rig, session.target
-        seen = session.watch()
+    index, (truth, target, seen) = list(BENDS).index(bend), true_session(set_up, seed)
     culprit = int(np.random.default_rng([seed, index]).integers(len(truth)))
     camera = BENDS[bend](truth.cameras[culprit], 100 * seed + index)
     found = verify(Rig(one_changed(truth.cameras, culprit, camera)), seen, target)
-    named = {one.name for one in found.cameras if one.excess(VERIFY_LIMITS) > 1}
+    named = {one.name for one in found.cameras if one.excess > 1}
     mine, own = found.cameras[culprit], truth.cameras[culprit]
     turn_rad = angle_between(*(one.cam_from_world.matrix()[None] for one in (camera, own)))[0]
     shift_m = np.linalg.norm(camera.centre_world - own.centre_world)

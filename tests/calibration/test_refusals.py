@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from posefuse.calibration.checks.camera_errors import VerifyLimits
 from posefuse.calibration.checks.verify import verify
 from posefuse.calibration.extrinsics.causes import Cause, CauseTrial, Hypothesis, Trouble, cause_check, likely_target_causes
 from posefuse.calibration.extrinsics.limits import LIMITS
@@ -136,7 +135,7 @@ def test_the_camera_that_was_turned_is_named_with_its_turn(wall: Rig, held: Any)
     check = next(check for check in wrong.report.failed if check.name == "cameras are where the rig has them")
     assert check.detail.startswith("cam01 is turned by")
     assert np.rad2deg(wrong.cameras[1].turn_rad) == pytest.approx(1.0, abs=0.1)
-    assert wrong.cameras[1].excess(VerifyLimits()) > 1
+    assert wrong.cameras[1].excess > 1
 
 
 def test_cameras_without_views_are_not_verified(wall: Rig, held: Any) -> None:

@@ -22,7 +22,7 @@ _EVERY_S = 0.1
 _LEAST_KEYPOINTS = 4
 UNFIT = "unfit"
 # a camera does not fit when a larger share of its views is left out, so many standard deviations off in the median; good sessions
-# of real footage reach 0.34 at 1.5 (`bench/rig_monitor.py --real`)
+# of real footage reach 0.34 at 1.5 (`bench/rig_monitor.py --track`)
 _LEFT_OUT, _SIGMAS = 0.4, 3.0
 
 

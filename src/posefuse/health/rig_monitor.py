@@ -26,9 +26,9 @@ MEMORIES_S = (2.0, 8.0)
 _SURE = {MOVED: (60.0, 70.0), UNSYNCHRONISED: (40.0, 30.0)}
 # smallest displacement reported, and while a person stands who moved less than the second value, rms: a detector errs in the same
 # way as long as they stand, so there the limits are another displacement, the share of the residuals that may be left, and how
-# many times more than any other camera it explains (`bench/rig_monitor.py --real`)
+# many times more than any other camera it explains (`bench/rig_monitor.py --track`)
 _LEAST_M, _STANDS_M = 0.02, 0.3
-_STANDING = {MOVED: (0.1, 0.3, 3.0), UNSYNCHRONISED: (0.02, 0.75, 2.0)}
+_STANDING = {MOVED: (0.1, 0.3, 3.0), UNSYNCHRONISED: (0.02, 0.75, 1.5)}
 # smallest rotation and delay reported: a calibrated rig has about this error
 _LEAST = {MOVED: float(np.deg2rad(0.2)), UNSYNCHRONISED: 0.012}
 # hysteresis: a finding is cleared when the displacement falls below this share of its peak
@@ -43,7 +43,7 @@ LEAST_CAMERAS = 3
 # margin to the second-best explanation, as a share of the threshold
 _APART = 0.5
 # distance between rays above which no rotation or delay is the explanation, and cameras may be swapped
-_GROSS_M, _MAY_BE_SWAPPED_M = 0.1, 0.06
+_GROSS_M, _MAY_BE_SWAPPED_M, _NOT_LINEAR = 0.1, 0.06, 0.25
 # chosen, not fitted: newest time steps that are tried with cameras exchanged; the exchange must leave less than this share of the
 # distance between rays; and pairs within this factor of the best one are named with it
 _SWAP_INSTANTS, _SWAP_GAIN, _SWAP_ALIKE = 10, 0.4, 1.5
@@ -208,8 +208,8 @@ def _worst(sums: Sums, memory: int) -> tuple[float, Suspect] | None:
             and worst.displaced_m >= least_m
             and abs(worst.amount) >= _LEAST[kind]
             and sums.count <= most_left * (sums.count + worst.sure)
-            # no rotation explains a camera that looks at another person
-            and worst.gain <= worst.sure * _GROSS_M**2
+            # no rotation explains a camera that looks at another person; a large one is not quite linear
+            and worst.gain <= worst.sure * max(_GROSS_M, _NOT_LINEAR * worst.displaced_m) ** 2
         ):
             return worst.sure / needed, worst
     return None

@@ -17,7 +17,7 @@ from posefuse.calibration.targets.kinds import Target
 from posefuse.core import CalibrationError, Rig
 from posefuse.core.arrays import Array
 
-from .camera_errors import CameraError, VerifyLimits, camera_errors
+from .camera_errors import VERIFY_LIMITS, CameraError, camera_errors
 from .point_noise import point_covariance
 
 # chosen, not fitted: errors of lengths on top of noise, as a share of the median length, and of the scale, that a rig may have
@@ -28,10 +28,9 @@ _NOISE_FACTOR = 1.5
 # chosen, not fitted: coarse, of all corners together; single cameras are judged by `VerifyLimits`
 _MOST_REPROJECTION_PX_PER_1000 = 2.5
 _LEAST_LENGTHS = 20
-# chosen, not fitted: the misfit that is left when the names of two cameras are exchanged
-_EXCHANGE_LEAVES = 0.2
-_EXCHANGED = "cameras were exchanged, or one moved far since the calibration: check which is which, and calibrate again"
-VERIFY_LIMITS = VerifyLimits()
+# chosen, not fitted: the misfit that is left when the names of two cameras are exchanged, and pairs that leave about as little (of
+# four cameras in a ring, exchanging two opposite ones is exchanging the other two)
+_EXCHANGE_LEAVES, _EXCHANGE_ALIKE = 0.2, 1.5
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -39,23 +38,13 @@ class Verification:
     """What was measured.
 
     Attributes:
-        xyz_world: (P, 3) corners found in space, metres. t_ns: (P,).
         length_error_m: (L,) measured minus true distances between corners of one patch at one time step.
-        length_at_world: (L, 3) middle of each of them. length_true_m: (L,).
-        scale: ratio of measured to true lengths (median).
-        reprojection_px: (C,) rms distance of the seen corners to the reprojected ones.
         cell_px: (C, rows, columns) the same per image region; NaN where nothing was seen.
         cameras: turn, shift, focal length and clock of each camera against the others.
         report: checks.
     """
 
-    xyz_world: Array
-    t_ns: Array
     length_error_m: Array
-    length_at_world: Array
-    length_true_m: Array
-    scale: float
-    reprojection_px: Array
     cell_px: Array
     cameras: tuple[CameraError, ...]
     report: CalibrationReport
@@ -66,14 +55,11 @@ class Verification:
         return float(np.sqrt((self.length_error_m**2).mean()))
 
 
-def verify(
-    rig: Rig, observations: CornerObservations, target: Target, late_s: Array | None = None, limits: VerifyLimits = VERIFY_LIMITS
-) -> Verification:
+def verify(rig: Rig, observations: CornerObservations, target: Target, late_s: Array | None = None) -> Verification:
     """Triangulate a target's corners wherever 2 cameras see them, and compare the distances between them with the truth.
 
     Args:
         rig: to be verified. observations: of an extra marker or board. late_s: (C,) clocks of the cameras, as calibrated.
-        limits: what refuses a camera.
 
     Raises:
         CalibrationError: too few lengths for a result.
@@ -91,10 +77,10 @@ def verify(
     xy[seen.camera, point] = seen.xy_img
     xyz = triangulate_linear(rig, xy)
     off = rig.project(xyz) - xy
-    found = camera_errors(rig, seen, target, limits)
+    found = camera_errors(rig, seen, target)
     noise_px = float(np.nanmin([one.noise_px for one in found])) if any(one.noise_px > 0 for one in found) else 0.0
     corners = np.stack([target.corners(int(patch)) for patch in seen.patches])
-    error, at, true, noise_m = _lengths(key, xyz, point_covariance(rig, xyz, xy, noise_px), corners)
+    error, true, noise_m = _lengths(key, xyz, point_covariance(rig, xyz, xy, noise_px), corners)
     # the rays of exchanged cameras may meet behind one of them, where no length can be measured
     measured = np.isfinite(error) & np.isfinite(noise_m)
     if measured.sum() < _LEAST_LENGTHS:
@@ -102,38 +88,26 @@ def verify(
             f"verification: {measured.sum()} lengths measured, at least {_LEAST_LENGTHS} are needed;"
             " hold the target where two cameras see it, and check that each video is of the camera that it is named after"
         )
-    unmeasured = int((~measured).sum())
-    error, at, true, noise_m = error[measured], at[measured], true[measured], noise_m[measured]
-    good = np.isfinite(xyz).all(axis=1)
+    error, true, noise_m = error[measured], true[measured], noise_m[measured]
     square = (off**2).sum(axis=-1)
     scale = float(np.median(1 + error / true))
     reprojection_px = _rms(square)
     rms_m = float(np.sqrt((noise_m**2).mean()))
-    exchanged = "" if all(one.excess(limits) <= 1 for one in found if one.noise_px > 0) else _exchanged(rig, xy)
-    report = _report(rig, error, true, exchanged=exchanged, unmeasured=unmeasured, scale=scale, noise_m=rms_m, reprojection_px=reprojection_px,
-                     found=found, limits=limits)  # fmt: skip
-    return Verification(
-        xyz_world=xyz[good],
-        t_ns=times[key[good, 0]],
-        length_error_m=error,
-        length_at_world=at,
-        length_true_m=true,
-        scale=scale,
-        reprojection_px=reprojection_px,
-        cell_px=_cells(rig, xy, square),
-        cameras=found,
-        report=report,
-    )
+    exchanged = "" if all(one.excess <= 1 for one in found if one.noise_px > 0) else _exchanged(rig, xy)
+    report = _report(rig, error, true, exchanged=exchanged,
+                     scale=scale, noise_m=rms_m, reprojection_px=reprojection_px,
+                     found=found)  # fmt: skip
+    return Verification(length_error_m=error, cell_px=_cells(rig, xy, square), cameras=found, report=report)
 
 
-def _lengths(key: Array, xyz: Array, covariance: Array, corners: Array) -> tuple[Array, Array, Array, Array]:
-    """Errors, places, true values and standard errors of all distances between corners of one patch at one time step."""
+def _lengths(key: Array, xyz: Array, covariance: Array, corners: Array) -> tuple[Array, Array, Array]:
+    """Errors, true values and standard errors of all distances between corners of one patch at one time step."""
     good = np.isfinite(xyz).all(axis=1)
     key, xyz, covariance = key[good], xyz[good], covariance[good]
     image = np.unique(key[:, :2], axis=0, return_inverse=True)[1].ravel()
     order = np.argsort(image, kind="stable")
     cuts = np.flatnonzero(np.diff(image[order])) + 1
-    error, at, true, sigma = [], [], [], []
+    error, true, sigma = [], [], []
     for rows in np.split(order, cuts) if len(order) else []:
         i, j = np.triu_indices(len(rows), 1)
         nominal = corners[key[rows[0], 1], key[rows, 2]]
@@ -143,12 +117,11 @@ def _lengths(key: Array, xyz: Array, covariance: Array, corners: Array) -> tuple
         both = covariance[rows[i]] + covariance[rows[j]]
         along = np.einsum("ni,nij,nj->n", between, both, between) / np.maximum(found, 1e-9) ** 2
         error.append(found - wanted)
-        at.append((xyz[rows[i]] + xyz[rows[j]]) / 2)
         true.append(wanted)
         sigma.append(np.sqrt(np.maximum(along, 0.0)))
     if not error:
-        return np.zeros(0), np.zeros((0, 3)), np.zeros(0), np.zeros(0)
-    return np.concatenate(error), np.concatenate(at), np.concatenate(true), np.concatenate(sigma)
+        return np.zeros(0), np.zeros(0), np.zeros(0)
+    return np.concatenate(error), np.concatenate(true), np.concatenate(sigma)
 
 
 def _cells(rig: Rig, xy: Array, square: Array) -> Array:
@@ -182,9 +155,11 @@ def _exchanged(rig: Rig, xy: Array) -> str:
             order = np.arange(len(rig))
             order[[a, b]] = b, a
             off_px[a, b] = _median_px(rig, xy[order])
-    best = min(off_px, key=lambda pair: off_px[pair])
-    words = f"{rig.names[best[0]]} and {rig.names[best[1]]} have exchanged names: so corners are {off_px[best]:.1f} px off"
-    return f"{words}, not {off_px[0, 0]:.1f}" if off_px[best] < _EXCHANGE_LEAVES * off_px[0, 0] else ""
+    best_px, now_px = min(off_px.values()), off_px[0, 0]
+    if not best_px < _EXCHANGE_LEAVES * now_px:
+        return ""
+    alike = (f"{rig.names[a]} and {rig.names[b]}" for (a, b), px in off_px.items() if px < _EXCHANGE_ALIKE * best_px)
+    return f"{' or '.join(alike)} have exchanged names: so corners are {best_px:.1f} px off, not {now_px:.1f}"
 
 
 def _median_px(rig: Rig, xy: Array) -> float:
@@ -193,13 +168,15 @@ def _median_px(rig: Rig, xy: Array) -> float:
     return float(np.median(known)) if len(known) else np.inf
 
 
-def _camera_checks(found: tuple[CameraError, ...], limits: VerifyLimits, exchanged: str) -> tuple[Check, Check]:
+def _camera_checks(found: tuple[CameraError, ...], exchanged: str) -> tuple[Check, Check]:
     unseen = [
-        f"{one.name} ({one.views} views shared with others, needed {limits.views})" for one in found if np.isnan(one.turn_rad)
+        f"{one.name} ({one.views} views shared with others, needed {VERIFY_LIMITS.views})"
+        for one in found
+        if np.isnan(one.turn_rad)
     ]
     known = [one for one in found if not np.isnan(one.turn_rad)]
-    wrong = [one for one in known if one.excess(limits) > 1]
-    worst = max(known, key=lambda one: one.excess(limits), default=None)
+    wrong = [one for one in known if one.excess > 1]
+    worst = max(known, key=lambda one: one.excess, default=None)
     detail = (
         exchanged or "; ".join(one.words for one in wrong) or (f"the worst: {worst.words}" if worst else "no camera was measured")
     )
@@ -217,12 +194,10 @@ def _report(
     error: Array,
     true: Array,
     exchanged: str,
-    unmeasured: int,
     scale: float,
     noise_m: float,
     reprojection_px: Array,
     found: tuple[CameraError, ...],
-    limits: VerifyLimits,
 ) -> CalibrationReport:
     rms = float(np.sqrt((error**2).mean()))
     limit = float(np.hypot(_MOST_LENGTH_RMS_SHARE * np.median(true), _NOISE_FACTOR * noise_m))
@@ -230,13 +205,12 @@ def _report(
     width_px = max(rig.cameras[worst].size_wh)
     limit_px = _MOST_REPROJECTION_PX_PER_1000 * width_px / 1000
     worst_px = f"{reprojection_px[worst]:.2f} px rms" if reprojection_px[worst] < width_px else f"more than {width_px} px rms"
-    lost = f"; {unmeasured} more cannot be measured" if unmeasured else ""
     checks = (
-        *_camera_checks(found, limits, exchanged),
-        Check("lengths are right", rms <= limit and unmeasured < len(error),
+        *_camera_checks(found, exchanged),
+        Check("lengths are right", rms <= limit,
               f"rms {rms * 1e3:.2f} mm over {len(error)} lengths, {noise_m * 1e3:.2f} mm of it from noise of the corners (limit"
-              f" {limit * 1e3:.2f} mm){lost}",
-              _EXCHANGED if unmeasured else "a camera moved since the calibration, or the target is not as described"),
+              f" {limit * 1e3:.2f} mm)",
+              "a camera moved since the calibration, or the target is not as described"),
         Check("scale is right", abs(scale - 1) <= _MOST_SCALE_ERROR,
               f"lengths measure {scale:.4f} of the truth (limit {_MOST_SCALE_ERROR:.1%} off)",
               "a wrong marker side, here or in the calibration"),
@@ -250,11 +224,3 @@ def _report(
                     f"{one.name}_focal_percent": 1e2 * one.focal, f"{one.name}_late_ms": 1e3 * one.late_s}  # fmt: skip
     numbers |= {f"{name}_reprojection_px": float(px) for name, px in zip(rig.names, reprojection_px, strict=True)}
     return CalibrationReport("verification", checks, numbers=numbers)
-
-
-def check_stature(measured_m: float, stated_m: float) -> Check:
-    """A person's height out of limb lengths against the stated one: the scale of a rig, to some per cent."""
-    ratio = measured_m / stated_m
-    return Check("scale against the person", 0.9 <= ratio <= 1.1,
-                 f"measured limbs give {measured_m:.2f} m, stated are {stated_m:.2f} m (limit 10 %)",
-                 "the marker side given to the calibration is wrong")  # fmt: skip
