@@ -1,7 +1,7 @@
 """The rig monitor on what the default network sees of people: what it finds, how soon, what it blames, and false alarms.
 
     python bench/rig_monitor.py [--fit] [--trials 6] [--data ../shared/data] [--cache out/rig_monitor]
-    python bench/rig_monitor.py --track [--seeds 100 ...] [--goods 100] [--write docs/reliability.md]
+    python bench/rig_monitor.py --track [--seeds 100 ...] [--seconds 2 10 60] [--goods 100] [--write docs/reliability.md]
 
 Rendered walks and people who stand are looked at ten times a second by the network (kept in the cache; scenes are rendered
 where `python -m paper` has not left them). Then, after some seconds, a camera is turned or moved, its clock is late, or two
@@ -357,7 +357,7 @@ WRONG = (
     "another rig",
 )
 # seconds of a session; a clip that is shorter is played to and fro at ten time steps a second
-LASTS_S = (2.0, 10.0, 60.0)
+LASTS_S = [2.0, 10.0, 60.0]
 
 
 def logs(data: Path, cache: Path) -> dict[str, tuple[Observations, Rig, SolveSettings]]:
@@ -459,10 +459,10 @@ def answer(log: Observations, rig: Rig, settings: SolveSettings) -> list[RigFind
         return None
 
 
-def tracked_wrong(logs: dict, seeds: list[int]) -> list[dict]:
+def tracked_wrong(logs: dict, seeds: list[int], lasts_s: list[float]) -> list[dict]:
     """For each fault and length: named, another answer, nothing."""
     rows = []
-    for wrong, seconds in product(WRONG, LASTS_S):
+    for wrong, seconds in product(WRONG, lasts_s):
         row = {
             "fault": wrong,
             "seconds": f"up to {seconds:g}",
@@ -523,7 +523,7 @@ def show(rows: list[dict], title: str) -> None:
 def track_main(args: argparse.Namespace) -> None:
     args.cache.mkdir(parents=True, exist_ok=True)
     clips = logs(args.data, args.cache)
-    good, rows = tracked_right(clips, args.goods, args.seeds[0]), tracked_wrong(clips, args.seeds)
+    good, rows = tracked_right(clips, args.goods, args.seeds[0]), tracked_wrong(clips, args.seeds, args.seconds)
     show(rows, "Wrong rigs")
     print(json.dumps({"clips": list(clips), "seeds": args.seeds, "wrong": rows, "right": good}, indent=2))
     if args.write:
@@ -548,6 +548,7 @@ def main() -> None:
     parser.add_argument("--cache", type=Path, default=Path("out/rig_monitor"))
     parser.add_argument("--track", action="store_true", help="the answers of `track` to wrong rigs")
     parser.add_argument("--seeds", type=int, nargs="+", default=[100, 101, 102])
+    parser.add_argument("--seconds", type=float, nargs="+", default=LASTS_S, help="lengths of sessions with wrong rigs")
     parser.add_argument("--goods", type=int, default=100, help="sessions with nothing wrong")
     parser.add_argument("--write", type=Path, help="page whose table 'wrong rigs' is replaced")
     args = parser.parse_args()

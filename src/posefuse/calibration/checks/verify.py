@@ -28,8 +28,8 @@ _NOISE_FACTOR = 1.5
 # chosen, not fitted: coarse, of all corners together; single cameras are judged by `VerifyLimits`
 _MOST_REPROJECTION_PX_PER_1000 = 2.5
 _LEAST_LENGTHS = 20
-# chosen, not fitted: the misfit that is left when the names of two cameras are exchanged, and pairs that leave about as little (of
-# four cameras in a ring, exchanging two opposite ones is exchanging the other two)
+# chosen, not fitted: the misfit that is left when the names of two cameras are exchanged, and pairs that leave about as little
+# (of four cameras in a ring, exchanging two opposite ones is exchanging the other two)
 _EXCHANGE_LEAVES, _EXCHANGE_ALIKE = 0.2, 1.5
 
 
