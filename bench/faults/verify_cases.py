@@ -137,8 +137,7 @@ def main() -> None:
         who, words, sigmas = bent(set_up, bend, seed)
         rows[bend][who] += 1
         off.append(sigmas)
-        if who != "right":
-            print(f"{bend}, {set_up}, {seed}: {who}: {words}", file=sys.stderr, flush=True)
+        print(f"{bend}, {set_up}, {seed}: {who}, {sigmas:.1f} sigma: {words}", file=sys.stderr, flush=True)
     print(f"| one camera is | {' | '.join(names)} |", f"|---{'|---' * len(names)}|", sep="\n")
     for bend, row in rows.items():
         print(f"| {bend} | {' | '.join(str(row[name]) for name in names)} |")

@@ -146,6 +146,16 @@ def test_cameras_without_views_are_not_verified(wall: Rig, held: Any) -> None:
 
 
 @pytest.mark.slow
+def test_a_wrong_camera_is_blamed_and_not_those_that_are_measured_against_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(BENCH))
+    from faults.verify_cases import bent
+
+    # in this ring the two neighbours look worse than the camera that was turned
+    who, words, _ = bent("cube, ring of four", "turned by 0.5 deg", 0)
+    assert who == "right", words
+
+
+@pytest.mark.slow
 def test_the_faults_of_the_benchmark_are_never_silent(monkeypatch: pytest.MonkeyPatch) -> None:
     """One seed of every sixth fault, and every tenth good session."""
     monkeypatch.syspath_prepend(str(BENCH))
