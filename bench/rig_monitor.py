@@ -430,7 +430,7 @@ def played(log: Observations, seconds: float, late: tuple[int, int] = (0, 0)) ->
 
 
 def wrong_rig(rig: Rig, wrong: str, rng: np.random.Generator) -> tuple[Rig, tuple[str, ...]]:
-    """The rig as `WRONG` says, and the cameras that are to be named."""
+    """The rig with one of `WRONG`, and the cameras that are to be named."""
     cameras, a = list(rig.cameras), int(rng.integers(len(rig)))
     if wrong.startswith("turned"):
         axis = rng.normal(size=3) * (1, 1, 0.3)
