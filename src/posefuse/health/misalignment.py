@@ -98,9 +98,7 @@ class Sums:
 
     def without(self, unknowns: slice) -> Sums:
         """What these unknowns of all cameras together leave over, for the other unknowns."""
-        taken = np.zeros((len(self.points), UNKNOWNS), bool)
-        taken[:, unknowns] = True
-        taken = taken.ravel()
+        taken = np.tile(np.isin(np.arange(UNKNOWNS), np.arange(UNKNOWNS)[unknowns]), len(self.points))
         normal, across = self.information[np.ix_(taken, taken)], self.information[np.ix_(~taken, taken)]
         # a common rotation of all cameras is hardly determined
         normal = normal + _RIDGE * np.trace(normal) / len(normal) * np.eye(len(normal))
