@@ -1,18 +1,26 @@
 """The rig monitor on what the default network sees of people: what it finds, how soon, what it blames, and false alarms.
 
-    python bench/rig_monitor.py [--fit] [--trials 6] [--data ../shared/data/pose2sim_single] [--cache out/rig_monitor]
+    python bench/rig_monitor.py [--fit] [--trials 6] [--data ../shared/data] [--cache out/rig_monitor]
+    python bench/rig_monitor.py --track [--seeds 100 ...] [--seconds 2 10 60] [--goods 100] [--write docs/reliability.md]
 
 Rendered walks and people who stand are looked at ten times a second by the network (kept in the cache; scenes are rendered
 where `python -m paper` has not left them). Then, after some seconds, a camera is turned or moved, its clock is late, or two
 cables are exchanged: every keypoint is displaced by what that does to its point in space, and keeps the network's error. `--fit`
 does it for other bodies in other rooms, from which the constants are; it also prints the most that nothing wrong explains.
 Seconds are of the data. Table on stderr, one JSON object on stdout.
+
+`--track` asks what `track` answers to a rig that is wrong from the beginning: real footage (two detectors, two rooms) and the
+demo clip are solved with rigs of which a camera is turned, two are swapped, one is late, or all stand elsewhere; and with the
+right rig: sections of the clips, three or four of the cameras. Limits are from seeds below 100.
 """
 
 import argparse
 import json
+import pickle
+import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import combinations, product
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +30,7 @@ from scipy.interpolate import CubicSpline
 
 from paper.scenes.scenes import half_hidden_scene, scene_name, static_scene, walking_scene
 from posefuse.calibration.keypoints import limb_keypoints
-from posefuse.core import SE3, Camera, Recording, Rig, Skeleton, Truth, Views
+from posefuse.core import SE3, Camera, InputError, Observations, Recording, Rig, Skeleton, Truth, Views
 from posefuse.core.skeleton import PAPER14, pick_keypoints
 from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.formats.recording import read_recording, write_recording
@@ -32,14 +40,19 @@ from posefuse.foundation.plain_values import plain
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.fusion import FuseSettings, fuse
 from posefuse.health import rig_monitor as monitor
+from posefuse.health.recorded import UNFIT, checked_rig
+from posefuse.health.rig_monitor import RigFinding
 from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.config import TrackConfig
-from posefuse.pipeline.run import track_session
+from posefuse.pipeline.opening import open_session
+from posefuse.pipeline.run import centres_of, detect, track_session
 from posefuse.pipeline.session import find_session
+from posefuse.pipeline.solve import SolveSettings, solve
 from posefuse.simulation import SessionPaths, simulate
+from posefuse.simulation.cameras import looking_at
 from posefuse.simulation.scene import Scene
 
-SESSIONS = Path("out/paper/sessions")
+SESSIONS, DEMO = Path("out/paper/sessions"), Path("examples/demo")
 RATE_HZ = 10.0
 FAULT_AT_S, WATCHED_S, SAID_S, QUIET_S = 6.0, 16.0, 4.0, 60.0
 LEAST_SCORE = 0.5
@@ -334,6 +347,171 @@ def explained_by_nothing(clip: Clip) -> dict:
     return {"clip": clip.name, **most}
 
 
+WRONG = (
+    "turned by 3 deg",
+    "turned by 5 deg",
+    "turned by 10 deg",
+    "two swapped",
+    "5 frames late",
+    "10 frames late",
+    "another rig",
+)
+# seconds of a session; a clip that is shorter is played to and fro at ten time steps a second
+LASTS_S = [2.0, 10.0, 60.0]
+
+
+def logs(data: Path, cache: Path) -> dict[str, tuple[Observations, Rig, SolveSettings]]:
+    """What a detector saw in each clip, its rig, and how it is solved."""
+    single, two, webcams = data / "pose2sim_single", data / "pose2sim_two", data / "caliscope" / "post_optimization"
+    sessions = {
+        "balance, OpenPose": {"pose": single / "openpose_json", "Calib.toml": single / "calibration" / "Calib_qualisys.toml"},
+        "balance, BlazePose": {"videos": single / "videos", "Calib.qca.txt": single / "calibration" / "Calib.qca.txt"},
+        "two pass, BlazePose": {"videos": two / "videos", "Calib.qca.txt": two / "calibration" / "Calib.qca.txt"},
+        "webcams, BlazePose": {
+            **{f"videos/{path.name}": path for path in sorted((webcams / "calibration" / "extrinsic").glob("*.mp4"))},
+            "camera_array.toml": webcams / "camera_array.toml",
+        },
+        "demo (rendered), BlazePose": {name: DEMO / name for name in ("videos", "rig.toml")},
+    }
+    found = {}
+    for name, parts in sessions.items():
+        if not all(path.exists() for path in parts.values()):
+            print(f"{name}: not there, left out", file=sys.stderr)
+            continue
+        kept, folder = cache / f"{name}.pickle", cache / "track" / name
+        if not kept.is_file():
+            for place, path in parts.items():
+                (folder / place).parent.mkdir(parents=True, exist_ok=True)
+                (folder / place).unlink(missing_ok=True)
+                (folder / place).symlink_to(path.resolve())
+            config = TrackConfig(outputs=(), body="off", rate_hz=60.0 if "OpenPose" in name else None)
+            opened = open_session(find_session(folder, config), config, lambda line: None)
+            log, _ = detect(opened, StageClock(), lambda *_: None)
+            opened.steps.close()
+            kept.write_bytes(pickle.dumps((log, opened.rig, SolveSettings.of(config, centres_of(opened)))))
+        found[name] = pickle.loads(kept.read_bytes())
+    return found
+
+
+def played(log: Observations, seconds: float, late: tuple[int, int] = (0, 0)) -> Observations:
+    """The clip to and fro for so long, ten time steps a second if it is longer than the clip; one camera shows old frames.
+
+    Args:
+        late: the camera, and by how many frames.
+    """
+    period_ns, count = int(np.median(np.diff(log.step_t_ns))), len(log.step_t_ns)
+    camera, frames = late
+    thin = 1 if count * period_ns >= seconds * 1e9 else max(1, round(1e9 / RATE_HZ / period_ns))
+    both = np.concatenate([np.arange(count), np.arange(count - 2, 0, -1)])
+    steps = np.arange(0, round(seconds * 1e9 / period_ns) if thin > 1 else min(count, round(seconds * 1e9 / period_ns)), thin)
+    rows_of = [np.flatnonzero(log.frame_step == step) for step in range(count)]
+    chosen, at = [], []
+    for place, step in enumerate(steps.tolist()):
+        for c in range(len(log.camera_names)):
+            from_step = step - frames * (c == camera)
+            rows = rows_of[both[from_step % len(both)]] if from_step >= 0 else np.zeros(0, int)
+            chosen.append(rows[log.frame_camera[rows] == c])
+            at.append(np.full(len(chosen[-1]), place))
+    frame, place = np.concatenate(chosen), np.concatenate(at)
+    t_ns = period_ns * steps
+    detections = np.concatenate([np.arange(log.frame_begin[f], log.frame_begin[f + 1]) for f in frame])
+    return Observations(
+        skeleton=log.skeleton,
+        camera_names=log.camera_names,
+        step_t_ns=t_ns,
+        frame_camera=log.frame_camera[frame],
+        frame_t_ns=t_ns[place] + (log.frame_t_ns - log.step_t_ns[log.frame_step])[frame],
+        frame_step=place,
+        frame_look=log.frame_look[frame],
+        n_detections=log.n_detections[frame],
+        person_id=log.person_id[detections],
+        **log.rows(detections),
+    )
+
+
+def wrong_rig(rig: Rig, wrong: str, rng: np.random.Generator) -> tuple[Rig, tuple[str, ...]]:
+    """The rig with one of `WRONG`, and the cameras that are to be named."""
+    cameras, a = list(rig.cameras), int(rng.integers(len(rig)))
+    if wrong.startswith("turned"):
+        axis = rng.normal(size=3) * (1, 1, 0.3)
+        cameras[a] = bumped(cameras[a], np.deg2rad(float(wrong.split()[2])) * axis / np.linalg.norm(axis), np.zeros(3))
+        return Rig(tuple(cameras)), (rig.names[a],)
+    if wrong == "two swapped":
+        pairs = [pair for pair in combinations(range(len(rig)), 2) if cameras[pair[0]].size_wh == cameras[pair[1]].size_wh]
+        a, b = pairs[rng.integers(len(pairs))]
+        cameras[a], cameras[b] = replace(cameras[b], name=rig.names[a]), replace(cameras[a], name=rig.names[b])
+        return Rig(tuple(cameras)), (rig.names[a], rig.names[b])
+    if wrong == "another rig":
+        angle = rng.uniform(0, 2 * np.pi) + 2 * np.pi * (np.arange(len(rig)) + rng.uniform(-0.3, 0.3, len(rig))) / len(rig)
+        away_m, height_m = rng.uniform(3, 5, len(rig)), rng.uniform(1.5, 2.5, len(rig))
+        centres = np.stack([away_m * np.cos(angle), away_m * np.sin(angle), height_m], axis=1)
+        poses = [looking_at(centre, np.array([0, 0, 1.0])) for centre in centres]
+        elsewhere = [replace(camera, cam_from_world=pose) for camera, pose in zip(rig, poses, strict=True)]
+        return Rig(tuple(elsewhere)), rig.names
+    return rig, (rig.names[a],)
+
+
+def answer(log: Observations, rig: Rig, settings: SolveSettings) -> list[RigFinding] | None:
+    """The answer of `track` to the rig; None: it refuses to solve."""
+    try:
+        return checked_rig(solve(log, rig, settings, {}), rig)[1]
+    except InputError:
+        return None
+
+
+def tracked_wrong(logs: dict, seeds: list[int], lasts_s: list[float]) -> list[dict]:
+    """For each fault and length: named, another answer, nothing."""
+    rows = []
+    for wrong, seconds in product(WRONG, lasts_s):
+        row = {
+            "fault": wrong,
+            "seconds": f"up to {seconds:g}",
+            "sessions": 0,
+            "named": 0,
+            "others": 0,
+            "nothing": 0,
+            "nothing in": [],
+        }
+        kind = {"tur": monitor.MOVED, "two": monitor.SWAPPED, "ano": UNFIT}.get(wrong[:3], monitor.UNSYNCHRONISED)
+        for seed, (number, name) in product(seeds, enumerate(logs)):
+            log, rig, settings = logs[name]
+            there, cameras = wrong_rig(rig, wrong, np.random.default_rng([seed, number, WRONG.index(wrong), round(seconds)]))
+            late = (rig.names.index(cameras[0]), int(wrong.split()[0])) if "late" in wrong else (0, 0)
+            found = answer(played(log, seconds, late), there, settings)
+            right = found is None if kind == UNFIT else False
+            right |= any(one.kind == kind and set(one.cameras) & set(cameras) for one in found or [])
+            right &= all(set(one.cameras) <= set(cameras) for one in found or [])
+            row["sessions"] += 1
+            row["named" if right else "others" if found or found is None else "nothing"] += 1
+            if found == []:
+                row["nothing in"] = sorted({*row["nothing in"], name})
+        rows.append(row)
+        print(row, file=sys.stderr, flush=True)
+    return rows
+
+
+def tracked_right(logs: dict, sessions: int, seed: int) -> dict:
+    """False alarms: sections of the clips, three or four of the cameras, for 2 s or played to and fro for 10 s."""
+    alarms, rng = [], np.random.default_rng(seed)
+    for number in range(sessions):
+        name = list(logs)[number % len(logs)]
+        log, rig, settings = logs[name]
+        count, cameras = len(log.step_t_ns), np.sort(rng.permutation(len(rig))[: rng.integers(3, 5)])
+        begin, lasts = rng.uniform(0, 0.5), rng.uniform(0.5, 1.0)
+        first, last = int(begin * lasts * count), int((begin * lasts + lasts) * count)
+        part = log.only((log.frame_step >= first) & (log.frame_step < last) & np.isin(log.frame_camera, cameras))
+        part = replace(
+            part,
+            camera_names=tuple(rig.names[c] for c in cameras),
+            frame_camera=np.searchsorted(cameras, part.frame_camera),
+            step_t_ns=log.step_t_ns[first:last],
+            frame_step=part.frame_step - first,
+        )
+        found = answer(played(part, 10.0 if number % 3 == 0 else 2.0), rig.only(part.camera_names), settings)
+        alarms += [f"{name}, steps {first} to {last}, {part.camera_names}: {one.detail}" for one in found or []]
+    return {"sessions": sessions, "alarms": alarms}
+
+
 def show(rows: list[dict], title: str) -> None:
     table = Table(*rows[0], title=title)
     for row in rows:
@@ -342,18 +520,46 @@ def show(rows: list[dict], title: str) -> None:
     Console(stderr=True, width=190).print(table)
 
 
+def track_main(args: argparse.Namespace) -> None:
+    args.cache.mkdir(parents=True, exist_ok=True)
+    clips = logs(args.data, args.cache)
+    good, rows = tracked_right(clips, args.goods, args.seeds[0]), tracked_wrong(clips, args.seeds, args.seconds)
+    show(rows, "Wrong rigs")
+    print(json.dumps({"clips": list(clips), "seeds": args.seeds, "wrong": rows, "right": good}, indent=2))
+    if args.write:
+        sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "fuzz"))
+        from drive import write_between_marks
+
+        columns = list(rows[0])
+        text = [f"| {' | '.join(columns)} |", "|---" * len(columns) + "|"]
+        text += [f"| {' | '.join(str(row[name]).strip('[]') for name in columns)} |" for row in rows]
+        text += [
+            "",
+            f"Right rigs: {len(good['alarms'])} alarms in {good['sessions']} sessions. Seeds {args.seeds}; {', '.join(clips)}.",
+        ]
+        write_between_marks(args.write, "\n".join(text), "wrong rigs")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--fit", action="store_true", help="bodies and rooms that constants are from")
     parser.add_argument("--trials", type=int, default=6, help="per fault and clip")
-    parser.add_argument("--data", type=Path, default=Path("../shared/data/pose2sim_single"))
+    parser.add_argument("--data", type=Path, default=Path("../shared/data"))
     parser.add_argument("--cache", type=Path, default=Path("out/rig_monitor"))
+    parser.add_argument("--track", action="store_true", help="the answers of `track` to wrong rigs")
+    parser.add_argument("--seeds", type=int, nargs="+", default=[100, 101, 102])
+    parser.add_argument("--seconds", type=float, nargs="+", default=LASTS_S, help="lengths of sessions with wrong rigs")
+    parser.add_argument("--goods", type=int, default=100, help="sessions with nothing wrong")
+    parser.add_argument("--write", type=Path, help="page whose table 'wrong rigs' is replaced")
     args = parser.parse_args()
+    if args.track:
+        track_main(args)
+        return
     clips = [clip_of_scene(name, scene, args.cache) for name, scene in scenes(args.fit)]
     clips += [clip.only([0, 2, 4, 6], clip.name.replace("8", "4 of 8", 1)) for clip in clips if len(clip.rig) == 8]
     still = list(clips)
     if not args.fit and args.data.is_dir():
-        still.append(clip_of_session("pose2sim_single (real)", args.data, args.cache / "pose2sim_single"))
+        still.append(clip_of_session("pose2sim_single (real)", args.data / "pose2sim_single", args.cache / "pose2sim_single"))
     alarms = [quiet(clip) for clip in still]
     if args.fit:
         show([explained_by_nothing(clip) for clip in clips], "Most that is explained with nothing wrong")

@@ -86,6 +86,17 @@ def test_a_refused_calibration_is_stated(read_page, tmp_path, ring_rig):
     assert "refused" not in reported(read_page, tmp_path, recording).text
 
 
+def test_how_well_the_cameras_fit_is_stated_and_what_is_wrong_with_the_rig(read_page, tmp_path, ring_rig):
+    fit = {"seen": 1.0, "left_out": 0.87, "reproj_px": 84.3, "sigmas": 9.4}
+    unseen = {"seen": 0.0, "left_out": 0.0, "reproj_px": None, "sigmas": None}
+    about = {"camera_fits": {"cam02": fit, "cam03": unseen}, "rig_warnings": ["cam02 is off by 160 mm"]}
+    page = reported(read_page, tmp_path, recording_of(ring_rig, *walker(), about))
+    rows = {row[0]: row for table in page.tables for row in table if row[0] in about["camera_fits"]}
+    assert rows["cam02"][1:] == ["100%", "87%", "84.3", "9.4"]
+    assert rows["cam03"][1:3] == ["0%", "0%"]
+    assert "cam02 is off by 160 mm" in page.text
+
+
 @pytest.mark.parametrize(
     ("provenance", "shown"),
     [

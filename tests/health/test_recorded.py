@@ -1,51 +1,99 @@
-"""A camera that was moved or lags is named from a recording's own views."""
+"""A camera that was moved, lags or fits nothing is named from a recording's own detections, those left out too."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from posefuse.core import SKELETONS, Rig, ViewSequence
-from posefuse.health.recorded import rig_findings
+from posefuse.core import SE3, SKELETONS, PoseSequence, Recording, Rig
+from posefuse.core.observations import NOT_KEPT
+from posefuse.health.recorded import UNFIT, checked_rig
 
 BODY = SKELETONS["coco17"]
+Walk = tuple[Rig, np.ndarray, np.ndarray, np.ndarray]
 
 
-def views_of(rig: Rig, xy: np.ndarray, t_s: np.ndarray) -> ViewSequence:
-    ones = np.ones((len(t_s), 1, len(rig), len(BODY)))
-    names = tuple(rig.names)
-    return ViewSequence(
+def recording_of(rig: Rig, xyz: np.ndarray, xy: np.ndarray, t_s: np.ndarray, left_out: Sequence[int] = ()) -> Recording:
+    """A result with detections xy (T, C, K, 2); those of some cameras belong to no person of it."""
+    shape = (len(t_s), 1, len(BODY))
+    poses = PoseSequence(
         t_ns=np.round(t_s * 1e9).astype(np.int64),
         skeleton=BODY,
-        camera_names=names,
         person_id=np.zeros(1, np.int64),
-        xy_img=xy[:, None],
-        score=ones,
-        sigma_px=2 * ones,
+        xyz_world=xyz[:, None],
+        cov_world=1e-4 * np.tile(np.eye(3), (*shape, 1, 1)),
+        reproj_px=np.ones(shape),
+        n_views=np.full(shape, len(rig)),
+        kind=np.ones(shape),
     )
+    ones = np.ones((len(t_s), 1, len(rig), len(BODY)))
+    made = Recording.from_views(rig, poses, xy[:, None], ones, 3 * ones)
+    log = made.observations
+    out = np.isin(log.frame_camera[log.detection_frame], left_out)
+    return replace(made, observations=log.with_person_ids(np.where(out, NOT_KEPT, log.person_id)))
 
 
 @pytest.fixture(scope="module")
-def walk(ring_rig: Callable[..., Rig]) -> tuple[Rig, np.ndarray, np.ndarray]:
-    """A rig, times, and keypoints (T, C, K, 2) that a network marks 3 px next to, each in its own way."""
+def walk(ring_rig: Callable[..., Rig]) -> Walk:
+    """A rig, times, keypoints in space, and as a network marks them: 3 px off, each in its own way."""
     rig, random, t_s = ring_rig(4), np.random.default_rng(0), np.arange(280) / 20
     place = np.stack([np.cos(0.7 * t_s), 0.8 * np.sin(0.7 * t_s), 1 + 0 * t_s], axis=-1)
     swing = 0.2 * np.sin(5 * t_s[:, None] + np.arange(len(BODY)))[..., None] * [1.0, 0.5, 0.2]
     xyz = place[:, None] + swing + random.normal(0, 0.35, (len(BODY), 3))
     xy = np.stack([camera.project(xyz) for camera in rig], axis=1)
-    return rig, t_s, xy + random.normal(0, 3, (1, *xy.shape[1:])) + random.normal(0, 2, xy.shape)
+    return rig, t_s, xyz, xy + random.normal(0, 3, (1, *xy.shape[1:])) + random.normal(0, 2, xy.shape)
 
 
-def test_a_good_recording_has_no_findings_and_a_moved_camera_one(walk: tuple[Rig, np.ndarray, np.ndarray]) -> None:
-    rig, t_s, xy = walk
-    assert rig_findings(views_of(rig, xy, t_s), rig) == []
+def test_a_good_recording_has_no_findings_and_a_moved_camera_one(walk: Walk) -> None:
+    rig, t_s, xyz, xy = walk
+    fits, findings = checked_rig(recording_of(rig, xyz, xy, t_s), rig)
+    assert findings == []
+    assert all(one.seen == 1 and one.left_out == 0 and 2 < one.reproj_px < 8 for one in fits.values())
     moved = np.where((t_s[:, None, None, None] > 7) & (np.arange(4)[:, None, None] == 2), xy + [9.0, 4.0], xy)
-    found = rig_findings(views_of(rig, moved, t_s), rig)
+    _, found = checked_rig(recording_of(rig, xyz, moved, t_s), rig)
     assert [(one.kind, one.cameras) for one in found] == [("moved", ("cam02",))]
     assert 7 < found[0].t_ns / 1e9 < 12
 
 
-def test_two_cameras_cannot_distinguish_and_report_nothing(walk: tuple[Rig, np.ndarray, np.ndarray]) -> None:
-    rig, t_s, xy = walk
+@pytest.mark.parametrize("seconds", [1.7, 14.0])
+@pytest.mark.parametrize("degrees", [3.0, 10.0])
+def test_a_camera_that_was_turned_before_is_named_though_its_views_were_all_left_out(
+    walk: Walk, degrees: float, seconds: float
+) -> None:
+    rig, t_s, xyz, xy = walk
+    wrong = list(rig.cameras)
+    turn = SE3.from_rotvec(np.deg2rad(degrees) * np.array([0.6, 0.8, 0]), np.zeros(3))
+    wrong[1] = replace(wrong[1], cam_from_world=turn @ wrong[1].cam_from_world)
+    some = slice(0, round(20 * seconds))
+    fits, found = checked_rig(recording_of(Rig(tuple(wrong)), xyz[some], xy[some], t_s[some], [1]), Rig(tuple(wrong)))
+    assert [(one.kind, one.cameras) for one in found] == [("moved", ("cam01",))]
+    assert np.rad2deg(found[0].amount) == pytest.approx(degrees, rel=0.2)
+    assert fits["cam01"].left_out == 1
+    assert fits["cam01"].reproj_px > 5 * fits["cam00"].reproj_px
+
+
+def test_a_late_camera_of_a_person_who_stands_is_late_and_not_moved(walk: Walk) -> None:
+    rig, t_s, xyz, xy = walk
+    here = xyz - xyz.mean(axis=1, keepdims=True) + [0, 0, 1.0]
+    seen = np.stack([camera.project(here) for camera in rig], axis=1) + xy - np.stack([c.project(xyz) for c in rig], axis=1)
+    seen[2:, 3] = seen[:-2, 3].copy()
+    _, found = checked_rig(recording_of(rig, here, seen, t_s), rig)
+    assert [(one.kind, one.cameras) for one in found] == [("unsynchronised", ("cam03",))]
+    assert found[0].amount == pytest.approx(0.1, abs=0.02)
+
+
+def test_cameras_that_fit_nothing_are_named_with_how_much_is_left_out(walk: Walk) -> None:
+    rig, t_s, xyz, xy = walk
+    stray = xy.copy()
+    stray[:, 2:] += 60 * np.sin(np.arange(len(t_s))[:, None, None, None] + np.array([[[[0.0]], [[2.0]]]]))
+    _, found = checked_rig(recording_of(rig, xyz, stray, t_s, [2, 3]), rig)
+    assert [(one.kind, one.cameras) for one in found] == [(UNFIT, ("cam02", "cam03"))]
+    assert "cam02 100% (" in found[0].detail
+    assert "px off)" in found[0].detail
+
+
+def test_two_cameras_cannot_distinguish_and_report_nothing(walk: Walk) -> None:
+    rig, t_s, xyz, xy = walk
     two = Rig(rig.cameras[:2])
-    assert rig_findings(views_of(two, xy[:, :2] + [0, 50.0], t_s), two) == []
+    assert checked_rig(recording_of(two, xyz, xy[:, :2] + [0, 50.0], t_s), two)[1] == []

@@ -1,15 +1,20 @@
 """A man on a beam, a bystander, exchanged sides: OpenPose's detections, associated and fused, against another pipeline."""
 
 import json
+import shutil
 import tomllib
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from posefuse.association import AssociateSettings, associate
+from posefuse.cli.main import main
 from posefuse.core import SE3, SKELETONS, Camera, Detections2D, PoseSequence, Rig, Views
+from posefuse.formats.recording import read_recording
+from posefuse.formats.rig import read_rig, write_rig
 from posefuse.fusion import FuseSettings, Weights, fuse
 from posefuse.tracking import SmoothSettings, smooth
 
@@ -152,3 +157,22 @@ def test_smoothed_it_never_jumps_whatever_the_weights(fused, reference):
         steps = np.linalg.norm(np.diff(smoothed, axis=0), axis=-1)
         assert np.isfinite(smoothed).all()
         assert not ((steps > 0.15) & (expected < 0.15)).any()
+
+
+@pytest.mark.parametrize(("degrees", "code"), [(0.0, 0), (3.0, 1)])
+def test_a_camera_turned_by_3_deg_is_named_on_footage_of_1_7_s(
+    shared_data: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], degrees: float, code: int
+) -> None:
+    right = read_rig(shared_data / "pose2sim_single" / "calibration" / "Calib_qualisys.toml")
+    turn = SE3.from_rotvec(np.deg2rad(degrees) * np.array([1.0, 0, 0]), np.zeros(3))
+    turned = replace(right.cameras[2], cam_from_world=turn @ right.cameras[2].cam_from_world)
+    session = tmp_path / "session"
+    session.mkdir()
+    write_rig(session / "rig.toml", replace(right, cameras=(*right.cameras[:2], turned, right.cameras[3])))
+    shutil.copytree(shared_data / "pose2sim_single" / "openpose_json", session / "pose")
+    assert main(["track", str(session), "--rate", "60", "--outputs", "trc", "--out", str(tmp_path / "result")]) == code
+    said = capfd.readouterr().err
+    assert ("cam_03 is off by" in said) == bool(degrees)
+    about = read_recording(tmp_path / "result").provenance
+    assert len(about["rig_warnings"]) == code
+    assert about["camera_fits"]["cam_03"]["left_out"] == pytest.approx(degrees / 3, abs=0.05)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from posefuse.cli.options.track import TrackOptions
 from posefuse.core import InputError, Recording
 from posefuse.detection.build import DetectorChoice
 from posefuse.evaluation.metrics import JointErrors, joint_errors
+from posefuse.evaluation.report.quality import CAMERA_COLUMNS, camera_rows
 from posefuse.formats.truth import read_truth
 from posefuse.outputs.rerun_scene import check_viewer
 from posefuse.pipeline.clock import StageClock
@@ -29,7 +31,7 @@ _START_UP = ("open", "compile")  # stages that last the same however long the re
 def track_session(folder: Path, options: TrackOptions, settings: SettingsOptions, terminal: Terminal) -> Mapping[str, Any]:
     """Track a session and write its result; returns the figures of the tables.
 
-    ``exit_code`` among them: 1 when an output could not be written.
+    ``exit_code`` among them: 1 when an output could not be written, or cameras do not fit the calibration.
     """
     check_no_edits(options)
     if options.view:
@@ -122,10 +124,11 @@ def _figures(out: Path, written: Written, clock: StageClock, errors: JointErrors
         },
         "stage_share": {name: seconds / clock.total_s for name, seconds in clock.seconds.items()},
         "detect_ms_per_image": 1000 * clock.seconds.get("detect", 0.0) / images,
-        "found": dict(tracked.found),
+        "camera_fits": {name: asdict(one) for name, one in tracked.cameras.items()},
+        "rig_warnings": list(tracked.warnings),
         "interrupted": tracked.interrupted,
         "failed": dict(written.failed),
-        "exit_code": int(bool(written.failed)),
+        "exit_code": int(bool(written.failed or tracked.warnings)),
         "out": out,
         "files": [path.name for path in written.files],
     }
@@ -139,12 +142,12 @@ def _figures(out: Path, written: Written, clock: StageClock, errors: JointErrors
 
 
 def _show(terminal: Terminal, figures: Mapping[str, Any], errors: JointErrors | None) -> None:
+    terminal.table("Cameras", CAMERA_COLUMNS, camera_rows(figures["camera_fits"]))
     facts = {
         "cameras": figures["cameras"],
         "frames": f"{figures['time_steps']} time steps, {figures['time_steps'] * figures['cameras']} images",
         "people": figures["people"],
         **({"network": figures["network"]} if "network" in figures else {}),
-        "seen in": ", ".join(f"{name} {share:.0%}" for name, share in figures["found"].items()),
     }
     if errors:
         facts["MPJPE against the truth"] = f"{errors.mpjpe_mm:.1f} mm (14 joints)"

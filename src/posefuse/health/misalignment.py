@@ -7,7 +7,7 @@ errors of all cameras together. This separates a faulty camera from those whose 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -22,6 +22,7 @@ UNKNOWNS, TURN, LATE = 4, slice(0, 3), slice(3, 4)
 # Huber loss: threshold in medians of the time step's residuals
 _WORSE = 2.0
 _LEAST_DEPTH_M, _MOST_OFF_M = 0.2, 3.0
+_RIDGE = 1e-3
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -94,6 +95,19 @@ class Sums:
             points=keep * self.points + new.points,
             places=keep * self.places + new.places,
         )
+
+    def without(self, unknowns: slice) -> Sums:
+        """What these unknowns of all cameras together leave over, for the other unknowns."""
+        taken = np.tile(np.isin(np.arange(UNKNOWNS), np.arange(UNKNOWNS)[unknowns]), len(self.points))
+        normal, across = self.information[np.ix_(taken, taken)], self.information[np.ix_(~taken, taken)]
+        # a common rotation of all cameras is hardly determined
+        normal = normal + _RIDGE * np.trace(normal) / len(normal) * np.eye(len(normal))
+        solved = np.linalg.solve(normal + 1e-9 * np.eye(len(normal)), np.column_stack([across.T, self.pull[taken]]))
+        information, pull = np.zeros_like(self.information), np.zeros_like(self.pull)
+        information[np.ix_(~taken, ~taken)] = self.information[np.ix_(~taken, ~taken)] - across @ solved[:, :-1]
+        pull[~taken] = self.pull[~taken] - across @ solved[:, -1]
+        squares = self.squares - float(self.pull[taken] @ solved[:, -1])
+        return replace(self, information=information, pull=pull, squares=squares)
 
 
 def instant_of(rig: Rig, t_ns: int, xy_img: Array) -> TriangulatedStep:

@@ -24,12 +24,13 @@ MEMORIES_S = (2.0, 8.0)
 # likelihood-ratio threshold of each window, in units of the residual variance per degree of freedom; `bench/rig_monitor.py
 # --fit` prints what healthy rigs reach
 _SURE = {MOVED: (60.0, 70.0), UNSYNCHRONISED: (40.0, 30.0)}
-# smallest displacement reported while the person walks, and while they stand: detector bias averages out over a walk. A person
-# stands who moved less than the third value, rms
-_LEAST_M, _LEAST_STANDING_M, _STANDS_M = 0.02, 0.15, 0.25
+# smallest displacement reported, and while a person stands who moved less than the second value, rms: a detector errs in the same
+# way as long as they stand, so there the limits are another displacement, the share of the residuals that may be left, and how
+# many times more than any other camera it explains (`bench/rig_monitor.py --track`)
+_LEAST_M, _STANDS_M = 0.02, 0.3
+_STANDING = {MOVED: (0.1, 0.3, 3.0), UNSYNCHRONISED: (0.02, 0.75, 1.5)}
 # smallest rotation and delay reported: a calibrated rig has about this error
 _LEAST = {MOVED: float(np.deg2rad(0.2)), UNSYNCHRONISED: 0.012}
-_UNKNOWNS = {MOVED: TURN, UNSYNCHRONISED: LATE}
 # hysteresis: a finding is cleared when the displacement falls below this share of its peak
 _LEFT = 0.4
 # chosen, not fitted: a finding is reported once it has lasted for so long, and cleared once it has been over for so long; a part
@@ -41,8 +42,8 @@ _LEAST_COUNT = 200.0
 LEAST_CAMERAS = 3
 # margin to the second-best explanation, as a share of the threshold
 _APART = 0.5
-# mean distance between rays above which cameras may be swapped
-_GROSS_M = 0.1
+# distance between rays above which no rotation or delay is the explanation, and cameras may be swapped
+_GROSS_M, _MAY_BE_SWAPPED_M, _NOT_LINEAR = 0.1, 0.06, 0.25
 # chosen, not fitted: newest time steps that are tried with cameras exchanged; the exchange must leave less than this share of the
 # distance between rays; and pairs within this factor of the best one are named with it
 _SWAP_INSTANTS, _SWAP_GAIN, _SWAP_ALIKE = 10, 0.4, 1.5
@@ -54,7 +55,8 @@ class RigFinding:
     """Something is wrong with a camera.
 
     Attributes:
-        kind: ``moved``, ``unsynchronised`` or ``swapped``. cameras: which. t_ns: when it was noticed.
+        kind: ``moved``, ``unsynchronised`` or ``swapped``; of a recording also ``unfit``: none of these. cameras: which.
+        t_ns: when it was noticed.
         detail: one line with numbers. displaced_m: distance of the rays from the person. amount: rotation in rad, or delay in s.
     """
 
@@ -139,9 +141,10 @@ class Suspect:
 def suspects(sums: Sums) -> list[Suspect]:
     """What the rotation and the delay of each camera explain, each alone."""
     found = []
-    for kind, unknowns in _UNKNOWNS.items():
-        amount, displaced_m, gain = _explained(sums, unknowns)
-        sure = gain / np.maximum(sums.squares - gain, 1e-12) * sums.count
+    # whatever all rotations explain is taken away from what a delay may explain
+    for kind, unknowns, left in ((MOVED, TURN, sums), (UNSYNCHRONISED, LATE, sums.without(TURN))):
+        amount, displaced_m, gain = _explained(left, unknowns)
+        sure = gain / np.maximum(left.squares - gain, 1e-12) * sums.count
         found += [
             Suspect(
                 kind=kind,
@@ -184,29 +187,32 @@ def _suspected(state: MonitorState, rig: Rig) -> RigFinding | None:
     short = state.sums[0]
     if (short.points > 0).sum() < LEAST_CAMERAS or short.count < _LEAST_COUNT:
         return None
-    if _misfit_m(short) > _GROSS_M and (pairs := _exchanged(rig, state.recent)):
-        return _swapped(rig, pairs, _misfit_m(short))
+    apart_m = _misfit_over(rig, state.recent) if _misfit_m(short) > _MAY_BE_SWAPPED_M else 0.0
+    if apart_m > _MAY_BE_SWAPPED_M and (pairs := _exchanged(rig, state.recent, apart_m)):
+        return _swapped(rig, pairs, apart_m)
     worst = [_worst(sums, memory) for memory, sums in enumerate(state.sums)]
     sure = [one for one in worst if one is not None]
     return _named(rig, max(sure, key=lambda one: one[0])[1]) if sure else None
 
 
 def _worst(sums: Sums, memory: int) -> tuple[float, Suspect] | None:
-    """The best explanation of the residuals and how far it exceeds its threshold; None where it does not, or another one is
-    about as good."""
+    """The best explanation of the residuals and how far it exceeds its threshold; None where it does not, or another camera
+    explains about as much."""
     found = suspects(sums)
-    worst = max(found, key=lambda one: one.gain)
-    needed = _SURE[worst.kind][memory]
-    others = max(one.sure for one in found if one is not worst)
-    if worst.sure < needed or worst.sure - others < _APART * needed:
-        return None
-    least_m = _LEAST_STANDING_M if sums.walked_m < _STANDS_M else _LEAST_M
-    if worst.displaced_m < least_m or abs(worst.amount) < _LEAST[worst.kind]:
-        return None
-    # no rotation explains a camera that looks at another person
-    if np.sqrt((sums.squares - worst.gain) / sums.count) > _GROSS_M:
-        return None
-    return worst.sure / needed, worst
+    for kind in (UNSYNCHRONISED, MOVED):
+        second, worst = sorted((one for one in found if one.kind == kind), key=lambda one: one.sure)[-2:]
+        needed = _SURE[kind][memory]
+        least_m, most_left, apart = _STANDING[kind] if sums.walked_m < _STANDS_M else (_LEAST_M, 1.0, 1.0)
+        if (
+            worst.sure >= max(needed, apart * second.sure, second.sure + _APART * needed)
+            and worst.displaced_m >= least_m
+            and abs(worst.amount) >= _LEAST[kind]
+            and sums.count <= most_left * (sums.count + worst.sure)
+            # no rotation explains a camera that looks at another person; a large one is not quite linear
+            and worst.gain <= worst.sure * max(_GROSS_M, _NOT_LINEAR * worst.displaced_m) ** 2
+        ):
+            return worst.sure / needed, worst
+    return None
 
 
 def _misfit_m(sums: Sums) -> float:
@@ -273,23 +279,21 @@ def _by_now(sums: Sums, finding: RigFinding, rig: Rig) -> tuple[RigFinding, floa
     return finding, now.displaced_m
 
 
-def _exchanged(rig: Rig, recent: Sequence[Array]) -> list[tuple[int, int]]:
+def _exchanged(rig: Rig, recent: Sequence[Array], now_m: float) -> list[tuple[int, int]]:
     """Pairs of cameras whose exchange makes the rays meet: the best, and others about as good; none where none does."""
-    xy_img = np.concatenate(recent, axis=1)
-    now_m = _misfit_over(rig, xy_img, np.arange(len(rig)))
     misfit_m = {}
     for pair in combinations(range(len(rig)), 2):
         order = np.arange(len(rig))
         order[list(pair)] = pair[::-1]
         if rig.cameras[pair[0]].size_wh == rig.cameras[pair[1]].size_wh:
-            misfit_m[pair] = _misfit_over(rig, xy_img, order)
+            misfit_m[pair] = _misfit_over(rig, [xy_img[order] for xy_img in recent])
     best_m = min(misfit_m.values(), default=np.inf)
     if not best_m < _SWAP_GAIN * now_m:
         return []
     return [pair for pair, m in misfit_m.items() if m < _SWAP_ALIKE * best_m]
 
 
-def _misfit_over(rig: Rig, xy_img: Array, order: Array) -> float:
-    misfit_m = instant_of(rig, 0, xy_img[order]).misfit_m
+def _misfit_over(rig: Rig, recent: Sequence[Array]) -> float:
+    misfit_m = instant_of(rig, 0, np.concatenate(recent, axis=1)).misfit_m
     known = misfit_m[np.isfinite(misfit_m)]
     return float(np.median(known)) if len(known) else float("inf")

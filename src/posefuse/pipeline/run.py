@@ -21,13 +21,12 @@ from posefuse.core import (
     Recording,
     Rig,
     Skeleton,
-    ViewSequence,
 )
 from posefuse.core.errors import choices
 from posefuse.core.observations import NOT_KEPT
 from posefuse.foundation.compiled import compiling
 from posefuse.foundation.plain_values import plain
-from posefuse.health.recorded import rig_findings
+from posefuse.health.recorded import CameraFit, checked_rig
 from posefuse.health.rig_monitor import UNSYNCHRONISED, RigFinding
 from posefuse.sources.video import recorded_at
 from posefuse.tracking import proportional_joint_centres
@@ -52,13 +51,14 @@ class Tracked:
 
     Attributes:
         recording: the result. interrupted: Ctrl-C ended it early.
-        found: per camera, share of its time steps in which the person was seen.
+        cameras: how well each fits, by name. warnings: what is wrong with the rig, one line each.
         joint_centres: the table keypoints were moved by; None where they stay as the detector marks them.
     """
 
     recording: Recording
     interrupted: bool
-    found: Mapping[str, float]
+    cameras: Mapping[str, CameraFit]
+    warnings: Sequence[str]
     joint_centres: JointCentres | None
 
 
@@ -144,9 +144,13 @@ def track_opened(
     if doubt := size_doubt(recording.poses.skeleton, recording.poses.xyz_world):
         warn(f"{session.rig_path.name}: {doubt}")
     with clock.stage("watch"):
-        for finding in rig_findings(recording.views, rig):
-            warn(finding_line(finding, session.folder))
-    return Tracked(recording, interrupted, _found(recording.views), settings.centres)
+        cameras, findings = checked_rig(recording, rig)
+    lines = [finding_line(one, session.folder) for one in findings]
+    for line in lines:
+        warn(line)
+    fits = {name: dataclasses.asdict(one) for name, one in cameras.items()}
+    about = {**recording.provenance, "camera_fits": plain(fits), "rig_warnings": lines}
+    return Tracked(dataclasses.replace(recording, provenance=about), interrupted, cameras, lines, settings.centres)
 
 
 def centres_of(opened: Opened) -> JointCentres | None:
@@ -231,11 +235,9 @@ def _check_people(observations: Observations, warn: Say) -> None:
     # frames of each camera with a person, and how often that person is where the other cameras see one
     seen = [len(np.unique(observations.detection_frame[detected & (cameras == c)])) for c in range(len(names))]
     agreed = [int((followed & (cameras == c)).sum()) for c in range(len(names))]
-    for name, frames, used in zip(names, seen, agreed, strict=True):
+    for name, frames in zip(names, seen, strict=True):
         if not frames:
             warn(f"camera {name}: no person found in {steps} of {steps} frames")
-        elif not used:
-            warn(f"camera {name}: a person found in {frames} frames, but never where the other cameras see one")
     least = 1 if observations.depth_m is not None else LEAST_CAMERAS
     if sum(map(bool, seen)) < least:
         empty = [name for name, frames in zip(names, seen, strict=True) if not frames]
@@ -247,8 +249,3 @@ def _check_people(observations: Observations, warn: Say) -> None:
     if sum(map(bool, agreed)) < least:
         counts = ", ".join(f"{frames} frames of {name}" for name, frames in zip(names, seen, strict=True) if frames)
         raise InputError(f"a person was found in {counts}, but no two agree: is the calibration the one of these videos?")
-
-
-def _found(views: ViewSequence) -> dict[str, float]:
-    seen = (views.score > 0).any(axis=(1, 3))
-    return {name: float(share) for name, share in zip(views.camera_names, seen.mean(axis=0), strict=True)}

@@ -44,6 +44,10 @@ class VerifyLimits:
     views: int = 10
 
 
+VERIFY_LIMITS = VerifyLimits()
+_JUST_WRONG = 1.01
+
+
 @dataclass(frozen=True, kw_only=True)
 class CameraError:
     """One camera against the others, with standard errors; NaN where it shares too few views.
@@ -53,6 +57,8 @@ class CameraError:
         turn_rad, shift_m: of its pose. focal: share of its focal length. late_s: of its clock.
         effect: what they do together to the image, in px (rms) per 1000 px of width.
         noise_px: spread of a corner coordinate that is left.
+        unlikely: how badly all cameras fit while this one is free: mean negative log-likelihood of a corner (Cauchy).
+        odd: the others agree without it alone, though by its own error alone it would pass.
     """
 
     name: str
@@ -68,9 +74,13 @@ class CameraError:
     late_sigma: float = np.nan
     effect: float = np.nan
     noise_px: float = np.nan
+    unlikely: float = np.nan
+    odd: bool = False
 
-    def excess(self, limits: VerifyLimits) -> float:
+    @property
+    def excess(self) -> float:
         """The largest error over its limit; more than 1 is wrong, NaN is not known."""
+        limits = VERIFY_LIMITS
         pairs = (
             (self.turn_rad, self.turn_sigma, limits.turn_rad), (self.shift_m, self.shift_sigma, limits.shift_m),
             (self.focal, self.focal_sigma, limits.focal_share), (self.late_s, self.late_sigma, limits.late_s),
@@ -78,7 +88,7 @@ class CameraError:
         # one camera alone knows the target's distance badly, and in ways that standard errors do not show
         alone = _ONE_OTHER if self.others == 1 else 1.0
         single = max(abs(value) / (alone * max(least, limits.sigma * sigma)) for value, sigma, least in pairs)
-        return min(single, self.effect / limits.effect_px_per_1000)
+        return max(min(single, self.effect / limits.effect_px_per_1000), _JUST_WRONG if self.odd else 0.0)
 
     @property
     def words(self) -> str:
@@ -91,21 +101,25 @@ class CameraError:
         )
 
 
-def camera_errors(rig: Rig, seen: Snapshots, target: Target, limits: VerifyLimits) -> tuple[CameraError, ...]:
-    """Each camera against those that are not found wrong: the worst is taken away first, and the others measured again."""
+def camera_errors(rig: Rig, seen: Snapshots, target: Target) -> tuple[CameraError, ...]:
+    """Each camera against those that are not found wrong.
+
+    As long as one is wrong, the camera goes without which the others agree best: a wrong camera makes others look wrong that are
+    measured against it, often more than itself. In the end those that went are measured against those that stayed.
+    """
     views = _each_patch_alone(seen)
-    trusted = {int(c) for c in np.unique(views.camera)}
-    found = {c: _against(rig, views, target, c, trusted - {c}, limits) for c in range(len(rig))}
-    wrong: set[int] = set()
+    trusted, gone = {int(c) for c in np.unique(views.camera)}, []
+    found = {c: _against(rig, views, target, c, trusted - {c}) for c in range(len(rig))}
     while len(trusted) > 2:
-        excess = {c: found[c].excess(limits) for c in trusted if np.isfinite(found[c].turn_rad)}
-        worst = max(excess, key=lambda c: excess[c], default=-1)
-        if worst < 0 or excess[worst] <= 1:
+        known = [found[c] for c in trusted if np.isfinite(found[c].turn_rad)]
+        if not any(one.excess > 1 for one in known):
             break
-        wrong.add(worst)
-        trusted.discard(worst)
-        again = {c: _against(rig, views, target, c, trusted - {c}, limits) for c in range(len(rig)) if c not in wrong}
+        gone.append(rig.names.index(min(known, key=lambda one: one.unlikely).name))
+        trusted.discard(gone[-1])
+        again = {c: _against(rig, views, target, c, trusted - {c}) for c in range(len(rig))}
         found |= {c: one for c, one in again.items() if np.isfinite(one.turn_rad)}
+    if gone and not any(one.excess > 1 for one in found.values()):
+        found[gone[0]] = replace(found[gone[0]], odd=True)
     return tuple(found[c] for c in range(len(rig)))
 
 
@@ -133,13 +147,13 @@ def _spread(items: Array, most: int) -> Array:
     return np.asarray(items[np.unique(np.linspace(0, len(items) - 1, min(len(items), most)).astype(np.int64))])
 
 
-def _against(rig: Rig, views: Snapshots, target: Target, c: int, others: Iterable[int], limits: VerifyLimits) -> CameraError:
+def _against(rig: Rig, views: Snapshots, target: Target, c: int, others: Iterable[int]) -> CameraError:
     """One camera's pose, focal length and clock are free, the others fixed."""
     trusted = sorted(others)
     shared = np.unique(views.instant[np.isin(views.camera, trusted)])
     seen = views.rows(np.isin(views.camera, [*trusted, c]) & np.isin(views.instant, shared))
     count = len(np.unique(seen.instant[seen.camera == c]))
-    if count < limits.views or not trusted:
+    if count < VERIFY_LIMITS.views or not trusted:
         return CameraError(name=rig.names[c], views=count)
     freed = _freed(rig, seen, target, c)
     return (
@@ -191,6 +205,7 @@ def _error(rig: Rig, solution: PropSolution, seen: Snapshots, target: Target, c:
     cross = np.array([[0, -t[2], t[1]], [t[2], 0, -t[0]], [-t[1], t[0], 0]])
     slope = -after.R[c].T @ np.hstack([cross, np.eye(3)])
     mean = np.array([0.5, 0.5, 0, 0, 0, 0]) / rig.cameras[c].K[0, 0]
+    off_px = np.linalg.norm(solution.residual_px, axis=1)
     return CameraError(
         name=rig.names[c],
         views=count,
@@ -205,4 +220,5 @@ def _error(rig: Rig, solution: PropSolution, seen: Snapshots, target: Target, c:
         late_sigma=float(solution.delay_sigma_s[c, 0]),
         effect=_effect(rig, solution, seen, target, c),
         noise_px=solution.sigma_px,
+        unlikely=float(np.log(solution.sigma_px) + np.log1p((off_px / solution.sigma_px) ** 2).mean()),
     )

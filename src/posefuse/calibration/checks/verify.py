@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
@@ -16,19 +17,20 @@ from posefuse.calibration.targets.kinds import Target
 from posefuse.core import CalibrationError, Rig
 from posefuse.core.arrays import Array
 
-from .camera_errors import CameraError, VerifyLimits, camera_errors
+from .camera_errors import VERIFY_LIMITS, CameraError, camera_errors
 from .point_noise import point_covariance
 
 # chosen, not fitted: errors of lengths on top of noise, as a share of the median length, and of the scale, that a rig may have
 _MOST_LENGTH_RMS_SHARE = 0.02
-_MOST_SCALE_ERROR = 0.01
+_MOST_SCALE_ERROR = 0.007
 # the noise of corners is known to some ten per cent, and a linear triangulation is not the best there is
 _NOISE_FACTOR = 1.5
 # chosen, not fitted: coarse, of all corners together; single cameras are judged by `VerifyLimits`
 _MOST_REPROJECTION_PX_PER_1000 = 2.5
 _LEAST_LENGTHS = 20
-_EXCHANGED = "cameras were exchanged, or one moved far since the calibration: check which is which, and calibrate again"
-VERIFY_LIMITS = VerifyLimits()
+# chosen, not fitted: the misfit that is left when the names of two cameras are exchanged, and pairs that leave about as little
+# (of four cameras in a ring, exchanging two opposite ones is exchanging the other two)
+_EXCHANGE_LEAVES, _EXCHANGE_ALIKE = 0.2, 1.5
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -37,16 +39,12 @@ class Verification:
 
     Attributes:
         length_error_m: (L,) measured minus true distances between corners of one patch at one time step.
-        scale: ratio of measured to true lengths (median).
-        reprojection_px: (C,) rms distance of the seen corners to the reprojected ones.
         cell_px: (C, rows, columns) the same per image region; NaN where nothing was seen.
         cameras: turn, shift, focal length and clock of each camera against the others.
         report: checks.
     """
 
     length_error_m: Array
-    scale: float
-    reprojection_px: Array
     cell_px: Array
     cameras: tuple[CameraError, ...]
     report: CalibrationReport
@@ -57,14 +55,11 @@ class Verification:
         return float(np.sqrt((self.length_error_m**2).mean()))
 
 
-def verify(
-    rig: Rig, observations: CornerObservations, target: Target, late_s: Array | None = None, limits: VerifyLimits = VERIFY_LIMITS
-) -> Verification:
+def verify(rig: Rig, observations: CornerObservations, target: Target, late_s: Array | None = None) -> Verification:
     """Triangulate a target's corners wherever 2 cameras see them, and compare the distances between them with the truth.
 
     Args:
         rig: to be verified. observations: of an extra marker or board. late_s: (C,) clocks of the cameras, as calibrated.
-        limits: what refuses a camera.
 
     Raises:
         CalibrationError: too few lengths for a result.
@@ -82,7 +77,7 @@ def verify(
     xy[seen.camera, point] = seen.xy_img
     xyz = triangulate_linear(rig, xy)
     off = rig.project(xyz) - xy
-    found = camera_errors(rig, seen, target, limits)
+    found = camera_errors(rig, seen, target)
     noise_px = float(np.nanmin([one.noise_px for one in found])) if any(one.noise_px > 0 for one in found) else 0.0
     corners = np.stack([target.corners(int(patch)) for patch in seen.patches])
     error, true, noise_m = _lengths(key, xyz, point_covariance(rig, xyz, xy, noise_px), corners)
@@ -93,29 +88,20 @@ def verify(
             f"verification: {measured.sum()} lengths measured, at least {_LEAST_LENGTHS} are needed;"
             " hold the target where two cameras see it, and check that each video is of the camera that it is named after"
         )
-    unmeasured = int((~measured).sum())
     error, true, noise_m = error[measured], true[measured], noise_m[measured]
     square = (off**2).sum(axis=-1)
     scale = float(np.median(1 + error / true))
     reprojection_px = _rms(square)
     rms_m = float(np.sqrt((noise_m**2).mean()))
-    report = _report(rig, error, true, unmeasured=unmeasured, scale=scale, noise_m=rms_m, reprojection_px=reprojection_px,
-                     found=found, limits=limits)  # fmt: skip
-    return Verification(
-        length_error_m=error,
-        scale=scale,
-        reprojection_px=reprojection_px,
-        cell_px=_cells(rig, xy, square),
-        cameras=found,
-        report=report,
-    )
+    exchanged = "" if all(one.excess <= 1 for one in found if one.noise_px > 0) else _exchanged(rig, xy)
+    report = _report(rig, error, true, exchanged=exchanged,
+                     scale=scale, noise_m=rms_m, reprojection_px=reprojection_px,
+                     found=found)  # fmt: skip
+    return Verification(length_error_m=error, cell_px=_cells(rig, xy, square), cameras=found, report=report)
 
 
 def _lengths(key: Array, xyz: Array, covariance: Array, corners: Array) -> tuple[Array, Array, Array]:
-    """Errors, true values and standard errors of all distances between corners of one patch at one time step.
-
-    Noise across a short distance makes it longer by the variance over twice the distance; that is taken away.
-    """
+    """Errors, true values and standard errors of all distances between corners of one patch at one time step."""
     good = np.isfinite(xyz).all(axis=1)
     key, xyz, covariance = key[good], xyz[good], covariance[good]
     image = np.unique(key[:, :2], axis=0, return_inverse=True)[1].ravel()
@@ -130,8 +116,7 @@ def _lengths(key: Array, xyz: Array, covariance: Array, corners: Array) -> tuple
         found = np.linalg.norm(between, axis=1)
         both = covariance[rows[i]] + covariance[rows[j]]
         along = np.einsum("ni,nij,nj->n", between, both, between) / np.maximum(found, 1e-9) ** 2
-        across = np.trace(both, axis1=1, axis2=2) - along
-        error.append(found - across / (2 * np.maximum(found, 1e-9)) - wanted)
+        error.append(found - wanted)
         true.append(wanted)
         sigma.append(np.sqrt(np.maximum(along, 0.0)))
     if not error:
@@ -162,16 +147,42 @@ def _rms(square: Array) -> Array:
         )
 
 
-def _camera_checks(found: tuple[CameraError, ...], limits: VerifyLimits) -> tuple[Check, Check]:
+def _exchanged(rig: Rig, xy: Array) -> str:
+    """Which two cameras have each other's name, in words; empty where no exchange makes the rays of corners (C, P, 2) meet."""
+    off_px = {}
+    for a, b in [(0, 0), *combinations(range(len(rig)), 2)]:
+        if rig.cameras[a].size_wh == rig.cameras[b].size_wh:
+            order = np.arange(len(rig))
+            order[[a, b]] = b, a
+            off_px[a, b] = _median_px(rig, xy[order])
+    best_px, now_px = min(off_px.values()), off_px[0, 0]
+    if not best_px < _EXCHANGE_LEAVES * now_px:
+        return ""
+    alike = (f"{rig.names[a]} and {rig.names[b]}" for (a, b), px in off_px.items() if px < _EXCHANGE_ALIKE * best_px)
+    return f"{' or '.join(alike)} have exchanged names: so corners are {best_px:.1f} px off, not {now_px:.1f}"
+
+
+def _median_px(rig: Rig, xy: Array) -> float:
+    off_px = np.linalg.norm(rig.project(triangulate_linear(rig, xy)) - xy, axis=-1)
+    known = off_px[np.isfinite(off_px)]
+    return float(np.median(known)) if len(known) else np.inf
+
+
+def _camera_checks(found: tuple[CameraError, ...], exchanged: str) -> tuple[Check, Check]:
     unseen = [
-        f"{one.name} ({one.views} views shared with others, needed {limits.views})" for one in found if np.isnan(one.turn_rad)
+        f"{one.name} ({one.views} views shared with others, needed {VERIFY_LIMITS.views})"
+        for one in found
+        if np.isnan(one.turn_rad)
     ]
     known = [one for one in found if not np.isnan(one.turn_rad)]
-    wrong = [one for one in known if one.excess(limits) > 1]
-    worst = max(known, key=lambda one: one.excess(limits), default=None)
-    detail = "; ".join(one.words for one in wrong) or (f"the worst: {worst.words}" if worst else "no camera was measured")
+    wrong = [one for one in known if one.excess > 1]
+    worst = max(known, key=lambda one: one.excess, default=None)
+    detail = (
+        exchanged or "; ".join(one.words for one in wrong) or (f"the worst: {worst.words}" if worst else "no camera was measured")
+    )
     return (
         Check("cameras are where the rig has them", not wrong, detail,
+              "give each camera the name it had in the calibration" if exchanged else
               "it was moved, zoomed or refocused since the calibration, or its clock differs: calibrate again", "rig"),
         Check("every camera is measured", not unseen, f"not verified: {', '.join(unseen)}" if unseen else "all saw the target",
               "hold the target where this camera and another see it, or leave the camera out"),
@@ -182,12 +193,11 @@ def _report(
     rig: Rig,
     error: Array,
     true: Array,
-    unmeasured: int,
+    exchanged: str,
     scale: float,
     noise_m: float,
     reprojection_px: Array,
     found: tuple[CameraError, ...],
-    limits: VerifyLimits,
 ) -> CalibrationReport:
     rms = float(np.sqrt((error**2).mean()))
     limit = float(np.hypot(_MOST_LENGTH_RMS_SHARE * np.median(true), _NOISE_FACTOR * noise_m))
@@ -195,15 +205,14 @@ def _report(
     width_px = max(rig.cameras[worst].size_wh)
     limit_px = _MOST_REPROJECTION_PX_PER_1000 * width_px / 1000
     worst_px = f"{reprojection_px[worst]:.2f} px rms" if reprojection_px[worst] < width_px else f"more than {width_px} px rms"
-    lost = f"; {unmeasured} more cannot be measured" if unmeasured else ""
     checks = (
-        *_camera_checks(found, limits),
-        Check("lengths are right", rms <= limit and unmeasured < len(error),
+        *_camera_checks(found, exchanged),
+        Check("lengths are right", rms <= limit,
               f"rms {rms * 1e3:.2f} mm over {len(error)} lengths, {noise_m * 1e3:.2f} mm of it from noise of the corners (limit"
-              f" {limit * 1e3:.2f} mm){lost}",
-              _EXCHANGED if unmeasured else "a camera moved since the calibration, or the target is not as described", "rig"),
+              f" {limit * 1e3:.2f} mm)",
+              "a camera moved since the calibration, or the target is not as described", "rig"),
         Check("scale is right", abs(scale - 1) <= _MOST_SCALE_ERROR,
-              f"lengths measure {scale:.4f} of the truth (limit {_MOST_SCALE_ERROR:.0%} off)",
+              f"lengths measure {scale:.4f} of the truth (limit {_MOST_SCALE_ERROR:.1%} off)",
               "a wrong marker side, here or in the calibration", "rig"),
         Check("reprojection", bool(reprojection_px[worst] <= limit_px),
               f"{rig.names[worst]} is worst with {worst_px} (limit {limit_px:.2f})",

@@ -35,7 +35,7 @@ from posefuse.outputs.facts import duration_s, recorded_utc
 
 from .angles import cycle_plots, range_table, time_plots
 from .parameters import parameter_blocks
-from .quality import QUALITY_COLUMNS, quality_rows, views_picture
+from .quality import CAMERA_COLUMNS, QUALITY_COLUMNS, camera_rows, quality_rows, views_picture
 
 TITLE = "Motion report"
 BAND_SIGMAS = 2.0
@@ -84,13 +84,16 @@ def report_page(
     blocks: list[Block] = [Facts(_origin(recording) | made), _cards(recording)]
     if refusal := refusal_note("rig", recording.rig):
         blocks.append(Note(refusal, warning=True))
-    blocks += [Note(str(line), warning=True) for line in recording.provenance.get("incomplete_cameras") or ()]
+    for name in ("incomplete_cameras", "rig_warnings"):
+        blocks += [Note(str(line), warning=True) for line in recording.provenance.get(name) or ()]
     if images:
         blocks.append(Images(images))
     if len(poses) and np.isfinite(poses.xyz_world).any():
         blocks += [Heading("The recording in 3D"), _player(recording)]
     for n in range(len(poses.person_id)):
         blocks += _person(recording, joints, n)
+    if fits := recording.provenance.get("camera_fits"):
+        blocks += [Heading("Cameras"), Table(CAMERA_COLUMNS, camera_rows(fits))]
     if recording.provenance:
         settings = {key: _text(value) for key, value in recording.provenance.items()}
         blocks += [Heading("How it was made"), Details("Settings and versions", [Facts(settings)])]

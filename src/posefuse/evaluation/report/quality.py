@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +14,8 @@ from posefuse.evaluation.metrics import known_median
 from posefuse.formats.page import Cell
 
 QUALITY_COLUMNS = ("keypoint", "measured", "filled", "cameras", "reprojection px", "standard deviation mm", "longest gap s")
+
+CAMERA_COLUMNS = ("camera", "person seen", "of it left out", "reprojection px", "in standard deviations")
 
 
 @dataclass(frozen=True)
@@ -69,6 +72,11 @@ def quality_rows(recording: Recording, person: int) -> list[list[Any]]:
         ]
         for k in keypoint_quality(recording, person)
     ]  # fmt: skip
+
+
+def camera_rows(fits: Mapping[str, Mapping[str, float]]) -> list[list[Any]]:
+    """Rows under `CAMERA_COLUMNS` of the fields of `health.recorded.CameraFit`, by camera."""
+    return [[name, f"{one['seen']:.0%}", f"{one['left_out']:.0%}", one["reproj_px"], one["sigmas"]] for name, one in fits.items()]
 
 
 def views_picture(recording: Recording, person: int) -> Array:
