@@ -85,7 +85,8 @@ def _fits(log: Observations, poses: PoseSequence, rig: Rig, views: ViewSequence)
     kept = np.zeros((len(rig), len(poses)), bool)
     frame = log.detection_frame[log.person_id == poses.person_id[0]]
     kept[log.frame_camera[frame], log.frame_step[frame]] = True
-    seen, limbs, fits = (views.score[:, 0] > 0).any(axis=2).T, limb_keypoints(views.skeleton.keypoints), {}
+    seen, limbs = np.asarray((views.score[:, 0] > 0).any(axis=2).T), limb_keypoints(views.skeleton.keypoints)
+    fits = {}
     for c, camera in enumerate(rig):
         off_px = np.linalg.norm(camera.project(poses.xyz_world[:, 0]) - views.xy_img[:, 0, c], axis=-1)[:, limbs]
         fits[camera.name] = CameraFit(

@@ -67,7 +67,7 @@ def _from_images(session: Session, config: TrackConfig, seconds: float, progress
 
 def _from_files(session: Session, config: TrackConfig, seconds: float) -> SessionSeen:
     poses = read_session_poses(session, config.keypoints)
-    rate_hz = pose2d_rate_hz(session, poses, config)
+    rate_hz = pose2d_rate_hz(session, config)
     found = {}
     for entry, one in zip(session.inputs, poses, strict=True):
         frames = list(one.frames(rate_hz))

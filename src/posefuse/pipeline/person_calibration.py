@@ -108,5 +108,5 @@ def frame_period_s(times_ns: Array) -> float:
 def _person_in_files(paths: Mapping[str, Path], cameras: tuple[Camera, ...], rate_hz: float | None) -> ChosenPerson:
     if rate_hz is None:
         raise InputError("person: 2D poses do not state their frame rate: add `rate_hz=HZ`")
-    poses = read_pose2d_of_cameras(paths, {camera.name: camera.size_wh for camera in cameras})
+    poses = read_pose2d_of_cameras(paths)
     return choose_person({one.camera: list(one.frames(rate_hz)) for one in poses}, cameras)

@@ -119,7 +119,7 @@ def pose2d_instants(session: Session, config: TrackConfig) -> tuple[Rig, Pose2DI
 def read_session_poses(session: Session, keypoints: str) -> list[Pose2DFrames]:
     """2D poses of all cameras of a session, see `read_pose2d_of_cameras`."""
     paths = {entry.camera: entry.path for entry in session.inputs}
-    return read_pose2d_of_cameras(paths, {camera.name: camera.size_wh for camera in session.rig}, keypoints)
+    return read_pose2d_of_cameras(paths, keypoints)
 
 
 def joint_centres_of_set(skeleton: Skeleton) -> JointCentres | None:

@@ -64,14 +64,14 @@ def test_a_walker_from_the_side_and_a_camera_without_hips_are_read_as_the_others
         upper = person(name, k)
         upper[hips, 2] = 0
         write(above, k, [upper])
-    both = read_pose2d_of_cameras({"side": side, "above": above}, {"side": (640, 480), "above": (640, 480)})
+    both = read_pose2d_of_cameras({"side": side, "above": above})
     assert [one.skeleton.name for one in both] == [name, name]
     assert read_openpose_folder(side, "side").skeleton.name == name
     other = "body_25" if name == "body_25b" else "body_25b"
-    stated = read_pose2d_of_cameras({"side": side}, {"side": (640, 480)}, other)
+    stated = read_pose2d_of_cameras({"side": side}, other)
     assert stated[0].skeleton.name == other
     with pytest.raises(InputError, match=r"keypoints: no set 'body25'; there are: .*body_25b"):
-        read_pose2d_of_cameras({"side": side}, {"side": (640, 480)}, "body25")
+        read_pose2d_of_cameras({"side": side}, "body25")
 
 
 def test_eighteen_points_become_coco17(tmp_path):

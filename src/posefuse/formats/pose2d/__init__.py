@@ -72,13 +72,11 @@ def read_pose2d(path: Path, camera: str, *, skeleton: Skeleton | None = None) ->
     raise InputError(f"{path}: camera {camera}: no format of 2D poses recognised; looked for {looked}")
 
 
-def read_pose2d_of_cameras(
-    paths: Mapping[str, Path], sizes_wh: Mapping[str, tuple[int, int]], keypoints: str = ""
-) -> list[Pose2DFrames]:
+def read_pose2d_of_cameras(paths: Mapping[str, Path], keypoints: str = "") -> list[Pose2DFrames]:
     """2D poses of several cameras, all in one order of keypoints: what one camera leaves open, the people of all decide.
 
     Args:
-        paths, sizes_wh: as for `read_pose2d`, by camera name. keypoints: name of the keypoint set; empty to recognise it.
+        paths: as for `read_pose2d`, by camera name. keypoints: name of the keypoint set; empty to recognise it.
 
     Raises:
         InputError: as `read_pose2d`; or no such keypoint set.
@@ -87,10 +85,7 @@ def read_pose2d_of_cameras(
         raise InputError(f"keypoints: no set {keypoints!r}; there are: {choices(SKELETONS)}")
     stated = SKELETONS.get(keypoints)
     order = stated or openpose.body_order(path for path in paths.values() if openpose.fits(path))
-    return [
-        read_pose2d(path, name, skeleton=order if openpose.fits(path) else stated, size_wh=sizes_wh[name])
-        for name, path in paths.items()
-    ]
+    return [read_pose2d(path, name, skeleton=order if openpose.fits(path) else stated) for name, path in paths.items()]
 
 
 def _fits(format: Pose2DFormat, path: Path) -> bool:
