@@ -111,7 +111,7 @@ def main() -> None:
     if args.write:
         from drive import write_between_marks
 
-        write_between_marks(args.write, "length", table)
+        write_between_marks(args.write, table, "length")
 
 
 if __name__ == "__main__":
