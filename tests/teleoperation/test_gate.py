@@ -357,6 +357,19 @@ def test_another_body_under_the_same_id_never_gets_the_robot_without_a_new_press
             assert run.tick(12, change=change) is Phase.ENGAGED
 
 
+@pytest.mark.parametrize("off_s", [-0.2, 0.2])
+def test_another_body_while_the_clock_is_off_does_not_get_it_either(engaged_run, off_s):
+    """It comes from afar while no view is of now, and is where the operator was when views count again."""
+    run, off_ns = engaged_run.copied(), round(off_s * 1e9)
+    for k in range(30):
+        stamps = {"t_ns": run.now_ns - off_ns, "measured_ns": run.now_ns - off_ns}
+        away = np.array([0.8 - 0.025 * k, 0.0, 0.0])
+        run.tick(change=lambda news, stamps=stamps, away=away: another_body(
+            replace(news, view=replace(news.view, **stamps)), away, 1.05))  # fmt: skip
+        assert run.phase is not Phase.ENGAGED
+    assert run.tick(40, change=lambda news: another_body(news, np.array([0.05, 0.0, 0.0]), 1.05)) is Phase.IDLE
+
+
 def test_exchanged_hands_never_get_the_robot_without_a_new_press(engaged_run):
     for seed in range(40):
         assert_never_again_without_a_press(engaged_run.copied(), exchanged_hands, np.random.default_rng([seed, 4]))

@@ -87,6 +87,19 @@ def test_the_arm_moves_first_and_the_base_when_it_is_stretched():
     assert errors[-1] < 1e-3 and made.joints.q[0] > 0.5
 
 
+def test_a_base_that_is_held_is_a_fault():
+    """No joint of the arm shows it."""
+    made = robot()
+    start, chain = made.posture().xyz_world, made.joints.chain
+    held = made.data.qpos[chain.qpos[0]]
+    for k in range(400):
+        drive(made, start + [[0.05 + 0.002 * k, 0, 0]])
+        made.data.qpos[chain.qpos[0]], made.data.qvel[chain.dofs[0]] = held, 0.0
+        chain.place(made.data.qpos[chain.qpos])
+        apart_m = np.linalg.norm(chain.positions() - made.posture().xyz_world)
+    assert apart_m > 0.15 and made.posture().fault == f"the end effector is {apart_m:.2f} m from where it was commanded"
+
+
 def test_what_cannot_be_reached_is_reported_and_joint_limits_are_kept():
     made = robot()
     driver, chain, now_ns = Driver(made, TeleoperationSettings()), made.joints.chain, 10**12

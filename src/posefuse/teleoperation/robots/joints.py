@@ -19,7 +19,7 @@ from posefuse.teleoperation.settings import LimitSettings
 
 from .chain import Chain
 from .ik import WholeBodyIk
-from .protocol import Goal, Posture
+from .protocol import FOLLOWS_M, FOLLOWS_RAD, Goal, Posture
 
 # a stop that takes longer is none: with the watchdog, the robot stands 0.35 s after the last order
 _STOP_S = 0.28
@@ -30,8 +30,6 @@ _SHARES = (1.0, 0.5, 0.2)
 # pairs of bodies farther apart than this are not measured exactly
 _WATCH_M = 0.25
 _ROUNDING = 1e-9
-# joints of the arm may be so far from their commanded positions
-_FOLLOWS_RAD = 0.35
 
 
 class Joints:
@@ -95,13 +93,15 @@ class Joints:
             measured_xyz_world=ends,
             q=self.q,
             spheres_world=spheres,
-            fault=fault or self._not_following(measured),
+            fault=fault or self._not_following(measured, ends - place @ self._here),
         )
 
-    def _not_following(self, measured: Array) -> str:
+    def _not_following(self, measured: Array, apart: Array) -> str:
+        """What is wrong, if anything. apart: (H, 3) measured minus commanded end effectors: shows a base that is held, too."""
         off = np.abs(measured - self.q)[self.chain.arm]
-        if off.max() <= _FOLLOWS_RAD:
-            return ""
+        if off.max() <= FOLLOWS_RAD:
+            far_m = float(np.linalg.norm(apart, axis=1).max())
+            return f"the end effector is {far_m:.2f} m from where it was commanded" if far_m > FOLLOWS_M else ""
         name = [name for name, arm in zip(self.chain.names, self.chain.arm, strict=True) if arm][int(off.argmax())]
         return f"joint {name} is {off.max():.2f} rad from its commanded position"
 

@@ -10,6 +10,11 @@ import numpy as np
 from posefuse.core.arrays import Array
 from posefuse.teleoperation.follower import STANDING
 
+# joints, and orientations of end effectors, may be so far from the commanded ones
+FOLLOWS_RAD = 0.35
+# and end effectors: what the default speed limit covers in 0.3 s, more than a usual controller lags
+FOLLOWS_M = 0.15
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Goal:

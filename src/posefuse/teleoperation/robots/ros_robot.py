@@ -36,16 +36,12 @@ from posefuse.teleoperation.settings import LimitSettings, TeleoperationSettings
 from .chain import Chain
 from .joints import Joints
 from .mujoco_robot import mujoco_model, placed
-from .protocol import Goal, Posture
+from .protocol import FOLLOWS_M, FOLLOWS_RAD, Goal, Posture
 from .reports import RosPlan
 
 _MOST_BYTES = 1_000_000
 # the robot's own state may be so old, and the wait for the first one so long
 _STATE_S, _FIRST_S = 0.2, 10.0
-# orientations may be so far from the commanded ones
-_FOLLOWS_RAD = 0.35
-# and end effectors: what the default speed limit covers in 0.3 s, more than a usual controller lags
-_FOLLOWS_M = 0.15
 # velocities drift: of what a robot moved less or more than commanded, this is the time constant of forgetting
 _FORGET_S = 3.0
 # a node that leaves at once may take its last message with it
@@ -289,7 +285,7 @@ class RosCartesian:
             goal = self._goal
             apart = np.zeros((1, 6)) if goal is None else _motion(xyz, wxyz, goal.xyz_world, goal.wxyz)
         far_m, turned_rad = (float(np.linalg.norm(part, axis=1).max()) for part in (apart[:, :3], apart[:, 3:]))
-        if far_m > _FOLLOWS_M or turned_rad > _FOLLOWS_RAD:
+        if far_m > FOLLOWS_M or turned_rad > FOLLOWS_RAD:
             return f"the end effector is {far_m:.2f} m and {turned_rad:.2f} rad from where it was commanded"
         return ""
 
