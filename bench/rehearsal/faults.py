@@ -31,6 +31,8 @@ _WARM_TICKS = 55
 # other pair targets go out of reach
 _WORLDS = 32
 _NEARER_M = 0.45
+# damping of joints that are held, N m s/rad: no drive moves them
+_HELD = 1e6
 FAULTS = (
     "frozen pose", "late pose", "jumping pose", "dead cameras", "one camera left", "exchanged person", "NaN", "infinite",
     "exchanged sides", "unsure", "pose clock jumps", "gate clock jumps", "gate stalls", "lost network", "late network",
@@ -90,11 +92,13 @@ def tick(world: World, active: set[str]) -> None:
 
 def _step_robot(world: World, due: list[Any], blocked: bool) -> None:
     world.blocked = blocked and hasattr(world.robot, "joints")
-    before = (world.robot.data.qpos.copy(), world.robot.data.qvel.copy()) if world.blocked else None
+    # held within the physics, as by a brake that does not open
+    damping = world.robot.model.dof_damping if world.blocked else np.zeros(0)
+    own = damping.copy()
+    damping[:] = _HELD
     world.state = world.driver.step(due, world.now_ns, late=world.left_out, left_out=world.left_out)
+    damping[:] = own
     world.left_out = 0
-    if before is not None:
-        world.robot.data.qpos[:], world.robot.data.qvel[:] = before
 
 
 def _change_body(world: World, active: set[str]) -> None:
