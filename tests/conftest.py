@@ -5,6 +5,7 @@ import gzip
 import importlib.util
 import json
 import os
+import signal
 import subprocess
 from collections.abc import Callable, Generator, Iterator
 from html.parser import HTMLParser
@@ -24,6 +25,12 @@ from posefuse.foundation.user_cache import default_cache_dir
 from posefuse.simulation.cameras import looking_at
 
 _SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+def pytest_configure() -> None:
+    """Have Ctrl-C heeded: a shell that runs the tests in the background has them ignore it, and tests of it would wait for ever."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def is_of_missing_extra(error: DependencyError) -> bool:
