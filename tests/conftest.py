@@ -28,7 +28,7 @@ _SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 
 def pytest_configure() -> None:
-    """Have Ctrl-C heeded: a shell that runs the tests in the background has them ignore it, and tests of it would wait for ever."""
+    """Heed Ctrl-C: a shell that runs the tests in the background has them ignore it, and tests of it would wait for ever."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
