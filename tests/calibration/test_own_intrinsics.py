@@ -34,7 +34,7 @@ def test_a_recording_that_does_not_carry_them_is_refused_by_name(lab: Any) -> No
     few = few.rows((few.camera != 1) | (few.t_ns < np.unique(few.t_ns[few.camera == 1])[3]))
     with pytest.raises(CalibrationError, match=r"camera cam01: \d+ views of the target, its intrinsics need at least 12"):
         calibrate_extrinsics(few, target=lab.target, clocks="together")
-    with pytest.raises(InputError, match="needs intrinsics to refine"):
+    with pytest.raises(InputError, match="needs `intrinsics=FILE` to refine"):
         calibrate_extrinsics(lab.watch(), target=lab.target, focal_known_to_percent=1.0)
 
 

@@ -71,8 +71,8 @@ class Try:
     log: Path
     mark: str
 
-    def wait(self) -> int:
-        return self.process.wait(LIMIT_S)
+    def wait(self, limit_s: float = LIMIT_S) -> int:
+        return self.process.wait(limit_s)
 
     def said(self) -> str:
         return self.log.read_text()
@@ -108,7 +108,7 @@ def test_an_interrupted_command_ends_quietly_and_loses_nothing_and_a_next_run_wo
     words, before, rng = COMMANDS[name], tree(inputs), random.Random(name)
     began_s = time.monotonic()
     whole = started(words, inputs, tmp_path / "whole")
-    expected, lasts_s = whole.wait(), time.monotonic() - began_s
+    expected, lasts_s = whole.wait(LIMIT_S), time.monotonic() - began_s
     assert expected not in CODES.values(), whole.said()
     out = tmp_path / "out"
     (tmp_path / "notes.txt").write_text("mine")
@@ -117,7 +117,7 @@ def test_an_interrupted_command_ends_quietly_and_loses_nothing_and_a_next_run_wo
         time.sleep(moment_s)
         sent(run, number)
         where = f"{name}, {number.name} after {moment_s:.2f} of {lasts_s:.2f} s"
-        ended = run.wait()
+        ended = run.wait(LIMIT_S)
         # before the command has begun, Python itself ends; what was done already is done
         assert ended in (code, -number, expected), f"{where}: {ended}: {run.said()}"
         assert "Traceback" not in run.said() and "this is a bug" not in run.said(), f"{where}: {run.said()}"
@@ -127,7 +127,7 @@ def test_an_interrupted_command_ends_quietly_and_loses_nothing_and_a_next_run_wo
         if ended == expected or "--duration" in words:
             out = tmp_path / f"after {number.name}"
     again = started(words, inputs, out)
-    assert again.wait() == expected, again.said()
+    assert again.wait(LIMIT_S) == expected, again.said()
     assert left(again.mark) == []
 
 
@@ -163,5 +163,5 @@ def test_an_interrupted_studio_ends_quietly_and_starts_again(number: signal.Sign
         until(lambda run=run: "token=" in run.said() or run.process.poll() is not None)
         time.sleep(random.Random(int(number)).uniform(0.0, 1.0))
         sent(run, one)
-        assert run.wait() in (0, CODES[one]), run.said()
+        assert run.wait(LIMIT_S) in (0, CODES[one]), run.said()
         assert "Traceback" not in run.said() and left(run.mark) == []

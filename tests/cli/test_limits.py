@@ -26,7 +26,7 @@ def config_of(*words: str) -> TrackConfig:
 
 def test_options_change_the_settings() -> None:
     config = config_of("--start=1", "--person=2,3", "--weights=none", "--raw", "--outputs=trc,c3d", "--set", "end_s=5")
-    assert (config.start_s, config.end_s, config.raw, config.outputs) == (1.0, 5.0, True, ("trc", "c3d"))
+    assert (config.start_s, config.end_s, config.raw, config.outputs) == (1.0, 5.0, True, {"trc": {}, "c3d": {}})
     assert (config.associate.near_xy_m, config.fuse.weights) == ((2.0, 3.0), "none")
 
 

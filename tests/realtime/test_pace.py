@@ -36,7 +36,7 @@ def sentences(pace: ProcessedImages, share: float, network: str = "blazepose_ful
 
 def test_a_slow_machine_is_reported_once_with_what_helps() -> None:
     assert sentences(ProcessedImages(), 0.09) == [
-        "this computer processes 9% of the images: use --networks blazepose_lite, fewer cameras, or cameras at a lower frame rate"
+        "this computer processes 9% of the images: use `networks=blazepose_lite`, fewer cameras, or cameras at a lower frame rate"
     ]
     assert sentences(ProcessedImages(), 0.09, "blazepose_lite") == [
         "this computer processes 9% of the images: use fewer cameras, or cameras at a lower frame rate"

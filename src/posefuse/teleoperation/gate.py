@@ -156,7 +156,8 @@ def _with_view(gate: Gate, seen: Seen, settings: GateSettings) -> tuple[Gate, Fi
     same = known is not None and np.array_equal(now.hand_xyz, known.hand_xyz)
     after = replace(gate, view_t_ns=view.t_ns, changed_ns=gate.changed_ns if same else seen.now_ns)
     # by the times of the views alone: a clock that is off hides no exchange
-    if gate.view_t_ns is not None and view.t_ns < gate.view_t_ns:
+    before_ns = view.t_ns if gate.view_t_ns is None else gate.view_t_ns
+    if view.t_ns < before_ns or view.t_ns - view.measured_ns > settings.pose_age_s * 1e9:
         return after, FINE
     if known is None:
         return replace(after, body=now), FINE

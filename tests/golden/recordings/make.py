@@ -53,7 +53,7 @@ def make(work: Path) -> None:
     write_session(session, golden_rig())
     command = ["track", "session", "--set", "rate_hz=50", "--outputs", "mcap", "--out"]
     assert main([*command, "result"]) == 0
-    subprocess.run([sys.executable, "-c", STOPPED, *command, "stopped"], check=False)
+    subprocess.run([sys.executable, "-c", STOPPED, *command, "stopped"], check=False, timeout=300)
     write_edits(work / "result", Edits(exclusions=(Exclusion(start_s=0.1, end_s=0.2, camera="cam1"),), person=0, names=("Ada",)))
     shutil.rmtree(HERE / "result", ignore_errors=True)
     shutil.copytree(work / "result", HERE / "result")

@@ -58,7 +58,7 @@ def clocks_from_person(rig: Rig, tracks: Sequence[PersonTrack], most_s: float, w
     done.append(check_one_offset(rig.names, rough))
     _require(done)
     fit = estimate_clocks(rig, moving, ClockEstimate.known(rough.offset_s, middle_s(tracks)), with_drift)
-    done += [_check_spread(rig, fit), _check_steady(rig.names, fit, with_drift), check_determined(rig.names, fit.clocks)]
+    done += [_check_spread(rig, fit), _check_steady(rig.names, fit, with_drift), check_clocks_determined(rig.names, fit.clocks)]
     report = CalibrationReport(SUBJECT, tuple(done), numbers=clock_figures(rig.names, fit.clocks))
     report.require()
     return FoundClocks(fit.clocks, report)
@@ -141,7 +141,7 @@ def _check_spread(rig: Rig, fit: ClockFit) -> Check:
     )  # fmt: skip
 
 
-def check_determined(names: Sequence[str], clocks: ClockEstimate) -> Check:
+def check_clocks_determined(names: Sequence[str], clocks: ClockEstimate) -> Check:
     """The standard errors of the offsets are small."""
     worst = int(np.argmax(clocks.offset_sigma_s))
     return Check(

@@ -12,7 +12,7 @@ from posefuse.calibration.clocks.person import (
     LATE_SIGMA,
     MOST_JUMP_S,
     SUBJECT,
-    check_determined,
+    check_clocks_determined,
     check_linked,
     check_one_offset,
     check_person_in_tracks,
@@ -117,7 +117,7 @@ def calibrate_tracks(
     shared_s = float(np.sqrt((apart_s[1:] ** 2).mean())) / 2
     sigma_s = np.where(np.arange(len(tracks)) > 0, np.hypot(both.offset_sigma_s, shared_s), 0.0)
     left = replace(both, offset_sigma_s=sigma_s)
-    checks = [check_determined(names, left), _check_halves(names, apart_s)]
+    checks = [check_clocks_determined(names, left), _check_halves(names, apart_s)]
     if not with_drift:
         checks.append(_check_steady(names, freed(cameras, solved, drift=True), -float(solved.rows.since_s.min())))
     report = replace(found.report, checks=(*found.report.checks, *checks))
