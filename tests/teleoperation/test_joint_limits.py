@@ -160,6 +160,17 @@ def test_where_a_stop_ends_is_known_before_it():
     np.testing.assert_allclose(robot.joints.q, end, atol=1e-12)
 
 
+def test_no_step_is_taken_after_which_stopping_takes_longer_than_promised():
+    """Joints that brake slowly move slowly: the robot stands 0.35 s after the last order, the watchdog included."""
+    limits = replace(LIMITS, joint_acceleration_radps2=1.0, base_acceleration_mps2=0.2)
+    robot = MujocoRobot(mujoco_model(None, ("right",)), ["right_hand"], limits)
+    start, longest = robot.posture(), 0
+    for k in range(300):
+        robot.joints.move(start.xyz_world + 0.005 * min(k, 60), start.wxyz, DT_S)
+        longest = max(longest, robot.joints.resting()[1])
+    assert 0.1 < longest * DT_S <= 0.28
+
+
 def test_each_joint_may_have_its_own_limits():
     speeds, accelerations = (2.0, 0.4, 2.0, 0.5, 2.0, 0.6, 2.0), (8.0, 2.0, 8.0, 3.0, 8.0, 2.5, 8.0)
     limits = replace(LIMITS, joint_speed_radps=speeds, joint_acceleration_radps2=accelerations)
