@@ -28,9 +28,11 @@ _SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 
 def pytest_configure() -> None:
-    """Heed Ctrl-C: a shell that runs the tests in the background has them ignore it, and tests of it would wait for ever."""
+    """Heed Ctrl-C and hang-ups: a shell that runs the tests in the background has them ignored, and tests of them would wait."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 def is_of_missing_extra(error: DependencyError) -> bool:
