@@ -23,7 +23,7 @@ from posefuse.formats.recording import read_recording, write_recording
 
 POSEFUSE = [sys.executable, "-m", "posefuse"]
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "tests" / "fuzz"))
+sys.path.insert(0, str(ROOT / "tools"))
 
 
 def there_and_back(recording: Recording, minutes: float) -> Recording:
@@ -109,7 +109,7 @@ def main() -> None:
     table = "\n".join([*head, *(f"| {name} | " + " | ".join(row) + " |" for name, row in cells.items())])
     print(table)
     if args.write:
-        from drive import write_between_marks
+        from page_marks import write_between_marks
 
         write_between_marks(args.write, table, "length")
 

@@ -200,12 +200,12 @@ def disturbed(
     axis = rng.normal(size=3)
     axis /= np.linalg.norm(axis)
     seen = later(clip, fault.late_s) if fault.late_s else clip.xyz_world
-    after = bumped(camera, np.deg2rad(fault.turn_deg) * axis, fault.move_m * axis)
+    after = displaced(camera, np.deg2rad(fault.turn_deg) * axis, fault.move_m * axis)
     xy[:, a] += np.where(bad[:, None, None], after.project(seen) - camera.project(clip.xyz_world), 0.0)
     return xy, (camera.name,)
 
 
-def bumped(camera: Camera, turn_rad: np.ndarray, move_m: np.ndarray) -> Camera:
+def displaced(camera: Camera, turn_rad: np.ndarray, move_m: np.ndarray) -> Camera:
     return replace(camera, cam_from_world=SE3.from_rotvec(turn_rad, move_m) @ camera.cam_from_world)
 
 
@@ -434,7 +434,7 @@ def wrong_rig(rig: Rig, wrong: str, rng: np.random.Generator) -> tuple[Rig, tupl
     cameras, a = list(rig.cameras), int(rng.integers(len(rig)))
     if wrong.startswith("turned"):
         axis = rng.normal(size=3) * (1, 1, 0.3)
-        cameras[a] = bumped(cameras[a], np.deg2rad(float(wrong.split()[2])) * axis / np.linalg.norm(axis), np.zeros(3))
+        cameras[a] = displaced(cameras[a], np.deg2rad(float(wrong.split()[2])) * axis / np.linalg.norm(axis), np.zeros(3))
         return Rig(tuple(cameras)), (rig.names[a],)
     if wrong == "two swapped":
         pairs = [pair for pair in combinations(range(len(rig)), 2) if cameras[pair[0]].size_wh == cameras[pair[1]].size_wh]
@@ -527,8 +527,8 @@ def track_main(args: argparse.Namespace) -> None:
     show(rows, "Wrong rigs")
     print(json.dumps({"clips": list(clips), "seeds": args.seeds, "wrong": rows, "right": good}, indent=2))
     if args.write:
-        sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "fuzz"))
-        from drive import write_between_marks
+        sys.path.insert(0, str(Path(__file__).parent.parent / "tools"))
+        from page_marks import write_between_marks
 
         columns = list(rows[0])
         text = [f"| {' | '.join(columns)} |", "|---" * len(columns) + "|"]

@@ -15,7 +15,8 @@ from concurrent.futures import ThreadPoolExecutor
 from itertools import product
 from pathlib import Path
 
-from package import PYTHONS, ROOT, replace_between_marks
+from package import PYTHONS, ROOT
+from page_marks import write_between_marks
 
 SYSTEMS = {
     "Linux x86-64": "x86_64-manylinux_2_28",
@@ -40,7 +41,7 @@ def main() -> None:
     text = "\n".join(f"| {' | '.join(row)} |" for row in rows)
     print(text)
     if options.write:
-        replace_between_marks(options.write, "wheels", text)
+        write_between_marks(options.write, text, "wheels")
 
 
 def cell(part: str, system: str) -> str:

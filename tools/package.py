@@ -18,6 +18,8 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+from page_marks import between_marks, write_between_marks
+
 ROOT = Path(__file__).resolve().parents[1]
 DIST = ROOT / "dist"
 PYTHONS = ("3.11", "3.12", "3.13")
@@ -105,21 +107,7 @@ def write(page: Path, rows: list[list[str]]) -> None:
     known = [[cell.strip() for cell in line.strip("|").split("|")] for line in middle.splitlines()[2:]]
     merged = {tuple(row[:2]): row for row in (*known, *rows)}
     ordered = sorted(merged.values(), key=lambda row: (row[0], list(RESOLUTIONS).index(row[1])))
-    replace_between_marks(page, "package", table(ordered))
-
-
-def between_marks(page: Path, name: str) -> tuple[str, str, str]:
-    """The text of a page up to the mark that begins this name's part, the part, and the text from the mark that ends it."""
-    begin, end = f"<!-- {name}: begin -->\n", f"<!-- {name}: end -->"
-    before, _, rest = page.read_text(encoding="utf-8").partition(begin)
-    part, _, after = rest.partition(end)
-    return before + begin, part, end + after
-
-
-def replace_between_marks(page: Path, name: str, text: str) -> None:
-    """Put text between the marks of this name."""
-    before, _, after = between_marks(page, name)
-    page.write_text(f"{before}{text}\n{after}", encoding="utf-8")
+    write_between_marks(page, table(ordered), "package")
 
 
 def try_installed(wheel: Path, python: str, chosen: str) -> list[str]:

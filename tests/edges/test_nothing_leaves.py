@@ -31,7 +31,7 @@ class Watch:
         monkeypatch.setenv("PYTHONPATH", str(folder), prepend=os.pathsep)
         for name in ("HOME", "USERPROFILE", "APPDATA", "LOCALAPPDATA"):
             monkeypatch.setenv(name, str(self.home))
-        # machines of a CI are told apart by these, and what would report home on a user's computer is silent there
+        # machines of a CI are recognised by these, and what would report home on a user's computer is silent there
         for name in [name for name in os.environ if name.startswith("XDG_") or name in {"CI", "TF_BUILD", "JENKINS_URL"}]:
             monkeypatch.delenv(name)
 

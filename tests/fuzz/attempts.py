@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from drive import ROOT, write_between_marks
+from drive import ROOT
 
 KINDS: dict[str, tuple[str, ...]] = {
     "deletions": ("tests/cli/test_nothing_is_lost.py", "tests/foundation/test_output_folder.py"),
@@ -73,6 +73,8 @@ def main() -> int:
         worst = max(worst, int(code))
         print(attempts.table())
         if args.write:
+            from page_marks import write_between_marks
+
             write_between_marks(args.write, attempts.table(), kind)
     return worst
 

@@ -191,16 +191,6 @@ def table(counts: dict[str, Counter[str]]) -> str:
     return "\n".join(lines)
 
 
-def write_between_marks(page: Path, text: str, name: str) -> None:
-    """Replace the text between the marks of this name in a page."""
-    first, last = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
-    before, mark, rest = page.read_text(encoding="utf-8").partition(first)
-    _, end, after = rest.partition(last)
-    if not (mark and end):
-        raise SystemExit(f"{page}: expected the marks {first} and {last}")
-    page.write_text(f"{before}{first}\n{text}\n{last}{after}", encoding="utf-8")
-
-
 def main() -> int:
     """0 when every variant was handled."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -215,6 +205,8 @@ def main() -> int:
         print(f"--- {one.kind}, seed {one.seed} ({one.damage}): {one.outcome}\n{one.detail}", flush=True)
     print(table(counts))
     if args.write:
+        from page_marks import write_between_marks
+
         write_between_marks(args.write, table(counts), "fuzz")
     return 1 if failures else 0
 

@@ -27,7 +27,7 @@ from posefuse.tracking.stand_in import made_up_person
 
 ROOT = Path(__file__).resolve().parents[2]
 # the writers of other tools' formats that their own tests use
-sys.path.append(str(ROOT / "tests" / "formats" / "pose2d"))
+sys.path += [str(ROOT / "tests" / "formats" / "pose2d"), str(ROOT / "tools")]
 from test_formats import WRITERS  # noqa: E402
 
 GOLDEN = ROOT / "tests" / "golden" / "files"

@@ -1,0 +1,21 @@
+"""Parts of the pages of the docs that commands write: between <!-- NAME: begin --> and <!-- NAME: end -->."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+def between_marks(page: Path, name: str) -> tuple[str, str, str]:
+    """The text of a page up to the mark that begins this name's part, the part, and the text from the mark that ends it."""
+    begin, end = f"<!-- {name}: begin -->\n", f"<!-- {name}: end -->"
+    before, first, rest = page.read_text(encoding="utf-8").partition(begin)
+    part, last, after = rest.partition(end)
+    if not (first and last):
+        raise SystemExit(f"{page}: expected the marks {begin.strip()} and {end}")
+    return before + begin, part, end + after
+
+
+def write_between_marks(page: Path, text: str, name: str) -> None:
+    """Replace the part of this name."""
+    before, _, after = between_marks(page, name)
+    page.write_text(f"{before}{text}\n{after}", encoding="utf-8")
