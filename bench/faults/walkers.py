@@ -45,27 +45,31 @@ def gait_of(seed: int) -> Gait:
 def walk(t_s: Array, gait: Gait) -> Array:
     """(T, 17, 3) keypoints in m."""
     way = _way(gait, float(np.max(t_s)))
-    place, velocity = np.column_stack([way(t_s), 0 * t_s]), way(t_s, 1)
-    heading = np.arctan2(velocity[:, 1], velocity[:, 0])
+    velocity = way(t_s, 1)
+    heading, step = np.arctan2(velocity[:, 1], velocity[:, 0]), gait.swing * np.sin(gait.cadence_rad_s * t_s)
+    return walking_body(np.column_stack([way(t_s), 0 * t_s]), heading, step, gait.stature_m)
+
+
+def walking_body(place: Array, heading: Array, step: Array, stature_m: float) -> Array:
+    """(T, 17, 3) keypoints in m of a person at places (T, 3) who faces headings (T,); step: (T,) of the left leg, -1 to 1."""
     ahead, aside = (np.stack([np.cos(h), np.sin(h), 0 * h], axis=-1) for h in (heading, heading + np.pi / 2))
-    up, size = np.array([0, 0, 1.0]), gait.stature_m / 1.75
+    up, size = np.array([0, 0, 1.0]), stature_m / 1.75
 
     def at(forward: float, left: float, height: float) -> Array:
         return place + size * (forward * ahead + left * aside + height * up)
 
     def limb(name: str, swing: Array) -> Array:
-        length = STATURE_SHARES[name] * gait.stature_m
-        return np.asarray(length * (np.sin(swing)[:, None] * ahead - np.cos(swing)[:, None] * up))
+        return np.asarray(STATURE_SHARES[name] * stature_m * (np.sin(swing)[:, None] * ahead - np.cos(swing)[:, None] * up))
 
     points = {"nose": at(0.1, 0, 1.62)}
     for side, sign in (("left", 1.0), ("right", -1.0)):
-        step = gait.swing * sign * np.sin(gait.cadence_rad_s * t_s)
+        mine = sign * step
         points |= {f"{side}_eye": at(0.09, sign * 0.03, 1.66), f"{side}_ear": at(0, sign * 0.07, 1.63)}
         points |= {f"{side}_shoulder": at(0, sign * 0.19, 1.42), f"{side}_hip": at(0, sign * 0.14, 0.91)}
-        points[f"{side}_elbow"] = points[f"{side}_shoulder"] + limb("upper_arm", -0.5 * step)
-        points[f"{side}_wrist"] = points[f"{side}_elbow"] + limb("forearm", -0.5 * step + 0.4)
-        points[f"{side}_knee"] = points[f"{side}_hip"] + limb("thigh", 0.45 * step + 0.1)
-        points[f"{side}_ankle"] = points[f"{side}_knee"] + limb("shank", 0.45 * step - 0.1 - 0.4 * np.maximum(step, 0))
+        points[f"{side}_elbow"] = points[f"{side}_shoulder"] + limb("upper_arm", -0.5 * mine)
+        points[f"{side}_wrist"] = points[f"{side}_elbow"] + limb("forearm", -0.5 * mine + 0.4)
+        points[f"{side}_knee"] = points[f"{side}_hip"] + limb("thigh", 0.45 * mine + 0.1)
+        points[f"{side}_ankle"] = points[f"{side}_knee"] + limb("shank", 0.45 * mine - 0.1 - 0.4 * np.maximum(mine, 0))
     return np.stack([points[name] for name in BODY.keypoints], axis=1)
 
 
