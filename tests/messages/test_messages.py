@@ -153,6 +153,7 @@ def test_noise_never_crashes(some_detections):
 
 
 def test_a_list_of_impossible_length_is_refused_immediately():
+    pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
     intake = Intake(messages.DETECTIONS_TYPE, messages.detections_from_message)
     raw = b"\0\1\0\0" + bytes(8) + b"\1\0\0\0\0\0\0\0" + b"\1\0\0\0\0\0\0\0" * 2 + b"\xff\xff\xff\xff" * 4
     assert intake.take(raw) is None

@@ -28,6 +28,7 @@ def pose_file(tmp_path, standing, ring_rig):
 
 
 def test_plain_ros1_sees_tf_joints_cameras_and_diagnostics(alone, ros1_python, pose_file, ring_rig):
+    pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
     python, modules = ros1_python
     wait_for_master(alone, python)
     alone(sys.executable, HERE / "ros1_talker.py", modules, pose_file)
