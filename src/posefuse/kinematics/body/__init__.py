@@ -5,14 +5,12 @@ from .live import LiveBody, LiveRays, TrackedPoints
 from .model import FEWEST_SEEN, BodyModel, Length, bodies_from_poses
 from .settings import BodySettings, LiveBodySettings
 from .shape import LengthPrior, with_solved_lengths
-from .tracker import BodyTracker
 
 __all__ = [
     "FEWEST_SEEN",
     "BodyFit",
     "BodyModel",
     "BodySettings",
-    "BodyTracker",
     "Length",
     "LengthPrior",
     "LiveBody",
