@@ -210,6 +210,14 @@ def test_only_people_with_hidden_limbs_are_fitted_if_asked_for(walker, ring_rig)
     assert with_bodies(in_view, in_view.views, BodySettings(), None) is not in_view
 
 
+def test_a_mirrored_person_does_not_cost_the_others_their_fit(walker, ring_rig) -> None:
+    recording = two_people(seen_by(ring_rig(4), walker, hidden_from=3), np.full((STEPS, len(COCO17)), Kind.SMOOTHED))
+    xyz = recording.poses.xyz_world.copy()
+    xyz[:, 1] = walker[:, 0][:, list(COCO17.mirror)] + [2.0, 0, 0]
+    fitted = with_bodies(replace(recording, poses=replace(recording.poses, xyz_world=xyz)), recording.views, BodySettings(), None)
+    assert fitted.provenance["fitted_people"] == [0]
+
+
 def test_a_fit_of_one_person_is_the_same_next_to_others_and_leaves_them_out(walker, ring_rig, monkeypatch) -> None:
     recording = two_people(seen_by(ring_rig(4), walker, hidden_from=3), np.full((STEPS, len(COCO17)), Kind.SMOOTHED))
     everybody = with_bodies(recording, recording.views, BodySettings(), None)

@@ -52,19 +52,22 @@ def with_bodies(
     where that starts. People who were not seen well enough to have a skeleton keep their poses; the provenance names the others
     (``fitted_people``).
     """
-    poses = recording.poses
-    chosen = np.isin(poses.person_id, list(hidden_people(poses) if only_hidden else poses.person_id))
-    if not chosen.any():
+    poses, rig = recording.poses, recording.rig
+    chosen = hidden_people(poses) if only_hidden else set(poses.person_id.tolist())
+    if not chosen:
         return recording
-    rays = views_at_joint_centres(poses, recording.rig, views.part(slice(None)), centres)
-    try:
-        fit = fit_views(poses.people(chosen), recording.rig, rays.people(chosen), settings, lengths=usual_length_prior())
-    except InputError:  # no person has a skeleton
+    rays = views_at_joint_centres(poses, rig, views.part(slice(None)), centres)
+    fitted, planes = [], {name: getattr(poses, name).copy() for name in ("xyz_world", "cov_world", "kind")}
+    for n, person in enumerate(poses.person_id.tolist()):
+        if person not in chosen:
+            continue
+        try:
+            fit = fit_views(poses.people([n]), rig, rays.people([n]), settings, lengths=usual_length_prior())
+        except InputError:  # this person has no skeleton, or left and right are swapped
+            continue
+        fitted += sorted(fit.bodies)
+        for name, plane in planes.items():
+            plane[:, n] = getattr(fit.poses, name)[:, 0]
+    if not fitted:
         return recording
-    people = sorted(fit.bodies)
-    if not people:
-        return recording
-    planes = {name: getattr(poses, name).copy() for name in ("xyz_world", "cov_world", "kind")}
-    for name, plane in planes.items():
-        plane[:, chosen] = getattr(fit.poses, name)
-    return replace(recording, poses=replace(poses, **planes), provenance={**recording.provenance, "fitted_people": people})
+    return replace(recording, poses=replace(poses, **planes), provenance={**recording.provenance, "fitted_people": fitted})
