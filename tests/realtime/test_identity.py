@@ -110,6 +110,14 @@ def test_who_is_out_of_sight_leaves_the_output_and_stays_expected() -> None:
     assert session.frames(1, {0: RED, 1: BLUE}) == [0, 1]
 
 
+def test_tracks_that_ended_are_forgotten() -> None:
+    session = Session(LiveSettings(max_people=2))
+    for track in range(0, 40, 2):
+        session.tracks.here = {track: 0.0, track + 1: 2.0}
+        session.frames(2, {track: RED, track + 1: BLUE})
+    assert len(session.named._measured_ns) == len(session.named._colours) == 2
+
+
 def test_with_one_person_tracks_and_persons_are_the_same() -> None:
     session = Session(LiveSettings(max_people=1))
     session.tracks.here = {0: 0.0}

@@ -6,6 +6,7 @@ from posefuse.core import Skeleton
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.tracking.online import LiveSettings, Motion, MotionModel
 from posefuse.tracking.online.kernels.body import start_missing
+from posefuse.tracking.online.kernels.sides import exchange_person
 from posefuse.tracking.online.kernels.state import NEVER, parts, state_size
 from posefuse.tracking.online.kernels.updates import doubt
 from posefuse.tracking.online.person import Model, Person, View
@@ -34,6 +35,22 @@ def test_a_missing_keypoint_starts_at_the_mean_of_its_neighbours_and_moves_with_
     sigma = np.sqrt(person.cov[2, 0].diagonal())
     assert (sigma[:6] > 0).all()
     np.testing.assert_allclose(sigma[6:], 3.0)
+
+
+def test_exchanged_twice_a_person_is_as_before_and_once_every_part_is_on_the_other_side(ring_rig) -> None:
+    session = Model(ring_rig(2), ANATOMICAL23, LiveSettings()).arrays
+    state = np.random.default_rng(1).normal(size=state_size(session))
+    person, before = parts(state, session), parts(state.copy(), session)
+    arms = np.flatnonzero(session.group == 0)
+    exchange_person(person, session, 0)
+    for name in ("x", "cov", "share", "lively", "seen", "square", "precision", "deepness", "refused"):
+        here, was = getattr(person, name), getattr(before, name)
+        np.testing.assert_array_equal(here[arms], was[session.mirror[arms]], err_msg=name)
+        others = np.setdiff1d(np.arange(len(here)), arms)
+        np.testing.assert_array_equal(here[others], was[others], err_msg=name)
+    exchange_person(person, session, 0)
+    for here, was in zip(person, before, strict=True):
+        np.testing.assert_array_equal(here, was)
 
 
 def test_a_view_that_exchanges_a_limb_is_put_in_order(ring_rig) -> None:

@@ -81,8 +81,9 @@ class NamedTracker:
         self._measured_ns |= dict.fromkeys(tracks, pose.t_ns)
         clothing = np.array([self._clothing(track, pose.t_ns) for track in tracks]).reshape(-1, CLOTHING_TRAITS)
         self._identity = self._identity.after(seen, clothing)
-        for ended in set(self._colours) - set(pose.person_id.tolist()):
-            del self._colours[ended]
+        for kept in (self._colours, self._measured_ns):
+            for ended in set(kept) - set(pose.person_id.tolist()):
+                del kept[ended]
 
     def _clothing(self, track: int, t_ns: int) -> Array:
         fresh = [lab for seen_ns, lab in self._colours.get(track, {}).values() if t_ns - seen_ns <= _COLOUR_NS]

@@ -52,6 +52,8 @@ def exchange_person(person, session, g):
             kept_x, kept_cov, kept_share = x[i].copy(), cov[i].copy(), share[i].copy()
             x[i], cov[i], share[i] = x[o], cov[o], share[o]
             x[o], cov[o], share[o] = kept_x, kept_cov, kept_share
+            for of_keypoint in (person.lively, person.refused):
+                of_keypoint[i], of_keypoint[o] = of_keypoint[o], of_keypoint[i]
             for of_camera in (person.seen, person.square, person.precision, person.deepness):
                 for c in range(of_camera.shape[1]):
                     of_camera[i, c], of_camera[o, c] = of_camera[o, c], of_camera[i, c]
