@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 
 from posefuse.cli.main import main
 from posefuse.core import (
@@ -229,7 +230,10 @@ def test_a_file_damaged_in_the_middle_is_read_up_to_there(tmp_path: Path, rig: R
     record(tmp_path / "a.mcap", rig, frames_of(rig, 150), poses_of(500))
     whole = read_live_recording(tmp_path / "a.mcap", pytest.fail)
     raw = bytearray((tmp_path / "a.mcap").read_bytes())
-    place = len(raw) * 6 // 10
+    with (tmp_path / "a.mcap").open("rb") as file:
+        chunks = make_reader(file).get_summary().chunk_indexes
+    middle = chunks[len(chunks) * 6 // 10]
+    place = middle.chunk_start_offset + middle.chunk_length // 2
     raw[place : place + 64] = bytes(64)
     (tmp_path / "b.mcap").write_bytes(raw)
     lines: list[str] = []

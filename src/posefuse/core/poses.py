@@ -140,15 +140,36 @@ class PoseSequence:
 
     @staticmethod
     def from_poses(poses: Sequence[Pose3D]) -> PoseSequence:
-        """Stack time steps of the same people (same person_id in the same order); raises ShapeError otherwise."""
+        """Stack poses of increasing times; a person is missing (NaN) in the poses without that person.
+
+        People are in the order of the poses where that is one, else in that of their ids.
+
+        Raises:
+            ShapeError: no pose, another skeleton, or times that do not increase.
+        """
         if not poses:
             raise ShapeError("PoseSequence: expected at least 1 pose, got 0")
-        first = poses[0]
-        if any(p.skeleton != first.skeleton or not np.array_equal(p.person_id, first.person_id) for p in poses):
-            raise ShapeError("PoseSequence: expected the same skeleton and people in every pose")
-        stacked = {name: np.stack([getattr(p, name) for p in poses]) for name in _POSE_AXES if name != "person_id"}
-        give_away(*stacked.values())
-        return PoseSequence(t_ns=np.array([p.t_ns for p in poses]), skeleton=first.skeleton, person_id=first.person_id, **stacked)
+        skeleton = poses[0].skeleton
+        if any(pose.skeleton != skeleton for pose in poses):
+            raise ShapeError("PoseSequence: expected the same skeleton in every pose")
+        ids = poses[0].person_id
+        if not all(np.array_equal(pose.person_id, ids) for pose in poses):
+            ids = np.unique(np.concatenate([pose.person_id for pose in poses]))
+        place = {person: n for n, person in enumerate(ids.tolist())}
+        shape = (len(poses), len(ids), len(skeleton))
+        planes = {
+            "xyz_world": np.full((*shape, 3), np.nan),
+            "cov_world": np.full((*shape, 3, 3), np.nan),
+            "reproj_px": np.full(shape, np.nan),
+            "n_views": np.zeros(shape, np.uint8),
+            "kind": np.full(shape, Kind.MISSING, np.uint8),
+        }
+        for i, pose in enumerate(poses):
+            at = [place[person] for person in pose.person_id.tolist()]
+            for name, plane in planes.items():
+                plane[i, at] = getattr(pose, name)
+        give_away(*planes.values())
+        return PoseSequence(t_ns=np.array([pose.t_ns for pose in poses]), skeleton=skeleton, person_id=ids, **planes)
 
     @staticmethod
     def concatenate(parts: Sequence[PoseSequence]) -> PoseSequence:

@@ -19,13 +19,13 @@ from posefuse.core import (
     MessageError,
     Pose3D,
     PosefuseError,
+    PoseSequence,
     Recording,
     Rig,
     SourceError,
 )
 from posefuse.core.errors import choices
 from posefuse.core.live_observations import observations_from_frames
-from posefuse.core.pose_sequences import sequence_of_all
 from posefuse.core.recording import person_name
 from posefuse.formats.rig.values import rig_from_values
 from posefuse.foundation.parsing import one_line
@@ -104,7 +104,7 @@ def read_live_recording(path: Path, warn: Warn | None = None, section: Section |
         raise InputError(f"{path}: holds no pose; expected a recording of `posefuse live --record`")
     start_ns = content.poses[0].t_ns
     rig = _rig_of(path, notes)
-    poses = sequence_of_all([replace(pose, t_ns=pose.t_ns - start_ns) for pose in content.poses])
+    poses = PoseSequence.from_poses([replace(pose, t_ns=pose.t_ns - start_ns) for pose in content.poses])
     frames = [replace(one, t_ns=one.t_ns - start_ns) for one in content.frames]
     observations = observations_from_frames(poses.skeleton, rig.names, frames)
     observations = observations.with_person_ids(people_of_detections(observations, rig, poses))

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from posefuse.core import InputError, JointCentres, Kind, PoseSequence, Recording
 from posefuse.core.joint_centres import SEGMENT_ENDS
 from posefuse.core.views_over_time import ViewsInParts
