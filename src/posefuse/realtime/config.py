@@ -13,7 +13,7 @@ from posefuse.detection.build import DetectorChoice
 from posefuse.foundation.settings import settings
 from posefuse.fusion import FuseSettings
 from posefuse.kinematics import JointSettings
-from posefuse.kinematics.body import BodySettings, LiveBodySettings
+from posefuse.kinematics.body import BodySettings
 from posefuse.tracking.online import LiveSettings
 
 from .gate import KeypointGateSettings
@@ -50,7 +50,6 @@ class LiveConfig:
         fuse: how views are fused.
         joints: how joint angles are computed.
         whole_body: how the skeleton of `body` may move.
-        live_body: how it is learnt and followed.
     """
 
     rate_hz: Annotated[float, Gt(0), Le(1000)] = 100.0
@@ -72,7 +71,6 @@ class LiveConfig:
     fuse: FuseSettings = field(default_factory=FuseSettings)
     joints: JointSettings = field(default_factory=JointSettings)
     whole_body: BodySettings = field(default_factory=BodySettings)
-    live_body: LiveBodySettings = field(default_factory=LiveBodySettings)
 
 
 @settings
