@@ -48,7 +48,7 @@ from posefuse.realtime.fusion import build_fuse, build_solve
 from posefuse.simulation.scene import Scene
 from posefuse.simulation.session import simulate
 from posefuse.simulation.session_folder import SessionPaths
-from posefuse.tracking import LearntLengths, SmoothSettings, at_joint_centres, joint_centres_of
+from posefuse.tracking import LearntLengths, SmoothSettings, at_joint_centres
 from posefuse.tracking.online import LiveSettings, build_tracker
 
 RATE_HZ = 30.0
@@ -202,7 +202,7 @@ def network_rows(paths: SessionPaths) -> Iterator[Row]:
             yield {"mode": "recorded"} | about | figures(sequence(done.poses), truth)
             frames = [done.observations.detections(i) for i in range(len(done.observations.frame_t_ns))]
             seen = sorted((one for one in frames if len(one)), key=lambda one: one.t_ns)
-            table = joint_centres_of(build_detector(config.detector, done.rig), proportions=False)
+            table = build_detector(config.detector, done.rig).joint_centres
             yield {"mode": "live"} | about | figures(live_poses(seen, done.rig, table), truth)
 
 

@@ -37,7 +37,6 @@ from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.joint_centres import Centring
 from posefuse.realtime.messages import Centres
 from posefuse.realtime.session import ready_tracker
-from posefuse.tracking import joint_centres_of
 
 # the tracker needs a moment to know speeds and bones
 _SETTLED_S = 1.5
@@ -68,7 +67,7 @@ def poses_of_every_frame(rig: Rig, session: Path, delay_ms: float, settings: tup
     done = track_session(find_session(session, track), track, StageClock(), lambda *_: None, lambda _: None, lambda _: None)
     views = done.recording.views
     tracker, centring = ready_tracker(rig, views.skeleton, config), Centring(rig.names, config.joint_centres)
-    centring.learn(Centres(rig.names, joint_centres_of(build_detector(config.detector, rig), proportions=False)))
+    centring.learn(Centres(rig.names, build_detector(config.detector, rig).joint_centres))
     period_ns, late_ns = round(1e9 / config.rate_hz), round(delay_ms * 1e6)
     due_ns, poses = 0, []
     for i, t_ns in enumerate(views.t_ns):

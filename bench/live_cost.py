@@ -43,7 +43,6 @@ from posefuse.realtime.messages import Centres, SeenView
 from posefuse.realtime.output_plan import NoOutputs
 from posefuse.realtime.session import new_board, ready_joints, ready_tracker
 from posefuse.sources.video import VideoConfig
-from posefuse.tracking import joint_centres_of
 from posefuse.tracking.stand_in import made_up_detections
 
 FRAMES, VIEW_DELAY_NS, PERIOD_NS = 60, 45_000_000, 10_000_000
@@ -135,7 +134,7 @@ def fusion_stages(rig: Rig, spent: Spent, seconds: float = 3.0) -> None:
     detector = build_detector(DetectorChoice(options={"landmarks": "blazepose_lite"}), rig)
     skeleton = detector.skeleton
     centring = Centring(rig.names, wanted=True)
-    centring.learn(Centres(rig.names, joint_centres_of(detector, proportions=False)))
+    centring.learn(Centres(rig.names, detector.joint_centres))
     tracker, joints = ready_tracker(rig, skeleton, config), ready_joints(skeleton, config)
     fusion = Fusion(rig, tracker, new_board(), clock, NoOutputs(), centring, joints=joints)
     views = [view for moment in made_up_detections(rig, skeleton, round(30 * seconds), start_ns=BEGIN_NS) for view in moment]

@@ -28,7 +28,6 @@ from posefuse.simulation.session import SessionPaths, simulate
 from posefuse.sources.video import VideoConfig
 from posefuse.teleoperation.hands import operator_view
 from posefuse.teleoperation.values import OperatorView
-from posefuse.tracking import joint_centres_of
 
 # the tracker needs a moment to find the operator
 BEGIN_S = 3.0
@@ -90,7 +89,7 @@ class SeenHand:
         config = LiveConfig()
         self._tracker = ready_tracker(self._rig, finder.skeleton, config)
         self._centring, self._gate = Centring(self._rig.names, config.joint_centres), KeypointGate(config.gate)
-        self._centring.learn(Centres(self._rig.names, joint_centres_of(self._detector, proportions=config.proportions)))
+        self._centring.learn(Centres(self._rig.names, self._detector.joint_centres))
         self._frames = _arrivals(SessionPaths(session).videos, self._rig, round(latency_s * _S))
         self._next = next(self._frames, None)
         self._measured_ns = 0

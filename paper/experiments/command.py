@@ -15,6 +15,7 @@ from paper.experiments.console import Console
 from posefuse.detection import fetch_networks
 from posefuse.formats.page import Facts, Heading, write_page
 from posefuse.foundation import atomic_file, build_plugin, growing_folder, plain
+from posefuse.foundation.output_file import earlier_kept
 
 from .runs import Context, about
 from .summary import FILE as SUMMARY_FILE
@@ -36,12 +37,9 @@ def experiment(args: argparse.Namespace, console: Console) -> Mapping[str, Any]:
         context = Context(sessions, args.quick, args.workers, command, console, tuple(args.overrides))
         if name != "scaling":
             _check_detector(context)
-        made = _one(name, context, args.out)
-        folder.add(folder.folder / path.name for path in made)
-        written += made
+        written += _one(name, context, folder)
     if not args.quick:
-        written.append(write_summary(args.out))
-        folder.add([folder.folder / written[-1].name])
+        written.append(write_summary(folder))
     for path in written:
         console.note(f"wrote {path}")
     return {"files": written}
@@ -64,9 +62,10 @@ def _one(name: str, context: Context, out: Path) -> list[Path]:
     outcome = module.run(context)
     facts = about(context)
     blocks = [*outcome.page.blocks, Heading("How it was made"), Facts(facts)]
-    page = write_page(out / f"{name}.html", replace(outcome.page, blocks=blocks))
-    figures = out / f"{name}.json"
-    with atomic_file(figures) as temporary:
+    page, figures = out / f"{name}.html", out / f"{name}.json"
+    with earlier_kept(page):
+        write_page(page, replace(outcome.page, blocks=blocks))
+    with earlier_kept(figures), atomic_file(figures) as temporary:
         content = {"experiment": name, "date": str(date.today()), **facts, "figures": plain(outcome.figures)}
         temporary.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
     return [page, figures]

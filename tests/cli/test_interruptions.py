@@ -20,7 +20,7 @@ from posefuse.core.skeleton import COCO17
 from posefuse.formats.detection_log import LOG_FILE, read_log
 from posefuse.formats.recording import read_recording
 from posefuse.formats.rig import read_rig, write_rig
-from posefuse.foundation.manifest import MANIFEST_FILE
+from posefuse.foundation.folder_mark import MARK_FILE
 from posefuse.foundation.output_folder import find_unfinished
 from posefuse.pipeline.solve import solve_again
 
@@ -88,7 +88,7 @@ def _arguments(session: Path, out: Path) -> list[str]:
 
 
 def results(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in folder.iterdir() if path.name != MANIFEST_FILE}
+    return {path.name: path.read_bytes() for path in folder.iterdir() if path.name != MARK_FILE}
 
 
 @pytest.fixture(scope="module")

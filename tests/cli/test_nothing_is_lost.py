@@ -19,9 +19,9 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from posefuse.cli.main import main
-from posefuse.foundation.growing import growing_folder
-from posefuse.foundation.manifest import MANIFEST_FILE, Manifest, manifest_of_files, write_manifest
-from posefuse.foundation.output_folder import OutputFolder, check_replaceable, output_folder
+from posefuse.foundation.folder_mark import MARK_FILE, FolderMark, write_mark
+from posefuse.foundation.output_file import earlier_kept
+from posefuse.foundation.output_folder import OutputFolder, check_replaceable, growing_folder, output_folder
 
 Command = Callable[[Path, bool], int]
 
@@ -66,16 +66,16 @@ def test_a_report_into_a_foreign_folder_is_refused(results: Path, tmp_path: Path
     assert tree(tmp_path) == before
 
 
-def test_a_second_report_keeps_the_users_notes_and_replaces_an_unchanged_report(results: Path, tmp_path: Path, capsys) -> None:
+def test_a_second_report_keeps_the_first_with_the_users_notes(results: Path, tmp_path: Path, capsys) -> None:
     result = Path(shutil.copytree(results / "R", tmp_path / "R"))
-    for _ in range(2):
-        assert main(["report", str(result), "--fit", "none"]) == 0
-    assert not list(tmp_path.rglob("*.replaced-*"))
+    assert main(["report", str(result), "--fit", "none"]) == 0
     (result / "biomechanics" / "notes.txt").write_text("the user's")
-    before = tree(tmp_path)
-    assert main(["report", str(result), "--fit", "none"]) == 1
-    assert "notes.txt" in capsys.readouterr().err
-    assert tree(tmp_path) == before
+    before = tree(result / "biomechanics")
+    assert main(["report", str(result), "--fit", "none"]) == 0
+    [aside] = result.glob("biomechanics.replaced-*")
+    assert tree(aside) == before
+    assert f"the earlier results are kept in {aside}" in " ".join(capsys.readouterr().err.split())
+    assert not (result / "biomechanics" / "notes.txt").exists()
 
 
 def test_a_folder_named_partial_is_treated_like_any_other(demo_session: Path, tmp_path: Path) -> None:
@@ -112,7 +112,7 @@ def test_a_file_named_incomplete_does_not_turn_a_folder_into_a_session(tmp_path:
 MODEL_FILE = "pose_landmark_full.tflite"
 # names that commands write themselves, or wrote once, and some of the user's
 NAMES = st.sampled_from(
-    ["report.html", "recording.json", "recording.npz", "rig.toml", "scene.yaml", "INCOMPLETE", MANIFEST_FILE, "compare.json"]
+    ["report.html", "recording.json", "recording.npz", "rig.toml", "scene.yaml", "INCOMPLETE", MARK_FILE, "compare.json"]
     + ["compare.html", "latency.json", "walking.json", "out", "out.partial", "videos", "thesis [final].docx", "x[/b]", ".hidden"]
     + ["posefuse.toml", "models", MODEL_FILE, "rig_coverage.png"]
 )
@@ -144,13 +144,16 @@ def check_nothing_is_lost(command: Command, files: dict[str, bytes], place: str,
         code = command(folder / place, force)
         assert code in (0, 1)
         for path, content in foreign.items():
-            assert survives(path, content), path
+            assert survives(path, content, folder), path
 
 
-def survives(path: Path, content: bytes) -> bool:
-    """Whether a file is as it was, or, single files that --force replaces, next to it as NAME.replaced-TIME."""
-    beside = path.parent.glob(f"{glob.escape(path.name)}.replaced-*")
-    return any(one.is_file() and one.read_bytes() == content for one in (path, *beside))
+def survives(path: Path, content: bytes, within: Path) -> bool:
+    """Whether a file is as it was, or it or a folder that it lies in was moved to NAME.replaced-TIME."""
+    places = [within]
+    for part in path.relative_to(within).parts:
+        patterns = (glob.escape(part), f"{glob.escape(part)}.replaced-*")
+        places = [found for place in places for pattern in patterns for found in place.glob(pattern)]
+    return any(one.is_file() and one.read_bytes() == content for one in places)
 
 
 @pytest.mark.parametrize(("command", "finished"), [("reported", "angles.csv"), ("compared", "compare.json")])
@@ -208,8 +211,8 @@ def experimented(results: Path, out: Path, force: bool) -> int:
 
     try:
         made = growing_folder(out, command="experiment", names=["walking.json"])
-        (made.folder / "walking.json").write_text("{}")
-        made.add([made.folder / "walking.json"])
+        with earlier_kept(made / "walking.json"):
+            (made / "walking.json").write_text("{}")
     except InputError:
         return 1
     return 0
@@ -289,8 +292,7 @@ def simulated(results: Path, out: Path, force: bool) -> int:
     def finish(live: object, paths: sessions.SessionPaths) -> None:
         remove_parts([], paths)
         paths.rig.write_text("a rig")
-        manifest = Manifest(command="simulate", target=".")
-        write_manifest(paths.folder, manifest_of_files(paths.folder, manifest, [paths.rig, paths.scene]))
+        write_mark(paths.folder, FolderMark(command="simulate"))
         paths.incomplete.unlink()
 
     with pytest.MonkeyPatch.context() as patched:

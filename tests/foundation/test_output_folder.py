@@ -1,7 +1,6 @@
-"""Results appear whole or not at all, and only what posefuse wrote and that is unchanged is ever replaced."""
+"""Results appear whole or not at all; a folder of posefuse is moved aside whole, any other is refused, and none is removed."""
 
 import errno
-import json
 import os
 import shutil
 from collections import namedtuple
@@ -13,9 +12,9 @@ import pytest
 
 from posefuse.core import DiskFullError, InputError
 from posefuse.foundation.atomic import write_text
-from posefuse.foundation.growing import growing_folder
-from posefuse.foundation.manifest import DESKTOP_FILES, MANIFEST_FILE, contents, read_manifest
-from posefuse.foundation.output_folder import find_unfinished, output_folder
+from posefuse.foundation.folder_mark import MARK_FILE, FolderMark, read_mark
+from posefuse.foundation.output_file import earlier_kept
+from posefuse.foundation.output_folder import find_unfinished, growing_folder, output_folder
 
 
 def make(path: Path, text: str = "one", **options: Any) -> None:
@@ -43,31 +42,27 @@ def refused(path: Path, reason: str, **options: Any) -> None:
     assert (tree(path.parent) if path.parent.is_dir() else {}) == before
 
 
-def test_a_folder_appears_when_it_is_complete_and_replaces_a_result_of_the_same_command(tmp_path: Path) -> None:
+def test_a_folder_appears_when_it_is_complete_and_moves_a_result_of_the_same_command_aside(tmp_path: Path) -> None:
     path = tmp_path / "deep" / "result"
     for text in ("one", "two"):
         with output_folder(path, command="track", replace=True) as out:
-            assert [entry.name for entry in out.folder.iterdir()] == [MANIFEST_FILE]
+            assert [entry.name for entry in out.folder.iterdir()] == [MARK_FILE]
             assert out.folder.parent == path.parent and out.target == path
             (out.folder / "recording.json").write_text(text)
             (out.folder / text).write_text(text)
             assert out.final(out.folder / text) == path / text
             assert not (path / text).exists()
-    assert (path / "recording.json").read_text() == "two"
-    assert not (path / "one").exists()
-    assert [entry.name for entry in path.parent.iterdir()] == ["result"]
+    assert tree(path).keys() == {MARK_FILE, "recording.json", "two"}
+    [aside] = set(path.parent.iterdir()) - {path}
+    assert aside.name.startswith("result.replaced-") and tree(aside).keys() == {MARK_FILE, "recording.json", "one"}
 
 
-def test_the_manifest_lists_every_file(tmp_path: Path) -> None:
+def test_the_mark_states_the_command_and_differs_between_no_two_folders(tmp_path: Path) -> None:
     make(tmp_path / "result")
-    manifest = read_manifest(tmp_path / "result")
-    assert manifest is not None and manifest.complete and manifest.command == "track"
-    assert {one.path: one.size for one in manifest.files} == {"recording.json": 3, "deep/one": 3}
-    assert manifest.target == "."
+    assert read_mark(tmp_path / "result") == FolderMark(command="track")
     make(tmp_path / "another")
-    lists = [(tmp_path / name / MANIFEST_FILE).read_bytes() for name in ("result", "another")]
-    assert lists[0] == lists[1]  # the same work gives the same bytes
-    assert contents(tmp_path / "result").foreign == ()
+    marks = [(tmp_path / name / MARK_FILE).read_bytes() for name in ("result", "another")]
+    assert marks[0] == marks[1]  # the same work gives the same bytes
 
 
 @pytest.mark.parametrize("problem", [ValueError, KeyboardInterrupt])
@@ -85,7 +80,7 @@ def test_a_failed_run_keeps_the_old_result(tmp_path: Path, problem: type[BaseExc
 
 def test_a_result_is_replaced_only_on_request_and_by_the_same_command(tmp_path: Path) -> None:
     make(tmp_path / "result")
-    refused(tmp_path / "result", "holds results already; choose another folder or add `replace=True`", replace=False)
+    refused(tmp_path / "result", "holds results already; .*`replace=True`.* kept in NAME.replaced-TIME", replace=False)
     refused(tmp_path / "result", "holds results of `posefuse track`", command="simulate")
     make(tmp_path / "result", "two")
 
@@ -107,40 +102,30 @@ def change(result: Path) -> None:
     (result / "recording.json").write_text("ONE")
 
 
-def remove_manifest(result: Path) -> None:
-    (result / MANIFEST_FILE).unlink()
-
-
-def damage_manifest(result: Path) -> None:
-    (result / MANIFEST_FILE).write_text("[" * 100_000)
-
-
-def list_of_another(result: Path) -> None:
-    (result / MANIFEST_FILE).write_text('{"files": ["thesis.docx"]}')
-
-
 def put_another_result_in(result: Path) -> None:
     make(result / "of another day")
 
 
-@pytest.mark.parametrize(
-    "meddle",
-    [
-        add_file,
-        add_folder,
-        add_link,
-        change,
-        remove_manifest,
-        damage_manifest,
-        list_of_another,
-        put_another_result_in,
-    ],
-)
-def test_foreign_files_are_refused_by_name_with_and_without_force(tmp_path: Path, meddle: Callable[[Path], None]) -> None:
+@pytest.mark.parametrize("meddle", [add_file, add_folder, add_link, change, put_another_result_in])
+def test_all_that_is_in_a_result_stays_in_it_when_it_is_moved_aside(tmp_path: Path, meddle: Callable[[Path], None]) -> None:
+    path, said = tmp_path / "result", list[str]()
+    make(path)
+    meddle(path)
+    before = tree(path)
+    make(path, "two", warn=said.append)
+    [aside] = tmp_path.glob("result.replaced-*")
+    assert tree(aside) == before and tree(path).keys() == {MARK_FILE, "recording.json", "deep", "deep/two"}
+    assert said == [f"the earlier results are kept in {aside}"]
+
+
+@pytest.mark.parametrize("mark", [None, "[" * 100_000, '{"files": ["thesis.docx"]}', "[]", "{"])
+def test_a_folder_without_our_mark_is_refused_by_name_with_and_without_force(tmp_path: Path, mark: str | None) -> None:
     make(tmp_path / "result")
-    meddle(tmp_path / "result")
+    (tmp_path / "result" / MARK_FILE).unlink()
+    if mark is not None:
+        (tmp_path / "result" / MARK_FILE).write_text(mark)
     for replace in (True, False):
-        refused(tmp_path / "result", r"did not write or what was changed since \(.+\)", replace=replace)
+        refused(tmp_path / "result", r"holds what posefuse did not write \(deep, .+\)", replace=replace)
 
 
 def test_a_foreign_folder_is_refused_and_an_empty_folder_is_used(tmp_path: Path) -> None:
@@ -153,45 +138,17 @@ def test_a_foreign_folder_is_refused_and_an_empty_folder_is_used(tmp_path: Path)
     refused(tmp_path / "home", r"\(a, b, c, \.\.\.\)")
 
 
-@pytest.mark.parametrize("name", DESKTOP_FILES)
-def test_files_of_finder_and_explorer_do_not_block_a_result_and_are_not_deleted(tmp_path: Path, name: str) -> None:
-    path = tmp_path / "result"
-    path.mkdir()
-    (path / name).write_text("icons")
-    make(path, "one", command="track")
-    (path / "deep" / name).write_text("more icons")
-    make(path, "two", command="track", replace=True)
-    assert (path / "recording.json").read_text() == "two"
-    assert (path / name).read_text() == "icons" and (path / "deep" / name).read_text() == "more icons"
-    assert [entry.name for entry in tmp_path.iterdir()] == ["result"]
-    # a folder of that name, or any other hidden file, is the user's
-    (path / ".notes").write_text("the user's")
-    refused(path, r"\(\.notes\)", command="track", replace=True)
-
-
-def test_files_of_finder_are_kept_when_the_new_result_has_no_such_folder(tmp_path: Path) -> None:
-    path, said = tmp_path / "result", []
-    make(path)
-    (path / "deep" / ".DS_Store").write_text("icons")
-    with output_folder(path, command="track", replace=True, warn=said.append) as out:
-        (out.folder / "recording.json").write_text("flat")
+@pytest.mark.parametrize("name", [".DS_Store", "Thumbs.db", "desktop.ini"])
+def test_a_folder_that_finder_or_explorer_has_shown_is_as_good_as_empty(tmp_path: Path, name: str) -> None:
+    (tmp_path / "result").mkdir()
+    (tmp_path / "result" / name).write_text("icons")
+    make(tmp_path / "result", replace=False)
     [aside] = tmp_path.glob("result.replaced-*")
-    assert tree(aside) == {"deep": None, "deep/.DS_Store": b"icons"}
-    assert len(said) == 1 and str(aside) in said[0]
-
-
-def test_a_report_inside_a_result_is_removed_with_the_result(tmp_path: Path) -> None:
-    result = tmp_path / "result"
-    make(result)
-    report = {"command": "report", "inputs": [result / "recording.json"]}
-    make(result / "report", **report)
-    make(result / "report", **report)
-    make(result, "two")
-    assert not (result / "report").exists()
-    make(result / "report", inputs=[result / "recording.json"], command="report")
-    (result / "report" / "notes.txt").write_text("the user's")
-    refused(result, "notes.txt")
-    refused(result / "report", "notes.txt", **report)
+    assert tree(aside) == {name: b"icons"}
+    # any other hidden file is the user's
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / ".notes").write_text("the user's")
+    refused(tmp_path / "other", r"\(\.notes\)")
 
 
 def test_an_output_inside_around_or_equal_to_an_input_is_refused(tmp_path: Path) -> None:
@@ -271,8 +228,8 @@ def test_an_interrupted_run_is_found_and_continued(tmp_path: Path) -> None:
     with output_folder(path, command="track", unfinished=out.folder) as again:
         assert (again.folder / "half").read_text() == "half"
         (again.folder / "whole").write_text("whole")
-    assert sorted(entry.name for entry in path.iterdir()) == ["half", MANIFEST_FILE, "whole"]
-    assert contents(path).foreign == () and find_unfinished(path) == []
+    assert sorted(entry.name for entry in path.iterdir()) == ["half", MARK_FILE, "whole"]
+    assert read_mark(path) == FolderMark(command="track") and find_unfinished(path) == []
 
 
 def test_files_that_appear_during_the_run_are_not_replaced_and_the_new_results_are_kept(tmp_path: Path) -> None:
@@ -284,8 +241,7 @@ def test_files_that_appear_during_the_run_are_not_replaced_and_the_new_results_a
             (path / "thesis.docx").write_text("years of work")
     assert (path / "thesis.docx").read_text() == "years of work"
     assert (out.folder / "recording.json").read_text() == "new"
-    manifest = read_manifest(out.folder)
-    assert manifest is not None and manifest.complete
+    assert read_mark(out.folder) == FolderMark(command="track")
 
 
 def test_a_file_added_to_a_result_during_its_replacement_is_kept_and_reported(
@@ -328,17 +284,6 @@ def test_the_old_result_is_restored_when_the_new_one_cannot_be_moved_there(
     assert tree(path) == before
 
 
-def test_a_manifest_with_paths_outside_its_folder_deletes_nothing_there(tmp_path: Path) -> None:
-    make(tmp_path / "result")
-    outside = tmp_path / "outside"
-    outside.write_text("one")
-    about = json.loads((tmp_path / "result" / MANIFEST_FILE).read_text())
-    about["files"] += [{**about["files"][0], "path": path} for path in ("../outside", str(outside))]
-    (tmp_path / "result" / MANIFEST_FILE).write_text(json.dumps(about))
-    make(tmp_path / "result", "two")
-    assert outside.read_text() == "one"
-
-
 def test_a_result_has_the_permissions_of_the_users_other_folders(tmp_path: Path) -> None:
     (tmp_path / "other").mkdir()
     make(tmp_path / "result")
@@ -357,12 +302,13 @@ def test_a_disk_that_becomes_full_is_one_line_and_what_was_finished_is_kept(
     monkeypatch.undo()
     [left] = tmp_path.glob(".result.*.unfinished")
     assert str(caught.value).endswith(f"({os.strerror(number)})); what was finished until then is kept in {left}")
-    assert sorted(entry.name for entry in left.iterdir()) == ["first", MANIFEST_FILE]
+    assert sorted(entry.name for entry in left.iterdir()) == ["first", MARK_FILE]
     assert (tmp_path / "result" / "recording.json").read_text() == "one"
     # the next run reports it
     said: list[str] = []
     make(tmp_path / "result", "two", warn=said.append)
-    assert [line.split(":")[0] for line in said] == [str(left)]
+    [aside] = tmp_path.glob("result.replaced-*")
+    assert said[0].startswith(f"{left}: was left") and said[1:] == [f"the earlier results are kept in {aside}"]
 
 
 def test_a_disk_that_is_full_from_the_beginning_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -371,15 +317,36 @@ def test_a_disk_that_is_full_from_the_beginning_leaves_nothing(tmp_path: Path, m
     assert not list(tmp_path.iterdir())
 
 
-def test_a_full_disk_leaves_no_half_list_of_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    folder = growing_folder(tmp_path / "study", command="batch", names=["a.json"])
-    (folder.folder / "a.json").write_text("{}")
-    before = tree(folder.folder)
+def test_a_full_disk_leaves_no_half_mark(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     fill_disk(monkeypatch, errno.ENOSPC)
-    with pytest.raises(InputError, match=r"cannot be written \(No space left on device\); what is complete is kept"):
-        folder.add([folder.folder / "a.json"])
-    monkeypatch.undo()
-    assert tree(folder.folder) == before
+    with pytest.raises(InputError, match=r"study: cannot be written \(No space left on device\)"):
+        growing_folder(tmp_path / "study", command="batch", names=["a.json"])
+    refused(tmp_path / "result", r"no folder can be made there \(No space left on device\)")
+
+
+def test_a_folder_that_grows_is_opened_again_and_no_foreign_one_is_taken_for_it(tmp_path: Path) -> None:
+    names = ["a.json", "b.json"]
+    (tmp_path / "study").mkdir()
+    (tmp_path / "study" / "videos.zip").write_text("the user's")
+    for _ in range(2):
+        assert growing_folder(tmp_path / "study", command="batch", names=names) == tmp_path / "study"
+    with pytest.raises(InputError, match="holds results of `posefuse batch`"):
+        growing_folder(tmp_path / "study", command="experiment", names=names)
+    for name in (*names, MARK_FILE):
+        (tmp_path / "other").mkdir()
+        (tmp_path / "other" / name).write_text("the user's")
+        with pytest.raises(InputError, match=f"holds {name}, which posefuse did not write"):
+            growing_folder(tmp_path / "other", command="batch", names=names)
+        shutil.rmtree(tmp_path / "other")
+
+
+def test_a_file_that_is_written_again_stays_as_it_was_unless_it_is_the_same(tmp_path: Path) -> None:
+    path = tmp_path / "study.csv"
+    for text in ("one", "one", "two"):
+        with earlier_kept(path):
+            path.write_text(text)
+    [aside] = tmp_path.glob("study.csv.replaced-*")
+    assert aside.read_text() == "one" and path.read_text() == "two"
 
 
 def fill_disk(monkeypatch: pytest.MonkeyPatch, number: int) -> None:

@@ -5,7 +5,7 @@ _NUMBERS = ("nan", "inf", "-inf", "1e300", "-1e300", "-1", "0")
 _SETTINGS = (
     "rate_hz=1e9", "rate_hz=nan", "rate_hz=1e-300", "rate_hz=0", "cameras.cam00.offset_s=1e12", "cameras.cam00.offset_s=nan",
     "cameras.cam00.drift_ppm=1e9", "cameras.cam00.crop=[nan, 0]", "associate.max_people=0", "associate.max_people=-3",
-    "associate.near_xy_m=[nan, 0]", "fuse.sigma_share=inf", "fuse.score_min=-1", "smooth.speed=nan", "max_time_steps=0",
+    "associate.near_xy_m=[nan, 0]", "fuse.sigma_share=inf", "fuse.score_min=-1", "smooth.speed=nan",
     "outputs=[1]", "outputs=['none']", "detector=5", "detector.options.x=1", "input='films'", "cameras=5", "rig=5", "a.b.c=1",
 )  # fmt: skip
 

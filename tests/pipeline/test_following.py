@@ -209,12 +209,6 @@ def test_the_rate_is_that_of_the_camera_however_its_file_rounds_times(to_ns: int
     assert line.count == 3000
 
 
-def test_a_recording_of_too_many_time_steps_is_refused_with_its_length_and_rate() -> None:
-    times_ns = {"a": np.arange(101) * 20_000_000, "b": np.arange(101) * 20_000_000}
-    with pytest.raises(SourceError, match=r"101 time steps \(2\.02 s at 50 Hz\); expected at most 100"):
-        common_timeline(times_ns, None, None, None, max_time_steps=100)
-
-
 class Reflection(Stage):
     """What only the first two cameras see, although the others have the same part of the room in their image."""
 

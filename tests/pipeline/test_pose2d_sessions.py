@@ -182,13 +182,3 @@ def test_hands_and_face_reach_3d_and_every_file(project: Path, tmp_path: Path, r
 
     colours = dict(zip(whole.bones, bone_colours(whole), strict=True))
     assert colours["left_hand_root", "left_index1"] == LEFT.image_rgb and colours["right_ring2", "right_ring3"] == RIGHT.image_rgb
-
-
-def test_proportions_move_the_keypoints_of_other_tools_only_when_asked_for(project: Path, tmp_path: Path) -> None:
-    def solved(name: str, *more: str) -> np.ndarray:
-        assert main(["track", str(project), "--out", str(tmp_path / name), "--outputs", "trc", *more]) == 0
-        return np.asarray(read_recording(tmp_path / name).poses.xyz_world)
-
-    plain, asked = solved("plain"), solved("asked", "--set", "proportions=true")
-    np.testing.assert_array_equal(plain, solved("off", "--set", "joint_centres=false"))
-    assert np.nanmax(np.abs(asked - plain)) > 1e-3

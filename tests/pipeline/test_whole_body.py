@@ -17,7 +17,6 @@ from posefuse.pipeline.solve import SolveSettings
 from posefuse.pipeline.whole_body import hidden_people, with_bodies
 from posefuse.simulation.exact import truth_of
 from posefuse.simulation.scene import Scene
-from posefuse.tracking import proportional_joint_centres
 
 SIGMA_PX, SIGMA_M, STEPS = 1.0, 0.005, 40
 HIDDEN = slice(12, 30)
@@ -165,8 +164,7 @@ def test_a_person_without_hips_keeps_their_poses(walker, ring_rig) -> None:
     ],
 )
 def test_a_body_is_fitted_if_asked_for_and_with_auto_where_it_is_known_to_help(changes: dict, fitted: bool, wanted: bool) -> None:
-    """A table by people's proportions is not one that was fitted to a detector."""
-    table = read_joint_centres(read_card("blazepose_full").joint_centres_file) if fitted else proportional_joint_centres(COCO17)
+    table = read_joint_centres(read_card("blazepose_full").joint_centres_file) if fitted else None
     settings = SolveSettings.of(changed_config(TrackConfig(), changes), table)
     assert (settings.body is not None) == wanted
     assert settings.only_hidden == (changes.get("body", "auto") == "auto")

@@ -15,7 +15,7 @@ from posefuse.cli.main import main
 from posefuse.cli.videos import kept_videos
 from posefuse.core import InputError
 from posefuse.formats.pixels import Pixels, RgbPixels
-from posefuse.foundation.manifest import MANIFEST_FILE
+from posefuse.foundation.folder_mark import MARK_FILE
 from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.live_videos import session_with_videos
 from posefuse.pipeline.session import find_session
@@ -180,7 +180,7 @@ def test_a_session_kept_with_its_videos_can_be_tracked(
     figures = json.loads(capsys.readouterr().out)
     session = find_session(kept, TrackConfig())
     assert session.rig.names == ("cam00", "cam01", "cam02", "cam03")
-    assert (kept / MANIFEST_FILE).is_file()
+    assert (kept / MARK_FILE).is_file()
     for name, counts in figures["videos"].items():
         found = VideoConfig(kept / "videos" / f"{name}.mp4", name).build().times_ns()
         original = VideoConfig(demo_session / "videos" / f"{name}.mp4", name).build().times_ns()

@@ -15,7 +15,7 @@ from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.formats.npz import read_arrays
 from posefuse.formats.rig import read_rig
 from posefuse.formats.truth import read_truth
-from posefuse.foundation.manifest import MANIFEST_FILE, contents
+from posefuse.foundation.folder_mark import MARK_FILE
 from posefuse.simulation import Scene, read_scene, simulate, truth_of
 from posefuse.simulation import session as sessions
 from posefuse.simulation.build import live_scene
@@ -94,8 +94,7 @@ def test_the_written_scene_is_the_scene(session):
 
 
 def test_nothing_marks_a_finished_session_as_unfinished(session):
-    assert sorted(path.name for path in session.iterdir()) == [MANIFEST_FILE, "rig.toml", "scene.yaml", "truth", "videos"]
-    assert contents(session).foreign == ()
+    assert sorted(path.name for path in session.iterdir()) == [MARK_FILE, "rig.toml", "scene.yaml", "truth", "videos"]
 
 
 def test_truth_without_rendering_differs_in_visibility_only(session):
@@ -204,11 +203,12 @@ def test_a_session_of_its_own_is_replaced_and_what_is_the_users_stays(tmp_path, 
     [aside] = tmp_path.glob("session.replaced-*")
     assert len(said) == 1 and said[0].endswith(f"is kept in {aside}")
     assert (aside / "parts" / "notes.txt").read_text() == "the user's"
-    # finished and unchanged: replaced, and nothing of it stays
+    # finished: moved aside and kept
     before = _contents(folder)
-    simulate(scene, folder, processes=1, replace=True)
+    simulate(scene, folder, processes=1, replace=True, warn=said.append)
     assert _contents(folder) == before
-    assert set(tmp_path.iterdir()) == {folder, aside}
+    [first] = set(tmp_path.iterdir()) - {folder, aside}
+    assert _contents(first) == before
     # interrupted: the finished one is aside, and the error names where
 
     def interrupt(done: int, total: int) -> None:
@@ -216,9 +216,9 @@ def test_a_session_of_its_own_is_replaced_and_what_is_the_users_stays(tmp_path, 
 
     with pytest.raises(KeyboardInterrupt):
         simulate(scene, folder, interrupt, processes=1, replace=True, warn=said.append)
-    [kept] = set(tmp_path.iterdir()) - {folder, aside}
+    [kept] = set(tmp_path.iterdir()) - {folder, aside, first}
     assert _contents(kept) == before
-    assert said[1:] == [f"the earlier session is kept in {kept}"]
+    assert said[1:] == [f"the earlier session is kept in {one}" for one in (first, kept)]
 
 
 def test_a_disk_that_is_too_small_is_reported_before_anything_is_rendered(tmp_path, monkeypatch):

@@ -16,7 +16,7 @@ from posefuse.core import Kind, PoseSequence, Truth
 from posefuse.evaluation.metrics import joint_errors, typical_nees
 from posefuse.formats.recording import read_recording
 from posefuse.formats.truth import read_truth
-from posefuse.foundation.manifest import MANIFEST_FILE
+from posefuse.foundation.folder_mark import MARK_FILE
 from posefuse.pipeline.solve import solve_again
 
 pytestmark = pytest.mark.usefixtures("models")
@@ -34,7 +34,7 @@ def test_the_clip_is_tracked_to_its_truth_and_every_file_is_there(demo_session: 
     assert (got["cameras"], got["time_steps"], got["people"]) == (4, 61, 1)
     assert min(one["seen"] for one in got["camera_fits"].values()) > 0.98
     assert got["mpjpe_mm"] < 1.1 * 12.1  # `make demo` prints 12.1
-    assert sorted(path.name for path in out.iterdir()) == sorted([*got["files"], MANIFEST_FILE])
+    assert sorted(path.name for path in out.iterdir()) == sorted([*got["files"], MARK_FILE])
     assert {"pose.trc", "pose.c3d", "pose.csv", "overlay.mp4", "overview.png"} <= set(got["files"])
     recording = read_recording(out)
     assert recording.provenance["rig_id"] == recording.rig.id

@@ -155,7 +155,7 @@ class Recording(core.Recording):
         """Write a result folder that `read` reads back to the last bit, and files of other formats next to it.
 
         Args:
-            path: new or empty folder; with `replace` also an unchanged result that posefuse wrote.
+            path: new or empty folder; with `replace` an earlier result is moved to ``NAME.replaced-TIME``.
             formats: names of outputs, e.g. ``trc``, ``c3d``, ``csv``, ``overlay``; see `posefuse plugins`.
             session: the session folder, whose images outputs such as ``overlay`` draw on.
 

@@ -26,7 +26,7 @@ def simulate(
 
     Args:
         scene: see docs/simulation.md.
-        out: new or empty folder; with `replace` also an unchanged session that posefuse wrote.
+        out: new or empty folder; with `replace` an earlier session is moved to ``NAME.replaced-TIME``.
         processes: how many render at once; None: one per core.
 
     Returns:
@@ -55,7 +55,7 @@ def gazebo_world(scene: str | Path, out: str | Path, *, release: str = "harmonic
 
     Args:
         scene: see docs/simulation.md; a person with the motion ``result`` walks as recorded.
-        out: new or empty folder; with `replace` also an unchanged world that posefuse wrote.
+        out: new or empty folder; with `replace` an earlier world is moved to ``NAME.replaced-TIME``.
         release: of Gazebo: ``fortress``, ``harmonic`` or ``jetty``.
 
     Returns:

@@ -48,7 +48,7 @@ def track(
         formats: outputs to write there, e.g. ``("trc", "c3d")``; see `posefuse plugins`. None: those that ``posefuse.toml``
             names, else none.
         resume: continue the interrupted work of `out`.
-        replace: replace an unchanged result that posefuse wrote there.
+        replace: move an earlier result that is there to ``NAME.replaced-TIME``.
         settings: any other setting by dotted key, e.g. ``{"smooth.cutoff_hz": 8}``.
         progress: True for bars on stderr, or a function (see `Progress`).
 

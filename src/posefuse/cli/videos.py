@@ -15,7 +15,7 @@ from typing import Any
 from posefuse.core import InputError, PosefuseError, Rig, SourceError
 from posefuse.formats.kept_video import VIDEOS_FOLDER
 from posefuse.formats.rig import write_rig
-from posefuse.foundation.manifest import MANIFEST_FILE, read_manifest
+from posefuse.foundation.folder_mark import MARK_FILE, read_mark
 from posefuse.foundation.output_folder import check_replaceable, find_unfinished, output_folder
 from posefuse.realtime.capture import LiveInput
 from posefuse.realtime.video_keeping import KeptCounts, read_counts, write_found_counts
@@ -85,17 +85,17 @@ def completed_recording(folder: Path) -> dict[str, KeptCounts]:
     if not left:
         raise InputError(f"{folder}: no recording of this name was interrupted; nothing to resume")
     staging = left[-1]
-    videos, manifest = staging / VIDEOS_FOLDER, read_manifest(staging)
-    assert manifest is not None
+    videos, mark = staging / VIDEOS_FOLDER, read_mark(staging)
+    assert mark is not None
     made = _written(videos)
     if any(abs(time.time() - path.stat().st_mtime) < _IN_USE_S for path in made):
         raise InputError(f"{folder}: {staging} was written to within the last {_IN_USE_S} s; is it still being recorded?")
-    begun = datetime.fromtimestamp((staging / MANIFEST_FILE).stat().st_mtime, UTC)
-    with output_folder(folder, command=manifest.command, keep_unfinished=True, unfinished=staging) as out:
+    begun = datetime.fromtimestamp((staging / MARK_FILE).stat().st_mtime, UTC)
+    with output_folder(folder, command=mark.command, keep_unfinished=True, unfinished=staging) as out:
         for path in made:
             write_found_counts(path)
         counts = read_counts(videos, [path.stem for path in made])
-        _write_facts(folder, out.folder, counts, {}, manifest.command, begun)
+        _write_facts(folder, out.folder, counts, {}, mark.command, begun)
     return counts
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from posefuse.core import InputError, JointAngles, PosefuseError, PoseSequence, Recording, Skeleton
+from posefuse.core import InputError, JointAngles, Recording
 from posefuse.core.arrays import Array
 from posefuse.core.joint_angles import angle_labels
 from posefuse.core.poses import point_sigma_m
@@ -108,26 +108,6 @@ def angles_to_dataframe(angles: JointAngles) -> DataFrame:
         }
     )
     return table
-
-
-def poses_from_xarray(dataset: Dataset) -> PoseSequence:
-    """The poses of a Dataset as `recording_to_xarray` makes it, to the last bit, after netCDF too.
-
-    Raises:
-        InputError: variables, coordinates or attributes are missing, or do not fit together.
-    """
-    try:
-        skeleton = Skeleton(
-            str(dataset.attrs["skeleton"]),
-            tuple(str(name) for name in dataset["keypoint"].values),
-            tuple((str(a), str(b)) for a, b in json.loads(dataset.attrs["bones"])),
-        )
-        fields = {field: dataset[name].transpose(*dims).values for field, (name, dims, _, _) in _VARIABLES.items()}
-        return PoseSequence(t_ns=dataset["t_ns"].values, skeleton=skeleton, person_id=dataset["person"].values, **fields)
-    except (KeyError, ValueError, TypeError) as error:
-        raise InputError(f"dataset: not a posefuse recording ({type(error).__name__}: {error})") from None
-    except PosefuseError as error:
-        raise InputError(f"dataset: does not fit together: {error}") from None
 
 
 def recording_to_dataframe(recording: Recording) -> DataFrame:

@@ -6,7 +6,7 @@ from posefuse.foundation.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from .atomic import atomic_file
-    from .growing import growing_folder
+    from .output_folder import growing_folder
     from .plain_values import plain
     from .platform import usable_cores
     from .plugins import build_plugin
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "atomic_file": "atomic",
     "build_plugin": "plugins",
-    "growing_folder": "growing",
+    "growing_folder": "output_folder",
     "plain": "plain_values",
     "settings_from_mapping": "settings",
     "usable_cores": "platform",

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import filecmp
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from posefuse.core import InputError
@@ -48,3 +50,16 @@ def keep_copy(path: Path) -> Path | None:
     except OSError as error:
         raise InputError(f"{path}: cannot be kept as {aside.name} ({error.strerror}); nothing was replaced") from None
     return aside
+
+
+@contextmanager
+def earlier_kept(path: Path) -> Iterator[None]:
+    """Around writing a file: what was at `path` before stays as ``NAME.replaced-TIME``, unless it is what was written again.
+
+    Raises:
+        InputError: it cannot be copied.
+    """
+    aside = keep_copy(path)
+    yield
+    if aside is not None and filecmp.cmp(aside, path, shallow=False):
+        aside.unlink()

@@ -1,28 +1,29 @@
 """The one way in which commands write a folder of results.
 
-Results are made in a staging folder ``.NAME.xxxxxxxx.unfinished`` in the same parent and renamed at the end. An older result is
-replaced only when posefuse wrote all of it (`manifest`) and it is unchanged since; it is moved aside first and removed last.
-Files that Finder and Explorer put into the older one move into the new one.
+Results are made in a staging folder ``.NAME.xxxxxxxx.unfinished`` in the same parent and renamed at the end. An older result of
+the same command (`folder_mark`) is moved to ``NAME.replaced-TIME`` with all that is in it; posefuse never removes a result.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from posefuse.core import DiskFullError, InputError
 
 from .atomic import is_disk_full, new_folder
-from .manifest import MANIFEST_FILE, Manifest, completed, contents, read_manifest, remove_written, write_manifest
+from .folder_mark import MARK_FILE, FolderMark, read_mark, write_mark
 from .places import check_outside_inputs, check_space, holds_working_folder, name_aside, real_path
 
 Warn = Callable[[str], None]
 _SUFFIX = ".unfinished"
 _NAMED = 3  # entries named in a message
 _LONGEST_NAME = 40  # characters of the target's name in that of its staging folder
+# what Finder and Explorer leave in every folder they show
+_DESKTOP_FILES = (".DS_Store", "Thumbs.db", "desktop.ini")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -61,11 +62,11 @@ def output_folder(
     Args:
         command: what makes the results; only results of the same command are replaced.
         inputs: what the results are made from; `path` may not be, contain or lie inside any of them.
-        replace: whether an older result may be replaced.
+        replace: whether an older result may be moved aside, as `move_aside` does.
         estimated_bytes: what will be written, compared with the free space.
         keep_unfinished: leave the staging folder when the block raises, if something was written to it; see `find_unfinished`.
         unfinished: a staging folder from `find_unfinished` to continue in, instead of a new one.
-        warn: receives a line about files of a replaced result that are left in place, and about what an earlier run left.
+        warn: receives a line about where an older result is kept, and about what an earlier run left.
 
     Raises:
         InputError: before the block: `path` cannot be made or written to, overlaps an input, holds results (without
@@ -80,12 +81,10 @@ def output_folder(
         for left in find_unfinished(path):
             warn(f"{left}: was left by an earlier run that could not be finished; delete it when it is not needed any more")
     made = _make_parents(path, target)
-    of_parent = bool(inputs) and all(real_path(one).parent == target.parent for one in inputs)
-    manifest = Manifest(command=command, target=str(target), of_parent=of_parent)
     staging = unfinished
     try:
         check_space(target.parent, estimated_bytes)
-        staging = unfinished or _new_staging(path, target, manifest)
+        staging = unfinished or _new_staging(path, target, command)
         yield OutputFolder(folder=staging, target=target, command=command)
     except BaseException as error:
         full = isinstance(error, DiskFullError) or (isinstance(error, OSError) and is_disk_full(error))
@@ -98,7 +97,7 @@ def output_folder(
             outcome = f"what was finished until then is kept in {staging}" if kept else "nothing was written"
             raise DiskFullError(f"{path}: no room ({reason}); {outcome}") from None
         raise
-    _finish(path, staging, target, manifest, replace, warn)
+    _finish(path, staging, target, command, replace, warn)
 
 
 def find_unfinished(path: Path) -> list[Path]:
@@ -109,16 +108,16 @@ def find_unfinished(path: Path) -> list[Path]:
     found = []
     # by name: a parent folder that was renamed took them along
     for folder in target.parent.glob(f".*{_SUFFIX}"):
-        manifest = read_manifest(folder) if folder.is_dir() and not folder.is_symlink() else None
-        if manifest is not None and not manifest.complete and Path(manifest.target).name == target.name:
+        mark = read_mark(folder) if folder.is_dir() and not folder.is_symlink() else None
+        if mark is not None and mark.unfinished == target.name:
             found.append(folder)
-    return sorted(found, key=lambda folder: (folder / MANIFEST_FILE).stat().st_mtime_ns)
+    return sorted(found, key=lambda folder: (folder / MARK_FILE).stat().st_mtime_ns)
 
 
 def check_replaceable(path: Path, *, command: str, replace: bool) -> None:
-    """Raise InputError unless results of `command` can go to `path` without touching anything that posefuse did not write.
+    """Raise InputError unless results of `command` can go to `path`.
 
-    A place where nothing is, an empty folder, and with `replace` an unchanged complete result of the same command can be used.
+    A place where nothing is, an empty folder, and with `replace` a result of the same command can be used.
     """
     target = real_path(path)
     if not target.name:
@@ -130,27 +129,50 @@ def check_replaceable(path: Path, *, command: str, replace: bool) -> None:
             raise InputError(f"{path}: expected a folder to write results to, got a file")
         if holds_working_folder(target):
             raise InputError(f"{path}: is the folder posefuse was started in, or contains it; choose another folder")
-        if any(target.iterdir()):
-            _check_own(path, target, command, replace)
+        names = sorted(entry.name for entry in target.iterdir() if entry.name not in _DESKTOP_FILES)
     except OSError as error:
         raise InputError(f"{path}: cannot be looked at ({error.strerror}); choose another folder") from None
+    if names:
+        _check_own(path, read_mark(target), names, command, replace)
 
 
-def _check_own(path: Path, target: Path, command: str, replace: bool) -> None:
-    manifest = read_manifest(target)
-    foreign = contents(target).foreign
-    if manifest is None and not foreign:
-        return
-    if manifest is None or foreign:
-        names = ", ".join(name.as_posix() for name in foreign[:_NAMED]) + (", ..." if len(foreign) > _NAMED else "")
-        raise InputError(
-            f"{path}: holds what posefuse did not write or what was changed since ({names}); that is never replaced: "
-            "choose an empty or a new folder"
-        )
-    if manifest.command != command:
-        raise InputError(f"{path}: holds results of `posefuse {manifest.command}`; choose another folder")
+def _check_own(path: Path, mark: FolderMark | None, names: Sequence[str], command: str, replace: bool) -> None:
+    if mark is None:
+        listed = ", ".join(names[:_NAMED]) + (", ..." if len(names) > _NAMED else "")
+        raise InputError(f"{path}: holds what posefuse did not write ({listed}); choose an empty or a new folder")
+    if mark.command != command:
+        raise InputError(f"{path}: holds results of `posefuse {mark.command}`; choose another folder")
     if not replace:
-        raise InputError(f"{path}: holds results already; choose another folder or add `replace=True` to replace them")
+        raise InputError(
+            f"{path}: holds results already; choose another folder or add `replace=True`: the old ones are then kept in "
+            "NAME.replaced-TIME"
+        )
+
+
+def growing_folder(path: Path, *, command: str, names: Iterable[str]) -> Path:
+    """Open or make a folder that a command adds files of these names to over days; returns its absolute path.
+
+    Raises:
+        InputError: it cannot be made or written to, holds the results of another command, or posefuse did not make it and it
+            holds a file of a name of ours.
+    """
+    target = real_path(path)
+    if target.exists() and not target.is_dir():
+        raise InputError(f"{path}: expected a folder to write results to, got a file")
+    mark = read_mark(target)
+    if mark is not None and mark.command != command:
+        raise InputError(f"{path}: holds results of `posefuse {mark.command}`; choose another folder")
+    if mark is not None:
+        return target
+    foreign = [name for name in (MARK_FILE, *names) if (target / name).exists() or (target / name).is_symlink()]
+    if foreign:
+        raise InputError(f"{path}: holds {', '.join(foreign)}, which posefuse did not write; choose another folder")
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+        write_mark(target, FolderMark(command=command))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+    return target
 
 
 def _make_parents(path: Path, target: Path) -> list[Path]:
@@ -167,7 +189,7 @@ def _make_parents(path: Path, target: Path) -> list[Path]:
     return made
 
 
-def _new_staging(path: Path, target: Path, manifest: Manifest) -> Path:
+def _new_staging(path: Path, target: Path, command: str) -> Path:
     staging = None
     try:
         if not target.exists():
@@ -175,7 +197,7 @@ def _new_staging(path: Path, target: Path, manifest: Manifest) -> Path:
             target.mkdir()
             target.rmdir()
         staging = new_folder(target.parent, f".{target.name[:_LONGEST_NAME]}.", _SUFFIX)
-        write_manifest(staging, manifest)
+        write_mark(staging, FolderMark(command=command, unfinished=target.name))
     except OSError as error:
         if staging is not None:
             shutil.rmtree(staging, ignore_errors=True)
@@ -184,7 +206,7 @@ def _new_staging(path: Path, target: Path, manifest: Manifest) -> Path:
 
 
 def _holds_work(staging: Path) -> bool:
-    return any(entry.name != MANIFEST_FILE for entry in staging.iterdir())
+    return any(entry.name != MARK_FILE for entry in staging.iterdir())
 
 
 def _remove_empty(folders: Sequence[Path]) -> None:
@@ -194,17 +216,17 @@ def _remove_empty(folders: Sequence[Path]) -> None:
             folder.rmdir()
 
 
-def _finish(path: Path, staging: Path, target: Path, manifest: Manifest, replace: bool, warn: Warn | None) -> None:
+def _finish(path: Path, staging: Path, target: Path, command: str, replace: bool, warn: Warn | None) -> None:
     try:
-        write_manifest(staging, completed(staging, manifest))
+        write_mark(staging, FolderMark(command=command))
         # once more: hours may have passed
-        check_replaceable(path, command=manifest.command, replace=replace)
+        check_replaceable(path, command=command, replace=replace)
         aside = _swap(staging, target)
     except (OSError, InputError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise InputError(f"{path}: the results are complete in {staging} but cannot be moved there ({reason})") from None
-    if aside is not None:
-        clear_aside(aside, target, warn)
+    if aside is not None and warn is not None:
+        warn(f"the earlier results are kept in {aside}")
 
 
 def _swap(staging: Path, target: Path) -> Path | None:
@@ -233,23 +255,3 @@ def move_aside(folder: Path) -> Path | None:
     aside = name_aside(folder)
     folder.rename(aside)
     return aside
-
-
-def clear_aside(aside: Path, new: Path, warn: Warn | None = None) -> None:
-    """Remove the files that posefuse wrote into a result that `new` replaces; other files are kept and reported.
-
-    Files of the desktop (`manifest.DESKTOP_FILES`) go along to the same place in `new`.
-    """
-    try:
-        _carry_desktop_files(aside, new)
-        reason = None if remove_written(aside) else "holds files that posefuse did not write or that were changed"
-    except OSError as error:
-        reason = f"cannot be removed ({error.strerror})"
-    if reason is not None and warn is not None:
-        warn(f"{aside}: the replaced result {reason}; it stays there")
-
-
-def _carry_desktop_files(aside: Path, new: Path) -> None:
-    for path in contents(aside).desktop:
-        if (new / path).parent.is_dir() and not (new / path).exists():
-            (aside / path).rename(new / path)

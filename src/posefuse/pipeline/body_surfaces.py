@@ -15,8 +15,6 @@ from posefuse.kinematics.animation import FILE_FROM_WORLD, animation_from_joints
 from posefuse.kinematics.skin import skin_of, skinned_vertices
 from posefuse.outputs.surface import BodySurface, SurfaceSink
 
-from .solve import config_of
-
 
 def sinks_with_bodies(sinks: Sequence[Sink], recording: Recording) -> list[Sink]:
     """The outputs, those that can drawing the fitted bodies of the recording: the mesh of the glTF file."""
@@ -27,9 +25,9 @@ def sinks_with_bodies(sinks: Sequence[Sink], recording: Recording) -> list[Sink]
 
 
 def _surfaces(recording: Recording) -> tuple[BodySurface, ...]:
-    """Of the people that were fitted and are known all the time; none where the recording's settings ask for none."""
+    """Of the people that were fitted and are known all the time."""
     fitted = recording.provenance.get("fitted_people")
-    if not fitted or not config_of(recording).body_mesh:
+    if not fitted:
         return ()
     joints = joints_from_poses(recording.poses)
     people = [n for n, person in enumerate(recording.poses.person_id.tolist()) if person in fitted]

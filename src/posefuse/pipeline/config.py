@@ -83,20 +83,16 @@ class TrackConfig:
         rate_hz: output rate; the rate of the cameras when left out. Also the frame rate of image folders and 2D poses that do
             not state theirs.
         keypoints: order of the keypoints in files of 2D poses, e.g. ``body_25b``; recognised from all cameras when left out.
-        max_time_steps: a recording with more time steps is refused. The default is 18 hours at 30 Hz.
         detector: which detector finds keypoints in images.
         associate: how detections are assigned to people.
         fuse: how views are fused.
         smooth: how a recording is smoothed.
         names: of the people, in the order of their ids; for videos, reports and file names. The others are person 0, 1, ...
         joint_centres: move keypoints to anatomical joint centres, if the detector has a table for it.
-        proportions: move keypoints of detectors without such a table by average human proportions; gains and costs are in
-            docs/networks.md.
         body: fit one skeleton of constant segment lengths per person to the rays of all views. ``auto`` does so for people of
             whom a limb was out of sight for a part of the recording, if a table of joint centres was fitted to the detector,
             the weights are ``robust`` and the result is smoothed; ``on`` for everybody.
         whole_body: how that skeleton may move.
-        body_mesh: the output ``overlay`` draws the fitted body as a surface, too.
         refine_rig: refine the cameras' poses slightly from the people, then solve again; gains and costs are in
             docs/calibration.md.
         refine: how far the cameras may be from their calibration.
@@ -113,17 +109,14 @@ class TrackConfig:
     end_s: Annotated[float, Ge(-FARTHEST_S), Le(FARTHEST_S)] | None = None
     rate_hz: Annotated[float, Ge(LEAST_HZ), Le(MOST_HZ)] | None = None
     keypoints: str = ""
-    max_time_steps: Annotated[int, Ge(1)] = 2_000_000
     detector: DetectorChoice = field(default_factory=DetectorChoice)
     associate: AssociateSettings = field(default_factory=AssociateSettings)
     fuse: FuseSettings = field(default_factory=FuseSettings)
     smooth: SmoothSettings = field(default_factory=SmoothSettings)
     names: PeopleNames = ()
     joint_centres: bool = True
-    proportions: bool = False
     body: Literal["auto", "on", "off"] = "auto"
     whole_body: BodySettings = field(default_factory=BodySettings)
-    body_mesh: bool = True
     refine_rig: bool = False
     refine: RefineSettings = field(default_factory=RefineSettings)
     live_gap_s: Annotated[float, Ge(0), Le(MOST_GAP_S)] = 0.2

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from posefuse.core import InputError
 from posefuse.foundation.atomic import write_text
-from posefuse.foundation.manifest import list_file
 from posefuse.foundation.parsing import parse_json, read_text
 from posefuse.foundation.plain_values import plain
 from posefuse.foundation.settings import settings_from_mapping
@@ -46,10 +45,6 @@ def write_edits(result: Path, edits: Edits) -> Path:
         _content(path)  # never written over unless it is ours
     text = json.dumps({"format": _FORMAT, **plain(dataclasses.asdict(edits))}, indent=2, ensure_ascii=False)
     write_text(path, text + "\n")
-    try:
-        list_file(path.parent, path)
-    except OSError as error:
-        raise InputError(f"{path.parent}: the list of files cannot be written ({error.strerror})") from None
     return path
 
 

@@ -23,10 +23,9 @@ from posefuse.core import (
 from posefuse.core.arrays import Array
 from posefuse.detection import region_from_pose, with_clothing, with_depth
 from posefuse.sources import CountedSource, FramesAhead, RecordedSource, frame_sets, incomplete_cameras
-from posefuse.tracking import joint_centres_of
 
-from .config import TrackConfig
-
+# of a recording: 18 hours at 30 Hz; more are those of a damaged time or a wrong rate
+_MOST_TIME_STEPS = 2_000_000
 # dropped frames leave gaps of whole periods: the smallest tenth of a camera's gaps has none
 _WHOLE_SHARE = 0.1
 
@@ -49,13 +48,11 @@ def common_timeline(
     rate_hz: float | None,
     start_s: float | None,
     end_s: float | None,
-    *,
-    max_time_steps: int = TrackConfig().max_time_steps,
 ) -> Timeline:
     """Time steps at the fastest camera's rate (or `rate_hz`), in phase with it, over all that any camera recorded.
 
     Raises:
-        SourceError: nothing recorded between start_s and end_s, or more than max_time_steps.
+        SourceError: nothing recorded between start_s and end_s, or more time steps than a recording can have.
     """
     starts, ends = [t[0] for t in times_ns.values()], [t[-1] for t in times_ns.values()]
     periods = {name: period_ns for name, t in times_ns.items() if (period_ns := frame_period_ns(t)) is not None}
@@ -75,7 +72,7 @@ def common_timeline(
             f"nothing recorded from {start_s} to {end_s} s; the recording runs from {min(starts) / 1e9:.3f} to "
             f"{max(ends) / 1e9:.3f} s"
         )
-    check_time_steps(int(count), 1e9 / period_ns, "the recording", max_time_steps)
+    check_time_steps(int(count), 1e9 / period_ns, "the recording")
     return Timeline(first_ns, period_ns, int(count))
 
 
@@ -97,12 +94,12 @@ def frame_period_ns(t_ns: Array) -> float | None:
     return float(np.polyfit(count, (t_ns - t_ns[0]).astype(np.float64), 1)[0]) if len(gaps) > 1 else period
 
 
-def check_time_steps(count: int, rate_hz: float, what: str, max_time_steps: int) -> None:
+def check_time_steps(count: int, rate_hz: float, what: str) -> None:
     """Raise SourceError for more time steps than a recording can have, as a damaged time or a wrong rate makes them."""
-    if count > max_time_steps:
+    if count > _MOST_TIME_STEPS:
         raise SourceError(
-            f"{what}: {count:.4g} time steps ({count / rate_hz:.4g} s at {rate_hz:.4g} Hz); expected at most {max_time_steps}: "
-            "check rate_hz and the times of the cameras, choose a part with `start_s=S` and `end_s=S`, or set max_time_steps"
+            f"{what}: {count:.4g} time steps ({count / rate_hz:.4g} s at {rate_hz:.4g} Hz); expected at most {_MOST_TIME_STEPS}: "
+            "check rate_hz and the times of the cameras, or choose a part with `start_s=S` and `end_s=S`"
         )
 
 
@@ -156,7 +153,7 @@ class ImageInstants:
     @property
     def joint_centres(self) -> JointCentres | None:
         """Where joint centres lie relative to the detector's keypoints, where that is known."""
-        return joint_centres_of(self._detector, proportions=False)
+        return self._detector.joint_centres
 
     def steps(self, stored: Observations | None = None) -> Iterator[ImageStep]:
         """The time steps after those of `stored`; may be called once."""

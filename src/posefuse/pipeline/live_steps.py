@@ -14,9 +14,9 @@ def live_timeline(observations: Observations, config: TrackConfig) -> Timeline:
 
     Raises:
         InputError: no frame.
-        SourceError: nothing between start and end, or more time steps than `config` allows.
+        SourceError: nothing between start and end, or more time steps than a recording can have.
     """
     times = camera_times(observations)
     if not times:
         raise InputError("live recording: it holds no detections; there is nothing to solve")
-    return common_timeline(times, config.rate_hz, config.start_s, config.end_s, max_time_steps=config.max_time_steps)
+    return common_timeline(times, config.rate_hz, config.start_s, config.end_s)

@@ -101,9 +101,7 @@ def _images(session: Session, config: TrackConfig, warn: Say) -> tuple[Rig, Imag
         expected = f"{session.folder}: expected at least {LEAST_CAMERAS} cameras that can be read, got {len(sources)}"
         raise SourceError("; ".join([expected, *failed]))
     rig = dataclasses.replace(session.rig, cameras=tuple(cameras))
-    timeline = common_timeline(
-        {s.camera: _times(s) for s in sources}, config.rate_hz, config.start_s, config.end_s, max_time_steps=config.max_time_steps
-    )
+    timeline = common_timeline({s.camera: _times(s) for s in sources}, config.rate_hz, config.start_s, config.end_s)
     detector = build_detector(config.detector, rig)
     lost = lambda name, error: warn(f"{error}; continues without camera {name} from here")  # noqa: E731
     return rig, ImageInstants(rig, sources, detector, timeline, lost), timeline

@@ -109,7 +109,7 @@ def pose2d_instants(session: Session, config: TrackConfig) -> tuple[Rig, Pose2DI
             f"there are {last - first + 1} at {rate_hz:g} Hz"
         )
     numbered = f"{session.folder}: 2D poses with frame numbers {first} to {last}"
-    check_time_steps(count - skip, rate_hz, numbered, config.max_time_steps)
+    check_time_steps(count - skip, rate_hz, numbered)
     timeline = Timeline(skip * period_ns, period_ns, count - skip)
     cameras = tuple(stated_camera(session.rig[entry.camera], entry) for entry in session.inputs)
     rig = dataclasses.replace(session.rig, cameras=cameras)

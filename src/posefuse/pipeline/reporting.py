@@ -32,7 +32,7 @@ def write_report_folder(
     progress: Progress = silent,
     warn: Callable[[str], None] | None = None,
 ) -> list[Path]:
-    """Write angles, gait, files for other programs and the page, in place of an unchanged earlier report; returns the files.
+    """Write angles, gait, files for other programs and the page, an earlier report is moved aside; returns the files.
 
     Args:
         recording: what was read from `result`.
@@ -41,7 +41,6 @@ def write_report_folder(
         InputError: the folder holds anything else, or there is no one to report on.
     """
     size = len(recording.poses) * len(recording.poses.person_id) * _BYTES_PER_STEP_AND_PERSON
-    # its own unchanged files can be made again at any time: replaced without being asked
     with output_folder(
         folder, command="report", inputs=files_of_result(result), replace=True, estimated_bytes=size, warn=warn
     ) as place:

@@ -30,7 +30,7 @@ class ResultFolder:
     """The folder of a result, and what may happen to existing files in it.
 
     Attributes:
-        path: new or empty folder. force: replace an older, unchanged result, and drop interrupted work.
+        path: new or empty folder. force: move an older result aside, and drop interrupted work.
         resume: continue the detections of a run that was interrupted.
     """
 

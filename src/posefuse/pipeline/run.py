@@ -29,7 +29,6 @@ from posefuse.foundation.plain_values import plain
 from posefuse.health.recorded import CameraFit, checked_rig
 from posefuse.health.rig_monitor import UNSYNCHRONISED, RigFinding
 from posefuse.sources.video import recorded_at
-from posefuse.tracking import proportional_joint_centres
 
 from .clock import StageClock
 from .config import TrackConfig
@@ -124,7 +123,7 @@ def track_opened(
         opened.steps.close()
     for line in incomplete:
         warn(line)
-    settings = SolveSettings.of(config, centres_of(opened))
+    settings = SolveSettings.of(config, opened.steps.joint_centres)
     try:
         _check_people(observations, warn)
         recording = run_second_pass(observations, rig, settings, provenance_of(opened, settings, incomplete), clock)
@@ -151,13 +150,6 @@ def track_opened(
     fits = {name: dataclasses.asdict(one) for name, one in cameras.items()}
     about = {**recording.provenance, "camera_fits": plain(fits), "rig_warnings": lines}
     return Tracked(dataclasses.replace(recording, provenance=about), interrupted, cameras, lines, settings.centres)
-
-
-def centres_of(opened: Opened) -> JointCentres | None:
-    """Where joint centres lie relative to the keypoints: as fitted to the detector, else by people's proportions if asked for."""
-    if opened.steps.joint_centres is not None or not opened.config.proportions:
-        return opened.steps.joint_centres
-    return proportional_joint_centres(opened.steps.skeleton)
 
 
 def detect(opened: Opened, clock: StageClock, progress: Progress, store: Store | None = None) -> tuple[Observations, bool]:

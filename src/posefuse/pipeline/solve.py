@@ -83,7 +83,7 @@ def _fits_bodies(config: TrackConfig, centres: JointCentres | None) -> bool:
     """Whether the whole-body fit is asked for, or known to help: with offsets that were fitted to the detector."""
     if config.body != "auto":
         return config.body == "on"
-    return centres is not None and bool(centres.metres.any()) and config.fuse.weights == "robust" and not config.raw
+    return centres is not None and config.fuse.weights == "robust" and not config.raw
 
 
 def solve(
@@ -170,11 +170,11 @@ def solve_live(
     the result has these time steps, so it can be solved again like any recording.
 
     Args:
-        config: its `rate_hz`, `start_s`, `end_s` and `max_time_steps` are used.
+        config: its `rate_hz`, `start_s` and `end_s` are used.
 
     Raises:
         InputError: no frame, or no person could be followed.
-        SourceError: more time steps than `config` allows.
+        SourceError: more time steps than a recording can have.
     """
     line = live_timeline(recording.observations, config or TrackConfig())
     steps = on_time_steps(recording.observations, line.start_ns + line.period_ns * np.arange(line.count))

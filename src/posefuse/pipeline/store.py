@@ -14,7 +14,7 @@ import numpy as np
 from posefuse import __version__
 from posefuse.core import DetectionBatch, InputError, Observations, Rig, Skeleton
 from posefuse.formats.detection_log import LOG_FILE, ObservationLog, is_in_use, read_log
-from posefuse.foundation.manifest import MANIFEST_FILE
+from posefuse.foundation.folder_mark import MARK_FILE
 from posefuse.foundation.output_folder import find_unfinished
 from posefuse.foundation.plain_values import plain
 
@@ -88,7 +88,7 @@ def remove_unfinished(out: Path) -> None:
 def keep_log_only(folder: Path) -> None:
     """Remove the half-written results of an interrupted run from its staging folder; its detections stay."""
     for entry in folder.iterdir():
-        if entry.name in (LOG_FILE, MANIFEST_FILE):
+        if entry.name in (LOG_FILE, MARK_FILE):
             continue
         if entry.is_dir() and not entry.is_symlink():
             shutil.rmtree(entry)

@@ -98,7 +98,7 @@ def export_recording(
         The files, and why outputs failed, by name. One that fails does not keep the others from being written.
 
     Args:
-        replace: an earlier export whose files are unchanged. inputs: files that must not be written over.
+        replace: move an earlier export aside. inputs: files that must not be written over.
 
     Raises:
         ConfigError: no such format. InputError: the folder holds anything else, or none of the outputs can be written.

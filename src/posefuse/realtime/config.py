@@ -34,8 +34,6 @@ class LiveConfig:
         search_every_s: while fewer people are followed than requested, search the whole image of every camera this often.
         preview_hz: images per second and camera for the viewer.
         joint_centres: move keypoints to anatomical joint centres, if the detector has a table for it.
-        proportions: move keypoints of detectors without such a table by average human proportions; gains and costs are in
-            docs/networks.md.
         body: fit one skeleton of constant segment lengths per person to the rays of all views; lengths are learnt on the way.
             ``auto`` does so where a table of joint centres was fitted to the detector.
         angles: compute joint angles and segment frames with every pose.
@@ -58,7 +56,6 @@ class LiveConfig:
     search_every_s: Annotated[float, Gt(0)] = 0.5
     preview_hz: Annotated[float, Ge(0)] = 8.0
     joint_centres: bool = True
-    proportions: bool = False
     body: Literal["auto", "on", "off"] = "auto"
     angles: bool = True
     camera_info: CameraInfoUse = "check"

@@ -51,7 +51,6 @@ class GroupPlan:
         most_people: while fewer are followed, whole images are searched every `search_every_s`.
         preview_hz: small images per second and camera; 0 for none.
         glances: frames that need no look may be reported together, see `messages.Glance`.
-        proportions: joint centres by people's proportions, where no table was fitted to the detector.
         videos: an existing folder for the cameras' videos; None: none are kept.
     """
 
@@ -63,7 +62,6 @@ class GroupPlan:
     most_people: int
     search_every_s: float
     preview_hz: float
-    proportions: bool = False
     videos: Path | None = None
     glances: bool = True
 
@@ -162,9 +160,7 @@ class Group:
 
     def joint_centres(self) -> JointCentres | None:
         """Offsets of joint centres from what the detector marks; None: they are the same, or not known."""
-        from posefuse.tracking import joint_centres_of
-
-        return joint_centres_of(self.detector, proportions=self._plan.proportions)
+        return self.detector.joint_centres
 
     def _look_at_next(self) -> None:
         with self._news:

@@ -40,8 +40,8 @@ class Centring:
 
     @property
     def fitted(self) -> bool:
-        """Whether poses are moved by a table that was fitted to a detector, not only by people's proportions."""
-        return self._wanted and self._lengths is not None and bool(self._lengths.table.metres.any())
+        """Whether poses are moved by a table that was fitted to a detector."""
+        return self._wanted and self._lengths is not None
 
     def moved(self, pose: Pose3D) -> Pose3D:
         """The next pose at joint centres, where they are wanted and known; poses come in the order of their times."""

@@ -193,7 +193,6 @@ def group_plans(
             most_people=config.track.max_people,
             search_every_s=config.search_every_s,
             preview_hz=config.preview_hz if plan.wants(LivePreview) else 0.0,
-            proportions=config.proportions,
             videos=videos,
         )
         for group, cameras in enumerate(blocks(rig, list(by_name), count))

@@ -22,7 +22,7 @@ from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.core.ideal_image import optics_of
 from posefuse.core.se3 import wxyz_from_matrix
-from posefuse.foundation.output_folder import clear_aside, move_aside
+from posefuse.foundation.output_folder import move_aside
 from posefuse.foundation.places import check_space, real_path
 from posefuse.foundation.platform import usable_cores
 
@@ -35,7 +35,7 @@ from .render.workers import RenderJob, RenderTask, render_all
 from .scene import H264Settings, Scene
 from .scene_files import write_scene
 from .session_files import FrameRun, cameras_with_depth, finish_session, runs_of
-from .session_folder import MARKER_TEXT, Earlier, SessionPaths, earlier_session
+from .session_folder import MARKER_TEXT, SessionPaths, is_resumed
 
 Progress = Callable[[int, int], None]
 # measured on the bundled scene: bytes per pixel of every frame
@@ -58,8 +58,7 @@ def simulate(
     Args:
         progress: called with (frames done, frames in all) after every run of frames.
         processes: how many render at once; None takes one per core.
-        replace: an earlier session that posefuse wrote and that is unchanged is moved aside, and removed when the new one is
-            complete; an unfinished one of another scene is moved aside and stays there.
+        replace: an earlier session, or an unfinished one of another scene, is moved to ``NAME.replaced-TIME`` and stays there.
         warn: gets a line with the folder to which an earlier session was moved, also when this one is interrupted.
 
     Raises:
@@ -67,33 +66,28 @@ def simulate(
         DependencyError: no OpenGL, or the extra ``sim`` is missing.
     """
     paths = SessionPaths(Path(out))
-    earlier = earlier_session(paths, scene, replace)
+    resumed = is_resumed(paths, scene, replace)
     live = live_scene(scene)
     if processes is not None and processes < 1:
         raise InputError(f"processes: expected at least 1, got {processes}")
-    if earlier is not Earlier.RESUMED:
+    if not resumed:
         check_space(_existing(paths.folder), estimated_session_bytes(live))
     optics = [optics_of(camera) for camera in live.rig]
     backend = working_backend()
     aside = None
     try:
-        aside = move_aside(paths.folder) if earlier is not Earlier.RESUMED else None
+        aside = None if resumed else move_aside(paths.folder)
         _begin(paths, scene)
         largest = np.max([(one.view.width, one.view.height) for one in optics], axis=0)
         check_framebuffer(backend, int(largest.max()))
         job = _job(live, backend, (int(largest[0]), int(largest[1])))
         _render(live, job, paths, progress, processes or usable_cores())
         finish_session(live, paths)
-    except BaseException as error:
+    except OSError as error:
+        raise InputError(f"{paths.folder}: cannot be written ({error}); make room and simulate again to resume") from None
+    finally:
         if aside is not None and warn is not None:
             warn(f"the earlier session is kept in {aside}")
-        if isinstance(error, OSError):
-            raise InputError(f"{paths.folder}: cannot be written ({error}); make room and simulate again to resume") from None
-        raise
-    if aside is not None and earlier is Earlier.REPLACED:
-        clear_aside(aside, paths.folder, warn)
-    elif aside is not None and warn is not None:
-        warn(f"the unfinished session of another scene is kept in {aside}")
     return paths
 
 

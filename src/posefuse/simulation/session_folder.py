@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import enum
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -71,27 +70,23 @@ class SessionPaths:
         return self.videos / f"{camera}.mp4"
 
 
-class Earlier(enum.Enum):
-    """What becomes of what is in the folder of a session before it is rendered."""
+def is_resumed(paths: SessionPaths, scene: Scene, replace: bool) -> bool:
+    """Whether an unfinished session of this scene is there.
 
-    RESUMED = "an unfinished session of this scene: it is finished"
-    KEPT_ASIDE = "an unfinished session of another scene: moved aside"
-    REPLACED = "nothing, or a session that posefuse finished: moved aside, and removed in the end"
-
-
-def earlier_session(paths: SessionPaths, scene: Scene, replace: bool) -> Earlier:
-    """Look at what is there; raises InputError unless it can be resumed or, with `replace`, moved aside."""
+    Raises:
+        InputError: anything else is there, unless it is a session of posefuse and may be moved aside (`replace`).
+    """
     if not _is_unfinished(paths):
         check_replaceable(paths.folder, command=COMMAND, replace=replace)
-        return Earlier.REPLACED
+        return False
     if not paths.scene.is_file() or paths.scene.read_text(encoding="utf-8") == scene_text(scene):
-        return Earlier.RESUMED
+        return True
     if not replace:
         raise InputError(
             f"{paths.folder}: holds an unfinished session of another scene; choose another folder, or move it aside "
             "with `replace=True`"
         )
-    return Earlier.KEPT_ASIDE
+    return False
 
 
 def _is_unfinished(paths: SessionPaths) -> bool:

@@ -15,13 +15,12 @@ from .cards import (
     ModelInput,
     PersonDecoding,
     list_cards,
-    list_ensembles,
     read_any_card,
     read_card,
 )
 
 __all__ = [
     "CARDS_FOLDER", "EnsembleCard", "LandmarkDecoding", "ModelCard", "ModelInput", "NpmSource", "PersonDecoding", "WheelSource",
-    "fetch", "fetch_all", "holds", "list_cards", "list_ensembles", "model_path", "read_any_card",
+    "fetch", "fetch_all", "holds", "list_cards", "model_path", "read_any_card",
     "read_card", "status",
 ]  # fmt: skip

@@ -135,12 +135,6 @@ def list_cards() -> list[ModelCard]:
     return [card for card in cards if isinstance(card, ModelCard)]
 
 
-def list_ensembles() -> list[EnsembleCard]:
-    """The ensembles that come with the package, by name."""
-    cards = [_read(path) for path in _card_files()]
-    return [card for card in cards if isinstance(card, EnsembleCard)]
-
-
 def read_card(name: str | Path) -> ModelCard:
     """The card of this network, or in this TOML file; raises ModelError or ConfigError when there is none or it is wrong."""
     card = read_any_card(name)

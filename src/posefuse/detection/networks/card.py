@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from annotated_types import Ge, Gt, Le, MinLen
 
@@ -133,11 +133,6 @@ class NetworkCard:
     def persons_card(self) -> Path | None:
         """Card of the person detector; None for ``blazepose_persons``."""
         return None if self.persons == "blazepose_persons" else self.folder / self.persons
-
-
-def is_network_card(content: dict[str, Any]) -> bool:
-    """Whether a TOML file's content is a card of this kind (and not one of `detection.models`)."""
-    return content.get("kind") in LAYOUTS
 
 
 def read_network_card(path: Path) -> NetworkCard:

@@ -14,8 +14,8 @@ from posefuse.core import DiskFullError, InputError, Progress, silent
 from posefuse.detection.downloading import fetch_networks
 from posefuse.formats.page import write_page
 from posefuse.foundation.atomic import atomic_file, write_text
-from posefuse.foundation.growing import GrowingFolder, growing_folder
-from posefuse.foundation.output_folder import check_replaceable
+from posefuse.foundation.output_file import earlier_kept, keep_copy
+from posefuse.foundation.output_folder import check_replaceable, growing_folder
 from posefuse.foundation.places import check_outside_inputs
 from posefuse.pipeline.writing import build_sinks
 
@@ -85,8 +85,8 @@ def run_study(
     trials = find_trials(study)
     check_outside_inputs(out, [study])
     folder = growing_folder(out, command=COMMAND, names=[TABLE_FILE, PAGE_FILE, *(_outcome_file(trial) for trial in trials)])
-    tasks = [_task(trial, folder.folder, tuple(formats), settings, report) for trial in trials]
-    done = _complete(folder.folder, tasks, replace)
+    tasks = [_task(trial, folder, tuple(formats), settings, report) for trial in trials]
+    done = _complete(folder, tasks, replace)
     open_tasks = [task for task in tasks if task.name not in done]
     _check_results(open_tasks)
     progress("trials", len(done), len(tasks), f"{len(tasks)} trials, {len(done)} of them complete from an earlier run")
@@ -100,13 +100,15 @@ def run_study(
         message = f"{outcome.name}: {'failed: ' + outcome.reason if outcome.reason else f'complete in {outcome.seconds:.0f} s'}"
         progress("trials", len(outcomes), len(tasks), message)
     result = Study(
-        out=folder.folder,
+        out=folder,
         trials=tuple(trials),
         outcomes=tuple(outcomes[trial.name] for trial in trials),
         kept=tuple(sorted(done)),
     )
     with _naming_what_is_kept():
-        folder.add([_write_table(result), write_page(result.out / PAGE_FILE, study_page(study.resolve().name, result.rows()))])
+        _write_table(result)
+        with earlier_kept(folder / PAGE_FILE):
+            write_page(folder / PAGE_FILE, study_page(study.resolve().name, result.rows()))
     return result
 
 
@@ -181,12 +183,13 @@ def _read_outcome(path: Path) -> Outcome | None:
         return None
 
 
-def _write_outcome(folder: GrowingFolder, outcome: Outcome) -> None:
-    path = folder.folder / f"{outcome.name}.json"
+def _write_outcome(folder: Path, outcome: Outcome) -> None:
+    path = folder / f"{outcome.name}.json"
+    if _read_outcome(path) is None:
+        keep_copy(path)  # a file of this name that is not ours
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_text(path, outcome.to_json() + "\n")
-        folder.add([path])
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror})") from None
 
@@ -203,16 +206,15 @@ def _row(trial: Trial, outcome: Outcome) -> dict[str, Any]:
     }
 
 
-def _write_table(study: Study) -> Path:
+def _write_table(study: Study) -> None:
     rows = study.rows()
     names = dict.fromkeys(name for row in rows for name, value in row.items() if not isinstance(value, list))
     columns = [*_FIRST_COLUMNS, *(name for name in names if name not in _FIRST_COLUMNS)]
     path = study.out / TABLE_FILE
-    with atomic_file(path) as new, new.open("w", newline="", encoding="utf-8") as file:
+    with earlier_kept(path), atomic_file(path) as new, new.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, columns, restval="", extrasaction="ignore")
         writer.writeheader()
         writer.writerows({name: _text(value) for name, value in row.items()} for row in rows)
-    return path
 
 
 def _text(value: Any) -> Any:
