@@ -17,6 +17,8 @@ import numpy as np
 import pytest
 from live_session import until
 
+from posefuse.calibration.targets.description import write_target
+from posefuse.calibration.targets.kinds import Markers
 from posefuse.cli import recording
 from posefuse.cli.command_line import parse
 from posefuse.cli.main import main
@@ -227,8 +229,8 @@ def test_what_guide_has_seen_is_a_session(tmp_path: Path) -> None:
             for i in range(12):
                 video.write(RgbPixels(np.roll(page, 2 * i, axis=1)), i * 50_000_000)
     sources = [word for name in ("a", "b") for word in ("--source", f"{name}=video:{tmp_path / name}.mp4")]
-    session = tmp_path / "session"
-    found = parse(["calibrate", "guide", "--marker-mm", "100", *sources, "--record", str(session)])
+    session, target = tmp_path / "session", write_target(tmp_path / "cube.toml", Markers(0.1))
+    found = parse(["calibrate", "guide", "--target", str(target), *sources, "--record", str(session)])
     assert found is not None
     figures = found.run(Terminal(as_json=True))
     assert not figures["enough"] and figures["exit_code"] == 0

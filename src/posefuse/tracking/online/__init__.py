@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from posefuse.core import Rig, Skeleton
+from typing import TYPE_CHECKING
 
-from .contract import CameraStatistics, Fuse, Solve, Tracker
-from .evidence import Evidence
-from .settings import LiveSettings
+from posefuse.core.lazy_names import lazy_names
+
+if TYPE_CHECKING:
+    from posefuse.core import Rig, Skeleton
+
+    from .contract import CameraStatistics, Fuse, Solve, Tracker
+    from .evidence import Evidence
+    from .settings import LiveSettings
 
 __all__ = ["CameraStatistics", "Evidence", "Fuse", "LiveSettings", "Solve", "Tracker", "build_tracker"]
+__getattr__ = lazy_names(__name__, __file__)
 
 
 def build_tracker(rig: Rig, skeleton: Skeleton, settings: LiveSettings, solve: Solve, fuse: Fuse) -> Tracker:

@@ -6,9 +6,9 @@ from typing import Annotated
 
 from annotated_types import Ge, Gt, Le, MaxLen, MinLen
 
-from posefuse.core.duplicates import DUPLICATE_SHARE
+from posefuse.core.duplicate_share import DUPLICATE_SHARE
 from posefuse.foundation.settings import settings
-from posefuse.tracking.lasting import LASTING_SHARE
+from posefuse.tracking.settings import LASTING_SHARE
 
 MOST_PEOPLE = 64
 
@@ -46,7 +46,7 @@ class LiveSettings:
             measurements.
         body_models: the same for the body as a whole.
         switch_s: mean time that a keypoint stays in one motion model.
-        lasting_share: share of the stated variance of a view that is correlated from frame to frame, see `tracking.lasting`;
+        lasting_share: share of the stated variance of a view that is correlated from frame to frame, see `tracking.settings`;
             the covariance of a pose includes it.
         averaging: how much of the temporally correlated errors is averaged out by filtering over time; with 0 they are stated
             as if the filter used the newest views alone.
