@@ -52,7 +52,7 @@ def test_what_is_wrong_with_a_target_is_named(tmp_path: Path) -> None:
         read_target(path)
     with pytest.raises(ConfigError, match=r"none\.toml: no such file"):
         read_target(tmp_path / "none.toml")
-    with pytest.raises(WrongCommandLineError, match='--target.*Did you mean "charuco"'):
+    with pytest.raises(WrongCommandLineError, match=r'--target.*Did you mean "charuco"'):
         parse(["calibrate", "print", "--target", "charuko", "--out", "a.pdf"])
 
 

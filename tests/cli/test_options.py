@@ -21,8 +21,8 @@ SETTINGS = "--config text, --set one --set two, --networks one"
 LIVE = "--people 2, --names A, --body on, --rate 50, --groups 2, --camera-info use"
 ROS_2 = "--domain 3, --peer one --peer two, --interface text, --local-only, --sim-time"
 OUTPUTS = (
-    "--record text, --record-images, --ros, --ros1, --osc one --osc two, --json-udp one --json-udp two, --output one --output two, --axes "
-    "y_up_left_handed, --view, --view-file text, --report text"
+    "--record text, --record-images, --ros, --ros1, --osc one --osc two, --json-udp one --json-udp two, "
+    "--output one --output two, --axes y_up_left_handed, --view, --view-file text, --report text"
 )
 # command with its arguments: the options it needs, and all others, each with a value that is not the default
 ACCEPTED = {
@@ -32,7 +32,8 @@ ACCEPTED = {
     ),
     "track SESSION": (
         "--out text",
-        "--json, --force, --resume, --rig text, --input pose2d, --weights robust, --raw, --body on, --people 2, --names A,B, --refine-rig, --person -1.1,0, "
+        "--json, --force, --resume, --rig text, --input pose2d, --weights robust, --raw, --body on, --people 2, "
+        "--names A,B, --refine-rig, --person -1.1,0, "
         "--exclude cam0:1-2 --exclude 3-4.5, --keep-person 1, --no-edits, "
         "--start 1, --end 2, --outputs text, --view, --rate 50, "
         f"{SETTINGS}",
@@ -68,7 +69,8 @@ ACCEPTED = {
     ),
     "calibrate clocks SESSION": (
         "",
-        "--rig text, --input pose2d, --clocks drift, --rate 30, --seconds 20, --most-s 2, --networks one, --json, --force, --report text",
+        "--rig text, --input pose2d, --clocks drift, --rate 30, --seconds 20, --most-s 2, --networks one, "
+        "--json, --force, --report text",
     ),
     "calibrate verify a=a.mp4 b=b.mp4": (
         "--rig text --target a.toml",

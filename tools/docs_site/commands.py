@@ -18,7 +18,7 @@ def commands_page() -> str:
     app = application()
     parts = [
         "# Commands\n",
-        "This page is generated from the code and has every option; `posefuse COMMAND --help` shows the usual ones in a terminal. "
+        "This page is generated from the code and has every option; `posefuse COMMAND --help` shows the usual ones. "
         "Options of settings take what the key of the same meaning takes in a settings file. "
         "Every command also takes `--json`: it prints the figures of its tables as one JSON object on stdout, "
         "and everything else on stderr.\n",

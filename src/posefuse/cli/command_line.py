@@ -107,7 +107,7 @@ def _common(
 
 
 def application(*, listed: bool = False) -> App:
-    """All commands; each is imported when it is looked up. `listed`: each has its line of the help, which is found in its file."""
+    """All commands; each is imported when it is looked up. `listed`: with a line of help each, found without importing it."""
     app = App(
         name="posefuse",
         help="Several ordinary cameras + AI -> one accurate 3D human skeleton.",

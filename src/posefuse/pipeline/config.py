@@ -83,8 +83,8 @@ class TrackConfig:
 
     Attributes:
         rig: calibration file, relative to the session; found by name when left out.
-        input: which data of the session to use: ``videos``, ``images``, ``pose2d`` (files of other tools, see docs/networks.md), or ``auto``: the first of these
-            that exists.
+        input: which data of the session to use: ``videos``, ``images``, ``pose2d`` (files of other tools, see
+            docs/networks.md), or ``auto``: the first of these that exists.
         cameras: settings of single cameras by name, see `CameraInput`.
         start_s, end_s: begin and end of the part of the recording to work on, in session seconds.
         rate_hz: output rate; the rate of the cameras when left out. Also the frame rate of image folders and 2D poses that do
@@ -95,7 +95,8 @@ class TrackConfig:
         associate: how detections are assigned to people.
         fuse: how views are fused.
         smooth: how a recording is smoothed.
-        names: names of the people in the order of their ids; for videos, reports and file names. The others are person 0, 1 and so on.
+        names: names of the people in the order of their ids; for videos, reports and file names. The others are person 0, 1 and
+            so on.
         joint_centres: move keypoints to anatomical joint centres, if the detector has a table for it.
         proportions: move keypoints of detectors without such a table by average human proportions; gains and costs are in
             docs/networks.md.

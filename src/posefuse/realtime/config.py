@@ -50,8 +50,8 @@ class LiveConfig:
         body: fit one skeleton of constant segment lengths per person to the rays of all views; lengths are learnt on the way.
             ``auto`` does so where a table of joint centres was fitted to the detector.
         angles: compute joint angles and segment frames with every pose.
-        camera_info: CameraInfo of cameras whose images come from ROS: compare it with the rig, use it instead of the rig's intrinsics
-            (on several machines also on the fusion node, which takes those that the camera nodes send), or ignore it.
+        camera_info: CameraInfo of cameras whose images come from ROS: compare it with the rig, use it instead of the rig's
+            intrinsics (on several machines also on the fusion node, which takes those that the camera nodes send), or ignore it.
         hand_over_s: of cameras on other machines: one whose sender is silent for so long is handed over to another sender; left
             out: who sent first keeps the camera while it is on the network.
         outputs: live outputs by name, each with its options, see `posefuse plugins`.

@@ -88,9 +88,9 @@ class RosRobotOptions:
     Attributes:
         ros: Publish state, target, box and keep-out in ROS 2; with --command, drive a robot.
         ros1: The same in ROS 1, at the master of ROS_MASTER_URI; the mobile base takes Twist.
-        command: What the robot is sent: target poses, velocities, or joints by our own inverse kinematics (with --robot FILE.xml).
+        command: What the robot is sent: target poses, velocities, or joints by our own inverse kinematics (--robot FILE.xml).
         base_frame: tf frame that commands are given in.
-        controller: Topic of the joints: trajectory_msgs/JointTrajectory, or std_msgs/Float64MultiArray where it ends in /commands.
+        controller: Topic of joints: trajectory_msgs/JointTrajectory, or std_msgs/Float64MultiArray where it ends in /commands.
         cmd_vel: Topic of the mobile base.
         cmd_vel_twist: The mobile base takes Twist (ROS 2 Humble and older), not TwistStamped.
     """
