@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from posefuse.core import InputError
 from posefuse.formats.page import (
     Band,
-    Bars,
     Cards,
     Cell,
     Details,
@@ -81,12 +80,6 @@ def test_every_kind_of_series_arrives_as_it_was_given(read_page, tmp_path):
 def test_arrays_that_are_the_same_are_stored_once(read_page, tmp_path):
     page = shown(read_page, tmp_path, Plots([axes(Line("a", X, GAP), Line("b", X.copy(), 2 * GAP))] * 2))
     assert len(page.data["arrays"]) == 3 and len(page.data["plots"]) == 2
-
-
-def test_a_bars_parts_are_those_given(read_page, tmp_path):
-    bars = Bars(("first", "second"), {"one": [1.0, 3.0], NASTY: [0.0, 2.0]})
-    [series] = shown(read_page, tmp_path, Plots([axes(bars)])).plot("p")["series"]
-    assert (series["rows"], series["parts"], series["values"]) == (["one", NASTY], ["first", "second"], [[1, 3], [0, 2]])
 
 
 def test_names_are_shown_as_they_are_and_run_nothing(read_page, tmp_path):
@@ -207,7 +200,6 @@ def test_a_long_recording_is_cut_and_it_is_reported():
         (lambda: Line("l", X, X[:3]), "line: expected arrays of one length"),
         (lambda: Spikes("l", X, X, X, colour="pink"), "unknown colour 'pink'"),
         (lambda: Table(["a", "b"], [["only one"]]), "expected rows of 2 cells"),
-        (lambda: Bars(("a",), {"r": [1.0, 2.0]}), "row r: expected 1 values, got 2"),
         (
             lambda: Player(X, np.zeros((3, 1, 1, 3)), bones=np.zeros((0, 2)), sides=(), people=("a",)),
             r"expected positions \(7, 1",

@@ -226,7 +226,7 @@ class RecordOptions:
     """The cameras, and where their videos go.
 
     Attributes:
-        out: New folder: videos/CAMERA.mp4 and recording.toml.
+        out: New folder: videos/CAMERA.mp4, and CAMERA.json with what was lost.
         rig: Rig file to put into the session; frames must have its sizes.
         duration: Stop so many seconds after the first frame of the last camera; else at Ctrl-C, or when the sources end.
         resume: Complete the recording of SESSION that was interrupted; no cameras are opened.
