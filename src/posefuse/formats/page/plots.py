@@ -11,7 +11,7 @@ import numpy as np
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
 
-from .packing import COARSE, FINE, PackedArrays
+from .numbers import COARSE, FINE, Arrays
 
 COLOURS = ("c0", "c1", "c2", "c3", "c4", "c5", "left", "right", "mid", "ink", "soft", "bad")
 _CYCLE = 6
@@ -142,7 +142,7 @@ class Plots:
     kind: ClassVar[str] = "plots"
 
 
-def plot_content(plot: Plot, arrays: PackedArrays) -> dict[str, Any]:
+def plot_content(plot: Plot, arrays: Arrays) -> dict[str, Any]:
     """A plot as the page's script reads it; its arrays go into `arrays`."""
     step = max(1, *(-(-len(getattr(one, "x", ())) // _MOST_POINTS) for one in plot.series), 1)
     return {
@@ -166,7 +166,7 @@ def _colours(plot: Plot) -> list[str]:
     return [getattr(one, "colour", None) or next(free) for one in plot.series]
 
 
-def _series_content(one: Series, colour: str, step: int, arrays: PackedArrays) -> dict[str, Any]:
+def _series_content(one: Series, colour: str, step: int, arrays: Arrays) -> dict[str, Any]:
     content: dict[str, Any] = {"type": one.type, "name": one.name, "colour": colour}
     if isinstance(one, Band):
         step = max(step, -(-len(one.x) // _MOST_BAND_POINTS))

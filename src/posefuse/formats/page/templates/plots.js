@@ -1,6 +1,6 @@
 (async () => {
   const data = await pageData;
-  const arrays = data.arrays.map(one => summed(one.d, one.m, one.n));
+  const arrays = data.arrays;
   for (const one of data.plots.flatMap(plot => plot.series)) if ("width" in one) {
     // bands come as their lower edge and width
     const width = arrays[one.width];
