@@ -61,7 +61,7 @@ def tracked(keep: Path, row: Row, seed: int, changes: dict[str, float]) -> Recor
         return read_recording(folder)
     if not (session / "truth" / "truth.npz").exists() or (session / "INCOMPLETE").exists():
         simulate(replace(scene_of(row.scene, seed), **changes), session, processes=1)
-    network = [f"detector.options.landmarks={row.network}"] if row.network else []
+    network = {"detector.options.landmarks": row.network} if row.network else {}
     config = replace(read_config(None, network), outputs={}, body="off")
 
     def silent(*_: object) -> None: ...

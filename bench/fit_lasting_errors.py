@@ -3,7 +3,7 @@
     python bench/fit_lasting_errors.py render OUT [--scenes 4]    draw the scenes at video rate (minutes; resumes)
     python bench/fit_lasting_errors.py fit OUT                    run the pipeline without smoothing, fit, print
 
-The fit is the source of `tracking.lasting`. Its scenes are those of `fit_blazepose_noise.py` (bodies of random seeds 7000 on:
+The fit is the source of `tracking.settings`. Its scenes are those of `fit_blazepose_noise.py` (bodies of random seeds 7000 on:
 none appears in a reported measurement) at 30 frames/s.
 """
 

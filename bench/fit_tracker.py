@@ -84,7 +84,7 @@ def seen_in(keep: Path, session: Path) -> tuple[Recording, Truth]:
     """The same of a rendered session."""
     folder = keep / f"{session.name}-tracked"
     if not (folder / "done").exists():
-        config = replace(read_config(None, []), outputs={}, body="off")
+        config = replace(read_config(None), outputs={}, body="off")
 
         def silent(*_: object) -> None: ...
 

@@ -30,7 +30,7 @@ from posefuse.formats.rig import read_rig, write_rig
 from posefuse.formats.truth import read_truth
 from posefuse.messages.bags import read_poses
 from posefuse.pipeline.clock import StageClock
-from posefuse.pipeline.config import TrackConfig, read_overridden
+from posefuse.pipeline.config import TrackConfig, changes_of, read_changed
 from posefuse.pipeline.run import track_session
 from posefuse.pipeline.session import find_session
 from posefuse.realtime.config import LiveConfig
@@ -62,7 +62,7 @@ def recorded_poses(recording: Path, zero_ns: int) -> list[Pose3D]:
 
 def poses_of_every_frame(rig: Rig, session: Path, delay_ms: float, settings: tuple[str, ...]) -> list[Pose3D]:
     """The tracker's output at every output tick when each frame's 2D poses reach it `delay_ms` after exposure."""
-    config = read_overridden(None, settings, LiveConfig)
+    config = read_changed(None, changes_of(settings), LiveConfig)
     track = replace(TrackConfig(), detector=config.detector, outputs={})
     done = track_session(find_session(session, track), track, StageClock(), lambda *_: None, lambda _: None, lambda _: None)
     views = done.recording.views

@@ -19,7 +19,8 @@ from rich.table import Table
 
 from posefuse.core import Pose3D
 from posefuse.core.skeleton import ANATOMICAL23
-from posefuse.realtime.gate import KeypointGate, KeypointGateSettings
+from posefuse.realtime.config import KeypointGateSettings
+from posefuse.realtime.gate import KeypointGate
 from posefuse.tracking.online import LiveSettings
 
 LATENCY_S, USED = (0.05, 0.3), 0.5

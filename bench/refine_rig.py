@@ -16,7 +16,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from posefuse.calibration.extrinsics.refine import RefineSettings
+from posefuse.calibration.settings import RefineSettings
 from posefuse.core import SE3, Recording, Rig
 from posefuse.evaluation.metrics import joint_errors
 from posefuse.formats.truth import read_truth

@@ -149,7 +149,7 @@ class PageReader(HTMLParser):
 
     Attributes:
         text: all visible text. headings: texts of h1 to h4. tables: rows of cell texts. images: addresses.
-        data: what the page's script draws, arrays unpacked. classes: of every cell with one, by its text.
+        data: what the page's script draws, arrays in place of their numbers. classes: of every cell with one, by its text.
     """
 
     VOID = ("meta", "img", "input", "br")
@@ -166,7 +166,7 @@ class PageReader(HTMLParser):
         self.feed(path.read_text(encoding="utf-8"))
         assert self._open == []
         self.text = " ".join(self._words)
-        self.data = _unpacked(json.loads(gzip.decompress(base64.b64decode(self._data)))) if self._data else {}
+        self.data = _with_arrays(json.loads(gzip.decompress(base64.b64decode(self._data)))) if self._data else {}
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         found = dict(attrs)
@@ -207,11 +207,9 @@ class PageReader(HTMLParser):
         return next(plot for plot in self.data["plots"] if plot["title"] == title)
 
 
-def _unpacked(data: dict[str, Any]) -> dict[str, Any]:
+def _with_arrays(data: dict[str, Any]) -> dict[str, Any]:
     """The page's data with the arrays in place of their numbers."""
-    from posefuse.formats.page.packing import unpacked
-
-    arrays = [unpacked(one) for one in data["arrays"]]
+    arrays = [np.array(one, float) for one in data["arrays"]]
     for plot in data["plots"]:
         for series in plot["series"]:
             series |= {key: arrays[series[key]] for key in ("x", "y", "low", "high", "width") if key in series}

@@ -137,7 +137,7 @@ def _commands(environment: Path, place: Path) -> Iterator[list[str]]:
     yield ["report", "result"]
     yield ["live", str(clip / "rig.toml"), *videos, "--duration", "5"]
     yield ["calibrate", "print", "--target", "charuco", *BOARD, "--out", "board.pdf"]
-    yield ["calibrate", "intrinsics", str(place / "board"), "--target", "charuco", *BOARD, "--out", "lenses.toml"]
+    yield ["calibrate", "intrinsics", str(place / "board"), "--target", "board.toml", "--out", "lenses.toml"]
 
 
 def _outcome(scripts: Path, words: list[str], place: Path) -> str:

@@ -10,7 +10,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from posefuse.calibration.targets.kinds import dictionary_of
+from posefuse.calibration.targets.description import write_target
+from posefuse.calibration.targets.kinds import Markers, dictionary_of
 from posefuse.calibration.targets.synthetic import Waving, cube
 from posefuse.cli.command_line import parse
 from posefuse.cli.terminal import Terminal
@@ -120,7 +121,7 @@ def _film(folder: Path, rig: Rig, seed: int, look: Look) -> list[str]:
     return [f"{camera.name}={folder / camera.name}" for camera in rig]
 
 
-def calibrate_films(seed: int, look: Look, words: tuple[str, ...] = (), settings: str = "") -> Answer:
+def calibrate_films(seed: int, look: Look, ids: tuple[int, ...] = (), settings: str = "") -> Answer:
     """Render, run `posefuse calibrate extrinsics`, and compare."""
     truth = room(seed)
     with tempfile.TemporaryDirectory() as name:
@@ -132,13 +133,13 @@ def calibrate_films(seed: int, look: Look, words: tuple[str, ...] = (), settings
         common = (
             "--intrinsics",
             str(folder / "lenses.toml"),
-            "--marker-mm",
-            str(SIDE_M * 1e3),
+            "--target",
+            str(write_target(folder / "cube.toml", Markers(SIDE_M, ids=ids))),
             "--out",
             str(folder / "rig.toml"),
         )
         try:
-            invocation = parse(["calibrate", "extrinsics", *inputs, *common, *words])
+            invocation = parse(["calibrate", "extrinsics", *inputs, *common])
             assert invocation is not None
             invocation.run(terminal)
         except CalibrationError as error:
@@ -149,8 +150,8 @@ def calibrate_films(seed: int, look: Look, words: tuple[str, ...] = (), settings
     return Answer(False, "; ".join(terminal.words), millimetres, degrees)
 
 
-def _case(name: str, cause: str, look: Look, words: tuple[str, ...] = (), settings: str = "") -> Case:
-    return Case(name, "images", cause, lambda seed: calibrate_films(seed, look, words, settings))
+def _case(name: str, cause: str, look: Look, ids: tuple[int, ...] = (), settings: str = "") -> Case:
+    return Case(name, "images", cause, lambda seed: calibrate_films(seed, look, ids, settings))
 
 
 def _run(look: Look) -> Callable[[int], Answer]:
@@ -163,7 +164,7 @@ CASES = (
     _case("images of all cameras mirrored", r"mirrored", Look(mirrored=(0, 1, 2))),
     _case("wrong dictionary stated", r"DICT_5X5_100", Look(dictionary="DICT_5X5_100")),
     _case("print with colours exchanged", r"colours", Look(inverted=True)),
-    _case("ids that are not on the prop", r"the target has ids 20, 21, 22", Look(), ("--ids", "20", "21", "22")),
+    _case("ids that are not on the prop", r"the target has ids 20, 21, 22", Look(), (20, 21, 22)),
     _case("one camera out of focus", r"cam01.{0,80}blur", Look(blurred=(1,))),
     _case("all images blurred by motion", r"blur", Look(exposure_s=0.35)),
     _case("old posefuse.toml next to a synchronised rig", r"posefuse\.toml", Look(), settings=STALE),

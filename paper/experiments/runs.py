@@ -17,7 +17,16 @@ from posefuse.evaluation import JointErrors, joint_errors
 from posefuse.formats import read_truth
 from posefuse.formats.page import Page
 from posefuse.foundation import usable_cores
-from posefuse.pipeline import UNFINISHED_FILE, StageClock, TrackConfig, find_session, poses_over_time, read_config, track_session
+from posefuse.pipeline import (
+    UNFINISHED_FILE,
+    StageClock,
+    TrackConfig,
+    changes_of,
+    find_session,
+    poses_over_time,
+    read_config,
+    track_session,
+)
 from posefuse.simulation import Scene, simulate
 
 BEST_NETWORKS, BEST_S = "blazepose_best", 20.0
@@ -44,7 +53,7 @@ class Context:
     @property
     def config(self) -> TrackConfig:
         """How every scene is tracked; raises ConfigError for overrides that cannot be."""
-        return replace(read_config(None, self.overrides), outputs={})
+        return replace(read_config(None, changes_of(self.overrides)), outputs={})
 
 
 @dataclass(frozen=True, eq=False)

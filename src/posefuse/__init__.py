@@ -8,7 +8,7 @@ recording.save("result/", formats=("trc", "c3d"))
 
 from typing import TYPE_CHECKING
 
-from .foundation.lazy_names import lazy_names
+from .core.lazy_names import lazy_names
 
 __version__ = "0.2.0"
 
@@ -30,40 +30,6 @@ if TYPE_CHECKING:
     from .fusion import triangulate
     from .pipeline.edits import Edits, Exclusion
 
-_HOMES = {
-    "Camera": "core",
-    "Detections2D": "core",
-    "Edits": "pipeline.edits",
-    "Exclusion": "pipeline.edits",
-    "JointAngles": "api.joint_angles",
-    "Observations": "core",
-    "Pose3D": "core",
-    "PoseSequence": "core",
-    "PosefuseError": "core",
-    "Progress": "core",
-    "Recording": "api.recording",
-    "Rig": "api.rig",
-    "Skeleton": "core",
-    "batch": "api.batch",
-    "calibrate_clocks": "api.calibrate",
-    "calibrate_extrinsics": "api.calibrate",
-    "calibrate_intrinsics": "api.calibrate",
-    "calibrate_person": "api.calibrate",
-    "compare": "api.compare",
-    "detector": "api.detector",
-    "gazebo_world": "api.simulate",
-    "live": "api.live",
-    "plan": "api.plan",
-    "read": "api.recording",
-    "read_rig": "api.rig",
-    "recordings": "api.recordings",
-    "simulate": "api.simulate",
-    "teleoperate": "api.teleoperate",
-    "track": "api.track",
-    "triangulate": "fusion",
-    "verify": "api.calibrate",
-}
-
 __all__ = [
     "Camera", "Detections2D", "Edits", "Exclusion", "JointAngles", "Observations", "Pose3D", "PoseSequence", "PosefuseError",
     "Progress", "Recording", "Rig", "Skeleton", "__version__", "batch", "calibrate_clocks", "calibrate_extrinsics",
@@ -72,7 +38,7 @@ __all__ = [
 ]  # fmt: skip
 
 
-__getattr__ = lazy_names(__name__, _HOMES)
+__getattr__ = lazy_names(__name__, __file__)
 
 
 def __dir__() -> list[str]:

@@ -14,6 +14,8 @@ from posefuse.calibration.extrinsics.floor_points import read_floor_points
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
 from posefuse.calibration.report_page import calibration_page
 from posefuse.calibration.targets.coverage import coverage, coverage_sheet
+from posefuse.calibration.targets.description import write_target
+from posefuse.calibration.targets.kinds import Charuco, Markers
 from posefuse.cli.calibrating.showing import write_clocks
 from posefuse.cli.command_line import WrongCommandLineError
 from posefuse.cli.terminal import Terminal
@@ -92,13 +94,14 @@ def test_a_folder_that_is_not_there_is_named_before_any_work(tmp_path: Path) -> 
     with pytest.raises(InputError, match=r"--out .*: there is no folder .*none"):
         run("print", "--cube", "--marker-mm", "120", "--out", str(nowhere))
     with pytest.raises(InputError, match="--report "):
-        run("intrinsics", "--out", str(tmp_path / "r.toml"), "--report", str(nowhere), "a.mp4")
+        run("intrinsics", "--target", "b.toml", "--out", str(tmp_path / "r.toml"), "--report", str(nowhere), "a.mp4")
 
 
 def test_what_is_wrong_with_the_floor_is_reported_before_any_look(tmp_path: Path, lab: Any) -> None:
     lenses = tmp_path / "lenses.toml"
     write_rig(lenses, lab.rig)
-    extrinsics = ("extrinsics", "--marker-mm", "120", "--intrinsics", str(lenses), "--out", str(tmp_path / "rig.toml"))
+    target = str(write_target(tmp_path / "cube.toml", Markers(0.12)))
+    extrinsics = ("extrinsics", "--target", target, "--intrinsics", str(lenses), "--out", str(tmp_path / "rig.toml"))
     with pytest.raises(ConfigError, match=r"none\.toml: no such file"):
         run(*extrinsics, "--floor-points", str(tmp_path / "none.toml"), "cam00=none.mp4")
     with pytest.raises(InputError, match="one of the two sets the world"):
@@ -106,7 +109,7 @@ def test_what_is_wrong_with_the_floor_is_reported_before_any_look(tmp_path: Path
 
 
 def test_inputs_that_are_not_there_are_named(tmp_path: Path) -> None:
-    board = ("--columns", "5", "--rows", "7", "--square-mm", "50", "--marker-mm", "37.5")
+    board = ("--target", str(write_target(tmp_path / "b.toml", Charuco(columns=5, rows=7, square_m=0.05, marker_m=0.0375))))
     with pytest.raises(InputError, match="no such video or folder of images"):
         run("intrinsics", *board, "--out", str(tmp_path / "r.toml"), f"cam={tmp_path / 'none.mp4'}")
 
@@ -115,8 +118,8 @@ def test_inputs_that_are_not_there_are_named(tmp_path: Path) -> None:
 def test_lenses_and_places_from_real_footage(shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = shared_data / "caliscope" / "post_optimization"
     videos = [str(folder / "calibration" / "extrinsic" / f"cam_{i}.mp4") for i in range(4)]
-    board = ("--target", "charuco", "--columns", "4", "--rows", "5", "--square-mm", "54", "--marker-mm", "40.5",
-             "--dictionary", "DICT_4X4_1000", "--inverted")  # fmt: skip
+    charuco = Charuco(columns=4, rows=5, square_m=0.054, marker_m=0.0405, dictionary="DICT_4X4_1000", inverted=True)
+    board = ("--target", str(write_target(tmp_path / "board.toml", charuco)))
     lenses, rig, page = str(folder / "camera_array.toml"), tmp_path / "rig.toml", tmp_path / "report.html"
     figures = run("extrinsics", *board, "--intrinsics", lenses, "--out", str(rig), "--report", str(page), *videos)
     json.dumps(figures)

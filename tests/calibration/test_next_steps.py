@@ -1,7 +1,7 @@
 """After a refusal: the command that is printed can be typed, and fits what failed."""
 
 import shlex
-from dataclasses import dataclass, field, is_dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, get_args
@@ -146,7 +146,7 @@ def test_clocks_that_were_estimated_already_are_not_advised_again() -> None:
         ["calibrate", "person", "walk", "--intrinsics", "l.toml", "--clocks", "offset", "--height-m", "1.8", "--out", "r.toml"]
     )
     assert parsed is not None
-    asked = Asked(step="person", inputs=("walk",), options=tuple(v for v in parsed.bound.arguments.values() if is_dataclass(v)))
+    asked = Asked(step="person", inputs=("walk",), options=parsed.bound.arguments["options"])
     for kind, words in (("clocks", "posefuse record"), ("drift", "--height-m 1.8 --clocks drift")):
         report = CalibrationReport("person", (Check("clocks", False, "differ", kind=kind),))  # type: ignore[arg-type]
         assert words in next_after(report, asked)[0]

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from synthetic_walk import BODY, walker
 
-from posefuse.calibration.extrinsics.refine import RefineSettings, refined_extrinsics
+from posefuse.calibration.extrinsics.refine import refined_extrinsics
+from posefuse.calibration.settings import RefineSettings
 from posefuse.core import SE3, InputError, Rig, ViewSequence
 
 NOISE_PX, MOVED_M, TURNED_RAD = 0.5, (0.004, -0.006, 0.003), (0.003, -0.002, 0.004)

@@ -19,6 +19,7 @@ from posefuse.calibration.intrinsics.board import PARAMETERS, calibrate_intrinsi
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import coverage, coverage_picture
+from posefuse.calibration.targets.description import write_target
 from posefuse.calibration.targets.detection import TargetDetector, detect_corners, why_nothing
 from posefuse.calibration.targets.kinds import Charuco, Chessboard, Markers, Target
 from posefuse.calibration.targets.printing import board_sheets, cube_sheets, write_pdf
@@ -145,7 +146,8 @@ def test_one_refused_camera_does_not_lose_the_others(
     monkeypatch.setattr(api, "open_sources", lambda inputs: [SimpleNamespace(camera=name) for name in inputs])
     monkeypatch.setattr(api, "detect_corners", lambda source, *_: replace(seen[source.camera], cameras=(source.camera,)))
     out = tmp_path / "lenses.toml"
-    words = ("intrinsics", "--columns", "8", "--rows", "6", "--square-mm", "70", "--marker-mm", "50", "--out", str(out))
+    target = write_target(tmp_path / "board.toml", Charuco(columns=8, rows=6, square_m=0.07, marker_m=0.05))
+    words = ("intrinsics", "--target", str(target), "--out", str(out))
     with pytest.raises(RefusedCalibration, match="camera cam02: expected at least 4 views") as refused:
         run(*words, *(f"{name}={name}.mp4" for name in seen))
     assert "cam04" in refused.value.__notes__[0] and refused.value.__notes__[1].startswith("next: ")

@@ -20,11 +20,10 @@ import posefuse
 from posefuse import __version__
 from posefuse.cli import machine
 from posefuse.cli import main as cli
-from posefuse.cli import options as options_package
-from posefuse.cli.command_line import GROUPS
-from posefuse.cli.commands import plugins as plugins_command
+from posefuse.cli.command_line import COMMANDS, GROUPS, STEPS, application
+from posefuse.cli.commands import machine as machine_commands
 from posefuse.cli.live_report import show_live_figures
-from posefuse.cli.options.shared import Figures, Shown
+from posefuse.cli.options import Figures, Shown
 from posefuse.cli.stopping import terminate_on_signals
 from posefuse.cli.terminal import Terminal, in_options
 from posefuse.core import DependencyError
@@ -138,7 +137,10 @@ def test_models_can_be_checked_without_a_network(tmp_path: Path, monkeypatch: py
         (["frobnicate"], "unknown command 'frobnicate'"),
         (["track"], "missing SESSION"),
         (["track", "nowhere", "--out", "x"], "no such session folder"),
-        (["track", "nowhere", "--out", "x", "--person", "here"], "expected X,Y in metres"),
+        (
+            ["track", "nowhere", "--out", "x", "--person", "here"],
+            "--person: expected X,Y (input should be a valid number), got 'here'",
+        ),
         (["track", "nowhere", "--out", "x", "--outputs", "fbx"], "no plug-in 'fbx' among outputs; there are: "),
         (["track", "nowhere", "--out", "x", "--set", "fuse.weights=best"], "'best'"),
         (["simulate", "none.yaml", "--out", "x"], "none.yaml"),
@@ -184,7 +186,7 @@ def in_place_of_plugins(monkeypatch: pytest.MonkeyPatch, work: Callable[[], Figu
     def plugins(*, terminal: Shown) -> Figures:
         return work()
 
-    monkeypatch.setattr(plugins_command, "plugins", plugins)
+    monkeypatch.setattr(machine_commands, "plugins", plugins)
 
 
 def test_a_bug_prints_a_trace_and_exits_2(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
@@ -448,8 +450,11 @@ def test_arguments_of_python_are_options_of_the_command_line(text: str, shown: s
 
 def test_every_argument_that_a_message_names_is_an_option() -> None:
     """Each translation ends in an option that some command has."""
-    folder = Path(options_package.__file__).parent
-    options = {name for one in folder.glob("*.py") for name in re.findall(r"^    (\w+):", one.read_text(), re.MULTILINE)}
+    app = application()
+    places = [app[name][step] for name, steps in STEPS.items() for step in steps]
+    places += [app[name] for name in COMMANDS if name not in STEPS]
+    names = {name for place in places for one in place.assemble_argument_collection() for name in one.names}
+    options = {name.removeprefix("--").replace("-", "_") for name in names}
     texts = [path.read_text() for path in Path(posefuse.__file__).parent.rglob("*.py") if "cli" not in path.parts]
     named = {name for text in texts for name in re.findall(r'(?<!")"(?!")[^"\n]*`([a-z_]+)=[^`"\n]*`', text)}
     shown = {in_options(f"`{name}=True`").removeprefix("--").split()[0].replace("-", "_") for name in named}

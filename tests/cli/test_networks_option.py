@@ -1,31 +1,33 @@
 """`--networks` on every command that has it: a bundled network's name, or a model card."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from posefuse.cli.command_line import parse
 from posefuse.cli.main import main
-from posefuse.cli.options.live import LiveSettingsOptions
-from posefuse.pipeline.config import TrackConfig, read_overridden
+from posefuse.pipeline.config import TrackConfig, read_changed
 
 
-def overrides_of(*words: str) -> list[str]:
+def changes_of(*words: str) -> dict[str, Any]:
     found = parse(["live", "rig.toml", *words])
     assert found is not None
-    return found.bound.arguments.get("settings", LiveSettingsOptions()).overrides
+    found.bound.apply_defaults()
+    changes: dict[str, Any] = found.bound.arguments["settings"].changes
+    return changes
 
 
 def test_a_name_chooses_a_bundled_network() -> None:
-    config = read_overridden(None, overrides_of("--networks", "blazepose_lite"), TrackConfig)
+    config = read_changed(None, changes_of("--networks", "blazepose_lite"), TrackConfig)
     assert (config.detector.name, config.detector.options) == ("blazepose", {"landmarks": "blazepose_lite"})
 
 
 def test_a_card_of_the_user_chooses_the_plug_in_for_it(tmp_path: Path) -> None:
     card = tmp_path / "mine.toml"
     card.write_text('kind = "simcc"\n')
-    overrides = overrides_of("--set", "raw=true", "--networks", str(card), "--set", "detector.options.engine=onnxruntime")
-    config = read_overridden(None, overrides, TrackConfig)
+    changes = changes_of("--set", "raw=true", "--networks", str(card), "--set", "detector.options.engine=onnxruntime")
+    config = read_changed(None, changes, TrackConfig)
     assert config.raw and config.detector.name == "onnx"
     assert config.detector.options == {"card": str(card), "engine": "onnxruntime"}
 
@@ -33,12 +35,12 @@ def test_a_card_of_the_user_chooses_the_plug_in_for_it(tmp_path: Path) -> None:
 def test_an_ensemble_stays_with_the_default_detector(tmp_path: Path) -> None:
     card = tmp_path / "both.toml"
     card.write_text('kind = "landmark_ensemble"\n')
-    assert overrides_of("--networks", str(card)) == [f"detector.options.landmarks={card}"]
+    assert changes_of("--networks", str(card)) == {"detector.options.landmarks": str(card)}
 
 
 def test_what_was_parsed_before_does_not_come_back() -> None:
-    assert overrides_of("--networks", "a") == ["detector.options.landmarks=a"]
-    assert overrides_of() == []
+    assert changes_of("--networks", "a") == {"detector.options.landmarks": "a"}
+    assert changes_of() == {}
 
 
 @pytest.mark.parametrize(

@@ -11,17 +11,16 @@ from typing import Any, get_args, get_type_hints
 
 import pytest
 
-from posefuse.cli.batch import study_settings
 from posefuse.cli.command_line import parse
-from posefuse.cli.live import effective_live_config, output_configs
+from posefuse.cli.live import output_configs
 from posefuse.cli.main import main
-from posefuse.cli.teleoperating import teleoperation_settings
-from posefuse.cli.tracking import effective_track_config
+from posefuse.cli.studies import study_settings
+from posefuse.cli.tracking import track_config
 from posefuse.core import ConfigError
 from posefuse.foundation.plugins import plugin_config
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.pipeline.batch.tasks import config_of_trial
-from posefuse.pipeline.config import TrackConfig
+from posefuse.pipeline.config import TrackConfig, read_changed
 from posefuse.realtime.config import LiveConfig
 from posefuse.teleoperation.settings import TeleoperationSettings
 
@@ -75,15 +74,15 @@ def read(*texts: str) -> dict[str, Any]:
     found.bound.apply_defaults()
     given = found.bound.arguments
     if words[0] == "teleoperate":
-        return dict(leaves(teleoperation_settings(given["hand"], given["robot"])))
+        return dict(leaves(read_changed(given["robot"].limits, given["robot"].changes, TeleoperationSettings)))
     if words[0] == "live":
-        config = effective_live_config(given["settings"])
+        config = read_changed(given["settings"].config, given["settings"].changes, LiveConfig)
         outputs = output_configs(given["outputs"], given["ros_2"], config)
         return {**dict(leaves(config)), **dict(leaves(outputs, ".outputs"))}
     if words[0] == "track":
-        config = effective_track_config(SESSION, given["options"], given["settings"])
+        config = track_config(SESSION, given["options"])
     else:
-        changes, formats = study_settings(given["options"], given["settings"])
+        changes, formats = study_settings(given["options"])
         config = config_of_trial(SESSION, None, {"outputs": formats, **changes})
     return by_key(config)
 

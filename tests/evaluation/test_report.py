@@ -17,7 +17,6 @@ from posefuse.evaluation.report.normal import SOURCES
 from posefuse.evaluation.report.parameters import RANGES, parameter_blocks
 from posefuse.evaluation.report.quality import keypoint_quality
 from posefuse.formats.page import MISSING
-from posefuse.formats.page.packing import unpacked
 from posefuse.kinematics import JOINTS, joints_from_poses
 from posefuse.kinematics.gait import Spread, gait_from_poses
 
@@ -220,8 +219,8 @@ def test_the_player_shows_the_recording(read_page, tmp_path, ring_rig):
     recording = recording_of(ring_rig, *walker(times=60))
     [content] = reported(read_page, tmp_path, recording).data["players"]
     knee = SKELETON.index("left_knee")
-    again = [unpacked({"m": 1, "n": 3, "d": steps}) for steps in content["people"][0]["xyz"][knee]]
-    np.testing.assert_allclose(np.stack(again, axis=-1), recording.poses.xyz_world[::2, 0, knee], atol=5.1e-4)
+    again = np.array(content["people"][0]["xyz"][knee], float).T
+    np.testing.assert_allclose(again, recording.poses.xyz_world[::2, 0, knee], atol=5.1e-4)
     assert content["bones"] == SKELETON.bone_indices.tolist()
     assert [SKELETON.index("right_hip"), SKELETON.index("left_hip")] in content["across"]
 

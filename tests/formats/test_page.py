@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from posefuse.core import InputError
 from posefuse.formats.page import (
     Band,
-    Bars,
     Cards,
     Cell,
     Details,
@@ -31,7 +30,7 @@ from posefuse.formats.page import (
     Ticks,
     write_page,
 )
-from posefuse.formats.page.packing import COARSE, FINE, packed, unpacked
+from posefuse.formats.page.numbers import COARSE, FINE, numbers
 from posefuse.formats.page.write import PLOTLY
 
 NASTY = "<b>[x]</script>{{ 7*7 }}&amp;\"'%{y}"
@@ -49,9 +48,9 @@ def shown(read_page, tmp_path, *blocks, **more):
 
 @pytest.mark.parametrize("parts", [FINE, COARSE])
 @given(st.lists(st.one_of(st.floats(-1e9, 1e9), st.just(float("nan"))), max_size=60))
-def test_packed_numbers_come_back_to_a_fraction_of_their_range(parts, values):
+def test_numbers_are_kept_to_a_fraction_of_their_range(parts, values):
     values = np.array(values, float)
-    again = unpacked(packed(values, parts))
+    again = np.array(numbers(values, parts), float)
     known = np.isfinite(values)
     np.testing.assert_array_equal(np.isfinite(again), known)
     span = np.ptp(values[known]) if known.any() else 0.0
@@ -81,12 +80,6 @@ def test_every_kind_of_series_arrives_as_it_was_given(read_page, tmp_path):
 def test_arrays_that_are_the_same_are_stored_once(read_page, tmp_path):
     page = shown(read_page, tmp_path, Plots([axes(Line("a", X, GAP), Line("b", X.copy(), 2 * GAP))] * 2))
     assert len(page.data["arrays"]) == 3 and len(page.data["plots"]) == 2
-
-
-def test_a_bars_parts_are_those_given(read_page, tmp_path):
-    bars = Bars(("first", "second"), {"one": [1.0, 3.0], NASTY: [0.0, 2.0]})
-    [series] = shown(read_page, tmp_path, Plots([axes(bars)])).plot("p")["series"]
-    assert (series["rows"], series["parts"], series["values"]) == (["one", NASTY], ["first", "second"], [[1, 3], [0, 2]])
 
 
 def test_names_are_shown_as_they_are_and_run_nothing(read_page, tmp_path):
@@ -185,13 +178,10 @@ def test_the_player_keeps_positions_to_a_millimetre(read_page, tmp_path):
     t_s = np.arange(90) / 60
     player = Player(t_s, xyz, bones=np.array([[0, 1], [2, 3]]), sides=("left", "mid"), people=("a", NASTY), right_left=[(0, 1)])
     [content] = shown(read_page, tmp_path, player).data["players"]
-    np.testing.assert_allclose(unpacked(content["t"]), t_s[::2], atol=6e-4)
+    np.testing.assert_allclose(content["t"], t_s[::2], atol=6e-4)
     for n, person in enumerate(content["people"]):
         for k, positions in enumerate(person["xyz"]):
-            again = np.stack(
-                [unpacked({"m": content["step"][0], "n": content["step"][1], "d": steps}) for steps in positions], axis=-1
-            )
-            np.testing.assert_allclose(again, xyz[::2, n, k], atol=5.1e-4)
+            np.testing.assert_allclose(np.array(positions, float).T, xyz[::2, n, k], atol=5.1e-4)
     assert content["people"][1]["name"] == NASTY and content["across"] == [[0, 1]] and player.note == ""
 
 
@@ -207,7 +197,6 @@ def test_a_long_recording_is_cut_and_it_is_reported():
         (lambda: Line("l", X, X[:3]), "line: expected arrays of one length"),
         (lambda: Spikes("l", X, X, X, colour="pink"), "unknown colour 'pink'"),
         (lambda: Table(["a", "b"], [["only one"]]), "expected rows of 2 cells"),
-        (lambda: Bars(("a",), {"r": [1.0, 2.0]}), "row r: expected 1 values, got 2"),
         (
             lambda: Player(X, np.zeros((3, 1, 1, 3)), bones=np.zeros((0, 2)), sides=(), people=("a",)),
             r"expected positions \(7, 1",

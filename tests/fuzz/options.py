@@ -45,10 +45,6 @@ OPTIONS: tuple[str, ...] = (
         f"--rate 30 --height-m={value} --out FOLDER/r.toml"
         for value in _NUMBERS
     ),
-    *(
-        f"calibrate verify cam00=FOLDER --rig FOLDER/rig.toml --target chessboard --columns 5 --rows 4 --square-mm={value}"
-        for value in _NUMBERS
-    ),
-    "calibrate verify cam00=FOLDER --rig FOLDER/rig.toml --target chessboard --columns 5 --rows 4 --square-mm 5 --every=0",
-    "calibrate verify cam00=FOLDER --rig FOLDER/rig.toml --target chessboard --columns 5 --rows 4 --square-mm 5 --every=-2",
+    "calibrate verify cam00=FOLDER --rig FOLDER/rig.toml --target FOLDER/board.toml --every=0",
+    "calibrate verify cam00=FOLDER --rig FOLDER/rig.toml --target FOLDER/board.toml --every=-2",
 )

@@ -50,7 +50,7 @@ def _readers() -> dict[str, Callable[[Path], Any]]:
 
     readers: dict[str, Callable[[Path], Any]] = {
         "scene YAML": read_scene,
-        "posefuse.toml": lambda path: read_config(path, []),
+        "posefuse.toml": lambda path: read_config(path),
         "floor points TOML": read_floor_points,
         "model card TOML": read_card,
         "TRC": read_trc,

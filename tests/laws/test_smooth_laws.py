@@ -4,7 +4,7 @@ from smoothing import measured, white_jerk
 
 from posefuse.core import SE3, Kind
 from posefuse.tracking import SmoothSettings, smooth
-from posefuse.tracking.smooth import _jerk_density
+from posefuse.tracking.smoothing import _jerk_density
 
 T_NS = np.round(np.arange(300) * 1e9 / 60).astype(np.int64)
 

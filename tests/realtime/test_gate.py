@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from posefuse.core import SKELETONS, Kind, Pose3D
-from posefuse.realtime.gate import KeypointGate, KeypointGateSettings, _known_to, worst_sigma_m
+from posefuse.realtime.config import KeypointGateSettings
+from posefuse.realtime.gate import KeypointGate, _known_to, worst_sigma_m
 
 S = 1_000_000_000
 COCO = SKELETONS["coco17"]

@@ -17,6 +17,8 @@ import numpy as np
 import pytest
 from live_session import until
 
+from posefuse.calibration.targets.description import write_target
+from posefuse.calibration.targets.kinds import Markers
 from posefuse.cli import recording
 from posefuse.cli.command_line import parse
 from posefuse.cli.main import main
@@ -24,7 +26,6 @@ from posefuse.cli.terminal import Terminal
 from posefuse.core import Frame, SourceError
 from posefuse.formats.kept_video import KeptVideo
 from posefuse.formats.pixels import RgbPixels
-from posefuse.foundation.settings import read_mapping
 from posefuse.realtime.camera_feed import CameraFeed
 from posefuse.realtime.capture import LiveInput
 from posefuse.realtime.inputs import inputs_from_arguments
@@ -137,7 +138,7 @@ def test_a_camera_without_frames_and_lost_frames_end_in_an_error_that_names_them
     assert "b: no frame came" in printed.err
     assert "c: 7 frames are missing: the source did not deliver them" in printed.err
     assert json.loads(printed.out)["videos"]["a"]["written"] == len(STAMPS_NS)
-    assert read_mapping(tmp_path / "s" / "recording.toml")["cameras"]["c"]["dropped"] == 7
+    assert json.loads((tmp_path / "s" / "videos" / "c.json").read_text())["lost"]
 
 
 @dataclass(frozen=True)
@@ -227,15 +228,15 @@ def test_what_guide_has_seen_is_a_session(tmp_path: Path) -> None:
             for i in range(12):
                 video.write(RgbPixels(np.roll(page, 2 * i, axis=1)), i * 50_000_000)
     sources = [word for name in ("a", "b") for word in ("--source", f"{name}=video:{tmp_path / name}.mp4")]
-    session = tmp_path / "session"
-    found = parse(["calibrate", "guide", "--marker-mm", "100", *sources, "--record", str(session)])
+    session, target = tmp_path / "session", write_target(tmp_path / "cube.toml", Markers(0.1))
+    found = parse(["calibrate", "guide", "--target", str(target), *sources, "--record", str(session)])
     assert found is not None
     figures = found.run(Terminal(as_json=True))
     assert not figures["enough"] and figures["exit_code"] == 0
     # a busy machine leaves out frames that it could not decode before the next was due
     written = {name: one["written"] for name, one in figures["videos"].items()}
     assert set(written) == {"a", "b"} and all(3 <= count <= 12 for count in written.values())
-    assert read_mapping(session / "recording.toml")["cameras"]["b"]["frames"] == written["b"]
+    assert read_counts(session / "videos", ["b"])["b"].written == written["b"]
     times_ns = VideoConfig(session / "videos" / "b.mp4", "b").build().times_ns()
     assert len(times_ns) == written["b"]
     np.testing.assert_allclose(times_ns, np.rint(times_ns / 50_000_000) * 50_000_000, atol=1_000)

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from posefuse.cli.live_report import write_latency_report
-from posefuse.cli.options.shared import people_from_text
 from posefuse.core import ConfigError, Detections2D, Frame, Pose3D, Region, Skeleton, SourceError
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.health.cameras import CameraState, Monitor, Verdict
@@ -27,6 +26,7 @@ from posefuse.realtime.output_plan import NoOutputs
 from posefuse.realtime.processes import Groups, _Member, ended
 from posefuse.sources.arriving import Arrived
 from posefuse.sources.live.stream import StampClock
+from posefuse.tracking.online.settings import MOST_PEOPLE
 
 S = 1_000_000_000
 SKELETON = Skeleton("five", ("a", "b", "c", "d", "e"))
@@ -79,7 +79,7 @@ def test_the_board_gives_back_what_was_written() -> None:
 
 def test_all_people_that_may_be_followed_are_looked_for() -> None:
     board = Board(multiprocessing.get_context("spawn"))
-    pose = pose_at(7 * S, people=people_from_text(None, [SimpleNamespace(value="64")]))
+    pose = pose_at(7 * S, people=MOST_PEOPLE)
     board.write(pose, np.zeros(pose.xyz_world.shape))
     np.testing.assert_array_equal(board.read().xyz_world, pose.xyz_world)
 

@@ -159,7 +159,7 @@ def test_a_folder_of_videos_that_a_full_disk_leaves_incomplete_is_one_line_that_
     tmp_path: Path, small_disk: Callable[[int], Path]
 ) -> None:
     disk = small_disk(1)
-    reason = r"recording.toml cannot be written \(No space left on device\); the videos stay in"
+    reason = r"the results are complete in .*unfinished but cannot be moved there \(No space left on device\)"
     with pytest.raises(InputError, match=reason), kept_videos(disk / "videos", None, []) as folder:
         assert folder is not None
         (folder / "cam00.mp4").write_bytes(b"a video")

@@ -26,11 +26,11 @@ FILES: dict[str, Any] = {
     f"{QUOTED}/cam.mp4": "",
     "results/half/recording.json": "{",
     "results/other/recording.json": {},
-    # presets: damaged, of another kind, leading out, with a role that no list has
+    # presets: damaged, of another kind, leading out
     "setups/half.json": "{",
     "setups/list.json": [],
     "setups/number.json": {"sources": {"a": 7}},
-    "setups/outside.json": {"sources": {"a": "video:../secret.mp4"}, "rig": "gone.toml", "roles": {"a": "on the shelf"}},
+    "setups/outside.json": {"sources": {"a": "video:../secret.mp4"}, "rig": "gone.toml"},
     # calibrations: of a preset that was deleted; with a rig file that is gone; with results of another kind
     "calibrations/bare/project.json": {"setup": "deleted", "cube": "", "board": "", "lenses": True},
     "calibrations/gone/project.json": {"setup": "outside", "cube": "c.toml", "board": "b.toml", "lenses": False},

@@ -8,7 +8,7 @@ import pytest
 
 from posefuse.core import Kind, ShapeError
 from posefuse.core.skeleton import BODY_25, COCO17
-from posefuse.tracking.lasting import LASTING_S, LASTING_SHARE
+from posefuse.tracking.settings import LASTING_S, LASTING_SHARE
 
 LATE_S = 0.07
 # where no error lasts from frame to frame

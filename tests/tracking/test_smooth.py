@@ -4,7 +4,7 @@ from smoothing import COCO, measured, white_jerk
 
 from posefuse.core import Kind, Pose3D, PoseSequence, ShapeError
 from posefuse.tracking import SmoothSettings, cutoff_hz, smooth
-from posefuse.tracking.smooth import _jerk_density
+from posefuse.tracking.smoothing import _jerk_density
 
 RATE_HZ = 60.0
 NOISE = np.array([[4.0, 1.0, 0.5], [1.0, 9.0, 2.0], [0.5, 2.0, 3.0]]) * 1e-5

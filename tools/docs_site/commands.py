@@ -18,7 +18,8 @@ def commands_page() -> str:
     app = application()
     parts = [
         "# Commands\n",
-        "This page is generated from the code. `posefuse COMMAND --help` shows the same in a terminal. "
+        "This page is generated from the code and has every option; `posefuse COMMAND --help` shows the usual ones. "
+        "Options of settings take what the key of the same meaning takes in a settings file. "
         "Every command also takes `--json`: it prints the figures of its tables as one JSON object on stdout, "
         "and everything else on stderr.\n",
         "| exit code | meaning |\n|---|---|\n| 0 | complete |\n| 1 | a known error, stated in one line |\n"
@@ -39,7 +40,7 @@ def _section(words: tuple[str, ...], app: App) -> str:
     command = app
     for word in words:
         command = command[word]
-    shown = [one for one in command.assemble_argument_collection(parse_docstring=True) if one.show]
+    shown = [one for one in command.assemble_argument_collection(parse_docstring=True) if one.parse]
     about = (inspect.getdoc(command.default_command) or "").partition("\nArgs:")[0].strip()
     lines = [f"## posefuse {' '.join(words)}\n", f"{about}\n", f"    {_usage(words, shown)}\n"]
     groups: dict[str, list[Argument]] = {}

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import inspect
-import re
 import types
 from collections.abc import Iterator
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from posefuse.foundation.plugins import list_plugins
+from posefuse.foundation.settings import described
 from posefuse.pipeline.config import CameraInput, TrackConfig
 from posefuse.realtime.config import LiveConfig
 
@@ -69,31 +68,6 @@ def _table(prefix: str, cls: type[Any]) -> str:
         shown = f"{kind} {bounds}".strip().replace("|", "\\|")
         lines.append(f"| `{one.name}` | {shown} | {_default(one)} | {meanings.get(one.name, '').replace('|', chr(92) + '|')} |")
     return "\n".join([*lines, ""])
-
-
-def described(cls: type[Any]) -> tuple[str, dict[str, str]]:
-    """The contents of a docstring: the text above ``Attributes:``, and the meaning of each attribute by name.
-
-    Several attributes may share a line: ``a, b: both. c: another.``
-    """
-    inherited: dict[str, str] = {}
-    for base in reversed(cls.__mro__[1:]):
-        if dataclasses.is_dataclass(base):
-            inherited |= described(base)[1]
-    text = inspect.cleandoc(vars(cls).get("__doc__") or "")
-    if text.startswith(f"{cls.__name__}("):
-        text = ""  # made by `dataclass`, where there is none
-    about, _, rest = text.partition("\nAttributes:\n")
-    rest = " ".join(line.strip() for line in re.split(r"\n(?=\S)", rest)[0].splitlines())
-    names = _field_names(cls)
-    one = "|".join(map(re.escape, sorted(names, key=len, reverse=True))) or r"(?!)"
-    found = list(re.finditer(rf"(?:(?<=^)|(?<=[.;] )|(?<=\) ))((?:{one})(?:, (?:{one}))*): ", rest))
-    meanings = inherited
-    for place, match in enumerate(found):
-        end = found[place + 1].start() if place + 1 < len(found) else len(rest)
-        for name in match.group(1).split(", "):
-            meanings[name] = rest[match.end() : end].strip()
-    return about.strip(), meanings
 
 
 def _field_names(cls: type[Any]) -> set[str]:

@@ -262,7 +262,7 @@ def calibrate_person(
     chosen = core.Rig(tuple(lenses[name] for name in paths))
     length = _known_length(height_m, camera_distance, chosen)
     cameras = tuple(replace(camera, cam_from_world=SE3.identity()) for camera in chosen)
-    config = changed_config(read_config(None, ()), dict(settings or {}))
+    config = changed_config(read_config(None), dict(settings or {}))
     with shown(progress) as report:
         seen = find_person(
             paths, cameras, length, detector=config.detector, rate_hz=rate_hz, clocks=clocks, most_s=max_offset_s, progress=report
@@ -312,7 +312,7 @@ def calibrate_clocks(
     path = folder / CONFIG_FILE
     given = {"rig": None if rig is None else str(Path(rig).absolute()), "rate_hz": rate_hz}
     changes = {key: value for key, value in given.items() if value is not None} | dict(settings or {})
-    config = changed_config(read_config(path if path.is_file() else None, ()), changes)
+    config = changed_config(read_config(path if path.is_file() else None), changes)
     with shown(progress) as report:
         seen = person_in_session(folder, config, seconds, report)
         found = clocks_from_person(seen.rig, seen.tracks, max_offset_s, drift)

@@ -88,7 +88,7 @@ def track(
     }
     changes = {key: value for key, value in options.items() if value is not None}
     changes |= (network_settings(networks) if networks else {}) | dict(settings or {})
-    config = changed_config(read_config(path if path.is_file() else None, (), base={"outputs": ()}), changes)
+    config = changed_config(read_config(path if path.is_file() else None, base={"outputs": ()}), changes)
     with shown(progress) as report:
         found = find_session(folder, config)
         note = lambda line: report("detect", 0, None, line)  # noqa: E731

@@ -1,12 +1,17 @@
 """Association: which detection of each camera is which person, across cameras and time."""
 
-from .assignment import Assignment
-from .clothing import CLOTHING_TRAITS, clothing_traits, median_clothing
-from .hints import Hints, hints_after
-from .identity import UNNAMED, Identity, persons_at, with_persons
-from .memory import Memory
-from .people import assign, associate
-from .settings import AssociateSettings
+from typing import TYPE_CHECKING
+
+from posefuse.core.lazy_names import lazy_names
+
+if TYPE_CHECKING:
+    from .assignment import Assignment
+    from .clothing import CLOTHING_TRAITS, clothing_traits, median_clothing
+    from .hints import Hints, hints_after
+    from .identity import UNNAMED, Identity, persons_at, with_persons
+    from .memory import Memory
+    from .people import assign, associate
+    from .settings import AssociateSettings
 
 __all__ = [
     "CLOTHING_TRAITS",
@@ -24,3 +29,4 @@ __all__ = [
     "persons_at",
     "with_persons",
 ]
+__getattr__ = lazy_names(__name__, __file__)

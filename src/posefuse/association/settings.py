@@ -6,7 +6,7 @@ from typing import Annotated
 
 from annotated_types import Ge, Gt, Le, MaxLen, MinLen
 
-from posefuse.core.duplicates import DUPLICATE_SHARE
+from posefuse.core.duplicate_share import DUPLICATE_SHARE
 from posefuse.foundation.settings import settings
 
 # metres from the origin of the world; no place of a recording is farther
@@ -22,9 +22,9 @@ class AssociateSettings:
     """How detections are assigned to people, across cameras and over time.
 
     Attributes:
-        max_people: how many people to follow; their ids are 0 .. max_people - 1.
-        near_xy_m: start new people by their distance to this point of the floor (world x, y) instead of by how many views agree
-            on them.
+        max_people: how many people to follow, the best seen ones; their ids begin with 0.
+        near_xy_m: follow the people nearest to this point of the floor (world x, y in m) instead of those on whom most views
+            agree.
         tolerance_m: a view agrees with a keypoint when its ray passes within this distance, measured at the body.
         min_share: share of the keypoints of a detection that must agree for the detection to belong to a person.
         speed_max_m_s: largest speed of a followed person between time steps.

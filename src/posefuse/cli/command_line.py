@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import (
@@ -23,23 +26,22 @@ from posefuse import __version__
 if TYPE_CHECKING:
     from .terminal import Terminal
 
-# as the help lists them
+# as the help lists them: command -> module of it, or of its steps
 GROUPS = {
-    "Start": ("demo", "doctor", "studio"),
-    "Record and calibrate": ("record", "calibrate"),
-    "Track": ("track", "batch"),
-    "Live": ("live", "teleoperate", "node"),
-    "Look at a result": ("view", "report", "export", "compare"),
-    "Simulate and extend": ("simulate", "models", "fit-noise", "plugins"),
+    "Start": {"demo": "recorded", "doctor": "machine", "studio": "machine"},
+    "Record and calibrate": {"record": "calibrate", "calibrate": "calibrate"},
+    "Track": {"track": "recorded", "batch": "recorded"},
+    "Live": {"live": "live", "teleoperate": "teleoperate", "node": "live"},
+    "Look at a result": {"view": "results", "report": "results", "export": "results", "compare": "results"},
+    "Simulate and extend": {"simulate": "simulate", "models": "machine", "fit-noise": "simulate", "plugins": "machine"},
 }
 COMMANDS = tuple(name for names in GROUPS.values() for name in names)
 STEPS = {
     "node": ("camera", "fusion"),
     "calibrate": ("intrinsics", "extrinsics", "guide", "person", "clocks", "verify", "print"),
 }
-_MODULES = "posefuse.cli.commands"
+_MODULES = Path(__file__).parent / "commands"
 _OPTIONS = Group("Options", sort_key=len(GROUPS))
-_HELP_FLAGS = {"--help", "-h"}
 
 
 class WrongCommandLineError(Exception):
@@ -75,9 +77,8 @@ def parse(tokens: Sequence[str]) -> Invocation | None:
     Raises:
         WrongCommandLineError: an unknown command or option, a value that is missing or wrong.
     """
-    app = application()
-    if _HELP_FLAGS & set(tokens):
-        _import_listed(app, tokens)
+    typed = [token for token in tokens if not token.startswith("-")]
+    app = application(listed=not typed or (len(typed) == 1 and typed[0] in STEPS))
     words: tuple[str, ...] = ()
     try:
         outer, bound, _ = app.meta.parse_args(list(tokens), exit_on_error=False, print_error=False)
@@ -91,7 +92,6 @@ def parse(tokens: Sequence[str]) -> Invocation | None:
         words = words or tuple(word for word in error.command_chain or () if not word.startswith("-"))
         raise WrongCommandLineError(_line(words, _problem(error))) from None
     if getattr(command, "__func__", None) is App.help_print:
-        _import_listed(app, words)
         app.help_print(list(words))
         return None
     return Invocation(words, as_json, command, inner)
@@ -106,8 +106,8 @@ def _common(
     """Options that every command takes, at any position."""
 
 
-def application() -> App:
-    """All commands; each is imported when it is looked up."""
+def application(*, listed: bool = False) -> App:
+    """All commands; each is imported when it is looked up. `listed`: with a line of help each, found without importing it."""
     app = App(
         name="posefuse",
         help="Several ordinary cameras + AI -> one accurate 3D human skeleton.",
@@ -120,32 +120,39 @@ def application() -> App:
     app["--help"].group = app["--version"].group = _OPTIONS
     for order, (title, names) in enumerate(GROUPS.items()):
         group = Group(title, sort_key=order)
-        for position, name in enumerate(names):
+        for position, (name, module) in enumerate(names.items()):
             if name in STEPS:
-                app.command(_with_steps(name, group, position))
+                app.command(_with_steps(name, module, group, position, listed))
             else:
-                module = name.replace("-", "_")
-                app.command(f"{_MODULES}.{module}:{module}", name=name, group=group, sort_key=position)
+                _add(app, module, name.replace("-", "_"), listed, name=name, group=group, sort_key=position)
     return app
 
 
-def _with_steps(name: str, group: Group, position: int) -> App:
+def _add(app: App, module: str, function: str, listed: bool, **options: Any) -> None:
+    about = {"help": _first_line(module, function)} if listed else {}
+    app.command(f"posefuse.cli.commands.{module}:{function}", **options, **about)
+
+
+@cache
+def _parsed(module: str) -> ast.Module:
+    return ast.parse((_MODULES / f"{module}.py").read_text(encoding="utf-8"))
+
+
+def _first_line(module: str, function: str) -> str:
+    """Of the docstring of a command, without importing it."""
+    found = (node for node in _parsed(module).body if isinstance(node, ast.FunctionDef) and node.name == function)
+    return (ast.get_docstring(next(found)) or "").partition("\n")[0]
+
+
+def _with_steps(name: str, module: str, group: Group, position: int, listed: bool) -> App:
     helps = {
         "node": "Run a live session on several machines: `node camera` where the cameras are, `node fusion` anywhere.",
         "calibrate": "Calibrate cameras from a board, a marker object or a person; find clock offsets; verify; print targets.",
     }
     steps = App(name=name, help=helps[name], group=group, sort_key=position)
     for order, step in enumerate(STEPS[name]):
-        steps.command(f"{_MODULES}.{name}_{step}:{name}_{step}", name=step, sort_key=order)
+        _add(steps, module, f"{name}_{step}", listed, name=step, sort_key=order)
     return steps
-
-
-def _import_listed(app: App, tokens: Sequence[str]) -> None:
-    """Import the commands that the help lists, because it shows the first line of their docstrings."""
-    words, apps, _ = app.parse_commands([token for token in tokens if token not in _HELP_FLAGS and token != "--json"])
-    listed = apps[-1] if words else app
-    for name in listed:
-        listed[name]
 
 
 def _default_text(value: Any) -> str | None:

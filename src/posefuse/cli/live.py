@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from posefuse.cli.options.live import LiveSettingsOptions, NodeTimingOptions, OutputOptions, SourceOptions, TimingOptions
-from posefuse.cli.options.shared import Ros2Options, names_from_text
+from posefuse.cli.commands.live import LiveOptions, NodeTimingOptions, OutputOptions, SourceOptions, TimingOptions
+from posefuse.cli.options import Ros2Options
 from posefuse.core import ConfigError, InputError, LiveOutputConfig, Rig
 from posefuse.core.errors import choices
 from posefuse.detection.build import DetectorChoice
@@ -18,7 +18,7 @@ from posefuse.foundation.output_folder import check_replaceable
 from posefuse.foundation.places import real_path
 from posefuse.foundation.plugins import plugin_config
 from posefuse.foundation.settings import settings_from_mapping
-from posefuse.pipeline.config import read_overridden
+from posefuse.pipeline.config import read_changed
 from posefuse.realtime.capture import LiveInput
 from posefuse.realtime.clock import SessionClock
 from posefuse.realtime.config import LiveConfig, RunOptions
@@ -44,13 +44,13 @@ def run_session(
     timing: TimingOptions,
     outputs: OutputOptions,
     ros_2: Ros2Options,
-    settings: LiveSettingsOptions,
+    settings: LiveOptions,
     terminal: Terminal,
     *,
     videos: Path | None = None,
 ) -> Mapping[str, Any]:
     """Run a session; returns the figures of the tables. `videos`: folder that takes the cameras' videos."""
-    config = effective_live_config(settings)
+    config = read_changed(settings.config, settings.changes, LiveConfig)
     rig = session_rig(rig_file, terminal)
     if outputs.report:
         check_replaceable(outputs.report, command="live", replace=False)
@@ -131,11 +131,11 @@ def check_nothing_else(*options: Any, videos: Path | None) -> None:
         raise ConfigError(f"--replay feeds a recording to the tracker, without cameras and outputs; leave out {choices(names)}")
 
 
-def replay_session(rig_file: Path, recording: Path, settings: LiveSettingsOptions, terminal: Terminal) -> Mapping[str, Any]:
+def replay_session(rig_file: Path, recording: Path, settings: LiveOptions, terminal: Terminal) -> Mapping[str, Any]:
     """Feed a recording to the tracker again, with its own settings unless others are given; returns the figures."""
     from .replay import replay
 
-    config = effective_live_config(settings)
+    config = read_changed(settings.config, settings.changes, LiveConfig)
     return replay(recording, read_placed_rig(rig_file), config if settings.given else None, terminal)
 
 
@@ -158,19 +158,6 @@ def settled_inputs(sources: SourceOptions, timing: TimingOptions, ros_2: Ros2Opt
         )
         for entry in inputs_from_arguments(sources.source, rig, ros_2.settings)
     )
-
-
-def effective_live_config(settings: LiveSettingsOptions) -> LiveConfig:
-    """The config file with the command line's options on top, all of it validated alike."""
-    on_top = {
-        "--rate": ("rate_hz", settings.rate),
-        "--groups": ("groups", settings.groups),
-        "--body": ("body", settings.body),
-        "--people": ("track.max_people", settings.people),
-        "--names": ("names", names_from_text(settings.names)),
-        "--camera-info": ("camera_info", settings.camera_info),
-    }
-    return read_overridden(settings.config, settings.overrides, LiveConfig, on_top)
 
 
 def run_options(timing: TimingOptions) -> RunOptions:

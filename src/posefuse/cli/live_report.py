@@ -24,7 +24,7 @@ from posefuse.realtime.session_plan import Finished
 from .terminal import Terminal
 
 _TOP_OF_P95 = 2.0
-JSON_FILE, TABLE_FILE, PAGE_FILE = "latency.json", "latency.md", "latency.html"
+JSON_FILE, PAGE_FILE = "latency.json", "latency.html"
 
 
 def _lengths(fusion: Fusion) -> dict[int, dict[str, dict[str, float]]]:
@@ -149,31 +149,14 @@ def _number(value: float, digits: int) -> str:
 
 
 def write_latency_report(folder: Path, done: Finished, figures: Mapping[str, Any]) -> None:
-    """latency.json, latency.md and latency.html (the newest views' latencies over time) into `folder`."""
+    """latency.json and latency.html (the newest views' latencies over time) into `folder`."""
     content = {"posefuse": __version__, "rig_id": done.fusion.rig.id, **figures}
     try:
         with output_folder(folder, command="live") as out:
             (out.folder / JSON_FILE).write_text(json.dumps(plain(content), indent=2) + "\n", encoding="utf-8")
-            (out.folder / TABLE_FILE).write_text(_markdown(figures), encoding="utf-8")
             write_page(out.folder / PAGE_FILE, latency_page(done, figures))
     except OSError as error:
         raise InputError(f"{folder}: the report cannot be written ({error.strerror})") from None
-
-
-def _markdown(figures: Mapping[str, Any]) -> str:
-    head = "| camera | stage | n | mean | p50 | p95 | p99 | max |"
-    lines = ["# Latency per camera and stage, ms", "", head, "|---" * 8 + "|"]
-    for name, stages in figures["latency"]["cameras_ms"].items():
-        for stage in STAGES:
-            row = stages[stage]
-            numbers = " | ".join(f"{row[key]:.1f}" for key in ("mean", "p50", "p95", "p99", "max"))
-            lines.append(f"| {name} | {stage} | {row['n']} | {numbers} |")
-    lines += ["", "# What happened", "", "| s | camera | state | |", "|---|---|---|---|"]
-    lines += [f"| {event['t_s']:.2f} | {event['camera']} | {event['state']} | {event['text']} |" for event in figures["events"]]
-    if figures["output_events"]:
-        lines += ["", "| s | output | state | |", "|---|---|---|---|"]
-        lines += [f"| {one['t_s']:.2f} | {one['output']} | {one['state']} | {one['text']} |" for one in figures["output_events"]]
-    return "\n".join(lines) + "\n"
 
 
 def latency_page(done: Finished, figures: Mapping[str, Any]) -> Page:

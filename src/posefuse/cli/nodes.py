@@ -8,16 +8,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from posefuse.cli.options.live import LiveSettingsOptions, NodeTimingOptions, OutputOptions, SourceOptions, TimingOptions
-from posefuse.cli.options.shared import Ros2Options
+from posefuse.cli.commands.live import LiveOptions, NodeTimingOptions, OutputOptions, SourceOptions, TimingOptions
+from posefuse.cli.options import Ros2Options
 from posefuse.core import SourceError
 from posefuse.foundation.output_folder import check_replaceable
 from posefuse.messages import topics
 from posefuse.messages.dds import RosNode
 from posefuse.messages.dds_domain import Network
 from posefuse.outputs.live.ros import Ros2Config
+from posefuse.pipeline.config import read_changed
 from posefuse.realtime.camera_node import CameraNode
 from posefuse.realtime.clock import SessionClock
+from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.group_views import GroupViews
 from posefuse.realtime.joint_centres import message_from_centres
 from posefuse.realtime.network_intake import NetworkIntake
@@ -31,7 +33,7 @@ from posefuse.realtime.session import group_plans, new_board, run_session, stop_
 from posefuse.realtime.session_plan import SessionPlan
 from posefuse.realtime.speaking import never_waiting
 
-from .live import effective_live_config, fetch_chosen, how_it_ended, output_configs, run_options, session_rig, settled_inputs
+from .live import fetch_chosen, how_it_ended, output_configs, run_options, session_rig, settled_inputs
 from .live_report import live_session_figures, show_live_figures, write_latency_report
 from .terminal import Terminal
 
@@ -49,11 +51,15 @@ def camera_node(
     sources: SourceOptions,
     timing: NodeTimingOptions,
     ros_2: Ros2Options,
-    settings: LiveSettingsOptions,
+    settings: LiveOptions,
     terminal: Terminal,
 ) -> Mapping[str, Any]:
     """Capture and detect on this machine, send 2D poses; the fused pose selects the image regions."""
-    config, rig, run = effective_live_config(settings), session_rig(rig_file, terminal), run_options(timing)
+    config, rig, run = (
+        read_changed(settings.config, settings.changes, LiveConfig),
+        session_rig(rig_file, terminal),
+        run_options(timing),
+    )
     inputs = settled_inputs(sources, timing, ros_2, rig)
     if not inputs:
         raise SourceError("expected a source for at least 1 camera, got none; see --source")
@@ -89,11 +95,15 @@ def fusion_node(
     timing: TimingOptions,
     outputs: OutputOptions,
     ros_2: Ros2Options,
-    settings: LiveSettingsOptions,
+    settings: LiveOptions,
     terminal: Terminal,
 ) -> Mapping[str, Any]:
     """Take the views of all camera nodes, track, publish."""
-    config, rig, network = effective_live_config(settings), session_rig(rig_file, terminal), network_of(ros_2)
+    config, rig, network = (
+        read_changed(settings.config, settings.changes, LiveConfig),
+        session_rig(rig_file, terminal),
+        network_of(ros_2),
+    )
     duration_s = run_options(timing).duration_s
     if outputs.report:
         check_replaceable(outputs.report, command="live", replace=False)

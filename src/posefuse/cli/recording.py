@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from posefuse.cli.options.record import RecordOptions
-from posefuse.cli.options.shared import Ros2Options
+from posefuse.cli.commands.calibrate import RecordOptions
+from posefuse.cli.options import Ros2Options
 from posefuse.core import SourceError
 from posefuse.formats.rig import read_rig
 from posefuse.realtime.camera_feed import CameraFeed

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.cli.options.shared import SettingsOptions
-from posefuse.cli.options.track import EXCLUDED, TrackOptions
+from posefuse.cli.commands.recorded import EXCLUDED, TrackOptions
 from posefuse.core import InputError, Recording
 from posefuse.foundation.compiled import compiling
 from posefuse.foundation.output_folder import check_replaceable, output_folder
@@ -28,19 +27,19 @@ from posefuse.pipeline.solve import REFINED, edits_of, solve_again
 from posefuse.pipeline.writing import build_sinks, write_with_frames
 
 from .terminal import Terminal
-from .tracking import solve_options
 
 _NEED_IMAGES = ("overlay",)
 
 
-def second_solve(path: Path, options: TrackOptions, settings: SettingsOptions, terminal: Terminal) -> Mapping[str, Any]:
+def second_solve(path: Path, options: TrackOptions, terminal: Terminal) -> Mapping[str, Any]:
     """Solve, write, show; returns the figures of the table. ``exit_code`` is 1 when an output could not be written.
 
     Raises:
         InputError: an option that is about images, edits about what is not there, or a recording without a person.
     """
+    given = options.changes
     refused = [
-        name for name, value in (("--resume", options.resume), ("--rig", options.rig), ("--input", options.input)) if value
+        name for name, value in (("--resume", options.resume), ("--rig", "rig" in given), ("--input", "input" in given)) if value
     ]
     if refused:
         raise InputError(f"{refused[0]}: is for sessions of videos, {path} is a recording of detections")
@@ -50,9 +49,9 @@ def second_solve(path: Path, options: TrackOptions, settings: SettingsOptions, t
     check_outside_inputs(options.out, inputs)
     check_replaceable(options.out, command="track", replace=options.force)
     with clock.stage("read"):
-        earlier = read_result(path, terminal.warn, start_s=options.start, end_s=options.end)
+        earlier = read_result(path, terminal.warn, start_s=given.get("start_s"), end_s=given.get("end_s"))
     session = None if earlier.is_live else nearby_session(earlier, path)
-    config = _config(options, settings, earlier, session)
+    config = _config(options, earlier, session)
     edits = _edits(path, earlier, options, terminal)
     # an hour of them takes much memory, and only observations are solved again
     earlier = dataclasses.replace(earlier, poses=earlier.poses.people(np.zeros(0, np.intp)))
@@ -103,12 +102,12 @@ def _show(figures: Mapping[str, Any], earlier: Recording, terminal: Terminal) ->
     terminal.facts("Second solve", facts)
 
 
-def _config(options: TrackOptions, settings: SettingsOptions, earlier: Recording, session: Session | None) -> TrackConfig:
+def _config(options: TrackOptions, earlier: Recording, session: Session | None) -> TrackConfig:
     """The recording's own settings with the config file and the command line on top."""
     base = dict(earlier.provenance.get("config") or {})
     outputs = options_by_name(DEFAULT_OUTPUTS if earlier.is_live else base.get("outputs") or ())
     base["outputs"] = {name: one for name, one in outputs.items() if session is not None or name not in _NEED_IMAGES}
-    return read_config(settings.config, settings.overrides, solve_options(options), base)
+    return read_config(options.config, options.changes, base)
 
 
 def _edits(path: Path, earlier: Recording, options: TrackOptions, terminal: Terminal) -> Edits:

@@ -10,17 +10,18 @@ import numpy as np
 
 from posefuse.api.live import build_live_session
 from posefuse.api.teleoperate import teleoperate
-from posefuse.cli.options.live import LiveSettingsOptions, OutputOptions, SourceOptions, TimingOptions
-from posefuse.cli.options.shared import Ros2Options
-from posefuse.cli.options.teleoperate import HandOptions, RobotOptions, RosRobotOptions
+from posefuse.cli.commands.live import LiveOptions, OutputOptions, SourceOptions, TimingOptions
+from posefuse.cli.commands.teleoperate import RobotOptions, RosRobotOptions
+from posefuse.cli.options import Ros2Options
 from posefuse.core import ConfigError
 from posefuse.formats.rig import read_placed_rig
 from posefuse.outputs.rerun_scene import SPAWN
-from posefuse.pipeline.config import read_overridden
+from posefuse.pipeline.config import read_changed
+from posefuse.realtime.config import LiveConfig
 from posefuse.teleoperation.robots.reports import RosPlan
 from posefuse.teleoperation.settings import TeleoperationSettings
 
-from .live import effective_live_config, output_configs, run_options, settled_inputs
+from .live import output_configs, run_options, settled_inputs
 from .terminal import Terminal
 
 if TYPE_CHECKING:
@@ -33,12 +34,11 @@ def run_teleoperation(
     rig: Path,
     sources: SourceOptions,
     timing: TimingOptions,
-    hand: HandOptions,
     robot: RobotOptions,
-    *,
     ros: RosRobotOptions,
+    *,
     ros_2: Ros2Options,
-    settings: LiveSettingsOptions,
+    settings: LiveOptions,
     terminal: Terminal,
 ) -> Mapping[str, Any]:
     """Teleoperate; returns the figures of the tables."""
@@ -49,7 +49,7 @@ def run_teleoperation(
     if not sources.source:
         raise ConfigError("--source: expected one per camera, e.g. --source cam1=usb:0, or --source sim:SCENE.yaml")
     cameras = read_placed_rig(rig)
-    config = effective_live_config(settings)
+    config = read_changed(settings.config, settings.changes, LiveConfig)
     session = build_live_session(
         cameras,
         settled_inputs(sources, timing, ros_2, cameras),
@@ -60,13 +60,13 @@ def run_teleoperation(
     with terminal.stages() as report:
         done = teleoperate(
             session,
-            deadman=hand.deadman,
-            settings=teleoperation_settings(hand, robot),
+            deadman=robot.deadman,
+            settings=read_changed(robot.limits, robot.changes, TeleoperationSettings),
             robot=robot.robot,
             frames=robot.frame,
             command=ros.command,
             ros=_ros_plan(ros, ros_2) if ros.ros or ros.ros1 else None,
-            emergency_stop=hand.i_have_an_emergency_stop,
+            emergency_stop=robot.i_have_an_emergency_stop,
             view=robot.view,
             show=robot.view_file.absolute() if robot.view_file else SPAWN if robot.view_scene else None,
             record=robot.record.with_suffix(".robot.mcap") if robot.record else None,
@@ -74,26 +74,6 @@ def run_teleoperation(
             progress=report,
         )
     return _shown(done, terminal)
-
-
-def teleoperation_settings(hand: HandOptions, robot: RobotOptions) -> TeleoperationSettings:
-    """The settings file with the command line's options on top, all of it checked alike."""
-    hands = ("right", "left") if hand.hand == "both" else (hand.hand,) if hand.hand else None
-    *place, heading_deg = robot.robot_at or (None,)
-    low, high = (robot.box[:3], robot.box[3:]) if robot.box else (None, None)
-    on_top = {
-        "--hand": ("hands", hands),
-        "--scale": ("mapping.scale", hand.scale),
-        "--turn": ("mapping.turn_deg", hand.turn),
-        "--orientation": ("mapping.orientation", hand.orientation),
-        "--robot-at X,Y": ("robot.position_xy_m", place or None),
-        "--robot-at DEG": ("robot.heading_deg", heading_deg),
-        "--elsewhere": ("robot.shared", False if robot.elsewhere else None),
-        "--box X0,Y0,Z0": ("limits.box_low_m", low),
-        "--box X1,Y1,Z1": ("limits.box_high_m", high),
-        "--speed": ("limits.speed_mps", robot.speed),
-    }
-    return read_overridden(robot.limits, (), TeleoperationSettings, on_top)
 
 
 def _ros_plan(ros: RosRobotOptions, ros_2: Ros2Options) -> RosPlan:

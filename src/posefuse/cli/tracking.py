@@ -7,9 +7,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from posefuse.cli.commands.recorded import TrackOptions
 from posefuse.cli.networks import fetch_networks
-from posefuse.cli.options.shared import SettingsOptions, names_from_text
-from posefuse.cli.options.track import TrackOptions
 from posefuse.core import InputError, Recording
 from posefuse.detection.build import DetectorChoice
 from posefuse.evaluation.metrics import JointErrors, joint_errors
@@ -28,7 +27,7 @@ TRUTH_FILE = Path("truth") / "truth.npz"
 _START_UP = ("open", "compile")  # stages that last the same however long the recording
 
 
-def track_session(folder: Path, options: TrackOptions, settings: SettingsOptions, terminal: Terminal) -> Mapping[str, Any]:
+def track_session(folder: Path, options: TrackOptions, terminal: Terminal) -> Mapping[str, Any]:
     """Track a session and write its result; returns the figures of the tables.
 
     ``exit_code`` among them: 1 when an output could not be written, or cameras do not fit the calibration.
@@ -37,7 +36,7 @@ def track_session(folder: Path, options: TrackOptions, settings: SettingsOptions
     if options.view:
         check_viewer()
     clock = StageClock()
-    config = effective_track_config(folder, options, settings)
+    config = track_config(folder, options)
     sinks = build_sinks(config.outputs)
     session = find_session(folder, config)
     out = ResultFolder(path=options.out, force=options.force, resume=options.resume)
@@ -71,35 +70,17 @@ def check_no_edits(options: TrackOptions) -> None:
         raise InputError(f"{name}: is for results; track the session first, then `posefuse track RESULT {name} ... --out DIR`")
 
 
-def effective_track_config(folder: Path, options: TrackOptions, settings: SettingsOptions) -> TrackConfig:
+def track_config(folder: Path, options: TrackOptions) -> TrackConfig:
     """The config file with the command line's options on top."""
-    path = settings.config or (folder / CONFIG_FILE if (folder / CONFIG_FILE).is_file() else None)
-    rig = str(Path(options.rig).absolute()) if options.rig is not None and Path(options.rig).exists() else options.rig
-    on_top = {"--rig": ("rig", rig), "--input": ("input", options.input)}
-    return read_config(path, settings.overrides, on_top | solve_options(options))
+    changes, path = options.changes, options.config or (folder / CONFIG_FILE if (folder / CONFIG_FILE).is_file() else None)
+    if "rig" in changes and Path(changes["rig"]).exists():
+        changes["rig"] = str(Path(changes["rig"]).absolute())
+    return read_config(path, changes)
 
 
 def network_shown(detector: DetectorChoice) -> str:
     """The network, or its card, by which keypoints were found."""
     return str(next((detector.options[key] for key in ("card", "landmarks") if key in detector.options), detector.name))
-
-
-def solve_options(options: TrackOptions) -> dict[str, tuple[str, Any]]:
-    """Options of the command line about all that follows detection."""
-    outputs = None if options.outputs is None else tuple(name for name in options.outputs.split(",") if name)
-    return {
-        "--start": ("start_s", options.start),
-        "--end": ("end_s", options.end),
-        "--rate": ("rate_hz", options.rate),
-        "--raw": ("raw", options.raw or None),
-        "--weights": ("fuse.weights", options.weights),
-        "--body": ("body", options.body),
-        "--refine-rig": ("refine_rig", options.refine_rig or None),
-        "--people": ("associate.max_people", options.people),
-        "--names": ("names", names_from_text(options.names)),
-        "--person": ("associate.near_xy_m", options.person),
-        "--outputs": ("outputs", outputs),
-    }
 
 
 def _errors(session: Session, recording: Recording) -> JointErrors | None:

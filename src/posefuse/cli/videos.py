@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from posefuse.core import InputError, PosefuseError, Rig, SourceError
 from posefuse.formats.kept_video import VIDEOS_FOLDER
 from posefuse.formats.rig import write_rig
-from posefuse.foundation.folder_mark import MARK_FILE, read_mark
+from posefuse.foundation.folder_mark import read_mark
 from posefuse.foundation.output_folder import check_replaceable, find_unfinished, output_folder
 from posefuse.realtime.capture import LiveInput
 from posefuse.realtime.video_keeping import KeptCounts, read_counts, write_found_counts
 
-RIG_FILE, RECORDING_FILE = "rig.toml", "recording.toml"
+RIG_FILE = "rig.toml"
 # a camera that is recorded writes more often
 _IN_USE_S = 3
 _RESUME = "posefuse record --resume --out {}"
@@ -46,7 +44,7 @@ def _written(videos: Path) -> list[Path]:
 def kept_videos(
     folder: Path | None, rig: Rig | None, inputs: Sequence[LiveInput], *, command: str = "live"
 ) -> Iterator[Path | None]:
-    """Where the videos go while the cameras run; complete in `folder` after it, with the rig and facts. None: none are kept.
+    """Where the videos go while the cameras run; complete in `folder` after it, with the rig. None: none are kept.
 
     A session that is killed leaves what was written in the staging folder next to it, see `completed_recording`.
 
@@ -56,7 +54,6 @@ def kept_videos(
     if folder is None:
         yield None
         return
-    begun = datetime.now(UTC)
     with output_folder(folder, command=command, keep_unfinished=True) as out:
         if rig is not None:
             write_rig(out.folder / RIG_FILE, rig.only(entry.camera for entry in inputs))
@@ -71,8 +68,6 @@ def kept_videos(
             elif isinstance(error, PosefuseError):
                 error.add_note(f"what was recorded until then is kept; `{_RESUME.format(folder)}` completes it")
             raise
-        kinds = {entry.camera: entry.kind for entry in inputs}
-        _write_facts(folder, out.folder, read_counts(videos, kinds), kinds, command, begun)
 
 
 def completed_recording(folder: Path) -> dict[str, KeptCounts]:
@@ -90,13 +85,10 @@ def completed_recording(folder: Path) -> dict[str, KeptCounts]:
     made = _written(videos)
     if any(abs(time.time() - path.stat().st_mtime) < _IN_USE_S for path in made):
         raise InputError(f"{folder}: {staging} was written to within the last {_IN_USE_S} s; is it still being recorded?")
-    begun = datetime.fromtimestamp((staging / MARK_FILE).stat().st_mtime, UTC)
-    with output_folder(folder, command=mark.command, keep_unfinished=True, unfinished=staging) as out:
+    with output_folder(folder, command=mark.command, keep_unfinished=True, unfinished=staging):
         for path in made:
             write_found_counts(path)
-        counts = read_counts(videos, [path.stem for path in made])
-        _write_facts(folder, out.folder, counts, {}, mark.command, begun)
-    return counts
+        return read_counts(videos, [path.stem for path in made])
 
 
 def check_recorded(videos: Path, counts: Mapping[str, KeptCounts], stopped: Sequence[str] = ()) -> None:
@@ -106,31 +98,6 @@ def check_recorded(videos: Path, counts: Mapping[str, KeptCounts], stopped: Sequ
     if stopped:
         raise KeyboardInterrupt
     raise SourceError(f"no frame came from {', '.join(counts)}: nothing was recorded; are the cameras switched on?")
-
-
-def _write_facts(
-    folder: Path, staging: Path, counts: Mapping[str, KeptCounts], kinds: Mapping[str, str], command: str, begun: datetime
-) -> None:
-    try:
-        (staging / RECORDING_FILE).write_text(_facts(counts, kinds, command, begun), encoding="utf-8")
-    except OSError as error:
-        reason = f"{RECORDING_FILE} cannot be written ({error.strerror})"
-        raise InputError(f"{folder}: {reason}; the videos stay in {staging / VIDEOS_FOLDER}") from None
-
-
-def _facts(counts: Mapping[str, KeptCounts], kinds: Mapping[str, str], command: str, begun: datetime) -> str:
-    """What was recorded, as TOML."""
-    lines = [
-        f"# Videos of `posefuse {command}`. The presentation times of all frames are on one clock, which begins shortly after",
-        "# `begun`: no clock offsets between the cameras are needed.",
-        f'begun = "{begun.isoformat(timespec="milliseconds")}"',
-    ]
-    for camera, one in counts.items():
-        values = {"kind": kinds.get(camera, ""), "frames": one.written, "dropped": one.dropped, "rate_hz": round(one.rate_hz, 3),
-                  "first_s": round(one.first_s, 6), "longest_gap_s": round(one.longest_gap_s, 6), "kept": one.how,
-                  "fault": one.fault}  # fmt: skip
-        lines += ["", f"[cameras.{json.dumps(camera)}]", *(f"{key} = {json.dumps(value)}" for key, value in values.items())]
-    return "\n".join(lines) + "\n"
 
 
 def video_figures(counts: Mapping[str, KeptCounts]) -> dict[str, Any]:

@@ -1,46 +1,51 @@
 """The values that every package shares. Needs numpy only and imports no other package."""
 
-from .arrays import Array
-from .camera import Camera
-from .errors import (
-    CalibrationError,
-    ConfigError,
-    DependencyError,
-    DiskFullError,
-    InputError,
-    MessageError,
-    ModelError,
-    PosefuseError,
-    ShapeError,
-    SourceError,
-    choices,
-)
-from .joint_angles import AngleSeries, JointAngles
-from .joint_centres import JointCentres
-from .live_messages import (
-    CameraHealth,
-    LiveDetections,
-    LiveExpected,
-    LiveHealth,
-    LiveJointCentres,
-    LiveMessage,
-    LiveNames,
-    LivePose,
-    LivePreview,
-    LiveStart,
-    OutputHealth,
-)
-from .observations import DetectionBatch, LookKind, Observations
-from .poses import Kind, Pose3D, PoseSequence
-from .progress import Progress, silent
-from .protocols import Detector, LiveOutput, LiveOutputConfig, Sink, Source
-from .recording import Recording
-from .rig import Rig
-from .se3 import SE3
-from .skeleton import PAPER14, SKELETONS, Skeleton, pick_keypoints
-from .truth import CameraTruth, Truth
-from .values import Detections2D, Frame, Region, Views
-from .views_over_time import ViewSequence, observations_from_views, views_over_time
+from typing import TYPE_CHECKING
+
+from .lazy_names import lazy_names
+
+if TYPE_CHECKING:
+    from .arrays import Array
+    from .camera import Camera
+    from .errors import (
+        CalibrationError,
+        ConfigError,
+        DependencyError,
+        DiskFullError,
+        InputError,
+        MessageError,
+        ModelError,
+        PosefuseError,
+        ShapeError,
+        SourceError,
+        choices,
+    )
+    from .joint_angles import AngleSeries, JointAngles
+    from .joint_centres import JointCentres
+    from .live_messages import (
+        CameraHealth,
+        LiveDetections,
+        LiveExpected,
+        LiveHealth,
+        LiveJointCentres,
+        LiveMessage,
+        LiveNames,
+        LivePose,
+        LivePreview,
+        LiveStart,
+        OutputHealth,
+    )
+    from .observations import DetectionBatch, LookKind, Observations
+    from .poses import Kind, Pose3D, PoseSequence
+    from .progress import Progress, silent
+    from .protocols import Detector, LiveOutput, LiveOutputConfig, Sink, Source
+    from .recording import Recording
+    from .rig import Rig
+    from .se3 import SE3
+    from .skeleton import PAPER14, SKELETONS, Skeleton, pick_keypoints
+    from .truth import CameraTruth, Truth
+    from .values import Detections2D, Frame, Region, Views
+    from .views_over_time import ViewSequence, observations_from_views, views_over_time
 
 __all__ = [
     "PAPER14",
@@ -100,3 +105,4 @@ __all__ = [
     "silent",
     "views_over_time",
 ]
+__getattr__ = lazy_names(__name__, __file__)

@@ -7,9 +7,6 @@ import numpy as np
 from .arrays import Array
 from .values import Detections2D
 
-# A landmark network that looks twice at one body differs by 1 to 3 % of the box; two people one behind the other who coincide to
-# 8 % cannot be distinguished in that view anyway.
-DUPLICATE_SHARE = 0.08
 # keypoints that two detections must share before their distance is meaningful
 _LEAST_SHARED = 3
 

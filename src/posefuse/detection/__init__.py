@@ -1,13 +1,18 @@
 """Images to Detections2D: detector plug-ins, model cards, regions to look at."""
 
-from .blazepose import BlazePoseConfig, BlazePoseDetector, default_cards
-from .build import DetectorChoice, network_settings
-from .clothing import with_clothing
-from .depth import with_depth
-from .downloading import fetch_networks
-from .models import fetch, fetch_all, list_cards, read_card, status
-from .oracle import OracleConfig, OracleDetector, OracleNoise, OracleViews, oracle_views
-from .regions import region_from_keypoints, region_from_pose, up_angle_rad
+from typing import TYPE_CHECKING
+
+from posefuse.core.lazy_names import lazy_names
+
+if TYPE_CHECKING:
+    from .blazepose import BlazePoseConfig, BlazePoseDetector, default_cards
+    from .build import DetectorChoice, network_settings
+    from .clothing import with_clothing
+    from .depth import with_depth
+    from .downloading import fetch_networks
+    from .models import fetch, fetch_all, list_cards, read_card, status
+    from .oracle import OracleConfig, OracleDetector, OracleNoise, OracleViews, oracle_views
+    from .regions import region_from_keypoints, region_from_pose, up_angle_rad
 
 __all__ = [
     "BlazePoseConfig",
@@ -32,3 +37,4 @@ __all__ = [
     "with_clothing",
     "with_depth",
 ]
+__getattr__ = lazy_names(__name__, __file__)

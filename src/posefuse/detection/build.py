@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from posefuse.core import ConfigError, Detector, Rig
+from posefuse.core import ConfigError
 from posefuse.foundation.parsing import parse_toml, read_text
-from posefuse.foundation.plugins import build_plugin
 from posefuse.foundation.settings import settings
+
+if TYPE_CHECKING:
+    from posefuse.core import Detector, Rig
 
 # kinds of cards that the default detector reads; all others are networks of the user
 _BLAZEPOSE_KINDS = ("heatmap_landmarks", "landmark_ensemble")
@@ -30,6 +32,8 @@ class DetectorChoice:
 
 def build_detector(choice: DetectorChoice, rig: Rig) -> Detector:
     """Build the detector plug-in; one with an `up_rad` parameter gets the direction of up in each camera's image."""
+    from posefuse.foundation.plugins import build_plugin
+
     from . import up_angle_rad
 
     known = {"up_rad": {camera.name: up_angle_rad(camera) for camera in rig}}

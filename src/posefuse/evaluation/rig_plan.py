@@ -15,7 +15,7 @@ import numpy as np
 from posefuse.core import Camera, InputError, Rig
 from posefuse.core.arrays import Array
 from posefuse.fusion import FuseSettings
-from posefuse.fusion.triangulate import sigma_of_size
+from posefuse.fusion.triangulation import sigma_of_size
 from posefuse.simulation.surroundings import Box
 from posefuse.simulation.visibility import in_image
 

@@ -2,17 +2,12 @@
 
 from typing import TYPE_CHECKING
 
-from posefuse.foundation.lazy_names import lazy_names
+from posefuse.core.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from .rig import read_rig
     from .truth import read_truth
     from .video import read_video
 
-_HOMES = {
-    "read_rig": "rig",
-    "read_truth": "truth",
-    "read_video": "video",
-}
 __all__ = ["read_rig", "read_truth", "read_video"]
-__getattr__ = lazy_names(__name__, _HOMES)
+__getattr__ = lazy_names(__name__, __file__)

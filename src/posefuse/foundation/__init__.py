@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from posefuse.foundation.lazy_names import lazy_names
+from posefuse.core.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from .atomic import atomic_file
@@ -12,13 +12,5 @@ if TYPE_CHECKING:
     from .plugins import build_plugin
     from .settings import settings_from_mapping
 
-_HOMES = {
-    "atomic_file": "atomic",
-    "build_plugin": "plugins",
-    "growing_folder": "output_folder",
-    "plain": "plain_values",
-    "settings_from_mapping": "settings",
-    "usable_cores": "platform",
-}
 __all__ = ["atomic_file", "build_plugin", "growing_folder", "plain", "settings_from_mapping", "usable_cores"]
-__getattr__ = lazy_names(__name__, _HOMES)
+__getattr__ = lazy_names(__name__, __file__)

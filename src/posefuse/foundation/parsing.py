@@ -9,8 +9,6 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from posefuse.core import InputError
 
 # YAML aliases can expand a few lines to 9^9 values; no settings or calibration file has nearly this number of values
@@ -68,14 +66,16 @@ def parse_json(where: str, text: str | bytes, error: type[InputError] = InputErr
         raise error(f"{where}: cannot be parsed as JSON ({one_line(problem)})") from None
 
 
-def parse_yaml(where: str, text: str, error: type[InputError] = InputError, loader: type = yaml.SafeLoader) -> Any:
+def parse_yaml(where: str, text: str, error: type[InputError] = InputError, loader: type | None = None) -> Any:
     """The value of a YAML text with at most `MOST_YAML_VALUES` values, aliases counted each time they are used.
 
     Raises:
         error: not YAML, more values than that, or a value that contains itself; one line.
     """
+    import yaml  # the help of no command needs it
+
     try:
-        value = yaml.load(text, Loader=loader)
+        value = yaml.load(text, Loader=loader or yaml.SafeLoader)
         count = _value_count(value, {})
     except (yaml.YAMLError, ValueError, TypeError, AttributeError, RecursionError, OverflowError) as problem:
         raise error(f"{where}: cannot be parsed as YAML ({one_line(problem)})") from None

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
+import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeVar, dataclass_transform
-
-from pydantic import ConfigDict, TypeAdapter, ValidationError
+from typing import TYPE_CHECKING, Any, TypeVar, dataclass_transform
 
 from posefuse.core import ConfigError
 from posefuse.core.errors import choices
 
 from .parsing import one_line, parse_toml, parse_yaml, read_text, short
 
+if TYPE_CHECKING:
+    from pydantic import ValidationError
+
 T = TypeVar("T")
 # a file with more unknown keys and no known one is another file, not one with typing errors
 _TYPING_ERRORS = 2
-_STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
+_STRICT = {"extra": "forbid", "allow_inf_nan": False}
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=True)
@@ -52,6 +55,8 @@ def read_mapping(path: Path) -> dict[str, Any]:
 
 def settings_from_mapping(content: Mapping[str, Any], cls: type[T], where: str) -> T:
     """Validate plain values into a `settings` class; `where` names the origin in errors."""
+    from pydantic import TypeAdapter, ValidationError
+
     try:
         return TypeAdapter(cls).validate_python(content)
     except ValidationError as error:
@@ -100,3 +105,28 @@ def _settings_inside(annotation: Any) -> list[type[Any]]:
     if isinstance(annotation, type) and dataclasses.is_dataclass(annotation):
         return [annotation]
     return [found for part in get_args(annotation) for found in _settings_inside(part)]
+
+
+def described(cls: type[Any]) -> tuple[str, dict[str, str]]:
+    """The contents of a docstring: the text above ``Attributes:``, and the meaning of each attribute by name.
+
+    Several attributes may share a line: ``a, b: both. c: another.``
+    """
+    inherited: dict[str, str] = {}
+    for base in reversed(cls.__mro__[1:]):
+        if dataclasses.is_dataclass(base):
+            inherited |= described(base)[1]
+    text = inspect.cleandoc(vars(cls).get("__doc__") or "")
+    if text.startswith(f"{cls.__name__}("):
+        text = ""  # made by `dataclass`, where there is none
+    about, _, rest = text.partition("\nAttributes:\n")
+    rest = " ".join(line.strip() for line in re.split(r"\n(?=\S)", rest)[0].splitlines())
+    names = {one.name for one in dataclasses.fields(cls)}
+    one = "|".join(map(re.escape, sorted(names, key=len, reverse=True))) or r"(?!)"
+    found = list(re.finditer(rf"(?:(?<=^)|(?<=[.;] )|(?<=\) ))((?:{one})(?:, (?:{one}))*): ", rest))
+    meanings = inherited
+    for place, match in enumerate(found):
+        end = found[place + 1].start() if place + 1 < len(found) else len(rest)
+        for name in match.group(1).split(", "):
+            meanings[name] = rest[match.end() : end].strip()
+    return about.strip(), meanings

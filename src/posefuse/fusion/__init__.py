@@ -1,7 +1,13 @@
 """Views to Pose3D of one time step: weighted least squares, robust terms, covariance."""
 
-from .instant import fuse
-from .settings import WEIGHTS, FuseSettings, Weights
-from .triangulate import Triangulated, triangulate
+from typing import TYPE_CHECKING
+
+from posefuse.core.lazy_names import lazy_names
+
+if TYPE_CHECKING:
+    from .instant import fuse
+    from .settings import WEIGHTS, FuseSettings, Weights
+    from .triangulation import Triangulated, triangulate
 
 __all__ = ["WEIGHTS", "FuseSettings", "Triangulated", "Weights", "fuse", "triangulate"]
+__getattr__ = lazy_names(__name__, __file__)

@@ -10,7 +10,7 @@ from posefuse.core.depth import keypoint_depth
 from posefuse.core.errors import choices
 
 from .settings import FuseSettings
-from .triangulate import Triangulated, plain_weight, solve_all, solve_robust, solve_weighted, stated_sigma
+from .triangulation import Triangulated, plain_weight, solve_all, solve_robust, solve_weighted, stated_sigma
 
 
 def fuse(views: Views, rig: Rig, settings: FuseSettings, previous: Pose3D | None = None) -> Pose3D:

@@ -17,8 +17,8 @@ class FuseSettings:
     """How the views of one time step are fused into one 3D pose.
 
     Attributes:
-        weights: ``robust`` (1/sigma^2, with consensus and a robust loss), or the weights of the paper: ``none``, ``score``,
-            ``all``.
+        weights: how the views are weighted: ``robust`` (1/sigma^2, with consensus and a robust loss), or the weights of the
+            paper: ``none``, ``score``, ``all``.
         score_threshold: ``score`` and ``all``: views with a lower score have weight 0 (s_th of the paper).
         distance_min_m, distance_max_m: ``all``: range of camera distances with full weight (d_min and d_max of the paper).
         distance_fall_m: ``all``: length over which the weight falls to 0 outside that range.

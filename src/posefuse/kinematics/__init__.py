@@ -1,12 +1,18 @@
 """Pose3D to JointAngles: segment frames (ISB axes) and joint angles, live and recorded."""
 
-from .definitions import JOINT_NAMES, JOINTS, SEGMENT_NAMES, SEGMENTS, undefined_angles, undefined_segments
-from .joints import JointTracker, joints_from_poses, reasons_from_poses, segment_axes
-from .reasons import Reason
-from .settings import JointSettings
-from .sides import check_sides, facing_votes
+from typing import TYPE_CHECKING
+
+from posefuse.core.lazy_names import lazy_names
+
+if TYPE_CHECKING:
+    from .definitions import JOINT_NAMES, JOINTS, SEGMENT_NAMES, SEGMENTS, undefined_angles, undefined_segments
+    from .joints import JointTracker, joints_from_poses, reasons_from_poses, segment_axes
+    from .reasons import Reason
+    from .settings import JointSettings
+    from .sides import check_sides, facing_votes
 
 __all__ = [
     "JOINTS", "JOINT_NAMES", "SEGMENTS", "SEGMENT_NAMES", "JointSettings", "JointTracker", "Reason", "check_sides",
     "facing_votes", "joints_from_poses", "reasons_from_poses", "segment_axes", "undefined_angles", "undefined_segments",
 ]  # fmt: skip
+__getattr__ = lazy_names(__name__, __file__)

@@ -2,29 +2,16 @@
 
 from typing import TYPE_CHECKING
 
-from posefuse.foundation.lazy_names import lazy_names
+from posefuse.core.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from .clock import StageClock
-    from .config import CameraInput, TrackConfig, read_config
+    from .config import CameraInput, TrackConfig, changes_of, read_config
     from .opening import build_source
     from .run import Tracked, track_session
     from .second_pass import poses_over_time
     from .session import UNFINISHED_FILE, Session, find_session
 
-_HOMES = {
-    "CameraInput": "config",
-    "Session": "session",
-    "StageClock": "clock",
-    "TrackConfig": "config",
-    "Tracked": "run",
-    "UNFINISHED_FILE": "session",
-    "build_source": "opening",
-    "find_session": "session",
-    "poses_over_time": "second_pass",
-    "read_config": "config",
-    "track_session": "run",
-}
 __all__ = [
     "UNFINISHED_FILE",
     "CameraInput",
@@ -33,9 +20,10 @@ __all__ = [
     "TrackConfig",
     "Tracked",
     "build_source",
+    "changes_of",
     "find_session",
     "poses_over_time",
     "read_config",
     "track_session",
 ]
-__getattr__ = lazy_names(__name__, _HOMES)
+__getattr__ = lazy_names(__name__, __file__)

@@ -3,27 +3,25 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator, Mapping, Sequence
+import tomllib
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Literal, TypeVar
 
 from annotated_types import Ge, Gt, Le, Lt
-from pydantic import BeforeValidator
 
-from posefuse.association import AssociateSettings
-from posefuse.association.settings import PeopleNames
-from posefuse.calibration.extrinsics.refine import RefineSettings
+from posefuse.association.settings import AssociateSettings, PeopleNames
+from posefuse.calibration.settings import RefineSettings
 from posefuse.core import ConfigError
 from posefuse.detection.build import DetectorChoice
 from posefuse.foundation.settings import read_mapping, settings, settings_from_mapping
-from posefuse.fusion import FuseSettings
-from posefuse.kinematics.body import BodySettings
-from posefuse.tracking import SmoothSettings
+from posefuse.fusion.settings import FuseSettings
+from posefuse.kinematics.body.settings import BodySettings
+from posefuse.tracking.settings import SmoothSettings
 
 T = TypeVar("T")
-Options = Mapping[str, tuple[str, Any]]
 CONFIG_FILE = "posefuse.toml"
 # times and offsets are int64 nanoseconds: a hundred years leave room for sums
 FARTHEST_S = 3.2e9
@@ -42,7 +40,16 @@ def options_by_name(outputs: Any) -> Any:
     return {name: {} for name in outputs} if named else outputs
 
 
-Outputs = Annotated[dict[str, dict[str, Any]], BeforeValidator(options_by_name)]
+class _ByName:
+    """For pydantic, which takes long to import and is not needed to show the help."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Callable[[Any], Any]) -> Any:
+        from pydantic_core import core_schema
+
+        return core_schema.no_info_before_validator_function(options_by_name, handler(source))
+
+
+Outputs = Annotated[dict[str, dict[str, Any]], _ByName()]
 
 
 @settings
@@ -76,10 +83,10 @@ class TrackConfig:
 
     Attributes:
         rig: calibration file, relative to the session; found by name when left out.
-        input: ``videos``, ``images``, ``pose2d`` (files of other tools, see docs/networks.md), or ``auto``: the first of these
-            that exists.
+        input: which data of the session to use: ``videos``, ``images``, ``pose2d`` (files of other tools, see
+            docs/networks.md), or ``auto``: the first of these that exists.
         cameras: settings of single cameras by name, see `CameraInput`.
-        start_s, end_s: part of the recording to work on, in session seconds.
+        start_s, end_s: begin and end of the part of the recording to work on, in session seconds.
         rate_hz: output rate; the rate of the cameras when left out. Also the frame rate of image folders and 2D poses that do
             not state theirs.
         keypoints: order of the keypoints in files of 2D poses, e.g. ``body_25b``; recognised from all cameras when left out.
@@ -87,7 +94,8 @@ class TrackConfig:
         associate: how detections are assigned to people.
         fuse: how views are fused.
         smooth: how a recording is smoothed.
-        names: of the people, in the order of their ids; for videos, reports and file names. The others are person 0, 1, ...
+        names: names of the people in the order of their ids; for videos, reports and file names. The others are person 0, 1 and
+            so on.
         joint_centres: move keypoints to anatomical joint centres, if the detector has a table for it.
         body: fit one skeleton of constant segment lengths per person to the rays of all views. ``auto`` does so for people of
             whom a limb was out of sight for a part of the recording, if a table of joint centres was fitted to the detector,
@@ -125,45 +133,28 @@ class TrackConfig:
 
 
 def read_config(
-    path: Path | None,
-    overrides: Sequence[str],
-    options: Options = MappingProxyType({}),
-    base: Mapping[str, Any] = MappingProxyType({}),
+    path: Path | None, changes: Mapping[str, Any] = MappingProxyType({}), base: Mapping[str, Any] = MappingProxyType({})
 ) -> TrackConfig:
-    """The settings of `posefuse track`, see `read_overridden`."""
-    return read_overridden(path, overrides, TrackConfig, options, {"outputs": DEFAULT_OUTPUTS, **base})
+    """The settings of `posefuse track`, see `read_changed`."""
+    return read_changed(path, changes, TrackConfig, {"outputs": DEFAULT_OUTPUTS, **base})
 
 
-def read_overridden(
-    path: Path | None,
-    overrides: Sequence[str],
-    cls: type[T],
-    options: Options = MappingProxyType({}),
-    base: Mapping[str, Any] = MappingProxyType({}),
+def read_changed(
+    path: Path | None, changes: Mapping[str, Any], cls: type[T], base: Mapping[str, Any] = MappingProxyType({})
 ) -> T:
-    """The config file (if any) as settings of class `cls`, overridden by the command line.
+    """The config file (if any) as settings of class `cls`, with other values on top.
 
     Args:
-        path: TOML or YAML. overrides: ``key.sub=value`` texts of ``--set``.
+        path: TOML or YAML. changes: values by dotted key, in the order in which they are applied: ``outputs`` names the outputs,
+            ``outputs.NAME.KEY`` after it gives one of them an option.
         cls: the settings class all of it is validated as.
-        options: option of the command line -> (``key.sub``, value); None as a value is an option not given.
         base: plain values that everything else is put on top of; a group of the file replaces the group here.
 
     Raises:
-        ConfigError: an unknown key, a wrong value, or an override without ``=``; names the key and what is allowed.
+        ConfigError: an unknown key or a wrong value; names the key and what is allowed.
     """
     content: dict[str, Any] = copy.deepcopy(dict(base)) | (_read_file(path) if path else {})
-    for option, (dotted, value) in options.items():
-        if value is not None:
-            _check_option(option, dotted, value, cls)
-            _put(content, dotted.split("."), value)
-    # after the options: --outputs names the outputs, --set outputs.NAME.KEY gives one of them an option
-    for override in overrides:
-        key, equals, text = override.partition("=")
-        if not equals or not key:
-            raise ConfigError(f"--set {override}: expected KEY=VALUE, e.g. --set fuse.weights=score")
-        _put(content, key.split("."), _value(text))
-    return settings_from_mapping(content, cls, where=str(path) if path else "settings")
+    return settings_from_mapping(_changed(content, changes), cls, where=str(path) if path else "settings")
 
 
 def changed_config(config: T, changes: Mapping[str, Any]) -> T:
@@ -172,24 +163,30 @@ def changed_config(config: T, changes: Mapping[str, Any]) -> T:
     Raises:
         ConfigError: an unknown key or a wrong value.
     """
-    content = asdict(config)  # type: ignore[call-overload]
-    for dotted, value in changes.items():
-        _put(content, dotted.split("."), value)
-    return settings_from_mapping(content, type(config), where="settings")
+    return settings_from_mapping(_changed(asdict(config), changes), type(config), where="settings")  # type: ignore[call-overload]
 
 
-def settings_by_key(path: Path | None, overrides: Sequence[str]) -> dict[str, Any]:
-    """A settings file and ``key.sub=value`` texts as plain values by dotted key, for `changed_config`.
+def changes_of(texts: Iterable[str]) -> dict[str, Any]:
+    """``KEY=VALUE`` texts as values by dotted key; values are TOML, bare words are strings.
 
     Raises:
-        ConfigError: a file that cannot be read, an unknown key or a wrong value.
+        ConfigError: a text without ``=``.
     """
-    read_config(path, overrides)  # everything is checked before any work
-    found = dict(_leaves(_read_file(path), "")) if path else {}
-    for override in overrides:
-        key, _, text = override.partition("=")
-        found[key] = _value(text)
+    found: dict[str, Any] = {}
+    for text in texts:
+        key, equals, value = text.partition("=")
+        if not equals or not key:
+            raise ConfigError(f"--set {text}: expected KEY=VALUE, e.g. --set fuse.weights=score")
+        try:
+            found[key] = tomllib.loads(f"value = {value}")["value"]
+        except tomllib.TOMLDecodeError:
+            found[key] = value
     return found
+
+
+def settings_by_key(path: Path | None) -> dict[str, Any]:
+    """A settings file as plain values by dotted key, for `changed_config`; raises ConfigError for one that cannot be read."""
+    return dict(_leaves(_read_file(path), "")) if path else {}
 
 
 def _read_file(path: Path) -> dict[str, Any]:
@@ -211,11 +208,10 @@ def _leaves(content: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, Any]
             yield f"{prefix}{key}", value
 
 
-def _check_option(option: str, dotted: str, value: Any, cls: type[Any]) -> None:
-    """Raise ConfigError that names the option, rather than its key, when its own value is refused."""
-    alone: dict[str, Any] = {}
-    _put(alone, dotted.split("."), value)
-    settings_from_mapping(alone, cls, where=option)
+def _changed(content: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    for dotted, value in changes.items():
+        _put(content, dotted.split("."), value)
+    return content
 
 
 def _put(content: dict[str, Any], keys: Sequence[str], value: Any) -> None:
@@ -229,13 +225,3 @@ def _put(content: dict[str, Any], keys: Sequence[str], value: Any) -> None:
         # outputs by name keep the options that a file gives them
         value = {name: before.get(name, {}) for name in named}
     content[keys[-1]] = value
-
-
-def _value(text: str) -> Any:
-    """A TOML value; bare words are strings."""
-    import tomllib
-
-    try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
-        return text

@@ -34,7 +34,8 @@ from posefuse.core import (
     views_over_time,
 )
 from posefuse.core.arrays import Array
-from posefuse.core.duplicates import DUPLICATE_SHARE, duplicates
+from posefuse.core.duplicate_share import DUPLICATE_SHARE
+from posefuse.core.duplicates import duplicates
 from posefuse.detection import region_from_keypoints
 from posefuse.detection.build import DetectorChoice, build_detector
 from posefuse.detection.downloading import fetch_networks

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from posefuse.association import AssociateSettings
-from posefuse.calibration.extrinsics.refine import RefineSettings, refined_extrinsics
+from posefuse.calibration.extrinsics.refine import refined_extrinsics
+from posefuse.calibration.settings import RefineSettings
 from posefuse.core import InputError, JointCentres, Observations, Recording, Rig
 from posefuse.core.arrays import Array
 from posefuse.core.live_observations import on_time_steps

@@ -10,7 +10,8 @@ import numpy as np
 
 from posefuse.core import Detections2D, LookKind, Observations, Pose3D
 from posefuse.core.arrays import Array
-from posefuse.core.duplicates import DUPLICATE_SHARE, duplicates
+from posefuse.core.duplicate_share import DUPLICATE_SHARE
+from posefuse.core.duplicates import duplicates
 
 
 class TimeStep(Protocol):

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from posefuse.foundation.lazy_names import lazy_names
+from posefuse.core.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from .clock import SessionClock
@@ -12,13 +12,5 @@ if TYPE_CHECKING:
     from .output_plan import OutputPlan
     from .session import run_live
 
-_HOMES = {
-    "LiveConfig": "config",
-    "OutputPlan": "output_plan",
-    "SessionClock": "clock",
-    "ViewTimes": "latency",
-    "inputs_from_arguments": "inputs",
-    "run_live": "session",
-}
 __all__ = ["LiveConfig", "OutputPlan", "SessionClock", "ViewTimes", "inputs_from_arguments", "run_live"]
-__getattr__ = lazy_names(__name__, _HOMES)
+__getattr__ = lazy_names(__name__, __file__)

@@ -7,20 +7,31 @@ from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Gt, Le
 
-from posefuse.association import AssociateSettings
-from posefuse.association.settings import PeopleNames
+from posefuse.association.settings import AssociateSettings, PeopleNames
 from posefuse.detection.build import DetectorChoice
 from posefuse.foundation.settings import settings
-from posefuse.fusion import FuseSettings
-from posefuse.kinematics import JointSettings
-from posefuse.kinematics.body import BodySettings
-from posefuse.tracking.online import LiveSettings
+from posefuse.fusion.settings import FuseSettings
+from posefuse.kinematics.body.settings import BodySettings
+from posefuse.kinematics.settings import JointSettings
+from posefuse.tracking.online.settings import LiveSettings
 
-from .gate import KeypointGateSettings
-from .ros_cameras import CameraInfoUse
-
+CameraInfoUse = Literal["check", "use", "ignore"]
 # 32 years
 _LONGEST_S = 1e9
+
+
+@settings
+class KeypointGateSettings:
+    """What may be sent out.
+
+    Attributes:
+        sigma_m: a keypoint whose stated standard deviation, along the axis that is known worst, is larger is withheld.
+            Below it, 0.2 % of hips of an overloaded session were impossible (`bench/live_overload.py`).
+        unmeasured_s: a keypoint that no view measured for this long is withheld, even if the prediction is certain.
+    """
+
+    sigma_m: Annotated[float, Gt(0)] = 0.15
+    unmeasured_s: Annotated[float, Gt(0)] = 0.4
 
 
 @settings
@@ -29,7 +40,7 @@ class LiveConfig:
 
     Attributes:
         rate_hz: poses per second.
-        names: of the people, in the order of their ids; for viewers, JSON datagrams and what is made of a recording.
+        names: names of the people in the order of their ids; for viewers, JSON datagrams and what is made of a recording.
         groups: number of camera processes; left out: one per two cameras, at most one per core.
         search_every_s: while fewer people are followed than requested, search the whole image of every camera this often.
         preview_hz: images per second and camera for the viewer.
@@ -37,7 +48,8 @@ class LiveConfig:
         body: fit one skeleton of constant segment lengths per person to the rays of all views; lengths are learnt on the way.
             ``auto`` does so where a table of joint centres was fitted to the detector.
         angles: compute joint angles and segment frames with every pose.
-        camera_info: of cameras whose images come from ROS: compare with the rig, use instead of its intrinsics, or ignore.
+        camera_info: CameraInfo of cameras whose images come from ROS: compare it with the rig, use it instead of the rig's
+            intrinsics (on several machines also on the fusion node, which takes those that the camera nodes send), or ignore it.
         hand_over_s: of cameras on other machines: one whose sender is silent for so long is handed over to another sender; left
             out: who sent first keeps the camera while it is on the network.
         outputs: live outputs by name, each with its options, see `posefuse plugins`.

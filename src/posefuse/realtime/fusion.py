@@ -17,7 +17,8 @@ from posefuse.tracking.online import Tracker
 
 from .board import Board
 from .clock import SessionClock
-from .gate import KeypointGate, KeypointGateSettings
+from .config import KeypointGateSettings
+from .gate import KeypointGate
 from .joint_centres import Centring, live_centres
 from .latency import Latencies, ViewTimes
 from .live_body import LiveSkeletons, pose_for_output

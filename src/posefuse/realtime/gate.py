@@ -7,31 +7,16 @@ output alike, and counted.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Annotated
 
 import numpy as np
-from annotated_types import Gt
 
 from posefuse.core import Kind, Pose3D
 from posefuse.core.arrays import Array
-from posefuse.foundation.settings import settings
+
+from .config import KeypointGateSettings
 
 # so far below a limit rounding does not matter
 _CLEARLY = 0.99
-
-
-@settings
-class KeypointGateSettings:
-    """What may be sent out.
-
-    Attributes:
-        sigma_m: a keypoint whose stated standard deviation, along the axis that is known worst, is larger is withheld.
-            Below it, 0.2 % of hips of an overloaded session were impossible (`bench/live_overload.py`).
-        unmeasured_s: a keypoint that no view measured for this long is withheld, even if the prediction is certain.
-    """
-
-    sigma_m: Annotated[float, Gt(0)] = 0.15
-    unmeasured_s: Annotated[float, Gt(0)] = 0.4
 
 
 class KeypointGate:

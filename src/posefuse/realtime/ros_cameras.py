@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Literal
 
 from posefuse.core import Camera, MessageError, Rig, SourceError
 
 from .capture import LiveInput
+from .config import CameraInfoUse
 
-CameraInfoUse = Literal["check", "use", "ignore"]
 _WITHIN_S = 2.0
 # a lens that was calibrated twice agrees with itself to about this, anywhere in the image
 AGREE_PX = 3.0

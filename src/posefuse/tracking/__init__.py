@@ -1,15 +1,22 @@
 """Pose3D over time: recorded data smoothed, gaps bridged, bones held to one length."""
 
-from .bones import bone_lengths
-from .centred_views import views_at_joint_centres
-from .joint_centres import at_joint_centres, from_joint_centres, to_joint_centres
-from .learnt_lengths import LearntLengths
-from .proportions import usual_lengths
-from .sides import sides_like, steady_sides
-from .smooth import SmoothSettings, cutoff_hz, smooth
+from typing import TYPE_CHECKING
+
+from posefuse.core.lazy_names import lazy_names
+
+if TYPE_CHECKING:
+    from .bones import bone_lengths
+    from .centred_views import views_at_joint_centres
+    from .joint_centres import at_joint_centres, from_joint_centres, to_joint_centres
+    from .learnt_lengths import LearntLengths
+    from .proportions import usual_lengths
+    from .settings import SmoothSettings
+    from .sides import sides_like, steady_sides
+    from .smoothing import cutoff_hz, smooth
 
 __all__ = [
     "LearntLengths", "SmoothSettings", "at_joint_centres", "bone_lengths", "cutoff_hz", "from_joint_centres",
     "sides_like", "smooth", "steady_sides",
     "to_joint_centres", "usual_lengths", "views_at_joint_centres",
 ]  # fmt: skip
+__getattr__ = lazy_names(__name__, __file__)

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, replace
-from typing import Annotated
 
 import numpy as np
-from annotated_types import Gt
 
 from posefuse.calibration.keypoints import MIN_SCORE, limb_keypoints
+from posefuse.calibration.settings import RefineSettings
 from posefuse.calibration.solving.bundle import Linearised, Problem, ResidualBlock, solve_bundle
 from posefuse.calibration.solving.projection import Lenses
 from posefuse.calibration.solving.rotations import Poses, angle_between, hat, poses_of
 from posefuse.core import InputError, Rig, ViewSequence
 from posefuse.core.arrays import SIGMA_PER_MAD, Array
-from posefuse.foundation.settings import settings
 
 from .world import triangulate_linear
 
@@ -25,24 +23,6 @@ _EVERY_S = 0.3
 _MOST_STEPS = 300
 _LEAST_SIGMA_PX = 0.5
 _IN_FRONT_M = 0.2
-
-
-@settings
-class RefineSettings:
-    """How far cameras may be from their calibration.
-
-    Attributes:
-        move_sigma_m, turn_sigma_rad: standard deviation of a camera's position and orientation, per axis, about the calibrated.
-        together: so many keypoints of a view err as one: their information counts as that of one.
-        alike_m, alike_rad: a person who is no farther from an earlier place and turned no farther than this is seen with the
-            same errors of the network again, which adds nothing.
-    """
-
-    move_sigma_m: Annotated[float, Gt(0)] = 0.01
-    turn_sigma_rad: Annotated[float, Gt(0)] = 0.005
-    together: Annotated[float, Gt(0)] = 10.0
-    alike_m: Annotated[float, Gt(0)] = 0.3
-    alike_rad: Annotated[float, Gt(0)] = 0.5
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -17,7 +17,8 @@ from scipy.optimize import linear_sum_assignment
 from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks
 from posefuse.core import Camera, Detections2D
 from posefuse.core.arrays import Array
-from posefuse.core.duplicates import DUPLICATE_SHARE, duplicates
+from posefuse.core.duplicate_share import DUPLICATE_SHARE
+from posefuse.core.duplicates import duplicates
 
 from .views import person_views
 

@@ -6,43 +6,19 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, fields
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
+from posefuse.calibration.settings import TargetDescription, TargetKind
 from posefuse.core import ConfigError, InputError, PosefuseError
 from posefuse.core.errors import choices
 from posefuse.foundation.atomic import write_text
 from posefuse.foundation.output_file import keep_copy
-from posefuse.foundation.settings import read_mapping, read_settings, settings
+from posefuse.foundation.settings import read_mapping, read_settings
 
 from .kinds import Charuco, Chessboard, Markers, Target
 
-TargetKind = Literal["markers", "charuco", "chessboard"]
 _MM = 1e3
 _KINDS: Mapping[TargetKind, type[Target]] = {"markers": Markers, "charuco": Charuco, "chessboard": Chessboard}
-
-
-@settings
-class TargetDescription:
-    """The contents of a target file.
-
-    Attributes:
-        kind: what it is. columns, rows: squares (charuco), inner corners (chessboard).
-        square_mm, marker_mm: edge of a square and of a marker's black square.
-        dictionary: OpenCV's name of the marker dictionary. ids: markers of the target.
-        inverted: black and white are exchanged. legacy: ChArUco layout of OpenCV before 4.6.
-        thickness_mm: distance of the prints of a board that is printed on both sides.
-    """
-
-    kind: TargetKind
-    columns: int | None = None
-    rows: int | None = None
-    square_mm: float | None = None
-    marker_mm: float | None = None
-    thickness_mm: float | None = None
-    dictionary: str = "DICT_4X4_50"
-    ids: tuple[int, ...] = ()
-    inverted: bool = False
-    legacy: bool = False
 
 
 def described_target(said: TargetDescription, missing: Callable[[list[str]], PosefuseError]) -> Target:
@@ -90,8 +66,8 @@ def read_target(path: Path) -> Target:
     return described_target(said, lambda names: ConfigError(f"{path}: {said.kind}: missing {', '.join(names)}"))
 
 
-def write_target(path: Path, target: Target) -> None:
-    """The file; an older one is kept as NAME.replaced-TIME. Raises InputError where it cannot be written."""
+def write_target(path: Path, target: Target) -> Path:
+    """The file, which is returned; an older one is kept as NAME.replaced-TIME. Raises InputError where it cannot be written."""
     said = description_of(target)
     lines = [
         f"# A calibration target. Give this file to the steps of `posefuse calibrate`: --target {path.name}",
@@ -106,6 +82,7 @@ def write_target(path: Path, target: Target) -> None:
         write_text(path, "\n".join(lines) + "\n")
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+    return path
 
 
 def _mm(metres: float | None) -> float | None:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from posefuse.calibration.targets.description import read_target
 from posefuse.calibration.targets.guidance import Guidance
-from posefuse.cli.options.calibration import GuideOptions, TargetOptions
-from posefuse.cli.options.shared import Ros2Options
+from posefuse.cli.commands.calibrate import GuideOptions
+from posefuse.cli.options import Ros2Options
 from posefuse.cli.recording import any_lost, checked_figures
 from posefuse.cli.stopping import session_exit_code
 from posefuse.cli.terminal import Terminal
@@ -18,10 +19,8 @@ from posefuse.realtime.guide import guide
 from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.realtime.session import stop_requests
 
-from .inputs import option_words, target_from_options
 
-
-def guide_at_cameras(target: TargetOptions, options: GuideOptions, ros_2: Ros2Options, terminal: Terminal) -> Mapping[str, Any]:
+def guide_at_cameras(options: GuideOptions, ros_2: Ros2Options, terminal: Terminal) -> Mapping[str, Any]:
     """Show what is covered until it is enough; returns the coverage."""
 
     def report(state: Guidance) -> None:
@@ -33,7 +32,7 @@ def guide_at_cameras(target: TargetOptions, options: GuideOptions, ros_2: Ros2Op
 
     if options.record is not None:
         check_videos_folder(options.record, command="record")
-    kind = target_from_options(target)
+    kind = read_target(options.target)
     rig = None if options.intrinsics is None else read_rig(options.intrinsics)
     inputs = inputs_from_arguments(options.source, rig, ros_2.settings)
     with (
@@ -45,7 +44,7 @@ def guide_at_cameras(target: TargetOptions, options: GuideOptions, ros_2: Ros2Op
         figures = _figures(found)
         if videos is not None:
             figures["videos"] = checked_figures(videos, [one.camera for one in inputs], stopped, terminal)
-    _show_next(target, options, found, terminal)
+    _show_next(options, found, terminal)
     by, failed = stopped[0] if stopped else "", any_lost(figures.get("videos", {}))
     return {**figures, "exit_code": session_exit_code(by, endless=options.duration is None, failed=failed)}
 
@@ -55,12 +54,12 @@ def _figures(found: Guidance) -> dict[str, Any]:
     return {"enough": found.enough, "covered": covered, "next": found.words}
 
 
-def _show_next(target: TargetOptions, options: GuideOptions, found: Guidance, terminal: Terminal) -> None:
+def _show_next(options: GuideOptions, found: Guidance, terminal: Terminal) -> None:
     if not found.enough:
         terminal.note(f"not enough yet: {found.words}")
     where = options.record or "SESSION"
     lenses = "" if options.intrinsics is None else f" --intrinsics {options.intrinsics}"
     terminal.next(
-        f"posefuse calibrate extrinsics {where} {option_words(target)}{lenses} --out rig.toml",
+        f"posefuse calibrate extrinsics {where} --target {options.target}{lenses} --out rig.toml",
         "the rig from what was recorded",
     )

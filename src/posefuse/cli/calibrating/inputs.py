@@ -1,4 +1,4 @@
-"""What the user wrote on the command line of `posefuse calibrate`, as recordings, targets and clock offsets."""
+"""What the user wrote on the command line of `posefuse calibrate`, as recordings and clock offsets."""
 
 from __future__ import annotations
 
@@ -8,55 +8,25 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from posefuse.calibration.targets.description import TargetDescription, described_target, read_target
-from posefuse.calibration.targets.kinds import Target
 from posefuse.calibration.targets.recordings import named_recordings
-from posefuse.cli.options.calibration import TARGET_SUFFIX, TargetOptions
 from posefuse.core import InputError, Rig
 from posefuse.foundation.output_file import check_output_file
 from posefuse.pipeline.config import read_config
 
 
-def target_from_options(options: TargetOptions) -> Target:
-    """The target described, by a file or by options; raises InputError naming the options that are missing or too many."""
-    path = target_file(options)
-    if path is not None:
-        return _target_of_file(path, options)
-    values = {field.name: getattr(options, field.name) for field in fields(TargetDescription) if field.name != "kind"}
-    given = {name: value for name, value in values.items() if value is not None}
-    said = TargetDescription(kind=options.target, **given)  # type: ignore[arg-type]
-    return described_target(
-        said, lambda names: InputError(f"--target {options.target}: missing {', '.join(_option(name) for name in names)}")
-    )
-
-
-def target_file(options: TargetOptions) -> Path | None:
-    """The file that describes the target; None where options do."""
-    return Path(options.target) if options.target.endswith(TARGET_SUFFIX) else None
-
-
-def _target_of_file(path: Path, options: TargetOptions) -> Target:
-    usual = TargetOptions()
-    names = [field.name for field in fields(TargetOptions) if field.name != "target"]
-    more = [_option(name) for name in names if getattr(options, name) != getattr(usual, name)]
-    if more:
-        raise InputError(f"--target {options.target}: the file describes the target; leave out {', '.join(more)}")
-    return read_target(path)
-
-
-def option_words(*groups: Any, **changed: Any) -> str:
-    """Groups of options as they are typed: those that are not at their default.
+def option_words(options: Any, **changed: Any) -> str:
+    """Options as they are typed: those that are not at their default.
 
     Args:
         changed: other values of some options, by the names of their fields.
     """
     words = []
-    for owner, field in [(group, field) for group in groups for field in fields(group)]:
-        value = changed.get(field.name, getattr(owner, field.name))
+    for field in fields(options):
+        value = changed.get(field.name, getattr(options, field.name))
         if value is True:
-            words.append(_option(field.name))
+            words.append(option_name(field.name))
         elif value != field.default:
-            words += _valued(_option(field.name), value)
+            words += _valued(option_name(field.name), value)
     return " ".join(words)
 
 
@@ -69,7 +39,8 @@ def _valued(option: str, value: Any) -> list[str]:
     return [option, *(shlex.quote(str(one)) for one in value)]
 
 
-def _option(name: str) -> str:
+def option_name(name: str) -> str:
+    """How an option is typed."""
     return f"--{name.replace('_', '-')}"
 
 
@@ -109,7 +80,7 @@ def clocks_beside(path: Path, rig: Rig) -> dict[str, float]:
     """
     if not path.is_file():
         return {}
-    cameras = {name: one for name, one in read_config(path, ()).cameras.items() if name in rig.names}
+    cameras = {name: one for name, one in read_config(path).cameras.items() if name in rig.names}
     drifting = [name for name, one in cameras.items() if one.drift_ppm]
     if drifting:
         raise InputError(f"{path}: the clock of {', '.join(drifting)} drifts; give today's offsets with --offset-ms CAMERA=MS")

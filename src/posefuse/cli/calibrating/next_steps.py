@@ -17,20 +17,20 @@ class Asked:
     """What the refused command was asked for.
 
     Attributes:
-        step: of `posefuse calibrate`. inputs: recordings. options: its groups of options.
+        step: of `posefuse calibrate`. inputs: recordings. options: its options.
     """
 
     step: str
     inputs: Sequence[str]
-    options: Sequence[Any]
+    options: Any
 
     def option(self, name: str) -> Any:
         """Its value; None where the step has no such option."""
-        return next((getattr(group, name) for group in self.options if hasattr(group, name)), None)
+        return getattr(self.options, name, None)
 
     def again(self, **changed: Any) -> str:
         """The same command with other values of some options. It replaces the report that the refused one wrote."""
-        return _typed(self.step, *map(shlex.quote, self.inputs), option_words(*self.options, **{"force": True, **changed}))
+        return _typed(self.step, *map(shlex.quote, self.inputs), option_words(self.options, **{"force": True, **changed}))
 
 
 def next_after(report: CalibrationReport, asked: Asked) -> tuple[str, str]:
@@ -53,7 +53,7 @@ def next_after(report: CalibrationReport, asked: Asked) -> tuple[str, str]:
         case "rig":
             return _guide("--target CUBE.toml", asked.option("rig")), "a recording for a new calibration of the rig"
     if asked.step == "extrinsics":
-        command = _guide(option_words(asked.options[0]), asked.option("intrinsics"))
+        command = _guide(f"--target {shlex.quote(str(asked.options.target))}", asked.option("intrinsics"))
     else:
         command = "posefuse record --source CAMERA=KIND:WHERE ... --out SESSION"
     return command, "a new recording, with everything still; then the same command with it"

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from posefuse.api.calibrate import calibrate_clocks, calibrate_person
-from posefuse.cli.options.calibration import ClockOptions, PersonOptions, ReportOptions, RigOptions
-from posefuse.cli.options.shared import NetworkOptions
+from posefuse.cli.commands.calibrate import ClockOptions, PersonOptions
 from posefuse.cli.terminal import Terminal
 from posefuse.pipeline.config import CONFIG_FILE
 
@@ -17,14 +16,12 @@ from .next_steps import Asked
 from .showing import reported, show_clocks, show_report, write_clocks
 
 
-def person(
-    inputs: Sequence[str], options: PersonOptions, files: RigOptions, networks: NetworkOptions, terminal: Terminal
-) -> Mapping[str, Any]:
+def person(inputs: Sequence[str], options: PersonOptions, terminal: Terminal) -> Mapping[str, Any]:
     """Rig file and report from videos, or from 2D poses that another tool has written."""
-    outputs = (("--out", files.out), ("--report", files.report))
-    check_files((*inputs, options.intrinsics), outputs, force=files.force)
-    asked = Asked(step="person", inputs=inputs, options=(options, files, networks))
-    with reported(files.report, asked), terminal.stages() as progress:
+    outputs = (("--out", options.out), ("--report", options.report))
+    check_files((*inputs, options.intrinsics), outputs, force=options.force)
+    asked = Asked(step="person", inputs=inputs, options=options)
+    with reported(options.report, asked), terminal.stages() as progress:
         found = calibrate_person(
             recordings_of(inputs),
             intrinsics=options.intrinsics,
@@ -34,26 +31,24 @@ def person(
             clocks=options.clocks,
             max_offset_s=options.most_s,
             upside_down=options.upside_down,
-            settings=overrides_by_key(networks),
+            settings=options.changes,
             progress=progress,
         )
     show_report(found.report, terminal)
-    found.save(files.out, report=files.report, replace=files.force)
-    terminal.next(f"put {files.out} into the folder of your videos: posefuse track SESSION --out RESULT", "the 3D skeleton")
+    found.save(options.out, report=options.report, replace=options.force)
+    terminal.next(f"put {options.out} into the folder of your videos: posefuse track SESSION --out RESULT", "the 3D skeleton")
     if found.clocks is not None:
         show_clocks(found.rig.names, found.clocks, found.frame_period_s, terminal)
-    settings = write_clocks(files.out.with_name(CONFIG_FILE), found.rig.names, found.clocks, terminal)
-    return {"rig": str(files.out), "settings": settings and str(settings), **found.numbers}
+    settings = write_clocks(options.out.with_name(CONFIG_FILE), found.rig.names, found.clocks, terminal)
+    return {"rig": str(options.out), "settings": settings and str(settings), **found.numbers}
 
 
-def clocks(
-    session: Path, options: ClockOptions, files: ReportOptions, networks: NetworkOptions, terminal: Terminal
-) -> Mapping[str, Any]:
+def clocks(session: Path, options: ClockOptions, terminal: Terminal) -> Mapping[str, Any]:
     """Clock offset of every camera of a session, written as settings that `posefuse track` of it reads."""
-    check_files((options.rig,), (("--report", files.report),), force=files.force)
+    check_files((options.rig,), (("--report", options.report),), force=options.force)
     chosen = {} if options.input is None else {"input": options.input}
-    asked = Asked(step="clocks", inputs=(str(session),), options=(options, files, networks))
-    with reported(files.report, asked), terminal.stages() as progress:
+    asked = Asked(step="clocks", inputs=(str(session),), options=options)
+    with reported(options.report, asked), terminal.stages() as progress:
         found = calibrate_clocks(
             session,
             rig=options.rig,
@@ -61,21 +56,15 @@ def clocks(
             rate_hz=options.rate,
             seconds=options.seconds,
             max_offset_s=options.most_s,
-            settings={**chosen, **overrides_by_key(networks)},
+            settings={**chosen, **options.changes},
             progress=progress,
         )
     show_report(found.report, terminal)
     show_clocks(found.rig.names, found.clocks, found.frame_period_s, terminal)
-    if files.report is not None:
-        found.save_report(files.report, replace=files.force)
+    if options.report is not None:
+        found.save_report(options.report, replace=options.force)
     settings = write_clocks(session / CONFIG_FILE, found.rig.names, found.clocks, terminal)
     terminal.next(
         f"posefuse track {session} --out RESULT", "uses the clocks found" if settings else "the clocks need no correction"
     )
     return {"settings": settings and str(settings), **found.report.numbers}
-
-
-def overrides_by_key(networks: NetworkOptions) -> dict[str, str]:
-    """Settings by dotted key."""
-    pairs = (setting.partition("=") for setting in networks.overrides)
-    return {key: value for key, _, value in pairs}

@@ -75,7 +75,7 @@ def _warn_of_old_clocks(path: Path, names: Sequence[str], terminal: Terminal) ->
     """Warn where clock offsets of another recording would be applied to cameras that are synchronised."""
     if not path.exists():
         return
-    old = read_config(path, ()).cameras
+    old = read_config(path).cameras
     stale = [name for name in names if name in old and (old[name].offset_s or old[name].drift_ppm)]
     if stale:
         terminal.warn(

@@ -15,21 +15,12 @@ from posefuse.calibration.extrinsics.floor_points import read_floor_points
 from posefuse.calibration.extrinsics.world import ThreePoints
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.result_files import coverage_path, write_coverage
-from posefuse.calibration.targets.description import write_target
+from posefuse.calibration.settings import TargetDescription
+from posefuse.calibration.targets.description import described_target, read_target, write_target
 from posefuse.calibration.targets.kinds import Chessboard, Markers, Target
 from posefuse.calibration.targets.printing import board_sheets, cube_sheets, marker_sheets, write_pdf
 from posefuse.calibration.targets.recordings import open_sources, require_target_seen
-from posefuse.cli.options.calibration import (
-    TARGET_SUFFIX,
-    ExtrinsicsOptions,
-    FloorOptions,
-    FrameOptions,
-    PrintOptions,
-    ReportOptions,
-    RigOptions,
-    TargetOptions,
-    VerifyOptions,
-)
+from posefuse.cli.commands.calibrate import ExtrinsicsOptions, IntrinsicsOptions, PrintOptions, VerifyOptions
 from posefuse.cli.terminal import Terminal
 from posefuse.core import CalibrationError, Camera, InputError
 from posefuse.formats.rig import read_placed_rig, read_rig
@@ -37,43 +28,42 @@ from posefuse.foundation.atomic import atomic_file
 from posefuse.foundation.output_file import keep_copy
 from posefuse.pipeline.config import CONFIG_FILE
 
-from .inputs import check_files, clock_offsets_s, clocks_beside, recordings_of, target_file, target_from_options
+from .inputs import check_files, clock_offsets_s, clocks_beside, option_name, recordings_of
 from .next_steps import Asked
 from .showing import reported, show_report, write_clocks
 
 
-def intrinsics(
-    inputs: Sequence[str], target: TargetOptions, frames: FrameOptions, files: RigOptions, terminal: Terminal
-) -> Mapping[str, Any]:
+def intrinsics(inputs: Sequence[str], options: IntrinsicsOptions, terminal: Terminal) -> Mapping[str, Any]:
     """Intrinsics of each camera from its views of a board: rig file without poses, and reports."""
-    check_files((*inputs, target_file(target)), (("--out", files.out), ("--report", files.report)), force=files.force)
-    recordings, kind = recordings_of(inputs), target_from_options(target)
-    with reported(files.report, Asked(step="intrinsics", inputs=inputs, options=(target, frames, files))):
+    outputs = (("--out", options.out), ("--report", options.report))
+    check_files((*inputs, options.target), outputs, force=options.force)
+    recordings, kind = recordings_of(inputs), read_target(options.target)
+    with reported(options.report, Asked(step="intrinsics", inputs=inputs, options=options)):
         try:
             with terminal.stages() as progress:
-                found = calibrate_intrinsics(recordings, target=kind, every=frames.every, progress=progress)
+                found = calibrate_intrinsics(recordings, target=kind, every=options.every, progress=progress)
         except RefusedCalibration as refused:
             if refused.kept is not None:
-                _save_lenses(refused.kept, files, terminal)
+                _save_lenses(refused.kept, options, terminal)
             raise
-    _save_lenses(found, files, terminal)
+    _save_lenses(found, options, terminal)
     terminal.next(
-        f"posefuse calibrate guide --target CUBE.toml --intrinsics {files.out} --source CAMERA=KIND:WHERE ... --record SESSION",
+        f"posefuse calibrate guide --target CUBE.toml --intrinsics {options.out} --source CAMERA=KIND:WHERE ... --record SESSION",
         "move a target where two cameras see it; `calibrate extrinsics` then finds the poses of the cameras",
     )
-    return {"rig": str(files.out), "cameras": {name: dict(report.numbers) for name, report in found.reports.items()}}
+    return {"rig": str(options.out), "cameras": {name: dict(report.numbers) for name, report in found.reports.items()}}
 
 
-def _save_lenses(found: IntrinsicsCalibration, files: RigOptions, terminal: Terminal) -> None:
+def _save_lenses(found: IntrinsicsCalibration, options: IntrinsicsOptions, terminal: Terminal) -> None:
     """Reports and rig file; cameras of an older file that were not calibrated now stay in it."""
     for report in found.reports.values():
         show_report(report, terminal)
-    stay = _lenses_of_others(files.out, found.rig.names)
+    stay = _lenses_of_others(options.out, found.rig.names)
     if stay:
         found = replace(found, rig=rig_of(replace(found.rig, cameras=(*stay, *found.rig))))
-    found.save(files.out, report=files.report, replace=files.force)
+    found.save(options.out, report=options.report, replace=options.force)
     words = f"; {', '.join(camera.name for camera in stay)} as before" if stay else ""
-    terminal.note(f"{files.out}: intrinsics of {', '.join(found.reports)}{words}")
+    terminal.note(f"{options.out}: intrinsics of {', '.join(found.reports)}{words}")
 
 
 def _lenses_of_others(path: Path, names: Sequence[str]) -> list[Camera]:
@@ -86,24 +76,17 @@ def _lenses_of_others(path: Path, names: Sequence[str]) -> list[Camera]:
     return [] if placed else [camera for camera in cameras if camera.name not in names]
 
 
-def extrinsics(
-    inputs: Sequence[str],
-    target: TargetOptions,
-    floor: FloorOptions,
-    options: ExtrinsicsOptions,
-    files: RigOptions,
-    terminal: Terminal,
-) -> Mapping[str, Any]:
+def extrinsics(inputs: Sequence[str], options: ExtrinsicsOptions, terminal: Terminal) -> Mapping[str, Any]:
     """Poses of the cameras from a moving target: rig file, coverage image, report, and clocks where they count."""
-    picture = coverage_path(files.out)
-    read = (*inputs, target_file(target), options.intrinsics, floor.floor_points)
-    check_files(read, (("--out", files.out), ("--report", files.report)), force=files.force)
+    picture = coverage_path(options.out)
+    read = (*inputs, options.target, options.intrinsics, options.floor_points)
+    check_files(read, (("--out", options.out), ("--report", options.report)), force=options.force)
     # a refused run leaves the image, and must not stop the next one; an older image is kept as a copy
     check_files(read, (("--out", picture),), force=True)
     # everything that may be wrong with the command line, before minutes of work
-    kind = target_from_options(target)
+    kind = read_target(options.target)
     lenses = None if options.intrinsics is None else read_rig(options.intrinsics)
-    world = _floor(floor, kind)
+    world = _floor(options, kind)
     recordings = recordings_of(inputs)
     if lenses is not None:
         for name in recordings:
@@ -113,7 +96,7 @@ def extrinsics(
     # before the solve: it is needed most when that refuses
     terminal.note(f"{picture}: {write_coverage(picture, seen).advice()}")
     require_target_seen(seen, open_sources(recordings), kind)
-    with reported(files.report, Asked(step="extrinsics", inputs=inputs, options=(target, floor, options, files))):
+    with reported(options.report, Asked(step="extrinsics", inputs=inputs, options=options)):
         found = calibrate_extrinsics(
             seen,
             intrinsics=lenses,
@@ -129,13 +112,14 @@ def extrinsics(
         failed = ", ".join(check.name for check in found.report.failed)
         terminal.warn(f"refused ({failed}); kept all the same (--keep-refused), and marked as refused in the file")
     show_report(found.report, terminal)
-    found.save(files.out, report=files.report, replace=files.force)
-    settings = write_clocks(files.out.with_name(CONFIG_FILE), found.rig.names, found.clocks, terminal)
+    found.save(options.out, report=options.report, replace=options.force)
+    settings = write_clocks(options.out.with_name(CONFIG_FILE), found.rig.names, found.clocks, terminal)
     terminal.next(
-        f"posefuse calibrate verify SESSION --target BOARD.toml --rig {files.out}", "with a target that the rig was not made from"
+        f"posefuse calibrate verify SESSION --target BOARD.toml --rig {options.out}",
+        "with a target that the rig was not made from",
     )
     return {
-        "rig": str(files.out),
+        "rig": str(options.out),
         "coverage": str(picture),
         "settings": settings and str(settings),
         **found.report.numbers,
@@ -143,7 +127,7 @@ def extrinsics(
     }
 
 
-def _floor(options: FloorOptions, target: Target) -> FloorMarker | ThreePoints | None:
+def _floor(options: ExtrinsicsOptions, target: Target) -> FloorMarker | ThreePoints | None:
     """What sets the world coordinates; None estimates up from the cameras."""
     if options.floor_marker is not None and options.floor_points is not None:
         raise InputError("--floor-points, --floor-marker: one of the two sets the world")
@@ -157,12 +141,10 @@ def _floor(options: FloorOptions, target: Target) -> FloorMarker | ThreePoints |
     return marker
 
 
-def verify_rig(
-    inputs: Sequence[str], target: TargetOptions, options: VerifyOptions, files: ReportOptions, terminal: Terminal
-) -> Mapping[str, Any]:
+def verify_rig(inputs: Sequence[str], options: VerifyOptions, terminal: Terminal) -> Mapping[str, Any]:
     """Millimetres and pixels of a rig, from a target that it was not made from."""
-    check_files((*inputs, target_file(target), options.rig), (("--report", files.report),), force=files.force)
-    kind, rig = target_from_options(target), read_placed_rig(options.rig)
+    check_files((*inputs, options.target, options.rig), (("--report", options.report),), force=options.force)
+    kind, rig = read_target(options.target), read_placed_rig(options.rig)
     settings = options.rig.with_name(CONFIG_FILE)
     late_s = clock_offsets_s(options.offset_ms, rig) if options.offset_ms else clocks_beside(settings, rig)
     if late_s and not options.offset_ms:
@@ -170,19 +152,19 @@ def verify_rig(
     with terminal.stages() as progress:
         found = verify(rig, recordings_of(inputs), target=kind, every=options.every, clock_offset_s=late_s, progress=progress)
     show_report(found.report, terminal)
-    if files.report is not None:
-        found.save(files.report, replace=files.force)
-    with reported(None, Asked(step="verify", inputs=inputs, options=(target, options, files))):
+    if options.report is not None:
+        found.save(options.report, replace=options.force)
+    with reported(None, Asked(step="verify", inputs=inputs, options=options)):
         found.report.require()
     terminal.next(f"put {options.rig} into the folder of your videos: posefuse track SESSION --out RESULT", "the rig is good")
     return dict(found.report.numbers)
 
 
-def print_target(target: TargetOptions, options: PrintOptions, terminal: Terminal) -> Mapping[str, Any]:
+def print_target(options: PrintOptions, terminal: Terminal) -> Mapping[str, Any]:
     """A target at its true size as a PDF."""
-    described = options.out.with_suffix(TARGET_SUFFIX)
+    described = options.out.with_suffix(".toml")
     check_files((), (("--out", options.out), ("--out", described)), force=options.force)
-    kind = target_from_options(replace(target, target="markers") if options.cube else target)
+    kind = _described(options)
     if isinstance(kind, Chessboard):
         raise InputError("print: a plain chessboard is not offered; a ChArUco board does all it does, and more")
     if options.cube and isinstance(kind, Markers):
@@ -202,3 +184,10 @@ def print_target(target: TargetOptions, options: PrintOptions, terminal: Termina
         "posefuse record --source cam1=usb:/dev/video0 ... --out SESSION", f"videos of it for `posefuse calibrate {step}`"
     )
     return {"pdf": str(options.out), "pages": len(sheets), "target": str(described)}
+
+
+def _described(options: PrintOptions) -> Target:
+    """The target that options describe; raises InputError naming those that are missing."""
+    kind = {"kind": "markers"} if options.cube else {"kind": "charuco", **options.changes}
+    said = TargetDescription(**{**options.changes, **kind})
+    return described_target(said, lambda names: InputError(f"--target {said.kind}: missing {', '.join(map(option_name, names))}"))

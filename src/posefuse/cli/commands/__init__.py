@@ -1,4 +1,4 @@
-"""One module per command: a typed function whose signature is the options and whose docstring is the help.
+"""The commands: typed functions whose signatures are the options and whose docstrings are the help.
 
-They import nothing heavy, because `posefuse --help` imports them all; the work is imported inside the functions.
+Importing them imports nothing heavy, because `posefuse COMMAND --help` does; the work is imported inside the functions.
 """

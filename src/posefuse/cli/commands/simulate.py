@@ -1,15 +1,12 @@
-"""`posefuse simulate`: a scene file to a session with exact truth."""
+"""`posefuse simulate` and `fit-noise`: scenes with exact truth, and what is fitted to them."""
 
-from __future__ import annotations
-
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from posefuse.cli.options.shared import Figures, Shown, count
-
-MOST_PROCESSES = 1024
+from posefuse.cli.options import Figures, Shown, count
 
 
 def simulate(
@@ -21,7 +18,7 @@ def simulate(
     gazebo: Annotated[Path | None, Parameter(metavar="DIR")] = None,
     release: Annotated[str, Parameter(name="--for", metavar="RELEASE")] = "harmonic",
     force: bool = False,
-    workers: Annotated[int | None, Parameter(metavar="N"), count(MOST_PROCESSES)] = None,
+    workers: Annotated[int | None, Parameter(metavar="N"), count(1024)] = None,
     terminal: Shown,
 ) -> Figures:
     """Render what every camera would have recorded of a scene, together with the exact truth.
@@ -46,3 +43,32 @@ def simulate(
         return write_gazebo_world(scene, gazebo, release, force, terminal)
     assert out is not None
     return simulate_session(scene, out, force, workers, terminal)
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class FitOptions:
+    """The scenes, and what runs the network.
+
+    Attributes:
+        scenes_in: Folder for the rendered scenes; later fits use them again.
+        scenes: Scenes for the noise.
+        moving: Scenes for the joint centres; at most 16.
+        engine: What runs the network.
+    """
+
+    scenes_in: Annotated[Path, Parameter(metavar="DIR")]
+    scenes: Annotated[int, Parameter(metavar="N"), count(100)] = 24
+    moving: Annotated[int, Parameter(metavar="N"), count(100)] = 16
+    engine: Literal["openvino", "onnxruntime"] = "openvino"
+
+
+def fit_noise(card: Annotated[Path, Parameter(metavar="CARD.toml")], /, *, options: FitOptions, terminal: Shown) -> Figures:
+    """Fit noise and joint centres of your own network's model card on simulated people (an hour or more).
+
+    Args:
+        card: Model card; see docs/networks.md.
+    """
+    from posefuse.cli.fitting import fit_card
+
+    return fit_card(card, options, terminal)

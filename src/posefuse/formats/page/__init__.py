@@ -6,13 +6,12 @@ plotly.js (basic bundle, MIT, kept compressed in `assets`); nothing is fetched. 
 
 from .blocks import MISSING, Block, Cards, Cell, Details, Facts, Heading, Images, Note, Page, Table
 from .player import Player, Side
-from .plots import Band, Bars, Dots, Line, Plot, Plots, Series, Spikes, Ticks
+from .plots import Band, Dots, Line, Plot, Plots, Series, Spikes, Ticks
 from .write import write_page
 
 __all__ = [
     "MISSING",
     "Band",
-    "Bars",
     "Block",
     "Cards",
     "Cell",

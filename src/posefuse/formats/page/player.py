@@ -11,13 +11,13 @@ import numpy as np
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
 
-from .packing import packed
+from .numbers import rounded
 
 Side = Literal["left", "right", "mid"]
 _MOST_HZ = 30.0
 _MOST_FRAMES = 5400
-# a millimetre, which no screen shows
-_STEP_M, _STEP_S = (1, 3), (1, 3)
+# a millimetre and a millisecond, which no screen shows
+_DECIMALS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,17 +69,16 @@ class Player:
 
 
 def player_content(player: Player) -> dict[str, Any]:
-    """A player as the page's script reads it: one packed array per person, keypoint and axis."""
+    """A player as the page's script reads it: one array per person, keypoint and axis."""
     kept = player.kept
     xyz = np.asarray(player.xyz_m[kept], float)
     t_s = np.asarray(player.t_s, float)[kept]
     return {
-        "t": packed(t_s - t_s[:1], step=_STEP_S),
+        "t": rounded(t_s - t_s[:1], _DECIMALS),
         "people": [
-            {"name": name, "xyz": [[packed(xyz[:, n, k, i], step=_STEP_M)["d"] for i in range(3)] for k in range(xyz.shape[2])]}
+            {"name": name, "xyz": [[rounded(xyz[:, n, k, i], _DECIMALS) for i in range(3)] for k in range(xyz.shape[2])]}
             for n, name in enumerate(player.people)
         ],
-        "step": list(_STEP_M),
         "bones": np.asarray(player.bones).tolist(),
         "sides": list(player.sides),
         "across": [list(pair) for pair in player.right_left],

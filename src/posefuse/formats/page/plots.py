@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import Any, ClassVar
 
@@ -11,7 +11,7 @@ import numpy as np
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
 
-from .packing import COARSE, FINE, PackedArrays
+from .numbers import COARSE, FINE, Arrays
 
 COLOURS = ("c0", "c1", "c2", "c3", "c4", "c5", "left", "right", "mid", "ink", "soft", "bad")
 _CYCLE = 6
@@ -107,25 +107,7 @@ class Ticks(_Series):
     of: ClassVar[tuple[str, ...]] = ("x",)
 
 
-@dataclass(frozen=True, eq=False)
-class Bars:
-    """One horizontal bar per row, its parts end to end, the sum behind it.
-
-    Attributes:
-        parts: names of the parts. rows: name to the values of its parts, in their order.
-    """
-
-    parts: Sequence[str]
-    rows: Mapping[str, Sequence[float]]
-    type: ClassVar[str] = "bars"
-
-    def __post_init__(self) -> None:
-        for name, values in self.rows.items():
-            if len(values) != len(self.parts):
-                raise InputError(f"bars: row {name}: expected {len(self.parts)} values, got {len(values)}")
-
-
-Series = Line | Band | Dots | Spikes | Ticks | Bars
+Series = Line | Band | Dots | Spikes | Ticks
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +142,7 @@ class Plots:
     kind: ClassVar[str] = "plots"
 
 
-def plot_content(plot: Plot, arrays: PackedArrays) -> dict[str, Any]:
+def plot_content(plot: Plot, arrays: Arrays) -> dict[str, Any]:
     """A plot as the page's script reads it; its arrays go into `arrays`."""
     step = max(1, *(-(-len(getattr(one, "x", ())) // _MOST_POINTS) for one in plot.series), 1)
     return {
@@ -184,10 +166,7 @@ def _colours(plot: Plot) -> list[str]:
     return [getattr(one, "colour", None) or next(free) for one in plot.series]
 
 
-def _series_content(one: Series, colour: str, step: int, arrays: PackedArrays) -> dict[str, Any]:
-    if isinstance(one, Bars):
-        rows = {name: [float(value) for value in values] for name, values in one.rows.items()}
-        return {"type": one.type, "parts": list(one.parts), "rows": list(rows), "values": list(rows.values())}
+def _series_content(one: Series, colour: str, step: int, arrays: Arrays) -> dict[str, Any]:
     content: dict[str, Any] = {"type": one.type, "name": one.name, "colour": colour}
     if isinstance(one, Band):
         step = max(step, -(-len(one.x) // _MOST_BAND_POINTS))

@@ -13,7 +13,7 @@ from posefuse.core import palette
 from posefuse.foundation.atomic import write_text
 
 from .blocks import Block, Details, Heading, Page
-from .packing import PackedArrays
+from .numbers import Arrays
 from .player import Player, player_content
 from .plots import Plots, plot_content
 
@@ -61,7 +61,7 @@ def page_html(page: Page) -> str:
 
 def page_content(page: Page) -> dict[str, Any]:
     """What the page's script draws: arrays, plots and players, each list in reading order."""
-    arrays, blocks = PackedArrays(), list(_all(page.blocks))
+    arrays, blocks = Arrays(), list(_all(page.blocks))
     plots = [plot_content(plot, arrays) for block in blocks if isinstance(block, Plots) for plot in block.plots]
     players = [player_content(block) for block in blocks if isinstance(block, Player)]
     return {"title": page.title, "arrays": arrays.content, "plots": plots, "players": players}

@@ -1,10 +1,15 @@
 """One skeleton of constant segment lengths, fitted to 3D points or to the rays of all views, causally or offline."""
 
-from .fit import BodyFit, fit_poses, fit_views
-from .live import LiveBody, LiveRays, TrackedPoints
-from .model import FEWEST_SEEN, BodyModel, Length, bodies_from_poses
-from .settings import LIVE_BODY, BodySettings, LiveBodyRules
-from .shape import LengthPrior, with_solved_lengths
+from typing import TYPE_CHECKING
+
+from posefuse.core.lazy_names import lazy_names
+
+if TYPE_CHECKING:
+    from .fit import BodyFit, fit_poses, fit_views
+    from .live import LiveBody, LiveRays, TrackedPoints
+    from .model import FEWEST_SEEN, BodyModel, Length, bodies_from_poses
+    from .settings import LIVE_BODY, BodySettings, LiveBodyRules
+    from .shape import LengthPrior, with_solved_lengths
 
 __all__ = [
     "FEWEST_SEEN",
@@ -23,3 +28,4 @@ __all__ = [
     "fit_views",
     "with_solved_lengths",
 ]  # fmt: skip
+__getattr__ = lazy_names(__name__, __file__)

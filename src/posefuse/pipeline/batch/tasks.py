@@ -145,7 +145,7 @@ def config_of_trial(session: Path, rig: str | None, settings: Mapping[str, Any])
     """The settings file of a session with the study's changes on top; raises ConfigError for a wrong one."""
     path = session / CONFIG_FILE
     named = {} if rig is None else {"rig": rig}
-    return changed_config(read_config(path if path.is_file() else None, ()), {**named, **settings})
+    return changed_config(read_config(path if path.is_file() else None), {**named, **settings})
 
 
 def trial_digest(trial: Trial, formats: tuple[str, ...], settings: Mapping[str, Any], report: bool) -> str:

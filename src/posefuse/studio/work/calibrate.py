@@ -127,7 +127,7 @@ def _offsets(path: Any) -> dict[str, float]:
     """Clock offsets that the calibration found, by camera name; empty where there are none."""
     from posefuse.pipeline.config import read_config
 
-    cameras = read_config(path, ()).cameras if path.is_file() else {}
+    cameras = read_config(path).cameras if path.is_file() else {}
     # settings state what is added to stamps, a clock offset how late they are
     return {name: -one.offset_s for name, one in cameras.items()}
 

@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
-from posefuse.core import Rig, Skeleton
+from typing import TYPE_CHECKING
 
-from .contract import CameraStatistics, Fuse, Solve, Tracker
-from .evidence import Evidence
-from .settings import MOTION, LiveSettings, Motion, MotionModel
+from posefuse.core.lazy_names import lazy_names
+
+from .settings import MOTION
+
+if TYPE_CHECKING:
+    from posefuse.core import Rig, Skeleton
+
+    from .contract import CameraStatistics, Fuse, Solve, Tracker
+    from .evidence import Evidence
+    from .settings import LiveSettings, Motion, MotionModel
 
 __all__ = [
     "MOTION", "CameraStatistics", "Evidence", "Fuse", "LiveSettings", "Motion", "MotionModel", "Solve", "Tracker",
     "build_tracker",
 ]  # fmt: skip
+__getattr__ = lazy_names(__name__, __file__)
 
 
 def build_tracker(

@@ -8,7 +8,7 @@ from typing import Annotated
 from annotated_types import Ge, Gt, Le
 
 from posefuse.foundation.settings import settings
-from posefuse.tracking.lasting import LASTING_SHARE
+from posefuse.tracking.settings import LASTING_SHARE
 
 MOST_PEOPLE = 64
 
@@ -54,7 +54,7 @@ class Motion:
             as if the filter used the newest views alone (fitted).
         new_share: share of the stated variance of a view that counts as noise new in every view. The rest moves slowly with
             the person, so no filter can separate it from motion; `lasting_share` states it (fitted).
-        lasting_share: share of the stated variance of a view that is correlated from frame to frame, see `tracking.lasting`;
+        lasting_share: share of the stated variance of a view that is correlated from frame to frame, see `tracking.settings`;
             the covariance of a pose includes it.
         measured_s: a keypoint counts as measured (FUSED) when a view at most this old saw it, otherwise as PREDICTED. It covers
             the time from exposure to the tracker and one frame period.

@@ -5,8 +5,7 @@
   const playerOf = (root, content) => {
     const canvas = root.querySelector("canvas"), context = canvas.getContext("2d");
     const [play, slider, clock, speed, view, follow] = [".play", ".time", "output", ".speed", ".view", ".follow"].map(name => root.querySelector(name));
-    const time = summed(content.t.d, content.t.m, content.t.n);
-    const people = content.people.map(one => one.xyz.map(axes => axes.map(steps => summed(steps, ...content.step))));
+    const time = content.t, people = content.people.map(one => one.xyz);
     const bounds = boundsOf(people);
     let now = 0, running = false, yaw = -0.9, pitch = 0.15, zoom = 1, last = 0, queued = false;
     slider.max = Math.max(0, time.length - 1);

@@ -1,6 +1,6 @@
 (async () => {
   const data = await pageData;
-  const arrays = data.arrays.map(one => summed(one.d, one.m, one.n));
+  const arrays = data.arrays;
   for (const one of data.plots.flatMap(plot => plot.series)) if ("width" in one) {
     // bands come as their lower edge and width
     const width = arrays[one.width];
@@ -49,30 +49,25 @@
     if (one.type === "ticks")
       return [{ ...shared, mode: "markers", x, y: x.map(() => 0), yaxis: "y2", cliponaxis: false,
                 marker: { symbol: "line-ns-open", size: 9, color: ink, line: { width: 2 } } }];
-    return one.parts.map((part, p) => ({
-      type: "bar", orientation: "h", name: plain(part), y: one.rows.map(plain), x: one.values.map(row => row[p]),
-      marker: { color: colour("c" + p % 6) }, textposition: "none",
-      ...(p === one.parts.length - 1 && { text: one.values.map(row => row.reduce((a, b) => a + b, 0).toFixed(1)), textposition: "outside", cliponaxis: false }),
-    }));
   };
 
   const layout = (plot, paper) => {
-    const ink = colour("ink"), soft = colour("soft"), grid = colour("line"), bars = plot.series.find(one => one.type === "bars");
-    const named = plot.legend || bars ? 22 : 0;
+    const ink = colour("ink"), soft = colour("soft"), grid = colour("line");
+    const named = plot.legend ? 22 : 0;
     const axis = (title, range) => ({
       title: { text: plain(title), font: { size: 11, color: soft }, standoff: 6 }, gridcolor: grid, zerolinecolor: grid, linecolor: grid,
       tickfont: { size: 11, color: soft }, automargin: true, exponentformat: "power", ...(range && { range }),
     });
     return {
-      height: named + (bars ? 76 + 26 * bars.rows.length : plot.equal ? 380 : paper ? 200 : 260),
+      height: named + (plot.equal ? 380 : paper ? 200 : 260),
       margin: { l: 46, r: 14, t: (paper ? 8 : 30) + named, b: 40 },
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: ink, size: 11, family: "system-ui, sans-serif" },
       showlegend: named > 0, legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom", font: { size: 11 }, traceorder: "normal" },
-      hovermode: plot.equal || bars ? "closest" : "x unified", hoverlabel: { bgcolor: colour("paper"), font: { size: 11, color: ink } },
+      hovermode: plot.equal ? "closest" : "x unified", hoverlabel: { bgcolor: colour("paper"), font: { size: 11, color: ink } },
       modebar: { bgcolor: "rgba(0,0,0,0)", color: soft, activecolor: ink },
-      dragmode: matchMedia("(pointer: coarse)").matches ? false : "zoom", barmode: "stack",
+      dragmode: matchMedia("(pointer: coarse)").matches ? false : "zoom",
       xaxis: axis(plot.x, plot.ranges[0]),
-      yaxis: { ...axis(plot.y, plot.ranges[1]), ...(plot.equal && { scaleanchor: "x" }), ...(bars && { autorange: "reversed" }) },
+      yaxis: { ...axis(plot.y, plot.ranges[1]), ...(plot.equal && { scaleanchor: "x" }) },
       ...(plot.series.some(one => one.type === "ticks") && { yaxis2: { overlaying: "y", range: [0, 1], visible: false, fixedrange: true } }),
     };
   };
@@ -81,10 +76,6 @@
     const quoted = text => `"${String(text).replace(/"/g, '""')}"`, columns = [];
     let drawnOver = null;
     for (const one of plot.series) {
-      if (one.type === "bars") {
-        columns.push([plot.y || "row", one.rows], ...one.parts.map((part, p) => [part, one.values.map(row => row[p])]));
-        continue;
-      }
       if (one.type === "ticks") { columns.push([`${one.name}, ${plot.x}`, arrays[one.x]]); continue; }
       if (one.x !== drawnOver) columns.push([plot.x, arrays[one.x]]);
       drawnOver = one.x;

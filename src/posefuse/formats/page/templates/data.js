@@ -4,11 +4,6 @@ const inflated = async id => {
   const bytes = Uint8Array.from(atob(document.getElementById(id).textContent.trim()), c => c.charCodeAt(0));
   return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"))).text();
 };
-const summed = (differences, factor, decimals) => {
-  let whole = 0;
-  const unit = 10 ** decimals;
-  return differences.map(one => one === null ? null : (whole += one) * factor / unit);
-};
 const pageData = inflated("page-data").then(JSON.parse);
 const colour = name => getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
 // what is folded away is there on paper

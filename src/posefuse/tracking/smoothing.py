@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import numpy as np
-from annotated_types import Ge, Gt, Le
 
 from posefuse.core import Kind, PoseSequence
 from posefuse.core.arrays import Array, give_away
-from posefuse.foundation.settings import settings
 
 from .bones import hold_bones
-from .lasting import LASTING_S, LASTING_SHARE
+from .settings import SmoothSettings
 
 # |H| = 1 / (1 + (f / f0)^6) of the white-jerk smoother is 1 / sqrt(2) at this share of f0
 _HALF_POWER = (np.sqrt(2) - 1) ** (1 / 6)
@@ -21,32 +17,6 @@ _RATE_SHARE = 0.35
 # median of a chi-square of 3 degrees of freedom
 _MEDIAN_CHI2 = 2.366
 _PASSES = 6
-
-
-@settings
-class SmoothSettings:
-    """How a recording is smoothed.
-
-    Attributes:
-        cutoff_hz: frequency at which motion keeps 1/sqrt(2) of its amplitude (-3 dB, no lag), at the typical noise of each
-            keypoint. Measurements with more uncertainty are followed less closely. At most 0.35 of the frame rate.
-        max_gap_s: longest gap between two measurements that is filled; filled time steps are marked INTERPOLATED.
-        outlier_sigma: a measurement this many standard deviations from the estimate of all others is an outlier and is not
-            used.
-        lasting_share, lasting_s: share of the variance of a measurement that is correlated over time, and the time in which the
-            correlation falls to 1/e. Correlated errors do not average out, and the stated covariance includes them. See
-            `tracking.lasting`.
-        bones: keep bone lengths at their values over the whole recording, as tightly as they were constant.
-        bone_sigma_m: smallest standard deviation of a bone length.
-    """
-
-    cutoff_hz: Annotated[float, Gt(0)] = 6.0
-    max_gap_s: Annotated[float, Ge(0)] = 0.5
-    outlier_sigma: Annotated[float, Gt(0)] = 6.0
-    lasting_share: Annotated[float, Ge(0), Le(1)] = LASTING_SHARE
-    lasting_s: Annotated[float, Gt(0)] = LASTING_S
-    bones: bool = True
-    bone_sigma_m: Annotated[float, Gt(0)] = 0.01
 
 
 def cutoff_hz(t_ns: Array, settings: SmoothSettings) -> float:

@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from posefuse.api.batch import FORMATS, batch
-from posefuse.cli.options.batch import BatchOptions
-from posefuse.cli.options.shared import SettingsOptions
+from posefuse.cli.commands.recorded import BatchOptions
 from posefuse.pipeline.batch.study import PAGE_FILE, TABLE_FILE
-from posefuse.pipeline.config import settings_by_key
+from posefuse.pipeline.config import read_config, settings_by_key
 
 from .terminal import Terminal
 
@@ -22,9 +21,9 @@ _SHOWN = {
 }
 
 
-def run_batch(study: Path, options: BatchOptions, settings: SettingsOptions, terminal: Terminal) -> Mapping[str, Any]:
+def run_batch(study: Path, options: BatchOptions, terminal: Terminal) -> Mapping[str, Any]:
     """Run the study; returns the figures of the tables. ``failed`` among them makes the exit code 1."""
-    changes, formats = study_settings(options, settings)
+    changes, formats = study_settings(options)
     with terminal.stages() as progress:
         done = batch(
             study,
@@ -47,8 +46,8 @@ def run_batch(study: Path, options: BatchOptions, settings: SettingsOptions, ter
     return {"out": done.out, "trials": rows, "kept": done.kept, "failed": dict(done.failed)}
 
 
-def study_settings(options: BatchOptions, settings: SettingsOptions) -> tuple[dict[str, Any], tuple[str, ...]]:
+def study_settings(options: BatchOptions) -> tuple[dict[str, Any], tuple[str, ...]]:
     """Settings of every trial by dotted key, and the outputs: those of the option, else of the settings file."""
-    changes = settings_by_key(settings.config, settings.overrides)
-    formats = changes.pop("outputs", FORMATS)
-    return changes, formats if options.outputs is None else tuple(name for name in options.outputs.split(",") if name)
+    read_config(options.config, options.changes)  # everything is checked before any work
+    changes = {**settings_by_key(options.config), **options.changes}
+    return changes, tuple(changes.pop("outputs", FORMATS))

@@ -1,0 +1,56 @@
+"""What a user may set about calibration."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from annotated_types import Ge, Gt, Le
+
+from posefuse.foundation.settings import settings
+
+# squares of a board along one side, and a target of 10 m
+_Squares = Annotated[int, Ge(1), Le(200)]
+_Millimetres = Annotated[float, Gt(0), Le(10_000)]
+TargetKind = Literal["markers", "charuco", "chessboard"]
+
+
+@settings
+class RefineSettings:
+    """How far cameras may be from their calibration.
+
+    Attributes:
+        move_sigma_m, turn_sigma_rad: standard deviation of a camera's position and orientation, per axis, about the calibrated.
+        together: so many keypoints of a view err as one: their information counts as that of one.
+        alike_m, alike_rad: a person who is no farther from an earlier place and turned no farther than this is seen with the
+            same errors of the network again, which adds nothing.
+    """
+
+    move_sigma_m: Annotated[float, Gt(0)] = 0.01
+    turn_sigma_rad: Annotated[float, Gt(0)] = 0.005
+    together: Annotated[float, Gt(0)] = 10.0
+    alike_m: Annotated[float, Gt(0)] = 0.3
+    alike_rad: Annotated[float, Gt(0)] = 0.5
+
+
+@settings
+class TargetDescription:
+    """The contents of a target file.
+
+    Attributes:
+        kind: what it is. columns, rows: squares (charuco), inner corners (chessboard).
+        square_mm, marker_mm: edge of a square and of a marker's black square.
+        dictionary: OpenCV's name of the marker dictionary. ids: markers of the target.
+        inverted: black and white are exchanged. legacy: ChArUco layout of OpenCV before 4.6.
+        thickness_mm: distance of the prints of a board that is printed on both sides.
+    """
+
+    kind: TargetKind
+    columns: _Squares | None = None
+    rows: _Squares | None = None
+    square_mm: _Millimetres | None = None
+    marker_mm: _Millimetres | None = None
+    thickness_mm: _Millimetres | None = None
+    dictionary: str = "DICT_4X4_50"
+    ids: tuple[int, ...] = ()
+    inverted: bool = False
+    legacy: bool = False

@@ -1,0 +1,246 @@
+"""Options of the commands: those of settings come from the settings classes, so that each is described once."""
+
+import dataclasses
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import UnionType
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+
+from cyclopts import Group, Parameter
+
+from .terminal import Terminal
+
+F = TypeVar("F", bound=Callable[..., Any])
+Figures = Mapping[str, Any]
+Shown = Annotated[Terminal, Parameter(parse=False)]
+"""Where a command shows its progress; given by the caller."""
+# in the order of the help
+CAMERAS, TIMING, OUTPUTS = Group.create_ordered("Cameras"), Group.create_ordered("Timing"), Group.create_ordered("Outputs")
+ROS_2, SETTINGS = Group.create_ordered("ROS 2 network"), Group.create_ordered("Settings")
+# accepted and listed on the reference page, but not in the help
+EXPERT = Parameter(show=False)
+# coordinates may begin with a minus
+ONE_WORD: Mapping[str, Any] = {"n_tokens": 1, "accepts_keys": False, "allow_leading_hyphen": True}
+
+
+@Parameter(name="*", group=SETTINGS)
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Settings that were given; `settings_options` makes subclasses with one field per named setting, None where not given."""
+
+    @property
+    def changes(self) -> dict[str, Any]:
+        """What was given, by dotted key: what ``settings=`` of the public functions takes."""
+        named = ((field.metadata.get("key"), getattr(self, field.name)) for field in dataclasses.fields(self))
+        return {key: value for key, value in named if key and value is not None}
+
+
+@dataclass(frozen=True, kw_only=True)
+class NetworkOptions(Options):
+    """Which network the detector uses.
+
+    Attributes:
+        networks: 2D network: blazepose_lite, blazepose_full (default), blazepose_heavy, blazepose_best, or your own model card
+            (see docs/networks.md).
+    """
+
+    networks: Annotated[str | None, Parameter(metavar="NAME|CARD.toml")] = None
+
+    @property
+    def changes(self) -> dict[str, Any]:
+        """Those of the network, too."""
+        from posefuse.detection.build import network_settings
+
+        return {**super().changes, **(network_settings(self.networks) if self.networks else {})}
+
+
+@dataclass(frozen=True, kw_only=True)
+class SettingsOptions(NetworkOptions):
+    """A settings file, and any setting on top of it.
+
+    Attributes:
+        config: TOML settings; `track` takes SESSION/posefuse.toml if it is there.
+        set_: Any setting, e.g. fuse.score_min=0.2. May be given several times.
+    """
+
+    config: Annotated[Path | None, Parameter(metavar="FILE")] = None
+    set_: Annotated[tuple[str, ...], Parameter(name="--set", metavar="KEY=VALUE")] = ()
+
+    @property
+    def changes(self) -> dict[str, Any]:
+        """Those of ``--set`` come last and override."""
+        from posefuse.pipeline.config import changes_of
+
+        return {**super().changes, **changes_of(self.set_)}
+
+
+def settings_options(
+    argument: str, cls: type[Any], named: Mapping[str, str], group: Group = SETTINGS, *, show: bool = True
+) -> Callable[[F], F]:
+    """Decorator of a command: `argument`, annotated with a subclass of `Options`, gets an option for each setting named.
+
+    Args:
+        cls: the settings class, from which type, range, help and default of each option come.
+        named: option, with the word for its value, by dotted key of the setting: ``{"rate_hz": "rate HZ"}``.
+    """
+
+    def decorate(command: F) -> F:
+        base = get_type_hints(command)[argument]
+        made = dataclasses.make_dataclass(
+            base.__name__,
+            [_field(cls, key, option, group, show) for key, option in named.items()],
+            bases=(base,),
+            frozen=True,
+            kw_only=True,
+            namespace={"__module__": base.__module__, "__doc__": base.__doc__},
+        )
+        command.__annotations__[argument] = Parameter(name="*", group=group)(made)
+        if command.__kwdefaults__ and argument in command.__kwdefaults__:
+            command.__kwdefaults__[argument] = made()
+        return command
+
+    return decorate
+
+
+def _field(cls: type[Any], key: str, option: str, group: Group, show: bool) -> tuple[str, Any, Any]:
+    from posefuse.foundation.settings import described
+
+    *groups, name = key.split(".")
+    for one in groups:
+        cls = get_type_hints(cls)[one]
+    hint, [setting] = get_type_hints(cls)[name], [field for field in dataclasses.fields(cls) if field.name == name]
+    option, _, word = option.partition(" ")
+    plain = hint is bool or _choices(hint) != ()
+    parameter = Parameter(
+        name=f"--{option}",
+        metavar=word or None,
+        help=_help(described(cls)[1][name], setting.default),
+        group=group,
+        show=show,
+        **{} if plain else {"converter": _converter(get_type_hints(cls, include_extras=True)[name], word), **ONE_WORD},
+    )
+    taken = tuple[str, ...] if get_origin(hint) is dict else hint
+    return option.replace("-", "_"), Annotated[taken | None, parameter], dataclasses.field(default=None, metadata={"key": key})
+
+
+def _help(text: str, default: Any) -> str:
+    """The text of a settings class for a terminal: without marks, with the default."""
+    text = re.sub(r"`+", "", text)
+    stated = default not in (dataclasses.MISSING, None, False, True, (), "") and "default" not in text
+    return f"{text[:1].upper()}{text[1:].removesuffix('.')}" + (f" (default {default})." if stated else ".")
+
+
+def _choices(hint: Any) -> tuple[Any, ...]:
+    inner = get_args(hint)
+    if get_origin(hint) is Literal:
+        return inner
+    return next(filter(None, map(_choices, inner)), ()) if get_origin(hint) in (Union, UnionType) else ()
+
+
+def _converter(hint: Any, word: str) -> Callable[[Any, Any], Any]:
+    """One word as a value of a setting, or several parted by commas; checked as a settings file is."""
+
+    def convert(_: Any, tokens: Any) -> Any:
+        from pydantic import TypeAdapter, ValidationError
+
+        text = tokens[0].value
+        value = [part.strip() for part in text.split(",") if part.strip()] if _is_list(hint) else text
+        try:
+            found = TypeAdapter(hint, config={"allow_inf_nan": False}).validate_python(value)
+        except ValidationError as error:
+            why = error.errors()[0]["msg"].partition(",")[0].lower()
+            raise ValueError(f"expected {word} ({why}), got {text!r}") from None
+        # names of outputs stay names: those that a file describes keep their description
+        return tuple(value) if isinstance(found, dict) else found
+
+    return convert
+
+
+def _is_list(hint: Any) -> bool:
+    """Whether a setting holds several values, also inside Annotated and Optional."""
+    return get_origin(hint) in (tuple, dict) or any(_is_list(one) for one in get_args(hint) if get_origin(hint) is not Literal)
+
+
+def numbers(form: str) -> Parameter:
+    """So many numbers separated by commas or spaces, as in ``X,Y,DEG``."""
+
+    def convert(_: Any, tokens: Any) -> tuple[float, ...]:
+        text = tokens[0].value
+        try:
+            found = tuple(float(part) for part in text.replace(",", " ").split())
+        except ValueError:
+            found = ()
+        if len(found) != len(form.split(",")) or not all(abs(one) < 1e6 for one in found):
+            raise ValueError(f"expected {form}, got {text!r}")
+        return found
+
+    return Parameter(metavar=form, converter=convert, **ONE_WORD)
+
+
+def positive(most: float) -> Parameter:
+    """A number above 0 and at most `most`; NaN and infinity are refused."""
+
+    def check(_: object, value: float | None) -> None:
+        if value is not None and not 0 < value <= most:
+            raise ValueError(f"expected a number > 0 and <= {most:g}, got {value:g}")
+
+    return Parameter(validator=check)
+
+
+def count(most: int) -> Parameter:
+    """A whole number from 1 to `most`."""
+
+    def check(_: object, value: int | None) -> None:
+        if value is not None and not 1 <= value <= most:
+            raise ValueError(f"expected a whole number from 1 to {most}, got {value}")
+
+    return Parameter(validator=check)
+
+
+# the largest values that can be meant: a day
+MOST_S = 86_400.0
+Seconds = Annotated[float | None, Parameter(metavar="S"), positive(MOST_S)]
+OptionalFile = Annotated[Path | None, Parameter(metavar="FILE")]
+Sources = Annotated[
+    tuple[str, ...],
+    Parameter(
+        metavar="CAMERA=KIND:WHERE",
+        group=CAMERAS,
+        help="One per camera: video:FILE, usb:DEVICE[@640x480@30] (Linux /dev/video0, macOS 0, Windows the name), rtsp://..., "
+        "http://..., ros:/TOPIC, realsense:SERIAL, oak:SERIAL; or sim:SCENE|SESSION for all cameras.",
+    ),
+]
+
+
+@Parameter(name="*", group=ROS_2)
+@dataclass(frozen=True, kw_only=True)
+class Ros2Options:
+    """Where ROS 2 is.
+
+    Attributes:
+        domain: ROS_DOMAIN_ID (default 0).
+        peer: Address of another machine, where multicast is off. May be given several times.
+        interface: Network interface to use.
+        local_only: Nothing leaves this machine.
+        sim_time: Stamps of ros: sources and of --ros are simulated time, which /clock gives (use_sim_time).
+    """
+
+    domain: Annotated[int | None, Parameter(metavar="ID")] = None
+    peer: Annotated[tuple[str, ...], Parameter(metavar="ADDRESS")] = ()
+    interface: Annotated[str, Parameter(metavar="NAME"), EXPERT] = ""
+    local_only: Annotated[bool, EXPERT] = False
+    sim_time: Annotated[bool, EXPERT] = False
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Options that were given and that sources and outputs of ROS 2 share, by their names there."""
+        return {**self.network, **({"sim_time": True} if self.sim_time else {})}
+
+    @property
+    def network(self) -> dict[str, Any]:
+        """Those of them that state where ROS 2 is."""
+        found = {"local_only": self.local_only, "interface": self.interface, "peers": self.peer}
+        domain = {} if self.domain is None else {"domain_id": self.domain}
+        return {**domain, **{name: value for name, value in found.items() if value}}

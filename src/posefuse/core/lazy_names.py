@@ -1,0 +1,34 @@
+"""Names that a package offers but imports only when they are first used, so that importing the package stays light."""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections.abc import Callable
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+
+def lazy_names(package: str, file: str) -> Callable[[str], Any]:
+    """The ``__getattr__`` of a package whose ``__init__`` imports its names in ``if TYPE_CHECKING:`` only.
+
+    Args:
+        package: its ``__name__``. file: its ``__file__``, in which the imports are found.
+    """
+
+    @cache
+    def homes() -> dict[str, str]:
+        blocks = [node for node in ast.parse(Path(file).read_text(encoding="utf-8")).body if isinstance(node, ast.If)]
+        imports = [line for block in blocks for line in block.body if isinstance(line, ast.ImportFrom) and line.level]
+        return {alias.name: f"{package}.{line.module}" for line in imports for alias in line.names}
+
+    def get(name: str) -> Any:
+        if name.startswith("__") or name not in homes():
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        value = getattr(import_module(homes()[name]), name)
+        setattr(sys.modules[package], name, value)
+        return value
+
+    return get
