@@ -15,10 +15,10 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+from crowds import crowd_figures, person_distances
 
 from posefuse.core import Kind, Truth
 from posefuse.core.skeleton import PAPER14, pick_keypoints
-from posefuse.evaluation.crowds import crowd_figures, person_distances
 from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.formats.truth import read_truth
 from posefuse.foundation.settings import settings_from_mapping
