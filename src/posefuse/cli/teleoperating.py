@@ -17,7 +17,7 @@ from posefuse.core import ConfigError
 from posefuse.formats.rig import read_placed_rig
 from posefuse.outputs.rerun_scene import SPAWN
 from posefuse.pipeline.config import read_overridden
-from posefuse.teleoperation.robots.reports import RosPlan
+from posefuse.teleoperation.robots.plan import RosPlan
 from posefuse.teleoperation.settings import TeleoperationSettings
 
 from .live import effective_live_config, output_configs, run_options, settled_inputs
