@@ -53,7 +53,7 @@ def scene(people: tuple[int, ...], seconds: float) -> Scene:
 
 def measured(people: tuple[int, ...], seconds: float, folder: Path) -> dict[str, float]:
     session = folder / f"{'_'.join(str(n) for n in people)}-{seconds:g}s"
-    if not (session / "truth" / "truth.npz").exists() or (session / "INCOMPLETE").exists():
+    if not (session / "truth" / "truth.npz").exists():
         simulate(scene(people, seconds), session)
     config = settings_from_mapping({"associate": {"max_people": len(people)}}, TrackConfig, "bench")
 

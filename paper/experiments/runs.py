@@ -17,7 +17,7 @@ from posefuse.evaluation import JointErrors, joint_errors
 from posefuse.formats import read_truth
 from posefuse.formats.page import Page
 from posefuse.foundation import usable_cores
-from posefuse.pipeline import UNFINISHED_FILE, StageClock, TrackConfig, find_session, poses_over_time, read_config, track_session
+from posefuse.pipeline import StageClock, TrackConfig, find_session, poses_over_time, read_config, track_session
 from posefuse.simulation import Scene, simulate
 
 BEST_NETWORKS, BEST_S = "blazepose_best", 20.0
@@ -114,7 +114,7 @@ def best_errors(name: str, scene: Scene, context: Context) -> dict[str, JointErr
 def rendered(name: str, scene: Scene, context: Context) -> Path:
     """The session of a scene; rendered where it is not there yet, finished where an earlier run broke off."""
     folder = context.sessions / scene_name(name, scene)
-    if not (folder / "truth" / "truth.npz").is_file() or (folder / UNFINISHED_FILE).exists():
+    if not (folder / "truth" / "truth.npz").is_file():
         with context.console.progress(f"rendering {name}") as advance:
             simulate(scene, folder, advance, context.workers)
     return folder

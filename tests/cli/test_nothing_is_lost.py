@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 
 from posefuse.cli.main import main
 from posefuse.foundation.growing import growing_folder
-from posefuse.foundation.manifest import MANIFEST_FILE, Manifest, manifest_of_files, write_manifest
+from posefuse.foundation.manifest import MANIFEST_FILE
 from posefuse.foundation.output_folder import OutputFolder, check_replaceable, output_folder
 
 Command = Callable[[Path, bool], int]
@@ -281,17 +281,12 @@ def simulated(results: Path, out: Path, force: bool) -> int:
     from posefuse.core import InputError
     from posefuse.simulation import read_scene
     from posefuse.simulation import session as sessions
-    from posefuse.simulation.session_files import remove_parts
 
     scene = results / "scene.yaml"
     scene.write_text("duration_s: 0.1\ncameras: {kind: ring, count: 1}\n")
 
     def finish(live: object, paths: sessions.SessionPaths) -> None:
-        remove_parts([], paths)
         paths.rig.write_text("a rig")
-        manifest = Manifest(command="simulate", target=".")
-        write_manifest(paths.folder, manifest_of_files(paths.folder, manifest, [paths.rig, paths.scene]))
-        paths.incomplete.unlink()
 
     with pytest.MonkeyPatch.context() as patched:
         for name in ("working_backend", "check_framebuffer", "_job", "_render"):

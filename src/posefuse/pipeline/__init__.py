@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from .opening import build_source
     from .run import Tracked, track_session
     from .second_pass import poses_over_time
-    from .session import UNFINISHED_FILE, Session, find_session
+    from .session import Session, find_session
 
 _HOMES = {
     "CameraInput": "config",
@@ -18,7 +18,6 @@ _HOMES = {
     "StageClock": "clock",
     "TrackConfig": "config",
     "Tracked": "run",
-    "UNFINISHED_FILE": "session",
     "build_source": "opening",
     "find_session": "session",
     "poses_over_time": "second_pass",
@@ -26,7 +25,6 @@ _HOMES = {
     "track_session": "run",
 }
 __all__ = [
-    "UNFINISHED_FILE",
     "CameraInput",
     "Session",
     "StageClock",

@@ -20,13 +20,6 @@ def write_scene(scene: Scene, folder: Path) -> None:
     with_motion_files(scene, lambda i, file: _copied(Path(file), folder / _motion_name(i, file)))
 
 
-def scene_copies(scene: Scene, folder: Path) -> set[Path]:
-    """The files that `write_scene` writes."""
-    files = {folder / SCENE_FILE}
-    with_motion_files(scene, lambda i, file: _add_copies(Path(file), folder / _motion_name(i, file), files))
-    return files
-
-
 def scene_text(scene: Scene) -> str:
     """The content of scene.yaml: every setting, motion files as the session holds them."""
     return yaml.safe_dump(plain_settings(with_motion_files(scene, _motion_name)), sort_keys=False)
@@ -44,12 +37,6 @@ def _copied(file: Path, into: Path) -> str:
     else:
         shutil.copyfile(file, into)
     return str(into)
-
-
-def _add_copies(file: Path, copy: Path, files: set[Path]) -> str:
-    inside = [path for path in file.rglob("*") if path.is_file()] if file.is_dir() else []
-    files.update([copy / path.relative_to(file) for path in inside] if file.is_dir() else [copy])
-    return str(copy)
 
 
 def plain_settings(settings: Any) -> Any:

@@ -2,27 +2,25 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from posefuse.core.arrays import Array
-from posefuse.formats.depth_images import ABOUT_FILE, depth_name
-from posefuse.formats.frame_times import TIMES_FILE, write_frame_times
+from posefuse.formats.frame_times import write_frame_times
 from posefuse.formats.npz import read_arrays
 from posefuse.formats.rig import write_rig
 from posefuse.formats.truth import write_arrays, write_truth
 from posefuse.formats.video import join_videos
-from posefuse.foundation.manifest import Manifest, manifest_of_files, write_manifest
 
 from .build import LiveScene
 from .exact import prop_truth, truth_with
 from .render.shot import moments_of
 from .render.workers import image_name
 from .scene import H264Settings
-from .scene_files import scene_copies
-from .session_folder import COMMAND, SessionPaths
+from .session_folder import SessionPaths
 
 # frames of one task: what is lost when a session is interrupted
 _RUN = 30
@@ -53,7 +51,7 @@ def runs_of(live: LiveScene, paths: SessionPaths) -> list[FrameRun]:
 
 
 def finish_session(live: LiveScene, paths: SessionPaths) -> None:
-    """Join the runs, write rig and truth, and remove the marker of an unfinished session."""
+    """Join the runs, write rig and truth, and remove the runs."""
     runs = runs_of(live, paths)
     visible = []
     for c, shots in enumerate(live.shots):
@@ -69,37 +67,7 @@ def finish_session(live: LiveScene, paths: SessionPaths) -> None:
     write_arrays(paths.shots, shot_arrays(live))
     if live.props:
         write_arrays(paths.props, prop_truth(live, visible))
-    remove_parts(runs, paths)
-    manifest = Manifest(command=COMMAND, target=".")
-    write_manifest(paths.folder, manifest_of_files(paths.folder, manifest, _written(live, paths)))
-    paths.incomplete.unlink()
-
-
-def remove_parts(runs: list[FrameRun], paths: SessionPaths) -> None:
-    """Remove the finished runs, and the folder unless something else is in it."""
-    own = {run.done for run in runs} | {run.video for run in runs if run.video.parent == paths.parts}
-    # a process that was killed while it wrote leaves a file of this kind
-    own |= {path for path in paths.parts.iterdir() if path.name.startswith(".") and path.suffix == ".npz"}
-    for path in own:
-        path.unlink(missing_ok=True)
-    if not any(paths.parts.iterdir()):
-        paths.parts.rmdir()
-
-
-def _written(live: LiveScene, paths: SessionPaths) -> set[Path]:
-    """Every file of a finished session."""
-    files = {paths.rig, paths.truth, paths.shots} | ({paths.props} if live.props else set())
-    files |= scene_copies(live.scene, paths.folder)
-    for shots in live.shots:
-        if shots.camera in cameras_with_depth(live):
-            names = (ABOUT_FILE, *(depth_name(int(t)) for t in shots.stamp_ns))
-            files |= {paths.depth(shots.camera) / name for name in names}
-        if isinstance(live.scene.record, H264Settings):
-            files.add(paths.video(shots.camera))
-        else:
-            names = (TIMES_FILE, *(image_name(int(t)) for t in shots.stamp_ns))
-            files |= {paths.videos / shots.camera / name for name in names}
-    return files
+    shutil.rmtree(paths.parts)
 
 
 def cameras_with_depth(live: LiveScene) -> list[str]:

@@ -1,19 +1,11 @@
-"""The folder of a simulated session: its paths, and what becomes of a session that is there already."""
+"""Where things are in the folder of a simulated session."""
 
 from __future__ import annotations
 
-import enum
 from dataclasses import dataclass
 from pathlib import Path
 
-from posefuse.core import InputError
-from posefuse.foundation.output_folder import check_replaceable
-
-from .scene import Scene
-from .scene_files import SCENE_FILE, scene_text
-
-COMMAND = "simulate"
-MARKER_TEXT = "This session is not finished. Simulate the same scene into this folder to continue.\n"
+from .scene_files import SCENE_FILE
 
 
 @dataclass(frozen=True)
@@ -53,11 +45,6 @@ class SessionPaths:
         return self.folder / "truth" / "props.npz"
 
     @property
-    def incomplete(self) -> Path:
-        """Marks a session that is not finished."""
-        return self.folder / "INCOMPLETE"
-
-    @property
     def parts(self) -> Path:
         """Finished runs of frames of an unfinished session."""
         return self.folder / "parts"
@@ -69,34 +56,3 @@ class SessionPaths:
     def video(self, camera: str) -> Path:
         """The H.264 video of a camera."""
         return self.videos / f"{camera}.mp4"
-
-
-class Earlier(enum.Enum):
-    """What becomes of what is in the folder of a session before it is rendered."""
-
-    RESUMED = "an unfinished session of this scene: it is finished"
-    KEPT_ASIDE = "an unfinished session of another scene: moved aside"
-    REPLACED = "nothing, or a session that posefuse finished: moved aside, and removed in the end"
-
-
-def earlier_session(paths: SessionPaths, scene: Scene, replace: bool) -> Earlier:
-    """Look at what is there; raises InputError unless it can be resumed or, with `replace`, moved aside."""
-    if not _is_unfinished(paths):
-        check_replaceable(paths.folder, command=COMMAND, replace=replace)
-        return Earlier.REPLACED
-    if not paths.scene.is_file() or paths.scene.read_text(encoding="utf-8") == scene_text(scene):
-        return Earlier.RESUMED
-    if not replace:
-        raise InputError(
-            f"{paths.folder}: holds an unfinished session of another scene; choose another folder, or move it aside "
-            "with `replace=True`"
-        )
-    return Earlier.KEPT_ASIDE
-
-
-def _is_unfinished(paths: SessionPaths) -> bool:
-    """Whether the marker is there, and is ours."""
-    try:
-        return paths.incomplete.read_text(encoding="utf-8") == MARKER_TEXT
-    except (OSError, ValueError):
-        return False
