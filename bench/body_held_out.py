@@ -59,7 +59,7 @@ def tracked(keep: Path, row: Row, seed: int, changes: dict[str, float]) -> Recor
     session, folder = keep / f"{seed}-{row.scene}", keep / f"{seed}-{row.scene}-tracked{row.network and '-' + row.network}"
     if (folder / "done").exists():
         return read_recording(folder)
-    if not (session / "truth" / "truth.npz").exists() or (session / "INCOMPLETE").exists():
+    if not (session / "truth" / "truth.npz").exists():
         simulate(replace(scene_of(row.scene, seed), **changes), session, processes=1)
     network = {"detector.options.landmarks": row.network} if row.network else {}
     config = replace(read_config(None, network), outputs={}, body="off")

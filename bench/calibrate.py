@@ -85,7 +85,7 @@ def errors(rig: Rig, found: Calibration, late: np.ndarray) -> dict[str, float]:
 def rendered(session: Path) -> dict[str, float]:
     """The same from videos of a simulated session, which is rendered first when it is not there or not finished."""
     paths = SessionPaths(session)
-    if not paths.rig.exists() or paths.incomplete.exists():
+    if not paths.rig.exists():
         simulate(read_scene(SCENE), session)
     scene, rig = read_scene(paths.scene), read_rig(paths.rig)
     cube_ = next(prop for prop in scene.props if isinstance(prop, ArucoCube))

@@ -50,7 +50,7 @@ def rendered_walk(seed: int, seconds: float, rate_hz: float = 30.0, cameras: int
     scene = replace(walking_scene(seed, seconds), rate_hz=rate_hz)
     scene = replace(scene, cameras=replace(scene.cameras, count=cameras))
     paths = SessionPaths(SESSIONS / scene_name(f"walking-{seed}", scene))
-    if not paths.rig.exists() or paths.incomplete.exists():
+    if not paths.rig.exists():
         simulate(scene, paths.folder)
     return paths.folder
 

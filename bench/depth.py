@@ -80,7 +80,7 @@ def scene(seed: int, frames: int, depth: dict[str, float], rate_hz: float = RATE
 def rendered(folder: Path, wanted: Scene) -> SessionPaths:
     """The session of a scene, drawn unless it is there."""
     paths = SessionPaths(folder)
-    if paths.incomplete.exists() or not paths.truth.exists():
+    if not paths.truth.exists():
         simulate(wanted, folder, processes=1)
     return paths
 

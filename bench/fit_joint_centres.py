@@ -2,11 +2,12 @@
 exactly.
 
     python bench/fit_joint_centres.py render OUT            draw people moving all their joints about (minutes; resumes)
+    python bench/fit_joint_centres.py render-varied OUT     draw walks and other motions; cameras, lenses, light, images vary
     python bench/fit_joint_centres.py fit OUT [MORE ...] [--card NAME] [--only ear,nose]
                                                             run the pipeline, fit, judge by bodies left out, write the card
 
 MORE are folders of other rendered scenes, e.g. those of `fit_blazepose_noise.py render`. Bodies and motions are drawn for these
-two fits alone (bodies of random seeds 7000 to 7207); none of them appears in a reported measurement.
+two fits alone (bodies of random seeds 7000 to 7429); none of them appears in a reported measurement.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -22,16 +24,78 @@ from posefuse.core.skeleton import pick_keypoints
 from posefuse.detection.models import read_any_card
 from posefuse.evaluation.fitting import fit_joint_centres, render_moving
 from posefuse.evaluation.fitting.joint_centres import ARM, MOST_M
-from posefuse.evaluation.fitting.scenes import MOVES, RATE_HZ, SCENES_EACH
+from posefuse.evaluation.fitting.scenes import FLOORS, MOVES, RATE_HZ, SCENES_EACH, is_rendered
 from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.formats.joint_centres import joint_centres_text, read_joint_centres
 from posefuse.formats.truth import read_truth
+from posefuse.foundation.settings import settings_from_mapping
+from posefuse.simulation.scene import Scene
+from posefuse.simulation.session import simulate
 from posefuse.tracking import to_joint_centres
 from posefuse.tracking.body_directions import HEAD, keypoint_of
 from posefuse.tracking.joint_centres import JOINTS, SIDES, joint_directions
 
 Run = tuple[PoseSequence, Truth]
 PARTS = 4
+VARIED = 30
+
+
+def varied_scene(i: int) -> dict[str, Any]:
+    """A walk (two of three scenes) or another motion, before cameras, in light and in images of its own."""
+    rng = np.random.default_rng(94_000 + i)
+    turn = rng.uniform(0, 360)
+    cameras = []
+    for c in range(4):
+        angle, radius_m = np.radians(turn + 90 * c + rng.uniform(-25, 25)), rng.uniform(3.2, 5.8)
+        cameras.append(
+            {
+                "name": f"cam{c:02d}",
+                "position_m": [radius_m * np.cos(angle), radius_m * np.sin(angle), rng.uniform(0.9, 2.9)],
+                "look_at_m": [*rng.uniform(-0.2, 0.2, 2), rng.uniform(0.8, 1.1)],
+                "roll_deg": rng.uniform(-7, 7),
+                "image": {
+                    "size_px": [640, 480],
+                    "horizontal_fov_deg": rng.uniform(58, 85),
+                    "distortion": [rng.uniform(-0.2, 0.05), 0, 0, 0],
+                },
+                "sensor": {"noise_dn": rng.uniform(0, 5)},
+            }
+        )
+    paths = (
+        {"shape": "random", "low_m": [-1.6, -1.6], "high_m": [1.6, 1.6]},
+        {"shape": "circle", "radius_m": rng.uniform(1.15, 1.5), "clockwise": bool(i % 2)},
+        {"shape": "back_forth", "start_m": [-1.4, -0.8], "end_m": [1.3, 0.9]},
+    )
+    walk = {"kind": "walk", "speed_mps": rng.uniform(0.7, 1.6), "path": paths[i % 3]}
+    others = (
+        {"kind": "turn", "period_s": 4.6},
+        {"kind": "sit", "period_s": 3.6},
+        {"kind": "overhead", "period_s": 2.2},
+        {"kind": "reach", "side": SIDES[i % 2], "period_s": 1.7},
+    )
+    return {
+        "duration_s": 8.0,
+        "rate_hz": RATE_HZ,
+        "seed": 800 + i,
+        "cameras": {"kind": "list", "cameras": cameras},
+        "people": [{"body": {"random_seed": 7400 + i}, "motion": others[i // 3 % 4] if i % 3 == 2 else walk}],
+        "room": {
+            "floor": FLOORS[int(rng.integers(4))],
+            "walls": ("office", "plain", "none")[int(rng.integers(3))],
+            "brightness": rng.uniform(0.45, 1.5),
+            "shadows": bool(rng.integers(2)),
+        },
+        "record": {"kind": "jpeg", "quality": int(rng.integers(55, 96))},
+    }
+
+
+def render_varied(out: Path) -> None:
+    """Minutes; resumes."""
+    for i in range(VARIED):
+        folder = out / f"scene{i:02d}"
+        if not is_rendered(folder):
+            simulate(settings_from_mapping(varied_scene(i), Scene, where=folder.name), folder, processes=1)
+            print(f"{folder.name}: rendered", flush=True)
 
 
 def tracked(folder: Path, card_name: str) -> tuple[PoseSequence, Truth]:
@@ -119,7 +183,7 @@ def write_card(card_name: str, table: JointCentres, only: tuple[str, ...], bodie
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("step", choices=("render", "fit"))
+    parser.add_argument("step", choices=("render", "render-varied", "fit"))
     parser.add_argument("out", type=Path)
     parser.add_argument("more", type=Path, nargs="*")
     parser.add_argument("--card", default="blazepose_full", help="landmark network or ensemble to fit")
@@ -127,6 +191,8 @@ def main() -> None:
     arguments = parser.parse_args()
     if arguments.step == "render":
         render_moving(arguments.out, SCENES_EACH * len(MOVES), print)
+    elif arguments.step == "render-varied":
+        render_varied(arguments.out)
     else:
         fit([arguments.out, *arguments.more], arguments.card, tuple(filter(None, arguments.only.split(","))))
 

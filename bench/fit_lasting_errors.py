@@ -36,7 +36,7 @@ def render(out: Path, scenes: int) -> None:
 
     for i in range(scenes):
         folder = out / f"scene{i:02d}"
-        if (folder / "truth" / "truth.npz").exists() and not (folder / "INCOMPLETE").exists():
+        if (folder / "truth" / "truth.npz").exists():
             continue
         content = scene_settings(2 * i) | {"duration_s": DURATION_S, "rate_hz": RATE_HZ}
         simulate(settings_from_mapping(content, Scene, where=f"scene {i}"), folder, processes=1)

@@ -42,7 +42,7 @@ def session(out: Path, seed: int) -> SessionPaths:
 def render(out: Path) -> None:
     for seed in (*FITTED, *LEFT_OUT):
         paths = session(out, seed)
-        if not paths.rig.exists() or paths.incomplete.exists():
+        if not paths.rig.exists():
             simulate(replace(walking_scene(seed, SECONDS), rate_hz=RATE_HZ), paths.folder)
 
 

@@ -22,9 +22,9 @@ from posefuse.messages.messages import ns_from_time
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.simulation.session import SessionPaths
-from posefuse.teleoperation.deadman import Pressed
-from posefuse.teleoperation.heartbeats import Beat
+from posefuse.teleoperation.gate import Beat
 from posefuse.teleoperation.settings import MappingSettings, RobotSettings, TeleoperationSettings
+from posefuse.teleoperation.switches import Pressed
 
 # of each: the words of the session's news that name the process, and the signal
 FAULTS = {

@@ -14,11 +14,10 @@ import time
 from pathlib import Path
 
 import numpy as np
+from angle_errors import AngleError, angle_errors, joints_from_lab, poses_from_lab
 
 from posefuse.core import JointAngles, PoseSequence, Truth
-from posefuse.evaluation.angles import AngleError, angle_errors
 from posefuse.evaluation.biomechanics import rays_at_joint_centres
-from posefuse.evaluation.lab import joints_from_lab, poses_from_lab
 from posefuse.evaluation.metrics import joint_errors
 from posefuse.formats.recording import read_recording
 from posefuse.formats.truth import read_truth

@@ -26,14 +26,11 @@ from mutants import REPOSITORY, Copy, Mutant, draw
 # what decides whether and how fast a robot moves
 _GUARDS = (
     "gate",
-    "checks",
-    "identity",
     "limits",
     "follower",
     "separation",
     "mapping",
-    "robots/chain",
-    "robots/ik",
+    "robots/kinematics",
     "robots/joints",
 )
 _RECORDED = ("following", "images", "run", "second_pass", "solve", "store", "time_steps")

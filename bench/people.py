@@ -23,13 +23,13 @@ from pathlib import Path
 
 import numpy as np
 from crowd_scenes import CASES, DEVELOPMENT_SEED, RATE_HZ, REPORTED_SEEDS, Crowd, Network, crowd
+from crowds import crowd_figures, frame_matches, person_distances, returned_right
 from rich.console import Console
 from rich.table import Table
 
 from posefuse.association import AssociateSettings
 from posefuse.core import Pose3D
 from posefuse.core.skeleton import PAPER14, pick_keypoints
-from posefuse.evaluation.crowds import crowd_figures, frame_matches, person_distances, returned_right
 from posefuse.fusion import FuseSettings
 from posefuse.pipeline.following import PeopleFollower
 from posefuse.realtime.config import LiveConfig

@@ -21,10 +21,10 @@ from pathlib import Path
 
 import numpy as np
 from crowd_scenes import RATE_HZ, REPORTED_SEEDS, crowd
+from crowds import crowd_figures, frame_matches, person_distances, returned_right
 
 from posefuse.core import Truth
 from posefuse.core.skeleton import PAPER14, pick_keypoints
-from posefuse.evaluation.crowds import crowd_figures, frame_matches, person_distances, returned_right
 from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.formats.rig import write_rig
 from posefuse.formats.truth import read_truth, write_truth

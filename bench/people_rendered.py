@@ -15,10 +15,10 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+from crowds import crowd_figures, person_distances
 
 from posefuse.core import Kind, Truth
 from posefuse.core.skeleton import PAPER14, pick_keypoints
-from posefuse.evaluation.crowds import crowd_figures, person_distances
 from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.formats.truth import read_truth
 from posefuse.foundation.settings import settings_from_mapping
@@ -53,7 +53,7 @@ def scene(people: tuple[int, ...], seconds: float) -> Scene:
 
 def measured(people: tuple[int, ...], seconds: float, folder: Path) -> dict[str, float]:
     session = folder / f"{'_'.join(str(n) for n in people)}-{seconds:g}s"
-    if not (session / "truth" / "truth.npz").exists() or (session / "INCOMPLETE").exists():
+    if not (session / "truth" / "truth.npz").exists():
         simulate(scene(people, seconds), session)
     config = settings_from_mapping({"associate": {"max_people": len(people)}}, TrackConfig, "bench")
 

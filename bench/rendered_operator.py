@@ -57,7 +57,7 @@ def rendered(folder: Path, boxes: int, rate_hz: float, seed: int, progress=None)
         InputError: the folder holds anything else, or the session of another task.
     """
     scene, paths = scene_of_task(boxes, rate_hz, seed), SessionPaths(folder)
-    if not paths.truth.exists() or (folder / "INCOMPLETE").exists():
+    if not paths.truth.exists():
         return simulate(scene, folder, progress or (lambda done, total: None), None)
     if read_scene(paths.scene) != scene:
         raise InputError(f"{folder}: holds the session of another task; choose another folder")

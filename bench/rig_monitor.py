@@ -159,7 +159,7 @@ def clip_of_scene(name: str, scene: Scene, cache: Path) -> Clip:
     kept = [SESSIONS / scene_name(kind, scene) for kind in kinds]
     session = next((path for path in kept if path.is_dir()), cache / "sessions" / folder)
     paths = SessionPaths(session)
-    if not paths.rig.exists() or paths.incomplete.exists():
+    if not paths.rig.exists():
         simulate(scene, session, processes=1)
     return clip_of_session(name, session, cache / folder)
 

@@ -64,7 +64,7 @@ def _followed(path, noise_m: float, seconds: float = 16.0):
     """True hand, hand as measured, robot; the robot while the hand rests; steps at engaging; IK times."""
     from rehearsal.person import person_view
 
-    from posefuse.teleoperation.heartbeats import Beat
+    from posefuse.teleoperation.gate import Beat
     from posefuse.teleoperation.operator import Operator, OperatorNews, step_operator
     from posefuse.teleoperation.robots.driver import Driver
     from posefuse.teleoperation.robots.mujoco_robot import MujocoRobot, mujoco_model, placed
@@ -120,9 +120,9 @@ def live(session_folder, networks: str | None) -> None:
     from posefuse.core.skeleton import pick_keypoints
     from posefuse.formats.truth import read_truth
     from posefuse.simulation import SessionPaths
-    from posefuse.teleoperation.deadman import Pressed
-    from posefuse.teleoperation.heartbeats import Beat
+    from posefuse.teleoperation.gate import Beat
     from posefuse.teleoperation.settings import RobotSettings, TeleoperationSettings
+    from posefuse.teleoperation.switches import Pressed
 
     class Held:
         """A switch that is held from a while after the first pose."""
@@ -340,7 +340,7 @@ def _wait_gone(pid: int) -> None:
 
 def _boss(record, sending, silent: bool) -> None:
     """An operator's side that drives the robot forward at full speed until something happens to it."""
-    from posefuse.teleoperation.robots.process import RobotPlan
+    from posefuse.teleoperation.robots.plan import RobotPlan
     from posefuse.teleoperation.session import RobotLink
     from posefuse.teleoperation.settings import TeleoperationSettings
     from posefuse.teleoperation.values import Order, Phase

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from posefuse.core.arrays import Array
-from posefuse.teleoperation.heartbeats import Beat
+from posefuse.teleoperation.gate import Beat
 from posefuse.teleoperation.operator import Operator, OperatorNews, step_operator
 from posefuse.teleoperation.robots.driver import Driver
 from posefuse.teleoperation.robots.mobile_manipulator import Thing, mobile_manipulator

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from posefuse.teleoperation.gate import Beat
 from posefuse.teleoperation.hands import BODY
-from posefuse.teleoperation.heartbeats import Beat
 from posefuse.teleoperation.operator import OperatorNews, step_operator
 from posefuse.teleoperation.settings import TeleoperationSettings
 from posefuse.teleoperation.values import CameraReport, RobotState

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from posefuse.core.arrays import Array
-from posefuse.teleoperation.robots.protocol import Goal, Posture, Robot
+from posefuse.teleoperation.robots.driver import Goal, Posture, Robot
 from posefuse.teleoperation.settings import TeleoperationSettings
 
 # spheres of the point robot's body, counted from its end effector
@@ -17,7 +17,7 @@ _SPHERES = np.array([[0.0, 0.0, 0.0, 0.1], [0.25, 0.0, 0.1, 0.12], [0.5, 0.0, -0
 
 
 class ExactRobot:
-    """End effectors always exactly at their commanded positions (`protocol.Robot`): limits and gate without joints.
+    """End effectors always exactly at their commanded positions (`driver.Robot`): limits and gate without joints.
 
     Attributes:
         fault: what it reports about itself.

@@ -18,7 +18,6 @@ from posefuse.formats import read_truth
 from posefuse.formats.page import Page
 from posefuse.foundation import usable_cores
 from posefuse.pipeline import (
-    UNFINISHED_FILE,
     StageClock,
     TrackConfig,
     changes_of,
@@ -123,7 +122,7 @@ def best_errors(name: str, scene: Scene, context: Context) -> dict[str, JointErr
 def rendered(name: str, scene: Scene, context: Context) -> Path:
     """The session of a scene; rendered where it is not there yet, finished where an earlier run broke off."""
     folder = context.sessions / scene_name(name, scene)
-    if not (folder / "truth" / "truth.npz").is_file() or (folder / UNFINISHED_FILE).exists():
+    if not (folder / "truth" / "truth.npz").is_file():
         with context.console.progress(f"rendering {name}") as advance:
             simulate(scene, folder, advance, context.workers)
     return folder

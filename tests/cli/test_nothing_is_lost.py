@@ -19,7 +19,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from posefuse.cli.main import main
-from posefuse.foundation.folder_mark import MARK_FILE, FolderMark, write_mark
+from posefuse.foundation.folder_mark import MARK_FILE
 from posefuse.foundation.output_file import earlier_kept
 from posefuse.foundation.output_folder import OutputFolder, check_replaceable, growing_folder, output_folder
 
@@ -284,16 +284,12 @@ def simulated(results: Path, out: Path, force: bool) -> int:
     from posefuse.core import InputError
     from posefuse.simulation import read_scene
     from posefuse.simulation import session as sessions
-    from posefuse.simulation.session_files import remove_parts
 
     scene = results / "scene.yaml"
     scene.write_text("duration_s: 0.1\ncameras: {kind: ring, count: 1}\n")
 
     def finish(live: object, paths: sessions.SessionPaths) -> None:
-        remove_parts([], paths)
         paths.rig.write_text("a rig")
-        write_mark(paths.folder, FolderMark(command="simulate"))
-        paths.incomplete.unlink()
 
     with pytest.MonkeyPatch.context() as patched:
         for name in ("working_backend", "check_framebuffer", "_job", "_render"):

@@ -5,9 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from bench.angle_errors import angle_errors, joints_from_lab, poses_from_lab
 from posefuse.core import SE3, InputError, JointAngles
-from posefuse.evaluation.angles import angle_errors
-from posefuse.evaluation.lab import joints_from_lab, poses_from_lab
 from posefuse.kinematics import joints_from_poses
 
 

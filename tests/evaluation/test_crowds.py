@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from bench.crowds import crowd_figures, frame_matches, person_distances, returned_right
 from posefuse.core import ShapeError
-from posefuse.evaluation.crowds import crowd_figures, frame_matches, person_distances, returned_right
 
 RATE_HZ = 30.0
 FRAMES = 60

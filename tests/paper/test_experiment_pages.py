@@ -152,13 +152,12 @@ def test_a_scene_is_rendered_once_and_finished_where_it_broke_off(tmp_path: Path
         made.append(folder)
         (folder / "truth").mkdir(parents=True, exist_ok=True)
         (folder / "truth" / "truth.npz").touch()
-        (folder / "INCOMPLETE").unlink(missing_ok=True)
 
     monkeypatch.setattr(runs, "simulate", simulated)
     context = Context(tmp_path, True, 1, "a test", Console(True))
     folder = runs.rendered("x", walking_scene(), context)
     assert runs.rendered("x", walking_scene(), context) == folder and len(made) == 1
-    (folder / "INCOMPLETE").touch()
+    (folder / "truth" / "truth.npz").unlink()
     runs.rendered("x", walking_scene(), context)
     assert made == [folder, folder]
     assert runs.rendered("x", walking_scene(2), context) != folder

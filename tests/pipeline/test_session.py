@@ -101,9 +101,6 @@ def test_what_is_wrong_is_named(session: Path, tmp_path: Path) -> None:
     assert "one of video, images, pose2d, got 2" in refused(session, both)
     assert "no such calibration file" in refused(session, TrackConfig(rig="none.toml"))
     assert "no such session folder" in refused(tmp_path / "nowhere")
-    (session / "INCOMPLETE").touch()
-    assert "unfinished" in refused(session)
-    (session / "INCOMPLETE").unlink()
     (session / "rig.toml").unlink()
     assert "no calibration file" in refused(session)
 

@@ -13,7 +13,7 @@ from posefuse.simulation.body import BodyShapeSettings
 from posefuse.simulation.build import live_scene
 from posefuse.simulation.cameras import ImageSettings, RingCameras
 from posefuse.simulation.exact import seen_points
-from posefuse.simulation.motion.settings import WaveSettings
+from posefuse.simulation.motion.settings import StandSettings
 from posefuse.simulation.render.shot import CameraShooter
 from posefuse.simulation.render.stage import RenderStage
 from posefuse.simulation.scene import PersonSettings
@@ -37,7 +37,7 @@ def network():
 @pytest.mark.gl
 @pytest.mark.parametrize("sex", ["female", "male"])
 def test_the_network_finds_the_person_from_every_side(sex, network, backend):
-    person = PersonSettings(body=BodyShapeSettings(sex=sex), motion=WaveSettings(kind="wave", heading_deg=15))
+    person = PersonSettings(body=BodyShapeSettings(sex=sex), motion=StandSettings(kind="wave", heading_deg=15))
     ring = RingCameras(kind="ring", count=8, radius_m=4.0, image=ImageSettings(size_px=(640, 480)))
     live = live_scene(Scene(duration_s=0.1, cameras=ring, people=(person,)))
     stage = RenderStage(scene_render_model(live, (640, 480)), backend)

@@ -12,7 +12,7 @@ from posefuse.formats.truth import read_truth
 from posefuse.simulation import Scene, read_scene
 from posefuse.simulation.build import live_scene
 from posefuse.simulation.cameras import ListedCameras, PlacedCamera, RingCameras
-from posefuse.simulation.motion.settings import CirclePath, TPoseSettings, WalkSettings
+from posefuse.simulation.motion.settings import CirclePath, StandSettings, WalkSettings
 from posefuse.simulation.scene import PersonSettings
 from posefuse.simulation.scene_files import plain_settings
 from posefuse.simulation.surroundings import BoxOccluder, RoomSettings
@@ -79,7 +79,7 @@ def _eye(position_m: tuple[float, float, float]) -> ListedCameras:
 
 
 _RING = Scene(duration_s=1.0, cameras=RingCameras(kind="ring"))
-_MAN = PersonSettings(motion=TPoseSettings(kind="tpose"))
+_MAN = PersonSettings(motion=StandSettings(kind="tpose"))
 _FAR = PersonSettings(motion=WalkSettings(kind="walk", path=CirclePath(shape="circle", radius_m=6.0)))
 
 
@@ -107,6 +107,22 @@ def test_cameras_are_kept_out_of_boxes_and_walls():
     with pytest.raises(ConfigError, match=r"camera cam00: stands at .* outside the room of \(3.00, 8.00\) m"):
         live_scene(dataclasses.replace(_RING, room=small))
     live_scene(dataclasses.replace(_RING, room=dataclasses.replace(small, walls="none")))
+
+
+@pytest.mark.parametrize(
+    ("motion", "message"),
+    [
+        ("kind: tpose, period_s: 2", r"people\.0\.motion\.period_s: tpose has none; there are: heading_deg, kind, position_m$"),
+        ("kind: squat, sway: 0", r"people\.0\.motion\.sway: squat has none"),
+        ("kind: idle, path: [[0, 0.3, 0, 1]]", r"people\.0\.motion\.path: idle has none"),
+        ("kind: hand_path", r"people\.0\.motion\.path: missing"),
+        ("kind: trc, file: a.trc, heading_deg: 3", r"people\.0\.motion\.heading_deg: trc has none; there are: file, kind, loop"),
+        ("kind: bvh, file: a.bvh, up: z", r"people\.0\.motion\.up: bvh has none"),
+    ],
+)
+def test_settings_of_another_kind_of_motion_are_refused(tmp_path, motion, message):
+    with pytest.raises(ConfigError, match=message):
+        _read(tmp_path, f"duration_s: 1\ncameras: {{kind: ring}}\npeople: [{{motion: {{{motion}}}}}]")
 
 
 def test_marker_settings_that_cannot_be_are_refused(tmp_path):

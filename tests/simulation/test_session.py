@@ -16,19 +16,18 @@ from posefuse.formats.npz import read_arrays
 from posefuse.formats.rig import read_rig
 from posefuse.formats.truth import read_truth
 from posefuse.foundation.folder_mark import MARK_FILE
+from posefuse.foundation.output_folder import find_unfinished
 from posefuse.simulation import Scene, read_scene, simulate, truth_of
 from posefuse.simulation import session as sessions
 from posefuse.simulation.build import live_scene
 from posefuse.simulation.cameras import CameraOverride, ImageSettings, RingCameras, SensorSettings
-from posefuse.simulation.motion.settings import IdleSettings, TPoseSettings
+from posefuse.simulation.motion.settings import StandSettings
 from posefuse.simulation.paths import CarriedPath
 from posefuse.simulation.props import ArucoCube
 from posefuse.simulation.render.stage import RenderStage
 from posefuse.simulation.scene import JpegSettings, PersonSettings
 from posefuse.simulation.scene_files import plain_settings
 from posefuse.simulation.session import body_poses, scene_render_model
-from posefuse.simulation.session_files import FrameRun, remove_parts
-from posefuse.simulation.session_folder import MARKER_TEXT
 from posefuse.simulation.source import SimulatedConfig
 from posefuse.simulation.surroundings import BoxOccluder
 from posefuse.sources.images import ImagesConfig
@@ -57,8 +56,8 @@ _SCENE = Scene(
     seed=5,
     cameras=_CAMERAS,
     people=(
-        PersonSettings(motion=IdleSettings(kind="idle", position_m=(0.3, 0.2), heading_deg=40)),
-        PersonSettings(motion=TPoseSettings(kind="tpose", position_m=(-0.7, -0.3))),
+        PersonSettings(motion=StandSettings(kind="idle", position_m=(0.3, 0.2), heading_deg=40)),
+        PersonSettings(motion=StandSettings(kind="tpose", position_m=(-0.7, -0.3))),
     ),
     occluders=(BoxOccluder(kind="box", position_m=(1.2, 0.6, 0.5), size_m=(0.3, 0.5, 1.0)),),
     props=(ArucoCube(kind="aruco_cube", path=CarriedPath(kind="carried", person=1, side="left")),),
@@ -166,7 +165,7 @@ def test_the_same_seed_gives_the_same_bytes_with_any_number_of_processes_and_aft
     folder = tmp_path / "again"
     with pytest.raises(Interruption):
         simulate(_SCENE, folder, interrupt, processes=2)
-    assert (folder / "INCOMPLETE").is_file() and not (folder / "rig.toml").exists()
+    assert not folder.exists() and len(find_unfinished(folder)) == 1
     simulate(_SCENE, folder, lambda done, total: calls.append((done, total)), processes=2)
     first, total = calls[0]
     assert 0 < first < total and calls[-1] == (total, total)
@@ -183,45 +182,39 @@ def test_a_folder_with_something_else_is_left_alone(session, tmp_path):
     assert (tmp_path / "mine.txt").read_text() == "precious"
 
 
-def test_an_unfinished_session_of_another_scene_is_not_mixed_with_this_one(tmp_path):
-    (tmp_path / "INCOMPLETE").write_text(MARKER_TEXT)
-    (tmp_path / "scene.yaml").write_text("duration_s: 3\ncameras: {kind: ring}\n")
-    with pytest.raises(InputError, match="unfinished session of another scene"):
-        simulate(_SCENE, tmp_path)
-
-
 def test_a_session_of_its_own_is_replaced_and_what_is_the_users_stays(tmp_path, backend):
     camera = RingCameras(kind="ring", count=1, radius_m=3.0, image=ImageSettings(size_px=(80, 60)))
     jpeg = JpegSettings(kind="jpeg")
     scene = dataclasses.replace(_SCENE, record=jpeg, duration_s=0.1, people=(), props=(), occluders=(), cameras=camera)
-    folder = tmp_path / "session"
-    # of another scene, unfinished: moved aside and kept
-    sessions._begin(sessions.SessionPaths(folder), dataclasses.replace(scene, duration_s=0.2))
-    (folder / "parts" / "notes.txt").write_text("the user's")
-    said = []
-    simulate(scene, folder, processes=1, replace=True, warn=said.append)
-    [aside] = tmp_path.glob("session.replaced-*")
-    assert len(said) == 1 and said[0].endswith(f"is kept in {aside}")
-    assert (aside / "parts" / "notes.txt").read_text() == "the user's"
-    # finished: moved aside and kept
-    before = _contents(folder)
-    simulate(scene, folder, processes=1, replace=True, warn=said.append)
-    assert _contents(folder) == before
-    [first] = set(tmp_path.iterdir()) - {folder, aside}
-    assert _contents(first) == before
-    # interrupted: the finished one is aside, and the error names where
+    folder, said = tmp_path / "session", []
 
     def interrupt(done: int, total: int) -> None:
         raise KeyboardInterrupt
 
+    # of another scene, unfinished: not mixed with this one, named and kept
     with pytest.raises(KeyboardInterrupt):
-        simulate(scene, folder, interrupt, processes=1, replace=True, warn=said.append)
-    [kept] = set(tmp_path.iterdir()) - {folder, aside, first}
-    assert _contents(kept) == before
-    assert said[1:] == [f"the earlier session is kept in {one}" for one in (first, kept)]
+        simulate(dataclasses.replace(scene, duration_s=0.2), folder, interrupt, processes=1)
+    [other] = find_unfinished(folder)
+    kept = _contents(other)
+    simulate(scene, folder, processes=1, warn=said.append)
+    assert len(said) == 1 and said[0].startswith(f"{other}: is an unfinished session of another scene")
+    # finished: moved aside, with what the user put there, and kept
+    before = _contents(folder)
+    (folder / "notes.txt").write_text("the user's")
+    simulate(scene, folder, processes=1, replace=True, warn=said.append)
+    assert _contents(folder) == before
+    [aside] = tmp_path.glob("session.replaced-*")
+    assert said[-1].endswith(f"the earlier results are kept in {aside}")
+    assert (aside / "notes.txt").read_text() == "the user's" and set(_contents(aside)) == {*before, "notes.txt"}
+    # interrupted: the finished one stays in its place until the new one is whole
+    with pytest.raises(KeyboardInterrupt):
+        simulate(scene, folder, interrupt, processes=1, replace=True)
+    assert _contents(folder) == before and len(find_unfinished(folder)) == 2
+    simulate(scene, folder, processes=1, replace=True)
+    assert find_unfinished(folder) == [other] and _contents(other) == kept
 
 
-def test_a_disk_that_is_too_small_is_reported_before_anything_is_rendered(tmp_path, monkeypatch):
+def test_a_disk_that_is_too_small_is_reported_before_anything_is_rendered(tmp_path, monkeypatch, backend):
     monkeypatch.setattr("shutil.disk_usage", lambda path: SimpleNamespace(free=1000))
     with pytest.raises(InputError, match="MB will be written"):
         simulate(_SCENE, tmp_path / "deep" / "session")
@@ -234,26 +227,17 @@ def test_the_estimate_of_the_size_is_near_what_is_written(demo_session):
     assert 0.7 < sessions.estimated_session_bytes(live) / (2 * video_bytes) < 1.5
 
 
-def test_a_file_of_the_user_among_the_parts_stays(tmp_path):
-    paths = sessions.SessionPaths(tmp_path)
-    paths.parts.mkdir()
-    run = FrameRun(0, slice(0, 1), paths.parts / "cam00-00000.mp4", paths.parts / "cam00-00000.npz")
-    for path in (run.video, run.done, paths.parts / "notes.txt"):
-        path.touch()
-    remove_parts([run], paths)
-    assert [path.name for path in paths.parts.iterdir()] == ["notes.txt"]
-
-
 def test_a_session_holds_the_motion_it_was_made_from(tmp_path):
     """Relative files count from the scene file, and the session can be moved."""
-    from posefuse.simulation.motion.settings import BvhSettings
+    from posefuse.simulation.motion.settings import RecordedSettings
 
     (tmp_path / "walk.bvh").write_text("HIERARCHY")
-    person = PersonSettings(motion=BvhSettings(kind="bvh", file="walk.bvh"))
+    person = PersonSettings(motion=RecordedSettings(kind="bvh", file="walk.bvh"))
     text = plain_settings(dataclasses.replace(_SCENE, people=(person, person), props=()))
     (tmp_path / "scene.yaml").write_text(yaml.safe_dump(text))
     scene = read_scene(tmp_path / "scene.yaml")
     assert scene.people[0].motion.file == str(tmp_path / "walk.bvh")
+    (tmp_path / "session").mkdir()
     sessions._begin(sessions.SessionPaths(tmp_path / "session"), scene)
     (tmp_path / "session").rename(tmp_path / "moved")
     (tmp_path / "walk.bvh").unlink()

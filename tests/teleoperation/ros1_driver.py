@@ -15,8 +15,8 @@ sys.path.append(sys.argv[1])
 import numpy as np
 
 from posefuse.core import PosefuseError
-from posefuse.teleoperation.robots.protocol import Goal
-from posefuse.teleoperation.robots.reports import RosPlan
+from posefuse.teleoperation.robots.driver import Goal
+from posefuse.teleoperation.robots.plan import RosPlan
 from posefuse.teleoperation.robots.ros_robot import open_ros_robot
 from posefuse.teleoperation.settings import RobotSettings, TeleoperationSettings
 

@@ -12,11 +12,7 @@ import pytest
 
 from bench.rehearsal.person import person_view
 from posefuse.core import ConfigError, SourceError
-from posefuse.teleoperation.deadman import open_deadman
-from posefuse.teleoperation.deadman.gesture import GestureSwitch
-from posefuse.teleoperation.deadman.joystick import JoystickSwitch
-from posefuse.teleoperation.deadman.key import KeySwitch
-from posefuse.teleoperation.deadman.web import WebSwitch
+from posefuse.teleoperation.switches import GestureSwitch, JoystickSwitch, KeySwitch, WebSwitch, open_deadman
 
 NOW_NS = 10**12
 

@@ -8,8 +8,8 @@ import pytest
 
 from bench.rehearsal.person import person_view
 from bench.rehearsal.robots import ExactRobot
+from posefuse.teleoperation.gate import Beat
 from posefuse.teleoperation.hands import BODY
-from posefuse.teleoperation.heartbeats import Beat
 from posefuse.teleoperation.operator import Operator, OperatorNews, step_operator
 from posefuse.teleoperation.robots.driver import Driver
 from posefuse.teleoperation.settings import TeleoperationSettings

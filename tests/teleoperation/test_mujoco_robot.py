@@ -7,10 +7,9 @@ pytest.importorskip("mujoco")
 pytest.importorskip("daqp")
 
 from posefuse.core import ConfigError
-from posefuse.teleoperation.robots.driver import Driver
+from posefuse.teleoperation.robots.driver import Driver, Goal
 from posefuse.teleoperation.robots.mobile_manipulator import mobile_manipulator
 from posefuse.teleoperation.robots.mujoco_robot import MujocoRobot, mujoco_model, placed
-from posefuse.teleoperation.robots.protocol import Goal
 from posefuse.teleoperation.settings import LimitSettings, TeleoperationSettings
 from posefuse.teleoperation.values import Order, Phase
 

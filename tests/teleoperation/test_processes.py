@@ -12,7 +12,7 @@ pytest.importorskip("mujoco")
 pytest.importorskip("daqp")
 
 from posefuse.core import ConfigError, SourceError
-from posefuse.teleoperation.robots.process import RobotPlan
+from posefuse.teleoperation.robots.plan import RobotPlan
 from posefuse.teleoperation.session import RobotLink
 from posefuse.teleoperation.settings import TeleoperationSettings
 from posefuse.teleoperation.values import Order, Phase

@@ -18,9 +18,10 @@ from posefuse.messages.intake import decode
 from posefuse.messages.messages import header
 from posefuse.messages.topics import TF, Topic
 from posefuse.messages.types import message
+from posefuse.teleoperation.robots.driver import Goal
 from posefuse.teleoperation.robots.mobile_manipulator import ARM_HOME_RAD, mobile_manipulator
-from posefuse.teleoperation.robots.protocol import Goal
-from posefuse.teleoperation.robots.reports import OutletReporter, RosPlan
+from posefuse.teleoperation.robots.plan import RosPlan
+from posefuse.teleoperation.robots.reports import OutletReporter
 from posefuse.teleoperation.robots.ros_robot import open_ros_robot
 from posefuse.teleoperation.settings import RobotSettings, TeleoperationSettings
 

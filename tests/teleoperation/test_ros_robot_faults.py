@@ -20,9 +20,9 @@ from posefuse.messages.messages import header
 from posefuse.messages.topics import TF, TF_STATIC
 from posefuse.messages.types import message
 from posefuse.teleoperation.robots import process, ros_robot
+from posefuse.teleoperation.robots.driver import Goal
 from posefuse.teleoperation.robots.mobile_manipulator import ARM_HOME_RAD
-from posefuse.teleoperation.robots.protocol import Goal
-from posefuse.teleoperation.robots.reports import RosPlan
+from posefuse.teleoperation.robots.plan import RosPlan
 from posefuse.teleoperation.robots.ros_robot import RosCartesian, RosJoints
 from posefuse.teleoperation.settings import LimitSettings, TeleoperationSettings
 
@@ -229,7 +229,7 @@ def jointed(clock):
     """A mobile manipulator whose arm is driven in its joints."""
     pytest.importorskip("mujoco")
     pytest.importorskip("daqp")
-    from posefuse.teleoperation.robots.chain import Chain
+    from posefuse.teleoperation.robots.kinematics import Chain
     from posefuse.teleoperation.robots.mujoco_robot import mujoco_model
 
     node = Node()

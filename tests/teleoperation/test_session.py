@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from posefuse.teleoperation.deadman import Pressed
 from posefuse.teleoperation.session import run_control_loop
 from posefuse.teleoperation.settings import TeleoperationSettings
+from posefuse.teleoperation.switches import Pressed
 from posefuse.teleoperation.values import RobotState
 
 MS = 1_000_000

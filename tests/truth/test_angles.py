@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench.angle_errors import AngleError, angle_errors
 from posefuse.cli.main import main
 from posefuse.core import PoseSequence, Truth
-from posefuse.evaluation.angles import AngleError, angle_errors
 from posefuse.evaluation.biomechanics import rays_at_joint_centres
 from posefuse.formats.recording import read_recording
 from posefuse.formats.truth import read_truth

@@ -13,11 +13,11 @@ from .live import LiveSession
 from .progress import shown
 
 if TYPE_CHECKING:
-    from posefuse.teleoperation.deadman import DeadMan
     from posefuse.teleoperation.operator import Operator
-    from posefuse.teleoperation.robots.reports import RosPlan
+    from posefuse.teleoperation.robots.plan import RosPlan
     from posefuse.teleoperation.session import Summary
     from posefuse.teleoperation.settings import TeleoperationSettings
+    from posefuse.teleoperation.switches import DeadMan
     from posefuse.teleoperation.values import CameraReport, Order
 
 
@@ -92,7 +92,7 @@ def teleoperate(
         >>> pf.teleoperate(session, deadman="web", robot="sim").engagements  # doctest: +SKIP
     """
     from posefuse.foundation.output_file import check_output_file
-    from posefuse.teleoperation.robots.process import RobotPlan
+    from posefuse.teleoperation.robots.plan import RobotPlan
     from posefuse.teleoperation.session import RobotLink, run_control_loop
     from posefuse.teleoperation.settings import TeleoperationSettings
 
@@ -145,7 +145,7 @@ def _each(watches: Sequence[Callable[[Operator, Order | None], None]]) -> Callab
 
 
 def _opened(deadman: str | DeadMan, gesture_allowed: bool, ros: RosPlan | None) -> DeadMan:
-    from posefuse.teleoperation.deadman import open_deadman
+    from posefuse.teleoperation.switches import open_deadman
 
     if not isinstance(deadman, str):
         return deadman

@@ -11,6 +11,7 @@ import numpy as np
 
 from posefuse.api.plan import plan
 from posefuse.formats.truth import read_truth
+from posefuse.foundation.output_folder import find_unfinished
 from posefuse.foundation.places import check_outside_inputs
 from posefuse.simulation.gazebo import GazeboSettings, export_world
 from posefuse.simulation.scene import motion_files, read_scene
@@ -28,8 +29,8 @@ def simulate_session(scene_file: Path, out: Path, force: bool, workers: int | No
         with terminal.progress("rendering") as advance:
             paths = simulate(scene, out, advance, workers, replace=force, warn=terminal.warn)
     except KeyboardInterrupt:
-        if out.is_dir():
-            terminal.warn(f"{out} is unfinished; the same command continues where it stopped")
+        if find_unfinished(out):
+            terminal.warn(f"{out}: what was rendered is kept; the same command continues where it stopped")
         raise
     seconds = time.perf_counter() - began_s
     truth = read_truth(paths.truth)

@@ -18,7 +18,7 @@ from posefuse.formats.rig import read_placed_rig
 from posefuse.outputs.rerun_scene import SPAWN
 from posefuse.pipeline.config import read_changed
 from posefuse.realtime.config import LiveConfig
-from posefuse.teleoperation.robots.reports import RosPlan
+from posefuse.teleoperation.robots.plan import RosPlan
 from posefuse.teleoperation.settings import TeleoperationSettings
 
 from .live import output_configs, run_options, settled_inputs

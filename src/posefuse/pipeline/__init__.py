@@ -10,10 +10,9 @@ if TYPE_CHECKING:
     from .opening import build_source
     from .run import Tracked, track_session
     from .second_pass import poses_over_time
-    from .session import UNFINISHED_FILE, Session, find_session
+    from .session import Session, find_session
 
 __all__ = [
-    "UNFINISHED_FILE",
     "CameraInput",
     "Session",
     "StageClock",

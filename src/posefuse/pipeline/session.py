@@ -41,7 +41,6 @@ _FOLDERS = {
 }
 LEAST_CAMERAS = 2
 DEPTH_FOLDER = "depth"
-UNFINISHED_FILE = "INCOMPLETE"
 _FRAMES_TO_FIND_BARS = 15
 
 
@@ -93,8 +92,6 @@ def find_session(folder: Path, config: TrackConfig) -> Session:
         raise InputError(f"{folder}: is a file; expected a session folder, with a calibration and videos in it")
     if not folder.is_dir():
         raise InputError(f"{folder}: no such session folder")
-    if (folder / UNFINISHED_FILE).exists():
-        raise InputError(f"{folder}: this simulated session is unfinished; run the same `posefuse simulate` again to finish it")
     if is_result(folder):
         raise InputError(
             f"{folder}: holds a result, not a session; pf.read(RESULT).solve() solves it again, as does "

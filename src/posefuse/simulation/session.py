@@ -7,8 +7,10 @@ SESSION/scene.yaml            every setting, defaults written out
 SESSION/truth/truth.npz       `posefuse.formats.truth`
 SESSION/truth/shots.npz       per camera number i: seq<i>, t<i>_ns (true), stamp<i>_ns (in the video)
 SESSION/truth/props.npz       `exact.prop_truth`, when the scene has props
-SESSION/posefuse-files.json   `foundation.manifest`: what was written, once all is
-SESSION/INCOMPLETE            as long as something of the above is missing; simulating again resumes
+SESSION/posefuse-files.json   `foundation.manifest`: what was written
+
+It is made in a staging folder (`foundation.output_folder`). What an interrupted run left there is continued by the next run of
+the same scene: runs of frames that are whole are not rendered again.
 """
 
 from __future__ import annotations
@@ -22,8 +24,7 @@ from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.core.ideal_image import optics_of
 from posefuse.core.se3 import wxyz_from_matrix
-from posefuse.foundation.output_folder import move_aside
-from posefuse.foundation.places import check_space, real_path
+from posefuse.foundation.output_folder import check_replaceable, find_unfinished, output_folder
 from posefuse.foundation.platform import usable_cores
 
 from .build import LiveScene, live_scene
@@ -32,12 +33,13 @@ from .render.backend import check_framebuffer, working_backend
 from .render.model import RenderModel, render_model
 from .render.shot import moments_of
 from .render.workers import RenderJob, RenderTask, render_all
-from .scene import H264Settings, Scene
-from .scene_files import write_scene
+from .scene import H264Settings, Scene, motion_files
+from .scene_files import scene_text, write_scene
 from .session_files import FrameRun, cameras_with_depth, finish_session, runs_of
-from .session_folder import MARKER_TEXT, SessionPaths, is_resumed
+from .session_folder import SessionPaths
 
 Progress = Callable[[int, int], None]
+_COMMAND = "simulate"
 # measured on the bundled scene: bytes per pixel of every frame
 _H264_BYTES, _H264_AT_CRF, _CRF_THAT_HALVES = 0.0045, 23, 6
 _JPEG_BYTES = 0.18
@@ -58,37 +60,53 @@ def simulate(
     Args:
         progress: called with (frames done, frames in all) after every run of frames.
         processes: how many render at once; None takes one per core.
-        replace: an earlier session, or an unfinished one of another scene, is moved to ``NAME.replaced-TIME`` and stays there.
-        warn: gets a line with the folder to which an earlier session was moved, also when this one is interrupted.
+        replace: an earlier session is moved to ``NAME.replaced-TIME``, and stays there, when the new one is complete.
+        warn: gets a line with the folder to which an earlier session was moved, and about unfinished sessions of other scenes.
 
     Raises:
         ConfigError: the scene cannot be. InputError: `out` holds something else, cannot be written, or there is too little room.
         DependencyError: no OpenGL, or the extra ``sim`` is missing.
     """
-    paths = SessionPaths(Path(out))
-    resumed = is_resumed(paths, scene, replace)
-    live = live_scene(scene)
+    check_replaceable(out, command=_COMMAND, replace=replace)
     if processes is not None and processes < 1:
         raise InputError(f"processes: expected at least 1, got {processes}")
-    if not resumed:
-        check_space(_existing(paths.folder), estimated_session_bytes(live))
+    live = live_scene(scene)
     optics = [optics_of(camera) for camera in live.rig]
     backend = working_backend()
-    aside = None
+    largest = np.max([(one.view.width, one.view.height) for one in optics], axis=0)
+    check_framebuffer(backend, int(largest.max()))
+    unfinished = _unfinished(out, scene, warn)
     try:
-        aside = None if resumed else move_aside(paths.folder)
-        _begin(paths, scene)
-        largest = np.max([(one.view.width, one.view.height) for one in optics], axis=0)
-        check_framebuffer(backend, int(largest.max()))
-        job = _job(live, backend, (int(largest[0]), int(largest[1])))
-        _render(live, job, paths, progress, processes or usable_cores())
-        finish_session(live, paths)
+        with output_folder(
+            out,
+            command=_COMMAND,
+            inputs=motion_files(scene),
+            replace=replace,
+            estimated_bytes=0 if unfinished else estimated_session_bytes(live),
+            keep_unfinished=True,
+            unfinished=unfinished,
+            warn=warn,
+        ) as made:
+            paths = SessionPaths(made.folder)
+            _begin(paths, scene)
+            job = _job(live, backend, (int(largest[0]), int(largest[1])))
+            _render(live, job, paths, progress, processes or usable_cores())
+            finish_session(live, paths)
     except OSError as error:
-        raise InputError(f"{paths.folder}: cannot be written ({error}); make room and simulate again to resume") from None
-    finally:
-        if aside is not None and warn is not None:
-            warn(f"the earlier session is kept in {aside}")
-    return paths
+        raise InputError(f"{out}: cannot be written ({error}); simulate again to continue") from None
+    return SessionPaths(Path(out))
+
+
+def _unfinished(out: Path, scene: Scene, warn: Callable[[str], None] | None) -> Path | None:
+    """The staging folder of an interrupted run of the same scene; `warn` gets a line about each of another scene."""
+    same = None
+    for folder in find_unfinished(out):
+        written = SessionPaths(folder).scene
+        if written.is_file() and written.read_text(encoding="utf-8") == scene_text(scene):
+            same = folder
+        elif warn is not None:
+            warn(f"{folder}: is an unfinished session of another scene; delete it when it is not needed any more")
+    return same
 
 
 def estimated_session_bytes(live: LiveScene) -> int:
@@ -100,11 +118,6 @@ def estimated_session_bytes(live: LiveScene) -> int:
     if isinstance(record, H264Settings):
         return round(2 * pixels * _H264_BYTES * 2 ** ((_H264_AT_CRF - record.crf) / _CRF_THAT_HALVES) + depth)
     return round(pixels * _JPEG_BYTES + depth)
-
-
-def _existing(folder: Path) -> Path:
-    """The innermost folder above `folder` that is there."""
-    return next(parent for parent in real_path(folder).parents if parent.exists())
 
 
 def scene_render_model(live: LiveScene, largest_wh: tuple[int, int]) -> RenderModel:
@@ -131,8 +144,6 @@ def body_poses(live: LiveScene, t_s: Array) -> Array:
 
 
 def _begin(paths: SessionPaths, scene: Scene) -> None:
-    paths.folder.mkdir(parents=True, exist_ok=True)
-    paths.incomplete.write_text(MARKER_TEXT, encoding="utf-8")
     for folder in (paths.videos, paths.truth.parent, paths.parts):
         folder.mkdir(exist_ok=True)
     write_scene(scene, paths.folder)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,14 +14,13 @@ from posefuse.formats.npz import read_arrays
 from posefuse.formats.rig import write_rig
 from posefuse.formats.truth import write_arrays, write_truth
 from posefuse.formats.video import join_videos
-from posefuse.foundation.folder_mark import FolderMark, write_mark
 
 from .build import LiveScene
 from .exact import prop_truth, truth_with
 from .render.shot import moments_of
 from .render.workers import image_name
 from .scene import H264Settings
-from .session_folder import COMMAND, SessionPaths
+from .session_folder import SessionPaths
 
 # frames of one task: what is lost when a session is interrupted
 _RUN = 30
@@ -51,7 +51,7 @@ def runs_of(live: LiveScene, paths: SessionPaths) -> list[FrameRun]:
 
 
 def finish_session(live: LiveScene, paths: SessionPaths) -> None:
-    """Join the runs, write rig and truth, and remove the marker of an unfinished session."""
+    """Join the runs, write rig and truth, and remove the runs."""
     runs = runs_of(live, paths)
     visible = []
     for c, shots in enumerate(live.shots):
@@ -67,20 +67,7 @@ def finish_session(live: LiveScene, paths: SessionPaths) -> None:
     write_arrays(paths.shots, shot_arrays(live))
     if live.props:
         write_arrays(paths.props, prop_truth(live, visible))
-    remove_parts(runs, paths)
-    write_mark(paths.folder, FolderMark(command=COMMAND))
-    paths.incomplete.unlink()
-
-
-def remove_parts(runs: list[FrameRun], paths: SessionPaths) -> None:
-    """Remove the finished runs, and the folder unless something else is in it."""
-    own = {run.done for run in runs} | {run.video for run in runs if run.video.parent == paths.parts}
-    # a process that was killed while it wrote leaves a file of this kind
-    own |= {path for path in paths.parts.iterdir() if path.name.startswith(".") and path.suffix == ".npz"}
-    for path in own:
-        path.unlink(missing_ok=True)
-    if not any(paths.parts.iterdir()):
-        paths.parts.rmdir()
+    shutil.rmtree(paths.parts)
 
 
 def cameras_with_depth(live: LiveScene) -> list[str]:

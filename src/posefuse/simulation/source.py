@@ -61,14 +61,7 @@ class SimulatedConfig:
 
 def simulated_cameras(path: Path) -> tuple[str, ...]:
     """Names of the cameras of a scene file or a rendered session; raises SourceError or InputError for unusable files."""
-    return read_truth(_finished(path).truth).rig.names if path.is_dir() else live_scene(read_scene(path)).rig.names
-
-
-def _finished(folder: Path) -> SessionPaths:
-    paths = SessionPaths(folder)
-    if paths.incomplete.is_file():
-        raise SourceError(f"{paths.folder}: the session is not finished; simulate its scene again to complete it")
-    return paths
+    return read_truth(SessionPaths(path).truth).rig.names if path.is_dir() else live_scene(read_scene(path)).rig.names
 
 
 class SimulatedSource:
@@ -109,7 +102,7 @@ class SimulatedSource:
         return self._live.rig.names
 
     def _open_session(self) -> tuple[str, ...]:
-        self._paths = _finished(Path(self._config.path))
+        self._paths = SessionPaths(Path(self._config.path))
         rig = read_truth(self._paths.truth).rig
         self._sizes_wh = [camera.size_wh for camera in rig]
         return rig.names

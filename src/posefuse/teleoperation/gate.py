@@ -6,20 +6,262 @@
      +------------- missing for longer than `reengage_s`, another body or hand -------- HOLD
 
 A fault of the robot or an emergency stop leads to STOPPED from everywhere; a reset with the switch let go leads to IDLE.
+
+The dead-man's switch reports by heartbeats. Every check of what the gate depends on gives a share of the speed limit, 0 for HOLD,
+and why. A view is compared with what was seen last of each part, however long ago: is it the same body, with the same hands?
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from .checks import FINE, Finding, camera_finding, clock_finding, hand_finding, hand_problem, robot_finding, time_problem
-from .heartbeats import Heartbeats
-from .identity import SeenBody, continued, continuity_finding, seen_in
+from posefuse.core.arrays import Array
+
+from .hands import TRUNK
 from .settings import GateSettings
-from .values import CameraReport, OperatorView, Phase, RobotState
+from .values import CameraReport, OperatorView, Phase, RobotState, all_finite
+
+
+@dataclass(frozen=True, kw_only=True)
+class Beat:
+    """One heartbeat. seq: counts up. sent_ns: when, on the gate's clock. grip: close the gripper."""
+
+    seq: int
+    sent_ns: int
+    grip: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Heartbeats:
+    """What was received.
+
+    Attributes:
+        seq, grip: of the newest heartbeat. last_ns: when it was sent. count: in a row.
+        heard_ns: when the last one of any kind came: heartbeats that come too late show that the switch is still held.
+    """
+
+    seq: int = -1
+    last_ns: int | None = None
+    heard_ns: int | None = None
+    count: int = 0
+    grip: bool = False
+
+    def with_beat(self, beat: Beat, now_ns: int, settings: GateSettings) -> Heartbeats:
+        """After one more heartbeat. A duplicate, one that overtook another, a late one and one from the future do not count."""
+        longest_ns = settings.heartbeat_s * 1e9
+        heard = replace(self, heard_ns=now_ns)
+        if beat.seq <= self.seq or not 0 <= now_ns - beat.sent_ns <= longest_ns:
+            return heard
+        if self.last_ns is not None and beat.sent_ns < self.last_ns:
+            return heard
+        in_a_row = self.last_ns is not None and beat.sent_ns - self.last_ns <= longest_ns
+        count = self.count + 1 if in_a_row else 1
+        return replace(heard, seq=beat.seq, last_ns=beat.sent_ns, count=count, grip=beat.grip)
+
+    def held(self, now_ns: int, settings: GateSettings) -> bool:
+        """Whether the switch is held now: enough heartbeats in a row, the newest one new enough."""
+        return self.count >= settings.beats_to_engage and _new(self.last_ns, now_ns, settings)
+
+    def let_go(self, now_ns: int, settings: GateSettings) -> bool:
+        """Whether the switch is released: no heartbeat of any kind for so long that one would have come."""
+        return not _new(self.heard_ns, now_ns, settings)
+
+
+def _new(t_ns: int | None, now_ns: int, settings: GateSettings) -> bool:
+    return t_ns is not None and 0 <= now_ns - t_ns <= settings.heartbeat_s * 1e9
+
+
+# a gate that was not stepped for this long has lost track of the state
+_STALLED_S = 0.1
+# clocks of one machine, and poses that are predicted to the next output tick, may be ahead by so much
+_AHEAD_S = 0.05
+
+
+class Finding(NamedTuple):
+    """What one check found: share of the speed limit in 0..1, why it is not 1, and whether it ends the engagement."""
+
+    share: float
+    reason: str
+    ends: bool = False
+
+
+FINE = Finding(1.0, "")
+
+
+def clock_finding(before_ns: int | None, now_ns: int, settings: GateSettings) -> Finding:
+    """Time goes forward, and the gate is stepped often enough."""
+    if before_ns is None:
+        return Finding(0.0, "begins")
+    if now_ns < before_ns:
+        return Finding(0.0, "the clock went backward")
+    return Finding(0.0, "the control loop stalled") if now_ns - before_ns > _STALLED_S * 1e9 else FINE
+
+
+def robot_finding(robot: RobotState | None, now_ns: int, settings: GateSettings) -> Finding:
+    """The robot's state is there, new and finite."""
+    if robot is None:
+        return Finding(0.0, "no state of the robot")
+    if not -_AHEAD_S * 1e9 <= now_ns - robot.sent_ns <= settings.robot_age_s * 1e9:
+        return Finding(0.0, "state of the robot is too old")
+    return FINE if robot.usable else Finding(0.0, "state of the robot is not finite")
+
+
+def camera_finding(cameras: CameraReport | None, now_ns: int, settings: GateSettings) -> Finding:
+    """Enough cameras are healthy; with some faulty the speed limit falls with their share."""
+    if cameras is None or not -_AHEAD_S * 1e9 <= now_ns - cameras.t_ns <= settings.health_s * 1e9:
+        return Finding(0.0, "no news of the cameras")
+    if cameras.healthy < settings.least_cameras or cameras.healthy > cameras.total:
+        return Finding(0.0, f"{cameras.healthy} of {cameras.total} cameras are well")
+    if cameras.healthy < cameras.total:
+        return Finding(cameras.healthy / cameras.total, f"{cameras.healthy} of {cameras.total} cameras are well")
+    return FINE
+
+
+def hand_finding(view: OperatorView | None, late: str, settings: GateSettings) -> Finding:
+    """The hands are recent, measured and certain. late: why the view is not of now (`time_problem`)."""
+    if view is None or view.person_id < 0:
+        return Finding(0.0, "no person is seen")
+    problem = late or hand_problem(view, settings)
+    if problem:
+        return Finding(0.0, problem)
+    sigma, views = float(view.sigma_m.max()), int(view.views.min())
+    sure = (settings.hold_sigma_m - sigma) / max(settings.hold_sigma_m - settings.slow_sigma_m, 1e-9)
+    few = Finding(0.5, f"{views} cameras see the hand") if views < settings.full_views else FINE
+    unsure = Finding(sure, _known_to(sigma)) if sure < 1 else FINE
+    return min(few, unsure, key=lambda found: found.share)
+
+
+def _known_to(sigma_m: float) -> str:
+    return f"hand known to {1e3 * sigma_m:.0f} mm only"
+
+
+def time_problem(view: OperatorView, before_ns: int | None, changed_ns: int | None, now_ns: int, settings: GateSettings) -> str:
+    """Why the view is not of now; empty: it is.
+
+    Args:
+        before_ns: of the view before; None: there is none. changed_ns: when the hands differed last from those before.
+    """
+    for t_ns in (view.t_ns, view.measured_ns):
+        if now_ns - t_ns < -_AHEAD_S * 1e9:
+            return "pose from the future"
+    if now_ns - view.measured_ns > settings.pose_age_s * 1e9 or now_ns - view.t_ns > settings.pose_age_s * 1e9:
+        return "pose is too old"
+    if before_ns is not None and view.t_ns < before_ns:
+        return "poses go back in time"
+    if changed_ns is not None and now_ns - changed_ns > settings.pose_age_s * 1e9:
+        return "the hand is frozen"
+    return ""
+
+
+def hand_problem(view: OperatorView, settings: GateSettings) -> str:
+    """Why the view does not show where the hands are; empty: it does."""
+    if not all_finite(view.xyz_world, view.sigma_m, view.forearm_m):
+        return "hand is not seen"
+    if not (view.sigma_m >= 0).all():
+        return "hand without an uncertainty"
+    if not view.measured.all():
+        return "hand is only predicted"
+    if (view.views < settings.least_views).any():
+        return f"{int(view.views.min())} cameras see the hand"
+    if (view.sigma_m >= settings.hold_sigma_m).any():
+        return _known_to(float(view.sigma_m.max()))
+    apart = np.linalg.norm(view.other_xyz_world - view.xyz_world, axis=1)
+    return "" if (apart >= settings.hands_apart_m).all() else "left and right hand are too near to each other, or one is not seen"
+
+
+# of a trunk: ISO 13855 has it for walking; a longer absence does not make a longer step of a trunk credible
+_WALK_MPS, _ABSENCE_S = 1.6, 0.1
+# steps beyond these speeds: of the walker of examples/demo, found by blazepose_lite and tracked, those of the trunk (the mean of
+# its keypoints) are 15 mm at most, and those of a wrist 56 mm
+_TRUNK_STEP_M, _HAND_STEP_M = 0.06, 0.1
+# share of a new length in the running mean
+_NEW = 0.003
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SeenBody:
+    """What was seen last of a person, and when; NaN: never.
+
+    Attributes:
+        person_id: whose. hand_xyz, other_xyz: (H, 3) hands and the wrists of the other arms, seen together at hand_ns.
+        trunk_xyz: (4, 3) `hands.TRUNK`, each seen at trunk_ns (4,).
+        lengths_m: (H + 1,) of the forearms, and from the middle of the shoulders to that of the hips: running means.
+    """
+
+    person_id: int
+    hand_xyz: Array
+    other_xyz: Array
+    hand_ns: int
+    trunk_xyz: Array
+    trunk_ns: Array
+    lengths_m: Array
+
+
+def seen_in(view: OperatorView, hands_known: bool, settings: GateSettings) -> SeenBody:
+    """What one view shows; `hands_known`: there is no doubt about the hands in it."""
+    trunk, sigma_m = view.body_xyz_world[TRUNK], view.body_sigma_m[TRUNK]
+    sure = view.body_measured[TRUNK] & (sigma_m <= settings.hold_sigma_m) & np.isfinite(trunk).all(axis=1)
+    trunk = np.where(sure[:, None], trunk, np.nan)
+    here = 1.0 if hands_known else np.nan
+    length = np.linalg.norm(trunk[:2].mean(axis=0) - trunk[2:].mean(axis=0))
+    return SeenBody(
+        person_id=view.person_id,
+        hand_xyz=here * view.xyz_world,
+        other_xyz=here * view.other_xyz_world,
+        hand_ns=view.t_ns,
+        trunk_xyz=trunk,
+        trunk_ns=np.full(4, view.t_ns),
+        lengths_m=np.array([*(here * view.forearm_m), length]),
+    )
+
+
+def continuity_finding(known: SeenBody, now: SeenBody, settings: GateSettings) -> Finding:
+    """The view shows the body and the hand that are known; else it ends the engagement. A hand that is only too fast: HOLD."""
+    if now.person_id != known.person_id:
+        return _ends("another person")
+    trunk, absent_s = _length(now.trunk_xyz - known.trunk_xyz), (now.trunk_ns - known.trunk_ns) / 1e9
+    both = np.isfinite(trunk)
+    if both.any() and (trunk - _WALK_MPS * np.clip(absent_s, 0.0, _ABSENCE_S))[both].mean() > _TRUNK_STEP_M:
+        return _ends("the trunk jumped: another body")
+    hand, other = _length(now.hand_xyz - known.hand_xyz), _length(now.other_xyz - known.other_xyz)
+    # a hand that was hidden may be elsewhere, where the trunk shows that it is the same person's
+    longest_s = settings.reengage_s if both.any() else _ABSENCE_S
+    too_far_m = hand - settings.hand_speed_mps * np.clip((now.hand_ns - known.hand_ns) / 1e9, 0.0, longest_s)
+    if (too_far_m > _HAND_STEP_M).any():
+        return _ends("the hand jumped")
+    if (_length(now.hand_xyz - known.other_xyz) + _length(now.other_xyz - known.hand_xyz) < hand + other).any():
+        return _ends("left and right hand were exchanged")
+    share = np.append(np.full(len(hand), settings.forearm_share), settings.trunk_share)
+    if (np.abs(now.lengths_m - known.lengths_m) > share * known.lengths_m).any():
+        return _ends("forearm or trunk of another length: another body or hand")
+    return Finding(0.0, "the hand is too fast") if (too_far_m > settings.hand_step_m).any() else FINE
+
+
+def _ends(reason: str) -> Finding:
+    return Finding(0.0, reason, ends=True)
+
+
+def continued(known: SeenBody, now: SeenBody) -> SeenBody:
+    """The known body after a view of it: what the view does not show stays as it was seen last."""
+    hands, trunk = np.isfinite(now.hand_xyz).all(), np.asarray(np.isfinite(now.trunk_xyz).all(axis=1))
+    mean_m = known.lengths_m + _NEW * (now.lengths_m - known.lengths_m)
+    return SeenBody(
+        person_id=known.person_id,
+        hand_xyz=now.hand_xyz if hands else known.hand_xyz,
+        other_xyz=now.other_xyz if hands else known.other_xyz,
+        hand_ns=now.hand_ns if hands else known.hand_ns,
+        trunk_xyz=np.where(trunk[:, None], now.trunk_xyz, known.trunk_xyz),
+        trunk_ns=np.where(trunk, now.trunk_ns, known.trunk_ns),
+        lengths_m=np.where(np.isfinite(mean_m), mean_m, np.where(np.isfinite(known.lengths_m), known.lengths_m, now.lengths_m)),
+    )
+
+
+def _length(vectors: Array) -> Array:
+    return np.asarray(np.linalg.norm(vectors, axis=-1))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -6,8 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from .gate import Gate, Seen, speed_mps, step_gate
-from .heartbeats import Beat, Heartbeats
+from .gate import Beat, Gate, Heartbeats, Seen, speed_mps, step_gate
 from .mapping import Clutch, engaged, moved
 from .separation import OperatorBody, remembered, separation_m, speed_share
 from .settings import TeleoperationSettings

@@ -16,11 +16,12 @@ from posefuse.core import CameraHealth, LivePose, PosefuseError, SourceError
 from posefuse.core.live_messages import OK
 from posefuse.foundation.channel import Channel, ChannelClosed
 
-from .deadman import DeadMan, Pressed
 from .hands import operator_view
 from .operator import Operator, OperatorNews, step_operator
-from .robots.process import Failed, Leave, RobotPlan, run_robot
+from .robots.plan import RobotPlan
+from .robots.process import Failed, Leave, run_robot
 from .settings import TeleoperationSettings
+from .switches import DeadMan, Pressed
 from .values import CameraReport, OperatorView, Order, Phase, RobotState
 
 _READY_S, _LEAVE_S = 60.0, 3.0

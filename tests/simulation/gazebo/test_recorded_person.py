@@ -12,7 +12,7 @@ from posefuse.formats.truth import read_truth
 from posefuse.simulation.build import live_scene
 from posefuse.simulation.gazebo import GazeboSettings
 from posefuse.simulation.gazebo.settings import shown_scene
-from posefuse.simulation.motion.settings import ResultSettings
+from posefuse.simulation.motion.settings import RecordedSettings
 from posefuse.simulation.scene import PersonSettings, read_scene
 from posefuse.simulation.scene_files import write_scene
 
@@ -42,7 +42,7 @@ def recorded(tmp_path_factory, scene):
     (folder / "result").mkdir()
     seen = np.full((*views, 2), np.nan), np.zeros(views), np.full(views, np.nan)
     write_recording(folder / "result", Recording.from_views(live.rig, poses, *seen, {}))
-    motion = ResultSettings(kind="result", file=str(folder / "result"))
+    motion = RecordedSettings(kind="result", file=str(folder / "result"))
     write_scene(replace(scene, people=(PersonSettings(motion=motion),), props=()), folder)
     world = pf.gazebo_world(next(folder.glob("*.yaml")), folder / "world", release="jetty")
     return world, xyz[:, 0]

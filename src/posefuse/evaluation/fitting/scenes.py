@@ -147,7 +147,7 @@ def render_moving(out: Path, count: int, say: Callable[[str], None]) -> list[Pat
 
 def is_rendered(folder: Path) -> bool:
     """Whether a scene's folder is complete."""
-    return (folder / "truth" / "truth.npz").exists() and not (folder / "INCOMPLETE").exists()
+    return (folder / "truth" / "truth.npz").exists()
 
 
 def _rendered(folder: Path, scene: Callable[[], dict[str, Any]], say: Callable[[str], None]) -> Path:

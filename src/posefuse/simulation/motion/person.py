@@ -4,52 +4,51 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from posefuse.core import SE3
-from posefuse.core.arrays import Array, frozen
+from posefuse.core.arrays import Array
 from posefuse.simulation.body import SimulatedBody
 
-from . import arms, daily, standing
 from .gait import walking
 from .points import from_result, from_trc
 from .posture import BodyPosture, bones_of
 from .retarget import retargeted
 from .routes import route
-from .settings import (
-    BvhSettings,
-    HandPathSettings,
-    IdleSettings,
-    MotionSettings,
-    OverheadSettings,
-    ReachSettings,
-    ResultSettings,
-    SitSettings,
-    SquatSettings,
-    TPoseSettings,
-    TrcSettings,
-    TurnSettings,
-    WalkSettings,
-    WaveSettings,
-)
+from .settings import MotionSettings, StandSettings, WalkSettings
+from .standing import standing
+
+_READERS = {"bvh": retargeted, "trc": from_trc, "result": from_result}
 
 
 @dataclass(frozen=True, eq=False)
 class PersonState:
-    """A person at T times.
+    """A person at T times; what follows from the bones is computed when it is first asked for.
 
     Attributes:
-        world_from_bone: (T, B, 4, 4). keypoints_world: (T, 23, 3) of `ANATOMICAL23`.
-        world_from_segment: batch (T, S) of `simulation.body.SEGMENTS`.
-        angle_rad: (T, J, 3) of `simulation.body.JOINTS`.
+        world_from_bone: (T, B, 4, 4).
     """
 
+    body: SimulatedBody
     world_from_bone: Array
-    keypoints_world: Array
-    world_from_segment: SE3
-    angle_rad: Array
+
+    @cached_property
+    def keypoints_world(self) -> Array:
+        """(T, 23, 3) of `ANATOMICAL23`."""
+        return self.body.keypoints(self.world_from_bone)
+
+    @cached_property
+    def world_from_segment(self) -> SE3:
+        """Batch (T, S) of `simulation.body.SEGMENTS`."""
+        return self.body.segments(self.world_from_bone)
+
+    @cached_property
+    def angle_rad(self) -> Array:
+        """(T, J, 3) of `simulation.body.JOINTS`."""
+        return self.body.angles(self.world_from_bone)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,13 +60,7 @@ class MovingPerson:
 
     def at(self, t_s: Any) -> PersonState:
         """State at times (T,) in seconds, in any order."""
-        bones = bones_of(self.body, self.posture(np.atleast_1d(np.asarray(t_s, np.float64))))
-        return PersonState(
-            frozen(bones, np.float64, "world_from_bone"),
-            frozen(self.body.keypoints(bones), np.float64, "keypoints_world"),
-            self.body.segments(bones),
-            frozen(self.body.angles(bones), np.float64, "angle_rad"),
-        )
+        return PersonState(self.body, bones_of(self.body, self.posture(np.atleast_1d(np.asarray(t_s, np.float64)))))
 
 
 def build_person(body: SimulatedBody, motion: MotionSettings, seed: int) -> MovingPerson:
@@ -76,30 +69,8 @@ def build_person(body: SimulatedBody, motion: MotionSettings, seed: int) -> Movi
     Raises:
         ConfigError: a path that cannot be walked, or that a hand cannot reach. InputError: a motion file that cannot be used.
     """
-    match motion:
-        case TPoseSettings():
-            return MovingPerson(body, standing.tpose(body, motion))
-        case IdleSettings():
-            return MovingPerson(body, standing.idle(body, motion, seed))
-        case WaveSettings():
-            return MovingPerson(body, standing.wave(body, motion, seed))
-        case SquatSettings():
-            return MovingPerson(body, standing.squat(body, motion))
-        case ReachSettings():
-            return MovingPerson(body, arms.reach(body, motion, seed))
-        case HandPathSettings():
-            return MovingPerson(body, arms.hand_path(body, motion, seed))
-        case OverheadSettings():
-            return MovingPerson(body, daily.overhead(body, motion))
-        case SitSettings():
-            return MovingPerson(body, daily.sit(body, motion))
-        case TurnSettings():
-            return MovingPerson(body, daily.turning(body, motion))
-        case WalkSettings():
-            return MovingPerson(body, walking(body, route(motion.path, motion.speed_mps, seed), motion.speed_mps).posture)
-        case BvhSettings():
-            return MovingPerson(body, retargeted(body, motion).posture)
-        case TrcSettings():
-            return MovingPerson(body, from_trc(body, motion).posture)
-        case ResultSettings():
-            return MovingPerson(body, from_result(body, motion).posture)
+    if isinstance(motion, StandSettings):
+        return MovingPerson(body, standing(body, motion, seed))
+    if isinstance(motion, WalkSettings):
+        return MovingPerson(body, walking(body, route(motion.path, motion.speed_mps, seed), motion.speed_mps).posture)
+    return MovingPerson(body, _READERS[motion.kind](body, motion).posture)

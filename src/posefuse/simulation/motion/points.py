@@ -23,7 +23,7 @@ from posefuse.simulation.body import SEGMENTS, SimulatedBody
 
 from .limbs import forearm_and_hand, frame_along, lengths_m, normal_part, unit_vectors
 from .sampled import Sampled, on_floor
-from .settings import ResultSettings, TrcSettings
+from .settings import RecordedSettings
 
 SIDES = ("left", "right")
 _NEEDED = tuple(f"{s}_{p}" for s in SIDES for p in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist"))
@@ -36,14 +36,14 @@ _EASY_PRONATION_RAD = np.deg2rad(85.0)
 Points = dict[str, Array]
 
 
-def from_trc(body: SimulatedBody, settings: TrcSettings) -> Sampled:
+def from_trc(body: SimulatedBody, settings: RecordedSettings) -> Sampled:
     """A TRC file as a motion of this body; raises InputError naming the file and the markers that are missing."""
     data = read_trc(Path(settings.file))
     xyz = data.xyz_world if settings.up == "y" else data.xyz_world[..., [1, 2, 0]]
     return motion_from_points(body, data.t_s, _named(data.names, xyz, settings.file), settings)
 
 
-def from_result(body: SimulatedBody, settings: ResultSettings) -> Sampled:
+def from_result(body: SimulatedBody, settings: RecordedSettings) -> Sampled:
     """A posefuse result folder as a motion of this body; raises InputError for a person or keypoints it does not have."""
     poses = read_recording(Path(settings.file)).poses
     seen = np.isfinite(poses.xyz_world[..., 0]).sum(axis=(0, 2))
@@ -56,7 +56,7 @@ def from_result(body: SimulatedBody, settings: ResultSettings) -> Sampled:
     return motion_from_points(body, (poses.t_ns - poses.t_ns[0]) * 1e-9, points, settings)
 
 
-def motion_from_points(body: SimulatedBody, t_s: Array, points: Points, settings: TrcSettings | ResultSettings) -> Sampled:
+def motion_from_points(body: SimulatedBody, t_s: Array, points: Points, settings: RecordedSettings) -> Sampled:
     """The motion of this body that follows keypoints, each (T, 3) in world metres."""
     if len(t_s) < 2:
         raise InputError(f"{settings.file}: expected at least 2 time steps, got {len(t_s)}")

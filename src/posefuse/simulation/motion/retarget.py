@@ -22,7 +22,7 @@ from posefuse.simulation.body.angles import turn
 
 from .limbs import frame_along, lengths_m, unit_vectors
 from .sampled import Sampled, on_floor
-from .settings import BvhSettings
+from .settings import RecordedSettings
 
 # names (lower case, letters and digits only, maker's prefix dropped) a joint may have, best first; {s} is left/l
 _NAMES = {
@@ -40,7 +40,7 @@ _CHILD = {"thigh": "shank", "shank": "foot", "upper_arm": "forearm", "forearm": 
 _FLAT_FOOT = 0.3
 
 
-def retargeted(body: SimulatedBody, settings: BvhSettings) -> Sampled:
+def retargeted(body: SimulatedBody, settings: RecordedSettings) -> Sampled:
     """A BVH file as a motion of this body; raises InputError naming the file and the joints that are missing."""
     data = read_bvh(Path(settings.file))
     if len(data) < 2:
@@ -58,7 +58,7 @@ def retargeted(body: SimulatedBody, settings: BvhSettings) -> Sampled:
     legs = [joints["left_thigh"], joints["right_thigh"]]
     theirs = sum(np.linalg.norm(data.offset[joints[f"{s}_{p}"]]) for s in ("left", "right") for p in ("shank", "foot")) / 2
     path = position[:, legs].mean(axis=1) @ world_from_file.T * (sum(lengths_m(body, "left", "leg")) / theirs)
-    path[:, :2] += np.array(settings.position_m) - path[0, :2]
+    path[:, :2] += np.array(settings.position_m or (0.0, 0.0)) - path[0, :2]
     times = np.arange(len(data)) * data.frame_s
     return on_floor(
         body,

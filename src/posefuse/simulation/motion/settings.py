@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import Annotated, Literal
 
-from annotated_types import Ge, Gt, Le, MinLen
+from annotated_types import Ge, Gt, Le
 from pydantic import Field
 
+from posefuse.core import ConfigError
+from posefuse.core.errors import choices
 from posefuse.foundation.settings import settings
 
 Place = tuple[float, float]
@@ -15,135 +18,33 @@ Side = Literal["left", "right"]
 
 
 @settings
-class TPoseSettings:
-    """Stands still with the arms exactly horizontal.
+class StandSettings:
+    """Stands on one spot.
 
     Attributes:
-        position_m: x, y on the floor. heading_deg: where the person faces.
+        kind: ``tpose``: the arms exactly horizontal. ``idle``: at ease: sways, breathes, looks about. ``reach``: reaches for one
+            point after another, drawn by the seed, in front of the shoulder. ``hand_path``: moves one wrist along a path, as
+            the operator of a robot does. ``squat``: again and again. ``wave``: with one hand. ``overhead``: raises both arms
+            above the head and lowers them. ``sit``: sits down on something as high as the knee, which is not drawn, and gets up.
+            ``turn``: to the left on the spot, step by step.
+        position_m: x, y on the floor between the feet (turn: at time 0). heading_deg: where the person faces.
+        side: the arm of reach, hand_path and wave.
+        period_s: from one reach, squat, wave, raising of the arms or standing to the next, or of a whole turn; None: 3 s (reach,
+            overhead), 4 s (squat), 0.9 s (wave), 6 s (sit, turn).
+        sway: of idle, reach, hand_path and wave: 1 is a healthy adult's, 0 stands like a statue.
+        knee_flexion_deg: deepest of a squat, 20 to 120.
+        path: of hand_path: rows of time in s and the wrist's place from the floor point between the feet, m: ahead, left, up.
+            Between two rows the hand moves straight with minimum jerk; before the first and after the last it rests.
     """
 
-    kind: Literal["tpose"]
-    position_m: Place = (0.0, 0.0)
-    heading_deg: float = 0.0
-
-
-@settings
-class IdleSettings:
-    """Stands at ease: sways, breathes, looks about.
-
-    Attributes:
-        position_m, heading_deg: as for tpose. sway: 1 is a healthy adult's, 0 stands like a statue.
-    """
-
-    kind: Literal["idle"]
-    position_m: Place = (0.0, 0.0)
-    heading_deg: float = 0.0
-    sway: Annotated[float, Ge(0), Le(3)] = 1.0
-
-
-@settings
-class ReachSettings:
-    """Stands and reaches for one point after another, drawn by the seed, in front of the shoulder.
-
-    Attributes:
-        position_m, heading_deg: as for tpose. side: the arm. period_s: from one reach to the next.
-    """
-
-    kind: Literal["reach"]
+    kind: Literal["tpose", "idle", "reach", "hand_path", "squat", "wave", "overhead", "sit", "turn"]
     position_m: Place = (0.0, 0.0)
     heading_deg: float = 0.0
     side: Side = "right"
-    period_s: Seconds = 3.0
-
-
-@settings
-class HandPathSettings:
-    """Stands and moves one wrist along a path, as the operator of a robot does.
-
-    Attributes:
-        position_m, heading_deg: as for tpose. side: the arm. sway: as for idle.
-        path: rows of time in s and the wrist's place from the floor point between the feet, m: ahead, left, up. Between two rows
-            the hand moves straight with minimum jerk; before the first and after the last it rests.
-    """
-
-    kind: Literal["hand_path"]
-    path: Annotated[tuple[tuple[float, float, float, float], ...], MinLen(1)]
-    position_m: Place = (0.0, 0.0)
-    heading_deg: float = 0.0
-    side: Side = "right"
+    period_s: Seconds | None = None
     sway: Annotated[float, Ge(0), Le(3)] = 1.0
-
-
-@settings
-class SquatSettings:
-    """Squats again and again.
-
-    Attributes:
-        position_m, heading_deg: as for tpose. period_s: of one squat. knee_flexion_deg: deepest, 20 to 120.
-    """
-
-    kind: Literal["squat"]
-    position_m: Place = (0.0, 0.0)
-    heading_deg: float = 0.0
-    period_s: Seconds = 4.0
     knee_flexion_deg: Annotated[float, Ge(20), Le(120)] = 95.0
-
-
-@settings
-class WaveSettings:
-    """Stands and waves with one hand.
-
-    Attributes:
-        position_m, heading_deg: as for tpose. side: the arm. period_s: of one wave.
-    """
-
-    kind: Literal["wave"]
-    position_m: Place = (0.0, 0.0)
-    heading_deg: float = 0.0
-    side: Side = "right"
-    period_s: Seconds = 0.9
-
-
-@settings
-class OverheadSettings:
-    """Raises both arms above the head and lowers them.
-
-    Attributes:
-        position_m, heading_deg: as for tpose. period_s: up and down.
-    """
-
-    kind: Literal["overhead"]
-    position_m: Place = (0.0, 0.0)
-    heading_deg: float = 0.0
-    period_s: Seconds = 3.0
-
-
-@settings
-class SitSettings:
-    """Sits down on something as high as the knee, which is not drawn, and gets up.
-
-    Attributes:
-        position_m: of the feet. heading_deg: as for tpose. period_s: from standing to standing.
-    """
-
-    kind: Literal["sit"]
-    position_m: Place = (0.0, 0.0)
-    heading_deg: float = 0.0
-    period_s: Seconds = 6.0
-
-
-@settings
-class TurnSettings:
-    """Turns to the left on the spot, step by step.
-
-    Attributes:
-        position_m, heading_deg: as for tpose, at time 0. period_s: of a whole turn.
-    """
-
-    kind: Literal["turn"]
-    position_m: Place = (0.0, 0.0)
-    heading_deg: float = 0.0
-    period_s: Seconds = 6.0
+    path: tuple[tuple[float, float, float, float], ...] = ()
 
 
 @settings
@@ -223,69 +124,55 @@ class WalkSettings:
 
 
 @settings
-class BvhSettings:
-    """Motion from a BVH file.
+class RecordedSettings:
+    """Motion from a file: a BVH file, the markers or keypoints of a TRC file, or a recorded posefuse result (Real2Sim).
 
     Attributes:
-        file: the .bvh; joints by CMU, Mixamo or common names.
-        position_m, heading_deg: where the pelvis is at the file's start, and where it faces; None keeps the file's own
-            heading (+Z of the file, Y up, is world +X).
+        kind: ``bvh``: joints by CMU, Mixamo or common names. ``trc``: `points` says which markers are used. ``result``: a folder.
+        file: the file or folder. up: the vertical axis of a TRC file. person: which id of a result; None: the one seen longest.
+        position_m: where the pelvis is at the start; None keeps the place of a TRC file or result, and is the origin for a BVH
+            file.
+        heading_deg: where a BVH file's pelvis faces at its start; None keeps the file's own heading (+Z of the file, Y up, is
+            world +X).
         start_s: the file's time shown at time 0. loop: start again at the end; otherwise the last pose stays.
     """
 
-    kind: Literal["bvh"]
+    kind: Literal["bvh", "trc", "result"]
     file: str
-    position_m: Place = (0.0, 0.0)
+    up: Literal["y", "z"] = "y"
+    person: int | None = None
+    position_m: Place | None = None
     heading_deg: float | None = None
     start_s: Annotated[float, Ge(0)] = 0.0
     loop: bool = False
 
 
-@settings
-class TrcSettings:
-    """Motion from marker or keypoint trajectories of a TRC file; see `points` for which markers are used.
-
-    Attributes:
-        file: the .trc. up: the file's vertical axis. position_m: None keeps the file's own place, else as for bvh.
-        start_s, loop: as for bvh.
-    """
-
-    kind: Literal["trc"]
-    file: str
-    up: Literal["y", "z"] = "y"
-    position_m: Place | None = None
-    start_s: Annotated[float, Ge(0)] = 0.0
-    loop: bool = False
-
-
-@settings
-class ResultSettings:
-    """Motion from a recorded posefuse result (Real2Sim).
-
-    Attributes:
-        file: the result file. person: which id in it; None takes the one seen longest.
-        position_m: None keeps the recorded place, else as for bvh. start_s, loop: as for bvh.
-    """
-
-    kind: Literal["result"]
-    file: str
-    person: int | None = None
-    position_m: Place | None = None
-    start_s: Annotated[float, Ge(0)] = 0.0
-    loop: bool = False
+MotionSettings = Annotated[StandSettings | WalkSettings | RecordedSettings, Field(discriminator="kind")]
+# what each kind has of the settings that not all kinds of its class have
+_OWN = {
+    "idle": ("sway",),
+    "reach": ("side", "period_s", "sway"),
+    "hand_path": ("side", "sway", "path"),
+    "squat": ("period_s", "knee_flexion_deg"),
+    "wave": ("side", "period_s", "sway"),
+    "overhead": ("period_s",),
+    "sit": ("period_s",),
+    "turn": ("period_s",),
+    "bvh": ("heading_deg",),
+    "trc": ("up",),
+    "result": ("person",),
+}
+_SHARED = ("kind", "file", "position_m", "start_s", "loop")
 
 
-StandingSettings = (
-    TPoseSettings
-    | IdleSettings
-    | ReachSettings
-    | HandPathSettings
-    | SquatSettings
-    | WaveSettings
-    | OverheadSettings
-    | SitSettings
-    | TurnSettings
-)
-MotionSettings = Annotated[
-    StandingSettings | WalkSettings | BvhSettings | TrcSettings | ResultSettings, Field(discriminator="kind")
-]
+def check_motion(motion: StandSettings | WalkSettings | RecordedSettings, where: str) -> None:
+    """Raise ConfigError for a setting of another kind of motion, or a missing path; `where` begins the message."""
+    if isinstance(motion, WalkSettings):
+        return
+    usual = {field.name: field.default for field in fields(motion)}
+    own = {*_SHARED, *_OWN.get(motion.kind, ()), *(("heading_deg",) if isinstance(motion, StandSettings) else ())}
+    for name, value in vars(motion).items():
+        if name not in own and value != usual[name]:
+            raise ConfigError(f"{where}.{name}: {motion.kind} has none; there are: {choices(sorted(own & usual.keys()))}")
+    if motion.kind == "hand_path" and not motion.path:
+        raise ConfigError(f"{where}.path: missing")

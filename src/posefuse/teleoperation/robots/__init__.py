@@ -1,5 +1,5 @@
 """Robots behind one protocol: one in MuJoCo with real physics, and real ones by ROS messages."""
 
-from .protocol import Robot
+from .driver import Robot
 
 __all__ = ["Robot"]

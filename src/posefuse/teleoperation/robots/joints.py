@@ -17,9 +17,8 @@ from posefuse.core.arrays import Array
 from posefuse.core.se3 import quaternion_product
 from posefuse.teleoperation.settings import LimitSettings
 
-from .chain import Chain
-from .ik import WholeBodyIk
-from .protocol import FOLLOWS_M, FOLLOWS_RAD, Goal, Posture
+from .driver import FOLLOWS_M, FOLLOWS_RAD, Goal, Posture
+from .kinematics import Chain, WholeBodyIk
 
 # a stop that takes longer is none: with the watchdog, the robot stands 0.35 s after the last order
 _STOP_S = 0.28
@@ -58,7 +57,7 @@ class Joints:
         self._apart = self.chain.distances(_WATCH_M)
 
     def follow(self, goal: Goal, dt_s: float, left_out: int) -> Array:
-        """One control step towards a goal (`protocol.Robot.move`); the joints then, (n,)."""
+        """One control step towards a goal (`driver.Robot.move`); the joints then, (n,)."""
         self._dt_s = dt_s
         if goal.brakes or goal.stands:
             self.brake(dt_s, left_out)

@@ -12,14 +12,14 @@ from posefuse.core import SE3, ConfigError, DependencyError
 from posefuse.core.arrays import Array
 from posefuse.teleoperation.settings import LimitSettings
 
-from .chain import Chain
+from .driver import Goal, Posture
 from .joints import Joints
+from .kinematics import Chain
 from .mobile_manipulator import mobile_manipulator
-from .protocol import Goal, Posture
 
 
 class MujocoRobot:
-    """A simulated robot (`protocol.Robot`).
+    """A simulated robot (`driver.Robot`).
 
     Attributes:
         model, data: of MuJoCo, with the physics. joints: as commanded.

@@ -7,43 +7,20 @@ import signal
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from posefuse.core import PosefuseError
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.platform import punctual
 from posefuse.foundation.requests_to_end import HANG_UP
-from posefuse.teleoperation.settings import TeleoperationSettings
 from posefuse.teleoperation.values import Order, RobotState
 
-from .driver import Driver
-from .protocol import Robot
-from .reports import OutletReporter, RosPlan, open_reporters
+from .driver import Driver, Robot
+from .plan import RobotPlan, RosPlan
+from .reports import OutletReporter, open_reporters
 
 _S = 1_000_000_000
 # a step that is later than this is left out, so that the robot does not hurry after a pause
 _MOST_BEHIND = 2
-
-
-@dataclass(frozen=True, kw_only=True)
-class RobotPlan:
-    """What the process is to drive.
-
-    Attributes:
-        settings: limits and rates. model: MJCF file; None: our own robot. frames: site of each hand.
-        command: None drives the model in MuJoCo; ``pose``, ``twist`` or ``joints`` drives a robot over ROS.
-        ros: where ROS is; None: none. record: .mcap file of commands and states; None: none. view: open MuJoCo's viewer.
-        scene: MJCF text instead of a file, e.g. with boxes to move.
-    """
-
-    settings: TeleoperationSettings
-    model: Path | None = None
-    frames: tuple[str, ...] = ("right_hand",)
-    command: str | None = None
-    ros: RosPlan | None = None
-    record: Path | None = None
-    view: bool = False
-    scene: str | None = None
 
 
 @dataclass(frozen=True)

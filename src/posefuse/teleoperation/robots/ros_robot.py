@@ -33,11 +33,11 @@ from posefuse.messages.types import message
 from posefuse.teleoperation.mapping import rotvec_between
 from posefuse.teleoperation.settings import LimitSettings, TeleoperationSettings
 
-from .chain import Chain
+from .driver import FOLLOWS_M, FOLLOWS_RAD, Goal, Posture
 from .joints import Joints
+from .kinematics import Chain
 from .mujoco_robot import mujoco_model, placed
-from .protocol import FOLLOWS_M, FOLLOWS_RAD, Goal, Posture
-from .reports import RosPlan
+from .plan import RosPlan
 
 _MOST_BYTES = 1_000_000
 # the robot's own state may be so old, and the wait for the first one so long
@@ -122,7 +122,7 @@ class _Renewals:
 
 
 class RosJoints:
-    """Joint commands from our own inverse kinematics (`protocol.Robot`). needs: the topic with the joint states."""
+    """Joint commands from our own inverse kinematics (`driver.Robot`). needs: the topic with the joint states."""
 
     def __init__(self, node: Any, plan: RosPlan, chain: Chain, limits: LimitSettings, place: SE3) -> None:
         self._node, self._plan = node, plan
@@ -207,7 +207,7 @@ class RosJoints:
 
 
 class RosCartesian:
-    """Poses or twists for a controller with its own inverse kinematics (`protocol.Robot`). needs: the source of its position."""
+    """Poses or twists for a controller with its own inverse kinematics (`driver.Robot`). needs: the source of its position."""
 
     def __init__(self, node: Any, plan: RosPlan, command: str, frames: tuple[str, ...], place: SE3) -> None:
         self._node, self._plan, self._frames, self._place = node, plan, frames, place

@@ -1,0 +1,345 @@
+"""Dead-man's switches: each only reports; whether the robot moves is decided by the gate."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import secrets
+import select
+import struct
+import sys
+import threading
+import time
+from collections import deque
+from dataclasses import dataclass
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib.resources import files
+from typing import Any, Protocol
+
+from posefuse.core import ConfigError, MessageError, SourceError
+from posefuse.messages.intake import decode
+from posefuse.messages.topics import Topic
+
+from .gate import Beat
+from .robots.plan import RosPlan
+from .values import OperatorView
+
+_MOST_JOY_BYTES = 10_000
+_JOY = "sensor_msgs/msg/Joy"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pressed:
+    """What came since the last poll. emergency: stop now, until a reset. reset: leave STOPPED."""
+
+    beats: tuple[Beat, ...] = ()
+    emergency: bool = False
+    reset: bool = False
+
+
+class DeadMan(Protocol):
+    """A switch that a person must hold."""
+
+    @property
+    def hint(self) -> str:
+        """How to use it, in one line."""
+        ...
+
+    def poll(self, now_ns: int, view: OperatorView | None) -> Pressed:
+        """What came since the last call; never waits. `view`: the operator in the newest pose."""
+        ...
+
+    def close(self) -> None:
+        """Safe to call twice."""
+        ...
+
+
+class KeySwitch:
+    """Space held: follow. ``g``: gripper. ``x``: emergency stop. ``r``: reset (`DeadMan`).
+
+    It goes by the key repeat of a terminal, which reports no release: a held key repeats 20 to 40 times a second.
+    """
+
+    hint = "hold the space bar to move (it begins when the key repeats); g: gripper, x: emergency stop, r: reset, Ctrl-C: end"
+
+    def __init__(self, stream: Any = None) -> None:
+        self._stream = sys.stdin if stream is None else stream
+        self._seq, self._grip, self._before = 0, False, None
+        try:
+            import termios
+            import tty
+
+            self._fd = self._stream.fileno()
+            self._before = termios.tcgetattr(self._fd)
+            tty.setcbreak(self._fd)
+        except (ImportError, OSError, ValueError, AttributeError) as error:
+            raise SourceError(f"--deadman key: no terminal to read keys from ({error}); use web or joystick:DEVICE") from None
+        except Exception as error:  # termios.error is no OSError
+            if type(error).__module__ != "termios":
+                raise
+            raise SourceError(f"--deadman key: no terminal to read keys from ({error}); use web or joystick:DEVICE") from None
+
+    def poll(self, now_ns: int, view: OperatorView | None) -> Pressed:
+        """See `DeadMan`."""
+        typed = b""
+        while select.select([self._fd], [], [], 0)[0]:
+            more = os.read(self._fd, 64)
+            if not more:
+                break
+            typed += more
+        self._grip ^= typed.count(b"g") % 2 == 1
+        beats: tuple[Beat, ...] = ()
+        if b" " in typed:
+            self._seq += 1
+            beats = (Beat(seq=self._seq, sent_ns=now_ns, grip=self._grip),)
+        return Pressed(beats=beats, emergency=b"x" in typed, reset=b"r" in typed)
+
+    def close(self) -> None:
+        """See `DeadMan`."""
+        if self._before is not None:
+            import termios
+
+            with contextlib.suppress(OSError, ValueError):
+                termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)
+            self._before = None
+
+
+# struct js_event: time ms, value, type, number
+_EVENT = struct.Struct("IhBB")
+_BUTTON, _INITIAL = 0x01, 0x80
+_HOLD, _GRIP, _STOP, _RESET = 0, 1, 2, 3
+
+
+class JoystickSwitch:
+    """Button 0 of a joystick of Linux held: follow. 1: gripper. 2: emergency stop. 3: reset (`DeadMan`).
+
+    A button that is held sends no events. So a joystick out of reach looks like one that is held: it counts as held until the
+    kernel removes the device, at once when a cable is pulled out, but only after seconds, or never, when a radio link is lost.
+    """
+
+    hint = "hold button 0 to move; button 1: gripper, 2: emergency stop, 3: reset, Ctrl-C: end"
+
+    def __init__(self, device: str) -> None:
+        try:
+            self._fd = os.open(device, os.O_RDONLY | os.O_NONBLOCK)
+        except OSError as error:
+            raise SourceError(f"--deadman joystick:{device}: cannot be opened ({error.strerror})") from None
+        self._held = self._grip = False
+        self._seq, self._rest = 0, b""
+
+    def poll(self, now_ns: int, view: OperatorView | None) -> Pressed:
+        """See `DeadMan`; an unplugged device counts as released."""
+        went_down: set[int] = set()
+        while self._fd >= 0:
+            try:
+                more = os.read(self._fd, 64 * _EVENT.size)
+            except BlockingIOError:
+                break
+            except OSError:
+                more = b""
+            if not more:
+                self.close()
+                break
+            self._rest += more
+            whole = len(self._rest) // _EVENT.size * _EVENT.size
+            for _, value, kind, number in _EVENT.iter_unpack(self._rest[:whole]):
+                if kind & ~_INITIAL != _BUTTON:
+                    continue
+                if number == _HOLD:
+                    self._held = bool(value)
+                if value and not kind & _INITIAL:
+                    went_down.add(number)
+            self._rest = self._rest[whole:]
+        self._grip ^= _GRIP in went_down
+        beats: tuple[Beat, ...] = ()
+        if self._held and self._fd >= 0:
+            self._seq += 1
+            beats = (Beat(seq=self._seq, sent_ns=now_ns, grip=self._grip),)
+        return Pressed(beats=beats, emergency=_STOP in went_down, reset=_RESET in went_down)
+
+    def close(self) -> None:
+        """See `DeadMan`."""
+        if self._fd >= 0:
+            os.close(self._fd)
+        self._fd, self._held = -1, False
+
+
+_MOST_BYTES = 2000
+# numbers given out are remembered so long
+_REMEMBER = 1000
+
+
+class RosJoySwitch:
+    """Button 0 of `sensor_msgs/Joy` held: follow. 1: gripper. 2: emergency stop. 3: reset (`DeadMan`).
+
+    Each message with the button down is a heartbeat; joy_node repeats at 20 Hz by default.
+
+    ROS 2: messages count by their source time on this machine's clock, so the clocks of two machines must agree. ROS 1 has no
+    source time: they count by their arrival, and a message that waited in the network counts as new.
+    """
+
+    def __init__(self, topic: str, ros: RosPlan) -> None:
+        self.hint = f"hold button 0 of {topic} to move; button 1: gripper, 2: emergency stop, 3: reset, Ctrl-C: end"
+        self._node = ros.node("posefuse_deadman")
+        self._reader = self._node.reader(Topic(topic, _JOY, depth=10))
+        self._seq, self._grip, self._down = 0, False, frozenset[int]()
+
+    def poll(self, now_ns: int, view: OperatorView | None) -> Pressed:
+        """See `DeadMan`; unreadable messages count as released."""
+        beats, events = [], set[int]()
+        offset_ns = time.time_ns() - now_ns
+        for sample in self._reader.take():
+            try:
+                buttons = list(decode(sample.raw, _JOY, _MOST_JOY_BYTES).buttons)
+            except (MessageError, AttributeError):
+                continue
+            down = frozenset(i for i, pressed in enumerate(buttons[:16]) if pressed)
+            events |= down - self._down
+            self._grip ^= 1 in down - self._down
+            self._down = down
+            if 0 in down:
+                self._seq += 1
+                # a stamp a little ahead is of now: clocks of two machines differ
+                sent_ns = min(sample.sent_ns - offset_ns, now_ns)
+                beats.append(Beat(seq=self._seq, sent_ns=sent_ns, grip=self._grip))
+        return Pressed(beats=tuple(beats), emergency=2 in events, reset=3 in events)
+
+    def close(self) -> None:
+        """See `DeadMan`."""
+        self._node.close()
+
+
+class WebSwitch:
+    """A page of this machine with a large button (`DeadMan`). url: where it is; only who knows its key can press.
+
+    No other machine reaches it. A closed page or a late report releases the button. Every report echoes the newest number that
+    the server has given out: one that waited somewhere carries an old number, and is as old as that number.
+    """
+
+    def __init__(self, port: int = 0, host: str = "127.0.0.1") -> None:
+        self._key = secrets.token_urlsafe(12)
+        self._lock, self._beats, self._events = threading.Lock(), deque[Beat](maxlen=100), set[str]()
+        self._given: dict[int, int] = {}
+        self._number = 0
+        try:
+            self._server = ThreadingHTTPServer((host, port), self._handler())
+        except OSError as error:
+            raise SourceError(f"--deadman web:{port}: cannot listen ({error.strerror})") from None
+        self._server.daemon_threads = True
+        self.url = f"http://{host}:{self._server.server_address[1]}/{self._key}/"
+        self.hint = f"open {self.url} and hold the button to move; Ctrl-C: end"
+        threading.Thread(target=self._server.serve_forever, name="deadman", daemon=True).start()
+
+    def poll(self, now_ns: int, view: OperatorView | None) -> Pressed:
+        """See `DeadMan`."""
+        with self._lock:
+            beats, events = tuple(self._beats), set(self._events)
+            self._beats.clear()
+            self._events.clear()
+        return Pressed(beats=beats, emergency="stop" in events, reset="reset" in events)
+
+    def close(self) -> None:
+        """See `DeadMan`."""
+        self._server.shutdown()
+        self._server.server_close()
+
+    def report(self, text: str) -> str:
+        """Take one report of the page in; the answer carries the next number. Anything malformed counts as let go."""
+        try:
+            sent = json.loads(text)
+            number, held, grip, event = int(sent["echo"]), sent["held"] is True, sent["grip"] is True, str(sent.get("event", ""))
+        except (ValueError, TypeError, KeyError, OverflowError):
+            number, held, grip, event = -1, False, False, ""
+        with self._lock:
+            given_ns = self._given.pop(number, None)
+            if event in ("stop", "reset"):
+                self._events.add(event)
+            if held and given_ns is not None:
+                self._beats.append(Beat(seq=number, sent_ns=given_ns, grip=grip))
+            self._number += 1
+            self._given[self._number] = time.monotonic_ns()
+            self._given.pop(self._number - _REMEMBER, None)
+            return json.dumps({"echo": self._number})
+
+    def _handler(self) -> type[BaseHTTPRequestHandler]:
+        switch = self
+        page = files(__package__).joinpath("deadman.html").read_bytes()
+
+        class Handler(BaseHTTPRequestHandler):
+            protocol_version = "HTTP/1.1"
+
+            def do_GET(self) -> None:
+                good = self.path == f"/{switch._key}/"
+                self._answer(200 if good else 404, page if good else b"", "text/html; charset=utf-8")
+
+            def do_POST(self) -> None:
+                length = self.headers.get("Content-Length", "")
+                if self.path != f"/{switch._key}/beat" or not length.isdecimal() or int(length) > _MOST_BYTES:
+                    self.close_connection = True
+                    return self._answer(404, b"", "text/plain")
+                text = self.rfile.read(int(length)).decode("utf-8", "replace")
+                return self._answer(200, switch.report(text).encode(), "application/json")
+
+            def log_message(self, format: str, *args: object) -> None:
+                pass
+
+            def _answer(self, code: int, body: bytes, kind: str) -> None:
+                self.send_response(code)
+                self.send_header("Content-Type", kind)
+                self.send_header("Content-Length", str(len(body)))
+                self.send_header("Cache-Control", "no-store")
+                self.end_headers()
+                self.wfile.write(body)
+
+        return Handler
+
+
+class GestureSwitch:
+    """The other hand raised above its shoulder: follow (`DeadMan`).
+
+    For simulated robots, because it comes through the cameras it is to guard against.
+    """
+
+    hint = "raise the other hand above its shoulder to move; Ctrl-C: end"
+
+    def __init__(self) -> None:
+        self._seq, self._t_ns = 0, -1
+
+    def poll(self, now_ns: int, view: OperatorView | None) -> Pressed:
+        """See `DeadMan`: one heartbeat for each new pose that shows the gesture."""
+        if view is None or view.t_ns <= self._t_ns or not view.gesture:
+            return Pressed()
+        self._seq, self._t_ns = self._seq + 1, view.t_ns
+        return Pressed(beats=(Beat(seq=self._seq, sent_ns=min(view.measured_ns, now_ns)),))
+
+    def close(self) -> None:
+        """See `DeadMan`."""
+
+
+KINDS = "key, joystick:/dev/input/js0, ros:/joy, web, web:PORT, gesture"
+
+
+def open_deadman(text: str, *, gesture_allowed: bool = True, ros: RosPlan | None = None) -> DeadMan:
+    """The switch of ``--deadman``. ros: where its topic is; None: domain 0 of ROS 2.
+
+    Raises:
+        ConfigError: no such switch, or a gesture where it alone is not enough. SourceError: it cannot be opened.
+    """
+    kind, _, where = text.partition(":")
+    if kind == "key" and not where:
+        return KeySwitch()
+    if kind == "joystick" and where:
+        return JoystickSwitch(where)
+    if kind == "ros" and where.startswith("/"):
+        return RosJoySwitch(where, ros or RosPlan())
+    if kind == "web" and (not where or where.isdecimal()):
+        return WebSwitch(int(where or 0))
+    if text == "gesture":
+        if not gesture_allowed:
+            raise ConfigError(
+                "--deadman gesture: a gesture alone does not stop a real robot when the cameras fail; "
+                "use another switch, or --i-have-an-emergency-stop where one is within reach"
+            )
+        return GestureSwitch()
+    raise ConfigError(f"--deadman {text}: expected one of {KINDS}")
