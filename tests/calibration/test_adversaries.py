@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from calibrating import merged
 
+from bench.faults.waved_props import Faults, board, cube, observe_prop
+from posefuse.calibration.extrinsics.clocks import rough_offsets
 from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.target import Calibration, calibrate_extrinsics
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Charuco, Chessboard, Markers
-from posefuse.calibration.targets.synthetic import Faults, board, cube, observe_prop
 from posefuse.core import SE3, CalibrationError, Rig
 
 TOGETHER = Options(instants=100, clocks="together")
@@ -184,6 +185,22 @@ def test_synchronised_is_not_taken_on_trust_and_offsets_are_found(lab: Any) -> N
     found = calibrate_extrinsics(seen, lab.rig.cameras, lab.target, replace(TOGETHER, clocks="offset"))
     late = found.delay_s[:, 0] - found.delay_s[0, 0]
     np.testing.assert_allclose(late, late_s, atol=2e-3)
+    assert lab.errors(found.rig)[0].max() < 5.0
+
+
+@pytest.mark.parametrize("late_s", [(0.3, -0.3, 0.3, -0.3), (0.0, 1.2, -0.6, 0.35)])
+def test_cameras_that_are_all_late_are_found_to_half_a_step_of_the_search(lab: Any, late_s: tuple[float, ...]) -> None:
+    seen = lab.watch(Faults(delay_s=late_s))
+    found = rough_offsets(seen, lab.rig.cameras, lab.target)
+    np.testing.assert_allclose(found - found[0], np.array(late_s) - late_s[0], atol=0.05)
+
+
+@pytest.mark.slow
+def test_cameras_that_are_late_in_turn_are_calibrated_with_their_clocks(lab: Any) -> None:
+    late_s = np.array([0.3, -0.3, 0.3, -0.3])
+    seen = lab.watch(Faults(delay_s=tuple(late_s)))
+    found = calibrate_extrinsics(seen, lab.rig.cameras, lab.target, Options(instants=60))
+    np.testing.assert_allclose(found.delay_s[:, 0] - found.delay_s[0, 0], late_s - late_s[0], atol=2e-3)
     assert lab.errors(found.rig)[0].max() < 5.0
 
 

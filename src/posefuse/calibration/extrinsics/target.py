@@ -181,7 +181,7 @@ def _may_be_clocks(task: _Task, attempt: _Attempt, options: Options) -> bool:
         return False
     if any(check.name == IN_STEP for check in attempt.failed):
         return True
-    late = rough_offsets(task.observations, task.cameras, task.target, options.most_offset_s)
+    late = rough_offsets(task.observations, task.cameras, task.target)
     return bool(np.isfinite(late).any() and (np.abs(late - np.nanmedian(late)) > _UNSYNCHRONISED_S).any())
 
 
