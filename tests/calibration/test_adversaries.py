@@ -195,6 +195,11 @@ def test_cameras_that_are_all_late_are_found_to_half_a_step_of_the_search(lab: A
     np.testing.assert_allclose(found - found[0], np.array(late_s) - late_s[0], atol=0.05)
 
 
+def test_a_recording_of_a_second_determines_no_clock(lab: Any) -> None:
+    seen = lab.watch(motion=replace(lab.motion, seconds=1.0))
+    assert np.isnan(rough_offsets(seen, lab.rig.cameras, lab.target)).all()
+
+
 @pytest.mark.slow
 def test_cameras_that_are_late_in_turn_are_calibrated_with_their_clocks(lab: Any) -> None:
     late_s = np.array([0.3, -0.3, 0.3, -0.3])

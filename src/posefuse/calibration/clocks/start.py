@@ -139,6 +139,8 @@ def _pair(grids: Sequence[Grid], a: int, b: int, cost: Cost, most: int) -> _Pair
     apart, seen_a, seen_b = grids[b].first - grids[a].first, grids[a].seen, grids[b].seen
     for i, late in enumerate(range(-most, most + 1)):
         begin, end = max(0, apart - late), min(len(grids[a].xy), apart - late + len(grids[b].xy))
+        if (end - begin) * STEP_S < _LEAST_S:
+            continue
         both = begin + np.flatnonzero(seen_a[begin:end] & seen_b[begin + late - apart : end + late - apart])
         if len(both) * STEP_S >= _LEAST_S:
             rows = both[:: max(1, len(both) // _MOMENTS)]
