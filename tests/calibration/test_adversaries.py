@@ -96,6 +96,12 @@ def test_a_second_prop_is_left_out_and_named(lab: Any, plain: CornerObservations
     assert left_out == [f"marker {i}" for i in range(10, 16)]
 
 
+def test_a_target_that_is_held_still_is_named_and_no_lens_is_blamed(lab: Any) -> None:
+    held = lab.watch(motion=replace(lab.motion, swings_hz=1e-9, seconds=4.0))
+    with pytest.raises(RefusedCalibration, match=r"^extrinsics: target moves: .* it is held still"):
+        calibrate_extrinsics(held, lab.rig.cameras, lab.target, TOGETHER)
+
+
 def test_two_equal_props_are_refused(lab: Any, plain: CornerObservations) -> None:
     with pytest.raises(RefusedCalibration, match="marker 2 in 81 frames of cam00"):
         calibrate_extrinsics(replace(plain, doubled=(("cam00", 2, 81),)), lab.rig.cameras, lab.target, TOGETHER)
