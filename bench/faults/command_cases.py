@@ -11,8 +11,7 @@ import cv2
 import numpy as np
 
 from posefuse.calibration.targets.description import write_target
-from posefuse.calibration.targets.kinds import Markers, dictionary_of
-from posefuse.calibration.targets.synthetic import Waving, cube
+from posefuse.calibration.targets.kinds import dictionary_of
 from posefuse.cli.command_line import parse
 from posefuse.cli.terminal import Terminal
 from posefuse.core import CalibrationError, Camera, Rig
@@ -21,6 +20,7 @@ from posefuse.formats.rig import read_rig, write_rig
 
 from .sessions import errors, ring
 from .verdict import Answer, Case, GoodSession
+from .waved_props import Waving, cube
 
 _WRONG = 1e6
 SIDE_M, EDGE_M, RATE_HZ, SECONDS = 0.28, 0.36, 8.0, 7.0

@@ -10,7 +10,6 @@ import numpy as np
 from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Charuco, Markers, Target
-from posefuse.calibration.targets.synthetic import Waving, cube
 from posefuse.core import Camera, Rig
 
 from .sessions import (
@@ -29,6 +28,7 @@ from .sessions import (
     zoomed,
 )
 from .verdict import Answer, Case
+from .waved_props import Waving, cube
 
 TOGETHER = Options(instants=INSTANTS, clocks="together")
 MIDDLE_S = 15.0

@@ -13,12 +13,12 @@ from posefuse.calibration.extrinsics.target import calibrate_extrinsics
 from posefuse.calibration.solving.rotations import Poses, stacked
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Charuco, Markers, Target
-from posefuse.calibration.targets.synthetic import Faults, Waving, board, cube, observe_prop
 from posefuse.core import SE3, CalibrationError, Camera, Rig
 from posefuse.core.arrays import Array
 from posefuse.simulation.cameras import looking_at
 
 from .verdict import Answer
+from .waved_props import Faults, Waving, board, cube, observe_prop
 
 INSTANTS = 120
 _ROWS = ("camera", "t_ns", "patch", "corner", "xy_img", "sharpness")

@@ -20,11 +20,11 @@ from posefuse.calibration.checks.verify import verify
 from posefuse.calibration.solving.rotations import angle_between
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Charuco, Target
-from posefuse.calibration.targets.synthetic import Faults, Waving, board, observe_prop
 from posefuse.core import CalibrationError, Camera, Rig
 
 from .sessions import moved, one_changed, prop_session, ring, zoomed
 from .verdict import Answer, Case
+from .waved_props import Faults, Waving, board, observe_prop
 
 _WRONG = 1e6
 TARGET = Charuco(columns=5, rows=7, square_m=0.09, marker_m=0.065)

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench.faults.waved_props import Faults, Waving, cube, observe_prop
 from posefuse.calibration.extrinsics.self_checks import camera_differences
 from posefuse.calibration.solving.rotations import Poses, poses_of, stacked
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.detection import observe_all
 from posefuse.calibration.targets.kinds import Charuco, Markers
-from posefuse.calibration.targets.synthetic import Faults, Waving, cube, observe_prop
 from posefuse.core import Rig
 from posefuse.formats.rig import read_rig
 from posefuse.sources import VideoConfig

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from calibrating import merged
 
+from bench.faults.waved_props import Faults, board, cube, observe_prop
+from posefuse.calibration.extrinsics.clocks import rough_offsets
 from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.target import Calibration, calibrate_extrinsics
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Charuco, Chessboard, Markers
-from posefuse.calibration.targets.synthetic import Faults, board, cube, observe_prop
 from posefuse.core import SE3, CalibrationError, Rig
 
 TOGETHER = Options(instants=100, clocks="together")
@@ -93,6 +94,12 @@ def test_a_second_prop_is_left_out_and_named(lab: Any, plain: CornerObservations
     assert lab.errors(found.rig)[0].max() < 3.0
     left_out = [note.split(" left out")[0] for note in found.report.notes if "left out" in note]
     assert left_out == [f"marker {i}" for i in range(10, 16)]
+
+
+def test_a_target_that_is_held_still_is_named_and_no_lens_is_blamed(lab: Any) -> None:
+    held = lab.watch(motion=replace(lab.motion, swings_hz=1e-9, seconds=4.0))
+    with pytest.raises(RefusedCalibration, match=r"^extrinsics: target moves: .* it is held still"):
+        calibrate_extrinsics(held, lab.rig.cameras, lab.target, TOGETHER)
 
 
 def test_two_equal_props_are_refused(lab: Any, plain: CornerObservations) -> None:
@@ -184,6 +191,27 @@ def test_synchronised_is_not_taken_on_trust_and_offsets_are_found(lab: Any) -> N
     found = calibrate_extrinsics(seen, lab.rig.cameras, lab.target, replace(TOGETHER, clocks="offset"))
     late = found.delay_s[:, 0] - found.delay_s[0, 0]
     np.testing.assert_allclose(late, late_s, atol=2e-3)
+    assert lab.errors(found.rig)[0].max() < 5.0
+
+
+@pytest.mark.parametrize("late_s", [(0.3, -0.3, 0.3, -0.3), (0.0, 1.2, -0.6, 0.35)])
+def test_cameras_that_are_all_late_are_found_to_half_a_step_of_the_search(lab: Any, late_s: tuple[float, ...]) -> None:
+    seen = lab.watch(Faults(delay_s=late_s))
+    found = rough_offsets(seen, lab.rig.cameras, lab.target)
+    np.testing.assert_allclose(found - found[0], np.array(late_s) - late_s[0], atol=0.05)
+
+
+def test_a_recording_of_a_second_determines_no_clock(lab: Any) -> None:
+    seen = lab.watch(motion=replace(lab.motion, seconds=1.0))
+    assert np.isnan(rough_offsets(seen, lab.rig.cameras, lab.target)).all()
+
+
+@pytest.mark.slow
+def test_cameras_that_are_late_in_turn_are_calibrated_with_their_clocks(lab: Any) -> None:
+    late_s = np.array([0.3, -0.3, 0.3, -0.3])
+    seen = lab.watch(Faults(delay_s=tuple(late_s)))
+    found = calibrate_extrinsics(seen, lab.rig.cameras, lab.target, Options(instants=60))
+    np.testing.assert_allclose(found.delay_s[:, 0] - found.delay_s[0, 0], late_s - late_s[0], atol=2e-3)
     assert lab.errors(found.rig)[0].max() < 5.0
 
 

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from bench.faults.waved_props import Faults, Waving, cube, observe_prop
 from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.self_checks import scale_of
 from posefuse.calibration.extrinsics.snapshots import Snapshots, snapshots
@@ -12,7 +13,6 @@ from posefuse.calibration.extrinsics.target import calibrate_extrinsics
 from posefuse.calibration.solving.rotations import poses_of
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Markers
-from posefuse.calibration.targets.synthetic import Faults, Waving, cube, observe_prop
 from posefuse.core import Rig
 
 

@@ -11,6 +11,7 @@ import pytest
 from synthetic_walk import BODY, STATURE_M, walker
 
 import posefuse as pf
+from bench.faults.waved_props import Faults
 from posefuse.calibration.extrinsics.target import calibrate_extrinsics
 from posefuse.calibration.person.bundle import solve_person_bundle
 from posefuse.calibration.person.scale import KnownLength
@@ -18,7 +19,6 @@ from posefuse.calibration.person.solve import _floor, calibrate_from_person
 from posefuse.calibration.person.standing import check_standing
 from posefuse.calibration.person.views import PersonViews
 from posefuse.calibration.report import RefusedCalibration
-from posefuse.calibration.targets.synthetic import Faults
 from posefuse.core import SE3, Rig, Skeleton
 from posefuse.formats.rig import write_rig
 from posefuse.pipeline.person_poses import timeline_of

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from calibrating import run
 
+from bench.faults.waved_props import Faults, Waving, board, observe_prop
 from posefuse.api import calibrate as api
 from posefuse.calibration.intrinsics.board import PARAMETERS, calibrate_intrinsics
 from posefuse.calibration.report import RefusedCalibration
@@ -23,7 +24,6 @@ from posefuse.calibration.targets.description import write_target
 from posefuse.calibration.targets.detection import TargetDetector, detect_corners, why_nothing
 from posefuse.calibration.targets.kinds import Charuco, Chessboard, Markers, Target
 from posefuse.calibration.targets.printing import board_sheets, cube_sheets, write_pdf
-from posefuse.calibration.targets.synthetic import Faults, Waving, board, observe_prop
 from posefuse.core import CalibrationError, ConfigError, Rig
 from posefuse.formats.rig import read_rig
 from posefuse.sources import ImagesConfig

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
+from bench.faults.waved_props import Faults, Waving, observe_prop
 from posefuse.calibration.extrinsics.pipeline import Options, key_snapshots, link
 from posefuse.calibration.extrinsics.self_checks import camera_differences
 from posefuse.calibration.extrinsics.target import calibrate_extrinsics
@@ -16,7 +17,6 @@ from posefuse.calibration.targets.description import TargetDescription, describe
 from posefuse.calibration.targets.detection import Corners, TargetDetector
 from posefuse.calibration.targets.kinds import Charuco, sides
 from posefuse.calibration.targets.printing import board_sheets
-from posefuse.calibration.targets.synthetic import Faults, Waving, observe_prop
 from posefuse.core import SE3, ConfigError, Rig
 
 OPTIONS = Options(instants=50, clocks="together")

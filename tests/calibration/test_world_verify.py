@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import pdist
 
+from bench.faults.waved_props import Faults, Waving, board, observe_prop
 from posefuse.calibration.checks.point_noise import point_covariance
 from posefuse.calibration.checks.verify import verify
 from posefuse.calibration.extrinsics.target import world_checks
@@ -21,7 +22,6 @@ from posefuse.calibration.extrinsics.world import (
     triangulate_linear,
 )
 from posefuse.calibration.targets.kinds import Charuco, Markers
-from posefuse.calibration.targets.synthetic import Faults, Waving, board, observe_prop
 from posefuse.core import SE3, CalibrationError, Rig
 from posefuse.health import rig_monitor as monitor
 

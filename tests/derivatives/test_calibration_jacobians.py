@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bench.faults.waved_props import Faults, Waving, cube, observe_prop
 from posefuse.calibration.extrinsics.pipeline import Options, key_snapshots, link, solve_linked
 from posefuse.calibration.extrinsics.prop_solve import Freedom, Noise, PropState, _Model, solve_prop
 from posefuse.calibration.solving.bundle import grouped_sum
 from posefuse.calibration.solving.projection import Lenses
 from posefuse.calibration.solving.rotations import Poses, poses_of, stacked
 from posefuse.calibration.targets.kinds import Markers, patch_corners
-from posefuse.calibration.targets.synthetic import Faults, Waving, cube, observe_prop
 from posefuse.core import Rig
 
 STEP = 1e-6

@@ -1,9 +1,10 @@
-"""Clocks of cameras to about a frame, however far apart they started, from a person they all watch.
+"""Clocks of cameras to about a frame, however far apart they started, from what they all watch.
 
 With a known rig, simultaneous rays of two cameras meet in space: the wanted offset is the one at which points are nearest to
-each other's epipolar lines. Without a rig, every point of the body moves approximately in a plane, of which two cameras see two
-images; the wanted offset is the one at which homographies map one path best onto the other. Every pair of cameras shows by
-how much each offset is better than the usual one; the offsets of all cameras are those on which the pairs agree best.
+each other's epipolar lines. Without a rig, every point of a body moves approximately in a plane, of which two cameras see two
+images; the wanted offset is the one at which homographies map one path best onto the other. A rigid target is seen on two
+paths in space that are one rigid motion apart (`extrinsics.clocks`). Every pair of cameras shows by how much each offset is
+better than the usual one; the offsets of all cameras are those on which the pairs agree best.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ class _Pair:
 
 def rough_clocks(rig: Rig, tracks: Sequence[PersonTrack], most_s: float) -> RoughClocks:
     """Of cameras with the extrinsics of the rig."""
-    grids = [_Grid.of(track) for track in tracks]
+    grids = [Grid.of(track) for track in tracks]
     norm = [camera.norm_from_px(grid.xy) for camera, grid in zip(rig, grids, strict=True)]
 
     def cost(a: int, b: int) -> Cost:
@@ -76,31 +77,45 @@ def rough_clocks(rig: Rig, tracks: Sequence[PersonTrack], most_s: float) -> Roug
 
         return of
 
-    return _agreed(grids, cost, most_s)
+    return agreed_clocks(grids, cost, most_s)
 
 
 def rough_clocks_unplaced(cameras: Sequence[Camera], tracks: Sequence[PersonTrack], most_s: float) -> RoughClocks:
     """Of cameras at unknown places, from the way the person walks over the floor."""
-    grids = [_Grid.of(track) for track in tracks]
+    grids = [Grid.of(track) for track in tracks]
     ways = [np.moveaxis(camera.norm_from_px(grid.xy), 0, 1) for camera, grid in zip(cameras, grids, strict=True)]
-    return _agreed(grids, lambda a, b: lambda rows_a, rows_b: _homography_misfit(ways[a][:, rows_a], ways[b][:, rows_b]), most_s)
+    return agreed_clocks(
+        grids, lambda a, b: lambda rows_a, rows_b: _homography_misfit(ways[a][:, rows_a], ways[b][:, rows_b]), most_s
+    )
 
 
 @dataclass(frozen=True, eq=False)
-class _Grid:
-    """A track at even times: first number of steps, and xy (F, P, 2)."""
+class Grid:
+    """What a camera sees at even times: first number of steps, and points (F, P, D), NaN where unseen."""
 
     first: int
     xy: Array
 
+    @property
+    def seen(self) -> Array:
+        """(F,) whether any point is."""
+        return np.asarray(np.isfinite(self.xy).all(axis=-1).any(axis=-1))
+
     @classmethod
-    def of(cls, track: PersonTrack) -> _Grid:
+    def of(cls, track: PersonTrack) -> Grid:
+        """Of a person, read at these times."""
         t_s = track.t_s
         first, last = (round(float(t) / STEP_S) for t in t_s[[0, -1]])
         return cls(first, at_times(t_s, track.xy_img, np.arange(first, last + 1) * STEP_S))
 
 
-def _agreed(grids: Sequence[_Grid], cost: Callable[[int, int], Cost], most_s: float) -> RoughClocks:
+def agreed_clocks(grids: Sequence[Grid], cost: Callable[[int, int], Cost], most_s: float) -> RoughClocks:
+    """The offsets on which pairs of cameras agree best.
+
+    Args:
+        grids: one per camera. cost: of cameras a and b, the misfit of steps of a with steps of b; NaN where these are too few.
+        most_s: the farthest two cameras' clocks may be apart.
+    """
     count, most = len(grids), round(most_s / STEP_S)
     pairs = [_pair(grids, a, b, cost(a, b), most) for a in range(count) for b in range(a + 1, count)]
     starts = sorted(((value, pair, late) for pair in pairs for value, late in _peaks(pair.worth, most)), key=lambda one: -one[0])
@@ -118,14 +133,18 @@ def _agreed(grids: Sequence[_Grid], cost: Callable[[int, int], Cost], most_s: fl
     return RoughClocks((best - zero) * STEP_S, clear, (other - zero) * STEP_S, rivalry)
 
 
-def _pair(grids: Sequence[_Grid], a: int, b: int, cost: Cost, most: int) -> _Pair:
+def _pair(grids: Sequence[Grid], a: int, b: int, cost: Cost, most: int) -> _Pair:
     left, share = np.full(2 * most + 1, np.nan), np.zeros(2 * most + 1)
-    apart = grids[b].first - grids[a].first
+    most_seen = max(int(one.seen.sum()) for one in grids)
+    apart, seen_a, seen_b = grids[b].first - grids[a].first, grids[a].seen, grids[b].seen
     for i, late in enumerate(range(-most, most + 1)):
         begin, end = max(0, apart - late), min(len(grids[a].xy), apart - late + len(grids[b].xy))
-        if (end - begin) * STEP_S >= _LEAST_S:
-            rows = np.arange(begin, end, max(1, (end - begin) // _MOMENTS))
-            left[i], share[i] = cost(rows, rows + late - apart), (end - begin) / max(len(one.xy) for one in grids)
+        if (end - begin) * STEP_S < _LEAST_S:
+            continue
+        both = begin + np.flatnonzero(seen_a[begin:end] & seen_b[begin + late - apart : end + late - apart])
+        if len(both) * STEP_S >= _LEAST_S:
+            rows = both[:: max(1, len(both) // _MOMENTS)]
+            left[i], share[i] = cost(rows, rows + late - apart), len(both) / most_seen
     with np.errstate(all="ignore"):
         # a short stretch is easily explained: it counts as little as it is long
         return _Pair(

@@ -44,4 +44,6 @@ def solve_from_scratch(
     if len(links.placed) < len(cameras):
         return None, len(seen.camera)
     solved = solve_linked(observations, cameras, target, options, links, delay)
-    return solved, max(len(seen.camera) - len(solved.seen.camera), 0)
+    # what is not read again at the clocks found, since a neighbouring frame lacks it, is no evidence against them
+    used = np.isin(seen.instant, np.unique(solved.seen.instant)) & np.isin(seen.patch, np.unique(solved.seen.patch))
+    return solved, int((~used).sum())

@@ -22,7 +22,6 @@ from .snapshots import Snapshots, middle_ns, snapshots
 _CANDIDATES, _STILL_LARGER = 2, 1.5
 _LEAST_STEPS = 6
 _LEAST_JUMP_S, _SIGMA = 0.005, 5.0
-_LONGEST_JUMP_S = 0.6
 
 
 def moved_or_jumped(trouble: Trouble) -> Iterator[CauseTrial]:
@@ -131,7 +130,7 @@ def _rough_clocks_s(trouble: Trouble, solved: Solved, c: int, t_s: float) -> tup
         pair = seen.rows(part & np.isin(seen.camera, (c, other)))
         if len(pair) == 0:
             return None
-        found = rough_offsets(pair, trouble.cameras, trouble.target, _LONGEST_JUMP_S)
+        found = rough_offsets(pair, trouble.cameras, trouble.target)
         clocks_s.append(float(solved.solution.state.delay_s[other, 0] + found[c] - found[other]))
     return (clocks_s[0], clocks_s[1]) if np.isfinite(clocks_s).all() else None
 

@@ -102,7 +102,7 @@ def check_one_place(cameras: Sequence[Camera], halves: Halves, distance_m: float
         f" half (limit {limits.spread_ratio:.2f} where poses differ too, {limits.certain_ratio:.2f} where they clearly do), and"
         f" its pose differs between the halves by {apart_m[c] * 1e3:.1f} ± {sigma_m[c] * 1e3:.1f} mm and"
         f" {np.rad2deg(turned_rad[c]):.2f} ± {np.rad2deg(sigma_rad[c]):.2f} deg",
-        "it was moved during the recording: calibrate again, or use the part before or after",
+        "it was moved or refocused during the recording: calibrate again, or use the part before or after",
     )  # fmt: skip
 
 

@@ -47,6 +47,8 @@ class Limits:
         apart_m: two cameras nearer than this share a body. Judgement.
         facing_share: of marker views that must show the printed face. Judgement; a mirrored board has 0.
         upside_down_cosine: of the image's up direction with the world's. Judgement: 120 deg.
+        target_spread_share: of an image's width, by which a corner must spread over the recording in some camera. Judgement: a
+            hand that holds a target still sways by less.
         target_side_m: smallest and largest plausible edge of a marker or square. Prints are 10 mm to 1 m.
         distance_m: smallest and largest plausible distance between target and cameras, of rooms in which people move.
     """
@@ -85,6 +87,7 @@ class Limits:
     apart_m: float = 0.03
     facing_share: float = 0.9
     upside_down_cosine: float = -0.5
+    target_spread_share: float = 0.01
     target_side_m: tuple[float, float] = (0.004, 2.0)
     distance_m: tuple[float, float] = (0.6, 25.0)
 

@@ -40,7 +40,6 @@ class Options:
         time steps: key time steps used at most.
         clocks: ``together`` (the cameras are synchronised), ``offset`` or ``drift`` (estimate each camera's clock),
             ``auto`` (taken as synchronised, and estimated when they turn out not to be).
-        most_offset_s: largest clock offset searched for.
         lens_sigma: standard errors (6,) of `LENS_PARAMETERS` to refine the intrinsics by; None keeps them.
         own_intrinsics: the intrinsics come from the same recording, which has to carry them.
         limits: what refuses the result.
@@ -48,7 +47,6 @@ class Options:
 
     instants: int = 400
     clocks: str = "auto"
-    most_offset_s: float = 0.3
     lens_sigma: tuple[float, ...] | None = None
     own_intrinsics: bool = False
     limits: Limits = LIMITS
@@ -129,7 +127,7 @@ def starting_clocks(observations: CornerObservations, cameras: tuple[Camera, ...
     """(C, 2) clocks to start from: 0 for synchronised cameras, else from the paths of the prop."""
     delay_s = np.zeros((len(cameras), 2))
     if options.clocks != "together":
-        delay_s[:, 0] = np.nan_to_num(rough_offsets(observations, cameras, target, options.most_offset_s))
+        delay_s[:, 0] = np.nan_to_num(rough_offsets(observations, cameras, target))
         delay_s[:, 0] -= np.median(delay_s[:, 0])
     return delay_s
 

@@ -32,6 +32,21 @@ def check_target_seen(observations: CornerObservations) -> Check:
     return Check("target seen", not blind, detail, "show it there, check focus, light and marker size, or leave the camera out")
 
 
+def check_target_moves(observations: CornerObservations, limits: Limits = LIMITS) -> Check:
+    """The target is at more than one place: frames of one pose determine no more than one of them."""
+    key = np.stack([observations.camera, observations.patch, observations.corner], axis=1)
+    first, place, count = np.unique(key, axis=0, return_index=True, return_inverse=True, return_counts=True)[1:]
+    place = place.ravel()
+    middle = np.stack([np.bincount(place, xy) for xy in observations.xy_img.T], axis=1) / count[:, None]
+    spread_px = np.sqrt(np.bincount(place, ((observations.xy_img - middle[place]) ** 2).sum(axis=1)) / count)
+    width_px = np.array([max(wh) for wh in observations.sizes_wh])[observations.camera[first]]
+    share = float((spread_px / width_px).max(initial=0.0))
+    moves = share >= limits.target_spread_share
+    still = "" if moves else ": it is held still, and frames of one pose count as one"
+    detail = f"corners spread by {share:.1%} of an image's width (needed {limits.target_spread_share:.0%}){still}"
+    return Check("target moves", moves, detail, "wave it through the whole volume")
+
+
 def check_doubled(observations: CornerObservations) -> Check:
     """No marker comes twice in many images."""
     frames = dict(zip(observations.cameras, observations.frame_count, strict=True))
@@ -155,7 +170,7 @@ def check_still(cameras: Sequence[Camera], solved: Solved, limits: Limits = LIMI
                 remedy = "it was moved several times, is unsynchronised, or the times of its frames are wrong"
             else:
                 when += ", and agrees at other times"
-                remedy = "it was moved, or its clock jumped: calibrate with the part before or after"
+                remedy = "it was moved, its image froze, or its clock jumped: calibrate with the part before or after"
             return Check("cameras stand still", False, f"{named.name} disagrees with the others {when}", remedy)
     return Check("cameras stand still", True, "every camera agrees over the whole recording")
 
@@ -204,7 +219,7 @@ def check_halves(
         f"from separate data {cameras[worst].name} differs by {apart_m[worst] * 1e3:.1f} mm and"
         f" {np.rad2deg(turned_rad[worst]):.2f} deg (limits {limit_m * 1e3:.1f} mm,"
         f" {np.rad2deg(limits.halves_rad):.1f} deg)",
-        "it was moved between the halves, or the data are too few: wave longer, over the whole volume",
+        "it was moved or refocused between the halves, or the data are too few: wave longer, over the whole volume",
     )  # fmt: skip
 
 

@@ -31,6 +31,7 @@ _UNSYNCHRONISED_S = 0.02
 # checks whose failure names its cause
 SAID_BY_ITSELF = (
     "target seen",
+    "target moves",
     "marker ids are unique",
     "videos differ",
     "images are upright",
@@ -133,7 +134,8 @@ class _Attempt:
 def _attempt(task: _Task, options: Options) -> _Attempt:
     """Solve and check as far as that goes."""
     done: list[Check] = [
-        checks.check_target_seen(task.observations), checks.check_doubled(task.observations),
+        checks.check_target_seen(task.observations), checks.check_target_moves(task.observations, options.limits),
+        checks.check_doubled(task.observations),
         check_same_video_by_corners(task.observations), check_target_size(task.target, options.limits),
     ]  # fmt: skip
     solved: Solved | None = None
@@ -181,7 +183,7 @@ def _may_be_clocks(task: _Task, attempt: _Attempt, options: Options) -> bool:
         return False
     if any(check.name == IN_STEP for check in attempt.failed):
         return True
-    late = rough_offsets(task.observations, task.cameras, task.target, options.most_offset_s)
+    late = rough_offsets(task.observations, task.cameras, task.target)
     return bool(np.isfinite(late).any() and (np.abs(late - np.nanmedian(late)) > _UNSYNCHRONISED_S).any())
 
 

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from posefuse.calibration.targets.corners import CornerObservations
+from posefuse.calibration.targets.kinds import BOARD_PATCH, Target
 from posefuse.core import SE3, Rig
 from posefuse.core.arrays import Array
-
-from .corners import CornerObservations
-from .kinds import BOARD_PATCH, Target
 
 _STEEPEST_VIEW_COSINE = 0.3
 _SMALLEST_EDGE_PX = 10.0
