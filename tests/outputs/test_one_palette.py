@@ -24,6 +24,7 @@ from posefuse.outputs.overview import OverviewSink
 from posefuse.outputs.rerun import RerunSink
 from posefuse.outputs.rerun_scene import keypoint_colours
 from posefuse.studio.scene.setup import scene_setup
+from posefuse.studio.scene.view import curves
 from posefuse.studio.timeline import COLOURS
 
 ORANGE, BLUE = (0.02, 0.11), (0.54, 0.62)
@@ -94,6 +95,10 @@ def test_what_a_written_rerun_recording_holds(tmp_path: Path, make_recording: Ca
     for entity, archetype in (("/world/people/0/bones", "LineStrips3D"), ("/world/cameras/cam00/skeleton", "LineStrips2D")):
         bones = dict(zip(recording.poses.skeleton.bones, colours(entity, archetype), strict=True))
         assert_sides(bones["left_shoulder", "left_hip"], bones["right_shoulder", "right_hip"])
+
+
+def test_the_curves_of_the_live_page() -> None:
+    assert_sides(*curves([0, 1], ["left_knee flexion", "right_knee flexion"])["colours"])
 
 
 def test_people_have_no_colour_of_a_side() -> None:
