@@ -27,6 +27,7 @@ from posefuse.cli.options import Figures, Shown
 from posefuse.cli.stopping import terminate_on_signals
 from posefuse.cli.terminal import Terminal, in_options
 from posefuse.core import DependencyError
+from posefuse.formats.page import Page, Table, write_page
 from posefuse.foundation.requests_to_end import REQUESTS_TO_END
 from posefuse.realtime.latency import STAGES
 
@@ -328,6 +329,14 @@ def test_a_table_that_is_too_wide_has_narrow_cells_before_broken_words(monkeypat
     Terminal(as_json=False).table("Latency", columns, [("cam00", "ok", "58%", *["12.3"] * 6, "87", "127")])
     header = capsys.readouterr().out.splitlines()[2]
     assert [word for word in columns if word not in header] == []
+
+
+def test_numbers_of_one_column_have_one_number_of_digits(capsys, read_page, tmp_path: Path) -> None:
+    columns, rows = ("camera", "sigmas"), [("cam00", 0.88), ("cam01", 0.879), ("cam02", 12.0), ("cam03", float("nan"))]
+    Terminal(as_json=False).table("Cameras", columns, rows)
+    on_a_page = read_page(write_page(tmp_path / "page.html", Page("title", [Table(columns, rows[:2])]))).tables[0]
+    assert re.findall(r"cam0\d\W+?(\d+\.\d+|-) ", capsys.readouterr().out) == ["0.9", "0.9", "12.0", "-"]
+    assert [row[1] for row in on_a_page[1:]] == ["0.880", "0.879"]
 
 
 def test_a_session_that_was_stopped_before_it_began_has_no_figures_of_nothing(capsys) -> None:

@@ -111,7 +111,7 @@ def test_missing_values_are_dashes_and_gaps(read_page, tmp_path):
         Facts({"a": float("inf")}),
         Plots([axes(Line("none", X, X * np.nan)), axes(Band("none", X, X * np.nan, X * np.nan)), axes()]),
     )
-    assert page.tables == [[["joint", "mm"], ["neck", "12.3"], ["hip", "–"], ["toe", "–"], ["knee", "0.012"]], [["a", "–"]]]
+    assert page.tables == [[["joint", "mm"], ["neck", "12.3"], ["hip", "–"], ["toe", "–"], ["knee", "0.0"]], [["a", "–"]]]
     assert np.isnan(page.data["plots"][0]["series"][0]["y"]).all()
     assert page.data["plots"][1]["ranges"] == [None, None] and page.data["plots"][2]["series"] == []
 

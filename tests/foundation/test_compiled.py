@@ -24,7 +24,12 @@ assert np.allclose(np.diag(out), [1.0, 0.5, 0.25])
 
 
 def use(cache: Path) -> None:
-    subprocess.run([sys.executable, "-c", USE], check=True, env={"POSEFUSE_CACHE": str(cache)}, timeout=120)
+    subprocess.run(
+        [sys.executable, "-c", USE],
+        check=True,
+        env={"POSEFUSE_CACHE": str(cache), "PYTHONPATH": str(PACKAGE.parent)},
+        timeout=120,
+    )
 
 
 def test_kernels_stand_only_where_their_changes_are_noticed() -> None:

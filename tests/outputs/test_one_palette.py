@@ -21,8 +21,10 @@ from posefuse.messages.markers import side_colours
 from posefuse.outputs import write_outputs
 from posefuse.outputs.overlay import OverlaySink
 from posefuse.outputs.overview import OverviewSink
+from posefuse.outputs.rerun import RerunSink
 from posefuse.outputs.rerun_scene import keypoint_colours
 from posefuse.studio.scene.setup import scene_setup
+from posefuse.studio.scene.view import curves
 from posefuse.studio.timeline import COLOURS
 
 ORANGE, BLUE = (0.02, 0.11), (0.54, 0.62)
@@ -69,6 +71,34 @@ def test_the_3d_scene_of_the_studio_and_its_legend(make_recording: Callable[...,
     of = dict(zip(skeleton.keypoints, setup["keypoint_rgb"], strict=True))
     assert_sides(*(tuple(channel / 255 for channel in of[f"{side}_hip"]) for side in ("left", "right")))
     assert_sides(setup["sides"]["left"], setup["sides"]["right"])
+
+
+def test_what_a_written_rerun_recording_holds(tmp_path: Path, make_recording: Callable[..., Recording]) -> None:
+    """Points and bones of the first time step in 3D, and bones in an image, read by Rerun's own reader."""
+    reader = pytest.importorskip("rerun.chunk", reason="needs the extra `viewer`")
+    recording = make_recording()
+    [path] = write_outputs([RerunSink(image_px=0).build()], recording, tmp_path)
+    rows = {chunk.entity_path: chunk.to_record_batch().to_pydict() for chunk in reader.RrdReader(path).stream()}
+
+    def colours(entity: str, archetype: str) -> list[tuple[float, ...]]:
+        return [
+            tuple(channel / 255 for channel in value.to_bytes(4, "big")[:3]) for value in rows[entity][f"{archetype}:colors"][0]
+        ]
+
+    points = dict(
+        zip(
+            rows["/world/people/0/keypoints"]["Points3D:labels"][0], colours("/world/people/0/keypoints", "Points3D"), strict=True
+        )
+    )
+    for part in ("shoulder", "hip"):
+        assert_sides(points[f"left_{part}"], points[f"right_{part}"])
+    for entity, archetype in (("/world/people/0/bones", "LineStrips3D"), ("/world/cameras/cam00/skeleton", "LineStrips2D")):
+        bones = dict(zip(recording.poses.skeleton.bones, colours(entity, archetype), strict=True))
+        assert_sides(bones["left_shoulder", "left_hip"], bones["right_shoulder", "right_hip"])
+
+
+def test_the_curves_of_the_live_page() -> None:
+    assert_sides(*curves([0, 1], ["left_knee flexion", "right_knee flexion"])["colours"])
 
 
 def test_people_have_no_colour_of_a_side() -> None:

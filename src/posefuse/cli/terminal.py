@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
+
+from posefuse.foundation.columns import column_texts
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -76,8 +77,8 @@ class Terminal:
         shown = Table(title=Text(title), title_justify="left", title_style="bold", header_style="")
         for column, right in zip(columns, numeric, strict=True):
             shown.add_column(Text(column), justify="right" if right else "left", overflow="fold")
-        for row in rows:
-            shown.add_row(*(_cell(value) for value in row))
+        for row in zip(*(_cells(column) for column in zip(*rows, strict=True)), strict=True):
+            shown.add_row(*row)
         if self._tables.measure(shown, options=self._tables.options.update(width=_ANY_WIDTH)).maximum > self._tables.width:
             # narrow cells before broken words
             shown.padding = (0, 0)
@@ -90,7 +91,7 @@ class Terminal:
 
         shown = Table(title=Text(title), title_justify="left", title_style="bold", show_header=False)
         for name, value in facts.items():
-            shown.add_row(Text(name), _cell(value))
+            shown.add_row(Text(name), *_cells([value]))
         self._tables.print(shown)
 
     def figures(self, figures: Mapping[str, Any]) -> None:
@@ -115,24 +116,8 @@ class Terminal:
             yield report
 
 
-def _cell(value: Any) -> Text:
-    """A cell with its text as it is: square brackets in names of files are no markup."""
+def _cells(column: Sequence[Any]) -> list[Text]:
+    """Cells with their text as it is: square brackets in names of files are no markup."""
     from rich.text import Text
 
-    return Text(in_options(terminal_cell_text(value)))
-
-
-def terminal_cell_text(value: Any) -> str:
-    """A value as a table shows it."""
-    import numpy as np
-
-    if value is None:
-        return "-"
-    if isinstance(value, bool | np.bool_):
-        return "yes" if value else "no"
-    if isinstance(value, float | np.floating):
-        number = float(value)
-        return "-" if math.isnan(number) else f"{number:.3g}" if abs(number) < 10 else f"{number:,.1f}"
-    if isinstance(value, int | np.integer):
-        return f"{int(value):,}"
-    return str(value)
+    return [Text(in_options(text)) for text in column_texts(column, "-")]

@@ -36,7 +36,8 @@ def write_comparison(
 
 def distance_rows(found: Comparison) -> list[list[Any]]:
     """Rows of the table: point, mean, standard deviation, median, 95th percentile in mm, share compared."""
-    return [[point.replace("_", " "), *row.values()] for point, row in comparison_figures(found)["points"].items()]
+    points = comparison_figures(found)["points"]
+    return [[point.replace("_", " "), *list(row.values())[:-1], f"{row['found']:.0%}"] for point, row in points.items()]
 
 
 def alignment_facts(found: Comparison) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import Any, ClassVar, Literal, Protocol
@@ -12,6 +11,7 @@ import numpy as np
 
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
+from posefuse.foundation.columns import column_texts
 
 MISSING = "–"
 Tone = Literal["", "left", "right", "mid", "good", "bad"]
@@ -70,7 +70,7 @@ class Facts:
     @property
     def shown(self) -> list[tuple[str, str]]:
         """Names and texts."""
-        return [(name, page_cell_text(value)) for name, value in self.values.items()]
+        return [(name, *column_texts([value], MISSING)) for name, value in self.values.items()]
 
 
 @dataclass(frozen=True)
@@ -88,18 +88,13 @@ class Cell:
     value: Any
     tone: Tone = ""
 
-    @property
-    def text(self) -> str:
-        """As it is shown."""
-        return page_cell_text(self.value)
-
 
 @dataclass(frozen=True)
 class Table:
     """Rows under named columns; the first column is text, the others are numbers unless listed in `text`.
 
     Attributes:
-        rows: cells as plain values or `Cell`; floats are shown to one digit after the point, NaN and None as a dash.
+        rows: cells as plain values or `Cell`; floats are shown with one number of digits per column, NaN and None as a dash.
         text: every column is text, aligned to the left.
     """
 
@@ -116,8 +111,13 @@ class Table:
 
     @property
     def shown(self) -> list[list[Cell]]:
-        """Every cell as a `Cell`."""
-        return [[cell if isinstance(cell, Cell) else Cell(cell) for cell in row] for row in self.rows]
+        """Every cell as a `Cell` with its text."""
+        cells = [[cell if isinstance(cell, Cell) else Cell(cell) for cell in row] for row in self.rows]
+        columns = [
+            [Cell(text, cell.tone) for text, cell in zip(column_texts([c.value for c in column], MISSING), column, strict=True)]
+            for column in zip(*cells, strict=True)
+        ]
+        return [list(row) for row in zip(*columns, strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,17 +148,6 @@ class Details:
     summary: str
     blocks: Sequence[Block]
     kind: ClassVar[str] = "details"
-
-
-def page_cell_text(value: Any) -> str:
-    """A value as tables and facts show it: floats to one digit after the point, small ones to two significant digits."""
-    if value is None:
-        return MISSING
-    if isinstance(value, float):
-        if not math.isfinite(value):
-            return MISSING
-        return f"{value:.1f}" if abs(value) >= 0.1 or value == 0 else f"{value:.2g}"
-    return str(value)
 
 
 def _data_address(image: Array | bytes, lossless: bool) -> str:

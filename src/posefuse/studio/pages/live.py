@@ -204,12 +204,10 @@ def _angles_card(studio: Studio) -> None:
             .props("dense use-chips")
             .classes("w-full")
         )
-        plot = ValuePlot(LIVE, [names.index(name) for name in chosen], [words(name) for name in chosen])
+        plot = ValuePlot(LIVE, [names.index(name) for name in chosen], chosen)
         if not names:
             ui.label("No angles: the network does not mark enough of the body.").classes("pf-small")
-    choice.on_value_change(
-        lambda event: plot.choose([names.index(one) for one in event.value], [words(one) for one in event.value])
-    )
+    choice.on_value_change(lambda event: plot.choose([names.index(one) for one in event.value], event.value))
 
 
 def _news_card(refreshers: list[Callable[[Mapping[str, Any]], None]]) -> None:

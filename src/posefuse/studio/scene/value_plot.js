@@ -1,14 +1,13 @@
 import { listen, Seen, VALUES } from "posefuse-studio";
 
-const COLOURS = ["#26a69a", "#ef6c00", "#5c6bc0", "#d81b60", "#7cb342", "#00acc1"];
 const LEAST_RANGE = 20, MOST_LINES = 5, LEFT = 40, RIGHT = 8, TOP = 8, BOTTOM = 18;
 // curves of seconds need fewer updates than a skeleton
-const EVERY_MS = 100, GAP_S = 0.3;
+const EVERY_MS = 100, GAP_S = 0.3, DASH_PX = 6;
 
 export default {
   template: `<div><canvas></canvas><div class="pf-plot-names">
-    <span v-for="(label, i) in labels" :style="{ borderColor: colour(i) }">{{ label }}</span></div></div>`,
-  props: { stream: String, places: Array, labels: Array, unit: String, seconds: Number },
+    <span v-for="(label, i) in labels" :style="{ borderColor: colours[i], borderLeftStyle: dash(i) ? 'dashed' : 'solid' }">{{ label }}</span></div></div>`,
+  props: { stream: String, places: Array, labels: Array, colours: Array, unit: String, seconds: Number },
   mounted() {
     this.canvas = this.$el.children[0];
     this.past = [];
@@ -28,7 +27,8 @@ export default {
     clearTimeout(this.waiting);
   },
   methods: {
-    colour(i) { return COLOURS[i % COLOURS.length]; },
+    // the second curve of a colour is dashed, and the dashes of more are longer
+    dash(i) { return DASH_PX * this.colours.slice(0, i).filter((one) => one === this.colours[i]).length; },
     draw_soon() {
       if (this.past.length && this.seen.now) this.waiting ||= setTimeout(() => requestAnimationFrame(() => this.draw()), EVERY_MS);
     },
@@ -50,7 +50,7 @@ export default {
         pen.fillText(`${value}`, 8, y(value) + 4);
       }
       pen.fillText(`${this.unit}, last ${this.seconds} s`, LEFT, height - 4);
-      this.places.forEach((place, i) => this.line(pen, place, this.colour(i), x, y));
+      this.places.forEach((place, i) => this.line(pen, place, i, x, y));
     },
     // the canvas at the size of its element
     cleared(width, height) {
@@ -62,8 +62,9 @@ export default {
       pen.clearRect(0, 0, width, height);
       return pen;
     },
-    line(pen, place, colour, x, y) {
-      pen.strokeStyle = pen.fillStyle = colour;
+    line(pen, place, i, x, y) {
+      pen.strokeStyle = pen.fillStyle = this.colours[i];
+      pen.setLineDash(this.dash(i) ? [this.dash(i)] : []);
       pen.lineWidth = 1.8;
       for (const run of this.runs(place)) {
         const band = run.filter(({ values }) => !Number.isNaN(values[2 * place + 1]));

@@ -8,6 +8,8 @@ from typing import Any
 import nicegui.elements.scene  # noqa: F401
 from nicegui.element import Element
 
+from posefuse.core.palette import colour_of
+
 VIEWS = {"home": "Overview", "top": "From above", "front": "Front", "side": "Side"}
 """Where a scene can be looked at from, see `RigScene.look`, and its words."""
 
@@ -59,17 +61,22 @@ class ValuePlot(Element, component="value_plot.js", esm={"posefuse-studio": "lib
     """A running plot of some values of a stream.
 
     Args:
-        stream: name of the stream. places: numbers of the values in the setup's plots. labels: one per value. unit: of all.
+        stream: name of the stream. places, names: numbers in the setup's plots and names of the values. unit: of all.
         seconds: how much of the past is shown.
     """
 
-    def __init__(self, stream: str, places: list[int], labels: list[str], *, unit: str = "deg", seconds: float = 10.0) -> None:
+    def __init__(self, stream: str, places: list[int], names: list[str], *, unit: str = "deg", seconds: float = 10.0) -> None:
         super().__init__()
-        self._props.update(stream=stream, places=places, labels=labels, unit=unit, seconds=seconds)
+        self._props.update(curves(places, names), stream=stream, unit=unit, seconds=seconds)
         self.classes("pf-plot")
 
-    def choose(self, places: list[int], labels: list[str]) -> None:
+    def choose(self, places: list[int], names: list[str]) -> None:
         """Show other values."""
-        changes: dict[str, Any] = {"places": places, "labels": labels}
-        self._props.update(changes)
+        self._props.update(curves(places, names))
         self.update()
+
+
+def curves(places: list[int], names: list[str]) -> dict[str, Any]:
+    """Properties of a plot of these values: each has the colour of its side of the body."""
+    labels = [name.replace("_", " ") for name in names]
+    return {"places": places, "labels": labels, "colours": [colour_of(name).on_light for name in names]}
