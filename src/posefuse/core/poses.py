@@ -149,12 +149,3 @@ class PoseSequence:
         stacked = {name: np.stack([getattr(p, name) for p in poses]) for name in _POSE_AXES if name != "person_id"}
         give_away(*stacked.values())
         return PoseSequence(t_ns=np.array([p.t_ns for p in poses]), skeleton=first.skeleton, person_id=first.person_id, **stacked)
-
-    @staticmethod
-    def concatenate(parts: Sequence[PoseSequence]) -> PoseSequence:
-        """One after the other, at least one, of the same people in the same order."""
-        arrays: dict[str, Any] = {
-            name: np.concatenate([getattr(p, name) for p in parts]) for name in ("t_ns", *_POSE_AXES) if name != "person_id"
-        }
-        give_away(*arrays.values())
-        return replace(parts[0], **arrays)
