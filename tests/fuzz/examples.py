@@ -84,7 +84,7 @@ def _c3d(folder: Path) -> None:
 
 
 def _bvh(folder: Path) -> None:
-    rotation = np.tile(np.eye(3), (5, 3, 1, 1))
+    rotation = [np.tile(np.eye(3), (5, 1, 1))] * 3
     offset = np.array([[0, 0, 0], [0, 0.5, 0], [0, 0.5, 0.0]])
     data = BvhData(
         names=("hips", "knee", "knee_end"),
@@ -92,7 +92,7 @@ def _bvh(folder: Path) -> None:
         offset=offset,
         frame_s=0.02,
         rotation=rotation,
-        position=np.tile(offset, (5, 1, 1)),
+        position=[np.tile(one, (5, 1)) for one in offset],
     )
     write_bvh(folder / "a.bvh", data)
 

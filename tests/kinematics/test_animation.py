@@ -34,7 +34,7 @@ def sequence(posed):
 
 def test_a_bvh_read_back_is_the_same_motion(sequence, tmp_path):
     joints = joints_from_poses(sequence)
-    write_bvh(tmp_path / "a.bvh", animation_from_joints(sequence, joints, metres_per_unit=0.01))
+    write_bvh(tmp_path / "a.bvh", animation_from_joints(sequence, joints), metres_per_unit=0.01)
     back = read_bvh(tmp_path / "a.bvh")
     assert back.frame_s == pytest.approx(1 / 30, abs=1e-7)
     _, position = back.world()
@@ -54,7 +54,7 @@ def test_the_rest_pose_stands_upright_and_faces_z(sequence, tmp_path):
     assert rest["head"][1] > 0.5 > 0 > rest["left_foot"][1]
     assert rest["left_thigh"][0] > 0 > rest["right_thigh"][0]
     assert rest["left_foot_end"][2] > rest["left_foot"][2] + 0.1
-    lengths = [np.ptp(np.linalg.norm(animation.position[:, j], axis=-1)) for j in range(1, len(animation.names))]
+    lengths = [np.ptp(np.linalg.norm(animation.position[j], axis=-1)) for j in range(1, len(animation.names))]
     assert max(lengths) == 0
 
 
@@ -87,7 +87,7 @@ def test_a_short_gap_is_bridged_and_a_long_one_named(sequence):
         gaps = replace(sequence, xyz_world=xyz)
         return animation_from_joints(gaps, joints_from_poses(gaps))
 
-    assert np.isfinite(holed(14).rotation).all()
+    assert all(np.isfinite(one).all() for one in holed(14).rotation)
     with pytest.raises(InputError, match=r"segment left_forearm is missing from 0.30 to 1.00 s.*whole-body fit"):
         holed(30)
 
@@ -103,10 +103,11 @@ def test_a_person_who_comes_and_goes_is_held_before_and_after(sequence):
     assert seen_throughout(joints_from_poses(sequence))
     held, whole = (animation_from_joints(one, joints_from_poses(one)) for one in (seen, replace(sequence, t_ns=seen.t_ns)))
     assert len(held) == 40
-    np.testing.assert_allclose(held.rotation[8:35], whole.rotation[8:35], atol=0.01)
+    rotation, position = np.stack(held.rotation, axis=1), np.stack(held.position, axis=1)
+    np.testing.assert_allclose(rotation[8:35], np.stack(whole.rotation, axis=1)[8:35], atol=0.01)
     for before_or_after, edge in ((slice(0, 8), 8), (slice(35, 40), 34)):
-        np.testing.assert_allclose(held.rotation[before_or_after] - held.rotation[edge], 0, atol=1e-9)
-        np.testing.assert_allclose(held.position[before_or_after] - held.position[edge], 0, atol=1e-9)
+        np.testing.assert_allclose(rotation[before_or_after] - rotation[edge], 0, atol=1e-9)
+        np.testing.assert_allclose(position[before_or_after] - position[edge], 0, atol=1e-9)
     # a segment that is missing while the person is there is no such thing
     xyz[8:20, :, sequence.skeleton.index("left_wrist")] = np.nan
     joints = joints_from_poses(replace(seen, xyz_world=xyz))
@@ -142,18 +143,18 @@ def test_gltf_holds_the_same_motion(sequence, tmp_path):
         assert read(sampler["input"])[-1, 0] == pytest.approx(39 / 30, abs=1e-5)
         values = read(sampler["output"])
         if channel["target"]["path"] == "rotation":
-            np.testing.assert_allclose(Rotation.from_quat(values).as_matrix(), animation.rotation[:, node], atol=1e-6)
+            np.testing.assert_allclose(Rotation.from_quat(values).as_matrix(), animation.rotation[node], atol=1e-6)
             assert (np.abs(np.diff(values, axis=0)) < 0.5).all()
         else:
-            np.testing.assert_allclose(values, animation.position[:, node], atol=1e-6)
+            np.testing.assert_allclose(values, animation.position[node], atol=1e-6)
     children = [c for node in content["nodes"] for c in node.get("children", [])]
     assert sorted(children + content["scenes"][0]["nodes"]) == list(range(len(content["nodes"])))
 
 
 def test_what_the_files_cannot_hold_is_refused(sequence, tmp_path):
     animation = animation_from_joints(sequence, joints_from_poses(sequence))
-    stretched = animation.position.copy()
-    stretched[3, 2] += 0.1
+    stretched = [one.copy() for one in animation.position]
+    stretched[2][3] += 0.1
     with pytest.raises(InputError, match=f"joints must keep their offset; these move: {animation.names[2]}"):
         write_bvh(tmp_path / "a.bvh", type(animation)(**{**vars(animation), "position": stretched}))
     with pytest.raises(InputError, match=r"expected a file ending in \.glb"):

@@ -170,12 +170,3 @@ class PoseSequence:
                 plane[i, at] = getattr(pose, name)
         give_away(*planes.values())
         return PoseSequence(t_ns=np.array([pose.t_ns for pose in poses]), skeleton=skeleton, person_id=ids, **planes)
-
-    @staticmethod
-    def concatenate(parts: Sequence[PoseSequence]) -> PoseSequence:
-        """One after the other, at least one, of the same people in the same order."""
-        arrays: dict[str, Any] = {
-            name: np.concatenate([getattr(p, name) for p in parts]) for name in ("t_ns", *_POSE_AXES) if name != "person_id"
-        }
-        give_away(*arrays.values())
-        return replace(parts[0], **arrays)

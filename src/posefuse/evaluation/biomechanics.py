@@ -17,7 +17,7 @@ from posefuse.formats.bvh import write_bvh
 from posefuse.formats.c3d import C3dData, C3dEvent, write_c3d
 from posefuse.formats.gltf import write_gltf
 from posefuse.formats.joint_centres import joint_centres_from_mapping
-from posefuse.formats.mot import MotTable, motion_from_joints, write_mot
+from posefuse.formats.mot import motion_from_joints, write_mot
 from posefuse.foundation.settings import settings
 from posefuse.kinematics import JointSettings, joints_from_poses, undefined_segments
 from posefuse.kinematics.animation import animation_from_joints, animation_gap
@@ -134,20 +134,17 @@ def write_biomechanics(
     for n in range(len(poses.person_id)):
         ending = person_suffix(recording, n)
         if np.isfinite(joints.angle_rad[:, n]).any():
-            motion = motion_from_joints(joints, n)
-            if motion.note:
-                progress("report", 1, _STAGES, f"angles{ending}.mot: {motion.note}")
-            made += _person_files(poses, joints, n, folder, ending, motion.table)
-            made.append(folder / f"points_angles{ending}.c3d")
+            notes, files = _person_files(poses, joints, n, folder, ending)
+            for note in notes:
+                progress("report", 1, _STAGES, note)
+            made += [*files, folder / f"points_angles{ending}.c3d"]
             write_c3d(made[-1], _c3d_data(poses, joints, n, recording.person_names[n]))
-            if gap := animation_gap(joints, n):
-                progress("report", 1, _STAGES, f"no skeleton{ending}.bvh and .glb: {gap}")
             if chosen.opensim or chosen.opensim_model:
                 made += _opensim_files(poses, n, folder / f"opensim{ending}", chosen)
     progress("report", 2, _STAGES, "gait cycles and the page")
-    cycles = _cycles(poses, joints)
-    if cycles:
+    if cycles := _cycles(poses, joints):
         made.append(write_gait_cycles(folder / "gait_cycles.csv", cycles))
+    del poses, cycles  # the page is of the recording's own points
     made.append(write_report(recording, joints, folder / "report.html", title=title, angles=how))
     progress("report", _STAGES, _STAGES)
     return made
@@ -160,15 +157,20 @@ def _cycles(poses: PoseSequence, joints: JointAngles) -> dict[int, list[CycleAng
     return {person: gait_cycles(joints, places[person], gait) for person, gait in found.items() if gait is not None}
 
 
-def _person_files(poses: PoseSequence, joints: JointAngles, n: int, folder: Path, ending: str, motion: MotTable) -> list[Path]:
+def _person_files(poses: PoseSequence, joints: JointAngles, n: int, folder: Path, ending: str) -> tuple[list[str], list[Path]]:
+    """What to say about the files of angles and of the moving skeleton, and these files."""
     made = [folder / f"angles{ending}.mot"]
+    motion, note = motion_from_joints(joints, n)
     write_mot(made[0], motion)
-    if animation_gap(joints, n) is None:
-        made += [folder / f"skeleton{ending}.bvh", folder / f"skeleton{ending}.glb"]
-        write_bvh(made[1], animation_from_joints(poses, joints, n, _CENTIMETRES))
-        animation = animation_from_joints(poses, joints, n)
-        write_gltf(made[2], animation, skin=skin_of(animation))
-    return made
+    notes = [f"angles{ending}.mot: {note}"] if note else []
+    del motion
+    if gap := animation_gap(joints, n):
+        return [*notes, f"no skeleton{ending}.bvh and .glb: {gap}"], made
+    made += [folder / f"skeleton{ending}.bvh", folder / f"skeleton{ending}.glb"]
+    animation = animation_from_joints(poses, joints, n)
+    write_bvh(made[1], animation, _CENTIMETRES)
+    write_gltf(made[2], animation, skin=skin_of(animation))
+    return notes, made
 
 
 def _c3d_data(poses: PoseSequence, joints: JointAngles, n: int, name: str) -> C3dData:

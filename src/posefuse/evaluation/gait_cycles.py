@@ -74,10 +74,13 @@ def gait_cycles(joints: JointAngles, person: int, gait: Gait) -> list[CycleAngle
     for q, joint in enumerate(joints.joints):
         side: Literal["left", "right"] = "right" if side_of(joint) == "right" else "left"
         for a, angle in enumerate(joints.angle_names[q]):
+            angle_rad = joints.angle_rad[:, person, q, a]
+            known = np.isfinite(angle_rad)
+            known_s, known_rad = t_s[known], angle_rad[known]
             kept = [
                 (begin, end, values)
                 for begin, end in spans[side]
-                if (values := _resampled(t_s, joints.angle_rad[:, person, q, a], begin, end)) is not None
+                if (values := _resampled(t_s, known_s, known_rad, begin, end)) is not None
             ]
             if (joint, angle) == HEADING:
                 kept = [(begin, end, values - np.linspace(*_turn(values))) for begin, end, values in kept]
@@ -119,9 +122,12 @@ def _turn(values: Array) -> tuple[float, float, int]:
     return float(values.mean()) - half, float(values.mean()) + half, len(values)
 
 
-def _resampled(t_s: Array, angle_rad: Array, begin: float, end: float) -> Array | None:
-    inside = (t_s >= begin) & (t_s <= end)
-    known = np.isfinite(angle_rad)
-    if not inside.any() or known[inside].mean() < _LEAST_KNOWN:
+def _resampled(t_s: Array, known_s: Array, known_rad: Array, begin: float, end: float) -> Array | None:
+    (first, last), (all_first, all_last) = (
+        (np.searchsorted(times, begin), np.searchsorted(times, end, "right")) for times in (known_s, t_s)
+    )
+    count = all_last - all_first
+    if not count or (last - first) / count < _LEAST_KNOWN:
         return None
-    return np.asarray(np.interp(begin + (end - begin) * PERCENT / 100, t_s[known], angle_rad[known]))
+    around = slice(max(0, first - 1), last + 1)
+    return np.asarray(np.interp(begin + (end - begin) * PERCENT / 100, known_s[around], known_rad[around]))

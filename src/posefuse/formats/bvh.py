@@ -4,8 +4,8 @@ axes and length unit, which the format does not name; angles of the file are deg
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -31,19 +31,19 @@ class BvhData:
         parent: (J,) index, -1 at the root.
         offset: (J, 3) from the parent joint, in the parent's axes.
         frame_s: time between frames.
-        rotation: (T, J, 3, 3) parent_from_joint; identity without rotation channels.
-        position: (T, J, 3) joint from the parent, in the parent's axes: the offset, or the position channels where present.
+        rotation: J of (T, 3, 3) parent_from_joint; identity without rotation channels.
+        position: J of (T, 3) joint from the parent, in the parent's axes: the offset, or the position channels where present.
     """
 
     names: tuple[str, ...]
     parent: Array
     offset: Array
     frame_s: float
-    rotation: Array
-    position: Array
+    rotation: Sequence[Array]
+    position: Sequence[Array]
 
     def __len__(self) -> int:
-        return len(self.rotation)
+        return len(self.rotation[0])
 
     def rest_positions(self) -> Array:
         """(J, 3) joints with all rotations zero and the root at the origin."""
@@ -54,11 +54,11 @@ class BvhData:
 
     def world(self) -> tuple[Array, Array]:
         """Rotations world_from_joint (T, J, 3, 3) and positions (T, J, 3)."""
-        rotation, position = self.rotation.copy(), self.position.copy()
+        rotation, position = np.stack(self.rotation, axis=1), np.stack(self.position, axis=1)
         for j, p in enumerate(self.parent):
             if p >= 0:
-                position[:, j] = position[:, p] + (rotation[:, p] @ self.position[:, j, :, None])[..., 0]
-                rotation[:, j] = rotation[:, p] @ self.rotation[:, j]
+                position[:, j] = position[:, p] + (rotation[:, p] @ self.position[j][..., None])[..., 0]
+                rotation[:, j] = rotation[:, p] @ self.rotation[j]
         return rotation, position
 
 
@@ -184,17 +184,17 @@ def _rows(tokens: _Tokens, path: Path, frames: int, channels: int) -> Array:
 
 def _data(joints: _Joints, frame_s: float, rows: Array) -> BvhData:
     offset = np.array(joints.offsets)
-    position = np.tile(offset, (len(rows), 1, 1))
-    rotation = np.tile(np.eye(3), (len(rows), len(offset), 1, 1))
+    position = [np.tile(one, (len(rows), 1)) for one in offset]
+    rotation = [np.tile(np.eye(3), (len(rows), 1, 1)) for _ in offset]
     column = 0
     for j, channels in enumerate(joints.channels):
         for channel in channels:
             value, axis = rows[:, column], channel[0]
             if channel.endswith("position"):
-                position[:, j, "XYZ".index(axis)] = value
+                position[j][:, "XYZ".index(axis)] = value
             else:
                 turns = Rotation.from_rotvec(np.deg2rad(value)[:, None] * np.eye(3)["XYZ".index(axis)])
-                rotation[:, j] = rotation[:, j] @ turns.as_matrix()
+                rotation[j] = rotation[j] @ turns.as_matrix()
             column += 1
     return BvhData(
         names=tuple(joints.names),
@@ -206,10 +206,13 @@ def _data(joints: _Joints, frame_s: float, rows: Array) -> BvhData:
     )
 
 
-def write_bvh(path: Path | str, data: BvhData) -> None:
+def write_bvh(path: Path | str, data: BvhData, metres_per_unit: float = 1.0) -> None:
     """Write a BVH file that Blender opens: the root with position and rotation channels, other joints with rotations.
 
     Rotations are written as Z, X, Y, each about the axes already turned. A joint without children is an end site.
+
+    Args:
+        metres_per_unit: length unit of the file, e.g. 0.01 for centimetres, of a motion in metres.
 
     Raises:
         InputError: a joint other than the root moves against its parent, a value is missing, or the place cannot be written to.
@@ -220,26 +223,27 @@ def write_bvh(path: Path | str, data: BvhData) -> None:
         children[int(p)].append(j)
     _check_writable(path, data, children[-1])
     order: list[int] = []
-    lines = ["HIERARCHY", *_block(data, children, children[-1][0], 0, order)]
+    scaled = replace(data, offset=data.offset / metres_per_unit)
+    lines = ["HIERARCHY", *_block(scaled, children, children[-1][0], 0, order)]
     lines += ["MOTION", f"Frames: {len(data)}", f"Frame Time: {data.frame_s:.8f}"]
-    write_lines(path, itertools.chain(lines, _motion_lines(data, order)))
+    write_lines(path, itertools.chain(lines, _motion_lines(data, order, metres_per_unit)))
 
 
-def _motion_lines(data: BvhData, order: list[int]) -> Iterator[str]:
+def _motion_lines(data: BvhData, order: list[int], metres_per_unit: float) -> Iterator[str]:
     for start in range(0, len(data), _PART_FRAMES):
         part = slice(start, start + _PART_FRAMES)
-        turns = [Rotation.from_matrix(data.rotation[part, j]).as_euler("ZXY", degrees=True) for j in order]
-        for row in np.concatenate([data.position[part, order[0]], *turns], axis=1):
+        turns = [Rotation.from_matrix(data.rotation[j][part]).as_euler("ZXY", degrees=True) for j in order]
+        for row in np.concatenate([data.position[order[0]][part] / metres_per_unit, *turns], axis=1):
             yield " ".join(f"{number:.6f}" for number in row)
 
 
 def _check_writable(path: Path, data: BvhData, roots: list[int]) -> None:
     if len(roots) != 1:
         raise InputError(f"{path}: BVH: expected one root, got {len(roots)}")
-    if not (np.isfinite(data.rotation).all() and np.isfinite(data.position).all()):
+    if not all(np.isfinite(one).all() for one in (*data.rotation, *data.position)):
         raise InputError(f"{path}: BVH cannot hold missing values: fill or cut the gaps first")
     moving = [
-        name for j, name in enumerate(data.names) if j != roots[0] and np.ptp(data.position[:, j], axis=0).max(initial=0) > 1e-6
+        name for j, name in enumerate(data.names) if j != roots[0] and np.ptp(data.position[j], axis=0).max(initial=0) > 1e-6
     ]
     if moving:
         raise InputError(f"{path}: BVH: joints must keep their offset; these move: {choices(moving)}")

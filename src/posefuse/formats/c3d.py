@@ -29,7 +29,7 @@ _BYTE = 255
 _TEXT_PIECE = 120
 _TEXT_PIECES = 200
 _NAMES_PER_PARAMETER = 255
-# frames that ezc3d gets at a time
+# frames that are written together
 _PART_FRAMES = 1000
 _EVENT_LABELS = {"strike": "Foot Strike", "off": "Foot Off"}
 
@@ -85,43 +85,33 @@ def write_c3d(path: Path | str, data: C3dData) -> None:
         raise InputError(f"{path}: names of points and angles must be unique, got {choices(labels)}")
     step_mm = max(_FINEST_RESIDUAL_MM, float(np.nan_to_num(data.sigma_m).max(initial=0)) / _METRES["mm"] / _BYTE)
     frames, frame_bytes = len(data.xyz_world), len(labels) * POINT_BYTES
+    head = _head_of(path, data, labels, step_mm)
     with atomic_file(path) as staged, staged.open("wb") as out:
-        for start in range(0, max(frames, 1), _PART_FRAMES):
-            content = _file_of(path, data, slice(start, start + _PART_FRAMES), step_mm)
-            begin = data_start(content)
-            if start == 0:
-                out.write(with_frame_count(path, content[:begin], frames, frames * frame_bytes))
-            out.write(content[begin : begin + min(frames - start, _PART_FRAMES) * frame_bytes])
+        out.write(with_frame_count(path, head, frames, frames * frame_bytes))
+        for start in range(0, frames, _PART_FRAMES):
+            out.write(_points_of(data, slice(start, start + _PART_FRAMES), step_mm).tobytes())
         out.write(bytes(BLOCK_BYTES - out.tell() % BLOCK_BYTES))
 
 
-def _file_of(path: Path, data: C3dData, part: slice, step_mm: float) -> bytes:
-    """A file of these frames alone: ezc3d takes thirty times the memory of the numbers."""
+def _head_of(path: Path, data: C3dData, labels: list[str], step_mm: float) -> bytes:
+    """Header and parameters, by ezc3d, of a file of one frame: of all that it writes, it keeps several times the memory."""
+    file = _described(data, labels, step_mm)
+    file["data"]["points"] = np.ones((4, len(labels), 1))
     with TemporaryDirectory() as scratch:
-        written = Path(scratch) / "part.c3d"
+        written = Path(scratch) / "one.c3d"
         try:
-            _c3d_of(data, part, step_mm).write(str(written))
-            return written.read_bytes()
+            file.write(str(written))
+            content = written.read_bytes()
         except (OSError, RuntimeError, ValueError) as error:
             raise InputError(f"{path}: cannot be written ({error})") from None
+    return content[: data_start(content)]
 
 
-def _c3d_of(data: C3dData, part: slice, step_mm: float) -> Any:
+def _described(data: C3dData, labels: list[str], step_mm: float) -> Any:
+    """ezc3d's file of the recording without its points."""
     import ezc3d
 
-    labels = [*data.names, *data.angle_names]
-    angle_deg = np.degrees(data.angle_rad[part])
-    values = np.concatenate([data.xyz_world[part] / _METRES["mm"], angle_deg], axis=1)
-    points = np.ones((4, len(labels), len(values)))
-    points[:3] = values.transpose(2, 1, 0)
-    residual_mm = np.concatenate([data.sigma_m[part] / _METRES["mm"], np.zeros(angle_deg.shape[:2])], axis=1).T
-    residual_mm = np.nan_to_num(residual_mm)
-    residual_mm[~np.isfinite(points).all(axis=0)] = -1
-
     file = ezc3d.c3d()
-    file["data"]["points"] = points
-    file["data"]["meta_points"]["residuals"] = residual_mm[None]
-    file["data"]["meta_points"]["camera_masks"] = np.zeros((7, *residual_mm.shape), bool)
     point = file["parameters"]["POINT"]
     point["RATE"]["value"] = [data.rate_hz]
     point["LABELS"]["value"] = labels
@@ -130,6 +120,18 @@ def _c3d_of(data: C3dData, part: slice, step_mm: float) -> Any:
     point["SCALE"]["value"] = np.array([-step_mm])  # negative: stored as floating point
     _add_parameters(file, data)
     return file
+
+
+def _points_of(data: C3dData, part: slice, step_mm: float) -> Array:
+    """(T', K + A, 4) as they are stored: x, y, z, then the residual in steps in the high byte of a word; -1 if missing."""
+    angle_deg = np.degrees(data.angle_rad[part])
+    values = np.concatenate([data.xyz_world[part] / _METRES["mm"], angle_deg], axis=1)
+    residual_mm = np.concatenate([data.sigma_m[part] / _METRES["mm"], np.zeros(angle_deg.shape[:2])], axis=1)
+    missing = ~np.isfinite(values).all(axis=-1)
+    points = np.empty((*missing.shape, 4), "<f4")
+    points[..., :3] = np.where(missing[..., None], 0.0, values)
+    points[..., 3] = np.where(missing, -1.0, np.floor(np.nan_to_num(residual_mm) / step_mm) * (_BYTE + 1))
+    return points
 
 
 def read_c3d(path: Path | str) -> C3dData:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import struct
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -42,7 +43,7 @@ class Skin:
     joint_from_mesh: Array
 
 
-def write_gltf(path: Path | str, data: BvhData, metres_per_unit: float = 1.0, skin: Skin | None = None) -> None:
+def write_gltf(path: Path | str, data: BvhData, skin: Skin | None = None) -> None:
     """Write a .glb of the motion: bones as lines or, with a skin, a mesh that moves with them.
 
     Raises:
@@ -51,28 +52,27 @@ def write_gltf(path: Path | str, data: BvhData, metres_per_unit: float = 1.0, sk
     path = Path(path)
     if path.suffix != ".glb":
         raise InputError(f"{path}: expected a file ending in .glb, got {path.suffix or 'no ending'!r}")
-    if not (np.isfinite(data.rotation).all() and np.isfinite(data.position).all()):
+    if not all(np.isfinite(one).all() for one in (*data.rotation, *data.position)):
         raise InputError(f"{path}: glTF cannot hold missing values: fill or cut the gaps first")
     buffer = _Buffer()
     time = buffer.add((np.arange(len(data)) * data.frame_s)[:, None], "SCALAR")
-    offset, position = data.offset * metres_per_unit, data.position * metres_per_unit
     nodes: list[dict[str, Any]] = []
     meshes: list[dict[str, Any]] = []
     samplers: list[dict[str, Any]] = []
     channels: list[dict[str, Any]] = []
     for j, name in enumerate(data.names):
         children = [int(c) for c in np.flatnonzero(np.asarray(data.parent) == j)]
-        node: dict[str, Any] = {"name": name, "translation": [float(v) for v in offset[j]]}
+        node: dict[str, Any] = {"name": name, "translation": [float(v) for v in data.offset[j]]}
         if children:
-            _animate(channels, samplers, j, "rotation", time, buffer.add(smooth_quaternions(data.rotation[:, j]), "VEC4"))
+            _animate(channels, samplers, j, "rotation", time, buffer.add(smooth_quaternions(data.rotation[j]), "VEC4"))
             node["children"] = children
         if children and skin is None:
-            lines = np.stack([np.zeros((len(children), 3)), offset[children]], axis=1).reshape(-1, 3)
+            lines = np.stack([np.zeros((len(children), 3)), data.offset[children]], axis=1).reshape(-1, 3)
             primitive = {"attributes": {"POSITION": buffer.add(lines, "VEC3")}, "mode": _LINES}
             node["mesh"] = len(meshes)
             meshes.append({"name": name, "primitives": [primitive]})
         if data.parent[j] < 0:
-            _animate(channels, samplers, j, "translation", time, buffer.add(position[:, j], "VEC3"))
+            _animate(channels, samplers, j, "translation", time, buffer.add(data.position[j], "VEC3"))
         nodes.append(node)
     roots = [int(j) for j in np.flatnonzero(np.asarray(data.parent) < 0)]
     skinned: dict[str, Any] = {}
@@ -91,8 +91,8 @@ def write_gltf(path: Path | str, data: BvhData, metres_per_unit: float = 1.0, sk
         **skinned,
         **buffer.described(),
     }
-    with atomic_file(path) as staged:
-        staged.write_bytes(_glb(content, bytes(buffer.data)))
+    with atomic_file(path) as staged, staged.open("wb") as out:
+        out.writelines(_glb(content, buffer.data))
 
 
 class _Buffer:
@@ -167,9 +167,9 @@ def smooth_quaternions(rotation: Array) -> Array:
     return np.asarray(xyzw)
 
 
-def _glb(content: dict[str, Any], data: bytes) -> bytes:
+def _glb(content: dict[str, Any], data: bytearray) -> Iterator[bytes | bytearray]:
     text = json.dumps(content, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
     data += b"\0" * (-len(data) % 4)
-    chunks = struct.pack("<II", len(text), _JSON) + text + struct.pack("<II", len(data), _BIN) + data
-    return struct.pack("<III", _MAGIC, 2, 12 + len(chunks)) + chunks
+    yield struct.pack("<III", _MAGIC, 2, 28 + len(text) + len(data))
+    yield from (struct.pack("<II", len(text), _JSON), text, struct.pack("<II", len(data), _BIN), data)

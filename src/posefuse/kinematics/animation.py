@@ -37,8 +37,8 @@ _LONGEST_GAP_S = 0.5
 _UNEVEN = 0.05
 
 
-def animation_from_joints(sequence: PoseSequence, joints: JointAngles, person: int = 0, metres_per_unit: float = 1.0) -> BvhData:
-    """One person's motion with offsets that are medians over time, so bones keep their length.
+def animation_from_joints(sequence: PoseSequence, joints: JointAngles, person: int = 0) -> BvhData:
+    """One person's motion in metres, with offsets that are medians over time, so bones keep their length.
 
     With segments of constant length (the whole-body fit) the motion read back is exactly that of `sequence`. Gaps up to half
     a second are bridged by the shortest turn. Until a person comes the first pose is held, and the last one at the end.
@@ -47,50 +47,48 @@ def animation_from_joints(sequence: PoseSequence, joints: JointAngles, person: i
     Args:
         sequence: the keypoints the joints were made from.
         joints: its frames. person: place on axis N.
-        metres_per_unit: length unit of the result, e.g. 0.01 for centimetres.
 
     Raises:
         InputError: no pelvis, a longer gap (names segment and time), or time steps that are not evenly spaced.
     """
     frame_s = _frame_s(sequence.t_ns)
-    world = joints.world_from_segment[:, person]
+    world = joints.world_from_segment
     index = {name: s for s, name in enumerate(joints.segments)}
-    names = ["pelvis"] + [name for name in _PARENT if np.isfinite(world.xyz[:, index[name], 0]).any()]
+    names = ["pelvis"] + [name for name in _PARENT if np.isfinite(world.xyz[:, person, index[name], 0]).any()]
     names = [name for name in names if _rooted(name, names)]
     ends = [n for n in names if n in _ENDS and n not in {_PARENT.get(m) for m in names}]
     t_s, seen_s = _seconds(joints.t_ns), _seen_s(joints, person)
 
     def filled(name: str) -> tuple[Array, Array]:
-        frame = world[:, index[name]]
+        frame = world[:, person, index[name]]
         turn, place = _filled(name, t_s, frame.matrix(), frame.xyz, seen_s)
         # the line from mid-hip to neck is rigid, so it turns about the hips
         return (turn, filled("pelvis")[1]) if name == "thorax" else (turn, place)
 
     points, pelvis = landmarks(sequence), filled("pelvis")
+    tips = {name: np.mean([points[p][:, person] for p in _ENDS[name]], axis=0) for name in ends}
+    del points  # an hour of them takes as much memory as half of the rotations
     labels, parent, offset = ["pelvis"], [-1], [np.zeros(3)]
-    rotation = np.empty((len(t_s), len(names) + len(ends), 3, 3))
-    rotation[:, 0] = FILE_FROM_WORLD @ pelvis[0] @ FILE_FROM_SEGMENT.T
+    rotation = [FILE_FROM_WORLD @ pelvis[0] @ FILE_FROM_SEGMENT.T]
     for name in names[1:]:
         over, own = filled(_PARENT[name]), filled(name)
-        rotation[:, len(labels)] = FILE_FROM_SEGMENT @ np.swapaxes(over[0], -1, -2) @ own[0] @ FILE_FROM_SEGMENT.T
+        rotation.append(FILE_FROM_SEGMENT @ np.swapaxes(over[0], -1, -2) @ own[0] @ FILE_FROM_SEGMENT.T)
         labels.append(name)
         parent.append(labels.index(_PARENT[name]))
         offset.append(_median_in(over, own[1]))
     for name in ends:
-        rotation[:, len(labels)] = np.eye(3)
+        rotation.append(np.broadcast_to(np.eye(3), rotation[0].shape))
         labels.append(f"{name}_end")
         parent.append(labels.index(name))
-        offset.append(_median_in(filled(name), np.mean([points[p][:, person] for p in _ENDS[name]], axis=0)))
-    scaled = np.array(offset) / metres_per_unit
-    position = np.tile(scaled, (len(joints.t_ns), 1, 1))
-    position[:, 0] = pelvis[1] @ FILE_FROM_WORLD.T / metres_per_unit
+        offset.append(_median_in(filled(name), tips[name]))
+    still = [np.broadcast_to(one, pelvis[1].shape) for one in offset[1:]]
     return BvhData(
         names=tuple(labels),
         parent=np.array(parent),
-        offset=scaled,
+        offset=np.array(offset),
         frame_s=frame_s,
         rotation=rotation,
-        position=position,
+        position=[pelvis[1] @ FILE_FROM_WORLD.T, *still],
     )
 
 

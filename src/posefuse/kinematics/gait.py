@@ -188,7 +188,7 @@ def _double_supports(t_s: Array, strikes: dict[str, Array], offs: dict[str, Arra
     shares = []
     for side, other in (SIDES, SIDES[::-1]):
         for begin, end in pairwise(strikes[side]):
-            events = [[i for i in places if begin < i < end] for places in (offs[other], strikes[other], offs[side])]
+            events = [places[(places > begin) & (places < end)] for places in (offs[other], strikes[other], offs[side])]
             if all(len(inside) == 1 for inside in events):
                 (other_off,), (other_strike,), (own_off,) = events
                 both = t_s[other_off] - t_s[begin] + t_s[own_off] - t_s[other_strike]

@@ -40,7 +40,8 @@ def _surface(animation: BvhData) -> BodySurface:
     skin = skin_of(animation)
 
     def vertices_at(i: int) -> Array:
-        one = replace(animation, rotation=animation.rotation[i : i + 1], position=animation.position[i : i + 1])
+        rotation, position = ([plane[i : i + 1] for plane in planes] for planes in (animation.rotation, animation.position))
+        one = replace(animation, rotation=rotation, position=position)
         return np.asarray(skinned_vertices(one, skin)[0] @ FILE_FROM_WORLD)
 
     return BodySurface(faces=skin.faces, vertices_at=vertices_at)

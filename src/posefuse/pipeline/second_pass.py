@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.core import InputError, JointCentres, Observations, PoseSequence, Rig, ViewSequence
+from posefuse.core import InputError, JointCentres, Observations, PoseSequence, Rig, ShapeError, ViewSequence
 from posefuse.core.arrays import Array, give_away
 from posefuse.core.views_over_time import ViewsInParts, people_in
 from posefuse.fusion import FuseSettings, fuse
@@ -58,14 +58,19 @@ def poses_over_time(
 
 
 def _fused_over_time(views: ViewSequence | ViewsInParts, rig: Rig, fusing: FuseSettings) -> PoseSequence:
-    poses, last = [], None
+    planes: dict[str, Array] = {}
+    last = None
     for part in parts_of_steps(len(views.t_ns)):
-        seen, some = views.part(part), []
+        seen = views.part(part)
         for i in range(len(seen.t_ns)):
             last = fuse(seen.at(i), rig, fusing, last)
-            some.append(last)
-        poses.append(PoseSequence.from_poses(some))
-    return PoseSequence.concatenate(poses)
+            for name in _PLANES:
+                value = getattr(last, name)
+                planes.setdefault(name, np.empty((len(views.t_ns), *value.shape), value.dtype))[part.start + i] = value
+    if last is None:
+        raise ShapeError("poses_over_time: expected at least 1 time step, got 0")
+    give_away(*planes.values())
+    return PoseSequence(t_ns=views.t_ns, skeleton=last.skeleton, person_id=last.person_id, **planes)
 
 
 def _with_sides_corrected(
@@ -78,23 +83,25 @@ def _with_sides_corrected(
     parts = parts_of_steps(len(fused))
     exchanged = [np.zeros(1, bool)] * len(parts)
     for _ in range(_NAMING_ROUNDS):
-        reference, changes = _steadied_points(fused, smoothing), False
-        planes = {name: np.array(getattr(fused, name)) for name in _PLANES}
+        reference = _steadied_points(fused, smoothing)
+        planes: dict[str, Any] = {}
         for place, part in enumerate(parts):
             seen = views.part(part)
             wrong = sides_that_differ(reference[part], rig, seen)
             differing = np.flatnonzero((wrong != exchanged[place]).any(axis=(1, 2, 3)))
             exchanged[place] = wrong
-            named = with_sides_exchanged(seen, wrong) if len(differing) else seen
+            if not len(differing):
+                continue
+            planes = planes or {name: np.array(getattr(fused, name)) for name in _PLANES}
+            named = with_sides_exchanged(seen, wrong)
             for i in differing.tolist():
-                pose, changes = fuse(named.at(i), rig, fusing), True
+                pose = fuse(named.at(i), rig, fusing)
                 for name, plane in planes.items():
                     plane[part.start + i] = getattr(pose, name)
-        if not changes:
+        if not planes:
             break
         give_away(*planes.values())
-        changed: dict[str, Any] = dict(planes)
-        fused = replace(fused, **changed)
+        fused = replace(fused, **planes)
     return fused
 
 

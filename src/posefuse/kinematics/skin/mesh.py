@@ -32,13 +32,13 @@ _STRETCH = (0.7, 1.4)
 _MOST_JOINTS = 4
 
 
-def skin_of(skeleton: BvhData, metres_per_unit: float = 1.0) -> Skin:
+def skin_of(skeleton: BvhData) -> Skin:
     """A mesh of the likeliest body with this skeleton's lengths (`kinematics.animation.animation_from_joints`).
 
     Each segment is then stretched along itself to be exactly as long as the skeleton's.
     """
     body = template()
-    rest = dict(zip(skeleton.names, skeleton.rest_positions() * metres_per_unit, strict=True))
+    rest = dict(zip(skeleton.names, skeleton.rest_positions(), strict=True))
     shape = body.shape_of(_lengths(rest))
     points = body.points_of(shape)
     bound = {name: _bound(name, points, rest) for name in body.segments if name in rest}
@@ -60,11 +60,11 @@ def skin_of(skeleton: BvhData, metres_per_unit: float = 1.0) -> Skin:
     )
 
 
-def skinned_vertices(skeleton: BvhData, skin: Skin, metres_per_unit: float = 1.0) -> Array:
+def skinned_vertices(skeleton: BvhData, skin: Skin) -> Array:
     """(T, V, 3) metres in the axes of the file: linear blend skinning."""
     rotation, position = skeleton.world()
     linear = rotation @ skin.joint_from_mesh[:, :3, :3]
-    shift = (rotation @ skin.joint_from_mesh[:, :3, 3:])[..., 0] + position * metres_per_unit
+    shift = (rotation @ skin.joint_from_mesh[:, :3, 3:])[..., 0] + position
     out = np.zeros((len(skeleton), *skin.vertices.shape))
     for k in range(skin.joint.shape[1]):
         turned = np.einsum("tvij,vj->tvi", linear[:, skin.joint[:, k]], skin.vertices) + shift[:, skin.joint[:, k]]
