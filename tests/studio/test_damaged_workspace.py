@@ -30,7 +30,7 @@ FILES: dict[str, Any] = {
     "setups/half.json": "{",
     "setups/list.json": [],
     "setups/number.json": {"sources": {"a": 7}},
-    "setups/outside.json": {"sources": {"a": "video:../secret.mp4"}, "rig": "gone.toml", "roles": {"a": "on the shelf"}},
+    "setups/outside.json": {"sources": {"a": "video:../secret.mp4"}, "rig": "gone.toml"},
     # calibrations: of a preset that was deleted; with a rig file that is gone; with results of another kind
     "calibrations/bare/project.json": {"setup": "deleted", "cube": "", "board": "", "lenses": True},
     "calibrations/gone/project.json": {"setup": "outside", "cube": "c.toml", "board": "b.toml", "lenses": False},

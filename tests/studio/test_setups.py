@@ -33,7 +33,7 @@ def workspace(tmp_path: Path) -> StudioWorkspace:
 
 
 def test_presets_are_kept(workspace: StudioWorkspace) -> None:
-    setup = Setup(name="two webcams", sources=CAMERAS, roles={"left": "front"})
+    setup = Setup(name="two webcams", sources=CAMERAS)
     save_setup(workspace, setup)
     assert setups(workspace) == [Setup(name=DEMO), setup] and setup_named(workspace, "two webcams") == setup
     with pytest.raises(InputError, match="not calibrated"):

@@ -26,13 +26,11 @@ class Setup:
     Attributes:
         name: as people call it. sources: by camera name, as for ``posefuse live --source``; files by their name in the workspace.
         rig: rig file in the workspace; empty while the cameras are not calibrated.
-        roles: what a camera is for, in the user's words, by camera name.
     """
 
     name: str
     sources: Mapping[str, str] = field(default_factory=dict)
     rig: str = ""
-    roles: Mapping[str, str] = field(default_factory=dict)
 
 
 def setups(workspace: StudioWorkspace) -> list[Setup]:
@@ -41,9 +39,9 @@ def setups(workspace: StudioWorkspace) -> list[Setup]:
     folder = workspace.path(_FOLDER)
     for path in sorted(folder.glob("*.json")) if folder.is_dir() else []:
         content = read_json_or_empty(path)
-        sources, roles = content.get("sources"), content.get("roles", {})
-        if _texts(sources) and _texts(roles):
-            found.append(Setup(name=path.stem, sources=sources, rig=str(content.get("rig", "")), roles=roles))
+        sources = content.get("sources")
+        if _texts(sources):
+            found.append(Setup(name=path.stem, sources=sources, rig=str(content.get("rig", ""))))
     return [Setup(name=DEMO), *found]
 
 
@@ -108,7 +106,7 @@ def rig_of_setup(workspace: StudioWorkspace, setup: Setup) -> Rig:
 
 
 def inputs_of_setup(workspace: StudioWorkspace, setup: Setup, rig: Rig | None = None) -> tuple[LiveInput, ...]:
-    """Its sources; videos begin again when the shortest has ended.
+    """Its sources; videos are shown again and again, as long as the shortest.
 
     Raises:
         SourceError: a source that cannot be read, or a camera that the rig does not have.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from posefuse.cli.options.live import LiveSettingsOptions, NodeTimingOptions, SourceOptions
+from posefuse.cli.options.live import LiveSettingsOptions, SourceOptions, TimingOptions
 from posefuse.cli.options.shared import Figures, Ros2Options, Shown
 
 
@@ -13,7 +13,7 @@ def node_camera(
     /,
     *,
     sources: SourceOptions = SourceOptions(),
-    timing: NodeTimingOptions = NodeTimingOptions(),
+    timing: TimingOptions = TimingOptions(),
     ros_2: Ros2Options = Ros2Options(),
     settings: LiveSettingsOptions = LiveSettingsOptions(),
     name: str = "1",

@@ -20,8 +20,6 @@ class SourceOptions:
     """Where the images come from."""
 
     source: Annotated[tuple[str, ...], Parameter(metavar="CAMERA=KIND:WHERE", help=SOURCE_HELP)] = ()
-    fault: Annotated[tuple[str, ...], Parameter(metavar="CAMERA=KIND@START[-END]")] = ()
-    """Inject a fault START seconds after the beginning, for testing: freeze, jump, skew, bump, flood, hang or unplug."""
 
 
 @Parameter(name="*", group=TIMING)
@@ -32,16 +30,7 @@ class TimingOptions:
     duration: Annotated[float | None, Parameter(metavar="S")] = None
     """Stop after so many seconds."""
     loop: Annotated[float | None, Parameter(metavar="S")] = None
-    """Videos and simulated sessions begin again every S seconds."""
-
-
-@Parameter(name="*", group=TIMING)
-@dataclass(frozen=True, kw_only=True)
-class NodeTimingOptions(TimingOptions):
-    """The same on several machines."""
-
-    zero: Annotated[float | None, Parameter(metavar="UNIX_S")] = None
-    """Unix time in seconds at which recorded and simulated sources begin, the same on every machine."""
+    """Show the first S seconds of videos and simulated sessions again and again."""
 
 
 @Parameter(name="*", group=OUTPUTS)

@@ -300,9 +300,7 @@ class _Guide:
         self._studio.jobs.start("calibrate", f"Calibration {self._project.name}: {step}", arguments, page="/calibrate")
 
     def _use(self) -> None:
-        changed = Setup(
-            name=self._setup.name, sources=self._setup.sources, roles=self._setup.roles, rig=f"{self._project.folder}/{RIG}"
-        )
+        changed = Setup(name=self._setup.name, sources=self._setup.sources, rig=f"{self._project.folder}/{RIG}")
         save_setup(self._studio.workspace, changed)
         ui.notify(f"{changed.name} uses this rig now", type="positive")
         ui.navigate.to("/live")

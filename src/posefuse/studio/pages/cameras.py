@@ -18,7 +18,6 @@ from posefuse.studio.state import Studio
 from posefuse.studio.workspace import check_name
 
 _REFRESH_S = 0.7
-_ROLES = ("", "front", "back", "left", "right", "ceiling", "face", "hands", "reference")
 _KINDS = {"rtsp://": "RTSP stream", "http://": "HTTP stream", "usb:": "USB camera", "realsense:": "RealSense", "oak:": "OAK",
           "ros:/": "ROS topic"}  # fmt: skip
 
@@ -35,7 +34,6 @@ class _Chooser:
     def __init__(self, studio: Studio) -> None:
         self._studio = studio
         self._sources: dict[str, str] = {}
-        self._roles: dict[str, str] = {}
         self._rig = ""
         self._tiles_of: Any = None
         watching = studio.watch.job
@@ -140,10 +138,6 @@ class _Chooser:
         with ui.row().classes("items-center gap-3 w-full no-wrap pf-camera-row"):
             field = ui.input("Name", value=name).props("dense").classes("w-32")
             field.on("blur", lambda: self._rename(name, (field.value or "").strip()))
-            role = self._roles.get(name, "")
-            # one of a preset that was written by hand may be in other words
-            ui.select(list(dict.fromkeys([*_ROLES, role])), value=role, label="Role",
-                      on_change=lambda event: self._roles.update({name: event.value})).props("dense").classes("w-28")  # fmt: skip
             ui.label(source).classes("pf-small pf-grow")
             remove = ui.button(icon="close", on_click=lambda: self._remove(name)).props("flat dense round")
             remove.props["aria-label"] = f"Remove {name}"
@@ -160,12 +154,10 @@ class _Chooser:
             self._show_rows()
             return
         self._sources = {new if name == old else name: source for name, source in self._sources.items()}
-        self._roles = {new if name == old else name: role for name, role in self._roles.items()}
         self._show_rows()
 
     def _remove(self, name: str) -> None:
         self._sources.pop(name, None)
-        self._roles.pop(name, None)
         self._show_rows()
 
     def _start(self) -> None:
@@ -186,15 +178,14 @@ class _Chooser:
         if not name:
             return
         setup = setup_named(self._studio.workspace, name)
-        self._sources, self._roles, self._rig = dict(setup.sources), dict(setup.roles), setup.rig
+        self._sources, self._rig = dict(setup.sources), setup.rig
         self._show_rows()
 
     async def _save(self) -> None:
         known = [one.name for one in setups(self._studio.workspace) if one.name != DEMO]
 
         def save() -> None:
-            roles = {camera: role for camera, role in self._roles.items() if role}
-            setup = Setup(name=name.value.strip(), sources=self._sources, roles=roles, rig=rig.value or "")
+            setup = Setup(name=name.value.strip(), sources=self._sources, rig=rig.value or "")
             try:
                 save_setup(self._studio.workspace, setup)
             except PosefuseError as error:
