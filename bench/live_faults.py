@@ -32,7 +32,9 @@ from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.formats.truth import read_truth
 from posefuse.foundation.plain_values import plain
 from posefuse.messages.bags import read_detections, read_poses
+from posefuse.realtime.capture import LOOP_PAUSE_S
 
+_FAULTY = Path(__file__).with_name("faulty_live.py")
 _START_S, _END_S = 180.0, 40.0
 _BEFORE_S, _LEAST_S = 2.0, 3.0
 # the person jumps back where the video begins again
@@ -47,8 +49,8 @@ class Case:
     Attributes:
         name: of the row. state: how the monitor should call it; empty when nothing should be named.
         cameras: that are ill. start_s, end_s: when, after everything runs. last_s: when it is stopped.
-        fault: as of ``--fault``; ``kill`` ends the process of the cameras; empty is a matter of the link.
-        loss, delay_s, cut: what the link does between start and end.
+        fault: as of `faulty_live`; ``kill`` ends the process of the cameras; empty is a matter of the link.
+        loss, delay_s, cut: what the link does between start and end. ahead_s: what the clock of machine 1 is ahead.
     """
 
     name: str
@@ -61,6 +63,7 @@ class Case:
     loss: float = 0.0
     delay_s: float = 0.0
     cut: bool = False
+    ahead_s: float = 0.0
 
 
 ONE_MACHINE = (
@@ -79,7 +82,7 @@ TWO_MACHINES = (
     Case("link: nothing", "", ()),
     Case("link: 5 % lost, 50 ms late", "", (), end_s=18.0, last_s=18.0, loss=0.05, delay_s=0.05),
     Case("link: cut for 10 s", "silent", _FAR, end_s=16.0, last_s=24.0, cut=True),
-    Case("link: clock 50 ms ahead", "", (), start_s=25.0, end_s=35.0, last_s=35.0, fault="skew"),
+    Case("link: clock 50 ms ahead", "", (), start_s=25.0, end_s=35.0, last_s=35.0, ahead_s=0.05),
 )
 
 
@@ -87,7 +90,7 @@ class Program:
     """A `posefuse` whose notes are kept as they come."""
 
     def __init__(self, launch: Callable[..., subprocess.Popen], arguments: Sequence[str]) -> None:
-        self.process = launch(sys.executable, "-m", "posefuse.cli.main", *arguments, "--json", stderr=subprocess.PIPE)
+        self.process = launch(sys.executable, str(_FAULTY), *arguments, "--json", stderr=subprocess.PIPE)
         self.notes: list[str] = []
         self._news = threading.Condition()
         self._listening = threading.Thread(target=self._listen, daemon=True)
@@ -134,8 +137,8 @@ class Ran:
 def on_one_machine(case: Case, recording: Path, args: argparse.Namespace) -> Ran:
     session = args.session
     faults = [f"{camera}={case.fault}@{case.start_s}-{case.end_s}" for camera in case.cameras if case.fault != "kill"]
-    options = ["live", str(session / "rig.toml"), "--source", f"sim:{session}", "--record", str(recording), "--groups", "2"]
-    options += [part for fault in faults for part in ("--fault", fault)] + common(args)
+    options = [*(part for fault in faults for part in ("--fault", fault)), "--", "live", str(session / "rig.toml")]
+    options += ["--source", f"sim:{session}", "--record", str(recording), "--groups", "2", *common(args)]
     live = Program(lambda *command, **kept: subprocess.Popen(command, stdout=subprocess.PIPE, text=True, **kept), options)
     try:
         pid = int(live.wait_for(r"cam03 in process (\d+)")[1])
@@ -162,20 +165,20 @@ def on_two_machines(case: Case, recording: Path, args: argparse.Namespace) -> Ra
     with TwoMachines(seed=1) as two:
         programs: list[Program] = []
 
-        def start(machine: int, part: str, *options: str) -> Program:
+        def start(machine: int, part: str, *options: str, zero_s: float = zero_s) -> Program:
             network = ["--domain", str(_DOMAIN), "--peer", two.addresses[1 - machine]]
-            arguments = ["node", part, str(session / "rig.toml"), *options, *network]
+            arguments = ["--zero", str(zero_s), "--", "node", part, str(session / "rig.toml"), *options, *network]
             programs.append(Program(lambda *command, **kept: two.start(machine, *command, **kept), arguments))
             return programs[-1]
 
-        def start_cameras(machine: int, cameras: Sequence[str], *options: str) -> Program:
+        def start_cameras(machine: int, cameras: Sequence[str], ahead_s: float) -> Program:
             sources = [part for camera in cameras for part in ("--source", f"{camera}=sim:{session}")]
-            return start(machine, "camera", "--name", f"m{machine}", "--zero", str(zero_s), *sources, *common(args), *options)
+            # stamps that are later by so much, as of a clock that is ahead
+            return start(machine, "camera", "--name", f"m{machine}", *sources, *common(args), zero_s=zero_s + ahead_s)
 
-        late = [part for camera in _FAR for part in ("--fault", f"{camera}={case.fault}@0")] if case.fault else []
         try:
             fusion = start(0, "fusion", "--record", str(recording))
-            for cameras in (start_cameras(0, _NEAR), start_cameras(1, _FAR, *late)):
+            for cameras in (start_cameras(0, _NEAR, 0.0), start_cameras(1, _FAR, case.ahead_s)):
                 cameras.wait_for("in process")
             fusion.wait_for("first view")
             begun_s = time.time()
@@ -268,7 +271,7 @@ def errors(recording: Path, session: Path, zero_ns: int) -> tuple[np.ndarray, np
         times.append((pose.t_ns - zero_ns) / 1e9)
         found.append(known[0] if len(known) else np.full((len(skeleton), 3), np.nan))
     times_s = np.array(times)
-    film_s = times_s % loop_s(session)
+    film_s = times_s % (loop_s(session) + LOOP_PAUSE_S)
     kept = (times_s > 0) & (film_s > _JUMP_S) & (film_s < truth.t_ns[-1] / 1e9)
     true_xyz = true_xyz_at(truth, np.round(film_s[kept] * 1e9).astype(np.int64))[:, 0]
     got = pick_keypoints(np.array(found)[kept], skeleton, PAPER14.keypoints)

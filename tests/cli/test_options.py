@@ -44,7 +44,7 @@ ACCEPTED = {
     ),
     "live rig.toml": (
         "",
-        "--json, --source one --source two, --duration 5, --loop 5, --fault one --fault two, --replay text, --videos text, "
+        "--json, --source one --source two, --duration 5, --loop 5, --replay text, --videos text, "
         f"{SETTINGS}, {LIVE}, {ROS_2}, {OUTPUTS}",
     ),
     "calibrate intrinsics a=a.mp4 b=b.mp4": (
@@ -107,7 +107,7 @@ ACCEPTED = {
     ),
     "teleoperate rig.toml": (
         "",
-        "--json, --source one --source two, --duration 5, --loop 5, --fault one --fault two, --hand left, --deadman gesture, "
+        "--json, --source one --source two, --duration 5, --loop 5, --hand left, --deadman gesture, "
         "--scale 2, --turn 90, --orientation forearm, --i-have-an-emergency-stop, --robot text, --frame one --frame two, "
         "--robot-at 1,2,90, --elsewhere, --box 0,0,0,1,2,3, --speed 0.2, --limits text, --view, --view-scene, --view-file text, "
         "--record text, --ros, --ros1, "
@@ -131,9 +131,7 @@ ACCEPTED = {
     ),
     "node camera rig.toml": (
         "",
-        "--json, --source one --source two, --name text, --zero 0, --fault one --fault two, --duration 5, "
-        "--loop 5, "
-        f"{SETTINGS}, {LIVE}, {ROS_2}",
+        f"--json, --source one --source two, --name text, --duration 5, --loop 5, {SETTINGS}, {LIVE}, {ROS_2}",
     ),
     "node fusion rig.toml": (
         "",

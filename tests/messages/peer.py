@@ -15,7 +15,7 @@ from cyclonedds.core import Qos
 from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.idl import IdlStruct
 from cyclonedds.idl.annotations import final
-from cyclonedds.idl.types import array, bounded_str, float32, float64, int32, int64, sequence, uint8, uint32, uint64
+from cyclonedds.idl.types import array, bounded_str, float32, float64, int32, sequence, uint8, uint32, uint64
 from cyclonedds.pub import DataWriter
 from cyclonedds.qos import Policy
 from cyclonedds.sub import DataReader
@@ -121,7 +121,6 @@ class Detections2D(IdlStruct, typename="posefuse_msgs.msg.dds_.Detections2D_"):
     stages: sequence[Stage]
     captured: uint64
     used: uint64
-    showing_ns: int64
 
 
 RELIABLE = Policy.Reliability.Reliable(duration(seconds=1))
@@ -190,13 +189,9 @@ def shout(participant):
     topic = Topic(participant, "rt/posefuse/detections", Detections2D)
     writer = DataWriter(participant, topic, qos=Qos(RELIABLE, Policy.History.KeepLast(100), XCDR1))
     good = Detections2D(Header(Time(5, 6), "c"), "stranger", "two", ["a", "b"], 1, [1.0, 2.0, 3.0, 4.0], [0.5, 1.0],
-                        [1.0, 1.0], [0.0, 0.0, 9.0, 9.0], [], [], [Stage("captured", Time(5, 6))], 0, 0, 0)  # fmt: skip
-    many = Detections2D(
-        Header(Time(5, 6), "c"), "stranger", "two", ["a", "b"], 4_000_000_000, [], [], [], [], [], [], [], 0, 0, 0
-    )
-    big = Detections2D(
-        Header(Time(5, 6), "c"), "stranger", "two", ["a", "b"], 1, [0.5] * 600_000, [], [], [], [], [], [], 0, 0, 0
-    )
+                        [1.0, 1.0], [0.0, 0.0, 9.0, 9.0], [], [], [Stage("captured", Time(5, 6))], 0, 0)  # fmt: skip
+    many = Detections2D(Header(Time(5, 6), "c"), "stranger", "two", ["a", "b"], 4_000_000_000, [], [], [], [], [], [], [], 0, 0)
+    big = Detections2D(Header(Time(5, 6), "c"), "stranger", "two", ["a", "b"], 1, [0.5] * 600_000, [], [], [], [], [], [], 0, 0)
     end = time.monotonic() + 60
     while time.monotonic() < end:
         writer.write(good)

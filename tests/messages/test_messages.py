@@ -5,8 +5,8 @@ import pytest
 
 from posefuse.core import MessageError, Skeleton
 from posefuse.messages import messages
-from posefuse.messages.cdr import encode
 from posefuse.messages.intake import Intake, decode
+from posefuse.messages.types import encode
 
 STAGES = {"captured": 1_700_000_000_000_000_001, "detected": 1_700_000_000_030_000_000}
 SEVEN = Skeleton("seven", tuple(f"k{i}" for i in range(7)))
@@ -160,13 +160,13 @@ def test_a_list_of_impossible_length_is_refused_immediately():
 
 
 def test_counts_of_the_source_arrive_and_absurd_ones_are_refused(some_detections):
-    counts = messages.SourceCounts(captured=900, used=300, showing_ns=4_300_000_000)
+    counts = messages.SourceCounts(captured=900, used=300)
     msg = over_the_wire(messages.message_from_detections(some_detections(), {}, counts))
     assert messages.source_from_message(msg) == counts
     unknown = over_the_wire(messages.message_from_detections(some_detections(), {}))
     assert messages.source_from_message(unknown) == messages.SourceCounts()
-    for name, value in (("used", 901), ("captured", 2**60), ("showing_ns", -1), ("showing_ns", 2**60)):
+    for name, value in (("used", 901), ("captured", 2**60)):
         wrong = over_the_wire(messages.message_from_detections(some_detections(), {}, counts))
         setattr(wrong, name, value)
-        with pytest.raises(MessageError, match="frames used, showing at"):
+        with pytest.raises(MessageError, match="frames used"):
             messages.source_from_message(wrong)

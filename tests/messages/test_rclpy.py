@@ -12,11 +12,10 @@ import pytest
 
 from posefuse.core import SE3, DependencyError
 from posefuse.messages import topics
-from posefuse.messages.cdr import encode
 from posefuse.messages.frames import FrameReader
 from posefuse.messages.rclpy_node import RclpyNode, ros2_is_sourced
 from posefuse.messages.ros_output import RosOutput
-from posefuse.messages.types import message
+from posefuse.messages.types import encode, message
 from posefuse.outputs.live.ros import Ros2Config
 
 INSTALLED = ("geometry_msgs", "sensor_msgs", "tf2_msgs", "visualization_msgs", "std_msgs", "diagnostic_msgs", "rosgraph_msgs")

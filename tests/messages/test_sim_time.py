@@ -59,12 +59,11 @@ def test_a_simulation_that_pauses_or_restarts_is_followed_immediately():
 
 def test_a_node_that_receives_no_clock_reports_it():
     pytest.importorskip("cyclonedds", reason="the extra `ros` is not installed")
-    from posefuse.messages.cdr import encode
     from posefuse.messages.dds import RosNode
     from posefuse.messages.dds_domain import Network
     from posefuse.messages.sim_time import ClockReader
     from posefuse.messages.topics import CLOCK
-    from posefuse.messages.types import message
+    from posefuse.messages.types import encode, message
 
     with RosNode("sim", Network(domain_id=own_domain(), local_only=True)) as node:
         reader = ClockReader(node)

@@ -10,10 +10,10 @@ from posefuse.core import SKELETONS, Detections2D
 from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse.formats.rig import read_rig
 from posefuse.messages import topics
-from posefuse.messages.cdr import encode
 from posefuse.messages.dds import RosNode
 from posefuse.messages.dds_domain import Network
 from posefuse.messages.messages import message_from_detections
+from posefuse.messages.types import encode
 
 domain, count, rig = int(sys.argv[1]), int(sys.argv[2]), read_rig(Path(sys.argv[3]))
 rng = np.random.default_rng(0)

@@ -21,8 +21,8 @@ from posefuse.core import (
 from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse.detection import read_card
 from posefuse.formats.joint_centres import read_joint_centres
-from posefuse.messages.cdr import encode
 from posefuse.messages.intake import decode
+from posefuse.messages.types import encode
 from posefuse.outputs.live import RecordConfig
 from posefuse.realtime.clock import SessionClock
 from posefuse.realtime.config import LiveConfig

@@ -56,7 +56,7 @@ def group(ring_rig, monkeypatch: pytest.MonkeyPatch):
     rig, (ours, theirs) = ring_rig(3, size_wh=(64, 48)), Channel.pair()
     plan = GroupPlan(
         group=0, rig=rig, inputs=tuple(LiveInput(name, "test", NoSourceConfig(), False) for name in NAMES),
-        detector=DetectorChoice(), clock=SessionClock.begin(), most_people=1, search_every_s=1e6, preview_hz=0.0, glances=False,
+        detector=DetectorChoice(), clock=SessionClock.begin(), most_people=1, search_every_s=1e6, preview_hz=0.0,
     )  # fmt: skip
     board = new_board()
     group = Group(plan, theirs, board)

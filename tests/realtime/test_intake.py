@@ -6,18 +6,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from posefuse.core import SKELETONS, Detections2D, JointCentres, LiveHealth, LivePose, Rig, Skeleton
+from posefuse.core import SKELETONS, Detections2D, JointCentres, LivePose, Rig, Skeleton
 from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse.health.cameras import Monitor, Verdict
-from posefuse.messages.cdr import encode
 from posefuse.messages.messages import SourceCounts, message_from_detections
-from posefuse.outputs.live.ros import health_lines
+from posefuse.messages.types import encode
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.fusion import Fusion
 from posefuse.realtime.joint_centres import Centring, message_from_centres
 from posefuse.realtime.messages import Centres, SeenView
 from posefuse.realtime.network_intake import Sample, ViewIntake
-from posefuse.realtime.news import News
 from posefuse.realtime.output_plan import NoOutputs
 from posefuse.realtime.senders import Senders
 from posefuse.realtime.session import new_board, ready_tracker
@@ -288,13 +286,13 @@ def test_a_node_that_goes_mad_costs_its_own_cameras_not_the_session(undisturbed:
 # --- what another machine tells of a camera's source
 
 
-def views_of(used_share: float, showing_ns: int = 0) -> list[SeenView]:
+def views_of(used_share: float) -> list[SeenView]:
     """Views of camera a over six seconds, of whose frames that share is used, as the fusion takes them from the network."""
     views, seen = ViewIntake(("a", "b")), []
     views.view(sample(message_from_detections(no_person("a"), {}), "node"), T0)
     for i in range(1, 181):
         t_ns = T0 + i * S // 30
-        counts = SourceCounts(captured=i, used=int(used_share * i), showing_ns=showing_ns if i > 90 else 0)
+        counts = SourceCounts(captured=i, used=int(used_share * i))
         msg = message_from_detections(no_person("a", t_ns), {"received": t_ns + 5_000_000}, counts)
         seen += views.view(sample(msg, "node"), t_ns + 10_000_000)
     return [one for one in seen if isinstance(one, SeenView)]
@@ -310,27 +308,6 @@ def test_overload_of_a_remote_camera_is_called_overload(share: float, state: str
         monitor.admit(seen, now_ns)
     assert monitor.judge(now_ns, {}, {"a": Verdict("moved", "stands elsewhere")})["a"].state == state
     assert monitor.source("a").captured == 180
-
-
-def test_a_looped_recording_is_announced_as_a_discontinuity(ring_rig) -> None:
-    fusion, clock = session(Rig(tuple(replace(c, name=n) for c, n in zip(ring_rig(2), "ab", strict=True)), world_set_by="test"))
-    heard: list[LiveHealth] = []
-    fusion.outlets = SimpleNamespace(
-        offer=lambda one: heard.append(one) if isinstance(one, LiveHealth) else None,
-        poll=lambda: None, health={}, events=(), event_count=0,
-    )  # fmt: skip
-    lines: list[str] = []
-    news = News(fusion, T0, lines.append)
-    for seen in views_of(1.0, showing_ns=3 * S):
-        clock.now = seen.detections.t_ns + 20_000_000
-        fusion.take(seen)
-        fusion._judge(SimpleNamespace(messages=lambda: (), troubles=dict), clock.now, clock.now)
-        news.report(clock.now)
-    (line,) = [line for line in lines if "discontinuity" in line]
-    assert "3.05 s  discontinuity 1: a looped recording begins again" in line
-    levels = [[line.level for line in health_lines(one) if line.name == "recording"] for one in heard]
-    # nothing before, a warning for two seconds, then no more than a note
-    assert levels[0] == [] and [1] in levels and levels[-1] == [0]
 
 
 def test_judging_the_cameras_takes_no_view_that_would_make_an_output_late(ring_rig) -> None:

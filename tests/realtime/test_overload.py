@@ -3,9 +3,7 @@
 import numpy as np
 
 from posefuse.health.cameras import CameraState, Monitor, Verdict
-from posefuse.health.clock_finding import ClockFinder
 from posefuse.health.common_times import CommonTimeSteps
-from posefuse.realtime.rig_watch import RigWatcher
 
 S = 1_000_000_000
 ILL = {"a": Verdict("moved", "a is off by 21 mm relative to the other cameras")}
@@ -44,20 +42,3 @@ def test_views_far_apart_are_not_read_between() -> None:
                 instants.add(name, round((i * apart_s + 0.03 * (name == "b")) * S), np.full((2, 2), float(i)), np.ones(2, bool))
             read += list(instants.ready())
         assert (len(read) > 10) == there
-
-
-def test_nothing_is_compared_across_a_cut(ring_rig) -> None:
-    rig = ring_rig(4)
-    watcher, finder = RigWatcher(rig, clocks=True), ClockFinder(rig)
-    rng = np.random.default_rng(0)
-    points = rng.normal(size=(12, 3)) * 0.4 + [0, 0, 1]
-    for i in range(60):
-        for camera in rig:
-            xy = camera.project(points + [0.01 * i, 0, 0])
-            watcher.add(camera.name, i * S // 30, xy, np.full(12, 0.9))
-            finder.add(camera.name, i * S // 30, xy, np.full(12, 0.9))
-    watcher.look()
-    assert watcher._state.before and finder._views
-    watcher.cut()
-    finder.cut()
-    assert not watcher._state.before and not finder._views and not list(watcher._instants.ready())

@@ -11,9 +11,10 @@ from types import SimpleNamespace
 import pytest
 
 from posefuse.cli.live import how_it_ended
+from posefuse.core import SKELETONS, Detections2D
 from posefuse.health.cameras import CameraState, Monitor, Verdict
 from posefuse.realtime import processes
-from posefuse.realtime.messages import Status
+from posefuse.realtime.messages import SeenView, Status
 from posefuse.realtime.news import News
 from posefuse.realtime.output_plan import NoOutputs
 from posefuse.realtime.pace import ProcessedImages, closing_lines
@@ -44,10 +45,15 @@ def test_a_slow_machine_is_reported_once_with_what_helps() -> None:
     assert not sentences(ProcessedImages(), 0.7)
 
 
+def seen_at_zero(camera: str) -> SeenView:
+    empty = Detections2D.empty(camera, 0, SKELETONS["coco17"])
+    return SeenView(detections=empty, state=None, received_ns=0, started_ns=0, detected_ns=0)
+
+
 def test_a_camera_whose_frames_wait_is_not_silent() -> None:
     monitor = Monitor(("slow", "gone"))
     for name in ("slow", "gone"):
-        monitor.admit_frame(name, 0, 0, 0, 0)
+        monitor.admit(seen_at_zero(name), 0)
     for t in range(5):
         monitor.take_state(state("slow", 30 * t, 1), t * S)
         monitor.take_state(state("gone", 1, 1), t * S)
@@ -59,7 +65,7 @@ def test_a_camera_is_not_silent_while_its_process_owes_a_report() -> None:
     """A process at work on one image reports when that is done; it is judged itself meanwhile."""
     for regular, state_at in ((True, "ok"), (False, "silent")):
         monitor = Monitor(("a",))
-        monitor.admit_frame("a", 0, 0, 0, 0)
+        monitor.admit(seen_at_zero("a"), 0)
         monitor.take_state(state("a", 1, 1), 0, regular=regular)
         assert monitor.judge(S * 3 // 2, {})["a"].state == state_at
         assert monitor.judge(S * 5 // 2, {})["a"].state == "silent"
@@ -67,7 +73,7 @@ def test_a_camera_is_not_silent_while_its_process_owes_a_report() -> None:
 
 def test_changes_of_a_camera_are_printed_ten_seconds_apart() -> None:
     monitor, lines = Monitor(("a",)), []
-    news = News(SimpleNamespace(monitor=monitor, watch=None, outlets=NoOutputs(), cuts=0), 0, lines.append)
+    news = News(SimpleNamespace(monitor=monitor, watch=None, outlets=NoOutputs()), 0, lines.append)
     for quarter in range(4 * 60):
         now_ns = quarter * S // 4
         monitor.judge(now_ns, {"a": Verdict("dead", "process 1 ended")} if quarter % 2 else {"a": Verdict("ok")})
@@ -79,7 +85,7 @@ def test_changes_of_a_camera_are_printed_ten_seconds_apart() -> None:
 
 def test_the_first_trouble_of_a_camera_is_printed_at_once() -> None:
     monitor, lines = Monitor(("a",)), []
-    news = News(SimpleNamespace(monitor=monitor, watch=None, outlets=NoOutputs(), cuts=0), 0, lines.append)
+    news = News(SimpleNamespace(monitor=monitor, watch=None, outlets=NoOutputs()), 0, lines.append)
     for second, verdict in enumerate((Verdict("ok"), Verdict("dead", "process 1 ended"), *[Verdict("ok")] * 20)):
         monitor.judge(second * S, {"a": verdict})
         news.report(second * S)

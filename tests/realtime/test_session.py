@@ -8,6 +8,7 @@ import socket
 import subprocess
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from live_session import Live, command, until
 
 from posefuse.cli.replay import difference_m, replay, replayed
 from posefuse.cli.terminal import Terminal
-from posefuse.core import InputError, Pose3D
+from posefuse.core import SE3, InputError, Pose3D
 from posefuse.core.skeleton import PAPER14, pick_keypoints
 from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.formats.rig import read_rig, write_rig
@@ -198,7 +199,7 @@ def test_faulty_cameras_are_named_while_the_others_carry_on(demo_session: Path) 
         live = Live(
             command(
                 demo_session, "--duration", "3.5", "--json-udp", address(plain), "--osc", address(osc),
-                "--fault", "cam01=freeze@0.5-2.5", "--fault", "cam02=unplug@1-2", "--fault", "cam03=flood@2-3",
+                faults=("cam01=freeze@0.5-2.5", "cam02=unplug@1-2", "cam03=flood@2-3"),
             )
         )  # fmt: skip
         figures = live.figures()
@@ -214,8 +215,12 @@ def test_faulty_cameras_are_named_while_the_others_carry_on(demo_session: Path) 
     assert figures["poses_with_people"] > 0.7 * figures["poses"]
 
 
-def test_a_moved_camera_is_named_and_left_out_and_killing_the_watch_ends_nothing(demo_session: Path) -> None:
-    live = Live(command(demo_session, "--loop", "10", "--fault", "cam01=bump@1"))
+def test_a_moved_camera_is_named_and_left_out_and_killing_the_watch_ends_nothing(demo_session: Path, tmp_path: Path) -> None:
+    rig = read_rig(demo_session / "rig.toml")
+    turned = SE3.from_rotvec(np.deg2rad([0.3, 1.4, 0.3]), np.zeros(3)) @ rig["cam01"].cam_from_world
+    moved = replace(rig, cameras=tuple(replace(one, cam_from_world=turned) if one.name == "cam01" else one for one in rig))
+    write_rig(tmp_path / "before.toml", moved)
+    live = Live(command(demo_session, "--loop", "10", rig=tmp_path / "before.toml"))
     watch = int(live.wait_for(r"rig watched in process (\d+)")[1])
     live.wait_for(r"cam01: moved: cam01 is off by \d+ mm")
     time.sleep(0.5)

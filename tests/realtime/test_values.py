@@ -12,12 +12,11 @@ import numpy as np
 import pytest
 
 from posefuse.cli.live_report import write_latency_report
-from posefuse.core import ConfigError, Detections2D, Frame, Pose3D, Region, Skeleton, SourceError
+from posefuse.core import Detections2D, Frame, Pose3D, Skeleton, SourceError
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.health.cameras import CameraState, Monitor, Verdict
 from posefuse.realtime.board import Board
 from posefuse.realtime.capture import Capture, Caught, LiveInput, take_all
-from posefuse.realtime.faults import SourceFault, Wrong, before_bump, bumped, disturbed, faults_from_arguments, seen_by_bumped
 from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.realtime.latency import Histogram, Latencies, ViewTimes
 from posefuse.realtime.messages import SeenView
@@ -173,7 +172,7 @@ def test_silence_ends_and_dead_processes_are_named() -> None:
 
 def test_all_that_changes_is_reported_however_long_a_session_runs() -> None:
     monitor, said = Monitor(("a",)), []
-    news = News(SimpleNamespace(monitor=monitor, watch=None, outlets=NoOutputs(), cuts=0), 0, said.append)
+    news = News(SimpleNamespace(monitor=monitor, watch=None, outlets=NoOutputs()), 0, said.append)
     for turn in range(1200):
         second = 11 * turn
         monitor.judge(second * S, {"a": Verdict("dead", "process 1 ended")} if turn % 2 else {})
@@ -397,44 +396,6 @@ def test_only_the_newest_frame_waits(ring_rig) -> None:
     assert (state.captured, state.used, state.replaced) == (3, 1, 2)
 
 
-def test_faults_are_read_and_happen(ring_rig) -> None:
-    rig = ring_rig(2)
-    assert faults_from_arguments(["cam01=freeze@3-6"], rig) == {"cam01": (SourceFault("freeze", 3.0, 6.0),)}
-    with pytest.raises(ConfigError, match="melt"):
-        faults_from_arguments(["cam01=melt@3"], rig)
-    frames = [
-        Arrived.of(Frame(camera="a", seq=i, t_ns=i * PERIOD_NS, received_ns=0, image=np.full((4, 4, 3), i, np.uint8)))
-        for i in range(3)
-    ]
-    frozen = list(disturbed(iter(frames), [SourceFault("freeze", 0.0, 1e9)], begun_s=0.0))
-    assert [int(frame.pixels.rgb()[0, 0, 0]) for frame, _ in frozen] == [0, 0, 0]
-    assert [frame.t_ns + wrong.off_ns for frame, wrong in frozen] == [frame.t_ns for frame in frames]
-    jumped = disturbed(iter(frames), [SourceFault("jump", 0.0, 1e9)], begun_s=0.0)
-    assert [wrong for _, wrong in jumped] == [Wrong(3600 * S)] * 3
-    assert [wrong for _, wrong in disturbed(iter(frames), [SourceFault("bump", 0.0, 1e9)], begun_s=0.0)] == [
-        Wrong(bumped=True)
-    ] * 3
-
-
-def test_a_bump_moves_what_is_seen_as_a_turned_camera_would_see_it(ring_rig) -> None:
-    camera, xyz = ring_rig(3).cameras[1], np.random.default_rng(0).normal(size=(1, 5, 3)) * 0.4 + [0, 0, 1.0]
-    ones = np.ones((1, 5))
-    view = Detections2D(
-        camera=camera.name,
-        t_ns=0,
-        skeleton=SKELETON,
-        xy_img=camera.project(xyz),
-        score=ones,
-        sigma_px=ones,
-        box_img=np.zeros((1, 4)),
-    )
-    after = seen_by_bumped(view, camera)
-    np.testing.assert_allclose(after.xy_img, bumped(camera).project(xyz), atol=1e-3)
-    assert 5 < np.abs(after.xy_img - view.xy_img).max() < 50
-    region = Region(centre_img=after.xy_img[0, 2], side_px=80.0)
-    np.testing.assert_allclose(before_bump(region, camera).centre_img, view.xy_img[0, 2], atol=1e-3)
-
-
 def test_what_the_rig_watch_finds_is_reported_unless_something_worse_is_wrong() -> None:
     monitor = Monitor(("a", "b", "c"))
     run_frames(monitor, {"a": (0, 0), "b": (0, 0), "c": (0, 0)}, 100 * S, 1)
@@ -456,7 +417,8 @@ def test_a_video_begins_again_at_every_turn(ring_rig, demo_session) -> None:
     capture.close()
     turns = {caught.later_ns for caught in taken}
     assert len(turns) == 3
-    assert all(later_ns % (3 * S // 10) == 0 for later_ns in turns)
+    # half a second between two showings, which keeps the rig watch from comparing across it
+    assert all(later_ns % (8 * S // 10) == 0 for later_ns in turns)
     assert all(caught.arrived.t_ns < 3 * S // 10 for caught in taken)
     times = [caught.arrived.t_ns + caught.later_ns for caught in taken]
     assert times == sorted(times)

@@ -4,7 +4,7 @@ import json
 import re
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +13,19 @@ from running import Running
 PATIENCE_S, FILLED = 180.0, 1 << 16
 
 
-def command(session: Path, *options: str, source: str | None = None) -> list[str]:
+FAULTY = Path(__file__).resolve().parents[2] / "bench" / "faulty_live.py"
+
+
+def command(
+    session: Path, *options: str, source: str | None = None, rig: Path | None = None, faults: Sequence[str] = ()
+) -> list[str]:
+    """The command line of a session; `rig`: another file than the session's own. `faults`: of `bench/faulty_live.py`."""
     oracle = ["--set", "detector.name=oracle", "--set", f"detector.options.truth={session / 'truth' / 'truth.npz'}"]
     oracle += ["--set", "detector.options.noise.sigma_px=1.0"]
     sources = ["--source", source or f"sim:{session}"]
-    return [sys.executable, "-m", "posefuse.cli.main", "live", str(session / "rig.toml"), *sources, *oracle, "--json", *options]
+    faulty = [str(FAULTY), *(part for fault in faults for part in ("--fault", fault)), "--"]
+    program = [sys.executable, *(faulty if faults else ["-m", "posefuse.cli.main"])]
+    return [*program, "live", str(rig or session / "rig.toml"), *sources, *oracle, "--json", *options]
 
 
 class Live:

@@ -13,10 +13,9 @@ pytest.importorskip("mujoco")
 pytest.importorskip("daqp")
 
 from posefuse.core import MessageError
-from posefuse.messages.cdr import encode
 from posefuse.messages.messages import header
 from posefuse.messages.ros1_bytes import ros1_bytes, ros2_message
-from posefuse.messages.types import message
+from posefuse.messages.types import encode, message
 from posefuse.teleoperation.robots.mobile_manipulator import ARM_HOME_RAD, mobile_manipulator
 
 HERE = Path(__file__).parent

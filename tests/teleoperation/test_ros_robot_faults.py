@@ -13,12 +13,11 @@ pytest.importorskip("rosbags")
 from posefuse.core import SE3
 from posefuse.foundation.requests_to_end import REQUESTS_TO_END
 from posefuse.messages.body_messages import quaternion, vector
-from posefuse.messages.cdr import encode
 from posefuse.messages.dds import Sample
 from posefuse.messages.frames import Frames
 from posefuse.messages.messages import header
 from posefuse.messages.topics import TF, TF_STATIC
-from posefuse.messages.types import message
+from posefuse.messages.types import encode, message
 from posefuse.teleoperation.robots import process, ros_robot
 from posefuse.teleoperation.robots.driver import Goal
 from posefuse.teleoperation.robots.mobile_manipulator import ARM_HOME_RAD

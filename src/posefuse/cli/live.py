@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from posefuse.cli.commands.live import LiveOptions, NodeTimingOptions, OutputOptions, SourceOptions, TimingOptions
+from posefuse.cli.commands.live import LiveOptions, OutputOptions, SourceOptions, TimingOptions
 from posefuse.cli.options import Ros2Options
 from posefuse.core import ConfigError, InputError, LiveOutputConfig, Rig
 from posefuse.core.errors import choices
@@ -22,7 +22,6 @@ from posefuse.pipeline.config import read_changed
 from posefuse.realtime.capture import LiveInput
 from posefuse.realtime.clock import SessionClock
 from posefuse.realtime.config import LiveConfig, RunOptions
-from posefuse.realtime.faults import faults_from_arguments
 from posefuse.realtime.fusion import Fusion
 from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.realtime.networks import fetch_networks
@@ -150,20 +149,15 @@ def _show_next(outputs: OutputOptions, terminal: Terminal, *, poses: int) -> Non
 
 
 def settled_inputs(sources: SourceOptions, timing: TimingOptions, ros_2: Ros2Options, rig: Rig) -> tuple[LiveInput, ...]:
-    """The sources of the command line, with the faults to inject and when they begin again."""
-    run, faults = run_options(timing), faults_from_arguments(sources.fault, rig)
-    return tuple(
-        dataclasses.replace(
-            entry, faults=faults.get(entry.camera, ()), reopen=entry.reopen or entry.camera in faults, loop_s=run.loop_s
-        )
-        for entry in inputs_from_arguments(sources.source, rig, ros_2.settings)
-    )
+    """The sources of the command line, and when they begin again."""
+    loop_s = run_options(timing).loop_s
+    inputs = inputs_from_arguments(sources.source, rig, ros_2.settings)
+    return tuple(dataclasses.replace(entry, loop_s=loop_s) for entry in inputs)
 
 
 def run_options(timing: TimingOptions) -> RunOptions:
     """When it begins and ends."""
-    zero_s = timing.zero if isinstance(timing, NodeTimingOptions) else None
-    options = {"duration_s": timing.duration, "loop_s": timing.loop, "zero_s": zero_s}
+    options = {"duration_s": timing.duration, "loop_s": timing.loop}
     return settings_from_mapping(options, RunOptions, where="options")
 
 

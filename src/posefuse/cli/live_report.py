@@ -71,7 +71,6 @@ def live_session_figures(done: Finished) -> dict[str, Any]:
         "cpu_children_share": done.cpu_s[1] / done.seconds if done.seconds > 0 else float("nan"),
         "memory_mb": done.memory_mb,
         "restarts": done.restarts,
-        "discontinuities": fusion.cuts,
         "outputs": done.outputs,
         "outputs_lost": done.lost,
         "output_events": [

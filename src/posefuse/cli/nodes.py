@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from posefuse.cli.commands.live import LiveOptions, NodeTimingOptions, OutputOptions, SourceOptions, TimingOptions
+from posefuse.cli.commands.live import LiveOptions, OutputOptions, SourceOptions, TimingOptions
 from posefuse.cli.options import Ros2Options
 from posefuse.core import SourceError
 from posefuse.foundation.output_folder import check_replaceable
@@ -49,17 +49,14 @@ def camera_node(
     rig_file: Path,
     name: str,
     sources: SourceOptions,
-    timing: NodeTimingOptions,
+    timing: TimingOptions,
     ros_2: Ros2Options,
     settings: LiveOptions,
     terminal: Terminal,
 ) -> Mapping[str, Any]:
     """Capture and detect on this machine, send 2D poses; the fused pose selects the image regions."""
-    config, rig, run = (
-        read_changed(settings.config, settings.changes, LiveConfig),
-        session_rig(rig_file, terminal),
-        run_options(timing),
-    )
+    config, rig = read_changed(settings.config, settings.changes, LiveConfig), session_rig(rig_file, terminal)
+    duration_s = run_options(timing).duration_s
     inputs = settled_inputs(sources, timing, ros_2, rig)
     if not inputs:
         raise SourceError("expected a source for at least 1 camera, got none; see --source")
@@ -69,25 +66,23 @@ def camera_node(
     clock = SessionClock.begin()
     board = new_board()
     plan = OutputPlan(rig=rig, clock=clock, configs={"ros2": Ros2Config()})
-    # a fusion node on another machine learns of a camera's health by its views
-    groups_of = [replace(one, glances=False) for one in group_plans(rig, inputs, config, plan)]
     with (
         RosNode(f"posefuse_cameras_{topics.ros_name(name)}", network_of(ros_2)) as node,
-        GroupViews(groups_of, board) as groups,
+        GroupViews(group_plans(rig, inputs, config, plan), board) as groups,
     ):
         publish_intrinsics(node, rig, [entry.camera for entry in inputs], time.time_ns())
         skeleton = groups.wait_ready()
         terminal.note("; ".join(groups.whereabouts()))
-        groups.begin(time.monotonic_ns() if run.zero_s is None else round(run.zero_s * _S) - clock.offset_ns)
+        groups.begin(time.monotonic_ns())
         worker = CameraNode(rig, [entry.camera for entry in inputs], node, board, clock, skeleton)
         for centres in groups.centres():
             node.publish(topics.JOINT_CENTRES, message_from_centres(centres, clock.now_ns()), clock.now_ns())
-        end_ns = None if run.duration_s is None else clock.now_ns() + round(run.duration_s * _S)
+        end_ns = None if duration_s is None else clock.now_ns() + round(duration_s * _S)
         with stop_requests() as stopped:
             while not stopped and not worker.monitor.all_ended() and (end_ns is None or clock.now_ns() < end_ns):
                 worker.step(groups)
     figures = {"sent": worker.sent, "refused": {name: worker.monitor.refused(name) for name in worker.cameras}}
-    return {**figures, **how_it_ended(stopped[0] if stopped else "", run.duration_s, terminal)}
+    return {**figures, **how_it_ended(stopped[0] if stopped else "", duration_s, terminal)}
 
 
 def fusion_node(

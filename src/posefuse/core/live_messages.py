@@ -141,18 +141,11 @@ class OutputHealth:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LiveHealth:
-    """How every camera and every output fares, by name; a few times a second.
-
-    Attributes:
-        cuts: how often a looped recording has begun again: what comes after does not continue what was before.
-        cut_ns: when that happened last; 0: never.
-    """
+    """How every camera and every output fares, by name; a few times a second."""
 
     t_ns: int
     cameras: Mapping[str, CameraHealth]
     outputs: Mapping[str, OutputHealth] = field(default_factory=dict)
-    cuts: int = 0
-    cut_ns: int = 0
 
 
 LiveMessage = LiveStart | LiveJointCentres | LiveNames | LiveDetections | LivePose | LiveExpected | LivePreview | LiveHealth

@@ -153,28 +153,21 @@ class Monitor:
     def admit(self, seen: TimedDetections, now_ns: int) -> Detections2D | None:
         """The view to use, its time put right where its clock has jumped; None when it must not be used."""
         view = seen.detections
-        t_ns = self.admit_frame(view.camera, view.t_ns, seen.received_ns, seen.still, now_ns)
-        if t_ns is None:
-            return None
-        return view if t_ns == view.t_ns else replace(view, t_ns=t_ns)
-
-    def admit_frame(self, camera: str, t_ns: int, received_ns: int, still: int, now_ns: int) -> int | None:
-        """The same of a frame that no detector has processed: its time, put right; the rest as in `TimedDetections`."""
-        watch = self._watches.get(camera)
+        watch = self._watches.get(view.camera)
         if watch is None:
             return None
         watch.seen_ns = now_ns
         if self._floods(watch, now_ns):
             _count(watch, "flood")
             return None
-        right_ns = self._timed(watch, t_ns, received_ns, now_ns)
+        right_ns = self._timed(watch, view.t_ns, seen.received_ns, now_ns)
         if right_ns is None:
             _count(watch, "late" if watch.late else "clock")
             return None
-        if self._is_frozen(watch, still, right_ns):
+        if self._is_frozen(watch, seen.still, right_ns):
             _count(watch, "frozen")
             return None
-        return right_ns
+        return view if right_ns == view.t_ns else replace(view, t_ns=right_ns)
 
     def take_state(self, state: CameraState, now_ns: int, *, regular: bool = False) -> None:
         """Take the status that the camera's own process reports; `regular`: it does so whether there are frames or not."""

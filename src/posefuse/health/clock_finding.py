@@ -60,10 +60,6 @@ class ClockFinder:
         while self._views[0][1] < t_s - _LONGEST_S - 2 * _MARGIN_S:
             self._views.popleft()
 
-    def cut(self) -> None:
-        """The scene jumps here: views before and after are not compared."""
-        self._views.clear()
-
     def find(self) -> dict[str, float] | None:
         """Offset in s of each camera that is known well enough; None while there is nothing new."""
         newest_s = [s for s in self._newest_s if np.isfinite(s)]

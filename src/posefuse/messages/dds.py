@@ -17,12 +17,10 @@ import numpy as np
 
 from posefuse.core import SourceError
 
-from .cdr import encode
 from .dds_domain import Network, open_domain, require_tested_cyclonedds
 from .idl import idl_class
-from .intake import Intake
 from .topics import Topic
-from .types import message, optional_module, type_hash
+from .types import encode, message, optional_module, type_hash
 
 GRAPH = Topic("ros_discovery_info", "rmw_dds_common/msg/ParticipantEntitiesInfo", depth=1, latched=True)
 _LATCHED_WRITERS = 100
@@ -142,9 +140,6 @@ class RosNode:
         self._participant: Any = DomainParticipant(self.network.domain_id, qos=Qos(Policy.Userdata(b"enclave=/;")))
         self._waitset: Any = WaitSet(self._participant)
         self._graph_writer: Any = self._open_writer(GRAPH)
-        self._graph_reader: Any = self._open_reader(GRAPH)
-        self._graph: Intake[Any] = Intake(GRAPH.type_name, lambda msg: msg)
-        self._peers: dict[bytes, tuple[str, ...]] = {}
         self._announce()
 
     @property
@@ -212,22 +207,13 @@ class RosNode:
                 )
         return found
 
-    def nodes(self) -> set[str]:
-        """Full names of the ROS 2 nodes discovered so far, including this one."""
-        for sample in self._graph_reader.take():
-            info = self._graph.take(sample.raw)
-            if info is not None:
-                names = tuple(n.node_namespace.rstrip("/") + "/" + n.node_name for n in info.node_entities_info_seq)
-                self._peers[bytes(info.gid.data)] = names
-        return {name for names in self._peers.values() for name in names}
-
     def close(self) -> None:
         """Leave the network; safe to call twice."""
         self._conditions.clear()
         self._readers.clear()
         self._writers.clear()
         # a caller that waits in another thread still holds the set it waits on
-        self._waitset = self._graph_reader = self._graph_writer = self._participant = self._domain = None
+        self._waitset = self._graph_writer = self._participant = self._domain = None
 
     def __enter__(self) -> RosNode:
         return self

@@ -21,7 +21,7 @@ _KEYPOINT_M, _BONE_M, _LINE_M, _TEXT_M = 0.045, 0.02, 0.006, 0.12
 _PYRAMID_DEPTH_M = 0.25
 _GREY = (0.93, 0.93, 0.93)
 _PREDICTED_ALPHA = 0.45
-# what a marker has one of each of, as arrays, see `cdr.encode`: (n, 3) points and (n, 4) colours
+# (n, 3) points and (n, 4) colours of a marker that has none
 _NO_POINTS, _NO_COLOURS = np.zeros((0, 3)), np.zeros((0, 4))
 
 
@@ -172,8 +172,8 @@ def _plain(
         color=_colour(*_GREY, 1.0),
         lifetime=message("builtin_interfaces/msg/Duration", sec=0, nanosec=_FORGET_AFTER_NS if forget else 0),
         frame_locked=False,
-        points=points,
-        colors=colours,
+        points=[message("geometry_msgs/msg/Point", x=x, y=y, z=z) for x, y, z in points.tolist()],
+        colors=[_colour(*rgba) for rgba in colours.tolist()],
         texture_resource="",
         texture=message(
             "sensor_msgs/msg/CompressedImage",

@@ -26,8 +26,8 @@ JOINT_ANGLES_TYPE = "posefuse_msgs/msg/JointAngles"
 
 MAX_PEOPLE = 64
 MAX_KEYPOINTS = 512
-# 1000 frames a second for a year, and a year
-MAX_FRAMES, MAX_SHOWING_NS = 2**35, 2**55
+# 1000 frames a second for a year
+MAX_FRAMES = 2**35
 _NS = 1_000_000_000
 _MIN_NS, _MAX_NS = -(2**31) * _NS, 2**31 * _NS - 1
 _UPPER = np.triu_indices(3)
@@ -61,12 +61,10 @@ class SourceCounts:
 
     Attributes:
         captured: frames that reached the machine. used: of them, those that were looked at.
-        showing_ns: when this showing of a looped recording began, after the session's zero.
     """
 
     captured: int = 0
     used: int = 0
-    showing_ns: int = 0
 
 
 _UNKNOWN = SourceCounts()
@@ -90,17 +88,16 @@ def message_from_detections(detections: Detections2D, stages: Stages, source: So
         stages=_stage_list(stages),
         captured=source.captured,
         used=source.used,
-        showing_ns=source.showing_ns,
     )
 
 
 def source_from_message(msg: Any) -> SourceCounts:
     """The state of the camera's source in a `Detections2D` message; raises MessageError for impossible counts."""
     # a recording of an older version has none
-    captured, used, showing_ns = (int(getattr(msg, name, 0)) for name in ("captured", "used", "showing_ns"))
-    if not used <= captured <= MAX_FRAMES or not 0 <= showing_ns <= MAX_SHOWING_NS:
-        raise MessageError(f"Detections2D message of {msg.camera}: {used} of {captured} frames used, showing at {showing_ns} ns")
-    return SourceCounts(captured=captured, used=used, showing_ns=showing_ns)
+    captured, used = (int(getattr(msg, name, 0)) for name in ("captured", "used"))
+    if not used <= captured <= MAX_FRAMES:
+        raise MessageError(f"Detections2D message of {msg.camera}: {used} of {captured} frames used")
+    return SourceCounts(captured=captured, used=used)
 
 
 def detections_from_message(msg: Any) -> tuple[Detections2D, dict[str, int]]:

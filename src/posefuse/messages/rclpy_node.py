@@ -14,9 +14,9 @@ from typing import Any
 
 from posefuse.core import DependencyError
 
-from .cdr import encode
 from .dds import Sample
 from .topics import Topic
+from .types import encode
 
 
 def ros2_is_sourced() -> bool:

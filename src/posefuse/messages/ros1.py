@@ -9,17 +9,15 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from posefuse.core import DependencyError, InputError, MessageError, SourceError
+from posefuse.core import DependencyError, MessageError, SourceError
 
-from .cdr import encode
 from .dds import Sample
 from .ros1_bytes import carrier_of, ros1_bytes, ros2_message
 from .topics import Topic
-from .types import optional_module, ros1_types
+from .types import encode, optional_module
 
 # nodes of this process
 _OPEN: list[Any] = []
@@ -129,53 +127,6 @@ class Ros1Node:
             self._rospy.signal_shutdown("posefuse ends")
 
     def __enter__(self) -> Ros1Node:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self.close()
-
-
-class BagRecorder:
-    """Writes a ROS 1 .bag file (`topics.Outlet`); needs no ROS.
-
-    Raises:
-        InputError: the file cannot be made, or already exists.
-    """
-
-    def __init__(self, path: Path) -> None:
-        rosbag1 = optional_module("rosbags.rosbag1")
-        if path.exists():
-            raise InputError(f"{path} already exists; choose another name or move it away")
-        self._writer = rosbag1.Writer(path)
-        self._connections: dict[str, Any] = {}
-        try:
-            self._writer.open()
-        except (OSError, rosbag1.WriterError) as error:
-            raise InputError(f"{path}: cannot be written ({error})") from None
-        self._open = True
-
-    def publish(self, topic: Topic, msg: Any, t_ns: int) -> None:
-        """Record one message of the time step `t_ns`."""
-        if topic.name not in self._connections:
-            self._connections[topic.name] = self._writer.add_connection(
-                topic.name, topic.type_name, typestore=ros1_types(), callerid="/posefuse", latching=int(topic.latched)
-            )
-        self._writer.write(self._connections[topic.name], t_ns, ros1_bytes(msg))
-
-    def wanted(self, topic: Topic) -> bool:
-        """A file takes everything."""
-        return True
-
-    def forget(self, name: str) -> None:
-        """Nothing to do: a file keeps its connections."""
-
-    def close(self) -> None:
-        """Finish the file; safe to call twice."""
-        if self._open:
-            self._open = False
-            self._writer.close()
-
-    def __enter__(self) -> BagRecorder:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:

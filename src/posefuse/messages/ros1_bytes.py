@@ -1,4 +1,4 @@
-"""ROS 1 bytes of ROS 2 messages, and back, made by `rosbags`; field by field, as Marker, CameraInfo and Header differ."""
+"""ROS 1 bytes of ROS 2 messages, and back, made by `rosbags`, which knows how Marker, CameraInfo and Header differ."""
 
 from __future__ import annotations
 
@@ -7,16 +7,21 @@ import struct
 from functools import cache
 from typing import Any
 
-import numpy as np
-
 from posefuse.core import MessageError
 
-from .types import message, ros1_types
+from .types import ros1_types, ros2_types
+
+# what rosbags keeps of the types it has met, in each direction
+_ROS1_DEFAULTS: dict[str, object] = {}
+_ROS2_DEFAULTS: dict[str, object] = {}
 
 
 def ros1_bytes(msg: Any) -> bytes:
     """ROS 1 serialisation of a ROS 2 message made by `types.message`."""
-    return bytes(ros1_types().serialize_ros1(_converted(msg, msg.__msgtype__), msg.__msgtype__))
+    from rosbags.convert.converter import migrate_message
+
+    there = migrate_message(ros2_types(), ros1_types(), msg.__msgtype__, msg.__msgtype__, _ROS1_DEFAULTS, msg)
+    return bytes(ros1_types().serialize_ros1(there, msg.__msgtype__))
 
 
 def ros2_message(raw: bytes, type_name: str) -> Any:
@@ -24,62 +29,14 @@ def ros2_message(raw: bytes, type_name: str) -> Any:
 
     Only of types whose ROS 2 form has no more fields.
     """
+    from rosbags.convert.converter import migrate_message
     from rosbags.serde import SerdeError
 
     try:
-        return _converted_back(ros1_types().deserialize_ros1(raw, type_name), type_name)
+        msg = ros1_types().deserialize_ros1(raw, type_name)
+        return migrate_message(ros1_types(), ros2_types(), type_name, type_name, _ROS2_DEFAULTS, msg)
     except (SerdeError, AssertionError, IndexError, ValueError, OverflowError, MemoryError, struct.error) as error:
         raise MessageError(f"{type_name}: malformed ROS 1 message ({error})") from None
-
-
-@cache
-def _fields(type_name: str) -> tuple[tuple[str, str, str | None], ...]:
-    """ROS 1 field, the ROS 2 field it comes from, and the type of the messages inside (None: plain values)."""
-    from rosbags.interfaces import Nodetype
-
-    found = []
-    fields: Any = ros1_types().fielddefs[type_name][1]  # nested pairs, whose second part depends on the first
-    for name, (kind, detail) in fields:
-        while kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
-            kind, detail = detail[0]
-        # CameraInfo: D, K, R, P in ROS 1, d, k, r, p in ROS 2
-        found.append((name, name.lower(), detail if kind == Nodetype.NAME else None))
-    return tuple(found)
-
-
-def _converted(msg: Any, type_name: str) -> Any:
-    store = ros1_types()
-    values = {}
-    for name, source, inner in _fields(type_name):
-        if name == "seq" and type_name == "std_msgs/msg/Header":
-            values[name] = 0
-            continue
-        value = getattr(msg, source)
-        if inner is not None:
-            value = _converted_list(value, inner) if isinstance(value, (list, np.ndarray)) else _converted(value, inner)
-        values[name] = value
-    return store.types[type_name](**values)
-
-
-def _converted_list(values: Any, inner: str) -> list[Any]:
-    """Of messages, or of the rows of an array, see `cdr.encode`."""
-    if isinstance(values, np.ndarray):
-        kind = ros1_types().types[inner]
-        return [kind(*row) for row in values.tolist()]
-    return [_converted(value, inner) for value in values]
-
-
-def _converted_back(msg: Any, type_name: str) -> Any:
-    """A ROS 1 message as a ROS 2 one."""
-    values = {}
-    for name, target, inner in _fields(type_name):
-        if name == "seq" and type_name == "std_msgs/msg/Header":
-            continue
-        value = getattr(msg, name)
-        if inner is not None:
-            value = [_converted_back(v, inner) for v in value] if isinstance(value, list) else _converted_back(value, inner)
-        values[target] = value
-    return message(type_name, **values)
 
 
 @cache

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Protocol
@@ -46,27 +45,6 @@ class Outlet(Protocol):
     def forget(self, name: str) -> None:
         """Nothing more will come on topic `name`, e.g. of a body that has left: released what it holds."""
         ...
-
-
-@dataclass(frozen=True)
-class Several:
-    """Gives every message to each of `outlets`, in order."""
-
-    outlets: Sequence[Outlet]
-
-    def publish(self, topic: Topic, msg: Any, t_ns: int) -> None:
-        """Send to all."""
-        for outlet in self.outlets:
-            outlet.publish(topic, msg, t_ns)
-
-    def wanted(self, topic: Topic) -> bool:
-        """Whether any of them wants it."""
-        return any(outlet.wanted(topic) for outlet in self.outlets)
-
-    def forget(self, name: str) -> None:
-        """Forget it in all outlets."""
-        for outlet in self.outlets:
-            outlet.forget(name)
 
 
 # depth: on a topic without keys all cameras share one history at the reader

@@ -80,6 +80,12 @@ def message(type_name: str, /, **fields: Any) -> Any:
     return ros2_types().types[type_name](**fields)
 
 
+def encode(msg: Any) -> bytes:
+    """CDR bytes (little endian, with encapsulation header) of a ROS 2 message; padded to 4 bytes as DDS wants."""
+    raw = bytes(ros2_types().serialize_cdr(msg, msg.__msgtype__, little_endian=True))
+    return raw + bytes(-len(raw) % 4)
+
+
 def dds_type_name(type_name: str) -> str:
     """``pkg/msg/Type`` as ROS 2 writes it on the wire: ``pkg::msg::dds_::Type_``."""
     package, kind, name = type_name.split("/")

@@ -70,7 +70,6 @@ class CameraNode:
             counts = SourceCounts(
                 captured=seen.state.captured if seen.state else 0,
                 used=seen.state.used if seen.state else 0,
-                showing_ns=seen.showing_ns,
             )
             self._node.publish(topics.DETECTIONS, message_from_detections(view, stages, counts), view.t_ns)
             self.sent[view.camera] += 1

@@ -12,10 +12,11 @@ from posefuse.core import Camera, PosefuseError, Source, SourceError
 from posefuse.health.cameras import CameraState
 from posefuse.sources.arriving import Arrived, arriving
 
-from .faults import NOTHING_WRONG, SourceFault, Wrong, disturbed
 from .video_keeping import VideoKeeper
 
 _RETRY_S = 1.0
+# between two showings of a looped source: the rig watch compares nothing across a gap this long, so the jump is no motion to it
+LOOP_PAUSE_S = 0.5
 # every so many pixels in both directions are compared, to see whether anything changes
 SAMPLE_STEP = 12
 
@@ -28,15 +29,13 @@ class LiveInput:
         camera: name in the rig. kind: how the user called it, e.g. ``rtsp``.
         config: source config with `build()`; one with a field `zero_ns` counts time from there (monotonic clock).
         reopen: a source that ends or fails is opened again until the session ends.
-        faults: what is to go wrong, for trials.
-        loop_s: a video or simulated session begins again every so many seconds after the session's zero; None plays it once.
+        loop_s: so much of a video or simulated session is shown again and again, half a second apart; None plays it once.
     """
 
     camera: str
     kind: str
     config: Any
     reopen: bool
-    faults: tuple[SourceFault, ...] = ()
     loop_s: float | None = None
 
     @property
@@ -65,13 +64,11 @@ class Caught:
     Attributes:
         still: for how many frames in a row the image has not changed.
         later_ns: when this showing of the source began, after the session's zero.
-        wrong: what is wrong with it on purpose.
     """
 
     arrived: Arrived
     still: int
     later_ns: int = 0
-    wrong: Wrong = NOTHING_WRONG
 
 
 class Capture:
@@ -90,7 +87,6 @@ class Capture:
         self._state, self._text = "opening", ""
         self._captured = self._used = self._replaced = self._missing = 0
         self._thread: threading.Thread | None = None
-        self._began_s = 0.0
 
     def open(self) -> None:
         """Open the source now, so that what is wrong shows at the start; raises SourceError."""
@@ -161,8 +157,8 @@ class Capture:
         while not self._stop.is_set():
             turn = self._next_turn(turn, zero_ns)
             try:
-                self._deliver(zero_ns, turn * self._loop_ns)
-                if self._loop_ns:
+                self._deliver(zero_ns, turn * self._period_ns)
+                if self._period_ns:
                     continue
                 self._state, self._text = "ended", "the source has ended"
             except Exception as error:  # noqa: BLE001 - others' sources may fail in any way; it is reported, not hidden
@@ -174,12 +170,13 @@ class Capture:
             self._stop.wait(_RETRY_S)
 
     @property
-    def _loop_ns(self) -> int:
-        return round((self.entry.loop_s or 0.0) * 1e9) if self.entry.from_zero else 0
+    def _period_ns(self) -> int:
+        """From one showing to the next; 0 for a source that is played once."""
+        return round((self.entry.loop_s + LOOP_PAUSE_S) * 1e9) if self.entry.loop_s and self.entry.from_zero else 0
 
     def _next_turn(self, turn: int, zero_ns: int) -> int:
         """Number of the next showing; ones that are over already are left out, so that all cameras show the same."""
-        return max(turn + 1, (time.monotonic_ns() - zero_ns) // self._loop_ns, 0) if self._loop_ns else 0
+        return max(turn + 1, (time.monotonic_ns() - zero_ns) // self._period_ns, 0) if self._period_ns else 0
 
     def _deliver(self, zero_ns: int, later_ns: int) -> None:
         """Frames of one showing of the source, which begins `later_ns` after zero."""
@@ -189,10 +186,8 @@ class Capture:
         # others may have counted before they were opened
         seq = -1 if self.entry.from_zero else None
         try:
-            frames = arriving(self._source)
-            self._began_s = self._began_s or (zero_ns / 1e9 if self.entry.from_zero else time.monotonic())
-            for frame, wrong in disturbed(frames, self.entry.faults, self._began_s):
-                if self._stop.is_set() or (self._loop_ns and frame.t_ns >= self._loop_ns):
+            for frame in arriving(self._source):
+                if self._stop.is_set() or (self._period_ns and frame.t_ns >= self._period_ns - round(LOOP_PAUSE_S * 1e9)):
                     return
                 now = frame.pixels.fingerprint(SAMPLE_STEP)
                 still = still + 1 if now == before else 0
@@ -206,7 +201,7 @@ class Capture:
                     # those that come with the next one are not missing
                     keeper.miss(missing - (len(frame.encoded.earlier) if frame.encoded else 0))
                     keeper.offer(frame.encoded or frame.pixels, frame.t_ns + later_ns - self._zero_ns)
-                self.put(Caught(frame, still, later_ns, wrong))
+                self.put(Caught(frame, still, later_ns))
         finally:
             self._source.close()
             self._source = None

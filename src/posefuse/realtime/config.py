@@ -88,9 +88,7 @@ class RunOptions:
 
     Attributes:
         duration_s: the session ends after this time. loop_s: recorded and simulated sources restart after this time.
-        zero_s: Unix time at which recorded and simulated sources begin.
     """
 
     duration_s: Annotated[float, Gt(0), Le(_LONGEST_S)] | None = None
     loop_s: Annotated[float, Gt(0), Le(_LONGEST_S)] | None = None
-    zero_s: Annotated[float, Ge(0), Le(1e10)] | None = None

@@ -82,9 +82,7 @@ class Fusion:
         self._waiting: list[ViewTimes] = []
         self._last_published: Pose3D | None = None
         self._followed = 0
-        # looped recordings that began again: how often, and when the newest
-        self.cuts, self.cut_ns = 0, 0
-        self._judged_ns = self._showing_ns = 0
+        self._judged_ns = 0
 
     def run(self, intake: LiveIntake, rate_hz: float, until: Callable[[int], bool]) -> None:
         """Run until `until(now)` is true."""
@@ -145,21 +143,17 @@ class Fusion:
         now_ns = self.clock.now_ns()
         if seen.state is not None:
             self.monitor.take_state(seen.state, now_ns)
-        for glance in seen.glances:
-            admitted = self.monitor.admit_frame(seen.detections.camera, glance.t_ns, glance.received_ns, glance.still, now_ns)
-            self.used[seen.detections.camera] += admitted is not None
         view = self.monitor.admit(seen, now_ns)
         if view is None:
             return
-        self._notice_cut(seen.showing_ns, now_ns)
         if self.watch is not None:
-            view = self.watch.timed(view, self._followed) if seen.showing_ns == self._showing_ns else view
+            view = self.watch.timed(view, self._followed)
             astray = view.camera in self.watch.known.astray and not self.monitor.overloaded(view.camera)
             if astray and self.monitor.does_without(view.camera):
                 return
         self.tracker.add(view)
         fused_ns = self.clock.now_ns()
-        self.used[view.camera] += 1
+        self.used[view.camera] += 1 + seen.skipped
         self.seen[view.camera] += len(view) > 0
         way = ViewTimes(view.camera, view.t_ns, seen.received_ns, seen.started_ns, seen.detected_ns, fused_ns)
         self._waiting.append(way)
@@ -167,15 +161,6 @@ class Fusion:
             "received": way.received_ns, "started": way.started_ns, "detected": way.detected_ns, "fused": fused_ns
         }  # fmt: skip
         self.outlets.offer(LiveDetections(detections=view, stages_ns=stages))
-
-    def _notice_cut(self, showing_ns: int, now_ns: int) -> None:
-        """A looped recording that begins again does not continue what was before."""
-        if showing_ns <= self._showing_ns:
-            return
-        self._showing_ns, self.cut_ns = showing_ns, now_ns
-        self.cuts += 1
-        if self.watch is not None:
-            self.watch.cut()
 
     def _listen(self, intake: LiveIntake, due_ns: int) -> None:
         channels = intake.channels()
@@ -215,8 +200,7 @@ class Fusion:
         self.outlets.poll()
         rates = self._rates()
         cameras = {name: CameraHealth(state=v.state, text=v.text, figures=rates[name]) for name, v in self.verdicts.items()}
-        health = LiveHealth(t_ns=now_ns, cameras=cameras, outputs=self.outlets.health, cuts=self.cuts, cut_ns=self.cut_ns)
-        self.outlets.offer(health)
+        self.outlets.offer(LiveHealth(t_ns=now_ns, cameras=cameras, outputs=self.outlets.health))
 
     def _rates(self) -> dict[str, dict[str, float]]:
         health = self.tracker.health

@@ -24,8 +24,7 @@ from .board import Board, Expected
 from .capture import SAMPLE_STEP, Capture, Caught, LiveInput, take_all
 from .clock import SessionClock
 from .controls import KeepVideos, ShowImages
-from .faults import before_bump, seen_by_bumped
-from .messages import Glance, Go, GroupFailed, Ready, SeenView, Status, Stop, VideoFailed
+from .messages import Go, GroupFailed, Ready, SeenView, Status, Stop, VideoFailed
 from .preview import preview_jpeg
 from .searching import SearchSchedule, search_slot
 from .video_keeping import VideoKeeper, wait_for_videos
@@ -35,8 +34,8 @@ _IDLE_S = 0.05
 _SEND_S = 0.5
 # a prediction older than this is useless for choosing where to look
 _STALE_NS = 1_000_000_000
-# while no person is followed, frames that are not searched are reported together this often
-_GLANCES_S = 0.2
+# while no person is followed, a frame that is not searched is reported only this long after the one before
+_EMPTY_S = 0.2
 # leaves the processor to the fusion loop whenever both want it
 _NICENESS = 5
 
@@ -50,7 +49,6 @@ class GroupPlan:
         detector: the detector. clock: the session's.
         most_people: while fewer are followed, whole images are searched every `search_every_s`.
         preview_hz: small images per second and camera; 0 for none.
-        glances: frames that need no look may be reported together, see `messages.Glance`.
         videos: an existing folder for the cameras' videos; None: none are kept.
     """
 
@@ -63,7 +61,6 @@ class GroupPlan:
     search_every_s: float
     preview_hz: float
     videos: Path | None = None
-    glances: bool = True
 
 
 def run_group(plan: GroupPlan, channel: Channel, board: Board) -> None:
@@ -111,7 +108,7 @@ class Group:
         self._searched_slot = dict.fromkeys(self._looked_s, -1)
         self._previewed_s = dict(self._looked_s)
         self._sent_s = dict(self._looked_s)
-        self._glances: dict[str, list[Glance]] = {name: [] for name in self._looked_s}
+        self._skipped = dict.fromkeys(self._looked_s, 0)
         self._searches = {entry.camera: SearchSchedule() for entry in plan.inputs}
         self._status_s = 0.0
         self._shift_ns: dict[str, int] = {}
@@ -201,18 +198,18 @@ class Group:
         shift_ns, clock = self._shift_ns[name] + caught.later_ns, self._plan.clock
         started_ns, now_s = clock.now_ns(), time.monotonic()
         self._looked_s[name] = now_s
-        t_ns, received_ns = arrived.t_ns + shift_ns + caught.wrong.off_ns, arrived.received_ns + shift_ns
+        t_ns, received_ns = arrived.t_ns + shift_ns, arrived.received_ns + shift_ns
         followed = self._followed(expected)
         regions = self._regions(camera, t_ns, expected, started_ns) if followed else self._search_or_nothing(caught, now_s)
-        if not followed and regions is not None and self._plan.glances and now_s - self._sent_s[name] < _GLANCES_S:
-            self._glances[name].append(Glance(t_ns, received_ns, caught.still))
+        if not followed and regions is not None and now_s - self._sent_s[name] < _EMPTY_S:
+            self._skipped[name] += 1
             self._preview(arrived, t_ns)
             return
         found = self._detected(camera, caught, regions)
-        shown = _in_session(found, shift_ns + caught.wrong.off_ns)
+        shown = _in_session(found, shift_ns)
         if regions is None:
             sample = arrived.pixels.sample(SAMPLE_STEP)
-            self._searches[name].searched(sample, now_s, found=len(shown) > 0, image=arrived.pixels.rgb())
+            self._searches[name].searched(sample, now_s, found=len(shown) > 0)
         seen = SeenView(
             detections=shown,
             state=capture.state(),
@@ -221,29 +218,25 @@ class Group:
             detected_ns=clock.now_ns(),
             still=caught.still,
             searched=regions is None,
-            showing_ns=caught.later_ns,
-            glances=tuple(self._glances[name]),
+            skipped=self._skipped[name],
         )
         self._channel.send(seen, _SEND_S)
         self._sent_s[name] = now_s
-        self._glances[name].clear()
+        self._skipped[name] = 0
         self._preview(arrived, shown.t_ns)
 
     def _detected(self, camera: Camera, caught: Caught, regions: Sequence[Region] | None) -> Detections2D:
         if regions is not None and not regions:
             return Detections2D.empty(camera.name, caught.arrived.t_ns, self.detector.skeleton)
         frame = caught.arrived.frame()
-        if not caught.wrong.bumped:
-            [found] = self.detector.detect([frame], [regions])
-            found = with_depth(found, frame.depth)
-            return with_clothing(found, frame.image) if self._plan.most_people > 1 else found
-        [found] = self.detector.detect([frame], [regions and [before_bump(region, camera) for region in regions]])
-        return seen_by_bumped(found, camera)
+        [found] = self.detector.detect([frame], [regions])
+        found = with_depth(found, frame.depth)
+        return with_clothing(found, frame.image) if self._plan.most_people > 1 else found
 
     def _search_or_nothing(self, caught: Caught, now_s: float) -> Sequence[Region] | None:
         """Where to look while no person is followed: None asks for a search of the whole image."""
-        pixels, schedule = caught.arrived.pixels, self._searches[caught.arrived.camera]
-        return None if schedule.due(pixels.sample(SAMPLE_STEP), now_s, pixels.rgb) else ()
+        arrived = caught.arrived
+        return None if self._searches[arrived.camera].due(arrived.pixels.sample(SAMPLE_STEP), now_s) else ()
 
     def _regions(self, camera: Camera, t_ns: int, expected: Expected, now_ns: int) -> Sequence[Region] | None:
         """Where the people that are followed should be seen; None asks for a search of the whole image."""

@@ -45,15 +45,6 @@ class Stop:
     """Finish and leave."""
 
 
-@dataclass(frozen=True, slots=True)
-class Glance:
-    """A frame that came while no person was expected and that there was no reason to search; times as in `SeenView`."""
-
-    t_ns: int
-    received_ns: int
-    still: int
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SeenView:
     """One frame looked at.
@@ -64,8 +55,7 @@ class SeenView:
         received_ns: the frame reached its process. started_ns: the detector began. detected_ns: it had finished.
         still: how many frames in a row, this one included, were the same image to the last sampled pixel.
         searched: the whole image was searched for people.
-        showing_ns: when this showing of a looped source began, after the session's zero; 0 for all others.
-        glances: the camera's frames since the view before this one.
+        skipped: the camera's frames since the view before, which came while no person was followed and nothing changed.
     """
 
     detections: Detections2D
@@ -75,8 +65,7 @@ class SeenView:
     detected_ns: int
     still: int = 0
     searched: bool = False
-    showing_ns: int = 0
-    glances: tuple[Glance, ...] = ()
+    skipped: int = 0
 
 
 @dataclass(frozen=True)

@@ -184,7 +184,6 @@ def _seen(view: Detections2D, stages: Mapping[str, int], source: SourceCounts, s
         received_ns=received_ns,
         started_ns=started_ns,
         detected_ns=stages.get("detected", started_ns),
-        showing_ns=source.showing_ns,
     )
 
 

@@ -11,7 +11,6 @@ from .fusion import Fusion
 from .output_plan import PROCESS
 
 Say = Callable[[str], None]
-_MOST_CUTS = 3
 # a camera's changes are reported this far apart; what it has become meanwhile follows then
 _QUIET_NS = 10_000_000_000
 T = TypeVar("T")
@@ -23,7 +22,7 @@ class News:
     def __init__(self, fusion: Fusion, zero_ns: int, say: Say, notices: Callable[[], Iterable[str]] = tuple) -> None:
         self._fusion, self._zero_ns, self._say, self._notices = fusion, zero_ns, say, notices
         self._cameras_said = self._outputs_said = 0
-        self._trouble, self._cuts_said = "", 0
+        self._trouble = ""
         self._camera_said: dict[str, Event] = {}
         self._camera_waits: dict[str, Event] = {}
         # the first trouble of a camera is reported at once, however short ago the camera began
@@ -39,10 +38,6 @@ class News:
             who = "outputs" if output.output == PROCESS else f"output {output.output}"
             self._say_at(output.t_ns, f"{who}: {output.state}", output.text)
         self._cameras_said, self._outputs_said = monitor.event_count, outlets.event_count
-        if self._cuts_said < min(self._fusion.cuts, _MOST_CUTS):
-            self._cuts_said = self._fusion.cuts
-            more = "" if self._cuts_said < _MOST_CUTS else "; further ones are counted, not printed"
-            self._say_at(self._fusion.cut_ns, f"discontinuity {self._cuts_said}", f"a looped recording begins again{more}")
         for notice in self._notices():
             self._say_at(now_ns, notice, "")
         if watch is not None and watch.trouble != self._trouble:

@@ -31,7 +31,6 @@ from .processes import ended, spawned
 _S = 1e9
 _NICENESS = 10
 _WAIT_S = 0.2
-CUT = "cut"
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 # of a camera's views, those closer than this to the one before add no information
 _APART_NS = round(APART_S * 1e9)
@@ -98,10 +97,6 @@ class RigWatch:
         offset_s = self.known.offset_s.get(view.camera, 0.0)
         return replace(view, t_ns=view.t_ns - round(offset_s * _S)) if offset_s else view
 
-    def cut(self) -> None:
-        """What the cameras show next does not continue from what they showed, e.g. a clip begins again."""
-        self._send(CUT)
-
     def receive(self) -> None:
         """Take in what was found since the last time."""
         if self.trouble:
@@ -157,10 +152,7 @@ def run_watch(rig: Rig, clocks: bool, channel: Channel) -> None:
         while True:
             channel.wait(_WAIT_S)
             while (view := channel.receive()) is not None:
-                if view == CUT:
-                    watcher.cut()
-                else:
-                    watcher.add(*view)
+                watcher.add(*view)
             found = watcher.look()
             if found != reported and channel.send(found):
                 reported = found
@@ -183,13 +175,6 @@ class RigWatcher:
             self._finder.add(camera, t_ns, xy_img, score)
         later_ns = round(self._offset_s.get(camera, 0.0) * _S)
         self._instants.add(camera, t_ns - later_ns, xy_img, score >= MIN_SCORE)
-
-    def cut(self) -> None:
-        """Nothing is compared across this point of time."""
-        if self._finder is not None:
-            self._finder.cut()
-        self._instants = CommonTimeSteps(self._rig.names)
-        self._state = replace(self._state, before=(), recent=())
 
     def look(self) -> Watched:
         """What is known by now."""

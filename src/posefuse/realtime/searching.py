@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import cv2
 import numpy as np
 
@@ -15,60 +13,31 @@ _CHANGED_LEVELS = 30
 # and so many pixels are a person far away, not a dead pixel
 _CHANGED_PIXELS = 4
 _FIRST_WAIT_S, _LONGEST_WAIT_S = 0.5, 10.0
-# an image whose small copy, means of squares of this side, differs nowhere by more than so many levels would be searched with
-# the same result; noise of 10 levels stays below
-_SQUARE_PX, _SAME_LEVELS = 8, 8
-_SAME_WAIT_S = 60.0
 
 
 class SearchSchedule:
     """Of one camera. No clock inside: times come as data.
 
     Only searches in vain make the next one wait. So a person who is found is searched in every frame, until enough cameras find
-    them to follow them; one who is missed, in every frame that differs from the one before, or else after ten seconds. An image
-    that is the same everywhere as the one searched in vain is searched again only once a minute.
+    them to follow them; one who is missed, in every frame that differs from the one before, or else after ten seconds.
     """
 
     def __init__(self) -> None:
         self._in_vain: Array | None = None
-        self._small_in_vain: Array | None = None
-        self._next_s = self._wait_s = self._searched_s = 0.0
+        self._next_s = self._wait_s = 0.0
 
-    def due(self, sample: Array, now_s: float, image: Callable[[], Array]) -> bool:
-        """Whether to search.
+    def due(self, sample: Array, now_s: float) -> bool:
+        """Whether to search. sample: (h, w, 3) uint8 some of the image's pixels. now_s: the time."""
+        return self._in_vain is None or now_s >= self._next_s or _differ(sample, self._in_vain)
 
-        Args:
-            sample: (h, w, 3) uint8 some of the image's pixels. now_s: the time. image: gives all of it, (H, W, 3) uint8.
-        """
-        if self._in_vain is None or _differ(sample, self._in_vain):
-            return True
-        if now_s < self._next_s:
-            return False
-        if now_s < self._searched_s + _SAME_WAIT_S and self._same(image()):
-            self._wait_s = min(2 * self._wait_s, _LONGEST_WAIT_S)
-            self._next_s = now_s + self._wait_s
-            return False
-        return True
-
-    def searched(self, sample: Array, now_s: float, found: bool, image: Array) -> None:
+    def searched(self, sample: Array, now_s: float, found: bool) -> None:
         """An image was searched; `found`: for a person."""
         if found:
-            self._in_vain = self._small_in_vain = None
+            self._in_vain = None
             return
         changed = self._in_vain is None or _differ(sample, self._in_vain)
         self._wait_s = _FIRST_WAIT_S if changed else min(2 * self._wait_s, _LONGEST_WAIT_S)
-        self._next_s, self._searched_s, self._in_vain = now_s + self._wait_s, now_s, sample
-        self._small_in_vain = _small(image)
-
-    def _same(self, image: Array) -> bool:
-        assert self._small_in_vain is not None
-        return int(cv2.absdiff(_small(image), self._small_in_vain).max()) <= _SAME_LEVELS
-
-
-def _small(image: Array) -> Array:
-    height, width = image.shape[:2]
-    size_wh = max(1, width // _SQUARE_PX), max(1, height // _SQUARE_PX)
-    return np.asarray(cv2.resize(image, size_wh, interpolation=cv2.INTER_AREA))
+        self._next_s, self._in_vain = now_s + self._wait_s, sample
 
 
 def _differ(one: Array, other: Array) -> bool:

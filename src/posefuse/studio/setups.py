@@ -106,7 +106,7 @@ def rig_of_setup(workspace: StudioWorkspace, setup: Setup) -> Rig:
 
 
 def inputs_of_setup(workspace: StudioWorkspace, setup: Setup, rig: Rig | None = None) -> tuple[LiveInput, ...]:
-    """Its sources; videos begin again when the shortest has ended.
+    """Its sources; videos are shown again and again, as long as the shortest.
 
     Raises:
         SourceError: a source that cannot be read, or a camera that the rig does not have.

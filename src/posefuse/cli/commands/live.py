@@ -27,14 +27,9 @@ LIVE_SETTINGS = {**_SHOWN, **_EXPERT}
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class SourceOptions:
-    """Where the images come from.
-
-    Attributes:
-        fault: Inject a fault START seconds after the beginning, for testing: freeze, jump, skew, bump, flood, hang or unplug.
-    """
+    """Where the images come from."""
 
     source: Sources = ()
-    fault: Annotated[tuple[str, ...], Parameter(metavar="CAMERA=KIND@START[-END]", show=False)] = ()
 
 
 @Parameter(name="*", group=TIMING)
@@ -44,23 +39,11 @@ class TimingOptions:
 
     Attributes:
         duration: Stop after so many seconds.
-        loop: Videos and simulated sessions begin again every S seconds.
+        loop: Show the first S seconds of videos and simulated sessions again and again.
     """
 
     duration: Annotated[float | None, Parameter(metavar="S")] = None
     loop: Annotated[float | None, Parameter(metavar="S"), EXPERT] = None
-
-
-@Parameter(name="*", group=TIMING)
-@dataclass(frozen=True, kw_only=True)
-class NodeTimingOptions(TimingOptions):
-    """The same on several machines.
-
-    Attributes:
-        zero: Unix time in seconds at which recorded and simulated sources begin, the same on every machine.
-    """
-
-    zero: Annotated[float | None, Parameter(metavar="UNIX_S")] = None
 
 
 @Parameter(name="*", group=OUTPUTS)
@@ -150,7 +133,7 @@ def node_camera(
     /,
     *,
     sources: SourceOptions = SourceOptions(),
-    timing: NodeTimingOptions = NodeTimingOptions(),
+    timing: TimingOptions = TimingOptions(),
     ros_2: Ros2Options = Ros2Options(),
     settings: LiveOptions = LiveOptions(),
     name: str = "1",

@@ -36,8 +36,6 @@ _LEVELS = dict.fromkeys(("opening", "flood", "clock", "late", "overload", "moved
 }
 # how long a simulator may take to publish its time
 _CLOCK_WITHIN_S = 10.0
-# so long a discontinuity is a warning
-_CUT_SHOWN_S = 2.0
 _EVERYTHING = (LiveDetections, LivePose, LiveExpected, LiveJointCentres, LiveHealth, LivePreview)
 
 
@@ -185,20 +183,12 @@ def publish_preview(outlet: topics.Outlet, preview: LivePreview, rig: Rig) -> No
 
 
 def health_lines(health: LiveHealth) -> list[Health]:
-    """One line of ROS diagnostics per camera and per output; and one on a looped recording that has begun again."""
+    """One line of ROS diagnostics per camera and per output."""
     cameras = [
         Health(f"camera {name}", _LEVELS.get(camera.state, _ERROR), camera.text or camera.state, _shown(camera.figures))
         for name, camera in health.cameras.items()
     ]
-    cut = [_cut_line(health)] if health.cuts else []
-    return cameras + [_output_line(name, output) for name, output in health.outputs.items()] + cut
-
-
-def _cut_line(health: LiveHealth) -> Health:
-    ago_s = (health.t_ns - health.cut_ns) / 1e9
-    fresh = ago_s < _CUT_SHOWN_S
-    text = f"discontinuity {ago_s:.1f} s ago: a looped recording began again" if fresh else "a looped recording"
-    return Health("recording", _WARNING if fresh else _OK, text, {"discontinuities": str(health.cuts)})
+    return cameras + [_output_line(name, output) for name, output in health.outputs.items()]
 
 
 def _output_line(name: str, output: OutputHealth) -> Health:

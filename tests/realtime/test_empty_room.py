@@ -1,4 +1,4 @@
-"""Frames that come while no person is followed: not converted, not sent one by one, and still judged one by one."""
+"""Frames that come while no person is followed: not converted, and few of them sent."""
 
 from __future__ import annotations
 
@@ -65,13 +65,13 @@ def watched(ring_rig, monkeypatch: pytest.MonkeyPatch):
     rig, clock_s = ring_rig(3, size_wh=(64, 48)), itertools.count(1000.0, 1 / 30)
     monkeypatch.setattr(group_module, "build_detector", SeesNoPerson)
 
-    def look(count: int, people: int = 0, glances: bool = True) -> tuple[list[SeenView], int, int]:
+    def look(count: int, people: int = 0) -> tuple[list[SeenView], int, int]:
         ours, theirs = Channel.pair()
         entry = LiveInput("cam00", "test", NoSourceConfig(), False)
         session = SessionClock.begin()
         plan = GroupPlan(
             group=0, rig=rig, inputs=(entry,), detector=DetectorChoice(), clock=session, most_people=1, search_every_s=1e6,
-            preview_hz=0.0, glances=glances,
+            preview_hz=0.0,
         )  # fmt: skip
         board = new_board()
         group = Group(plan, theirs, board)
@@ -109,27 +109,14 @@ def pose_of(xyz: np.ndarray, t_ns: int) -> Pose3D:
     )
 
 
-def test_frames_without_an_expected_person_are_reported_together_and_not_converted(watched) -> None:
+def test_frames_without_an_expected_person_are_counted_and_five_a_second_reported(watched, ring_rig) -> None:
     messages, converted, searched = watched(90)
-    views, glances = len(messages), sum(len(one.glances) for one in messages)
-    assert 13 <= views <= 18
-    # those of the last fifth of a second have yet to be reported
-    assert 84 <= views + glances <= 90
-    times = [t_ns for one in messages for t_ns in (*(glance.t_ns for glance in one.glances), one.detections.t_ns)]
-    assert times == [100 * S + i * PERIOD_NS for i in range(len(times))]
-    assert searched == 1
-    assert converted <= 4
-
-
-@pytest.mark.parametrize("case", [{"people": 1}, {"glances": False}])
-def test_with_a_person_or_for_other_machines_every_frame_is_reported(watched, case) -> None:
-    messages, _, _ = watched(30, **case)
-    assert len(messages) == 30
-    assert not any(one.glances for one in messages)
-
-
-def test_what_is_reported_together_is_judged_and_counted_frame_by_frame(watched, ring_rig) -> None:
-    messages, _, _ = watched(90)
+    assert 13 <= len(messages) <= 18
+    # those of the last fifth of a second have yet to be counted
+    counted = len(messages) + sum(one.skipped for one in messages)
+    assert 84 <= counted <= 90
+    # at once, after half a second, and a second later
+    assert searched == converted == 3
     rig = ring_rig(3, size_wh=(64, 48))
 
     class Clock:
@@ -141,20 +128,32 @@ def test_what_is_reported_together_is_judged_and_counted_frame_by_frame(watched,
     )
     for one in messages:
         fusion.take(one)
-    assert fusion.used["cam00"] == sum(1 + len(one.glances) for one in messages)
-    # of a frozen camera no frame is let through, one by one or together
+    assert fusion.used["cam00"] == counted
+
+
+def test_with_a_person_every_frame_is_reported(watched) -> None:
+    messages, _, _ = watched(30, people=1)
+    assert len(messages) == 30 and not any(one.skipped for one in messages)
+
+
+def test_of_a_frozen_camera_no_frame_is_let_through() -> None:
     monitor = Monitor(("cam00", "cam01"))
     passed = [
-        monitor.admit_frame(name, 100 * S + i * PERIOD_NS, 100 * S + i * PERIOD_NS, i * (name == "cam00"), 100 * S)
+        monitor.admit(seen_empty(name, 100 * S + i * PERIOD_NS, still=i * (name == "cam00")), 100 * S) is not None
         for i in range(90)
         for name in ("cam00", "cam01")
     ]
-    assert all(t_ns is not None for t_ns in passed[1::2])
-    assert [t_ns is not None for t_ns in passed[::2]] == [i * PERIOD_NS < S // 2 for i in range(90)]
+    assert all(passed[1::2])
+    assert passed[::2] == [i * PERIOD_NS < S // 2 for i in range(90)]
+
+
+def seen_empty(camera: str, t_ns: int, still: int) -> SeenView:
+    empty = Detections2D.empty(camera, t_ns, SKELETON)
+    return SeenView(detections=empty, state=None, received_ns=t_ns, started_ns=t_ns, detected_ns=t_ns, still=still)
 
 
 def test_views_that_would_make_the_next_output_late_wait(watched, ring_rig) -> None:
-    messages, _, _ = watched(5, glances=False)
+    messages, _, _ = watched(5, people=1)
     rig = ring_rig(3, size_wh=(64, 48))
 
     class Clock:
