@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from posefuse.core import InputError, JointCentres, Kind, PoseSequence, Recording
 from posefuse.core.joint_centres import SEGMENT_ENDS
 from posefuse.core.views_over_time import ViewsInParts
@@ -59,8 +61,9 @@ def with_bodies(
     for n, person in enumerate(poses.person_id.tolist()):
         if person not in chosen:
             continue
+        alone = np.array([n])
         try:
-            fit = fit_views(poses.people([n]), rig, rays.people([n]), settings, lengths=usual_length_prior())
+            fit = fit_views(poses.people(alone), rig, rays.people(alone), settings, lengths=usual_length_prior())
         except InputError:  # this person has no skeleton, or left and right are swapped
             continue
         fitted += sorted(fit.bodies)

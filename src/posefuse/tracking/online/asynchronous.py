@@ -10,7 +10,8 @@ from scipy.optimize import linear_sum_assignment
 
 from posefuse.core import Detections2D, Pose3D
 from posefuse.core.arrays import Array
-from posefuse.core.duplicates import DUPLICATE_SHARE, duplicates
+from posefuse.core.duplicate_share import DUPLICATE_SHARE
+from posefuse.core.duplicates import duplicates
 
 from . import kernels
 from .admission import Admission
