@@ -9,7 +9,8 @@ import posefuse as pf
 from posefuse.studio.workspace import StudioWorkspace
 
 __all__ = ["batch", "compare", "export", "report", "simulate_walk", "solve_again"]
-Arguments = Result = Mapping[str, Any]
+Arguments = Mapping[str, Any]
+Result = Mapping[str, Any]
 
 
 def report(arguments: Arguments, workspace: StudioWorkspace, progress: pf.Progress) -> Result:
