@@ -238,12 +238,12 @@ def test_videos_outside_the_workspace_are_not_shown(workspace: StudioWorkspace) 
 def test_jobs_write_into_the_workspace(workspace: StudioWorkspace) -> None:
     stages: list[str] = []
     progress = lambda stage, done, total, message="": stages.append(stage)  # noqa: E731
-    files = recordings.export({"result": "result", "out": "exports/walk", "formats": ["trc", "csv"]}, workspace, progress)[
+    files = recordings.export_job({"result": "result", "out": "exports/walk", "formats": ["trc", "csv"]}, workspace, progress)[
         "files"
     ]
     assert {Path(name).suffix for name in files} >= {".trc", ".csv"}
     assert all(workspace.existing(name).is_file() for name in files)
-    done = recordings.compare({"a": "result", "b": "result", "out": "comparisons/same"}, workspace, progress)
+    done = recordings.compare_job({"a": "result", "b": "result", "out": "comparisons/same"}, workspace, progress)
     assert done["mean_mm"] == pytest.approx(0.0, abs=1e-6)
     assert workspace.existing(done["page"]).is_file()
     assert stages
@@ -256,4 +256,6 @@ def test_a_report_job_replaces_its_own_report(workspace: StudioWorkspace, monkey
 
     monkeypatch.setattr("posefuse.pipeline.reporting.write_biomechanics", written)
     for _ in range(2):
-        assert recordings.report({"result": "result"}, workspace, lambda *_: None) == {"page": "result/biomechanics/report.html"}
+        assert recordings.report_job({"result": "result"}, workspace, lambda *_: None) == {
+            "page": "result/biomechanics/report.html"
+        }

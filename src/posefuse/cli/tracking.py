@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from posefuse.cli.commands.recorded import TrackOptions
+from posefuse.cli.command_options import TrackOptions
 from posefuse.core import InputError, Recording
 from posefuse.detection.build import DetectorChoice
 from posefuse.detection.downloading import fetch_networks

@@ -101,8 +101,7 @@ def run_job(workspace: StudioWorkspace, job: Job, reporter: JobReporter) -> None
 
     warnings.showwarning = warned
     try:
-        of_recordings = job.work in recordings.__all__
-        work = getattr(recordings, job.work) if of_recordings else import_module(f"posefuse.studio.work.{job.work}").run
+        work = getattr(recordings, f"{job.work}_job", None) or import_module(f"posefuse.studio.work.{job.work}").run
         result: Mapping[str, Any] = work(job.arguments, workspace, reporter)
         reporter.end(state="done", result=dict(result))
     except KeyboardInterrupt:

@@ -8,12 +8,11 @@ from typing import Any
 import posefuse as pf
 from posefuse.studio.workspace import StudioWorkspace
 
-__all__ = ["batch", "compare", "export", "report", "simulate_walk", "solve_again"]
 Arguments = Mapping[str, Any]
 Result = Mapping[str, Any]
 
 
-def report(arguments: Arguments, workspace: StudioWorkspace, progress: pf.Progress) -> Result:
+def report_job(arguments: Arguments, workspace: StudioWorkspace, progress: pf.Progress) -> Result:
     """The report of ``result``: angles, gait, files for other programs, one page."""
     from posefuse.pipeline.reporting import PAGE_FILE, report_folder, write_report_folder
 
@@ -24,7 +23,7 @@ def report(arguments: Arguments, workspace: StudioWorkspace, progress: pf.Progre
     return {"page": workspace.name_of(folder / PAGE_FILE)}
 
 
-def export(arguments: Arguments, workspace: StudioWorkspace, progress: pf.Progress) -> Result:
+def export_job(arguments: Arguments, workspace: StudioWorkspace, progress: pf.Progress) -> Result:
     """Files of ``result`` in the ``formats`` (names of outputs) of other programs, to ``out``."""
     from posefuse.pipeline.session_images import nearby_session
 
@@ -36,7 +35,7 @@ def export(arguments: Arguments, workspace: StudioWorkspace, progress: pf.Progre
     return {"files": [workspace.name_of(path) for path in made]}
 
 
-def solve_again(arguments: Arguments, workspace: StudioWorkspace, progress: pf.Progress) -> Result:
+def solve_again_job(arguments: Arguments, workspace: StudioWorkspace, progress: pf.Progress) -> Result:
     """``result`` solved again with ``edits`` (plain values of `Edits`), to ``out``."""
     from posefuse.foundation.settings import settings_from_mapping
 
@@ -52,7 +51,7 @@ def solve_again(arguments: Arguments, workspace: StudioWorkspace, progress: pf.P
     return {"result": arguments["out"]}
 
 
-def compare(arguments: Arguments, workspace: StudioWorkspace, progress: pf.Progress) -> Result:
+def compare_job(arguments: Arguments, workspace: StudioWorkspace, progress: pf.Progress) -> Result:
     """Two recordings of one movement, ``a`` (the reference) and ``b``, compared on a page in ``out``."""
     from posefuse.evaluation.compare_page import PAGE_FILE, comparison_figures, write_comparison
     from posefuse.pipeline.comparing import to_compare
@@ -69,7 +68,7 @@ def compare(arguments: Arguments, workspace: StudioWorkspace, progress: pf.Progr
     return {"page": workspace.name_of(out / PAGE_FILE), "mean_mm": mean_mm}
 
 
-def batch(arguments: Arguments, workspace: StudioWorkspace, progress: pf.Progress) -> Result:
+def batch_job(arguments: Arguments, workspace: StudioWorkspace, progress: pf.Progress) -> Result:
     """Every session of ``study``, to ``out``."""
     from posefuse.pipeline.batch.study import PAGE_FILE
 
@@ -80,7 +79,7 @@ def batch(arguments: Arguments, workspace: StudioWorkspace, progress: pf.Progres
     return {"page": workspace.name_of(out / PAGE_FILE), "trials": len(study.trials), "failed": dict(study.failed)}
 
 
-def simulate_walk(arguments: Arguments, workspace: StudioWorkspace, progress: pf.Progress) -> Result:
+def simulate_walk_job(arguments: Arguments, workspace: StudioWorkspace, progress: pf.Progress) -> Result:
     """A test walk in a planned room (file ``scene``), rendered to ``session``, tracked to ``out``, compared with its truth."""
     from posefuse.evaluation.metrics import joint_errors
     from posefuse.formats.truth import read_truth
