@@ -38,8 +38,7 @@ from posefuse.realtime.live_body import pose_for_output
 from posefuse.realtime.messages import Centres
 from posefuse.realtime.session import ready_bodies, ready_tracker
 from posefuse.simulation.session import simulate
-from posefuse.tracking.online import LiveSettings
-from posefuse.tracking.online.settings import MotionModelSettings
+from posefuse.tracking.online import MOTION, Motion, MotionModel
 
 SCENES = (
     ("walk", 7300), ("walk", 7301), ("reach", 7300), ("reach", 7301), ("squat", 7302), ("wave", 7302), ("turn", 7303),
@@ -62,15 +61,15 @@ ARRIVE: Mapping[str, tuple[float, float]] = {"late": (0.02, 0.06), "at once": (0
 Rows = dict[tuple[str, str], tuple[float, float]]
 
 
-def settings_of(constants: Mapping[str, float]) -> LiveSettings:
+def motion_of(constants: Mapping[str, float]) -> Motion:
     """As the tracker takes them."""
     banks = []
     for whose in ("keypoints", "body"):
         reach = np.geomspace(constants[f"{whose}_calm"], constants[f"{whose}_agile"], MODELS)
         lasts = constants[f"{whose}_persistence_s"]
-        banks.append(tuple(MotionModelSettings(acceleration_m_s2=float(a), persistence_s=lasts) for a in reach))
+        banks.append(tuple(MotionModel(float(a), lasts) for a in reach))
     shares = {name: constants[name] for name in ("switch_s", "averaging", "new_share")}
-    return LiveSettings(motion_models=banks[0], body_models=banks[1], **shares)
+    return Motion(keypoints=banks[0], body=banks[1], **shares)
 
 
 def seen(keep: Path, row: str, seed: int) -> tuple[Recording, Truth]:
@@ -129,10 +128,10 @@ class Trial:
     table: JointCentres
     arrivals: list[tuple[int, Detections2D]]
 
-    def poses(self, config: LiveConfig) -> Iterator[Pose3D]:
+    def poses(self, config: LiveConfig, motion: Motion = MOTION) -> Iterator[Pose3D]:
         """At joint centres, at 100 Hz, after the warm-up."""
         rig, skeleton = self.recording.rig, self.recording.observations.skeleton
-        tracker, bodies = ready_tracker(rig, skeleton, config), ready_bodies(rig, skeleton, config)
+        tracker, bodies = ready_tracker(rig, skeleton, config, motion), ready_bodies(rig, skeleton, config)
         centring = Centring(rig.names, wanted=True)
         centring.learn(Centres(rig.names, self.table))
         waiting, first_ns = list(reversed(self.arrivals)), int(self.truth.t_ns[0])
@@ -143,9 +142,9 @@ class Trial:
             if t_ns >= first_ns + WARM_UP_S * 1e9 and len(pose.person_id):
                 yield pose
 
-    def accuracy(self, settings: LiveSettings) -> tuple[float, float, float]:
+    def accuracy(self, motion: Motion = MOTION) -> tuple[float, float, float]:
         """Mean error of the joints at output time in mm, NEES, and the share of joints that came out, in per cent."""
-        poses = list(self.poses(replace(LiveConfig(), track=settings)))
+        poses = list(self.poses(LiveConfig(), motion))
         at = [poses[0].skeleton.index(name) for name in JOINTS]
         true = true_xyz_at(self.truth, np.array([pose.t_ns for pose in poses]))[:, 0]
         error = np.array([pose.xyz_world[0, at] for pose in poses]) - pick_keypoints(true, self.truth.skeleton, JOINTS)
@@ -157,7 +156,7 @@ class Trial:
 
 
 class Trials:
-    """The scenes, made once, and how well settings follow them."""
+    """The scenes, made once, and how well constants follow them."""
 
     def __init__(self, keep: Path) -> None:
         self._made: dict[tuple[str, str], Trial] = {}
@@ -169,8 +168,8 @@ class Trials:
 
     def judged(self, constants: Mapping[str, float]) -> tuple[float, Rows]:
         """Score (less is better), and per scene and way to arrive the mean error in mm, and NEES."""
-        settings = settings_of(constants)
-        rows = {name: trial.accuracy(settings)[:2] for name, trial in self._made.items()}
+        motion = motion_of(constants)
+        rows = {name: trial.accuracy(motion)[:2] for name, trial in self._made.items()}
         error, nees = np.array(list(rows.values())).T
         return float(np.log(error).mean() + HONESTY * np.square(np.log(nees / 3)).mean()), rows
 
@@ -221,9 +220,9 @@ def main() -> None:
                     best, score, rows = tried, tried_score, tried_rows
                     break
     print(json.dumps({name: round(value, 4) for name, value in best.items()}))
-    settings = settings_of(best)
-    for bank in ("motion_models", "body_models"):
-        print(bank, [(round(one.acceleration_m_s2, 3), round(one.persistence_s, 3)) for one in getattr(settings, bank)])
+    motion = motion_of(best)
+    for bank in ("keypoints", "body"):
+        print(bank, [(round(one.acceleration_m_s2, 3), round(one.persistence_s, 3)) for one in getattr(motion, bank)])
 
 
 if __name__ == "__main__":

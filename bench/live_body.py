@@ -27,6 +27,7 @@ from rich.table import Table
 
 from posefuse.core import Detections2D, Pose3D, Recording, Truth
 from posefuse.core.joint_centres import SEGMENT_ENDS
+from posefuse.core.pose_sequences import sequence_of_all
 from posefuse.core.skeleton import ANATOMICAL23, pick_keypoints
 from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.foundation.settings import settings_from_mapping
@@ -34,7 +35,6 @@ from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.session import ready_bodies, ready_tracker
 from posefuse.simulation.build import live_scene
 from posefuse.simulation.scene import Scene
-from posefuse.tracking import sequence_from_poses
 
 ROWS = ("idle", "walk", "reach", "squat", "turn", "screen", "false_arm")
 WAYS = ("off", "on")
@@ -61,7 +61,7 @@ def figures(poses: list[Pose3D], truth: Truth) -> tuple[float, ...]:
     nees = np.einsum("ni,nij,nj->n", error[found], np.linalg.inv(cov), error[found]).mean()
     lengths = [np.linalg.norm(xyz[:, skeleton.index(a)] - xyz[:, skeleton.index(b)], axis=-1) for a, b in BONES]
     spread = np.nanmean(np.nanstd(lengths, axis=1))
-    sequence = sequence_from_poses(poses)
+    sequence = sequence_of_all(poses)
     slides = (skate_mm(sequence, truth, after_s=after_s) for after_s in (0.0, LATER_S))
     return (1000 * np.linalg.norm(error[found], axis=-1).mean(), nees, 100 * found.mean(), 1000 * spread, *slides)
 

@@ -21,7 +21,6 @@ from rich.console import Console
 from rich.table import Table
 
 from posefuse.core import Recording, Truth
-from posefuse.tracking.online import LiveSettings
 
 ROWS = ("idle", "walk", "reach", "squat", "turn", "screen", "false_arm")
 
@@ -30,7 +29,7 @@ def measured(recording: Recording, truth: Truth, seed: int) -> dict[str, tuple[f
     """Error in mm, NEES and share of joints by way to arrive."""
     table = table_of(recording)
     trials = {arrive: Trial(recording, truth, table, arrivals_of(recording, arrive, seed)) for arrive in ARRIVE}
-    return {arrive: trial.accuracy(LiveSettings()) for arrive, trial in trials.items()}
+    return {arrive: trial.accuracy() for arrive, trial in trials.items()}
 
 
 def show(found: dict[str, dict[str, tuple[float, float, float]]]) -> None:

@@ -5,15 +5,16 @@ import dataclasses
 import numpy as np
 import pytest
 
-from posefuse.core import InputError, Kind, PoseSequence, Views, ViewSequence
+from posefuse.core import InputError, Kind, PoseSequence, ViewSequence
 from posefuse.kinematics import JOINT_NAMES, joints_from_poses
-from posefuse.kinematics.body import BodySettings, BodyTracker, bodies_from_poses, fit_poses, fit_views, kernels
+from posefuse.kinematics.body import BodySettings, bodies_from_poses, fit_poses, fit_views, kernels
 from posefuse.kinematics.body import filter as filter_module
-from posefuse.kinematics.body.filter import Measurement
+from posefuse.kinematics.body.filter import BodyFilter, Measurement, of_points
 from posefuse.kinematics.body.fit import _failed, _off
 from posefuse.kinematics.body.guess import guessed_state
 from posefuse.kinematics.body.packed import packed_from_body
 from posefuse.kinematics.body.response import robust_variance_factor
+from posefuse.kinematics.body.result import StateReader
 from posefuse.kinematics.joints import FrameBuffers
 from posefuse.kinematics.settings import JointSettings
 
@@ -109,24 +110,33 @@ def test_a_gap_is_filled_and_marked(noisy, fitted):
     assert (error < 3 * sigma[gap]).all()
 
 
-def test_the_end_of_a_live_fit_is_the_end_of_the_recorded_one(noisy, fitted):
-    tracker = BodyTracker(fitted.bodies, WHITE)
-    live = [tracker.step(noisy[1].at(i)) for i in range(150)]
-    np.testing.assert_allclose(live[-1][0].xyz_world, fitted.poses.xyz_world[-1], atol=1e-9)
-    np.testing.assert_allclose(live[-1][1].sigma_rad[0], fitted.joints.sigma_rad[-1], rtol=1e-6)
-    assert live[70][0].kind[0, noisy[0].skeleton.index("left_wrist")] == Kind.PREDICTED
+def causal(body, poses, settings):
+    """Each pose's fit while only the past is known."""
+    work = FrameBuffers(body.skeleton, JointSettings())
+    filter_ = BodyFilter(body, settings, work)
+    reader = StateReader(filter_, work)
+    for pose in poses:
+        step = filter_.step(of_points(pose.t_ns, pose.xyz_world[0, body.keypoint], pose.cov_world[0, body.keypoint]))
+        yield reader.read(step.state)
+
+
+def test_the_end_of_the_causal_fit_is_the_end_of_the_recorded_one(noisy, fitted):
+    body = fitted.bodies[0]
+    last = list(causal(body, (noisy[1].at(i) for i in range(150)), WHITE))[-1]
+    np.testing.assert_allclose(last.xyz, fitted.poses.xyz_world[-1, 0, body.keypoint], atol=1e-9)
+    np.testing.assert_allclose(last.sigmas, fitted.joints.sigma_rad[-1, 0], rtol=1e-6)
 
 
 def test_a_long_session_stays_sound(posed):
     """Half a minute of the same second, at uneven times: the covariance neither drifts nor loses its symmetry."""
     second = posed([walk(i / RATE_HZ) for i in range(50)], "coco17", sigma_m=SIGMA_M, rate_hz=RATE_HZ)
-    tracker = BodyTracker(bodies_from_poses(second))
-    t_ns, sigma = 0, []
-    for i in range(1500):
-        t_ns += 15_000_000 + 10_000_000 * (i % 2)
-        pose, _ = tracker.step(dataclasses.replace(second.at(i % 50), t_ns=t_ns))
-        assert np.abs(pose.cov_world - np.swapaxes(pose.cov_world, -1, -2))[np.isfinite(pose.cov_world)].max() < 1e-12
-        sigma.append(np.sqrt(np.trace(pose.cov_world[0, second.skeleton.index("left_ankle")])))
+    times = np.cumsum(15_000_000 + 10_000_000 * (np.arange(1500) % 2)).tolist()
+    poses = (dataclasses.replace(second.at(i % 50), t_ns=t_ns) for i, t_ns in enumerate(times))
+    body, sigma = bodies_from_poses(second)[0], []
+    ankle = list(body.keypoint).index(second.skeleton.index("left_ankle"))
+    for fit in causal(body, poses, BodySettings()):
+        assert np.abs(fit.cov - np.swapaxes(fit.cov, -1, -2)).max() < 1e-12
+        sigma.append(np.sqrt(np.trace(fit.cov[ankle])))
     assert np.mean(sigma[-50:]) == pytest.approx(np.mean(sigma[200:250]), rel=0.02)
 
 
@@ -150,23 +160,6 @@ def test_rays_see_what_points_cannot(noisy, fitted, ring_rig):
     by_rays = fit_views(seen, rig, views, WHITE, fitted.bodies)
     errors = [np.linalg.norm(f.poses.xyz_world - clean.xyz_world, axis=-1)[60:85, 0, wrist].mean() for f in (fitted, by_rays)]
     assert errors[1] < 0.7 * errors[0]
-
-
-def test_live_rays_need_the_cameras_of_the_rig(noisy, fitted, ring_rig):
-    clean = noisy[0]
-    tracker = BodyTracker(fitted.bodies, WHITE, rig=ring_rig(2))
-    nothing = np.zeros((1, 1, len(clean.skeleton)))
-    views = Views(
-        t_ns=0,
-        skeleton=clean.skeleton,
-        camera_names=("other",),
-        person_id=[0],
-        xy_img=np.zeros((1, 1, len(clean.skeleton), 2)),
-        score=nothing,
-        sigma_px=nothing,
-    )
-    with pytest.raises(InputError, match=r"cam00, cam01.*got cameras other"):
-        tracker.step_views(clean.at(0), views)
 
 
 def test_an_outlier_moves_the_fit_little(noisy, fitted):

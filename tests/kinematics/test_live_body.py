@@ -10,14 +10,14 @@ from posefuse.core import SKELETONS, Skeleton
 from posefuse.core.joint_centres import SEGMENT_ENDS
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.kinematics import JointSettings
-from posefuse.kinematics.body import BodySettings, LengthPrior, LiveBody, LiveBodySettings, LiveRays, TrackedPoints
+from posefuse.kinematics.body import BodySettings, LengthPrior, LiveBody, LiveBodyRules, LiveRays, TrackedPoints
 from posefuse.kinematics.body.fade import Fade
 from posefuse.kinematics.body.standing import StandingFeet
 from posefuse.kinematics.joints import FrameBuffers
 
 PERIOD_NS, CHECK_NS = 10_000_000, 200_000_000
 WRIST = ANATOMICAL23.index("left_wrist")
-FAST = LiveBodySettings(learn_s=0.3, sample_every_s=0.02, fade_s=0.1)
+FAST = LiveBodyRules(learn_s=0.3, sample_every_s=0.02, fade_s=0.1)
 # in the order of `SEGMENT_ENDS`, of the figure of conftest.py
 TRUE_M = np.array([0.31, 0.26, 0.43, 0.41, 0.38, 0.26, 0.52])
 PRIOR = LengthPrior(names=tuple(SEGMENT_ENDS), mean_m=TRUE_M * 1.05, cov_m2=np.diag((0.05 * TRUE_M) ** 2))

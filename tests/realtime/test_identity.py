@@ -99,7 +99,7 @@ def test_colours_of_one_view_are_of_no_person() -> None:
 
 
 def test_who_is_out_of_sight_leaves_the_output_and_stays_expected() -> None:
-    session = Session(LiveSettings(max_people=2, shown_s=0.3, measured_s=0.16))
+    session = Session(LiveSettings(max_people=2, shown_s=0.3))
     session.tracks.here = {0: 0.0, 1: 2.0}
     assert session.frames(20, {0: RED, 1: BLUE}) == [0, 1]
     session.tracks.last_seen[1] = Kind.PREDICTED

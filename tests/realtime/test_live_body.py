@@ -11,6 +11,7 @@ from posefuse.cli.replay import difference_m, replayed
 from posefuse.core import SE3, Detections2D, LiveDetections, LivePose, LiveStart, Pose3D, Rig
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.foundation.settings import settings_from_mapping
+from posefuse.kinematics.body import LIVE_BODY, LiveBodyRules
 from posefuse.outputs.live.record import RecordConfig
 from posefuse.realtime.clock import SessionClock
 from posefuse.realtime.config import LiveConfig
@@ -42,9 +43,9 @@ class Walk:
     place: Callable[[np.ndarray], np.ndarray]
     come: Arrivals
 
-    def poses(self, config: LiveConfig, come: Arrivals | None = None) -> list[Pose3D]:
+    def poses(self, config: LiveConfig, come: Arrivals | None = None, rules: LiveBodyRules = LIVE_BODY) -> list[Pose3D]:
         """At 100 Hz, of the time in which there was a person."""
-        tracker, bodies = ready_tracker(self.rig, ANATOMICAL23, config), ready_bodies(self.rig, ANATOMICAL23, config)
+        tracker, bodies = ready_tracker(self.rig, ANATOMICAL23, config), ready_bodies(self.rig, ANATOMICAL23, config, rules)
         centring = Centring(self.rig.names, wanted=False)
         found, waiting = [], list(reversed(come or self.come))
         for t_ns in ticks():
@@ -117,9 +118,9 @@ def fitted(poses: list[Pose3D]) -> list[Pose3D]:
 
 
 def test_lengths_learnt_once_are_constant() -> None:
-    once = replace(ON, live_body=replace(ON.live_body, learn_most_s=ON.live_body.learn_s))
+    once = replace(LIVE_BODY, learn_most_s=LIVE_BODY.learn_s)
     assert lengths_m(fitted(off())).std(axis=0).min() > 0.001, "the scene is hard enough"
-    assert np.ptp(lengths_m(fitted(walk().poses(once))), axis=0).max() < 0.0001
+    assert np.ptp(lengths_m(fitted(walk().poses(ON, rules=once))), axis=0).max() < 0.0001
 
 
 def test_lengths_are_refined_slowly() -> None:
@@ -161,7 +162,7 @@ def test_a_covariance_is_the_tracked_one_or_larger_in_all_directions() -> None:
 def test_off_there_is_nothing() -> None:
     """And until a skeleton is learnt, both ways give the same to the last bit: nothing of the fit reaches the tracker."""
     assert ready_bodies(walk().rig, ANATOMICAL23, OFF) is None
-    until_ns = BEGIN_NS + round(ON.live_body.learn_s * 1e9)
+    until_ns = BEGIN_NS + round(LIVE_BODY.learn_s * 1e9)
     begin = [(one, two) for one, two in zip(off(), on(), strict=True) if one.t_ns < until_ns]
     assert len(begin) > 50
     assert max(difference_m(one, two) for one, two in begin) == 0.0

@@ -127,7 +127,7 @@ def test_a_replay_gives_the_same_poses(killed: tuple[dict, Path, list[int]], dem
     assert any(len(pose.person_id) for pose, _ in pairs)
     assert max(difference_m(pose, again) for pose, again in pairs) == 0.0
     # a tracker with other settings is distinguished
-    other = LiveConfig(track=type(LiveConfig().track)(averaging=0.5))
+    other = LiveConfig(track=type(LiveConfig().track)(lag_s=0.02))
     assert max(difference_m(pose, again) for pose, again in replayed(recording, read_rig(demo_session / "rig.toml"), other)) > 0
 
 
@@ -145,7 +145,7 @@ def test_a_recording_states_how_it_was_made(killed: tuple[dict, Path, list[int]]
 
 def test_sigterm_is_143_and_leaves_a_recording_that_replays_without_settings(demo_session: Path, tmp_path: Path) -> None:
     recording = tmp_path / "x.mcap"
-    options = ("--record", str(recording), "--duration", "600", "--loop", "10", "--set", "track.averaging=0.5")
+    options = ("--record", str(recording), "--duration", "600", "--loop", "10", "--set", "track.lag_s=0.2")
     live = Live(command(demo_session, *options))
     live.wait_for("cam03: ok")
     until(lambda: recording.stat().st_size > 200_000)

@@ -6,9 +6,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from posefuse.core import ConfigError, Kind, ShapeError
+from posefuse.core import Kind, ShapeError
 from posefuse.core.skeleton import BODY_25, COCO17
-from posefuse.tracking.online import LiveSettings
 from posefuse.tracking.settings import LASTING_S, LASTING_SHARE
 
 LATE_S = 0.07
@@ -161,12 +160,6 @@ def test_who_moved_lately_is_expected_to_move_again(world):
         wide[name] = [np.sqrt(np.trace(cov, axis1=-2, axis2=-1).mean()) for cov in (now, ahead)]
     assert wide["moved"][0] < 1.2 * wide["stood"][0]
     assert wide["moved"][1] > 1.2 * wide["stood"][1]
-
-
-def test_the_body_has_as_many_motion_models_as_its_keypoints(world):
-    one = LiveSettings().body_models[:1]
-    with pytest.raises(ConfigError, match=r"track.body_models: expected 4, as many as track.motion_models, got 1"):
-        world().tracker(body_models=one)
 
 
 def test_one_camera_alone_helps_and_is_unsure_along_its_rays(world):

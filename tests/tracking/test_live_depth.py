@@ -97,7 +97,7 @@ def test_the_row_of_depth_is_its_derivative(ring_rig):
 
 
 def test_an_update_by_depth_is_that_of_a_kalman_filter(ring_rig):
-    rules = Model(ring_rig(1), COCO17, LiveSettings(outlier_chi2=9.0, gate_chi2=36.0)).arrays.rules
+    rules = Model(ring_rig(1), COCO17, LiveSettings()).arrays.rules
     rng = np.random.default_rng(2)
     root = rng.normal(size=(9, 9))
     cov, common = (root @ root.T)[None], np.eye(3) * 0.3

@@ -4,12 +4,11 @@ import numpy as np
 
 from posefuse.core import Skeleton
 from posefuse.core.skeleton import ANATOMICAL23
-from posefuse.tracking.online import LiveSettings
+from posefuse.tracking.online import LiveSettings, Motion, MotionModel
 from posefuse.tracking.online.kernels.body import start_missing
 from posefuse.tracking.online.kernels.state import NEVER, parts, state_size
 from posefuse.tracking.online.kernels.updates import doubt
 from posefuse.tracking.online.person import Model, Person, View
-from posefuse.tracking.online.settings import MotionModelSettings
 
 
 def test_doubt_adds_uncertainty_of_position_and_velocity_only() -> None:
@@ -24,11 +23,8 @@ def test_doubt_adds_uncertainty_of_position_and_velocity_only() -> None:
 def test_a_missing_keypoint_starts_at_the_mean_of_its_neighbours_and_moves_with_them(ring_rig) -> None:
     """The last of three keypoints is tied to both others."""
     skeleton = Skeleton("chain", ("one", "two", "middle"), bones=(("one", "middle"), ("two", "middle")))
-    settings = LiveSettings(
-        motion_models=(MotionModelSettings(acceleration_m_s2=3.0, persistence_s=0.1),),
-        body_models=(MotionModelSettings(acceleration_m_s2=1.0, persistence_s=0.1),),
-    )
-    session = Model(ring_rig(2), skeleton, settings).arrays
+    motion = Motion(keypoints=(MotionModel(3.0, 0.1),), body=(MotionModel(1.0, 0.1),))
+    session = Model(ring_rig(2), skeleton, LiveSettings(), motion).arrays
     person = parts(np.zeros(state_size(session)), session)
     person.x[:], person.cov[:] = np.nan, np.nan
     person.x[0, 0], person.x[1, 0] = np.arange(9.0), np.arange(9.0) + [2, 4, 6, 1, 1, 1, 0, 0, 0]

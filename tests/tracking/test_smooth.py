@@ -3,7 +3,8 @@ import pytest
 from smoothing import COCO, measured, white_jerk
 
 from posefuse.core import Kind, Pose3D, PoseSequence, ShapeError
-from posefuse.tracking import SmoothSettings, cutoff_hz, sequence_from_poses, smooth
+from posefuse.core.pose_sequences import sequence_of_all
+from posefuse.tracking import SmoothSettings, cutoff_hz, smooth
 from posefuse.tracking.smoothing import _jerk_density
 
 RATE_HZ = 60.0
@@ -169,7 +170,7 @@ def test_people_who_come_and_go_get_rows_throughout():
     only = poses[1]
     arrays = {name: getattr(only, name)[1:] for name in ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")}
     poses[1] = Pose3D(t_ns=only.t_ns, skeleton=COCO, person_id=[1], **arrays)
-    stacked = sequence_from_poses(poses)
+    stacked = sequence_of_all(poses)
     assert stacked.person_id.tolist() == [0, 1]
     assert (stacked.kind[1, 0] == Kind.MISSING).all()
     np.testing.assert_array_equal(stacked.xyz_world[:, 1], whole.xyz_world[:, 1])
@@ -178,4 +179,4 @@ def test_people_who_come_and_go_get_rows_throughout():
 
 def test_no_pose_at_all_is_an_error():
     with pytest.raises(ShapeError, match="at least 1 pose"):
-        sequence_from_poses([])
+        sequence_of_all([])

@@ -11,7 +11,7 @@ from posefuse.association.settings import AssociateSettings, PeopleNames
 from posefuse.detection.build import DetectorChoice
 from posefuse.foundation.settings import settings
 from posefuse.fusion.settings import FuseSettings
-from posefuse.kinematics.body.settings import BodySettings, LiveBodySettings
+from posefuse.kinematics.body.settings import BodySettings
 from posefuse.kinematics.settings import JointSettings
 from posefuse.tracking.online.settings import LiveSettings
 
@@ -62,7 +62,6 @@ class LiveConfig:
         fuse: how views are fused.
         joints: how joint angles are computed.
         whole_body: how the skeleton of `body` may move.
-        live_body: how it is learnt and followed.
     """
 
     rate_hz: Annotated[float, Gt(0), Le(1000)] = 100.0
@@ -84,7 +83,6 @@ class LiveConfig:
     fuse: FuseSettings = field(default_factory=FuseSettings)
     joints: JointSettings = field(default_factory=JointSettings)
     whole_body: BodySettings = field(default_factory=BodySettings)
-    live_body: LiveBodySettings = field(default_factory=LiveBodySettings)
 
 
 @settings

@@ -9,7 +9,7 @@ import numpy as np
 from posefuse.association import CLOTHING_TRAITS, UNNAMED, Identity, median_clothing, with_persons
 from posefuse.core import Detections2D, Kind, Pose3D
 from posefuse.core.arrays import Array
-from posefuse.tracking.online import CameraStatistics, Evidence, LiveSettings, Tracker
+from posefuse.tracking.online import MOTION, CameraStatistics, Evidence, LiveSettings, Tracker
 
 # poses of a track add information about the body this often
 _LEARN_NS = 30_000_000
@@ -29,7 +29,7 @@ class NamedTracker:
         self._tracker, self._several = tracker, settings.max_people > 1
         self._identity = Identity(people_max=settings.max_people, lost_after_s=settings.lost_after_s)
         # poses call a keypoint measured for `measured_s` after its last view
-        self._shown_ns = round(max(settings.shown_s - settings.measured_s, 0.0) * 1e9)
+        self._shown_ns = round(max(settings.shown_s - MOTION.measured_s, 0.0) * 1e9)
         self._learnt_ns: int | None = None
         # by track: when views last measured it, and the newest colours by camera with their times
         self._measured_ns: dict[int, int] = {}

@@ -10,7 +10,7 @@ import numpy as np
 from posefuse.core import Kind, Pose3D, Rig, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.core.joint_centres import SEGMENT_ENDS
-from posefuse.kinematics.body import Length, LengthPrior, LiveBody, LiveRays, TrackedPoints
+from posefuse.kinematics.body import LIVE_BODY, Length, LengthPrior, LiveBody, LiveBodyRules, LiveRays, TrackedPoints
 from posefuse.kinematics.joints import FrameBuffers
 from posefuse.tracking import usual_lengths
 from posefuse.tracking.online import Evidence, Tracker
@@ -25,8 +25,8 @@ _FUSED = int(Kind.FUSED)
 class LiveSkeletons:
     """Everybody's skeleton; people who are gone are forgotten."""
 
-    def __init__(self, rig: Rig, skeleton: Skeleton, config: LiveConfig) -> None:
-        self._skeleton, self._config = skeleton, config
+    def __init__(self, rig: Rig, skeleton: Skeleton, config: LiveConfig, rules: LiveBodyRules = LIVE_BODY) -> None:
+        self._skeleton, self._config, self._rules = skeleton, config, rules
         self._work = FrameBuffers(skeleton, config.joints)
         mean_m, cov_m2 = usual_lengths()
         self._prior = LengthPrior(names=tuple(SEGMENT_ENDS), mean_m=mean_m, cov_m2=cov_m2)
@@ -70,7 +70,7 @@ class LiveSkeletons:
         }  # fmt: skip
 
     def _new(self) -> LiveBody:
-        return LiveBody(self._skeleton, self._config.whole_body, self._config.live_body, self._prior, self._work)
+        return LiveBody(self._skeleton, self._config.whole_body, self._rules, self._prior, self._work)
 
     def _rays(self, seen: Evidence, centred: Array) -> LiveRays:
         """Rays as they would be now, to joint centres: moved by what lies between the landmark then and the centre now."""

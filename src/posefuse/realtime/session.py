@@ -18,9 +18,9 @@ from posefuse.foundation.compiled import compiling
 from posefuse.foundation.platform import punctual, usable_cores
 from posefuse.foundation.requests_to_end import HANG_UP, REQUESTS_TO_END, Repeats, heeded, put_off, without_terminal
 from posefuse.kinematics import JointTracker
-from posefuse.kinematics.body import FEWEST_SEEN
+from posefuse.kinematics.body import FEWEST_SEEN, LIVE_BODY, LiveBodyRules
 from posefuse.tracking import at_joint_centres
-from posefuse.tracking.online import Tracker, build_tracker
+from posefuse.tracking.online import MOTION, Motion, Tracker, build_tracker
 from posefuse.tracking.stand_in import made_up_detections
 
 from .board import Board
@@ -208,15 +208,16 @@ def blocks(rig: Rig, cameras: Sequence[str], count: int) -> list[list[str]]:
     return [block.tolist() for block in np.array_split(sorted(cameras, key=turned.__getitem__), count)]
 
 
-def ready_tracker(rig: Rig, skeleton: Skeleton, config: LiveConfig) -> Tracker:
+def ready_tracker(rig: Rig, skeleton: Skeleton, config: LiveConfig, motion: Motion = MOTION) -> Tracker:
     """A tracker whose kernels are compiled: one made for the purpose has already seen a made-up person."""
     warm_tracker(_new_tracker(rig, skeleton, config), rig, skeleton)
-    return NamedTracker(_new_tracker(rig, skeleton, config), config.track)
+    return NamedTracker(_new_tracker(rig, skeleton, config, motion), config.track)
 
 
-def _new_tracker(rig: Rig, skeleton: Skeleton, config: LiveConfig) -> Tracker:
+def _new_tracker(rig: Rig, skeleton: Skeleton, config: LiveConfig, motion: Motion = MOTION) -> Tracker:
     solve = build_solve(rig, replace(config.associate, max_people=config.track.max_people), config.fuse)
-    return build_tracker(rig, skeleton, config.track, solve, build_fuse(rig, config.fuse))
+    motion = replace(motion, score_min=config.fuse.score_min, sigma_share=config.fuse.sigma_share)
+    return build_tracker(rig, skeleton, config.track, solve, build_fuse(rig, config.fuse), motion)
 
 
 def ready_joints(skeleton: Skeleton, config: LiveConfig) -> JointTracker | None:
@@ -239,18 +240,17 @@ def ready_joints(skeleton: Skeleton, config: LiveConfig) -> JointTracker | None:
     return JointTracker(skeleton, config.joints)
 
 
-def ready_bodies(rig: Rig, skeleton: Skeleton, config: LiveConfig) -> LiveSkeletons | None:
+def ready_bodies(rig: Rig, skeleton: Skeleton, config: LiveConfig, rules: LiveBodyRules = LIVE_BODY) -> LiveSkeletons | None:
     """The whole-body fit, its kernels compiled; None where it is off."""
     if config.body == "off":
         return None
-    at_once = replace(config.live_body, learn_s=config.live_body.sample_every_s * FEWEST_SEEN)
     tracker = _new_tracker(rig, skeleton, config)
-    made_up = LiveSkeletons(rig, skeleton, replace(config, live_body=at_once))
+    made_up = LiveSkeletons(rig, skeleton, config, replace(LIVE_BODY, learn_s=LIVE_BODY.sample_every_s * FEWEST_SEEN))
     for detections in made_up_detections(rig, skeleton, _WARM_UP_INSTANTS, start_ns=10**15):
         for view in detections:
             tracker.add(view)
             made_up.step(tracker, tracker.at(view.t_ns + 20_000_000))
-    return LiveSkeletons(rig, skeleton, config)
+    return LiveSkeletons(rig, skeleton, config, rules)
 
 
 def warm_tracker(tracker: Tracker, rig: Rig, skeleton: Skeleton) -> None:

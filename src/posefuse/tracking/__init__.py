@@ -10,14 +10,13 @@ if TYPE_CHECKING:
     from .joint_centres import at_joint_centres, from_joint_centres, to_joint_centres
     from .learnt_lengths import LearntLengths
     from .proportions import Proportions, joint_centres_of, proportional_joint_centres, usual_lengths
-    from .sequence import sequence_from_poses
     from .settings import SmoothSettings
     from .sides import sides_like, steady_sides
     from .smoothing import cutoff_hz, smooth
 
 __all__ = [
     "LearntLengths", "Proportions", "SmoothSettings", "at_joint_centres", "bone_lengths", "cutoff_hz", "from_joint_centres",
-    "joint_centres_of", "proportional_joint_centres", "sequence_from_poses", "sides_like", "smooth", "steady_sides",
+    "joint_centres_of", "proportional_joint_centres", "sides_like", "smooth", "steady_sides",
     "to_joint_centres", "usual_lengths", "views_at_joint_centres",
 ]  # fmt: skip
 __getattr__ = lazy_names(__name__, __file__)

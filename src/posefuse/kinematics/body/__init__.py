@@ -8,20 +8,19 @@ if TYPE_CHECKING:
     from .fit import BodyFit, fit_poses, fit_views
     from .live import LiveBody, LiveRays, TrackedPoints
     from .model import FEWEST_SEEN, BodyModel, Length, bodies_from_poses
-    from .settings import BodySettings, LiveBodySettings
+    from .settings import LIVE_BODY, BodySettings, LiveBodyRules
     from .shape import LengthPrior, with_solved_lengths
-    from .tracker import BodyTracker
 
 __all__ = [
     "FEWEST_SEEN",
+    "LIVE_BODY",
     "BodyFit",
     "BodyModel",
     "BodySettings",
-    "BodyTracker",
     "Length",
     "LengthPrior",
     "LiveBody",
-    "LiveBodySettings",
+    "LiveBodyRules",
     "LiveRays",
     "TrackedPoints",
     "bodies_from_poses",

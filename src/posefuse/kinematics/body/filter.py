@@ -46,6 +46,14 @@ class Measurement:
     standing_cov: Array | None = None
 
 
+def of_points(t_ns: int, xyz: Array, cov: Array) -> Measurement:
+    """3D points (A, 3) weighted by their covariance (A, 3, 3), without any ray."""
+    empty = np.zeros((len(xyz), 0))
+    return Measurement(
+        t_ns=t_ns, xyz=xyz, cov=cov, projections=np.zeros((0, 3, 4)), xy=empty[..., None] + [0, 0], inverse_var=empty
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class State:
     """A body at one time step: `q`, `rot`, `velocity` (D,) and `cov` (2D, 2D), see `kernels`."""

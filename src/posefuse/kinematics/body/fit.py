@@ -14,13 +14,12 @@ from posefuse.kinematics.settings import JointSettings
 from posefuse.kinematics.sides import SIDES
 
 from .contacts import FOOT, contacts_of, foot_rows
-from .filter import BodyFilter, Measurement, smoothed
+from .filter import BodyFilter, Measurement, of_points, smoothed
 from .model import BodyModel, bodies_from_joints, bodies_from_poses
 from .result import StateReader
 from .settings import BodySettings
 from .shape import LengthPrior, with_solved_lengths
 from .stand_in import nearest_in_time, with_stand_ins
-from .tracker import rays_of
 
 _Seen = Callable[[], Iterator[Measurement]]
 
@@ -59,14 +58,9 @@ def fit_poses(
     Raises:
         InputError: a person was never seen well enough to have a skeleton; left and right are swapped.
     """
-    none = np.zeros((0, 3, 4))
 
     def measured(i: int, n: int, at: Array) -> Measurement:
-        empty = np.zeros((len(at), 0))
-        xyz, cov = sequence.xyz_world[i, n, at], sequence.cov_world[i, n, at]
-        return Measurement(
-            t_ns=int(sequence.t_ns[i]), xyz=xyz, cov=cov, projections=none, xy=empty[..., None] + [0, 0], inverse_var=empty
-        )
+        return of_points(int(sequence.t_ns[i]), sequence.xyz_world[i, n, at], sequence.cov_world[i, n, at])
 
     return _fit(sequence, measured, settings, bodies, joint_settings, by_rays=False)
 
@@ -95,7 +89,7 @@ def fit_views(
     near_world = nearest_in_time(fit_poses(start, settings, bodies, joint_settings).poses)
 
     def measured(i: int, n: int, at: Array) -> Measurement:
-        xy, inverse_var = rays_of(
+        xy, inverse_var = _rays_of(
             rig,
             views.xy_img[i, n][:, at],
             views.score[i, n][:, at],
@@ -115,6 +109,15 @@ def fit_views(
             for person, body in bodies.items()
         }
     return _fit(sequence, measured, settings, bodies, joint_settings, by_rays=True)
+
+
+def _rays_of(rig: Rig, xy_img: Array, score: Array, sigma_px: Array) -> tuple[Array, Array]:
+    """Undistorted pixels (A, C, 2) and 1 / sigma^2 (A, C), 0 where unseen, of views (C, A, ...)."""
+    seen = (score > 0) & np.isfinite(xy_img).all(axis=-1) & (sigma_px > 0)
+    xy = np.stack([camera.undistort(xy_img[c]) for c, camera in enumerate(rig)])
+    seen &= np.isfinite(xy).all(axis=-1)
+    inverse_var = np.where(seen, 1.0 / np.where(seen, sigma_px, 1.0) ** 2, 0.0)
+    return np.ascontiguousarray(np.swapaxes(np.where(seen[..., None], xy, 0.0), 0, 1)), np.ascontiguousarray(inverse_var.T)
 
 
 def _with_contacts(body: BodyModel, seen: _Seen, settings: BodySettings, work: FrameBuffers) -> Iterator[Measurement]:

@@ -11,7 +11,7 @@ from posefuse.core.arrays import Array
 from posefuse.kinematics.joints import FrameBuffers
 
 from .model import BodyModel, body_from_frames
-from .settings import BodySettings, LiveBodySettings
+from .settings import BodySettings, LiveBodyRules
 from .shape import LengthPrior, with_expected_lengths
 
 # when there are more, every other one is left out
@@ -27,7 +27,7 @@ class LearntBody:
     """
 
     def __init__(
-        self, skeleton: Skeleton, settings: BodySettings, live: LiveBodySettings, prior: LengthPrior, work: FrameBuffers
+        self, skeleton: Skeleton, settings: BodySettings, live: LiveBodyRules, prior: LengthPrior, work: FrameBuffers
     ) -> None:
         self.body: BodyModel | None = None
         self._way: _Way | None = None

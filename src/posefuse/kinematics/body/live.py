@@ -22,7 +22,7 @@ from .guess import guessed_state
 from .learning import LearntBody
 from .model import BodyModel
 from .packed import Packed, packed_from_body
-from .settings import BodySettings, LiveBodySettings
+from .settings import BodySettings, LiveBodyRules
 from .shape import LengthPrior
 from .standing import StandingFeet
 
@@ -98,7 +98,7 @@ class LiveBody:
     """
 
     def __init__(
-        self, skeleton: Skeleton, settings: BodySettings, live: LiveBodySettings, prior: LengthPrior, work: FrameBuffers
+        self, skeleton: Skeleton, settings: BodySettings, live: LiveBodyRules, prior: LengthPrior, work: FrameBuffers
     ) -> None:
         self._skeleton, self._settings, self._live, self._work = skeleton, settings, live, work
         self.learnt = LearntBody(skeleton, settings, live, prior, work)
@@ -165,7 +165,7 @@ class _Fit:
     """A skeleton in a pose, and how it got there."""
 
     def __init__(
-        self, body: BodyModel, skeleton: Skeleton, settings: BodySettings, live: LiveBodySettings, state: tuple[Array, Array]
+        self, body: BodyModel, skeleton: Skeleton, settings: BodySettings, live: LiveBodyRules, state: tuple[Array, Array]
     ) -> None:
         self._body, self._skeleton, self._settings, self._live, self._state = body, skeleton, settings, live, state
         self._packed: Packed = packed_from_body(body, settings)

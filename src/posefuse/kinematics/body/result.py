@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from posefuse.core.arrays import Array
-from posefuse.kinematics.definitions import LIMBS, SEGMENT_NAMES
+from posefuse.kinematics.definitions import LIMBS
 from posefuse.kinematics.joints import FrameBuffers
 from posefuse.kinematics.kernels import PLANE_SIZE, unwrap
 
@@ -105,10 +105,3 @@ class StateReader:
                 turn = self._packed.tree.dof[node] + 1
                 planes[i] = [*self._frame[node][:, 2], cov[turn, turn], np.inf, 0.0]
         return planes
-
-
-def empty_joints(times: int, people: int, joints: int) -> tuple[Array, Array, Array, Array]:
-    """NaN arrays for rotation, origin, angles and sigmas over (T, N)."""
-    shape = (times, people, len(SEGMENT_NAMES))
-    angles, sigmas = np.full((2, times, people, joints, 3), np.nan)
-    return np.full((*shape, 3, 3), np.nan), np.full((*shape, 3), np.nan), angles, sigmas

@@ -1,10 +1,11 @@
-"""Settings of the whole-body fit."""
+"""Settings of the whole-body fit, and the rules of the live one."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated
 
-from annotated_types import Ge, Gt, Le
+from annotated_types import Ge, Gt
 
 from posefuse.foundation.settings import settings
 
@@ -49,9 +50,9 @@ class BodySettings:
     iterations: Annotated[int, Ge(1)] = 6
 
 
-@settings
-class LiveBodySettings:
-    """How a skeleton is learnt and followed live.
+@dataclass(frozen=True, kw_only=True)
+class LiveBodyRules:
+    """How a skeleton is learnt and followed live. Not settings: chosen on development scenes with `bench/live_body.py`.
 
     Attributes:
         learn_s: the first lengths come from so many seconds of tracked poses; they are refined after twice, four times ... as
@@ -70,18 +71,21 @@ class LiveBodySettings:
         fade_s: after a fit began or was dropped, the pose passes so long from the tracked to the fitted one, or back.
     """
 
-    learn_s: Annotated[float, Gt(0)] = 1.0
-    learn_most_s: Annotated[float, Gt(0)] = 32.0
-    sample_every_s: Annotated[float, Gt(0)] = 0.05
-    sure_m: Annotated[float, Gt(0)] = 0.05
-    length_sigma_m: Annotated[float, Gt(0)] = 0.01
-    length_rate_m_s: Annotated[float, Gt(0)] = 0.005
-    fit_every_s: Annotated[float, Gt(0)] = 0.03
-    tracked_share: Annotated[float, Ge(0), Le(1)] = 0.1
-    new_share: Annotated[float, Gt(0), Le(1)] = 0.5
-    far_m: Annotated[float, Gt(0)] = 0.1
-    far_sigmas: Annotated[float, Gt(0)] = 3.0
-    far_checks: Annotated[int, Ge(1)] = 3
-    worse_by: Annotated[float, Gt(0)] = 2.0
-    worse_fits: Annotated[int, Ge(1)] = 10
-    fade_s: Annotated[float, Gt(0)] = 0.2
+    learn_s: float = 1.0
+    learn_most_s: float = 32.0
+    sample_every_s: float = 0.05
+    sure_m: float = 0.05
+    length_sigma_m: float = 0.01
+    length_rate_m_s: float = 0.005
+    fit_every_s: float = 0.03
+    tracked_share: float = 0.1
+    new_share: float = 0.5
+    far_m: float = 0.1
+    far_sigmas: float = 3.0
+    far_checks: int = 3
+    worse_by: float = 2.0
+    worse_fits: int = 10
+    fade_s: float = 0.2
+
+
+LIVE_BODY = LiveBodyRules()

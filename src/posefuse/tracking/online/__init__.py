@@ -6,18 +6,24 @@ from typing import TYPE_CHECKING
 
 from posefuse.core.lazy_names import lazy_names
 
+from .settings import MOTION, LiveSettings, Motion, MotionModel
+
 if TYPE_CHECKING:
     from posefuse.core import Rig, Skeleton
 
     from .contract import CameraStatistics, Fuse, Solve, Tracker
     from .evidence import Evidence
-    from .settings import LiveSettings
 
-__all__ = ["CameraStatistics", "Evidence", "Fuse", "LiveSettings", "Solve", "Tracker", "build_tracker"]
+__all__ = [
+    "MOTION", "CameraStatistics", "Evidence", "Fuse", "LiveSettings", "Motion", "MotionModel", "Solve", "Tracker",
+    "build_tracker",
+]  # fmt: skip
 __getattr__ = lazy_names(__name__, __file__)
 
 
-def build_tracker(rig: Rig, skeleton: Skeleton, settings: LiveSettings, solve: Solve, fuse: Fuse) -> Tracker:
+def build_tracker(
+    rig: Rig, skeleton: Skeleton, settings: LiveSettings, solve: Solve, fuse: Fuse, motion: Motion = MOTION
+) -> Tracker:
     """A tracker with no person in it yet.
 
     Args:
@@ -26,7 +32,9 @@ def build_tracker(rig: Rig, skeleton: Skeleton, settings: LiveSettings, solve: S
         solve: association and fusion of one time step, from one view of every camera (empty for those that have none) and the
             pose before. New people come from it.
         fuse: fusion of one time step alone, of views that are known to show the same people.
+        motion: how people move.
     """
     from .asynchronous import AsynchronousTracker
+    from .person import Model
 
-    return AsynchronousTracker(rig, skeleton, settings, solve, fuse)
+    return AsynchronousTracker(Model(rig, skeleton, settings, motion), solve, fuse)

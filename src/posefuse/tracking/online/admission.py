@@ -7,7 +7,10 @@ from dataclasses import dataclass, field
 from posefuse.core import Detections2D, Rig, ShapeError, Skeleton
 from posefuse.core.errors import choices
 
-from .settings import LiveSettings
+# a view with a time stamp further in the future than this has a wrong clock
+_AHEAD_NS = 500_000_000
+# of views of one camera that are closer in time, only the first is used: no camera has more than 250 frames/s
+_APART_NS = 4_000_000
 
 
 @dataclass
@@ -29,10 +32,8 @@ class Admission:
     continued, and where no one has asked for a time yet they may also set it back: `restarts` counts how often.
     """
 
-    def __init__(self, rig: Rig, skeleton: Skeleton, settings: LiveSettings) -> None:
-        self._skeleton, self._settings = skeleton, settings
-        self._lag_ns, self._ahead_ns = round(settings.lag_s * 1e9), round(settings.ahead_s * 1e9)
-        self._apart_ns = round(1e9 / settings.camera_rate_max_hz)
+    def __init__(self, rig: Rig, skeleton: Skeleton, lag_s: float) -> None:
+        self._skeleton, self._lag_ns = skeleton, round(lag_s * 1e9)
         self.times = {name: _CameraTimes() for name in rig.names}
         self.newest_ns: int | None = None
         self.restarts = 0
@@ -62,7 +63,7 @@ class Admission:
         if t_ns in times.used_ns:
             times.repeated += 1
             return False
-        if any(abs(t_ns - used) < self._apart_ns for used in times.used_ns):
+        if any(abs(t_ns - used) < _APART_NS for used in times.used_ns):
             times.crowded += 1
             return False
         self.newest_ns = t_ns if self.newest_ns is None else max(t_ns, self.newest_ns)
@@ -73,7 +74,7 @@ class Admission:
         if self.newest_ns is None:
             return True
         if t_ns < self.newest_ns - self._lag_ns:
-            if self._asked_ns is None and t_ns < self.newest_ns - self._lag_ns - self._ahead_ns and self._agreed(t_ns):
+            if self._asked_ns is None and t_ns < self.newest_ns - self._lag_ns - _AHEAD_NS and self._agreed(t_ns):
                 self.newest_ns = t_ns
                 self.restarts += 1
                 for other in self.times.values():
@@ -82,12 +83,12 @@ class Admission:
             times.late += 1
             return False
         known_ns = self.newest_ns if self._asked_ns is None else max(self.newest_ns, self._asked_ns)
-        if t_ns > known_ns + self._ahead_ns and not self._agreed(t_ns):
+        if t_ns > known_ns + _AHEAD_NS and not self._agreed(t_ns):
             times.ahead += 1
             return False
         return True
 
     def _agreed(self, t_ns: int) -> bool:
         stated = [times.stated_ns for times in self.times.values() if times.stated_ns is not None]
-        near = sum(abs(t_ns - other) <= self._ahead_ns for other in stated)
+        near = sum(abs(t_ns - other) <= _AHEAD_NS for other in stated)
         return 2 * near >= len(stated) and near >= min(2, len(stated))

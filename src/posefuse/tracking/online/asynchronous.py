@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from posefuse.core import Detections2D, Pose3D, Rig, Skeleton
+from posefuse.core import Detections2D, Pose3D
 from posefuse.core.arrays import Array
+from posefuse.core.duplicate_share import DUPLICATE_SHARE
 from posefuse.core.duplicates import duplicates
 
 from . import kernels
@@ -19,8 +20,11 @@ from .cross_check import CrossCheck
 from .evidence import Evidence, evidence_of
 from .optics import Optics, Rays
 from .person import Model, Person, Pose3DArrays, View
-from .settings import LiveSettings
 
+# detections used per view, the surest first
+_MOST_DETECTIONS = 16
+# a detection is this person when so large a share of its keypoints is so near, at the body, to where they are expected
+_TOLERANCE_M, _CLAIMED_SHARE = 0.2, 0.4
 # a person is looked for in views no one claimed that are not older than this against the newest, so often at most
 _BIRTH_WINDOW_NS, _BIRTH_EVERY_NS = 120_000_000, 50_000_000
 # chosen, not fitted: at 30 frames/s the first of the views waits for the others without being replaced by its next one
@@ -70,12 +74,12 @@ class _Figures:
 class AsynchronousTracker:
     """A Kalman filter bank per keypoint; see `kernels`. A person is born from the robust solve of views no one claimed."""
 
-    def __init__(self, rig: Rig, skeleton: Skeleton, settings: LiveSettings, solve: Solve, fuse: Fuse) -> None:
-        self._model = Model(rig, skeleton, settings)
-        self._solve, self._fuse = solve, fuse
-        self._admission = Admission(rig, skeleton, settings)
+    def __init__(self, model: Model, solve: Solve, fuse: Fuse) -> None:
+        rig = model.rig
+        self._model, self._solve, self._fuse = model, solve, fuse
+        self._admission = Admission(rig, model.skeleton, model.settings.lag_s)
         self._place = {name: c for c, name in enumerate(rig.names)}
-        self._optics = [Optics(camera, settings) for camera in rig]
+        self._optics = [Optics(camera, model.motion) for camera in rig]
         self._figures = {name: _Figures() for name in rig.names}
         self._people: list[Person] = []
         self._checks: dict[Person, CrossCheck] = {}
@@ -96,8 +100,7 @@ class AsynchronousTracker:
             self._unclaimed.clear()
             for own in self._figures.values():
                 own.newest_ns = None
-        settings = self._model.settings
-        looked_at = _surest(detections, settings.duplicate_share, settings.detections_max)
+        looked_at = _surest(detections)
         detections = detections if len(looked_at) == len(detections) else detections.people(looked_at)
         figures, c = self._figures[detections.camera], self._place[detections.camera]
         figures.newest_ns = max(detections.t_ns, figures.newest_ns or detections.t_ns)
@@ -183,14 +186,14 @@ class AsynchronousTracker:
         """Association in one view: pairs of person and detection, each at most once, with the greatest support of all."""
         if not self._people or not len(rays):
             return []
-        settings, model = self._model.settings, self._model
+        model = self._model
         support, share = np.empty((len(self._people), len(rays))), np.empty((len(self._people), len(rays)))
         for n, person in enumerate(self._people):
             means, sigmas = person.expected(t_ns)
             kernels.person_agreement(
-                model.cameras[c], means, sigmas, rays.z, model.mirror, settings.tolerance_m, support[n], share[n]
+                model.cameras[c], means, sigmas, rays.z, model.mirror, _TOLERANCE_M, support[n], share[n]
             )  # fmt: skip
-        support = np.where(share >= settings.min_share, support, 0.0)
+        support = np.where(share >= _CLAIMED_SHARE, support, 0.0)
         # the place of one out of sight is a guess, which is wide and fits many: it counts less
         in_sight = np.array([t_ns - person.measured_ns <= _IN_SIGHT_NS for person in self._people])
         support[~in_sight] *= _GUESS_WEIGHT
@@ -214,7 +217,7 @@ class AsynchronousTracker:
         newest_ns = self._admission.newest_ns
         assert newest_ns is not None
         settings = self._model.settings
-        lost_ns, alone_ns = newest_ns - round(settings.lost_after_s * 1e9), newest_ns - round(settings.alone_s * 1e9)
+        lost_ns, alone_ns = newest_ns - round(settings.lost_after_s * 1e9), newest_ns - round(self._model.motion.alone_s * 1e9)
         self._people = [
             p for p in self._people if p.measured_ns >= lost_ns and p.crossed_ns >= alone_ns and p.speed_m_s < _FASTEST_M_S
         ]
@@ -278,10 +281,10 @@ def _apart_m(person: Person, t_ns: int, xyz: Array) -> float:
     return float(np.median(known)) if len(known) else np.inf
 
 
-def _surest(detections: Detections2D, share: float, most: int) -> Array:
-    """Places of at most so many detections (one or more), in their order; a body that is there several times, once."""
+def _surest(detections: Detections2D) -> Array:
+    """Places of at most `_MOST_DETECTIONS` detections (one or more), in their order; a body that is there several times, once."""
     if len(detections) < 2:
         return np.arange(len(detections))
-    once = np.flatnonzero(~duplicates(detections, share))
+    once = np.flatnonzero(~duplicates(detections, DUPLICATE_SHARE))
     score = np.nan_to_num(detections.score[once]).sum(axis=1)
-    return np.sort(once[np.argsort(-score, kind="stable")[:most]])
+    return np.sort(once[np.argsort(-score, kind="stable")[:_MOST_DETECTIONS]])

@@ -11,7 +11,7 @@ from posefuse.core.arrays import Array
 from posefuse.core.depth import keypoint_depth
 
 from . import kernels
-from .settings import LiveSettings
+from .settings import Motion
 
 # of the table of ideal points: between its knots a lens bends by less than a few hundredths of a pixel
 _SPACING_PX = 6.0
@@ -45,14 +45,14 @@ class Rays:
 class Optics:
     """One camera, with its lens as a table."""
 
-    def __init__(self, camera: Camera, settings: LiveSettings) -> None:
+    def __init__(self, camera: Camera, motion: Motion) -> None:
         width, height = camera.size_wh
         self._corner = np.array([-_MARGIN * width, -_MARGIN * height])
         columns, rows = (int(np.ceil(size * (1 + 2 * _MARGIN) / _SPACING_PX)) + 2 for size in (width, height))
         at = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1) * _SPACING_PX + self._corner
         self._table = np.ascontiguousarray(camera.norm_from_px(at))
         self._readout_s, self._rows = camera.readout_s, max(height - 1, 1)
-        self._settings = settings
+        self._motion = motion
 
     def rays(self, detections: Detections2D) -> Rays:
         """Every keypoint that can be used: scored, finite, where the lens can be inverted."""
@@ -65,12 +65,12 @@ class Optics:
 
     def _sigma_px(self, xy: Array, score: Array, sigma: Array) -> Array:
         """NaN where unusable; where the network states none, from the body's extent and the score."""
-        usable = score >= self._settings.score_min
+        usable = score >= self._motion.score_min
         missing = usable & ~(sigma > 0)
         if missing.any():
             seen = np.isfinite(xy)
             extent = np.where(seen, xy, -np.inf).max(axis=1) - np.where(seen, xy, np.inf).min(axis=1)
-            full = np.maximum(self._settings.sigma_share * extent.max(axis=-1), 1.0)
+            full = np.maximum(self._motion.sigma_share * extent.max(axis=-1), 1.0)
             sigma = np.where(missing, full[:, None] / np.maximum(score, 1e-3), sigma)
         return np.where(usable, np.maximum(sigma, _LEAST_SIGMA_PX), np.nan)
 

@@ -8,12 +8,12 @@ from functools import cached_property
 
 import numpy as np
 
-from posefuse.core import ConfigError, Kind, Pose3D, Rig, Skeleton
+from posefuse.core import Kind, Pose3D, Rig, Skeleton
 from posefuse.core.arrays import Array
 
 from . import kernels
 from .own_motion import OwnMotion
-from .settings import LiveSettings
+from .settings import MOTION, LiveSettings, Motion
 
 # what a newborn's keypoint may do, one standard deviation
 _BORN_M_S = 1.5
@@ -32,11 +32,7 @@ class Model:
     rig: Rig
     skeleton: Skeleton
     settings: LiveSettings
-
-    def __post_init__(self) -> None:
-        own, body = len(self.settings.motion_models), len(self.settings.body_models)
-        if own != body:
-            raise ConfigError(f"track.body_models: expected {own}, as many as track.motion_models, got {body}")
+    motion: Motion = MOTION
 
     @cached_property
     def cameras(self) -> Array:
@@ -48,7 +44,7 @@ class Model:
     @cached_property
     def models(self) -> Array:
         """(2, M, 2): acceleration, and how long it lasts; of keypoints, and of the body."""
-        banks = (self.settings.motion_models, self.settings.body_models)
+        banks = (self.motion.keypoints, self.motion.body)
         return np.array([[[one.acceleration_m_s2, one.persistence_s] for one in bank] for bank in banks])
 
     @cached_property
@@ -88,7 +84,8 @@ class Model:
     @cached_property
     def arrays(self) -> kernels.SessionArrays:
         """As the kernels read them."""
-        rules = kernels.Rules(*(float(getattr(self.settings, name)) for name in kernels.Rules._fields))
+        values = {**vars(self.motion), "lost_after_s": self.settings.lost_after_s}
+        rules = kernels.Rules(*(float(values[name]) for name in kernels.Rules._fields))
         return kernels.SessionArrays(
             cameras=self.cameras, mirror=self.mirror, group=self.group, neighbours=self.neighbours, ends=self.ends,
             models=self.models, rules=rules,
