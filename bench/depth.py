@@ -31,7 +31,7 @@ from posefuse.association import AssociateSettings
 from posefuse.core import Detections2D, JointCentres, Pose3D, PoseSequence, Rig, Truth
 from posefuse.core.live_observations import observations_from_frames, on_time_steps
 from posefuse.core.skeleton import pick_keypoints
-from posefuse.core.views_over_time import views_over_time
+from posefuse.core.view_sequences import views_over_time
 from posefuse.detection import with_depth
 from posefuse.detection.build import build_detector
 from posefuse.evaluation.metrics import true_xyz_at

@@ -9,7 +9,7 @@ import numpy as np
 
 from paper.scenes import paper
 from posefuse.core import Array
-from posefuse.formats.page import Bars, Block, Facts, Heading, Line, Plot, Plots, Spikes, Table
+from posefuse.formats.page import Block, Facts, Heading, Line, Plot, Plots, Spikes, Table
 
 from .live_times import SETTLED_S, STAGES, LiveTimes
 
@@ -45,13 +45,12 @@ def live_figures(live: LiveTimes, alone_ms: Mapping[str, float]) -> dict[str, An
 
 
 def live_blocks(live: LiveTimes, figures: Mapping[str, Any]) -> list[Block]:
-    """Averages per camera as table and bars, spikes over time."""
+    """Averages per camera as a table with those of the paper, spikes over time."""
     cameras = figures["cameras"]
-    theirs = {
-        f"paper, {name} GPU": [paper.CAPTURE_MS, 0.0, ms, paper.TRIANGULATE_MS, 0.0, 0.0]
+    theirs = [
+        [f"paper, {name} GPU", paper.CAPTURE_MS, 0.0, ms, paper.TRIANGULATE_MS, 0.0, 0.0, *[None] * 5]
         for name, ms in zip(("best", "slowest"), paper.DETECT_MS, strict=True)
-    }
-    bars = Bars(STAGES, {name: _means(one) for name, one in cameras.items()} | theirs)
+    ]
     return [
         Heading("Live: from exposure to another program, averages per camera", _TEXT),
         Table(
@@ -60,7 +59,8 @@ def live_blocks(live: LiveTimes, figures: Mapping[str, Any]) -> list[Block]:
                 [name, *_means(one), *(one["total_ms"][key] for key in ("mean", "p95", "most")), one["views"],
                  one["decode_alone_ms"]]
                 for name, one in cameras.items()
-            ],
+            ]
+            + theirs,
         ),
         Facts(
             {
@@ -71,7 +71,6 @@ def live_blocks(live: LiveTimes, figures: Mapping[str, Any]) -> list[Block]:
                 "paper: triangulation": f"< {paper.TRIANGULATE_MS:g} ms",
             }
         ),
-        Plots([Plot("Averages per camera", [bars], x_label="ms", y_label="", wide=True)]),
         Heading(
             "Live: spikes over time",
             "One spike per view, at its exposure and as high as its latency, its stages on top of each other; one second in the "

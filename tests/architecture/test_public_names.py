@@ -44,6 +44,15 @@ def test_every_public_name_is_there(package: str) -> None:
     assert len(set(module.__all__)) == len(module.__all__)
 
 
+@pytest.mark.parametrize("package", PACKAGES)
+def test_no_public_name_is_a_module_of_its_package(package: str) -> None:
+    """Python puts a module that was imported into its package, where it would stand in for a name that is imported lazily."""
+    module = importlib.import_module(package)
+    folder = Path(str(module.__file__)).parent
+    modules = {path.stem for path in folder.glob("*.py")} | {path.name for path in folder.iterdir() if path.is_dir()}
+    assert not modules & {*module.__all__} or not hasattr(module, "__getattr__")
+
+
 def test_the_check_can_fail() -> None:
     code = "import posefuse\nfrom posefuse import track\nfrom posefuse.core import Rig, frozen\nimport posefuse.core.rig"
     assert list(private_imports(code)) == ["posefuse.core.frozen", "posefuse.core.rig"]

@@ -8,7 +8,7 @@ import pytest
 from posefuse.core import DetectionBatch, Detections2D, LookKind, Observations, ShapeError, ViewSequence
 from posefuse.core.observations import OBSERVATION_ARRAYS
 from posefuse.core.skeleton import COCO17
-from posefuse.core.views_over_time import ViewsInParts, observations_from_views, people_in, views_over_time
+from posefuse.core.view_sequences import ViewsInParts, observations_from_views, people_in, views_over_time
 
 K, NAMES = len(COCO17), ("left", "middle", "right")
 

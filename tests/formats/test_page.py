@@ -30,7 +30,7 @@ from posefuse.formats.page import (
     Ticks,
     write_page,
 )
-from posefuse.formats.page.numbers import COARSE, FINE, numbers
+from posefuse.formats.page.numbers import COARSE, FINE, page_numbers
 from posefuse.formats.page.write import PLOTLY
 
 NASTY = "<b>[x]</script>{{ 7*7 }}&amp;\"'%{y}"
@@ -50,7 +50,7 @@ def shown(read_page, tmp_path, *blocks, **more):
 @given(st.lists(st.one_of(st.floats(-1e9, 1e9), st.just(float("nan"))), max_size=60))
 def test_numbers_are_kept_to_a_fraction_of_their_range(parts, values):
     values = np.array(values, float)
-    again = np.array(numbers(values, parts), float)
+    again = np.array(page_numbers(values, parts), float)
     known = np.isfinite(values)
     np.testing.assert_array_equal(np.isfinite(again), known)
     span = np.ptp(values[known]) if known.any() else 0.0

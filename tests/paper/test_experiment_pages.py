@@ -48,7 +48,7 @@ HEADINGS = {
     "scaling": ("Oracle detections", "radius of the circle"),
 }
 PICTURES = {"static": 6, "walking": 6, "latency": 0, "drift": 6, "occlusion": 12, "scaling": 0}
-PLOTS = {"static": 0, "walking": 10, "latency": 8, "drift": 12, "occlusion": 9, "scaling": 8}
+PLOTS = {"static": 0, "walking": 10, "latency": 7, "drift": 12, "occlusion": 9, "scaling": 8}
 
 
 def overrides(session: Path) -> tuple[str, ...]:

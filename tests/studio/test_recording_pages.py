@@ -37,7 +37,7 @@ from posefuse.studio.recording_files import add_routes
 from posefuse.studio.scene.messages import IMAGE, POSES
 from posefuse.studio.streams import Stream
 from posefuse.studio.timeline import Curve, Span, cursor, picture
-from posefuse.studio.work import compare, export, report
+from posefuse.studio.work import recordings
 from posefuse.studio.workspace import StudioWorkspace
 
 
@@ -238,10 +238,12 @@ def test_videos_outside_the_workspace_are_not_shown(workspace: StudioWorkspace) 
 def test_jobs_write_into_the_workspace(workspace: StudioWorkspace) -> None:
     stages: list[str] = []
     progress = lambda stage, done, total, message="": stages.append(stage)  # noqa: E731
-    files = export.run({"result": "result", "out": "exports/walk", "formats": ["trc", "csv"]}, workspace, progress)["files"]
+    files = recordings.export_job({"result": "result", "out": "exports/walk", "formats": ["trc", "csv"]}, workspace, progress)[
+        "files"
+    ]
     assert {Path(name).suffix for name in files} >= {".trc", ".csv"}
     assert all(workspace.existing(name).is_file() for name in files)
-    done = compare.run({"a": "result", "b": "result", "out": "comparisons/same"}, workspace, progress)
+    done = recordings.compare_job({"a": "result", "b": "result", "out": "comparisons/same"}, workspace, progress)
     assert done["mean_mm"] == pytest.approx(0.0, abs=1e-6)
     assert workspace.existing(done["page"]).is_file()
     assert stages
@@ -254,4 +256,6 @@ def test_a_report_job_replaces_its_own_report(workspace: StudioWorkspace, monkey
 
     monkeypatch.setattr("posefuse.pipeline.reporting.write_biomechanics", written)
     for _ in range(2):
-        assert report.run({"result": "result"}, workspace, lambda *_: None) == {"page": "result/biomechanics/report.html"}
+        assert recordings.report_job({"result": "result"}, workspace, lambda *_: None) == {
+            "page": "result/biomechanics/report.html"
+        }

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from posefuse.cli.commands.results import CompareOptions
+from posefuse.cli.command_options import CompareOptions
 from posefuse.evaluation.compare_page import PAGE_FILE, alignment_facts, comparison_figures, distance_rows, write_comparison
 from posefuse.foundation.output_folder import check_replaceable
 from posefuse.foundation.places import check_outside_inputs

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from posefuse.cli.commands.simulate import FitOptions
+from posefuse.cli.command_options import FitOptions
 from posefuse.core import InputError
 from posefuse.detection.build import DetectorChoice
 from posefuse.detection.networks import NetworkCard, OnnxConfig, read_network_card

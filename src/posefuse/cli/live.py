@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from posefuse.cli.commands.live import LiveOptions, OutputOptions, SourceOptions, TimingOptions
+from posefuse.cli.command_options import LiveOptions, OutputOptions, SourceOptions, TimingOptions
 from posefuse.cli.options import Ros2Options
 from posefuse.core import ConfigError, InputError, LiveOutputConfig, Rig
 from posefuse.core.errors import choices

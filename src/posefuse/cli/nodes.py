@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from posefuse.cli.commands.live import LiveOptions, OutputOptions, SourceOptions, TimingOptions
+from posefuse.cli.command_options import LiveOptions, OutputOptions, SourceOptions, TimingOptions
 from posefuse.cli.options import Ros2Options
 from posefuse.core import SourceError
 from posefuse.foundation.output_folder import check_replaceable

@@ -1,4 +1,4 @@
-"""Options of the commands: those of settings come from the settings classes, so that each is described once."""
+"""NamedSettings of the commands: those of settings come from the settings classes, so that each is described once."""
 
 import dataclasses
 import re
@@ -27,7 +27,7 @@ ONE_WORD: Mapping[str, Any] = {"n_tokens": 1, "accepts_keys": False, "allow_lead
 
 @Parameter(name="*", group=SETTINGS)
 @dataclass(frozen=True, kw_only=True)
-class Options:
+class NamedSettings:
     """Settings that were given; `settings_options` makes subclasses with one field per named setting, None where not given."""
 
     @property
@@ -38,7 +38,7 @@ class Options:
 
 
 @dataclass(frozen=True, kw_only=True)
-class NetworkOptions(Options):
+class NetworkOptions(NamedSettings):
     """Which network the detector uses.
 
     Attributes:
@@ -79,7 +79,7 @@ class SettingsOptions(NetworkOptions):
 def settings_options(
     argument: str, cls: type[Any], named: Mapping[str, str], group: Group = SETTINGS, *, show: bool = True
 ) -> Callable[[F], F]:
-    """Decorator of a command: `argument`, annotated with a subclass of `Options`, gets an option for each setting named.
+    """Decorator of a command: `argument`, annotated with a subclass of `NamedSettings`, gets an option for each setting named.
 
     Args:
         cls: the settings class, from which type, range, help and default of each option come.
@@ -163,7 +163,7 @@ def _is_list(hint: Any) -> bool:
     return get_origin(hint) in (tuple, dict) or any(_is_list(one) for one in get_args(hint) if get_origin(hint) is not Literal)
 
 
-def numbers(form: str) -> Parameter:
+def comma_numbers(form: str) -> Parameter:
     """So many numbers separated by commas or spaces, as in ``X,Y,DEG``."""
 
     def convert(_: Any, tokens: Any) -> tuple[float, ...]:
@@ -235,7 +235,7 @@ class Ros2Options:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """Options that were given and that sources and outputs of ROS 2 share, by their names there."""
+        """NamedSettings that were given and that sources and outputs of ROS 2 share, by their names there."""
         return {**self.network, **({"sim_time": True} if self.sim_time else {})}
 
     @property

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from posefuse.cli.commands.calibrate import RecordOptions
+from posefuse.cli.command_options import RecordOptions
 from posefuse.cli.options import Ros2Options
 from posefuse.core import SourceError
 from posefuse.formats.rig import read_rig

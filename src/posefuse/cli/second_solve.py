@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.cli.commands.recorded import EXCLUDED, TrackOptions
+from posefuse.cli.command_options import EXCLUDED, TrackOptions
 from posefuse.core import InputError, Recording
 from posefuse.foundation.compiled import compiling
 from posefuse.foundation.output_folder import check_replaceable, output_folder

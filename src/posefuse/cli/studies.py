@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from posefuse.api.batch import FORMATS, batch
-from posefuse.cli.commands.recorded import BatchOptions
+from posefuse.cli.command_options import BatchOptions
 from posefuse.pipeline.batch.study import PAGE_FILE, TABLE_FILE
 from posefuse.pipeline.config import read_config, settings_by_key
 

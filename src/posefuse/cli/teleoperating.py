@@ -10,8 +10,7 @@ import numpy as np
 
 from posefuse.api.live import build_live_session
 from posefuse.api.teleoperate import teleoperate
-from posefuse.cli.commands.live import LiveOptions, OutputOptions, SourceOptions, TimingOptions
-from posefuse.cli.commands.teleoperate import RobotOptions, RosRobotOptions
+from posefuse.cli.command_options import LiveOptions, OutputOptions, RobotOptions, RosRobotOptions, SourceOptions, TimingOptions
 from posefuse.cli.options import Ros2Options
 from posefuse.core import ConfigError
 from posefuse.formats.rig import read_placed_rig

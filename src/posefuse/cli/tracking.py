@@ -7,10 +7,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from posefuse.cli.commands.recorded import TrackOptions
-from posefuse.cli.networks import fetch_networks
+from posefuse.cli.command_options import TrackOptions
 from posefuse.core import InputError, Recording
 from posefuse.detection.build import DetectorChoice
+from posefuse.detection.downloading import fetch_networks
 from posefuse.evaluation.metrics import JointErrors, joint_errors
 from posefuse.evaluation.report.quality import CAMERA_COLUMNS, camera_rows
 from posefuse.formats.truth import read_truth
@@ -44,9 +44,9 @@ def track_session(folder: Path, options: TrackOptions, terminal: Terminal) -> Ma
     for note in session.notes:
         terminal.warn(note)
     terminal.note(f"{len(session.inputs)} cameras from {session.rig_path} ({session.inputs[0].kind})")
-    if session.inputs[0].kind != "pose2d":
-        fetch_networks(config.detector, terminal)
     with terminal.stages() as report:
+        if session.inputs[0].kind != "pose2d":
+            fetch_networks(config.detector, report)
         written = track_into(prepared, config, clock, report, terminal.warn)
     tracked = written.tracked
     errors = _errors(session, tracked.recording)

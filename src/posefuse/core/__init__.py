@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from .skeleton import PAPER14, SKELETONS, Skeleton, pick_keypoints
     from .truth import CameraTruth, Truth
     from .values import Detections2D, Frame, Region, Views
-    from .views_over_time import ViewSequence, observations_from_views, views_over_time
+    from .view_sequences import ViewSequence, observations_from_views, views_over_time
 
 __all__ = [
     "PAPER14",

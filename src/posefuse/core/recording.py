@@ -14,7 +14,7 @@ from .errors import ShapeError, choices
 from .observations import DetectionBatch, LookKind, Observations
 from .poses import PoseSequence
 from .rig import Rig
-from .views_over_time import ViewSequence, observations_from_views, views_over_time
+from .view_sequences import ViewSequence, observations_from_views, views_over_time
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)

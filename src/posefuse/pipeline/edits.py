@@ -13,7 +13,7 @@ from posefuse.core import InputError, Observations, Recording
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.core.observations import NOT_KEPT
-from posefuse.core.views_over_time import people_in
+from posefuse.core.view_sequences import people_in
 from posefuse.foundation.settings import settings
 
 from .config import FARTHEST_S

@@ -9,7 +9,7 @@ import numpy as np
 
 from posefuse.core import InputError, JointCentres, Observations, PoseSequence, Rig, ShapeError, ViewSequence
 from posefuse.core.arrays import Array, give_away
-from posefuse.core.views_over_time import ViewsInParts, people_in
+from posefuse.core.view_sequences import ViewsInParts, people_in
 from posefuse.fusion import FuseSettings, fuse
 from posefuse.kinematics import facing_votes
 from posefuse.tracking import SmoothSettings, smooth, steady_sides, to_joint_centres

@@ -8,7 +8,7 @@ import numpy as np
 
 from posefuse.core import InputError, JointCentres, Kind, PoseSequence, Recording
 from posefuse.core.joint_centres import SEGMENT_ENDS
-from posefuse.core.views_over_time import ViewsInParts
+from posefuse.core.view_sequences import ViewsInParts
 from posefuse.kinematics.body import BodySettings, LengthPrior, fit_views
 from posefuse.tracking import usual_lengths, views_at_joint_centres
 

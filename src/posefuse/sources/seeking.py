@@ -14,7 +14,7 @@ from av.video.frame import VideoFrame
 
 from posefuse.core import Frame, SourceError
 from posefuse.core.arrays import Array
-from posefuse.core.views_over_time import nearest_frames
+from posefuse.core.view_sequences import nearest_frames
 from posefuse.formats.pixels import DecodedPixels, PixelConverter
 
 from .images import ImagesSource

@@ -21,6 +21,7 @@ from posefuse.core import InputError, PosefuseError
 
 from .jobs import JOBS_FOLDER, Job, Jobs, Report, write_json
 from .private_files import SessionAddress, delete_address, write_address
+from .work import recordings
 from .workspace import StudioWorkspace
 
 _EVERY_S = 0.2
@@ -100,8 +101,8 @@ def run_job(workspace: StudioWorkspace, job: Job, reporter: JobReporter) -> None
 
     warnings.showwarning = warned
     try:
-        work = import_module(f"posefuse.studio.work.{job.work}")
-        result: Mapping[str, Any] = work.run(job.arguments, workspace, reporter)
+        work = getattr(recordings, f"{job.work}_job", None) or import_module(f"posefuse.studio.work.{job.work}").run
+        result: Mapping[str, Any] = work(job.arguments, workspace, reporter)
         reporter.end(state="done", result=dict(result))
     except KeyboardInterrupt:
         reporter.end(state="cancelled", error="cancelled; what was finished is kept")

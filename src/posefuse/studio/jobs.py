@@ -39,8 +39,8 @@ class Job:
     """What a job is to do.
 
     Attributes:
-        id: name of its folder. work: module of `posefuse.studio.work` whose `run` does it. title: one line for people.
-        arguments: JSON values for `run`. page: where its result is shown, e.g. ``/recordings``. begun_s: Unix time.
+        id: name of its folder. work: what does it, see `posefuse.studio.work`. title: one line for people.
+        arguments: JSON values for it. page: where its result is shown, e.g. ``/recordings``. begun_s: Unix time.
     """
 
     id: str
@@ -108,7 +108,7 @@ class Jobs:
         """Begin; returns at once.
 
         Args:
-            work: module of `posefuse.studio.work`. title, arguments, page: see `Job`.
+            work, title, arguments, page: see `Job`.
 
         Raises:
             InputError: the workspace cannot be written to.

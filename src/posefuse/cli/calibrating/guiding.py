@@ -7,7 +7,7 @@ from typing import Any
 
 from posefuse.calibration.targets.description import read_target
 from posefuse.calibration.targets.guidance import Guidance
-from posefuse.cli.commands.calibrate import GuideOptions
+from posefuse.cli.command_options import GuideOptions
 from posefuse.cli.options import Ros2Options
 from posefuse.cli.recording import any_lost, checked_figures
 from posefuse.cli.stopping import session_exit_code

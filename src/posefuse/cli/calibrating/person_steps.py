@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from posefuse.api.calibrate import calibrate_clocks, calibrate_person
-from posefuse.cli.commands.calibrate import ClockOptions, PersonOptions
+from posefuse.cli.command_options import ClockOptions, PersonOptions
 from posefuse.cli.terminal import Terminal
 from posefuse.pipeline.config import CONFIG_FILE
 

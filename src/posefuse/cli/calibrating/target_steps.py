@@ -20,7 +20,7 @@ from posefuse.calibration.targets.description import described_target, read_targ
 from posefuse.calibration.targets.kinds import Chessboard, Markers, Target
 from posefuse.calibration.targets.printing import board_sheets, cube_sheets, marker_sheets, write_pdf
 from posefuse.calibration.targets.recordings import open_sources, require_target_seen
-from posefuse.cli.commands.calibrate import ExtrinsicsOptions, IntrinsicsOptions, PrintOptions, VerifyOptions
+from posefuse.cli.command_options import ExtrinsicsOptions, IntrinsicsOptions, PrintOptions, VerifyOptions
 from posefuse.cli.terminal import Terminal
 from posefuse.core import CalibrationError, Camera, InputError
 from posefuse.formats.rig import read_placed_rig, read_rig

@@ -1,98 +1,17 @@
 """`posefuse live` and `node`: poses while they happen."""
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from cyclopts import Parameter
 
-from posefuse.cli.options import (
-    EXPERT,
-    OUTPUTS,
-    TIMING,
-    Figures,
-    Ros2Options,
-    SettingsOptions,
-    Shown,
-    Sources,
-    settings_options,
-)
+from posefuse.cli.command_options import LiveOptions, OutputOptions, SourceOptions, TimingOptions
+from posefuse.cli.options import EXPERT, Figures, Ros2Options, Shown, settings_options
 from posefuse.realtime.config import LiveConfig
 
 _SHOWN = {"body": "body", "track.max_people": "people N", "names": "names A,B,...", "rate_hz": "rate HZ"}
 _EXPERT = {"groups": "groups N", "camera_info": "camera-info"}
 LIVE_SETTINGS = {**_SHOWN, **_EXPERT}
-
-
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class SourceOptions:
-    """Where the images come from."""
-
-    source: Sources = ()
-
-
-@Parameter(name="*", group=TIMING)
-@dataclass(frozen=True, kw_only=True)
-class TimingOptions:
-    """When a session begins and ends.
-
-    Attributes:
-        duration: Stop after so many seconds.
-        loop: Show the first S seconds of videos and simulated sessions again and again.
-    """
-
-    duration: Annotated[float | None, Parameter(metavar="S")] = None
-    loop: Annotated[float | None, Parameter(metavar="S"), EXPERT] = None
-
-
-@Parameter(name="*", group=OUTPUTS)
-@dataclass(frozen=True, kw_only=True)
-class OutputOptions:
-    """Where the poses go.
-
-    Attributes:
-        record: Record views and poses.
-        record_images: Record small images of the cameras, too.
-        ros: Publish in ROS 2.
-        ros1: Publish in ROS 1, at the master of ROS_MASTER_URI.
-        osc: Send poses as OSC. May be given several times.
-        json_udp: Send poses as JSON datagrams. May be given several times.
-        output: Any other live output, e.g. lsl (`posefuse plugins` lists them); options: --set outputs.NAME.KEY=VALUE.
-        axes: Axes of OSC and JSON (default z_up).
-        view: Open the Rerun viewer (extra: viewer).
-        view_file: Write what the viewer would show to a file.
-        report: Write the latency of every camera and stage.
-    """
-
-    record: Annotated[Path | None, Parameter(metavar="FILE.mcap")] = None
-    record_images: Annotated[bool, EXPERT] = False
-    ros: bool = False
-    ros1: Annotated[bool, EXPERT] = False
-    osc: Annotated[tuple[str, ...], Parameter(metavar="HOST:PORT")] = ()
-    json_udp: Annotated[tuple[str, ...], Parameter(metavar="HOST:PORT")] = ()
-    output: Annotated[tuple[str, ...], Parameter(metavar="NAME")] = ()
-    axes: Annotated[Literal["z_up", "y_up", "y_up_left_handed"] | None, Parameter(name_transform=str)] = None
-    view: bool = False
-    view_file: Annotated[Path | None, Parameter(metavar="FILE.rrd"), EXPERT] = None
-    report: Annotated[Path | None, Parameter(metavar="DIR")] = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class LiveOptions(SettingsOptions):
-    """How the session works.
-
-    Attributes:
-        networks: 2D network: auto (default: the largest that processes every frame on this machine, measured at the start),
-            blazepose_lite, blazepose_full, blazepose_heavy, blazepose_best, or your own model card (see docs/networks.md).
-    """
-
-    networks: Annotated[str | None, Parameter(metavar="auto|NAME|CARD.toml")] = None
-
-    @property
-    def given(self) -> bool:
-        """Whether anything was given that changes how views become poses."""
-        return bool(self.config or set(self.changes) - {"names", "rate_hz", "groups", "camera_info"})
 
 
 @settings_options("settings", LiveConfig, _EXPERT, show=False)

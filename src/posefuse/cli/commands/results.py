@@ -1,12 +1,12 @@
 """`posefuse view`, `report`, `export` and `compare`: what can be made of a result."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from posefuse.cli.options import MOST_S, Figures, Shown, positive
+from posefuse.cli.command_options import CompareOptions
+from posefuse.cli.options import Figures, Shown
 
 Result = Annotated[Path, Parameter(metavar="RESULT")]
 SessionFolder = Annotated[Path | None, Parameter(metavar="FOLDER")]
@@ -93,28 +93,6 @@ def export(
     files = [path.relative_to(out.resolve()).as_posix() for path in made]
     terminal.facts("Export", {"people": len(recording.poses.person_id), "files": ", ".join(files), "in": str(out)})
     return {"out": out, "files": files, "people": len(recording.poses.person_id), "failed": failed}
-
-
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class CompareOptions:
-    """How two recordings are aligned, and where the comparison goes.
-
-    Attributes:
-        out: Write compare.html and compare.json there.
-        person: Which person of files that hold several.
-        scale: Estimate the scale of B, too.
-        no_time: Do not align in time: both have the times of one clock.
-        no_space: Do not align in space: both have the coordinates of one system.
-        align_first: Align in space by the first S seconds only, so that drift shows.
-    """
-
-    out: Annotated[Path | None, Parameter(metavar="DIR")] = None
-    person: Annotated[int | None, Parameter(metavar="ID")] = None
-    scale: bool = False
-    no_time: bool = False
-    no_space: bool = False
-    align_first: Annotated[float | None, Parameter(metavar="S"), positive(MOST_S)] = None
 
 
 def compare(a: Path, b: Path, /, *, options: CompareOptions = CompareOptions(), terminal: Shown) -> Figures:

@@ -1,11 +1,11 @@
 """`posefuse simulate` and `fit-noise`: scenes with exact truth, and what is fitted to them."""
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from cyclopts import Parameter
 
+from posefuse.cli.command_options import FitOptions
 from posefuse.cli.options import Figures, Shown, count
 
 
@@ -43,24 +43,6 @@ def simulate(
         return write_gazebo_world(scene, gazebo, release, force, terminal)
     assert out is not None
     return simulate_session(scene, out, force, workers, terminal)
-
-
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class FitOptions:
-    """The scenes, and what runs the network.
-
-    Attributes:
-        scenes_in: Folder for the rendered scenes; later fits use them again.
-        scenes: Scenes for the noise.
-        moving: Scenes for the joint centres; at most 16.
-        engine: What runs the network.
-    """
-
-    scenes_in: Annotated[Path, Parameter(metavar="DIR")]
-    scenes: Annotated[int, Parameter(metavar="N"), count(100)] = 24
-    moving: Annotated[int, Parameter(metavar="N"), count(100)] = 16
-    engine: Literal["openvino", "onnxruntime"] = "openvino"
 
 
 def fit_noise(card: Annotated[Path, Parameter(metavar="CARD.toml")], /, *, options: FitOptions, terminal: Shown) -> Figures:

@@ -10,15 +10,15 @@ from posefuse.core.arrays import Array
 FINE, COARSE = 10_000, 2_000
 
 
-def numbers(values: Array, parts: int) -> list[float | None]:
+def page_numbers(values: Array, parts: int) -> list[float | None]:
     """Values (n,) rounded to a power of ten that is at most 1 / `parts` of their range; what is not finite becomes null."""
     known = values[np.isfinite(values)]
     span = float(np.ptp(known)) if len(known) else 0.0
     span = span or (float(np.abs(known).max()) if len(known) else 0.0) or 1.0
-    return rounded(values, int(min(12, np.ceil(np.log10(parts) - np.log10(span)))))
+    return with_decimals(values, int(min(12, np.ceil(np.log10(parts) - np.log10(span)))))
 
 
-def rounded(values: Array, decimals: int) -> list[float | None]:
+def with_decimals(values: Array, decimals: int) -> list[float | None]:
     """Values (n,) with so many decimals; what is not finite becomes null."""
     return [value if np.isfinite(value) else None for value in np.round(values, decimals).tolist()]
 
@@ -36,5 +36,5 @@ class Arrays:
         key = values.tobytes(), parts
         if key not in self._known:
             self._known[key] = len(self.content)
-            self.content.append(numbers(values, parts))
+            self.content.append(page_numbers(values, parts))
         return self._known[key]

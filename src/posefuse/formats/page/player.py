@@ -11,7 +11,7 @@ import numpy as np
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
 
-from .numbers import rounded
+from .numbers import with_decimals
 
 Side = Literal["left", "right", "mid"]
 _MOST_HZ = 30.0
@@ -74,9 +74,9 @@ def player_content(player: Player) -> dict[str, Any]:
     xyz = np.asarray(player.xyz_m[kept], float)
     t_s = np.asarray(player.t_s, float)[kept]
     return {
-        "t": rounded(t_s - t_s[:1], _DECIMALS),
+        "t": with_decimals(t_s - t_s[:1], _DECIMALS),
         "people": [
-            {"name": name, "xyz": [[rounded(xyz[:, n, k, i], _DECIMALS) for i in range(3)] for k in range(xyz.shape[2])]}
+            {"name": name, "xyz": [[with_decimals(xyz[:, n, k, i], _DECIMALS) for i in range(3)] for k in range(xyz.shape[2])]}
             for n, name in enumerate(player.people)
         ],
         "bones": np.asarray(player.bones).tolist(),

@@ -8,7 +8,7 @@ import numpy as np
 
 from posefuse.core import PoseSequence
 from posefuse.core.arrays import Array
-from posefuse.core.views_over_time import nearest_frames
+from posefuse.core.view_sequences import nearest_frames
 
 from .model import FEWEST_SEEN
 from .shape import LengthPrior

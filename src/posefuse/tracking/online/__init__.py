@@ -6,14 +6,13 @@ from typing import TYPE_CHECKING
 
 from posefuse.core.lazy_names import lazy_names
 
-from .settings import MOTION
+from .settings import MOTION, LiveSettings, Motion, MotionModel
 
 if TYPE_CHECKING:
     from posefuse.core import Rig, Skeleton
 
     from .contract import CameraStatistics, Fuse, Solve, Tracker
     from .evidence import Evidence
-    from .settings import LiveSettings, Motion, MotionModel
 
 __all__ = [
     "MOTION", "CameraStatistics", "Evidence", "Fuse", "LiveSettings", "Motion", "MotionModel", "Solve", "Tracker",
