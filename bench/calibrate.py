@@ -22,7 +22,8 @@ from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.self_checks import camera_differences
 from posefuse.calibration.extrinsics.target import Calibration, calibrate_extrinsics
 from posefuse.calibration.solving.rotations import poses_of
-from posefuse.calibration.targets.detection import observe_all
+from posefuse.calibration.targets.corners import joined
+from posefuse.calibration.targets.detection import detect_corners
 from posefuse.calibration.targets.kinds import Markers
 from posefuse.core import Camera, Rig
 from posefuse.formats.rig import read_rig
@@ -91,7 +92,7 @@ def rendered(session: Path) -> dict[str, float]:
     cube_ = next(prop for prop in scene.props if isinstance(prop, ArucoCube))
     target = Markers(cube_.marker_m, cube_.dictionary, tuple(range(cube_.first_id, cube_.first_id + 6)))
     begin = time.perf_counter()
-    seen = observe_all([VideoConfig(paths.video(camera.name), camera.name).build() for camera in rig], target)
+    seen = joined([detect_corners(VideoConfig(paths.video(camera.name), camera.name).build(), target) for camera in rig])
     detected, begun_cpu = time.perf_counter(), time.process_time()
     late = np.array([placed.sensor.offset_s for placed in live_scene(scene).placed])
     found = calibrate_extrinsics(seen, rig.cameras, target, Options(clocks="offset"))

@@ -10,8 +10,8 @@ import pytest
 from bench.faults.waved_props import Faults, Waving, cube, observe_prop
 from posefuse.calibration.extrinsics.self_checks import camera_differences
 from posefuse.calibration.solving.rotations import Poses, poses_of, stacked
-from posefuse.calibration.targets.corners import CornerObservations
-from posefuse.calibration.targets.detection import observe_all
+from posefuse.calibration.targets.corners import CornerObservations, joined
+from posefuse.calibration.targets.detection import detect_corners
 from posefuse.calibration.targets.kinds import Charuco, Markers
 from posefuse.core import Rig
 from posefuse.formats.rig import read_rig
@@ -57,4 +57,4 @@ def reference(shared_data: Path) -> Rig:
 def board_views(shared_data: Path, board: Charuco) -> CornerObservations:
     """That board in the images of its four webcams."""
     folder = shared_data / "caliscope" / "post_optimization" / "calibration" / "extrinsic"
-    return observe_all([VideoConfig(folder / f"cam_{i}.mp4", f"cam_{i}").build() for i in range(4)], board)
+    return joined([detect_corners(VideoConfig(folder / f"cam_{i}.mp4", f"cam_{i}").build(), board) for i in range(4)])

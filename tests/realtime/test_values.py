@@ -17,6 +17,7 @@ from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.health.cameras import CameraState, Monitor, Verdict
 from posefuse.realtime.board import Board
 from posefuse.realtime.capture import Capture, Caught, LiveInput, take_all
+from posefuse.realtime.clock import SessionClock
 from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.realtime.latency import Histogram, Latencies, ViewTimes
 from posefuse.realtime.messages import SeenView
@@ -454,6 +455,15 @@ def test_a_camera_that_sets_its_clock_is_right_again_at_once(jump_s: int) -> Non
         true_ns = 1000 * S + i * PERIOD_NS
         errors.append(clock.placed(i * PERIOD_NS + 60 * S + (i > 150) * jump_s * S, true_ns + 10_000_000) - true_ns)
     assert np.abs(errors).max() < 20_000_000
+
+
+@pytest.mark.parametrize("jump_s", [-7200, 7200])
+def test_a_session_s_clock_goes_on_when_that_of_the_machine_is_set(monkeypatch: pytest.MonkeyPatch, jump_s: int) -> None:
+    clock, real = SessionClock.begin(), time.time_ns
+    before_ns = clock.now_ns()
+    assert abs(before_ns - real()) < 600 * S
+    monkeypatch.setattr(time, "time_ns", lambda: real() + jump_s * S)
+    assert 0 <= clock.now_ns() - before_ns < 600 * S
 
 
 class SlowToDie:

@@ -118,6 +118,18 @@ def test_a_job_that_reports_is_not_lost_when_the_clock_is_set(
         reporter.end(state="done")
 
 
+@pytest.mark.parametrize("jump_s", [-7200.0, 7200.0])
+def test_a_report_of_before_the_clock_was_set_counts_from_when_it_is_read(
+    workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch, jump_s: float
+) -> None:
+    folder, jobs, real = workspace.folder(f"{JOBS_FOLDER}/one"), Jobs(workspace), time.time
+    write_json(folder / "job.json", {"id": "one", "work": "track", "title": "T", "arguments": {}, "begun_s": real()})
+    for i in range(2):
+        write_json(folder / "state.json", {"state": "running", "reported_s": real() + i})
+        assert jobs.report("one").state == "running"
+        monkeypatch.setattr(time, "time", lambda: real() + jump_s)
+
+
 def test_damaged_state_is_no_trouble(workspace: StudioWorkspace) -> None:
     jobs = Jobs(workspace)
     folder = workspace.folder(f"{JOBS_FOLDER}/bad")

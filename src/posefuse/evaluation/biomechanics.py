@@ -152,9 +152,8 @@ def write_biomechanics(
 
 def _cycles(poses: PoseSequence, joints: JointAngles) -> dict[int, list[CycleAngles]]:
     """By person id, of those who walk."""
-    found = {person: gait_from_poses(poses, n) for n, person in enumerate(poses.person_id.tolist())}
-    places = {person: n for n, person in enumerate(poses.person_id.tolist())}
-    return {person: gait_cycles(joints, places[person], gait) for person, gait in found.items() if gait is not None}
+    found = [(person, n, gait_from_poses(poses, n)) for n, person in enumerate(poses.person_id.tolist())]
+    return {person: gait_cycles(joints, n, gait) for person, n, gait in found if gait is not None}
 
 
 def _person_files(poses: PoseSequence, joints: JointAngles, n: int, folder: Path, ending: str) -> tuple[list[str], list[Path]]:

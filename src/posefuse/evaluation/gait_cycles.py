@@ -74,9 +74,8 @@ def gait_cycles(joints: JointAngles, person: int, gait: Gait) -> list[CycleAngle
     for q, joint in enumerate(joints.joints):
         side: Literal["left", "right"] = "right" if side_of(joint) == "right" else "left"
         for a, angle in enumerate(joints.angle_names[q]):
-            angle_rad = joints.angle_rad[:, person, q, a]
-            known = np.isfinite(angle_rad)
-            known_s, known_rad = t_s[known], angle_rad[known]
+            known = np.isfinite(joints.angle_rad[:, person, q, a])
+            known_s, known_rad = t_s[known], joints.angle_rad[known, person, q, a]
             kept = [
                 (begin, end, values)
                 for begin, end in spans[side]

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.core import InputError, JointCentres, Observations, PoseSequence, Rig, ShapeError, ViewSequence
+from posefuse.core import InputError, JointCentres, Observations, PoseSequence, Rig, ViewSequence
 from posefuse.core.arrays import Array, give_away
 from posefuse.core.view_sequences import ViewsInParts, people_in
 from posefuse.fusion import FuseSettings, fuse
@@ -67,8 +67,7 @@ def _fused_over_time(views: ViewSequence | ViewsInParts, rig: Rig, fusing: FuseS
             for name in _PLANES:
                 value = getattr(last, name)
                 planes.setdefault(name, np.empty((len(views.t_ns), *value.shape), value.dtype))[part.start + i] = value
-    if last is None:
-        raise ShapeError("poses_over_time: expected at least 1 time step, got 0")
+    assert last is not None  # `long_enough` has found people
     give_away(*planes.values())
     return PoseSequence(t_ns=views.t_ns, skeleton=last.skeleton, person_id=last.person_id, **planes)
 

@@ -14,7 +14,7 @@ from posefuse.core import Frame, Source
 from posefuse.core.arrays import Array
 
 from .blur import BLURRED_EDGE_PX, MovingEdges, usual_edge_width_px
-from .corners import CornerObservations, joined
+from .corners import CornerObservations
 from .kinds import BOARD_PATCH, DICTIONARIES, Charuco, Chessboard, Markers, Target, dictionary_of, sides
 from .marker_fit import fit_marker
 
@@ -56,11 +56,6 @@ def detect_corners(source: Source, target: Target, every: int = 1) -> CornerObse
     """Look for a target in every `every`-th frame of one camera."""
     detector = TargetDetector(target)
     return corners_from_frames(source.camera, source.size_wh, source.frames(), detector, every)
-
-
-def observe_all(sources: Sequence[Source], target: Target, every: int = 1) -> CornerObservations:
-    """`detect_corners` for several cameras, as one value."""
-    return joined([detect_corners(source, target, every) for source in sources])
 
 
 def corners_from_frames(

@@ -1,0 +1,65 @@
+"""What --resume decodes: from the key frame before the first time step that is missing, where all before it is known."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+import pytest
+
+from posefuse.core import DetectionBatch, Detections2D, LookKind, Observations, Rig
+from posefuse.core.skeleton import COCO17
+from posefuse.pipeline.images import ImageInstants, ImageStep, common_timeline
+from posefuse.sources.video import VideoConfig, VideoSource
+
+COUNT, GOP, DONE = 96, 12, 70
+
+
+def write_video(path: Path) -> None:
+    with av.open(str(path), "w") as made:
+        stream = made.add_stream("mpeg4", rate=30, options={"g": str(GOP)})
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for i in range(COUNT):
+            made.mux(stream.encode(av.VideoFrame.from_ndarray(np.full((48, 64, 3), 2 * i, np.uint8))))
+        made.mux(stream.encode(None))
+
+
+def log_of(steps: list[ImageStep], rig: Rig) -> Observations:
+    """Of steps in which no person was found."""
+    found = [tuple(Detections2D.empty(one.camera, one.t_ns, COCO17) for one in step.frames if one) for step in steps]
+    batches = [
+        DetectionBatch(step=i, t_ns=step.t_ns, kind=LookKind.SEARCH, detections=some)
+        for i, (step, some) in enumerate(zip(steps, found, strict=True))
+    ]
+    return Observations.from_batches(COCO17, rig.names, batches)
+
+
+@pytest.mark.parametrize("missing", [False, True])
+def test_few_frames_before_the_first_missing_one_are_decoded(
+    ring_rig: Callable[..., Rig], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, missing: bool
+) -> None:
+    rig, decoded, real = ring_rig(2), [0], VideoSource._decoded_frames
+
+    def counting(*arguments: Any) -> Iterator[Any]:
+        for one in real(*arguments):
+            decoded[0] += 1
+            yield one
+
+    write_video(tmp_path / "a.mp4")
+    sources = [VideoConfig(tmp_path / "a.mp4", name).build() for name in rig.names]
+    images = ImageInstants(
+        rig, sources, None, common_timeline({one.camera: one.times_ns() for one in sources}, None, None, None), None
+    )
+    whole = list(images.steps())
+    log = log_of(whole[:DONE], rig)
+    if missing:  # one frame whose detections are not known, as where it could not be read
+        log = log.only(np.arange(len(log.frame_t_ns)) != 9)
+    monkeypatch.setattr(VideoSource, "_decoded_frames", counting)
+    rest = list(images.steps(log))
+    assert [step.t_ns for step in rest] == [step.t_ns for step in whole[DONE:]] and len(rest) == COUNT - DONE
+    for one, other in zip(rest, whole[DONE:], strict=True):
+        for mine, theirs in zip(one.frames, other.frames, strict=True):
+            np.testing.assert_array_equal(mine.image, theirs.image)
+    least = COUNT if missing else COUNT - DONE
+    assert least + COUNT - DONE <= decoded[0] <= least + COUNT - DONE + 2 * (GOP + 2)
