@@ -8,12 +8,9 @@ import pytest
 from posefuse.core.depth import MM_PER_M
 from posefuse.core.ideal_image import optics_of
 from posefuse.simulation.build import live_scene
-from posefuse.simulation.cameras import ImageSettings, ListedCameras, PlacedCamera, SensorSettings
-from posefuse.simulation.depth import DepthSettings
-from posefuse.simulation.paths import StillPath
-from posefuse.simulation.props import CharucoBoard
-from posefuse.simulation.render.depth import measured_depth, noise_of
-from posefuse.simulation.render.shot import CameraShooter
+from posefuse.simulation.cameras import DepthSettings, ImageSettings, ListedCameras, PlacedCamera, SensorSettings
+from posefuse.simulation.props import CharucoBoard, StillPath
+from posefuse.simulation.render.shot import CameraShooter, measured_depth, noise_of
 from posefuse.simulation.render.stage import RenderStage
 from posefuse.simulation.scene import Scene
 from posefuse.simulation.session import scene_render_model

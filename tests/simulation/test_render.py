@@ -12,8 +12,7 @@ from posefuse.core import DependencyError
 from posefuse.simulation.build import live_scene
 from posefuse.simulation.cameras import ImageSettings, ListedCameras, PlacedCamera, SensorSettings
 from posefuse.simulation.exact import seen_points
-from posefuse.simulation.paths import WaypointPath
-from posefuse.simulation.props import CharucoBoard
+from posefuse.simulation.props import CharucoBoard, WaypointPath
 from posefuse.simulation.render import backend as backends
 from posefuse.simulation.render.shot import moments_of
 from posefuse.simulation.scene import Scene

@@ -22,11 +22,9 @@ from posefuse.simulation import session as sessions
 from posefuse.simulation.build import live_scene
 from posefuse.simulation.cameras import CameraOverride, ImageSettings, RingCameras, SensorSettings
 from posefuse.simulation.motion.settings import StandSettings
-from posefuse.simulation.paths import CarriedPath
-from posefuse.simulation.props import ArucoCube
+from posefuse.simulation.props import ArucoCube, CarriedPath
 from posefuse.simulation.render.stage import RenderStage
-from posefuse.simulation.scene import JpegSettings, PersonSettings
-from posefuse.simulation.scene_files import plain_settings
+from posefuse.simulation.scene import JpegSettings, PersonSettings, plain_settings
 from posefuse.simulation.session import body_poses, scene_render_model
 from posefuse.simulation.source import SimulatedConfig
 from posefuse.simulation.surroundings import BoxOccluder

@@ -14,8 +14,7 @@ from posefuse.core.skeleton import ANATOMICAL23
 from .body import SimulatedBody, build_body
 from .cameras import PlacedCamera, placed_cameras, rig_from_cameras
 from .motion import MovingPerson, build_person
-from .paths import CarriedPath, poses_in_hand, poses_on_path
-from .props import Prop, prop_from_settings
+from .props import CarriedPath, Prop, poses_in_hand, poses_on_path, prop_from_settings
 from .scene import Scene, check_scene
 from .shots import Shots, shots_of
 from .surroundings import Box, boxes_of

@@ -16,8 +16,7 @@ from posefuse.simulation.cameras import ImageSettings, ListedCameras, PlacedCame
 from posefuse.simulation.gazebo import GazeboSettings, GazeboWorld, export_world
 from posefuse.simulation.gazebo.settings import shown_scene
 from posefuse.simulation.motion.settings import CirclePath, WalkSettings
-from posefuse.simulation.paths import StillPath, WavedPath
-from posefuse.simulation.props import ArucoCube, CharucoBoard, GroundTile
+from posefuse.simulation.props import ArucoCube, CharucoBoard, GroundTile, StillPath, WavedPath
 from posefuse.simulation.scene import PersonSettings
 from posefuse.simulation.surroundings import BoxOccluder, RoomSettings
 

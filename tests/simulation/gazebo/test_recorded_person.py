@@ -13,8 +13,7 @@ from posefuse.simulation.build import live_scene
 from posefuse.simulation.gazebo import GazeboSettings
 from posefuse.simulation.gazebo.settings import shown_scene
 from posefuse.simulation.motion.settings import RecordedSettings
-from posefuse.simulation.scene import PersonSettings, read_scene
-from posefuse.simulation.scene_files import write_scene
+from posefuse.simulation.scene import PersonSettings, read_scene, write_scene
 
 KEYPOINTS = SKELETONS["anatomical23"]
 LEGS = KEYPOINTS.indices(["left_knee", "right_knee", "left_ankle", "right_ankle"])

@@ -27,11 +27,10 @@ from posefuse.foundation.output_folder import output_folder
 from posefuse.messages.topics import ros_name
 from posefuse.simulation.build import LiveScene, live_scene
 from posefuse.simulation.exact import prop_truth, truth_with, visible_to_all
-from posefuse.simulation.paths import StillPath
+from posefuse.simulation.props import StillPath
 from posefuse.simulation.render.model import lamp_height_m
 from posefuse.simulation.render.textures import png
-from posefuse.simulation.scene import Scene, motion_files
-from posefuse.simulation.scene_files import write_scene
+from posefuse.simulation.scene import Scene, motion_files, write_scene
 
 from .animation import person_actor, prop_actor, prop_mesh
 from .releases import release_named

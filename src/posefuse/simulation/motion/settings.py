@@ -128,7 +128,7 @@ class RecordedSettings:
     """Motion from a file: a BVH file, the markers or keypoints of a TRC file, or a recorded posefuse result (Real2Sim).
 
     Attributes:
-        kind: ``bvh``: joints by CMU, Mixamo or common names. ``trc``: `points` says which markers are used. ``result``: a folder.
+        kind: ``bvh``: joints by CMU, Mixamo or common names. ``trc``: by the markers that `points` names. ``result``: a folder.
         file: the file or folder. up: the vertical axis of a TRC file. person: which id of a result; None: the one seen longest.
         position_m: where the pelvis is at the start; None keeps the place of a TRC file or result, and is the origin for a BVH
             file.

@@ -36,7 +36,7 @@ class RenderJob:
 
     Attributes:
         cameras, sensors, rates_hz: one per camera, in the order of the rig.
-        flesh_m: (Q,), see `visibility`. record: how frames are stored. seed: of the sensor noise.
+        flesh_m: (Q,), see `surroundings`. record: how frames are stored. seed: of the sensor noise.
     """
 
     model: RenderModel

@@ -8,7 +8,7 @@ from typing import Any
 import posefuse as pf
 from posefuse.evaluation.metrics import joint_errors
 from posefuse.formats.truth import read_truth
-from posefuse.simulation.session_folder import SessionPaths
+from posefuse.simulation.session import SessionPaths
 from posefuse.studio.workspace import StudioWorkspace
 
 
