@@ -5,11 +5,11 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from gazebo_camera import camera_from_gazebo
 
 from posefuse.core import SE3
 from posefuse.core.ideal_image import drawn_camera, optics_of
 from posefuse.simulation.cameras import SensorSettings
-from posefuse.simulation.gazebo.cameras import camera_from_gazebo
 from posefuse.simulation.render.shot import CameraShooter
 from posefuse.simulation.render.stage import RenderStage
 from posefuse.simulation.session import body_poses, scene_render_model

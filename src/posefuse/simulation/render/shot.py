@@ -154,11 +154,11 @@ _EDGE_SHARE = 0.05
 def measured_depth(true_m: Array, settings: DepthSettings, seed: list[int]) -> DepthImage:
     """What a stereo depth camera makes of the true depth of every pixel.
 
-    Noise acts on the disparity d = f b / z: sigma(z) = z^2 sigma_d / (f b) then is what `core.depth.DepthNoise` states (Khoshelham
-    and Elberink 2012), and steps of the disparity are steps of depth that grow with distance. Errors of neighbouring pixels are
-    alike, because the camera matches blocks. Each pixel looks a little off its place (lateral noise of 0.8 px, Nguyen, Izadi and
-    Lovell, "Modeling Kinect sensor noise for improved 3D reconstruction and tracking", 3DIMPVT 2012), so that outlines are ragged;
-    next to edges of depth some pixels have no depth, where one of the two lenses does not see the surface.
+    Noise acts on the disparity d = f b / z: sigma(z) = z^2 sigma_d / (f b) then is what `core.depth.DepthNoise` states
+    (Khoshelham and Elberink 2012), and steps of the disparity are steps of depth that grow with distance. Errors of neighbouring
+    pixels are alike, because the camera matches blocks. Each pixel looks a little off its place (lateral noise of 0.8 px, Nguyen,
+    Izadi and Lovell, "Modeling Kinect sensor noise for improved 3D reconstruction and tracking", 3DIMPVT 2012), so that outlines
+    are ragged; next to edges of depth some pixels have no depth, where one of the two lenses does not see the surface.
 
     Args:
         true_m: (H, W) depth along the optical axis, m; NaN or beyond `reach_m` where there is none.
