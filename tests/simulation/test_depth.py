@@ -73,7 +73,7 @@ def test_depth_lies_under_the_projected_pixels(distortion: tuple[float, ...], ba
     live = live_scene(Scene(duration_s=0.2, cameras=ListedCameras(kind="list", cameras=(camera,)), props=(board,)))
     eye = live.rig.cameras[0]
     view = optics_of(eye).view
-    stage = RenderStage(scene_render_model(live, (view.width, view.height)), backend)
+    stage = RenderStage(scene_render_model(live, (view.width, view.height), backend), backend)
     shot = shot_image(live, 0, 0, CameraShooter(eye, live.placed[0].sensor, stage))
     stage.close()
     chess = live.prop_poses(np.zeros(1))[0][0] @ live.props[0].chess_prop

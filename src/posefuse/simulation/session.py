@@ -19,6 +19,7 @@ import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -37,7 +38,7 @@ from posefuse.foundation.platform import usable_cores
 from .build import LiveScene, live_scene
 from .exact import flesh_of_points, prop_truth, seen_points, truth_with
 from .render.backend import check_framebuffer, working_backend
-from .render.model import RenderModel, render_model
+from .render.model import render_model
 from .render.shot import moments_of
 from .render.workers import RenderJob, RenderTask, image_name, render_all
 from .scene import SCENE_FILE, H264Settings, Scene, motion_files, scene_text, write_scene
@@ -124,8 +125,8 @@ def estimated_session_bytes(live: LiveScene) -> int:
     return round(pixels * _JPEG_BYTES + depth)
 
 
-def scene_render_model(live: LiveScene, largest_wh: tuple[int, int]) -> RenderModel:
-    """The scene as the renderer wants it; `largest_wh` is the largest ideal image any camera needs."""
+def scene_render_model(live: LiveScene, largest_wh: tuple[int, int], backend: str) -> Any:
+    """The scene as MuJoCo's model; `largest_wh` is the largest ideal image any camera needs."""
     return render_model(
         live.bodies,
         live.boxes,
@@ -134,6 +135,7 @@ def scene_render_model(live: LiveScene, largest_wh: tuple[int, int]) -> RenderMo
         room_size_m=live.room_size_m,
         largest_wh=largest_wh,
         seed=live.scene.seed,
+        backend=backend,
     )
 
 
@@ -155,7 +157,7 @@ def _begin(paths: SessionPaths, scene: Scene) -> None:
 
 def _job(live: LiveScene, backend: str, largest_wh: tuple[int, int]) -> RenderJob:
     return RenderJob(
-        model=scene_render_model(live, largest_wh),
+        model=scene_render_model(live, largest_wh, backend),
         backend=backend,
         cameras=live.rig.cameras,
         sensors=tuple(camera.sensor for camera in live.placed),

@@ -112,7 +112,8 @@ class SimulatedSource:
         live, i = self._live, self._index
         camera, shots = live.rig.cameras[i], live.shots[i]
         view = optics_of(camera).view
-        stage = RenderStage(scene_render_model(live, (view.width, view.height)), working_backend())
+        backend = working_backend()
+        stage = RenderStage(scene_render_model(live, (view.width, view.height), backend), backend)
         try:
             shooter = CameraShooter(camera, live.placed[i].sensor, stage)
 

@@ -20,7 +20,7 @@ from posefuse.sources.rig_lens import RigLens
 def draw(written, backend):
     live = written.live
     sizes = [optics_of(camera).view for camera in live.rig]
-    stage = RenderStage(scene_render_model(live, (max(v.width for v in sizes), max(v.height for v in sizes))), backend)
+    stage = RenderStage(scene_render_model(live, (max(v.width for v in sizes), max(v.height for v in sizes)), backend), backend)
 
     def draw_(camera, t_s=0.4):
         poses = body_poses(live, np.array([t_s]))
