@@ -78,13 +78,11 @@ class CarriedPath:
 
     Attributes:
         person: place in the scene's list of people, from 0. side: whose hand, the person's.
-        beyond_wrist_m: distance of its centre from the wrist, along the forearm.
     """
 
     kind: Literal["carried"]
     person: Annotated[int, Ge(0)] = 0
     side: Literal["left", "right"] = "right"
-    beyond_wrist_m: Annotated[float, Ge(0)] = 0.18
 
 
 PathSettings = Annotated[StillPath | WavedPath | WaypointPath | CarriedPath, Field(discriminator="kind")]
@@ -155,6 +153,8 @@ def poses_in_hand(world_from_bone: Array, hand: int, bone_from_prop: SE3) -> SE3
 
 _FACE_PX = 512
 _PLATE_M = 0.004
+# white border around the squares of a board
+_MARGIN_M = 0.02
 _PAPER_WHITE = 235
 _DICTIONARIES = tuple(name for name in dir(cv2.aruco) if name.startswith("DICT_"))
 # outward normal, right and up of each face as printed; right x up = normal
@@ -195,7 +195,6 @@ class CharucoBoard:
 
     Attributes:
         squares: columns and rows. square_m: edge of a square. marker_m: edge of the markers in them.
-        margin_m: white border around the squares.
     """
 
     kind: Literal["charuco_board"]
@@ -203,7 +202,6 @@ class CharucoBoard:
     squares: tuple[Annotated[int, Ge(3)], Annotated[int, Ge(3)]] = (7, 5)
     square_m: Annotated[float, Gt(0)] = 0.10
     marker_m: Annotated[float, Gt(0)] = 0.075
-    margin_m: Annotated[float, Ge(0)] = 0.02
     dictionary: str = "DICT_4X4_50"
     path: PathSettings = WavedPath(kind="waved")
 
@@ -338,11 +336,11 @@ def _board(prop: CharucoBoard) -> Prop:
     board = cv2.aruco.CharucoBoard((columns, rows), prop.square_m, prop.marker_m, dictionary)
     square_px = max(48, 1536 // max(columns, rows))
     picture = board.generateImage((columns * square_px, rows * square_px), marginSize=0)
-    margin_px = int(np.ceil(prop.margin_m / prop.square_m * square_px)) + 1
+    margin_px = int(np.ceil(_MARGIN_M / prop.square_m * square_px)) + 1
     picture = np.pad(np.minimum(picture, _PAPER_WHITE), margin_px, constant_values=_PAPER_WHITE)
     height, width = picture.shape
     size_m = np.array([columns, rows]) * prop.square_m
-    full_m = size_m + 2 * prop.margin_m
+    full_m = size_m + 2 * _MARGIN_M
     half_uv = full_m / prop.square_m * square_px / np.array([width, height]) / 2
     vertices, uv, faces = _plate(full_m[0], full_m[1], half_uv)
     texture, used = _power_of_two(_rgb(picture))

@@ -24,6 +24,8 @@ Point = tuple[float, float, float]
 Share = Annotated[float, Ge(0), Le(1)]
 Colour = tuple[Share, Share, Share]
 _TRIES = 1000
+# least and greatest edge of a box at random
+_CLUTTER_M = (0.2, 0.6)
 
 
 @settings
@@ -82,7 +84,7 @@ class ClutterOccluder:
     Attributes:
         count: how many. area_m: (x, y) of the rectangle about the origin they stand in.
         keep_clear_m: radius about the origin that stays empty.
-        least_m, most_m: range of their edges. most_height_m: of their height.
+        most_height_m: greatest height; the other edges are 0.2 to 0.6 m.
         seed: None takes the scene's.
     """
 
@@ -90,8 +92,6 @@ class ClutterOccluder:
     count: Annotated[int, Ge(1)] = 6
     area_m: tuple[Annotated[float, Gt(0)], Annotated[float, Gt(0)]] = (6.0, 6.0)
     keep_clear_m: Annotated[float, Ge(0)] = 1.5
-    least_m: Annotated[float, Gt(0)] = 0.2
-    most_m: Annotated[float, Gt(0)] = 0.6
     most_height_m: Annotated[float, Gt(0)] = 1.2
     seed: int | None = None
 
@@ -164,8 +164,8 @@ def _clutter(clutter: ClutterOccluder, seed: list[int]) -> list[Box]:
     for _ in range(_TRIES):
         if len(boxes) == clutter.count:
             break
-        size = rng.uniform(clutter.least_m, max(clutter.least_m, clutter.most_m), 3)
-        size[2] = rng.uniform(clutter.least_m, max(clutter.least_m, clutter.most_height_m))
+        size = rng.uniform(*_CLUTTER_M, 3)
+        size[2] = rng.uniform(_CLUTTER_M[0], max(_CLUTTER_M[0], clutter.most_height_m))
         spot = rng.uniform(-0.5, 0.5, 2) * clutter.area_m
         yaw, colour = rng.uniform(0, np.pi), rng.uniform(0.2, 0.8, 3)
         if np.hypot(*spot) - np.hypot(size[0], size[1]) / 2 >= clutter.keep_clear_m:

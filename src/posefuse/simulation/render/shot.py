@@ -19,6 +19,8 @@ from .stage import RenderStage
 _MID_GREY = 118.0
 _PAD_PX = 2
 _DEPTH_SEED = 7
+# width of the blocks that a stereo camera matches, over which errors are alike
+_BLOCK_PX = 5.0
 
 
 @dataclass(frozen=True)
@@ -172,11 +174,11 @@ def measured_depth(true_m: Array, settings: DepthSettings, seed: list[int]) -> D
     rows, columns = np.indices(shape)
     seen_m = true_m[(rows + beside[0]).clip(0, shape[0] - 1), (columns + beside[1]).clip(0, shape[1] - 1)]
     span = noise.focal_px * noise.baseline_m
-    disparity = span / seen_m + noise.disparity_sigma_px * _alike(rng, shape, settings.block_px)
+    disparity = span / seen_m + noise.disparity_sigma_px * _alike(rng, shape)
     if noise.step_px:
         disparity = np.rint(disparity / noise.step_px) * noise.step_px
     depth_m = span / np.maximum(disparity, 1e-6) + noise.floor_m * rng.standard_normal(shape, np.float32)
-    lost = _near_edges(true_m, settings.block_px) & (rng.random(shape) < settings.edge_loss)
+    lost = _near_edges(true_m) & (rng.random(shape) < settings.edge_loss)
     known = np.isfinite(depth_m) & ~lost & (depth_m > 0) & (depth_m <= settings.reach_m)
     return DepthImage(values=np.where(known, np.rint(depth_m * MM_PER_M), 0).astype(np.uint16), noise=noise)
 
@@ -192,20 +194,18 @@ def noise_of(settings: DepthSettings) -> DepthNoise:
     )
 
 
-def _alike(rng: np.random.Generator, shape: tuple[int, ...], block_px: float) -> Array:
+def _alike(rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
     """(H, W) normal numbers of variance 1 that are alike within a block."""
     drawn = rng.standard_normal(shape, np.float32)
-    if block_px <= 1:
-        return drawn
-    sigma = block_px / 2
+    sigma = _BLOCK_PX / 2
     smooth = cv2.GaussianBlur(drawn, (0, 0), sigma)
     # a Gaussian filter of width sigma leaves 1 / (4 pi sigma^2) of the variance
     return np.asarray(smooth * (2 * np.sqrt(np.pi) * sigma))
 
 
-def _near_edges(depth_m: Array, block_px: float) -> Array:
+def _near_edges(depth_m: Array) -> Array:
     """(H, W) pixels next to a jump of depth."""
     filled = np.nan_to_num(depth_m, nan=0.0)
-    kernel = np.ones((2 * max(1, round(block_px / 2)) + 1,) * 2, np.uint8)
+    kernel = np.ones((2 * max(1, round(_BLOCK_PX / 2)) + 1,) * 2, np.uint8)
     jump = cv2.dilate(filled, kernel) - cv2.erode(filled, kernel)
     return np.asarray(jump > _EDGE_SHARE * np.maximum(filled, 1.0))
