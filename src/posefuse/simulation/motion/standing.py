@@ -217,7 +217,7 @@ class Stander:
         return self.settings.period_s or _USUAL_PERIOD_S[self.settings.kind]
 
 
-def standing(body: SimulatedBody, settings: StandSettings, seed: int) -> Callable[[Array], BodyPosture]:
+def standing_motion(body: SimulatedBody, settings: StandSettings, seed: int) -> Callable[[Array], BodyPosture]:
     """Postures at times (T,).
 
     Raises:
