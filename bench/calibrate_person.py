@@ -23,7 +23,7 @@ from posefuse.formats.pose2d import read_openpose_folder
 from posefuse.formats.rig import read_rig
 from posefuse.pipeline.person_poses import person_in_videos
 from posefuse.simulation import SessionPaths, simulate
-from posefuse.simulation.body.colours import completed_shape
+from posefuse.simulation.body.body import completed_shape
 from posefuse.simulation.scene import read_scene
 
 # where `python -m paper` keeps its own: the first walk is the one it reports

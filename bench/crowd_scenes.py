@@ -18,11 +18,11 @@ from posefuse.detection import region_from_pose
 from posefuse.detection.clothing import lab_from_srgb
 from posefuse.formats.truth import read_truth, write_truth
 from posefuse.foundation.settings import settings_from_mapping
-from posefuse.simulation.body.colours import completed_shape
-from posefuse.simulation.body.settings import BodyShapeSettings
+from posefuse.simulation.body.body import completed_shape
+from posefuse.simulation.body.mesh import BodyShapeSettings
 from posefuse.simulation.build import LiveScene, live_scene
 from posefuse.simulation.scene import Scene
-from posefuse.simulation.visibility import FLESH_M, hidden_by_shapes, in_image
+from posefuse.simulation.surroundings import FLESH_M, hidden_by_shapes, in_image
 
 RATE_HZ, SECONDS, VISIBLE_EVERY = 30.0, 11.0, 3
 # seeds of what is reported were drawn once the code was done

@@ -46,8 +46,7 @@ from posefuse.pipeline.second_pass import poses_over_time
 from posefuse.pipeline.session import find_session
 from posefuse.realtime.fusion import build_fuse, build_solve
 from posefuse.simulation.scene import Scene
-from posefuse.simulation.session import simulate
-from posefuse.simulation.session_folder import SessionPaths
+from posefuse.simulation.session import SessionPaths, simulate
 from posefuse.tracking import LearntLengths, SmoothSettings, at_joint_centres
 from posefuse.tracking.online import LiveSettings, build_tracker
 

@@ -24,7 +24,7 @@ from posefuse.detection.blazepose.network import BlazePoseNetwork
 from posefuse.detection.blazepose.noise import landmark_noise_features
 from posefuse.detection.regions import crop_from_img, square_crop
 from posefuse.evaluation.fitting import is_rendered, render_everyday
-from posefuse.evaluation.fitting.log_sigma import fit_log_sigma
+from posefuse.evaluation.fitting.keypoint_noise import fit_log_sigma
 from posefuse.formats.truth import read_truth
 from posefuse.foundation.user_cache import default_cache_dir
 

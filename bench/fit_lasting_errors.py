@@ -13,10 +13,10 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from fit_blazepose_noise import scene_settings
 from scipy.optimize import least_squares
 
 from posefuse.core.skeleton import pick_keypoints
+from posefuse.evaluation.fitting.scenes import everyday_scene
 from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.formats.recording import read_recording
 from posefuse.formats.truth import read_truth
@@ -38,7 +38,7 @@ def render(out: Path, scenes: int) -> None:
         folder = out / f"scene{i:02d}"
         if (folder / "truth" / "truth.npz").exists():
             continue
-        content = scene_settings(2 * i) | {"duration_s": DURATION_S, "rate_hz": RATE_HZ}
+        content = everyday_scene(2 * i) | {"duration_s": DURATION_S, "rate_hz": RATE_HZ}
         simulate(settings_from_mapping(content, Scene, where=f"scene {i}"), folder, processes=1)
         print(f"{folder.name}: done", flush=True)
 

@@ -28,7 +28,7 @@ from posefuse.detection.build import DetectorChoice
 from posefuse.formats.rig import read_rig
 from posefuse.pipeline.person_poses import person_in_videos
 from posefuse.simulation import SessionPaths, simulate
-from posefuse.simulation.body.colours import completed_shape
+from posefuse.simulation.body.body import completed_shape
 from posefuse.simulation.scene import read_scene
 
 FITTED, LEFT_OUT = range(7300, 7305), range(7305, 7310)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from paper.experiments.command import EXPERIMENTS, experiment
-from paper.experiments.console import Console
+from paper.experiments.runs import Console
 from posefuse.core import PosefuseError
 from posefuse.detection import network_settings
 

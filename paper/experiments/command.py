@@ -11,7 +11,7 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
-from paper.experiments.console import Console
+from paper.experiments.runs import Console
 from posefuse.detection import fetch_networks
 from posefuse.formats.page import Facts, Heading, write_page
 from posefuse.foundation import atomic_file, build_plugin, growing_folder, plain

@@ -6,15 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from paper.scenes.drift import drift
-from paper.scenes.inertial import SENSORS, SuitNoise, suit_joints
+from paper.scenes.inertial import SENSORS, SuitNoise, drift, suit_joints
 from paper.scenes.scenes import PATHS, path_scene
 from posefuse.core import PAPER14, Array, pick_keypoints
 from posefuse.evaluation import true_xyz_at
 from posefuse.formats.page import Block, Facts, Heading, Images, Line, Page, Plot, Plots, Table
 
-from .moments import pictures
 from .runs import Context, Outcome, run_scene
+from .tables import pictures
 
 _QUICK_S, _FULL_S = 2.0, 40.0
 _SUIT_SEEDS = 20

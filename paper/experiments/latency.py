@@ -3,24 +3,29 @@
 from __future__ import annotations
 
 import itertools
+import json
+import socket
+import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
+from types import TracebackType
 from typing import Any
 
 import numpy as np
 
 from paper.scenes import paper
 from paper.scenes.scenes import walking_scene
-from posefuse.core import Array
-from posefuse.formats import read_video
-from posefuse.formats.page import Block, Facts, Heading, Line, Page, Plot, Plots, Table
+from posefuse.core import Array, SourceError
+from posefuse.formats import read_rig, read_video
+from posefuse.formats.page import Block, Facts, Heading, Line, Page, Plot, Plots, Spikes, Table
+from posefuse.outputs.live import JsonConfig
 from posefuse.pipeline import StageClock
+from posefuse.realtime import LiveConfig, OutputPlan, SessionClock, ViewTimes, inputs_from_arguments, run_live
 from posefuse.simulation import SessionPaths
 
-from .live_page import live_blocks, live_figures, spread
-from .live_times import live_times
 from .runs import Context, Outcome, rendered, run_scene
 
 _QUICK_S, _FULL_S = 2.0, 60.0
@@ -127,3 +132,236 @@ def _spikes(spans: dict[str, Array]) -> list[Line]:
         y = np.stack([np.zeros(len(near)), 1000 * near[:, 1], np.zeros(len(near))], axis=1)
         lines.append(Line(stage, x.ravel(), y.ravel()))
     return lines
+
+
+STAGES = ("capture", "wait", "2D", "fuse, track", "output", "send")
+# people are looked for, and every camera's first region is found
+SETTLED_S = 1.0
+_DATAGRAM_BYTES = 65_535
+_LISTEN_S = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class LiveTimes:
+    """Views that went all the way through a live session.
+
+    Attributes:
+        cameras: names. camera: (n,) place in `cameras`.
+        passed_s: (n, S + 1) when the view was exposed and when each of `STAGES` was over, seconds of the session.
+        used_share: of the frames the cameras gave. output_hz: poses per second.
+    """
+
+    cameras: tuple[str, ...]
+    camera: Array
+    passed_s: Array
+    used_share: float
+    output_hz: float
+
+    @property
+    def stages_ms(self) -> Array:
+        """(n, S) time in each stage."""
+        return np.asarray(1000 * np.diff(self.passed_s, axis=1))
+
+    @property
+    def total_ms(self) -> Array:
+        """(n,) from exposure to another program."""
+        return np.asarray(1000 * (self.passed_s[:, -1] - self.passed_s[:, 0]))
+
+
+class Listener:
+    """Another program's ears: takes the datagrams of an output and remembers when each came."""
+
+    def __init__(self) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind(("127.0.0.1", 0))
+        self._socket.settimeout(_LISTEN_S)
+        self._heard: list[tuple[int, bytes]] = []
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._listen, name="listener", daemon=True)
+
+    @property
+    def address(self) -> str:
+        """``host:port`` to send to."""
+        host, port = self._socket.getsockname()
+        return f"{host}:{port}"
+
+    def __enter__(self) -> Listener:
+        self._thread.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._over.set()
+        self._thread.join()
+        self._socket.close()
+
+    def arrivals_ns(self) -> dict[int, int]:
+        """Time of a pose to when its first datagram came, monotonic ns."""
+        found: dict[int, int] = {}
+        for came_ns, datagram in self._heard:
+            found.setdefault(int(json.loads(datagram)["t_ns"]), came_ns)
+        return found
+
+    def _listen(self) -> None:
+        # read later: taking a datagram apart would hold up the loop whose times are taken
+        while not self._over.is_set():
+            try:
+                datagram = self._socket.recv(_DATAGRAM_BYTES)
+            except TimeoutError:
+                continue
+            self._heard.append((time.monotonic_ns(), datagram))
+
+
+def live_times(folder: Path, context: Context, duration_s: float, loop_s: float | None = None) -> LiveTimes:
+    """Play a session live for a while and follow every view from its exposure to another program.
+
+    It is played again and again, every `loop_s`; None plays it once.
+
+    Raises:
+        SourceError: no view got through.
+    """
+    rig, config = read_rig(folder / "rig.toml"), context.config
+    settings = LiveConfig(detector=config.detector, associate=config.associate, fuse=config.fuse)
+    with Listener() as listener:
+        plan = OutputPlan(rig=rig, clock=SessionClock.begin(), configs={"json": JsonConfig(to=(listener.address,))})
+        inputs = tuple(replace(entry, loop_s=loop_s) for entry in inputs_from_arguments([f"sim:{folder}"], rig))
+        done = run_live(rig, inputs, settings, plan, duration_s, context.console.note)
+    offset_ns = plan.clock.offset_ns
+    arrivals = {t_ns: came_ns + offset_ns for t_ns, came_ns in listener.arrivals_ns().items()}
+    ways = list(done.fusion.latencies.newest)
+    camera, passed_s = passages(ways, arrivals, rig.names, done.zero_ns)
+    captured = sum(source.captured for name in rig.names if (source := done.fusion.monitor.source(name)))
+    used_share = sum(done.fusion.used.values()) / max(captured, 1)
+    settled = passed_s[:, 0] >= SETTLED_S
+    if not settled.any():
+        raise SourceError(f"{folder}: played live for {duration_s:g} s, and no view of {captured} led to a pose that went out")
+    return LiveTimes(rig.names, camera[settled], passed_s[settled], used_share, done.fusion.latencies.rate_hz)
+
+
+def passages(
+    ways: list[tuple[ViewTimes, int]], arrivals: Mapping[int, int], cameras: tuple[str, ...], zero_ns: int
+) -> tuple[Array, Array]:
+    """Camera (n,) and passages (n, S + 1) in seconds, as `LiveTimes` has them, of the views whose pose arrived.
+
+    Args:
+        ways: views, and when the first pose that rests on each went out, session ns.
+        arrivals: time of a pose to when it came, session ns.
+        cameras: names. zero_ns: session time of 0 s.
+    """
+    pose_t_ns = np.array(sorted(arrivals), np.int64)
+    camera, rows = [], []
+    for way, output_ns in ways:
+        # a pose goes out at the time it is for, or a little later
+        place = int(np.searchsorted(pose_t_ns, output_ns, side="right")) - 1
+        if place < 0 or arrivals[int(pose_t_ns[place])] < output_ns:
+            continue
+        camera.append(cameras.index(way.camera))
+        rows.append((way.exposed_ns, way.received_ns, way.started_ns, way.detected_ns, way.fused_ns, output_ns,
+                     arrivals[int(pose_t_ns[place])]))  # fmt: skip
+    passed_ns = np.array(rows, np.int64).reshape(-1, len(STAGES) + 1)
+    return np.array(camera, np.int64), (passed_ns - zero_ns) / 1e9
+
+
+_TEXT = (
+    "The video of every camera, played in real time into `posefuse live`; every view is stamped on one clock. capture: from "
+    "mid-exposure until the decoded image is in its process (decoding included; a real camera adds readout and transport). "
+    "wait: for the detector to be free. 2D: the detector. fuse, track: to the fusion process and into the tracker, which takes "
+    "views one by one. output: until the next output tick (100 Hz) has its pose. send: until another program has received it by "
+    f"UDP. The first {SETTLED_S:g} s, in which the person is searched for, are left out."
+)
+
+
+def live_figures(live: LiveTimes, alone_ms: Mapping[str, float]) -> dict[str, Any]:
+    """Times per camera and stage.
+
+    Args:
+        live: a session. alone_ms: per camera, decoding one image with nothing else to do.
+    """
+    stages, total = live.stages_ms, live.total_ms
+    cameras = {}
+    for c, name in enumerate(live.cameras):
+        own = live.camera == c
+        if own.any():
+            cameras[name] = {
+                "views": int(own.sum()),
+                "decode_alone_ms": alone_ms[name],
+                "stages_ms": {stage: spread(stages[own, s]) for s, stage in enumerate(STAGES)},
+                "total_ms": spread(total[own]),
+            }
+    together = {stage: spread(stages[:, s]) for s, stage in enumerate(STAGES)} | {"total": spread(total)}
+    return {"used_share": live.used_share, "output_hz": live.output_hz, "all_cameras_ms": together, "cameras": cameras}
+
+
+def live_blocks(live: LiveTimes, figures: Mapping[str, Any]) -> list[Block]:
+    """Averages per camera as a table with those of the paper, spikes over time."""
+    cameras = figures["cameras"]
+    theirs = [
+        [f"paper, {name} GPU", paper.CAPTURE_MS, 0.0, ms, paper.TRIANGULATE_MS, 0.0, 0.0, *[None] * 5]
+        for name, ms in zip(("best", "slowest"), paper.DETECT_MS, strict=True)
+    ]
+    return [
+        Heading("Live: from exposure to another program, averages per camera", _TEXT),
+        Table(
+            ["mean ms", *STAGES, "end to end", "p95", "most", "views", "decoding alone"],
+            [
+                [name, *_means(one), *(one["total_ms"][key] for key in ("mean", "p95", "most")), one["views"],
+                 one["decode_alone_ms"]]
+                for name, one in cameras.items()
+            ]
+            + theirs,
+        ),
+        Facts(
+            {
+                "views used": f"{100 * live.used_share:.0f} % of the frames; when the processor is busy the newest frame wins",
+                "poses": f"{live.output_hz:.1f} per second (paper: {paper.OUTPUT_HZ:g})",
+                "paper: capture": f"{paper.CAPTURE_MS:g} ms, a whole period of its cameras",
+                "paper: 2D pose": f"{paper.DETECT_MS[0]:g} to {paper.DETECT_MS[1]:g} ms on three GPUs",
+                "paper: triangulation": f"< {paper.TRIANGULATE_MS:g} ms",
+            }
+        ),
+        Heading(
+            "Live: spikes over time",
+            "One spike per view, at its exposure and as high as its latency, its stages on top of each other; one second in the "
+            "middle.",
+        ),
+        Plots(_spike_plots(live)),
+    ]  # fmt: skip
+
+
+def _spike_plots(live: LiveTimes) -> list[Plot]:
+    middle_s = float(np.median(live.passed_s[:, 0]))
+    near = np.abs(live.passed_s[:, 0] - middle_s) <= _SPIKES_S / 2
+    window = (middle_s - _SPIKES_S / 2, middle_s + _SPIKES_S / 2, 0.0, 1.05 * float(live.total_ms[near].max()))
+    plots = [
+        Plot(name, view_spikes(live, c, middle_s), x_label="s", y_label="ms", window=window)
+        for c, name in enumerate(live.cameras)
+    ]
+    whole = "Exposure to another program, the whole run"
+    return [*plots, Plot(whole, _totals(live), x_label="s", y_label="ms", from_zero=True, wide=True)]
+
+
+def view_spikes(live: LiveTimes, camera: int, middle_s: float) -> list[Spikes]:
+    """Per stage, its part of every spike of a camera within a second."""
+    near = (live.camera == camera) & (np.abs(live.passed_s[:, 0] - middle_s) <= _SPIKES_S / 2)
+    passed_s = live.passed_s[near]
+    late_ms = 1000 * (passed_s - passed_s[:, :1])
+    return [Spikes(stage, passed_s[:, 0], late_ms[:, s], late_ms[:, s + 1]) for s, stage in enumerate(STAGES)]
+
+
+def spread(ms: Array) -> dict[str, float]:
+    """Median, mean, 95th percentile and most."""
+    return {
+        "median": float(np.median(ms)),
+        "mean": float(ms.mean()),
+        "p95": float(np.percentile(ms, 95)),
+        "most": float(ms.max()),
+    }
+
+
+def _means(camera: Mapping[str, Any]) -> list[float]:
+    return [camera["stages_ms"][stage]["mean"] for stage in STAGES]
+
+
+def _totals(live: LiveTimes) -> list[Line]:
+    return [
+        Line(name, live.passed_s[live.camera == c, 0], live.total_ms[live.camera == c]) for c, name in enumerate(live.cameras)
+    ]

@@ -12,10 +12,8 @@ from posefuse.core import PAPER14, Truth, pick_keypoints
 from posefuse.evaluation import JointErrors, summary, typical_nees
 from posefuse.formats.page import Block, Facts, Heading, Images, Page, Plots, Table
 
-from .moments import pictures
 from .runs import Context, Outcome, best_errors, run_scene
-from .tables import LANDMARKS, errors_row, joint_rows
-from .trajectories import trajectories
+from .tables import LANDMARKS, errors_row, joint_rows, pictures, trajectories
 
 TITLES = {
     "free": "No occlusion",

@@ -11,9 +11,8 @@ from paper.scenes.scenes import CHECK_SEEDS, static_scene
 from posefuse.evaluation import JointErrors
 from posefuse.formats.page import Block, Heading, Images, Page, Table
 
-from .moments import pictures
 from .runs import Context, Outcome, Run, best_errors, run_scene
-from .tables import LANDMARKS, errors_row, joint_rows
+from .tables import LANDMARKS, errors_row, joint_rows, pictures
 
 TITLES = {"free": "No occlusion", "occluded": "Occluded by walls, boxes and clutter"}
 _QUICK_S, _FULL_S, _CHECK_S = 0.3, 3.0, 1.0

@@ -14,10 +14,8 @@ from posefuse.evaluation import typical_nees
 from posefuse.formats.page import Block, Dots, Facts, Heading, Images, Page, Plot, Plots, Table
 from posefuse.fusion import FuseSettings, fuse
 
-from .moments import moments
 from .runs import Context, Outcome, Run, best_errors, run_scene
-from .tables import LANDMARKS, errors_row, joint_rows
-from .trajectories import trajectories
+from .tables import LANDMARKS, errors_row, joint_rows, moments, trajectories
 
 _SHOWN = ("right_wrist", "left_hip", "left_ankle")
 # joints that have a covariance of their own

@@ -14,7 +14,7 @@ from posefuse.detection.networks import read_network_card
 from posefuse.detection.networks.noise import FEATURES, read_keypoint_noise
 from posefuse.evaluation.fitting import NoiseSamples, fit_noise, noise_text
 from posefuse.evaluation.fitting.joint_centres import directions_of
-from posefuse.evaluation.fitting.log_sigma import fit_log_sigma
+from posefuse.evaluation.fitting.keypoint_noise import fit_log_sigma
 from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.formats.rig import write_rig
 from posefuse.formats.truth import write_truth

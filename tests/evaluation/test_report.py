@@ -11,11 +11,8 @@ from posefuse import __version__
 from posefuse.core import SKELETONS, InputError, PoseSequence, Recording
 from posefuse.evaluation.biomechanics import BiomechanicsSettings, write_biomechanics
 from posefuse.evaluation.gait_cycles import PERCENT, gait_cycles, write_gait_cycles
-from posefuse.evaluation.report import write_report
-from posefuse.evaluation.report.angles import time_plots
-from posefuse.evaluation.report.normal import SOURCES
-from posefuse.evaluation.report.parameters import RANGES, parameter_blocks
-from posefuse.evaluation.report.quality import keypoint_quality
+from posefuse.evaluation.report import keypoint_quality, write_report
+from posefuse.evaluation.report_angles import RANGES, SOURCES, parameter_blocks, time_plots
 from posefuse.formats.page import MISSING
 from posefuse.kinematics import JOINTS, joints_from_poses
 from posefuse.kinematics.gait import Spread, gait_from_poses

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from posefuse.core import LiveDetections, LivePose, LivePreview
-from posefuse.evaluation.live_session import made_up_messages, made_up_start
+from posefuse.evaluation.contracts import made_up_messages, made_up_start
 from posefuse.messages import topics
 from posefuse.messages.annotations import annotations_of_view
 from posefuse.messages.bags import read_detections, read_mcap, read_poses

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from posefuse.core import LivePose
-from posefuse.evaluation.live_session import RATE_HZ, made_up_messages, made_up_start
+from posefuse.evaluation.contracts import RATE_HZ, made_up_messages, made_up_start
 from posefuse.outputs.live import LslConfig
 from posefuse.outputs.live.lsl import angle_sample, chosen_person, keypoint_channels, keypoint_sample, lsl_clock_offset_ns
 

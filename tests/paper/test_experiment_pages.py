@@ -16,14 +16,20 @@ pytest.importorskip("anny")
 
 from paper.__main__ import main
 from paper.experiments import latency, runs, scaling
-from paper.experiments import live_times as module
-from paper.experiments.console import Console
-from paper.experiments.live_page import live_blocks, live_figures, view_spikes
-from paper.experiments.live_times import SETTLED_S, STAGES, Listener, LiveTimes, live_times, passages
-from paper.experiments.moments import ESTIMATE_RGB, TRUTH_RGB, moments
-from paper.experiments.runs import Context, Run, run_scene
+from paper.experiments.latency import (
+    SETTLED_S,
+    STAGES,
+    Listener,
+    LiveTimes,
+    live_blocks,
+    live_figures,
+    live_times,
+    passages,
+    view_spikes,
+)
+from paper.experiments.runs import Console, Context, Run, run_scene
 from paper.experiments.summary import write_summary
-from paper.experiments.tables import joint_rows
+from paper.experiments.tables import ESTIMATE_RGB, TRUTH_RGB, joint_rows, moments
 from paper.scenes import paper
 from paper.scenes.scaling import STUDIES, Errors, Study
 from paper.scenes.scenes import CHECK_SEEDS, walking_scene
@@ -242,8 +248,8 @@ def test_a_session_played_live_gives_every_views_passage(demo_session: Path, tmp
 
 
 def test_a_live_session_without_a_pose_is_reported(demo_session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "passages", lambda *_: (np.zeros(0, int), np.zeros((0, len(STAGES) + 1))))
-    monkeypatch.setattr(module, "run_live", lambda *_: SimpleNamespace(fusion=FUSION, zero_ns=0))
+    monkeypatch.setattr(latency, "passages", lambda *_: (np.zeros(0, int), np.zeros((0, len(STAGES) + 1))))
+    monkeypatch.setattr(latency, "run_live", lambda *_: SimpleNamespace(fusion=FUSION, zero_ns=0))
     with pytest.raises(SourceError, match="played live for 3 s, and no view of 40 led to a pose"):
         live_times(demo_session, context_of(demo_session, tmp_path), 3.0)
 

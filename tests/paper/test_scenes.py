@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from paper.scenes import paper
-from paper.scenes.drift import drift
-from paper.scenes.inertial import SuitNoise, standing_point, suit_joints
+from paper.scenes.inertial import SuitNoise, drift, standing_point, suit_joints
 from paper.scenes.scaling import STUDIES, Setup, _errors, measure, run_study
 from paper.scenes.scenes import (
     CHECK_SEEDS,

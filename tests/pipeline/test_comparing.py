@@ -14,7 +14,7 @@ from posefuse.cli.main import main
 from posefuse.core import SE3, CameraTruth, InputError, LivePose, LiveStart, Pose3D, PoseSequence, Recording, Rig, Truth
 from posefuse.core.live_observations import observations_from_frames
 from posefuse.core.skeleton import ANATOMICAL23
-from posefuse.evaluation.truth_tracks import looped
+from posefuse.evaluation.tracks import looped
 from posefuse.formats.truth import write_loop, write_truth
 from posefuse.messages.bags import read_clock
 from posefuse.messages.sim_time import SimulatedClock

@@ -16,7 +16,7 @@ import pytest
 
 from posefuse.core import InputError, LiveHealth, LiveJointCentres, LiveMessage, LiveNames, LivePose, LiveStart
 from posefuse.core.live_messages import FAILED, OK
-from posefuse.evaluation.live_session import made_up_messages, made_up_rig, made_up_start
+from posefuse.evaluation.contracts import made_up_messages, made_up_rig, made_up_start
 from posefuse.messages import topics
 from posefuse.messages.bags import read_mcap, read_notes, read_poses
 from posefuse.messages.people_names import names_from_message

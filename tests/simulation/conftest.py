@@ -36,7 +36,7 @@ def shoot(backend) -> Callable[..., tuple[LiveScene, np.ndarray, np.ndarray]]:
     def shoot_(scene: Scene, frame: int = 0) -> tuple[LiveScene, np.ndarray, np.ndarray]:
         live = live_scene(scene)
         view = optics_of(live.rig.cameras[0]).view
-        stage = RenderStage(scene_render_model(live, (view.width, view.height)), backend)
+        stage = RenderStage(scene_render_model(live, (view.width, view.height), backend), backend)
         try:
             shooter = CameraShooter(live.rig.cameras[0], live.placed[0].sensor, stage)
             shot = shot_image(live, 0, frame, shooter)

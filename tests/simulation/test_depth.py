@@ -8,12 +8,9 @@ import pytest
 from posefuse.core.depth import MM_PER_M
 from posefuse.core.ideal_image import optics_of
 from posefuse.simulation.build import live_scene
-from posefuse.simulation.cameras import ImageSettings, ListedCameras, PlacedCamera, SensorSettings
-from posefuse.simulation.depth import DepthSettings
-from posefuse.simulation.paths import StillPath
-from posefuse.simulation.props import CharucoBoard
-from posefuse.simulation.render.depth import measured_depth, noise_of
-from posefuse.simulation.render.shot import CameraShooter
+from posefuse.simulation.cameras import DepthSettings, ImageSettings, ListedCameras, PlacedCamera, SensorSettings
+from posefuse.simulation.props import CharucoBoard, StillPath
+from posefuse.simulation.render.shot import CameraShooter, measured_depth, noise_of
 from posefuse.simulation.render.stage import RenderStage
 from posefuse.simulation.scene import Scene
 from posefuse.simulation.session import scene_render_model
@@ -76,7 +73,7 @@ def test_depth_lies_under_the_projected_pixels(distortion: tuple[float, ...], ba
     live = live_scene(Scene(duration_s=0.2, cameras=ListedCameras(kind="list", cameras=(camera,)), props=(board,)))
     eye = live.rig.cameras[0]
     view = optics_of(eye).view
-    stage = RenderStage(scene_render_model(live, (view.width, view.height)), backend)
+    stage = RenderStage(scene_render_model(live, (view.width, view.height), backend), backend)
     shot = shot_image(live, 0, 0, CameraShooter(eye, live.placed[0].sensor, stage))
     stage.close()
     chess = live.prop_poses(np.zeros(1))[0][0] @ live.props[0].chess_prop

@@ -40,7 +40,7 @@ def test_the_network_finds_the_person_from_every_side(sex, network, backend):
     person = PersonSettings(body=BodyShapeSettings(sex=sex), motion=StandSettings(kind="wave", heading_deg=15))
     ring = RingCameras(kind="ring", count=8, radius_m=4.0, image=ImageSettings(size_px=(640, 480)))
     live = live_scene(Scene(duration_s=0.1, cameras=ring, people=(person,)))
-    stage = RenderStage(scene_render_model(live, (640, 480)), backend)
+    stage = RenderStage(scene_render_model(live, (640, 480), backend), backend)
     frames, truth = [], []
     for c, camera in enumerate(live.rig):
         shot = shot_image(live, c, 0, CameraShooter(camera, live.placed[c].sensor, stage))

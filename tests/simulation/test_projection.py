@@ -8,8 +8,7 @@ from posefuse.core import ConfigError
 from posefuse.core.ideal_image import optics_of
 from posefuse.simulation.build import live_scene
 from posefuse.simulation.cameras import ImageSettings, ListedCameras, PlacedCamera
-from posefuse.simulation.paths import StillPath
-from posefuse.simulation.props import ArucoCube, CharucoBoard, GroundTile
+from posefuse.simulation.props import ArucoCube, CharucoBoard, GroundTile, StillPath
 from posefuse.simulation.scene import Scene
 from posefuse.simulation.surroundings import RoomSettings
 

@@ -12,8 +12,7 @@ from posefuse.core import DependencyError
 from posefuse.simulation.build import live_scene
 from posefuse.simulation.cameras import ImageSettings, ListedCameras, PlacedCamera, SensorSettings
 from posefuse.simulation.exact import seen_points
-from posefuse.simulation.paths import WaypointPath
-from posefuse.simulation.props import CharucoBoard
+from posefuse.simulation.props import CharucoBoard, WaypointPath
 from posefuse.simulation.render import backend as backends
 from posefuse.simulation.render.shot import moments_of
 from posefuse.simulation.scene import Scene
@@ -106,7 +105,7 @@ from posefuse.simulation.session import scene_render_model
 from posefuse.simulation.render.stage import RenderStage
 from posefuse.core.ideal_image import optics_of
 live = live_scene(Scene(duration_s=1, cameras=RingCameras(kind="ring", image=ImageSettings(size_px=(64, 48)))))
-stage = RenderStage(scene_render_model(live, (64, 48)), {name!r})
+stage = RenderStage(scene_render_model(live, (64, 48), {name!r}), {name!r})
 stage.place(np.zeros((0, 7)))
 image, depth = stage.draw(optics_of(live.rig.cameras[0]).view, live.rig.cameras[0].cam_from_world)
 stage.close()

@@ -13,8 +13,7 @@ from posefuse.simulation import Scene, read_scene
 from posefuse.simulation.build import live_scene
 from posefuse.simulation.cameras import ListedCameras, PlacedCamera, RingCameras
 from posefuse.simulation.motion.settings import CirclePath, StandSettings, WalkSettings
-from posefuse.simulation.scene import PersonSettings
-from posefuse.simulation.scene_files import plain_settings
+from posefuse.simulation.scene import PersonSettings, plain_settings
 from posefuse.simulation.surroundings import BoxOccluder, RoomSettings
 
 _EXAMPLES = sorted((Path(__file__).resolve().parents[2] / "examples" / "scenes").glob("*.yaml"))

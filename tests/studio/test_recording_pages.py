@@ -29,8 +29,7 @@ from posefuse.simulation.planning import (
     with_test_walk,
     without_camera,
 )
-from posefuse.simulation.scene import Scene, check_scene, read_scene
-from posefuse.simulation.scene_files import plain_settings, scene_text
+from posefuse.simulation.scene import Scene, check_scene, plain_settings, read_scene, scene_text
 from posefuse.studio.plan_view import RoomMap, cameras_svg, error_map_data_url, nearest_camera
 from posefuse.studio.player import ResultPlayer, open_recording
 from posefuse.studio.recording_files import add_routes

@@ -72,10 +72,9 @@ def gazebo_world(scene: str | Path, out: str | Path, *, release: str = "harmonic
         >>> world.folder, world.loop_s  # doctest: +SKIP
     """
     from posefuse.simulation import read_scene
-    from posefuse.simulation.gazebo import GazeboSettings, export_world
+    from posefuse.simulation.gazebo import export_world
 
     def warn(line: str) -> None:
         warnings.warn(line, UserWarning, stacklevel=2)
 
-    settings = GazeboSettings(release=release)
-    return export_world(read_scene(Path(scene)), Path(out), settings, replace_older=replace, warn=warn)
+    return export_world(read_scene(Path(scene)), Path(out), release=release, replace_older=replace, warn=warn)

@@ -13,7 +13,7 @@ from posefuse.api.plan import plan
 from posefuse.formats.truth import read_truth
 from posefuse.foundation.output_folder import find_unfinished
 from posefuse.foundation.places import check_outside_inputs
-from posefuse.simulation.gazebo import GazeboSettings, export_world
+from posefuse.simulation.gazebo import export_world
 from posefuse.simulation.scene import motion_files, read_scene
 from posefuse.simulation.session import simulate
 
@@ -90,7 +90,7 @@ def write_gazebo_world(scene_file: Path, out: Path, release: str, force: bool, t
     """Write a scene file as a Gazebo world, again with `force`; returns the figures of the table."""
     scene = read_scene(scene_file)
     check_outside_inputs(out, (scene_file, *motion_files(scene)))
-    world = export_world(scene, out, GazeboSettings(release=release), replace_older=force, warn=terminal.warn)
+    world = export_world(scene, out, release=release, replace_older=force, warn=terminal.warn)
     for line in world.left_out:
         terminal.warn(line)
     size = sum(path.stat().st_size for path in world.folder.rglob("*") if path.is_file())

@@ -12,7 +12,7 @@ from posefuse.core import InputError, Recording
 from posefuse.detection.build import DetectorChoice
 from posefuse.detection.downloading import fetch_networks
 from posefuse.evaluation.metrics import JointErrors, joint_errors
-from posefuse.evaluation.report.quality import CAMERA_COLUMNS, camera_rows
+from posefuse.evaluation.report import CAMERA_COLUMNS, camera_rows
 from posefuse.formats.truth import read_truth
 from posefuse.outputs.rerun_scene import check_viewer
 from posefuse.pipeline.clock import StageClock

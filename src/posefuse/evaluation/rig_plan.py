@@ -16,8 +16,7 @@ from posefuse.core import Camera, InputError, Rig
 from posefuse.core.arrays import Array
 from posefuse.fusion import FuseSettings
 from posefuse.fusion.triangulation import sigma_of_size
-from posefuse.simulation.surroundings import Box
-from posefuse.simulation.visibility import in_image
+from posefuse.simulation.surroundings import Box, in_image
 
 # a standing adult: edges of the box around the body
 _BODY_M = (0.5, 0.5, 1.75)

@@ -10,8 +10,7 @@ import numpy as np
 
 from posefuse.core import PoseSequence, Recording, Rig
 from posefuse.evaluation.compare import Comparison, Tracks, compare
-from posefuse.evaluation.tracks import read_tracks, tracks_of
-from posefuse.evaluation.truth_tracks import is_simulated, truth_tracks
+from posefuse.evaluation.tracks import is_simulated, read_tracks, tracks_of, truth_tracks
 from posefuse.formats.recording import read_result_poses
 from posefuse.formats.rig import refusal_note
 

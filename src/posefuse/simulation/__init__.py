@@ -6,7 +6,6 @@ for a pipeline (`SimulatedSource`). Does not use `kinematics`: angles come from 
 
 from .exact import truth_of
 from .scene import Scene, read_scene
-from .session import simulate
-from .session_folder import SessionPaths
+from .session import SessionPaths, simulate
 
 __all__ = ["Scene", "SessionPaths", "read_scene", "simulate", "truth_of"]

@@ -14,8 +14,7 @@ from posefuse.core.skeleton import ANATOMICAL23
 from .body import SimulatedBody, build_body
 from .cameras import PlacedCamera, placed_cameras, rig_from_cameras
 from .motion import MovingPerson, build_person
-from .paths import CarriedPath, poses_in_hand, poses_on_path
-from .props import Prop, prop_from_settings
+from .props import CarriedPath, Prop, poses_in_hand, poses_on_path, prop_from_settings
 from .scene import Scene, check_scene
 from .shots import Shots, shots_of
 from .surroundings import Box, boxes_of
@@ -24,6 +23,8 @@ _ROOM_MARGIN_M = 1.0
 _LEAST_ROOM_M = 8.0
 _BODY_RADIUS_M = 0.25
 _CHECK_STEP_S = 0.1
+# of the centre of what a hand carries, along the forearm
+_BEYOND_WRIST_M = 0.18
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -169,7 +170,7 @@ def _grip(body: SimulatedBody, path: CarriedPath) -> tuple[int, SE3]:
     rest = body.keypoints(body.world_from_bone_rest[None])[0]
     elbow, wrist = (rest[ANATOMICAL23.index(f"{path.side}_{joint}")] for joint in ("elbow", "wrist"))
     along = (wrist - elbow) / np.linalg.norm(wrist - elbow)
-    place = wrist + path.beyond_wrist_m * along
+    place = wrist + _BEYOND_WRIST_M * along
     hand = int(np.argmin(np.linalg.norm(body.world_from_bone_rest[:, :3, 3] - (wrist + 0.03 * along), axis=-1)))
     bone = body.world_from_bone_rest[hand]
     bone_from_world = SE3.from_matrix(bone[:3, :3], bone[:3, 3]).inverse()

@@ -1,4 +1,4 @@
-"""Cameras of a scene: where they stand, what lens and sensor they have, and the rig they make."""
+"""Cameras of a scene: where they stand, what lens and sensor they have, the depth they measure, and the rig they make."""
 
 from __future__ import annotations
 
@@ -15,7 +15,31 @@ from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.foundation.settings import settings
 
-from .depth import DepthSettings
+
+@settings
+class DepthSettings:
+    """A stereo depth camera aligned with the colour image; see `render.shot.measured_depth` for the model.
+
+    The defaults resemble a RealSense D435 at 848 x 480.
+
+    Attributes:
+        focal_px: of the depth imager. baseline_m: between its two lenses.
+        disparity_sigma_px: error of a match. step_px: smallest step of the disparity; 0 for none.
+        floor_m: error that does not grow with distance.
+        lateral_px: how far off its place a pixel looks, one standard deviation.
+        edge_loss: share of the pixels next to edges of depth that have no depth.
+        reach_m: nothing is measured farther away.
+    """
+
+    focal_px: Annotated[float, Gt(0)] = 425.0
+    baseline_m: Annotated[float, Gt(0), Le(10)] = 0.05
+    disparity_sigma_px: Annotated[float, Ge(0)] = 0.08
+    step_px: Annotated[float, Ge(0), Le(1)] = 1 / 32
+    floor_m: Annotated[float, Ge(0)] = 0.003
+    lateral_px: Annotated[float, Ge(0), Le(20)] = 0.8
+    edge_loss: Annotated[float, Ge(0), Le(1)] = 0.5
+    reach_m: Annotated[float, Gt(0), Le(65)] = 10.0
+
 
 Point = tuple[float, float, float]
 Row = tuple[float, float, float]

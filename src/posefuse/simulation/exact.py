@@ -13,7 +13,7 @@ from posefuse.core.skeleton import ANATOMICAL23
 from .body import ANGLE_NAMES, JOINTS, SEGMENTS
 from .build import LiveScene, live_scene
 from .scene import Scene
-from .visibility import FLESH_M, hidden_by_shapes, in_image
+from .surroundings import FLESH_M, hidden_by_shapes, in_image
 
 # a printed point lies on the surface that is drawn; the depth of a pixel is this good
 _PRINT_M = 0.02
@@ -42,7 +42,7 @@ class SeenPoints:
 def truth_of(scene: Scene) -> Truth:
     """The truth of a scene without rendering it: seconds for minutes of session.
 
-    Visibility is by ray casting against the boxes (exact) and people as capsules (approximate), see `visibility`; props
+    Visibility is by ray casting against the boxes (exact) and people as capsules (approximate), see `surroundings`; props
     hide nothing here. A rendered session tests the depth of the image instead.
     """
     live = live_scene(scene)

@@ -1,25 +1,28 @@
-"""Scene files: everything a simulated session consists of, each key with its unit and default."""
+"""Scene files: everything a simulated session consists of, each key with its unit and default; and the folder that keeps one."""
 
 from __future__ import annotations
 
+import dataclasses
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, cast
 
+import yaml
 from annotated_types import Ge, Gt, Le
 from pydantic import Field
 
 from posefuse.core import ConfigError
 from posefuse.core.errors import choices
+from posefuse.foundation.plain_values import plain
 from posefuse.foundation.settings import read_settings, settings
 
 from .body import BodyShapeSettings
 from .cameras import CameraSettings, placed_cameras
 from .motion import MotionSettings
 from .motion.settings import check_motion
-from .paths import CarriedPath
-from .props import PropSettings
+from .props import CarriedPath, PropSettings
 from .surroundings import OccluderSettings, RoomSettings
 
 
@@ -128,3 +131,36 @@ def _check_unique(what: str, names: list[str]) -> None:
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise ConfigError(f"{what}: used twice: {choices(twice)}; give each its own")
+
+
+SCENE_FILE = "scene.yaml"
+
+
+def write_scene(scene: Scene, folder: Path) -> None:
+    """Write scene.yaml, every setting in it, and copy the motion files: the folder holds all it was made from."""
+    (folder / SCENE_FILE).write_text(scene_text(scene), encoding="utf-8")
+    with_motion_files(scene, lambda i, file: _copied(Path(file), folder / _motion_name(i, file)))
+
+
+def scene_text(scene: Scene) -> str:
+    """The content of scene.yaml: every setting, motion files as the session holds them."""
+    return yaml.safe_dump(plain_settings(with_motion_files(scene, _motion_name)), sort_keys=False)
+
+
+def _motion_name(person: int, file: str) -> str:
+    return f"motion/{person}-{Path(file).name}"
+
+
+def _copied(file: Path, into: Path) -> str:
+    """Copy a motion file or folder, so that the session holds all it was made from."""
+    into.parent.mkdir(exist_ok=True)
+    if file.is_dir():
+        shutil.copytree(file, into, dirs_exist_ok=True)
+    else:
+        shutil.copyfile(file, into)
+    return str(into)
+
+
+def plain_settings(settings: Any) -> Any:
+    """Settings as plain values for YAML: mappings, lists, numbers, text."""
+    return plain(dataclasses.asdict(settings))

@@ -15,8 +15,11 @@ the same scene: runs of frames that are whole are not rendered again.
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,19 +27,21 @@ from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.core.ideal_image import optics_of
 from posefuse.core.se3 import wxyz_from_matrix
+from posefuse.formats.frame_times import write_frame_times
+from posefuse.formats.npz import read_arrays
+from posefuse.formats.rig import write_rig
+from posefuse.formats.truth import write_arrays, write_truth
+from posefuse.formats.video import join_videos
 from posefuse.foundation.output_folder import check_replaceable, find_unfinished, output_folder
 from posefuse.foundation.platform import usable_cores
 
 from .build import LiveScene, live_scene
-from .exact import flesh_of_points, seen_points
+from .exact import flesh_of_points, prop_truth, seen_points, truth_with
 from .render.backend import check_framebuffer, working_backend
-from .render.model import RenderModel, render_model
+from .render.model import render_model
 from .render.shot import moments_of
-from .render.workers import RenderJob, RenderTask, render_all
-from .scene import H264Settings, Scene, motion_files
-from .scene_files import scene_text, write_scene
-from .session_files import FrameRun, cameras_with_depth, finish_session, runs_of
-from .session_folder import SessionPaths
+from .render.workers import RenderJob, RenderTask, image_name, render_all
+from .scene import SCENE_FILE, H264Settings, Scene, motion_files, scene_text, write_scene
 
 Progress = Callable[[int, int], None]
 _COMMAND = "simulate"
@@ -120,8 +125,8 @@ def estimated_session_bytes(live: LiveScene) -> int:
     return round(pixels * _JPEG_BYTES + depth)
 
 
-def scene_render_model(live: LiveScene, largest_wh: tuple[int, int]) -> RenderModel:
-    """The scene as the renderer wants it; `largest_wh` is the largest ideal image any camera needs."""
+def scene_render_model(live: LiveScene, largest_wh: tuple[int, int], backend: str) -> Any:
+    """The scene as MuJoCo's model; `largest_wh` is the largest ideal image any camera needs."""
     return render_model(
         live.bodies,
         live.boxes,
@@ -130,6 +135,7 @@ def scene_render_model(live: LiveScene, largest_wh: tuple[int, int]) -> RenderMo
         room_size_m=live.room_size_m,
         largest_wh=largest_wh,
         seed=live.scene.seed,
+        backend=backend,
     )
 
 
@@ -151,7 +157,7 @@ def _begin(paths: SessionPaths, scene: Scene) -> None:
 
 def _job(live: LiveScene, backend: str, largest_wh: tuple[int, int]) -> RenderJob:
     return RenderJob(
-        model=scene_render_model(live, largest_wh),
+        model=scene_render_model(live, largest_wh, backend),
         backend=backend,
         cameras=live.rig.cameras,
         sensors=tuple(camera.sensor for camera in live.placed),
@@ -199,3 +205,114 @@ def _tasks(live: LiveScene, paths: SessionPaths, runs: list[FrameRun]) -> Iterat
             done=run.done,
             depth=paths.depth(camera.name) if camera.name in deep else None,
         )
+
+
+@dataclass(frozen=True)
+class SessionPaths:
+    """Where things are in a session folder."""
+
+    folder: Path
+
+    @property
+    def rig(self) -> Path:
+        """The exact cameras."""
+        return self.folder / "rig.toml"
+
+    @property
+    def videos(self) -> Path:
+        """One video or image folder per camera."""
+        return self.folder / "videos"
+
+    @property
+    def scene(self) -> Path:
+        """Every setting."""
+        return self.folder / SCENE_FILE
+
+    @property
+    def truth(self) -> Path:
+        """`core.Truth`."""
+        return self.folder / "truth" / "truth.npz"
+
+    @property
+    def shots(self) -> Path:
+        """True and stamped times of every frame."""
+        return self.folder / "truth" / "shots.npz"
+
+    @property
+    def props(self) -> Path:
+        """Exact poses and pixels of the props."""
+        return self.folder / "truth" / "props.npz"
+
+    @property
+    def parts(self) -> Path:
+        """Finished runs of frames of an unfinished session."""
+        return self.folder / "parts"
+
+    def depth(self, camera: str) -> Path:
+        """The depth images of a camera."""
+        return self.folder / "depth" / camera
+
+    def video(self, camera: str) -> Path:
+        """The H.264 video of a camera."""
+        return self.videos / f"{camera}.mp4"
+
+
+# frames of one task: what is lost when a session is interrupted
+_RUN = 30
+_RUN_OF_PICTURES = 240
+
+
+@dataclass(frozen=True)
+class FrameRun:
+    """Frames `frames` of camera number `camera`, stored as `video` and `done`."""
+
+    camera: int
+    frames: slice
+    video: Path
+    done: Path
+
+
+def runs_of(live: LiveScene, paths: SessionPaths) -> list[FrameRun]:
+    """All frames of a session, in runs short enough to lose little with one."""
+    runs = []
+    for c, shots in enumerate(live.shots):
+        pictures = len(moments_of(live.placed[c].sensor, live.rig.cameras[c].size_wh[1]))
+        length = max(1, min(_RUN, _RUN_OF_PICTURES // pictures))
+        for i, first in enumerate(range(0, len(shots), length)):
+            name = f"{shots.camera}-{i:05d}"
+            video = paths.parts / f"{name}.mp4" if isinstance(live.scene.record, H264Settings) else paths.videos / shots.camera
+            runs.append(FrameRun(c, slice(first, min(first + length, len(shots))), video, paths.parts / f"{name}.npz"))
+    return runs
+
+
+def finish_session(live: LiveScene, paths: SessionPaths) -> None:
+    """Join the runs, write rig and truth, and remove the runs."""
+    runs = runs_of(live, paths)
+    visible = []
+    for c, shots in enumerate(live.shots):
+        own = [run for run in runs if run.camera == c]
+        visible.append(np.concatenate([read_arrays(run.done)["visible"] for run in own]))
+        if isinstance(live.scene.record, H264Settings):
+            join_videos([run.video for run in own], paths.video(shots.camera))
+        else:
+            times = shots.stamp_ns.tolist()
+            write_frame_times(paths.videos / shots.camera, ((image_name(t_ns), t_ns) for t_ns in times))
+    write_rig(paths.rig, live.rig)
+    write_truth(paths.truth, truth_with(live, visible))
+    write_arrays(paths.shots, shot_arrays(live))
+    if live.props:
+        write_arrays(paths.props, prop_truth(live, visible))
+    shutil.rmtree(paths.parts)
+
+
+def cameras_with_depth(live: LiveScene) -> list[str]:
+    """Names of the cameras that measure depth."""
+    return [camera.name for camera in live.placed if camera.sensor.depth is not None]
+
+
+def shot_arrays(live: LiveScene) -> dict[str, Array]:
+    """Per camera number i: ``seq<i>``, ``t<i>_ns`` true mid-exposure, ``stamp<i>_ns`` the stamp in its video."""
+    arrays: dict[str, Array] = {}
+    for i, shots in enumerate(live.shots):
+        arrays |= {f"seq{i}": shots.seq, f"t{i}_ns": shots.t_ns, f"stamp{i}_ns": shots.stamp_ns}
+    return arrays

@@ -30,8 +30,7 @@ from .render.backend import working_backend
 from .render.shot import CameraShooter, Shot
 from .render.stage import RenderStage
 from .scene import read_scene
-from .session import body_poses, scene_render_model
-from .session_folder import SessionPaths
+from .session import SessionPaths, body_poses, scene_render_model
 
 # numbers (F,), stamps (F,) in ns, and the image and depth of the frame at a place, asked for in order
 _Film = tuple[Array, Array, Callable[[int], tuple[Array, DepthImage | None]]]
@@ -113,7 +112,8 @@ class SimulatedSource:
         live, i = self._live, self._index
         camera, shots = live.rig.cameras[i], live.shots[i]
         view = optics_of(camera).view
-        stage = RenderStage(scene_render_model(live, (view.width, view.height)), working_backend())
+        backend = working_backend()
+        stage = RenderStage(scene_render_model(live, (view.width, view.height), backend), backend)
         try:
             shooter = CameraShooter(camera, live.placed[i].sensor, stage)
 

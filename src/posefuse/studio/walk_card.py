@@ -8,8 +8,7 @@ from nicegui import ui
 
 from posefuse.core import PosefuseError
 from posefuse.simulation.planning import listed_cameras, with_test_walk
-from posefuse.simulation.scene import Scene, read_scene
-from posefuse.simulation.scene_files import scene_text
+from posefuse.simulation.scene import Scene, read_scene, scene_text
 
 from .shell import card, refused
 from .state import Studio

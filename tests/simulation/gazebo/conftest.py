@@ -13,11 +13,10 @@ import pytest
 from posefuse.simulation import Scene
 from posefuse.simulation.build import LiveScene, live_scene
 from posefuse.simulation.cameras import ImageSettings, ListedCameras, PlacedCamera, SensorSettings
-from posefuse.simulation.gazebo import GazeboSettings, GazeboWorld, export_world
-from posefuse.simulation.gazebo.settings import shown_scene
+from posefuse.simulation.gazebo import GazeboWorld, export_world
+from posefuse.simulation.gazebo.export import shown_scene
 from posefuse.simulation.motion.settings import CirclePath, WalkSettings
-from posefuse.simulation.paths import StillPath, WavedPath
-from posefuse.simulation.props import ArucoCube, CharucoBoard, GroundTile
+from posefuse.simulation.props import ArucoCube, CharucoBoard, GroundTile, StillPath, WavedPath
 from posefuse.simulation.scene import PersonSettings
 from posefuse.simulation.surroundings import BoxOccluder, RoomSettings
 
@@ -78,7 +77,7 @@ def scene() -> Scene:
 def written(tmp_path_factory) -> Written:
     folder = tmp_path_factory.mktemp("gazebo") / "world"
     world = export_world(SCENE, folder)
-    return Written(world, live_scene(shown_scene(SCENE, GazeboSettings())[0]))
+    return Written(world, live_scene(shown_scene(SCENE)[0]))
 
 
 def _compiled(name: str, package: str, debian: str, folder: Path) -> Path:

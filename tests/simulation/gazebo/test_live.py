@@ -18,7 +18,7 @@ pytest.importorskip("mujoco")
 
 from posefuse.messages.bags import read_clock, read_mcap
 from posefuse.simulation.cameras import ImageSettings, RingCameras, SensorSettings
-from posefuse.simulation.gazebo import GazeboSettings, export_world
+from posefuse.simulation.gazebo import export_world
 from posefuse.simulation.motion.settings import CirclePath, WalkSettings
 from posefuse.simulation.scene import PersonSettings, Scene
 from posefuse.simulation.session import simulate
@@ -64,7 +64,7 @@ def wait_for_poses(recording: Path, live: Running) -> None:
 
 def test_images_of_a_simulator_are_tracked_and_compared_by_simulation_time(tmp_path: Path) -> None:
     world, session, recording = tmp_path / "gz", tmp_path / "session", tmp_path / "run.mcap"
-    export_world(SCENE, world, GazeboSettings())
+    export_world(SCENE, world)
     simulate(SCENE, session, lambda done, total: None, None)
     program = [sys.executable, str(Path(__file__).with_name("stand_in.py")), str(DOMAIN), str(world), str(session), str(RATE)]
     sources = [word for c in range(3) for word in ("--source", f"cam{c:02d}=ros:/cam{c:02d}/image")]
@@ -90,8 +90,8 @@ def test_images_of_a_simulator_are_tracked_and_compared_by_simulation_time(tmp_p
 
 
 def test_the_scene_is_one_that_gazebo_shows_unchanged() -> None:
-    from posefuse.simulation.gazebo.settings import shown_scene
+    from posefuse.simulation.gazebo.export import shown_scene
 
-    shown, left_out = shown_scene(SCENE, GazeboSettings())
+    shown, left_out = shown_scene(SCENE)
     assert left_out == [] and shown.duration_s == SCENE.duration_s
     assert replace(shown, cameras=SCENE.cameras) == SCENE

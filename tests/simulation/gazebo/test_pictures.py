@@ -5,11 +5,11 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from gazebo_camera import camera_from_gazebo
 
 from posefuse.core import SE3
 from posefuse.core.ideal_image import drawn_camera, optics_of
 from posefuse.simulation.cameras import SensorSettings
-from posefuse.simulation.gazebo.cameras import camera_from_gazebo
 from posefuse.simulation.render.shot import CameraShooter
 from posefuse.simulation.render.stage import RenderStage
 from posefuse.simulation.session import body_poses, scene_render_model
@@ -20,7 +20,7 @@ from posefuse.sources.rig_lens import RigLens
 def draw(written, backend):
     live = written.live
     sizes = [optics_of(camera).view for camera in live.rig]
-    stage = RenderStage(scene_render_model(live, (max(v.width for v in sizes), max(v.height for v in sizes))), backend)
+    stage = RenderStage(scene_render_model(live, (max(v.width for v in sizes), max(v.height for v in sizes)), backend), backend)
 
     def draw_(camera, t_s=0.4):
         poses = body_poses(live, np.array([t_s]))

@@ -10,11 +10,9 @@ from posefuse.core import SKELETONS, PoseSequence, Recording
 from posefuse.formats.recording import write_recording
 from posefuse.formats.truth import read_truth
 from posefuse.simulation.build import live_scene
-from posefuse.simulation.gazebo import GazeboSettings
-from posefuse.simulation.gazebo.settings import shown_scene
+from posefuse.simulation.gazebo.export import shown_scene
 from posefuse.simulation.motion.settings import RecordedSettings
-from posefuse.simulation.scene import PersonSettings, read_scene
-from posefuse.simulation.scene_files import write_scene
+from posefuse.simulation.scene import PersonSettings, read_scene, write_scene
 
 KEYPOINTS = SKELETONS["anatomical23"]
 LEGS = KEYPOINTS.indices(["left_knee", "right_knee", "left_ankle", "right_ankle"])
@@ -70,7 +68,7 @@ def test_gazebo_finds_the_bones_of_the_recorded_person(recorded, gazebo_reader):
     world, _ = recorded
     times_s = np.sort(np.random.default_rng(5).uniform(0, 1.0, 10))
     _, poses, _ = gazebo_reader(world.folder / "meshes" / "person0.dae", times_s)
-    live = live_scene(shown_scene(read_scene(world.folder / "scene.yaml"), GazeboSettings())[0])
+    live = live_scene(shown_scene(read_scene(world.folder / "scene.yaml"))[0])
     truth = live.bones(times_s)[0]
     by_name = {name.translate({ord("."): "_", ord("-"): "_"}): b for b, name in enumerate(live.bodies[0].bone_names)}
     apart_m = [

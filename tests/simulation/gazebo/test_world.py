@@ -8,15 +8,15 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pytest
 import yaml
+from gazebo_camera import camera_from_gazebo
 
 from posefuse.core import SE3, ConfigError, InputError
 from posefuse.core.ideal_image import drawn_camera
 from posefuse.formats.rig import read_rig
 from posefuse.formats.truth import read_loop, read_truth
 from posefuse.simulation.cameras import rig_from_cameras
-from posefuse.simulation.gazebo import GazeboSettings, export_world
-from posefuse.simulation.gazebo.cameras import camera_from_gazebo, world_from_link
-from posefuse.simulation.gazebo.world import pose_text
+from posefuse.simulation.gazebo import export_world
+from posefuse.simulation.gazebo.world import pose_text, world_from_link
 
 
 def _camera(read):
@@ -164,7 +164,7 @@ def test_the_bridge_brings_clock_images_and_camera_info(written):
 def test_fortress_has_names_of_its_own(scene, tmp_path, sdformat_check):
     scene = dataclasses.replace(scene, people=(), props=())
     for release, prefix in (("fortress", "ignition"), ("harmonic", "gz"), ("jetty", "gz")):
-        world = export_world(scene, tmp_path / release, GazeboSettings(release=release))
+        world = export_world(scene, tmp_path / release, release=release)
         text = (world.folder / "world.sdf").read_text()
         assert f'name="{prefix}::' in text and f'filename="{prefix}-' in text
         assert f"{prefix}.msgs.Image" in (world.folder / "bridge.yaml").read_text()
@@ -174,7 +174,7 @@ def test_fortress_has_names_of_its_own(scene, tmp_path, sdformat_check):
 def test_what_cannot_be_is_refused_in_one_line(scene, tmp_path):
     scene = dataclasses.replace(scene, people=(), props=())
     with pytest.raises(ConfigError, match="no release 'classic'; there are: fortress, harmonic"):
-        export_world(scene, tmp_path / "a", GazeboSettings(release="classic"))
+        export_world(scene, tmp_path / "a", release="classic")
     with pytest.raises(ConfigError, match=r"duration_s: expected .* got 1200 s"):
         export_world(dataclasses.replace(scene, duration_s=1200), tmp_path / "a")
     (tmp_path / "mine").mkdir()

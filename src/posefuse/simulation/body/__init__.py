@@ -2,6 +2,6 @@
 
 from .angles import ANGLE_NAMES, JOINTS, SEGMENTS, rotation_of
 from .body import SimulatedBody, build_body
-from .settings import BodyShapeSettings
+from .mesh import BodyShapeSettings
 
 __all__ = ["ANGLE_NAMES", "JOINTS", "SEGMENTS", "BodyShapeSettings", "SimulatedBody", "build_body", "rotation_of"]

@@ -8,15 +8,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from annotated_types import Ge, Le
+from pydantic import Field
 from scipy.optimize import brentq
 
 from posefuse.core import SKELETONS, ConfigError, DependencyError
 from posefuse.core.arrays import Array
-
-from .settings import BodyShapeSettings
+from posefuse.foundation.settings import settings
 
 # anny faces -Y with its left at +X; a quarter turn makes that +X and +Y
 _OURS_FROM_ANNY = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
@@ -148,3 +149,35 @@ def _solve(sliders: dict[str, float], slider: str, wanted: float, place: int, ke
         sliders[slider] = float(brentq(miss, 0.0, 1.0, xtol=tolerance * 1e-3))
     else:
         sliders[slider] = 0.0 if low >= 0 else 1.0
+
+
+Colour = Annotated[str, Field(pattern=r"^#[0-9a-fA-F]{6}$")]
+Unit = Annotated[float, Ge(0), Le(1)]
+
+
+@settings
+class BodyShapeSettings:
+    """One body. A key that is left out is drawn from `random_seed` if that is given, else it is the default below.
+
+    Attributes:
+        random_seed: any whole number >= 0: draw everything that is not given.
+        sex: ``female``, ``male``, or anything between from 0 (female) to 1 (male); default male.
+        age_years: 5 to 90 years; default 30.
+        height_m: stature in metres; default: an average adult's (1.63 female, 1.77 male).
+        weight_kg: body mass; default: mid-range of what the body model offers at this stature; it offers a body mass index of
+            about 17 to 25 for adults, and the error of anything else names the range.
+        muscle: 0 (slack) to 1 (athletic); default 0.5.
+        shirt, trousers, shoes, skin, hair: ``#rrggbb``.
+    """
+
+    random_seed: Annotated[int, Ge(0)] | None = None
+    sex: Literal["female", "male"] | Unit | None = None
+    age_years: Annotated[float, Ge(5), Le(90)] | None = None
+    height_m: Annotated[float, Ge(0.9), Le(2.3)] | None = None
+    weight_kg: Annotated[float, Ge(10), Le(200)] | None = None
+    muscle: Unit | None = None
+    shirt: Colour | None = None
+    trousers: Colour | None = None
+    shoes: Colour | None = None
+    skin: Colour | None = None
+    hair: Colour | None = None

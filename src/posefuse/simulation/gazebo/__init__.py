@@ -1,6 +1,5 @@
 """Gazebo in and out: a scene as a world that Gazebo opens, with exact truth by simulation time (docs/gazebo.md)."""
 
 from .export import GazeboWorld, export_world
-from .settings import GazeboSettings
 
-__all__ = ["GazeboSettings", "GazeboWorld", "export_world"]
+__all__ = ["GazeboWorld", "export_world"]

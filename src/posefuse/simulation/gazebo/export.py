@@ -10,13 +10,16 @@ DIR/truth/         `formats.truth` at simulation times, loop.json: when the moti
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from string import Template
+from typing import Any
 
 import numpy as np
+import yaml
 
-from posefuse.core import Rig
+from posefuse.core import ConfigError, Rig
 from posefuse.core.arrays import Array
 from posefuse.core.ideal_image import drawn_camera
 from posefuse.core.se3 import SE3
@@ -26,24 +29,26 @@ from posefuse.formats.truth import write_arrays, write_loop, write_truth
 from posefuse.foundation.output_folder import output_folder
 from posefuse.messages.topics import ros_name
 from posefuse.simulation.build import LiveScene, live_scene
+from posefuse.simulation.cameras import ListedCameras, SensorSettings, placed_cameras
 from posefuse.simulation.exact import prop_truth, truth_with, visible_to_all
-from posefuse.simulation.paths import StillPath
+from posefuse.simulation.props import StillPath
 from posefuse.simulation.render.model import lamp_height_m
 from posefuse.simulation.render.textures import png
-from posefuse.simulation.scene import Scene, motion_files
-from posefuse.simulation.scene_files import write_scene
+from posefuse.simulation.scene import Scene, motion_files, write_scene
 
 from .animation import person_actor, prop_actor, prop_mesh
-from .releases import release_named
-from .room import room_models
-from .ros_files import BRIDGE_FILE, LAUNCH_FILE, WORLD_FILE, bridge_text, image_topic, launch_text
-from .settings import GazeboSettings, shown_scene
-from .world import CameraSensor, StillModel, world_text
+from .world import CameraSensor, Release, StillModel, release_named, room_models, world_text
 
 _COMMAND = "simulate --gazebo"
 _MESHES = "meshes"
 _EXECUTABLE = 0o755
-_DEFAULT = GazeboSettings()
+# at least so many time steps per second of truth: linear interpolation between them is then within 0.1 mm for an acceleration of
+# 50 m/s^2
+_TRUTH_HZ = 240.0
+# how far the animation may be from the true motion between its keys
+_MOST_BETWEEN_KEYS_M = 0.0005
+# longest animation that is baked: one minute of a walk takes about 30 MB
+_MOST_ANIMATION_S = 600.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,14 +71,15 @@ class GazeboWorld:
 def export_world(
     scene: Scene,
     out: Path,
-    settings: GazeboSettings = _DEFAULT,
     *,
+    release: str = "harmonic",
     replace_older: bool = False,
     warn: Callable[[str], None] | None = None,
 ) -> GazeboWorld:
     """Write a scene as a Gazebo world into the folder `out`.
 
     Args:
+        release: of Gazebo: ``fortress``, ``harmonic`` or ``jetty``: the names of plug-ins differ.
         replace_older: an earlier world that posefuse wrote and that is unchanged is replaced.
         warn: gets a line about files that are left over.
 
@@ -81,15 +87,15 @@ def export_world(
         ConfigError: the scene cannot be, or not in Gazebo. InputError: `out` holds anything else or cannot be written.
         DependencyError: the extra ``sim`` is missing.
     """
-    release = release_named(settings.release)
-    shown, left_out = shown_scene(scene, settings)
-    per_frame = int(np.ceil(settings.truth_hz / shown.rate_hz))
+    names = release_named(release)
+    shown, left_out = shown_scene(scene)
+    per_frame = int(np.ceil(_TRUTH_HZ / shown.rate_hz))
     live = live_scene(replace(shown, rate_hz=shown.rate_hz * per_frame))
     drawn = [drawn_camera(camera) for camera in live.rig]
     with output_folder(out, command=_COMMAND, inputs=motion_files(scene), replace=replace_older, warn=warn) as made:
         folder = made.folder
         (folder / _MESHES).mkdir()
-        actors, keys_hz = _actors(live, shown.rate_hz, folder, settings.most_between_keys_m)
+        actors, keys_hz = _actors(live, shown.rate_hz, folder)
         models = [
             *room_models(live.scene.room, live.room_size_m, scene.seed, folder / _MESHES, _MESHES),
             *_still_props(live, folder),
@@ -105,18 +111,17 @@ def export_world(
             for camera, placed, topic in zip(drawn, live.placed, topics, strict=True)
         ]
         text = world_text(
-            release,
+            names,
             room=live.scene.room,
             lamp_m=lamp_height_m(live.scene.room, live.room_size_m),
             boxes=live.boxes,
             models=models,
             actors=actors,
             cameras=sensors,
-            step_s=settings.step_s,
         )
         _write(folder, WORLD_FILE, text)
-        _write(folder, BRIDGE_FILE, bridge_text(release, topics))
-        _write(folder, LAUNCH_FILE, launch_text(release))
+        _write(folder, BRIDGE_FILE, bridge_text(names, topics))
+        _write(folder, LAUNCH_FILE, launch_text(names))
         (folder / LAUNCH_FILE).chmod(_EXECUTABLE)
         write_scene(shown, folder)
         write_rig(folder / "rig.toml", live.rig)
@@ -139,19 +144,19 @@ def _write_truth(live: LiveScene, folder: Path) -> None:
         write_arrays(folder / "props.npz", prop_truth(live, visible))
 
 
-def _actors(live: LiveScene, rate_hz: float, folder: Path, most_m: float) -> tuple[list[tuple[str, str]], tuple[float, ...]]:
+def _actors(live: LiveScene, rate_hz: float, folder: Path) -> tuple[list[tuple[str, str]], tuple[float, ...]]:
     """Everything that moves, written: name and file of each, and its keys per second."""
     actors, keys_hz = [], []
     duration_s = live.scene.duration_s
     for i, body in enumerate(live.bodies):
-        mesh, skeleton = person_actor(body, lambda t_s, i=i: live.bones(t_s)[i], duration_s, rate_hz, most_m)  # type: ignore[misc]
+        mesh, skeleton = person_actor(body, lambda t_s, i=i: live.bones(t_s)[i], duration_s, rate_hz, _MOST_BETWEEN_KEYS_M)  # type: ignore[misc]
         actors.append((f"person{i}", _mesh_name(f"person{i}")))
         keys_hz.append(len(skeleton.t_s) / duration_s)
         write_collada(folder / actors[-1][1], mesh, skeleton)
     for i, prop in enumerate(live.props):
         if not isinstance(prop.path, StillPath):
             _write_picture(folder, prop.name, prop.texture)
-            mesh, skeleton = prop_actor(prop, f"{prop.name}.png", _prop_poses(live, i), duration_s, rate_hz, most_m)
+            mesh, skeleton = prop_actor(prop, f"{prop.name}.png", _prop_poses(live, i), duration_s, rate_hz, _MOST_BETWEEN_KEYS_M)
             actors.append((prop.name, _mesh_name(prop.name)))
             keys_hz.append(len(skeleton.t_s) / duration_s)
             write_collada(folder / actors[-1][1], mesh, skeleton)
@@ -181,3 +186,89 @@ def _write_picture(folder: Path, name: str, picture: Array) -> str:
     path = f"{_MESHES}/{name}.png"
     (folder / path).write_bytes(png(picture))
     return path
+
+
+def shown_scene(scene: Scene) -> tuple[Scene, list[str]]:
+    """The scene as Gazebo shows it, its time beginning at 0, and what had to be left out, in words.
+
+    Raises:
+        ConfigError: it lasts too long, or less than a millisecond.
+    """
+    duration_s = int(scene.duration_s * 1000 + 1e-6) / 1000
+    if not 0 < duration_s <= _MOST_ANIMATION_S:
+        raise ConfigError(
+            f"duration_s: expected 0.001 to {_MOST_ANIMATION_S:g} s for Gazebo, got {scene.duration_s:g} s; "
+            "the animation begins again at its end, so a shorter scene continues as well"
+        )
+    cameras, left_out = [], []
+    for camera in placed_cameras(scene.cameras):
+        rate_hz = camera.sensor.rate_hz or scene.rate_hz
+        kept = SensorSettings(rate_hz=rate_hz, noise_dn=camera.sensor.noise_dn)
+        names = _set(replace(camera.sensor, rate_hz=rate_hz), kept)
+        if names:
+            left_out.append(f"{camera.name}: {', '.join(names)}: Gazebo's cameras have no such thing; left out")
+        cameras.append(replace(camera, sensor=kept))
+    if scene.start_s:
+        left_out.append(f"start_s: simulation time begins at 0, not at {scene.start_s:g} s")
+    listed = ListedCameras(kind="list", cameras=tuple(cameras))
+    return replace(scene, cameras=listed, duration_s=duration_s, start_s=0.0), left_out
+
+
+def _set(sensor: SensorSettings, kept: SensorSettings) -> list[str]:
+    """Names of the settings that are lost from `sensor` to `kept`; how finely a shutter is drawn is none by itself."""
+    silent = ("shutter_bands", "blur_samples")
+    return [name for name, value in vars(sensor).items() if name not in silent and value != getattr(kept, name)]
+
+
+WORLD_FILE, BRIDGE_FILE, LAUNCH_FILE = "world.sdf", "bridge.yaml", "launch.sh"
+_LAUNCH = Template("""\
+#!/bin/sh
+# Starts Gazebo with this world, and the bridge that brings its images and its clock to ROS 2. Ctrl-C ends both.
+#   ./launch.sh              with Gazebo's window
+#   ./launch.sh --headless   without a screen
+cd "$$(dirname "$$0")" || exit 1
+case "$$1" in
+  "") shown="" ;;
+  --headless) shown="-s --headless-rendering" ;;
+  *) echo "usage: $$0 [--headless]" >&2; exit 2 ;;
+esac
+for program in ${program} ros2; do
+  command -v "$$program" >/dev/null || { echo "$$program: not found; see docs/gazebo.md of posefuse" >&2; exit 1; }
+done
+# shellcheck disable=SC2086
+${command} -r $$shown ${world} &
+simulator=$$!
+trap 'kill $$simulator 2>/dev/null' EXIT
+trap 'exit 130' INT TERM
+ros2 run ros_gz_bridge parameter_bridge --ros-args -p config_file:="$$PWD/${bridge}"
+""")
+
+
+def image_topic(camera_topic: str) -> str:
+    """Topic of a camera's images; Gazebo puts CameraInfo next to it."""
+    return f"/{camera_topic}/image"
+
+
+def bridge_text(release: Release, camera_topics: Sequence[str]) -> str:
+    """The configuration of `ros_gz_bridge`: clock, images and CameraInfo, from Gazebo to ROS only."""
+    topics = [("/clock", "rosgraph_msgs/msg/Clock", "Clock")]
+    for name in camera_topics:
+        topics += [(image_topic(name), "sensor_msgs/msg/Image", "Image")]
+        topics += [(f"/{name}/camera_info", "sensor_msgs/msg/CameraInfo", "CameraInfo")]
+    entries: list[dict[str, Any]] = [
+        {
+            "ros_topic_name": topic,
+            "gz_topic_name": topic,
+            "ros_type_name": ros_type,
+            "gz_type_name": release.message.format(message),
+            "direction": "GZ_TO_ROS",
+        }
+        for topic, ros_type, message in topics
+    ]
+    return yaml.safe_dump(entries, sort_keys=False)
+
+
+def launch_text(release: Release) -> str:
+    """A shell script; it is made executable."""
+    program = release.command.split()[0]
+    return _LAUNCH.substitute(program=program, command=release.command, world=WORLD_FILE, bridge=BRIDGE_FILE)

@@ -1,25 +1,38 @@
-"""A scene as an SDF 1.9 world: light, room, occluders, things, people, cameras."""
+"""A scene as an SDF 1.9 world: light, room, occluders, things, people, cameras.
+
+**Axes.** A Gazebo camera looks along its own +X, with +Y to the left and +Z up; ours is OpenCV's (x right, y down, z forward).
+
+**Pixels.** Gazebo builds its OpenGL projection so that the pixel coordinate u of a point runs from 0 at the left *edge* of the
+image to its width at the right edge; the centre of the first pixel is at 0.5. Ours is at 0. So cx and cy of a world file, and of
+the CameraInfo that Gazebo publishes, are half a pixel more than ours (`CENTRE_PX`).
+
+**Lens.** Gazebo's renderer draws ideal pinhole images, of square or oblong pixels. A camera with a lens, or with skewed axes,
+is exported as an ideal camera wide enough for all that the lens sees (`core.ideal_image`); the intake applies the lens.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 
-from posefuse.core import SE3, Camera
+from posefuse.core import SE3, Camera, ConfigError
 from posefuse.core.arrays import Array
+from posefuse.core.errors import choices
+from posefuse.formats.collada import Mesh, Surface, write_collada
+from posefuse.simulation.render import textures
 from posefuse.simulation.surroundings import Box, RoomSettings
-
-from .cameras import CENTRE_PX, world_from_link
-from .releases import Release
 
 SDF_VERSION = "1.9"
 WORLD = "posefuse"
 # the ambient light and the lamps of `render.model`, as shares of full brightness
 _AMBIENT, _LAMP, _FILL = 0.40, 0.48, 0.27
 _NEAR_M, _FAR_M = 0.05, 80.0
+# of simulation time; images are stamped with multiples of it
+_STEP_S = 0.001
 _GREY_LEVELS = 255
 
 
@@ -57,19 +70,17 @@ def world_text(
     models: Sequence[StillModel],
     actors: Sequence[tuple[str, str]],
     cameras: Sequence[CameraSensor],
-    step_s: float,
 ) -> str:
     """The world file.
 
     Args:
         lamp_m: height of the lamp. actors: name and .dae of each, relative to the world file.
-        step_s: of simulation time; images are stamped with multiples of it.
     """
     root = ElementTree.Element("sdf", version=SDF_VERSION)
     world = _add(root, "world", name=WORLD)
     # nothing falls or collides: time passes as fast as images are drawn, at most as fast as the clock
     physics = _add(world, "physics", name="steps", type="ignored")
-    _add(physics, "max_step_size", _numbers(step_s))
+    _add(physics, "max_step_size", _numbers(_STEP_S))
     _add(physics, "real_time_factor", "1")
     for system, name in (("sensors", "Sensors"), ("scene-broadcaster", "SceneBroadcaster"), ("user-commands", "UserCommands")):
         plugin = _add(world, "plugin", filename=release.plugin.format(system), name=release.system.format(name))
@@ -212,3 +223,102 @@ def _add(parent: ElementTree.Element, tag: str, text: str | None = None, **attri
 def _numbers(values: float | Sequence[float] | Array) -> str:
     # 15 digits: what is read back is the same to the last nanometre
     return " ".join(f"{value:.15g}" for value in np.atleast_1d(np.asarray(values, np.float64)).ravel() + 0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Release:
+    """One release.
+
+    Attributes:
+        plugin: file name of a system plug-in, with ``{}`` for the system. system: class name, likewise.
+        message: type name of a message, likewise. command: that starts the simulator. ros: the ROS 2 release it is paired with.
+    """
+
+    plugin: str
+    system: str
+    message: str
+    command: str
+    ros: str
+
+
+_GZ = {"plugin": "gz-sim-{}-system", "system": "gz::sim::systems::{}", "message": "gz.msgs.{}", "command": "gz sim"}
+RELEASES = {
+    "fortress": Release(
+        plugin="ignition-gazebo-{}-system", system="ignition::gazebo::systems::{}", message="ignition.msgs.{}",
+        command="ign gazebo", ros="humble",
+    ),
+    "harmonic": Release(**_GZ, ros="jazzy"),
+    "jetty": Release(**_GZ, ros="rolling"),
+}  # fmt: skip
+
+
+def release_named(name: str) -> Release:
+    """The release of this name; ConfigError lists those there are."""
+    if name not in RELEASES:
+        raise ConfigError(f"gazebo: no release {name!r}; there are: {choices(RELEASES)}")
+    return RELEASES[name]
+
+
+CENTRE_PX = 0.5
+# columns: Gazebo's forward, left, up in our camera axes
+CAM_FROM_LINK = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
+
+
+def world_from_link(camera: Camera) -> SE3:
+    """Pose of a Gazebo camera that sees what `camera` sees."""
+    world_from_cam = camera.cam_from_world.inverse()
+    return SE3.from_matrix(world_from_cam.matrix() @ CAM_FROM_LINK, world_from_cam.xyz)
+
+
+_UP = np.array([0.0, 0.0, 1.0])
+
+
+def room_models(room: RoomSettings, size_m: tuple[float, float], seed: int, folder: Path, beside_world: str) -> list[StillModel]:
+    """Write floor and walls into `folder`, which the world file calls `beside_world`; the models that show them."""
+    rng = np.random.default_rng([seed, 32])
+    pictures = {"floor": (textures.floor_picture(room.floor, rng), _floor(size_m))}
+    if room.walls != "none":
+        for i, (corner, along) in enumerate(_walls(size_m)):
+            picture = textures.wall_picture(room.walls, float(np.linalg.norm(along)), room.height_m, rng)
+            pictures[f"wall{i}"] = picture, _rectangle(corner, along, room.height_m * _UP)
+    models = []
+    for name, (picture, (vertices, uv, faces)) in pictures.items():
+        (folder / f"{name}.png").write_bytes(textures.png(picture))
+        normal = np.cross(vertices[1] - vertices[0], vertices[2] - vertices[0])
+        normals = np.tile(normal / np.linalg.norm(normal), (len(vertices), 1))
+        parts = {"picture": (Surface(texture=f"{name}.png"), faces)}
+        write_collada(folder / f"{name}.dae", Mesh(vertices=vertices, normals=normals, uv=uv, parts=parts))
+        file = f"{beside_world}/{name}"
+        models.append(StillModel(name=f"room_{name}", mesh=f"{file}.dae", texture=f"{file}.png", world_from_model=SE3.identity()))
+    return models
+
+
+def _floor(size_m: tuple[float, float]) -> tuple[Array, Array, Array]:
+    """Tiles of one image each, cut off at the edge: nothing depends on how a renderer repeats images."""
+    tile = textures.FLOOR_TILE_M
+    edges = [np.concatenate([np.arange(-side / 2, side / 2 - 1e-9, tile), [side / 2]]) for side in size_m]
+    parts = []
+    for x0, x1 in zip(edges[0][:-1], edges[0][1:], strict=True):
+        for y0, y1 in zip(edges[1][:-1], edges[1][1:], strict=True):
+            vertices, uv, faces = _rectangle(np.array([x0, y0, 0.0]), np.array([x1 - x0, 0, 0]), np.array([0, y1 - y0, 0]))
+            bottom_left = np.array([0.0, 1.0])
+            parts.append((vertices, bottom_left + (uv - bottom_left) * [(x1 - x0) / tile, (y1 - y0) / tile], faces))
+    count = len(parts[0][0])
+    return (
+        np.concatenate([part[0] for part in parts]),
+        np.concatenate([part[1] for part in parts]),
+        np.concatenate([part[2] + count * i for i, part in enumerate(parts)]),
+    )
+
+
+def _walls(size_m: tuple[float, float]) -> list[tuple[Array, Array]]:
+    """Lower left corner and direction along each wall as seen from inside, in the order of `render.model`."""
+    x, y = size_m[0] / 2, size_m[1] / 2
+    corners = [np.array([*corner, 0.0]) for corner in ((x, -y), (-x, -y), (-x, y), (x, y))]
+    return [(corner, corners[(i + 1) % 4] - corner) for i, corner in enumerate(corners)]
+
+
+def _rectangle(corner: Array, right: Array, up: Array) -> tuple[Array, Array, Array]:
+    """An image of its own: vertices (4, 3), uv (4, 2) from the image's top left, faces (2, 3) seen from right x up."""
+    vertices = np.array([corner, corner + right, corner + right + up, corner + up])
+    return vertices, np.array([[0.0, 1], [1, 1], [1, 0], [0, 0]]), np.array([[0, 1, 2], [0, 2, 3]])

@@ -19,7 +19,7 @@ from .posture import BodyPosture, bones_of
 from .retarget import retargeted
 from .routes import route
 from .settings import MotionSettings, StandSettings, WalkSettings
-from .standing import standing
+from .standing import standing_motion
 
 _READERS = {"bvh": retargeted, "trc": from_trc, "result": from_result}
 
@@ -70,7 +70,7 @@ def build_person(body: SimulatedBody, motion: MotionSettings, seed: int) -> Movi
         ConfigError: a path that cannot be walked, or that a hand cannot reach. InputError: a motion file that cannot be used.
     """
     if isinstance(motion, StandSettings):
-        return MovingPerson(body, standing(body, motion, seed))
+        return MovingPerson(body, standing_motion(body, motion, seed))
     if isinstance(motion, WalkSettings):
         return MovingPerson(body, walking(body, route(motion.path, motion.speed_mps, seed), motion.speed_mps).posture)
     return MovingPerson(body, _READERS[motion.kind](body, motion).posture)

@@ -21,7 +21,7 @@ from posefuse.formats.recording import read_recording
 from posefuse.formats.trc import read_trc
 from posefuse.simulation.body import SEGMENTS, SimulatedBody
 
-from .limbs import forearm_and_hand, frame_along, lengths_m, normal_part, unit_vectors
+from .posture import forearm_and_hand, frame_along, lengths_m, normal_part, unit_vectors
 from .sampled import Sampled, on_floor
 from .settings import RecordedSettings
 

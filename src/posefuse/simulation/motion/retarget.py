@@ -20,7 +20,7 @@ from posefuse.formats.bvh import BvhData, read_bvh
 from posefuse.simulation.body import SimulatedBody
 from posefuse.simulation.body.angles import turn
 
-from .limbs import frame_along, lengths_m, unit_vectors
+from .posture import frame_along, lengths_m, unit_vectors
 from .sampled import Sampled, on_floor
 from .settings import RecordedSettings
 

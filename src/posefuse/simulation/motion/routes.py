@@ -15,6 +15,8 @@ from .settings import BackForthPath, CirclePath, LinePath, RandomPath, WalkPath
 
 _STEP_M = 0.005
 _SHORTEST_M = 1.0
+# of the half circle in which a person who walks back and forth turns round; slower there
+_TURN_RADIUS_M = 0.4
 # half of the distance over which a stop, a start or a reversal along a line is rounded off
 _ROUNDING_M = 0.15
 _FASTEST_SIDE_MPS2 = 2.5
@@ -151,8 +153,8 @@ def _sideways(path: BackForthPath) -> Route:
 def _turning(path: BackForthPath) -> Route:
     start, ahead, length = _ends(path)
     angle = float(np.arctan2(ahead[1], ahead[0]))
-    # curvature rises and falls as a raised cosine: half a turn over this distance, tightest at turn_radius_m
-    arc = 2 * np.pi * path.turn_radius_m
+    # curvature rises and falls as a raised cosine: half a turn over this distance, tightest at this radius
+    arc = 2 * np.pi * _TURN_RADIUS_M
     lap = 2 * (length + arc)
     grid = np.linspace(0.0, lap, 2 * max(200, round(lap / _STEP_M / 2)) + 1)
 

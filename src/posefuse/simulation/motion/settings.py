@@ -81,17 +81,15 @@ class BackForthPath:
 
     Attributes:
         start_m, end_m: x, y, at least 1 m apart.
-        facing: ``travel`` turns round at the ends, in a half circle of `turn_radius_m` to the left, so that the way back lies
+        facing: ``travel`` turns round at the ends, in a half circle of 0.4 m to the left, so that the way back lies
             two radii to the side of the path there; ``sideways`` keeps facing one way (the left of the way from start to end is
             ahead) and side-steps along the same line.
-        turn_radius_m: at least 0.25 m; the person slows down in the turn.
     """
 
     shape: Literal["back_forth"]
     start_m: Place
     end_m: Place
     facing: Literal["travel", "sideways"] = "travel"
-    turn_radius_m: Annotated[float, Ge(0.25), Le(5)] = 0.4
 
 
 @settings
@@ -128,7 +126,7 @@ class RecordedSettings:
     """Motion from a file: a BVH file, the markers or keypoints of a TRC file, or a recorded posefuse result (Real2Sim).
 
     Attributes:
-        kind: ``bvh``: joints by CMU, Mixamo or common names. ``trc``: `points` says which markers are used. ``result``: a folder.
+        kind: ``bvh``: joints by CMU, Mixamo or common names. ``trc``: by the markers that `points` names. ``result``: a folder.
         file: the file or folder. up: the vertical axis of a TRC file. person: which id of a result; None: the one seen longest.
         position_m: where the pelvis is at the start; None keeps the place of a TRC file or result, and is the origin for a BVH
             file.

@@ -13,8 +13,7 @@ from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.simulation.body import SEGMENTS, SimulatedBody, rotation_of
 from posefuse.simulation.body.angles import turn
 
-from .limbs import bend_arm, bend_leg, elevated_arm, forearm_and_hand, lengths_m, unit_vectors
-from .posture import BodyPosture, bones_of
+from .posture import BodyPosture, bend_arm, bend_leg, bones_of, elevated_arm, forearm_and_hand, lengths_m, unit_vectors
 from .settings import StandSettings
 
 SIDES = ("left", "right")
@@ -218,7 +217,7 @@ class Stander:
         return self.settings.period_s or _USUAL_PERIOD_S[self.settings.kind]
 
 
-def standing(body: SimulatedBody, settings: StandSettings, seed: int) -> Callable[[Array], BodyPosture]:
+def standing_motion(body: SimulatedBody, settings: StandSettings, seed: int) -> Callable[[Array], BodyPosture]:
     """Postures at times (T,).
 
     Raises:

@@ -1,4 +1,4 @@
-"""A scene in this process's OpenGL: move its bodies; draw ideal images, depths and segmentations."""
+"""A scene in this process's OpenGL: move its bodies; draw ideal images and depths."""
 
 from __future__ import annotations
 
@@ -11,22 +11,19 @@ from posefuse.core.arrays import Array
 from posefuse.core.ideal_image import SourceView
 
 from .backend import gl_context, mujoco_with
-from .model import RenderModel
 
 _NEAR_M = 0.05
 _FAR_M = 80.0
 _MOST_GEOMS = 2000
-NO_PERSON = -1
 
 
 class RenderStage:
-    """One model in one OpenGL context. Not for use from several threads."""
+    """One MuJoCo model in one OpenGL context. Not for use from several threads."""
 
-    def __init__(self, model: RenderModel, backend: str) -> None:
+    def __init__(self, model: Any, backend: str) -> None:
         mujoco = mujoco_with(backend)
         self._mujoco = mujoco
-        self._described = model
-        self._model = mujoco.MjModel.from_xml_string(model.xml, dict(model.assets))
+        self._model = model
         self._data = mujoco.MjData(self._model)
         size = self._model.vis.global_
         self._context = gl_context(backend, size.offwidth, size.offheight)
@@ -63,27 +60,6 @@ class RenderStage:
         # reversed depth: 1 at the near plane, 0 at the far one
         depth = _FAR_M * _NEAR_M / (_NEAR_M + nearness * (_FAR_M - _NEAR_M))
         return rgb[::-1], depth[::-1]
-
-    def draw_people(self, view: SourceView, cam_from_world: SE3) -> Array:
-        """(h, w) place of the person seen in each pixel, -1 where there is none."""
-        flags = self._mujoco.mjtRndFlag
-        before = self._scene.flags.copy()
-        self._scene.flags[[flags.mjRND_SEGMENT.value, flags.mjRND_IDCOLOR.value]] = 1
-        rectangle = self._aim(view, cam_from_world)
-        rgb = np.empty((view.height, view.width, 3), np.uint8)
-        self._mujoco.mjr_render(rectangle, self._scene, self._drawing)
-        self._mujoco.mjr_readPixels(rgb, None, rectangle, self._drawing)
-        self._scene.flags[:] = before
-        numbers = rgb[::-1].astype(np.int32) @ np.array([1, 256, 65536], np.int32)
-        return self._person_of_number()[numbers]
-
-    def _person_of_number(self) -> Array:
-        """(geoms + 1,) the person of each segmentation number; 0 is the background."""
-        people = np.full(self._scene.ngeom + 1, NO_PERSON)
-        for geom in self._scene.geoms[: self._scene.ngeom]:
-            if geom.segid >= 0 and geom.objtype == self._mujoco.mjtObj.mjOBJ_SKIN:
-                people[geom.segid + 1] = self._described.skin_person[geom.objid]
-        return people
 
     def _aim(self, view: SourceView, cam_from_world: SE3) -> Any:
         # another stage of this thread may have drawn in between

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 from multiprocessing.synchronize import Event
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -22,7 +23,6 @@ from posefuse.foundation.requests_to_end import children_ignore_requests, leave_
 from posefuse.simulation.cameras import SensorSettings
 from posefuse.simulation.scene import H264Settings, JpegSettings
 
-from .model import RenderModel
 from .shot import CameraShooter
 from .stage import RenderStage
 
@@ -35,11 +35,11 @@ class RenderJob:
     """What every process needs to know.
 
     Attributes:
-        cameras, sensors, rates_hz: one per camera, in the order of the rig.
-        flesh_m: (Q,), see `visibility`. record: how frames are stored. seed: of the sensor noise.
+        model: MuJoCo's. cameras, sensors, rates_hz: one per camera, in the order of the rig.
+        flesh_m: (Q,), see `surroundings`. record: how frames are stored. seed: of the sensor noise.
     """
 
-    model: RenderModel
+    model: Any
     backend: str
     cameras: tuple[Camera, ...]
     sensors: tuple[SensorSettings, ...]

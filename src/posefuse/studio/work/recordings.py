@@ -83,7 +83,7 @@ def simulate_walk_job(arguments: Arguments, workspace: StudioWorkspace, progress
     """A test walk in a planned room (file ``scene``), rendered to ``session``, tracked to ``out``, compared with its truth."""
     from posefuse.evaluation.metrics import joint_errors
     from posefuse.formats.truth import read_truth
-    from posefuse.simulation.session_folder import SessionPaths
+    from posefuse.simulation.session import SessionPaths
 
     session, out = workspace.path(arguments["session"]), workspace.path(arguments["out"])
     pf.simulate(workspace.existing(arguments["scene"]), session, progress=progress)
