@@ -60,7 +60,7 @@ class _Pair:
 
 def rough_clocks(rig: Rig, tracks: Sequence[PersonTrack], most_s: float) -> RoughClocks:
     """Of cameras with the extrinsics of the rig."""
-    grids = [Grid.of(track) for track in tracks]
+    grids = [EvenTrack.of(track) for track in tracks]
     norm = [camera.norm_from_px(grid.xy) for camera, grid in zip(rig, grids, strict=True)]
 
     def cost(a: int, b: int) -> Cost:
@@ -82,7 +82,7 @@ def rough_clocks(rig: Rig, tracks: Sequence[PersonTrack], most_s: float) -> Roug
 
 def rough_clocks_unplaced(cameras: Sequence[Camera], tracks: Sequence[PersonTrack], most_s: float) -> RoughClocks:
     """Of cameras at unknown places, from the way the person walks over the floor."""
-    grids = [Grid.of(track) for track in tracks]
+    grids = [EvenTrack.of(track) for track in tracks]
     ways = [np.moveaxis(camera.norm_from_px(grid.xy), 0, 1) for camera, grid in zip(cameras, grids, strict=True)]
     return agreed_clocks(
         grids, lambda a, b: lambda rows_a, rows_b: _homography_misfit(ways[a][:, rows_a], ways[b][:, rows_b]), most_s
@@ -90,7 +90,7 @@ def rough_clocks_unplaced(cameras: Sequence[Camera], tracks: Sequence[PersonTrac
 
 
 @dataclass(frozen=True, eq=False)
-class Grid:
+class EvenTrack:
     """What a camera sees at even times: first number of steps, and points (F, P, D), NaN where unseen."""
 
     first: int
@@ -102,14 +102,14 @@ class Grid:
         return np.asarray(np.isfinite(self.xy).all(axis=-1).any(axis=-1))
 
     @classmethod
-    def of(cls, track: PersonTrack) -> Grid:
+    def of(cls, track: PersonTrack) -> EvenTrack:
         """Of a person, read at these times."""
         t_s = track.t_s
         first, last = (round(float(t) / STEP_S) for t in t_s[[0, -1]])
         return cls(first, at_times(t_s, track.xy_img, np.arange(first, last + 1) * STEP_S))
 
 
-def agreed_clocks(grids: Sequence[Grid], cost: Callable[[int, int], Cost], most_s: float) -> RoughClocks:
+def agreed_clocks(grids: Sequence[EvenTrack], cost: Callable[[int, int], Cost], most_s: float) -> RoughClocks:
     """The offsets on which pairs of cameras agree best.
 
     Args:
@@ -133,7 +133,7 @@ def agreed_clocks(grids: Sequence[Grid], cost: Callable[[int, int], Cost], most_
     return RoughClocks((best - zero) * STEP_S, clear, (other - zero) * STEP_S, rivalry)
 
 
-def _pair(grids: Sequence[Grid], a: int, b: int, cost: Cost, most: int) -> _Pair:
+def _pair(grids: Sequence[EvenTrack], a: int, b: int, cost: Cost, most: int) -> _Pair:
     left, share = np.full(2 * most + 1, np.nan), np.zeros(2 * most + 1)
     most_seen = max(int(one.seen.sum()) for one in grids)
     apart, seen_a, seen_b = grids[b].first - grids[a].first, grids[a].seen, grids[b].seen

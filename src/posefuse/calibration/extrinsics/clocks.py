@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from posefuse.calibration.clocks.start import STEP_S, Grid, agreed_clocks
+from posefuse.calibration.clocks.start import STEP_S, EvenTrack, agreed_clocks
 from posefuse.calibration.solving.projection import Lenses
 from posefuse.calibration.solving.rotations import nearest_rotation
 from posefuse.calibration.targets.corners import CornerObservations
@@ -41,7 +41,7 @@ def rough_offsets(observations: CornerObservations, cameras: tuple[Camera, ...],
     return agreed_clocks(paths, misfit_m, MOST_OFFSET_S).offset_s
 
 
-def _paths(observations: CornerObservations, cameras: tuple[Camera, ...], target: Target) -> list[Grid]:
+def _paths(observations: CornerObservations, cameras: tuple[Camera, ...], target: Target) -> list[EvenTrack]:
     """Places of the prop in each camera's axes in m, in a few windows of the recording."""
     first = int(observations.t_ns.min())
     step, window = round(STEP_S * 1e9), round(_WINDOW_S / STEP_S)
@@ -54,7 +54,7 @@ def _paths(observations: CornerObservations, cameras: tuple[Camera, ...], target
     views = prop_views(seen, planar, shape_of(target, seen, planar), corners, lenses)
     xyz = np.full((len(cameras), count, 1, 3), np.nan)
     xyz[views.camera, steps[views.instant], 0] = views.cam_from_prop.t[:, 0]
-    return [Grid(0, one) for one in xyz]
+    return [EvenTrack(0, one) for one in xyz]
 
 
 def _misfit_m(a: Array, b: Array) -> float:
