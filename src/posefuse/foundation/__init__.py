@@ -6,6 +6,7 @@ from posefuse.foundation.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from .atomic import atomic_file
+    from .output_file import earlier_kept
     from .output_folder import growing_folder
     from .plain_values import plain
     from .platform import usable_cores
@@ -15,10 +16,11 @@ if TYPE_CHECKING:
 _HOMES = {
     "atomic_file": "atomic",
     "build_plugin": "plugins",
+    "earlier_kept": "output_file",
     "growing_folder": "output_folder",
     "plain": "plain_values",
     "settings_from_mapping": "settings",
     "usable_cores": "platform",
 }
-__all__ = ["atomic_file", "build_plugin", "growing_folder", "plain", "settings_from_mapping", "usable_cores"]
+__all__ = ["atomic_file", "build_plugin", "earlier_kept", "growing_folder", "plain", "settings_from_mapping", "usable_cores"]
 __getattr__ = lazy_names(__name__, _HOMES)
