@@ -14,8 +14,7 @@ from typing import Any
 from paper.experiments.runs import Console
 from posefuse.detection import fetch_networks
 from posefuse.formats.page import Facts, Heading, write_page
-from posefuse.foundation import atomic_file, build_plugin, growing_folder, plain
-from posefuse.foundation.output_file import earlier_kept
+from posefuse.foundation import atomic_file, build_plugin, earlier_kept, growing_folder, plain
 
 from .runs import Context, about
 from .summary import FILE as SUMMARY_FILE

@@ -144,7 +144,7 @@ def check_nothing_is_lost(command: Command, files: dict[str, bytes], place: str,
         code = command(folder / place, force)
         assert code in (0, 1)
         for path, content in foreign.items():
-            assert survives(path, content, folder), path
+            assert survives(path, content, Path(name)), path
 
 
 def survives(path: Path, content: bytes, within: Path) -> bool:

@@ -29,7 +29,7 @@ def test_separators_and_decimals_of_any_country(tmp_path: Path, text: str) -> No
     data = read_points_csv(tmp_path / "a.csv")
     assert data.names == ("Knie",)
     np.testing.assert_array_equal(data.t_s, [0, 0.1])
-    np.testing.assert_array_equal(data.xyz_m, [[[1.5, 2.5, -3.5]], [[1.6, np.nan, np.nan]]])
+    np.testing.assert_array_equal(data.xyz_world, [[[1.5, 2.5, -3.5]], [[1.6, np.nan, np.nan]]])
 
 
 def test_names_in_latin_1(tmp_path: Path) -> None:
@@ -42,9 +42,9 @@ def test_long_tables(tmp_path: Path, text: str) -> None:
     (tmp_path / "a.csv").write_text(text)
     data = read_points_csv(tmp_path / "a.csv")
     assert data.names == ("hip", "knee")
-    np.testing.assert_array_equal(data.xyz_m[0], [[1.5, 2, 3], [4, 5, 6]])
-    assert np.isnan(data.xyz_m[1]).all()
-    np.testing.assert_array_equal(read_points_csv(tmp_path / "a.csv", 7).xyz_m, [[[9, 9, 9]]])
+    np.testing.assert_array_equal(data.xyz_world[0], [[1.5, 2, 3], [4, 5, 6]])
+    assert np.isnan(data.xyz_world[1]).all()
+    np.testing.assert_array_equal(read_points_csv(tmp_path / "a.csv", 7).xyz_world, [[[9, 9, 9]]])
 
 
 @pytest.mark.parametrize(

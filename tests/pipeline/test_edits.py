@@ -15,7 +15,6 @@ from posefuse.core.observations import NOT_KEPT
 from posefuse.core.skeleton import COCO17
 from posefuse.core.values import keypoint_boxes
 from posefuse.formats.recording import read_recording, write_recording
-from posefuse.foundation.output_folder import check_replaceable, output_folder
 from posefuse.foundation.plain_values import plain
 from posefuse.pipeline.config import TrackConfig, changed_config
 from posefuse.pipeline.edits import Edits, Exclusion, used_frames
@@ -219,12 +218,3 @@ def test_options_that_cannot_be_are_one_line(words: list[str], tmp_path: Path, c
 def test_a_session_is_tracked_before_it_is_edited(demo_session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["track", str(demo_session), "--exclude", "cam00:0-1", "--out", str(tmp_path / "out")]) == 1
     assert "is for results" in capsys.readouterr().err
-
-
-def test_listing_a_file_leaves_the_rest_of_the_list(tmp_path: Path) -> None:
-    with output_folder(tmp_path / "out", command="track") as out:
-        (out.folder / "a.txt").write_text("a")
-    (tmp_path / "out" / "mine.txt").write_text("mine")
-    write_edits(tmp_path / "out", Edits())
-    with pytest.raises(InputError, match=r"\(mine.txt\)"):
-        check_replaceable(tmp_path / "out", command="track", replace=True)

@@ -166,10 +166,17 @@ class Recording(core.Recording):
             ConfigError: no such format.
             InputError: the folder holds anything else, or a file cannot be written.
         """
-        from posefuse.pipeline.writing import save_recording
+        from posefuse.pipeline.session import find_session
+        from posefuse.pipeline.solve import config_of
+        from posefuse.pipeline.writing import export_recording
 
+        found = None if session is None else find_session(Path(session), config_of(self))
+        inputs = () if found is None else (found.folder,)
         with shown(progress) as report:
-            return save_recording(self, Path(path), formats, None if session is None else Path(session), replace, report)
+            files, _ = export_recording(
+                self, Path(path), formats, found, command="track", replace=replace, progress=report, inputs=inputs
+            )
+        return files
 
     @checked
     def export(

@@ -69,10 +69,9 @@ def track(
     from posefuse.detection.downloading import fetch_networks
     from posefuse.pipeline.clock import StageClock
     from posefuse.pipeline.config import CONFIG_FILE, changed_config, read_config
-    from posefuse.pipeline.result_folder import ResultFolder, prepare, track_into
+    from posefuse.pipeline.result_folder import ResultFolder, check_result_folder, track_into
     from posefuse.pipeline.run import track_session
     from posefuse.pipeline.session import find_session
-    from posefuse.pipeline.writing import build_sinks
 
     if out is None and (resume or replace or formats):
         raise InputError("track: resume, replace and formats are about the folder `out`, which was not given")
@@ -93,17 +92,17 @@ def track(
         found = find_session(folder, config)
         note = lambda line: report("detect", 0, None, line)  # noqa: E731
         where = None if out is None else ResultFolder(path=Path(out), force=replace, resume=resume)
-        prepared = None if where is None else prepare(found, build_sinks(config.outputs), where)
+        if where is not None:
+            check_result_folder(found, config, where)
         for line in found.notes:
             _warn(line)
         if found.inputs[0].kind != "pose2d":
             fetch_networks(config.detector, report)
-        if prepared is not None:
-            return recording_of(
-                track_into(prepared, config, StageClock(), report, _warn, solve_interrupted=False).tracked.recording
-            )
-        steps = lambda done, total: report("detect", done, total)  # noqa: E731
-        tracked = track_session(found, config, StageClock(), steps, note, _warn, solve_interrupted=False)
+        if where is not None:
+            tracked = track_into(found, config, where, StageClock(), report, _warn, solve_interrupted=False)
+        else:
+            steps = lambda done, total: report("detect", done, total)  # noqa: E731
+            tracked = track_session(found, config, StageClock(), steps, note, _warn, solve_interrupted=False)
     return recording_of(tracked.recording)
 
 

@@ -24,7 +24,7 @@ from posefuse.pipeline.run import refined_line
 from posefuse.pipeline.session import Session
 from posefuse.pipeline.session_images import nearby_session, session_frames
 from posefuse.pipeline.solve import REFINED, edits_of, solve_again
-from posefuse.pipeline.writing import build_sinks, write_with_frames
+from posefuse.pipeline.writing import build_sinks, write_result
 
 from .terminal import Terminal
 
@@ -64,7 +64,7 @@ def second_solve(path: Path, options: TrackOptions, terminal: Terminal) -> Mappi
             terminal.note(refined_line(recording.provenance[REFINED]))
         with clock.stage("write"), terminal.progress("write") as advance:
             frames = () if session is None else session_frames(recording, session, advance)
-            written, failed = write_with_frames(recording, frames, sinks, out)
+            written, failed = write_result(recording, frames, sinks, out)
     for name, reason in failed.items():
         terminal.warn(f"output {name}: not written ({reason})")
     figures = {

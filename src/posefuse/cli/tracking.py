@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +16,9 @@ from posefuse.formats.truth import read_truth
 from posefuse.outputs.rerun_scene import check_viewer
 from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.config import CONFIG_FILE, TrackConfig, read_config
-from posefuse.pipeline.result_folder import ResultFolder, Written, prepare, track_into
+from posefuse.pipeline.result_folder import ResultFolder, check_result_folder, track_into
+from posefuse.pipeline.run import Tracked
 from posefuse.pipeline.session import Session, find_session
-from posefuse.pipeline.writing import build_sinks
 
 from .terminal import Terminal
 
@@ -37,20 +36,18 @@ def track_session(folder: Path, options: TrackOptions, terminal: Terminal) -> Ma
         check_viewer()
     clock = StageClock()
     config = track_config(folder, options)
-    sinks = build_sinks(config.outputs)
     session = find_session(folder, config)
     out = ResultFolder(path=options.out, force=options.force, resume=options.resume)
-    prepared = prepare(session, sinks, out)
+    check_result_folder(session, config, out)
     for note in session.notes:
         terminal.warn(note)
     terminal.note(f"{len(session.inputs)} cameras from {session.rig_path} ({session.inputs[0].kind})")
     with terminal.stages() as report:
         if session.inputs[0].kind != "pose2d":
             fetch_networks(config.detector, report)
-        written = track_into(prepared, config, clock, report, terminal.warn)
-    tracked = written.tracked
+        tracked = track_into(session, config, out, clock, report, terminal.warn)
     errors = _errors(session, tracked.recording)
-    figures = _figures(options.out, written, clock, errors)
+    figures = _figures(options.out, tracked, clock, errors)
     if session.inputs[0].kind != "pose2d":
         figures["network"] = network_shown(config.detector)
     _show(terminal, figures, errors)
@@ -88,8 +85,8 @@ def _errors(session: Session, recording: Recording) -> JointErrors | None:
     return joint_errors(recording.poses, read_truth(path)) if path.is_file() else None
 
 
-def _figures(out: Path, written: Written, clock: StageClock, errors: JointErrors | None) -> dict[str, Any]:
-    tracked, recording = written.tracked, written.tracked.recording
+def _figures(out: Path, tracked: Tracked, clock: StageClock, errors: JointErrors | None) -> dict[str, Any]:
+    recording = tracked.recording
     time_steps = len(recording.poses)
     images = time_steps * len(recording.rig)
     start_up_s = sum(clock.seconds.get(stage, 0.0) for stage in _START_UP)
@@ -105,13 +102,13 @@ def _figures(out: Path, written: Written, clock: StageClock, errors: JointErrors
         },
         "stage_share": {name: seconds / clock.total_s for name, seconds in clock.seconds.items()},
         "detect_ms_per_image": 1000 * clock.seconds.get("detect", 0.0) / images,
-        "camera_fits": {name: asdict(one) for name, one in tracked.cameras.items()},
-        "rig_warnings": list(tracked.warnings),
+        "camera_fits": recording.provenance["camera_fits"],
+        "rig_warnings": recording.provenance["rig_warnings"],
         "interrupted": tracked.interrupted,
-        "failed": dict(written.failed),
-        "exit_code": int(bool(written.failed or tracked.warnings)),
+        "failed": dict(tracked.failed),
+        "exit_code": int(bool(tracked.failed or recording.provenance["rig_warnings"])),
         "out": out,
-        "files": [path.name for path in written.files],
+        "files": [path.name for path in tracked.files],
     }
     if errors:
         figures["mpjpe_mm"] = errors.mpjpe_mm

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,8 +11,9 @@ import numpy as np
 
 from posefuse.core import InputError, PoseSequence
 from posefuse.core.arrays import Array
-from posefuse.formats.c3d import read_c3d
+from posefuse.formats.c3d import C3dData, read_c3d
 from posefuse.formats.mvnx import read_mvnx
+from posefuse.formats.named_points import NamedPoints
 from posefuse.formats.points_csv import read_points_csv
 from posefuse.formats.recording import read_result_poses
 from posefuse.formats.trc import read_trc
@@ -36,12 +38,18 @@ def read_tracks(path: Path, person: int | None = None) -> Tracks:
     if not path.exists():
         raise InputError(f"{path}: no such file or folder")
     if path.is_dir():
-        return _from_recording(path, person)
-    readers = {".trc": _from_trc, ".c3d": _from_c3d, ".csv": _from_csv, ".mvnx": _from_mvnx}
+        return tracks_of(read_result_poses(path)[0], path, person)
+    readers: dict[str, Callable[[Path], NamedPoints | C3dData]] = {
+        ".trc": read_trc,
+        ".c3d": read_c3d,
+        ".csv": lambda file: read_points_csv(file, person),
+        ".mvnx": read_mvnx,
+    }
     reader = readers.get(path.suffix.lower())
     if reader is None:
         raise InputError(f"{path}: cannot be compared; expected {KINDS}")
-    return reader(path, person)
+    data = reader(path)
+    return named_tracks(path, data.names, data.t_s, data.xyz_world)
 
 
 def plain_name(name: str) -> str:
@@ -53,7 +61,7 @@ def plain_name(name: str) -> str:
     return _SYNONYMS.get(words, words)
 
 
-def named_tracks(path: Path, names: list[str] | tuple[str, ...], t_s: Array, xyz_m: Array) -> Tracks:
+def named_tracks(path: Path, names: tuple[str, ...], t_s: Array, xyz_m: Array) -> Tracks:
     """Points by their plain names, with neck and mid_hip where they follow; raises InputError for what cannot be a recording."""
     points = [plain_name(name) for name in names]
     middles = {"neck": ("left_shoulder", "right_shoulder"), "mid_hip": ("left_hip", "right_hip")}
@@ -74,10 +82,6 @@ def named_tracks(path: Path, names: list[str] | tuple[str, ...], t_s: Array, xyz
     return Tracks(path.name, tuple(points), t_s, xyz_m)
 
 
-def _from_recording(path: Path, person: int | None) -> Tracks:
-    return tracks_of(read_result_poses(path)[0], path, person)
-
-
 def tracks_of(poses: PoseSequence, path: Path, person: int | None = None) -> Tracks:
     """The keypoints of one person (default: the one seen longest); `path` names the recording.
 
@@ -93,26 +97,6 @@ def tracks_of(poses: PoseSequence, path: Path, person: int | None = None) -> Tra
         )
     n = int(np.argmax(seen)) if person is None else int(np.flatnonzero(poses.person_id == person)[0])
     return named_tracks(path, poses.skeleton.keypoints, poses.t_ns / 1e9, poses.xyz_world[:, n])
-
-
-def _from_trc(path: Path, _: int | None) -> Tracks:
-    data = read_trc(path)
-    return named_tracks(path, data.names, data.t_s, data.xyz_world)
-
-
-def _from_c3d(path: Path, _: int | None) -> Tracks:
-    data = read_c3d(path)
-    return named_tracks(path, data.names, np.arange(len(data.xyz_world)) / data.rate_hz, data.xyz_world)
-
-
-def _from_csv(path: Path, person: int | None) -> Tracks:
-    data = read_points_csv(path, person)
-    return named_tracks(path, data.names, data.t_s, data.xyz_m)
-
-
-def _from_mvnx(path: Path, _: int | None) -> Tracks:
-    data = read_mvnx(path)
-    return named_tracks(path, data.names, data.t_s, data.xyz_m)
 
 
 _TRUTH = Path("truth") / "truth.npz"

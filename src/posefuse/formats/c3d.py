@@ -76,6 +76,11 @@ class C3dData:
         if not (np.isfinite(self.rate_hz) and self.rate_hz > 0):
             raise ShapeError(f"C3dData.rate_hz: expected > 0, got {self.rate_hz}")
 
+    @property
+    def t_s(self) -> Array:
+        """(T,) seconds from the first frame."""
+        return np.arange(len(self.xyz_world)) / self.rate_hz
+
 
 def write_c3d(path: Path | str, data: C3dData) -> None:
     """Write a C3D file (floating point, no analog channels); raises InputError when the place cannot be written to."""

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from posefuse.core import InputError
-from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
+
+from .named_points import NamedPoints
 
 # the segment of an MVNX file whose origin is this joint
 _JOINTS = {
@@ -22,16 +22,7 @@ _JOINTS = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class MvnxData:
-    """Joint centres over time: K names, (T,) seconds, (T, K, 3) metres with Z up."""
-
-    names: tuple[str, ...]
-    t_s: Array
-    xyz_m: Array
-
-
-def read_mvnx(path: Path) -> MvnxData:
+def read_mvnx(path: Path) -> NamedPoints:
     """Read the joint centres of a file; raises InputError for one that is not MVNX or has none of the segments."""
     labels: list[str] = []
     times, positions = [], []
@@ -54,4 +45,4 @@ def read_mvnx(path: Path) -> MvnxData:
     if not known:
         raise InputError(f"{path}: expected segments such as {choices(list(_JOINTS)[:4])}, got {choices(labels[:8])}")
     xyz = np.array(positions).reshape(len(times), -1, 3)[:, [i for i, _name in known]]
-    return MvnxData(names=tuple(name for _i, name in known), t_s=np.array(times), xyz_m=xyz)
+    return NamedPoints(names=tuple(name for _i, name in known), t_s=np.array(times), xyz_world=xyz)

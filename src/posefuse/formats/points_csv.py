@@ -9,7 +9,6 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,22 +18,15 @@ from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.foundation.parsing import read_any_text, short
 
+from .named_points import NamedPoints
+
 _DELIMITERS = ",;\t"
 _LONG_COLUMNS = {"t_s", "person", "keypoint", "x_m", "y_m", "z_m"}
 # rows x columns of a long table whose times or keypoints are damaged could fill all memory
 _MOST_VALUES = 200_000_000
 
 
-@dataclass(frozen=True, eq=False)
-class CsvPoints:
-    """K points of one person. t_s: (T,) increasing. xyz_m: (T, K, 3); NaN where missing."""
-
-    names: tuple[str, ...]
-    t_s: Array
-    xyz_m: Array
-
-
-def read_points_csv(path: Path, person: int | None = None) -> CsvPoints:
+def read_points_csv(path: Path, person: int | None = None) -> NamedPoints:
     """Read ``pose.csv`` (`outputs.tables`), or a table of columns t_s, NAME_x, NAME_y, NAME_z in metres.
 
     Args:
@@ -86,7 +78,7 @@ class _Table:
             raise InputError(f"{self.path}: row {row + 2}, column {column}: expected a number, got {short(cell)}") from None
 
 
-def _wide(table: _Table) -> CsvPoints:
+def _wide(table: _Table) -> NamedPoints:
     ends = [column for column in dict.fromkeys(table.columns) if column.endswith("_x")]
     names = [end[:-2] for end in ends if {f"{end[:-2]}_y", f"{end[:-2]}_z"} <= set(table.columns)]
     if not names or "t_s" not in table.columns:
@@ -96,7 +88,7 @@ def _wide(table: _Table) -> CsvPoints:
     return _in_order(table.path, names, table.numbers("t_s"), xyz)
 
 
-def _long(table: _Table, person: int | None) -> CsvPoints:
+def _long(table: _Table, person: int | None) -> NamedPoints:
     ids = table.numbers("person")
     people = np.unique(ids[np.isfinite(ids)])
     if not len(people) or (person is not None and person not in people):
@@ -117,9 +109,9 @@ def _whole(value: float) -> str:
     return f"{value:g}"
 
 
-def _in_order(path: Path, names: Sequence[str], t_s: Array, xyz_m: Array) -> CsvPoints:
+def _in_order(path: Path, names: Sequence[str], t_s: Array, xyz_m: Array) -> NamedPoints:
     known = np.isfinite(t_s)
     t_s, xyz_m = t_s[known], xyz_m[known]
     if not len(t_s) or (np.diff(t_s) <= 0).any():
         raise InputError(f"{path}: t_s: expected increasing times in seconds")
-    return CsvPoints(tuple(names), t_s, xyz_m)
+    return NamedPoints(names=tuple(names), t_s=t_s, xyz_world=xyz_m)

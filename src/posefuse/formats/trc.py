@@ -13,11 +13,13 @@ from typing import Literal
 
 import numpy as np
 
-from posefuse.core import InputError, ShapeError
-from posefuse.core.arrays import Array, check_fields, freeze_fields
+from posefuse.core import InputError
+from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.foundation.atomic import write_lines
 from posefuse.foundation.parsing import one_line, read_text, short
+
+from .named_points import NamedPoints
 
 METRES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
 # no recorded point is farther from the origin; one that is was written in millimetres
@@ -28,27 +30,10 @@ _HEADER_LINES = 5
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class TrcData:
-    """Named points over time.
+class TrcData(NamedPoints):
+    """Named points over time; rate_hz: DataRate of the header."""
 
-    Attributes:
-        names: K markers.
-        t_s: (T,) seconds as in the file.
-        xyz_world: (T, K, 3) metres, Z up; NaN where missing.
-        rate_hz: DataRate of the header.
-    """
-
-    names: tuple[str, ...]
-    t_s: Array
-    xyz_world: Array
     rate_hz: float
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "names", tuple(self.names))
-        freeze_fields(self, dict.fromkeys(("t_s", "xyz_world"), np.float64))
-        sizes = check_fields(self, {"t_s": "T", "xyz_world": "T K 3"})
-        if sizes["K"] != len(self.names):
-            raise ShapeError(f"TrcData: {len(self.names)} names for {sizes['K']} points")
 
 
 def read_trc(path: Path | str, units: str | None = None) -> TrcData:

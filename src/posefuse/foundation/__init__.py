@@ -6,11 +6,12 @@ from posefuse.core.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from .atomic import atomic_file
+    from .output_file import earlier_kept
     from .output_folder import growing_folder
     from .plain_values import plain
     from .platform import usable_cores
     from .plugins import build_plugin
     from .settings import settings_from_mapping
 
-__all__ = ["atomic_file", "build_plugin", "growing_folder", "plain", "settings_from_mapping", "usable_cores"]
+__all__ = ["atomic_file", "build_plugin", "earlier_kept", "growing_folder", "plain", "settings_from_mapping", "usable_cores"]
 __getattr__ = lazy_names(__name__, __file__)

@@ -19,7 +19,6 @@ from posefuse.core import PosefuseError
 from posefuse.formats.recording import ABOUT_FILE, ARRAYS_FILE, read_result_poses
 from posefuse.foundation.atomic import atomic_file
 from posefuse.foundation.plain_values import plain
-from posefuse.foundation.settings import settings
 from posefuse.foundation.user_cache import default_cache_dir
 from posefuse.outputs.facts import recorded_utc
 
@@ -34,20 +33,9 @@ _MOST_LIVE_BYTES = 200_000_000
 _PICTURE_WH = (320, 180)
 _JPEG_QUALITY = 82
 _VERSION = 1
-
-
-@settings
-class GlanceLimits:
-    """When a recording is marked in a list, so that it is looked at first; a choice by eye, not a verdict.
-
-    Attributes:
-        coverage_good, sigma_good_mm: at least and at most this: good. coverage_bad, sigma_bad_mm: less or more than this: bad.
-    """
-
-    coverage_good: float = 0.9
-    coverage_bad: float = 0.5
-    sigma_good_mm: float = 20.0
-    sigma_bad_mm: float = 50.0
+# when a recording is marked in a list, so that it is looked at first; a choice by eye, not a verdict
+_COVERAGE_GOOD, _COVERAGE_BAD = 0.9, 0.5
+_SIGMA_GOOD_MM, _SIGMA_BAD_MM = 20.0, 50.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,14 +64,13 @@ class Listed:
     edited: bool = False
     problem: str = ""
 
-    def mark(self, limits: GlanceLimits | None = None) -> Literal["good", "doubt", "bad", "off"]:
+    def mark(self) -> Literal["good", "doubt", "bad", "off"]:
         """How good it is at a glance; ``off`` where that is not known."""
-        limits = limits or GlanceLimits()
         if self.problem or not np.isfinite([self.coverage, self.sigma_mm]).all():
             return "off"
-        if self.coverage < limits.coverage_bad or self.sigma_mm > limits.sigma_bad_mm:
+        if self.coverage < _COVERAGE_BAD or self.sigma_mm > _SIGMA_BAD_MM:
             return "bad"
-        return "good" if self.coverage >= limits.coverage_good and self.sigma_mm <= limits.sigma_good_mm else "doubt"
+        return "good" if self.coverage >= _COVERAGE_GOOD and self.sigma_mm <= _SIGMA_GOOD_MM else "doubt"
 
     def matches(self, search: str) -> bool:
         """Whether every word of the search is in its path, session, date or people; capital letters make no difference."""

@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from posefuse.core import InputError, Progress, Sink
+from posefuse.core import InputError, Progress
 from posefuse.formats.detection_log import LOG_FILE
-from posefuse.foundation.output_folder import OutputFolder, check_replaceable, output_folder
+from posefuse.foundation.output_folder import check_replaceable, output_folder
 from posefuse.foundation.places import check_outside_inputs, check_space
 
 from .clock import StageClock
 from .config import TrackConfig
-from .opening import Opened, open_session
+from .opening import open_session
 from .run import Tracked, track_opened
 from .session import Session
+from .session_images import session_frames
 from .store import DetectionStore, keep_log_only, remove_unfinished, unfinished_work
-from .writing import estimated_result_bytes, write_result
+from .writing import build_sinks, estimated_result_bytes, write_result
 
 Warn = Callable[[str], None]
 KEPT = "the detections made so far are kept; the same again with `resume=True` continues from them"
@@ -44,48 +45,30 @@ class ResultFolder:
         return self.force or (self.resume and (self.path / LOG_FILE).is_file())
 
 
-@dataclass(frozen=True, kw_only=True)
-class Written:
-    """What was tracked, the files written, and why outputs failed, by name."""
-
-    tracked: Tracked
-    files: tuple[Path, ...]
-    failed: Mapping[str, str]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Prepared:
-    """A session and a folder that may be worked on; nothing was opened or written yet."""
-
-    session: Session
-    out: ResultFolder
-    sinks: Sequence[Sink]
-    inputs: tuple[Path, ...]
-    unfinished: Path | None
-
-
-def prepare(session: Session, sinks: Sequence[Sink], out: ResultFolder) -> Prepared:
-    """Check everything about the folder before any work is done.
+def check_result_folder(session: Session, config: TrackConfig, out: ResultFolder) -> None:
+    """Check the outputs and everything about the folder before any work is done.
 
     Raises:
+        ConfigError: an output that does not exist, or an option that it does not take.
         InputError: the folder holds anything that may not be replaced, overlaps the session, holds interrupted work and
             neither `resume` nor `force` was given, or holds none and `resume` was.
     """
-    inputs = (session.folder, session.rig_path, *(entry.path for entry in session.inputs))
-    check_outside_inputs(out.path, inputs)
+    build_sinks(config.outputs)
+    check_outside_inputs(out.path, session.files)
     check_replaceable(out.path, command="track", replace=out.replace)
-    return Prepared(session=session, out=out, sinks=sinks, inputs=inputs, unfinished=_unfinished(out))
+    _unfinished(out)
 
 
 def track_into(
-    prepared: Prepared,
+    session: Session,
     config: TrackConfig,
+    out: ResultFolder,
     clock: StageClock,
     progress: Progress,
     warn: Warn,
     *,
     solve_interrupted: bool = True,
-) -> Written:
+) -> Tracked:
     """Detect, solve and write; reports the stages ``detect`` and ``write``.
 
     Args:
@@ -96,54 +79,43 @@ def track_into(
         PosefuseError: anything that leaves no result; the detections made so far are kept where another attempt can use them.
     """
     note = lambda line: progress("detect", 0, None, line)  # noqa: E731
-    out = prepared.out
+    check_result_folder(session, config, out)
+    unfinished = _unfinished(out)
     with clock.stage("open"):
-        opened = open_session(prepared.session, config, warn)
+        opened = open_session(session, config, warn)
     with (
         closing(opened.steps),
         _kept(out, note),
         output_folder(
             out.path,
             command="track",
-            inputs=prepared.inputs,
+            inputs=session.files,
             replace=out.replace,
             estimated_bytes=estimated_result_bytes(opened, 1),
             keep_unfinished=True,
-            unfinished=prepared.unfinished,
+            unfinished=unfinished,
             warn=warn,
         ) as folder,
     ):
-        if out.resume and prepared.unfinished is None and out.replace:
+        if out.resume and unfinished is None and out.replace:
             shutil.copyfile(out.path / LOG_FILE, folder.folder / LOG_FILE)
         with closing(DetectionStore(folder.folder, opened)) as store:
             keep_log_only(folder.folder)
             detected = lambda done, total: progress("detect", done, total)  # noqa: E731
             tracked = track_opened(opened, clock, detected, note, warn, store, solve_interrupted=solve_interrupted)
+            recording = tracked.recording
             if tracked.interrupted:
-                steps = len(tracked.recording.poses)
+                steps = len(recording.poses)
                 warn(f"stopped early; the first {steps} time steps are finished and kept; `resume=True` continues from them")
-            check_space(folder.folder, estimated_result_bytes(opened, len(tracked.recording.poses.person_id)))
-            written = _write(tracked, opened, prepared.sinks, folder, clock, progress=progress, warn=warn)
+            check_space(folder.folder, estimated_result_bytes(opened, len(recording.poses.person_id)))
+            with clock.stage("write"):
+                frames = session_frames(recording, session, lambda done, total: progress("write", done, total), config)
+                files, failed = write_result(recording, frames, build_sinks(config.outputs), folder)
+            for name, reason in failed.items():
+                warn(f"output {name}: not written ({reason})")
             if not tracked.interrupted:
                 store.discard()
-            return written
-
-
-def _write(
-    tracked: Tracked,
-    opened: Opened,
-    sinks: Sequence[Sink],
-    folder: OutputFolder,
-    clock: StageClock,
-    progress: Progress,
-    warn: Warn,
-) -> Written:
-    drawn = lambda done, total: progress("write", done, total)  # noqa: E731
-    with clock.stage("write"):
-        files, failed = write_result(tracked.recording, opened.session, opened.config, sinks, folder, drawn)
-    for name, reason in failed.items():
-        warn(f"output {name}: not written ({reason})")
-    return Written(tracked=tracked, files=tuple(files), failed=failed)
+            return replace(tracked, files=files, failed=failed)
 
 
 def _unfinished(out: ResultFolder) -> Path | None:

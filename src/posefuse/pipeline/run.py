@@ -6,7 +6,7 @@ import dataclasses
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -19,14 +19,12 @@ from posefuse.core import (
     Observations,
     PosefuseError,
     Recording,
-    Rig,
-    Skeleton,
 )
 from posefuse.core.errors import choices
 from posefuse.core.observations import NOT_KEPT
 from posefuse.foundation.compiled import compiling
 from posefuse.foundation.plain_values import plain
-from posefuse.health.recorded import CameraFit, checked_rig
+from posefuse.health.recorded import checked_rig
 from posefuse.health.rig_monitor import UNSYNCHRONISED, RigFinding
 from posefuse.sources.video import recorded_at
 
@@ -37,6 +35,7 @@ from .opening import Opened, open_session
 from .others import others_line, others_seen
 from .session import LEAST_CAMERAS, Session
 from .solve import REFINED, SolveSettings, run_second_pass, with_refined_rig
+from .store import DetectionStore
 from .time_steps import stored_steps
 from .warm_up import warm_up
 
@@ -44,37 +43,22 @@ Progress = Callable[[int, int], None]
 Say = Callable[[str], None]
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Tracked:
     """A recording and how the run went.
 
     Attributes:
-        recording: the result. interrupted: Ctrl-C ended it early.
-        cameras: how well each fits, by name. warnings: what is wrong with the rig, one line each.
+        recording: the result; its provenance has how well each camera fits (``camera_fits``) and what is wrong with the rig
+            (``rig_warnings``). interrupted: Ctrl-C ended it early.
         joint_centres: the table keypoints were moved by; None where they stay as the detector marks them.
+        files: written, where they lie at the end. failed: why outputs were not written, by name.
     """
 
     recording: Recording
     interrupted: bool
-    cameras: Mapping[str, CameraFit]
-    warnings: Sequence[str]
     joint_centres: JointCentres | None
-
-
-class Store(Protocol):
-    """Keeps the detector's answers while they are made, and has those of an earlier run that did not end."""
-
-    def stored(self, skeleton: Skeleton, rig: Rig) -> Observations | None:
-        """The whole time steps that an earlier run has detected already; None: start again."""
-        ...
-
-    def append(self, batch: DetectionBatch) -> None:
-        """Keep one more answer."""
-        ...
-
-    def discard(self) -> None:
-        """Forget everything: no result can be made of it."""
-        ...
+    files: Sequence[Path] = ()
+    failed: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
 
 def track_session(
@@ -99,7 +83,7 @@ def track_opened(
     progress: Progress,
     note: Say,
     warn: Say,
-    store: Store | None = None,
+    store: DetectionStore | None = None,
     *,
     solve_interrupted: bool = True,
 ) -> Tracked:
@@ -149,10 +133,14 @@ def track_opened(
         warn(line)
     fits = {name: dataclasses.asdict(one) for name, one in cameras.items()}
     about = {**recording.provenance, "camera_fits": plain(fits), "rig_warnings": lines}
-    return Tracked(dataclasses.replace(recording, provenance=about), interrupted, cameras, lines, settings.centres)
+    return Tracked(
+        recording=dataclasses.replace(recording, provenance=about), interrupted=interrupted, joint_centres=settings.centres
+    )
 
 
-def detect(opened: Opened, clock: StageClock, progress: Progress, store: Store | None = None) -> tuple[Observations, bool]:
+def detect(
+    opened: Opened, clock: StageClock, progress: Progress, store: DetectionStore | None = None
+) -> tuple[Observations, bool]:
     """All detections with the people that the online pass followed, and whether Ctrl-C ended it early.
 
     What `store` has already is not detected again; what is new is given to it at once.

@@ -80,6 +80,11 @@ class Session:
     inputs: tuple[Input, ...]
     notes: tuple[str, ...] = ()
 
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The files and folders that it is made of, its own first."""
+        return (self.folder, self.rig_path, *(entry.path for entry in self.inputs))
+
 
 def find_session(folder: Path, config: TrackConfig) -> Session:
     """Understand a session folder by convention and by what the config names.

@@ -62,8 +62,7 @@ def nearby_session(recording: Recording, result: Path, within: Path | None = Non
 
 def lies_in(session: Session, folder: Path) -> bool:
     """Whether all files of a session lie in a folder, links followed."""
-    files = (session.folder, session.rig_path, *(entry.path for entry in session.inputs))
-    return all(path.resolve().is_relative_to(folder.resolve()) for path in files)
+    return all(path.resolve().is_relative_to(folder.resolve()) for path in session.files)
 
 
 def session_frames(

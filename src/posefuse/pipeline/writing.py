@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-from posefuse.core import Frame, InputError, PosefuseError, Recording, Sink
-from posefuse.core import Progress as StageProgress
+from posefuse.core import InputError, PosefuseError, Progress, Recording, Sink
 from posefuse.formats.recording import write_recording
 from posefuse.foundation.output_folder import OutputFolder, output_folder
 from posefuse.foundation.plugins import build_plugin
-from posefuse.outputs.frames import FrameSets, write_each, write_outputs
+from posefuse.outputs.frames import FrameSets, write_each
 
 from .body_surfaces import sinks_with_bodies
-from .config import TrackConfig
 from .opening import Opened
-from .session import Session, find_session
+from .session import Session
 from .session_images import session_frames
-from .solve import config_of
-
-Progress = Callable[[int, int], None]
 
 
 def build_sinks(outputs: Sequence[str] | Mapping[str, Mapping[str, Any]]) -> list[Sink]:
@@ -34,52 +29,23 @@ def build_sinks(outputs: Sequence[str] | Mapping[str, Mapping[str, Any]]) -> lis
 
 
 def write_result(
-    recording: Recording, session: Session, config: TrackConfig, sinks: Sequence[Sink], out: OutputFolder, progress: Progress
+    recording: Recording, frame_sets: FrameSets, sinks: Sequence[Sink], out: OutputFolder, *, outputs_alone: bool = False
 ) -> tuple[list[Path], dict[str, str]]:
     """Write the recording, then every output; returns the files where they lie at the end, and why outputs failed, by name.
 
-    Raises:
-        InputError: the recording itself cannot be written.
-    """
-    return write_with_frames(recording, session_frames(recording, session, progress, config), sinks, out)
-
-
-def write_with_frames(
-    recording: Recording, frame_sets: FrameSets, sinks: Sequence[Sink], out: OutputFolder
-) -> tuple[list[Path], dict[str, str]]:
-    """`write_result` with frames from elsewhere, or none.
+    Args:
+        frame_sets: images to draw on; may be empty. outputs_alone: without the recording.
 
     Raises:
         InputError: the recording itself cannot be written.
     """
     try:
-        written = write_recording(out.folder, recording)
+        written = [] if outputs_alone else write_recording(out.folder, recording)
     except OSError as error:
         raise InputError(f"{out.target}: the recording cannot be written ({error.strerror or error})") from None
     outcome = write_each(sinks_with_bodies(sinks, recording), recording, out.folder, frame_sets)
     files = [out.final(path) for path in (*written, *outcome.files)]
     return files, {name: _reason(error) for name, error in outcome.failed.items()}
-
-
-def save_recording(
-    recording: Recording, path: Path, formats: Sequence[str], session: Path | None, replace: bool, progress: StageProgress
-) -> list[Path]:
-    """Write a result folder and files of other formats; images are drawn on where `session` names the session folder.
-
-    Raises:
-        ConfigError: no such format. InputError: the folder holds anything else, or a file cannot be written.
-    """
-    sinks = build_sinks(formats)
-    opened = find_session(session, config_of(recording)) if session is not None else None
-    inputs = () if session is None else (session,)
-    with output_folder(path, command="track", inputs=inputs, replace=replace) as out:
-        written = write_recording(out.folder, recording)
-        frames: Iterator[tuple[int, tuple[Frame | None, ...]]] = iter(())
-        if opened is not None:
-            report: Progress = lambda done, total: progress("write", done, total)  # noqa: E731
-            frames = session_frames(recording, opened, report)
-        written += write_outputs(sinks_with_bodies(sinks, recording), recording, out.folder, frames)
-        return [out.final(file) for file in written]
 
 
 def export_recording(
@@ -88,30 +54,31 @@ def export_recording(
     formats: Sequence[str],
     session: Session | None,
     *,
+    command: Literal["track", "export"] = "export",
     replace: bool,
-    progress: StageProgress,
+    progress: Progress,
     inputs: Sequence[Path] = (),
 ) -> tuple[list[Path], dict[str, str]]:
-    """Write files of other formats alone into a folder; images are drawn on where there is a session.
+    """Write a folder with files of other formats; images are drawn on where there is a session.
 
     Returns:
-        The files, and why outputs failed, by name. One that fails does not keep the others from being written.
+        The files, and why outputs failed, by name.
 
     Args:
-        replace: move an earlier export aside. inputs: files that must not be written over.
+        command: ``track`` writes the recording itself, too, and needs every output; of ``export`` one is enough.
+        replace: move an earlier folder of the same kind aside. inputs: files that must not be written over.
 
     Raises:
-        ConfigError: no such format. InputError: the folder holds anything else, or none of the outputs can be written.
+        ConfigError: no such format. InputError: the folder holds anything else, or what is needed cannot be written.
     """
-    sinks = build_sinks(formats)
-    with output_folder(path, command="export", inputs=inputs, replace=replace) as out:
-        report: Progress = lambda done, total: progress("write", done, total)  # noqa: E731
-        frames = iter(()) if session is None else session_frames(recording, session, report)
-        outcome = write_each(sinks_with_bodies(sinks, recording), recording, out.folder, frames)
-        failed = {name: _reason(error) for name, error in outcome.failed.items()}
-        if failed and not outcome.files:
+    sinks, alone = build_sinks(formats), command == "export"
+    with output_folder(path, command=command, inputs=inputs, replace=replace) as out:
+        report = lambda done, total: progress("write", done, total)  # noqa: E731
+        frames = () if session is None else session_frames(recording, session, report)
+        files, failed = write_result(recording, frames, sinks, out, outputs_alone=alone)
+        if failed and not (alone and files):
             raise InputError(failures(failed))
-        return [out.final(file) for file in outcome.files], failed
+        return files, failed
 
 
 def failures(failed: Mapping[str, str]) -> str:

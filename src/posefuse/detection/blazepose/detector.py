@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import field, replace
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge, Le
+from annotated_types import Ge
 
 from posefuse.core import Detections2D, Frame, JointCentres, Region, Skeleton
 from posefuse.detection.models import EnsembleCard, ModelCard, fetch_all, read_any_card, read_card
@@ -21,11 +21,13 @@ from posefuse.foundation.user_cache import default_cache_dir
 
 from .looks import LandmarkNetwork, Look, averaged
 from .persons import PersonNetwork, regions_from_outputs
-from .search import SearchStage, stages
+from .search import stages
 
 # two looks whose keypoints are closer than this share of the longer side of the person (median) show one person. A body that
 # is cut off at the edge of one square and whole in another differs by up to a tenth.
 _SAME_PERSON = 0.12
+# of a crop that shows a person
+_LEAST_PRESENCE = 0.5
 
 
 @settings
@@ -39,7 +41,6 @@ class BlazePoseConfig:
         precision: ``auto`` is bf16 where the CPU computes it natively.
         streams: images worked on at once; 0: one per core.
         most_people: people looked for per image when no regions are given.
-        least_person, least_presence: scores below which a found region, or a crop, holds no person.
         up_rad: per camera, direction of gravity's up in its image, clockwise from the image's up
             (`up_angle_rad` of a calibrated camera); cameras not named are taken as upright.
     """
@@ -51,8 +52,6 @@ class BlazePoseConfig:
     precision: Precision = "auto"
     streams: Annotated[int, Ge(0)] = 0
     most_people: Annotated[int, Ge(1)] = 16
-    least_person: Annotated[float, Ge(0), Le(1)] = 0.5
-    least_presence: Annotated[float, Ge(0), Le(1)] = 0.5
     up_rad: dict[str, float] = field(default_factory=dict)
 
     def fetch(
@@ -135,21 +134,18 @@ class BlazePoseDetector:
         open_frames = list(range(len(frames)))
         while open_frames:
             before = [len(people) for people in found]
-            now = {i: self._next_stage(plans[i], bool(found[i])) for i in open_frames}
-            self._look_at_squares(frames, [(i, square) for i, stage in now.items() if stage for square in stage.squares], found)
-            open_frames = [i for i in open_frames if now[i] is not None and (not before[i] or len(found[i]) > before[i])]
+            now = {i: next(plans[i], []) for i in open_frames}
+            self._look_at_squares(frames, [(i, square) for i, squares in now.items() for square in squares], found)
+            open_frames = [i for i in open_frames if now[i] and (not before[i] or len(found[i]) > before[i])]
         regions = [[region_from_keypoints(look.xy, self._skeleton) for look in people] for people in found]
         return [[region for region in some if region is not None] for some in regions]
-
-    def _next_stage(self, plan: Iterator[SearchStage], found: bool) -> SearchStage | None:
-        return next((stage for stage in plan if not (found and stage.for_first)), None)
 
     def _look_at_squares(self, frames: Sequence[Frame], squares: Sequence[tuple[int, Region]], found: list[list[Look]]) -> None:
         """Add the people of squares of frames to those found."""
         candidates = self._candidates(frames, squares) if squares else []
         confirmed = self._look([(frames[i], region) for i, region in candidates], thoroughly=False)
         for (i, _), look in zip(candidates, confirmed, strict=True):
-            if look.presence < self._config.least_presence or len(found[i]) >= self._config.most_people:
+            if look.presence < _LEAST_PRESENCE or len(found[i]) >= self._config.most_people:
                 continue
             if region_from_keypoints(look.xy, self._skeleton) is not None and not _known(look, found[i]):
                 found[i].append(look)
@@ -157,11 +153,10 @@ class BlazePoseDetector:
     def _candidates(self, frames: Sequence[Frame], looks: Sequence[tuple[int, Region]]) -> list[tuple[int, Region]]:
         side = self._persons.network.side_px
         boxes, logits = self._persons.network(Crops([(frames[i].image, square) for i, square in looks], side))
-        least = self._config.least_person
         scored = [
             (score, i, region)
             for (i, square), box, logit in zip(looks, boxes, logits, strict=True)
-            for score, region in regions_from_outputs(box, logit, self._persons.decoding, square, side, least)
+            for score, region in regions_from_outputs(box, logit, self._persons.decoding, square, side)
         ]
         return [(i, region) for _, i, region in sorted(scored, key=lambda entry: -entry[0])]
 
@@ -178,13 +173,13 @@ class BlazePoseDetector:
         return [_in_image(look, region, side) for look, (_, region) in zip(looks, people, strict=True)]
 
     def _result(self, frame: Frame, people: Sequence[Look], keep_all: bool) -> Detections2D:
-        shown = [look for look in people if keep_all or look.presence >= self._config.least_presence]
+        shown = [look for look in people if keep_all or look.presence >= _LEAST_PRESENCE]
         if not shown:
             return Detections2D.empty(frame.camera, frame.t_ns, self._skeleton)
         xy = np.stack([look.xy for look in shown])
         score = np.stack([look.score for look in shown])
         sigma = np.stack([look.sigma_px for look in shown])
-        absent = np.array([look.presence < self._config.least_presence for look in shown])
+        absent = np.array([look.presence < _LEAST_PRESENCE for look in shown])
         xy[absent], score[absent], sigma[absent] = np.nan, 0.0, np.nan
         box = np.full((len(shown), 4), np.nan)
         box[~absent] = np.concatenate([xy[~absent].min(1), xy[~absent].max(1)], axis=-1)

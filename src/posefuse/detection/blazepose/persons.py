@@ -24,6 +24,8 @@ from .network import BlazePoseNetwork
 _ROOM = 1.25
 _SAME_PERSON_IOU = 0.3
 _FIRST_POINT = 4
+# of an anchor that shows a person
+_LEAST_SCORE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +45,7 @@ class PersonNetwork:
 
 
 def regions_from_outputs(
-    boxes: Array, logits: Array, decoding: PersonDecoding, looked_at: Region, side_px: int, least_score: float
+    boxes: Array, logits: Array, decoding: PersonDecoding, looked_at: Region, side_px: int, least_score: float = _LEAST_SCORE
 ) -> list[tuple[float, Region]]:
     """People found in one crop, best first, as (score, region in raw px).
 

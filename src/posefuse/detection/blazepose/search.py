@@ -1,9 +1,8 @@
-"""Where to look for people in a whole image: as it is, then turned, then closer."""
+"""Where to look for people in a whole image: as it is, then upright, then closer."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,39 +14,21 @@ _ZOOMS = (1.6, 2.5)
 _OVERLAP = 0.4
 
 
-@dataclass(frozen=True)
-class SearchStage:
-    """Squares to look at together.
-
-    Attributes:
-        squares: of the image. for_first: only useful while no person was found; people in one image all stand the same way
-            up.
-    """
-
-    squares: list[Region]
-    for_first: bool = False
-
-
-def stages(size_wh: tuple[int, int], up_rad: float) -> Iterator[SearchStage]:
-    """Where to look, stage by stage until a stage finds no new person.
+def stages(size_wh: tuple[int, int], up_rad: float) -> Iterator[list[Region]]:
+    """Squares of the image to look at together, stage by stage until a stage finds no new person.
 
     Args:
         size_wh: of the image.
         up_rad: where gravity's up is in the image, clockwise from the image's up; 0 when unknown.
 
     Yields:
-        The whole image as it is; turned upright by gravity; turned by quarters; and tiles of it, ever smaller.
+        The whole image as it is; turned upright by gravity; and tiles of it, ever smaller.
     """
-    tilted = abs(up_rad) > _UPRIGHT_RAD
-    yield SearchStage([_whole(size_wh, 0.0)])
-    if tilted:
-        yield SearchStage([_whole(size_wh, up_rad)])
-    yield SearchStage([_whole(size_wh, up_rad + quarter * np.pi / 2) for quarter in (1, 3, 2)], for_first=True)
+    yield [_whole(size_wh, 0.0)]
+    if abs(up_rad) > _UPRIGHT_RAD:
+        yield [_whole(size_wh, up_rad)]
     for zoom in _ZOOMS:
-        yield SearchStage(_tiles(size_wh, max(size_wh) / zoom, up_rad))
-    if tilted:
-        for zoom in _ZOOMS:
-            yield SearchStage(_tiles(size_wh, max(size_wh) / zoom, 0.0), for_first=True)
+        yield _tiles(size_wh, max(size_wh) / zoom, up_rad)
 
 
 def _whole(size_wh: tuple[int, int], angle_rad: float) -> Region:

@@ -7,7 +7,7 @@ from dataclasses import field
 from pathlib import Path
 from typing import Annotated
 
-from annotated_types import Ge, Gt, Le
+from annotated_types import Ge, Gt
 
 from posefuse.core import ConfigError
 from posefuse.detection.blazepose.persons import PersonNetwork
@@ -34,7 +34,6 @@ class OnnxConfig:
         precision: of OpenVINO; ``auto`` is bf16 where the CPU computes it natively.
         streams: images worked on at once; 0: one per core.
         most_people: people looked for per image when no regions are given.
-        least_person: with the card's default person detector, the score below which a found region holds no person.
         cache: where that detector is kept; None: the user's cache folder.
         up_rad: per camera, direction of gravity's up in its image, clockwise from the image's up
             (`up_angle_rad` of a calibrated camera); cameras not named are taken as upright.
@@ -46,7 +45,6 @@ class OnnxConfig:
     precision: Precision = "auto"
     streams: Annotated[int, Ge(0)] = 0
     most_people: Annotated[int, Gt(0)] = 4
-    least_person: Annotated[float, Ge(0), Le(1)] = 0.5
     cache: Path | None = None
     up_rad: dict[str, float] = field(default_factory=dict)
 
@@ -81,9 +79,7 @@ class OnnxConfig:
         path = card.persons_card
         if path is None:
             persons = read_card(card.persons)
-            return SquareFinder(
-                PersonNetwork.compiled(persons, self.fetch()[0], self.precision, self._threads), self.least_person
-            )
+            return SquareFinder(PersonNetwork.compiled(persons, self.fetch()[0], self.precision, self._threads))
         finder = read_network_card(path)
         if finder.kind not in PERSONS:
             kinds = " or ".join(PERSONS)

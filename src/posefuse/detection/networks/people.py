@@ -57,23 +57,19 @@ class BoxFinder:
 class SquareFinder:
     """The person detector that comes with BlazePose: squares of the image, ever closer."""
 
-    def __init__(self, network: PersonNetwork, least_score: float) -> None:
-        self._persons, self._least = network, least_score
+    def __init__(self, network: PersonNetwork) -> None:
+        self._persons = network
 
     def stages(self, frame: Frame, up_rad: float) -> Iterator[list[Region]]:
         """See `PersonFinder`."""
         side = self._persons.network.side_px
-        seen = False
-        for stage in stages(frame.size_wh, up_rad):
-            if stage.for_first and seen:
-                continue
-            boxes, logits = self._persons.network([square_crop(frame.image, square, side) for square in stage.squares])
+        for squares in stages(frame.size_wh, up_rad):
+            boxes, logits = self._persons.network([square_crop(frame.image, square, side) for square in squares])
             found = [
                 scored
-                for square, box, logit in zip(stage.squares, boxes, logits, strict=True)
-                for scored in regions_from_outputs(box, logit, self._persons.decoding, square, side, self._least)
+                for square, box, logit in zip(squares, boxes, logits, strict=True)
+                for scored in regions_from_outputs(box, logit, self._persons.decoding, square, side)
             ]
-            seen = seen or bool(found)
             yield [region for _, region in sorted(found, key=lambda entry: -entry[0])]
 
 

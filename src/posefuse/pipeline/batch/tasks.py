@@ -19,10 +19,9 @@ from posefuse.foundation.plain_values import plain
 from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.config import CONFIG_FILE, TrackConfig, changed_config, read_config
 from posefuse.pipeline.reading import files_of_result
-from posefuse.pipeline.result_folder import ResultFolder, prepare, track_into
+from posefuse.pipeline.result_folder import ResultFolder, track_into
 from posefuse.pipeline.session import Session, find_session
 from posefuse.pipeline.store import unfinished_work
-from posefuse.pipeline.writing import build_sinks
 
 from .figures import recording_figures
 from .trials import Trial
@@ -114,19 +113,16 @@ def _figures(task: Task, warnings: list[str], progress: Progress) -> dict[str, A
 
 def _tracked(session: Session, config: TrackConfig, out: Path, warn: Callable[[str], None], progress: Progress) -> Recording:
     """Track into the result folder, from the detections of an interrupted run where it was made in the same way."""
+
+    def into(folder: ResultFolder) -> Recording:
+        return track_into(session, config, folder, StageClock(), progress, warn, solve_interrupted=False).recording
+
     if unfinished_work(out) is not None:
         try:
-            return _track_into(session, config, ResultFolder(path=out, resume=True), warn, progress)
+            return into(ResultFolder(path=out, resume=True))
         except InputError as error:
             progress("detect", 0, None, f"starting from the beginning: {error}")
-    return _track_into(session, config, ResultFolder(path=out, force=True), warn, progress)
-
-
-def _track_into(
-    session: Session, config: TrackConfig, out: ResultFolder, warn: Callable[[str], None], progress: Progress
-) -> Recording:
-    prepared = prepare(session, build_sinks(config.outputs), out)
-    return track_into(prepared, config, StageClock(), progress, warn, solve_interrupted=False).tracked.recording
+    return into(ResultFolder(path=out, force=True))
 
 
 def _write_report(recording: Recording, out: Path, title: str, warnings: list[str], progress: Progress) -> None:
