@@ -70,7 +70,7 @@ class Facts:
     @property
     def shown(self) -> list[tuple[str, str]]:
         """Names and texts."""
-        return [(name, *column_texts([value], MISSING)) for name, value in self.values.items()]
+        return [(name, column_texts([value], MISSING)[0]) for name, value in self.values.items()]
 
 
 @dataclass(frozen=True)
