@@ -6,6 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
+from no_outputs import NoOutputs
 from no_source import NoSourceConfig
 
 from posefuse.core import Detections2D, Frame, Pose3D, Rig, Skeleton
@@ -20,7 +21,6 @@ from posefuse.realtime.fusion import Fusion
 from posefuse.realtime.group import Group, GroupPlan
 from posefuse.realtime.joint_centres import Centring
 from posefuse.realtime.messages import SeenView
-from posefuse.realtime.output_plan import NoOutputs
 from posefuse.realtime.session import new_board, ready_tracker
 from posefuse.sources.arriving import Arrived
 

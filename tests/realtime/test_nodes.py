@@ -10,6 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from no_outputs import NoOutputs
 from own_domain import own_domain
 from running import Running
 
@@ -31,7 +32,6 @@ from posefuse.realtime.fusion import Fusion
 from posefuse.realtime.joint_centres import Centring, message_from_centres
 from posefuse.realtime.messages import Centres, SeenView
 from posefuse.realtime.network_intake import NetworkIntake
-from posefuse.realtime.output_plan import NoOutputs
 from posefuse.realtime.session import new_board
 from posefuse.tracking.online import CameraStatistics
 

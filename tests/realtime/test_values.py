@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from no_outputs import NoOutputs
 
 from posefuse.cli.live_report import write_latency_report
 from posefuse.cli.options.shared import people_from_text
@@ -22,7 +23,6 @@ from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.realtime.latency import Histogram, Latencies, ViewTimes
 from posefuse.realtime.messages import SeenView
 from posefuse.realtime.news import News
-from posefuse.realtime.output_plan import NoOutputs
 from posefuse.realtime.processes import Groups, _Member, ended
 from posefuse.sources.arriving import Arrived
 from posefuse.sources.live.stream import StampClock

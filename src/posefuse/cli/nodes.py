@@ -18,13 +18,12 @@ from posefuse.messages.dds_domain import Network
 from posefuse.outputs.live.ros import Ros2Config
 from posefuse.realtime.camera_node import CameraNode
 from posefuse.realtime.clock import SessionClock
-from posefuse.realtime.group_views import GroupViews
 from posefuse.realtime.joint_centres import message_from_centres
-from posefuse.realtime.network_intake import NetworkIntake
 from posefuse.realtime.network_views import NetworkViews
 from posefuse.realtime.networks import settled_network
 from posefuse.realtime.node_intrinsics import publish_intrinsics, rig_of_nodes
 from posefuse.realtime.output_plan import OutputPlan, check_live_outputs
+from posefuse.realtime.processes import Groups
 from posefuse.realtime.provenance import notes_of
 from posefuse.realtime.ros_cameras import rig_with_camera_infos
 from posefuse.realtime.session import group_plans, new_board, run_session, stop_requests
@@ -66,7 +65,7 @@ def camera_node(
     plan = OutputPlan(rig=rig, clock=clock, configs={"ros2": Ros2Config()})
     with (
         RosNode(f"posefuse_cameras_{topics.ros_name(name)}", network_of(ros_2)) as node,
-        GroupViews(group_plans(rig, inputs, config, plan), board) as groups,
+        Groups(group_plans(rig, inputs, config, plan), board) as groups,
     ):
         publish_intrinsics(node, rig, [entry.camera for entry in inputs], time.time_ns())
         skeleton = groups.wait_ready()
@@ -108,9 +107,9 @@ def fusion_node(
     whole = SessionPlan(outputs=plan, config=config, duration_s=duration_s, remote=True)
     terminal.note(f"waiting for views of {', '.join(rig.names)} in domain {network.domain_id}")
     with never_waiting(terminal.note) as say:
-        views = NetworkViews(NetworkIntake(rig, network, clock, hand_over_s=config.hand_over_s), config, duration_s, say)
+        views = NetworkViews(rig, network, clock, config, duration_s, say)
         done = run_session(whole, lambda board: views, say)
-    counts, senders = views.intake.views.intake.counts, views.intake.views.senders
+    counts, senders = views.views.intake.counts, views.views.senders
     figures = {
         **live_session_figures(done),
         **how_it_ended(done.stopped_by, duration_s, terminal, failed=done.outputs_failed, fusion=done.fusion),
