@@ -26,13 +26,12 @@ from posefuse.health.cameras import Monitor, Verdict
 from posefuse.kinematics import JointTracker
 from posefuse.tracking.online import Tracker
 
-from .board import Board
 from .clock import SessionClock
 from .gate import KeypointGate, KeypointGateSettings
 from .joint_centres import Centring, live_centres
 from .latency import Latencies, ViewTimes
 from .live_body import LiveSkeletons, pose_for_output
-from .messages import Centres, SeenView, Status
+from .messages import Centres, Expected, SeenView, Status
 from .output_plan import Reader
 from .outputs import OutputProcess
 from .rig_watch import RigWatch
@@ -47,15 +46,16 @@ _JUDGE_NS = _S // 4
 class Fusion:
     """Tracker, monitor and stop watches of one session; everything in one thread.
 
-    The tracker follows the landmarks of the networks, and their prediction selects image regions; the output is moved to joint
-    centres where `centring` wants it, put on people's skeletons where `bodies` are fitted, and passes the `gate`.
+    The tracker follows the landmarks of the networks, and `expect` is given its predictions, which select image regions. The
+    output is moved to joint centres where `centring` wants it, put on people's skeletons where `bodies` are fitted, and passes
+    the `gate`.
     """
 
     def __init__(
         self,
         rig: Rig,
         tracker: Tracker,
-        board: Board,
+        expect: Callable[[Expected], object],
         clock: SessionClock,
         outlets: OutputProcess,
         centring: Centring,
@@ -65,7 +65,7 @@ class Fusion:
         bodies: LiveSkeletons | None = None,
         reader: Reader | None = None,
     ) -> None:
-        self.rig, self.tracker, self._board, self.clock, self.outlets = rig, tracker, board, clock, outlets
+        self.rig, self.tracker, self._expect, self.clock, self.outlets = rig, tracker, expect, clock, outlets
         self.monitor = Monitor(rig.names)
         self.latencies = Latencies(rig.names)
         self.centring = centring
@@ -180,14 +180,14 @@ class Fusion:
                 return
 
     def _publish_prediction(self, t_ns: int) -> None:
-        """Put the prediction where camera groups look for it."""
+        """Hand the prediction to those who look at images."""
         before = self._last_published
         if before is not None and 0 <= t_ns - before.t_ns < _BOARD_NS:
             return
         pose = self.tracker.looked_for(t_ns)
         known: Array = np.asarray(np.isfinite(pose.xyz_world).any(axis=(1, 2)))
         shown = pose if known.all() else pose.people(known)
-        self._board.write(shown, velocity_between(before, shown))
+        self._expect(Expected(shown.t_ns, shown.xyz_world, velocity_between(before, shown)))
         self._last_published = shown
         self._give(LiveExpected(pose=shown))
 

@@ -13,7 +13,7 @@ from posefuse.messages.dds_domain import Network
 from .clock import SessionClock
 from .config import LiveConfig
 from .controls import KeepVideos, ShowImages
-from .messages import Centres
+from .messages import Centres, Expected
 from .network_intake import NetworkIntake
 from .news import Say
 from .session import ready_tracker
@@ -61,6 +61,9 @@ class NetworkViews(NetworkIntake):
     def start(self, clock: SessionClock) -> int:
         """They come already; the session counts from when it began to wait for them."""
         return self._begun_ns
+
+    def expect(self, expected: Expected) -> None:
+        """Nothing to do: camera nodes take the predictions that the output sends."""
 
     def control(self, request: ShowImages | KeepVideos) -> None:
         """Cameras of other machines take no requests: images and videos are switched by their own nodes' options."""

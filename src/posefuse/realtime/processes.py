@@ -17,11 +17,10 @@ from posefuse.foundation.platform import peak_memory_mb, processor_s
 from posefuse.foundation.requests_to_end import children_ignore_requests
 from posefuse.health.cameras import Verdict
 
-from .board import Board
 from .clock import SessionClock
 from .controls import KeepVideos, ShowImages
 from .group import GroupPlan, run_group
-from .messages import Centres, Go, GroupFailed, Ready, Status, Stop, VideoFailed
+from .messages import Centres, Expected, Go, GroupFailed, Ready, Status, Stop, VideoFailed
 from .pace import ProcessedImages
 from .video_keeping import FINISH_S
 
@@ -85,8 +84,7 @@ class Groups:
     Use as a context manager: leaving it ends them all. Implements `ViewSource`.
     """
 
-    def __init__(self, plans: Sequence[GroupPlan], board: Board) -> None:
-        self._board = board
+    def __init__(self, plans: Sequence[GroupPlan]) -> None:
         self._go: Go | None = None
         self._first = 0
         # whether there may be any to finish at the end
@@ -181,6 +179,13 @@ class Groups:
                 found.update(dict.fromkeys((entry.camera for entry in member.plan.inputs), trouble))
         return found
 
+    def expect(self, expected: Expected) -> None:
+        """Tell all groups where people should be seen next; one that has no room is told the next time."""
+        for member in self._members:
+            with contextlib.suppress(ChannelClosed):
+                if member.ready:
+                    member.channel.send(expected)
+
     def control(self, request: ShowImages | KeepVideos) -> None:
         """Change what the groups give besides views; one that is started again knows it, but continues with no video."""
         for member in self._members:
@@ -213,7 +218,7 @@ class Groups:
 
     def _start(self, plan: GroupPlan) -> tuple[Channel, Any]:
         ours, theirs = Channel.pair()
-        process = spawned(run_group, plan, theirs, self._board, name=f"posefuse cameras {_cameras(plan)}")
+        process = spawned(run_group, plan, theirs, name=f"posefuse cameras {_cameras(plan)}")
         theirs.close_own()
         return ours, process
 

@@ -23,7 +23,6 @@ from posefuse.tracking import at_joint_centres
 from posefuse.tracking.online import Tracker, build_tracker
 from posefuse.tracking.stand_in import made_up_detections
 
-from .board import Board
 from .capture import LiveInput, keeping_packets
 from .config import LiveConfig
 from .controls import AddOutput, Controls, KeepVideos, NamePerson, RemoveOutput, ShowImages
@@ -78,26 +77,25 @@ def run_live(
         plan = replace(plan, rig=rig, rate_hz=config.rate_hz, notes=notes_of(rig, config), names=config.names)
         plans = group_plans(rig, inputs, config, plan, videos)
         whole = SessionPlan(outputs=plan, config=config, duration_s=duration_s, remote=False)
-        return run_session(whole, lambda board: Groups(plans, board), say_soon, controls)
+        return run_session(whole, lambda: Groups(plans), say_soon, controls)
 
 
 def run_session(
     plan: SessionPlan,
-    views_on: Callable[[Board], AbstractContextManager[ViewSource]],
+    open_views: Callable[[], AbstractContextManager[ViewSource]],
     say: Say,
     controls: Controls | None = None,
 ) -> Finished:
-    """Outputs, tracker, joint centres, rig watch and fusion around the views that `views_on(board)` brings.
+    """Outputs, tracker, joint centres, rig watch and fusion around the views that `open_views()` brings.
 
     Raises:
         SourceError: views that cannot come.
         InputError: an output that cannot be opened.
     """
     rig, clock, config = plan.outputs.rig, plan.outputs.clock, plan.config
-    board = new_board()
     outputs = OutputProcess(plan.outputs)
     try:
-        with stop_requests() as stopped, views_on(board) as views, watching(rig, clocks=plan.remote) as watch:
+        with stop_requests() as stopped, open_views() as views, watching(rig, clocks=plan.remote) as watch:
             outputs.wait_ready()
             skeleton = views.wait_ready(stopped)
             say("; ".join(filter(None, [*views.whereabouts(), watch.whereabouts() if watch else "", outputs.whereabouts()])))
@@ -109,8 +107,9 @@ def run_session(
             gate = KeypointGate(config.gate)
             reader = plan.outputs.reader
             fusion = Fusion(
-                rig, tracker, board, clock, outputs, centring, watch=watch, joints=joints, gate=gate, bodies=bodies, reader=reader
-            )
+                rig, tracker, views.expect, clock, outputs, centring,
+                watch=watch, joints=joints, gate=gate, bodies=bodies, reader=reader,
+            )  # fmt: skip
             if reader is not None:
                 reader.take(plan.outputs.start())
             for centres in views.centres():
@@ -269,13 +268,6 @@ def warm_tracker(tracker: Tracker, rig: Rig, skeleton: Skeleton) -> None:
             tracker.add(view)
             pose = tracker.at(view.t_ns + 20_000_000)
         at_joint_centres(pose, no_offsets, no_offsets.usual)
-
-
-def new_board() -> Board:
-    """An empty board."""
-    import multiprocessing
-
-    return Board(multiprocessing.get_context("spawn"))
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from posefuse.health.cameras import Verdict
 
 from .clock import SessionClock
 from .controls import KeepVideos, ShowImages
-from .messages import Centres
+from .messages import Centres, Expected
 
 
 class ViewSource(Protocol):
@@ -23,6 +23,10 @@ class ViewSource(Protocol):
 
     def messages(self) -> Iterable[Any]:
         """What has come; never waits. What is not taken is there the next time."""
+        ...
+
+    def expect(self, expected: Expected) -> None:
+        """Where cameras should look for people next; never waits."""
         ...
 
     def troubles(self) -> Mapping[str, Verdict]:
