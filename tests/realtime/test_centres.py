@@ -29,9 +29,9 @@ from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.fusion import Fusion
 from posefuse.realtime.gate import KeypointGate
 from posefuse.realtime.joint_centres import Centring, centres_from_message, live_centres, message_from_centres
-from posefuse.realtime.messages import Centres
+from posefuse.realtime.messages import Centres, Expected
 from posefuse.realtime.provenance import notes_of
-from posefuse.realtime.session import new_board, ready_tracker
+from posefuse.realtime.session import ready_tracker
 from posefuse.tracking import at_joint_centres
 from posefuse.tracking.segments import segment_lengths
 
@@ -86,8 +86,8 @@ def standing_person() -> np.ndarray:
 @pytest.mark.parametrize("wanted", [True, False])
 def test_the_output_is_at_joint_centres_and_the_views_get_landmarks(ring_rig, standing_person, wanted) -> None:
     rig, kept, tracker = ring_rig(3), Kept(), Still(standing_person)
-    board = new_board()
-    fusion = Fusion(rig, tracker, board, SessionClock.begin(), kept, Centring(rig.names, wanted))
+    expected_by_cameras: list[Expected] = []
+    fusion = Fusion(rig, tracker, expected_by_cameras.append, SessionClock.begin(), kept, Centring(rig.names, wanted))
     fusion.tick(BEGIN_NS, PERIOD_NS)
     fusion.take(Centres(rig.names, FULL))
     fusion.tick(BEGIN_NS + 5 * PERIOD_NS, PERIOD_NS)
@@ -95,7 +95,7 @@ def test_the_output_is_at_joint_centres_and_the_views_get_landmarks(ring_rig, st
     expected = at_joint_centres(before, FULL, FULL.usual).xyz_world if wanted else before.xyz_world
     np.testing.assert_array_equal(before.xyz_world[0], standing_person)
     np.testing.assert_array_equal(after.xyz_world, expected)
-    np.testing.assert_array_equal(board.read().xyz_world[0], standing_person)
+    np.testing.assert_array_equal(expected_by_cameras[-1].xyz_world[0], standing_person)
     assert (np.abs(after.xyz_world - before.xyz_world).max() > 0.01) == wanted
     assert fusion.centring.made_by == (dict.fromkeys(rig.names, FULL.made_by) if wanted else {})
     # the table belongs to the views, wanted or not

@@ -6,9 +6,10 @@ import itertools
 
 import numpy as np
 import pytest
+from no_outputs import NoOutputs
 from no_source import NoSourceConfig
 
-from posefuse.core import Detections2D, Frame, Pose3D, Rig, Skeleton
+from posefuse.core import Detections2D, Frame, Rig, Skeleton
 from posefuse.detection.build import DetectorChoice
 from posefuse.foundation.channel import Channel
 from posefuse.health.cameras import Monitor
@@ -19,9 +20,8 @@ from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.fusion import Fusion
 from posefuse.realtime.group import Group, GroupPlan
 from posefuse.realtime.joint_centres import Centring
-from posefuse.realtime.messages import SeenView
-from posefuse.realtime.output_plan import NoOutputs
-from posefuse.realtime.session import new_board, ready_tracker
+from posefuse.realtime.messages import Expected, SeenView
+from posefuse.realtime.session import ready_tracker
 from posefuse.sources.arriving import Arrived
 
 S = 1_000_000_000
@@ -73,19 +73,18 @@ def watched(ring_rig, monkeypatch: pytest.MonkeyPatch):
             group=0, rig=rig, inputs=(entry,), detector=DetectorChoice(), clock=session, most_people=1, search_every_s=1e6,
             preview_hz=0.0,
         )  # fmt: skip
-        board = new_board()
-        group = Group(plan, theirs, board)
+        group = Group(plan, theirs)
         group._shift_ns["cam00"] = 0
         pixels = [CountedPixels() for _ in range(count)]
         for i, one in enumerate(pixels):
             if people:
                 far = np.full((people, len(SKELETON), 3), 1e6)
-                board.write(pose_of(far, session.now_ns()), np.zeros_like(far))
+                group._expected = Expected(session.now_ns(), far, np.zeros_like(far))
             now_s = next(clock_s)
             monkeypatch.setattr(group_module.time, "monotonic", lambda now_s=now_s: now_s)
             t_ns = 100 * S + i * PERIOD_NS
             arrived = Arrived(camera="cam00", seq=i, t_ns=t_ns, received_ns=t_ns + 20_000_000, pixels=one)
-            group._look(group._captures[0], Caught(arrived, 0), board.read())
+            group._look(group._captures[0], Caught(arrived, 0), group._expected)
         monkeypatch.undo()
         messages = list(iter(ours.receive, None))
         ours.close()
@@ -93,20 +92,6 @@ def watched(ring_rig, monkeypatch: pytest.MonkeyPatch):
         return messages, sum(one.asked > 0 for one in pixels), group.detector.searched
 
     return look
-
-
-def pose_of(xyz: np.ndarray, t_ns: int) -> Pose3D:
-    n, k = xyz.shape[:2]
-    return Pose3D(
-        t_ns=t_ns,
-        skeleton=SKELETON,
-        person_id=np.arange(n),
-        xyz_world=xyz,
-        cov_world=np.tile(np.eye(3), (n, k, 1, 1)),
-        reproj_px=np.ones((n, k)),
-        n_views=np.ones((n, k)),
-        kind=np.ones((n, k)),
-    )
 
 
 def test_frames_without_an_expected_person_are_counted_and_five_a_second_reported(watched, ring_rig) -> None:
@@ -124,7 +109,7 @@ def test_frames_without_an_expected_person_are_counted_and_five_a_second_reporte
             return 103 * S
 
     fusion = Fusion(
-        rig, ready_tracker(rig, SKELETON, LiveConfig()), new_board(), Clock(), NoOutputs(), Centring(rig.names, False)
+        rig, ready_tracker(rig, SKELETON, LiveConfig()), lambda _: None, Clock(), NoOutputs(), Centring(rig.names, False)
     )
     for one in messages:
         fusion.take(one)
@@ -177,7 +162,9 @@ def test_views_that_would_make_the_next_output_late_wait(watched, ring_rig) -> N
                 yield self.left.pop(0)
 
     clock, intake = Clock(), Intake()
-    fusion = Fusion(rig, ready_tracker(rig, SKELETON, LiveConfig()), new_board(), clock, NoOutputs(), Centring(rig.names, False))
+    fusion = Fusion(
+        rig, ready_tracker(rig, SKELETON, LiveConfig()), lambda _: None, clock, NoOutputs(), Centring(rig.names, False)
+    )
     due_ns = clock.now + 800_000
     fusion._listen(intake, due_ns)
     assert 0 < len(intake.left) < 4

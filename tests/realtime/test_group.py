@@ -12,7 +12,7 @@ import pytest
 from live_session import until
 from no_source import NoSourceConfig
 
-from posefuse.core import Detections2D, Frame, Pose3D, Rig
+from posefuse.core import Detections2D, Frame, Rig
 from posefuse.core.skeleton import PAPER14
 from posefuse.detection.build import DetectorChoice
 from posefuse.foundation.channel import Channel
@@ -21,8 +21,7 @@ from posefuse.realtime import group as group_module
 from posefuse.realtime.capture import Capture, Caught, LiveInput
 from posefuse.realtime.clock import SessionClock
 from posefuse.realtime.group import Group, GroupPlan
-from posefuse.realtime.messages import VideoFailed
-from posefuse.realtime.session import new_board
+from posefuse.realtime.messages import Expected, VideoFailed
 from posefuse.sources.arriving import Arrived
 
 PERIOD_NS = 1_000_000_000 // 30
@@ -51,25 +50,24 @@ class SlowDetector:
 
 @pytest.fixture
 def group(ring_rig, monkeypatch: pytest.MonkeyPatch):
-    """(group of three cameras, the board, the end of the channel where its messages come)."""
+    """(group of three cameras, the end of the channel where its messages come)."""
     monkeypatch.setattr(group_module, "build_detector", SlowDetector)
     rig, (ours, theirs) = ring_rig(3, size_wh=(64, 48)), Channel.pair()
     plan = GroupPlan(
         group=0, rig=rig, inputs=tuple(LiveInput(name, "test", NoSourceConfig(), False) for name in NAMES),
         detector=DetectorChoice(), clock=SessionClock.begin(), most_people=1, search_every_s=1e6, preview_hz=0.0,
     )  # fmt: skip
-    board = new_board()
-    group = Group(plan, theirs, board)
+    group = Group(plan, theirs)
     group._shift_ns = dict.fromkeys(NAMES, 0)
     group.detector.group = group
     group.detector.show_next()
-    yield group, board, ours
+    yield group, ours
     ours.close()
     theirs.close()
 
 
 def test_while_no_person_is_followed_all_cameras_search_frames_of_one_time(group) -> None:
-    group, _, channel = group
+    group, channel = group
     for _ in range(3):
         group._look_at_next()
         seen = [message.detections for message in iter(channel.receive, None)]
@@ -78,21 +76,16 @@ def test_while_no_person_is_followed_all_cameras_search_frames_of_one_time(group
 
 
 def test_with_a_person_the_frame_of_the_camera_that_waited_longest_is_looked_at(group) -> None:
-    group, board, channel = group
+    group, channel = group
     xyz = np.full((1, len(SKELETON), 3), 1e6)
-    pose = Pose3D(
-        t_ns=group._plan.clock.now_ns(), skeleton=SKELETON, person_id=np.arange(1), xyz_world=xyz,
-        cov_world=np.tile(np.eye(3), (1, len(SKELETON), 1, 1)), reproj_px=np.ones((1, len(SKELETON))),
-        n_views=np.ones((1, len(SKELETON))), kind=np.ones((1, len(SKELETON))),
-    )  # fmt: skip
     group._looked_s = dict(zip(NAMES, (2.0, 1.0, 3.0), strict=True))
-    board.write(pose, np.zeros_like(xyz))
+    channel.send(Expected(group._plan.clock.now_ns(), xyz, np.zeros_like(xyz)))
     group._look_at_next()
     assert [message.detections.camera for message in iter(channel.receive, None)] == ["cam01"]
 
 
 def test_a_video_that_cannot_be_made_when_it_is_switched_on_is_reported(group, tmp_path) -> None:
-    group, _, ours = group
+    group, ours = group
     (tmp_path / "cam01.mp4").touch()
     group._keep_videos(tmp_path)
     group._send_status()

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from no_outputs import NoOutputs
 
 from posefuse.core import SKELETONS, Detections2D, JointCentres, LivePose, Rig, Skeleton
 from posefuse.core.skeleton import BLAZEPOSE33
@@ -16,9 +17,8 @@ from posefuse.realtime.fusion import Fusion
 from posefuse.realtime.joint_centres import Centring, message_from_centres
 from posefuse.realtime.messages import Centres, SeenView
 from posefuse.realtime.network_intake import Sample, ViewIntake
-from posefuse.realtime.output_plan import NoOutputs
 from posefuse.realtime.senders import Senders
-from posefuse.realtime.session import new_board, ready_tracker
+from posefuse.realtime.session import ready_tracker
 from posefuse.tracking.stand_in import made_up_detections
 
 S = 1_000_000_000
@@ -161,7 +161,7 @@ def session(rig: Rig) -> tuple[Fusion, SimpleNamespace]:
     clock = SimpleNamespace(now=T0, now_ns=lambda: clock.now)
     config = LiveConfig()
     tracker = ready_tracker(rig, BLAZE, config)
-    return Fusion(rig, tracker, new_board(), clock, NoOutputs(), Centring(rig.names, True)), clock
+    return Fusion(rig, tracker, lambda _: None, clock, NoOutputs(), Centring(rig.names, True)), clock
 
 
 class Played:

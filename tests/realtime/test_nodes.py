@@ -10,6 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from no_outputs import NoOutputs
 from own_domain import own_domain
 from running import Running
 
@@ -31,8 +32,6 @@ from posefuse.realtime.fusion import Fusion
 from posefuse.realtime.joint_centres import Centring, message_from_centres
 from posefuse.realtime.messages import Centres, SeenView
 from posefuse.realtime.network_intake import NetworkIntake
-from posefuse.realtime.output_plan import NoOutputs
-from posefuse.realtime.session import new_board
 from posefuse.tracking.online import CameraStatistics
 
 pytestmark = pytest.mark.realtime
@@ -150,20 +149,20 @@ def test_cameras_of_another_machine_look_for_people_who_are_not_sure_enough_to_b
 
     rig, clock, skeleton = ring_rig(3), SessionClock.begin(), SKELETONS["coco17"]
     where = {"domain_id": DOMAIN + 2, "local_only": True}
-    output, board = Ros2Config(**where).build(), new_board()
+    output, groups = Ros2Config(**where).build(), NoGroups()
     output.take(LiveStart(t_ns=clock.now_ns(), rig=rig, rate_hz=100.0, clock_offset_ns=0))
     outlets = Given(output)
-    fusion = Fusion(rig, OneUnsurePerson(skeleton), new_board(), clock, outlets, Centring(rig.names, False))
+    fusion = Fusion(rig, OneUnsurePerson(skeleton), lambda _: None, clock, outlets, Centring(rig.names, False))
     end = time.monotonic() + PATIENCE_S
     with RosNode("camera", Network(**where)) as node:
-        cameras = CameraNode(rig, rig.names, node, board, clock, skeleton)
-        while not len(board.read().xyz_world) and time.monotonic() < end:
+        cameras = CameraNode(rig, rig.names, node, clock, skeleton)
+        while not groups.expected and time.monotonic() < end:
             fusion.tick(clock.now_ns(), 10_000_000)
-            cameras.step(NoGroups())
+            cameras.step(groups)
             time.sleep(0.03)
     output.close()
     assert all(len(message.pose.person_id) == 0 for message in outlets.messages if isinstance(message, LivePose))
-    assert np.allclose(board.read().xyz_world, 1.0)
+    assert np.allclose(groups.expected[-1].xyz_world, 1.0)
 
 
 class OneUnsurePerson:
@@ -201,6 +200,12 @@ class Given(NoOutputs):
 
 
 class NoGroups:
+    def __init__(self) -> None:
+        self.expected: list = []
+
+    def expect(self, expected) -> None:
+        self.expected.append(expected)
+
     def channels(self) -> list:
         return []
 

@@ -9,6 +9,7 @@ from itertools import pairwise
 from types import SimpleNamespace
 
 import pytest
+from no_outputs import NoOutputs
 
 from posefuse.cli.live import how_it_ended
 from posefuse.core import SKELETONS, Detections2D
@@ -16,7 +17,6 @@ from posefuse.health.cameras import CameraState, Monitor, Verdict
 from posefuse.realtime import processes
 from posefuse.realtime.messages import SeenView, Status
 from posefuse.realtime.news import News
-from posefuse.realtime.output_plan import NoOutputs
 from posefuse.realtime.pace import ProcessedImages, closing_lines
 
 S = 1_000_000_000

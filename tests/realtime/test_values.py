@@ -1,7 +1,6 @@
 """The parts of the live pipeline that are values: no process, no clock."""
 
 import itertools
-import multiprocessing
 import socket
 import threading
 import time
@@ -10,23 +9,21 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from no_outputs import NoOutputs
 
 from posefuse.cli.live_report import write_latency_report
 from posefuse.core import Detections2D, Frame, Pose3D, Skeleton, SourceError
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.health.cameras import CameraState, Monitor, Verdict
-from posefuse.realtime.board import Board
 from posefuse.realtime.capture import Capture, Caught, LiveInput, take_all
 from posefuse.realtime.clock import SessionClock
 from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.realtime.latency import Histogram, Latencies, ViewTimes
-from posefuse.realtime.messages import SeenView
+from posefuse.realtime.messages import Expected, SeenView
 from posefuse.realtime.news import News
-from posefuse.realtime.output_plan import NoOutputs
 from posefuse.realtime.processes import Groups, _Member, ended
 from posefuse.sources.arriving import Arrived
 from posefuse.sources.live.stream import StampClock
-from posefuse.tracking.online.settings import MOST_PEOPLE
 
 S = 1_000_000_000
 SKELETON = Skeleton("five", ("a", "b", "c", "d", "e"))
@@ -66,22 +63,9 @@ def seen_at(camera: str, t_ns: int, received_ns: int, still: int = 0) -> SeenVie
 # --- what is expected next
 
 
-def test_the_board_gives_back_what_was_written() -> None:
-    board = Board(multiprocessing.get_context("spawn"))
-    assert board.read().t_ns == 0
-    assert board.read().xyz_world.shape[0] == 0
+def test_what_is_expected_is_carried_on_to_the_time_of_a_frame() -> None:
     pose, velocity = pose_at(7 * S), np.full((2, 5, 3), 0.5)
-    board.write(pose, velocity)
-    read = board.read()
-    np.testing.assert_array_equal(read.xyz_world, pose.xyz_world)
-    np.testing.assert_allclose(read.at(7 * S + S // 10), pose.xyz_world + 0.05)
-
-
-def test_all_people_that_may_be_followed_are_looked_for() -> None:
-    board = Board(multiprocessing.get_context("spawn"))
-    pose = pose_at(7 * S, people=MOST_PEOPLE)
-    board.write(pose, np.zeros(pose.xyz_world.shape))
-    np.testing.assert_array_equal(board.read().xyz_world, pose.xyz_world)
+    np.testing.assert_allclose(Expected(7 * S, pose.xyz_world, velocity).at(7 * S + S // 10), pose.xyz_world + 0.05)
 
 
 # --- which camera is ill

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import secrets
-import socket
 import subprocess
-import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from multiprocessing.connection import Connection, Listener
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Self
@@ -33,6 +29,7 @@ from posefuse.core import (
     Progress,
     SourceError,
 )
+from posefuse.foundation.channel import Channel, ChannelClosed, started_program
 from posefuse.realtime.controls import AddOutput, KeepVideos, NamePerson, RemoveOutput, Request, ShowImages
 
 from .progress import shown
@@ -45,7 +42,7 @@ if TYPE_CHECKING:
 _START_S = 180.0
 # its files are finished as long as they make progress
 _END_S = 120.0
-_NAME = "python"
+_SEND_S, _LOOK_S = 1.0, 0.2
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -70,7 +67,7 @@ class LiveSession:
     A slow program skips poses and gets the newest one next; it never delays the session.
 
     Attributes:
-        angles: joint angles of the newest pose (T = 1); None before the first, or where they are switched off.
+        angles: joint angles of the newest pose (T = 1); None before the first.
         cameras: state of every camera by name. outputs: of every output. news: lines that the session has reported, oldest first.
         on_image: takes each image that `show_images` asks for, and the detections in it (None: no person was seen); is called in
             a thread of the session and must return quickly.
@@ -91,9 +88,7 @@ class LiveSession:
         self._given_ns: int | None = None
         self._ended = False
         self._error: PosefuseError | None = None
-        self._listener: Listener | None = None
-        self._control: Connection | None = None
-        self._asking = threading.Lock()
+        self._channel: Channel | None = None
         self._process: subprocess.Popen[bytes] | None = None
 
     def __enter__(self) -> Self:
@@ -102,25 +97,14 @@ class LiveSession:
         Raises:
             PosefuseError: what keeps it from beginning, e.g. a camera that cannot be opened.
         """
-        from dataclasses import replace
-
-        from posefuse.outputs.live.connection import ConnectionConfig
         from posefuse.realtime.networks import fetch_networks
 
         # once and here: every camera process would download what is missing for itself
         with shown(self._progress) as report:
             fetch_networks(self._plan.config.detector, report)
-        key = secrets.token_bytes(32)
-        self._listener = listener = Listener(("127.0.0.1", 0), authkey=key)
-        port = listener.address[1]
-        mine = ConnectionConfig(port=port, authkey=key.hex(), images=self.on_image is not None)
-        self._plan = replace(self._plan, outputs={**self._plan.outputs, _NAME: mine})
-        threading.Thread(target=self._accept, args=(listener,), daemon=True).start()
-        command = [sys.executable, "-c", "from posefuse.realtime.serve import main; main()", str(port)]
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, start_new_session=sys.platform != "win32")
-        assert self._process.stdin is not None
-        self._process.stdin.write(key.hex().encode() + b"\n")
-        self._process.stdin.close()
+        self._process, self._channel = started_program("posefuse.realtime.serve")
+        self._channel.send(replace(self._plan, images=self.on_image is not None), _START_S)
+        threading.Thread(target=self._hear, args=(self._channel,), daemon=True).start()
         try:
             self._wait(_START_S)
         except BaseException:
@@ -212,20 +196,18 @@ class LiveSession:
         self._ask(NamePerson(person_id, name.strip()))
 
     def _ask(self, request: Request) -> None:
-        from posefuse.realtime.serve import Change
-
-        if self._control is None:
+        if self._channel is None:
             raise SourceError("live: the session has not begun")
-        with self._asking, suppress(OSError):
-            self._control.send(Change(request))
+        with suppress(ChannelClosed):
+            self._channel.send(request, _SEND_S)
 
     def close(self) -> None:
-        """End the session and free its port; safe to call twice."""
-        if self._control is not None:
+        """End the session; safe to call twice."""
+        if self._channel is not None:
             from posefuse.realtime.serve import StopSession
 
-            with self._asking, suppress(OSError):
-                self._control.send(StopSession())
+            with suppress(ChannelClosed):
+                self._channel.send(StopSession(), _SEND_S)
         if self._process is not None:
             try:
                 self._process.wait(_END_S)
@@ -233,12 +215,8 @@ class LiveSession:
                 self._process.kill()
                 self._process.wait(_END_S)
         self._ended = True
-        if self._listener is not None:
-            # closing alone does not wake a thread that waits for a connection
-            with suppress(OSError), socket.create_connection(self._listener.address, timeout=1.0):
-                pass
-            self._listener.close()
-            self._listener = None
+        if self._channel is not None:
+            self._channel.close()
 
     def _wait(self, timeout_s: float | None) -> LivePose | None:
         """The newest pose that was not given yet; None when the session is over."""
@@ -261,57 +239,33 @@ class LiveSession:
     def _is_new(self) -> bool:
         return self._newest is not None and self._newest.pose.t_ns != self._given_ns
 
-    def _accept(self, listener: Listener) -> None:
-        """The control connection, and one of poses each time the outputs are (re)started."""
-        from posefuse.realtime.serve import CONTROL
-
-        with shown(self._progress) as report:
-            while not self._ended:
-                try:
-                    connection = listener.accept()
-                    kind = connection.recv()
-                except Exception:  # noqa: BLE001 - a stranger at the port must not end the session
-                    continue
-                if kind == CONTROL:
-                    self._control = connection
-                    connection.send(self._plan)
-                    threading.Thread(target=self._hear_control, args=(connection, report), daemon=True).start()
-                else:
-                    threading.Thread(target=self._hear_poses, args=(connection,), daemon=True).start()
-
-    def _hear_control(self, connection: Connection, report: Progress) -> None:
+    def _hear(self, channel: Channel) -> None:
+        """What the session sends, until it is over."""
         from posefuse.realtime.serve import Ended, NewsLine
 
-        with suppress(EOFError, OSError):
-            while True:
-                message = connection.recv()
-                if isinstance(message, NewsLine):
-                    self.news.append(message.line)
-                    report("live", 0, None, message.line)
-                elif isinstance(message, Ended):
+        with shown(self._progress) as report, suppress(ChannelClosed, OSError, ValueError):
+            while not self._ended:
+                channel.wait(_LOOK_S)
+                while (message := channel.receive()) is not None:
+                    if isinstance(message, NewsLine):
+                        self.news.append(message.line)
+                        report("live", 0, None, message.line)
+                    elif isinstance(message, LiveDetections):
+                        self._views[message.detections.camera] = message.detections
+                    elif isinstance(message, LivePreview):
+                        self._show(message)
                     with self._changed:
-                        self._ended, self._error = True, message.error
+                        if isinstance(message, LivePose):
+                            self._newest = message
+                            self._measured_ns = message.stages_ns.get("exposed", self._measured_ns)
+                        elif isinstance(message, LiveHealth):
+                            self.cameras, self._cameras_ns = message.cameras, message.t_ns
+                            self.outputs = message.outputs
+                        elif isinstance(message, LiveStart):
+                            self._offset_ns = message.clock_offset_ns
+                        elif isinstance(message, Ended):
+                            self._ended, self._error = True, message.error
                         self._changed.notify_all()
-                    return
-
-    def _hear_poses(self, connection: Connection) -> None:
-        with suppress(EOFError, OSError):
-            while True:
-                message = connection.recv()
-                if isinstance(message, LiveDetections):
-                    self._views[message.detections.camera] = message.detections
-                elif isinstance(message, LivePreview):
-                    self._show(message)
-                with self._changed:
-                    if isinstance(message, LivePose):
-                        self._newest = message
-                        self._measured_ns = message.stages_ns.get("exposed", self._measured_ns)
-                    elif isinstance(message, LiveHealth):
-                        self.cameras, self._cameras_ns = message.cameras, message.t_ns
-                        self.outputs = {name: one for name, one in message.outputs.items() if name != _NAME}
-                    elif isinstance(message, LiveStart):
-                        self._offset_ns = message.clock_offset_ns
-                    self._changed.notify_all()
 
     def _show(self, image: LivePreview) -> None:
         view = self._views.get(image.camera)

@@ -20,16 +20,15 @@ from posefuse.pipeline.config import read_changed
 from posefuse.realtime.camera_node import CameraNode
 from posefuse.realtime.clock import SessionClock
 from posefuse.realtime.config import LiveConfig
-from posefuse.realtime.group_views import GroupViews
 from posefuse.realtime.joint_centres import message_from_centres
-from posefuse.realtime.network_intake import NetworkIntake
 from posefuse.realtime.network_views import NetworkViews
 from posefuse.realtime.networks import settled_network
 from posefuse.realtime.node_intrinsics import publish_intrinsics, rig_of_nodes
 from posefuse.realtime.output_plan import OutputPlan, check_live_outputs
+from posefuse.realtime.processes import Groups
 from posefuse.realtime.provenance import notes_of
 from posefuse.realtime.ros_cameras import rig_with_camera_infos
-from posefuse.realtime.session import group_plans, new_board, run_session, stop_requests
+from posefuse.realtime.session import group_plans, run_session, stop_requests
 from posefuse.realtime.session_plan import SessionPlan
 from posefuse.realtime.speaking import never_waiting
 
@@ -64,17 +63,16 @@ def camera_node(
     fetch_chosen(config.detector, terminal)
     config = replace(config, detector=settled_network(config.detector, len(inputs), terminal.note))
     clock = SessionClock.begin()
-    board = new_board()
     plan = OutputPlan(rig=rig, clock=clock, configs={"ros2": Ros2Config()})
     with (
         RosNode(f"posefuse_cameras_{topics.ros_name(name)}", network_of(ros_2)) as node,
-        GroupViews(group_plans(rig, inputs, config, plan), board) as groups,
+        Groups(group_plans(rig, inputs, config, plan)) as groups,
     ):
         publish_intrinsics(node, rig, [entry.camera for entry in inputs], time.time_ns())
         skeleton = groups.wait_ready()
         terminal.note("; ".join(groups.whereabouts()))
         groups.begin(time.monotonic_ns())
-        worker = CameraNode(rig, [entry.camera for entry in inputs], node, board, clock, skeleton)
+        worker = CameraNode(rig, [entry.camera for entry in inputs], node, clock, skeleton)
         for centres in groups.centres():
             node.publish(topics.JOINT_CENTRES, message_from_centres(centres, clock.now_ns()), clock.now_ns())
         end_ns = None if duration_s is None else clock.now_ns() + round(duration_s * _S)
@@ -114,9 +112,9 @@ def fusion_node(
     whole = SessionPlan(outputs=plan, config=config, duration_s=duration_s, remote=True)
     terminal.note(f"waiting for views of {', '.join(rig.names)} in domain {network.domain_id}")
     with never_waiting(terminal.note) as say:
-        views = NetworkViews(NetworkIntake(rig, network, clock, hand_over_s=config.hand_over_s), config, duration_s, say)
-        done = run_session(whole, lambda board: views, say)
-    counts, senders = views.intake.views.intake.counts, views.intake.views.senders
+        views = NetworkViews(rig, network, clock, config, duration_s, say)
+        done = run_session(whole, lambda: views, say)
+    counts, senders = views.views.intake.counts, views.views.senders
     figures = {
         **live_session_figures(done),
         **how_it_ended(done.stopped_by, duration_s, terminal, failed=done.outputs_failed, fusion=done.fusion),

@@ -6,15 +6,20 @@ import contextlib
 import pickle
 import select
 import socket
+import struct
+import subprocess
+import sys
+import threading
 import time
 from collections.abc import Sequence
 from typing import Any
 
-from .framing import Framing
 from .platform import message_sockets
 
 # what the kernel may hold for a reader; it caps this at its own limit
 _BUFFER_BYTES = 1 << 20
+_LENGTH = struct.Struct("<I")
+_RETRY_S = 0.01
 
 
 class ChannelClosed(Exception):
@@ -22,28 +27,28 @@ class ChannelClosed(Exception):
 
 
 class Channel:
-    """One end of a socket pair that carries whole messages; a writer killed midway leaves no half message.
+    """One end of a socket pair that carries whole Python values of any size; a writer killed midway leaves no half message.
 
-    May be handed to a child process while it is started.
+    A message counts as handed over once some of it went out; the rest, for which the socket had no room, is kept and goes out
+    before anything else when the end is next used. Only the message being received is buffered, so that `select` on the socket
+    still shows whether there is another. May be used by several threads, and handed to a child process while it is started.
     """
 
     def __init__(self, end: socket.socket) -> None:
-        self._socket, self._framing = end, Framing()
+        end.setblocking(False)
+        for option in (socket.SO_SNDBUF, socket.SO_RCVBUF):
+            end.setsockopt(socket.SOL_SOCKET, option, _BUFFER_BYTES)
+        self._socket, self._lock = end, threading.Lock()
+        self._unsent, self._partial, self._closed = b"", bytearray(), False
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        # Windows does not carry this over to the process that gets the socket
-        self._socket.setblocking(False)
+    def __reduce__(self) -> tuple[type[Channel], tuple[socket.socket]]:
+        return Channel, (self._socket,)
 
     @staticmethod
     def pair() -> tuple[Channel, Channel]:
         """Two ends."""
-        ends = message_sockets()
-        for end in ends:
-            end.setblocking(False)
-            for option in (socket.SO_SNDBUF, socket.SO_RCVBUF):
-                end.setsockopt(socket.SOL_SOCKET, option, _BUFFER_BYTES)
-        return Channel(ends[0]), Channel(ends[1])
+        one, other = message_sockets()
+        return Channel(one), Channel(other)
 
     def fileno(self) -> int:
         """For `select`."""
@@ -52,22 +57,37 @@ class Channel:
     def send(self, value: Any, wait_s: float = 0.0) -> bool:
         """Whether the message could be handed over within `wait_s`; raises ChannelClosed when the other side is gone."""
         raw = pickle.dumps(value, pickle.HIGHEST_PROTOCOL)
-        try:
-            return self._framing.send(self._socket, raw, wait_s)
-        except OSError:
-            raise ChannelClosed from None
+        until_s = time.monotonic() + wait_s
+        with self._lock:
+            if self._closed:  # TCP would take one more message before it notices
+                raise ChannelClosed
+            if not self._flushed(until_s):
+                return False
+            self._unsent = message = _LENGTH.pack(len(raw)) + raw
+            if not self._flushed(until_s) and len(self._unsent) == len(message):
+                self._unsent = b""
+                return False
+            return True
 
     def receive(self) -> Any | None:
         """The oldest message, or None when there is none now; raises ChannelClosed when no more can come."""
-        try:
-            raw = self._framing.receive(self._socket)
-        except OSError:
-            raise ChannelClosed from None
-        if raw is None:
-            return None
-        if not raw:
-            raise ChannelClosed
-        return pickle.loads(raw)
+        with self._lock:
+            with contextlib.suppress(ChannelClosed):  # no one takes the rest any more, but what was sent to us can still be read
+                self._flushed(0.0)
+            while (missing := self._missing()) > 0:
+                try:
+                    chunk = self._socket.recv(missing)
+                except BlockingIOError:
+                    return None
+                except OSError:
+                    chunk = b""
+                if not chunk:
+                    self._closed = True
+                    raise ChannelClosed
+                self._partial += chunk
+            message = bytes(self._partial[_LENGTH.size :])
+            self._partial.clear()
+        return pickle.loads(message)
 
     def wait(self, timeout_s: float) -> bool:
         """Wait until something can be received."""
@@ -83,6 +103,28 @@ class Channel:
         """Close this process's copy of an end that a child process holds."""
         self._socket.close()
 
+    def _missing(self) -> int:
+        """Bytes until the length is known, then until the message is whole."""
+        if len(self._partial) < _LENGTH.size:
+            return _LENGTH.size - len(self._partial)
+        return int(_LENGTH.unpack_from(self._partial)[0]) + _LENGTH.size - len(self._partial)
+
+    def _flushed(self, until_s: float) -> bool:
+        """Whether nothing is left to be sent, trying until that monotonic time."""
+        while self._unsent:
+            try:
+                self._unsent = self._unsent[self._socket.send(self._unsent) :]
+            except BlockingIOError:
+                left_s = until_s - time.monotonic()
+                if left_s <= 0:
+                    return False
+                # Linux calls a local socket writable only when three quarters of its buffer are free: `select` alone would wait
+                # for long although there is room for a message
+                select.select([], [self._socket], [], min(left_s, _RETRY_S))
+            except OSError:
+                raise ChannelClosed from None
+        return True
+
 
 def wait_any(channels: Sequence[Channel], timeout_s: float) -> bool:
     """Wait until something can be received from any of them; with no channels, for all of `timeout_s`."""
@@ -91,3 +133,25 @@ def wait_any(channels: Sequence[Channel], timeout_s: float) -> bool:
     # Windows refuses to select from nothing
     time.sleep(timeout_s)
     return False
+
+
+def started_program(module: str) -> tuple[subprocess.Popen[bytes], Channel]:
+    """A new interpreter that calls `main` of the module, out of reach of this terminal's Ctrl-C, and our end of its channel."""
+    ours, theirs = message_sockets()
+    with theirs:
+        command = [sys.executable, "-c", f"from {module} import main; main()", str(theirs.fileno())]
+        if sys.platform == "win32":
+            process = subprocess.Popen(command, stdin=subprocess.PIPE)
+            assert process.stdin is not None
+            with process.stdin as told:
+                told.write(theirs.share(process.pid))
+        else:
+            process = subprocess.Popen(command, stdin=subprocess.DEVNULL, pass_fds=[theirs.fileno()], start_new_session=True)
+    return process, Channel(ours)
+
+
+def channel_of_parent() -> Channel:
+    """Of a program that `started_program` has begun: its end."""
+    if sys.platform == "win32":
+        return Channel(socket.fromshare(sys.stdin.buffer.read()))
+    return Channel(socket.socket(fileno=int(sys.argv[1])))

@@ -14,10 +14,9 @@ from posefuse.messages.messages import POSE_TYPE, SourceCounts, message_from_det
 from posefuse.messages.ros_output import RosOutput
 from posefuse.outputs.live.ros import health_lines, publish_preview
 
-from .board import Board
 from .clock import SessionClock
 from .fusion import velocity_between
-from .messages import SeenView, Status
+from .messages import Expected, SeenView, Status
 from .processes import Groups
 
 _S = 1_000_000_000
@@ -29,11 +28,9 @@ _MAX_BYTES = 2**20
 class CameraNode:
     """Sends the detections of its groups, and gives predictions from the network to them."""
 
-    def __init__(
-        self, rig: Rig, cameras: Sequence[str], node: RosNode, board: Board, clock: SessionClock, skeleton: Skeleton
-    ) -> None:
+    def __init__(self, rig: Rig, cameras: Sequence[str], node: RosNode, clock: SessionClock, skeleton: Skeleton) -> None:
         self.cameras, self.monitor, self.sent = tuple(cameras), Monitor(cameras), dict.fromkeys(cameras, 0)
-        self._rig, self._node, self._board, self._clock = rig, node, board, clock
+        self._rig, self._node, self._clock = rig, node, clock
         self._poses = node.reader(topics.EXPECTED)
         self._intake = Intake(POSE_TYPE, pose_from_message, _MAX_BYTES)
         self._looked_for: Pose3D | None = None
@@ -47,7 +44,7 @@ class CameraNode:
     def step(self, groups: Groups) -> None:
         """Wait for messages for 10 ms at most and handle them."""
         wait_any(groups.channels(), _POLL_S)
-        self._take_poses()
+        self._take_poses(groups)
         for message in groups.messages():
             if isinstance(message, SeenView):
                 self._send(message)
@@ -74,7 +71,7 @@ class CameraNode:
             self._node.publish(topics.DETECTIONS, message_from_detections(view, stages, counts), view.t_ns)
             self.sent[view.camera] += 1
 
-    def _take_poses(self) -> None:
+    def _take_poses(self, groups: Groups) -> None:
         for sample in self._poses.take()[-1:]:
             now_ns = self._clock.now_ns()
             taken = self._intake.take(sample.raw)
@@ -84,9 +81,9 @@ class CameraNode:
             if sample.sender != self._fusion and now_ns - self._taken_ns < _S:
                 continue
             self._fusion, self._taken_ns = sample.sender, now_ns
-            self._look_for(taken[0])
+            self._look_for(taken[0], groups)
 
-    def _look_for(self, pose: Pose3D) -> None:
-        self._board.write(pose, velocity_between(self._looked_for, pose))
+    def _look_for(self, pose: Pose3D, groups: Groups) -> None:
+        groups.expect(Expected(pose.t_ns, pose.xyz_world, velocity_between(self._looked_for, pose)))
         if self._looked_for is None or pose.t_ns - self._looked_for.t_ns > 25_000_000:
             self._looked_for = pose

@@ -43,11 +43,9 @@ class LiveConfig:
         names: names of the people in the order of their ids; for viewers, JSON datagrams and what is made of a recording.
         groups: number of camera processes; left out: one per two cameras, at most one per core.
         search_every_s: while fewer people are followed than requested, search the whole image of every camera this often.
-        preview_hz: images per second and camera for the viewer.
         joint_centres: move keypoints to anatomical joint centres, if the detector has a table for it.
         body: fit one skeleton of constant segment lengths per person to the rays of all views; lengths are learnt on the way.
             ``auto`` does so where a table of joint centres was fitted to the detector.
-        angles: compute joint angles and segment frames with every pose.
         camera_info: CameraInfo of cameras whose images come from ROS: compare it with the rig, use it instead of the rig's
             intrinsics (on several machines also on the fusion node, which takes those that the camera nodes send), or ignore it.
         hand_over_s: of cameras on other machines: one whose sender is silent for so long is handed over to another sender; left
@@ -66,10 +64,8 @@ class LiveConfig:
     names: PeopleNames = ()
     groups: Annotated[int, Ge(1)] | None = None
     search_every_s: Annotated[float, Gt(0)] = 0.5
-    preview_hz: Annotated[float, Ge(0)] = 8.0
     joint_centres: bool = True
     body: Literal["auto", "on", "off"] = "auto"
-    angles: bool = True
     camera_info: CameraInfoUse = "check"
     hand_over_s: Annotated[float, Gt(0), Le(3600)] | None = None
     outputs: dict[str, dict[str, Any]] = field(default_factory=dict)

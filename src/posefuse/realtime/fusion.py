@@ -3,28 +3,40 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable, Iterable, Mapping
-from typing import Any, Protocol
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
-from posefuse.core import CameraHealth, LiveDetections, LiveExpected, LiveHealth, LivePose, LivePreview, Pose3D, Rig, Views
+from posefuse.core import (
+    CameraHealth,
+    LiveDetections,
+    LiveExpected,
+    LiveHealth,
+    LiveMessage,
+    LivePose,
+    LivePreview,
+    Pose3D,
+    Rig,
+    Views,
+)
 from posefuse.core.arrays import Array
-from posefuse.foundation.channel import Channel, wait_any
+from posefuse.foundation.channel import wait_any
 from posefuse.health.cameras import Monitor, Verdict
 from posefuse.kinematics import JointTracker
 from posefuse.tracking.online import Tracker
 
-from .board import Board
 from .clock import SessionClock
 from .config import KeypointGateSettings
 from .gate import KeypointGate
 from .joint_centres import Centring, live_centres
 from .latency import Latencies, ViewTimes
 from .live_body import LiveSkeletons, pose_for_output
-from .messages import Centres, SeenView, Status
-from .output_plan import Outlets
+from .messages import Centres, Expected, SeenView, Status
+from .output_plan import Reader
+from .outputs import OutputProcess
 from .rig_watch import RigWatch
+from .view_source import ViewSource
 
 _S = 1_000_000_000
 # the expected pose is published, and cameras are judged, this often
@@ -32,49 +44,35 @@ _BOARD_NS = _S // 40
 _JUDGE_NS = _S // 4
 
 
-class LiveIntake(Protocol):
-    """Where views come from: camera groups of this machine, or a network."""
-
-    def channels(self) -> list[Channel]:
-        """For `select`."""
-        ...
-
-    def messages(self) -> Iterable[Any]:
-        """What has come; never waits. What is not taken is there the next time."""
-        ...
-
-    def troubles(self) -> Mapping[str, Verdict]:
-        """What is wrong with the process or machine of a camera, by camera."""
-        ...
-
-
 class Fusion:
     """Tracker, monitor and stop watches of one session; everything in one thread.
 
-    The tracker follows the landmarks of the networks, and their prediction selects image regions; the output is moved to joint
-    centres where `centring` wants it, put on people's skeletons where `bodies` are fitted, and passes the `gate`.
+    The tracker follows the landmarks of the networks, and `expect` is given its predictions, which select image regions. The
+    output is moved to joint centres where `centring` wants it, put on people's skeletons where `bodies` are fitted, and passes
+    the `gate`.
     """
 
     def __init__(
         self,
         rig: Rig,
         tracker: Tracker,
-        board: Board,
+        expect: Callable[[Expected], object],
         clock: SessionClock,
-        outlets: Outlets,
+        outlets: OutputProcess,
         centring: Centring,
         watch: RigWatch | None = None,
         joints: JointTracker | None = None,
         gate: KeypointGate | None = None,
         bodies: LiveSkeletons | None = None,
+        reader: Reader | None = None,
     ) -> None:
-        self.rig, self.tracker, self._board, self.clock, self.outlets = rig, tracker, board, clock, outlets
+        self.rig, self.tracker, self._expect, self.clock, self.outlets = rig, tracker, expect, clock, outlets
         self.monitor = Monitor(rig.names)
         self.latencies = Latencies(rig.names)
         self.centring = centring
         self.watch, self._joints = watch, joints
         self.gate = gate or KeypointGate(KeypointGateSettings())
-        self.bodies = bodies
+        self.bodies, self._reader = bodies, reader
         self.verdicts: Mapping[str, Verdict] = {}
         self.used = dict.fromkeys(rig.names, 0)
         self.seen = dict.fromkeys(rig.names, 0)
@@ -84,7 +82,7 @@ class Fusion:
         self._followed = 0
         self._judged_ns = 0
 
-    def run(self, intake: LiveIntake, rate_hz: float, until: Callable[[int], bool]) -> None:
+    def run(self, views: ViewSource, rate_hz: float, until: Callable[[int], bool]) -> None:
         """Run until `until(now)` is true."""
         # objects that exist by now are permanent; a garbage collection would delay the output tick by milliseconds
         gc.collect()
@@ -94,12 +92,12 @@ class Fusion:
         try:
             while not until(now_ns := self.clock.now_ns()):
                 if now_ns < due_ns:
-                    self._listen(intake, due_ns)
+                    self._listen(views, due_ns)
                     continue
                 self.tick(due_ns, period_ns)
                 # takes up to most of a period: only now can the next output be sure not to wait for it
                 self.tracker.check()
-                self._judge(intake, due_ns, due_ns + period_ns)
+                self._judge(views, due_ns, due_ns + period_ns)
                 behind = (self.clock.now_ns() - due_ns) // period_ns
                 if behind > 1:
                     self.latencies.late_ticks += int(behind) - 1
@@ -114,12 +112,18 @@ class Fusion:
             self._see(message)
         elif isinstance(message, Centres):
             self.centring.learn(message)
-            self.outlets.offer(live_centres(message, self.clock.now_ns()))
+            self._give(live_centres(message, self.clock.now_ns()))
         elif isinstance(message, Status):
             for state in message.cameras:
                 self.monitor.take_state(state, message.t_ns, regular=True)
         elif isinstance(message, LivePreview):
-            self.outlets.offer(message)
+            self._give(message)
+
+    def _give(self, message: LiveMessage) -> None:
+        """To the outputs, and to the program that reads the session."""
+        self.outlets.offer(message)
+        if self._reader is not None and isinstance(message, self._reader.takes):
+            self._reader.take(message)
 
     def tick(self, due_ns: int, period_ns: int) -> None:
         """One pose, for the time it is due."""
@@ -129,7 +133,7 @@ class Fusion:
         stages = {"exposed": newest, "output": output_ns} if newest else {"output": output_ns}
         shown = self.gate.passed(pose_for_output(self.tracker, landmarks, self.centring, self.bodies))
         joints = self._joints.step(shown) if self._joints is not None else None
-        self.outlets.offer(LivePose(pose=shown, joints=joints, stages_ns=stages))
+        self._give(LivePose(pose=shown, joints=joints, stages_ns=stages))
         self.latencies.tick_out(due_ns, output_ns, period_ns)
         for way in self._waiting:
             self.latencies.view_out(way, output_ns)
@@ -160,47 +164,47 @@ class Fusion:
         stages = {
             "received": way.received_ns, "started": way.started_ns, "detected": way.detected_ns, "fused": fused_ns
         }  # fmt: skip
-        self.outlets.offer(LiveDetections(detections=view, stages_ns=stages))
+        self._give(LiveDetections(detections=view, stages_ns=stages))
 
-    def _listen(self, intake: LiveIntake, due_ns: int) -> None:
-        channels = intake.channels()
+    def _listen(self, views: ViewSource, due_ns: int) -> None:
+        channels = views.channels()
         wait_s = max(0, due_ns - self.clock.now_ns()) / _S
         if not wait_any(channels, wait_s) and channels:
             return
-        self._take_until(intake, due_ns)
+        self._take_until(views, due_ns)
 
-    def _take_until(self, intake: LiveIntake, due_ns: int) -> None:
-        for message in intake.messages():
+    def _take_until(self, views: ViewSource, due_ns: int) -> None:
+        for message in views.messages():
             self.take(message)
             # what is left waits in its channel: several views would make the output late
             if self.clock.now_ns() >= due_ns:
                 return
 
     def _publish_prediction(self, t_ns: int) -> None:
-        """Put the prediction where camera groups look for it."""
+        """Hand the prediction to those who look at images."""
         before = self._last_published
         if before is not None and 0 <= t_ns - before.t_ns < _BOARD_NS:
             return
         pose = self.tracker.looked_for(t_ns)
         known: Array = np.asarray(np.isfinite(pose.xyz_world).any(axis=(1, 2)))
         shown = pose if known.all() else pose.people(known)
-        self._board.write(shown, velocity_between(before, shown))
+        self._expect(Expected(shown.t_ns, shown.xyz_world, velocity_between(before, shown)))
         self._last_published = shown
-        self.outlets.offer(LiveExpected(pose=shown))
+        self._give(LiveExpected(pose=shown))
 
-    def _judge(self, intake: LiveIntake, now_ns: int, until_ns: int) -> None:
+    def _judge(self, views: ViewSource, now_ns: int, until_ns: int) -> None:
         if now_ns - self._judged_ns < _JUDGE_NS:
             return
         self._judged_ns = now_ns
         # processes that died while nothing came are noticed here
-        self._take_until(intake, until_ns)
+        self._take_until(views, until_ns)
         if self.watch is not None:
             self.watch.receive()
-        self.verdicts = self.monitor.judge(now_ns, intake.troubles(), self.watch.known.ill if self.watch is not None else {})
+        self.verdicts = self.monitor.judge(now_ns, views.troubles(), self.watch.known.ill if self.watch is not None else {})
         self.outlets.poll()
         rates = self._rates()
         cameras = {name: CameraHealth(state=v.state, text=v.text, figures=rates[name]) for name, v in self.verdicts.items()}
-        self.outlets.offer(LiveHealth(t_ns=now_ns, cameras=cameras, outputs=self.outlets.health))
+        self._give(LiveHealth(t_ns=now_ns, cameras=cameras, outputs=self.outlets.health))
 
     def _rates(self) -> dict[str, dict[str, float]]:
         health = self.tracker.health

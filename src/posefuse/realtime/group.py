@@ -20,11 +20,10 @@ from posefuse.foundation.platform import lower_priority
 from posefuse.foundation.requests_to_end import leave_requests_to_parent
 from posefuse.sources.arriving import Arrived
 
-from .board import Board, Expected
 from .capture import SAMPLE_STEP, Capture, Caught, LiveInput, take_all
 from .clock import SessionClock
 from .controls import KeepVideos, ShowImages
-from .messages import Go, GroupFailed, Ready, SeenView, Status, Stop, VideoFailed
+from .messages import NOTHING_EXPECTED, Expected, Go, GroupFailed, Ready, SeenView, Status, Stop, VideoFailed
 from .preview import preview_jpeg
 from .searching import SearchSchedule, search_slot
 from .video_keeping import VideoKeeper, wait_for_videos
@@ -63,14 +62,14 @@ class GroupPlan:
     videos: Path | None = None
 
 
-def run_group(plan: GroupPlan, channel: Channel, board: Board) -> None:
+def run_group(plan: GroupPlan, channel: Channel) -> None:
     """Body of the process; ends on request, or when its receiver has gone."""
     leave_requests_to_parent()
     lower_priority(_NICENESS)
     group = None
     with contextlib.suppress(ChannelClosed):
         try:
-            group = _opened(plan, channel, board)
+            group = _opened(plan, channel)
             group.run()
         except PosefuseError as error:
             channel.send(GroupFailed(plan.group, str(error)), _SEND_S)
@@ -81,11 +80,11 @@ def run_group(plan: GroupPlan, channel: Channel, board: Board) -> None:
     os._exit(0)
 
 
-def _opened(plan: GroupPlan, channel: Channel, board: Board) -> Group:
+def _opened(plan: GroupPlan, channel: Channel) -> Group:
     import cv2
 
     cv2.setNumThreads(1)
-    group = Group(plan, channel, board)
+    group = Group(plan, channel)
     channel.send(Ready(plan.group, group.detector.skeleton, group.joint_centres()), _SEND_S)
     return group
 
@@ -93,8 +92,9 @@ def _opened(plan: GroupPlan, channel: Channel, board: Board) -> Group:
 class Group:
     """Captures and the detector of one process."""
 
-    def __init__(self, plan: GroupPlan, channel: Channel, board: Board) -> None:
-        self._plan, self._channel, self._board = plan, channel, board
+    def __init__(self, plan: GroupPlan, channel: Channel) -> None:
+        self._plan, self._channel = plan, channel
+        self._expected, self._over = NOTHING_EXPECTED, False
         self._news = threading.Condition()
         # why there is no video of a camera, empty where there is one or none is wanted
         self._not_made: dict[str, str] = {}
@@ -123,11 +123,7 @@ class Group:
             zero = go.zero_ns + self._plan.clock.offset_ns if capture.entry.from_zero else 0
             self._shift_ns[capture.entry.camera] = zero
             capture.begin(go.zero_ns, go.zero_ns + self._plan.clock.offset_ns)
-        while not isinstance(message := self._channel.receive(), Stop):
-            if isinstance(message, ShowImages):
-                self._plan = replace(self._plan, preview_hz=message.rate_hz)
-            elif isinstance(message, KeepVideos):
-                self._keep_videos(message.folder)
+        while not self._over:
             self._send_status()
             self._look_at_next()
 
@@ -159,13 +155,28 @@ class Group:
         """Offsets of joint centres from what the detector marks; None: they are the same, or not known."""
         return self.detector.joint_centres
 
+    def _take_messages(self) -> None:
+        """Of the session: where to look, and what is changed."""
+        while (message := self._channel.receive()) is not None:
+            if isinstance(message, Expected):
+                self._expected = message
+            elif isinstance(message, ShowImages):
+                self._plan = replace(self._plan, preview_hz=message.rate_hz)
+            elif isinstance(message, KeepVideos):
+                self._keep_videos(message.folder)
+            elif isinstance(message, Stop):
+                self._over = True
+
     def _look_at_next(self) -> None:
         with self._news:
-            if all(capture.waiting() is None for capture in self._captures) and not self._news.wait(_IDLE_S):
-                return
-            chosen = self._chosen(self._board.read())
+            if all(capture.waiting() is None for capture in self._captures):
+                self._news.wait(_IDLE_S)
+        self._take_messages()
+        with self._news:
+            chosen = self._chosen(self._expected)
         for capture, caught in chosen:
-            self._look(capture, caught, self._board.read())
+            self._take_messages()
+            self._look(capture, caught, self._expected)
 
     def _chosen(self, expected: Expected) -> list[tuple[Capture, Caught]]:
         """The frame of the camera that has waited longest. While no person is followed, the frames of all cameras.

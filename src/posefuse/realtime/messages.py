@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from posefuse.core import Detections2D, JointCentres, Skeleton
+from posefuse.core.arrays import Array
 from posefuse.health.cameras import CameraState
 
 
@@ -38,6 +41,28 @@ class Go:
     """Begin. `zero_ns` is the monotonic time at which recorded and simulated sources show their time 0."""
 
     zero_ns: int
+
+
+@dataclass(frozen=True, eq=False)
+class Expected:
+    """What the fusion expects to be seen next: the newest prediction.
+
+    Attributes:
+        t_ns: session time it is for.
+        xyz_world: (N, K, 3) people followed; NaN where unknown.
+        velocity_world: (N, K, 3) metres per second.
+    """
+
+    t_ns: int
+    xyz_world: Array
+    velocity_world: Array
+
+    def at(self, t_ns: int) -> Array:
+        """(N, K, 3) carried on to a time near it."""
+        return np.asarray(self.xyz_world + self.velocity_world * ((t_ns - self.t_ns) / 1e9))
+
+
+NOTHING_EXPECTED = Expected(0, np.zeros((0, 0, 3)), np.zeros((0, 0, 3)))
 
 
 @dataclass(frozen=True)

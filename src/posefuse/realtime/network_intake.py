@@ -26,7 +26,7 @@ from .senders import Senders
 
 _WAIT_S = 0.2
 _AT_ONCE = 64
-# a view has to fit one packet between two threads (`framing`)
+# of one message
 _MAX_BYTES = 240_000
 _MOST_NODES = 100
 # who is on the network is asked this often

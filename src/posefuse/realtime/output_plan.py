@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Protocol
 
-from posefuse.core import LiveMessage, LiveOutputConfig, LiveStart, OutputHealth, Rig
+from posefuse.core import LiveMessage, LiveOutputConfig, LiveStart, Rig
 
 from .clock import SessionClock
 
 PROCESS = "process"
+
+
+class Reader(Protocol):
+    """A program that reads a session."""
+
+    takes: tuple[type[LiveMessage], ...]
+
+    def take(self, message: LiveMessage) -> None:
+        """Send it on without waiting."""
+        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,6 +30,7 @@ class OutputPlan:
     Attributes:
         rig: the cameras. clock: of the session. rate_hz: output rate. configs: of the outputs, by name.
         notes: how the session was made, see `provenance`. names: of the people, in the order of their ids.
+        reader: the program that began the session, if any; takes messages in the session's own thread.
     """
 
     rig: Rig
@@ -28,10 +39,12 @@ class OutputPlan:
     configs: Mapping[str, LiveOutputConfig] = field(default_factory=dict)
     notes: Mapping[str, str] = field(default_factory=dict)
     names: tuple[str, ...] = ()
+    reader: Reader | None = None
 
     def wants(self, kind: type[LiveMessage]) -> bool:
-        """Whether any output takes such messages."""
-        return any(kind in config.takes for config in self.configs.values())
+        """Whether any output, or the reader, takes such messages."""
+        read = self.reader is not None and kind in self.reader.takes
+        return read or any(kind in config.takes for config in self.configs.values())
 
     @property
     def wants_newest(self) -> bool:
@@ -64,64 +77,3 @@ class OutputEvent:
     output: str
     state: str
     text: str
-
-
-class Outlets(Protocol):
-    """Where the messages of a session go; never waits."""
-
-    @property
-    def health(self) -> Mapping[str, OutputHealth]:
-        """How the outputs fare, by name."""
-        ...
-
-    @property
-    def events(self) -> Iterable[OutputEvent]:
-        """The newest changes, oldest first."""
-        ...
-
-    @property
-    def event_count(self) -> int:
-        """How many changes there ever were."""
-        ...
-
-    def offer(self, message: LiveMessage) -> None:
-        """Hand a message on."""
-        ...
-
-    def poll(self) -> None:
-        """Take in how the outputs fare; several times a second."""
-        ...
-
-
-class NoOutputs:
-    """Nothing leaves: only figures are wanted."""
-
-    lost, failed, event_count = 0, False, 0
-    events: tuple[OutputEvent, ...] = ()
-    health: Mapping[str, OutputHealth] = {}
-
-    def whereabouts(self) -> str:
-        """Nowhere."""
-        return ""
-
-    def figures(self) -> dict[str, dict[str, Any]]:
-        """None."""
-        return {}
-
-    def wait_ready(self) -> None:
-        """Nothing to wait for."""
-
-    def add(self, name: str, config: LiveOutputConfig) -> None:
-        """Nothing is opened: a session that is controlled has outputs."""
-
-    def remove(self, name: str) -> None:
-        """Nothing to close."""
-
-    def offer(self, message: LiveMessage) -> None:
-        """Dropped: no output takes it."""
-
-    def poll(self) -> None:
-        """Nothing to take in."""
-
-    def close(self) -> None:
-        """Nothing to close."""

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, replace
 from typing import Any
 
-from posefuse.core import InputError, LiveDetections, LiveMessage, LiveOutputConfig, OutputHealth
+from posefuse.core import InputError, LiveDetections, LiveMessage, LiveOutputConfig, LiveStart, OutputHealth
 from posefuse.core.live_messages import FAILED, OK
 from posefuse.foundation.channel import Channel, ChannelClosed
 
@@ -43,7 +43,7 @@ _END_SEND_S = 0.3
 
 
 class OutputProcess:
-    """Offers messages to the process of the outputs and never waits for it.
+    """Offers messages to the process of the outputs and never waits for it; while there are no outputs there is no process.
 
     Attributes:
         lost: messages the process had no room for, or that came while there was no process.
@@ -56,7 +56,9 @@ class OutputProcess:
         self.health: dict[str, OutputHealth] = {name: OutputHealth(state="opening") for name in plan.configs}
         self.events: deque[OutputEvent] = deque(maxlen=1000)
         self.event_count = 0
-        self._plan, self._first = plan, plan.start()
+        # the reader is given its messages by the session itself
+        self._plan = replace(plan, reader=None)
+        self._first: LiveStart | None = None
         # what former processes took, dropped and failed
         self._before = dict.fromkeys(plan.configs, OutputHealth())
         self._kept = KeptMessages()
@@ -68,7 +70,8 @@ class OutputProcess:
         self._received_s = 0.0
         # None while a process that died waits to be started again
         self._process: Any = None
-        self._begin()
+        if plan.configs:
+            self._begin()
 
     @property
     def failed(self) -> bool:
@@ -77,7 +80,7 @@ class OutputProcess:
 
     def whereabouts(self) -> str:
         """In which process they are, in words."""
-        return f"outputs {' '.join(self._plan.configs)} in process {self._process.pid}"
+        return f"outputs {' '.join(self._plan.configs)} in process {self._process.pid}" if self._process else ""
 
     def figures(self) -> dict[str, dict[str, Any]]:
         """Per output, what happened to what it was given."""
@@ -85,6 +88,8 @@ class OutputProcess:
 
     def wait_ready(self) -> None:
         """Wait until everything is open; raises InputError in the words of what could not be opened."""
+        if self._process is None:
+            return
         try:
             if not self._channel.wait(_START_S):
                 raise InputError(f"outputs: not ready within {_START_S:g} s")
@@ -100,7 +105,7 @@ class OutputProcess:
 
         It goes with others, soon; a pose at once where an output wants the newest.
         """
-        if not self._kept.keep(message) and not self._plan.wants(type(message)):
+        if not (self._kept.keep(message) or self._plan.wants(type(message))) or not self.health:
             return
         if not self._ready:
             self.lost += 1
@@ -129,7 +134,7 @@ class OutputProcess:
     def poll(self) -> None:
         """Take in how the outputs fare, and start a process that died again."""
         if self._process is None:
-            if time.monotonic() >= self._again_s:
+            if self._plan.configs and time.monotonic() >= self._again_s:
                 self._begin()
             return
         self._send_bundle()
@@ -155,6 +160,8 @@ class OutputProcess:
         """Open another output; one of the same name that is open stays."""
         if name in self._plan.configs:
             return
+        if self._process is None and not self._plan.configs:
+            self._begin()
         self._plan = replace(self._plan, configs={**self._plan.configs, name: config})
         self.health[name], self._before[name] = OutputHealth(state="opening"), OutputHealth()
         self._opening.add(name)
@@ -197,6 +204,7 @@ class OutputProcess:
 
     def _begin(self) -> None:
         self._channel, theirs = Channel.pair()
+        self._first = self._first or self._plan.start()
         first = replace(self._first, part=1 + max((health.failures for health in self.health.values()), default=0))
         self._process = spawned(run_outputs, dict(self._plan.configs), first, theirs, name="posefuse outputs")
         theirs.close_own()

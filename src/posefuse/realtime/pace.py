@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
-from .fusion import Fusion
 from .messages import Status
+
+if TYPE_CHECKING:
+    from .fusion import Fusion
 
 # a sentence is due when a smaller share of the images is processed over this time
 _LEAST_SHARE, _OVER_S = 0.5, 10.0

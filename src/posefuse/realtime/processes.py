@@ -17,10 +17,11 @@ from posefuse.foundation.platform import peak_memory_mb, processor_s
 from posefuse.foundation.requests_to_end import children_ignore_requests
 from posefuse.health.cameras import Verdict
 
-from .board import Board
+from .clock import SessionClock
 from .controls import KeepVideos, ShowImages
 from .group import GroupPlan, run_group
-from .messages import Centres, Go, GroupFailed, Ready, Status, Stop
+from .messages import Centres, Expected, Go, GroupFailed, Ready, Status, Stop, VideoFailed
+from .pace import ProcessedImages
 from .video_keeping import FINISH_S
 
 START_S = 120.0
@@ -36,6 +37,7 @@ _LONGEST_RETRY_S = 10.0
 _AT_ONCE = 32
 _LEAVE_S = 0.8
 _KILLED_S = 1.0
+_LEAD_NS = 300_000_000
 
 
 def spawned(target: Callable[..., None], *args: Any, name: str) -> Any:
@@ -79,16 +81,17 @@ class _Member:
 class Groups:
     """The processes of all camera groups.
 
-    Use as a context manager: leaving it ends them all.
+    Use as a context manager: leaving it ends them all. Implements `ViewSource`.
     """
 
-    def __init__(self, plans: Sequence[GroupPlan], board: Board) -> None:
-        self._board = board
+    def __init__(self, plans: Sequence[GroupPlan]) -> None:
         self._go: Go | None = None
         self._first = 0
         # whether there may be any to finish at the end
         self._videos = any(plan.videos is not None for plan in plans)
         self._members = [_Member(plan, *self._start(plan)) for plan in plans]
+        self._notices: list[str] = []
+        self._processed = ProcessedImages()
 
     def __enter__(self) -> Self:
         return self
@@ -137,6 +140,12 @@ class Groups:
             if member.marks is not None
         ]
 
+    def start(self, clock: SessionClock) -> int:
+        """Recorded sources show their time 0 a moment from now, when all groups know it."""
+        zero_ns = time.monotonic_ns() + _LEAD_NS
+        self.begin(zero_ns)
+        return zero_ns + clock.offset_ns
+
     def begin(self, zero_ns: int) -> None:
         """Let frames come; recorded sources show their time 0 at monotonic time `zero_ns`."""
         self._go = Go(zero_ns)
@@ -170,6 +179,13 @@ class Groups:
                 found.update(dict.fromkeys((entry.camera for entry in member.plan.inputs), trouble))
         return found
 
+    def expect(self, expected: Expected) -> None:
+        """Tell all groups where people should be seen next; one that has no room is told the next time."""
+        for member in self._members:
+            with contextlib.suppress(ChannelClosed):
+                if member.ready:
+                    member.channel.send(expected)
+
     def control(self, request: ShowImages | KeepVideos) -> None:
         """Change what the groups give besides views; one that is started again knows it, but continues with no video."""
         for member in self._members:
@@ -181,8 +197,9 @@ class Groups:
                 member.channel.send(request, 0.1)
 
     def notices(self) -> list[str]:
-        """Nothing here: what happens to a process is a camera's trouble."""
-        return []
+        """Videos that ended early, and that this machine is too slow, each once."""
+        new, self._notices = self._notices, []
+        return new
 
     def stop(self) -> None:
         """End them all; safe to call twice."""
@@ -201,7 +218,7 @@ class Groups:
 
     def _start(self, plan: GroupPlan) -> tuple[Channel, Any]:
         ours, theirs = Channel.pair()
-        process = spawned(run_group, plan, theirs, self._board, name=f"posefuse cameras {_cameras(plan)}")
+        process = spawned(run_group, plan, theirs, name=f"posefuse cameras {_cameras(plan)}")
         theirs.close_own()
         return ours, process
 
@@ -246,7 +263,12 @@ class Groups:
             elif isinstance(message, GroupFailed):
                 self._died(member, message.reason)
                 return
+            elif isinstance(message, VideoFailed):
+                self._notices.append(f"video {message.camera}: failed: {message.reason}")
             else:
+                if isinstance(message, Status):
+                    network = str(member.plan.detector.options.get("landmarks", ""))
+                    self._notices += filter(None, [self._processed.news(message, member.received_s, network)])
                 yield message
         # loading modules and networks takes a slow machine as long as it takes; ended for that, it would never begin
         if _hangs(member):

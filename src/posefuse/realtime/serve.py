@@ -1,40 +1,50 @@
 """A live session in a process of its own, for `posefuse.live`: the program that uses the poses cannot delay the output rate.
 
-`main` is its entry point; the key of the connection comes on standard input, the plan over the connection.
+`main` is its entry point; the plan comes over the channel, poses, health and news go back over it.
 """
 
 from __future__ import annotations
 
 import _thread
-import sys
 import threading
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from multiprocessing.connection import Client, Connection
 
-from posefuse.core import LiveOutputConfig, PosefuseError, Rig
+from posefuse.core import (
+    LiveDetections,
+    LiveHealth,
+    LiveMessage,
+    LiveOutputConfig,
+    LivePose,
+    LivePreview,
+    LiveStart,
+    PosefuseError,
+    Rig,
+)  # fmt: skip
+from posefuse.foundation.channel import Channel, ChannelClosed, channel_of_parent
 
 from .capture import LiveInput
 from .clock import SessionClock
 from .config import LiveConfig
-from .controls import Controls, Request
+from .controls import Controls
 from .output_plan import OutputPlan
 from .ros_cameras import rig_with_camera_infos
 from .session import run_live
 
-CONTROL = "control"
+_SEND_S, _LOOK_S, _PLAN_S = 1.0, 0.2, 30.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ServePlan:
-    """What the session is to do; see `run_live`."""
+    """What the session is to do; see `run_live`. images: send the cameras' small images, too, each after its detections."""
 
     rig: Rig
     inputs: Sequence[LiveInput]
     config: LiveConfig
     outputs: Mapping[str, LiveOutputConfig]
     duration_s: float | None
+    images: bool = False
 
 
 @dataclass(frozen=True)
@@ -51,48 +61,64 @@ class Ended:
     error: PosefuseError | None
 
 
-@dataclass(frozen=True)
-class Change:
-    """Change something while the session runs."""
-
-    request: Request
-
-
 class StopSession:
     """End the session in an orderly way."""
 
 
-def serve(connection: Connection) -> None:
-    """Run the session that the connection describes until it ends, it is stopped, or no one listens any more."""
-    plan: ServePlan = connection.recv()
+class _Reader:
+    """The program's end of a session: what it is given, never waiting for it."""
+
+    def __init__(self, channel: Channel, images: bool) -> None:
+        self.takes = (LiveStart, LivePose, LiveHealth, *((LiveDetections, LivePreview) if images else ()))
+        self._channel = channel
+        # detections of frames without an image stay here
+        self._views: dict[str, LiveDetections] = {}
+
+    def take(self, message: LiveMessage) -> None:
+        """Send it on; a program that is gone is noticed by the thread of its requests."""
+        if isinstance(message, LiveDetections):
+            self._views[message.detections.camera] = message
+            return
+        with suppress(ChannelClosed):
+            if isinstance(message, LivePreview) and (view := self._views.get(message.camera)) is not None:
+                self._channel.send(view)
+            self._channel.send(message)
+
+
+def main() -> None:
+    """Entry point: run the session that comes over the channel until it ends, it is stopped, or no one listens any more."""
+    channel = channel_of_parent()
+    while (plan := channel.receive()) is None:
+        channel.wait(_PLAN_S)
     controls = Controls()
-    threading.Thread(target=_take_requests, args=(connection, controls), daemon=True).start()
+    threading.Thread(target=_take_requests, args=(channel, controls), daemon=True).start()
     error: PosefuseError | None = None
     try:
 
         def say(line: str) -> None:
-            connection.send(NewsLine(line))
+            with suppress(ChannelClosed):
+                channel.send(NewsLine(line), _SEND_S)
 
         rig = rig_with_camera_infos(plan.rig, plan.inputs, plan.config.camera_info, say)
-        outputs = OutputPlan(rig=rig, clock=SessionClock.begin(), configs=plan.outputs)
+        reader = _Reader(channel, plan.images)
+        outputs = OutputPlan(rig=rig, clock=SessionClock.begin(), configs=plan.outputs, reader=reader)
         run_live(rig, plan.inputs, plan.config, outputs, plan.duration_s, say, controls=controls)
     except PosefuseError as problem:
         error = problem
     except KeyboardInterrupt:
         pass
-    connection.send(Ended(error))
+    with suppress(ChannelClosed):
+        channel.send(Ended(error), _PLAN_S)
 
 
-def _take_requests(connection: Connection, controls: Controls) -> None:
+def _take_requests(channel: Channel, controls: Controls) -> None:
     # it also ends when the program that wanted the poses has ended
-    with suppress(EOFError, OSError):
-        while isinstance(message := connection.recv(), Change):
-            controls.ask(message.request)
+    with suppress(ChannelClosed):
+        while True:
+            channel.wait(_LOOK_S)
+            while (message := channel.receive()) is not None:
+                if isinstance(message, StopSession):
+                    _thread.interrupt_main()
+                    return
+                controls.ask(message)
     _thread.interrupt_main()
-
-
-def main() -> None:
-    """Entry point of the process."""
-    with Client(("127.0.0.1", int(sys.argv[1])), authkey=bytes.fromhex(sys.stdin.readline().strip())) as connection:
-        connection.send(CONTROL)
-        serve(connection)

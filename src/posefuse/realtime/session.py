@@ -23,29 +23,31 @@ from posefuse.tracking import at_joint_centres
 from posefuse.tracking.online import MOTION, Motion, Tracker, build_tracker
 from posefuse.tracking.stand_in import made_up_detections
 
-from .board import Board
 from .capture import LiveInput, keeping_packets
 from .config import LiveConfig
 from .controls import AddOutput, Controls, KeepVideos, NamePerson, RemoveOutput, ShowImages
 from .fusion import Fusion, build_fuse, build_solve
 from .gate import KeypointGate
 from .group import GroupPlan
-from .group_views import GroupViews
 from .identity import NamedTracker
 from .joint_centres import Centring
 from .live_body import LiveSkeletons
 from .networks import settled_network
 from .news import News, Say
-from .output_plan import NoOutputs, OutputPlan
+from .output_plan import OutputPlan
 from .outputs import OutputProcess
+from .processes import Groups
 from .provenance import notes_of
 from .rig_watch import watching
-from .session_plan import Finished, SessionPlan, SessionViews
+from .session_plan import Finished, SessionPlan
 from .speaking import never_waiting
+from .view_source import ViewSource
 
 LEAST_CAMERAS = 2
 # a second: until then every kernel of the tracker has been used
 _WARM_UP_INSTANTS = 30
+# small images per second and camera, for viewers
+_PREVIEW_HZ = 8.0
 
 
 def run_live(
@@ -75,26 +77,25 @@ def run_live(
         plan = replace(plan, rig=rig, rate_hz=config.rate_hz, notes=notes_of(rig, config), names=config.names)
         plans = group_plans(rig, inputs, config, plan, videos)
         whole = SessionPlan(outputs=plan, config=config, duration_s=duration_s, remote=False)
-        return run_session(whole, lambda board: GroupViews(plans, board), say_soon, controls)
+        return run_session(whole, lambda: Groups(plans), say_soon, controls)
 
 
 def run_session(
     plan: SessionPlan,
-    views_on: Callable[[Board], AbstractContextManager[SessionViews]],
+    open_views: Callable[[], AbstractContextManager[ViewSource]],
     say: Say,
     controls: Controls | None = None,
 ) -> Finished:
-    """Outputs, tracker, joint centres, rig watch and fusion around the views that `views_on(board)` brings.
+    """Outputs, tracker, joint centres, rig watch and fusion around the views that `open_views()` brings.
 
     Raises:
         SourceError: views that cannot come.
         InputError: an output that cannot be opened.
     """
     rig, clock, config = plan.outputs.rig, plan.outputs.clock, plan.config
-    board = new_board()
-    outputs = OutputProcess(plan.outputs) if plan.outputs.configs else NoOutputs()
+    outputs = OutputProcess(plan.outputs)
     try:
-        with stop_requests() as stopped, views_on(board) as views, watching(rig, clocks=plan.remote) as watch:
+        with stop_requests() as stopped, open_views() as views, watching(rig, clocks=plan.remote) as watch:
             outputs.wait_ready()
             skeleton = views.wait_ready(stopped)
             say("; ".join(filter(None, [*views.whereabouts(), watch.whereabouts() if watch else "", outputs.whereabouts()])))
@@ -104,7 +105,13 @@ def run_session(
                 bodies = ready_bodies(rig, skeleton, config)
             centring = Centring(rig.names, config.joint_centres)
             gate = KeypointGate(config.gate)
-            fusion = Fusion(rig, tracker, board, clock, outputs, centring, watch=watch, joints=joints, gate=gate, bodies=bodies)
+            reader = plan.outputs.reader
+            fusion = Fusion(
+                rig, tracker, views.expect, clock, outputs, centring,
+                watch=watch, joints=joints, gate=gate, bodies=bodies, reader=reader,
+            )  # fmt: skip
+            if reader is not None:
+                reader.take(plan.outputs.start())
             for centres in views.centres():
                 fusion.take(centres)
             zero_ns = views.start(clock)
@@ -149,7 +156,7 @@ def _until(duration_s: float | None, zero_ns: int, fusion: Fusion, news: News, s
 
 
 def _controlled(
-    over: Callable[[int], bool], controls: Controls, views: SessionViews, outputs: OutputProcess | NoOutputs
+    over: Callable[[int], bool], controls: Controls, views: ViewSource, outputs: OutputProcess
 ) -> Callable[[int], bool]:
     """`over`, which does what was asked for since the last tick first."""
     names: dict[int, str] = {}
@@ -182,6 +189,8 @@ def group_plans(
     if detector.name in ("blazepose", "onnx"):
         streams = max(1, cores // count)
         detector = replace(detector, options={"streams": streams, **detector.options})
+    # a program that reads the session asks for images when it wants them
+    shown = any(LivePreview in output.takes for output in plan.configs.values())
     by_name = {entry.camera: keeping_packets(entry) if videos else entry for entry in inputs}
     return [
         GroupPlan(
@@ -192,7 +201,7 @@ def group_plans(
             clock=plan.clock,
             most_people=config.track.max_people,
             search_every_s=config.search_every_s,
-            preview_hz=config.preview_hz if plan.wants(LivePreview) else 0.0,
+            preview_hz=_PREVIEW_HZ if shown else 0.0,
             videos=videos,
         )
         for group, cameras in enumerate(blocks(rig, list(by_name), count))
@@ -219,10 +228,8 @@ def _new_tracker(rig: Rig, skeleton: Skeleton, config: LiveConfig, motion: Motio
     return build_tracker(rig, skeleton, config.track, solve, build_fuse(rig, config.fuse), motion)
 
 
-def ready_joints(skeleton: Skeleton, config: LiveConfig) -> JointTracker | None:
-    """Joint angles for outputs, their kernels compiled; None where none are wanted."""
-    if not config.angles:
-        return None
+def ready_joints(skeleton: Skeleton, config: LiveConfig) -> JointTracker:
+    """Joint angles for outputs, their kernels compiled."""
     k = len(skeleton)
     xyz, cov = np.random.default_rng(0).normal(size=(1, k, 3)), np.tile(np.eye(3) * 1e-4, (1, k, 1, 1))
     made_up = Pose3D(
@@ -260,13 +267,6 @@ def warm_tracker(tracker: Tracker, rig: Rig, skeleton: Skeleton) -> None:
             tracker.add(view)
             pose = tracker.at(view.t_ns + 20_000_000)
         at_joint_centres(pose, no_offsets, no_offsets.usual)
-
-
-def new_board() -> Board:
-    """An empty board."""
-    import multiprocessing
-
-    return Board(multiprocessing.get_context("spawn"))
 
 
 @contextmanager

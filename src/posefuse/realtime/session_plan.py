@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 from posefuse.core import Skeleton
 
-from .clock import SessionClock
 from .config import LiveConfig
-from .controls import KeepVideos, ShowImages
-from .fusion import Fusion, LiveIntake
-from .messages import Centres
+from .fusion import Fusion
 from .output_plan import OutputEvent, OutputPlan
 
 
@@ -61,45 +58,3 @@ class SessionPlan:
     config: LiveConfig
     duration_s: float | None
     remote: bool
-
-
-class SessionViews(LiveIntake, Protocol):
-    """Where the views of a session come from: camera groups of this machine, or a network."""
-
-    @property
-    def restarts(self) -> int:
-        """How often a process had to be started again."""
-        ...
-
-    def wait_ready(self, stopped: Sequence[str]) -> Skeleton:
-        """Wait for the first sign of all that is needed; gives up when `stopped` has an entry.
-
-        Raises:
-            SourceError: no views will come, and why.
-            KeyboardInterrupt: stopped before there was anything to finish.
-        """
-        ...
-
-    def whereabouts(self) -> list[str]:
-        """Which work is done in which process, in words."""
-        ...
-
-    def notices(self) -> list[str]:
-        """Notes about the sources of views, each line once."""
-        ...
-
-    def centres(self) -> list[Centres]:
-        """What is known of joint centres by now."""
-        ...
-
-    def start(self, clock: SessionClock) -> int:
-        """Let views come; session time of the session's 0 s."""
-        ...
-
-    def control(self, request: ShowImages | KeepVideos) -> None:
-        """Change what cameras give besides views."""
-        ...
-
-    def memory_mb(self) -> float:
-        """Most memory this process and those of the cameras have held, added up."""
-        ...

@@ -36,7 +36,7 @@ def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any)
     setup = setup_named(workspace, str(arguments["setup"]))
     rig = rig_of_setup(workspace, setup)
     networks = str(arguments.get("networks") or "")
-    changes: dict[str, Any] = {"preview_hz": 0.0, "track.max_people": int(arguments.get("people") or 1)}
+    changes: dict[str, Any] = {"track.max_people": int(arguments.get("people") or 1)}
     changes |= network_settings(networks) if networks else {}
     inputs = inputs_of_setup(workspace, setup, rig)
     rig = rig.only(entry.camera for entry in inputs)
