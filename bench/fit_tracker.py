@@ -38,7 +38,7 @@ from posefuse.realtime.live_body import pose_for_output
 from posefuse.realtime.messages import Centres
 from posefuse.realtime.session import ready_bodies, ready_tracker
 from posefuse.simulation.session import simulate
-from posefuse.tracking.online import MOTION, Motion, MotionModel
+from posefuse.tracking.online import MOTION, LiveMotion, MotionModel
 
 SCENES = (
     ("walk", 7300), ("walk", 7301), ("reach", 7300), ("reach", 7301), ("squat", 7302), ("wave", 7302), ("turn", 7303),
@@ -61,7 +61,7 @@ ARRIVE: Mapping[str, tuple[float, float]] = {"late": (0.02, 0.06), "at once": (0
 Rows = dict[tuple[str, str], tuple[float, float]]
 
 
-def motion_of(constants: Mapping[str, float]) -> Motion:
+def motion_of(constants: Mapping[str, float]) -> LiveMotion:
     """As the tracker takes them."""
     banks = []
     for whose in ("keypoints", "body"):
@@ -69,7 +69,7 @@ def motion_of(constants: Mapping[str, float]) -> Motion:
         lasts = constants[f"{whose}_persistence_s"]
         banks.append(tuple(MotionModel(float(a), lasts) for a in reach))
     shares = {name: constants[name] for name in ("switch_s", "averaging", "new_share")}
-    return Motion(keypoints=banks[0], body=banks[1], **shares)
+    return LiveMotion(keypoints=banks[0], body=banks[1], **shares)
 
 
 def seen(keep: Path, row: str, seed: int) -> tuple[Recording, Truth]:
@@ -128,7 +128,7 @@ class Trial:
     table: JointCentres
     arrivals: list[tuple[int, Detections2D]]
 
-    def poses(self, config: LiveConfig, motion: Motion = MOTION) -> Iterator[Pose3D]:
+    def poses(self, config: LiveConfig, motion: LiveMotion = MOTION) -> Iterator[Pose3D]:
         """At joint centres, at 100 Hz, after the warm-up."""
         rig, skeleton = self.recording.rig, self.recording.observations.skeleton
         tracker, bodies = ready_tracker(rig, skeleton, config, motion), ready_bodies(rig, skeleton, config)
@@ -142,7 +142,7 @@ class Trial:
             if t_ns >= first_ns + WARM_UP_S * 1e9 and len(pose.person_id):
                 yield pose
 
-    def accuracy(self, motion: Motion = MOTION) -> tuple[float, float, float]:
+    def accuracy(self, motion: LiveMotion = MOTION) -> tuple[float, float, float]:
         """Mean error of the joints at output time in mm, NEES, and the share of joints that came out, in per cent."""
         poses = list(self.poses(LiveConfig(), motion))
         at = [poses[0].skeleton.index(name) for name in JOINTS]

@@ -10,7 +10,7 @@ from posefuse.association import AssociateSettings, associate
 from posefuse.core import Detections2D, Pose3D, Rig, Views
 from posefuse.core.skeleton import COCO17
 from posefuse.fusion import FuseSettings, fuse
-from posefuse.tracking.online import LiveSettings, Motion, Tracker, build_tracker
+from posefuse.tracking.online import LiveMotion, LiveSettings, Tracker, build_tracker
 
 # the left side of someone who faces +x; y to the left, z up
 _LEFT = {
@@ -50,8 +50,8 @@ class World:
 
     def tracker(self, **settings: object) -> Tracker:
         """With association and fusion of one time step as `app` has them."""
-        of_motion = {name: settings.pop(name) for name in set(settings) & {one.name for one in fields(Motion)}}
-        live, motion = LiveSettings(**settings), Motion(**of_motion)  # type: ignore[arg-type]
+        of_motion = {name: settings.pop(name) for name in set(settings) & {one.name for one in fields(LiveMotion)}}
+        live, motion = LiveSettings(**settings), LiveMotion(**of_motion)  # type: ignore[arg-type]
         people = AssociateSettings(max_people=live.max_people)
 
         def solve(together: Sequence[Detections2D], previous: Pose3D | None) -> Pose3D:

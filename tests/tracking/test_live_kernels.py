@@ -4,7 +4,7 @@ import numpy as np
 
 from posefuse.core import Skeleton
 from posefuse.core.skeleton import ANATOMICAL23
-from posefuse.tracking.online import LiveSettings, Motion, MotionModel
+from posefuse.tracking.online import LiveMotion, LiveSettings, MotionModel
 from posefuse.tracking.online.kernels.body import start_missing
 from posefuse.tracking.online.kernels.sides import exchange_person
 from posefuse.tracking.online.kernels.state import NEVER, parts, state_size
@@ -24,7 +24,7 @@ def test_doubt_adds_uncertainty_of_position_and_velocity_only() -> None:
 def test_a_missing_keypoint_starts_at_the_mean_of_its_neighbours_and_moves_with_them(ring_rig) -> None:
     """The last of three keypoints is tied to both others."""
     skeleton = Skeleton("chain", ("one", "two", "middle"), bones=(("one", "middle"), ("two", "middle")))
-    motion = Motion(keypoints=(MotionModel(3.0, 0.1),), body=(MotionModel(1.0, 0.1),))
+    motion = LiveMotion(keypoints=(MotionModel(3.0, 0.1),), body=(MotionModel(1.0, 0.1),))
     session = Model(ring_rig(2), skeleton, LiveSettings(), motion).arrays
     person = parts(np.zeros(state_size(session)), session)
     person.x[:], person.cov[:] = np.nan, np.nan

@@ -20,7 +20,7 @@ from posefuse.foundation.requests_to_end import HANG_UP, REQUESTS_TO_END, Repeat
 from posefuse.kinematics import JointTracker
 from posefuse.kinematics.body import FEWEST_SEEN, LIVE_BODY, LiveBodyRules
 from posefuse.tracking import at_joint_centres
-from posefuse.tracking.online import MOTION, Motion, Tracker, build_tracker
+from posefuse.tracking.online import MOTION, LiveMotion, Tracker, build_tracker
 from posefuse.tracking.stand_in import made_up_detections
 
 from .capture import LiveInput, keeping_packets
@@ -216,13 +216,13 @@ def blocks(rig: Rig, cameras: Sequence[str], count: int) -> list[list[str]]:
     return [block.tolist() for block in np.array_split(sorted(cameras, key=turned.__getitem__), count)]
 
 
-def ready_tracker(rig: Rig, skeleton: Skeleton, config: LiveConfig, motion: Motion = MOTION) -> Tracker:
+def ready_tracker(rig: Rig, skeleton: Skeleton, config: LiveConfig, motion: LiveMotion = MOTION) -> Tracker:
     """A tracker whose kernels are compiled: one made for the purpose has already seen a made-up person."""
     warm_tracker(_new_tracker(rig, skeleton, config), rig, skeleton)
     return NamedTracker(_new_tracker(rig, skeleton, config, motion), config.track)
 
 
-def _new_tracker(rig: Rig, skeleton: Skeleton, config: LiveConfig, motion: Motion = MOTION) -> Tracker:
+def _new_tracker(rig: Rig, skeleton: Skeleton, config: LiveConfig, motion: LiveMotion = MOTION) -> Tracker:
     solve = build_solve(rig, replace(config.associate, max_people=config.track.max_people), config.fuse)
     motion = replace(motion, score_min=config.fuse.score_min, sigma_share=config.fuse.sigma_share)
     return build_tracker(rig, skeleton, config.track, solve, build_fuse(rig, config.fuse), motion)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from posefuse.core.lazy_names import lazy_names
 
-from .settings import MOTION, LiveSettings, Motion, MotionModel
+from .settings import MOTION, LiveMotion, LiveSettings, MotionModel
 
 if TYPE_CHECKING:
     from posefuse.core import Rig, Skeleton
@@ -15,14 +15,22 @@ if TYPE_CHECKING:
     from .evidence import Evidence
 
 __all__ = [
-    "MOTION", "CameraStatistics", "Evidence", "Fuse", "LiveSettings", "Motion", "MotionModel", "Solve", "Tracker",
+    "MOTION",
+    "CameraStatistics",
+    "Evidence",
+    "Fuse",
+    "LiveMotion",
+    "LiveSettings",
+    "MotionModel",
+    "Solve",
+    "Tracker",
     "build_tracker",
 ]  # fmt: skip
 __getattr__ = lazy_names(__name__, __file__)
 
 
 def build_tracker(
-    rig: Rig, skeleton: Skeleton, settings: LiveSettings, solve: Solve, fuse: Fuse, motion: Motion = MOTION
+    rig: Rig, skeleton: Skeleton, settings: LiveSettings, solve: Solve, fuse: Fuse, motion: LiveMotion = MOTION
 ) -> Tracker:
     """A tracker with no person in it yet.
 

@@ -58,11 +58,11 @@ class Tracker(Protocol):
         ...
 
     def at(self, t_ns: int) -> Pose3D:
-        """Everybody who is tracked, at t_ns; NaN where lost. See `Motion.measured_s` for kind FUSED and PREDICTED.
+        """Everybody who is tracked, at t_ns; NaN where lost. See `LiveMotion.measured_s` for kind FUSED and PREDICTED.
 
         With several people, person_id numbers tracks: a person who was lost for long gets another number.
 
-        n_views counts the cameras, and reproj_px is over the views, of the last `Motion.measured_s`.
+        n_views counts the cameras, and reproj_px is over the views, of the last `LiveMotion.measured_s`.
         """
         ...
 

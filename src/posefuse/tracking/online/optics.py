@@ -11,7 +11,7 @@ from posefuse.core.arrays import Array
 from posefuse.core.depth import keypoint_depth
 
 from . import kernels
-from .settings import Motion
+from .settings import LiveMotion
 
 # of the table of ideal points: between its knots a lens bends by less than a few hundredths of a pixel
 _SPACING_PX = 6.0
@@ -45,7 +45,7 @@ class Rays:
 class Optics:
     """One camera, with its lens as a table."""
 
-    def __init__(self, camera: Camera, motion: Motion) -> None:
+    def __init__(self, camera: Camera, motion: LiveMotion) -> None:
         width, height = camera.size_wh
         self._corner = np.array([-_MARGIN * width, -_MARGIN * height])
         columns, rows = (int(np.ceil(size * (1 + 2 * _MARGIN) / _SPACING_PX)) + 2 for size in (width, height))

@@ -13,7 +13,7 @@ from posefuse.core.arrays import Array
 
 from . import kernels
 from .own_motion import OwnMotion
-from .settings import MOTION, LiveSettings, Motion
+from .settings import MOTION, LiveMotion, LiveSettings
 
 # what a newborn's keypoint may do, one standard deviation
 _BORN_M_S = 1.5
@@ -32,7 +32,7 @@ class Model:
     rig: Rig
     skeleton: Skeleton
     settings: LiveSettings
-    motion: Motion = MOTION
+    motion: LiveMotion = MOTION
 
     @cached_property
     def cameras(self) -> Array:

@@ -42,7 +42,7 @@ class MotionModel:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Motion:
+class LiveMotion:
     """How people move and what a view is worth. Not settings: `bench/fit_tracker.py` fitted those that it names, together.
 
     Attributes:
@@ -87,4 +87,4 @@ class Motion:
     sigma_share: float = 0.015
 
 
-MOTION = Motion()
+MOTION = LiveMotion()

@@ -8,7 +8,7 @@ from posefuse.core.arrays import Array
 
 
 class Rules(NamedTuple):
-    """What the kernels read of `Motion` and `LiveSettings`, by its names there."""
+    """What the kernels read of `LiveMotion` and `LiveSettings`, by its names there."""
 
     outlier_chi2: float
     gate_chi2: float
