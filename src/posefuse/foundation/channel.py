@@ -143,8 +143,8 @@ def started_program(module: str) -> tuple[subprocess.Popen[bytes], Channel]:
         if sys.platform == "win32":
             process = subprocess.Popen(command, stdin=subprocess.PIPE)
             assert process.stdin is not None
-            with process.stdin as told:
-                told.write(theirs.share(process.pid))
+            with process.stdin as pipe:
+                pipe.write(theirs.share(process.pid))
         else:
             process = subprocess.Popen(command, stdin=subprocess.DEVNULL, pass_fds=[theirs.fileno()], start_new_session=True)
     return process, Channel(ours)

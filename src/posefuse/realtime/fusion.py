@@ -33,7 +33,7 @@ from .joint_centres import Centring, live_centres
 from .latency import Latencies, ViewTimes
 from .live_body import LiveSkeletons, pose_for_output
 from .messages import Centres, Expected, SeenView, Status
-from .output_plan import Reader
+from .output_plan import SessionReader
 from .outputs import OutputProcess
 from .rig_watch import RigWatch
 from .view_source import ViewSource
@@ -64,7 +64,7 @@ class Fusion:
         joints: JointTracker | None = None,
         gate: KeypointGate | None = None,
         bodies: LiveSkeletons | None = None,
-        reader: Reader | None = None,
+        reader: SessionReader | None = None,
     ) -> None:
         self.rig, self.tracker, self._expect, self.clock, self.outlets = rig, tracker, expect, clock, outlets
         self.monitor = Monitor(rig.names)

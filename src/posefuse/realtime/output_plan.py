@@ -13,7 +13,7 @@ from .clock import SessionClock
 PROCESS = "process"
 
 
-class Reader(Protocol):
+class SessionReader(Protocol):
     """A program that reads a session."""
 
     takes: tuple[type[LiveMessage], ...]
@@ -39,7 +39,7 @@ class OutputPlan:
     configs: Mapping[str, LiveOutputConfig] = field(default_factory=dict)
     notes: Mapping[str, str] = field(default_factory=dict)
     names: tuple[str, ...] = ()
-    reader: Reader | None = None
+    reader: SessionReader | None = None
 
     def wants(self, kind: type[LiveMessage]) -> bool:
         """Whether any output, or the reader, takes such messages."""

@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING
-
 from .messages import Status
 
-if TYPE_CHECKING:
-    from .fusion import Fusion
-
 # a sentence is due when a smaller share of the images is processed over this time
-_LEAST_SHARE, _OVER_S = 0.5, 10.0
+LEAST_SHARE, _OVER_S = 0.5, 10.0
 # that see a person, before it has a place
 LEAST_CAMERAS = 2
 
@@ -38,32 +32,10 @@ class ProcessedImages:
         if now_s - began_s < _OVER_S:
             return ""
         share = (self._used - used) / max(self._came - came, 1)
-        slow = self._came > came and share < _LEAST_SHARE
+        slow = self._came > came and share < LEAST_SHARE
         self._since = now_s, self._came, self._used
         if not slow or self._reported:
             return ""
         self._reported = True
         smaller = "" if network.endswith("lite") else "`networks=blazepose_lite`, "
         return f"this computer processes {share:.0%} of the images: use {smaller}fewer cameras, or cameras at a lower frame rate"
-
-
-def closing_lines(fusion: Fusion) -> Iterator[str]:
-    """What there is to report at the end of a session: that this machine was too slow, and why no person was ever tracked."""
-    sources = [source for name in fusion.rig.names if (source := fusion.monitor.source(name)) is not None]
-    came, images = sum(source.captured for source in sources), sum(fusion.used.values())
-    slow = images < _LEAST_SHARE * came
-    if slow:
-        yield f"in all, {images / came:.0%} of the images were processed"
-    if fusion.poses_with_people:
-        return
-    seen = [name for name, count in fusion.seen.items() if count]
-    if not images:
-        why = "no image of any camera was processed"
-    elif slow:
-        why = "this computer is too slow for these cameras"
-    elif len(seen) < LEAST_CAMERAS:
-        where = f"in one camera only ({seen[0]})" if seen else "in none"
-        why = f"people were seen {where} of {len(fusion.seen)} cameras; {LEAST_CAMERAS} at once are needed"
-    else:
-        why = f"people were seen by {', '.join(seen)}, but not at one place: is the calibration the one of these cameras?"
-    yield f"no person was tracked: {why}"

@@ -180,7 +180,7 @@ class Groups:
         return found
 
     def expect(self, expected: Expected) -> None:
-        """Tell all groups where people should be seen next; one that has no room is told the next time."""
+        """Send all groups where people should be seen next; one that has no room gets the next prediction."""
         for member in self._members:
             with contextlib.suppress(ChannelClosed):
                 if member.ready:

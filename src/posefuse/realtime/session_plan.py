@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +11,7 @@ from posefuse.core import Skeleton
 from .config import LiveConfig
 from .fusion import Fusion
 from .output_plan import OutputEvent, OutputPlan
+from .pace import LEAST_CAMERAS, LEAST_SHARE
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,3 +59,25 @@ class SessionPlan:
     config: LiveConfig
     duration_s: float | None
     remote: bool
+
+
+def closing_lines(fusion: Fusion) -> Iterator[str]:
+    """What there is to report at the end of a session: that this machine was too slow, and why no person was ever tracked."""
+    sources = [source for name in fusion.rig.names if (source := fusion.monitor.source(name)) is not None]
+    came, images = sum(source.captured for source in sources), sum(fusion.used.values())
+    slow = images < LEAST_SHARE * came
+    if slow:
+        yield f"in all, {images / came:.0%} of the images were processed"
+    if fusion.poses_with_people:
+        return
+    seen = [name for name, count in fusion.seen.items() if count]
+    if not images:
+        why = "no image of any camera was processed"
+    elif slow:
+        why = "this computer is too slow for these cameras"
+    elif len(seen) < LEAST_CAMERAS:
+        where = f"in one camera only ({seen[0]})" if seen else "in none"
+        why = f"people were seen {where} of {len(fusion.seen)} cameras; {LEAST_CAMERAS} at once are needed"
+    else:
+        why = f"people were seen by {', '.join(seen)}, but not at one place: is the calibration the one of these cameras?"
+    yield f"no person was tracked: {why}"
