@@ -442,7 +442,7 @@ def test_a_camera_that_sets_its_clock_is_right_again_at_once(jump_s: int) -> Non
 
 
 @pytest.mark.parametrize("jump_s", [-7200, 7200])
-def test_a_session_s_clock_goes_on_when_that_of_the_machine_is_set(monkeypatch: pytest.MonkeyPatch, jump_s: int) -> None:
+def test_the_clock_of_a_session_continues_when_that_of_the_machine_is_set(monkeypatch: pytest.MonkeyPatch, jump_s: int) -> None:
     clock, real = SessionClock.begin(), time.time_ns
     before_ns = clock.now_ns()
     assert abs(before_ns - real()) < 600 * S
