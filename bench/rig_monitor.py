@@ -45,7 +45,7 @@ from posefuse.health.rig_monitor import RigFinding
 from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.opening import open_session
-from posefuse.pipeline.run import centres_of, detect, track_session
+from posefuse.pipeline.run import detect, track_session
 from posefuse.pipeline.session import find_session
 from posefuse.pipeline.solve import SolveSettings, solve
 from posefuse.simulation import SessionPaths, simulate
@@ -388,7 +388,7 @@ def logs(data: Path, cache: Path) -> dict[str, tuple[Observations, Rig, SolveSet
             opened = open_session(find_session(folder, config), config, lambda line: None)
             log, _ = detect(opened, StageClock(), lambda *_: None)
             opened.steps.close()
-            kept.write_bytes(pickle.dumps((log, opened.rig, SolveSettings.of(config, centres_of(opened)))))
+            kept.write_bytes(pickle.dumps((log, opened.rig, SolveSettings.of(config, opened.steps.joint_centres))))
         found[name] = pickle.loads(kept.read_bytes())
     return found
 

@@ -31,6 +31,8 @@ from posefuse.formats.page import Page, Table, write_page
 from posefuse.foundation.requests_to_end import REQUESTS_TO_END
 from posefuse.realtime.latency import STAGES
 
+DEMO = str(Path(__file__).parents[2] / "examples" / "demo")
+
 
 def run(capsys: pytest.CaptureFixture[str], *argv: str) -> tuple[int, str, str]:
     try:
@@ -142,7 +144,7 @@ def test_models_can_be_checked_without_a_network(tmp_path: Path, monkeypatch: py
             ["track", "nowhere", "--out", "x", "--person", "here"],
             "--person: expected X,Y (input should be a valid number), got 'here'",
         ),
-        (["track", "nowhere", "--out", "x", "--outputs", "fbx"], "no plug-in 'fbx' among outputs; there are: "),
+        (["track", DEMO, "--out", "x", "--outputs", "fbx"], "no plug-in 'fbx' among outputs; there are: "),
         (["track", "nowhere", "--out", "x", "--set", "fuse.weights=best"], "'best'"),
         (["simulate", "none.yaml", "--out", "x"], "none.yaml"),
         (["view", "nowhere"], "nowhere"),

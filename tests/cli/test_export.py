@@ -45,8 +45,8 @@ def test_the_files_are_those_of_track_and_an_earlier_export_is_replaced(result: 
     for name in ("pose.trc", "pose.c3d"):
         assert (out / name).read_bytes() == (result / name).read_bytes()
     (out / "mine.txt").write_text("x")
-    assert main(["export", str(result), "--out", str(out)]) == 1
-    assert (out / "mine.txt").exists()
+    assert main(["export", str(result), "--out", str(out)]) == 0
+    assert [path.read_text() for path in tmp_path.glob("files.replaced-*/mine.txt")] == ["x"]
 
 
 def test_a_result_is_never_written_over(result: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,7 +11,7 @@ BAD = {
     "--duration": ("nan", "-5", "0", "inf"),
     "--loop": ("nan", "0", "-1", "inf"),
 }
-KEYS = {"--rate": "rate_hz", "--people": "--people", "--groups": "groups", "--duration": "duration_s", "--loop": "loop_s"}
+KEYS = {"--rate": "--rate", "--people": "--people", "--groups": "--groups", "--duration": "duration_s", "--loop": "loop_s"}
 CASES = [(option, value) for option, values in BAD.items() for value in values]
 
 

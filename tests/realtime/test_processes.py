@@ -16,7 +16,7 @@ from posefuse.realtime.controls import KeepVideos
 from posefuse.realtime.messages import Ready, Status, Stop
 
 
-def ready_at_once(plan: object, channel: Channel, board: object) -> None:
+def ready_at_once(plan: object, channel: Channel) -> None:
     """A group without cameras: ready, then waiting for its end."""
     channel.send(Ready(0, COCO17, None))
     channel.wait(30.0)
@@ -25,7 +25,7 @@ def ready_at_once(plan: object, channel: Channel, board: object) -> None:
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL")
 def test_a_process_that_dies_between_ready_and_begin_is_started_again(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(processes, "run_group", ready_at_once)
-    groups = processes.Groups([SimpleNamespace(inputs=(), videos=None)], None)  # type: ignore[list-item, arg-type]
+    groups = processes.Groups([SimpleNamespace(inputs=(), videos=None)])  # type: ignore[list-item, arg-type]
     try:
         member = groups._members[0]
         while member.marks is None:
@@ -39,7 +39,7 @@ def test_a_process_that_dies_between_ready_and_begin_is_started_again(monkeypatc
         groups.stop()
 
 
-def slow_to_finish(plan: SimpleNamespace, channel: Channel, board: object) -> None:
+def slow_to_finish(plan: SimpleNamespace, channel: Channel) -> None:
     """A group that was asked to keep videos, and needs longer for their end than one without progress is waited for."""
     channel.send(Ready(0, COCO17, None))
     while not isinstance(channel.receive(), Stop):
@@ -56,7 +56,7 @@ def test_videos_switched_on_during_a_session_are_finished_at_its_end(
 ) -> None:
     monkeypatch.setattr(processes, "run_group", slow_to_finish)
     monkeypatch.setattr(processes, "FINISH_S", 1.0)
-    groups = processes.Groups([SimpleNamespace(inputs=(), videos=None, folder=tmp_path)], None)  # type: ignore[list-item, arg-type]
+    groups = processes.Groups([SimpleNamespace(inputs=(), videos=None, folder=tmp_path)])  # type: ignore[list-item, arg-type]
     try:
         while groups._members[0].marks is None:
             groups._hear_ready(groups._members[0])

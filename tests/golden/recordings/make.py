@@ -1,6 +1,6 @@
 """Makes the golden recordings: run it only when a stored format is changed on purpose, and say so in CHANGELOG.md.
 
-PYTHONPATH=tests/support:tests/cli python tests/golden/recordings/make.py
+PYTHONPATH=$PWD/tests/support:$PWD/tests/cli python tests/golden/recordings/make.py
 """
 
 import contextlib
