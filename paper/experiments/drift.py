@@ -13,7 +13,7 @@ from posefuse.evaluation import true_xyz_at
 from posefuse.formats.page import Block, Facts, Heading, Images, Line, Page, Plot, Plots, Table
 
 from .runs import Context, Outcome, run_scene
-from .tables import pictures
+from .tables import drawn_images
 
 _QUICK_S, _FULL_S = 2.0, 40.0
 _SUIT_SEEDS = 20
@@ -68,7 +68,7 @@ def run(context: Context) -> Outcome:
                 "distance walked, so their rate does not matter).",
             ),
             Plots(drawn),
-            Images(pictures(done, 0, [len(poses) // 3, 2 * len(poses) // 3], 380)),
+            Images(drawn_images(done, 0, [len(poses) // 3, 2 * len(poses) // 3], 380)),
         ]
     rows = [
         [path.replace("_", " "), one["distance_m"], one["vision"]["drift_mm_per_m"], one["suit"]["drift_mm_per_m"],

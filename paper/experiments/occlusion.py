@@ -13,7 +13,7 @@ from posefuse.evaluation import JointErrors, summary, typical_nees
 from posefuse.formats.page import Block, Facts, Heading, Images, Page, Plots, Table
 
 from .runs import Context, Outcome, best_errors, run_scene
-from .tables import LANDMARKS, errors_row, joint_rows, pictures, trajectories
+from .tables import LANDMARKS, drawn_images, errors_row, joint_rows, trajectories
 
 TITLES = {
     "free": "No occlusion",
@@ -63,7 +63,7 @@ def _case(case: str, context: Context, blocks: list[Block]) -> dict[str, Any]:
         Table(*joint_rows(columns, {})),
         Facts({f"stated uncertainty, {part} (typical NEES; 3 is right)": f"{value:.1f}" for part, value in nees.items()}),
         Plots(trajectories(done, (_FOLLOWED,), followed, scene.duration_s)),
-        Images({k: v for c in range(len(done.recording.rig)) for k, v in pictures(done, c, [middle], 400).items()}),
+        Images({k: v for c in range(len(done.recording.rig)) for k, v in drawn_images(done, c, [middle], 400).items()}),
     ]
     return {"columns": columns, "nees": nees}
 

@@ -12,7 +12,7 @@ from posefuse.evaluation import JointErrors
 from posefuse.formats.page import Block, Heading, Images, Page, Table
 
 from .runs import Context, Outcome, Run, best_errors, run_scene
-from .tables import LANDMARKS, errors_row, joint_rows, pictures
+from .tables import LANDMARKS, drawn_images, errors_row, joint_rows
 
 TITLES = {"free": "No occlusion", "occluded": "Occluded by walls, boxes and clutter"}
 _QUICK_S, _FULL_S, _CHECK_S = 0.3, 3.0, 1.0
@@ -39,7 +39,7 @@ def run(context: Context) -> Outcome:
         blocks += [
             Heading(title, f"{len(done.recording.poses)} time steps. {LANDMARKS}"),
             Table(*joint_rows(columns, paper.STATIC[case])),
-            Images({k: v for c in around for k, v in pictures(done, c, [0], 400).items()}),
+            Images({k: v for c in around for k, v in drawn_images(done, c, [0], 400).items()}),
         ]
     if not context.quick:
         figures["check"] = _check(context, blocks)

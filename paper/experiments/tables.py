@@ -98,7 +98,7 @@ _LIMBS = tuple((f"{side}_{a}", f"{side}_{b}") for side in ("left", "right") for 
 _BONES = (*_LIMBS, ("left_shoulder", "right_shoulder"), ("left_hip", "right_hip"))
 
 
-def pictures(run: Run, camera: int, instants: Sequence[int], width_px: int = 480) -> dict[str, Array]:
+def drawn_images(run: Run, camera: int, time_steps: Sequence[int], width_px: int = 480) -> dict[str, Array]:
     """Captions to images of one camera at time steps of the recording, with the fused skeleton drawn in."""
     from posefuse.outputs import view_tile
 
@@ -106,28 +106,28 @@ def pictures(run: Run, camera: int, instants: Sequence[int], width_px: int = 480
     tile_wh = (width_px, round(width_px * height / width))
     return {
         _caption(run, camera, i): view_tile(run.recording, i, camera, image, tile_wh)
-        for i, image in images_at(run, camera, instants).items()
+        for i, image in images_at(run, camera, time_steps).items()
     }
 
 
-def moments(run: Run, camera: int, instants: Sequence[int], side_px: int = 420) -> dict[str, Array]:
+def drawn_people(run: Run, camera: int, time_steps: Sequence[int], side_px: int = 420) -> dict[str, Array]:
     """Captions to square images cut out around the person, with its true skeleton in red and the estimate in blue."""
     poses = run.recording.poses
     placed = run.recording.rig.cameras[camera]
     found = {}
-    for i, image in images_at(run, camera, instants).items():
+    for i, image in images_at(run, camera, time_steps).items():
         true_xy = _projected(placed, true_xyz_at(run.truth, poses.t_ns[i : i + 1])[0, 0], run.truth.skeleton)
         xy = _projected(placed, poses.xyz_world[i, 0], poses.skeleton)
         found[_caption(run, camera, i)] = _cut_out(image, {TRUTH_RGB: true_xy, ESTIMATE_RGB: xy}, side_px)
     return found
 
 
-def images_at(run: Run, camera: int, instants: Sequence[int]) -> dict[int, Array]:
+def images_at(run: Run, camera: int, time_steps: Sequence[int]) -> dict[int, Array]:
     """What a camera saw at time steps of the recording, in their order."""
     name = run.recording.rig.names[camera]
     entry = next(entry for entry in find_session(run.folder, run.config).inputs if entry.camera == name)
     source = build_source(entry, run.config)
-    wanted = {int(i): run.recording.poses.t_ns[i] for i in instants}
+    wanted = {int(i): run.recording.poses.t_ns[i] for i in time_steps}
     images: dict[int, Array] = {}
     try:
         for frame in source.frames():

@@ -15,7 +15,7 @@ from posefuse.formats.page import Block, Dots, Facts, Heading, Images, Page, Plo
 from posefuse.fusion import FuseSettings, fuse
 
 from .runs import Context, Outcome, Run, best_errors, run_scene
-from .tables import LANDMARKS, errors_row, joint_rows, moments, trajectories
+from .tables import LANDMARKS, drawn_people, errors_row, joint_rows, trajectories
 
 _SHOWN = ("right_wrist", "left_hip", "left_ankle")
 # joints that have a covariance of their own
@@ -62,7 +62,7 @@ def run(context: Context) -> Outcome:
         Facts({"median": f"{figures['fusion']['median_ms']:.2f} ms per time step", "paper": f"< {paper.TRIANGULATE_MS:g} ms"}),
         Plots([Plot("Fusion", [rate], x_label="s of the walk", y_label="time steps per s", from_zero=True, wide=True)]),
         Heading("Six moments", "Blue: the default result. Red: the truth."),
-        Images(moments(done, 0, shown)),
+        Images(drawn_people(done, 0, shown)),
     ]
     if not context.quick:
         figures["check"] = _check(context, blocks)

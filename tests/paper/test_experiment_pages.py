@@ -29,7 +29,7 @@ from paper.experiments.latency import (
 )
 from paper.experiments.runs import Console, Context, Run, run_scene
 from paper.experiments.summary import write_summary
-from paper.experiments.tables import ESTIMATE_RGB, TRUTH_RGB, joint_rows, moments
+from paper.experiments.tables import ESTIMATE_RGB, TRUTH_RGB, drawn_people, joint_rows
 from paper.scenes import paper
 from paper.scenes.scaling import STUDIES, Errors, Study
 from paper.scenes.scenes import CHECK_SEEDS, walking_scene
@@ -171,7 +171,7 @@ def test_a_scene_is_rendered_once_and_finished_where_it_broke_off(tmp_path: Path
 
 def test_moments_show_the_truth_and_the_estimate(done: Run) -> None:
     poses = replace(done.recording.poses, xyz_world=done.recording.poses.xyz_world + 0.1)
-    shown = moments(replace(done, recording=replace(done.recording, poses=poses)), 1, [2, 5])
+    shown = drawn_people(replace(done, recording=replace(done.recording, poses=poses)), 1, [2, 5])
     assert list(shown) == ["cam01, 0.07 s", "cam01, 0.17 s"]
     for picture in shown.values():
         assert picture.shape == (420, 420, 3)

@@ -128,8 +128,8 @@ class Box:
             far = (self.half_m - start) / way
         enter = np.fmax.reduce(np.minimum(near, far), axis=-1)
         leave = np.fmin.reduce(np.maximum(near, far), axis=-1)
-        beside = ((way == 0) & (np.abs(start) > self.half_m)).any(axis=-1)
-        return np.asarray((enter <= leave) & (leave >= 0) & (enter <= 1) & ~beside)
+        outside = ((way == 0) & (np.abs(start) > self.half_m)).any(axis=-1)
+        return np.asarray((enter <= leave) & (leave >= 0) & (enter <= 1) & ~outside)
 
 
 def boxes_of(occluders: tuple[BoxOccluder | WallOccluder | ClutterOccluder, ...], seed: int) -> tuple[Box, ...]:

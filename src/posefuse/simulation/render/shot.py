@@ -170,9 +170,9 @@ def measured_depth(true_m: Array, settings: DepthSettings, seed: list[int]) -> D
     noise = noise_of(settings)
     shape = true_m.shape
     true_m = np.where((true_m > 0) & (true_m <= settings.reach_m), true_m, np.nan).astype(np.float32)
-    beside = np.rint(rng.normal(scale=settings.lateral_px, size=(2, *shape))).astype(np.int64)
+    off_px = np.rint(rng.normal(scale=settings.lateral_px, size=(2, *shape))).astype(np.int64)
     rows, columns = np.indices(shape)
-    seen_m = true_m[(rows + beside[0]).clip(0, shape[0] - 1), (columns + beside[1]).clip(0, shape[1] - 1)]
+    seen_m = true_m[(rows + off_px[0]).clip(0, shape[0] - 1), (columns + off_px[1]).clip(0, shape[1] - 1)]
     span = noise.focal_px * noise.baseline_m
     disparity = span / seen_m + noise.disparity_sigma_px * _alike(rng, shape)
     if noise.step_px:
