@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mcap.reader import make_reader
 
 from posefuse.cli.main import main
 from posefuse.core import (
@@ -41,6 +40,8 @@ from posefuse.pipeline.reading import read_result
 from posefuse.pipeline.solve import solve_again
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.provenance import notes_of
+
+reader = pytest.importorskip("mcap.reader", reason="the extra `ros` is not installed")
 
 SIDE_NAMES = {
     "mouth_left": "left_mouth",
@@ -231,7 +232,7 @@ def test_a_file_damaged_in_the_middle_is_read_up_to_there(tmp_path: Path, rig: R
     whole = read_live_recording(tmp_path / "a.mcap", pytest.fail)
     raw = bytearray((tmp_path / "a.mcap").read_bytes())
     with (tmp_path / "a.mcap").open("rb") as file:
-        chunks = make_reader(file).get_summary().chunk_indexes
+        chunks = reader.make_reader(file).get_summary().chunk_indexes
     middle = chunks[len(chunks) * 6 // 10]
     place = middle.chunk_start_offset + middle.chunk_length // 2
     raw[place : place + 64] = bytes(64)
