@@ -6,6 +6,8 @@ import re
 import subprocess
 import sys
 import tomllib
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import ModuleType
 
@@ -16,6 +18,8 @@ import yaml
 import posefuse as pf
 import posefuse.api.track
 from posefuse.cli.main import COMMANDS
+from posefuse.core import ConfigError
+from posefuse.foundation import plugins
 from posefuse.foundation.plugins import list_plugins
 from tools.docs_site.api import GROUPS, api_page
 from tools.docs_site.commands import command_words, commands_page
@@ -64,16 +68,53 @@ def test_python_blocks_that_need_cameras_are_python(name: str, code: str) -> Non
     ast.parse(code)
 
 
-def test_the_plugins_of_the_page_pass_their_checks(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def my_package(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The plug-ins of the page, as if they were installed."""
     height, lamp = (code for name, code in blocks("python") if "plugins.md" in name and "@settings" in code)
     for name, code in {"my_package": "", "my_package.height": height, "my_package.lamp": lamp}.items():
         module = ModuleType(name)
         exec(compile(code, name, "exec"), vars(module))
         monkeypatch.setitem(sys.modules, name, module)
+    [file] = [tomllib.loads(code) for name, code in blocks("toml") if "plugins.md" in name]
+    for group, entries in file["project"]["entry-points"].items():
+        for name, value in entries.items():
+            announce(monkeypatch, EntryPoint(name, value, group))
     monkeypatch.chdir(ROOT)
+
+
+def announce(monkeypatch: pytest.MonkeyPatch, entry: EntryPoint) -> None:
+    others = plugins.entry_points
+    monkeypatch.setattr(plugins, "entry_points", lambda group: [*others(group=group), *([entry] if entry.group == group else [])])
+
+
+@pytest.mark.usefixtures("my_package")
+def test_the_plugins_of_the_page_pass_their_checks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pf, "track", tracked_once)
     [test] = [code for name, code in blocks("python no-run") if "plugins.md" in name]
     exec(compile(test, "plugins.md", "exec"), {"__name__": "docs"})
+
+
+@pytest.mark.usefixtures("my_package")
+def test_what_a_plugin_cannot_do_is_an_error_before_any_work(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("posefuse.pipeline.result_folder.track_opened", lambda *_, **__: pytest.fail("work was done"))
+    announce(monkeypatch, EntryPoint("dict", "tests.architecture.test_docs:Useless", "posefuse.detectors"))
+    for settings, line in (
+        ({"detector.name": "lamp"}, "skeleton lamp: no keypoint 'nose'; there are: left_wrist"),
+        ({"detector.name": "lamp", "outputs.height.keypint": "nose"}, "unknown key 'keypint'; there are: keypoint"),
+        ({"detector.name": "dict"}, "dict among detectors: dict lacks skeleton, joint_centres, detect of core.Detector"),
+    ):
+        with pytest.raises(ConfigError, match=line):
+            pf.track("examples/demo", out=tmp_path / "out", formats=("height",), settings=settings)
+        assert not [*tmp_path.iterdir()]
+
+
+@dataclass(frozen=True)
+class Useless:
+    """A plug-in that builds no detector."""
+
+    def build(self) -> dict[str, str]:
+        return {}
 
 
 @pytest.mark.parametrize(("name", "code"), blocks("toml"), ids=block_id)
