@@ -3,6 +3,7 @@
 import ast
 import functools
 import re
+import shlex
 import subprocess
 import sys
 import tomllib
@@ -17,6 +18,7 @@ import yaml
 
 import posefuse as pf
 import posefuse.api.track
+from posefuse.cli.command_line import WrongCommandLineError, parse
 from posefuse.cli.main import COMMANDS
 from posefuse.core import ConfigError
 from posefuse.foundation import plugins
@@ -128,6 +130,31 @@ def test_commands_named_in_the_docs_exist(page: Path) -> None:
     quoted = " ".join(re.findall(r"`[^`\n]+`|^    .*$", text, re.MULTILINE))
     named = set(re.findall(r"posefuse (?!as\b)([a-z0-9][a-z0-9-]*)\b", quoted)) - NO_COMMANDS
     assert named <= {*COMMANDS}, f"{page.name} names commands that do not exist: {sorted(named - {*COMMANDS})}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_command_lines_are_understood(page: Path) -> None:
+    text = re.sub(r"\\\n\s*", "", page.read_text(encoding="utf-8"))
+    fenced = "".join(re.findall(r"^```(?:sh)?\n(.*?)^```$", text, re.MULTILINE | re.DOTALL))
+    whole = re.findall(r"^    posefuse (.+)$", text, re.MULTILINE) + re.findall(r"^posefuse (.+)$", fenced, re.MULTILINE)
+    wrong = {line: problem for line in whole if (problem := problem_of(line))}
+    parts = {line: problem_of(line) for line in re.findall(r"`posefuse ([^`\n]+)`", text)}
+    wrong |= {line: problem for line, problem in parts.items() if "Unknown option" in problem}
+    assert not wrong
+
+
+def problem_of(line: str) -> str:
+    """What is wrong with the words after `posefuse`; empty where nothing is. Dots are a value that is left to the reader."""
+    try:
+        parse(shlex.split(line, comments=True))
+    except WrongCommandLineError as error:
+        return str(error)
+    return ""
+
+
+def test_the_check_of_command_lines_can_fail() -> None:
+    assert "Unknown option" in problem_of("track SESSION --out RESULT --edit")
+    assert "expected N" in problem_of("track SESSION --out RESULT --people all")
 
 
 def anchors(page: Path) -> set[str]:
