@@ -22,9 +22,9 @@ from posefuse.sources import RecordedSource
 from .rig_monitor import MOVED, RigFinding
 
 CHECK = "background stands still"
-# shares of the recording: the first frame is compared with the last, since hands are at the cameras when it begins and ends; where
-# they differ, also with those in between, most of which must show the background, and with others, each of which halves the time
-# in which the camera was moved
+# shares of the recording, since hands are at the cameras when it begins and ends. The first frame is compared with the last;
+# where they differ, also with those between, most of which must show the background, and with others that halve the time of the
+# move
 _LOOKS, _LEAST_BETWEEN, _HALVINGS = (0.04, 0.27, 0.5, 0.73, 0.96), 2, 4
 # smallest rotation reported: the smallest that is noticed in a person; below it, image stabilisation and breathing mounts lie
 _LEAST_RAD = float(np.deg2rad(0.35))

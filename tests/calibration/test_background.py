@@ -3,16 +3,21 @@
 import dataclasses
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
 import posefuse as pf
+from posefuse.calibration.extrinsics import target as moving_target
+from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration, after
+from posefuse.calibration.targets.coverage import coverage
 from posefuse.core import SE3, Camera, Frame
 from posefuse.core.arrays import Array
 from posefuse.formats.video import VideoWriter
 from posefuse.health.background import background_of
+from posefuse.pipeline.person_calibration import background_of_person
 from posefuse.sources import VideoConfig
 
 SIZE_WH, FRAMES, PERIOD_NS = (640, 480), 90, 100_000_000
@@ -115,6 +120,52 @@ def test_real_cameras_stand_still(shared_data: Path, folder: str) -> None:
     sources = [VideoConfig(path, path.stem).build() for path in sorted((shared_data / folder).glob("*.mp4"))]
     cameras = [dataclasses.replace(CAMERA.scaled(source.size_wh), name=source.camera) for source in sources]
     assert background_of(sources, cameras).still == tuple(camera.name for camera in cameras)
+
+
+def test_cameras_that_turn_at_different_times_refuse_a_calibration_that_fits(
+    lab: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    turns = {"cam01": step(0.7, (0, 1, 0), 0.4), "cam02": step(0.6, (1, 0, 0), 0.7)}
+    videos = {name: tmp_path / f"{name}.mp4" for name in lab.rig.names}
+    for name, path in videos.items():
+        drawn = Drawn(turns.get(name, STILL))
+        with VideoWriter(path, SIZE_WH, 2.5) as video:
+            for t_ns in drawn.times_ns()[::4].tolist():
+                video.write(next(drawn.frames_from(t_ns)).image, t_ns)
+    seen = lab.watch(motion=dataclasses.replace(lab.motion, seconds=2.0))
+    fits = moving_target.Calibration(
+        rig=lab.rig,
+        report=CalibrationReport("extrinsics", (Check("corners fit", True, "all"),)),
+        coverage=coverage(seen),
+        position_sigma_m=np.zeros(4),
+        position_cov_m2=np.zeros((4, 3, 3)),
+        delay_s=np.zeros((4, 2)),
+        delay_sigma_s=np.zeros((4, 2)),
+        middle_ns=0,
+        prop_from_patch={},
+    )
+    monkeypatch.setattr(moving_target, "calibrate_extrinsics", lambda *_: fits)
+    arguments = {"intrinsics": lab.rig, "target": lab.target}
+    assert not pf.calibrate_extrinsics(seen, **arguments).report.failed
+    recorded = dataclasses.replace(seen, recordings=tuple(videos.items()))
+    with pytest.raises(RefusedCalibration, match=r"cam01 turns by 0\.7\d deg .*cam02 turns by 0\.[56]\d deg") as refused:
+        pf.calibrate_extrinsics(recorded, **arguments)
+    assert [check.name for check in refused.value.report.failed] == ["background stands still"]
+    kept = pf.calibrate_extrinsics(recorded, **arguments, keep_refused=True)
+    assert kept.rig.refused == "background stands still"
+    assert len(background_of_person(videos, lab.rig.cameras).failed) == 1
+    assert not background_of_person({"cam00": tmp_path / "poses.json"}, lab.rig.cameras).checks
+
+
+def test_what_fails_in_the_input_and_in_the_calibration_is_refused_together() -> None:
+    background = CalibrationReport("background", (Check("stands still", False, "turned"),), ("one not checked",))
+
+    def refuse() -> CalibrationReport:
+        raise RefusedCalibration(CalibrationReport("extrinsics", (Check("corners fit", False, "none"),), ("a note",)), "kept")
+
+    with pytest.raises(RefusedCalibration, match=r"^extrinsics: stands still: turned \(also failed: corners fit\)$") as refused:
+        after(background, refuse)
+    assert (refused.value.kept, refused.value.report.notes) == ("kept", ("one not checked", "a note"))
 
 
 def test_track_warns_as_it_begins_and_the_result_keeps_it(demo_session: Path, tmp_path: Path) -> None:
