@@ -11,6 +11,7 @@ import multiprocessing
 import sys
 import time
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 
@@ -64,10 +65,10 @@ def _followed(path, noise_m: float, seconds: float = 16.0):
     """True hand, hand as measured, robot; the robot while the hand rests; steps at engaging; IK times."""
     from rehearsal.person import person_view
 
+    from posefuse.teleoperation.follower import Driver
     from posefuse.teleoperation.gate import Beat
-    from posefuse.teleoperation.operator import Operator, OperatorNews, step_operator
-    from posefuse.teleoperation.robots.driver import Driver
-    from posefuse.teleoperation.robots.mujoco_robot import MujocoRobot, mujoco_model, placed
+    from posefuse.teleoperation.mujoco_robot import MujocoRobot, mujoco_model, placed
+    from posefuse.teleoperation.session import Operator, OperatorNews, step_operator
     from posefuse.teleoperation.settings import RobotSettings, TeleoperationSettings
     from posefuse.teleoperation.values import CameraReport, Phase
 
@@ -84,7 +85,7 @@ def _followed(path, noise_m: float, seconds: float = 16.0):
 
     made.joints.follow = timed
     driver, operator, rng, noise = Driver(made, settings), Operator(), np.random.default_rng(1), np.zeros(3)
-    state, rows, standing, steps = driver.state(10**12), [], [], (0.0, 0.0)
+    state, rows, standing, steps = replace(driver.state, sent_ns=10**12), [], [], (0.0, 0.0)
     for k in range(round((seconds + 6.0) * RATE_HZ)):
         now_ns, t_s = 10**12 + k * 10_000_000, k / RATE_HZ - 6.0
         hand = path(max(t_s, 0.0))
@@ -340,8 +341,7 @@ def _wait_gone(pid: int) -> None:
 
 def _boss(record, sending, silent: bool) -> None:
     """An operator's side that drives the robot forward at full speed until something happens to it."""
-    from posefuse.teleoperation.robots.plan import RobotPlan
-    from posefuse.teleoperation.session import RobotLink
+    from posefuse.teleoperation.process import RobotLink, RobotPlan
     from posefuse.teleoperation.settings import TeleoperationSettings
     from posefuse.teleoperation.values import Order, Phase
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from posefuse.teleoperation.gate import Beat
 from posefuse.teleoperation.hands import BODY
-from posefuse.teleoperation.operator import OperatorNews, step_operator
+from posefuse.teleoperation.session import OperatorNews, step_operator
 from posefuse.teleoperation.settings import TeleoperationSettings
 from posefuse.teleoperation.values import CameraReport, RobotState
 

@@ -8,10 +8,10 @@ import pytest
 
 from bench.rehearsal.person import person_view
 from bench.rehearsal.robots import ExactRobot
+from posefuse.teleoperation.follower import Driver
 from posefuse.teleoperation.gate import Beat
 from posefuse.teleoperation.hands import BODY
-from posefuse.teleoperation.operator import Operator, OperatorNews, step_operator
-from posefuse.teleoperation.robots.driver import Driver
+from posefuse.teleoperation.session import Operator, OperatorNews, step_operator
 from posefuse.teleoperation.settings import TeleoperationSettings
 from posefuse.teleoperation.values import CameraReport, Phase
 
@@ -28,7 +28,7 @@ class Run:
         self.settings, self.now_ns, self.seq = settings, 10**12, 0
         self.robot = ExactRobot([2.0, 0.0, 0.8])
         self.driver = Driver(self.robot, settings)
-        self.state, self.operator, self.order = self.driver.state(self.now_ns), Operator(), None
+        self.state, self.operator, self.order = replace(self.driver.state, sent_ns=self.now_ns), Operator(), None
 
     def tick(self, times=1, *, held=True, change=lambda news: news, hand=HAND, shift_m=0.0, **view):
         for _ in range(times):

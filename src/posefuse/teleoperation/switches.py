@@ -22,7 +22,7 @@ from posefuse.messages.intake import decode
 from posefuse.messages.topics import Topic
 
 from .gate import Beat
-from .robots.plan import RosPlan
+from .ros import RosPlan
 from .values import OperatorView
 
 _MOST_JOY_BYTES = 10_000

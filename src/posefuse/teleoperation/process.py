@@ -1,0 +1,190 @@
+"""The robot's process: control steps on time, with its own watchdog. It continues until the robot stands, even alone.
+
+`RobotLink` is the process as the operator's side sees it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import multiprocessing
+import signal
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from posefuse.core import PosefuseError, SourceError
+from posefuse.foundation.channel import Channel, ChannelClosed
+from posefuse.foundation.platform import punctual
+from posefuse.foundation.requests_to_end import HANG_UP, children_ignore_requests
+
+from .follower import Driver, Robot
+from .ros import Reporter, RosPlan, open_reporters
+from .settings import TeleoperationSettings
+from .values import Order, RobotState
+
+_S = 1_000_000_000
+# a step that is later than this is left out, so that the robot does not hurry after a pause
+_MOST_BEHIND = 2
+# for the first state, and for braking at the end
+_READY_S, _LEAVE_S = 60.0, 3.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotPlan:
+    """What the process is to drive.
+
+    Attributes:
+        settings: limits and rates. model: MJCF file; None: our own robot. frames: site of each hand.
+        command: None drives the model in MuJoCo; ``pose``, ``twist`` or ``joints`` drives a robot over ROS.
+        ros: where ROS is; None: none. record: .mcap file of commands and states; None: none. view: open MuJoCo's viewer.
+        scene: MJCF text instead of a file, e.g. with boxes to move.
+    """
+
+    settings: TeleoperationSettings
+    model: Path | None = None
+    frames: tuple[str, ...] = ("right_hand",)
+    command: str | None = None
+    ros: RosPlan | None = None
+    record: Path | None = None
+    view: bool = False
+    scene: str | None = None
+
+
+@dataclass(frozen=True)
+class Failed:
+    """The robot cannot be driven."""
+
+    error: PosefuseError
+
+
+class Leave:
+    """End: brake, then leave."""
+
+
+def run_robot(channel: Channel, plan: RobotPlan) -> None:
+    """Entry point of the process; the other end of `channel` sends orders and receives states."""
+    # Ctrl-C and a closed terminal are the operator's side's to answer: it lets the robot brake
+    for number in (signal.SIGINT, *([] if HANG_UP is None else [HANG_UP])):
+        signal.signal(number, signal.SIG_IGN)
+    try:
+        robot = built(plan)
+        reporters = open_reporters(plan.ros, plan.record, plan.settings)
+    except PosefuseError as error:
+        channel.send(Failed(error), wait_s=1.0)
+        return
+    asked: list[int] = []
+    signal.signal(signal.SIGTERM, lambda number, _: asked.append(number))
+    try:
+        with punctual():
+            _drive(channel, Driver(robot, plan.settings), plan.settings.robot.rate_hz, reporters, asked)
+    finally:
+        robot.close()
+        for reporter in reporters:
+            reporter.close()
+
+
+def built(plan: RobotPlan) -> Robot:
+    """The robot of a plan."""
+    from .mujoco_robot import MujocoRobot, mujoco_model, placed
+
+    if plan.command is not None:
+        from .ros_robot import open_ros_robot
+
+        return open_ros_robot(plan.command, plan.ros or RosPlan(), plan.model, plan.frames, plan.settings)
+    place = placed(plan.settings.robot.position_xy_m, plan.settings.robot.heading_deg)
+    robot = MujocoRobot(mujoco_model(plan.model, plan.settings.hands, plan.scene), plan.frames, plan.settings.limits, place)
+    if plan.view:
+        robot.open_viewer()
+    return robot
+
+
+def _drive(channel: Channel, driver: Driver, rate_hz: float, reporters: Sequence[Reporter], asked: Sequence[int]) -> None:
+    """Control steps until the robot stands after a `Leave`, a cut link or a signal; `asked` gets those."""
+    period_ns = round(_S / rate_hz)
+    due_ns, late, left_out, link, leaving = time.monotonic_ns() + period_ns, 0, 0, True, False
+    gc.collect()
+    gc.freeze()
+    while True:
+        time.sleep(max(0, due_ns - time.monotonic_ns()) / _S)
+        orders: list[Order] = []
+        try:
+            while link and (message := channel.receive()) is not None:
+                if isinstance(message, Order):
+                    orders.append(message)
+                leaving = leaving or isinstance(message, Leave)
+        except ChannelClosed:
+            link = False
+        leaving = leaving or bool(asked)
+        state = driver.step(orders, time.monotonic_ns(), link=link and not leaving, late=late, left_out=left_out)
+        link = link and _delivered(channel, state)
+        for reporter in reporters:
+            reporter.take(state, driver.follower.order)
+        if (leaving or not link) and driver.follower.stands:
+            return
+        due_ns += period_ns
+        late = max(0, (time.monotonic_ns() - due_ns) // period_ns)
+        left_out = late if late > _MOST_BEHIND else 0
+        if left_out:
+            due_ns = time.monotonic_ns()
+
+
+def _delivered(channel: Channel, state: RobotState) -> bool:
+    try:
+        channel.send(state)
+    except ChannelClosed:
+        return False
+    return True
+
+
+class RobotLink:
+    """The robot's process, as the operator's side sees it. pid: of the process. state: the newest; None before the first."""
+
+    def __init__(self, plan: RobotPlan) -> None:
+        self._channel, theirs = Channel.pair()
+        self.state: RobotState | None = None
+        context = multiprocessing.get_context("spawn")
+        self._process = context.Process(target=run_robot, args=(theirs, plan), name="robot", daemon=False)
+        with children_ignore_requests():
+            self._process.start()
+        theirs.close_own()
+        self.pid: int | None = self._process.pid
+
+    def wait_ready(self) -> None:
+        """Until the first state; raises PosefuseError where the robot cannot be driven."""
+        end_s = time.monotonic() + _READY_S
+        while self.state is None:
+            if not self._channel.wait(0.2) and time.monotonic() > end_s:
+                raise SourceError(f"robot: no state within {_READY_S:g} s")
+            self.poll()
+
+    def poll(self) -> RobotState | None:
+        """The newest state that came since the last call; raises PosefuseError when the process is gone or gives up."""
+        newest = None
+        try:
+            while (message := self._channel.receive()) is not None:
+                if isinstance(message, Failed):
+                    raise message.error
+                newest = message
+        except ChannelClosed:
+            raise SourceError("robot: its process has ended") from None
+        self.state = newest or self.state
+        return newest
+
+    def send(self, order: Order) -> None:
+        """Hand an order on; never waits."""
+        try:
+            self._channel.send(order)
+        except ChannelClosed:
+            raise SourceError("robot: its process has ended") from None
+
+    def close(self) -> None:
+        """Let the robot brake and its process leave."""
+        with contextlib.suppress(ChannelClosed):
+            self._channel.send(Leave())
+        self._process.join(_LEAVE_S)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join()
+        self._channel.close()
