@@ -98,7 +98,7 @@ def draw_boxes(
     """
     import cv2
 
-    from posefuse.simulation.render.backend import mujoco_with, working_backend
+    from posefuse.simulation.render.stage import mujoco_with, working_backend
 
     # the first import of MuJoCo settles how it draws
     mujoco_with(working_backend())

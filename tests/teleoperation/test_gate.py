@@ -230,7 +230,8 @@ def test_the_robot_must_stand_before_it_continues():
     both.tick(30, held=False)
     # one of two end effectors that moves is enough
     one_moves = {name: np.vstack([value] * 2) for name, value in (("xyz_world", np.zeros((1, 3))), ("wxyz", [[1.0, 0, 0, 0]]))}
-    one_moves |= {"measured_xyz_world": np.zeros((2, 3)), "velocity_world": np.vstack([0 * moving, moving])}
+    still = np.zeros((2, 3))
+    one_moves |= {"measured_xyz_world": still, "turn_rate_world": still, "velocity_world": np.vstack([0 * moving, moving])}
     assert both.tick(30, change=lambda news: replace(news, robot=replace(news.robot, **one_moves))) is Phase.READY
 
 

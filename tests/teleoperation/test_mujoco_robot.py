@@ -55,7 +55,7 @@ def test_jacobians_agree_with_finite_differences():
 
 def test_a_path_is_followed_by_joints_within_their_limits():
     made = robot(place=placed((2.0, 1.0), 30.0))
-    start, wxyz, q = made.state().xyz_world, made.state().wxyz, made.state().q
+    start, wxyz, q = made.state().xyz_world, made.state().wxyz, made.state().q_rad
     errors, steps = [], []
     for k in range(400):
         t = k * DT_S
@@ -64,8 +64,8 @@ def test_a_path_is_followed_by_joints_within_their_limits():
         wanted = start + ease * np.array([[0.15 * np.sin(1.5 * t), 0.2 * np.sin(t), 0.1 * np.sin(2 * t)]])
         errors.append(drive(made, wanted, wxyz))
         after = made.state()
-        steps.append(np.abs(after.q - q).max())
-        q = after.q
+        steps.append(np.abs(after.q_rad - q).max())
+        q = after.q_rad
     assert max(errors) < 1e-5 and max(steps) <= LIMITS.joint_speed_radps * DT_S + 1e-9
     # the physics follow the commanded joints; 0.3 m/s here
     assert np.linalg.norm(made.state().measured_xyz_world - made.state().xyz_world) < 5e-3
@@ -124,10 +124,10 @@ def test_the_arm_does_not_go_into_its_own_base_or_the_floor():
 
 def test_standing_is_standing_to_the_last_bit():
     made = robot()
-    q = made.state().q.copy()
+    q = made.state().q_rad.copy()
     for _ in range(50):
         drive(made, made.state().xyz_world, stands=True)
-    assert np.array_equal(made.state().q, q)
+    assert np.array_equal(made.state().q_rad, q)
     assert np.linalg.norm(made.state().measured_xyz_world - made.state().xyz_world) < 1e-3
 
 
