@@ -202,6 +202,45 @@ def test_every_page_is_in_the_navigation_once() -> None:
     )
 
 
+def promises(page: Path) -> list[tuple[str, list[str], str]]:
+    """Promise, tests and when they run, of every row of the tables."""
+    rows = re.findall(r"^\| (?!promise \||---)(.+?) \|(.*)\| (.+?) \|$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return [(promise, re.findall(r"`(\S+?)`", tests), when) for promise, tests, when in rows]
+
+
+def faults_of_promises(rows: list[tuple[str, list[str], str]], ci: str) -> list[str]:
+    """Rows without a test, tests that do not exist, and slow tests that run later than their row states."""
+    faults = [f"{promise}: no test" for promise, tests, _ in rows if not tests]
+    for test, when in [(test, when) for _, tests, when in rows for test in tests]:
+        file, _, name = test.partition("::")
+        path = ROOT / "tests" / file
+        text = path.read_text(encoding="utf-8") if path.is_file() else ""
+        if not (found := re.search(rf"((?:^@.*\n(?:[ )].*\n)*)*)^def {name}\(", text, re.MULTILINE)):
+            faults.append(f"{test}: not there")
+        elif when == "always" and re.search(r"^@pytest.mark.(slow|fuzz)", found[1], re.MULTILINE):
+            faults.append(f"{test}: slow")
+        elif when == "CI" and "mark.slow" in found[1] and f"tests/{file}" not in ci:
+            faults.append(f"{test}: not among the slow tests of CI")
+    return faults
+
+
+def test_every_promise_has_a_test_and_every_figure_a_promise() -> None:
+    rows = promises(DOCS / "promises.md")
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    assert len(rows) > 40 and faults_of_promises(rows, makefile) == []
+    measured = (ROOT / "README.md").read_text(encoding="utf-8").partition("## What is measured")[2].partition("##")[0]
+    figures = re.findall(r"\| (\d[\d./ ]+) ?[a-z]* \| \[", measured)
+    text = " ".join(promise for promise, *_ in rows)
+    assert len(figures) == 5 and not [figure for figure in figures if figure.strip() not in text]
+
+
+def test_the_check_of_promises_can_fail() -> None:
+    slow = "api/test_gallery.py::test_calibrate_from_walk"
+    rows = [("a", [], "always"), ("b", ["api/test_gallery.py::test_gone"], "CI"), ("c", [slow], "always"), ("d", [slow], "CI")]
+    found = faults_of_promises(rows, "")
+    assert [fault.rpartition(": ")[2] for fault in found] == ["no test", "not there", "slow", "not among the slow tests of CI"]
+
+
 def test_references_list_every_command_setting_and_name() -> None:
     commands, settings, api = commands_page(), settings_page(), api_page()
     assert not [words for words in command_words() if f"## posefuse {' '.join(words)}\n" not in commands]

@@ -12,7 +12,6 @@ from posefuse.foundation.output_folder import OutputFolder, output_folder
 from posefuse.foundation.plugins import build_plugin
 from posefuse.outputs.frames import FrameSets, write_each
 
-from .body_surfaces import sinks_with_bodies
 from .opening import Opened
 from .session import Session
 from .session_images import session_frames
@@ -60,7 +59,7 @@ def write_result(
         written = [] if outputs_alone else write_recording(out.folder, recording)
     except OSError as error:
         raise InputError(f"{out.target}: the recording cannot be written ({error.strerror or error})") from None
-    outcome = write_each(sinks_with_bodies(sinks, recording), recording, out.folder, frame_sets)
+    outcome = write_each(sinks, recording, out.folder, frame_sets)
     files = [out.final(path) for path in (*written, *outcome.files)]
     return files, {name: _reason(error) for name, error in outcome.failed.items()}
 
