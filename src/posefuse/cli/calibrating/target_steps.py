@@ -176,7 +176,7 @@ def print_target(options: PrintOptions, terminal: Terminal) -> Mapping[str, Any]
     with atomic_file(options.out) as temporary:
         write_pdf(temporary, sheets)
     write_target(described, kind)
-    terminal.note(f"{options.out}: {len(sheets)} pages; print at 100 % and measure the ruler")
+    terminal.note(f"{options.out}: {len(sheets)} page{'s' * (len(sheets) > 1)}; print at 100 % and measure the ruler")
     terminal.note(f"{described}: the target's description, which the other steps take as --target {described}")
     step = "extrinsics" if isinstance(kind, Markers) else "intrinsics"
     terminal.next(
