@@ -244,7 +244,7 @@ def _small(frame: Frame) -> Array:
     if width > _WIDTH_PX:
         grey = cv2.resize(grey, (_WIDTH_PX, round(height * _WIDTH_PX / width)), interpolation=cv2.INTER_AREA)
     over = grey - cv2.blur(grey.astype(np.float32), _AROUND_PX)
-    contrast = np.sqrt(cv2.blur(over**2, _AROUND_PX)) + _NOISE
+    contrast = np.sqrt(np.maximum(cv2.blur(over**2, _AROUND_PX), 0)) + _NOISE
     return np.asarray(np.clip(128 + 48 * over / contrast, 0, 255).astype(np.uint8))
 
 
