@@ -23,7 +23,7 @@ from rich.table import Table
 from posefuse.calibration.keypoints import limb_keypoints
 from posefuse.core import Rig
 from posefuse.core.skeleton import ANATOMICAL23
-from posefuse.health import common_times
+from posefuse.health import misalignment
 from posefuse.realtime.capture import LOOP_PAUSE_S
 from posefuse.realtime.rig_watch import RigWatcher
 
@@ -80,7 +80,7 @@ def main() -> None:
     parser.add_argument("--without", nargs="+", choices=("pause", "gap"), default=[], help="rules to take away")
     args = parser.parse_args()
     if "gap" in args.without:
-        common_times._REACH_NS = 10**12
+        misalignment._REACH_NS = 10**12
     scenes = {name: scene_of_person(motion, 4, BLOCK_S, args.seed) for name, motion in MOTIONS.items()}
     blocks = max(len(MOTIONS), round(args.hours * 3600 / BLOCK_S / len(args.only)))
     rows = {}
