@@ -21,8 +21,7 @@ from posefuse.calibration.settings import TargetDescription, TargetKind
 from posefuse.core import SE3, ConfigError, InputError, PosefuseError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
-from posefuse.foundation.atomic import write_text
-from posefuse.foundation.output_file import keep_copy
+from posefuse.foundation.output_file import keep_copy, write_text
 from posefuse.foundation.settings import read_mapping, read_settings
 
 DICTIONARIES = tuple(sorted(name for name in vars(cv2.aruco) if name.startswith("DICT_") and name == name.upper()))
