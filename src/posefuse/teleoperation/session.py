@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import multiprocessing
-import signal
-import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable
@@ -14,7 +10,7 @@ from typing import Protocol
 
 from posefuse.core import CameraHealth, LivePose, PosefuseError, SourceError
 from posefuse.core.live_messages import OK
-from posefuse.foundation.channel import Channel, ChannelClosed
+from posefuse.foundation.worker import Worker
 
 from .hands import operator_view
 from .operator import Operator, OperatorNews, step_operator
@@ -72,56 +68,43 @@ class RobotLink:
     """The robot's process, as the operator's side sees it. pid: of the process. state: the newest; None before the first."""
 
     def __init__(self, plan: RobotPlan) -> None:
-        self._channel, theirs = Channel.pair()
         self.state: RobotState | None = None
-        context = multiprocessing.get_context("spawn")
-        self._process = context.Process(target=run_robot, args=(theirs, plan), name="robot", daemon=False)
-        before = signal.signal(signal.SIGINT, signal.SIG_IGN) if _in_main_thread() else None
-        try:
-            self._process.start()
-        finally:
-            if before is not None:
-                signal.signal(signal.SIGINT, before)
-        theirs.close_own()
-        self.pid: int | None = self._process.pid
+        self._worker = Worker(run_robot)
+        self._worker.start(plan)
+        self.pid = self._worker.pid
 
     def wait_ready(self) -> None:
         """Until the first state; raises PosefuseError where the robot cannot be driven."""
         end_s = time.monotonic() + _READY_S
         while self.state is None:
-            if not self._channel.wait(0.2) and time.monotonic() > end_s:
+            if not self._worker.wait(0.2) and time.monotonic() > end_s:
                 raise SourceError(f"robot: no state within {_READY_S:g} s")
             self.poll()
 
     def poll(self) -> RobotState | None:
         """The newest state that came since the last call; raises PosefuseError when the process is gone or gives up."""
         newest = None
-        try:
-            while (message := self._channel.receive()) is not None:
-                if isinstance(message, Failed):
-                    raise message.error
-                newest = message
-        except ChannelClosed:
-            raise SourceError("robot: its process has ended") from None
+        while (message := self._worker.receive()) is not None:
+            if isinstance(message, Failed):
+                raise message.error
+            newest = message
+        self._check()
         self.state = newest or self.state
         return newest
 
     def send(self, order: Order) -> None:
         """Hand an order on; never waits."""
-        try:
-            self._channel.send(order)
-        except ChannelClosed:
-            raise SourceError("robot: its process has ended") from None
+        self._worker.send(order)
+        self._check()
 
     def close(self) -> None:
         """Let the robot brake and its process leave."""
-        with contextlib.suppress(ChannelClosed):
-            self._channel.send(Leave())
-        self._process.join(_LEAVE_S)
-        if self._process.is_alive():
-            self._process.kill()
-            self._process.join()
-        self._channel.close()
+        self._worker.send(Leave())
+        self._worker.end(_LEAVE_S)
+
+    def _check(self) -> None:
+        if not self._worker.running:
+            raise SourceError("robot: its process has ended")
 
 
 def run_control_loop(
@@ -198,7 +181,3 @@ def _count(summary: Summary, operator: Operator, robot: RobotLink, image_ns: int
 def camera_report(cameras: dict[str, CameraHealth], t_ns: int) -> CameraReport:
     """How many of the session's cameras are well."""
     return CameraReport(t_ns=t_ns, healthy=sum(camera.state == OK for camera in cameras.values()), total=len(cameras))
-
-
-def _in_main_thread() -> bool:
-    return threading.current_thread() is threading.main_thread()

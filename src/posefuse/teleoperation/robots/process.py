@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from posefuse.core import PosefuseError
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.platform import punctual
-from posefuse.foundation.requests_to_end import HANG_UP
 from posefuse.teleoperation.values import Order, RobotState
 
 from .driver import Driver, Robot
@@ -36,9 +35,6 @@ class Leave:
 
 def run_robot(channel: Channel, plan: RobotPlan) -> None:
     """Entry point of the process; the other end of `channel` sends orders and receives states."""
-    # Ctrl-C and a closed terminal are the operator's side's to answer: it lets the robot brake
-    for number in (signal.SIGINT, *([] if HANG_UP is None else [HANG_UP])):
-        signal.signal(number, signal.SIG_IGN)
     try:
         robot = built(plan)
         reporters = open_reporters(plan.ros, plan.record, plan.settings)
