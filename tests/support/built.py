@@ -113,9 +113,15 @@ def views(rig: Rig, xyz: np.ndarray, sigma_px: float = 1.0, seed: int | None = N
 
 
 def view_sequence(
-    rig: Rig, sequence: PoseSequence, xy: np.ndarray, score: np.ndarray, sigma_px: np.ndarray, depth_m: np.ndarray | None = None
+    rig: Rig,
+    sequence: PoseSequence,
+    xy: np.ndarray,
+    score: np.ndarray | None = None,
+    sigma_px: float | np.ndarray = 1.0,
+    depth_m: np.ndarray | None = None,
 ) -> ViewSequence:
-    """What a rig sees of the people of a sequence: px (T, N, C, K, 2) and the rest (T, N, C, K)."""
+    """What a rig sees of the people of a sequence, px (T, N, C, K, 2): NaN, or of score 0, is unseen."""
+    score = np.isfinite(xy[..., 0]) * 1.0 if score is None else score
     return ViewSequence(
         t_ns=sequence.t_ns,
         skeleton=sequence.skeleton,
@@ -123,7 +129,7 @@ def view_sequence(
         person_id=sequence.person_id,
         xy_img=xy,
         score=score,
-        sigma_px=sigma_px,
+        sigma_px=np.where(score > 0, sigma_px, np.nan),
         depth_m=depth_m,
     )
 
