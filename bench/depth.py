@@ -44,7 +44,7 @@ from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.run import track_session
 from posefuse.pipeline.second_pass import poses_over_time
 from posefuse.pipeline.session import find_session
-from posefuse.realtime.fusion import build_fuse, build_solve
+from posefuse.realtime.estimator import build_fuse, build_solve
 from posefuse.simulation.scene import Scene
 from posefuse.simulation.session import SessionPaths, simulate
 from posefuse.tracking import LearntLengths, SmoothSettings, at_joint_centres

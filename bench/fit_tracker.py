@@ -33,10 +33,8 @@ from posefuse.pipeline.config import read_config
 from posefuse.pipeline.run import track_session
 from posefuse.pipeline.session import find_session
 from posefuse.realtime.config import LiveConfig
-from posefuse.realtime.joint_centres import Centring
-from posefuse.realtime.live_body import pose_for_output
+from posefuse.realtime.estimator import warmed_up
 from posefuse.realtime.messages import Centres
-from posefuse.realtime.session import ready_bodies, ready_tracker
 from posefuse.simulation.session import simulate
 from posefuse.tracking.online import MOTION, LiveMotion, MotionModel
 
@@ -131,14 +129,13 @@ class Trial:
     def poses(self, config: LiveConfig, motion: LiveMotion = MOTION) -> Iterator[Pose3D]:
         """At joint centres, at 100 Hz, after the warm-up."""
         rig, skeleton = self.recording.rig, self.recording.observations.skeleton
-        tracker, bodies = ready_tracker(rig, skeleton, config, motion), ready_bodies(rig, skeleton, config)
-        centring = Centring(rig.names, wanted=True)
-        centring.learn(Centres(rig.names, self.table))
+        estimator = warmed_up(rig, skeleton, config, motion)
+        estimator.centring.learn(Centres(rig.names, self.table))
         waiting, first_ns = list(reversed(self.arrivals)), int(self.truth.t_ns[0])
         for t_ns in np.arange(first_ns, int(self.truth.t_ns[-1]), round(1e9 / OUTPUT_HZ)).tolist():
             while waiting and waiting[-1][0] <= t_ns:
-                tracker.add(waiting.pop()[1])
-            pose = pose_for_output(tracker, tracker.at(t_ns), centring, bodies)
+                estimator.add(waiting.pop()[1])
+            pose = estimator.placed(estimator.tracker.at(t_ns))
             if t_ns >= first_ns + WARM_UP_S * 1e9 and len(pose.person_id):
                 yield pose
 

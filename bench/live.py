@@ -34,9 +34,8 @@ from posefuse.pipeline.config import TrackConfig, changes_of, read_changed
 from posefuse.pipeline.run import track_session
 from posefuse.pipeline.session import find_session
 from posefuse.realtime.config import LiveConfig
-from posefuse.realtime.joint_centres import Centring
+from posefuse.realtime.estimator import warmed_up
 from posefuse.realtime.messages import Centres
-from posefuse.realtime.session import ready_tracker
 
 # the tracker needs a moment to know speeds and bones
 _SETTLED_S = 1.5
@@ -66,7 +65,8 @@ def poses_of_every_frame(rig: Rig, session: Path, delay_ms: float, settings: tup
     track = replace(TrackConfig(), detector=config.detector, outputs={})
     done = track_session(find_session(session, track), track, StageClock(), lambda *_: None, lambda _: None, lambda _: None)
     views = done.recording.views
-    tracker, centring = ready_tracker(rig, views.skeleton, config), Centring(rig.names, config.joint_centres)
+    estimator = warmed_up(rig, views.skeleton, config)
+    tracker, centring = estimator.tracker, estimator.centring
     centring.learn(Centres(rig.names, build_detector(config.detector, rig).joint_centres))
     period_ns, late_ns = round(1e9 / config.rate_hz), round(delay_ms * 1e6)
     due_ns, poses = 0, []

@@ -31,7 +31,7 @@ from posefuse.core.skeleton import ANATOMICAL23, pick_keypoints
 from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.realtime.config import LiveConfig
-from posefuse.realtime.session import ready_bodies, ready_tracker
+from posefuse.realtime.estimator import warmed_up
 from posefuse.simulation.build import live_scene
 from posefuse.simulation.scene import Scene
 
@@ -81,7 +81,8 @@ def spent_ms(cameras: int, seconds: float = 6.0) -> dict[str, float]:
     }  # fmt: skip
     scene = live_scene(settings_from_mapping(content, Scene, "bench"))
     config = replace(LiveConfig(), body="on")
-    tracker, bodies = (ready(scene.rig, ANATOMICAL23, config) for ready in (ready_tracker, ready_bodies))
+    estimator = warmed_up(scene.rig, ANATOMICAL23, config)
+    tracker, bodies = estimator.tracker, estimator.bodies
     rng, spent, learns = np.random.default_rng(0), [], []
     score = np.full((1, len(ANATOMICAL23)), 0.9)
     for tick in range(round(100 * seconds)):

@@ -8,7 +8,7 @@ and by those that the recording found over all its time: *apart* is the mean dis
 table, by seconds since the person was found, with nothing learnt (*usual*) and as it is (*learnt*). Errors are those of the same
 joints against the truth. A table on stderr, one JSON object on stdout.
 
-`--usual-s` tries other values of how long a new person counts as usual (`tracking/learnt_lengths.py`). It was chosen on the
+`--usual-s` tries other values of how long a new person counts as usual (`tracking/joint_centres.py`). It was chosen on the
 scenes of `bench/fit_lasting_errors.py render`, whose people appear in no reported measurement.
 """
 
@@ -32,11 +32,10 @@ from posefuse.pipeline.run import Tracked, track_session
 from posefuse.pipeline.second_pass import poses_over_time
 from posefuse.pipeline.session import find_session
 from posefuse.realtime.config import LiveConfig
-from posefuse.realtime.session import ready_tracker
+from posefuse.realtime.estimator import warmed_up
 from posefuse.tracking import LearntLengths, at_joint_centres
 from posefuse.tracking.body_directions import HEAD, SIDES
-from posefuse.tracking.joint_centres import JOINTS
-from posefuse.tracking.learnt_lengths import USUAL_S
+from posefuse.tracking.joint_centres import JOINTS, USUAL_S
 from posefuse.tracking.segments import segment_lengths
 
 NAMES = tuple(f"{side}_{joint}" for side in SIDES for joint in JOINTS if joint not in HEAD)
@@ -59,7 +58,7 @@ def recorded_lengths(done: Tracked, table: JointCentres) -> np.ndarray:
 def live_poses(done: Tracked) -> Iterator[Pose3D]:
     """Landmarks at every output tick, from every frame of the recording at once."""
     views, rig, config = done.recording.views, done.recording.rig, LiveConfig()
-    tracker = ready_tracker(rig, views.skeleton, config)
+    tracker = warmed_up(rig, views.skeleton, config).tracker
     period_ns, due_ns = round(1e9 / config.rate_hz), int(views.t_ns[0])
     for i, t_ns in enumerate(views.t_ns):
         while due_ns < t_ns:

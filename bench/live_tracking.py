@@ -27,7 +27,7 @@ from posefuse.core import Detections2D, Pose3D, Rig, Skeleton
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.fusion import FuseSettings
-from posefuse.realtime.fusion import build_fuse, build_solve
+from posefuse.realtime.estimator import build_fuse, build_solve
 from posefuse.simulation.build import live_scene
 from posefuse.simulation.scene import Scene
 from posefuse.tracking.online import LiveSettings, Tracker, build_tracker

@@ -33,7 +33,7 @@ from posefuse.core.skeleton import PAPER14, pick_keypoints
 from posefuse.fusion import FuseSettings
 from posefuse.pipeline.following import PeopleFollower
 from posefuse.realtime.config import LiveConfig
-from posefuse.realtime.fusion import build_fuse, build_solve
+from posefuse.realtime.estimator import build_fuse, build_solve
 from posefuse.realtime.identity import NamedTracker
 from posefuse.tracking.online import LiveSettings, build_tracker
 

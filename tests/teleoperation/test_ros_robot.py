@@ -14,10 +14,9 @@ pytest.importorskip("daqp")
 
 from posefuse.core import SE3, ConfigError
 from posefuse.messages.body_messages import quaternion, vector
-from posefuse.messages.intake import decode
 from posefuse.messages.messages import header
 from posefuse.messages.topics import TF, Topic
-from posefuse.messages.types import message
+from posefuse.messages.types import decode, message
 from posefuse.teleoperation.robots.driver import Goal
 from posefuse.teleoperation.robots.mobile_manipulator import ARM_HOME_RAD, mobile_manipulator
 from posefuse.teleoperation.robots.plan import RosPlan

@@ -32,9 +32,8 @@ from posefuse.foundation.parsing import one_line
 from posefuse.foundation.plain_values import plain
 from posefuse.messages import topics
 from posefuse.messages.bags import read_mcap, read_notes, read_rig
-from posefuse.messages.joint_centre_messages import joint_centres_from_message
-from posefuse.messages.messages import detections_from_message, pose_from_message
-from posefuse.messages.people_names import names_from_message
+from posefuse.messages.camera_messages import joint_centres_from_message
+from posefuse.messages.messages import detections_from_message, names_from_message, pose_from_message
 from posefuse.outputs.live.record import NOTES
 
 from .live_people import people_of_detections
