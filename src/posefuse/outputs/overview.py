@@ -11,7 +11,7 @@ from annotated_types import Ge, Le
 
 from posefuse.core import SE3, Camera, InputError, Kind, Recording
 from posefuse.core.arrays import Array
-from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.output_file import atomic_file
 from posefuse.foundation.settings import settings
 
 from .drawing import EMPTY_RGB, draw_legend, draw_name, draw_skeleton, draw_text, grid_for, keypoint_colours, view_tile

@@ -21,8 +21,8 @@ from posefuse.core import (
 )
 from posefuse.core.live_messages import FAILED, OK
 from posefuse.foundation.channel import Channel, ChannelClosed
-from posefuse.foundation.finishing import wait_while_working
 from posefuse.foundation.platform import lower_priority
+from posefuse.foundation.requests_to_end import wait_while_working
 
 # at the end an output that has made no progress for so long is given up; one that has nothing left ends at once
 END_S = 5.0
