@@ -56,9 +56,9 @@ def alarms(rig: Rig, place: Place, case: tuple, seed: int, pause_s: float = LOOP
         watcher.add(name, 10**15 + round(t * 1e9), xy, np.full(len(xy), 0.9))
         if t - looked_s > 0.25:
             looked_s = t
-            ill = {(camera, verdict.state) for camera, verdict in watcher.look().ill.items()}
-            said += [f"{camera}: {state}" for camera, state in sorted(ill - before)]
-            before = ill
+            faulty = {(camera, verdict.state) for camera, verdict in watcher.look().faulty.items()}
+            said += [f"{camera}: {state}" for camera, state in sorted(faulty - before)]
+            before = faulty
     return said
 
 

@@ -14,10 +14,9 @@ from posefuse.cli.stopping import session_exit_code
 from posefuse.cli.terminal import Terminal
 from posefuse.cli.videos import check_videos_folder, kept_videos
 from posefuse.formats.rig import read_rig
-from posefuse.realtime.camera_feed import CameraFeed
-from posefuse.realtime.guide import guide
 from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.realtime.session import stop_requests
+from posefuse.realtime.watching import CameraFeed, guide
 
 
 def guide_at_cameras(options: GuideOptions, ros_2: Ros2Options, terminal: Terminal) -> Mapping[str, Any]:

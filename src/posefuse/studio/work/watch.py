@@ -23,9 +23,8 @@ from posefuse.calibration.targets.kinds import read_target
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.outputs.drawing import jpeg_of, shrunk_wh
-from posefuse.realtime.camera_feed import CameraFeed, FedFrame
-from posefuse.realtime.recorder import exposure_warning
 from posefuse.realtime.video_keeping import read_counts
+from posefuse.realtime.watching import CameraFeed, FedFrame, exposure_warning
 from posefuse.studio.calibrations import Step
 from posefuse.studio.focus import focus_warning
 from posefuse.studio.guiding import advice_for, enough_for, near_far_of, size_of
