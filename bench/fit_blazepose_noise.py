@@ -19,10 +19,10 @@ import numpy as np
 from posefuse.core import SKELETONS, Region
 from posefuse.core.skeleton import mirror_name
 from posefuse.detection import fetch, read_card, region_from_keypoints
-from posefuse.detection.blazepose.landmarks import landmarks_from_outputs
-from posefuse.detection.blazepose.network import BlazePoseNetwork
-from posefuse.detection.blazepose.noise import landmark_noise_features
-from posefuse.detection.regions import crop_from_img, square_crop
+from posefuse.detection.crops import crop_from_img, square_crop
+from posefuse.detection.decode import landmarks_from_outputs
+from posefuse.detection.engines import BlazePoseNetwork
+from posefuse.detection.noise import landmark_noise_features
 from posefuse.evaluation.fitting import is_rendered, render_everyday
 from posefuse.evaluation.fitting.keypoint_noise import fit_log_sigma
 from posefuse.formats.truth import read_truth

@@ -18,7 +18,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from posefuse.detection.models import CARDS_FOLDER
+from posefuse.detection.card import CARDS_FOLDER
 from posefuse.evaluation.metrics import joint_errors
 from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.formats.recording import read_recording

@@ -13,7 +13,7 @@ from datetime import date
 from importlib.metadata import version
 from pathlib import Path
 
-from posefuse.detection.openvino_cpu import openvino_core
+from posefuse.detection.engines import openvino_core
 
 HERE = Path(__file__).resolve().parent
 OUT = HERE.parent / "out" / "bench"

@@ -6,8 +6,8 @@ import pytest
 
 from posefuse.core import ConfigError, Detector, Frame, ModelError, Region, ShapeError
 from posefuse.detection import BlazePoseConfig, read_card, region_from_keypoints
-from posefuse.detection.blazepose.looks import Look, averaged
-from posefuse.detection.models import read_any_card
+from posefuse.detection.blazepose import Look, averaged
+from posefuse.detection.card import read_any_card
 
 CAMERA = "cam04"
 

@@ -14,8 +14,8 @@ from posefuse.foundation.platform import usable_cores
 from posefuse.foundation.user_cache import default_cache_dir
 
 from .blazepose import BlazePoseConfig
-from .models import ModelCard, read_any_card, status
-from .models.cards import EnsembleCard
+from .card import EnsembleCard, ModelCard, read_any_card
+from .files import status
 
 # from the smallest to the largest
 BUNDLED = ("blazepose_lite", "blazepose_full", "blazepose_heavy", "blazepose_best")

@@ -9,8 +9,7 @@ import numpy as np
 
 from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks
 from posefuse.core import InputError, Progress, Rig, silent
-from posefuse.detection.build import build_detector
-from posefuse.detection.downloading import fetch_networks
+from posefuse.detection.build import build_detector, fetch_networks
 
 from .config import TrackConfig
 from .opening import build_source

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from posefuse.core import SKELETONS, ConfigError, Frame, ModelError, Region, Skeleton
-from posefuse.detection.networks import OnnxConfig, read_network_card
-from posefuse.detection.networks.crops import letterbox_from_img, region_of_box
-from posefuse.detection.networks.layouts import keypoints_of
-from posefuse.detection.networks.people import BoxFinder
-from posefuse.detection.networks.runtime import OnnxNetwork
+from posefuse.detection.boxes import keypoints_of
+from posefuse.detection.card import read_network_card
+from posefuse.detection.crops import letterbox_from_img, region_of_box
+from posefuse.detection.engines import OnnxNetwork
+from posefuse.detection.networks import OnnxConfig
+from posefuse.detection.search import BoxFinder
 
 graphs = pytest.importorskip("graphs", reason="the package onnx is not installed")
 ENGINES = ("openvino", "onnxruntime")
