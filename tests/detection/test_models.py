@@ -17,6 +17,8 @@ from posefuse.detection.card import list_cards, read_card
 from posefuse.detection.files import fetch, fetch_all, holds, model_path, status
 from posefuse.foundation.user_cache import default_cache_dir
 
+ROOT = Path(__file__).resolve().parents[2]
+STATED = ("README.md", "docs/installing.md", "src/posefuse/cli/machine.py")
 CONTENT = b"a network"
 BOMB_BYTES = 100_000_000
 
@@ -52,6 +54,14 @@ def test_the_cards_that_come_with_the_package_are_complete():
             assert (card.folder / getattr(card.decoding, beside, card.folder)).exists()
     assert {card.name for card in default_cards()} <= set(cards)
     assert sum(cells**2 * anchors for cells, anchors in cards["blazepose_persons"].decoding.grids) == 2254
+
+
+def test_what_the_first_run_downloads_is_one_archive_of_the_stated_size():
+    """All default networks are in one wheel; that it is fetched once: `test_one_download_serves_all_cards_of_a_wheel`."""
+    assert len({card.source.requirement for card in default_cards()}) == 1
+    stated = {(ROOT / page).read_text(encoding="utf-8").count("35 MB") for page in STATED}
+    assert stated == {1}
+    assert sum(card.size_bytes for card in default_cards()) < 35e6
 
 
 def test_a_card_no_person_wrote_is_named_with_those_that_exist():

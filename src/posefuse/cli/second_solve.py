@@ -55,7 +55,7 @@ def second_solve(path: Path, options: TrackOptions, terminal: Terminal) -> Mappi
     edits = _edits(path, earlier, options, terminal)
     # an hour of them takes much memory, and only observations are solved again
     earlier = dataclasses.replace(earlier, poses=earlier.poses.people(np.zeros(0, np.intp)))
-    sinks = build_sinks(config.outputs)
+    sinks = build_sinks(config.outputs, earlier.poses.skeleton)
     with output_folder(
         options.out, command="track", inputs=inputs, replace=options.force, warn=terminal.warn
     ) as out, compiling("tracking", terminal.note):  # fmt: skip

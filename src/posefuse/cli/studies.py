@@ -40,8 +40,8 @@ def run_batch(study: Path, options: BatchOptions, terminal: Terminal) -> Mapping
     shown = {name: title for name, title in _SHOWN.items() if any(name in row for row in rows)}
     columns = ["participant", "trial", "status", *shown.values()]
     terminal.table("Study", columns, [[row[name] for name in columns[:3]] + [row.get(name) for name in shown] for row in rows])
-    for name, reason in done.failed.items():
-        terminal.warn(f"{name}: failed: {reason}")
+    if done.failed:
+        terminal.warn(f"{len(done.failed)} of {len(rows)} trials failed; the reasons are above and in {done.out / PAGE_FILE}")
     terminal.next(f"open {done.out / PAGE_FILE} in a browser", f"the summary; {TABLE_FILE} in the same folder holds the numbers")
     return {"out": done.out, "trials": rows, "kept": done.kept, "failed": dict(done.failed)}
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
-from posefuse.core import ConfigError, DependencyError
+from posefuse.core import ConfigError, DependencyError, Detector, LiveOutputConfig, Sink, Source
 from posefuse.core.errors import choices
 
 from .settings import settings_from_mapping
@@ -19,6 +19,8 @@ GROUPS = {
     "outputs": "posefuse.outputs",
     "live_outputs": "posefuse.live_outputs",
 }
+# what a config builds; a live output is built in another process, so that its config is asked
+_PROTOCOLS = {"sources": Source, "detectors": Detector, "outputs": Sink, "live_outputs": LiveOutputConfig}
 
 
 @dataclass(frozen=True)
@@ -43,8 +45,10 @@ def list_plugins(kind: str) -> list[Plugin]:
 
 
 def build_plugin(kind: str, name: str, options: Mapping[str, Any], known: Mapping[str, Any] | None = None) -> Any:
-    """Build the plug-in `name`; see `plugin_config`."""
-    return plugin_config(kind, name, options, known).build()
+    """Build the plug-in `name`; see `plugin_config`. Raises ConfigError also where what it builds lacks a member."""
+    built = plugin_config(kind, name, options, known).build()
+    _check_members(kind, name, built)
+    return built
 
 
 def plugin_config(
@@ -72,7 +76,18 @@ def plugin_config(
         raise DependencyError(f"plug-in {name} ({plugin.package}) cannot be imported: {plugin.reason}")
     names = option_names(plugin)
     below, above = ({key: value for key, value in (one or {}).items() if key in names} for one in (known, given))
-    return settings_from_mapping({**below, **options, **above}, plugin.config, where=f"{kind} {name}")
+    config = settings_from_mapping({**below, **options, **above}, plugin.config, where=f"{kind} {name}")
+    if kind == "live_outputs":
+        _check_members(kind, name, config)
+    return config
+
+
+def _check_members(kind: str, name: str, given: object) -> None:
+    members = [member for member in vars(_PROTOCOLS[kind]) if not member.startswith("_")]
+    lacking = [member for member in (*_PROTOCOLS[kind].__annotations__, *members) if not hasattr(given, member)]
+    if lacking:
+        expected = f"core.{_PROTOCOLS[kind].__name__}"
+        raise ConfigError(f"plug-in {name} among {kind}: {type(given).__name__} lacks {choices(lacking)} of {expected}")
 
 
 def option_names(plugin: Plugin) -> list[str]:

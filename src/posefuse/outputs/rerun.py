@@ -38,6 +38,7 @@ from .rerun_scene import (
 )
 
 FILE = "recording.rrd"
+_JPEG_QUALITY = 75
 
 
 @settings
@@ -46,11 +47,9 @@ class RerunSink:
 
     Attributes:
         image_px: longer side of the stored images; 0 stores none.
-        jpeg_quality: of the stored images.
     """
 
     image_px: Annotated[int, Ge(0), Le(8192)] = 640
-    jpeg_quality: Annotated[int, Ge(1), Le(100)] = 75
     name: ClassVar[str] = "rerun"
 
     def build(self) -> FrameSink:
@@ -190,7 +189,7 @@ class _RerunWriter:
 
         recording, camera = self._recording, self._cameras[c]
         if self._config.image_px:
-            image = None if frame is None else _jpeg(frame.image, camera.size_wh, self._config.jpeg_quality)
+            image = None if frame is None else _jpeg(frame.image, camera.size_wh, _JPEG_QUALITY)
             blank = rr.Clear(recursive=False) if image is None else rr.EncodedImage(contents=image, media_type="image/jpeg")
             self._stream.log(f"{camera_path(camera.name)}/image", blank)
         scale = np.array(camera.size_wh) / recording.rig.cameras[c].size_wh

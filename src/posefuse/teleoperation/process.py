@@ -5,9 +5,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import gc
-import multiprocessing
 import signal
 import time
 from collections.abc import Sequence
@@ -17,7 +15,7 @@ from pathlib import Path
 from posefuse.core import PosefuseError, SourceError
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.platform import punctual
-from posefuse.foundation.requests_to_end import HANG_UP, children_ignore_requests
+from posefuse.foundation.worker import Worker
 
 from .follower import Driver, Robot
 from .ros import Reporter, RosPlan, open_reporters
@@ -65,9 +63,6 @@ class Leave:
 
 def run_robot(channel: Channel, plan: RobotPlan) -> None:
     """Entry point of the process; the other end of `channel` sends orders and receives states."""
-    # Ctrl-C and a closed terminal are the operator's side's to answer: it lets the robot brake
-    for number in (signal.SIGINT, *([] if HANG_UP is None else [HANG_UP])):
-        signal.signal(number, signal.SIG_IGN)
     try:
         robot = built(plan)
         reporters = open_reporters(plan.ros, plan.record, plan.settings)
@@ -142,49 +137,40 @@ class RobotLink:
     """The robot's process, as the operator's side sees it. pid: of the process. state: the newest; None before the first."""
 
     def __init__(self, plan: RobotPlan) -> None:
-        self._channel, theirs = Channel.pair()
         self.state: RobotState | None = None
-        context = multiprocessing.get_context("spawn")
-        self._process = context.Process(target=run_robot, args=(theirs, plan), name="robot", daemon=False)
-        with children_ignore_requests():
-            self._process.start()
-        theirs.close_own()
-        self.pid: int | None = self._process.pid
+        self._worker = Worker(run_robot)
+        self._worker.start(plan)
+        self.pid = self._worker.pid
 
     def wait_ready(self) -> None:
         """Until the first state; raises PosefuseError where the robot cannot be driven."""
         end_s = time.monotonic() + _READY_S
         while self.state is None:
-            if not self._channel.wait(0.2) and time.monotonic() > end_s:
+            if not self._worker.wait(0.2) and time.monotonic() > end_s:
                 raise SourceError(f"robot: no state within {_READY_S:g} s")
             self.poll()
 
     def poll(self) -> RobotState | None:
         """The newest state that came since the last call; raises PosefuseError when the process is gone or gives up."""
         newest = None
-        try:
-            while (message := self._channel.receive()) is not None:
-                if isinstance(message, Failed):
-                    raise message.error
-                newest = message
-        except ChannelClosed:
-            raise SourceError("robot: its process has ended") from None
+        while (message := self._worker.receive()) is not None:
+            if isinstance(message, Failed):
+                raise message.error
+            newest = message
+        self._check()
         self.state = newest or self.state
         return newest
 
     def send(self, order: Order) -> None:
         """Hand an order on; never waits."""
-        try:
-            self._channel.send(order)
-        except ChannelClosed:
-            raise SourceError("robot: its process has ended") from None
+        self._worker.send(order)
+        self._check()
 
     def close(self) -> None:
         """Let the robot brake and its process leave."""
-        with contextlib.suppress(ChannelClosed):
-            self._channel.send(Leave())
-        self._process.join(_LEAVE_S)
-        if self._process.is_alive():
-            self._process.kill()
-            self._process.join()
-        self._channel.close()
+        self._worker.send(Leave())
+        self._worker.end(_LEAVE_S)
+
+    def _check(self) -> None:
+        if not self._worker.running:
+            raise SourceError("robot: its process has ended")

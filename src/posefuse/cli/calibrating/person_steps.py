@@ -64,7 +64,6 @@ def clocks(session: Path, options: ClockOptions, terminal: Terminal) -> Mapping[
     if options.report is not None:
         found.save_report(options.report, replace=options.force)
     settings = write_clocks(session / CONFIG_FILE, found.rig.names, found.clocks, terminal)
-    terminal.next(
-        f"posefuse track {session} --out RESULT", "uses the clocks found" if settings else "the clocks need no correction"
-    )
+    needed = f"add the offsets to {session / CONFIG_FILE} first" if found.clock_settings else "the clocks need no correction"
+    terminal.next(f"posefuse track {session} --out RESULT", "uses the clocks found" if settings else needed)
     return {"settings": settings and str(settings), **found.report.numbers}

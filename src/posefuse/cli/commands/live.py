@@ -6,7 +6,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from posefuse.cli.command_options import LiveOptions, OutputOptions, SourceOptions, TimingOptions
-from posefuse.cli.options import EXPERT, Figures, Ros2Options, Shown, settings_options
+from posefuse.cli.options import EXPERT, OUTPUTS, Figures, Ros2Options, Shown, settings_options
 from posefuse.realtime.config import LiveConfig
 
 _SHOWN = {"body": "body", "track.max_people": "people N", "names": "names A,B,...", "rate_hz": "rate HZ"}
@@ -25,7 +25,7 @@ def live(
     outputs: OutputOptions = OutputOptions(),
     ros_2: Ros2Options = Ros2Options(),
     settings: LiveOptions = LiveOptions(),
-    videos: Annotated[Path | None, Parameter(metavar="DIR")] = None,
+    videos: Annotated[Path | None, Parameter(metavar="DIR", group=OUTPUTS)] = None,
     replay: Annotated[Path | None, Parameter(metavar="FILE"), EXPERT] = None,
     terminal: Shown,
 ) -> Figures:
