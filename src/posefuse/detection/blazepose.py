@@ -109,28 +109,26 @@ def averaged(looks: Sequence[Look]) -> Look:
 _SAME_PERSON = 0.12
 
 
+_PERSONS = "blazepose_persons"
+# looked for per image when no regions are given
+_MOST_PEOPLE = 16
+
+
 @settings
 class BlazePoseConfig:
     """BlazePose by OpenVINO.
 
     Attributes:
-        persons, landmarks: model cards by name, or TOML files of your own; landmarks may be an ensemble.
-        models: archive, model file or folder to take the networks from; None: fetched once.
-        cache: where they are kept; None: the user's cache folder.
+        landmarks: model card by name, or a TOML file of your own; it may be an ensemble.
         precision: ``auto`` is bf16 where the CPU computes it natively.
         streams: images worked on at once; 0: one per core.
-        most_people: people looked for per image when no regions are given.
         up_rad: per camera, direction of gravity's up in its image, clockwise from the image's up
             (`up_angle_rad` of a calibrated camera); cameras not named are taken as upright.
     """
 
-    persons: str = "blazepose_persons"
     landmarks: str = "blazepose_full"
-    models: Path | None = None
-    cache: Path | None = None
     precision: Precision = "auto"
     streams: Annotated[int, Ge(0)] = 0
-    most_people: Annotated[int, Ge(1)] = 16
     up_rad: dict[str, float] = field(default_factory=dict)
 
     def fetch(
@@ -138,7 +136,7 @@ class BlazePoseConfig:
     ) -> list[Path]:
         """The network files, fetched where they are missing; see `fetch_all` for what is reported and raised."""
         persons, _, members = self._cards()
-        return fetch_all([persons, *members], self.cache or default_cache_dir(), self.models, progress, advance)
+        return fetch_all([persons, *members], default_cache_dir(), None, progress, advance)
 
     def build(self) -> BlazePoseDetector:
         """Fetch what is missing, compile, and be ready; raises ModelError when a network cannot be had."""
@@ -156,13 +154,13 @@ class BlazePoseConfig:
     def _cards(self) -> tuple[ModelCard, ModelCard | EnsembleCard, list[ModelCard]]:
         """Of the person network, of what was chosen for landmarks, and of the landmark networks in it."""
         chosen = read_any_card(self.landmarks)
-        return read_card(self.persons), chosen, chosen.member_cards() if isinstance(chosen, EnsembleCard) else [chosen]
+        return read_card(_PERSONS), chosen, chosen.member_cards() if isinstance(chosen, EnsembleCard) else [chosen]
 
 
 def default_cards() -> list[ModelCard]:
     """The networks used when no one chooses others."""
     chosen = BlazePoseConfig()
-    return [read_card(chosen.persons), read_card(chosen.landmarks)]
+    return [read_card(_PERSONS), read_card(chosen.landmarks)]
 
 
 class BlazePoseDetector:
@@ -224,7 +222,7 @@ class BlazePoseDetector:
         candidates = self._candidates(frames, squares) if squares else []
         confirmed = self._look([(frames[i], region) for i, region in candidates], thoroughly=False)
         for (i, _), look in zip(candidates, confirmed, strict=True):
-            if look.presence < _LEAST_PRESENCE or len(found[i]) >= self._config.most_people:
+            if look.presence < _LEAST_PRESENCE or len(found[i]) >= _MOST_PEOPLE:
                 continue
             if region_from_keypoints(look.xy, self._skeleton) is not None and not _known(look, found[i]):
                 found[i].append(look)

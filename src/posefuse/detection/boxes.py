@@ -159,7 +159,7 @@ def check_outputs(card: NetworkCard, names: Sequence[str], outputs: Sequence[Arr
 
 
 def keypoints_of(card: NetworkCard, outputs: Sequence[Array]) -> Keypoints:
-    """Keypoints (1, K) of a top-down network's outputs for one crop."""
+    """Keypoints (B, K) of a top-down network's outputs (B, ...) for B crops."""
     if card.kind == "simcc":
         return keypoints_from_simcc(outputs[0], outputs[1], card.decoding)
     return keypoints_from_heatmaps(outputs[0], card.input.size_wh, card.decoding)

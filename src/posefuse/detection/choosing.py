@@ -57,8 +57,7 @@ def measured_costs(
     Raises:
         ModelError: none of them is there.
     """
-    config = config or BlazePoseConfig()
-    folder = config.cache or default_cache_dir()
+    config, folder = config or BlazePoseConfig(), default_cache_dir()
     ready = [name for name in names if _is_ready(name, folder)]
     if not ready:
         raise ModelError(f"none of the networks {', '.join(names)} is in {folder}; fetch them with: posefuse models")

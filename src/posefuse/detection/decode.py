@@ -37,6 +37,10 @@ class Keypoints:
     spread_px: Array
     rival: Array
 
+    def only(self, i: int) -> Keypoints:
+        """Those of one person, B = 1."""
+        return Keypoints(*(values[i : i + 1] for values in (self.xy, self.score, self.spread_px, self.rival)))
+
 
 @dataclass(frozen=True, eq=False)
 class People:

@@ -246,6 +246,12 @@ class OnnxRuntimeRunner:
             self._session = ort.InferenceSession(str(path), options, providers=list(providers))
         except Exception as error:  # noqa: BLE001 - its errors share no base class
             raise ModelError(f"{path}: not a network ONNX Runtime can read ({_last_line(error)})") from None
+        # where a driver or a library is missing it continues on the processor without an error
+        if providers[0] not in self._session.get_providers():
+            raise ModelError(
+                f"ONNX Runtime cannot use {providers[0]} here, only {choices(self._session.get_providers())}; "
+                "check the driver and libraries that it needs"
+            )
         given = [port.name for port in self._session.get_outputs()]
         self.output_names = _chosen(path, card.decoding.outputs, given) if card.decoding.outputs else given
         self._input = self._session.get_inputs()[0]

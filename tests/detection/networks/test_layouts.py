@@ -249,6 +249,19 @@ def test_a_turned_image_fits_into_its_letterbox(tmp_path):
         assert up[0] == pytest.approx(0, abs=1e-9) and up[1] < 0
 
 
+@pytest.mark.filterwarnings("ignore:Specified provider")
+def test_a_processor_that_is_asked_for_is_used_or_refused(tmp_path, monkeypatch):
+    ort, card = pytest.importorskip("onnxruntime"), simcc_card(tmp_path, marks(1))
+    wanted = ("CUDAExecutionProvider",)
+    with pytest.raises(ConfigError, match="needs engine"):
+        OnnxConfig(card=card, providers=wanted, streams=1).build()
+    # as a build for GPUs on a machine without the driver: listed, and replaced by the processor without an error
+    there = ort.get_available_providers()
+    monkeypatch.setattr(ort, "get_available_providers", lambda: [*wanted, *there])
+    with pytest.raises(ModelError, match="ONNX Runtime cannot use CUDAExecutionProvider here, only CPUExecutionProvider"):
+        OnnxConfig(card=card, engine="onnxruntime", providers=wanted, streams=1).build()
+
+
 def test_a_wrong_card_is_reported_in_one_line(tmp_path):
     xy = marks(8)
     card = simcc_card(tmp_path, xy)
