@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from posefuse.core import PAPER14, Array, ConfigError, Truth, choices, pick_keypoints
-from posefuse.evaluation import metrics
+from posefuse.evaluation import drift as drift_of
 
 # pelvis, sternum, head, and per side: shoulder, upper arm, forearm, hand, thigh, shank, foot; no joint lies beyond head and hands
 SENSORS = 17
@@ -180,7 +180,7 @@ class Drift:
 
 def drift(estimate: Array, truth: Array) -> Drift:
     """Drift of level positions (T, 2 or 3) against the truth (T, 2 or 3), both in metres; NaN where missing."""
-    walked, error, slope = metrics.drift(truth, estimate)
+    walked, error, slope = drift_of(truth, estimate)
     last = error[-max(1, len(error) // 10) :]
     end = float(np.nanmean(last)) if np.isfinite(last).any() else float("nan")
     return Drift(walked, error, slope, end)

