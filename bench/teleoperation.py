@@ -93,8 +93,8 @@ def _followed(path, noise_m: float, seconds: float = 16.0):
         noise = 0.9 * noise + np.sqrt(1 - 0.9**2) * noise_m / np.sqrt(3) * rng.normal(size=3)
         measured_xyz = hand + noise + 1e-6 * rng.normal(size=3)
         view = person_view(measured_xyz, now_ns, measured_ns=now_ns - 40_000_000, sigma_m=noise_m / np.sqrt(3))
-        beats = (Beat(seq=k, sent_ns=now_ns),) if t_s > -5.5 else ()
-        news = OperatorNews(view=view, beats=beats, cameras=CameraReport(t_ns=now_ns, healthy=4, total=4), robot=state)
+        heartbeats = (Beat(seq=k, sent_ns=now_ns),) if t_s > -5.5 else ()
+        news = OperatorNews(view=view, heartbeats=heartbeats, cameras=CameraReport(t_ns=now_ns, healthy=4, total=4), robot=state)
         was, before = operator.gate.phase, state
         operator, order = step_operator(operator, news, now_ns, settings)
         state = driver.step([order] if order else [], now_ns)
@@ -134,7 +134,7 @@ def live(session_folder, networks: str | None) -> None:
             self.first_ns = now_ns if self.first_ns is None and view is not None else self.first_ns
             self.seq += 1
             held = self.first_ns is not None and now_ns - self.first_ns > 1e9
-            return Pressed(beats=(Beat(seq=self.seq, sent_ns=now_ns),) if held else ())
+            return Pressed(heartbeats=(Beat(seq=self.seq, sent_ns=now_ns),) if held else ())
 
         def close(self):
             pass

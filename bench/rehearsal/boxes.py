@@ -186,8 +186,8 @@ def move_boxes(
     for k in range(steps):
         now_ns, i = 10**12 + k * _TICK_NS, max(0, k - rest)
         view = hand.view(k, HAND_M + (plan.xyz[i] - plan.xyz[0]) / SCALE, now_ns)
-        beats = (Beat(seq=k, sent_ns=now_ns, grip=bool(plan.grip[i])),) if k > rest - _PRESSED else ()
-        news = OperatorNews(view=view, beats=beats, cameras=CameraReport(t_ns=now_ns, healthy=4, total=4), robot=state)
+        heartbeats = (Beat(seq=k, sent_ns=now_ns, grip=bool(plan.grip[i])),) if k > rest - _PRESSED else ()
+        news = OperatorNews(view=view, heartbeats=heartbeats, cameras=CameraReport(t_ns=now_ns, healthy=4, total=4), robot=state)
         before = operator.gate.phase
         operator, order = step_operator(operator, news, now_ns, settings)
         holds += operator.gate.phase is Phase.HOLD and before is Phase.ENGAGED

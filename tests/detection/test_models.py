@@ -15,7 +15,7 @@ from posefuse.core import ModelError
 from posefuse.detection import archives, default_cards
 from posefuse.detection.card import list_cards, read_card
 from posefuse.detection.files import fetch, fetch_all, holds, model_path, status
-from posefuse.foundation.user_cache import default_cache_dir
+from posefuse.foundation.places import default_cache_dir
 
 ROOT = Path(__file__).resolve().parents[2]
 STATED = ("README.md", "docs/installing.md", "src/posefuse/cli/machine.py")

@@ -13,9 +13,9 @@ from annotated_types import Ge
 from posefuse.core import SKELETONS, Detections2D, Frame, JointCentres, ModelError, Region, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.formats.joint_centres import read_joint_centres
+from posefuse.foundation.places import default_cache_dir
 from posefuse.foundation.platform import usable_cores
 from posefuse.foundation.settings import settings
-from posefuse.foundation.user_cache import default_cache_dir
 
 from .card import EnsembleCard, LandmarkDecoding, ModelCard, read_any_card, read_card
 from .crops import Crops, check_regions, img_from_crop, region_from_keypoints

@@ -16,7 +16,7 @@ from posefuse.core.values import keypoint_boxes
 from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.foundation.platform import usable_cores
 from posefuse.foundation.settings import settings
-from posefuse.foundation.user_cache import default_cache_dir
+from posefuse.foundation.places import default_cache_dir
 
 from .boxes import keypoints_of, people_from_outputs
 from .card import ONE_STAGE, PERSONS, TOP_DOWN, NetworkCard, read_card, read_network_card

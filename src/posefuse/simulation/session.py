@@ -7,7 +7,7 @@ SESSION/scene.yaml            every setting, defaults written out
 SESSION/truth/truth.npz       `posefuse.formats.truth`
 SESSION/truth/shots.npz       per camera number i: seq<i>, t<i>_ns (true), stamp<i>_ns (in the video)
 SESSION/truth/props.npz       `exact.prop_truth`, when the scene has props
-SESSION/posefuse-folder.json  `foundation.folder_mark`: the command that made it
+SESSION/posefuse-folder.json  `foundation.output_folder`: the command that made it
 
 It is made in a staging folder (`foundation.output_folder`). What an interrupted run left there is continued by the next run of
 the same scene: runs of frames that are whole are not rendered again.

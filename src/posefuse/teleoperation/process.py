@@ -138,7 +138,8 @@ class RobotLink:
 
     def __init__(self, plan: RobotPlan) -> None:
         self.state: RobotState | None = None
-        self._worker = Worker(run_robot)
+        # a robot that lost its link brakes before its process ends
+        self._worker = Worker(run_robot, closed_s=_LEAVE_S)
         self._worker.start(plan)
         self.pid = self._worker.pid
 

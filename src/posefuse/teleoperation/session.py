@@ -54,7 +54,7 @@ class OperatorNews:
     """What came since the last step: newest of each, None where there is nothing new; heartbeats in the order they came."""
 
     view: OperatorView | None = None
-    beats: tuple[Beat, ...] = ()
+    heartbeats: tuple[Beat, ...] = ()
     cameras: CameraReport | None = None
     robot: RobotState | None = None
     emergency: bool = False
@@ -66,7 +66,7 @@ def step_operator(
 ) -> tuple[Operator, Order | None]:
     """Take in what is new and decide: the new state, and the order for the robot; None before its first state is known."""
     heartbeats = operator.heartbeats
-    for beat in news.beats:
+    for beat in news.heartbeats:
         heartbeats = heartbeats.with_beat(beat, now_ns)
     view, robot = news.view or operator.view, news.robot or operator.robot
     cameras = news.cameras or operator.cameras
@@ -238,7 +238,7 @@ def _view(feed: Feed, operator: Operator, settings: TeleoperationSettings) -> Op
 def _news(view: OperatorView | None, pressed: Pressed, feed: Feed, robot: RobotLink) -> OperatorNews:
     return OperatorNews(
         view=view,
-        beats=pressed.beats,
+        heartbeats=pressed.heartbeats,
         cameras=feed.cameras(),
         robot=robot.poll(),
         emergency=pressed.emergency,

@@ -76,7 +76,7 @@ def models(
     """
     from posefuse.detection.card import list_cards
     from posefuse.detection.files import fetch_all, model_path, status
-    from posefuse.foundation.user_cache import default_cache_dir
+    from posefuse.foundation.places import default_cache_dir
 
     cache_dir, wanted = default_cache_dir(), _wanted(names, source)
     if not check:
