@@ -25,7 +25,7 @@ from live_program import Program, thread_seconds
 from posefuse.core import Camera, Frame, Rig
 from posefuse.detection import region_from_pose
 from posefuse.detection.build import DetectorChoice, build_detector
-from posefuse.detection.regions import square_crop
+from posefuse.detection.crops import square_crop
 from posefuse.formats.pixels import DecodedPixels, PixelConverter
 from posefuse.formats.rig import read_rig
 from posefuse.formats.video import VideoWriter

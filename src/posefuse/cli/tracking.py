@@ -8,8 +8,7 @@ from typing import Any
 
 from posefuse.cli.command_options import TrackOptions
 from posefuse.core import InputError, Recording
-from posefuse.detection.build import DetectorChoice
-from posefuse.detection.downloading import fetch_networks
+from posefuse.detection.build import DetectorChoice, fetch_networks
 from posefuse.evaluation.metrics import JointErrors, joint_errors
 from posefuse.evaluation.report import CAMERA_COLUMNS, camera_rows
 from posefuse.formats.truth import read_truth

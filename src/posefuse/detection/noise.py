@@ -1,8 +1,10 @@
-"""The likely error of a keypoint of a user's network, from the network's outputs, for each image axis.
+"""The likely error of a keypoint, from the outputs of the network.
 
-    log sigma = offset[k] + weights . features,   sigma in shares of the height of the crop
+BlazePose: log sigma = offset[k] + weights . features,   sigma in px of the crop's own 256 px, per image coordinate
+cards of users: the same for each image axis,            sigma in shares of the height of the crop
 
-Fitted by `posefuse fit-noise`; without a fit a rule of thumb applies.
+Coefficients and how they were fitted stand in a TOML file next to the model card (`posefuse fit-noise` for those of users);
+without a fit a rule of thumb applies.
 """
 
 from __future__ import annotations
@@ -17,7 +19,49 @@ from annotated_types import Gt
 from posefuse.core.arrays import Array
 from posefuse.foundation.settings import read_settings, settings
 
-from .keypoints import Keypoints
+from .decode import Keypoints, Landmarks
+
+
+@settings
+class NoiseModel:
+    """Fitted coefficients.
+
+    Attributes:
+        made_by: command, data and date of the fit, for people.
+        weights: of the features, by name: see `landmark_noise_features`.
+        offset: of each keypoint, by name.
+        least_px, most_px: limits of sigma, crop px.
+    """
+
+    made_by: str
+    weights: dict[str, float]
+    offset: dict[str, float]
+    least_px: Annotated[float, Gt(0)]
+    most_px: Annotated[float, Gt(0)]
+
+    def sigma_px(self, seen: Landmarks, keypoints: tuple[str, ...]) -> Array:
+        """(B, K) standard deviation of each coordinate in crop px."""
+        values = landmark_noise_features(seen)
+        log_sigma = np.array([self.offset[name] for name in keypoints]) + sum(
+            weight * values[name] for name, weight in self.weights.items()
+        )
+        return np.asarray(np.exp(np.clip(log_sigma, np.log(self.least_px), np.log(self.most_px))))
+
+
+def landmark_noise_features(seen: Landmarks) -> dict[str, Array]:
+    """What sigma may depend on, each (B, K) and 0 for a keypoint seen without doubt."""
+    return {
+        "doubt": -np.log(np.clip(seen.visibility, 1e-3, 1.0)),
+        "faintness": 1 - seen.peak,
+        "spread": np.log(np.maximum(seen.spread_px, 1.0) / 4.0),
+        "shift": np.log1p(seen.shift_px / 2.0),
+    }
+
+
+def read_noise(path: Path) -> NoiseModel:
+    """Read fitted coefficients; raises ConfigError naming the file and key."""
+    return read_settings(path, NoiseModel)
+
 
 # a distribution this wide, as a share of the crop's height, counts as usual: that of the labels networks are trained with
 _USUAL_SPREAD = 0.011

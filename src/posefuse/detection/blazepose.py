@@ -1,33 +1,117 @@
-"""The default detector: BlazePose networks on the CPU, many images and people at once."""
+"""The default detector: BlazePose networks by OpenVINO on the CPU, many images and people at once."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge
 
-from posefuse.core import Detections2D, Frame, JointCentres, Region, Skeleton
-from posefuse.detection.models import EnsembleCard, ModelCard, fetch_all, read_any_card, read_card
-from posefuse.detection.openvino_cpu import Precision
-from posefuse.detection.regions import Crops, check_regions, img_from_crop, region_from_keypoints
+from posefuse.core import SKELETONS, Detections2D, Frame, JointCentres, ModelError, Region, Skeleton
+from posefuse.core.arrays import Array
 from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.foundation.places import default_cache_dir
 from posefuse.foundation.platform import usable_cores
 from posefuse.foundation.settings import settings
 
-from .looks import LandmarkNetwork, Look, averaged
-from .persons import PersonNetwork, regions_from_outputs
-from .search import stages
+from .card import EnsembleCard, LandmarkDecoding, ModelCard, read_any_card, read_card
+from .crops import Crops, check_regions, img_from_crop, region_from_keypoints
+from .decode import landmarks_from_outputs
+from .engines import BlazePoseNetwork, Precision
+from .files import fetch_all
+from .noise import NoiseModel, read_noise
+from .search import PersonNetwork, regions_from_outputs, stages
+
+# of a crop that shows a person; below it the keypoints carry no information
+_LEAST_PRESENCE = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """One person in one crop.
+
+    Attributes:
+        presence: probability that the crop holds a person.
+        xy: (K, 2) px of the crop, pixel centres at integers.
+        score: (K,) probability that a keypoint is there and not hidden.
+        sigma_px: (K,) standard deviation of each coordinate, crop px.
+    """
+
+    presence: float
+    xy: Array
+    score: Array
+    sigma_px: Array
+
+
+@dataclass(frozen=True, eq=False)
+class LandmarkNetwork:
+    """A landmark network, the noise model fitted to it, and the skeleton it marks."""
+
+    network: BlazePoseNetwork
+    noise: NoiseModel
+    skeleton: Skeleton
+
+    @classmethod
+    def compiled(cls, card: ModelCard, file: Path, precision: Precision, streams: int) -> LandmarkNetwork:
+        """The card's network, ready; raises ModelError when the card is of another kind."""
+        decoding = card.decoding
+        if not isinstance(decoding, LandmarkDecoding):
+            raise ModelError(f"model card {card.name}: expected kind heatmap_landmarks, got {card.kind}")
+        outputs = (decoding.landmarks, decoding.presence, decoding.heatmaps)
+        network = BlazePoseNetwork(file, outputs, card.input, precision, streams)
+        return cls(network, read_noise(card.folder / decoding.noise), SKELETONS[decoding.skeleton])
+
+    def look(self, crops: Sequence[Array]) -> list[Look]:
+        """One look at each crop (side, side, 3) uint8."""
+        landmarks, presence, heatmaps = self.network(crops)
+        seen = landmarks_from_outputs(landmarks, presence, heatmaps, len(self.skeleton), self.network.side_px)
+        sigma = self.noise.sigma_px(seen, self.skeleton.keypoints)
+        return [
+            Look(float(presence), seen.xy_crop[b], seen.visibility[b] * presence, sigma[b])
+            for b, presence in enumerate(seen.presence)
+        ]
+
+    def look_in_mirror(self, crops: Sequence[Array]) -> list[Look]:
+        """The same on the mirrored crops, in pixels and sides of the original crops."""
+        other = self.skeleton.mirror
+        last = self.network.side_px - 1
+        looks = self.look([np.ascontiguousarray(crop[:, ::-1]) for crop in crops])
+        back = [last, 0.0] + np.array([-1.0, 1.0]) * np.stack([look.xy[other] for look in looks])
+        return [Look(look.presence, xy, look.score[other], look.sigma_px[other]) for look, xy in zip(looks, back, strict=True)]
+
+
+def averaged(looks: Sequence[Look]) -> Look:
+    """One look from several at the same crop, weighted by 1/sigma^2.
+
+    Networks trained on the same images have correlated errors, so the average is not more certain than its parts; what they
+    disagree by is added to its variance. Looks that see no person are left out, unless none sees any person.
+    """
+    counted = [look for look in looks if look.presence >= _LEAST_PRESENCE] or list(looks)
+    if len(counted) == 1:
+        return counted[0]
+    xy, variance = np.stack([look.xy for look in counted]), np.stack([look.sigma_px for look in counted]) ** 2
+    weight = 1 / variance / (1 / variance).sum(axis=0)
+    mean = (weight[..., None] * xy).sum(axis=0)
+    apart = (weight * ((xy - mean) ** 2).mean(axis=-1)).sum(axis=0)
+    return Look(
+        float(np.mean([look.presence for look in counted])),
+        mean,
+        np.mean([look.score for look in counted], axis=0),
+        np.sqrt((weight * variance).sum(axis=0) + apart),
+    )
+
 
 # two looks whose keypoints are closer than this share of the longer side of the person (median) show one person. A body that
 # is cut off at the edge of one square and whole in another differs by up to a tenth.
 _SAME_PERSON = 0.12
-# of a crop that shows a person
-_LEAST_PRESENCE = 0.5
+
+
+_PERSONS = "blazepose_persons"
+# looked for per image when no regions are given
+_MOST_PEOPLE = 16
 
 
 @settings
@@ -35,23 +119,16 @@ class BlazePoseConfig:
     """BlazePose by OpenVINO.
 
     Attributes:
-        persons, landmarks: model cards by name, or TOML files of your own; landmarks may be an ensemble.
-        models: archive, model file or folder to take the networks from; None: fetched once.
-        cache: where they are kept; None: the user's cache folder.
+        landmarks: model card by name, or a TOML file of your own; it may be an ensemble.
         precision: ``auto`` is bf16 where the CPU computes it natively.
         streams: images worked on at once; 0: one per core.
-        most_people: people looked for per image when no regions are given.
         up_rad: per camera, direction of gravity's up in its image, clockwise from the image's up
             (`up_angle_rad` of a calibrated camera); cameras not named are taken as upright.
     """
 
-    persons: str = "blazepose_persons"
     landmarks: str = "blazepose_full"
-    models: Path | None = None
-    cache: Path | None = None
     precision: Precision = "auto"
     streams: Annotated[int, Ge(0)] = 0
-    most_people: Annotated[int, Ge(1)] = 16
     up_rad: dict[str, float] = field(default_factory=dict)
 
     def fetch(
@@ -59,7 +136,7 @@ class BlazePoseConfig:
     ) -> list[Path]:
         """The network files, fetched where they are missing; see `fetch_all` for what is reported and raised."""
         persons, _, members = self._cards()
-        return fetch_all([persons, *members], self.cache or default_cache_dir(), self.models, progress, advance)
+        return fetch_all([persons, *members], default_cache_dir(), None, progress, advance)
 
     def build(self) -> BlazePoseDetector:
         """Fetch what is missing, compile, and be ready; raises ModelError when a network cannot be had."""
@@ -77,13 +154,13 @@ class BlazePoseConfig:
     def _cards(self) -> tuple[ModelCard, ModelCard | EnsembleCard, list[ModelCard]]:
         """Of the person network, of what was chosen for landmarks, and of the landmark networks in it."""
         chosen = read_any_card(self.landmarks)
-        return read_card(self.persons), chosen, chosen.member_cards() if isinstance(chosen, EnsembleCard) else [chosen]
+        return read_card(_PERSONS), chosen, chosen.member_cards() if isinstance(chosen, EnsembleCard) else [chosen]
 
 
 def default_cards() -> list[ModelCard]:
     """The networks used when no one chooses others."""
     chosen = BlazePoseConfig()
-    return [read_card(chosen.persons), read_card(chosen.landmarks)]
+    return [read_card(_PERSONS), read_card(chosen.landmarks)]
 
 
 class BlazePoseDetector:
@@ -145,7 +222,7 @@ class BlazePoseDetector:
         candidates = self._candidates(frames, squares) if squares else []
         confirmed = self._look([(frames[i], region) for i, region in candidates], thoroughly=False)
         for (i, _), look in zip(candidates, confirmed, strict=True):
-            if look.presence < _LEAST_PRESENCE or len(found[i]) >= self._config.most_people:
+            if look.presence < _LEAST_PRESENCE or len(found[i]) >= _MOST_PEOPLE:
                 continue
             if region_from_keypoints(look.xy, self._skeleton) is not None and not _known(look, found[i]):
                 found[i].append(look)

@@ -1,4 +1,8 @@
-"""The user's cache of model files; a reader never sees half a file, nor a wrong one."""
+"""Files of networks in the user's cache, fetched once and checked by their hash.
+
+No model is part of this package. A machine without a network takes the archive, the file itself, or a folder that holds either,
+by path. A reader never sees half a file, nor a wrong one.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +16,7 @@ from posefuse.core import ModelError
 from posefuse.foundation.output_file import keep_copy
 
 from .archives import member_of
-from .cards import ModelCard
+from .card import ModelCard
 
 Progress = Callable[[str], None]
 Advance = Callable[[int, int], None]

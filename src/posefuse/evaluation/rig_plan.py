@@ -17,11 +17,10 @@ from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.fusion import FuseSettings
 from posefuse.fusion.triangulation import sigma_of_size
-
-from .cameras import ListedCameras, PlacedCamera, RingCameras, placed_cameras, rig_from_cameras
-from .motion.settings import RandomPath, WalkSettings
-from .scene import PersonSettings, Scene
-from .surroundings import Box, RoomSettings, in_image
+from posefuse.simulation.cameras import ListedCameras, PlacedCamera, RingCameras, placed_cameras, rig_from_cameras
+from posefuse.simulation.motion.settings import RandomPath, WalkSettings
+from posefuse.simulation.scene import PersonSettings, Scene
+from posefuse.simulation.surroundings import Box, RoomSettings, in_image
 
 _ROOM_M = (7.0, 7.0)
 # part of the room that a walk keeps to, and the least that a random path needs

@@ -1,24 +1,101 @@
-"""2D detectors from users' networks: one person per crop (top-down), or everybody in the whole image (one-stage)."""
+"""The plug-in ``onnx``: a user's network by its model card, one person per crop (top-down) or the whole image at once."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge
 
-from posefuse.core import Detections2D, Frame, JointCentres, Region, Skeleton
+from posefuse.core import ConfigError, Detections2D, Frame, JointCentres, Region, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.core.values import keypoint_boxes
-from posefuse.detection.regions import check_regions, img_from_input, region_from_keypoints
 from posefuse.formats.joint_centres import read_joint_centres
+from posefuse.foundation.platform import usable_cores
+from posefuse.foundation.settings import settings
+from posefuse.foundation.places import default_cache_dir
 
-from .crops import input_crop_from_img, letterbox_from_img, warp_to_input
-from .keypoints import Keypoints, People
-from .layouts import keypoints_of, people_from_outputs
+from .boxes import keypoints_of, people_from_outputs
+from .card import ONE_STAGE, PERSONS, TOP_DOWN, NetworkCard, read_card, read_network_card
+from .crops import check_regions, img_from_input, input_crop_from_img, letterbox_from_img, region_from_keypoints, warp_to_input
+from .decode import Keypoints, People
+from .engines import DEFAULT_PROVIDERS, Engine, OnnxNetwork, Precision
+from .files import fetch_all
 from .noise import KeypointNoise, read_keypoint_noise
-from .people import PersonFinder, upright_first
-from .runtime import OnnxNetwork
+from .search import BoxFinder, PersonFinder, PersonNetwork, SquareFinder, upright_first
+
+# looked for per image when no regions are given
+_MOST_PEOPLE = 4
+
+
+@settings
+class OnnxConfig:
+    """A user's network by its model card.
+
+    Attributes:
+        card: TOML file that describes it, see docs/networks.md.
+        engine: what runs it: ``openvino``, or ``onnxruntime`` (the extra ``onnx``).
+        providers: execution providers of ONNX Runtime, best first, e.g. ``CUDAExecutionProvider``.
+        precision: of OpenVINO; ``auto`` is bf16 where the CPU computes it natively.
+        streams: images worked on at once; 0: one per core.
+        up_rad: per camera, direction of gravity's up in its image, clockwise from the image's up
+            (`up_angle_rad` of a calibrated camera); cameras not named are taken as upright.
+    """
+
+    card: Path
+    engine: Engine = "openvino"
+    providers: tuple[str, ...] = DEFAULT_PROVIDERS
+    precision: Precision = "auto"
+    streams: Annotated[int, Ge(0)] = 0
+    up_rad: dict[str, float] = field(default_factory=dict)
+
+    def fetch(
+        self, progress: Callable[[str], None] | None = None, advance: Callable[[int, int], None] | None = None
+    ) -> list[Path]:
+        """The default person detector's file where the card needs it; see `fetch_all`. Networks of cards are never fetched."""
+        card = read_network_card(self.card)
+        if card.kind not in TOP_DOWN or card.persons_card is not None:
+            return []
+        return fetch_all([read_card(card.persons)], default_cache_dir(), None, progress, advance)
+
+    def build(self) -> TopDownDetector | OneStageDetector:
+        """Read the card, check and compile its files.
+
+        Raises:
+            ConfigError: an invalid card. ModelError: a network that is missing or differs from its card.
+            DependencyError: ONNX Runtime is asked for and not installed.
+        """
+        card = read_network_card(self.card)
+        if card.kind in PERSONS:
+            raise ConfigError(f"{self.card}: layout {card.kind} finds people only; name it as `persons` in a card of keypoints")
+        if self.engine == "openvino" and self.providers != DEFAULT_PROVIDERS:
+            raise ConfigError(f'providers: {", ".join(self.providers)}: needs engine = "onnxruntime", got openvino')
+        network = self._network(card)
+        if card.kind in ONE_STAGE:
+            return OneStageDetector(network, self.up_rad)
+        return TopDownDetector(network, self._finder(card), self.up_rad)
+
+    def _network(self, card: NetworkCard) -> OnnxNetwork:
+        return OnnxNetwork(card, self.engine, self.precision, self.providers, self._threads)
+
+    def _finder(self, card: NetworkCard) -> PersonFinder:
+        path = card.persons_card
+        if path is None:
+            persons = read_card(card.persons)
+            return SquareFinder(PersonNetwork.compiled(persons, self.fetch()[0], self.precision, self._threads))
+        finder = read_network_card(path)
+        if finder.kind not in PERSONS:
+            kinds = " or ".join(PERSONS)
+            raise ConfigError(f"{self.card}: persons: expected a card of layout {kinds}, got {path} of layout {finder.kind}")
+        return BoxFinder(self._network(finder), card.input.size_wh, card.input.padding)
+
+    @property
+    def _threads(self) -> int:
+        return self.streams or usable_cores()
+
 
 # distance of centres over region side, below which two regions are about one person
 _SAME_PERSON = 0.15
@@ -52,8 +129,8 @@ class Observed:
 class _Networked:
     """What both kinds have in common; implements `core.Detector` but for `_found` and `_given`."""
 
-    def __init__(self, network: OnnxNetwork, most_people: int, up_rad: Mapping[str, float]) -> None:
-        self._network, self._most_people, self._up_rad = network, most_people, up_rad
+    def __init__(self, network: OnnxNetwork, up_rad: Mapping[str, float]) -> None:
+        self._network, self._up_rad = network, up_rad
         self._noise: KeypointNoise = read_keypoint_noise(network.card.noise_file)
         table = network.card.joint_centres_file
         self._joint_centres = read_joint_centres(table) if table else None
@@ -122,11 +199,11 @@ class TopDownDetector(_Networked):
 
     Args:
         network: of layout simcc or heatmap. finder: finds people when no regions are given.
-        most_people: looked for per image. up_rad: per camera, see `OnnxConfig`.
+        up_rad: per camera, see `OnnxConfig`.
     """
 
-    def __init__(self, network: OnnxNetwork, finder: PersonFinder, most_people: int, up_rad: Mapping[str, float]) -> None:
-        super().__init__(network, most_people, up_rad)
+    def __init__(self, network: OnnxNetwork, finder: PersonFinder, up_rad: Mapping[str, float]) -> None:
+        super().__init__(network, up_rad)
         self._finder = finder
 
     def _found(self, frames: Sequence[Frame]) -> list[list[_Person]]:
@@ -136,9 +213,9 @@ class TopDownDetector(_Networked):
         people: list[_Person] = []
         taken: list[Region] = []
         for regions in self._finder.stages(frame, self._up_rad.get(frame.camera, 0.0)):
-            for person in self._look([(frame, region) for region in regions[: 2 * self._most_people]]):
+            for person in self._look([(frame, region) for region in regions[: 2 * _MOST_PEOPLE]]):
                 region = region_from_keypoints(person.xy, self.skeleton)
-                if region is not None and not _known(region, taken) and len(people) < self._most_people:
+                if region is not None and not _known(region, taken) and len(people) < _MOST_PEOPLE:
                     people.append(person)
                     taken.append(region)
             if people:
@@ -161,6 +238,7 @@ class TopDownDetector(_Networked):
         affines = [input_crop_from_img(region, card.input.size_wh, card.decoding.udp) for _, region in crops]
         inputs = [warp_to_input(frame.image, affine, card.input) for (frame, _), affine in zip(crops, affines, strict=True)]
         height = float(card.input.size_wh[1])
+        # crop by crop: what one takes stays in the processor's cache, and eight at once take three times as long
         return [
             Observed(keypoints_of(card, outputs), affine, height)
             for outputs, affine in zip(self._network(inputs), affines, strict=True)
@@ -172,11 +250,11 @@ class OneStageDetector(_Networked):
 
     Args:
         network: of layout rtmo or yolo_pose.
-        most_people: given per image. up_rad: per camera, see `OnnxConfig`.
+        up_rad: per camera, see `OnnxConfig`.
     """
 
     def _found(self, frames: Sequence[Frame]) -> list[list[_Person]]:
-        return [people[: self._most_people] for people in self._everybody(frames)]
+        return [people[:_MOST_PEOPLE] for people in self._everybody(frames)]
 
     def _given(self, asked: Sequence[tuple[Frame, Sequence[Region]]]) -> list[list[_Person]]:
         everybody = iter(self._everybody([frame for frame, regions in asked if regions]))
@@ -222,11 +300,7 @@ class OneStageDetector(_Networked):
         # sigma is given in shares of the crop that holds the person
         heights = self._network.card.input.padding * np.maximum(people.box[:, 3] - people.box[:, 1], 1.0)
         return [
-            Observed(
-                Keypoints(*(values[i : i + 1] for values in (seen.xy, seen.score, seen.spread_px, seen.rival))), input_from_img, h
-            )
-            for i, h in enumerate(heights.tolist())
-            if np.isfinite(seen.xy[i]).any()
+            Observed(seen.only(i), input_from_img, h) for i, h in enumerate(heights.tolist()) if np.isfinite(seen.xy[i]).any()
         ]
 
     def _chosen(self, people: Sequence[_Person], regions: Sequence[Region]) -> list[_Person]:
