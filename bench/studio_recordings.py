@@ -25,7 +25,7 @@ from posefuse.formats.truth import read_truth
 from posefuse.foundation.parsing import plain
 from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.playback import Playback
-from posefuse.pipeline.session_images import session_of_recording
+from posefuse.pipeline.writing import session_of_recording
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tools"))
 
