@@ -189,7 +189,7 @@ def _models() -> list[MachineCheck]:
 
 def _rendering() -> list[MachineCheck]:
     from posefuse.core import DependencyError
-    from posefuse.simulation.render.backend import working_backend
+    from posefuse.simulation.render.stage import working_backend
 
     name = "rendering (simulator)"
     try:

@@ -37,9 +37,9 @@ from posefuse.foundation.platform import usable_cores
 
 from .build import LiveScene, live_scene
 from .exact import flesh_of_points, prop_truth, seen_points, truth_with
-from .render.backend import check_framebuffer, working_backend
 from .render.model import render_model
 from .render.shot import moments_of
+from .render.stage import check_framebuffer, working_backend
 from .render.workers import RenderJob, RenderTask, image_name, render_all
 from .scene import SCENE_FILE, H264Settings, Scene, motion_files, scene_text, write_scene
 
