@@ -222,7 +222,7 @@ def measure_focus() -> None:
     import cv2
 
     from posefuse.formats.video import read_video
-    from posefuse.pipeline.demo_clip import clip_folder
+    from posefuse.pipeline.session import clip_folder
     from posefuse.studio.focus import detail_left
 
     images: list[Any] = [next(iter(read_video(path)))[1] for path in sorted((clip_folder() / "videos").glob("*.mp4"))]

@@ -23,7 +23,7 @@ from posefuse.core import Kind, PoseSequence, Recording
 from posefuse.foundation.parsing import plain
 from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.playback import Playback
-from posefuse.pipeline.session_images import session_of_recording
+from posefuse.pipeline.writing import session_of_recording
 
 TILE_PX = 480
 

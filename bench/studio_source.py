@@ -20,7 +20,7 @@ import numpy as np
 
 from posefuse.formats.truth import read_truth
 from posefuse.formats.video import read_video
-from posefuse.pipeline.demo_clip import clip_folder
+from posefuse.pipeline.session import clip_folder
 from posefuse.studio.job_process import JobReporter
 from posefuse.studio.jobs import JOBS_FOLDER, write_json
 from posefuse.studio.live_host import Host

@@ -18,7 +18,7 @@ from posefuse.core import SE3, Camera, Frame
 from posefuse.core.arrays import Array
 from posefuse.formats.video import VideoWriter
 from posefuse.health.background import background_of
-from posefuse.pipeline.person_calibration import background_of_person
+from posefuse.pipeline.calibration import background_of_person
 from posefuse.sources import VideoConfig, VideoSource
 
 SIZE_WH, FRAMES, PERIOD_NS = (640, 480), 90, 100_000_000

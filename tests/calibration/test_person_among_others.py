@@ -14,7 +14,7 @@ from posefuse.calibration.person.solve import PersonCalibration, calibrate_from_
 from posefuse.calibration.person.views import person_views
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.core import Camera, Detections2D, Rig
-from posefuse.pipeline.person_calibration import solve_person
+from posefuse.pipeline.calibration import solve_person
 from posefuse.pipeline.person_poses import PersonSeen
 
 T_S = np.arange(72) / 6.0

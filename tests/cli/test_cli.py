@@ -109,7 +109,7 @@ def test_demo_takes_the_clip_of_the_package_and_prints_the_next_step(monkeypatch
     folder, options, *_ = taken[0]
     assert (folder, options.out, options.force) == (demo_session, tmp_path / "d", False)
     assert "next: posefuse track SESSION --out RESULT" in err
-    monkeypatch.setattr("posefuse.pipeline.demo_clip._PLACES", (tmp_path / "nowhere",))
+    monkeypatch.setattr("posefuse.pipeline.session._PLACES", (tmp_path / "nowhere",))
     code, _, err = run(capsys, "demo")
     assert code == 1 and "reinstall posefuse" in err.splitlines()[-1]
 

@@ -13,7 +13,7 @@ from posefuse.cli.viewing import view_result
 from posefuse.core import InputError
 from posefuse.formats.recording import read_recording
 from posefuse.outputs.rerun import FILE
-from posefuse.pipeline.session_images import nearby_session, session_of_recording
+from posefuse.pipeline.writing import nearby_session, session_of_recording
 
 pytest.importorskip("rerun", reason="the extra `viewer` is not installed")
 

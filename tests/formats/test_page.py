@@ -30,7 +30,7 @@ from posefuse.formats.page import (
     Ticks,
     write_page,
 )
-from posefuse.formats.page.numbers import COARSE, FINE, page_numbers
+from posefuse.formats.page.plots import COARSE, FINE, page_numbers
 from posefuse.formats.page.write import PLOTLY
 
 NASTY = "<b>[x]</script>{{ 7*7 }}&amp;\"'%{y}"

@@ -7,7 +7,7 @@ import pytest
 
 from posefuse.core import InputError
 from posefuse.evaluation.tracks import read_tracks
-from posefuse.formats.points_csv import read_points_csv
+from posefuse.formats.named_points import read_points_csv
 
 WIDE = "t_s,Knie_x,Knie_y,Knie_z\n0.0,1.5,2.5,-3.5\n0.1,1.6,,nan\n"
 LONG = (

@@ -9,7 +9,7 @@ import pytest
 
 import posefuse as pf
 from posefuse.formats.detection_log import LOG_FILE, read_log
-from posefuse.pipeline.edits_file import read_edits
+from posefuse.pipeline.edits import read_edits
 
 GOLDEN = Path(__file__).with_name("recordings")
 FACTS = json.loads((GOLDEN / "facts.json").read_text(encoding="utf-8"))

@@ -10,12 +10,10 @@ from posefuse.core import InputError, Kind, PoseSequence
 from posefuse.kinematics import JOINT_NAMES, joints_from_poses
 from posefuse.kinematics.body import BodySettings, bodies_from_poses, fit_poses, fit_views, kernels
 from posefuse.kinematics.body import filter as filter_module
-from posefuse.kinematics.body.filter import BodyFilter, Measurement, of_points
+from posefuse.kinematics.body.filter import BodyFilter, Measurement, guessed_state, of_points
 from posefuse.kinematics.body.fit import _failed, _off
-from posefuse.kinematics.body.guess import guessed_state
 from posefuse.kinematics.body.packed import packed_from_body
-from posefuse.kinematics.body.response import robust_variance_factor
-from posefuse.kinematics.body.result import StateReader
+from posefuse.kinematics.body.result import StateReader, robust_variance_factor
 from posefuse.kinematics.joints import FrameBuffers
 from posefuse.kinematics.settings import JointSettings
 

@@ -8,9 +8,9 @@ from built import view_sequence
 
 from posefuse.core import ViewSequence
 from posefuse.kinematics.body import BodySettings, LengthPrior, bodies_from_poses, fit_views, kernels
-from posefuse.kinematics.body.guess import guessed_state
+from posefuse.kinematics.body.filter import guessed_state
 from posefuse.kinematics.body.packed import packed_from_body
-from posefuse.kinematics.body.response import length_derivatives
+from posefuse.kinematics.body.result import length_derivatives
 from posefuse.kinematics.body.shape import slopes_of
 from posefuse.kinematics.joints import FrameBuffers
 from posefuse.kinematics.settings import JointSettings

@@ -11,8 +11,8 @@ from posefuse.core.joint_centres import SEGMENT_ENDS
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.kinematics import JointSettings
 from posefuse.kinematics.body import BodySettings, LengthPrior, LiveBody, LiveBodyRules, LiveRays, TrackedPoints
-from posefuse.kinematics.body.fade import Fade
-from posefuse.kinematics.body.standing import StandingFeet
+from posefuse.kinematics.body.contacts import StandingFeet
+from posefuse.kinematics.body.live import Fade
 from posefuse.kinematics.joints import FrameBuffers
 
 PERIOD_NS, CHECK_NS = 10_000_000, 200_000_000

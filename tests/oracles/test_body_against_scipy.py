@@ -8,7 +8,7 @@ from scipy.optimize import least_squares
 from posefuse.core.skeleton import COCO17
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.kinematics.body import BodyModel, BodySettings, bodies_from_poses, kernels
-from posefuse.kinematics.body.guess import guessed_state
+from posefuse.kinematics.body.filter import guessed_state
 from posefuse.kinematics.body.packed import Packed, packed_from_body
 from posefuse.kinematics.joints import FrameBuffers
 from posefuse.kinematics.settings import JointSettings

@@ -7,8 +7,7 @@ from scipy.optimize import least_squares
 from posefuse.core.skeleton import COCO17
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.kinematics.body import BodySettings, LengthPrior, bodies_from_poses, kernels, with_solved_lengths
-from posefuse.kinematics.body.filter import Measurement
-from posefuse.kinematics.body.guess import guessed_state
+from posefuse.kinematics.body.filter import Measurement, guessed_state
 from posefuse.kinematics.body.packed import packed_from_body
 from posefuse.kinematics.body.shape import slopes_of
 from posefuse.kinematics.joints import FrameBuffers

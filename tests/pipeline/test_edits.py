@@ -17,8 +17,7 @@ from posefuse.core.values import keypoint_boxes
 from posefuse.formats.recording import read_recording, write_recording
 from posefuse.foundation.parsing import plain
 from posefuse.pipeline.config import TrackConfig, changed_config
-from posefuse.pipeline.edits import Edits, Exclusion, used_frames
-from posefuse.pipeline.edits_file import edits_path, read_edits, write_edits
+from posefuse.pipeline.edits import Edits, Exclusion, edits_path, read_edits, used_frames, write_edits
 from posefuse.pipeline.solve import SolveSettings, edits_of, solve, solve_again
 
 T, K, PERIOD_NS, CAMERAS = 45, len(COCO17), 33_333_333, 5

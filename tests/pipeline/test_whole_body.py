@@ -11,10 +11,10 @@ from posefuse.detection.card import read_card
 from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.kinematics.body import BodySettings, fit_views
-from posefuse.pipeline import whole_body
+from posefuse.pipeline import second_pass
 from posefuse.pipeline.config import TrackConfig, changed_config
+from posefuse.pipeline.second_pass import hidden_people, with_bodies
 from posefuse.pipeline.solve import SolveSettings
-from posefuse.pipeline.whole_body import hidden_people, with_bodies
 from posefuse.simulation.exact import truth_of
 from posefuse.simulation.scene import Scene
 
@@ -225,7 +225,7 @@ def test_a_fit_of_one_person_is_the_same_next_to_others_and_leaves_them_out(walk
         fitted.extend(poses.person_id.tolist())
         return fit_views(poses, *rest, **options)
 
-    monkeypatch.setattr(whole_body, "fit_views", spied)
+    monkeypatch.setattr(second_pass, "fit_views", spied)
     alone = with_bodies(recording, recording.views, BodySettings(), None, only_hidden=True)
     assert fitted == alone.provenance["fitted_people"] == [0]
     for name in ("xyz_world", "cov_world", "kind"):

@@ -17,7 +17,7 @@ from posefuse.core import InputError
 from posefuse.formats.pixels import Pixels, RgbPixels
 from posefuse.foundation.output_folder import MARK_FILE
 from posefuse.pipeline.config import TrackConfig
-from posefuse.pipeline.live_videos import session_with_videos
+from posefuse.pipeline.playback import session_with_videos
 from posefuse.pipeline.session import find_session
 from posefuse.realtime import video_keeping
 from posefuse.realtime.capture import Capture, LiveInput

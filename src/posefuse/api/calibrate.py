@@ -37,15 +37,15 @@ from posefuse.core import SE3, CalibrationError, InputError, Progress
 from posefuse.core.arrays import Array
 from posefuse.formats.rig import rescaled_cameras
 from posefuse.health.background import background_of
-from posefuse.pipeline.clock_calibration import person_in_session
-from posefuse.pipeline.config import CONFIG_FILE, changed_config, read_config
-from posefuse.pipeline.person_calibration import (
+from posefuse.pipeline.calibration import (
     background_of_person,
     check_recordings,
     find_person,
     frame_periods_s,
+    person_in_session,
     solve_person,
 )
+from posefuse.pipeline.config import CONFIG_FILE, changed_config, read_config
 
 from .arguments import checked
 from .calibration_results import ClockCalibration, IntrinsicsCalibration, RigCalibration, RigVerification

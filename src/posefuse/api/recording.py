@@ -194,8 +194,7 @@ class Recording(core.Recording):
             ConfigError: no such format.
             InputError: the folder holds anything else, or a file cannot be written; those of the other formats are.
         """
-        from posefuse.pipeline.session_images import session_of_recording
-        from posefuse.pipeline.writing import export_recording, failures
+        from posefuse.pipeline.writing import export_recording, failures, session_of_recording
 
         found = None if session is None else session_of_recording(self, Path(session))
         with shown(progress) as report:

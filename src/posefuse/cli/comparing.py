@@ -10,7 +10,7 @@ from posefuse.cli.command_options import CompareOptions
 from posefuse.evaluation.compare_page import PAGE_FILE, alignment_facts, comparison_figures, distance_rows, write_comparison
 from posefuse.foundation.output_folder import check_replaceable
 from posefuse.foundation.places import check_outside_inputs
-from posefuse.pipeline.comparing import to_compare
+from posefuse.pipeline.reports import to_compare
 
 from .terminal import Terminal
 

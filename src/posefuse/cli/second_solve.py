@@ -17,14 +17,12 @@ from posefuse.foundation.places import check_outside_inputs
 from posefuse.outputs.rerun_scene import check_viewer
 from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.config import DEFAULT_OUTPUTS, TrackConfig, options_by_name, read_config
-from posefuse.pipeline.edits import NO_EDITS, Edits, Exclusion
-from posefuse.pipeline.edits_file import edits_path, read_edits
+from posefuse.pipeline.edits import NO_EDITS, Edits, Exclusion, edits_path, read_edits
 from posefuse.pipeline.reading import files_of_result, read_result
 from posefuse.pipeline.run import refined_line
 from posefuse.pipeline.session import Session
-from posefuse.pipeline.session_images import nearby_session, session_frames
 from posefuse.pipeline.solve import REFINED, edits_of, solve_again
-from posefuse.pipeline.writing import build_sinks, write_result
+from posefuse.pipeline.writing import build_sinks, nearby_session, session_frames, write_result
 
 from .terminal import Terminal
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from posefuse.outputs.rerun import FILE, open_in_viewer, view_recording
 from posefuse.outputs.rerun_scene import check_rerun
 from posefuse.pipeline.reading import read_result
-from posefuse.pipeline.session_images import nearby_session, session_frames, session_of_recording
+from posefuse.pipeline.writing import nearby_session, session_frames, session_of_recording
 
 from .terminal import Terminal
 

@@ -12,9 +12,7 @@ import numpy as np
 from posefuse.core import InputError, PoseSequence
 from posefuse.core.arrays import Array
 from posefuse.formats.c3d import C3dData, read_c3d
-from posefuse.formats.mvnx import read_mvnx
-from posefuse.formats.named_points import NamedPoints
-from posefuse.formats.points_csv import read_points_csv
+from posefuse.formats.named_points import NamedPoints, read_mvnx, read_points_csv
 from posefuse.formats.recording import read_result_poses
 from posefuse.formats.trc import read_trc
 from posefuse.formats.truth import read_loop, read_truth

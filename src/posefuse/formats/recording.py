@@ -11,19 +11,60 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from posefuse.core import InputError, Observations, PosefuseError, PoseSequence, Recording, Rig, Skeleton
+from posefuse.core import SE3, Camera, InputError, Observations, PosefuseError, PoseSequence, Recording, Rig, Skeleton
 from posefuse.core.observations import OBSERVATION_ARRAYS
 from posefuse.foundation.output_file import atomic_file, write_text
 from posefuse.foundation.parsing import one_line, parse_json, read_text
 
 from .npz import DAMAGED, read_arrays
 from .rig import read_rig, write_rig
-from .rig.values import rig_from_values, rig_values
+
+# A rig as plain JSON values to the last bit, which files for other programs do not keep.
+
+
+def rig_values(rig: Rig) -> dict[str, Any]:
+    """Plain values; `rig_from_values` gives the same rig back."""
+    cameras = [
+        {
+            "name": camera.name,
+            "size_wh": list(camera.size_wh),
+            "K": camera.K.tolist(),
+            "wxyz": camera.cam_from_world.wxyz.tolist(),
+            "xyz": camera.cam_from_world.xyz.tolist(),
+            "distortion": camera.distortion.tolist(),
+            "model": camera.model,
+            "readout_s": camera.readout_s,
+        }
+        for camera in rig
+    ]
+    residual_px = None if math.isnan(rig.residual_px) else rig.residual_px
+    return {"cameras": cameras, "world_set_by": rig.world_set_by, "residual_px": residual_px, "refused": rig.refused}
+
+
+def rig_from_values(content: Mapping[str, Any]) -> Rig:
+    """The rig of `rig_values`; raises KeyError, TypeError, ValueError or PosefuseError for anything else."""
+    cameras = tuple(
+        Camera(
+            name=one["name"],
+            size_wh=tuple(one["size_wh"]),
+            K=one["K"],
+            cam_from_world=SE3(one["wxyz"], one["xyz"]),
+            distortion=one["distortion"],
+            model=one["model"],
+            readout_s=one["readout_s"],
+        )
+        for one in content["cameras"]
+    )
+    residual_px = math.nan if content["residual_px"] is None else content["residual_px"]
+    return Rig(cameras, content["world_set_by"], residual_px, content.get("refused", ""))
+
 
 ARRAYS_FILE = "recording.npz"
 OBSERVATIONS_FILE = "observations.npz"

@@ -6,8 +6,7 @@ from posefuse.core.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from .definitions import JOINT_NAMES, JOINTS, SEGMENT_NAMES, SEGMENTS, undefined_angles, undefined_segments
-    from .joints import JointTracker, joints_from_poses, reasons_from_poses, segment_axes
-    from .reasons import Reason
+    from .joints import JointTracker, Reason, joints_from_poses, reasons_from_poses, segment_axes
     from .settings import JointSettings
     from .sides import check_sides, facing_votes
 

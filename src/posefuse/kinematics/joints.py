@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from enum import IntEnum
 
 import numpy as np
 
@@ -33,6 +34,20 @@ from .definitions import (
 )
 from .settings import JointSettings
 from .sides import check_sides
+
+# Why an angle is not there.
+
+
+class Reason(IntEnum):
+    """Why an angle is NaN, or that it is not."""
+
+    DEFINED = kernels.DEFINED
+    NOT_DETERMINED = kernels.NOT_DETERMINED  # these keypoints never determine it
+    MISSING = kernels.MISSING  # a keypoint it needs is missing at this time step
+    STRAIGHT_LIMB = kernels.STRAIGHT_LIMB  # the plane of a straight limb was lost too long ago
+    GIMBAL_LOCK = kernels.GIMBAL_LOCK  # first and last axis of the sequence are parallel: only their sum is known
+    UNCERTAIN = kernels.UNCERTAIN  # the keypoints are known too badly
+
 
 _HINGE_MEMORY_S = 0.2
 _ORIGINS = SEGMENT_PAIRS[:, 0]

@@ -22,7 +22,7 @@ from posefuse.foundation.parsing import plain
 from posefuse.foundation.places import default_cache_dir
 from posefuse.outputs.facts import recorded_utc
 
-from .batch.figures import quality_figures
+from .batch.page import quality_figures
 from .reading import LIVE_SUFFIX, is_live, is_result, read_result
 
 CACHE_FOLDER = "recordings"
@@ -214,8 +214,7 @@ def _picture(path: Path, within: Path | None) -> bytes:
     from posefuse.outputs.drawing import jpeg_of
     from posefuse.outputs.overview import best_instant, stage_picture
 
-    from .live_videos import session_with_videos
-    from .playback import Playback
+    from .playback import Playback, session_with_videos
 
     recording = read_result(path, lambda line: None)
     i = best_instant(recording)

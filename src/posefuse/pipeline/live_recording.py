@@ -10,13 +10,18 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from posefuse.association import AssociateSettings
 from posefuse.association.settings import MOST_NAME, MOST_NAMES
 from posefuse.core import (
+    Camera,
     ConfigError,
     Detections2D,
     InputError,
     JointCentres,
     MessageError,
+    Observations,
     Pose3D,
     PosefuseError,
     PoseSequence,
@@ -24,19 +29,93 @@ from posefuse.core import (
     Rig,
     SourceError,
 )
+from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
-from posefuse.core.observations import observations_from_frames
+from posefuse.core.observations import NOT_KEPT, observations_from_frames
 from posefuse.core.recording import person_name
-from posefuse.formats.rig.values import rig_from_values
+from posefuse.detection.build import DetectorChoice
+from posefuse.formats.recording import rig_from_values
 from posefuse.foundation.parsing import one_line, plain
+from posefuse.foundation.settings import settings_from_mapping
+from posefuse.fusion import FuseSettings
 from posefuse.messages import topics
 from posefuse.messages.bags import read_mcap, read_notes, read_rig
 from posefuse.messages.camera_messages import joint_centres_from_message
 from posefuse.messages.messages import detections_from_message, names_from_message, pose_from_message
 from posefuse.outputs.live.record import NOTES
 
-from .live_people import people_of_detections
-from .live_settings import track_config_of_live
+from .config import TrackConfig
+
+# Settings for the second solve of a live session, from those that it was made with.
+
+
+def track_config_of_live(settings: Mapping[str, Any], where: str) -> TrackConfig:
+    """The settings that a recorded run shares with a live one, as the session had them; all others at their defaults.
+
+    Args:
+        settings: those of `posefuse live`, as plain values. where: for messages.
+
+    Raises:
+        ConfigError: settings of another version.
+    """
+    associate = settings_from_mapping(settings.get("associate", {}), AssociateSettings, where=f"{where}: associate")
+    people = settings.get("track", {}).get("max_people", associate.max_people)
+    return TrackConfig(
+        detector=settings_from_mapping(settings.get("detector", {}), DetectorChoice, where=f"{where}: detector"),
+        associate=replace(associate, max_people=people),
+        fuse=settings_from_mapping(settings.get("fuse", {}), FuseSettings, where=f"{where}: fuse"),
+        names=tuple(settings.get("names", ())),
+        joint_centres=bool(settings.get("joint_centres", True)),
+    )
+
+
+# Which person of a live session's poses a detection shows: messages of detections do not have it.
+
+# a detection farther from a person's projection than this share of the projection's extent shows another person
+_MOST_OFF_SHARE = 0.25
+# the pose nearest in time counts for a frame if it is this close
+_NEAR_NS = 100_000_000
+
+
+def people_of_detections(observations: Observations, rig: Rig, poses: PoseSequence) -> Array:
+    """(R,) the person whose pose, seen by the camera at the frame's time, is nearest to each detection; -1: no person.
+
+    In one frame a person has the nearest detection only.
+    """
+    frame = observations.detection_frame
+    people = np.full(len(observations), NOT_KEPT, np.int64)
+    if not len(poses.person_id):
+        return people
+    for c, camera in enumerate(rig):
+        rows = np.flatnonzero(observations.frame_camera[frame] == c)
+        if not len(rows):
+            continue
+        off = _off_share(camera, observations.xy_img[rows], observations.frame_t_ns[frame[rows]], poses)
+        nearest = off.argmin(axis=1)
+        share = off[np.arange(len(rows)), nearest]
+        order = np.lexsort((share, nearest, frame[rows]))
+        first = np.ones(len(rows), np.bool_)
+        first[1:] = (np.diff(frame[rows][order]) != 0) | (np.diff(nearest[order]) != 0)
+        chosen = order[first & (share[order] < _MOST_OFF_SHARE)]
+        people[rows[chosen]] = poses.person_id[nearest[chosen]]
+    return people
+
+
+def _off_share(camera: Camera, xy_img: Array, t_ns: Array, poses: PoseSequence) -> Array:
+    """(R, N) median distance of a detection's keypoints from each person's projection, per extent of the latter; else inf."""
+    after = np.searchsorted(poses.t_ns, t_ns).clip(1, max(len(poses) - 1, 1))
+    before, after = after - 1, after.clip(max=len(poses) - 1)
+    tick = np.where(t_ns - poses.t_ns[before] <= poses.t_ns[after] - t_ns, before, after)
+    shown = camera.project(poses.xyz_world[tick])
+    shown[np.abs(poses.t_ns[tick] - t_ns) > _NEAR_NS] = np.nan
+    apart = np.linalg.norm(xy_img[:, None] - shown, axis=-1)
+    there = np.isfinite(apart).any(axis=-1)
+    off = np.full(there.shape, np.inf)
+    seen = shown[there]
+    extent = (np.nanmax(seen, axis=1) - np.nanmin(seen, axis=1)).max(axis=-1)
+    off[there] = np.nanmedian(apart[there], axis=-1) / np.maximum(extent, 1.0)
+    return off
+
 
 Warn = Callable[[str], None]
 # read on both sides of a section

@@ -18,9 +18,8 @@ from .config import TrackConfig
 from .opening import Opened, open_session
 from .run import Tracked, track_opened
 from .session import Session
-from .session_images import session_frames
 from .store import DetectionStore, keep_log_only, remove_unfinished, unfinished_work
-from .writing import build_sinks, estimated_result_bytes, write_result
+from .writing import build_sinks, estimated_result_bytes, session_frames, write_result
 
 Warn = Callable[[str], None]
 KEPT = "the detections made so far are kept; the same again with `resume=True` continues from them"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,34 +12,88 @@ from typing import Any
 import numpy as np
 
 from posefuse import __version__
+from posefuse.association import AssociateSettings, associate
 from posefuse.calibration.person.scale import size_doubt
 from posefuse.core import (
     DetectionBatch,
     InputError,
     JointCentres,
+    LookKind,
     Observations,
+    Pose3D,
     PosefuseError,
+    PoseSequence,
     Recording,
+    Rig,
+    Skeleton,
 )
+from posefuse.core.duplicates import duplicates
 from posefuse.core.errors import choices
 from posefuse.core.observations import NOT_KEPT
 from posefuse.foundation.compiled import compiling
 from posefuse.foundation.parsing import plain
+from posefuse.fusion import fuse
 from posefuse.health.background import background_of
 from posefuse.health.recorded import checked_rig
 from posefuse.health.rig_monitor import UNSYNCHRONISED, RigFinding
 from posefuse.sources.video import recorded_at
+from posefuse.tracking import smooth
+from posefuse.tracking.stand_in import made_up_detections
 
 from .clock import StageClock
 from .config import TrackConfig
 from .following import FollowedLog, PeopleFollower
 from .opening import Opened, open_session
-from .others import others_line, others_seen
 from .session import LEAST_CAMERAS, Session
 from .solve import REFINED, SolveSettings, run_second_pass, with_refined_rig
 from .store import DetectionStore
 from .time_steps import stored_steps
-from .warm_up import warm_up
+
+# People who were seen but not asked for: how many, and in which cameras.
+
+# a person seen by one camera alone may be a poster on the wall
+_LEAST_CAMERAS = 2
+
+
+def others_seen(observations: Observations, settings: AssociateSettings) -> dict[str, int]:
+    """By camera, the most people that one search of a whole image found besides those of the result; none: left out."""
+    most: dict[str, int] = {}
+    frame = observations.detection_frame[observations.person_id != NOT_KEPT]
+    kept = Counter(zip(observations.frame_step[frame].tolist(), observations.frame_camera[frame].tolist(), strict=True))
+    for i in np.flatnonzero(observations.frame_look == LookKind.SEARCH).tolist():
+        found = observations.detections(i)
+        bodies = ~duplicates(found, settings.duplicate_share) & (found.score > 0).any(axis=1)
+        more = int(bodies.sum()) - kept[int(observations.frame_step[i]), int(observations.frame_camera[i])]
+        if more > 0:
+            most[found.camera] = max(most.get(found.camera, 0), more)
+    return most
+
+
+def others_line(seen: dict[str, int], followed: int) -> str | None:
+    """One line about them; None where there is nothing to report."""
+    if len(seen) < _LEAST_CAMERAS:
+        return None
+    where = ", ".join(f"{camera} ({count})" for camera, count in seen.items())
+    count = max(seen.values())
+    more = "1 more person was" if count == 1 else f"up to {count} more people were"
+    return f"{more} seen than the {followed} followed: {where}; `people=N` follows more"
+
+
+# Compile the numeric kernels before the clock of the real work runs; they are kept on disk, so only the first run waits.
+
+_INSTANTS = 12
+
+
+def warm_up(rig: Rig, skeleton: Skeleton, config: TrackConfig) -> None:
+    """Run association, fusion and smoothing once on a made-up person in front of the cameras."""
+    poses: list[Pose3D] = []
+    for detections in made_up_detections(rig, skeleton, _INSTANTS):
+        before = poses[-1] if poses else None
+        poses.append(fuse(associate(detections, rig, config.associate, before), rig, config.fuse, before))
+    people = [pose for pose in poses if len(pose.person_id) == len(poses[-1].person_id)]
+    if len(people) > 2 and len(people[0].person_id):
+        smooth(PoseSequence.from_poses(people), config.smooth)
+
 
 Progress = Callable[[int, int], None]
 Say = Callable[[str], None]

@@ -18,8 +18,7 @@ from posefuse.formats.pose2d import POSE2D_SUFFIXES
 from posefuse.formats.rig import fit_camera_to_video, read_placed_rig, rig_warnings
 from posefuse.sources import IMAGE_SUFFIXES, VIDEO_SUFFIXES
 
-from .config import CameraInput, TrackConfig
-from .pose2sim_project import PROJECT_FILE
+from .config import PROJECT_FILE, CameraInput, TrackConfig
 from .reading import is_result
 
 RIG_PATTERNS = (
@@ -254,3 +253,18 @@ def _words(name: str) -> list[str]:
 
 def _inside(part: list[str], whole: list[str]) -> bool:
     return bool(part) and any(whole[i : i + len(part)] == part for i in range(len(whole) - len(part) + 1))
+
+
+# The bundled clip: four simulated cameras, a walking person.
+
+_PACKAGE = Path(__file__).resolve().parents[1]
+# a wheel has the first seconds of the videos, and the rig; a checkout has all of it, with the exact truth
+_PLACES = (_PACKAGE.parents[1] / "examples" / "demo", _PACKAGE / "demo_clip")
+
+
+def clip_folder() -> Path:
+    """The session folder of the clip; raises InputError when this installation has none."""
+    for place in _PLACES:
+        if (place / "rig.toml").is_file():
+            return place
+    raise InputError(f"the bundled clip is not in this installation (looked in {_PLACES[-1]}); reinstall posefuse")

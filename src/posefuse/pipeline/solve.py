@@ -14,7 +14,7 @@ from posefuse.calibration.extrinsics.refine import refined_extrinsics
 from posefuse.calibration.settings import RefineSettings
 from posefuse.core import InputError, JointCentres, Observations, Recording, Rig
 from posefuse.core.arrays import Array
-from posefuse.core.observations import NOT_KEPT, on_time_steps
+from posefuse.core.observations import NOT_KEPT, camera_times, on_time_steps
 from posefuse.core.view_sequences import ViewsInParts
 from posefuse.formats.joint_centres import joint_centres_from_mapping
 from posefuse.foundation.parsing import plain
@@ -27,10 +27,25 @@ from .clock import StageClock
 from .config import TrackConfig
 from .edits import NO_EDITS, Edits, check_edits, only_person, used_frames
 from .following import PeopleFollower
-from .live_steps import live_timeline
-from .second_pass import long_enough, poses_over_time
+from .images import Timeline, common_timeline
+from .second_pass import long_enough, poses_over_time, with_bodies
 from .time_steps import stored_steps
-from .whole_body import with_bodies
+
+# Time steps for the frames of a live session: cameras that run freely, and of which not every frame was used.
+
+
+def live_timeline(observations: Observations, config: TrackConfig) -> Timeline:
+    """Even time steps at the fastest camera's rate (or `config.rate_hz`), see `common_timeline`.
+
+    Raises:
+        InputError: no frame.
+        SourceError: nothing between start and end, or more time steps than a recording can have.
+    """
+    times = camera_times(observations)
+    if not times:
+        raise InputError("live recording: it holds no detections; there is nothing to solve")
+    return common_timeline(times, config.rate_hz, config.start_s, config.end_s)
+
 
 # in the provenance of a recording whose extrinsics were refined from its people
 REFINED = "refined_rig"

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from posefuse import __version__
 from posefuse.core import InputError, Rig
-from posefuse.formats.rig.values import rig_values
+from posefuse.formats.recording import rig_values
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.messages.bags import read_notes
 from posefuse.outputs.live.record import NOTES

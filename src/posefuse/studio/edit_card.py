@@ -10,8 +10,7 @@ from nicegui import ui
 
 from posefuse.core import PosefuseError, Recording
 from posefuse.foundation.parsing import plain
-from posefuse.pipeline.edits import NO_EDITS, Edits, Exclusion, check_edits
-from posefuse.pipeline.edits_file import read_edits, write_edits
+from posefuse.pipeline.edits import NO_EDITS, Edits, Exclusion, check_edits, read_edits, write_edits
 from posefuse.pipeline.solve import edits_of
 
 from .shell import card, refused

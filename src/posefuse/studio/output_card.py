@@ -6,7 +6,7 @@ from nicegui import ui
 
 from posefuse.core import PosefuseError
 from posefuse.foundation.plugins import list_plugins
-from posefuse.pipeline.reporting import PAGE_FILE, report_folder
+from posefuse.pipeline.reports import PAGE_FILE, report_folder
 
 from .job_cards import file_address
 from .shell import card, refused

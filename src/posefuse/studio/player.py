@@ -18,8 +18,7 @@ from posefuse.core.arrays import Array
 from posefuse.foundation.requests_to_end import children_ignore_requests, leave_requests_to_parent
 from posefuse.kinematics.gait import Gait, gait_from_poses
 from posefuse.outputs.drawing import person_rgb
-from posefuse.pipeline.live_videos import session_with_videos
-from posefuse.pipeline.playback import Playback, PlaybackStep
+from posefuse.pipeline.playback import Playback, PlaybackStep, session_with_videos
 
 from .scene.messages import image_message, labels_message, poses_message, setup_message
 from .scene.setup import scene_setup

@@ -96,7 +96,7 @@ def rig_of_setup(workspace: StudioWorkspace, setup: Setup) -> Rig:
         InputError: it has no rig yet. CalibrationError: a rig file that cannot be read, or without poses.
     """
     from posefuse.formats.rig import read_placed_rig
-    from posefuse.pipeline.demo_clip import clip_folder
+    from posefuse.pipeline.session import clip_folder
 
     if setup.name == DEMO:
         return read_placed_rig(clip_folder() / "rig.toml")
@@ -111,7 +111,7 @@ def inputs_of_setup(workspace: StudioWorkspace, setup: Setup, rig: Rig | None = 
     Raises:
         SourceError: a source that cannot be read, or a camera that the rig does not have.
     """
-    from posefuse.pipeline.demo_clip import clip_folder
+    from posefuse.pipeline.session import clip_folder
     from posefuse.realtime.inputs import inputs_from_arguments
 
     if setup.name == DEMO:

@@ -46,7 +46,7 @@ def demo(
         force: Replace DIR if it exists.
     """
     from posefuse.cli.tracking import track_session
-    from posefuse.pipeline.demo_clip import clip_folder
+    from posefuse.pipeline.session import clip_folder
 
     clip = clip_folder()
     terminal.note(f"the clip lies in {clip}; the same as: posefuse track {clip} --out {out}")

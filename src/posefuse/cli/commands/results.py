@@ -48,7 +48,7 @@ def report(
     from posefuse.evaluation.biomechanics import BiomechanicsSettings
     from posefuse.foundation.compiled import compiling
     from posefuse.pipeline.reading import read_result
-    from posefuse.pipeline.reporting import report_folder, write_report_folder
+    from posefuse.pipeline.reports import report_folder, write_report_folder
 
     recording = read_result(result, terminal.warn, observed=fit == "rays")
     folder = out or report_folder(result)
@@ -80,8 +80,7 @@ def export(
         session: Session the result was made from, for its images (default: a folder of its name near the result or here).
     """
     from posefuse.pipeline.reading import files_of_result, read_result
-    from posefuse.pipeline.session_images import nearby_session, session_of_recording
-    from posefuse.pipeline.writing import export_recording
+    from posefuse.pipeline.writing import export_recording, nearby_session, session_of_recording
 
     recording = read_result(result, terminal.warn)
     found = nearby_session(recording, result) if session is None else session_of_recording(recording, session)

@@ -11,7 +11,7 @@ import numpy as np
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
 
-from .numbers import with_decimals
+from .plots import with_decimals
 
 Side = Literal["left", "right", "mid"]
 _MOST_HZ = 30.0

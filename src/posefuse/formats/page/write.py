@@ -13,9 +13,8 @@ from posefuse.core import palette
 from posefuse.foundation.output_file import write_text
 
 from .blocks import Block, Details, Heading, Page
-from .numbers import Arrays
 from .player import Player, player_content
-from .plots import Plots, plot_content
+from .plots import Arrays, Plots, plot_content
 
 _HERE = Path(__file__).parent
 PLOTLY = _HERE / "assets" / "plotly-basic-4.1.1.min.js.gz"

@@ -8,10 +8,10 @@ from typing import Any
 from posefuse.core import InputError, Skeleton
 from posefuse.core.arrays import Array
 
+from .coco import is_results_list, read_list
 from .frames import People2D, Pose2DFrames, frame_number, frames_from_mapping, read_json
 from .keypoint_sets import agreed_skeleton, in_coco17_order, points_of
 from .openpose import keypoints_of_people
-from .results_list import is_results_list, read_list
 
 NAME = "alphapose"
 RESULTS_FILE = "alphapose-results.json"

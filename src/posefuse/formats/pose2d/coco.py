@@ -2,12 +2,80 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from pathlib import Path
+from typing import Any
 
-from posefuse.core import Skeleton
+import numpy as np
 
-from .frames import Pose2DFrames, read_json
-from .results_list import is_results_list, read_list
+from posefuse.core import InputError, Skeleton
+from posefuse.core.arrays import Array
+
+from .frames import UNTRACKED, People2D, Pose2DFrames, frame_number, frames_from_mapping, read_json
+from .keypoint_sets import agreed_skeleton, in_coco17_order, points_of
+
+# One list of people for all images: COCO results JSON, and AlphaPose's default form, which is like it.
+
+# of COCO's annotations: 0 not labelled, 1 hidden, 2 visible; scores that half of a certain one is worth
+_ANNOTATED_SCORE = {0.0: 0.0, 1.0: 0.5, 2.0: 1.0}
+
+
+def is_results_list(content: Any) -> bool:
+    """Whether content is a list of entries with an image and keypoints."""
+    first = content[0] if isinstance(content, list) and content else None
+    return isinstance(first, dict) and "image_id" in first and "keypoints" in first
+
+
+def frames_of_list(
+    content: list[dict[str, Any]], path: Path, camera: str, format: str, skeleton: Skeleton | None
+) -> Pose2DFrames:
+    """Frames of a results list, by the number in each image's name or by the image's number.
+
+    Raises:
+        InputError: an entry that is not of this form, or people of different keypoint sets.
+    """
+    points: dict[int, list[Array]] = defaultdict(list)
+    ids: dict[int, list[int]] = defaultdict(list)
+    for i, entry in enumerate(content):
+        where = f"{path}: entry {i}"
+        try:
+            image, flat = entry["image_id"], entry["keypoints"]
+        except (KeyError, TypeError):
+            raise InputError(f"{where}: expected image_id and keypoints") from None
+        if not len(flat):
+            continue
+        number = image if isinstance(image, int) else frame_number(str(image).rpartition("/")[2], where)
+        person = in_coco17_order(points_of(flat, where))
+        skeleton = agreed_skeleton(skeleton, len(person), where)
+        points[number].append(person)
+        ids[number].append(_track_id(entry.get("idx", entry.get("track_id"))))
+    if skeleton is None:
+        raise InputError(f"{path}: camera {camera}: no person in any of {len(content)} entries")
+    _visibility_to_score(points)
+    people = {number: People2D.of(points[number], ids[number], len(skeleton)) for number in points}
+    return frames_from_mapping(camera, format, skeleton, people)
+
+
+def read_list(path: Path, camera: str, format: str, skeleton: Skeleton | None) -> Pose2DFrames:
+    """The file of a results list; raises as `frames_of_list`."""
+    return frames_of_list(read_json(path), path, camera, format, skeleton)
+
+
+def _visibility_to_score(points: dict[int, list[Array]]) -> None:
+    """Annotations have 0, 1 or 2 instead of a score; recognised by the absence of other values and at least one 2."""
+    scores = np.concatenate([person[:, 2] for people in points.values() for person in people])
+    if np.isin(scores, list(_ANNOTATED_SCORE)).all() and (scores == 2).any():
+        for people in points.values():
+            for person in people:
+                person[:, 2] = np.select([person[:, 2] == v for v in _ANNOTATED_SCORE], list(_ANNOTATED_SCORE.values()))
+
+
+def _track_id(value: Any) -> int:
+    """AlphaPose writes a number, or a list of one."""
+    while isinstance(value, list) and value:
+        value = value[0]
+    return int(value) if isinstance(value, int | float) else UNTRACKED
+
 
 NAME = "coco"
 

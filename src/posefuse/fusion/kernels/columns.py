@@ -1,4 +1,4 @@
-"""Columns of a packed camera, by name; numba takes them as constants. What they hold is packed in `fusion.packed`."""
+"""Columns of a packed camera, by name; numba takes them as constants. What they hold is packed in `fusion.triangulation`."""
 
 # cam_from_world: rotation by rows, translation
 R00, R01, R02, R10, R11, R12, R20, R21, R22 = range(9)

@@ -19,8 +19,7 @@ from .filter import BodyFilter, Measurement, of_points, smoothed
 from .model import BodyModel, bodies_from_joints, bodies_from_poses
 from .result import StateReader
 from .settings import BodySettings
-from .shape import LengthPrior, with_solved_lengths
-from .stand_in import nearest_in_time, with_stand_ins
+from .shape import LengthPrior, nearest_in_time, with_solved_lengths, with_stand_ins
 
 # views of so many time steps are made at once: those of an hour take much memory
 _BLOCK_STEPS = 500

@@ -10,8 +10,7 @@ import numpy as np
 from posefuse.core.arrays import Array
 from posefuse.foundation.compiled import kernel
 
-from .frames import segment_frames
-from .vectors import dot, variance
+from .frames import dot, segment_frames, variance
 
 DEFINED, NOT_DETERMINED, MISSING, STRAIGHT_LIMB, GIMBAL_LOCK, UNCERTAIN = 0, 1, 2, 3, 4, 5
 ZXY, YXY, YXZ, YZX = 0, 1, 2, 3

@@ -8,8 +8,7 @@ import numpy as np
 
 from posefuse.foundation.compiled import kernel
 
-from .frames import free_frame
-from .vectors import cross, dot, normal_to, variance
+from .frames import cross, dot, free_frame, normal_to, variance
 
 # rows of a plane memory: z and y in parent axes, z and y in world axes, variance
 MEMORY_SIZE = 13

@@ -1,6 +1,6 @@
 """Many trials: every session below a folder, in processes of this machine or on a Dask cluster."""
 
 from .study import Study, run_study
-from .trials import Trial, find_trials
+from .tasks import Trial, find_trials
 
 __all__ = ["Study", "Trial", "find_trials", "run_study"]

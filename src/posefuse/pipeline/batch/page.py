@@ -8,11 +8,78 @@ from typing import Any
 import numpy as np
 
 from posefuse import __version__
+from posefuse.core import InputError, PoseSequence, Recording
 from posefuse.core.arrays import Array
 from posefuse.core.palette import LEGEND
+from posefuse.core.poses import point_sigma_m
+from posefuse.evaluation.gait_cycles import CycleAngles, gait_cycles
+from posefuse.evaluation.metrics import known_median
 from posefuse.formats.page import Band, Block, Cards, Heading, Line, Note, Page, Plot, Plots, Series, Table
+from posefuse.kinematics import joints_from_poses
+from posefuse.kinematics.gait import Gait, gait_from_poses
+from posefuse.outputs.facts import duration_s
 
-from .figures import ANGLES, SIDES
+# The figures of a trial for the table of a study.
+
+# the angles whose range and mean cycle are compared between participants
+ANGLES = (("hip", "flexion"), ("knee", "flexion"), ("ankle", "dorsiflexion"))
+SIDES = ("left", "right")
+
+
+def recording_figures(recording: Recording) -> dict[str, Any]:
+    """Of the recording and of the first person's walk; gait is left out where they do not walk.
+
+    ``cycle_SIDE_JOINT_ANGLE_deg`` are lists of 101 values over the gait cycle.
+    """
+    poses = recording.poses
+    figures = quality_figures(poses, len(recording.rig))
+    gait = gait_from_poses(poses, 0) if len(poses.person_id) else None
+    return figures if gait is None else figures | _gait_figures(gait) | _angle_figures(recording, gait)
+
+
+def quality_figures(poses: PoseSequence, cameras: int) -> dict[str, Any]:
+    """How long, how many, how complete and how exact; NaN where nothing is known."""
+    sigma_m = point_sigma_m(poses.cov_world)
+    known = np.isfinite(poses.xyz_world[..., 0])
+    return {
+        "duration_s": duration_s(poses),
+        "time_steps": len(poses),
+        "cameras": cameras,
+        "people": len(poses.person_id),
+        "present_share": float(known.mean()) if known.size else float("nan"),
+        "median_sigma_mm": 1000 * known_median(sigma_m),
+        "median_reprojection_px": known_median(poses.reproj_px),
+    }
+
+
+def _gait_figures(gait: Gait) -> dict[str, Any]:
+    return {
+        "speed_m_s": gait.speed_m_s,
+        "cadence_per_min": gait.cadence_per_min,
+        "stride_length_m": gait.stride_length_m.mean,
+        "step_width_m": gait.step_width_m.mean,
+        **{f"stance_{side}_share": gait.stance_share[side].mean for side in SIDES},
+    }
+
+
+def _angle_figures(recording: Recording, gait: Gait) -> dict[str, Any]:
+    try:
+        cycles = gait_cycles(joints_from_poses(recording.poses), 0, gait)
+    except InputError:
+        return {}
+    found: dict[str, Any] = {}
+    for side in SIDES:
+        for joint, angle in ANGLES:
+            one = _cycle(cycles, side, joint, angle)
+            if one is not None:
+                found[f"range_{side}_{joint}_{angle}_deg"] = float(np.degrees(one.ranges_rad.mean()))
+                found[f"cycle_{side}_{joint}_{angle}_deg"] = np.degrees(one.mean_rad).round(2).tolist()
+    return found
+
+
+def _cycle(cycles: list[CycleAngles], side: str, joint: str, angle: str) -> CycleAngles | None:
+    return next((one for one in cycles if (one.side, one.joint, one.angle) == (side, f"{side}_{joint}", angle)), None)
+
 
 Rows = Sequence[Mapping[str, Any]]
 PARAMETERS = {

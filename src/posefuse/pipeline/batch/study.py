@@ -18,11 +18,9 @@ from posefuse.foundation.output_folder import check_replaceable, growing_folder
 from posefuse.foundation.places import check_outside_inputs
 from posefuse.pipeline.writing import build_sinks
 
-from .cluster import outcomes_on_cluster
 from .page import study_page
-from .processes import Processes, default_jobs
-from .tasks import Outcome, Task, config_of_trial, trial_digest
-from .trials import Trial, find_trials
+from .processes import Processes, default_jobs, outcomes_on_cluster
+from .tasks import Outcome, Task, Trial, config_of_trial, find_trials, trial_digest
 
 COMMAND = "batch"
 TABLE_FILE, PAGE_FILE = "study.csv", "study.html"

@@ -14,7 +14,7 @@ Result = Mapping[str, Any]
 
 def report_job(arguments: Arguments, workspace: StudioWorkspace, progress: pf.Progress) -> Result:
     """The report of ``result``: angles, gait, files for other programs, one page."""
-    from posefuse.pipeline.reporting import PAGE_FILE, report_folder, write_report_folder
+    from posefuse.pipeline.reports import PAGE_FILE, report_folder, write_report_folder
 
     result = workspace.existing(arguments["result"])
     progress("read", 0, None, f"reading {arguments['result']}")
@@ -25,7 +25,7 @@ def report_job(arguments: Arguments, workspace: StudioWorkspace, progress: pf.Pr
 
 def export_job(arguments: Arguments, workspace: StudioWorkspace, progress: pf.Progress) -> Result:
     """Files of ``result`` in the ``formats`` (names of outputs) of other programs, to ``out``."""
-    from posefuse.pipeline.session_images import nearby_session
+    from posefuse.pipeline.writing import nearby_session
 
     result, out = workspace.existing(arguments["result"]), workspace.path(arguments["out"])
     progress("read", 0, None, f"reading {arguments['result']}")
@@ -54,7 +54,7 @@ def solve_again_job(arguments: Arguments, workspace: StudioWorkspace, progress: 
 def compare_job(arguments: Arguments, workspace: StudioWorkspace, progress: pf.Progress) -> Result:
     """Two recordings of one movement, ``a`` (the reference) and ``b``, compared on a page in ``out``."""
     from posefuse.evaluation.compare_page import PAGE_FILE, comparison_figures, write_comparison
-    from posefuse.pipeline.comparing import to_compare
+    from posefuse.pipeline.reports import to_compare
 
     a, b = (workspace.existing(arguments[name]) for name in ("a", "b"))
     out = workspace.path(arguments["out"])

@@ -9,9 +9,7 @@ place, so that 3D points and the rays of all cameras enter the same normal equat
 from .algebra import inverse, solve_rows, times_transposed
 from .filter import absorb, add_point_variance, predict, smooth_step
 from .live import moved_rays, ray_loss, stand, variance_factor, weighted_points
-from .measurements import ray_information
-from .newton import SeenKeypoints, descend, gauss_newton
-from .shape import length_information
+from .newton import SeenKeypoints, descend, gauss_newton, length_information, ray_information
 from .tree import BALL, HINGE, SLIDE, Tree, derivative, difference, exp3, forward_kinematics, keypoints, log3, place, retract
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""Two recordings, whatever made them, as tracks that can be compared; a simulated scene as truth."""
+"""The folder of a report next to the result that it is about."""
 
 from __future__ import annotations
 
@@ -8,13 +8,55 @@ from pathlib import Path
 
 import numpy as np
 
-from posefuse.core import PoseSequence, Recording, Rig
+from posefuse.core import PoseSequence, Progress, Recording, Rig, silent
+from posefuse.evaluation.biomechanics import BiomechanicsSettings, write_biomechanics
 from posefuse.evaluation.compare import Comparison, Tracks, compare
+from posefuse.evaluation.report import TITLE
 from posefuse.evaluation.tracks import is_simulated, read_tracks, tracks_of, truth_tracks
 from posefuse.formats.recording import read_result_poses
 from posefuse.formats.rig import refusal_note
+from posefuse.foundation.output_folder import output_folder
 
-from .reading import is_live, read_result
+from .reading import files_of_result, is_live, read_result
+
+FOLDER, PAGE_FILE = "biomechanics", "report.html"
+# of all files together, measured on the bundled clip
+_BYTES_PER_STEP_AND_PERSON = 6_000
+
+
+def report_folder(result: Path) -> Path:
+    """Where the report of a result lies unless asked otherwise: RESULT/biomechanics, or NAME_biomechanics for NAME.mcap."""
+    return result.with_name(f"{result.stem}_{FOLDER}") if is_live(result) else result / FOLDER
+
+
+def write_report_folder(
+    recording: Recording,
+    result: Path,
+    folder: Path,
+    settings: BiomechanicsSettings | None = None,
+    *,
+    title: str | None = None,
+    progress: Progress = silent,
+    warn: Callable[[str], None] | None = None,
+) -> list[Path]:
+    """Write angles, gait, files for other programs and the page, an earlier report is moved aside; returns the files.
+
+    Args:
+        recording: what was read from `result`.
+
+    Raises:
+        InputError: the folder holds anything else, or there is no one to report on.
+    """
+    size = len(recording.poses) * len(recording.poses.person_id) * _BYTES_PER_STEP_AND_PERSON
+    with output_folder(
+        folder, command="report", inputs=files_of_result(result), replace=True, estimated_bytes=size, warn=warn
+    ) as place:
+        made = write_biomechanics(recording, place.folder, settings, title=title or TITLE, progress=progress)
+        relative = [path.relative_to(place.folder) for path in made]
+    return [folder / path for path in relative]
+
+
+# Two recordings, whatever made them, as tracks that can be compared; a simulated scene as truth.
 
 Warn = Callable[[str], None]
 Source = Path | tuple[Path, Recording]
