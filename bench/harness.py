@@ -225,7 +225,9 @@ def columns_of(rows: Sequence[Row]) -> list[str]:
 
 
 def show(title: str, rows: Sequence[Row]) -> None:
-    """A table on stderr."""
+    """A table on stderr; one row stands upright."""
+    if len(rows) == 1:
+        rows = [{"": name, title: value} for name, value in rows[0].items()]
     table = Table(title=title, title_justify="left")
     for column in columns_of(rows):
         table.add_column(column)

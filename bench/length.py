@@ -7,7 +7,6 @@ backwards, so that the person moves on without a jump. `solve` is `posefuse trac
 `bodies` is the same with `--body on`. Each command is a process of its own; memory is the largest that its system call reports.
 """
 
-import argparse
 import os
 import shutil
 import subprocess
@@ -17,13 +16,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from harness import DEMO, POSEFUSE, answer, arguments, note, tracked
 
 from posefuse.core import Observations, Recording
-from posefuse.formats.recording import read_recording, write_recording
-
-POSEFUSE = [sys.executable, "-m", "posefuse"]
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "tools"))
+from posefuse.formats.recording import write_recording
 
 
 def there_and_back(recording: Recording, minutes: float) -> Recording:
@@ -75,43 +71,33 @@ def measured(command: list[str]) -> tuple[float, float]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("session", type=Path, nargs="?", default=ROOT / "examples" / "demo")
-    parser.add_argument("--minutes", type=float, nargs="+", default=[1, 4, 16, 60])
-    parser.add_argument("--only", nargs="+", choices=("solve", "bodies", "report", "compare"))
-    parser.add_argument("--write", type=Path, help="page whose table 'length' is replaced")
-    args = parser.parse_args()
-    wanted = args.only or ["solve", "bodies", "report", "compare"]
-    cells: dict[str, list[str]] = {name: [] for name in wanted}
+    args = arguments(
+        __doc__,
+        positional=("session",),
+        session=DEMO,
+        minutes=(1.0, 4.0, 16.0, 60.0),
+        only=dict.fromkeys(("solve", "bodies", "report", "compare")),
+    )
+    rows: dict[str, dict] = {name: {"command": name} for name in args.only}
     with tempfile.TemporaryDirectory() as scratch:
-        tracked = Path(scratch) / "tracked"
-        subprocess.run(
-            [*POSEFUSE, "track", str(args.session), "--out", str(tracked), "--outputs", "trc"], check=True, stdout=sys.stderr
-        )
+        long, out = Path(scratch) / "long", Path(scratch) / "out"
+        track = ["track", str(long), "--out", str(out), "--outputs", "trc", "--body"]
+        commands = {
+            "solve": [*track, "off"],
+            "bodies": [*track, "on"],
+            "report": ["report", str(long), "--out", str(out)],
+            "compare": ["compare", str(long), str(long), "--out", str(out)],
+        }
         for minutes in args.minutes:
-            long = Path(scratch) / "long"
             long.mkdir()
-            write_recording(long, there_and_back(read_recording(tracked), minutes))
-            out = Path(scratch) / "out"
-            commands = {
-                "solve": ["track", str(long), "--out", str(out), "--outputs", "trc", "--body", "off"],
-                "bodies": ["track", str(long), "--out", str(out), "--outputs", "trc", "--body", "on"],
-                "report": ["report", str(long), "--out", str(out)],
-                "compare": ["compare", str(long), str(long), "--out", str(out)],
-            }
-            for name in wanted:
+            write_recording(long, there_and_back(tracked(args.session), minutes))
+            for name in args.only:
                 cpu_s, memory_mb = measured(commands[name])
-                cells[name].append(f"{cpu_s:.0f} s, {memory_mb:.0f} MB")
-                print(f"{name} {minutes:g} min: {cells[name][-1]}", file=sys.stderr, flush=True)
+                rows[name][f"{minutes:g} min"] = f"{cpu_s:.0f} s, {memory_mb:.0f} MB"
+                note(f"{name} {minutes:g} min: {cpu_s:.0f} s, {memory_mb:.0f} MB")
                 shutil.rmtree(out, ignore_errors=True)
             shutil.rmtree(long)
-    head = ["| command | " + " | ".join(f"{one:g} min" for one in args.minutes) + " |", "|---|" + "---:|" * len(args.minutes)]
-    table = "\n".join([*head, *(f"| {name} | " + " | ".join(row) + " |" for name, row in cells.items())])
-    print(table)
-    if args.write:
-        from page_marks import write_between_marks
-
-        write_between_marks(args.write, table, "length")
+    answer(args, {"Processor time and memory": list(rows.values())})
 
 
 if __name__ == "__main__":
