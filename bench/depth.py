@@ -25,7 +25,7 @@ from harness import JOINTS, Use, answer, arguments, covariances, errors, note, r
 from scenes import SIGMA_PX, circle, new_tracker, noise, view_of
 
 from posefuse.core import Detections2D, JointCentres, Pose3D, PoseSequence, Rig, Truth
-from posefuse.core.live_observations import observations_from_frames, on_time_steps
+from posefuse.core.observations import observations_from_frames, on_time_steps
 from posefuse.core.view_sequences import views_over_time
 from posefuse.detection import with_depth
 from posefuse.detection.build import DetectorChoice, build_detector

@@ -26,7 +26,7 @@ from posefuse.detection.regions import crop_from_img, square_crop
 from posefuse.evaluation.fitting import render_everyday
 from posefuse.evaluation.fitting.keypoint_noise import _as_in_use as as_in_use
 from posefuse.evaluation.fitting.keypoint_noise import fit_log_sigma
-from posefuse.foundation.user_cache import default_cache_dir
+from posefuse.foundation.places import default_cache_dir
 from posefuse.simulation.scene import read_scene
 from posefuse.simulation.session import SessionPaths
 

@@ -33,7 +33,7 @@ from posefuse.core.skeleton import PAPER14, pick_keypoints  # noqa: E402
 from posefuse.evaluation.metrics import true_xyz_at  # noqa: E402
 from posefuse.formats.recording import read_recording, write_recording  # noqa: E402
 from posefuse.formats.truth import read_truth  # noqa: E402
-from posefuse.foundation.plain_values import plain  # noqa: E402
+from posefuse.foundation.parsing import plain  # noqa: E402
 from posefuse.foundation.settings import settings_from_mapping  # noqa: E402
 from posefuse.pipeline.clock import StageClock  # noqa: E402
 from posefuse.pipeline.config import TrackConfig, changed_config  # noqa: E402

@@ -1,13 +1,13 @@
 """How processor time and memory of `track`, `report` and `compare` grow with the length of a recording of one person.
 
-    python bench/length.py [SESSION] [--minutes 1 4 16 60] [--only report compare] [--write docs/reliability.md]
+    python bench/length.py [SESSION] [--minutes 1 4 8] [--only report compare] [--write docs/reliability.md]
 
-The session (default: examples/demo) is tracked once. Its observations are then put one after the other, every second time
-backwards, so that the person moves on without a jump. `solve` is `posefuse track RESULT`: all but decoding and detection.
-`bodies` is the same with `--body on`. Each command is a process of its own; memory is the largest that its system call reports.
+The session (default: examples/demo) is tracked once; a result folder is taken as it is. Its observations are then put one
+after the other, every second time backwards, so that the person moves on without a jump. `solve` is `posefuse track RESULT`:
+all but decoding and detection. `bodies` is the same with `--body on`. Each command is a process of its own; memory is the
+largest that its system call reports. With `--only`, the page's other rows stay if they are of the same lengths.
 """
 
-import os
 import shutil
 import subprocess
 import sys
@@ -17,9 +17,12 @@ from pathlib import Path
 
 import numpy as np
 from harness import DEMO, POSEFUSE, answer, arguments, note, tracked
+from page_marks import table_between_marks
 
 from posefuse.core import Observations, Recording
-from posefuse.formats.recording import write_recording
+from posefuse.formats.recording import ABOUT_FILE, read_recording, write_recording
+
+COMMANDS = ("solve", "bodies", "report", "compare")
 
 
 def there_and_back(recording: Recording, minutes: float) -> Recording:
@@ -61,13 +64,21 @@ def _later(log: Observations, later_ns: int) -> Observations:
     return replace(log, step_t_ns=log.step_t_ns + later_ns, frame_t_ns=log.frame_t_ns + later_ns)
 
 
+# a small process of its own: memory of a command counts from that of the process that starts it
+_MEASURE = """
+import resource, subprocess, sys
+done = subprocess.run(sys.argv[1:], stdout=subprocess.DEVNULL)
+used = resource.getrusage(resource.RUSAGE_CHILDREN)
+print(used.ru_utime + used.ru_stime, used.ru_maxrss / 1024)
+sys.exit(done.returncode)
+"""
+
+
 def measured(command: list[str]) -> tuple[float, float]:
     """Processor seconds and megabytes of a command."""
-    process = subprocess.Popen([*POSEFUSE, *command], stdout=subprocess.DEVNULL)
-    _, status, used = os.wait4(process.pid, 0)
-    if status:
-        sys.exit(f"posefuse {' '.join(command)}: ended with {os.waitstatus_to_exitcode(status)}")
-    return used.ru_utime + used.ru_stime, used.ru_maxrss / 1024
+    words = [sys.executable, "-c", _MEASURE, *POSEFUSE, *command]
+    cpu_s, memory_mb = subprocess.run(words, check=True, stdout=subprocess.PIPE, text=True).stdout.split()
+    return float(cpu_s), float(memory_mb)
 
 
 def main() -> None:
@@ -75,10 +86,12 @@ def main() -> None:
         __doc__,
         positional=("session",),
         session=DEMO,
-        minutes=(1.0, 4.0, 16.0, 60.0),
-        only=dict.fromkeys(("solve", "bodies", "report", "compare")),
+        minutes=(1.0, 4.0, 8.0),
+        only=dict.fromkeys(COMMANDS),
     )
     rows: dict[str, dict] = {name: {"command": name} for name in args.only}
+    is_result = (args.session / ABOUT_FILE).is_file()
+    recording = read_recording(args.session) if is_result else tracked(args.session)
     with tempfile.TemporaryDirectory() as scratch:
         long, out = Path(scratch) / "long", Path(scratch) / "out"
         track = ["track", str(long), "--out", str(out), "--outputs", "trc", "--body"]
@@ -90,14 +103,17 @@ def main() -> None:
         }
         for minutes in args.minutes:
             long.mkdir()
-            write_recording(long, there_and_back(tracked(args.session), minutes))
+            write_recording(long, there_and_back(recording, minutes))
             for name in args.only:
                 cpu_s, memory_mb = measured(commands[name])
                 rows[name][f"{minutes:g} min"] = f"{cpu_s:.0f} s, {memory_mb:.0f} MB"
                 note(f"{name} {minutes:g} min: {cpu_s:.0f} s, {memory_mb:.0f} MB")
                 shutil.rmtree(out, ignore_errors=True)
             shutil.rmtree(long)
-    answer(args, {"Processor time and memory": list(rows.values())})
+    if args.write:
+        written = [row for row in table_between_marks(args.write, "length") if list(row) == list(rows[args.only[0]])]
+        rows = {row["command"]: row for row in written} | rows
+    answer(args, {"Processor time and memory": [rows[name] for name in COMMANDS if name in rows]})
 
 
 if __name__ == "__main__":

@@ -24,8 +24,7 @@ import numpy as np
 from harness import DEMO, answer, arguments, live, sources_of, tracked, truth_of
 
 from posefuse.core import Observations, PoseSequence, Recording, Truth
-from posefuse.core.live_observations import observations_from_frames
-from posefuse.core.observations import LIVE_STEP
+from posefuse.core.observations import LIVE_STEP, observations_from_frames
 from posefuse.evaluation.metrics import joint_errors
 from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.reading import read_result

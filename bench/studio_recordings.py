@@ -20,7 +20,7 @@ from studio_server import free_port, in_chromium, server
 
 from posefuse.api.recording import recording_of
 from posefuse.core import Kind, PoseSequence, Recording
-from posefuse.foundation.plain_values import plain
+from posefuse.foundation.parsing import plain
 from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.playback import Playback
 from posefuse.pipeline.session_images import session_of_recording

@@ -174,8 +174,14 @@ def test_clocks_reach_the_settings_of_track_and_never_overwrite_them(
         (0.1, "raw = true\n", "add the offsets to SESSION/posefuse.toml first"),
     ],
 )
-def test_the_last_line_of_calibrate_clocks_says_what_the_table_says(
-    lab: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], late_s: float, kept: str, purpose: str
+def test_the_last_line_of_calibrate_clocks_agrees_with_its_table(
+    lab: Any,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    late_s: float,
+    kept: str,
+    purpose: str,
 ) -> None:
     late = ClockEstimate.known(late_s * np.eye(len(lab.rig))[1], 0.0)
     report = CalibrationReport("clocks", ())
