@@ -22,7 +22,7 @@ for name in sys.argv[1:]:
     except ImportError as error:
         print(name, error)
 """
-NAMED = re.compile(r"(?<![\w/])((?:bench|tools|paper)/[\w/]+\.py)((?: +(?:--?)?[\w./=\"-]+)*)")
+NAMED = re.compile(r"(?<![\w/])((?:bench|tools|paper)/(?!test_)[\w/]+\.py)((?: +(?:--?)?[\w./=\"-]+)*)")
 MARK = re.compile(r"<!-- ([^:>]+): begin -->")
 
 

@@ -11,12 +11,11 @@ from calibrating import run
 
 from posefuse.api.calibration_results import ClockCalibration
 from posefuse.calibration.clocks.sync import ClockEstimate
-from posefuse.calibration.extrinsics.floor_points import read_floor_points
+from posefuse.calibration.extrinsics.floor import read_floor_points
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
-from posefuse.calibration.report_page import calibration_page
+from posefuse.calibration.result_files import calibration_page
 from posefuse.calibration.targets.coverage import coverage, coverage_sheet
-from posefuse.calibration.targets.description import write_target
-from posefuse.calibration.targets.kinds import Charuco, Markers
+from posefuse.calibration.targets.kinds import Charuco, Markers, write_target
 from posefuse.cli.calibrating.showing import write_clocks
 from posefuse.cli.command_line import WrongCommandLineError
 from posefuse.cli.terminal import Terminal
@@ -175,13 +174,7 @@ def test_clocks_reach_the_settings_of_track_and_never_overwrite_them(
     ],
 )
 def test_the_last_line_of_calibrate_clocks_agrees_with_its_table(
-    lab: Any,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    late_s: float,
-    kept: str,
-    purpose: str,
+    lab: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], late_s: float, kept: str, purpose: str
 ) -> None:
     late = ClockEstimate.known(late_s * np.eye(len(lab.rig))[1], 0.0)
     report = CalibrationReport("clocks", ())

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import cv2
 
+from posefuse.calibration.targets.coverage import Guidance, new_guidance, seen
 from posefuse.calibration.targets.detection import TargetDetector
-from posefuse.calibration.targets.guidance import Guidance, new_guidance, seen
 from posefuse.calibration.targets.kinds import Target
 
 from .camera_feed import CameraFeed
