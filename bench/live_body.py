@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 from bodies import MOVES, Trial, trial_session
 from body_figures import skate_mm
-from harness import Use, answer, arguments, covariances, errors, medians, scene_from, score
+from harness import OUT, Use, answer, arguments, covariances, errors, medians, scene_from, score
 from scenes import circle, view_of
 
 from posefuse.core import Pose3D, PoseSequence, Truth
@@ -85,7 +85,9 @@ def spent_ms(cameras: int, seconds: float = 6.0) -> dict[str, float]:
 
 
 def main() -> None:
-    args = arguments(__doc__, keep=Path, seeds=(7300, 7301), rows=dict.fromkeys(MOVES), session=Path, time=False, runs=5)
+    args = arguments(
+        __doc__, keep=OUT / "scenes", seeds=(7300, 7301), rows=dict.fromkeys(MOVES), session=Path, time=False, runs=5
+    )
     if args.time:
         rows = [{"cameras": n, **medians([spent_ms(n) for _ in range(args.runs)])} for n in (4, 8)]
         answer(args, {"ms per person": rows}, load=os.getloadavg()[0])
