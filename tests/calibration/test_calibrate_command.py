@@ -175,7 +175,13 @@ def test_clocks_reach_the_settings_of_track_and_never_overwrite_them(
     ],
 )
 def test_the_last_line_of_calibrate_clocks_agrees_with_its_table(
-    lab: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], late_s: float, kept: str, purpose: str
+    lab: Any,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    late_s: float,
+    kept: str,
+    purpose: str,
 ) -> None:
     late = ClockEstimate.known(late_s * np.eye(len(lab.rig))[1], 0.0)
     report = CalibrationReport("clocks", ())

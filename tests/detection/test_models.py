@@ -14,7 +14,7 @@ import pytest
 from posefuse.core import ModelError
 from posefuse.detection import default_cards
 from posefuse.detection.models import archives, fetch, fetch_all, holds, list_cards, model_path, read_card, status
-from posefuse.foundation.user_cache import default_cache_dir
+from posefuse.foundation.places import default_cache_dir
 
 ROOT = Path(__file__).resolve().parents[2]
 STATED = ("README.md", "docs/installing.md", "src/posefuse/cli/machine.py")

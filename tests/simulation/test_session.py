@@ -15,8 +15,7 @@ from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.formats.npz import read_arrays
 from posefuse.formats.rig import read_rig
 from posefuse.formats.truth import read_truth
-from posefuse.foundation.folder_mark import MARK_FILE
-from posefuse.foundation.output_folder import find_unfinished
+from posefuse.foundation.output_folder import MARK_FILE, find_unfinished
 from posefuse.simulation import Scene, read_scene, simulate, truth_of
 from posefuse.simulation import session as sessions
 from posefuse.simulation.build import live_scene

@@ -1,9 +1,11 @@
+import tracemalloc
+
 import numpy as np
 import pytest
 from smoothing import COCO, measured, white_jerk
 
 from posefuse.core import Kind, Pose3D, PoseSequence, ShapeError
-from posefuse.tracking import SmoothSettings, cutoff_hz, smooth
+from posefuse.tracking import SmoothSettings, cutoff_hz, smooth, smooth_in_place
 from posefuse.tracking.smoothing import _jerk_density
 
 RATE_HZ = 60.0
@@ -198,3 +200,18 @@ def test_people_who_come_and_go_get_rows_throughout():
 def test_no_pose_at_all_is_an_error():
     with pytest.raises(ShapeError, match="at least 1 pose"):
         PoseSequence.from_poses([])
+
+
+def test_smoothing_in_place_takes_no_second_copy_of_a_long_recording():
+    _, seen = wander(3000, people=4)
+    poses = sequence(seen)
+    expected = smooth(poses, LOOSE).xyz_world
+    xyz, cov = poses.xyz_world.copy(), poses.cov_world.copy()
+    tracemalloc.start()
+    try:
+        smooth_in_place(poses.t_ns, COCO, xyz, cov, LOOSE)
+        most = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert most < 0.5 * (xyz.nbytes + cov.nbytes)
+    np.testing.assert_array_equal(xyz, expected)

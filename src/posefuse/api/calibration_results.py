@@ -15,8 +15,7 @@ from posefuse.calibration.result_files import clock_settings, numbered, write_ca
 from posefuse.calibration.targets.coverage import coverage_picture
 from posefuse.core import Camera
 from posefuse.core.arrays import Array
-from posefuse.foundation.atomic import write_text
-from posefuse.foundation.output_file import check_output_file
+from posefuse.foundation.output_file import check_output_file, write_text
 
 from .rig import Rig
 

@@ -16,7 +16,7 @@ from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.formats.page import Heading, Line, Note, Page, Plot, Plots, Series, Spikes, write_page
 from posefuse.foundation.output_folder import output_folder
-from posefuse.foundation.plain_values import plain
+from posefuse.foundation.parsing import plain
 from posefuse.realtime.fusion import Fusion
 from posefuse.realtime.latency import STAGES
 from posefuse.realtime.session_plan import Finished

@@ -12,8 +12,8 @@ from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 
 from posefuse.detection import default_cards, list_cards, status
+from posefuse.foundation.places import default_cache_dir
 from posefuse.foundation.platform import display, usable_cores, usb_cameras
-from posefuse.foundation.user_cache import default_cache_dir
 
 EXTRAS = {
     "data": "xarray, pandas, plots",
@@ -189,7 +189,7 @@ def _models() -> list[MachineCheck]:
 
 def _rendering() -> list[MachineCheck]:
     from posefuse.core import DependencyError
-    from posefuse.simulation.render.backend import working_backend
+    from posefuse.simulation.render.stage import working_backend
 
     name = "rendering (simulator)"
     try:

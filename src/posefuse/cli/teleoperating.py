@@ -14,18 +14,18 @@ from posefuse.cli.command_options import LiveOptions, OutputOptions, RobotOption
 from posefuse.cli.options import Ros2Options
 from posefuse.core import ConfigError
 from posefuse.formats.rig import read_placed_rig
+from posefuse.messages.dds_domain import Network
 from posefuse.outputs.rerun_scene import SPAWN
 from posefuse.pipeline.config import read_changed
 from posefuse.realtime.config import LiveConfig
-from posefuse.teleoperation.robots.plan import RosPlan
+from posefuse.teleoperation.ros import RosPlan
 from posefuse.teleoperation.settings import TeleoperationSettings
 
 from .live import output_configs, run_options, settled_inputs
 from .terminal import Terminal
 
 if TYPE_CHECKING:
-    from posefuse.teleoperation.operator import Operator
-    from posefuse.teleoperation.session import Summary
+    from posefuse.teleoperation.session import Operator, Summary
     from posefuse.teleoperation.values import Order
 
 
@@ -78,7 +78,7 @@ def run_teleoperation(
 def _ros_plan(ros: RosRobotOptions, ros_2: Ros2Options) -> RosPlan:
     return RosPlan(
         version=1 if ros.ros1 else 2,
-        **ros_2.network,
+        network=Network(**ros_2.network),
         base_frame=ros.base_frame,
         controller=ros.controller,
         cmd_vel=ros.cmd_vel,

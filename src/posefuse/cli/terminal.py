@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from posefuse.foundation.columns import column_texts
+from posefuse.foundation.parsing import column_texts
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -96,7 +96,7 @@ class Terminal:
 
     def figures(self, figures: Mapping[str, Any]) -> None:
         """With --json: the one object on stdout."""
-        from posefuse.foundation.plain_values import plain
+        from posefuse.foundation.parsing import plain
 
         if self._as_json:
             print(json.dumps(plain(figures), indent=2), flush=True)

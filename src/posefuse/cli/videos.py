@@ -13,8 +13,7 @@ from typing import Any
 from posefuse.core import InputError, PosefuseError, Rig, SourceError
 from posefuse.formats.kept_video import VIDEOS_FOLDER
 from posefuse.formats.rig import write_rig
-from posefuse.foundation.folder_mark import read_mark
-from posefuse.foundation.output_folder import check_replaceable, find_unfinished, output_folder
+from posefuse.foundation.output_folder import check_replaceable, find_unfinished, output_folder, read_mark
 from posefuse.realtime.capture import LiveInput
 from posefuse.realtime.video_keeping import KeptCounts, read_counts, write_found_counts
 

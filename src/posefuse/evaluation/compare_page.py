@@ -11,7 +11,7 @@ import numpy as np
 
 from posefuse.formats.page import Facts, Heading, Line, Note, Page, Plot, Plots, Table, write_page
 from posefuse.foundation.output_folder import output_folder
-from posefuse.foundation.plain_values import plain
+from posefuse.foundation.parsing import plain
 
 from .compare import Comparison, Tracks, middle_of
 

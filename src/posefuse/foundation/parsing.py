@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import codecs
 import json
+import math
+import numbers
 import reprlib
 import tomllib
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from posefuse.core import InputError
 
@@ -117,3 +122,50 @@ def short(value: Any) -> str:
     shown = reprlib.Repr()
     shown.maxstring = shown.maxother = shown.maxlong = _MOST_SHOWN
     return " ".join(shown.repr(value).split())
+
+
+# Values as plain JSON: what results, logs and `--json` write.
+
+
+def plain(value: Any) -> Any:
+    """Plain JSON values of figures: arrays to lists, paths to text, NaN to null."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(inner) for inner in value]
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, Path):
+        return str(value)
+    return value
+
+
+# Values of one column of a table as text.
+
+
+def column_texts(values: Sequence[Any], missing: str) -> list[str]:
+    """Floats with one number of digits after the point: three significant ones of the largest, but no needless zeros."""
+    known = [float(value) for value in values if _is_float(value) and math.isfinite(value)]
+    largest = max(map(abs, known), default=0.0)
+    digits = max(1, 2 - math.floor(math.log10(largest))) if largest else 1
+    while digits > 1 and all(f"{value:.{digits}f}".endswith("0") for value in known):
+        digits -= 1
+    return [_text(value, digits, missing) for value in values]
+
+
+def _text(value: Any, digits: int, missing: str) -> str:
+    if value is None or (_is_float(value) and not math.isfinite(value)):
+        return missing
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if _is_float(value):
+        return f"{value:,.{digits}f}"
+    return f"{value:,}" if isinstance(value, numbers.Integral) else str(value)
+
+
+def _is_float(value: Any) -> bool:
+    return isinstance(value, numbers.Real) and not isinstance(value, numbers.Integral)

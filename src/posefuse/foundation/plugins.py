@@ -5,7 +5,9 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
+from types import ModuleType
 from typing import Any
 
 from posefuse.core import ConfigError, DependencyError, Detector, LiveOutputConfig, Sink, Source
@@ -101,3 +103,15 @@ def _loaded(kind: str, entry: EntryPoint) -> Plugin:
         return Plugin(kind, entry.name, package, entry.load())
     except Exception as error:  # noqa: BLE001 - others' code may fail in any way; it is listed, not hidden
         return Plugin(kind, entry.name, package, None, f"{type(error).__name__}: {error}")
+
+
+# Packages that only an extra of posefuse installs.
+
+
+def package_of_extra(name: str, extra: str) -> ModuleType:
+    """Import a package; raises DependencyError with the command that installs the extra."""
+    try:
+        return import_module(name)
+    except ImportError as error:
+        package = name.partition(".")[0]
+        raise DependencyError(f"{package}: not usable ({error}); install it with: pip install 'posefuse[{extra}]'") from None

@@ -32,6 +32,7 @@ class Worker:
 
     Args:
         target: a function of a module, not of the program itself. environment: variables set for the process.
+        closed_s: so long a process that has closed its channel may take to end by itself before it is killed.
 
     Attributes:
         channel: of the process while one runs. pid: of the newest process; 0 before the first.
@@ -40,8 +41,14 @@ class Worker:
         started_s, received_s: monotonic times of the newest start, and of the newest message or start.
     """
 
-    def __init__(self, target: Callable[..., None], environment: Mapping[str, str] = MappingProxyType({})) -> None:
-        self._target, self._environment = target, environment
+    def __init__(
+        self,
+        target: Callable[..., None],
+        environment: Mapping[str, str] = MappingProxyType({}),
+        *,
+        closed_s: float = _DEATH_S,
+    ) -> None:
+        self._target, self._environment, self._closed_s = target, environment, closed_s
         self._process: subprocess.Popen[bytes] | None = None
         self._retry_s, self._again_s = _FIRST_RETRY_S, 0.0
         self.channel: Channel
@@ -115,7 +122,7 @@ class Worker:
     def _died(self) -> None:
         process = self._process
         assert process is not None
-        _gone(process, _DEATH_S)
+        _gone(process, self._closed_s)
         code = process.returncode
         how = f"by signal {signal.Signals(-code).name}" if code is not None and code < 0 else f"with status {code}"
         self.fail(f"process {self.pid} ended {how}")

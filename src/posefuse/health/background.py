@@ -40,7 +40,7 @@ _STILL = 0.3
 _TRIES = 200
 
 
-class TimeSteps(Protocol):
+class UsedSteps(Protocol):
     """Time steps that are used of a recording."""
 
     @property
@@ -84,7 +84,7 @@ class BackgroundFound:
 
 
 def background_of(
-    sources: Sequence[RecordedSource], cameras: Sequence[Camera], within: TimeSteps | None = None
+    sources: Sequence[RecordedSource], cameras: Sequence[Camera], within: UsedSteps | None = None
 ) -> BackgroundFound:
     """Compare the backgrounds of a recording; two frames of a camera that stands still are decoded, of others up to nine.
 
@@ -103,7 +103,7 @@ def background_of(
     return BackgroundFound(moved=tuple(moved), still=tuple(still), unknown=tuple(unknown))
 
 
-def _watched(source: RecordedSource, camera: Camera, within: TimeSteps | None) -> RigFinding | bool:
+def _watched(source: RecordedSource, camera: Camera, within: UsedSteps | None) -> RigFinding | bool:
     """How a camera was moved, or whether it is known to have stood still."""
     times_ns = np.asarray(source.times_ns())
     if within is not None:

@@ -11,8 +11,8 @@ from annotated_types import Ge, Le
 
 from posefuse.core import Recording
 from posefuse.core.arrays import Array
-from posefuse.foundation.atomic import atomic_file
 from posefuse.foundation.background import Background
+from posefuse.foundation.output_file import atomic_file
 from posefuse.foundation.settings import settings
 
 from .drawing import draw_legend, draw_view, empty_row, grid_for

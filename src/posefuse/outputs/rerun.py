@@ -18,7 +18,7 @@ from posefuse.core import Camera, DependencyError, Frame, Recording
 from posefuse.core.arrays import Array
 from posefuse.core.poses import point_sigma_m
 from posefuse.formats.recording import read_recording
-from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.output_file import atomic_file
 from posefuse.foundation.settings import settings
 
 from .drawing import DETECTION_RGB, jpeg_of, shrunk_wh

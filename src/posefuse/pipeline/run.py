@@ -23,7 +23,7 @@ from posefuse.core import (
 from posefuse.core.errors import choices
 from posefuse.core.observations import NOT_KEPT
 from posefuse.foundation.compiled import compiling
-from posefuse.foundation.plain_values import plain
+from posefuse.foundation.parsing import plain
 from posefuse.health.background import background_of
 from posefuse.health.recorded import checked_rig
 from posefuse.health.rig_monitor import UNSYNCHRONISED, RigFinding

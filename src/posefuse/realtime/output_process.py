@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from posefuse.core import LiveMessage, LiveOutput, LiveOutputConfig, LiveStart, OutputHealth, PosefuseError
 from posefuse.core.live_messages import FAILED, OK
 from posefuse.foundation.channel import Channel, ChannelClosed
-from posefuse.foundation.finishing import wait_while_working
 from posefuse.foundation.platform import lower_priority
+from posefuse.foundation.requests_to_end import wait_while_working
 
 from .kept_messages import KeptMessages
 

@@ -42,12 +42,12 @@ class Watched:
     Attributes:
         offset_s: how much later each camera's stamps are than the mean of all, by camera; only those that are known.
         ill: what is wrong with cameras, by camera; only those with something.
-        astray: those whose views are so far off the person that the others know better.
+        miscalibrated: those whose views are so far off the person that the others know better.
     """
 
     offset_s: Mapping[str, float] = field(default_factory=dict)
     ill: Mapping[str, Verdict] = field(default_factory=dict)
-    astray: frozenset[str] = frozenset()
+    miscalibrated: frozenset[str] = frozenset()
 
 
 def watching(rig: Rig, clocks: bool) -> AbstractContextManager[RigWatch | None]:
@@ -99,7 +99,7 @@ class RigWatch:
             self.known = found
         if self._worker.due():
             # what the former process found of the cameras is not watched any more; their clocks stay as they were
-            self.known = replace(self.known, ill={}, astray=frozenset())
+            self.known = replace(self.known, ill={}, miscalibrated=frozenset())
             self._worker.start(*self._plan)
 
     @property
@@ -159,5 +159,5 @@ class RigWatcher:
                 self._state, _ = monitor.observe(self._state, self._rig, t_ns, xy_img)
         findings = self._state.findings
         ill = {name: Verdict(one.kind, one.detail) for one in findings for name in one.cameras}
-        astray = frozenset(name for one in findings if one.displaced_m > _ASTRAY_M for name in one.cameras)
-        return Watched(self._offset_s, ill, astray)
+        miscalibrated = frozenset(name for one in findings if one.displaced_m > _ASTRAY_M for name in one.cameras)
+        return Watched(self._offset_s, ill, miscalibrated)

@@ -11,7 +11,7 @@ from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.report import CalibrationReport, RefusedCalibration
 from posefuse.calibration.result_files import clock_settings, write_calibration_report
 from posefuse.cli.terminal import Terminal
-from posefuse.foundation.atomic import write_text
+from posefuse.foundation.output_file import write_text
 from posefuse.pipeline.config import read_config
 
 from .next_steps import Asked, next_after

@@ -24,8 +24,7 @@ from posefuse.cli.command_options import ExtrinsicsOptions, IntrinsicsOptions, P
 from posefuse.cli.terminal import Terminal
 from posefuse.core import CalibrationError, Camera, InputError
 from posefuse.formats.rig import read_placed_rig, read_rig
-from posefuse.foundation.atomic import atomic_file
-from posefuse.foundation.output_file import keep_copy
+from posefuse.foundation.output_file import atomic_file, keep_copy
 from posefuse.pipeline.config import CONFIG_FILE
 
 from .inputs import check_files, clock_offsets_s, clocks_beside, option_name, recordings_of

@@ -75,7 +75,7 @@ def models(
         measure: Measure the installed networks, and name the largest one that processes every frame of so many cameras.
     """
     from posefuse.detection.models import fetch_all, list_cards, model_path, status
-    from posefuse.foundation.user_cache import default_cache_dir
+    from posefuse.foundation.places import default_cache_dir
 
     cache_dir, wanted = default_cache_dir(), _wanted(names, source)
     if not check:

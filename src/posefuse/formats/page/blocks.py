@@ -11,7 +11,7 @@ import numpy as np
 
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
-from posefuse.foundation.columns import column_texts
+from posefuse.foundation.parsing import column_texts
 
 MISSING = "–"
 Tone = Literal["", "left", "right", "mid", "good", "bad"]

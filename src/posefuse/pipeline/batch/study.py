@@ -13,8 +13,7 @@ from typing import Any
 from posefuse.core import DiskFullError, InputError, Progress, silent
 from posefuse.detection.downloading import fetch_networks
 from posefuse.formats.page import write_page
-from posefuse.foundation.atomic import atomic_file, write_text
-from posefuse.foundation.output_file import earlier_kept, keep_copy
+from posefuse.foundation.output_file import atomic_file, earlier_kept, keep_copy, write_text
 from posefuse.foundation.output_folder import check_replaceable, growing_folder
 from posefuse.foundation.places import check_outside_inputs
 from posefuse.pipeline.writing import build_sinks
