@@ -85,7 +85,7 @@ def test_a_failure_is_named_and_the_rest_is_finished(folder: Path, here: list[st
     assert "broken" in (tmp_path / "out" / "study.html").read_text(encoding="utf-8")
 
 
-def test_the_reason_of_a_failure_is_printed_once(
+def test_the_command_shows_the_reason_of_a_failure_once(
     folder: Path, here: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     settings = [word for key, value in SETTINGS.items() for word in ("--set", f"{key}={value}")]
@@ -217,8 +217,8 @@ def test_at_least_one_trial_fits_into_a_machine(monkeypatch: pytest.MonkeyPatch)
 
 def test_without_a_scheduler_one_line_reports_it(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    from posefuse.pipeline.batch import processes
+    from posefuse.pipeline.batch import cluster
 
-    monkeypatch.setattr(processes, "_CONNECT_S", 0.5)
+    monkeypatch.setattr(cluster, "_CONNECT_S", 0.5)
     with pytest.raises(InputError, match="no Dask scheduler answers there"):
         run(folder, tmp_path / "out", scheduler="tcp://127.0.0.1:9", progress=silent)
