@@ -10,8 +10,7 @@ import numpy as np
 from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks
 from posefuse.calibration.report import CalibrationReport
 from posefuse.core import InputError, Progress, Rig, silent
-from posefuse.detection.build import build_detector
-from posefuse.detection.downloading import fetch_networks
+from posefuse.detection.build import build_detector, fetch_networks
 from posefuse.health.background import background_of
 
 from .config import TrackConfig
