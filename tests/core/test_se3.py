@@ -77,3 +77,10 @@ def test_guards() -> None:
         SE3.identity()[0]
     with pytest.raises(ValueError, match="read-only"):
         SE3.identity().xyz[0] = 1.0
+
+
+def test_a_quaternion_and_its_negative_have_one_rotation_vector_of_half_a_turn_at_most() -> None:
+    one = SE3.from_rotvec(np.array([0.3, -1.1, 2.0]), np.zeros(3))
+    other = SE3(-one.wxyz, one.xyz)
+    np.testing.assert_allclose(other.rotvec(), one.rotvec(), atol=1e-12)
+    assert np.linalg.norm(other.rotvec()) < np.pi

@@ -27,6 +27,8 @@ def test_side_view_is_large_across_and_small_along_the_optical_axis(ring_rig, st
     pose[elbow] = pose[wrist] + 0.25 * rig.cameras[1].cam_from_world.matrix()[0]
     assert side_view(rig, skeleton, pose)[1, wrist] == pytest.approx(1, abs=1e-12)
     assert (side_view(rig, skeleton, pose)[:, skeleton.index("nose")] == 1).all()
+    with_segment = [name in SEGMENT_OF for name in skeleton.keypoints]
+    assert ((side_view(rig, skeleton, standing) < 1).any(axis=0) == with_segment).all()
 
 
 def test_a_missing_segment_leaves_distance_alone_to_decide(ring_rig, standing):
