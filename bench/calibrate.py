@@ -1,22 +1,21 @@
 """Calibration measured against the truth: errors, clocks and seconds.
 
-Run: python bench/calibrate.py [--seeds N]                markers projected, noise added
-     python bench/calibrate.py --rendered [SESSION]       real detection in rendered videos; renders the scene when it is missing
-     python bench/calibrate.py --person [SEED]            from a walking person alone, the real 2D network on rendered videos
-     python bench/calibrate.py --person-real [DATA]       the same on pose2sim_single: estimates against each other
+python bench/calibrate.py [--seeds N]               markers projected, noise added
+python bench/calibrate.py --rendered SESSION        real detection in rendered videos; renders the scene when it is missing
+python bench/calibrate.py --person SEED             from a walking person alone, the real network on rendered videos; 0 is all
+python bench/calibrate.py --person-real DATA        the same on pose2sim_single: estimates against each other
 """
 
 from __future__ import annotations
 
-import argparse
-import json
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 from faults.waved_props import Faults, Waving, cube, observe_prop
+from harness import answer, arguments, medians
+from scenes import ring
 
 from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.self_checks import camera_differences
@@ -25,39 +24,28 @@ from posefuse.calibration.solving.rotations import poses_of
 from posefuse.calibration.targets.corners import joined
 from posefuse.calibration.targets.detection import detect_corners
 from posefuse.calibration.targets.kinds import Markers
-from posefuse.core import Camera, Rig
+from posefuse.core import Rig
 from posefuse.formats.rig import read_rig
 from posefuse.simulation import SessionPaths, simulate
 from posefuse.simulation.build import live_scene
-from posefuse.simulation.cameras import looking_at
 from posefuse.simulation.props import ArucoCube
 from posefuse.simulation.scene import read_scene
 from posefuse.sources import VideoConfig
 
-REAL = Path("../shared/data/pose2sim_single")
-RADIUS_M, HEIGHT_M = 4.5, 2.2
-LENS = np.array([-0.12, 0.05, 0.001, -0.0005, 0.0])
+LENS = (-0.12, 0.05, 0.001, -0.0005, 0.0)
 SECONDS = 120.0
-SCENE, RENDERED = Path("examples/scenes/calibration_cube_8cam.yaml"), Path("out/calibration_cube_8cam")
-
-
-def ring(count: int, size_wh: tuple[int, int]) -> Rig:
-    focal = 0.9 * size_wh[0]
-    intrinsics = np.array([[focal, 0, (size_wh[0] - 1) / 2], [0, focal, (size_wh[1] - 1) / 2], [0, 0, 1]])
-    cameras = []
-    for i in range(count):
-        angle = 2 * np.pi * i / count + 0.3
-        centre = np.array([RADIUS_M * np.cos(angle), RADIUS_M * np.sin(angle), HEIGHT_M])
-        pose = looking_at(centre, np.array([0, 0, 1.0]))
-        cameras.append(Camera(name=f"cam{i:02d}", size_wh=size_wh, K=intrinsics, cam_from_world=pose, distortion=LENS))
-    return Rig(tuple(cameras))
+SCENE = Path("examples/scenes/calibration_cube_8cam.yaml")
 
 
 def cases() -> Iterator[tuple[str, Rig, str, bool]]:
-    for count, size in ((4, (640, 480)), (8, (640, 480)), (4, (1280, 720)), (8, (1280, 720))):
-        yield f"{count} cameras {size[0]}x{size[1]}, synchronised", ring(count, size), "together", False
-    yield "6 cameras 640x480, clocks up to 200 ms apart", ring(6, (640, 480)), "offset", True
-    yield "8 cameras 1280x720, clocks up to 200 ms apart", ring(8, (1280, 720)), "offset", True
+    for count, size, apart in (
+        *((count, size, False) for size in ((640, 480), (1280, 720)) for count in (4, 8)),
+        (6, (640, 480), True),
+        (8, (1280, 720), True),
+    ):
+        rig = ring(count, size, 0.9 * size[0], begin_rad=0.3, lens=LENS)
+        clocks = "clocks up to 200 ms apart" if apart else "synchronised"
+        yield f"{count} cameras {size[0]}x{size[1]}, {clocks}", rig, "offset" if apart else "together", apart
 
 
 def measured(rig: Rig, clocks: str, apart: bool, seed: int) -> dict[str, float]:
@@ -107,35 +95,21 @@ def rendered(session: Path) -> dict[str, float]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--rendered", type=Path, nargs="?", const=RENDERED, metavar="SESSION", help=f"default {RENDERED}")
-    parser.add_argument("--person", type=int, nargs="?", const=-1, metavar="SEED", help="a walking person alone; of all seeds")
-    parser.add_argument("--person-real", type=Path, nargs="?", const=REAL, metavar="DATA", help=f"default {REAL}")
-    args = parser.parse_args()
+    args = arguments(__doc__, seeds=3, rendered=Path, person=int, person_real=Path)
     if args.person is not None or args.person_real:
         import calibrate_person
 
-        only = None if args.person in (None, -1) else args.person
-        figures = calibrate_person.real(args.person_real) if args.person_real else calibrate_person.simulated(only)
-        print(json.dumps(figures, indent=2))
+        tables = calibrate_person.real(args.person_real) if args.person_real else calibrate_person.simulated(args.person)
+        answer(args, tables)
         return
     if args.rendered:
-        print(json.dumps({"session": str(args.rendered), **rendered(args.rendered)}, indent=2))
+        answer(args, {"Rendered": [{"session": str(args.rendered), **rendered(args.rendered)}]})
         return
-    seeds, figures = args.seeds, {}
-    print(f"Waved unknown cube, {SECONDS:.0f} s at 30 Hz, {RADIUS_M} m radius, corner noise 0.25 px;", file=sys.stderr)
-    print(f"markers projected, not rendered; worst camera of {seeds} seeds\n", file=sys.stderr)
-    print("| case | position mm | rotation deg | clock ms | solve and checks s | of all cores s |", file=sys.stderr)
-    print("|---|---|---|---|---|---|", file=sys.stderr)
+    rows = []
     for label, rig, clocks, apart in cases():
-        rows = [measured(rig, clocks, apart, seed) for seed in range(seeds)]
-        worst = {name: max(row[name] for row in rows) for name in rows[0]}
-        figures[label] = worst
-        shown = f"{worst['position_mm']:.2f} | {worst['rotation_deg']:.4f} | {worst['clock_ms']:.2f} | {worst['seconds']:.1f}"
-        shown += f" | {worst['cpu_seconds']:.1f}"
-        print(f"| {label} | {shown} |", file=sys.stderr)
-    print(json.dumps({"seeds": seeds, "cases": figures}, indent=2))
+        rows.append({"case": label, **medians([measured(rig, clocks, apart, seed) for seed in range(args.seeds)], np.max)})
+    about = f"Waved unknown cube, {SECONDS:.0f} s at 30 Hz, corner noise 0.25 px; markers projected, not rendered"
+    answer(args, {f"{about}; worst camera of {args.seeds} seeds": rows}, seeds=args.seeds)
 
 
 if __name__ == "__main__":

@@ -10,15 +10,14 @@ of the worst camera against the truth, after the best rigid motion; scale counts
 
 from __future__ import annotations
 
-import argparse
-import json
-import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import cv2
 import numpy as np
 from faults.sessions import Session, board_session, errors
+from harness import answer, arguments, medians, note
 
 from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.target import calibrate_extrinsics
@@ -89,8 +88,6 @@ def board_poses(group, flat: Array, use: Array, frame: Array, board: Array) -> t
 
 
 def rig_of(cameras: tuple[Camera, ...], placed: list[SE3]) -> Rig:
-    from dataclasses import replace
-
     return Rig(tuple(replace(camera, cam_from_world=pose) for camera, pose in zip(cameras, placed, strict=True)))
 
 
@@ -104,19 +101,16 @@ def measured(solve: Callable[[Session, CornerObservations, Array], Rig], seed: i
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=4)
-    seeds = parser.parse_args().seeds
-    figures: dict[str, dict[str, float]] = {}
+    args = arguments(__doc__, seeds=4)
+    rows = []
     for solve in (posefuse, opencv, aniposelib):
         try:
-            rows = [measured(solve, 500 + seed) for seed in range(seeds)]
+            found = medians([measured(solve, 500 + seed) for seed in range(args.seeds)])
         except ModuleNotFoundError as error:
-            print(f"{solve.__name__}: not installed ({error.name})", file=sys.stderr)
+            note(f"{solve.__name__}: not installed ({error.name})")
             continue
-        figures[solve.__name__] = {name: float(np.median([row[name] for row in rows])) for name in rows[0]}
-        print(solve.__name__, {name: round(value, 3) for name, value in figures[solve.__name__].items()}, file=sys.stderr)
-    print(json.dumps({"seeds": seeds, "median": figures}, indent=2))
+        rows.append({"solved by": solve.__name__, **found})
+    answer(args, {"Medians": rows}, seeds=args.seeds)
 
 
 if __name__ == "__main__":

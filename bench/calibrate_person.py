@@ -7,6 +7,7 @@ from itertools import combinations
 from pathlib import Path
 
 import numpy as np
+from harness import rendered
 
 from paper.scenes.scenes import scene_name, walking_scene
 from posefuse.calibration.clocks.person_tracks import person_tracks
@@ -22,7 +23,7 @@ from posefuse.detection.build import DetectorChoice
 from posefuse.formats.pose2d import read_openpose_folder
 from posefuse.formats.rig import read_rig
 from posefuse.pipeline.person_poses import person_in_videos
-from posefuse.simulation import SessionPaths, simulate
+from posefuse.simulation import SessionPaths
 from posefuse.simulation.body.body import completed_shape
 from posefuse.simulation.scene import read_scene
 
@@ -49,10 +50,7 @@ def rendered_walk(seed: int, seconds: float, rate_hz: float = 30.0, cameras: int
     """A session with the videos of a walk, rendered when it is not there; a body for each seed."""
     scene = replace(walking_scene(seed, seconds), rate_hz=rate_hz)
     scene = replace(scene, cameras=replace(scene.cameras, count=cameras))
-    paths = SessionPaths(SESSIONS / scene_name(f"walking-{seed}", scene))
-    if not paths.rig.exists():
-        simulate(scene, paths.folder)
-    return paths.folder
+    return rendered(scene, SESSIONS / scene_name(f"walking-{seed}", scene), processes=None)
 
 
 def height_of(paths: SessionPaths) -> float:
@@ -62,14 +60,14 @@ def height_of(paths: SessionPaths) -> float:
     return float(height_m)
 
 
-def simulated(only: int | None = None) -> dict:
-    """Worst camera against the truth, for walks of some lengths; the real network on rendered videos; `only` one seed.
+def simulated(only: int = 0) -> dict[str, list[dict]]:
+    """Worst camera against the truth, for walks of some lengths; the real network on rendered videos; `only` one seed, or all.
 
     The true height is given, so the scale has the error of the height's model alone.
     """
-    figures: dict = {}
+    rows = []
     for seed, longest_s, rate_hz, count in WALKS:
-        if only is not None and seed != only:
+        if only not in (0, seed):
             continue
         paths = SessionPaths(rendered_walk(seed, longest_s, rate_hz, count))
         rig, length = read_rig(paths.rig), KnownLength(stature_m=height_of(paths))
@@ -78,8 +76,8 @@ def simulated(only: int | None = None) -> dict:
         views, cameras = person_views(seen.tracks), seen.cameras
         for seconds in (s for s in SECONDS if s <= longest_s):
             part = views.at(views.t_ns < seconds * 1e9)
-            figures[f"seed {seed}, {count} cameras, {seconds:.0f} s"] = outcome(rig, part, cameras, length)
-    return figures
+            rows.append({"seed": seed, "cameras": count, "seconds": seconds, **outcome(rig, part, cameras, length)})
+    return {"From a person alone": rows}
 
 
 def outcome(rig: Rig, views: PersonViews, cameras: tuple[Camera, ...], length: KnownLength) -> dict:
@@ -100,34 +98,32 @@ def halves_of(found: PersonCalibration) -> str:
     return next(check.detail for check in found.report.checks if check.name == "halves agree")
 
 
-def real(data: Path) -> dict:
+def real(data: Path) -> dict[str, list[dict]]:
     """`pose2sim_single`: rigs from several detectors, compared with each other and with the marker system's rig.
 
     And, in both kinds of rig, by how much all keypoints of a camera together lie next to where the other cameras see them:
     what a detector gets wrong differs from keypoint to keypoint, what a camera's pose gets wrong does not.
     """
     reference = read_rig(data / "calibration" / "Calib_qualisys.toml")
-    length, rigs, figures = KnownLength(stature_m=STATURE_M), {"reference": reference}, {}
+    length, rigs, rows = KnownLength(stature_m=STATURE_M), {"reference": reference}, []
     for name, (views, cameras) in _estimates(data, reference, length).items():
         placed = Rig(tuple(replace(camera, cam_from_world=reference[camera.name].cam_from_world) for camera in cameras))
-        figures[name] = {"beside_in_reference_px": beside_px(placed, views)}
+        rows.append({"from": name, "off in the reference, px": off_px(placed, views)})
         try:
             found = calibrate_from_person(views, cameras, length)
         except RefusedCalibration as refused:
-            figures[name]["refused"] = str(refused)
+            rows[-1]["refused"] = str(refused)
             continue
         rigs[name] = found.rig
-        figures[name] |= {"beside_in_own_rig_px": beside_px(found.rig, views), "halves": halves_of(found)}
+        rows[-1] |= {"off in its own rig, px": off_px(found.rig, views), "halves": halves_of(found)}
+    pairs = []
     for a, b in combinations(rigs, 2):
-        millimetres, degrees = after_similarity(rigs[a], rigs[b])
-        figures[f"{b} against {a}"] = {
-            "position_mm": dict(zip(reference.names, millimetres.round(1).tolist(), strict=True)),
-            "rotation_deg": dict(zip(reference.names, degrees.round(2).tolist(), strict=True)),
-        }
-    return figures
+        millimetres, degrees = (dict(zip(reference.names, values, strict=True)) for values in after_similarity(rigs[a], rigs[b]))
+        pairs.append({"rig": b, "against": a, "position_mm": millimetres, "rotation_deg": degrees})
+    return {"Estimates": rows, "Against each other": pairs}
 
 
-def beside_px(rig: Rig, views: PersonViews) -> dict:
+def off_px(rig: Rig, views: PersonViews) -> dict:
     """Per camera, median (x, y) over all keypoints and time steps from what it saw to where the others' rays meet."""
     xy = np.where((views.score >= LEAST_SCORE)[..., None], views.xy_img, np.nan)
     off = beside_others(rig, xy.reshape(len(rig), -1, 2))

@@ -1,7 +1,7 @@
 """Clocks of recordings that were not synchronised, found from the person: errors against shifts that are known.
 
-Run: python bench/clocks_recorded.py                rendered walks, the real 2D network, stamps shifted; rig known, and unknown
-     python bench/clocks_recorded.py --real [DATA]  pose2sim_single as it is, and with one camera shifted by whole frames
+    python bench/clocks_recorded.py [--seeds 21]   rendered walks, the real 2D network, stamps shifted; rig known, and unknown
+    python bench/clocks_recorded.py --real DATA    pose2sim_single as it is, and with one camera shifted by whole frames
 
 Two cameras keep the even frames and two the odd ones, so that no two neighbours ever look at one moment. Constants were
 chosen on the walks of `python -m paper drift`; the coarse search was tried on oracle detections of these walks as well.
@@ -9,15 +9,13 @@ chosen on the walks of `python -m paper drift`; the coarse search was tried on o
 
 from __future__ import annotations
 
-import argparse
-import json
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from calibrate_person import REAL_RATE_HZ, STATURE_M, after_similarity, folders_of, rendered_walk
+from harness import answer, arguments, note
 
 from posefuse.calibration.clocks.person import clocks_from_person
 from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks
@@ -34,14 +32,14 @@ from posefuse.sources import VideoConfig
 # by seed: seconds, and how many of them have to do when the rig is not known; all at 30 Hz
 WALKS = {1: (60.0, 20.0), 21: (12.0, 12.0), 22: (12.0, 12.0), 23: (12.0, 12.0)}
 PHASES = (0, 1, 0, 1)
+FIRST = "within 0.3 s"
 LATE_S = {
-    "within 0.3 s": (0.0, 0.2083, -0.1917, 0.0541),
+    FIRST: (0.0, 0.2083, -0.1917, 0.0541),
     "one 3.7 s": (0.0, 3.7117, -0.2, 0.1),
     "two, seconds": (0.0, -2.4183, 3.0291, 0.0),
 }
 DRIFT = (0.0, 50e-6, -50e-6, 0.0)
 MOST_S = 10.0
-REAL = Path("../shared/data/pose2sim_single")
 SHIFTED_FRAMES = (0, 0, 12, 0)
 
 
@@ -103,48 +101,40 @@ def alone(rig: Rig, tracks: Sequence[PersonTrack], late_s: Sequence[float]) -> d
     return {"clocks": taken, "position_mm": float(millimetres.max()), "rotation_deg": float(degrees.max()), **figures}
 
 
-def simulated(seeds: Sequence[int]) -> dict:
-    figures: dict = {"rig known": {}, "person alone": {}}
+def simulated(seeds: Sequence[int]) -> dict[str, list[dict]]:
+    known, alone_rows = [], []
     for seed in seeds:
         seconds, alone_s = WALKS[seed]
         session = rendered_walk(seed, seconds)
         rig = read_rig(session / "rig.toml")
         tracks = tracks_of(rig, session)
-        cut, walk = until(tracks, seconds), f"seed {seed}, {seconds:.0f} s"
-        for name, late_s in LATE_S.items():
-            report(figures["rig known"], f"{walk}, {name}", with_rig(rig, cut, late_s))
-        report(figures["rig known"], f"{walk}, and 50 ppm", with_rig(rig, cut, LATE_S["within 0.3 s"], DRIFT))
-        walk = f"seed {seed}, {alone_s:.0f} s"
+        cut, about = until(tracks, seconds), {"seed": seed, "seconds": seconds}
+        for name, late_s, drift in (*((name, late_s, None) for name, late_s in LATE_S.items()), ("50 ppm", LATE_S[FIRST], DRIFT)):
+            known.append({**about, "late": name, **with_rig(rig, cut, late_s, drift)})
+            note(known[-1])
         for name, phases, late_s in (
             ("synchronised", (0, 0, 0, 0), np.zeros(4)),
-            ("within 0.3 s", PHASES, LATE_S["within 0.3 s"]),
-            ("one 3.7 s", PHASES, LATE_S["one 3.7 s"]),
+            *((name, PHASES, LATE_S[name]) for name in (FIRST, "one 3.7 s")),
         ):
-            report(figures["person alone"], f"{walk}, {name}", alone(rig, until(tracks, alone_s, phases), late_s))
-    return figures
+            found = alone(rig, until(tracks, alone_s, phases), late_s)
+            alone_rows.append({"seed": seed, "seconds": alone_s, "late": name, **found})
+            note(alone_rows[-1])
+    return {"Rig known": known, "Person alone": alone_rows}
 
 
-def report(figures: dict, case: str, found: dict) -> None:
-    """Keep a case's figures, and show them at once."""
-    figures[case] = found
-    print(f"{case}: {found}", file=sys.stderr, flush=True)
-
-
-def real(data: Path) -> dict:
+def real(data: Path) -> dict[str, list[dict]]:
     """OpenPose's JSON of 1.7 s of a man on a beam, in the marker system's rig."""
     rig = read_rig(data / "calibration" / "Calib_qualisys.toml")
     folders = folders_of(data, rig)
     tracks = person_tracks({name: list(read_openpose_folder(path, name).frames(REAL_RATE_HZ)) for name, path in folders.items()})
     late_s = np.array(SHIFTED_FRAMES) / REAL_RATE_HZ
-    return {"as it is": with_rig(rig, tracks, np.zeros(4)), "cam_03 by 12 frames": with_rig(rig, tracks, late_s)}
+    cases = {"as it is": np.zeros(4), "cam_03 by 12 frames": late_s}
+    return {"Real footage": [{"shifted": name, **with_rig(rig, tracks, late)} for name, late in cases.items()]}
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--real", type=Path, nargs="?", const=REAL, metavar="DATA", help=f"default {REAL}")
-    parser.add_argument("--seeds", type=int, nargs="+", choices=WALKS, default=list(WALKS), help="walks, default all")
-    args = parser.parse_args()
-    print(json.dumps(real(args.real) if args.real else simulated(args.seeds), indent=2))
+    args = arguments(__doc__, real=Path, seeds=dict.fromkeys(WALKS))
+    answer(args, real(args.real) if args.real else simulated(args.seeds))
 
 
 if __name__ == "__main__":

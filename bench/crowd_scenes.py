@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from live_tracking import OUTLIER_PX, OUTLIERS, SWAPS, noise
+from harness import Use, scene_from
+from scenes import OUTLIER_PX, OUTLIERS, SWAPS, noise, walk, wander
 
 from posefuse.core import CameraTruth, Detections2D, LookKind, Pose3D, Region, Truth
 from posefuse.core.skeleton import ANATOMICAL23
@@ -17,7 +18,6 @@ from posefuse.core.values import keypoint_boxes
 from posefuse.detection import region_from_pose
 from posefuse.detection.clothing import lab_from_srgb
 from posefuse.formats.truth import read_truth, write_truth
-from posefuse.foundation.settings import settings_from_mapping
 from posefuse.simulation.body.body import completed_shape
 from posefuse.simulation.body.mesh import BodyShapeSettings
 from posefuse.simulation.build import LiveScene, live_scene
@@ -138,7 +138,7 @@ def _scene(kind: str, people: int, cameras: int, seed: int, attempt: int) -> Sce
         ],
         "occluders": _furniture(rng) if kind == "furniture" else [],
     }  # fmt: skip
-    return settings_from_mapping(content, Scene, "bench")
+    return scene_from(content, Use.DEVELOP if seed == DEVELOPMENT_SEED else Use.REPORT)
 
 
 def _motions(kind: str, people: int, rng: np.random.Generator) -> list[dict[str, Any]]:
@@ -152,10 +152,12 @@ def _motions(kind: str, people: int, rng: np.random.Generator) -> list[dict[str,
         return [_meeting(n, rng) for n in range(people)]
     speed = rng.uniform(0.8, 1.4, people)
     return [
-        {"kind": "walk", "speed_mps": float(min(speed[n], 1.4)),
-         "path": {"shape": "circle", "radius_m": 0.8 + 0.5 * n, "clockwise": n % 2 == 1, "start_deg": float(rng.uniform(0, 360))}}
+        walk(
+            {"shape": "circle", "radius_m": 0.8 + 0.5 * n, "clockwise": n % 2 == 1, "start_deg": float(rng.uniform(0, 360))},
+            float(min(speed[n], 1.4)),
+        )
         for n in range(people)
-    ]  # fmt: skip
+    ]
 
 
 def _crossing(n: int, rng: np.random.Generator) -> dict[str, Any]:
@@ -164,14 +166,14 @@ def _crossing(n: int, rng: np.random.Generator) -> dict[str, Any]:
     ahead, left = np.array([sense, 0.0]), np.array([0.0, sense])
     start, end = middle - 2.0 * ahead - 0.15 * left, middle + 2.0 * ahead - 0.15 * left
     path = {"shape": "back_forth", "start_m": start.tolist(), "end_m": end.tolist()}
-    return {"kind": "walk", "speed_mps": float(rng.uniform(0.8, 1.4)), "path": path}
+    return walk(path, float(rng.uniform(0.8, 1.4)))
 
 
 def _meeting(n: int, rng: np.random.Generator) -> dict[str, Any]:
     """Two by two towards each other until they stand chest to chest."""
     middle, sense = np.array([0.0, 1.2 * (n // 2)]), 1 - 2 * (n % 2)
     path = {"shape": "line", "start_m": (middle - [2.2 * sense, 0]).tolist(), "end_m": (middle - [0.15 * sense, 0]).tolist()}
-    return {"kind": "walk", "speed_mps": float(rng.uniform(0.7, 1.1)), "path": path}
+    return walk(path, float(rng.uniform(0.7, 1.1)))
 
 
 def _furniture(rng: np.random.Generator) -> list[dict[str, Any]]:
@@ -221,16 +223,8 @@ class Network:
         again = np.random.default_rng([i, c]).normal(0, 0.2, out_xy.shape) * out_sigma[..., None]
         out_xy = out_xy + (again if regions is not None else 0.0)
         box = keypoint_boxes(out_xy, out_score)
-        return Detections2D(
-            camera=self.rig.names[c],
-            t_ns=int(self.t_ns[i]),
-            skeleton=self.skeleton,
-            xy_img=out_xy,
-            score=out_score,
-            sigma_px=out_sigma,
-            box_img=box,
-            clothing_lab=out_clothing,
-        )
+        parts = {"xy_img": out_xy, "score": out_score, "sigma_px": out_sigma, "box_img": box, "clothing_lab": out_clothing}
+        return Detections2D(camera=self.rig.names[c], t_ns=int(self.t_ns[i]), skeleton=self.skeleton, **parts)
 
     def works(self, i: int, c: int) -> bool:
         return bool(self._works[i, c])
@@ -280,10 +274,7 @@ def _clothing(truth: Truth, c: int, worn: np.ndarray, rng: np.random.Generator) 
     shape = (frames, people, 3, 3)
     camera = rng.standard_normal((1, 1, 1, 3)) * CAMERA_LAB
     t_s = view.t_ns / 1e9
-    slow = rng.standard_normal(shape)
-    keep = np.exp(-np.diff(t_s) / LIGHT_S)
-    for i in range(1, frames):
-        slow[i] = keep[i - 1] * slow[i - 1] + np.sqrt(1 - keep[i - 1] ** 2) * slow[i]
+    slow = wander(rng, t_s, shape[1:], LIGHT_S)
     lab = worn[None] + camera + slow * LIGHT_LAB + rng.standard_normal(shape) * WHITE_LAB
     # what is hidden shows the clothes of the person nearest in the image
     middle = view.xy_img.mean(axis=2)

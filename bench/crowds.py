@@ -6,7 +6,7 @@ after Luiten et al. 2021 with the similarity 1 - distance / `gate_m`, switches a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -107,6 +107,14 @@ def returned_right(matches: Array, asked: Array, away_frames: int, settled_frame
 def frame_matches(distance_m: Array, asked: Array, gate_m: float = GATE_M) -> Array:
     """(T, N) the result that each person is, -1 for none; an earlier match is kept while it is near enough (CLEAR MOT)."""
     return _matches(np.where(asked[:, :, None], distance_m, np.inf), gate_m)
+
+
+def crowd_row(distance_m: Array, asked: Array, there: Array, rate_hz: float) -> dict[str, float]:
+    """Figures of a result, and returns: of a person away for a second, whose id is read half a second later, over as much."""
+    matches = frame_matches(distance_m, asked)
+    right, returns = returned_right(matches, asked, round(rate_hz), round(rate_hz / 2))
+    found = asdict(crowd_figures(distance_m, asked, there, rate_hz))
+    return {**found, "returns": returns, "returns_right": right}
 
 
 def _usual(matches: Array) -> int | None:

@@ -6,15 +6,11 @@ Batches of four views with one person each, where the region is known (the usual
 in which no person is found. The time of the networks does not depend on what is in the image.
 """
 
-import argparse
-import json
 import os
-import sys
 import time
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
+from harness import answer, arguments
 
 from posefuse.core import Frame, Region
 from posefuse.detection import BlazePoseConfig
@@ -53,22 +49,12 @@ def measure(landmarks: str, streams: int, size_wh: tuple[int, int], known: bool,
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--repeat", type=int, default=50)
-    repeat = parser.parse_args().repeat
+    args = arguments(__doc__, repeat=50)
     usual = BlazePoseConfig().landmarks
-    cases = [(usual, streams, size, True, repeat) for streams in sorted({1, CORES}) for size in SIZES_WH]
-    cases += [(name, CORES, SIZES_WH[0], True, repeat) for name in OTHERS]
-    rows = [measure(*case) for case in [*cases, (usual, CORES, SIZES_WH[0], False, max(3, repeat // 10))]]
-    table = Table(title="detection per image, four views at once")
-    for heading in ("landmarks", "streams", "image width", "region", "wall ms", "CPU ms"):
-        table.add_column(heading, justify="right")
-    for row in rows:
-        where = "known" if row["region_known"] else "searched in vain"
-        times = (f"{row['wall_ms_per_image']:.2f}", f"{row['cpu_ms_per_image']:.2f}")
-        table.add_row(row["landmarks"], str(row["streams"]), str(row["width_px"]), where, *times)
-    Console(file=sys.stderr).print(table)
-    print(json.dumps({"cases": rows}))
+    cases = [(usual, streams, size, True, args.repeat) for streams in sorted({1, CORES}) for size in SIZES_WH]
+    cases += [(name, CORES, SIZES_WH[0], True, args.repeat) for name in OTHERS]
+    cases.append((usual, CORES, SIZES_WH[0], False, max(3, args.repeat // 10)))
+    answer(args, {"Detection per image, four views at once": [measure(*case) for case in cases]})
 
 
 if __name__ == "__main__":

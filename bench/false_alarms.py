@@ -1,6 +1,6 @@
 """False alarms about healthy cameras, per camera-hour of simulated time.
 
-    python bench/false_alarms.py [--hours 10] [--seed 0] [--only "30/s, loop" ...] [--without pause|gap ...]
+    python bench/false_alarms.py [--hours 10] [--seed 0] [--only "30/s, loop" ...] [--without pause gap]
 
 Four healthy cameras look at a person who walks, hurries or stands in turn; what they see goes through the rig watch as in a
 live session (`realtime.rig_watch.RigWatcher`), as fast as the processor can. Frames come at a rate of 5 to 60 a second, jitter,
@@ -11,30 +11,20 @@ Noise is the default network's on the demo clip. Table on stderr, one JSON objec
 between views however far apart they are.
 """
 
-import argparse
-import json
-import sys
-
 import numpy as np
-from live_tracking import noise, scene_of_person
-from rich.console import Console
-from rich.table import Table
+from harness import answer, arguments, note
+from scenes import SIGMA_PX, Place, circle, noise, scene_of_person
 
 from posefuse.calibration.keypoints import limb_keypoints
 from posefuse.core import Rig
 from posefuse.core.skeleton import ANATOMICAL23
-from posefuse.health import common_times
+from posefuse.health import misalignment
 from posefuse.realtime.capture import LOOP_PAUSE_S
 from posefuse.realtime.rig_watch import RigWatcher
 
 LIMBS = limb_keypoints(ANATOMICAL23.keypoints)
-SIGMA_PX = 2.4
 BLOCK_S = 60.0
-MOTIONS = {
-    "walk": {"kind": "walk", "path": {"shape": "circle", "radius_m": 1.4}, "speed_mps": 1.35},
-    "hurry": {"kind": "walk", "path": {"shape": "circle", "radius_m": 1.6}, "speed_mps": 1.9},
-    "stand": {"kind": "idle"},
-}
+MOTIONS = (circle(1.4), circle(1.6, 1.9), {"kind": "idle"})
 # rate, jitter of the exposure in periods, share that is lost, seconds between cuts
 CASES = {
     "30/s": (30.0, 0.0, 0.0, None),
@@ -48,7 +38,7 @@ CASES = {
 }
 
 
-def alarms(rig: Rig, place, case: tuple, seed: int, pause_s: float = LOOP_PAUSE_S) -> list[str]:
+def alarms(rig: Rig, place: Place, case: tuple, seed: int, pause_s: float = LOOP_PAUSE_S) -> list[str]:
     """What is reported about healthy cameras in one block of time. pause_s: between two showings of the clip."""
     rate_hz, jitter, lost, cut_s = case
     events = []
@@ -73,36 +63,24 @@ def alarms(rig: Rig, place, case: tuple, seed: int, pause_s: float = LOOP_PAUSE_
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--hours", type=float, default=10.0, help="of simulated time, over all cases")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--only", nargs="+", choices=CASES, default=list(CASES), help="cases")
-    parser.add_argument("--without", nargs="+", choices=("pause", "gap"), default=[], help="rules to take away")
-    args = parser.parse_args()
+    args = arguments(__doc__, hours=10.0, seed=0, only=CASES, without=(str,))
     if "gap" in args.without:
-        common_times._REACH_NS = 10**12
-    scenes = {name: scene_of_person(motion, 4, BLOCK_S, args.seed) for name, motion in MOTIONS.items()}
+        misalignment._REACH_NS = 10**12
+    pause_s = 0.0 if "pause" in args.without else LOOP_PAUSE_S
+    scenes = [scene_of_person(motion, 4, BLOCK_S, args.seed) for motion in MOTIONS]
     blocks = max(len(MOTIONS), round(args.hours * 3600 / BLOCK_S / len(args.only)))
-    rows = {}
+    hours, rows = blocks * BLOCK_S / 3600 * 4, []
     for case in args.only:
-        content = CASES[case]
-        said = []
-        for block in range(blocks):
-            rig, place = scenes[list(MOTIONS)[block % len(MOTIONS)]]
-            said += alarms(rig, place, content, args.seed + block, 0.0 if "pause" in args.without else LOOP_PAUSE_S)
-        hours = blocks * BLOCK_S / 3600 * 4
-        rows[case] = {"camera_hours": hours, "alarms": len(said), "per_camera_hour": len(said) / hours, "said": sorted(set(said))}
-        print(case, rows[case]["alarms"], file=sys.stderr, flush=True)
-    table = Table(title="False alarms about healthy cameras", title_justify="left")
-    for column in ("case", "camera-hours", "alarms", "per camera-hour", "said"):
-        table.add_column(column)
-    for case, row in rows.items():
-        table.add_row(
-            case, f"{row['camera_hours']:.1f}", str(row["alarms"]), f"{row['per_camera_hour']:.2f}", "; ".join(row["said"])
-        )
-    Console(stderr=True, width=130).print(table)
-    print(json.dumps(rows, indent=2))
+        said = [
+            line
+            for block in range(blocks)
+            for line in alarms(*scenes[block % len(scenes)], CASES[case], args.seed + block, pause_s)
+        ]
+        about = {"camera_hours": hours, "alarms": len(said), "per_camera_hour": len(said) / hours, "said": sorted(set(said))}
+        rows.append({"case": case, **about})
+        note(case, len(said))
+    answer(args, {"False alarms about healthy cameras": rows})
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -6,18 +6,19 @@ exactly.
     python bench/fit_joint_centres.py fit OUT [MORE ...] [--card NAME] [--only ear,nose]
                                                             run the pipeline, fit, judge by bodies left out, write the card
 
-MORE are folders of other rendered scenes, e.g. those of `fit_blazepose_noise.py render`. Bodies and motions are drawn for these
+MORE are folders of other rendered scenes, e.g. those of `fit_blazepose_noise.py`. Bodies and motions are drawn for these
 two fits alone (bodies of random seeds 7000 to 7429); none of them appears in a reported measurement.
 """
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from harness import Use, arguments, checked, note, rendered, scene_from, tracked, truth_of
+from scenes import walk
 
 from posefuse.core import JointCentres, PoseSequence, Truth
 from posefuse.core.skeleton import pick_keypoints
@@ -27,10 +28,8 @@ from posefuse.evaluation.fitting.joint_centres import ARM, MOST_M
 from posefuse.evaluation.fitting.scenes import FLOORS, MOVES, RATE_HZ, SCENES_EACH, is_rendered
 from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.formats.joint_centres import joint_centres_text, read_joint_centres
-from posefuse.formats.truth import read_truth
-from posefuse.foundation.settings import settings_from_mapping
-from posefuse.simulation.scene import Scene
-from posefuse.simulation.session import simulate
+from posefuse.simulation.scene import read_scene
+from posefuse.simulation.session import SessionPaths
 from posefuse.tracking import to_joint_centres
 from posefuse.tracking.body_directions import HEAD, keypoint_of
 from posefuse.tracking.joint_centres import JOINTS, SIDES, joint_directions
@@ -47,26 +46,20 @@ def varied_scene(i: int) -> dict[str, Any]:
     cameras = []
     for c in range(4):
         angle, radius_m = np.radians(turn + 90 * c + rng.uniform(-25, 25)), rng.uniform(3.2, 5.8)
-        cameras.append(
-            {
-                "name": f"cam{c:02d}",
-                "position_m": [radius_m * np.cos(angle), radius_m * np.sin(angle), rng.uniform(0.9, 2.9)],
-                "look_at_m": [*rng.uniform(-0.2, 0.2, 2), rng.uniform(0.8, 1.1)],
-                "roll_deg": rng.uniform(-7, 7),
-                "image": {
-                    "size_px": [640, 480],
-                    "horizontal_fov_deg": rng.uniform(58, 85),
-                    "distortion": [rng.uniform(-0.2, 0.05), 0, 0, 0],
-                },
-                "sensor": {"noise_dn": rng.uniform(0, 5)},
-            }
-        )
+        cameras.append({
+            "name": f"cam{c:02d}",
+            "position_m": [radius_m * np.cos(angle), radius_m * np.sin(angle), rng.uniform(0.9, 2.9)],
+            "look_at_m": [*rng.uniform(-0.2, 0.2, 2), rng.uniform(0.8, 1.1)], "roll_deg": rng.uniform(-7, 7),
+            "image": {"size_px": [640, 480], "horizontal_fov_deg": rng.uniform(58, 85),
+                      "distortion": [rng.uniform(-0.2, 0.05), 0, 0, 0]},
+            "sensor": {"noise_dn": rng.uniform(0, 5)},
+        })  # fmt: skip
     paths = (
         {"shape": "random", "low_m": [-1.6, -1.6], "high_m": [1.6, 1.6]},
         {"shape": "circle", "radius_m": rng.uniform(1.15, 1.5), "clockwise": bool(i % 2)},
         {"shape": "back_forth", "start_m": [-1.4, -0.8], "end_m": [1.3, 0.9]},
     )
-    walk = {"kind": "walk", "speed_mps": rng.uniform(0.7, 1.6), "path": paths[i % 3]}
+    walking = walk(paths[i % 3], rng.uniform(0.7, 1.6))
     others = (
         {"kind": "turn", "period_s": 4.6},
         {"kind": "sit", "period_s": 3.6},
@@ -78,7 +71,7 @@ def varied_scene(i: int) -> dict[str, Any]:
         "rate_hz": RATE_HZ,
         "seed": 800 + i,
         "cameras": {"kind": "list", "cameras": cameras},
-        "people": [{"body": {"random_seed": 7400 + i}, "motion": others[i // 3 % 4] if i % 3 == 2 else walk}],
+        "people": [{"body": {"random_seed": 7400 + i}, "motion": others[i // 3 % 4] if i % 3 == 2 else walking}],
         "room": {
             "floor": FLOORS[int(rng.integers(4))],
             "walls": ("office", "plain", "none")[int(rng.integers(3))],
@@ -92,29 +85,16 @@ def varied_scene(i: int) -> dict[str, Any]:
 def render_varied(out: Path) -> None:
     """Minutes; resumes."""
     for i in range(VARIED):
-        folder = out / f"scene{i:02d}"
-        if not is_rendered(folder):
-            simulate(settings_from_mapping(varied_scene(i), Scene, where=folder.name), folder, processes=1)
-            print(f"{folder.name}: rendered", flush=True)
+        note(rendered(scene_from(varied_scene(i), Use.FIT), out / f"scene{i:02d}", Use.FIT).name)
 
 
-def tracked(folder: Path, card_name: str) -> tuple[PoseSequence, Truth]:
+def run_of(folder: Path, card_name: str) -> Run:
     """What the pipeline makes of a scene, time step by time step and uncorrected, and the truth."""
-    from posefuse.detection.build import DetectorChoice
-    from posefuse.pipeline.clock import StageClock
-    from posefuse.pipeline.config import CameraInput, TrackConfig
-    from posefuse.pipeline.run import track_session
-    from posefuse.pipeline.session import find_session
-
-    truth = read_truth(folder / "truth" / "truth.npz")
-    inputs = {name: CameraInput(images=f"videos/{name}") for name in truth.rig.names}
-    detector = DetectorChoice(options={"landmarks": card_name})
-    config = TrackConfig(detector=detector, raw=True, joint_centres=False, rate_hz=RATE_HZ, cameras=inputs)
-
-    def silent(*_: object) -> None: ...
-
-    done = track_session(find_session(folder, config), config, StageClock(), silent, silent, silent)
-    return done.recording.poses, truth
+    truth = truth_of(folder)
+    inputs = {name: {"images": f"videos/{name}"} for name in truth.rig.names}
+    detector = {"options": {"landmarks": card_name}}
+    recording = tracked(folder, detector=detector, raw=True, joint_centres=False, rate_hz=RATE_HZ, cameras=inputs)
+    return recording.poses, truth
 
 
 def errors_mm(poses: PoseSequence, truth: Truth, table: JointCentres) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -149,8 +129,10 @@ def parts(errors: list[np.ndarray]) -> str:
 
 
 def fit(folders: list[Path], card_name: str, only: tuple[str, ...]) -> None:
-    scenes = [path for folder in folders for path in sorted(folder.glob("scene*")) if (path / "truth" / "truth.npz").exists()]
-    runs = [tracked(path, card_name) for path in scenes]
+    scenes = [path for folder in folders for path in sorted(folder.glob("scene*")) if is_rendered(path)]
+    for path in scenes:
+        checked(read_scene(SessionPaths(path).scene), Use.FIT)
+    runs = [run_of(path, card_name) for path in scenes]
     raised = {folders[0] / f"scene{i:02d}" for i in range(SCENES_EACH, 2 * SCENES_EACH)}
     found: dict[Path, dict[str, tuple[np.ndarray, np.ndarray]]] = {}
     for part in range(PARTS):
@@ -182,19 +164,17 @@ def write_card(card_name: str, table: JointCentres, only: tuple[str, ...], bodie
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("step", choices=("render", "render-varied", "fit"))
-    parser.add_argument("out", type=Path)
-    parser.add_argument("more", type=Path, nargs="*")
-    parser.add_argument("--card", default="blazepose_full", help="landmark network or ensemble to fit")
-    parser.add_argument("--only", default="", help="joints, separated by commas, whose offsets are written; default: all")
-    arguments = parser.parse_args()
-    if arguments.step == "render":
-        render_moving(arguments.out, SCENES_EACH * len(MOVES), print)
-    elif arguments.step == "render-varied":
-        render_varied(arguments.out)
+    args = arguments(
+        __doc__, positional=("step", "out", "more"), step=str, out=Path, more=(Path,), card="blazepose_full", only=""
+    )
+    if args.step == "render":
+        render_moving(args.out, SCENES_EACH * len(MOVES), print)
+    elif args.step == "render-varied":
+        render_varied(args.out)
+    elif args.step == "fit":
+        fit([args.out, *args.more], args.card, tuple(filter(None, args.only.split(","))))
     else:
-        fit([arguments.out, *arguments.more], arguments.card, tuple(filter(None, arguments.only.split(","))))
+        raise SystemExit(f"{args.step}: expected render, render-varied or fit")
 
 
 if __name__ == "__main__":

@@ -2,159 +2,106 @@
 
     python bench/kinematics.py [--session examples/demo] [--lab ../shared/data/btk/FunctionalWalk.c3d]
 
-Tables on stderr, one JSON object on stdout. The laboratory part is left out, by name, where its file is not there.
+Angles are those found minus those of the reference, degrees: the laboratory's Plug-in-Gait angles from its own joint centres; the
+body model's from exact joint centres, with ideal hinges and with the settings for real people; the truth of a tracked session,
+without the whole-body fit, fitted to points and to rays. Tables on stderr, one JSON object on stdout. The laboratory part is left
+out, by name, where its file is not there.
 """
 
-import argparse
-import json
-import subprocess
-import sys
-import tempfile
 import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 from angle_errors import AngleError, angle_errors, joints_from_lab, poses_from_lab
+from harness import DATA, DEMO, answer, arguments, note, tracked, truth_of
 
-from posefuse.core import JointAngles, PoseSequence, Truth
+from posefuse.core import JointAngles, PoseSequence, Recording, Truth
 from posefuse.evaluation.biomechanics import rays_at_joint_centres
 from posefuse.evaluation.metrics import joint_errors
-from posefuse.formats.recording import read_recording
-from posefuse.formats.truth import read_truth
 from posefuse.kinematics import JointSettings, JointTracker, joints_from_poses
 from posefuse.kinematics.body import bodies_from_poses, fit_poses, fit_views
 
 IDEAL_HINGES = JointSettings(hinge_play_rad=0.0, turn_rate_rad_sqrt_s=20.0)
 LIMB_FLEXION = ("hip flexion", "knee flexion", "elbow flexion", "ankle dorsiflexion")
+Angles = tuple[JointAngles, JointAngles]
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--session", type=Path, default=Path("examples/demo"))
-    parser.add_argument("--lab", type=Path, default=Path("../shared/data/btk/FunctionalWalk.c3d"))
-    args = parser.parse_args()
-    exact = read_truth(args.session / "truth" / "truth.npz")
-    figures = {"lab": lab(args.lab), "truth": truth(exact), "tracked": tracked(args.session, exact), "speed": speed(exact)}
-    print(json.dumps(figures, indent=2))
-
-
-def say(text: str) -> None:
-    print(text, file=sys.stderr)
-
-
-def lab(path: Path) -> list[dict] | None:
+def of_lab(path: Path) -> dict[str, Angles]:
     if not path.is_file():
-        say(f"laboratory: left out, {path.name} is not on this machine")
-        return None
-    say(f"{path.name}: angles from joint centres minus the laboratory's Plug-in-Gait angles, degrees")
-    return table(angle_errors(joints_from_poses(poses_from_lab(path)), joints_from_lab(path)))
+        note(f"laboratory: left out, {path.name} is not on this machine")
+        return {}
+    return {f"{path.name}, joint centres of the laboratory": (joints_from_poses(poses_from_lab(path)), joints_from_lab(path))}
 
 
-def truth(exact: Truth) -> dict:
-    sequence = exact_poses(exact)
-    say("\nfrom exact joint centres, minus the body model's own angles, degrees (ideal hinges)")
-    ideal = table(angle_errors(joints_from_poses(sequence, IDEAL_HINGES), with_joints(exact)))
-    say("\nthe same with the settings for real people")
-    return {"ideal_hinges": ideal, "default": table(angle_errors(joints_from_poses(sequence), with_joints(exact)))}
-
-
-def tracked(session: Path, exact: Truth) -> dict:
-    with tempfile.TemporaryDirectory() as folder:
-        command = ["track", str(session), "--out", f"{folder}/result", "--outputs", "", "--json"]
-        subprocess.run([sys.executable, "-m", "posefuse.cli.main", *command], check=True, capture_output=True)
-        recording = read_recording(Path(folder) / "result")
-    bodies = bodies_from_poses(recording.poses)
-    fits = {
-        "points": fit_poses(recording.poses, bodies=bodies),
-        "rays": fit_views(recording.poses, recording.rig, rays_at_joint_centres(recording), bodies=bodies),
+def of_truth(exact: PoseSequence, joints: JointAngles) -> dict[str, Angles]:
+    return {
+        "exact joint centres, ideal hinges": (joints_from_poses(exact, IDEAL_HINGES), joints),
+        "exact joint centres, settings for real people": (joints_from_poses(exact), joints),
     }
-    figures = {}
-    for name, (joints, poses) in {
-        "without the whole-body fit": (joints_from_poses(recording.poses), recording.poses),
-        "whole-body fit to points": (fits["points"].joints, fits["points"].poses),
-        "whole-body fit to rays": (fits["rays"].joints, fits["rays"].poses),
-    }.items():
-        mpjpe_mm = joint_errors(poses, exact).mpjpe_mm
-        say(f"\nreal network, {name}: MPJPE {mpjpe_mm:.1f} mm over 14 joints; angles minus truth, degrees")
-        figures[name] = {"mpjpe_mm": mpjpe_mm, "angles": table(angle_errors(joints, with_joints(exact)))}
-    say("\nsegment lengths, mm (spread over time)")
+
+
+def fits(recording: Recording) -> dict[str, tuple[JointAngles, PoseSequence]]:
+    bodies = bodies_from_poses(recording.poses)
+    points = fit_poses(recording.poses, bodies=bodies)
+    rays = fit_views(recording.poses, recording.rig, rays_at_joint_centres(recording), bodies=bodies)
     for person, body in bodies.items():
         lengths = ", ".join(f"{n} {1e3 * v.value_m:.0f} ({1e3 * v.spread_m:.0f})" for n, v in body.lengths.items())
-        say(f"  person {person}: {lengths}")
-    return figures
+        note(f"segment lengths of person {person}, mm (spread over time): {lengths}")
+    return {
+        "real network, without the whole-body fit": (joints_from_poses(recording.poses), recording.poses),
+        "real network, whole-body fit to points": (points.joints, points.poses),
+        "real network, whole-body fit to rays": (rays.joints, rays.poses),
+    }
 
 
-def speed(exact: Truth) -> dict:
-    sequence = noisy(exact_poses(exact), 0.012)
-    poses = [sequence.at(i) for i in range(len(sequence))]
+def limb_flexion_deg(errors: Sequence[AngleError]) -> float:
+    """Mean RMSE of the limbs' flexion angles."""
+    chosen = [e for e in errors if f"{e.joint.split('_', 1)[-1]} {e.angle}" in LIMB_FLEXION and e.defined > 0]
+    return float(np.mean([e.rmse_deg for e in chosen]))
+
+
+def speed(exact: PoseSequence) -> list[dict]:
+    noise = np.random.default_rng(0).normal(size=exact.xyz_world.shape) * 0.012
+    cov = np.broadcast_to(np.eye(3) * 0.012**2, exact.cov_world.shape)
+    sequence = replace(exact, xyz_world=exact.xyz_world + noise, cov_world=cov)
     tracker = JointTracker(sequence.skeleton)
-    figures: dict = {"people": len(sequence.person_id)}
-    say("")
-    tracker.step(poses[0])
-    took_us = []
-    for pose in poses[1:]:
-        began = time.perf_counter()
-        tracker.step(pose)
-        took_us.append(1e6 * (time.perf_counter() - began))
+    took_us = [microseconds(tracker.step, sequence.at(i)) for i in range(len(sequence))][1:]
     live = {"median_us": float(np.median(took_us)), "p95_us": float(np.percentile(took_us, 95))}
-    figures["frames and angles, live"] = live
-    say(f"frames and angles, live: median {live['median_us']:.0f} us, p95 {live['p95_us']:.0f} us")
+    rows = [{"what": "frames and angles, live", **live}]
     for name, whole in (("frames and angles, recorded", joints_from_poses), ("whole-body fit, recorded", fit_poses)):
         whole(sequence)
-        began = time.perf_counter()
-        whole(sequence)
-        figures[name] = {"us_per_instant": 1e6 * (time.perf_counter() - began) / len(sequence)}
-        say(f"{name}: {figures[name]['us_per_instant']:.0f} us per time step")
-    return figures
+        rows.append({"what": name, "median_us": microseconds(whole, sequence) / len(sequence)})
+    return rows
+
+
+def microseconds(call: Callable[..., object], given: object) -> float:
+    began = time.perf_counter()
+    call(given)
+    return 1e6 * (time.perf_counter() - began)
 
 
 def exact_poses(exact: Truth) -> PoseSequence:
     shape = exact.xyz_world.shape[:3]
-    cov = np.broadcast_to(np.eye(3) * 1e-10, (*shape, 3, 3))
-    return PoseSequence(
-        t_ns=exact.t_ns,
-        skeleton=exact.skeleton,
-        person_id=exact.person_id,
-        xyz_world=exact.xyz_world,
-        cov_world=cov,
-        reproj_px=np.zeros(shape),
-        n_views=np.full(shape, 4),
-        kind=np.ones(shape),
-    )
+    about = {name: getattr(exact, name) for name in ("t_ns", "skeleton", "person_id", "xyz_world")}
+    cov, seen = np.broadcast_to(np.eye(3) * 1e-10, (*shape, 3, 3)), {"n_views": np.full(shape, 4), "kind": np.ones(shape)}
+    return PoseSequence(**about, cov_world=cov, reproj_px=np.zeros(shape), **seen)
 
 
-def noisy(sequence: PoseSequence, sigma_m: float) -> PoseSequence:
-    noise = np.random.default_rng(0).normal(size=sequence.xyz_world.shape) * sigma_m
-    cov = np.broadcast_to(np.eye(3) * sigma_m**2, sequence.cov_world.shape)
-    return PoseSequence(
-        t_ns=sequence.t_ns,
-        skeleton=sequence.skeleton,
-        person_id=sequence.person_id,
-        xyz_world=sequence.xyz_world + noise,
-        cov_world=cov,
-        reproj_px=sequence.reproj_px,
-        n_views=sequence.n_views,
-        kind=sequence.kind,
-    )
-
-
-def with_joints(exact: Truth) -> JointAngles:
-    if exact.joints is None:
+def main() -> None:
+    args = arguments(__doc__, session=DEMO, lab=DATA / "btk" / "FunctionalWalk.c3d")
+    truth = truth_of(args.session)
+    if truth.joints is None:
         raise SystemExit("this truth has no joint angles")
-    return exact.joints
-
-
-def table(errors: list[AngleError]) -> list[dict]:
-    say(f"  {'joint':16s}{'angle':22s}{'bias':>8s}{'sd':>8s}{'rmse':>8s}{'stated':>8s}{'defined':>9s}")
-    rows = []
-    for e in errors:
-        if e.defined > 0:
-            numbers = "".join(f"{value:8.2f}" for value in (e.bias_deg, e.sd_deg, e.rmse_deg, e.stated_deg))
-            say(f"  {e.joint:16s}{e.angle:22s}{numbers}{100 * e.defined:8.0f}%")
-            rows.append({"joint": e.joint, "angle": e.angle, "bias_deg": e.bias_deg, "sd_deg": e.sd_deg, "rmse_deg": e.rmse_deg})
-    chosen = [e for e in errors if f"{e.joint.split('_', 1)[-1]} {e.angle}" in LIMB_FLEXION and e.defined > 0]
-    say(f"  mean rmse of {len(chosen)} limb flexion angles: {np.mean([e.rmse_deg for e in chosen]):.2f}")
-    return rows
+    found, exact = fits(tracked(args.session)), exact_poses(truth)
+    angles = {**of_lab(args.lab), **of_truth(exact, truth.joints)}
+    angles |= {name: (joints, truth.joints) for name, (joints, _) in found.items()}
+    errors = {name: angle_errors(*pair) for name, pair in angles.items()}
+    tables = {name: [asdict(one) for one in part if one.defined > 0] for name, part in errors.items()}
+    means = [{"joint angles from": name, "mean RMSE, deg": limb_flexion_deg(part)} for name, part in errors.items()]
+    positions = [{"poses": name, "mpjpe_mm": joint_errors(poses, truth).mpjpe_mm} for name, (_, poses) in found.items()]
+    answer(args, {**tables, "Limb flexion": means, "Positions, 14 joints": positions, "Speed": speed(exact)})
 
 
 if __name__ == "__main__":

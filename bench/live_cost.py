@@ -10,23 +10,19 @@ processor time, not of the clock. ``--empty`` shows the cameras their own rooms 
 Tables on stderr, one JSON object on stdout.
 """
 
-import argparse
-import contextlib
-import json
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
+import av
 import numpy as np
+from harness import DEMO, answer, arguments, live_command
 from live import TWIN, twins
-from rich.console import Console
-from rich.table import Table
+from live_program import Program, thread_seconds
 
-from posefuse.core import Camera, Detections2D, Frame, Rig
+from posefuse.core import Camera, Frame, Rig
 from posefuse.detection import region_from_pose
 from posefuse.detection.build import DetectorChoice, build_detector
 from posefuse.detection.regions import square_crop
@@ -71,8 +67,6 @@ class Spent:
 
 def capture_stages(video: Path, spent: Spent) -> list[Frame]:
     """Decode and convert the first frames of a video."""
-    import av
-
     frames, converter = [], PixelConverter()
     with av.open(str(video)) as container:
         container.streams.video[0].thread_type = "SLICE"
@@ -93,7 +87,8 @@ def image_stages(frames: list[Frame], camera: Camera, network: str, rig: Rig, sp
     ours, theirs = Channel.pair()
     [landmarks] = detector._landmarks
     [found] = detector.detect(frames[:1], [None])
-    xyz = pose_in_front(camera, found)
+    # a flat person that is seen where the detector found one
+    xyz = camera.centre_world + 4.0 * camera.rays_world(found.xy_img[0].astype(float))
     for frame in frames:
         region = spent.of("region from the expected pose", lambda: region_from_pose(camera, xyz, detector.skeleton))
         crop = spent.of(
@@ -107,36 +102,20 @@ def image_stages(frames: list[Frame], camera: Camera, network: str, rig: Rig, sp
         end.close()
 
 
-def pose_in_front(camera: Camera, found: Detections2D) -> np.ndarray:
-    """(K, 3) a flat person that is seen where the detector found one."""
-    rays = camera.rays_world(found.xy_img[0].astype(float))
-    return camera.centre_world + 4.0 * rays
-
-
 def state_of(camera: str) -> CameraState:
     """Of a camera that is well."""
     return CameraState(camera=camera, state="running", text="", captured=1, used=1, replaced=0, missing=0)
 
 
-class Clock:
-    """Session time that is set."""
-
-    now = BEGIN_NS
-
-    def now_ns(self) -> int:
-        """As `SessionClock.now_ns`."""
-        return self.now
-
-
 def fusion_stages(rig: Rig, spent: Spent, seconds: float = 3.0) -> None:
     """Views of all cameras at 30 frames/s through the fusion, and an output tick every 10 ms."""
-    config, clock = LiveConfig(), Clock()
+    config, clock = LiveConfig(), SimpleNamespace(now=BEGIN_NS, now_ns=lambda: clock.now)
     detector = build_detector(DetectorChoice(options={"landmarks": "blazepose_lite"}), rig)
     skeleton = detector.skeleton
     estimator, joints = warmed_up(rig, skeleton, config), JointTracker(skeleton, config.joints)
     estimator.centring.learn(Centres(rig.names, detector.joint_centres))
     fusion = Fusion(rig, estimator, lambda _: None, clock, OutputProcess(OutputPlan(rig=rig, clock=clock)), joints=joints)
-    views = [view for moment in made_up_detections(rig, skeleton, round(30 * seconds), start_ns=BEGIN_NS) for view in moment]
+    views = [view for step in made_up_detections(rig, skeleton, round(30 * seconds), start_ns=BEGIN_NS) for view in step]
     events = [(view.t_ns + VIEW_DELAY_NS + i % len(rig) * 2_000_000, view) for i, view in enumerate(views)]
     events += [(BEGIN_NS + i * PERIOD_NS, None) for i in range(round(seconds * 1e9 / PERIOD_NS))]
     for clock.now, view in sorted(events, key=lambda event: event[0]):
@@ -144,7 +123,7 @@ def fusion_stages(rig: Rig, spent: Spent, seconds: float = 3.0) -> None:
             spent.of("output tick: pose, joint centres, angles, where to look", lambda: fusion.tick(clock.now, PERIOD_NS))
             continue
         times = {"received_ns": clock.now - 20_000_000, "started_ns": clock.now - 10_000_000, "detected_ns": clock.now}
-        seen = SeenView(detections=replace(view, t_ns=view.t_ns), state=state_of(view.camera), **times)
+        seen = SeenView(detections=view, state=state_of(view.camera), **times)
         spent.of("view into the tracker", lambda seen=seen: fusion.take(seen))
 
 
@@ -162,87 +141,48 @@ def empty_rooms(session_folder: Path, folder: Path, seconds: float) -> dict[str,
     return made
 
 
-def thread_seconds(pid: int) -> dict[tuple[int, int], float]:
-    """Processor seconds of every thread of a process and of the processes it started, by (process, thread)."""
-    found = {}
-    for folder in Path(f"/proc/{pid}/task").iterdir():
-        with contextlib.suppress(OSError):
-            found[pid, int(folder.name)] = int((folder / "schedstat").read_text().split()[0]) / 1e9
-            for child in (folder / "children").read_text().split():
-                found |= thread_seconds(int(child))
-    return found
-
-
-def roles(pids: set[int], parent: int) -> dict[int, str]:
-    """What each process does: by the order in which the session starts them, see `realtime.session`."""
-    names, whole = {parent: "fusion"}, niceness(parent)
-    for pid in pids - {parent}:
-        with contextlib.suppress(OSError):
-            names[pid] = {2: "outputs", 5: "cameras", 10: "rig watch"}.get(niceness(pid) - whole, "other")
-    return names
-
-
-def niceness(pid: int) -> int:
-    """Of a process; raises OSError when it has ended."""
-    return int(Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[16])
-
-
-def session(rig: Path, sources: list[str], network: str, seconds: float, lead_s: float, *options: str) -> dict:
-    """Processor time of a live session of these sources by what the threads do, and the session's own figures."""
-    command = [sys.executable, "-m", "posefuse.cli.main", "live", str(rig), "--json", "--networks", network]
-    # eight cameras may take seconds to open
-    command += [*options, "--duration", str(seconds + lead_s + 12)]
-    command += [*(part for source in sources for part in ("--source", source))]
-    live = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    while ": ok" not in (line := live.stderr.readline()):
-        if not line:
-            raise SystemExit("the session ended before any camera was ok: is the machine free?")
-    time.sleep(lead_s)
-    before, begun_s = thread_seconds(live.pid), time.monotonic()
-    time.sleep(seconds)
-    after, took_s = thread_seconds(live.pid), time.monotonic() - begun_s
-    role = roles({pid for pid, _ in after}, live.pid)
-    if "cameras" not in role.values():
-        raise SystemExit("the videos ended before the measurement: fewer --seconds")
-    figures = json.loads(live.communicate()[0])
-    spent: dict[str, float] = {}
+def session(rig: Path, sources: list[str], seconds: float, lead_s: float, *options: object) -> tuple[list[dict], dict]:
+    """Cores by what the threads of a live session of these sources do; and its own figures."""
+    program = Program(live_command(rig, sources, *options))
+    try:
+        program.wait_for(": ok")
+        time.sleep(lead_s)
+        before, begun_s = thread_seconds(program.process.pid), time.monotonic()
+        time.sleep(seconds)
+        after, took_s = thread_seconds(program.process.pid), time.monotonic() - begun_s
+        role = program.roles()
+        if not any(role.get(pid) == "cameras" for pid, _ in after):
+            raise SystemExit("the videos ended before the measurement: fewer --seconds")
+        figures = program.stopped()
+    finally:
+        program.kill()
+    cores: dict[str, float] = {}
     for (pid, thread), total_s in after.items():
         name = role.get(pid, "other")
         name += {"cameras": ": detection" if thread == pid else ": capture"}.get(name, "")
-        spent[name] = spent.get(name, 0.0) + total_s - before.get((pid, thread), 0.0)
-    captured, used = (sum(camera[key] for camera in figures["cameras"].values()) for key in ("captured", "used"))
-    per_s = {"frame captured": captured / figures["seconds"], "image used": used / figures["seconds"]}
-    whole = sum(spent.values()) / took_s
-    per_used = 1000 * whole / per_s["image used"] if used else float("nan")
-    return {
-        "cores": {name: total_s / took_s for name, total_s in spent.items()},
-        "cores_in_all": whole,
-        "ms_per_frame_captured": 1000 * spent.get("cameras: capture", 0.0) / took_s / per_s["frame captured"],
-        "ms_per_image_used": per_used,
-        "ms_per_tick_of_fusion": 1000 * spent["fusion"] / took_s / figures["poses_per_s"],
+        cores[name] = cores.get(name, 0.0) + (total_s - before.get((pid, thread), 0.0)) / took_s
+    captured, used = (sum(c[key] for c in figures["cameras"].values()) / figures["seconds"] for key in ("captured", "used"))
+    facts = {
+        "cores_in_all": sum(cores.values()),
+        "ms_per_frame_captured": 1000 * cores.get("cameras: capture", 0.0) / captured,
+        "ms_per_image_used": 1000 * sum(cores.values()) / used if used else None,
+        "ms_per_tick_of_fusion": 1000 * cores["fusion"] / figures["poses_per_s"],
         "used_share": figures["used_share"],
         "latency_ms": figures["latency"]["all_cameras_total_ms"],
         "tick_late_p99_ms": figures["latency"]["output"]["behind_due_ms"]["p99"],
     }
+    return [{"in a session": name, "cores": value} for name, value in cores.items()], facts
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--networks", default="blazepose_lite")
-    parser.add_argument("--cameras", type=int, choices=(4, 8, 12), default=8)
-    parser.add_argument("--seconds", type=float, default=6.0)
-    parser.add_argument("--session", type=Path, default=Path(__file__).resolve().parents[1] / "examples" / "demo")
-    which = parser.add_mutually_exclusive_group()
-    which.add_argument("--alone", action="store_true", help="no session")
-    which.add_argument("--empty", action="store_true", help="a session with no person in view, and nothing else")
-    parser.add_argument("--record", action="store_true", help="the session is recorded")
-    args = parser.parse_args()
-    console, spent = Console(stderr=True, width=120), Spent()
+    args = arguments(
+        __doc__, networks="blazepose_lite", cameras=8, seconds=6.0, session=DEMO, alone=False, empty=False, record=False
+    )
+    spent, tables = Spent(), {}
     with tempfile.TemporaryDirectory() as scratch:
         rig_file = Path(scratch) / "rig.toml"
         sources = twins(args.session, rig_file, args.cameras // 4 - 1)
         rig = read_rig(rig_file)
-        rig = rig.only(source.partition("=")[0] for source in sources)
         if args.empty:
             rooms = empty_rooms(args.session, Path(scratch), args.seconds + _EMPTY_LEAD_S + 2)
             sources = [f"{name}=video:{rooms[name.replace(TWIN, '')]}" for name in rig.names]
@@ -250,20 +190,13 @@ def main() -> None:
             video = sorted((args.session / "videos").glob("*.mp4"))[0]
             image_stages(capture_stages(video, spent), rig[video.stem], args.networks, rig, spent)
             fusion_stages(rig, spent)
-            table = Table("stage, alone", "ms of processor time")
-            for stage, ms in spent.ms().items():
-                table.add_row(stage, f"{ms:.3f}")
-            console.print(table)
-        lead_s = _EMPTY_LEAD_S if args.empty else _LEAD_S
-        options = ["--record", str(Path(scratch) / "session.mcap")] if args.record else []
-        measured = {} if args.alone else session(rig_file, sources, args.networks, args.seconds, lead_s, *options)
-    if measured:
-        table = Table("in a session", "cores")
-        for name, cores in measured["cores"].items():
-            table.add_row(name, f"{cores:.3f}")
-        console.print(table)
-        console.print({key: value for key, value in measured.items() if key != "cores"})
-    print(json.dumps({"cameras": args.cameras, "networks": args.networks, "alone_ms": spent.ms(), "session": measured}, indent=2))
+            tables["Alone"] = [{"stage": stage, "ms of processor time": ms} for stage, ms in spent.ms().items()]
+        options = ["--networks", args.networks, *(["--record", Path(scratch) / "session.mcap"] if args.record else [])]
+        if not args.alone:
+            lead_s = _EMPTY_LEAD_S if args.empty else _LEAD_S
+            tables["In a session"], facts = session(rig_file, sources, args.seconds, lead_s, *options)
+            tables["Session"] = [facts]
+    answer(args, tables, cameras=args.cameras, networks=args.networks)
 
 
 if __name__ == "__main__":

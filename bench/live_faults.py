@@ -4,38 +4,29 @@
 
 A simulated session is played at the pace of the clock, again and again. On one machine a camera (or the process of two) fails
 for some seconds; on two, which are network namespaces and need root, the link between cameras and fusion does.
-Errors are of the 14 joints against the truth at output time. Table on stderr, one JSON object on stdout.
+Errors are of the 14 joints against the truth at output time. A table on stderr, one JSON object on stdout.
 """
 
 import argparse
-import json
 import os
-import re
 import signal
-import subprocess
 import sys
 import tempfile
-import threading
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
+from harness import DEMO, answer, arguments, errors, note, truth_of
+from live_program import Program, loop_s
 from two_machines import TwoMachines, why_not
 
-from posefuse.core import Kind
-from posefuse.core.skeleton import PAPER14, pick_keypoints
-from posefuse.evaluation.metrics import true_xyz_at
-from posefuse.formats.truth import read_truth
-from posefuse.foundation.parsing import plain
+from posefuse.core.skeleton import PAPER14
 from posefuse.messages.bags import read_detections, read_poses
 from posefuse.realtime.capture import LOOP_PAUSE_S
 
-_FAULTY = Path(__file__).with_name("faulty_live.py")
-_START_S, _END_S = 180.0, 40.0
+_FAULTY = (sys.executable, str(Path(__file__).with_name("faulty_live.py")))
 _BEFORE_S, _LEAST_S = 2.0, 3.0
 # the person jumps back where the video begins again
 _JUMP_S = 1.5
@@ -86,44 +77,6 @@ TWO_MACHINES = (
 )
 
 
-class Program:
-    """A `posefuse` whose notes are kept as they come."""
-
-    def __init__(self, launch: Callable[..., subprocess.Popen], arguments: Sequence[str]) -> None:
-        self.process = launch(sys.executable, str(_FAULTY), *arguments, "--json", stderr=subprocess.PIPE)
-        self.notes: list[str] = []
-        self._news = threading.Condition()
-        self._listening = threading.Thread(target=self._listen, daemon=True)
-        self._listening.start()
-
-    def wait_for(self, pattern: str) -> re.Match:
-        end_s = time.monotonic() + _START_S
-        with self._news:
-            while not (found := re.search(pattern, "".join(self.notes))):
-                if self.process.poll() is not None or not self._news.wait(max(0.0, end_s - time.monotonic())):
-                    raise SystemExit(f"no {pattern!r} in: {''.join(self.notes)}")
-        return found
-
-    def stopped(self) -> dict:
-        """Its figures after Ctrl-C."""
-        self.process.send_signal(signal.SIGINT)
-        out = self.process.stdout.read()
-        self.process.wait(_END_S)
-        if self.process.returncode:
-            raise SystemExit("".join(self.notes))
-        return json.loads(out)
-
-    def kill(self) -> None:
-        self.process.kill()
-        self._listening.join()
-
-    def _listen(self) -> None:
-        for line in self.process.stderr:
-            with self._news:
-                self.notes.append(line)
-                self._news.notify()
-
-
 @dataclass(frozen=True)
 class Ran:
     """What a case left: figures, when the video showed its beginning, and when the fault began and ended after that."""
@@ -139,7 +92,7 @@ def on_one_machine(case: Case, recording: Path, args: argparse.Namespace) -> Ran
     faults = [f"{camera}={case.fault}@{case.start_s}-{case.end_s}" for camera in case.cameras if case.fault != "kill"]
     options = [*(part for fault in faults for part in ("--fault", fault)), "--", "live", str(session / "rig.toml")]
     options += ["--source", f"sim:{session}", "--record", str(recording), "--groups", "2", *common(args)]
-    live = Program(lambda *command, **kept: subprocess.Popen(command, stdout=subprocess.PIPE, text=True, **kept), options)
+    live = Program([*_FAULTY, *options, "--json"])
     try:
         pid = int(live.wait_for(r"cam03 in process (\d+)")[1])
         live.wait_for(": ok")
@@ -167,8 +120,8 @@ def on_two_machines(case: Case, recording: Path, args: argparse.Namespace) -> Ra
 
         def start(machine: int, part: str, *options: str, zero_s: float = zero_s) -> Program:
             network = ["--domain", str(_DOMAIN), "--peer", two.addresses[1 - machine]]
-            arguments = ["--zero", str(zero_s), "--", "node", part, str(session / "rig.toml"), *options, *network]
-            programs.append(Program(lambda *command, **kept: two.start(machine, *command, **kept), arguments))
+            words = ["--zero", str(zero_s), "--", "node", part, str(session / "rig.toml"), *options, *network, "--json"]
+            programs.append(Program([*_FAULTY, *words], lambda *command, **kept: two.start(machine, *command, **kept)))
             return programs[-1]
 
         def start_cameras(machine: int, cameras: Sequence[str], ahead_s: float) -> Program:
@@ -210,11 +163,6 @@ def common(args: argparse.Namespace) -> list[str]:
     return options
 
 
-def loop_s(session: Path) -> float:
-    truth = read_truth(session / "truth" / "truth.npz")
-    return round((truth.t_ns[-1] - truth.t_ns[0]) / 1e9 + 1 / 30, 3)
-
-
 def figures_of(case: Case, ran: Ran, recording: Path, session: Path) -> dict:
     """The row of a case."""
     events = [(e["t_s"] + (ran.figures["zero_ns"] - ran.zero_ns) / 1e9, e["camera"], e["state"]) for e in ran.figures["events"]]
@@ -223,7 +171,7 @@ def figures_of(case: Case, ran: Ran, recording: Path, session: Path) -> dict:
     back = [max((t for t, c, state in ill if c == camera and state == "ok"), default=np.nan) for camera in case.cameras]
     others = [e for e in events if e[1] not in case.cameras and e[0] >= ran.start_s]
     blamed = {f"{c} {state}" for _, c, state in others if state not in ("ok", "opening")}
-    times_s, errors_mm = errors(recording, session, ran.zero_ns)
+    times_s, errors_mm = errors_over_time(recording, session, ran.zero_ns)
     before = (times_s >= ran.start_s - _BEFORE_S) & (times_s < ran.start_s)
     during = (times_s >= ran.start_s) & (times_s < max(ran.end_s, ran.start_s + _LEAST_S))
     offsets = ran.figures.get("clock_offset_ms", {})
@@ -261,36 +209,23 @@ def longest_gap_s(recording: Path, cameras: Sequence[str], ran: Ran) -> float:
     return max(gaps)
 
 
-def errors(recording: Path, session: Path, zero_ns: int) -> tuple[np.ndarray, np.ndarray]:
+def errors_over_time(recording: Path, session: Path, zero_ns: int) -> tuple[np.ndarray, np.ndarray]:
     """Times after zero in s, and mean error of the 14 joints in mm of the first person; NaN where no person is shown."""
-    truth = read_truth(session / "truth" / "truth.npz")
-    times, found, skeleton = [], [], None
-    for pose, _ in read_poses(recording):
-        skeleton = pose.skeleton
-        known = np.where((pose.kind != Kind.MISSING)[..., None], pose.xyz_world, np.nan)
-        times.append((pose.t_ns - zero_ns) / 1e9)
-        found.append(known[0] if len(known) else np.full((len(skeleton), 3), np.nan))
-    times_s = np.array(times)
-    film_s = times_s % (loop_s(session) + LOOP_PAUSE_S)
-    kept = (times_s > 0) & (film_s > _JUMP_S) & (film_s < truth.t_ns[-1] / 1e9)
-    true_xyz = true_xyz_at(truth, np.round(film_s[kept] * 1e9).astype(np.int64))[:, 0]
-    got = pick_keypoints(np.array(found)[kept], skeleton, PAPER14.keypoints)
-    apart = np.linalg.norm(got - pick_keypoints(true_xyz, truth.skeleton, PAPER14.keypoints), axis=-1)
-    known = np.isfinite(apart)
-    return times_s[kept], 1000 * np.where(
-        known.any(axis=-1), np.nansum(apart, axis=-1) / np.maximum(known.sum(axis=-1), 1), np.nan
-    )
+    truth = truth_of(session)
+    poses = [pose for pose, _ in read_poses(recording)]
+    times_s = np.array([(pose.t_ns - zero_ns) / 1e9 for pose in poses])
+    video_s = times_s % (loop_s(session) + LOOP_PAUSE_S)
+    kept = (times_s > 0) & (video_s > _JUMP_S) & (video_s < truth.t_ns[-1] / 1e9)
+    shown = [replace(poses[i], t_ns=round(video_s[i] * 1e9)) for i in np.flatnonzero(kept)]
+    away = np.ma.masked_invalid(np.linalg.norm(errors(shown, truth, PAPER14.keypoints), axis=-1))
+    return times_s[kept], 1000 * away.mean(axis=-1).filled(np.nan)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", nargs="*", default=[], help="cases whose name holds one of these words")
-    parser.add_argument("--detector", choices=("blazepose", "oracle"), default="blazepose", help="oracle: for a busy machine")
-    parser.add_argument("--session", type=Path, default=Path(__file__).resolve().parents[1] / "examples" / "demo")
-    args = parser.parse_args()
+    args = arguments(__doc__, only=(str,), detector="blazepose", session=DEMO)
     reason = why_not()
     if reason:
-        print(f"two machines left out: {reason}", file=sys.stderr)
+        note(f"two machines left out: {reason}")
     cases = [(case, on_one_machine) for case in ONE_MACHINE] + [(case, on_two_machines) for case in TWO_MACHINES if not reason]
     rows = []
     with tempfile.TemporaryDirectory() as scratch:
@@ -298,19 +233,7 @@ def main() -> None:
             if not args.only or any(word in case.name for word in args.only):
                 recording = Path(scratch) / f"{i}.mcap"
                 rows.append(figures_of(case, way(case, recording, args), recording, args.session))
-    table = Table(*rows[0])
-    for row in rows:
-        table.add_row(*(text_of(value) for value in row.values()))
-    Console(stderr=True, width=170).print(table)
-    print(json.dumps(plain({"detector": args.detector, "cases": rows}), indent=2))
-
-
-def text_of(value: object) -> str:
-    if value is None:
-        return ""
-    if isinstance(value, float):
-        return f"{value:.2f}"
-    return ", ".join(value) if isinstance(value, list) else str(value)
+    answer(args, {"Faults": rows}, detector=args.detector)
 
 
 if __name__ == "__main__":

@@ -16,27 +16,18 @@ JSON object on stdout. `--gaps` plays nothing: it drops frames of `posefuse trac
 values of `live_gap_s`.
 """
 
-import argparse
-import json
-import subprocess
-import sys
 import tempfile
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
+from harness import DEMO, answer, arguments, live, sources_of, tracked, truth_of
 
 from posefuse.core import Observations, PoseSequence, Recording, Truth
 from posefuse.core.observations import LIVE_STEP, observations_from_frames
 from posefuse.evaluation.metrics import joint_errors
-from posefuse.formats.truth import read_truth
-from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.reading import read_result
-from posefuse.pipeline.run import track_session
-from posefuse.pipeline.session import find_session
 from posefuse.pipeline.solve import config_of, solve_again
 
 _SETTLED_NS = 1_500_000_000
@@ -45,23 +36,16 @@ _SAME_NS = 2_000_000
 _KEPT_SHARES, _GAPS_S = (0.75, 0.5, 0.3), (0.0, 0.07, 0.105, 0.14, 0.2, 0.3)
 
 
-def played(session: Path, seconds: float, scratch: Path) -> tuple[Recording, dict]:
+def played(session: Path, seconds: float) -> tuple[Recording, dict]:
     """The session played live and recorded, with the file's own times; and its figures."""
-    recording = scratch / f"{session.name}.mcap"
-    sources = [f"{path.stem}=video:{path}" for path in sorted((session / "videos").glob("*.mp4"))]
-    command = [sys.executable, "-m", "posefuse.cli.main", "live", str(session / "rig.toml"), "--json", "--record", str(recording)]
-    command += ["--networks", "blazepose_full"]
-    command += ["--duration", str(seconds + 1), *(part for source in sources for part in ("--source", source))]
-    figures = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
-    found = read_result(recording)
-    return shifted(found, found.provenance["start_ns"] - figures["zero_ns"]), figures
-
-
-def shifted(recording: Recording, later_ns: int) -> Recording:
-    """The same with all times later."""
-    poses = replace(recording.poses, t_ns=recording.poses.t_ns + later_ns)
-    log = replace(recording.observations, frame_t_ns=recording.observations.frame_t_ns + later_ns)
-    return replace(recording, poses=poses, observations=log)
+    with tempfile.TemporaryDirectory() as scratch:
+        recording, options = Path(scratch) / f"{session.name}.mcap", ("--networks", "blazepose_full", "--duration", seconds + 1)
+        figures = live(session / "rig.toml", sources_of(session), "--record", recording, *options)
+        found = read_result(recording)
+    later_ns = found.provenance["start_ns"] - figures["zero_ns"]
+    poses = replace(found.poses, t_ns=found.poses.t_ns + later_ns)
+    log = replace(found.observations, frame_t_ns=found.observations.frame_t_ns + later_ns)
+    return replace(found, poses=poses, observations=log), figures
 
 
 def last_looks(recording: Recording, wanted: np.ndarray) -> Recording:
@@ -88,10 +72,8 @@ def used_by(live: Observations, log: Observations) -> np.ndarray:
         times = np.sort(live.frame_t_ns[live.frame_camera == live.camera_names.index(name)])
         if len(times):
             at = np.searchsorted(times, log.frame_t_ns[mine]).clip(1, max(len(times) - 1, 1))
-            nearest = np.minimum(
-                *(np.abs(times[place.clip(max=len(times) - 1)] - log.frame_t_ns[mine]) for place in (at - 1, at))
-            )
-            used[mine] = nearest <= _SAME_NS
+            near = (np.abs(times[place.clip(max=len(times) - 1)] - log.frame_t_ns[mine]) for place in (at - 1, at))
+            used[mine] = np.minimum(*near) <= _SAME_NS
     return used
 
 
@@ -103,39 +85,32 @@ def error(poses: PoseSequence, truth: Truth, seconds: float) -> dict:
     return {"mm": found.mpjpe_mm, "p95_mm": float(np.nanmean(found.p95_mm)), "found": float(np.mean(found.found))}
 
 
-def tracked(session: Path, seconds: float) -> Recording:
-    """`posefuse track`."""
-    config = TrackConfig(outputs={}, end_s=seconds)
-    say = lambda *_: None  # noqa: E731
-    return track_session(find_session(session, config), config, StageClock(), say, say, say).recording
-
-
-def compared(session: Path, seconds: float, scratch: Path) -> dict:
+def compared(session: Path, seconds: float) -> dict:
     """One row of the table."""
-    truth, track = read_truth(session / "truth" / "truth.npz"), tracked(session, seconds)
-    live, figures = played(session, seconds, scratch)
-    log = track.observations
-    used = used_by(live.observations, log) & is_last_look(log)
-    rows = {
-        "live": live.poses,
-        "second solve": solve_again(live, replace(config_of(live), end_s=seconds)).poses,
+    truth, track = truth_of(session), tracked(session, end_s=seconds)
+    recording, figures = played(session, seconds)
+    last = is_last_look(track.observations)
+    used = used_by(recording.observations, track.observations) & last
+    poses = {
+        "live": recording.poses,
+        "second solve": solve_again(recording, replace(config_of(recording), end_s=seconds)).poses,
         "track, same frames": solve_again(last_looks(track, used)).poses,
         "track, all frames": track.poses,
     }
-    errors = {name: error(poses, truth, seconds) for name, poses in rows.items()}
+    mm = {name: error(one, truth, seconds)["mm"] for name, one in poses.items()}
     return {
         "session": session.name,
-        "frames_used": used.sum() / is_last_look(log).sum(),
+        "frames_used": used.sum() / last.sum(),
         "latency_p50_ms": figures["latency"]["all_cameras_total_ms"]["p50"],
-        "errors": errors,
-        "against_track": errors["second solve"]["mm"] / errors["track, same frames"]["mm"] - 1,
-        "against_live": errors["second solve"]["mm"] / errors["live"]["mm"] - 1,
+        **mm,
+        "against_track": mm["second solve"] / mm["track, same frames"] - 1,
+        "against_live": mm["second solve"] / mm["live"] - 1,
     }
 
 
 def gaps(session: Path, seconds: float) -> list[dict]:
     """Errors with frames dropped by chance, for several gaps."""
-    truth, track, rows = read_truth(session / "truth" / "truth.npz"), tracked(session, seconds), []
+    truth, track, rows = truth_of(session), tracked(session, end_s=seconds), []
     for share in _KEPT_SHARES:
         kept = is_last_look(track.observations) & (np.random.default_rng(0).random(len(track.observations.frame_t_ns)) < share)
         for gap_s in _GAPS_S:
@@ -144,32 +119,13 @@ def gaps(session: Path, seconds: float) -> list[dict]:
     return rows
 
 
-def show(rows: list[dict]) -> None:
-    table = Table(*rows[0], title="mm", title_justify="left")
-    for row in rows:
-        table.add_row(*(f"{value:.3g}" if isinstance(value, float) else str(value) for value in row.values()))
-    Console(stderr=True, width=140).print(table)
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("sessions", type=Path, nargs="*", default=[Path(__file__).resolve().parents[1] / "examples" / "demo"])
-    parser.add_argument("--seconds", type=float, default=8.0)
-    parser.add_argument("--gaps", action="store_true")
-    args = parser.parse_args()
+    args = arguments(__doc__, positional=("sessions",), sessions=(DEMO,), seconds=8.0, gaps=False)
     if args.gaps:
         rows = [row for session in args.sessions for row in gaps(session, args.seconds)]
-        show(rows)
-        print(json.dumps({"rows": rows}, indent=2))
-        return
-    found = []
-    with tempfile.TemporaryDirectory() as scratch:
-        for session in args.sessions:
-            found.append(compared(session, args.seconds, Path(scratch)))
-            flat = {**found[-1], **{f"{name} mm": one["mm"] for name, one in found[-1]["errors"].items()}}
-            flat.pop("errors")
-            show([flat])
-    print(json.dumps({"sessions": found}, indent=2))
+    else:
+        rows = [compared(session, args.seconds) for session in args.sessions]
+    answer(args, {"mm": rows})
 
 
 if __name__ == "__main__":

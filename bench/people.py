@@ -7,25 +7,24 @@ elsewhere, walking while cameras drop out and come back. The 2D keypoints are ex
 statistics, confusions and duplicates (`crowd_scenes.Network`), and so are the colours of clothes; nothing is rendered.
 Development uses bodies and scenes of seed 11, reported figures (`--reported`) those of other seeds. Times are processor time of
 all that is not the network. A result is a person when it is less than 0.5 m from it (mean over keypoints), which is also where
-the similarity of HOTA ends. A table on stderr, one JSON object on stdout.
+the similarity of HOTA ends. Tables on stderr (means of seeds; of times, the worst), one JSON object on stdout.
 """
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import json
 import os
-import sys
 import tempfile
 import time
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 from crowd_scenes import CASES, DEVELOPMENT_SEED, RATE_HZ, REPORTED_SEEDS, Crowd, Network, crowd
-from crowds import crowd_figures, frame_matches, person_distances, returned_right
-from rich.console import Console
-from rich.table import Table
+from crowds import crowd_row, person_distances
+from harness import answer, arguments, note
+from scenes import new_tracker
 
 from posefuse.association import AssociateSettings
 from posefuse.core import Pose3D
@@ -33,15 +32,17 @@ from posefuse.core.skeleton import PAPER14, pick_keypoints
 from posefuse.fusion import FuseSettings
 from posefuse.pipeline.following import PeopleFollower
 from posefuse.realtime.config import LiveConfig
-from posefuse.realtime.estimator import build_fuse, build_solve
 from posefuse.realtime.identity import NamedTracker
-from posefuse.tracking.online import LiveSettings, build_tracker
+from posefuse.tracking.online import LiveSettings
 
-# away for a second is gone; then the id is read after half a second, over as much
-AWAY, SETTLED = round(RATE_HZ), round(RATE_HZ / 2)
+KEPT = Path(tempfile.gettempdir()) / "posefuse_crowds"
+SHOWN = (
+    "idf1", "hota", "switches", "per_person_minute", "missed", "false", "mpjpe_mm", "ids", "returns_right",
+    "returns", "median_ms",
+)  # fmt: skip
 
 
-def recorded(made: Crowd, network: Network, people: int) -> tuple[list[Pose3D], list[float]]:
+def recorded(network: Network, people: int) -> tuple[list[Pose3D], list[float]]:
     """Poses of the first pass, and the processor seconds of each time step outside the network."""
     settings = AssociateSettings(max_people=people)
     follower = PeopleFollower(skeleton=network.skeleton, rig=network.rig, associating=settings, fusing=FuseSettings())
@@ -55,12 +56,9 @@ def recorded(made: Crowd, network: Network, people: int) -> tuple[list[Pose3D], 
     return [one.pose for one in follower.identified(followed)], spent
 
 
-def live(made: Crowd, network: Network, people: int) -> tuple[list[Pose3D], list[float]]:
+def live(network: Network, people: int) -> tuple[list[Pose3D], list[float]]:
     """Poses at every frame, and the processor seconds of each frame's views in the tracker."""
-    solve = build_solve(network.rig, AssociateSettings(max_people=people), FuseSettings())
-    settings = LiveSettings(max_people=people)
-    fuse = build_fuse(network.rig, FuseSettings())
-    tracker = NamedTracker(build_tracker(network.rig, network.skeleton, settings, solve, fuse), settings)
+    tracker = NamedTracker(new_tracker(network.rig, network.skeleton, people=people), LiveSettings(max_people=people))
     poses, spent = [], []
     searched_s = np.full(len(network.rig), -1e9)
     expected = np.zeros((0, len(network.skeleton), 3))
@@ -75,12 +73,14 @@ def live(made: Crowd, network: Network, people: int) -> tuple[list[Pose3D], list
         began = time.thread_time()
         for view in views:
             tracker.add(view)
-        pose = tracker.at(int(t_ns))
+        poses.append(tracker.at(int(t_ns)))
         spent.append(time.thread_time() - began)
         expected = tracker.looked_for(int(t_ns)).xyz_world
         expected = expected[np.isfinite(expected).any(axis=(1, 2))]
-        poses.append(pose)
     return poses, spent
+
+
+HOW = {"recorded": recorded, "live": live}
 
 
 def figures_of(made: Crowd, poses: list[Pose3D], spent: list[float]) -> dict[str, float]:
@@ -93,65 +93,39 @@ def figures_of(made: Crowd, poses: list[Pose3D], spent: list[float]) -> dict[str
     there = np.isfinite(xyz[..., 0]).mean(axis=-1) >= 0.5
     xyz[~there] = np.nan
     truth = pick_keypoints(made.truth.xyz_world, made.truth.skeleton, PAPER14.keypoints)
-    distance = person_distances(truth, xyz)
-    figures = crowd_figures(distance, made.asked, there, RATE_HZ)
-    right, returns = returned_right(frame_matches(distance, made.asked), made.asked, AWAY, SETTLED)
-    return {
-        "idf1": figures.idf1, "hota": figures.hota, "switches": figures.switches,
-        "switches_per_min": figures.per_person_minute, "missed": figures.missed, "false": figures.false,
-        "mpjpe_mm": figures.mpjpe_mm, "ids": len(ids), "returns": returns, "returns_right": right,
-        "median_ms": 1000 * float(np.median(spent)), "p99_ms": 1000 * float(np.quantile(spent, 0.99)),
-        "person_s": float(made.asked.sum() / RATE_HZ),
-    }  # fmt: skip
+    times = {"median_ms": 1000 * float(np.median(spent)), "p99_ms": 1000 * float(np.quantile(spent, 0.99))}
+    about = {"ids": len(ids), **times, "person_s": float(made.asked.sum() / RATE_HZ)}
+    return {**crowd_row(person_distances(truth, xyz), made.asked, there, RATE_HZ), **about}
+
+
+def mean_of(rows: list[dict], scene: str, how: str) -> dict:
+    """Of some cases; returns are summed up."""
+    row = {name: float(np.mean([one[name] for one in rows])) for name in SHOWN}
+    row |= {name: sum(one[name] for one in rows) for name in ("returns_right", "returns")}
+    row["per_person_minute"] = sum(one["switches"] for one in rows) / sum(one["person_s"] for one in rows) * 60
+    return {"scene": scene, "how": how, **row, "p99_ms": max(one["p99_ms"] for one in rows)}
+
+
+def means(rows: list[dict]) -> Iterable[dict]:
+    cases = [f"{row['scene']} {row['people']}x{row['cameras']}" for row in rows]
+    for case, how in itertools.product([*dict.fromkeys(cases), "all"], dict.fromkeys(row["how"] for row in rows)):
+        mine = [row for row, name in zip(rows, cases, strict=True) if case in (name, "all") and row["how"] == how]
+        yield mean_of(mine, case, how)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--reported", action="store_true", help="the scenes nothing was tuned on")
-    parser.add_argument("--seed", type=int, action="append", help="these instead")
-    parser.add_argument("--only", help="one kind of scene")
-    parser.add_argument("--how", choices=("recorded", "live"), action="append")
-    kept = Path(tempfile.gettempdir()) / "posefuse_crowds"
-    parser.add_argument("--kept", type=Path, default=kept, help="where scenes are kept between runs")
-    args = parser.parse_args()
-    seeds = REPORTED_SEEDS if args.reported else (DEVELOPMENT_SEED,)
+    args = arguments(__doc__, reported=False, seed=(int,), only=str, how=HOW, kept=KEPT)
     rows = []
-    for seed, (kind, people, cameras) in itertools.product(args.seed or seeds, CASES):
-        if args.only and args.only != kind:
-            continue
-        made = crowd(kind, people, cameras, seed, args.kept)
-        for how in args.how or ("recorded", "live"):
-            poses, spent = {"recorded": recorded, "live": live}[how](made, Network(made, seed), people)
-            about = {"scene": kind, "people": people, "cameras": cameras, "how": how, "seed": seed}
-            rows.append({**about, **figures_of(made, poses, spent)})
-            print(json.dumps(rows[-1]), file=sys.stderr, flush=True)
-    show(rows)
-    print(json.dumps({"load": os.getloadavg()[0], "cases": rows}, indent=1))
-
-
-def show(rows: list[dict]) -> None:
-    table = Table(title="Several people")
-    names = ("idf1", "hota", "switches", "switches_per_min", "missed", "false", "mpjpe_mm", "ids", "median_ms", "p99_ms")
-    for name in ("scene", "how", *names, "returns"):
-        table.add_column(name, justify="left" if name in ("scene", "how") else "right")
-    cases: dict[tuple, list[dict]] = {}
-    for row in rows:
-        cases.setdefault((row["scene"], row["people"], row["cameras"], row["how"]), []).append(row)
-    for (scene, people, cameras, how), seeds in cases.items():
-        # the mean of the seeds; of times, the worst
-        figures = [(np.max if name == "p99_ms" else np.mean)([row[name] for row in seeds]) for name in names]
-        texts = [
-            f"{f:.3f}" if name in ("idf1", "hota", "missed", "false") else f"{f:.3g}"
-            for f, name in zip(figures, names, strict=True)
-        ]
-        returns = f"{sum(r['returns_right'] for r in seeds)}/{sum(r['returns'] for r in seeds)}"
-        table.add_row(f"{scene} {people}x{cameras}", how, *texts, returns)
-    for how in sorted({row["how"] for row in rows}):
-        mine = [row for row in rows if row["how"] == how]
-        figures = [f"{np.mean([row[name] for row in mine]):.3f}" for name in names]
-        figures[3] = f"{sum(r['switches'] for r in mine) / sum(r['person_s'] for r in mine) * 60:.2f}"
-        table.add_row("all", how, *figures, f"{sum(r['returns_right'] for r in mine)}/{sum(r['returns'] for r in mine)}")
-    Console(stderr=True, width=160).print(table)
+    for seed, (kind, people, cameras) in itertools.product(
+        args.seed or (REPORTED_SEEDS if args.reported else (DEVELOPMENT_SEED,)), CASES
+    ):
+        if args.only in (None, kind):
+            made = crowd(kind, people, cameras, seed, args.kept)
+            for how in args.how:
+                about = {"scene": kind, "people": people, "cameras": cameras, "how": how, "seed": seed}
+                rows.append({**about, **figures_of(made, *HOW[how](Network(made, seed), people))})
+                note(json.dumps(rows[-1]))
+    answer(args, {"Several people": list(means(rows))}, load=os.getloadavg()[0], cases=rows)
 
 
 if __name__ == "__main__":

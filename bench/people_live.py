@@ -11,23 +11,21 @@ all but the network and its colours is the session that users run. With ``--sess
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
-import subprocess
-import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from crowd_scenes import RATE_HZ, REPORTED_SEEDS, crowd
-from crowds import crowd_figures, frame_matches, person_distances, returned_right
+from crowds import crowd_row
+from harness import answer, arguments, live, sources_of, truth_of
+from people import KEPT
+from people_rendered import compared
 
 from posefuse.core import Truth
-from posefuse.core.skeleton import PAPER14, pick_keypoints
-from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.formats.rig import write_rig
-from posefuse.formats.truth import read_truth, write_truth
+from posefuse.formats.truth import write_truth
 from posefuse.formats.video import VideoWriter
 from posefuse.pipeline.live_recording import read_live_recording
 
@@ -36,20 +34,18 @@ OUTPUT_HZ, NOISE_PX, PEOPLE, CAMERAS = 100.0, 2.0, 2, 4
 SHIFTS = range(-20, 40)
 
 
-def write_session(truth: Truth, folder: Path) -> list[str]:
-    """Blank videos with the truth's times, rig and truth; the sources for `posefuse live`."""
-    (folder / "truth").mkdir(parents=True)
+def write_session(truth: Truth, folder: Path) -> Path:
+    """A session of blank videos with the truth's times, rig and truth."""
+    for part in ("truth", "videos"):
+        (folder / part).mkdir(parents=True)
     write_rig(folder / "rig.toml", truth.rig)
     write_truth(folder / "truth" / "truth.npz", truth)
-    sources = []
     for camera, view in zip(truth.rig, truth.views, strict=True):
-        video = VideoWriter(folder / f"{camera.name}.mp4", camera.size_wh, RATE_HZ, crf=40, preset="ultrafast")
         blank = np.full((camera.size_wh[1], camera.size_wh[0], 3), 90, np.uint8)
-        for t_ns in view.t_ns:
-            video.write(blank, int(t_ns))
-        video.close()
-        sources += ["--source", f"{camera.name}=video:{folder / camera.name}.mp4"]
-    return sources
+        with VideoWriter(folder / "videos" / f"{camera.name}.mp4", camera.size_wh, RATE_HZ, crf=40, preset="ultrafast") as video:
+            for t_ns in view.t_ns:
+                video.write(blank, int(t_ns))
+    return folder
 
 
 def oracle(truth: Path) -> list[str]:
@@ -58,44 +54,20 @@ def oracle(truth: Path) -> list[str]:
     return [word for key, value in settings.items() for word in ("--set", f"{key}={value}")]
 
 
-def sources_of(session: Path) -> list[str]:
-    """The videos of a rendered session, for `posefuse live`."""
-    videos = sorted((session / "videos").glob("*.mp4"))
-    return [word for video in videos for word in ("--source", f"{video.stem}=video:{video}")]
-
-
-def run(rig: Path, sources: list[str], options: list[str], record: Path) -> dict:
-    """One session; its figures."""
-    command = [sys.executable, "-m", "posefuse", "live", str(rig), *sources, *options, "--people", str(PEOPLE)]
-    done = subprocess.run([*command, "--record", str(record), "--json"], stdout=subprocess.PIPE, check=True)
-    return json.loads(done.stdout)
-
-
 def figures_of(truth: Truth, path: Path) -> dict[str, float]:
     recording = read_live_recording(path)
     poses, seen = recording.poses, recording.observations
     first_ns = int(seen.frame_t_ns[seen.frame_camera == 0][0] - truth.t_ns[0])
-    shifted = [_compared(truth, poses, first_ns - round(shift * 1e9 / RATE_HZ)) for shift in SHIFTS]
-    distance, asked, there = min((one for one in shifted if one is not None), key=lambda one: _usual_m(one[0]))
-    figures = crowd_figures(distance, asked, there, OUTPUT_HZ)
-    right, returns = returned_right(frame_matches(distance, asked), asked, round(OUTPUT_HZ), round(OUTPUT_HZ / 2))
-    return {
-        "idf1": figures.idf1, "hota": figures.hota, "switches": figures.switches, "missed": figures.missed,
-        "false": figures.false, "mpjpe_mm": figures.mpjpe_mm, "returns": returns, "returns_right": right,
-        "everybody_share": float((there.sum(axis=1) >= asked.sum(axis=1)).mean()),
-    }  # fmt: skip
-
-
-def _compared(truth: Truth, poses, zero_ns: int) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    t_ns = poses.t_ns - zero_ns
-    inside = (t_ns >= truth.t_ns[0]) & (t_ns <= truth.t_ns[-1])
-    if inside.mean() < 0.5:
-        return None
-    true_xyz = pick_keypoints(true_xyz_at(truth, t_ns[inside]), truth.skeleton, PAPER14.keypoints)
-    xyz = pick_keypoints(poses.xyz_world[inside], poses.skeleton, PAPER14.keypoints)
-    there = np.isfinite(xyz[..., 0]).mean(axis=-1) >= 0.5
-    xyz = np.where(there[..., None, None], xyz, np.nan)
-    return person_distances(true_xyz, xyz), np.isfinite(true_xyz).all(axis=(2, 3)), there
+    found = []
+    for shift in SHIFTS:
+        t_ns = poses.t_ns - first_ns + round(shift * 1e9 / RATE_HZ)
+        inside = (t_ns >= truth.t_ns[0]) & (t_ns <= truth.t_ns[-1])
+        if inside.mean() >= 0.5:
+            part = {name: getattr(poses, name)[inside] for name in ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")}
+            found.append(compared(truth, replace(poses, t_ns=t_ns[inside], **part)))
+    distance, asked, there = min(found, key=lambda one: _usual_m(one[0]))
+    everybody = float((there.sum(axis=1) >= asked.sum(axis=1)).mean())
+    return {**crowd_row(distance, asked, there, OUTPUT_HZ), "everybody_share": everybody}
 
 
 def _usual_m(distance: np.ndarray) -> float:
@@ -104,27 +76,23 @@ def _usual_m(distance: np.ndarray) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scene", default="returning")
-    parser.add_argument("--seed", type=int, default=REPORTED_SEEDS[0])
-    parser.add_argument("--kept", type=Path, default=Path(tempfile.gettempdir()) / "posefuse_crowds")
-    parser.add_argument("--session", type=Path, help="rendered instead, with the network")
-    parser.add_argument("--networks", default="auto", help="with --session: as of `posefuse live`")
-    args = parser.parse_args()
+    args = arguments(__doc__, scene="returning", seed=REPORTED_SEEDS[0], kept=KEPT, session=Path, networks="auto")
     with tempfile.TemporaryDirectory() as name:
-        record = Path(name) / "live.mcap"
-        if args.session:
-            truth = read_truth(args.session / "truth" / "truth.npz")
-            ran = run(args.session / "rig.toml", sources_of(args.session), ["--networks", args.networks], record)
-        else:
-            truth = crowd(args.scene, PEOPLE, CAMERAS, args.seed, args.kept).truth
-            folder = Path(name) / "session"
-            ran = run(folder / "rig.toml", write_session(truth, folder), oracle(folder / "truth" / "truth.npz"), record)
-        found = figures_of(truth, record)
-    what = {"session": args.session.name, "networks": args.networks} if args.session else {"scene": args.scene, "seed": args.seed}
+        record, options = Path(name) / "live.mcap", ["--networks", args.networks]
+        session = args.session
+        if not session:
+            session = write_session(crowd(args.scene, PEOPLE, CAMERAS, args.seed, args.kept).truth, Path(name) / "session")
+            options = oracle(session / "truth" / "truth.npz")
+        ran = live(session / "rig.toml", sources_of(session), *options, "--people", PEOPLE, "--record", record)
+        found = figures_of(truth_of(session), record)
+    about = {
+        "session": args.session.name if args.session else f"{args.scene}, seed {args.seed}",
+        "poses_per_s": ran["poses_per_s"],
+    }
     latency = ran["latency"]["all_cameras_total_ms"]
-    about = {**what, "latency_ms": latency, "load": os.getloadavg()[0], "poses_per_s": ran["poses_per_s"]}
-    print(json.dumps({**about, "frames_used": ran["used_share"], **found}, indent=1))
+    about |= {"poses_per_s": ran["poses_per_s"], "frames_used": ran["used_share"], "load": os.getloadavg()[0]}
+    row = {**about, "latency_ms": latency, **found}
+    answer(args, {"Two people, live": [row]})
 
 
 if __name__ == "__main__":

@@ -6,23 +6,18 @@ A table on stderr, one JSON object on stdout. Times are medians over the runs; `
 `everything` all default outputs with the overlay video.
 """
 
-import argparse
 import json
 import resource
-import statistics
 import subprocess
-import sys
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
-from rich.console import Console
-from rich.table import Table
+from harness import DEMO, POSEFUSE, answer, arguments, medians, tracked, truth_of
 
 from posefuse.detection.models import CARDS_FOLDER
 from posefuse.evaluation.metrics import joint_errors
 from posefuse.formats.joint_centres import read_joint_centres
-from posefuse.formats.recording import read_recording
-from posefuse.formats.truth import read_truth
 from posefuse.fusion import WEIGHTS, FuseSettings
 from posefuse.pipeline.second_pass import poses_over_time
 from posefuse.tracking import SmoothSettings
@@ -30,80 +25,37 @@ from posefuse.tracking import SmoothSettings
 JOINT_CENTRES = CARDS_FOLDER / "blazepose_full.joint_centres.toml"
 
 
-def tracked(session: Path, out: Path, *options: str) -> dict:
-    """The figures of one `posefuse track`."""
-    command = [sys.executable, "-m", "posefuse.cli.main", "track", str(session), "--out", str(out), "--force", "--json", *options]
-    return json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
-
-
 def speed(session: Path, out: Path, repeat: int, *options: str) -> dict:
-    """Medians over `repeat` runs."""
-    runs = [tracked(session, out, *options) for _ in range(repeat)]
-    cameras = runs[0]["cameras"]
-    return {
-        "time_steps_per_s": statistics.median(run["time_steps_per_s"] for run in runs),
-        "images_per_s": statistics.median(cameras * run["time_steps_per_s"] for run in runs),
-        "detect_ms_per_image": statistics.median(run["detect_ms_per_image"] for run in runs),
-        "stage_ms_per_time_step": {
-            stage: statistics.median(run["stage_ms_per_time_step"][stage] for run in runs)
-            for stage in runs[0]["stage_ms_per_time_step"]
-        },
-    }
+    """Medians over `repeat` runs of `posefuse track`."""
+    command = [*POSEFUSE, "track", str(session), "--out", str(out), "--force", "--json", *options]
+    runs = [json.loads(subprocess.run(command, check=True, capture_output=True).stdout) for _ in range(repeat)]
+    row = medians([{name: run[name] for name in ("time_steps_per_s", "detect_ms_per_image")} for run in runs])
+    stages = medians([run["stage_ms_per_time_step"] for run in runs])
+    return {**row, "images_per_s": runs[0]["cameras"] * row["time_steps_per_s"], "ms per time step and stage": stages}
 
 
-def accuracy(session: Path, result: Path) -> dict:
-    """MPJPE over the paper's 14 joints per weighting, from the same 2D, raw and smoothed."""
-    recording, truth = read_recording(result), read_truth(session / "truth" / "truth.npz")
-    views, rows = recording.views, {}
+def accuracy(session: Path) -> Iterator[dict]:
+    """MPJPE over the paper's 14 joints per weighting, from the same 2D, every time step by itself and smoothed."""
+    recording, truth = tracked(session), truth_of(session)
     centres = read_joint_centres(JOINT_CENTRES)
     for weights in WEIGHTS:
         settings = FuseSettings(weights=weights)
-        raw = joint_errors(poses_over_time(views, recording.rig, settings, None, centres), truth)
-        smoothed = joint_errors(poses_over_time(views, recording.rig, settings, SmoothSettings(), centres), truth)
-        rows[weights] = {
-            "raw_mpjpe_mm": raw.mpjpe_mm,
-            "mpjpe_mm": smoothed.mpjpe_mm,
-            "worst_joint_mm": float(smoothed.mean_mm.max()),
-        }
-    return rows
+        raw, smoothed = (
+            joint_errors(poses_over_time(recording.views, recording.rig, settings, smoothing, centres), truth)
+            for smoothing in (None, SmoothSettings())
+        )
+        worst = {"worst_joint_mm": float(smoothed.mean_mm.max())}
+        yield {"weights": weights, "raw_mpjpe_mm": raw.mpjpe_mm, "mpjpe_mm": smoothed.mpjpe_mm, **worst}
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--repeat", type=int, default=3)
-    parser.add_argument("--session", type=Path, default=Path("examples/demo"))
-    args = parser.parse_args()
+    args = arguments(__doc__, repeat=3, session=DEMO)
     with tempfile.TemporaryDirectory() as folder:
-        result = Path(folder) / "result"
-        figures = {
-            "track": speed(args.session, result, args.repeat, "--outputs", ""),
-            "everything": speed(args.session, result, args.repeat),
-            "accuracy": accuracy(args.session, result),
-        }
-    figures["peak_memory_mb"] = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
-    show(figures)
-    print(json.dumps(figures, indent=2))
-
-
-def show(figures: dict) -> None:
-    console = Console(stderr=True, width=120)
-    table = Table(title="Demo clip: speed (start-up not counted)", title_justify="left")
-    for column in ("run", "time steps/s", "images/s", "2D ms/image", "ms per time step and stage"):
-        table.add_column(column)
-    for run in ("track", "everything"):
-        row = figures[run]
-        stages = ", ".join(f"{stage} {ms:.1f}" for stage, ms in row["stage_ms_per_time_step"].items())
-        table.add_row(
-            run, f"{row['time_steps_per_s']:.1f}", f"{row['images_per_s']:.0f}", f"{row['detect_ms_per_image']:.1f}", stages
-        )
-    console.print(table)
-    console.print(f"peak memory {figures['peak_memory_mb']:.0f} MB")
-    table = Table(title="Demo clip: error against the truth, mm (14 joints)", title_justify="left")
-    for column in ("weights", "every time step by itself", "smoothed", "worst joint, smoothed"):
-        table.add_column(column)
-    for weights, row in figures["accuracy"].items():
-        table.add_row(weights, f"{row['raw_mpjpe_mm']:.1f}", f"{row['mpjpe_mm']:.1f}", f"{row['worst_joint_mm']:.1f}")
-    console.print(table)
+        ways = {"track": ("--outputs", ""), "everything": ()}
+        rows = [{"run": way, **speed(args.session, Path(folder) / "result", args.repeat, *ways[way])} for way in ways]
+    peak_mb = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
+    errors = {"Demo clip: error against the truth, mm (14 joints)": list(accuracy(args.session))}
+    answer(args, {"Demo clip: speed (start-up not counted)": rows, **errors}, peak_memory_mb=peak_mb)
 
 
 if __name__ == "__main__":

@@ -7,23 +7,16 @@ cameras are displaced by chance. Error of 14 joints against the truth in mm, med
 of `refine.together`. Tables on stderr, one JSON object on stdout.
 """
 
-import argparse
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
+from harness import answer, arguments, medians, tracked, truth_of
 
 from posefuse.calibration.settings import RefineSettings
-from posefuse.core import SE3, Recording, Rig
+from posefuse.core import SE3, Recording, Rig, Truth
 from posefuse.evaluation.metrics import joint_errors
-from posefuse.formats.truth import read_truth
-from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.config import TrackConfig
-from posefuse.pipeline.run import track_session
-from posefuse.pipeline.session import find_session
 from posefuse.pipeline.solve import REFINED, solve_again
 
 # standard deviation per axis: position in mm, orientation in degrees
@@ -42,44 +35,27 @@ def displaced(rig: Rig, move_m: float, turn_rad: float, seed: int) -> Rig:
     return replace(rig, cameras=tuple(cameras))
 
 
-def tracked(session: Path) -> tuple[Recording, TrackConfig]:
-    """`posefuse track` with the true rig."""
+def measured(wrong: Recording, truth: Truth, ways: list[RefineSettings]) -> dict[str, float]:
     config = TrackConfig(outputs={})
-    silent = lambda *_: None  # noqa: E731
-    return track_session(find_session(session, config), config, StageClock(), silent, silent, silent).recording, config
+    row = {"as calibrated": joint_errors(solve_again(wrong, config).poses, truth).mpjpe_mm}
+    for way in ways:
+        solved = solve_again(wrong, replace(config, refine_rig=True, refine=way))
+        row[f"refined, together {way.together:g}"] = joint_errors(solved.poses, truth).mpjpe_mm
+        row |= {f"{way.together:g}: px {when}": solved.provenance[REFINED][f"{when}_px"] for when in ("before", "after")}
+    return row
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("sessions", type=Path, nargs="+")
-    parser.add_argument("--draws", type=int, default=3)
-    parser.add_argument("--fit", action="store_true")
-    args = parser.parse_args()
+    args = arguments(__doc__, positional=("sessions",), sessions=(Path,), draws=3, fit=False)
     ways = [RefineSettings(together=value) for value in TOGETHER] if args.fit else [RefineSettings()]
     rows = []
     for session in args.sessions:
-        (recording, config), truth = tracked(session), read_truth(session / "truth" / "truth.npz")
+        recording, truth = tracked(session), truth_of(session)
         for move_mm, turn_deg in DISPLACED:
-            found: dict[str, list[float]] = {}
-            for draw in range(args.draws if move_mm else 1):
-                rig = displaced(recording.rig, move_mm / 1e3, np.deg2rad(turn_deg), draw)
-                wrong = replace(recording, rig=rig)
-                plain = solve_again(wrong, config)
-                found.setdefault("as calibrated", []).append(joint_errors(plain.poses, truth).mpjpe_mm)
-                for way in ways:
-                    solved = solve_again(wrong, replace(config, refine_rig=True, refine=way))
-                    about = solved.provenance[REFINED]
-                    name = f"refined, together {way.together:g}"
-                    found.setdefault(name, []).append(joint_errors(solved.poses, truth).mpjpe_mm)
-                    found.setdefault(f"{name}: px before", []).append(about["before_px"])
-                    found.setdefault(f"{name}: px after", []).append(about["after_px"])
-            rows.append({"session": session.name, "moved mm": move_mm, "turned deg": turn_deg}
-                        | {name: float(np.median(values)) for name, values in found.items()})  # fmt: skip
-    table = Table(*rows[0], title="cameras displaced by chance, error in mm", title_justify="left")
-    for row in rows:
-        table.add_row(*(f"{value:.3g}" if isinstance(value, float) else str(value) for value in row.values()))
-    Console(stderr=True, width=180).print(table)
-    print(json.dumps({"rows": rows}, indent=2))
+            rigs = [displaced(recording.rig, move_mm / 1e3, np.deg2rad(turn_deg), i) for i in range(args.draws if move_mm else 1)]
+            found = medians([measured(replace(recording, rig=rig), truth, ways) for rig in rigs])
+            rows.append({"session": session.name, "moved mm": move_mm, "turned deg": turn_deg, **found})
+    answer(args, {"Cameras displaced by chance, error in mm": rows})
 
 
 if __name__ == "__main__":

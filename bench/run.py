@@ -13,23 +13,23 @@ from datetime import date
 from importlib.metadata import version
 from pathlib import Path
 
+from harness import OUT, ROOT
+
+from paper.experiments.runs import processor
 from posefuse.detection.openvino_cpu import openvino_core
 
-HERE = Path(__file__).resolve().parent
-OUT = HERE.parent / "out" / "bench"
-PAGE = HERE.parent / "docs" / "benchmarks.md"
+HERE, PAGE = Path(__file__).resolve().parent, ROOT / "docs" / "benchmarks.md"
 TITLES = {
     "pipeline": "The whole pipeline on the demo clip",
     "real_footage": "Real footage",
-    "detect": "detection: time per image",
+    "detect": "Detection: time per image",
     "fuse": "Fusion: time per solve",
-    "fuse_accuracy": "Fusion: accuracy with outliers",
     "render": "Simulator: rendering",
     "kinematics": "Joint angles",
     "calibrate": "Calibration",
     "rig_monitor": "Rig monitor: moved, late and exchanged cameras",
     "live": "Live: the whole pipeline",
-    "live_tracking": "Live: the tracker against the paper's way",
+    "live_tracking": "Live: the tracker, and what limits it",
     "live_faults": "Live: what goes wrong, and the results",
     "live_soak": "Live: an hour",
     "wire": "Network: one-way time of a skeleton",
@@ -38,16 +38,9 @@ PACKAGES = ("posefuse", "numpy", "openvino", "opencv-python-headless", "numba", 
 
 
 def machine() -> str:
-    info = Path("/proc/cpuinfo")
-    names = (
-        [line.split(":")[1].strip() for line in info.read_text().splitlines() if line.startswith("model name")]
-        if info.is_file()
-        else []
-    )
-    cores = len(os.sched_getaffinity(0))
     networks = "bf16" if "BF16" in openvino_core().get_property("CPU", "OPTIMIZATION_CAPABILITIES") else "f32"
-    named = names[0] if names else platform.processor()
-    return f"{named}, {cores} cores, networks in {networks}, Python {platform.python_version()}"
+    cores = len(os.sched_getaffinity(0))
+    return f"{processor()}, {cores} cores, networks in {networks}, Python {platform.python_version()}"
 
 
 def run(name: str) -> str:

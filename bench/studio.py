@@ -29,7 +29,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page
 from studio_client import QuietPage, quiet_page
 
 from posefuse.messages.bags import read_poses
@@ -40,7 +40,7 @@ from posefuse.studio.workspace import StudioWorkspace
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tools"))
 
-from studio_server import CHROMIUM, GRAPHICS, PATIENCE_S, SIZES, TOKEN, cookies, free_port, server, stand_in, until
+from studio_server import PATIENCE_S, SIZES, TOKEN, Watched, free_port, in_chromium, server, stand_in, until
 
 _CAMERAS, _SETTLE_S, _MEASURE_S, _ROUNDS, _STARTS = 8, 3.0, 12.0, 5, 3
 
@@ -52,14 +52,23 @@ def cpu_s(pid: int) -> float:
 
 
 @contextmanager
-def drawing_page(browser: Browser, base: str) -> Iterator[Page]:
-    """A page in Chromium, when its first image is there."""
-    page = browser.new_page(viewport={"width": SIZES[""][0], "height": 2000})
-    page.context.add_cookies(cookies())
-    page.goto(f"{base}/live")
-    page.wait_for_function("window.posefuseDrawn && window.posefuseDrawn.tile > 0", timeout=PATIENCE_S * 1e3)
+def drawing_page(watched: Watched, height_px: int = 2000, drawn: str = "tile > 0") -> Iterator[Page]:
+    """A page in Chromium, when so much is drawn. All of the page is in a window that is so high."""
+    page = watched.page((SIZES[""][0], height_px), "/live")
+    page.wait_for_function(f"window.posefuseDrawn && window.posefuseDrawn.{drawn}", timeout=PATIENCE_S * 1e3)
     yield page
     page.close()
+
+
+@contextmanager
+def shown() -> Iterator[tuple[int, Watched]]:
+    """A studio with a session that needs no detector: process of the server, and its pages in Chromium."""
+    port = free_port()
+    print(f"{_CAMERAS} cameras on {os.cpu_count()} cores")
+    with tempfile.TemporaryDirectory() as place, ExitStack() as session:
+        session.enter_context(stand_in(Path(place), _CAMERAS))
+        studio = session.enter_context(server(Path(place), port))
+        yield studio.pid, session.enter_context(in_chromium(port))
 
 
 def counts_of(page: Page | QuietPage) -> Counter[str]:
@@ -79,49 +88,29 @@ def rates(pages: Sequence[Page | QuietPage], pid: int) -> tuple[float, dict[str,
 
 def measure_pages() -> None:
     """A line per kind and number of pages."""
-    with tempfile.TemporaryDirectory() as place, sync_playwright() as playwright, ExitStack() as session:
-        workspace, port = Path(place), free_port()
-        base = f"http://127.0.0.1:{port}"
-        session.enter_context(stand_in(workspace, _CAMERAS))
-        studio = session.enter_context(server(workspace, port))
-
-        def measure(kind: str, opening: Callable[[], AbstractContextManager[Page | QuietPage]], numbers: Sequence[int]) -> None:
+    with shown() as (pid, watched):
+        quiet, drawing = (lambda: quiet_page(watched.base, TOKEN)), (lambda: drawing_page(watched))
+        for kind, opening, numbers in (("page that draws nothing", quiet, (0, 1, 2)), ("page in Chromium", drawing, (1, 2))):
             for number in numbers:
                 with ExitStack() as opened:
-                    pages = [opened.enter_context(opening()) for _ in range(number)]
-                    share, got = rates(pages, studio.pid)
-                shown = ", ".join(f"{name} {value:.1f}" for name, value in sorted(got.items()))
-                print(
-                    f"{number} {kind}: server {share:.1%} of a core; per second: {shown} (load {os.getloadavg()[0]:.1f})",
-                    flush=True,
-                )
-
-        print(f"{_CAMERAS} cameras on {os.cpu_count()} cores")
-        measure("page that draws nothing", lambda: quiet_page(base, TOKEN), (0, 1, 2))
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=GRAPHICS)
-        measure("page in Chromium", lambda: drawing_page(browser, base), (1, 2))
-        browser.close()
+                    share, got = rates([opened.enter_context(opening()) for _ in range(number)], pid)
+                parts = ", ".join(f"{name} {value:.1f}" for name, value in sorted(got.items()))
+                print(f"{number} {kind}: server {share:.1%} of a core; per second: {parts} (load {load():.1f})", flush=True)
 
 
 def measure_drawing() -> None:
     """A line per view: all of a page, a usual window, and the 3D view alone in sizes that cost the rasteriser more and less."""
-    with tempfile.TemporaryDirectory() as place, sync_playwright() as playwright, ExitStack() as session:
-        workspace, port = Path(place), free_port()
-        session.enter_context(stand_in(workspace, _CAMERAS))
-        session.enter_context(server(workspace, port))
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=GRAPHICS)
-        print(f"{_CAMERAS} cameras on {os.cpu_count()} cores")
-        for what, height, style in _VIEWS:
-            page = browser.new_page(viewport={"width": SIZES[""][0], "height": height})
-            page.context.add_cookies(cookies())
-            page.goto(f"http://127.0.0.1:{port}/live")
-            page.wait_for_function("window.posefuseDrawn && window.posefuseDrawn.scene > 5", timeout=PATIENCE_S * 1e3)
-            if style:
-                page.add_style_tag(content=style)
-            time.sleep(_SETTLE_S)
-            print(f"{what}: {drawing_line(browser, page)} (load {os.getloadavg()[0]:.1f})", flush=True)
-            page.close()
-        browser.close()
+    with shown() as (_, watched):
+        for what, height_px, style in _VIEWS:
+            with drawing_page(watched, height_px, "scene > 5") as page:
+                if style:
+                    page.add_style_tag(content=style)
+                time.sleep(_SETTLE_S)
+                print(f"{what}: {drawing_line(watched.browser, page)} (load {load():.1f})", flush=True)
+
+
+def load() -> float:
+    return os.getloadavg()[0]
 
 
 _ALONE = ".pf-tile, .pf-plot { display: none }"
@@ -161,9 +150,8 @@ def drawing_line(browser: Browser, page: Page) -> str:
 
 def measure_latency(*, chromium: bool) -> None:
     """A line per window, then medians over the rounds; `chromium`: with a page that draws."""
-    with tempfile.TemporaryDirectory() as place, sync_playwright() as playwright, ExitStack() as session:
+    with tempfile.TemporaryDirectory() as place, ExitStack() as session:
         workspace, port = StudioWorkspace(Path(place)), free_port()
-        base = f"http://127.0.0.1:{port}"
         jobs = Jobs(workspace)
         job = started(jobs)
         session.callback(jobs.cancel, job.id)
@@ -171,11 +159,10 @@ def measure_latency(*, chromium: bool) -> None:
         recorded(jobs, job)
         kinds: dict[str, Callable[[], AbstractContextManager[object]]] = {"no page": nullcontext}
         if chromium:
-            browser = playwright.chromium.launch(executable_path=CHROMIUM, args=GRAPHICS)
-            session.callback(browser.close)
-            kinds["page in Chromium"] = lambda: drawing_page(browser, base)
+            watched = session.enter_context(in_chromium(port))
+            kinds["page in Chromium"] = lambda: drawing_page(watched)
         else:
-            kinds["page that draws nothing"] = lambda: quiet_page(base, TOKEN)
+            kinds["page that draws nothing"] = lambda: quiet_page(f"http://127.0.0.1:{port}", TOKEN)
         windows: list[tuple[str, int, int]] = []
         for n in range(_ROUNDS):
             # neither is always the first
@@ -185,7 +172,7 @@ def measure_latency(*, chromium: bool) -> None:
                     begun_ns = time.time_ns()
                     time.sleep(_MEASURE_S)
                     windows.append((kind, begun_ns, time.time_ns()))
-                print(f"round {n + 1} of {_ROUNDS}: {kind}, load {os.getloadavg()[0]:.1f}", flush=True)
+                print(f"round {n + 1} of {_ROUNDS}: {kind}, load {load():.1f}", flush=True)
         jobs.cancel(job.id)
         until(lambda: jobs.report(job.id).ended, "the session to end")
         show_latencies(workspace.existing("recordings/latency/recording.mcap"), windows)

@@ -8,52 +8,39 @@ The videos are those of `examples/demo`, repeated without encoding them again; t
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
-import json
-import sys
 import tempfile
 import time
 from pathlib import Path
 
 import av
 import numpy as np
+from harness import DEMO, answer, arguments, truth_of
+from studio_server import free_port, in_chromium, server
 
 from posefuse.api.recording import recording_of
 from posefuse.core import Kind, PoseSequence, Recording
-from posefuse.formats.truth import read_truth
 from posefuse.foundation.parsing import plain
 from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.playback import Playback
 from posefuse.pipeline.session_images import session_of_recording
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tools"))
-
-from studio_server import cookies, free_port, server
-
-DEMO = Path(__file__).resolve().parents[1] / "examples" / "demo"
 TILE_PX = 480
 
 
 def main() -> None:
-    """Make the recording, seek, print one JSON object."""
-    asked = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    asked.add_argument("--minutes", type=float, default=10.0)
-    asked.add_argument("--seeks", type=int, default=40)
-    asked.add_argument("--browser", type=Path)
-    options = asked.parse_args()
+    args = arguments(__doc__, minutes=10.0, seeks=40, browser=Path)
     with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder)
-        session, result = long_recording(place, options.minutes)
-        figures = {"minutes": options.minutes, "cameras": 4, **in_python(session, result, options.seeks)}
-        if options.browser is not None:
-            figures |= in_browser(place, options.browser, options.seeks)
-    print(json.dumps(plain(figures), indent=2))
+        session, result = long_recording(Path(folder), args.minutes)
+        rows = [{"seek": "in Python", **in_python(session, result, args.seeks)}]
+        if args.browser is not None:
+            rows.append({"seek": "in a browser", **in_browser(Path(folder), args.browser, args.seeks)})
+    answer(args, {"Milliseconds until every camera shows the moment": rows}, minutes=args.minutes, cameras=4)
 
 
 def long_recording(place: Path, minutes: float) -> tuple[Path, Path]:
     """(session, result) of so many minutes."""
-    truth = read_truth(DEMO / "truth" / "truth.npz")
+    truth = truth_of(DEMO)
     period_ns = int(np.median(np.diff(truth.t_ns)))
     times = round(minutes * 60e9 / (len(truth.t_ns) * period_ns))
     session, result = place / "long", place / "result"
@@ -120,20 +107,17 @@ def in_python(session: Path, result: Path, seeks: int) -> dict[str, float]:
             for camera in playback.cameras:
                 playback.moment(camera, t_ns, TILE_PX)
             taken.append(1000 * (time.perf_counter() - began))
-    return {"open_s": opened_s, **spread("python_ms", taken)}
+    return {**spread(taken), "open_s": opened_s}
 
 
 def in_browser(workspace: Path, browser: Path, seeks: int) -> dict[str, float]:
     """Milliseconds from a click on the timeline to the arrival of the last camera's image in the page."""
-    from playwright.sync_api import sync_playwright
-
     port, taken = free_port(), list[float]()
-    with server(workspace, port), sync_playwright() as play:
-        page = play.chromium.launch(executable_path=str(browser), args=["--no-sandbox"]).new_page()
+    with server(workspace, port), in_chromium(port, str(browser)) as watched:
+        page = watched.page()
         arrived: list[tuple[float, int]] = []
-        page.context.add_cookies(cookies())
         page.on("websocket", lambda ws: ws.on("framereceived", lambda data: note(data, arrived)))
-        page.goto(f"http://127.0.0.1:{port}/recordings?open=result")
+        page.goto(f"{watched.base}/recordings?open=result")
         plot = page.locator(".pf-timeline")
         plot.wait_for(timeout=120_000)
         page.wait_for_timeout(8_000)
@@ -148,7 +132,7 @@ def in_browser(workspace: Path, browser: Path, seeks: int) -> dict[str, float]:
             while {camera for _, camera in arrived} != set(range(4)) and time.perf_counter() - began < 5:
                 page.wait_for_timeout(2)
             taken.append(1000 * (arrived[-1][0] - began))
-    return spread("browser_ms", taken)
+    return spread(taken)
 
 
 def note(data: bytes | str, arrived: list[tuple[float, int]]) -> None:
@@ -157,11 +141,8 @@ def note(data: bytes | str, arrived: list[tuple[float, int]]) -> None:
         arrived.append((time.perf_counter(), int.from_bytes(data[16:18], "little")))
 
 
-def spread(name: str, values: list[float]) -> dict[str, float]:
-    """Median, 95th percentile, most."""
-    return {
-        f"{name}_{word}": float(np.quantile(values, share)) for word, share in (("median", 0.5), ("p95", 0.95), ("most", 1.0))
-    }
+def spread(values: list[float]) -> dict[str, float]:
+    return {word: float(np.quantile(values, share)) for word, share in (("median", 0.5), ("p95", 0.95), ("most", 1.0))}
 
 
 if __name__ == "__main__":

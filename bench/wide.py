@@ -9,27 +9,23 @@ with 1.5 px of noise, and are all found in one time step.
 import time
 
 import numpy as np
+from harness import answer, arguments
+from scenes import ring
 
 from posefuse.association import AssociateSettings, assign
-from posefuse.core import SKELETONS, Camera, Detections2D, Rig
+from posefuse.core import SKELETONS, Detections2D, Rig
 from posefuse.core.values import keypoint_boxes
 from posefuse.health.misalignment import instant_of, sums_of
-from posefuse.simulation.cameras import looking_at
 
 COCO = SKELETONS["coco17"]
 
 
-def ring(count: int, radius_m: float) -> Rig:
-    focal, places = 600.0, []
-    intrinsics = np.array([[focal, 0, 639.5], [0, focal, 479.5], [0, 0, 1]])
-    for angle in np.arange(count) * 2 * np.pi / count + 0.3:
-        pose = looking_at(np.array([radius_m * np.cos(angle), radius_m * np.sin(angle), 3.0]), np.array([0, 0, 1.0]))
-        places.append(Camera(name=f"cam{len(places):02d}", size_wh=(1280, 960), K=intrinsics, cam_from_world=pose))
-    return Rig(tuple(places), world_set_by="bench")
+def ring_of(count: int, radius_m: float) -> Rig:
+    return ring(count, (1280, 960), 600.0, radius_m=radius_m, height_m=3.0, begin_rad=0.3)
 
 
 def monitor_ms(cameras: int) -> float:
-    rig, rng = ring(cameras, 4.5), np.random.default_rng(0)
+    rig, rng = ring_of(cameras, 4.5), np.random.default_rng(0)
     xyz = rng.normal(0, 0.4, (12, 3)) + [0, 0, 1]
     xy = np.stack([camera.project(xyz) for camera in rig]) + rng.normal(0, 2, (cameras, 12, 2))
     now = instant_of(rig, 0, xy)
@@ -39,8 +35,8 @@ def monitor_ms(cameras: int) -> float:
     return (time.thread_time() - began) / 20 * 1e3
 
 
-def people_ms(people: int, cameras: int = 8) -> float:
-    rig, rng = ring(cameras, 12.0), np.random.default_rng(0)
+def people_found(people: int, cameras: int = 8) -> dict:
+    rig, rng = ring_of(cameras, 12.0), np.random.default_rng(0)
     side = int(np.ceil(np.sqrt(people)))
     body = rng.normal(size=(17, 3)) * [0.15, 0.2, 0.1] + np.linspace(1.6, 0.1, 17)[:, None] * [0, 0, 1]
     places = 1.6 * (np.stack(np.unravel_index(np.arange(people), (side, side)), axis=1) - (side - 1) / 2)
@@ -57,12 +53,11 @@ def people_ms(people: int, cameras: int = 8) -> float:
     assign(found, rig, settings, 0)
     began = time.thread_time()
     assigned = assign(found, rig, settings, 0)
-    print(f"  {len(assigned.person_id)} of {people} people found")
-    return (time.thread_time() - began) * 1e3
+    spent_ms = (time.thread_time() - began) * 1e3
+    return {"people": people, "found": len(assigned.person_id), "ms": spent_ms}
 
 
 if __name__ == "__main__":
-    for cameras in (4, 8, 16, 32):
-        print(f"rig monitor, {cameras} cameras: {monitor_ms(cameras):.2f} ms")
-    for people in (4, 8, 16, 32, 64):
-        print(f"people found at once, {people}: {people_ms(people):.0f} ms")
+    monitored = [{"cameras": cameras, "ms": monitor_ms(cameras)} for cameras in (4, 8, 16, 32)]
+    together = [people_found(people) for people in (4, 8, 16, 32, 64)]
+    answer(arguments(__doc__), {"Rig monitor": monitored, "People found at once": together})

@@ -12,15 +12,13 @@ clock) after the value is decoded and checked. So a row is making the message + 
 and per step of the sender, without a network: the cost of everything RosOutput shows, and of OSC and JSON.
 """
 
-import argparse
-import json
 import multiprocessing
 import os
 import socket
-import sys
 import time
 
 import numpy as np
+from harness import answer, arguments
 
 from posefuse.core import SE3, SKELETONS, Camera, Pose3D, Rig
 from posefuse.messages import topics
@@ -42,16 +40,9 @@ def a_pose(people: int) -> Pose3D:
     xyz = np.random.default_rng(0).normal(size=(people, k, 3))
     cov = np.tile(np.eye(3) * 1e-4, (people, k, 1, 1))
     shape = (people, k)
-    return Pose3D(
-        t_ns=time.time_ns(),
-        skeleton=SKELETON,
-        person_id=np.arange(people),
-        xyz_world=xyz,
-        cov_world=cov,
-        reproj_px=np.ones(shape),
-        n_views=np.full(shape, 4),
-        kind=np.ones(shape),
-    )
+    seen = {"reproj_px": np.ones(shape), "n_views": np.full(shape, 4), "kind": np.ones(shape)}
+    about = {"t_ns": time.time_ns(), "skeleton": SKELETON, "person_id": np.arange(people)}
+    return Pose3D(**about, xyz_world=xyz, cov_world=cov, **seen)
 
 
 def a_rig() -> Rig:
@@ -139,36 +130,27 @@ def per_step_ms(step, times: int = 300) -> float:
 
 
 def main() -> None:
-    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    arguments.add_argument("--seconds", type=float, default=20.0)
-    given = arguments.parse_args()
-    rows = {}
+    args = arguments(__doc__, seconds=20.0)
+    rows, steps = [], []
     for people in (1, 2):
         ways = {
-            "socketpair": over_socketpair(given.seconds, people),
-            "ros2": over_ros2(given.seconds, people, False),
-            "ros2 output": over_ros2(given.seconds, people, True),
+            "socketpair": over_socketpair(args.seconds, people),
+            "ros2": over_ros2(args.seconds, people, False),
+            "ros2 output": over_ros2(args.seconds, people, True),
         }
         for way, ages in ways.items():
-            late = ages[RATE_HZ // 2 :]
-            rows[f"{way}, {people} people"] = {
-                "messages": len(ages),
-                "p50_ms": float(np.percentile(late, 50)),
-                "p95_ms": float(np.percentile(late, 95)),
-                "p99_ms": float(np.percentile(late, 99)),
-            }
+            late = {f"p{share}_ms": float(np.percentile(ages[RATE_HZ // 2 :], share)) for share in (50, 95, 99)}
+            rows.append({"way": way, "people": people, "messages": len(ages), **late})
         pose, output = a_pose(people), RosOutput(Nowhere(), a_rig())
-        rows[f"one step, {people} people"] = {
-            "bytes": len(encode(message_from_pose(pose, {}, "world"))),
-            "pose_ms": per_step_ms(lambda pose=pose: encode(message_from_pose(pose, {}, "world"))),
-            "ros_output_ms": per_step_ms(lambda pose=pose, output=output: output.step(pose)),
-            "osc_ms": per_step_ms(lambda pose=pose: osc_from_pose(pose, None, "z_up")),
-            "json_ms": per_step_ms(lambda pose=pose: json_from_pose(pose, None, "z_up")),
+        work = {
+            "pose": lambda pose=pose: encode(message_from_pose(pose, {}, "world")),
+            "ros_output": lambda pose=pose, output=output: output.step(pose),
+            "osc": lambda pose=pose: osc_from_pose(pose, None, "z_up"),
+            "json": lambda pose=pose: json_from_pose(pose, None, "z_up"),
         }
-    for name, row in rows.items():
-        figures = "  ".join(f"{key} {value:.2f}" if isinstance(value, float) else f"{key} {value}" for key, value in row.items())
-        print(f"{name:24}{figures}", file=sys.stderr)
-    print(json.dumps({"rows": rows}, indent=1))
+        spent = {f"{name}_ms": per_step_ms(step) for name, step in work.items()}
+        steps.append({"people": people, "bytes": len(work["pose"]()), **spent})
+    answer(args, {"One way": rows, "One step": steps})
 
 
 if __name__ == "__main__":

@@ -12,16 +12,14 @@ import shutil
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any
 
 import cv2
-from playwright.sync_api import Browser, sync_playwright
 
 import posefuse
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tools"))
 
-from studio_server import GRAPHICS, ROOT, SIZES, free_port, server
+from studio_server import ROOT, SIZES, Watched, free_port, in_chromium, server
 
 _IMAGES = ROOT / "docs" / "images"
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -44,12 +42,11 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         workspace = filled_workspace(Path(folder), args.result)
         port = free_port()
-        with server(workspace, port), sync_playwright() as play:
-            browser = play.chromium.launch(executable_path=executable, args=GRAPHICS)
-            problems = [line for name, size_wh in SIZES.items() for line in photograph(browser, port, name, size_wh)]
-    for line in problems:
-        print(line)
-    raise SystemExit(bool(problems))
+        with server(workspace, port), in_chromium(port, executable) as watched:
+            for ending, size_wh in SIZES.items():
+                photograph(watched, ending, size_wh)
+    print(watched.found())
+    raise SystemExit(bool(watched.elsewhere or watched.errors))
 
 
 def filled_workspace(folder: Path, result: Path | None) -> Path:
@@ -62,19 +59,10 @@ def filled_workspace(folder: Path, result: Path | None) -> Path:
     return folder
 
 
-def photograph(browser: Browser, port: int, ending: str, size_wh: tuple[int, int]) -> list[str]:
-    """Pictures of all pages in a window of this size; returns what was wrong."""
-    base, problems = f"http://127.0.0.1:{port}", []
-
-    def asked(request: Any) -> None:
-        if not request.url.startswith((base, base.replace("http", "ws"), "data:", "blob:")):
-            problems.append(f"request to another host: {request.url}")
-
+def photograph(watched: Watched, ending: str, size_wh: tuple[int, int]) -> None:
+    """Pictures of all pages in a window of this size."""
     for name, address in _PAGES.items():
-        page = browser.new_page(viewport={"width": size_wh[0], "height": size_wh[1]})
-        page.on("request", asked)
-        page.on("pageerror", lambda error, name=name: problems.append(f"{name}: {error}"))
-        page.goto(base + address)
+        page = watched.page(size_wh, address)
         if name == "recording":
             page.get_by_text("left knee flexion").first.wait_for(timeout=_ANGLES_MS)
         page.wait_for_timeout(_SETTLED_MS)
@@ -83,13 +71,12 @@ def photograph(browser: Browser, port: int, ending: str, size_wh: tuple[int, int
             page.wait_for_timeout(_SETTLED_MS)
         path = _IMAGES / f"studio_{name}{ending}.png"
         if page.evaluate("document.documentElement.scrollWidth") > size_wh[0]:
-            problems.append(f"{name}: wider than {size_wh[0]} px")
+            watched.errors.append(f"{name}: wider than {size_wh[0]} px")
         page.screenshot(path=path, animations="disabled")
         image = cv2.imread(str(path))
         cv2.imwrite(str(path), image, [cv2.IMWRITE_PNG_COMPRESSION, 9])
         print(path.name, f"{path.stat().st_size // 1024} kB")
         page.close()
-    return problems
 
 
 if __name__ == "__main__":

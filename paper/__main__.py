@@ -3,42 +3,93 @@
 from __future__ import annotations
 
 import argparse
+import importlib
+import json
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
+from datetime import date
 from pathlib import Path
 
-from paper.experiments.command import EXPERIMENTS, experiment
-from paper.experiments.runs import Console
+from paper.experiments.runs import Console, Context, about
+from paper.experiments.summary import FILE as SUMMARY_FILE
+from paper.experiments.summary import write_summary
 from posefuse.core import PosefuseError
-from posefuse.detection import network_settings
+from posefuse.detection import fetch_networks, network_settings
+from posefuse.formats.page import Facts, Heading, write_page
+from posefuse.foundation import atomic_file, build_plugin, earlier_kept, growing_folder, plain
+
+EXPERIMENTS = ("static", "walking", "latency", "drift", "occlusion", "scaling")
 
 
 def main(words: Sequence[str] | None = None) -> int:
     """Render, detect, fuse, compare with the truth, write a page and its figures; `words` stand for the command line."""
     parser = argparse.ArgumentParser(prog="python -m paper", description=main.__doc__)
-    parser.add_argument("name", choices=(*EXPERIMENTS, "all"), help="which experiment; all: every one, and a summary")
-    parser.add_argument("--out", type=Path, default=Path("out/paper"), metavar="DIR", help="pages and figures; default out/paper")
-    parser.add_argument("--sessions", type=Path, metavar="DIR", help="where rendered sessions are kept; default DIR/sessions")
-    parser.add_argument("--quick", action="store_true", help="seconds of everything: to see that it works, not for figures")
-    parser.add_argument(
-        "--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE",
-        help="any setting of `posefuse track`, in place of its default, e.g. detector.name=NAME; take another --out",
-    )  # fmt: skip
-    parser.add_argument(
-        "--networks", action="append", default=[], metavar="NAME", help="2D network, as in `posefuse track --help`"
-    )
-    parser.add_argument("--workers", type=int, metavar="N", help="processes that render; default: one per core")
-    parser.add_argument("--json", action="store_true", help="figures as one JSON object on stdout")
+    add = parser.add_argument
+    add("name", choices=(*EXPERIMENTS, "all"), help="which experiment; all: every one, and a summary")
+    add("--out", type=Path, default=Path("out/paper"), metavar="DIR", help="pages and figures; default out/paper")
+    add("--sessions", type=Path, metavar="DIR", help="where rendered sessions are kept; default DIR/sessions")
+    add("--quick", action="store_true", help="seconds of everything: to see that it works, not for figures")
+    add("--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE",
+        help="any setting of `posefuse track`, in place of its default, e.g. detector.name=NAME; take another --out")  # fmt: skip
+    add("--networks", action="append", default=[], metavar="NAME", help="2D network, as in `posefuse track --help`")
+    add("--workers", type=int, metavar="N", help="processes that render; default: one per core")
+    add("--json", action="store_true", help="figures as one JSON object on stdout")
     args = parser.parse_args(words)
     console = Console(as_json=args.json)
     try:
         networks = [f"{key}={value}" for name in args.networks for key, value in network_settings(name).items()]
         args.overrides = [*networks, *args.overrides]
-        console.figures(dict(experiment(args, console)))
+        console.figures({"files": experiments(args, console)})
     except PosefuseError as error:
         print(f"paper {args.name}: {error}", file=sys.stderr)
         return 1
     return 0
+
+
+def experiments(args: argparse.Namespace, console: Console) -> list[Path]:
+    """Run one experiment or all, and write the summary; returns the files written."""
+    wanted = EXPERIMENTS if args.name == "all" else (args.name,)
+    names = [f"{name}{ending}" for name in wanted for ending in (".html", ".json")] + ([] if args.quick else [SUMMARY_FILE])
+    folder = growing_folder(args.out, command="experiment", names=names)
+    options = (" --quick" if args.quick else "") + "".join(f" --set {override}" for override in args.overrides)
+    sessions, written = args.sessions or args.out / "sessions", list[Path]()
+    for name in wanted:
+        command = f"python -m paper {name}{options}"
+        context = Context(sessions, args.quick, args.workers, command, console, tuple(args.overrides))
+        if name != "scaling":
+            _check_detector(context)
+        written += _one(name, context, folder)
+    if not args.quick:
+        written.append(write_summary(folder))
+    for path in written:
+        console.note(f"wrote {path}")
+    return written
+
+
+def _check_detector(context: Context) -> None:
+    """Fetch and build the detector, so that an error shows before an hour of rendering."""
+    choice = context.config.detector
+
+    def show(stage: str, done: int, total: int | None, message: str = "") -> None:
+        if message:
+            context.console.note(message)
+
+    fetch_networks(choice, show)
+    build_plugin("detectors", choice.name, choice.options)
+
+
+def _one(name: str, context: Context, out: Path) -> list[Path]:
+    """The page and the figures of an experiment."""
+    outcome = importlib.import_module(f"paper.experiments.{name}").run(context)
+    facts = about(context)
+    page, figures = out / f"{name}.html", out / f"{name}.json"
+    with earlier_kept(page):
+        write_page(page, replace(outcome.page, blocks=[*outcome.page.blocks, Heading("How it was made"), Facts(facts)]))
+    with earlier_kept(figures), atomic_file(figures) as temporary:
+        content = {"experiment": name, "date": str(date.today()), **facts, "figures": plain(outcome.figures)}
+        temporary.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+    return [page, figures]
 
 
 if __name__ == "__main__":

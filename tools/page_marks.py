@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 
@@ -19,3 +20,8 @@ def write_between_marks(page: Path, text: str, name: str) -> None:
     """Replace the part of this name."""
     before, _, after = between_marks(page, name)
     page.write_text(f"{before}{text}\n{after}", encoding="utf-8")
+
+
+def markdown(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table."""
+    return "\n".join(f"| {' | '.join(line)} |" for line in (columns, ["---"] * len(columns), *rows))

@@ -11,56 +11,31 @@ Needs Chromium (``--chromium PATH``) and the extra `dev`.
 from __future__ import annotations
 
 import argparse
-import contextlib
 import sys
 import tempfile
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
-from playwright.sync_api import Browser, Page, sync_playwright
 from playwright.sync_api import Error as PlaywrightError
-from studio_server import CHROMIUM, GRAPHICS, PATIENCE_S, SIZES, cookies, free_port, server, session_of, stand_in, until
+from playwright.sync_api import Page
+from studio_server import CHROMIUM, PATIENCE_S, SIZES, Watched, free_port, in_chromium, server, session_of, stand_in, until
 
 _PERSON_MS = 30_000.0
 
 
-class Watched:
-    """Pages of one browser: what they asked for and what went wrong."""
-
-    def __init__(self, browser: Browser, base: str) -> None:
-        self._browser, self._base = browser, base
-        self.requests = 0
-        self.elsewhere: list[str] = []
-        self.errors: list[str] = []
-
-    def page(self, size: tuple[int, int]) -> Page:
-        """A new tab."""
-        page = self._browser.new_page(viewport={"width": size[0], "height": size[1]})
-        page.context.add_cookies(cookies())
-        page.on("request", lambda request: self._asked(request.url))
-        page.on("websocket", lambda socket: self._asked(socket.url.replace("ws://", "http://", 1)))
-        page.on("response", lambda answer: self.errors.append(f"{answer.status} {answer.url}") if answer.status >= 500 else None)
-        page.on("pageerror", lambda error: self.errors.append(str(error)))
-        return page
-
-    def _asked(self, url: str) -> None:
-        self.requests += 1
-        if not url.startswith((self._base, "data:", "blob:")):
-            self.elsewhere.append(url)
-
-
-def start_session(page: Page, base: str) -> None:
+def start_session(watched: Watched) -> None:
     """Play the bundled clip, by the buttons of the page."""
-    page.goto(f"{base}/live")
+    page = watched.page(path="/live")
     page.get_by_role("button", name="Start", exact=True).click()
     page.locator(".pf-tile").first.wait_for(timeout=PATIENCE_S * 1e3)
 
 
-def survived(workspace: Path, port: int, watched: Watched) -> list[str]:
+def survived(workspace: Path, watched: Watched) -> list[str]:
     """What a session is after closed tabs, two tabs, a cut connection and another server: a line per trial that failed."""
-    base, failures, before = f"http://127.0.0.1:{port}", [], session_of(workspace)
+    failures, before = list[str](), session_of(workspace)
 
     def drawn(page: Page) -> bool:
-        page.goto(f"{base}/live")
+        page.goto(f"{watched.base}/live")
         page.locator(".pf-tile").first.wait_for(timeout=PATIENCE_S * 1e3)
         first = page.evaluate("window.posefuseDrawn.messages")
         page.wait_for_timeout(4000)
@@ -72,7 +47,7 @@ def survived(workspace: Path, port: int, watched: Watched) -> list[str]:
         if not (good and same):
             failures.append(what)
 
-    one = watched.page(SIZES[""])
+    one = watched.page()
     check("a page shows the session", drawn(one))
     two = watched.page(SIZES["_phone"])
     check("two tabs show it", drawn(two))
@@ -86,16 +61,16 @@ def survived(workspace: Path, port: int, watched: Watched) -> list[str]:
     return failures
 
 
-def pictures(watched: Watched, base: str, folder: Path | None, names: dict[str, str]) -> None:
+def pictures(watched: Watched, folder: Path | None, names: dict[str, str]) -> None:
     """Every page at both sizes; written to `folder` where it is given."""
     for suffix, size in SIZES.items():
         page = watched.page(size)
         for name, path in names.items():
-            page.goto(f"{base}{path}")
+            page.goto(watched.base + path)
             page.wait_for_timeout(5000)
             if path == "/live":
                 # an image with a person in it; where the machine is too slow for one, it is taken all the same
-                with contextlib.suppress(PlaywrightError):
+                with suppress(PlaywrightError):
                     page.locator(".pf-person").first.wait_for(state="visible", timeout=_PERSON_MS)
             if page.evaluate("document.documentElement.scrollWidth") > size[0]:
                 watched.errors.append(f"{name}: wider than {size[0]} px")
@@ -113,32 +88,26 @@ def main() -> int:
         "--stand-in", action="store_true", help="show the clip's exact truth instead of tracking: for a machine that is busy"
     )
     options = parser.parse_args()
-    with tempfile.TemporaryDirectory() as place, sync_playwright() as playwright, contextlib.ExitStack() as session:
-        workspace, port = Path(place), free_port()
-        base = f"http://127.0.0.1:{port}"
-        browser = playwright.chromium.launch(executable_path=options.chromium, args=GRAPHICS)
-        watched = Watched(browser, base)
+    port = free_port()
+    with tempfile.TemporaryDirectory() as place, in_chromium(port, options.chromium) as watched, ExitStack() as session:
+        workspace = Path(place)
         with server(workspace, port):
             if options.stand_in:
                 session.enter_context(stand_in(workspace, 4))
             else:
-                start_session(watched.page(SIZES[""]), base)
-            failures = survived(workspace, port, watched)
+                start_session(watched)
+            failures = survived(workspace, watched)
             names = {"cameras": "/", "calibrate": "/calibrate", "live": "/live", "phone": "/phone"}
-            pictures(watched, base, options.pictures, names)
+            pictures(watched, options.pictures, names)
             before = session_of(workspace)
         with server(workspace, port):
-            page = watched.page(SIZES[""])
-            page.goto(f"{base}/live")
-            page.locator(".pf-tile").first.wait_for(timeout=PATIENCE_S * 1e3)
+            watched.page(path="/live").locator(".pf-tile").first.wait_for(timeout=PATIENCE_S * 1e3)
             if session_of(workspace) != before:
                 failures.append("another server")
             print(f"{'ok  ' if 'another server' not in failures else 'FAIL'}  another server finds the session again")
             (workspace / ".posefuse-studio" / "jobs" / before[0] / "cancel").touch()
             until(lambda: not session_of(workspace)[0], "the session to end")
-        browser.close()
-    print(f"{watched.requests} requests, {len(watched.elsewhere)} elsewhere: {watched.elsewhere[:5]}")
-    print(f"errors of pages: {watched.errors[:5]}")
+    print(watched.found())
     return int(bool(failures or watched.elsewhere or watched.errors))
 
 

@@ -24,9 +24,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from playwright.sync_api import Page, expect, sync_playwright
-from studio_pages import Watched
-from studio_server import CHROMIUM, GRAPHICS, ROOT, SIZES, TOKEN, free_port, server
+from playwright.sync_api import Page, expect
+from studio_server import CHROMIUM, ROOT, SIZES, TOKEN, Watched, free_port, in_chromium, server
 
 _MESSAGES = 500
 _PATIENCE_MS = 900_000.0
@@ -51,8 +50,8 @@ _DOCS = {
 class Walk:
     """One visitor with one tab and a phone, a clock and a camera for screenshots."""
 
-    def __init__(self, watched: Watched, base: str, pictures: Path | None) -> None:
-        self._watched, self._base, self._pictures = watched, base, pictures
+    def __init__(self, watched: Watched, pictures: Path | None) -> None:
+        self._watched, self._base, self._pictures = watched, watched.base, pictures
         self.page = self._tab("")
         self.took_s: dict[str, float] = {}
 
@@ -280,16 +279,13 @@ def main() -> int:
     if options.pictures is not None:
         options.pictures.mkdir(parents=True, exist_ok=True)
     expect.set_options(timeout=_PATIENCE_MS)
-    with tempfile.TemporaryDirectory() as place, sync_playwright() as playwright:
-        workspace, port = options.keep or Path(place) / "lab", free_port()
+    port, failed = free_port(), ""
+    with tempfile.TemporaryDirectory() as place, in_chromium(port, options.chromium) as watched:
+        workspace = options.keep or Path(place) / "lab"
         workspace.mkdir()
         fill(workspace, options.session or render(Path(place) / "session"))
-        base = f"http://127.0.0.1:{port}"
-        browser = playwright.chromium.launch(executable_path=options.chromium, args=GRAPHICS)
-        watched = Watched(browser, base)
-        failed = ""
         with server(workspace, port):
-            way = Walk(watched, base, options.pictures)
+            way = Walk(watched, options.pictures)
             try:
                 walk(way)
             except Exception as error:  # noqa: BLE001 - whatever ended the way is reported with its figures
@@ -297,10 +293,8 @@ def main() -> int:
             finally:
                 for folder in (workspace / ".posefuse-studio" / "jobs").glob("*"):
                     (folder / "cancel").touch()
-        browser.close()
     total_s = sum(way.took_s.values())
-    print(f"{total_s:.0f} s in all; {watched.requests} requests, {len(watched.elsewhere)} elsewhere: {watched.elsewhere[:5]}")
-    print(f"errors of pages: {watched.errors[:5]}")
+    print(f"{total_s:.0f} s in all; {watched.found()}")
     if failed:
         print(f"failed: {failed}")
     elif options.docs and options.pictures is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -46,18 +47,11 @@ def run(context: Context) -> Outcome:
         suit = suits[int(np.argsort(ends)[len(ends) // 2])]
         vision = drift(seen, true)
         worn = drift(suit, exact)
+        of_vision, of_suit = ({"drift_mm_per_m": one.mm_per_m, "end_m": one.end_m} for one in (vision, worn))
         figures["paths"][path] = {
             "distance_m": float(vision.walked_m[-1]),
-            "vision": {
-                "drift_mm_per_m": vision.mm_per_m,
-                "end_m": vision.end_m,
-                "mean_mm": 1000 * float(np.nanmean(vision.error_m)),
-            },
-            "suit": {
-                "drift_mm_per_m": worn.mm_per_m,
-                "end_m": worn.end_m,
-                "end_m_of_all": [float(np.min(ends)), float(np.max(ends))],
-            },
+            "vision": {**of_vision, "mean_mm": 1000 * float(np.nanmean(vision.error_m))},
+            "suit": {**of_suit, "end_m_of_all": [float(np.min(ends)), float(np.max(ends))]},
         }
         rate_hz = 1e9 / np.median(np.diff(truth.t_ns))
         drawn = _drawn(true, seen, exact, suit, (t_ns - t_ns[0]) / 1e9, (truth.t_ns - truth.t_ns[0]) / 1e9, vision, worn)
@@ -70,29 +64,30 @@ def run(context: Context) -> Outcome:
             Plots(drawn),
             Images(drawn_images(done, 0, [len(poses) // 3, 2 * len(poses) // 3], 380)),
         ]
-    rows = [
-        [path.replace("_", " "), one["distance_m"], one["vision"]["drift_mm_per_m"], one["suit"]["drift_mm_per_m"],
-         1000 * one["vision"]["end_m"], 1000 * one["suit"]["end_m"]]
-        for path, one in figures["paths"].items()
-    ]  # fmt: skip
     blocks += [
         Heading(
             "Summary", "Horizontal distance of the pelvis from the truth; drift is the slope of that over the distance walked."
         ),
-        Table(["path", "walked m", "cameras mm/m", "suit mm/m", "cameras: end mm", "suit: end mm"], rows),
+        Table(["path", "walked m", "cameras mm/m", "suit mm/m", "cameras: end mm", "suit: end mm"], path_rows(figures)),
     ]
     return Outcome(figures, Page("Drift: cameras compared with an inertial suit", blocks))
 
 
+def path_rows(figures: Mapping[str, Any]) -> list[list[Any]]:
+    """Path, metres walked, drift of cameras and suit, error at the end of both in mm."""
+    rows = []
+    for path, one in figures["paths"].items():
+        both = one["vision"], one["suit"]
+        drifts, ends = [each["drift_mm_per_m"] for each in both], [1000 * each["end_m"] for each in both]
+        rows.append([path.replace("_", " "), one["distance_m"], *drifts, *ends])
+    return rows
+
+
 def _drawn(true: Array, seen: Array, exact: Array, suit: Array, t_s: Array, suit_s: Array, vision: Any, worn: Any) -> list[Plot]:
+    lines = (("truth", suit_s, exact), ("cameras", t_s, seen), ("suit", suit_s, suit))
     over_time = [
-        Plot(
-            f"{name} over time",
-            [Line("truth", suit_s, exact[:, a]), Line("cameras", t_s, seen[:, a]), Line("suit", suit_s, suit[:, a])],
-            x_label="s",
-            y_label="m",
-        )
-        for a, name in enumerate("xy")
+        Plot(f"{axis} over time", [Line(name, at_s, xyz[:, a]) for name, at_s, xyz in lines], x_label="s", y_label="m")
+        for a, axis in enumerate("xy")
     ]
     paths = [Line(name, xyz[:, 0], xyz[:, 1]) for name, xyz in (("truth", true), ("cameras", seen), ("suit", suit))]
     error = [

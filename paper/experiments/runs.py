@@ -132,13 +132,17 @@ def rendered(name: str, scene: Scene, context: Context) -> Path:
     return folder
 
 
-def about(context: Context) -> dict[str, Any]:
-    """The machine, the versions and the command of a report."""
+def processor() -> str:
+    """The name of the machine's processor."""
     info = Path("/proc/cpuinfo")
     lines = info.read_text().splitlines() if info.is_file() else []
-    names = [line.split(":")[1].strip() for line in lines if line.startswith("model name")]
+    return next((line.split(":")[1].strip() for line in lines if line.startswith("model name")), platform.processor())
+
+
+def about(context: Context) -> dict[str, Any]:
+    """The machine, the versions and the command of a report."""
     return {
-        "machine": f"{names[0] if names else platform.processor()}, {usable_cores()} cores",
+        "machine": f"{processor()}, {usable_cores()} cores",
         "versions": ", ".join(
             [f"posefuse {__version__}", f"Python {platform.python_version()}", *(f"{p} {version(p)}" for p in _PACKAGES)]
         ),

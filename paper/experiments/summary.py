@@ -11,6 +11,7 @@ from paper.scenes import paper
 from paper.scenes.scenes import CHECK_SEEDS
 from posefuse.foundation import atomic_file
 
+from .drift import path_rows
 from .occlusion import TITLES as TITLES_HALF_HIDDEN
 from .occlusion import summary_rows
 from .runs import BEST_NETWORKS, BEST_S
@@ -38,18 +39,9 @@ def write_summary(out: Path) -> Path:
         "*default*: `posefuse track` without options. *best networks*: the largest networks "
         f"(`--networks {BEST_NETWORKS}`), six times the computation; of the walk, the first {BEST_S:g} s.",
     ]
-    for name, writer in (
-        ("static", _static),
-        ("walking", _walking),
-        ("drift", _drift),
-        ("occlusion", _occlusion),
-        ("latency", _latency),
-        ("scaling", _scaling),
-    ):
-        if name in full:
-            content = full[name]
-            made = f"`{content['command']}`, {content['date']}, {content['machine']}."
-            parts += [*writer(content["figures"]), made]
+    for writer in (_static, _walking, _drift, _occlusion, _latency, _scaling):
+        if content := full.get(writer.__name__.strip("_")):
+            parts += [*writer(content["figures"]), f"`{content['command']}`, {content['date']}, {content['machine']}."]
     path = out / FILE
     with atomic_file(path) as beside:
         beside.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
@@ -81,21 +73,9 @@ def _static(figures: Mapping[str, Any]) -> list[str]:
 
 
 def _walking(figures: Mapping[str, Any]) -> list[str]:
-    rows = [
-        [name, column["mean_mm"], column["worst_mm"], column["worst_joint"].replace("_", " ")]
-        for name, column in figures["columns"].items()
-    ]
-    rows += [
-        [
-            f"{what}, body and movement of seed {seed}",
-            one[what]["mean_mm"],
-            one[what]["worst_mm"],
-            one[what]["worst_joint"].replace("_", " "),
-        ]
-        for what in _CHECKED
-        for seed, one in figures["check"].items()
-        if what in one
-    ]
+    checked = [(what, seed, one[what]) for what in _CHECKED for seed, one in figures["check"].items() if what in one]
+    columns = {**figures["columns"], **{f"{what}, body and movement of seed {seed}": one for what, seed, one in checked}}
+    rows = [[name, one["mean_mm"], one["worst_mm"], one["worst_joint"].replace("_", " ")] for name, one in columns.items()]
     rows.append(["paper", paper.WALKING_MEAN, paper.WALKING_WORST, None])
     stated = ", ".join(f"{value:.1f} {name}" for name, value in figures["nees"].items())
     return [
@@ -108,13 +88,8 @@ def _walking(figures: Mapping[str, Any]) -> list[str]:
 
 
 def _drift(figures: Mapping[str, Any]) -> list[str]:
-    rows = [
-        [way.replace("_", " "), one["distance_m"], one["vision"]["drift_mm_per_m"], one["suit"]["drift_mm_per_m"],
-         1000 * one["vision"]["end_m"], 1000 * one["suit"]["end_m"]]
-        for way, one in figures["paths"].items()
-    ]  # fmt: skip
     columns = ["path", "walked m", "drift mm per m", "suit: drift mm per m", "error at the end mm", "suit: error at the end mm"]
-    return ["## Drift on three paths, compared with a simulated inertial suit", _table(columns, rows)]
+    return ["## Drift on three paths, compared with a simulated inertial suit", _table(columns, path_rows(figures))]
 
 
 def _occlusion(figures: Mapping[str, Any]) -> list[str]:

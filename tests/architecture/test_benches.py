@@ -1,11 +1,15 @@
-"""Every script of bench/ can be imported: the names that it takes from posefuse and from other scripts are there."""
+"""Benches and tools: each can be imported, what docs and source name of them is there, and fits stay off reported bodies."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPTS = sorted(path.stem for path in (ROOT / "bench").glob("*.py"))
+PAGES = sorted((ROOT / "docs").rglob("*.md"))
 # one process imports all; a package that an extra brings may be missing, one of ours may not
 IMPORT_ALL = """
 import importlib, sys
@@ -13,11 +17,13 @@ for name in sys.argv[1:]:
     try:
         importlib.import_module(name)
     except ModuleNotFoundError as error:
-        if error.name.partition(".")[0] in ("posefuse", "paper", "bench", *sys.argv[1:]):
+        if error.name.partition(".")[0] in ("posefuse", "paper", "bench", "tools", *sys.argv[1:]):
             print(name, error)
     except ImportError as error:
         print(name, error)
 """
+NAMED = re.compile(r"(?<![\w/])((?:bench|tools|paper)/(?!test_)[\w/]+\.py)((?: +(?:--?)?[\w./=\"-]+)*)")
+MARK = re.compile(r"<!-- ([^:>]+): begin -->")
 
 
 def problems(folder: Path, scripts: list[str]) -> str:
@@ -28,8 +34,35 @@ def problems(folder: Path, scripts: list[str]) -> str:
     return done.stdout
 
 
+def with_imports(script: Path) -> str:
+    """The text of a script and of the modules next to it that it imports; options of `arguments` as they are typed."""
+    text = script.read_text(encoding="utf-8")
+    beside = [script.with_name(f"{name}.py") for name in re.findall(r"^\s*(?:from|import) (\w+)", text, re.MULTILINE)]
+    whole = text + "".join(path.read_text(encoding="utf-8") for path in beside if path.is_file())
+    return whole + "".join(f" --{name.replace('_', '-')}" for name in re.findall(r"(\w+)=", whole)) + " --write"
+
+
+def wrong_names(text: str) -> list[str]:
+    """Scripts that do not exist, and options that a script does not have."""
+    wrong = []
+    for path, words in NAMED.findall(text):
+        if not (ROOT / path).is_file():
+            wrong.append(path)
+            continue
+        options = re.findall(r"--[a-z][\w-]*", words)
+        wrong += [f"{path} {option}" for option in options if option not in with_imports(ROOT / path)]
+    return wrong
+
+
+def writer_of(mark: str) -> list[Path]:
+    """Scripts that write the table of a mark: those that have its name, or are called so."""
+    folders = (ROOT / "bench", ROOT / "tools", ROOT / "tests" / "fuzz")
+    scripts = [path for folder in folders for path in folder.glob("*.py")]
+    return [path for path in scripts if path.stem == mark or f'"{mark}"' in path.read_text(encoding="utf-8")]
+
+
 def test_every_script_finds_what_it_imports() -> None:
-    assert len(SCRIPTS) > 50
+    assert len(SCRIPTS) > 40
     assert problems(ROOT / "bench", SCRIPTS) == ""
 
 
@@ -39,3 +72,46 @@ def test_the_check_can_fail(tmp_path: Path) -> None:
     (tmp_path / "three.py").write_text("from posefuse.core import gone\n")
     found = problems(tmp_path, ["one", "two", "three"])
     assert "No module named 'posefuse.nowhere'" in found and "three cannot import name 'gone'" in found
+
+
+@pytest.mark.parametrize("folder", ["docs", "src", "examples"])
+def test_scripts_that_are_named_exist_with_their_options(folder: str) -> None:
+    files = [path for path in (ROOT / folder).rglob("*") if path.suffix in (".md", ".py", ".toml", ".yaml", ".js")]
+    assert {str(path.relative_to(ROOT)): wrong for path in files if (wrong := wrong_names(path.read_text("utf-8")))} == {}
+
+
+def test_a_wrong_script_and_a_wrong_option_are_seen() -> None:
+    text = "`python bench/gone.py`, `python bench/fuse.py --repeat 9 --turns 2`, `bench/live.py --only 8 --write docs/x.md`"
+    assert wrong_names(text) == ["bench/gone.py", "bench/fuse.py --turns"]
+
+
+def test_every_table_between_marks_has_a_script_that_writes_it() -> None:
+    marks = {(page.name, mark) for page in PAGES for mark in MARK.findall(page.read_text(encoding="utf-8"))}
+    assert len(marks) > 10
+    assert [mark for mark in sorted(marks) if not writer_of(mark[1])] == []
+    assert writer_of("a table that no script writes") == []
+
+
+def test_the_page_of_benchmarks_has_the_parts_that_are_written_and_no_other() -> None:
+    found = set(re.findall(r"^## (.+)$", (ROOT / "docs" / "benchmarks.md").read_text(encoding="utf-8"), re.MULTILINE))
+    titles = dict(re.findall(r'^    "(\w+)": "([^"]+)",$', (ROOT / "bench" / "run.py").read_text(encoding="utf-8"), re.MULTILINE))
+    assert found <= set(titles.values())
+    assert set(titles) <= set(SCRIPTS)
+
+
+def test_a_fit_takes_no_body_that_is_reported_and_a_report_none_that_was_fitted() -> None:
+    code = """
+from harness import Use, checked
+from paper.scenes.scenes import walking_scene
+for seed, use in ((9400, Use.FIT), (7300, Use.REPORT), (7300, Use.FIT), (9400, Use.REPORT), (7300, Use.DEVELOP)):
+    try:
+        checked(walking_scene(seed), use)
+        print("taken")
+    except SystemExit as error:
+        print(error)
+"""
+    place = f"import sys; sys.path[:0] = [{str(ROOT / 'bench')!r}]\n"
+    done = subprocess.run([sys.executable, "-c", place + code], capture_output=True, text=True, timeout=300, check=True)
+    said = done.stdout.splitlines()
+    assert said[0].startswith("body 9400 is not for a fit") and said[1].startswith("body 7300 is not for a report")
+    assert said[2:] == ["taken"] * 3

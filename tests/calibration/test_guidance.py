@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from posefuse.calibration.targets.guidance import new_guidance, seen
+from posefuse.calibration.targets.coverage import new_guidance, seen
 from posefuse.calibration.targets.kinds import Markers
 from posefuse.core import Frame, SourceError
 from posefuse.realtime.capture import LiveInput

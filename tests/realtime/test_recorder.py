@@ -17,8 +17,7 @@ import numpy as np
 import pytest
 from live_session import until
 
-from posefuse.calibration.targets.description import write_target
-from posefuse.calibration.targets.kinds import Markers
+from posefuse.calibration.targets.kinds import Markers, write_target
 from posefuse.cli import recording
 from posefuse.cli.command_line import parse
 from posefuse.cli.main import main

@@ -12,7 +12,7 @@ import pytest
 from posefuse.calibration.keypoints import limb_keypoints
 from posefuse.core import SE3, Detections2D, Rig, Truth
 from posefuse.formats.truth import read_truth
-from posefuse.health.common_times import CommonTimeSteps
+from posefuse.health.misalignment import CommonTimeSteps
 from posefuse.realtime.capture import LOOP_PAUSE_S
 from posefuse.realtime.rig_watch import RigWatch, RigWatcher, watching
 

@@ -22,7 +22,7 @@ from posefuse.foundation.worker import Worker
 from posefuse.health import rig_monitor as monitor
 from posefuse.health.cameras import Verdict
 from posefuse.health.clock_finding import ClockFinder
-from posefuse.health.common_times import CommonTimeSteps
+from posefuse.health.misalignment import CommonTimeSteps
 
 _S = 1e9
 _NICENESS = 10

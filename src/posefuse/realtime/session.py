@@ -124,8 +124,7 @@ def run_live(
         SourceError: fewer than two cameras, or one that cannot be opened.
         InputError: an output that cannot be opened.
     """
-    if len(inputs) < LEAST_CAMERAS:
-        raise SourceError(f"expected sources for at least {LEAST_CAMERAS} cameras, got {len(inputs)}")
+    check_enough(inputs)
     rig = rig.only(entry.camera for entry in inputs)
     with never_waiting(say) as say_soon:
         config = replace(config, detector=settled_network(config.detector, len(inputs), say_soon))
@@ -133,6 +132,12 @@ def run_live(
         plans = group_plans(rig, inputs, config, plan, videos)
         whole = SessionPlan(outputs=plan, config=config, duration_s=duration_s, remote=False)
         return run_session(whole, lambda: Groups(plans), say_soon, controls)
+
+
+def check_enough(inputs: Sequence[LiveInput]) -> None:
+    """Raise SourceError for fewer cameras than it takes to measure anything."""
+    if len(inputs) < LEAST_CAMERAS:
+        raise SourceError(f"expected sources for at least {LEAST_CAMERAS} cameras, got {len(inputs)}; each camera needs one")
 
 
 def run_session(

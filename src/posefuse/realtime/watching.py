@@ -12,8 +12,8 @@ from types import TracebackType
 import cv2
 import numpy as np
 
+from posefuse.calibration.targets.coverage import Guidance, new_guidance, seen
 from posefuse.calibration.targets.detection import TargetDetector
-from posefuse.calibration.targets.guidance import Guidance, new_guidance, seen
 from posefuse.calibration.targets.kinds import Target
 from posefuse.core import Frame, Rig, SourceError
 from posefuse.core.arrays import Array

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from posefuse.calibration.targets.description import read_target
-from posefuse.calibration.targets.guidance import Guidance
+from posefuse.calibration.targets.coverage import Guidance
+from posefuse.calibration.targets.kinds import read_target
 from posefuse.cli.command_options import GuideOptions
 from posefuse.cli.options import Ros2Options
 from posefuse.cli.recording import any_lost, checked_figures

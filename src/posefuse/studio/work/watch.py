@@ -17,10 +17,9 @@ from typing import Any
 import cv2
 import numpy as np
 
-from posefuse.calibration.targets.coverage import coverage_picture
-from posefuse.calibration.targets.description import read_target
+from posefuse.calibration.targets.coverage import Guidance, coverage_picture, new_guidance, seen
 from posefuse.calibration.targets.detection import TargetDetector
-from posefuse.calibration.targets.guidance import Guidance, new_guidance, seen
+from posefuse.calibration.targets.kinds import read_target
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.outputs.drawing import jpeg_of, shrunk_wh

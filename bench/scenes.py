@@ -1,0 +1,207 @@
+"""Scenes of several benches: camera rings, people who move, and views with the default network's noise as they arrive live.
+
+A `Place` gives the ANATOMICAL23 keypoints (T, 23, 3) of one person at times (T,) in seconds. `swinging`, `crouching` and
+`jumping` take a person and give the same person doing something else; segments keep their lengths.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from harness import Use, scene_from
+
+from posefuse.association import AssociateSettings
+from posefuse.core import Camera, Detections2D, Rig, Skeleton
+from posefuse.core.skeleton import ANATOMICAL23
+from posefuse.fusion import FuseSettings
+from posefuse.realtime.estimator import build_fuse, build_solve
+from posefuse.simulation.build import live_scene
+from posefuse.simulation.cameras import looking_at
+from posefuse.tracking.online import LiveSettings, Tracker, build_tracker
+
+Place = Callable[[np.ndarray], np.ndarray]
+Arrivals = list[tuple[int, Detections2D]]
+RATE_HZ, OUTPUT_HZ, WARM_UP_S = 30.0, 100.0, 1.0
+LATENCY_S, LOST = (0.025, 0.125), 0.05
+# of the default network on the demo clip, in px of 640 x 480: standard deviation, and how its variance divides
+SIGMA_PX, CONSTANT, SLOW, SLOW_S = 2.4, 0.15, 0.6, 0.25
+OUTLIERS, OUTLIER_PX, SWAPS = 0.01, 60.0, 0.01
+_FEET = ("ankle", "heel", "big_toe", "small_toe")
+# knees are never quite straight: from there they would have to bend infinitely fast
+_BENT_M = 0.03
+
+
+def ring(
+    count: int,
+    size_wh: tuple[int, int],
+    focal_px: float,
+    *,
+    radius_m: float = 4.5,
+    height_m: float = 2.2,
+    begin_rad: float = 0.0,
+    lens: tuple[float, ...] = (),
+) -> Rig:
+    """Cameras on a circle that look at a point 1 m above its centre."""
+    intrinsics = np.array([[focal_px, 0, (size_wh[0] - 1) / 2], [0, focal_px, (size_wh[1] - 1) / 2], [0, 0, 1]])
+    cameras = []
+    for i in range(count):
+        angle = 2 * np.pi * i / count + begin_rad
+        pose = looking_at(np.array([radius_m * np.cos(angle), radius_m * np.sin(angle), height_m]), np.array([0, 0, 1.0]))
+        cameras.append(
+            Camera(name=f"cam{i:02d}", size_wh=size_wh, K=intrinsics, cam_from_world=pose, distortion=np.array(lens, float))
+        )
+    return Rig(tuple(cameras), world_set_by="bench")
+
+
+def walk(path: dict[str, Any], speed_mps: float = 1.35) -> dict[str, Any]:
+    return {"kind": "walk", "path": path, "speed_mps": speed_mps}
+
+
+def circle(radius_m: float, speed_mps: float = 1.35) -> dict[str, Any]:
+    """The motion of a person who walks in a circle."""
+    return walk({"shape": "circle", "radius_m": radius_m}, speed_mps)
+
+
+def scene_of_person(motion: dict, cameras: int, seconds: float, seed: int) -> tuple[Rig, Place]:
+    """Cameras on a ring, and the keypoints (T, 23, 3) at any times (T,) in seconds of a person who moves like that."""
+    content = {"duration_s": seconds, "seed": seed, "cameras": {"kind": "ring", "count": cameras}, "people": [{"motion": motion}]}
+    live = live_scene(scene_from(content, Use.DEVELOP))
+    return live.rig, lambda t_s: live.keypoints(t_s)[:, 0]
+
+
+def wander(rng: np.random.Generator, t_s: np.ndarray, shape: tuple[int, ...], time_s: float) -> np.ndarray:
+    """(T, ...) of variance 1 that fades by e in `time_s`."""
+    slow = rng.standard_normal((len(t_s), *shape))
+    for i in range(1, len(t_s)):
+        keep = np.exp(-(t_s[i] - t_s[i - 1]) / time_s)
+        slow[i] = keep * slow[i - 1] + np.sqrt(1 - keep**2) * slow[i]
+    return slow
+
+
+def noise(rng: np.random.Generator, t_s: np.ndarray, keypoints: int) -> np.ndarray:
+    """(T, K, 2) errors of one camera in sigmas: a constant, a slowly wandering and a white part."""
+    slow = wander(rng, t_s, (keypoints, 2), SLOW_S)
+    constant, white = rng.standard_normal((keypoints, 2)), rng.standard_normal(slow.shape)
+    return np.sqrt(CONSTANT) * constant + np.sqrt(SLOW) * slow + np.sqrt(1 - CONSTANT - SLOW) * white
+
+
+def arriving(
+    rig: Rig, place: Place, seconds: float, seed: int, sigma_px: float = SIGMA_PX, latency_s: tuple[float, float] = LATENCY_S
+) -> Arrivals:
+    """Every view of every camera of 30 frames/s with random phases, in the order of arrival."""
+    found = []
+    confused = sigma_px == SIGMA_PX
+    for c, camera in enumerate(rig):
+        rng = np.random.default_rng([seed, c])
+        t_s = rng.uniform(0, 1 / RATE_HZ) + np.arange(int(seconds * RATE_HZ) - 1) / RATE_HZ
+        t_s = t_s[rng.random(len(t_s)) >= LOST]
+        exact = camera.project(place(t_s))
+        xy = exact + sigma_px * noise(rng, t_s, exact.shape[1])
+        wild = rng.random(xy.shape[:2]) < OUTLIERS * confused
+        xy[wild] = exact[wild] + rng.uniform(-OUTLIER_PX, OUTLIER_PX, (wild.sum(), 2))
+        swapped = rng.random(len(t_s)) < SWAPS * confused
+        xy[swapped] = xy[swapped][:, ANATOMICAL23.mirror]
+        late_s = rng.uniform(*latency_s, len(t_s))
+        for i, t in enumerate(t_s):
+            found.append((round((t + late_s[i]) * 1e9), view_of(camera.name, round(t * 1e9), ANATOMICAL23, xy[i], sigma_px)))
+    return sorted(found, key=lambda one: one[0])
+
+
+Values = float | np.ndarray
+
+
+def view_of(
+    camera: str, t_ns: int, skeleton: Skeleton, xy: np.ndarray, sigma_px: Values = SIGMA_PX, score: Values = 0.9
+) -> Detections2D:
+    """One person, of keypoints (K, 2), in one view."""
+    box = np.concatenate([xy.min(axis=0), xy.max(axis=0)])
+    parts = {name: np.broadcast_to(value, (1, len(skeleton))) for name, value in (("score", score), ("sigma_px", sigma_px))}
+    return Detections2D(camera=camera, t_ns=t_ns, skeleton=skeleton, xy_img=xy[None], box_img=box[None], **parts)
+
+
+def new_tracker(rig: Rig, skeleton: Skeleton, settings: LiveSettings | None = None, people: int = 1) -> Tracker:
+    """With association and fusion of one time step as the live pipeline has them."""
+    associating = AssociateSettings(max_people=people)
+    solve, fuse = build_solve(rig, associating, FuseSettings()), build_fuse(rig, FuseSettings())
+    return build_tracker(rig, skeleton, settings or LiveSettings(max_people=people), solve, fuse)
+
+
+def output_ticks(seconds: float) -> list[int]:
+    """Times in ns of an output of 100 Hz."""
+    return [round(tick / OUTPUT_HZ * 1e9) for tick in range(int(seconds * OUTPUT_HZ))]
+
+
+def swinging(place: Place, degrees: float = 60.0, rate_hz: float = 0.9) -> Place:
+    """The same person, both arms swinging to and fro by so many degrees each way."""
+    arms = [[ANATOMICAL23.index(f"{side}_{part}") for part in ("shoulder", "elbow", "wrist")] for side in ("left", "right")]
+
+    def swung(t_s: np.ndarray) -> np.ndarray:
+        xyz = place(t_s)
+        across = xyz[:, arms[0][0]] - xyz[:, arms[1][0]]
+        axis = across / np.linalg.norm(across, axis=-1, keepdims=True)
+        for sign, (shoulder, *rest) in zip((1, -1), arms, strict=True):
+            angle = sign * np.deg2rad(degrees) * np.sin(2 * np.pi * rate_hz * t_s)
+            xyz[:, rest] = xyz[:, [shoulder]] + turned(xyz[:, rest] - xyz[:, [shoulder]], axis[:, None], angle[:, None, None])
+        return xyz
+
+    return swung
+
+
+def turned(vector: np.ndarray, axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Rodrigues' rotation of vectors (..., 3) about unit axes."""
+    along = (vector * axis).sum(axis=-1, keepdims=True) * axis
+    across = np.cross(np.broadcast_to(axis, vector.shape), vector)
+    return vector * np.cos(angle) + across * np.sin(angle) + along * (1 - np.cos(angle))
+
+
+def crouching(place: Place, depth_m: Callable[[np.ndarray], np.ndarray]) -> Place:
+    """The same person, hips and all above them lower by `depth_m` (T,) at times (T,), knees bent over feet that stay."""
+    legs = [f"{side}_{part}" for side in ("left", "right") for part in ("knee", *_FEET)]
+    upper = [k for k, name in enumerate(ANATOMICAL23.keypoints) if name not in legs]
+
+    def crouched(t_s: np.ndarray) -> np.ndarray:
+        xyz = place(t_s)
+        standing = xyz.copy()
+        xyz[:, upper, 2] -= (_BENT_M + depth_m(t_s))[:, None]
+        for side in ("left", "right"):
+            hip, knee, ankle, heel, toe = (ANATOMICAL23.index(f"{side}_{p}") for p in ("hip", "knee", "ankle", "heel", "big_toe"))
+            thigh_m, shank_m = (np.linalg.norm(standing[:, knee] - standing[:, end], axis=-1) for end in (hip, ankle))
+            xyz[:, knee] = bent(xyz[:, hip], xyz[:, ankle], thigh_m, shank_m, standing[:, toe] - standing[:, heel])
+        return xyz
+
+    return crouched
+
+
+def bent(hip: np.ndarray, ankle: np.ndarray, thigh_m: np.ndarray, shank_m: np.ndarray, ahead: np.ndarray) -> np.ndarray:
+    """Where the knee (T, 3) is between hip and ankle: thigh and shank (T,) as long as they are, bent towards `ahead` (T, 3)."""
+    line = ankle - hip
+    far = np.linalg.norm(line, axis=-1)
+    line = line / far[:, None]
+    along = (thigh_m**2 - shank_m**2 + far**2) / (2 * far)
+    aside = np.sqrt(np.maximum(thigh_m**2 - along**2, 0.0))
+    ahead = ahead - (ahead * line).sum(axis=-1, keepdims=True) * line
+    ahead = ahead / np.linalg.norm(ahead, axis=-1, keepdims=True)
+    return hip + along[:, None] * line + aside[:, None] * ahead
+
+
+def jumping(place: Place, flight_s: float = 0.5, ground_s: float = 0.6) -> Place:
+    """The same person, jumping: flights of gravity alone, and between them knees that give way."""
+    gravity = 9.81
+    leap = gravity * flight_s / 2
+
+    def depth_m(t_s: np.ndarray) -> np.ndarray:
+        u = np.maximum(np.mod(t_s, flight_s + ground_s) - flight_s, 0.0)
+        return leap * u - leap / ground_s * u**2
+
+    crouched = crouching(place, depth_m)
+
+    def jumped(t_s: np.ndarray) -> np.ndarray:
+        flight = np.mod(t_s, flight_s + ground_s)
+        up = np.where(flight < flight_s, leap * flight - gravity * flight**2 / 2, 0.0)
+        xyz = crouched(t_s)
+        xyz[..., 2] += up[:, None]
+        return xyz
+
+    return jumped
