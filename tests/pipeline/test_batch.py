@@ -217,8 +217,8 @@ def test_at_least_one_trial_fits_into_a_machine(monkeypatch: pytest.MonkeyPatch)
 
 def test_without_a_scheduler_one_line_reports_it(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    from posefuse.pipeline.batch import cluster
+    from posefuse.pipeline.batch import processes
 
-    monkeypatch.setattr(cluster, "_CONNECT_S", 0.5)
+    monkeypatch.setattr(processes, "_CONNECT_S", 0.5)
     with pytest.raises(InputError, match="no Dask scheduler answers there"):
         run(folder, tmp_path / "out", scheduler="tcp://127.0.0.1:9", progress=silent)
