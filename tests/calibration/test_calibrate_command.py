@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from calibrating import run
 
+from posefuse.api.calibration_results import save_clocks
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.extrinsics.floor_points import read_floor_points
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
@@ -16,9 +17,7 @@ from posefuse.calibration.report_page import calibration_page
 from posefuse.calibration.targets.coverage import coverage, coverage_sheet
 from posefuse.calibration.targets.description import write_target
 from posefuse.calibration.targets.kinds import Charuco, Markers
-from posefuse.cli.calibrating.showing import write_clocks
 from posefuse.cli.command_line import WrongCommandLineError
-from posefuse.cli.terminal import Terminal
 from posefuse.core import CalibrationError, ConfigError, InputError
 from posefuse.formats.page import write_page
 from posefuse.formats.rig import read_rig, write_rig
@@ -29,7 +28,7 @@ from posefuse.sources import ImagesConfig
 
 def test_printing_without_sizes_names_the_missing_ones(tmp_path: Path) -> None:
     out = str(tmp_path / "cube.pdf")
-    with pytest.raises(InputError, match="--target markers: missing --marker-mm"):
+    with pytest.raises(InputError, match="target markers: missing `marker_mm=MM`"):
         run("print", "--cube", "--out", out)
     assert run("print", "--cube", "--marker-mm", "120", "--out", out)["pages"] == 6
     assert (tmp_path / "cube.pdf").read_bytes().startswith(b"%PDF-1.4")
@@ -153,14 +152,14 @@ def test_clocks_reach_the_settings_of_track_and_never_overwrite_them(
     lab: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str], late_s: tuple[float, ...], settings: bool
 ) -> None:
     found, settings_file = ClockEstimate.known(np.array(late_s), 0.0), tmp_path / "posefuse.toml"
-    path = write_clocks(settings_file, lab.rig.names, found, Terminal(as_json=True))
+    path = save_clocks(settings_file, lab.rig.names, found)
     assert (path is not None) == settings
     if path is None:
         return
     read = read_settings(path, TrackConfig)
     assert [read.cameras[name].offset_s for name in lab.rig.names] == [-s for s in late_s]
     path.write_text("raw = true\n")
-    assert write_clocks(settings_file, lab.rig.names, found, Terminal(as_json=True)) is None
+    assert save_clocks(settings_file, lab.rig.names, found) is None
     assert path.read_text() == "raw = true\n"
     assert "offset_s = -0.120000" in capsys.readouterr().err
 
@@ -169,7 +168,7 @@ def test_a_drifting_clock_is_set_right_by_the_settings_written(lab: Any, tmp_pat
     offset, drift, middle = 0.12, -2e-4, 40.0
     second = np.eye(4)[1]
     found = ClockEstimate(offset * second, drift * second, 0 * second, 0 * second, middle)
-    path = write_clocks(tmp_path / "posefuse.toml", lab.rig.names, found, Terminal(as_json=True))
+    path = save_clocks(tmp_path / "posefuse.toml", lab.rig.names, found)
     assert path is not None
     read = read_settings(path, TrackConfig).cameras["cam01"]
     images = tmp_path / "images"

@@ -197,7 +197,7 @@ def test_from_the_shell_marks_and_options_are_used_together(
 ) -> None:
     result, out = saved(recording, tmp_path / "result"), tmp_path / "edited"
     write_edits(result, Edits(exclusions=(BLOCKED,)))
-    line = ["track", str(result), "--exclude", "cam04:0.7-1.2", "--keep-person", "1", "--outputs", "csv", "--out", str(out)]
+    line = ["solve", str(result), "--exclude", "cam04:0.7-1.2", "--keep-person", "1", "--outputs", "csv", "--out", str(out)]
     assert main(line) == 0
     assert "left out (1 stretches)" in capsys.readouterr().err
     exclusions = (BLOCKED, Exclusion(camera="cam04", start_s=0.7, end_s=1.2))

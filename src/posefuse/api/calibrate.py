@@ -41,9 +41,8 @@ from posefuse.pipeline.clock_calibration import person_in_session
 from posefuse.pipeline.config import CONFIG_FILE, changed_config, read_config
 from posefuse.pipeline.person_calibration import check_recordings, find_person, frame_periods_s, solve_person
 
-from .arguments import checked
+from .arguments import checked, shown
 from .calibration_results import ClockCalibration, IntrinsicsCalibration, RigCalibration, RigVerification
-from .progress import shown
 from .rig import read_rig, rig_of
 
 ClockMode = Literal["auto", "together", "offset", "drift"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 from posefuse.core import Progress, Recording, silent
@@ -24,26 +23,24 @@ def report_folder(result: Path) -> Path:
 
 def write_report_folder(
     recording: Recording,
-    result: Path,
+    result: Path | None,
     folder: Path,
     settings: BiomechanicsSettings | None = None,
     *,
     title: str | None = None,
     progress: Progress = silent,
-    warn: Callable[[str], None] | None = None,
 ) -> list[Path]:
     """Write angles, gait, files for other programs and the page, an earlier report is moved aside; returns the files.
 
     Args:
-        recording: what was read from `result`.
+        recording: what was read from `result`; None where it is in memory only.
 
     Raises:
         InputError: the folder holds anything else, or there is no one to report on.
     """
     size = len(recording.poses) * len(recording.poses.person_id) * _BYTES_PER_STEP_AND_PERSON
-    with output_folder(
-        folder, command="report", inputs=files_of_result(result), replace=True, estimated_bytes=size, warn=warn
-    ) as place:
+    inputs = [] if result is None else files_of_result(result)
+    with output_folder(folder, command="report", inputs=inputs, replace=True, estimated_bytes=size) as place:
         made = write_biomechanics(recording, place.folder, settings, title=title or TITLE, progress=progress)
         relative = [path.relative_to(place.folder) for path in made]
     return [folder / path for path in relative]

@@ -94,7 +94,6 @@ def track_into(
             estimated_bytes=estimated_result_bytes(opened, 1),
             keep_unfinished=True,
             unfinished=unfinished,
-            warn=warn,
         ) as folder,
     ):
         if out.resume and unfinished is None and out.replace:

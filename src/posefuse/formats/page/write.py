@@ -11,8 +11,9 @@ from typing import Any
 
 from posefuse.core import palette
 from posefuse.foundation.atomic import write_text
+from posefuse.foundation.summary import Block, Heading
 
-from .blocks import Block, Details, Heading, Page
+from .blocks import Details, Page
 from .numbers import Arrays
 from .player import Player, player_content
 from .plots import Plots, plot_content
