@@ -1,6 +1,7 @@
 """A rendered session on disk: what is in it, that it repeats, that it survives interruption."""
 
 import dataclasses
+import re
 from pathlib import Path
 from types import SimpleNamespace
 

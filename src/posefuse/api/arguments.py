@@ -73,3 +73,8 @@ def html_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[objec
     head = "".join(f"<th>{escape(name)}</th>" for name in columns)
     body = "".join("<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows)
     return f"<b>{escape(title)}</b><table><tr>{head}</tr>{body}</table>"
+
+
+def lines_of(progress: Progress, stage: str) -> Callable[[str], None]:
+    """What takes lines of news for a stage."""
+    return lambda line: progress(stage, 0, None, line)

@@ -38,7 +38,7 @@ from posefuse.realtime.session import run_live
 from posefuse.realtime.session_plan import Finished, closing_lines
 from posefuse.realtime.video_keeping import read_counts
 
-from .arguments import shown
+from .arguments import lines_of, shown
 from .record import check_videos_folder, kept_videos, video_figures
 
 _TOP_OF_P95 = 2.0
@@ -205,7 +205,7 @@ def track_live(
     )  # fmt: skip
     count = len(plan.inputs)
     with shown(progress) as news:
-        say = lambda line: news("live", 0, None, line)  # noqa: E731
+        say = lines_of(news, "live")
         placed = rig_with_camera_infos(plan.rig, plan.inputs, plan.config.camera_info, say)
         say(f"{count} camera{'s' * (count != 1)}: " + ", ".join(f"{entry.camera} ({entry.kind})" for entry in plan.inputs))
         fetch_networks(plan.config.detector, news)

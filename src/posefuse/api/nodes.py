@@ -30,7 +30,7 @@ from posefuse.realtime.session import group_plans, run_session, stop_requests
 from posefuse.realtime.session_plan import SessionPlan
 from posefuse.realtime.speaking import never_waiting
 
-from .arguments import shown
+from .arguments import lines_of, shown
 from .live_run import LivePlan, LiveRun, finished_run
 
 _S = 1_000_000_000
@@ -80,7 +80,7 @@ def camera_node(
     if not whole.inputs:
         raise SourceError("expected a source for at least 1 camera, got none; see --source")
     with shown(progress) as news:
-        say = lambda line: news("live", 0, None, line)  # noqa: E731
+        say = lines_of(news, "live")
         cameras = rig_with_camera_infos(whole.rig, whole.inputs, whole.config.camera_info, say)
         fetch_networks(whole.config.detector, news)
         chosen = replace(whole.config, detector=settled_network(whole.config.detector, len(whole.inputs), say))
@@ -134,7 +134,7 @@ def fusion_node(
     given = LivePlan.of(rig, [], config=config, settings=settings, outputs=also, ros=ros, axes=axes, duration_s=duration_s)
     cameras, chosen, network = given.rig, given.config, network_of(ros)
     with shown(progress) as news:
-        note = lambda line: news("live", 0, None, line)  # noqa: E731
+        note = lines_of(news, "live")
         if chosen.camera_info == "use":
             cameras = rig_of_nodes(cameras, network, note, given.duration_s)
         clock = SessionClock.begin()

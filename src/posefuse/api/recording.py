@@ -75,7 +75,7 @@ class Recording(core.Recording):
         title, *facts = repr(self).splitlines()
         return [
             Heading(title),
-            Facts(dict(fact.strip().split(": ", 1) if ": " in fact else (fact.strip(), "") for fact in facts)),
+            Facts(dict(fact.strip().partition(": ")[::2] for fact in facts)),
         ]
 
     def __repr__(self) -> str:
@@ -278,13 +278,13 @@ class Recording(core.Recording):
         from posefuse.foundation.compiled import compiling
         from posefuse.pipeline.reporting import report_folder, write_report_folder
 
-        if path is None and self.path is None:
+        place = path if path is not None else self.path and report_folder(self.path)
+        if place is None:
             raise InputError("report: expected a folder for the files of a recording that was not read from a file")
         model = None if opensim_model is None else Path(opensim_model)
         chosen = BiomechanicsSettings(fit=fit, opensim=opensim, opensim_model=model)
-        folder = Path(path) if path is not None or self.path is None else report_folder(self.path)
         with shown(progress) as report, compiling("joint angles", lambda line: report("angles", 0, None, line)):
-            return write_report_folder(self, self.path, folder, chosen, title=title, progress=report)
+            return write_report_folder(self, self.path, Path(place), chosen, title=title, progress=report)
 
     @checked
     def to_xarray(self, *, angles: bool = False) -> xr.Dataset:

@@ -14,7 +14,7 @@ from posefuse import core
 from posefuse.core import InputError, Progress
 from posefuse.fusion.settings import Weights
 
-from .arguments import checked, shown
+from .arguments import checked, lines_of, shown
 from .outcome import solved_outcome, tracked_outcome
 from .recording import Recording, recording_of
 
@@ -114,7 +114,7 @@ def track(
     clock = StageClock()
     with shown(progress) as report:
         found = find_session(folder, chosen)
-        note = lambda line: report("detect", 0, None, line)  # noqa: E731
+        note = lines_of(report, "detect")
         where = None if out is None else ResultFolder(path=Path(out), force=replace, resume=resume)
         if where is not None:
             check_result_folder(found, chosen, where)
@@ -239,7 +239,7 @@ def solve(
     # an hour of them takes much memory, and only observations are solved again
     earlier = dataclasses.replace(earlier, poses=earlier.poses.people(np.zeros(0, np.intp)))
     with shown(progress) as report:
-        note = lambda line: report("solve", 0, None, line)  # noqa: E731
+        note = lines_of(report, "solve")
         used = _edits(path, earlier, edits, exclude, keep_person, note)
         sinks = build_sinks(chosen.outputs)
         with output_folder(place, command="track", inputs=inputs, replace=replace) as folder, compiling("tracking", note):

@@ -115,9 +115,10 @@ def fit_noise(card: Annotated[Path, Parameter(metavar="CARD.toml")], /, *, optio
     """
     from posefuse.api.fit_noise import fit_card
 
-    scenes = {"scenes": options.scenes, "moving": options.moving, "engine": options.engine}
     with terminal.stages() as progress:
-        made = fit_card(card, options.scenes_in, **scenes, progress=progress)
+        made = fit_card(
+            card, options.scenes_in, scenes=options.scenes, moving=options.moving, engine=options.engine, progress=progress
+        )
     terminal.show(made.summary())
     add = [f'noise = "{made.noise_file.name}"']
     add += [f'joint_centres = "{made.joint_centres_file.name}"'] if made.joint_centres_file else []
