@@ -29,7 +29,7 @@ from rich.table import Table
 
 from posefuse.association import AssociateSettings
 from posefuse.core import Detections2D, JointCentres, Pose3D, PoseSequence, Rig, Truth
-from posefuse.core.live_observations import observations_from_frames, on_time_steps
+from posefuse.core.observations import observations_from_frames, on_time_steps
 from posefuse.core.skeleton import pick_keypoints
 from posefuse.core.view_sequences import views_over_time
 from posefuse.detection import with_depth

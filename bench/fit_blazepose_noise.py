@@ -26,7 +26,7 @@ from posefuse.detection.regions import crop_from_img, square_crop
 from posefuse.evaluation.fitting import is_rendered, render_everyday
 from posefuse.evaluation.fitting.keypoint_noise import fit_log_sigma
 from posefuse.formats.truth import read_truth
-from posefuse.foundation.user_cache import default_cache_dir
+from posefuse.foundation.places import default_cache_dir
 
 BODY, TRUE_BODY = SKELETONS["blazepose33"], SKELETONS["anatomical23"]
 SYNONYMS = {"left_big_toe": "left_foot_index", "right_big_toe": "right_foot_index"}

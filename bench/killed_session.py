@@ -46,7 +46,7 @@ class Held:
         self._first_ns = now_ns if self._first_ns is None and view is not None else self._first_ns
         self._seq += 1
         held = self._first_ns is not None and now_ns - self._first_ns > 5e8
-        return Pressed(beats=(Beat(seq=self._seq, sent_ns=now_ns),) if held else ())
+        return Pressed(heartbeats=(Beat(seq=self._seq, sent_ns=now_ns),) if held else ())
 
     def close(self):
         pass

@@ -1,10 +1,11 @@
 """How processor time and memory of `track`, `report` and `compare` grow with the length of a recording of one person.
 
-    python bench/length.py [SESSION] [--minutes 1 4 16 60] [--only report compare] [--write docs/reliability.md]
+    python bench/length.py [SESSION] [--minutes 1 4 8] [--only report compare] [--write docs/reliability.md]
 
-The session (default: examples/demo) is tracked once. Its observations are then put one after the other, every second time
-backwards, so that the person moves on without a jump. `solve` is `posefuse track RESULT`: all but decoding and detection.
-`bodies` is the same with `--body on`. Each command is a process of its own; memory is the largest that its system call reports.
+The session (default: examples/demo) is tracked once; a result folder is taken as it is. Its observations are then put one
+after the other, every second time backwards, so that the person moves on without a jump. `solve` is `posefuse track RESULT`:
+all but decoding and detection. `bodies` is the same with `--body on`. Each command is a process of its own; memory is the
+largest that its system call reports. With `--only`, the page's other rows stay if they are of the same lengths.
 """
 
 import argparse
@@ -19,9 +20,10 @@ from pathlib import Path
 import numpy as np
 
 from posefuse.core import Observations, Recording
-from posefuse.formats.recording import read_recording, write_recording
+from posefuse.formats.recording import ABOUT_FILE, read_recording, write_recording
 
 POSEFUSE = [sys.executable, "-m", "posefuse"]
+COMMANDS = ("solve", "bodies", "report", "compare")
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tools"))
 
@@ -77,17 +79,18 @@ def measured(command: list[str]) -> tuple[float, float]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("session", type=Path, nargs="?", default=ROOT / "examples" / "demo")
-    parser.add_argument("--minutes", type=float, nargs="+", default=[1, 4, 16, 60])
-    parser.add_argument("--only", nargs="+", choices=("solve", "bodies", "report", "compare"))
+    parser.add_argument("--minutes", type=float, nargs="+", default=[1, 4, 8])
+    parser.add_argument("--only", nargs="+", choices=COMMANDS)
     parser.add_argument("--write", type=Path, help="page whose table 'length' is replaced")
     args = parser.parse_args()
-    wanted = args.only or ["solve", "bodies", "report", "compare"]
+    wanted = args.only or COMMANDS
     cells: dict[str, list[str]] = {name: [] for name in wanted}
     with tempfile.TemporaryDirectory() as scratch:
-        tracked = Path(scratch) / "tracked"
-        subprocess.run(
-            [*POSEFUSE, "track", str(args.session), "--out", str(tracked), "--outputs", "trc"], check=True, stdout=sys.stderr
-        )
+        tracked = args.session
+        if not (tracked / ABOUT_FILE).is_file():
+            tracked = Path(scratch) / "tracked"
+            command = [*POSEFUSE, "track", str(args.session), "--out", str(tracked), "--outputs", "trc"]
+            subprocess.run(command, check=True, stdout=sys.stderr)
         for minutes in args.minutes:
             long = Path(scratch) / "long"
             long.mkdir()
@@ -106,11 +109,15 @@ def main() -> None:
                 shutil.rmtree(out, ignore_errors=True)
             shutil.rmtree(long)
     head = ["| command | " + " | ".join(f"{one:g} min" for one in args.minutes) + " |", "|---|" + "---:|" * len(args.minutes)]
-    table = "\n".join([*head, *(f"| {name} | " + " | ".join(row) + " |" for name, row in cells.items())])
-    print(table)
+    rows = {name: f"| {name} | " + " | ".join(row) + " |" for name, row in cells.items()}
+    print("\n".join([*head, *rows.values()]))
     if args.write:
-        from page_marks import write_between_marks
+        from page_marks import between_marks, write_between_marks
 
+        written = between_marks(args.write, "length")[1].splitlines()
+        if written[:2] == head:
+            rows = {line.split(" | ")[0].strip("| "): line for line in written[2:]} | rows
+        table = "\n".join([*head, *(rows[name] for name in COMMANDS if name in rows)])
         write_between_marks(args.write, table, "length")
 
 

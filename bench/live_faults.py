@@ -30,7 +30,7 @@ from posefuse.core import Kind
 from posefuse.core.skeleton import PAPER14, pick_keypoints
 from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.formats.truth import read_truth
-from posefuse.foundation.plain_values import plain
+from posefuse.foundation.parsing import plain
 from posefuse.messages.bags import read_detections, read_poses
 from posefuse.realtime.capture import LOOP_PAUSE_S
 

@@ -29,8 +29,7 @@ from rich.console import Console
 from rich.table import Table
 
 from posefuse.core import Observations, PoseSequence, Recording, Truth
-from posefuse.core.live_observations import observations_from_frames
-from posefuse.core.observations import LIVE_STEP
+from posefuse.core.observations import LIVE_STEP, observations_from_frames
 from posefuse.evaluation.metrics import joint_errors
 from posefuse.formats.truth import read_truth
 from posefuse.pipeline.clock import StageClock

@@ -37,6 +37,11 @@ _RECORDED = ("following", "images", "run", "second_pass", "solve", "store", "tim
 # name: files below src/posefuse, and the tests that are about them
 PACKAGES = {
     "association": (("association/**/*.py",), ("tests/association", "tests/laws/test_associate_laws.py")),
+    "body": (("kinematics/**/*.py",), ("tests/kinematics", "tests/derivatives", "tests/truth/test_angles.py")),
+    "fusion": (
+        ("fusion/**/*.py",),
+        ("tests/fusion", "tests/laws/test_fuse_laws.py", "tests/laws/test_depth_laws.py", "tests/derivatives"),
+    ),
     "recorded pipeline": (
         tuple(f"pipeline/{name}.py" for name in _RECORDED),
         (

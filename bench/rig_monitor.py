@@ -36,7 +36,7 @@ from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.formats.recording import read_recording, write_recording
 from posefuse.formats.truth import read_truth
 from posefuse.foundation.output_folder import output_folder
-from posefuse.foundation.plain_values import plain
+from posefuse.foundation.parsing import plain
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.fusion import FuseSettings, fuse
 from posefuse.health import rig_monitor as monitor

@@ -22,7 +22,7 @@ import numpy as np
 from posefuse.api.recording import recording_of
 from posefuse.core import Kind, PoseSequence, Recording
 from posefuse.formats.truth import read_truth
-from posefuse.foundation.plain_values import plain
+from posefuse.foundation.parsing import plain
 from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.playback import Playback
 from posefuse.pipeline.session_images import session_of_recording

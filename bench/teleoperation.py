@@ -11,6 +11,7 @@ import multiprocessing
 import sys
 import time
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 
@@ -64,10 +65,10 @@ def _followed(path, noise_m: float, seconds: float = 16.0):
     """True hand, hand as measured, robot; the robot while the hand rests; steps at engaging; IK times."""
     from rehearsal.person import person_view
 
+    from posefuse.teleoperation.follower import Driver
     from posefuse.teleoperation.gate import Beat
-    from posefuse.teleoperation.operator import Operator, OperatorNews, step_operator
-    from posefuse.teleoperation.robots.driver import Driver
-    from posefuse.teleoperation.robots.mujoco_robot import MujocoRobot, mujoco_model, placed
+    from posefuse.teleoperation.mujoco_robot import MujocoRobot, mujoco_model, placed
+    from posefuse.teleoperation.session import Operator, OperatorNews, step_operator
     from posefuse.teleoperation.settings import RobotSettings, TeleoperationSettings
     from posefuse.teleoperation.values import CameraReport, Phase
 
@@ -84,7 +85,7 @@ def _followed(path, noise_m: float, seconds: float = 16.0):
 
     made.joints.follow = timed
     driver, operator, rng, noise = Driver(made, settings), Operator(), np.random.default_rng(1), np.zeros(3)
-    state, rows, standing, steps = driver.state(10**12), [], [], (0.0, 0.0)
+    state, rows, standing, steps = replace(driver.state, sent_ns=10**12), [], [], (0.0, 0.0)
     for k in range(round((seconds + 6.0) * RATE_HZ)):
         now_ns, t_s = 10**12 + k * 10_000_000, k / RATE_HZ - 6.0
         hand = path(max(t_s, 0.0))
@@ -92,8 +93,8 @@ def _followed(path, noise_m: float, seconds: float = 16.0):
         noise = 0.9 * noise + np.sqrt(1 - 0.9**2) * noise_m / np.sqrt(3) * rng.normal(size=3)
         measured_xyz = hand + noise + 1e-6 * rng.normal(size=3)
         view = person_view(measured_xyz, now_ns, measured_ns=now_ns - 40_000_000, sigma_m=noise_m / np.sqrt(3))
-        beats = (Beat(seq=k, sent_ns=now_ns),) if t_s > -5.5 else ()
-        news = OperatorNews(view=view, beats=beats, cameras=CameraReport(t_ns=now_ns, healthy=4, total=4), robot=state)
+        heartbeats = (Beat(seq=k, sent_ns=now_ns),) if t_s > -5.5 else ()
+        news = OperatorNews(view=view, heartbeats=heartbeats, cameras=CameraReport(t_ns=now_ns, healthy=4, total=4), robot=state)
         was, before = operator.gate.phase, state
         operator, order = step_operator(operator, news, now_ns, settings)
         state = driver.step([order] if order else [], now_ns)
@@ -133,7 +134,7 @@ def live(session_folder, networks: str | None) -> None:
             self.first_ns = now_ns if self.first_ns is None and view is not None else self.first_ns
             self.seq += 1
             held = self.first_ns is not None and now_ns - self.first_ns > 1e9
-            return Pressed(beats=(Beat(seq=self.seq, sent_ns=now_ns),) if held else ())
+            return Pressed(heartbeats=(Beat(seq=self.seq, sent_ns=now_ns),) if held else ())
 
         def close(self):
             pass
@@ -340,8 +341,7 @@ def _wait_gone(pid: int) -> None:
 
 def _boss(record, sending, silent: bool) -> None:
     """An operator's side that drives the robot forward at full speed until something happens to it."""
-    from posefuse.teleoperation.robots.plan import RobotPlan
-    from posefuse.teleoperation.session import RobotLink
+    from posefuse.teleoperation.process import RobotLink, RobotPlan
     from posefuse.teleoperation.settings import TeleoperationSettings
     from posefuse.teleoperation.values import Order, Phase
 

@@ -13,9 +13,8 @@ from posefuse.simulation import Scene, read_scene
 from posefuse.simulation.build import live_scene
 from posefuse.simulation.cameras import ListedCameras
 from posefuse.simulation.exact import seen_points
-from posefuse.simulation.render.backend import working_backend
 from posefuse.simulation.render.shot import CameraShooter
-from posefuse.simulation.render.stage import RenderStage
+from posefuse.simulation.render.stage import RenderStage, working_backend
 from posefuse.simulation.session import scene_render_model
 from posefuse.simulation.source import shot_image
 

@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 
 from posefuse.core import Camera, DependencyError, Rig
-from posefuse.foundation.user_cache import default_cache_dir
+from posefuse.foundation.places import default_cache_dir
 from posefuse.simulation.cameras import looking_at
 
 _SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"

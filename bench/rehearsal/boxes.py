@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
 from posefuse.core.arrays import Array
+from posefuse.teleoperation.follower import Driver
 from posefuse.teleoperation.gate import Beat
-from posefuse.teleoperation.operator import Operator, OperatorNews, step_operator
-from posefuse.teleoperation.robots.driver import Driver
-from posefuse.teleoperation.robots.mobile_manipulator import Thing, mobile_manipulator
-from posefuse.teleoperation.robots.mujoco_robot import MujocoRobot, mujoco_model, placed
+from posefuse.teleoperation.mujoco_robot import MujocoRobot, Thing, mobile_manipulator, mujoco_model, placed
+from posefuse.teleoperation.session import Operator, OperatorNews, step_operator
 from posefuse.teleoperation.settings import MappingSettings, RobotSettings, TeleoperationSettings
 from posefuse.teleoperation.values import CameraReport, OperatorView, Phase
 
@@ -153,7 +152,7 @@ class BoxStage:
         model = mujoco_model(None, settings.hands, mobile_manipulator(settings.hands, things()))
         robot = MujocoRobot(model, ["right_hand"], settings.limits, place)
         driver = Driver(robot, settings)
-        return BoxStage(robot, driver, settings, script(place.inverse() @ driver.posture.xyz_world[0], boxes))
+        return BoxStage(robot, driver, settings, script(place.inverse() @ driver.state.xyz_world[0], boxes))
 
     def hand_path(self, begin_s: float) -> tuple[Array, Array]:
         """(N,) s and (N, 3) m in the world: the points between which the operator's hand moves, after a rest of `begin_s`."""
@@ -178,7 +177,7 @@ def move_boxes(
     hand = hand or MadeUpHand()
     settings, plan, driver = stage.settings, stage.plan, stage.driver
     place = placed(settings.robot.position_xy_m, settings.robot.heading_deg)
-    operator, state = Operator(), driver.state(10**12)
+    operator, state = Operator(), replace(driver.state, sent_ns=10**12)
     wanted: list[Array] = []
     done: list[Array] = []
     holds = 0
@@ -187,8 +186,8 @@ def move_boxes(
     for k in range(steps):
         now_ns, i = 10**12 + k * _TICK_NS, max(0, k - rest)
         view = hand.view(k, HAND_M + (plan.xyz[i] - plan.xyz[0]) / SCALE, now_ns)
-        beats = (Beat(seq=k, sent_ns=now_ns, grip=bool(plan.grip[i])),) if k > rest - _PRESSED else ()
-        news = OperatorNews(view=view, beats=beats, cameras=CameraReport(t_ns=now_ns, healthy=4, total=4), robot=state)
+        heartbeats = (Beat(seq=k, sent_ns=now_ns, grip=bool(plan.grip[i])),) if k > rest - _PRESSED else ()
+        news = OperatorNews(view=view, heartbeats=heartbeats, cameras=CameraReport(t_ns=now_ns, healthy=4, total=4), robot=state)
         before = operator.gate.phase
         operator, order = step_operator(operator, news, now_ns, settings)
         holds += operator.gate.phase is Phase.HOLD and before is Phase.ENGAGED

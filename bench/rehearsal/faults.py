@@ -17,7 +17,7 @@ import numpy as np
 
 from posefuse.teleoperation.gate import Beat
 from posefuse.teleoperation.hands import BODY
-from posefuse.teleoperation.operator import OperatorNews, step_operator
+from posefuse.teleoperation.session import OperatorNews, step_operator
 from posefuse.teleoperation.settings import TeleoperationSettings
 from posefuse.teleoperation.values import CameraReport, RobotState
 
@@ -128,12 +128,12 @@ def _news(world: World, active: set[str], now_ns: int) -> OperatorNews:
     else:
         world.frozen = None
     healthy = 0 if "dead cameras" in active else 1 if "one camera left" in active else 4
-    beats = _beats(world, active, now_ns)
-    if not beats or beats[-1].seq != world.seq:
+    heartbeats = _beats(world, active, now_ns)
+    if not heartbeats or heartbeats[-1].seq != world.seq:
         world.released_s = world.t_s
     return OperatorNews(
         view=None if "dead cameras" in active and rng.random() < 0.9 else view,
-        beats=beats,
+        heartbeats=heartbeats,
         cameras=CameraReport(t_ns=now_ns, healthy=healthy, total=4),
         robot=_state(world, active),
     )

@@ -56,7 +56,7 @@ class Judge:
         """Judge one more control period."""
         xyz = self._body.ends(world) if self._body else np.array(world.driver.follower.xyz)
         self._xyz.append(xyz)
-        self._q.append(world.driver.posture.q)
+        self._q.append(world.driver.state.q_rad)
         limits, t_s = self._limits, world.t_s
         low, high = np.array(limits.box_low_m), np.array(limits.box_high_m)
         if not np.isfinite(xyz).all() or (xyz < low - 1e-9).any() or (xyz > high + 1e-9).any():
@@ -110,12 +110,12 @@ class Judge:
             self.physics[2] = max(self.physics[2], _most(c - 2 * b + a) / (5 * TICK_S) ** 2)
 
     def _off(self, world: World) -> bool:
-        return bool(np.abs(world.robot.data.qpos[world.robot.joints.chain.qpos] - world.driver.posture.q).max() > 0.36)
+        return bool(np.abs(world.robot.data.qpos[world.robot.joints.chain.qpos] - world.driver.state.q_rad).max() > 0.36)
 
     def _distance_m(self, world: World) -> float:
         view = view_of(world.body(world.t_s), world.now_ns)
         body = remembered(OperatorBody.unknown(), view)
-        return separation_m(body, world.driver.posture.spheres_world, world.now_ns, self._exact)
+        return separation_m(body, world.driver.state.spheres_world, world.now_ns, self._exact)
 
     def _note(self, t_s: float, what: str) -> None:
         self.breaches.append(Breach(sequence=self._sequence, t_s=t_s, what=what))
@@ -136,7 +136,7 @@ class _JudgedBody:
 
     def ends(self, world: World) -> Array:
         """(H, 3) end effectors at the commanded joints."""
-        self._data.qpos[self._chain.qpos] = world.driver.posture.q
+        self._data.qpos[self._chain.qpos] = world.driver.state.q_rad
         self._mj.mj_kinematics(self._model, self._data)
         return np.array(self._place @ self._data.site_xpos[self._sites])
 

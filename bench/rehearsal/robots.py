@@ -9,15 +9,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from posefuse.core.arrays import Array
-from posefuse.teleoperation.robots.driver import Goal, Posture, Robot
+from posefuse.teleoperation.follower import Follower, Robot
 from posefuse.teleoperation.settings import TeleoperationSettings
+from posefuse.teleoperation.values import RobotState
 
 # spheres of the point robot's body, counted from its end effector
 _SPHERES = np.array([[0.0, 0.0, 0.0, 0.1], [0.25, 0.0, 0.1, 0.12], [0.5, 0.0, -0.2, 0.2]])
 
 
 class ExactRobot:
-    """End effectors always exactly at their commanded positions (`driver.Robot`): limits and gate without joints.
+    """End effectors always exactly at their commanded positions (`follower.Robot`): limits and gate without joints.
 
     Attributes:
         fault: what it reports about itself.
@@ -29,10 +30,10 @@ class ExactRobot:
         self.fault = ""
         self._rates = np.zeros_like(self._xyz), np.zeros_like(self._xyz)
 
-    def posture(self) -> Posture:
+    def state(self) -> RobotState:
         """See `Robot`."""
         spheres = _SPHERES + np.array([*self._xyz[0], 0.0])
-        return Posture(
+        return RobotState(
             xyz_world=self._xyz,
             wxyz=self._wxyz,
             velocity_world=self._rates[0],
@@ -46,9 +47,9 @@ class ExactRobot:
         """See `Robot`."""
         return 1.0
 
-    def move(self, goal: Goal, dt_s: float, left_out: int = 0) -> None:
+    def move(self, wanted: Follower, dt_s: float, left_out: int = 0) -> None:
         """See `Robot`."""
-        self._xyz, self._wxyz, self._rates = goal.xyz_world, goal.wxyz, (goal.velocity_world, goal.turn_rate_world)
+        self._xyz, self._wxyz, self._rates = wanted.xyz, wanted.wxyz, (wanted.velocity, wanted.turn_rate)
 
     def close(self) -> None:
         """See `Robot`."""
@@ -69,7 +70,7 @@ def _point(settings: TeleoperationSettings) -> Robot:
 
 
 def _with_joints(settings: TeleoperationSettings, text: str | None = None) -> Robot:
-    from posefuse.teleoperation.robots.mujoco_robot import MujocoRobot, mujoco_model, placed
+    from posefuse.teleoperation.mujoco_robot import MujocoRobot, mujoco_model, placed
 
     place = placed(settings.robot.position_xy_m, settings.robot.heading_deg)
     sites = [f"{side}_hand" for side in settings.hands]

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from posefuse.core.arrays import Array
+from posefuse.teleoperation.follower import Driver
 from posefuse.teleoperation.hands import BODY
-from posefuse.teleoperation.operator import Operator
-from posefuse.teleoperation.robots.driver import Driver
+from posefuse.teleoperation.session import Operator
 from posefuse.teleoperation.settings import TeleoperationSettings
 from posefuse.teleoperation.values import OperatorView, Order, RobotState
 
@@ -54,7 +54,7 @@ class World:
     def __post_init__(self) -> None:
         self.robot = STANDS[self.robot_name].make(self.settings)
         self.driver = Driver(self.robot, self.settings)
-        self.state: RobotState | None = self.driver.state(self.now_ns)
+        self.state: RobotState | None = replace(self.driver.state, sent_ns=self.now_ns)
         self.waiting: deque[tuple[float, Order]] = deque()
         self.frozen: Any = None
         self.clock_ns = 0
@@ -122,7 +122,7 @@ def settings_for(robot_name: str, roomy: bool) -> TeleoperationSettings:
     settings = replace(settings, robot=replace(settings.robot, position_xy_m=stand.position_xy_m, heading_deg=stand.heading_deg))
     if roomy:
         return replace(settings, mapping=replace(settings.mapping, scale=3.0, lead_m=0.3))
-    begin = stand.make(settings).posture().xyz_world
+    begin = stand.make(settings).state().xyz_world
     low, high = begin.min(axis=0) - [0.2, 0.2, 0.15], begin.max(axis=0) + [0.15, 0.25, 0.15]
     box = {"box_low_m": tuple(map(float, low)), "box_high_m": tuple(map(float, high))}
     return replace(settings, limits=replace(settings.limits, **box))

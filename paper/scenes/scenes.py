@@ -104,12 +104,14 @@ def half_hidden_scene(case: str, duration_s: float = 10.0, rate_hz: float = 15.0
     (``screen``), or those with a false arm on each in the colour of the shirt (``false_arm``).
     """
     image = {"size_px": [640, 480], "horizontal_fov_deg": 66}
+    places = ((3.0, 3.5), (-3.0, 3.5), (-3.0, -3.5), (3.0, -3.5))
+    corners = [{"name": f"cam{i:02d}", "position_m": [*xy, 2.2], "image": image} for i, xy in enumerate(places)]
     return _scene(
         {
             "duration_s": duration_s,
             "rate_hz": rate_hz,
             "seed": 1,
-            "cameras": {"kind": "corners", "area_m": [6.0, 7.0], "height_m": 2.2, "image": image},
+            "cameras": {"kind": "list", "cameras": corners},
             "people": [{"motion": {"kind": "wave", "side": "left", "period_s": 1.8}}],
             "occluders": [*(_SCREENS if case != "free" else ()), *(_FALSE_ARMS if case == "false_arm" else ())],
         }

@@ -3,9 +3,12 @@
 import ast
 import functools
 import re
+import shlex
 import subprocess
 import sys
 import tomllib
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import ModuleType
 
@@ -15,7 +18,10 @@ import yaml
 
 import posefuse as pf
 import posefuse.api.track
+from posefuse.cli.command_line import WrongCommandLineError, parse
 from posefuse.cli.main import COMMANDS
+from posefuse.core import ConfigError
+from posefuse.foundation import plugins
 from posefuse.foundation.plugins import list_plugins
 from tools.docs_site.api import GROUPS, api_page
 from tools.docs_site.commands import command_words, commands_page
@@ -64,16 +70,53 @@ def test_python_blocks_that_need_cameras_are_python(name: str, code: str) -> Non
     ast.parse(code)
 
 
-def test_the_plugins_of_the_page_pass_their_checks(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def my_package(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The plug-ins of the page, as if they were installed."""
     height, lamp = (code for name, code in blocks("python") if "plugins.md" in name and "@settings" in code)
     for name, code in {"my_package": "", "my_package.height": height, "my_package.lamp": lamp}.items():
         module = ModuleType(name)
         exec(compile(code, name, "exec"), vars(module))
         monkeypatch.setitem(sys.modules, name, module)
+    [file] = [tomllib.loads(code) for name, code in blocks("toml") if "plugins.md" in name]
+    for group, entries in file["project"]["entry-points"].items():
+        for name, value in entries.items():
+            announce(monkeypatch, EntryPoint(name, value, group))
     monkeypatch.chdir(ROOT)
+
+
+def announce(monkeypatch: pytest.MonkeyPatch, entry: EntryPoint) -> None:
+    others = plugins.entry_points
+    monkeypatch.setattr(plugins, "entry_points", lambda group: [*others(group=group), *([entry] if entry.group == group else [])])
+
+
+@pytest.mark.usefixtures("my_package")
+def test_the_plugins_of_the_page_pass_their_checks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pf, "track", tracked_once)
     [test] = [code for name, code in blocks("python no-run") if "plugins.md" in name]
     exec(compile(test, "plugins.md", "exec"), {"__name__": "docs"})
+
+
+@pytest.mark.usefixtures("my_package")
+def test_what_a_plugin_cannot_do_is_an_error_before_any_work(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("posefuse.pipeline.result_folder.track_opened", lambda *_, **__: pytest.fail("work was done"))
+    announce(monkeypatch, EntryPoint("dict", "tests.architecture.test_docs:Useless", "posefuse.detectors"))
+    for settings, line in (
+        ({"detector.name": "lamp"}, "skeleton lamp: no keypoint 'nose'; there are: left_wrist"),
+        ({"detector.name": "lamp", "outputs.height.keypint": "nose"}, "unknown key 'keypint'; there are: keypoint"),
+        ({"detector.name": "dict"}, "dict among detectors: dict lacks skeleton, joint_centres, detect of core.Detector"),
+    ):
+        with pytest.raises(ConfigError, match=line):
+            pf.track("examples/demo", out=tmp_path / "out", formats=("height",), settings=settings)
+        assert not [*tmp_path.iterdir()]
+
+
+@dataclass(frozen=True)
+class Useless:
+    """A plug-in that builds no detector."""
+
+    def build(self) -> dict[str, str]:
+        return {}
 
 
 @pytest.mark.parametrize(("name", "code"), blocks("toml"), ids=block_id)
@@ -87,6 +130,31 @@ def test_commands_named_in_the_docs_exist(page: Path) -> None:
     quoted = " ".join(re.findall(r"`[^`\n]+`|^    .*$", text, re.MULTILINE))
     named = set(re.findall(r"posefuse (?!as\b)([a-z0-9][a-z0-9-]*)\b", quoted)) - NO_COMMANDS
     assert named <= {*COMMANDS}, f"{page.name} names commands that do not exist: {sorted(named - {*COMMANDS})}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_command_lines_are_understood(page: Path) -> None:
+    text = re.sub(r"\\\n\s*", "", page.read_text(encoding="utf-8"))
+    fenced = "".join(re.findall(r"^```(?:sh)?\n(.*?)^```$", text, re.MULTILINE | re.DOTALL))
+    whole = re.findall(r"^    posefuse (.+)$", text, re.MULTILINE) + re.findall(r"^posefuse (.+)$", fenced, re.MULTILINE)
+    wrong = {line: problem for line in whole if (problem := problem_of(line))}
+    parts = {line: problem_of(line) for line in re.findall(r"`posefuse ([^`\n]+)`", text)}
+    wrong |= {line: problem for line, problem in parts.items() if "Unknown option" in problem}
+    assert not wrong
+
+
+def problem_of(line: str) -> str:
+    """What is wrong with the words after `posefuse`; empty where nothing is. Dots are a value that is left to the reader."""
+    try:
+        parse(shlex.split(line, comments=True))
+    except WrongCommandLineError as error:
+        return str(error)
+    return ""
+
+
+def test_the_check_of_command_lines_can_fail() -> None:
+    assert "Unknown option" in problem_of("track SESSION --out RESULT --edit")
+    assert "expected N" in problem_of("track SESSION --out RESULT --people all")
 
 
 def anchors(page: Path) -> set[str]:
@@ -132,6 +200,45 @@ def test_every_page_is_in_the_navigation_once() -> None:
     assert sorted(listed) == sorted(
         {page.relative_to(DOCS).as_posix() for page in PAGES if page.is_relative_to(DOCS)} | GENERATED
     )
+
+
+def promises(page: Path) -> list[tuple[str, list[str], str]]:
+    """Promise, tests and when they run, of every row of the tables."""
+    rows = re.findall(r"^\| (?!promise \||---)(.+?) \|(.*)\| (.+?) \|$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return [(promise, re.findall(r"`(\S+?)`", tests), when) for promise, tests, when in rows]
+
+
+def faults_of_promises(rows: list[tuple[str, list[str], str]], ci: str) -> list[str]:
+    """Rows without a test, tests that do not exist, and slow tests that run later than their row states."""
+    faults = [f"{promise}: no test" for promise, tests, _ in rows if not tests]
+    for test, when in [(test, when) for _, tests, when in rows for test in tests]:
+        file, _, name = test.partition("::")
+        path = ROOT / "tests" / file
+        text = path.read_text(encoding="utf-8") if path.is_file() else ""
+        if not (found := re.search(rf"((?:^@.*\n(?:[ )].*\n)*)*)^def {name}\(", text, re.MULTILINE)):
+            faults.append(f"{test}: not there")
+        elif when == "always" and re.search(r"^@pytest.mark.(slow|fuzz)", found[1], re.MULTILINE):
+            faults.append(f"{test}: slow")
+        elif when == "CI" and "mark.slow" in found[1] and f"tests/{file}" not in ci:
+            faults.append(f"{test}: not among the slow tests of CI")
+    return faults
+
+
+def test_every_promise_has_a_test_and_every_figure_a_promise() -> None:
+    rows = promises(DOCS / "promises.md")
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    assert len(rows) > 40 and faults_of_promises(rows, makefile) == []
+    measured = (ROOT / "README.md").read_text(encoding="utf-8").partition("## What is measured")[2].partition("##")[0]
+    figures = re.findall(r"\| (\d[\d./ ]+) ?[a-z]* \| \[", measured)
+    text = " ".join(promise for promise, *_ in rows)
+    assert len(figures) == 5 and not [figure for figure in figures if figure.strip() not in text]
+
+
+def test_the_check_of_promises_can_fail() -> None:
+    slow = "api/test_gallery.py::test_calibrate_from_walk"
+    rows = [("a", [], "always"), ("b", ["api/test_gallery.py::test_gone"], "CI"), ("c", [slow], "always"), ("d", [slow], "CI")]
+    found = faults_of_promises(rows, "")
+    assert [fault.rpartition(": ")[2] for fault in found] == ["no test", "not there", "slow", "not among the slow tests of CI"]
 
 
 def test_references_list_every_command_setting_and_name() -> None:

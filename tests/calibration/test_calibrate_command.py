@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from calibrating import run
 
-from posefuse.api.calibration_results import save_clocks
+from posefuse.api.calibration_results import ClockCalibration, save_clocks
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.extrinsics.floor_points import read_floor_points
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
@@ -162,6 +162,33 @@ def test_clocks_reach_the_settings_of_track_and_never_overwrite_them(
     assert save_clocks(settings_file, lab.rig.names, found) is None
     assert path.read_text() == "raw = true\n"
     assert "offset_s = -0.120000" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("late_s", "kept", "purpose"),
+    [
+        (0.0, "", "the clocks need no correction"),
+        (0.1, "", "uses the clocks found"),
+        (0.1, "raw = true\n", "add the offsets to SESSION/posefuse.toml first"),
+    ],
+)
+def test_the_last_line_of_calibrate_clocks_agrees_with_its_table(
+    lab: Any,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    late_s: float,
+    kept: str,
+    purpose: str,
+) -> None:
+    late = ClockEstimate.known(late_s * np.eye(len(lab.rig))[1], 0.0)
+    report = CalibrationReport("clocks", ())
+    found = ClockCalibration(rig=lab.rig, clocks=late, report=report, frame_period_s=(0.04,) * len(lab.rig))
+    monkeypatch.setattr("posefuse.cli.calibrating.person_steps.calibrate_clocks", lambda *_, **__: found)
+    if kept:
+        (tmp_path / "posefuse.toml").write_text(kept)
+    run("clocks", str(tmp_path))
+    assert purpose.replace("SESSION", str(tmp_path)) in capsys.readouterr().err.splitlines()[-1]
 
 
 def test_a_drifting_clock_is_set_right_by_the_settings_written(lab: Any, tmp_path: Path) -> None:

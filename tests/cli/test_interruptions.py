@@ -20,8 +20,7 @@ from posefuse.core.skeleton import COCO17
 from posefuse.formats.detection_log import LOG_FILE, read_log
 from posefuse.formats.recording import read_recording
 from posefuse.formats.rig import read_rig, write_rig
-from posefuse.foundation.folder_mark import MARK_FILE
-from posefuse.foundation.output_folder import find_unfinished
+from posefuse.foundation.output_folder import MARK_FILE, find_unfinished
 from posefuse.pipeline.solve import solve_again
 
 STEPS, K = 40, len(COCO17)

@@ -19,9 +19,8 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from posefuse.cli.main import main
-from posefuse.foundation.folder_mark import MARK_FILE
 from posefuse.foundation.output_file import earlier_kept
-from posefuse.foundation.output_folder import OutputFolder, check_replaceable, growing_folder, output_folder
+from posefuse.foundation.output_folder import MARK_FILE, OutputFolder, check_replaceable, growing_folder, output_folder
 
 Command = Callable[[Path, bool], int]
 

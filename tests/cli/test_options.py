@@ -263,6 +263,11 @@ def test_the_table_has_every_option_and_the_help_the_usual_ones(
     assert [names for names in options if not {*names} & in_table] == []
 
 
+def test_an_option_of_live_is_in_a_group_with_a_name(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["live", "--help"]) == 0
+    assert "╭─ Parameters" not in capsys.readouterr().out
+
+
 def test_the_table_has_every_command() -> None:
     assert {command.split()[0] for command in ACCEPTED} == {*COMMANDS}
 

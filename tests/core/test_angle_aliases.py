@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from posefuse.core import InputError, JointAngles
-from posefuse.core.angle_aliases import OPENSIM
+from posefuse.core.joint_angles import OPENSIM
 from posefuse.formats.truth import read_truth
 from posefuse.kinematics import joints_from_poses
 from posefuse.kinematics.definitions import JOINTS

@@ -7,6 +7,7 @@ import pytest
 from posefuse.core import ConfigError, Detector, Frame, ModelError, Region, ShapeError
 from posefuse.detection import BlazePoseConfig, read_card, region_from_keypoints
 from posefuse.detection.blazepose.looks import Look, averaged
+from posefuse.detection.blazepose.network import BlazePoseNetwork
 from posefuse.detection.models import read_any_card
 
 CAMERA = "cam04"
@@ -40,6 +41,30 @@ def test_it_finds_the_man_where_openpose_does(detector, seen, shared_data):
     apart = np.linalg.norm(theirs.xy_img[:, theirs.skeleton.indices(names)] - ours, axis=-1)
     assert np.nanmedian(apart, axis=1).min() < 0.05 * np.ptp(seen.xy_img[0, :, 1])
     assert (seen.sigma_px > 0).all() and (seen.score > 0).all()
+
+
+def test_a_followed_person_costs_one_inference_and_no_search(detector, demo_session, monkeypatch):
+    """What the speed of live rests on: a count of what goes through which network, so it holds on every machine."""
+    with av.open(str(demo_session / "videos" / "cam01.mp4")) as container:
+        image = next(container.decode(video=0)).to_ndarray(format="rgb24")
+    frame = Frame(camera="cam01", seq=0, t_ns=0, received_ns=0, image=image)
+    (seen,) = detector.detect([frame], [None])
+    there = region_from_keypoints(seen.xy_img[0], detector.skeleton)
+    asked: list[int] = []
+
+    def counted(network, crops):
+        asked.append(len(crops))
+        return run(network, crops)
+
+    run = BlazePoseNetwork.__call__
+    monkeypatch.setattr(BlazePoseNetwork, "__call__", counted)
+    for regions, expected in ((([there],), 1), (([there, there],), 2), (([],), 0)):
+        asked.clear()
+        detector.detect([frame], list(regions))
+        assert sum(asked) == expected
+    asked.clear()
+    detector.detect([frame], [None])
+    assert sum(asked) > 1, "the whole image is searched, and whom it finds is looked at"
 
 
 def test_a_region_gives_the_same_man_and_an_empty_one_no_person(detector, frame, seen):

@@ -14,8 +14,10 @@ import pytest
 from posefuse.core import ModelError
 from posefuse.detection import default_cards
 from posefuse.detection.models import archives, fetch, fetch_all, holds, list_cards, model_path, read_card, status
-from posefuse.foundation.user_cache import default_cache_dir
+from posefuse.foundation.places import default_cache_dir
 
+ROOT = Path(__file__).resolve().parents[2]
+STATED = ("README.md", "docs/installing.md", "src/posefuse/cli/machine.py")
 CONTENT = b"a network"
 BOMB_BYTES = 100_000_000
 
@@ -51,6 +53,14 @@ def test_the_cards_that_come_with_the_package_are_complete():
             assert (card.folder / getattr(card.decoding, beside, card.folder)).exists()
     assert {card.name for card in default_cards()} <= set(cards)
     assert sum(cells**2 * anchors for cells, anchors in cards["blazepose_persons"].decoding.grids) == 2254
+
+
+def test_what_the_first_run_downloads_is_one_archive_of_the_stated_size():
+    """All default networks are in one wheel; that it is fetched once: `test_one_download_serves_all_cards_of_a_wheel`."""
+    assert len({card.source.requirement for card in default_cards()}) == 1
+    stated = {(ROOT / page).read_text(encoding="utf-8").count("35 MB") for page in STATED}
+    assert stated == {1}
+    assert sum(card.size_bytes for card in default_cards()) < 35e6
 
 
 def test_a_card_no_person_wrote_is_named_with_those_that_exist():

@@ -11,7 +11,7 @@ from pathlib import Path
 import network_log
 import pytest
 
-from posefuse.foundation.user_cache import default_cache_dir
+from posefuse.foundation.places import default_cache_dir
 from tools.studio_server import cookie, free_port, server
 
 PATIENCE_S = 300.0

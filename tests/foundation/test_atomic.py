@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from posefuse.core import InputError
-from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.output_file import atomic_file
 
 
 def test_a_file_appears_at_the_end(tmp_path: Path) -> None:

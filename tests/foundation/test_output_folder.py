@@ -11,10 +11,8 @@ from typing import Any
 import pytest
 
 from posefuse.core import DiskFullError, InputError
-from posefuse.foundation.atomic import write_text
-from posefuse.foundation.folder_mark import MARK_FILE, FolderMark, read_mark
-from posefuse.foundation.output_file import earlier_kept
-from posefuse.foundation.output_folder import find_unfinished, growing_folder, output_folder
+from posefuse.foundation.output_file import earlier_kept, write_text
+from posefuse.foundation.output_folder import MARK_FILE, FolderMark, find_unfinished, growing_folder, output_folder, read_mark
 
 
 def make(path: Path, text: str = "one", **options: Any) -> None:

@@ -1,10 +1,12 @@
 """The paper's numbers are the paper's; suit, drift and studies behave as their physics says; pages stand alone."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from paper.experiments.runs import Console, Context, run_scene
 from paper.scenes import paper
 from paper.scenes.inertial import SuitNoise, drift, standing_point, suit_joints
 from paper.scenes.scaling import STUDIES, Setup, _errors, measure, run_study
@@ -146,3 +148,13 @@ def test_paths_are_as_long_and_as_fine_as_asked() -> None:
     assert (scene.duration_s, scene.rate_hz) == (5.0, 30.0)
     assert (path_scene("circle").duration_s, path_scene("circle").rate_hz) == (40.0, 15.0)
     assert scene_name("x", scene) != scene_name("x", path_scene("circle"))
+
+
+@pytest.mark.slow
+@pytest.mark.gl
+@pytest.mark.parametrize(("case", "stated_mm"), [("free", 8.7), ("occluded", 13.1)])
+def test_the_static_figures_hold(case: str, stated_mm: float, models: None, tmp_path: Path) -> None:
+    """The README's figures, docs/accuracy.md: rendered, detected, fused and smoothed as there."""
+    context = Context(sessions=tmp_path, quick=False, workers=None, command="test", console=Console(as_json=True))
+    done = run_scene(f"static-{case}-1", static_scene(case == "occluded"), context)
+    assert done.default_errors().mpjpe_mm < 1.1 * stated_mm

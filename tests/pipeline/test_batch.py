@@ -12,6 +12,7 @@ import pytest
 from studies import FRAMES, SETTINGS, write_session
 
 import posefuse as pf
+from posefuse.cli.main import main
 from posefuse.core import InputError, Rig, silent
 from posefuse.formats.rig import write_rig
 from posefuse.pipeline.batch import find_trials, run_study
@@ -82,6 +83,15 @@ def test_a_failure_is_named_and_the_rest_is_finished(folder: Path, here: list[st
     assert (tmp_path / "out" / "P01" / "fast" / "pose.trc").is_file()
     assert len(pf.read(tmp_path / "out" / "P02" / "slow").poses) == FRAMES
     assert "broken" in (tmp_path / "out" / "study.html").read_text(encoding="utf-8")
+
+
+def test_the_command_shows_the_reason_of_a_failure_once(
+    folder: Path, here: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    settings = [word for key, value in SETTINGS.items() for word in ("--set", f"{key}={value}")]
+    assert main(["batch", str(folder), "--out", str(tmp_path / "out"), "--outputs", "trc", "--no-report", *settings]) == 1
+    shown = capsys.readouterr().err
+    assert shown.count("P02/broken: failed: ") == 1 and "1 of 4 trials failed; the reasons are above and in" in shown
 
 
 def test_complete_trials_are_kept_and_others_tried_again(folder: Path, here: list[str], tmp_path: Path) -> None:

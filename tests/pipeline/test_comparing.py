@@ -12,7 +12,7 @@ pytest.importorskip("mcap", reason="the extra `ros` is not installed")
 import posefuse
 from posefuse.cli.main import main
 from posefuse.core import SE3, CameraTruth, InputError, LivePose, LiveStart, Pose3D, PoseSequence, Recording, Rig, Truth
-from posefuse.core.live_observations import observations_from_frames
+from posefuse.core.observations import observations_from_frames
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.evaluation.tracks import looped
 from posefuse.formats.truth import write_loop, write_truth

@@ -15,7 +15,7 @@ from posefuse.core.observations import NOT_KEPT
 from posefuse.core.skeleton import COCO17
 from posefuse.core.values import keypoint_boxes
 from posefuse.formats.recording import read_recording, write_recording
-from posefuse.foundation.plain_values import plain
+from posefuse.foundation.parsing import plain
 from posefuse.pipeline.config import TrackConfig, changed_config
 from posefuse.pipeline.edits import Edits, Exclusion, used_frames
 from posefuse.pipeline.edits_file import edits_path, read_edits, write_edits

@@ -22,8 +22,7 @@ from posefuse.core import (
     ShapeError,
     SourceError,
 )
-from posefuse.core.live_observations import observations_from_frames, on_time_steps
-from posefuse.core.observations import LIVE_STEP, NOT_KEPT, OBSERVATION_ARRAYS
+from posefuse.core.observations import LIVE_STEP, NOT_KEPT, OBSERVATION_ARRAYS, observations_from_frames, on_time_steps
 from posefuse.core.skeleton import BLAZEPOSE33, COCO17
 from posefuse.core.values import keypoint_boxes
 from posefuse.detection import read_card

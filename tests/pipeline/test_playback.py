@@ -10,7 +10,7 @@ from small_session import COUNT, PERIOD_NS, SIZE_WH, grey, walk
 
 import posefuse as pf
 from posefuse.api.recording import recording_of
-from posefuse.core.live_observations import observations_from_frames
+from posefuse.core.observations import observations_from_frames
 from posefuse.formats.pixels import RgbPixels
 from posefuse.formats.rig import write_rig
 from posefuse.pipeline.live_videos import session_with_videos

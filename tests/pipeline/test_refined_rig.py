@@ -9,7 +9,7 @@ import pytest
 from synthetic_walk import BODY, walker
 
 from posefuse.core import SE3, Kind, PoseSequence, Recording, Rig
-from posefuse.foundation.plain_values import plain
+from posefuse.foundation.parsing import plain
 from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.run import refined_line
 from posefuse.pipeline.solve import REFINED, SolveSettings, solve, solve_again

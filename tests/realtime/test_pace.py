@@ -1,10 +1,10 @@
 """A machine that is too slow is reported as that: once, with what helps; no camera is called dead or silent for it."""
 
-import multiprocessing
 import os
 import signal
 import sys
 import time
+from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
 
@@ -13,6 +13,8 @@ from no_outputs import NoOutputs
 
 from posefuse.cli.live import exit_code
 from posefuse.core import SKELETONS, Detections2D
+from posefuse.foundation.channel import Channel
+from posefuse.foundation.worker import Worker
 from posefuse.health.cameras import CameraState, Monitor, Verdict
 from posefuse.realtime import processes
 from posefuse.realtime.messages import SeenView, Status
@@ -93,19 +95,19 @@ def test_the_first_trouble_of_a_camera_is_printed_at_once() -> None:
     assert [line.split("camera a: ")[1] for line in lines] == ["ok", "dead: process 1 ended", "ok"]
 
 
-def spin() -> None:
+def spin(channel: Channel) -> None:
     while True:
         pass
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux reports the processor time of another process here")
 def test_a_process_that_works_is_slow_and_one_that_does_nothing_hangs(monkeypatch: pytest.MonkeyPatch) -> None:
-    process = multiprocessing.get_context("fork").Process(target=spin, daemon=True)
-    process.start()
+    worker = Worker(spin)
+    worker.start()
     monkeypatch.setattr(processes, "SILENT_S", 0.2)
     monkeypatch.setattr(processes, "_HUNG_S", 0.5)
     try:
-        member = processes._Member(plan=None, channel=None, process=process, ready=True)
+        member = processes._Member(plan=None, worker=worker, ready=True)
         time.sleep(0.3)
         verdicts = []
         for _ in range(8):
@@ -116,29 +118,22 @@ def test_a_process_that_works_is_slow_and_one_that_does_nothing_hangs(monkeypatc
         monkeypatch.setattr(processes, "_HUNG_BUSY_S", 0.01)
         assert processes._hangs(member), "nothing came of much work"
         monkeypatch.undo()
-        os.kill(process.pid, signal.SIGSTOP)
+        os.kill(worker.pid, signal.SIGSTOP)
         time.sleep(0.2)
-        member.received_s, member.used_s = time.monotonic() - 60, None
+        worker.received_s, member.used_s = time.monotonic() - 60, None
         assert processes._silence(member).state == "dead" and processes._hangs(member)
     finally:
-        process.kill()
-        process.join(5)
+        worker.end(0.0)
 
 
-def test_restarts_back_off_until_a_process_is_well() -> None:
+def test_a_process_that_has_just_begun_has_its_trouble_until_its_cameras_are_open() -> None:
     groups = object.__new__(processes.Groups)
-    member = processes._Member(plan=SimpleNamespace(inputs=()), channel=None, process=None, ready=True)
-    waits = []
-    for _ in range(8):
-        groups._died(member, "ended")
-        waits.append(member.again_at_s - time.monotonic())
-    assert waits[0] < 0.3 and waits[-1] > 9
-    # the status of one that has just begun does not forget what happened
+    member = processes._Member(plan=SimpleNamespace(inputs=()), worker=Worker(spin), ready=True)
+    member.worker.trouble = "ended"
+    groups._took(member, Status(0, 0, (replace(state("a", 1, 1), state="opening"),)))
+    assert member.worker.trouble == "ended"
     groups._took(member, Status(0, 0, (state("a", 1, 1),)))
-    assert member.retry_s == processes._LONGEST_RETRY_S and not member.trouble
-    member.began_s -= 60
-    groups._took(member, Status(0, 0, (state("a", 1, 1),)))
-    assert member.retry_s == processes._FIRST_RETRY_S
+    assert not member.worker.trouble
 
 
 @pytest.mark.parametrize(

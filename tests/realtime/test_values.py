@@ -21,7 +21,6 @@ from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.realtime.latency import Histogram, Latencies, ViewTimes
 from posefuse.realtime.messages import Expected, SeenView
 from posefuse.realtime.news import News
-from posefuse.realtime.processes import Groups, _Member, ended
 from posefuse.sources.arriving import Arrived
 from posefuse.sources.live.stream import StampClock
 
@@ -304,7 +303,7 @@ def test_half_a_message_is_never_given_out(channels: tuple[Channel, Channel]) ->
     sent = 0
     while one.send(bytes([sent % 251]) * 30_011):
         sent += 1
-    one.close_own()
+    one.close()
     whole = []
     with pytest.raises(ChannelClosed):
         while two.wait(5.0):
@@ -448,36 +447,3 @@ def test_the_clock_of_a_session_continues_when_that_of_the_machine_is_set(monkey
     assert abs(before_ns - real()) < 600 * S
     monkeypatch.setattr(time, "time_ns", lambda: real() + jump_s * S)
     assert 0 <= clock.now_ns() - before_ns < 600 * S
-
-
-class SlowToDie:
-    """A killed process that the system has not come round to ending."""
-
-    killed = False
-
-    def join(self, timeout_s: float) -> None: ...
-
-    def is_alive(self) -> bool:
-        return True
-
-    def kill(self) -> None:
-        self.killed = True
-
-    def close(self) -> None:
-        raise ValueError("Cannot close a process while it is still running.")
-
-
-def test_a_process_that_a_busy_machine_has_not_ended_yet_is_no_error() -> None:
-    process = SlowToDie()
-    ended(process, 0.0)
-    assert process.killed
-
-
-def test_a_hung_process_that_is_still_dying_is_started_again_later() -> None:
-    """Closing it at once raised, and took the whole session along."""
-    process = SlowToDie()
-    member = _Member(plan=None, channel=None, process=process)
-    Groups._restart(object.__new__(Groups), member)
-    assert process.killed
-    assert member.process is process
-    assert member.again_at_s > time.monotonic()

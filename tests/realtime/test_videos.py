@@ -15,7 +15,7 @@ from posefuse.api.record import kept_videos
 from posefuse.cli.main import main
 from posefuse.core import InputError
 from posefuse.formats.pixels import Pixels, RgbPixels
-from posefuse.foundation.folder_mark import MARK_FILE
+from posefuse.foundation.output_folder import MARK_FILE
 from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.live_videos import session_with_videos
 from posefuse.pipeline.session import find_session

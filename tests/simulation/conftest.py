@@ -21,7 +21,7 @@ def backend() -> str:
     """A working OpenGL backend."""
     if importlib.util.find_spec("mujoco") is None:
         pytest.skip("the extra sim (mujoco) is not installed")
-    from posefuse.simulation.render.backend import working_backend
+    from posefuse.simulation.render.stage import working_backend
 
     try:
         return working_backend()

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from posefuse.core import SKELETONS, ConfigError
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.simulation.body import ANGLE_NAMES, JOINTS, SEGMENTS, BodyShapeSettings, SimulatedBody, build_body, rotation_of
-from posefuse.simulation.body.angles import angles_of, joint_segments
+from posefuse.simulation.body.anatomy import angles_of, joint_segments
 
 pytest.importorskip("anny", reason="the extra 'sim' is not installed")
 KEYPOINTS = SKELETONS["anatomical23"]

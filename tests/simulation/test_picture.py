@@ -7,7 +7,7 @@ from posefuse.core import Frame
 from posefuse.core.skeleton import ANATOMICAL23, pick_keypoints
 from posefuse.detection import default_cards, status
 from posefuse.detection.blazepose import BlazePoseConfig
-from posefuse.foundation.user_cache import default_cache_dir
+from posefuse.foundation.places import default_cache_dir
 from posefuse.simulation import Scene
 from posefuse.simulation.body import BodyShapeSettings
 from posefuse.simulation.build import live_scene

@@ -8,12 +8,13 @@ import cv2
 import numpy as np
 import pytest
 
-from posefuse.core import DependencyError
+from posefuse.core import SE3, DependencyError
+from posefuse.simulation import build
 from posefuse.simulation.build import live_scene
 from posefuse.simulation.cameras import ImageSettings, ListedCameras, PlacedCamera, SensorSettings
 from posefuse.simulation.exact import seen_points
-from posefuse.simulation.props import CharucoBoard, WaypointPath
-from posefuse.simulation.render import backend as backends
+from posefuse.simulation.props import CharucoBoard, StillPath
+from posefuse.simulation.render import stage as backends
 from posefuse.simulation.render.shot import moments_of
 from posefuse.simulation.scene import Scene
 from posefuse.simulation.surroundings import RoomSettings
@@ -27,12 +28,23 @@ def _scene(seed: int = 0, **sensor) -> Scene:
         name="eye", position_m=(0.0, 0.0, 2.6), look_at_m=(0.0, 0.0, 0.9),
         image=ImageSettings(size_px=(400, 300)), sensor=SensorSettings(**sensor),
     )  # fmt: skip
-    way = WaypointPath(kind="waypoints", waypoints_m=((-1.5, 0.0, 0.9), (0.0, 0.0, 0.9), (1.5, 0.0, 0.9)), speed_mps=_SPEED_MPS)
-    board = CharucoBoard(kind="charuco_board", squares=(5, 7), square_m=0.14, marker_m=0.05, path=way)
+    still = StillPath(kind="still", position_m=(-1.5, 0.0, 0.9))
+    board = CharucoBoard(kind="charuco_board", squares=(5, 7), square_m=0.14, marker_m=0.05, path=still)
     room = RoomSettings(floor="plain", walls="plain", shadows=False)
     return Scene(
         duration_s=1, rate_hz=20, seed=seed, cameras=ListedCameras(kind="list", cameras=(camera,)), props=(board,), room=room
     )
+
+
+@pytest.fixture(autouse=True)
+def flies(monkeypatch):
+    """What stands flies along x instead."""
+
+    def poses(path, t_s, seed):
+        ahead = np.asarray(t_s)[:, None] * [_SPEED_MPS, 0.0, 0.0]
+        return SE3(np.tile([1.0, 0, 0, 0], (len(t_s), 1)), np.array(path.position_m) + ahead)
+
+    monkeypatch.setattr(build, "poses_on_path", poses)
 
 
 def _refined(image: np.ndarray, guess: np.ndarray) -> np.ndarray:
@@ -97,7 +109,7 @@ def test_moments_cover_the_rows_once_and_the_readout_symmetrically():
 def test_each_backend_draws_or_is_skipped_by_name(name, backend):
     code = f"""
 import numpy as np
-from posefuse.simulation.render import backend as b
+from posefuse.simulation.render import stage as b
 from posefuse.simulation.cameras import *
 from posefuse.simulation.build import live_scene
 from posefuse.simulation.scene import Scene

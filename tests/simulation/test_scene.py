@@ -50,7 +50,7 @@ def test_the_papers_walking_scene_is_the_papers():
             r"scene\.yaml: cameras\.ring\.count: .*greater than or equal to 1, got 0",
         ),
         ("duration_s: 1\nrate_hz: 0\ncameras: {kind: ring}", r"scene\.yaml: rate_hz: .*greater than 0, got 0"),
-        ("duration_s: 1\ncameras: {kind: sphere}", r"scene\.yaml: cameras: .*'ring'.*'corners'.*'list'.*got"),
+        ("duration_s: 1\ncameras: {kind: sphere}", r"scene\.yaml: cameras: .*'ring'.*'list'.*got"),
         ("duration_s: 5 s\ncameras: {kind: ring}", r"scene\.yaml: duration_s: .*number.*got '5 s'"),
         ("cameras: {kind: ring}", r"scene\.yaml: duration_s: missing"),
         ("duration_s: 1\ncameras: {kind: ring, image: {width: 640}}", r"unknown key '.*image\.width'"),

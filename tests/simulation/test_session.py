@@ -16,8 +16,7 @@ from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.formats.npz import read_arrays
 from posefuse.formats.rig import read_rig
 from posefuse.formats.truth import read_truth
-from posefuse.foundation.folder_mark import MARK_FILE
-from posefuse.foundation.output_folder import find_unfinished
+from posefuse.foundation.output_folder import MARK_FILE, find_unfinished
 from posefuse.simulation import Scene, read_scene, simulate, truth_of
 from posefuse.simulation import session as sessions
 from posefuse.simulation.build import live_scene
@@ -202,7 +201,7 @@ def test_a_session_of_its_own_is_replaced_and_what_is_the_users_stays(tmp_path, 
     camera = RingCameras(kind="ring", count=1, radius_m=3.0, image=ImageSettings(size_px=(80, 60)))
     jpeg = JpegSettings(kind="jpeg")
     scene = dataclasses.replace(_SCENE, record=jpeg, duration_s=0.1, people=(), props=(), occluders=(), cameras=camera)
-    folder, said = tmp_path / "session", []
+    folder = tmp_path / "session"
 
     def interrupt(done: int, total: int) -> None:
         raise KeyboardInterrupt

@@ -15,7 +15,6 @@ from small_session import COUNT, PERIOD_NS, SIZE_WH, grey, saved_session
 
 import posefuse as pf
 from posefuse.core import ConfigError, Rig
-from posefuse.evaluation.rig_plan import plan_rig
 from posefuse.formats.video import VideoWriter
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.pipeline.edits import Exclusion
@@ -24,6 +23,7 @@ from posefuse.simulation.planning import (
     camera_of,
     first_plan,
     free_camera_name,
+    plan_rig,
     rig_of_scene,
     with_camera,
     with_test_walk,

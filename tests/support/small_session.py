@@ -11,7 +11,7 @@ from posefuse.core import Kind, PoseSequence, Recording, Rig
 from posefuse.core.skeleton import COCO17
 from posefuse.formats.rig import write_rig
 from posefuse.formats.video import VideoWriter
-from posefuse.foundation.plain_values import plain
+from posefuse.foundation.parsing import plain
 from posefuse.pipeline.config import TrackConfig
 
 COUNT, PERIOD_NS, SIZE_WH = 30, 33_333_333, (96, 72)

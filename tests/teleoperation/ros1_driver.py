@@ -1,4 +1,4 @@
-"""Drives a robot over ROS 1 until it is stopped, and prints its first posture.
+"""Drives a robot over ROS 1 until it is stopped, and prints its first state.
 
 ros1_driver.py FOLDER_OF_ROSPY pose|twist|joints MODEL.xml
 """
@@ -12,12 +12,11 @@ from pathlib import Path
 # last, so that this environment's numpy comes first, as with --system-site-packages
 sys.path.append(sys.argv[1])
 
-import numpy as np
-
 from posefuse.core import PosefuseError
-from posefuse.teleoperation.robots.driver import Goal
-from posefuse.teleoperation.robots.plan import RosPlan
-from posefuse.teleoperation.robots.ros_robot import open_ros_robot
+from posefuse.teleoperation.follower import as_vector, standing
+from posefuse.teleoperation.limits import Motion
+from posefuse.teleoperation.ros import RosPlan
+from posefuse.teleoperation.ros_robot import open_ros_robot
 from posefuse.teleoperation.settings import RobotSettings, TeleoperationSettings
 
 command, model = sys.argv[2], Path(sys.argv[3])
@@ -29,17 +28,10 @@ try:
 except PosefuseError as error:
     print(type(error).__name__, error)
     sys.exit(1)
-first = robot.posture()
-print(json.dumps([first.xyz_world[0].tolist(), first.q.tolist(), first.fault]), flush=True)
+first = robot.state()
+print(json.dumps([first.xyz_world[0].tolist(), first.q_rad.tolist(), first.fault]), flush=True)
 while True:
-    goal = Goal(
-        xyz_world=first.xyz_world + [[0.0, 0.002, 0.0]],
-        wxyz=first.wxyz,
-        velocity_world=np.array([[0.0, 0.2, 0.1]]),
-        turn_rate_world=np.zeros((1, 3)),
-        grip=np.array([False]),
-        brakes=False,
-    )
-    robot.move(replace(goal), 0.01)
+    moves = Motion(position=as_vector(first.xyz_world[0] + [0.0, 0.002, 0.0]), velocity=(0.0, 0.2, 0.1))
+    robot.move(replace(standing(first.xyz_world, first.wxyz), moves=(moves,), limited=""), 0.01)
     time.sleep(0.02)
-    robot.posture()
+    robot.state()

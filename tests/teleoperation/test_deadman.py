@@ -30,13 +30,13 @@ def terminal():
 def test_keys_of_a_terminal(terminal):
     keyboard, stream = terminal
     switch = KeySwitch(stream)
-    assert switch.poll(NOW_NS, None).beats == ()
+    assert switch.poll(NOW_NS, None).heartbeats == ()
     os.write(keyboard, b"  g")
     pressed = switch.poll(NOW_NS, None)
-    assert [beat.sent_ns for beat in pressed.beats] == [NOW_NS] and pressed.beats[0].grip
+    assert [beat.sent_ns for beat in pressed.heartbeats] == [NOW_NS] and pressed.heartbeats[0].grip
     os.write(keyboard, b"xr")
     pressed = switch.poll(NOW_NS, None)
-    assert pressed.emergency and pressed.reset and not pressed.beats
+    assert pressed.emergency and pressed.reset and not pressed.heartbeats
     switch.close()
     switch.close()
 
@@ -58,17 +58,17 @@ def test_a_joystick_is_held_until_it_is_let_go_or_pulled_out(tmp_path):
     switch = JoystickSwitch(str(pipe))
     os.close(reader)
     os.write(writer, event(0, 0, 0x81) + event(1, 0))
-    assert len(switch.poll(NOW_NS, None).beats) == 1 and len(switch.poll(NOW_NS, None).beats) == 1
+    assert len(switch.poll(NOW_NS, None).heartbeats) == 1 and len(switch.poll(NOW_NS, None).heartbeats) == 1
     os.write(writer, event(1, 2)[:5])
     assert not switch.poll(NOW_NS, None).emergency
     os.write(writer, event(1, 2)[5:])
     assert switch.poll(NOW_NS, None).emergency
     os.write(writer, event(0, 0))
-    assert not switch.poll(NOW_NS, None).beats
+    assert not switch.poll(NOW_NS, None).heartbeats
     os.write(writer, event(1, 0))
-    assert switch.poll(NOW_NS, None).beats
+    assert switch.poll(NOW_NS, None).heartbeats
     os.close(writer)
-    assert not switch.poll(NOW_NS, None).beats
+    assert not switch.poll(NOW_NS, None).heartbeats
 
 
 def test_a_gesture_ticks_once_for_each_new_pose():
@@ -76,9 +76,9 @@ def test_a_gesture_ticks_once_for_each_new_pose():
 
     view = person_view(np.array([0.3, -0.25, 1.1]), NOW_NS, measured_ns=NOW_NS - 40_000_000)
     switch, up = GestureSwitch(), replace(view, gesture=True)
-    assert not switch.poll(NOW_NS, view).beats and not switch.poll(NOW_NS, None).beats
-    assert switch.poll(NOW_NS, up).beats[0].sent_ns == NOW_NS - 40_000_000
-    assert not switch.poll(NOW_NS, up).beats
+    assert not switch.poll(NOW_NS, view).heartbeats and not switch.poll(NOW_NS, None).heartbeats
+    assert switch.poll(NOW_NS, up).heartbeats[0].sent_ns == NOW_NS - 40_000_000
+    assert not switch.poll(NOW_NS, up).heartbeats
 
 
 @pytest.fixture
@@ -98,11 +98,11 @@ def test_the_page_is_there_and_its_reports_are_heartbeats(web):
     with urllib.request.urlopen(web.url, timeout=5) as answer:
         assert b"hold to move" in answer.read()
     echo = post(web, {"echo": 0, "held": True, "grip": False})
-    assert not web.poll(0, None).beats  # the first one knows no number
+    assert not web.poll(0, None).heartbeats  # the first one knows no number
     before_ns = time.monotonic_ns()
     post(web, {"echo": echo, "held": True, "grip": True})
-    beats = web.poll(0, None).beats
-    assert len(beats) == 1 and beats[0].grip and beats[0].sent_ns <= before_ns
+    heartbeats = web.poll(0, None).heartbeats
+    assert len(heartbeats) == 1 and heartbeats[0].grip and heartbeats[0].sent_ns <= before_ns
 
 
 def test_a_report_counts_once_and_is_as_old_as_the_number_it_echoes(web):
@@ -111,8 +111,8 @@ def test_a_report_counts_once_and_is_as_old_as_the_number_it_echoes(web):
     time.sleep(0.05)
     for _ in range(3):
         post(web, {"echo": echo, "held": True, "grip": False})
-    beats = web.poll(0, None).beats
-    assert len(beats) == 1 and beats[0].sent_ns <= given_ns
+    heartbeats = web.poll(0, None).heartbeats
+    assert len(heartbeats) == 1 and heartbeats[0].sent_ns <= given_ns
 
 
 @pytest.mark.parametrize(
@@ -120,7 +120,7 @@ def test_a_report_counts_once_and_is_as_old_as_the_number_it_echoes(web):
 )
 def test_what_is_malformed_holds_nothing(web, content):
     post(web, content)
-    assert not web.poll(0, None).beats
+    assert not web.poll(0, None).heartbeats
 
 
 def test_only_who_knows_the_key_can_press(web):

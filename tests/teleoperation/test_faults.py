@@ -7,6 +7,7 @@ import pytest
 from bench.rehearsal.faults import FAULTS, engaged_world, run_many, run_sequence, tick
 from bench.rehearsal.robots import STANDS
 from bench.rehearsal.world import settings_for
+from posefuse.teleoperation import gate
 from posefuse.teleoperation.values import Phase
 
 SETTINGS = settings_for("point", roomy=False)
@@ -36,13 +37,16 @@ GUARDS = {
     "velocity": {"limits": replace(SETTINGS.limits, speed_mps=0.7)},
     "acceleration": {"limits": replace(SETTINGS.limits, acceleration_mps2=3.0)},
     "box": {"limits": replace(SETTINGS.limits, box_high_m=(2.1, 0.1, 1.1))},
-    "exchange": {"gate": replace(SETTINGS.gate, hand_speed_mps=1e3, forearm_share=1e3, trunk_share=1e3)},
+    "exchange": {"gate": replace(SETTINGS.gate, hand_speed_mps=1e3)},
 }
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("guard", GUARDS)
-def test_a_guard_that_is_taken_away_is_missed(guard):
+def test_a_guard_that_is_taken_away_is_missed(guard, monkeypatch):
+    if guard == "exchange":
+        monkeypatch.setattr(gate, "FOREARM_SHARE", 1e3)
+        monkeypatch.setattr(gate, "TRUNK_SHARE", 1e3)
     done = run_many(0, 250, settings=replace(SETTINGS, **GUARDS[guard]), limits=SETTINGS)
     assert guard in {breach.what.split()[0].rstrip(":") for breach in done.breaches}
 

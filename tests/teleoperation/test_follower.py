@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bench.rehearsal.robots import ExactRobot
-from posefuse.teleoperation.robots.driver import Driver
+from posefuse.teleoperation.follower import Driver
 from posefuse.teleoperation.settings import TeleoperationSettings
 from posefuse.teleoperation.values import Order, Phase
 

@@ -8,10 +8,10 @@ import pytest
 
 from bench.rehearsal.person import person_view
 from bench.rehearsal.robots import ExactRobot
+from posefuse.teleoperation.follower import Driver
 from posefuse.teleoperation.gate import Beat
 from posefuse.teleoperation.hands import BODY
-from posefuse.teleoperation.operator import Operator, OperatorNews, step_operator
-from posefuse.teleoperation.robots.driver import Driver
+from posefuse.teleoperation.session import Operator, OperatorNews, step_operator
 from posefuse.teleoperation.settings import TeleoperationSettings
 from posefuse.teleoperation.values import CameraReport, Phase
 
@@ -28,16 +28,16 @@ class Run:
         self.settings, self.now_ns, self.seq = settings, 10**12, 0
         self.robot = ExactRobot([2.0, 0.0, 0.8])
         self.driver = Driver(self.robot, settings)
-        self.state, self.operator, self.order = self.driver.state(self.now_ns), Operator(), None
+        self.state, self.operator, self.order = replace(self.driver.state, sent_ns=self.now_ns), Operator(), None
 
     def tick(self, times=1, *, held=True, change=lambda news: news, hand=HAND, shift_m=0.0, **view):
         for _ in range(times):
             self.now_ns, self.seq = self.now_ns + TICK_NS, self.seq + 1
             # a hand never stands to the last bit
             seen = replace(person_view(hand + 1e-5 * np.sin(self.seq), self.now_ns - TICK_NS, shift_m=shift_m), **view)
-            beats = (Beat(seq=self.seq, sent_ns=self.now_ns),) if held else ()
+            heartbeats = (Beat(seq=self.seq, sent_ns=self.now_ns),) if held else ()
             cameras = CameraReport(t_ns=self.now_ns, healthy=4, total=4)
-            news = change(OperatorNews(view=seen, beats=beats, cameras=cameras, robot=self.state))
+            news = change(OperatorNews(view=seen, heartbeats=heartbeats, cameras=cameras, robot=self.state))
             self.operator, self.order = step_operator(self.operator, news, self.now_ns, self.settings)
             self.state = self.driver.step([self.order] if self.order else [], self.now_ns)
         return self.phase
@@ -230,7 +230,8 @@ def test_the_robot_must_stand_before_it_continues():
     both.tick(30, held=False)
     # one of two end effectors that moves is enough
     one_moves = {name: np.vstack([value] * 2) for name, value in (("xyz_world", np.zeros((1, 3))), ("wxyz", [[1.0, 0, 0, 0]]))}
-    one_moves |= {"measured_xyz_world": np.zeros((2, 3)), "velocity_world": np.vstack([0 * moving, moving])}
+    still = np.zeros((2, 3))
+    one_moves |= {"measured_xyz_world": still, "turn_rate_world": still, "velocity_world": np.vstack([0 * moving, moving])}
     assert both.tick(30, change=lambda news: replace(news, robot=replace(news.robot, **one_moves))) is Phase.READY
 
 
@@ -279,16 +280,16 @@ def test_heartbeats_that_do_not_count(wrong):
     run = Run().engaged()
     seq, sent_ns = run.seq, run.now_ns
 
-    def beats(news):
+    def heartbeats(news):
         fake = {
             "duplicate": Beat(seq=seq, sent_ns=run.now_ns),
             "late": Beat(seq=run.seq, sent_ns=run.now_ns - 101_000_000),
             "future": Beat(seq=run.seq, sent_ns=run.now_ns + 1_000_000),
             "backward": Beat(seq=run.seq, sent_ns=sent_ns - 1),
         }[wrong]
-        return replace(news, beats=(fake,))
+        return replace(news, heartbeats=(fake,))
 
-    assert run.tick(12, change=beats) is Phase.HOLD
+    assert run.tick(12, change=heartbeats) is Phase.HOLD
 
 
 # --- another body under the same id
@@ -413,7 +414,7 @@ def test_a_hand_hidden_for_a_moment_may_come_back_where_it_can_have_moved():
 def test_heartbeats_that_come_late_are_no_release():
     """Found by the fault bench: with the switch held, late heartbeats looked like a release and the next ones like a press."""
     run = Run(ELSEWHERE).engaged()
-    late = lambda news: replace(another_body(news, np.array([0.0, 0.7, 0.0]), 1.0), beats=late_beats(news))  # noqa: E731
+    late = lambda news: replace(another_body(news, np.array([0.0, 0.7, 0.0]), 1.0), heartbeats=late_beats(news))  # noqa: E731
     run.tick(20, change=late)
     assert run.phase is Phase.IDLE
     assert run.tick(40, change=lambda news: another_body(news, np.array([0.0, 0.7, 0.0]), 1.0)) is Phase.IDLE
@@ -421,7 +422,7 @@ def test_heartbeats_that_come_late_are_no_release():
 
 
 def late_beats(news):
-    return tuple(replace(beat, sent_ns=beat.sent_ns - 300_000_000) for beat in news.beats)
+    return tuple(replace(beat, sent_ns=beat.sent_ns - 300_000_000) for beat in news.heartbeats)
 
 
 def test_a_hand_alone_that_comes_back_elsewhere_is_another_hand():

@@ -11,8 +11,8 @@ pytest.importorskip("daqp")
 import mujoco
 
 from posefuse.core import ConfigError
-from posefuse.teleoperation.robots.driver import Driver
-from posefuse.teleoperation.robots.mujoco_robot import MujocoRobot, mujoco_model
+from posefuse.teleoperation.follower import Driver
+from posefuse.teleoperation.mujoco_robot import MujocoRobot, mujoco_model
 from posefuse.teleoperation.settings import LimitSettings, RobotSettings, TeleoperationSettings
 from posefuse.teleoperation.values import Order, Phase
 
@@ -28,7 +28,7 @@ def driven(hands, wishes, limits=LIMITS, model=None):
     settings = TeleoperationSettings(hands=hands, limits=limits, robot=RobotSettings(shared=False))
     robot = MujocoRobot(model or mujoco_model(None, hands), [f"{side}_hand" for side in hands], limits)
     driver, now_ns, q = Driver(robot, settings), 10**12, []
-    start, turned = driver.posture.xyz_world, driver.posture.wxyz
+    start, turned = driver.state.xyz_world, driver.state.wxyz
     for seq, wish in enumerate(wishes):
         now_ns += TICK_NS
         orders = []
@@ -36,7 +36,7 @@ def driven(hands, wishes, limits=LIMITS, model=None):
             target = driver.follower.xyz + np.clip(start + wish - driver.follower.xyz, -0.15, 0.15)
             orders = [order(seq, now_ns, target, turned)]
         driver.step(orders, now_ns)
-        q.append(driver.posture.q)
+        q.append(driver.state.q_rad)
     return robot, np.array(q), ends_of(robot, np.array(q))
 
 
@@ -114,7 +114,7 @@ def test_no_limit_depends_on_what_the_inverse_kinematics_finds(seed):
     joints.ik.step, q = anywhere, []
     for k in range(300):
         way = rng.uniform(-1, 1, size=17) if k % 60 == 0 else way
-        joints.move(robot.posture().xyz_world, robot.posture().wxyz, DT_S)
+        joints.move(robot.state().xyz_world, robot.state().wxyz, DT_S)
         q.append(joints.q)
     xyz, arm = ends_of(robot, np.array(q)), joints.chain.arm
     assert least_m(robot, q, joints.chain.home)[0].min() >= LIMITS.collision_m - 1e-8
@@ -127,7 +127,7 @@ def test_no_limit_depends_on_what_the_inverse_kinematics_finds(seed):
 def at_speed(rng):
     """Joints of our robot that move as fast as they may."""
     robot = MujocoRobot(mujoco_model(None, ("right",)), ["right_hand"], LIMITS)
-    start, way = robot.posture(), rng.normal(size=3)
+    start, way = robot.state(), rng.normal(size=3)
     for k in range(40):
         robot.joints.move(start.xyz_world + 0.005 * k * way / np.linalg.norm(way), start.wxyz, DT_S)
     return robot
@@ -164,7 +164,7 @@ def test_no_step_is_taken_after_which_stopping_takes_longer_than_promised():
     """Joints that brake slowly move slowly: the robot stands 0.35 s after the last order, the watchdog included."""
     limits = replace(LIMITS, joint_acceleration_radps2=1.0, base_acceleration_mps2=0.2)
     robot = MujocoRobot(mujoco_model(None, ("right",)), ["right_hand"], limits)
-    start, longest = robot.posture(), 0
+    start, longest = robot.state(), 0
     for k in range(300):
         robot.joints.move(start.xyz_world + 0.005 * min(k, 60), start.wxyz, DT_S)
         longest = max(longest, robot.joints.resting()[1])
@@ -255,7 +255,7 @@ def test_both_arms_of_a_robot_that_stands_fixed_are_watched_whole():
     # all arm-to-arm pairs; every link and the torso, the floor
     assert sum(any("right" in a for a in pair) and any("left" in a for a in pair) for pair in names) == 9
     assert sum("torso" in pair for pair in names) == 6 and sum("floor" in pair for pair in names) == 6
-    spheres = robot.posture().spheres_world
+    spheres = robot.state().spheres_world
     assert spheres[:, 1].min() < -0.3 and spheres[:, 1].max() > 0.3 and (np.abs(spheres[:, :2]) < 0.2).all(axis=1).any()
 
 
@@ -284,7 +284,7 @@ def test_a_pair_that_overlaps_does_not_come_nearer():
     before = chain.distances(1.0)
     assert before.min() < 0
     for _ in range(50):
-        robot.joints.move(robot.posture().xyz_world + [[0, 0.1, 0], [0, -0.1, 0]], robot.posture().wxyz, DT_S)
+        robot.joints.move(robot.state().xyz_world + [[0, 0.1, 0], [0, -0.1, 0]], robot.state().wxyz, DT_S)
         chain.place(robot.joints.q)
     overlapping = before < 0
     assert (chain.distances(1.0)[overlapping] >= before[overlapping] - 1e-6).all()

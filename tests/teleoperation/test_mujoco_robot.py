@@ -1,15 +1,17 @@
 """The simulated robot: inverse kinematics against MuJoCo's own kinematics, limits of its joints, and no step when it engages."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from commanded import commanded
 
 pytest.importorskip("mujoco")
 pytest.importorskip("daqp")
 
 from posefuse.core import ConfigError
-from posefuse.teleoperation.robots.driver import Driver, Goal
-from posefuse.teleoperation.robots.mobile_manipulator import mobile_manipulator
-from posefuse.teleoperation.robots.mujoco_robot import MujocoRobot, mujoco_model, placed
+from posefuse.teleoperation.follower import Driver
+from posefuse.teleoperation.mujoco_robot import MujocoRobot, mobile_manipulator, mujoco_model, placed
 from posefuse.teleoperation.settings import LimitSettings, TeleoperationSettings
 from posefuse.teleoperation.values import Order, Phase
 
@@ -23,21 +25,14 @@ def robot(hands=("right",), place=None):
 
 def drive(made, xyz, wxyz=None, stands=False):
     """One control step; how far the commanded end effectors are from the goal then, m."""
-    wxyz = made.posture().wxyz if wxyz is None else wxyz
-    goal = Goal(
-        xyz_world=np.atleast_2d(xyz),
-        wxyz=wxyz,
-        velocity_world=np.full((len(wxyz), 3), 0.0 if stands else 0.1),
-        turn_rate_world=np.zeros((len(wxyz), 3)),
-        grip=np.zeros(len(wxyz), bool),
-        brakes=stands,
-    )
-    made.move(goal, DT_S)
-    return float(np.linalg.norm(made.posture().xyz_world - goal.xyz_world, axis=1).max())
+    wxyz = made.state().wxyz if wxyz is None else wxyz
+    speed = 0.0 if stands else 0.1
+    made.move(commanded(np.atleast_2d(xyz), wxyz, (speed, speed, speed), brakes=stands), DT_S)
+    return float(np.linalg.norm(made.state().xyz_world - xyz, axis=1).max())
 
 
 def order(seq, now_ns, xyz):
-    wxyz = np.tile(robot().posture().wxyz[:1], (len(xyz), 1))
+    wxyz = np.tile(robot().state().wxyz[:1], (len(xyz), 1))
     return Order(
         seq=seq, sent_ns=now_ns, phase=Phase.ENGAGED, xyz_world=xyz, wxyz=wxyz, speed_mps=0.5, grip=np.zeros(len(xyz), bool)
     )
@@ -60,7 +55,7 @@ def test_jacobians_agree_with_finite_differences():
 
 def test_a_path_is_followed_by_joints_within_their_limits():
     made = robot(place=placed((2.0, 1.0), 30.0))
-    start, wxyz, q = made.posture().xyz_world, made.posture().wxyz, made.posture().q
+    start, wxyz, q = made.state().xyz_world, made.state().wxyz, made.state().q_rad
     errors, steps = [], []
     for k in range(400):
         t = k * DT_S
@@ -68,17 +63,17 @@ def test_a_path_is_followed_by_joints_within_their_limits():
         ease = part**3 * (10 - 15 * part + 6 * part**2)
         wanted = start + ease * np.array([[0.15 * np.sin(1.5 * t), 0.2 * np.sin(t), 0.1 * np.sin(2 * t)]])
         errors.append(drive(made, wanted, wxyz))
-        after = made.posture()
-        steps.append(np.abs(after.q - q).max())
-        q = after.q
+        after = made.state()
+        steps.append(np.abs(after.q_rad - q).max())
+        q = after.q_rad
     assert max(errors) < 1e-5 and max(steps) <= LIMITS.joint_speed_radps * DT_S + 1e-9
     # the physics follow the commanded joints; 0.3 m/s here
-    assert np.linalg.norm(made.posture().measured_xyz_world - made.posture().xyz_world) < 5e-3
+    assert np.linalg.norm(made.state().measured_xyz_world - made.state().xyz_world) < 5e-3
 
 
 def test_the_arm_moves_first_and_the_base_when_it_is_stretched():
     made = robot()
-    start = made.posture().xyz_world
+    start = made.state().xyz_world
     for k in range(50):
         drive(made, start + [[0.001 * k, 0, 0]])
     assert np.abs(made.joints.q[:3]).max() < 1e-9
@@ -89,20 +84,20 @@ def test_the_arm_moves_first_and_the_base_when_it_is_stretched():
 def test_a_base_that_is_held_is_a_fault():
     """No joint of the arm shows it."""
     made = robot()
-    start, chain = made.posture().xyz_world, made.joints.chain
+    start, chain = made.state().xyz_world, made.joints.chain
     held = made.data.qpos[chain.qpos[0]]
     for k in range(400):
         drive(made, start + [[0.05 + 0.002 * k, 0, 0]])
         made.data.qpos[chain.qpos[0]], made.data.qvel[chain.dofs[0]] = held, 0.0
         chain.place(made.data.qpos[chain.qpos])
-        apart_m = np.linalg.norm(chain.positions() - made.posture().xyz_world)
-    assert apart_m > 0.15 and made.posture().fault == f"the end effector is {apart_m:.2f} m from where it was commanded"
+        apart_m = np.linalg.norm(chain.positions() - made.state().xyz_world)
+    assert apart_m > 0.15 and made.state().fault == f"the end effector is {apart_m:.2f} m from where it was commanded"
 
 
 def test_what_cannot_be_reached_is_reported_and_joint_limits_are_kept():
     made = robot()
     driver, chain, now_ns = Driver(made, TeleoperationSettings()), made.joints.chain, 10**12
-    start, state = made.posture(), driver.state(now_ns)
+    start, state = made.state(), replace(driver.state, sent_ns=now_ns)
     for k in range(400):
         now_ns += 10_000_000
         target = start.xyz_world + [[0, 0, min(0.003 * k, 0.9)]]
@@ -110,7 +105,7 @@ def test_what_cannot_be_reached_is_reported_and_joint_limits_are_kept():
         assert k > 100 or not state.limited
     assert state.limited == "the joints cannot follow"
     # what is reported as commanded is where the joints are
-    assert np.array_equal(state.xyz_world, made.posture().xyz_world)
+    assert np.array_equal(state.xyz_world, made.state().xyz_world)
     inside = (made.joints.q >= chain.low + LIMITS.joint_margin_rad - 1e-9) & (
         made.joints.q <= chain.high - LIMITS.joint_margin_rad + 1e-9
     )
@@ -119,7 +114,7 @@ def test_what_cannot_be_reached_is_reported_and_joint_limits_are_kept():
 
 def test_the_arm_does_not_go_into_its_own_base_or_the_floor():
     made = robot()
-    start = made.posture().xyz_world
+    start = made.state().xyz_world
     for way in ([-0.003, 0, -0.002], [0, 0, -0.004]):
         made = robot()
         for k in range(250):
@@ -129,25 +124,25 @@ def test_the_arm_does_not_go_into_its_own_base_or_the_floor():
 
 def test_standing_is_standing_to_the_last_bit():
     made = robot()
-    q = made.posture().q.copy()
+    q = made.state().q_rad.copy()
     for _ in range(50):
-        drive(made, made.posture().xyz_world, stands=True)
-    assert np.array_equal(made.posture().q, q)
-    assert np.linalg.norm(made.posture().measured_xyz_world - made.posture().xyz_world) < 1e-3
+        drive(made, made.state().xyz_world, stands=True)
+    assert np.array_equal(made.state().q_rad, q)
+    assert np.linalg.norm(made.state().measured_xyz_world - made.state().xyz_world) < 1e-3
 
 
 def test_two_arms_share_a_base():
     made = robot(("right", "left"))
-    start = made.posture().xyz_world
+    start = made.state().xyz_world
     errors = [drive(made, start + 0.0008 * k * np.array([[1.0, -0.3, 0.2], [1.0, 0.3, -0.1]])) for k in range(150)]
-    assert np.abs(made.posture().xyz_world - start).max() > 0.1 and errors[-1] < 1e-3
+    assert np.abs(made.state().xyz_world - start).max() > 0.1 and errors[-1] < 1e-3
 
 
 def test_spheres_cover_every_geom():
     import mujoco
 
     made = robot()
-    spheres, model, data = made.posture().spheres_world, made.model, made.data
+    spheres, model, data = made.state().spheres_world, made.model, made.data
     rng = np.random.default_rng(0)
     for g in range(model.ngeom):
         if int(model.geom_bodyid[g]) not in made.joints.chain.bodies:

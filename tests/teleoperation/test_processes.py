@@ -12,8 +12,7 @@ pytest.importorskip("mujoco")
 pytest.importorskip("daqp")
 
 from posefuse.core import ConfigError, SourceError
-from posefuse.teleoperation.robots.plan import RobotPlan
-from posefuse.teleoperation.session import RobotLink
+from posefuse.teleoperation.process import RobotLink, RobotPlan
 from posefuse.teleoperation.settings import TeleoperationSettings
 from posefuse.teleoperation.values import Order, Phase
 

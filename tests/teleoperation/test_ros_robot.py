@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from commanded import commanded
 from own_domain import own_domain
 
 pytest.importorskip("cyclonedds")
@@ -14,18 +15,17 @@ pytest.importorskip("daqp")
 
 from posefuse.core import SE3, ConfigError
 from posefuse.messages.body_messages import quaternion, vector
+from posefuse.messages.dds_domain import Network
 from posefuse.messages.intake import decode
 from posefuse.messages.messages import header
 from posefuse.messages.topics import TF, Topic
 from posefuse.messages.types import message
-from posefuse.teleoperation.robots.driver import Goal
-from posefuse.teleoperation.robots.mobile_manipulator import ARM_HOME_RAD, mobile_manipulator
-from posefuse.teleoperation.robots.plan import RosPlan
-from posefuse.teleoperation.robots.reports import OutletReporter
-from posefuse.teleoperation.robots.ros_robot import open_ros_robot
+from posefuse.teleoperation.mujoco_robot import ARM_HOME_RAD, mobile_manipulator
+from posefuse.teleoperation.ros import NAMESPACE, Reporter, RosPlan
+from posefuse.teleoperation.ros_robot import JOINT_STATES, open_ros_robot
 from posefuse.teleoperation.settings import RobotSettings, TeleoperationSettings
 
-PLAN = RosPlan(domain_id=own_domain(), local_only=True, cmd_vel="/cmd_vel")
+PLAN = RosPlan(network=Network(domain_id=own_domain(), local_only=True), cmd_vel="/cmd_vel")
 SETTINGS = TeleoperationSettings(robot=RobotSettings(position_xy_m=(2.0, 0.0), heading_deg=90.0))
 JOINTS = [f"right_j{i}" for i in range(1, 8)]
 
@@ -58,7 +58,7 @@ def robot_node():
     def publish():
         while not ended.wait(0.02):
             t_ns = time.time_ns()
-            node.publish(Topic(PLAN.joint_states, "sensor_msgs/msg/JointState"), joint_state(ARM_HOME_RAD), t_ns)
+            node.publish(Topic(JOINT_STATES, "sensor_msgs/msg/JointState"), joint_state(ARM_HOME_RAD), t_ns)
             node.publish(TF, message("tf2_msgs/msg/TFMessage", transforms=places), t_ns)
 
     thread = threading.Thread(target=publish)
@@ -82,27 +82,16 @@ def received(node, topic, act, wanted=lambda msg: True):
     pytest.fail(f"nothing on {topic.name}")
 
 
-def goal(posture, velocity=(0.0, 0.0, 0.0)):
-    return Goal(
-        xyz_world=posture.xyz_world,
-        wxyz=posture.wxyz,
-        velocity_world=np.array([velocity]),
-        turn_rate_world=np.zeros((1, 3)),
-        grip=np.array([False]),
-        brakes=False,
-    )
-
-
 @pytest.mark.parametrize("command", ["pose", "twist"])
 def test_a_cartesian_controller_gets_poses_or_velocities_in_its_base_frame(command):
     with robot_node() as node:
         robot = open_ros_robot(command, PLAN, None, ("tool",), SETTINGS)
-        posture = robot.posture()
+        state = robot.state()
         # the base stands at (2, 0), turned by a quarter
-        assert posture.xyz_world[0] == pytest.approx([2.0, 0.3, 0.5]) and not posture.fault
+        assert state.xyz_world[0] == pytest.approx([2.0, 0.3, 0.5]) and not state.fault
         name, kind = ("target", "PoseStamped") if command == "pose" else ("twist", "TwistStamped")
-        topic = Topic(f"{PLAN.namespace}/tool/{name}", f"geometry_msgs/msg/{kind}", depth=1)
-        got = received(node, topic, lambda: robot.move(goal(posture, (0.0, 0.2, 0.1)), 0.01))
+        topic = Topic(f"{NAMESPACE}/tool/{name}", f"geometry_msgs/msg/{kind}", depth=1)
+        got = received(node, topic, lambda: robot.move(commanded(state.xyz_world, state.wxyz, (0.0, 0.2, 0.1)), 0.01))
         assert got.header.frame_id == "base_link"
         if command == "pose":
             place = got.pose.position
@@ -122,8 +111,8 @@ def test_joints_of_our_inverse_kinematics_go_to_a_controller(tmp_path, controlle
     file.write_text(mobile_manipulator())
     with robot_node() as node:
         robot = open_ros_robot("joints", replace(PLAN, controller=controller), file, ("right_hand",), SETTINGS)
-        posture = robot.posture()
-        wanted = replace(goal(posture), xyz_world=posture.xyz_world + [[0.0, 0.002, 0.0]])
+        state = robot.state()
+        wanted = commanded(state.xyz_world + [[0.0, 0.002, 0.0]], state.wxyz)
         kind = "std_msgs/msg/Float64MultiArray" if controller.endswith("/commands") else "trajectory_msgs/msg/JointTrajectory"
         got = received(node, Topic(controller, kind, depth=1), lambda: robot.move(wanted, 0.01))
         if kind.endswith("Trajectory"):
@@ -131,8 +120,11 @@ def test_joints_of_our_inverse_kinematics_go_to_a_controller(tmp_path, controlle
             assert got.points[0].positions == pytest.approx(np.array(ARM_HOME_RAD), abs=0.5)
         else:
             assert got.data == pytest.approx(np.array(ARM_HOME_RAD), abs=0.5)
+        at_rest = commanded(state.xyz_world, state.wxyz)
         base = received(
-            node, Topic("/cmd_vel", "geometry_msgs/msg/TwistStamped", depth=1), lambda: robot.move(goal(posture), 0.01)
+            node,
+            Topic("/cmd_vel", "geometry_msgs/msg/TwistStamped", depth=1),
+            lambda: robot.move(at_rest, 0.01),
         )
         assert abs(base.twist.linear.x) <= 0.3
         robot.close()
@@ -141,9 +133,9 @@ def test_joints_of_our_inverse_kinematics_go_to_a_controller(tmp_path, controlle
 def test_a_robot_that_falls_silent_has_a_fault():
     with robot_node():
         robot = open_ros_robot("pose", PLAN, None, ("tool",), SETTINGS)
-        assert not robot.posture().fault
+        assert not robot.state().fault
     time.sleep(0.4)
-    assert "nothing new" in robot.posture().fault
+    assert "nothing new" in robot.state().fault
     robot.close()
 
 
@@ -159,7 +151,7 @@ def test_state_target_box_and_diagnostics_are_recorded(tmp_path):
 
     file = tmp_path / "robot.mcap"
     world = engaged_world(settings_for("point", roomy=False), 0)
-    reporter = OutletReporter(lambda: Recorder(file), world.settings, RosPlan())
+    reporter = Reporter(Recorder(file), world.settings)
     for _ in range(5):
         tick(world, set())
         reporter.take(world.state, world.driver.follower.order)

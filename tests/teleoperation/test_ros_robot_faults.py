@@ -2,11 +2,11 @@
 
 import signal
 from collections import defaultdict
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from commanded import commanded
 
 pytest.importorskip("rosbags")
 
@@ -18,11 +18,10 @@ from posefuse.messages.frames import Frames
 from posefuse.messages.messages import header
 from posefuse.messages.topics import TF, TF_STATIC
 from posefuse.messages.types import encode, message
-from posefuse.teleoperation.robots import process, ros_robot
-from posefuse.teleoperation.robots.driver import Goal
-from posefuse.teleoperation.robots.mobile_manipulator import ARM_HOME_RAD
-from posefuse.teleoperation.robots.plan import RosPlan
-from posefuse.teleoperation.robots.ros_robot import RosCartesian, RosJoints
+from posefuse.teleoperation import process, ros_robot
+from posefuse.teleoperation.mujoco_robot import ARM_HOME_RAD
+from posefuse.teleoperation.ros import RosPlan
+from posefuse.teleoperation.ros_robot import JOINT_STATES, RosCartesian, RosJoints
 from posefuse.teleoperation.settings import LimitSettings, TeleoperationSettings
 
 DT_S = 0.01
@@ -87,20 +86,13 @@ def cartesian(command, clock):
     node = Node()
     robot = RosCartesian(node, PLAN, command, ("tool",), PLACE)
     node.send(TF.name, tf_message(clock.s, *arm()))
-    assert robot.known() and not robot.posture().fault
+    assert robot.known() and not robot.state().fault
     return node, robot
 
 
-def goal(robot, velocity=(0.0, 0.0, 0.0), *, ahead=(0.0, 0.0, 0.0), turn_rate=(0.0, 0.0, 0.0)):
-    posture = robot.posture()
-    return Goal(
-        xyz_world=posture.xyz_world + [ahead],
-        wxyz=posture.wxyz,
-        velocity_world=np.array([velocity]),
-        turn_rate_world=np.array([turn_rate]),
-        grip=np.array([False]),
-        brakes=not any(velocity),
-    )
+def wanted(robot, velocity=(0.0, 0.0, 0.0), *, ahead=(0.0, 0.0, 0.0), turn_rate=(0.0, 0.0, 0.0)):
+    state = robot.state()
+    return commanded(state.xyz_world + [ahead], state.wxyz, velocity, turn_rate, brakes=not any(velocity))
 
 
 @pytest.mark.parametrize("command", ["pose", "twist"])
@@ -118,13 +110,13 @@ def goal(robot, velocity=(0.0, 0.0, 0.0), *, ahead=(0.0, 0.0, 0.0), turn_rate=(0
 def test_a_silent_robot_has_a_fault_however_busy_tf_is(clock, command, others):
     node, robot = cartesian(command, clock)
     for step in range(21):
-        assert step > 19 or not robot.posture().fault
+        assert step > 19 or not robot.state().fault
         clock.s += DT_S
         topic, msg = others(clock.s)
         node.send(topic.name, msg)
-    assert "nothing new of /tf from base_link to tool for 0.2 s" in robot.posture().fault
+    assert "nothing new of /tf from base_link to tool for 0.2 s" in robot.state().fault
     node.send(TF.name, tf_message(clock.s, *arm()))
-    assert not robot.posture().fault
+    assert not robot.state().fault
 
 
 def test_messages_without_a_stamp_count_by_their_arrival(clock):
@@ -132,14 +124,14 @@ def test_messages_without_a_stamp_count_by_their_arrival(clock):
     for _ in range(50):
         clock.s += DT_S
         node.send(TF.name, tf_message(0.0, *arm()))
-        assert not robot.posture().fault
+        assert not robot.state().fault
 
 
 def test_a_robot_whose_pose_comes_as_static_transforms_only_is_not_known_to_live(clock):
     node = Node()
     robot = RosCartesian(node, PLAN, "pose", ("tool",), PLACE)
     node.send(TF_STATIC.name, tf_message(clock.s, *arm()))
-    assert robot.known() and "nothing new" in robot.posture().fault
+    assert robot.known() and "nothing new" in robot.state().fault
 
 
 def test_the_path_between_two_frames_is_their_own_transforms():
@@ -153,9 +145,9 @@ def test_the_path_between_two_frames_is_their_own_transforms():
 @pytest.mark.parametrize(("x", "turned_rad", "fault"), [(0.62, 0.2, False), (0.67, 0.0, True), (0.5, 0.4, True)])
 def test_a_pose_that_is_not_followed_is_a_fault(clock, x, turned_rad, fault):
     node, robot = cartesian("pose", clock)
-    robot.move(goal(robot), DT_S)
+    robot.move(wanted(robot), DT_S)
     node.send(TF.name, tf_message(clock.s, *arm(x, turned_rad)))
-    assert bool(robot.posture().fault) == fault
+    assert bool(robot.state().fault) == fault
 
 
 def driven(clock, seconds, velocity, moved, turn_rate=0.0):
@@ -164,11 +156,11 @@ def driven(clock, seconds, velocity, moved, turn_rate=0.0):
     faults, start_s = [], clock.s
     for k in range(round(seconds / DT_S)):
         speed = velocity(k * DT_S) if callable(velocity) else velocity
-        robot.move(goal(robot, (0.0, speed, 0.0), turn_rate=(0.0, 0.0, turn_rate)), DT_S)
+        robot.move(wanted(robot, (0.0, speed, 0.0), turn_rate=(0.0, 0.0, turn_rate)), DT_S)
         clock.s += DT_S
         x, turned_rad = moved(clock.s - start_s)
         node.send(TF.name, tf_message(clock.s, *arm(0.5 + x, turned_rad)))
-        faults.append(robot.posture().fault)
+        faults.append(robot.state().fault)
     return faults
 
 
@@ -193,17 +185,17 @@ def test_a_robot_that_follows_twists_late_and_drifts_has_no_fault(clock):
 
 def test_the_position_of_a_robot_that_stands_counts_as_commanded_after_twists(clock):
     _, robot = cartesian("twist", clock)
-    robot.move(goal(robot, (0.0, 0.1, 0.0), ahead=(0.0, 0.05, 0.0)), DT_S)
-    ahead = robot.posture().xyz_world
+    robot.move(wanted(robot, (0.0, 0.1, 0.0), ahead=(0.0, 0.05, 0.0)), DT_S)
+    ahead = robot.state().xyz_world
     assert ahead == pytest.approx(np.array([[2.0, 0.55, 0.5]]))
-    robot.move(goal(robot), DT_S)
-    assert robot.posture().xyz_world == pytest.approx(np.array([[2.0, 0.5, 0.5]]))
+    robot.move(wanted(robot), DT_S)
+    assert robot.state().xyz_world == pytest.approx(np.array([[2.0, 0.5, 0.5]]))
 
 
 @pytest.mark.parametrize("command", ["pose", "twist"])
 def test_a_robot_that_is_left_gets_zero_velocity(clock, command):
     node, robot = cartesian(command, clock)
-    robot.move(goal(robot, (0.1, 0.2, 0.3)), DT_S)
+    robot.move(wanted(robot, (0.1, 0.2, 0.3)), DT_S)
     moving = len(node.sent)
     robot.close()
     robot.close()
@@ -228,14 +220,14 @@ def jointed(clock):
     """A mobile manipulator whose arm is driven in its joints."""
     pytest.importorskip("mujoco")
     pytest.importorskip("daqp")
-    from posefuse.teleoperation.robots.kinematics import Chain
-    from posefuse.teleoperation.robots.mujoco_robot import mujoco_model
+    from posefuse.teleoperation.kinematics import Chain
+    from posefuse.teleoperation.mujoco_robot import mujoco_model
 
     node = Node()
     chain = Chain(mujoco_model(None, ("right",)), ("right_hand",), LimitSettings().collision_m)
     robot = RosJoints(node, PLAN, chain, LimitSettings(), PLACE)
-    node.send(PLAN.joint_states, joint_state(clock.s, ARM_HOME_RAD))
-    assert robot.known() and not robot.posture().fault
+    node.send(JOINT_STATES, joint_state(clock.s, ARM_HOME_RAD))
+    assert robot.known() and not robot.state().fault
     return node, robot
 
 
@@ -259,21 +251,21 @@ def test_only_new_positions_of_all_joints_show_that_it_lives(clock, jointed, oth
     node, robot = jointed
     for _ in range(21):
         clock.s += DT_S
-        node.send(PLAN.joint_states, others(clock.s))
-        robot.posture()
-    assert bool(robot.posture().fault) == fault
+        node.send(JOINT_STATES, others(clock.s))
+        robot.state()
+    assert bool(robot.state().fault) == fault
 
 
 def test_the_distance_is_kept_from_where_the_joints_are_and_from_where_they_are_to_be(clock, jointed):
     node, robot = jointed
-    before = robot.posture().spheres_world
-    node.send(PLAN.joint_states, joint_state(clock.s + DT_S, np.array(ARM_HOME_RAD) + 0.1))
-    posture = robot.posture()
-    assert not posture.fault
-    apart = np.linalg.norm(posture.spheres_world[:, None, :3] - before[None, :, :3], axis=2)
+    before = robot.state().spheres_world
+    node.send(JOINT_STATES, joint_state(clock.s + DT_S, np.array(ARM_HOME_RAD) + 0.1))
+    state = robot.state()
+    assert not state.fault
+    apart = np.linalg.norm(state.spheres_world[:, None, :3] - before[None, :, :3], axis=2)
     # all that was covered still is, and the measured arm too
     assert (apart.min(axis=0) < 1e-9).all() and apart.min(axis=1).max() > 0.05
-    hand = np.linalg.norm(posture.spheres_world[:, :3] - posture.measured_xyz_world, axis=1) - posture.spheres_world[:, 3]
+    hand = np.linalg.norm(state.spheres_world[:, :3] - state.measured_xyz_world, axis=1) - state.spheres_world[:, 3]
     assert hand.min() < 0.1
 
 
@@ -297,10 +289,9 @@ def refusal(trajectory, now_s):
 
 def moving(robot):
     """A robot at speed, and its last trajectory."""
-    start = robot.posture()
+    start = robot.state()
     for k in range(1, 31):
-        wanted = replace(goal(robot, (0.0, 0.1, 0.0)), xyz_world=start.xyz_world + [[0.0, 0.001 * k, 0.0]], wxyz=start.wxyz)
-        robot.move(wanted, DT_S)
+        robot.move(commanded(start.xyz_world + [[0.0, 0.001 * k, 0.0]], start.wxyz, (0.0, 0.1, 0.0)), DT_S)
     return next(msg for msg in robot._node.sent[::-1] if hasattr(msg, "points"))
 
 
@@ -324,10 +315,9 @@ def test_every_trajectory_is_one_that_a_controller_takes_and_ends_at_rest(clock,
 def test_a_trajectory_does_not_brake_beyond_the_joints_limits(jointed):
     """It ends where the checked stop ends, also where the robot is driven against a limit."""
     node, robot = jointed
-    chain, start = robot.joints.chain, robot.posture()
+    chain, start = robot.joints.chain, robot.state()
     for k in range(1, 300):
-        up = replace(goal(robot, (0.0, 0.0, 0.3)), xyz_world=start.xyz_world + [[0.0, 0.0, 0.003 * k]], wxyz=start.wxyz)
-        robot.move(up, DT_S)
+        robot.move(commanded(start.xyz_world + [[0.0, 0.0, 0.003 * k]], start.wxyz, (0.0, 0.0, 0.3)), DT_S)
     ends = np.array([msg.points[-1].positions for msg in node.sent if hasattr(msg, "points")])
     assert (ends <= chain.high[chain.arm]).all() and (ends >= chain.low[chain.arm]).all()
 
@@ -343,7 +333,7 @@ def test_a_mobile_base_is_left_with_zero_velocity(jointed):
 
 def test_a_driver_that_fails_leaves_a_robot_without_velocity(clock, monkeypatch):
     node, robot = cartesian("twist", clock)
-    robot.move(goal(robot, (0.1, 0.2, 0.3)), DT_S)
+    robot.move(wanted(robot, (0.1, 0.2, 0.3)), DT_S)
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, *REQUESTS_TO_END)}
 
     def fail(*_):
@@ -363,5 +353,5 @@ def test_a_driver_that_fails_leaves_a_robot_without_velocity(clock, monkeypatch)
 def test_a_base_that_no_message_reports_counts_as_where_it_was_driven(jointed):
     _, robot = jointed
     robot.joints.begin(robot.joints.q + np.where(robot.joints.chain.arm, 0.0, 0.2))
-    posture = robot.posture()
-    assert posture.measured_xyz_world == pytest.approx(posture.xyz_world)
+    state = robot.state()
+    assert state.measured_xyz_world == pytest.approx(state.xyz_world)

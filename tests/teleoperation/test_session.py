@@ -15,6 +15,7 @@ STILL = RobotState(
     xyz_world=np.zeros((1, 3)),
     wxyz=np.array([[1.0, 0, 0, 0]]),
     velocity_world=np.zeros((1, 3)),
+    turn_rate_world=np.zeros((1, 3)),
     measured_xyz_world=np.zeros((1, 3)),
     q_rad=np.zeros(7),
     spheres_world=np.zeros((1, 4)),

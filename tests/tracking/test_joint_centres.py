@@ -10,7 +10,7 @@ from posefuse.core import JointCentres, Kind, PoseSequence, Recording
 from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse.detection import read_card
 from posefuse.formats.joint_centres import read_joint_centres
-from posefuse.tracking import at_joint_centres, from_joint_centres, to_joint_centres, views_at_joint_centres
+from posefuse.tracking import ViewsAtJointCentres, at_joint_centres, from_joint_centres, to_joint_centres
 from posefuse.tracking.body_directions import keypoint_of
 from posefuse.tracking.joint_centres import JOINTS, SIDES, joint_directions
 from posefuse.tracking.segments import segment_lengths
@@ -231,9 +231,13 @@ def test_views_of_landmarks_become_views_of_joint_centres(ring_rig) -> None:
     known[2, 1, knee] = np.nan
     score = np.isfinite(seen[..., 0]) * 1.0
     recording = Recording.from_views(rig, replace(centres, xyz_world=known), mixed, score, np.where(score > 0, 2.0, np.nan))
-    moved = views_at_joint_centres(recording.poses, recording.rig, recording.views, table)
+    rays = ViewsAtJointCentres(recording.poses, recording.rig, recording.views_in_parts, table)
+    moved = rays.part(slice(None))
     known_px = np.isfinite(seen[..., 0])
     known_px[2, 1] = False  # the thigh's directions are unknown there
     np.testing.assert_allclose(moved.xy_img[known_px], expected[known_px], atol=0.02)
     np.testing.assert_allclose(moved.xy_img[2, 1, :, knee], expected[2, 1, :, knee], atol=0.5)
     assert np.abs(seen[2, 1, :, knee] - expected[2, 1, :, knee]).max() > 1.0
+    # the missing one is bridged from both sides, wherever a part begins or ends
+    for steps in (slice(0, 2), slice(2, 3), slice(2, None), slice(3, 99)):
+        np.testing.assert_array_equal(rays.part(steps).xy_img, moved.xy_img[steps])

@@ -1,9 +1,11 @@
+import tracemalloc
+
 import numpy as np
 import pytest
 from smoothing import COCO, measured, white_jerk
 
 from posefuse.core import Kind, Pose3D, PoseSequence, ShapeError
-from posefuse.tracking import SmoothSettings, cutoff_hz, smooth
+from posefuse.tracking import SmoothSettings, cutoff_hz, smooth, smooth_in_place
 from posefuse.tracking.smoothing import _jerk_density
 
 RATE_HZ = 60.0
@@ -138,6 +140,25 @@ def test_errors_that_last_are_stated_and_not_averaged_away(share, lasts_s):
     np.testing.assert_array_equal(*with_bones)
 
 
+def test_bones_keep_their_length_unless_the_settings_say_otherwise():
+    """Two rigid bodies of different size that turn slowly: by default their bones hold each person's own lengths."""
+    one, two = COCO.bone_indices.T
+    angle = 0.5 * times_ns(240)[:, None, None] * 1e-9
+    body = np.random.default_rng(6).normal(size=(2, 17, 3)) * [[[0.3]], [[0.4]]]
+    turned = (
+        body[..., 0] * np.cos(angle) - body[..., 1] * np.sin(angle),
+        body[..., 0] * np.sin(angle) + body[..., 1] * np.cos(angle),
+    )
+    truth = np.stack([*turned, np.broadcast_to(body[..., 2], turned[0].shape)], axis=-1)
+    seen = truth + np.random.default_rng(7).normal(size=truth.shape) @ np.linalg.cholesky(NOISE).T
+    off_m = {}
+    for settings in (SmoothSettings(), LOOSE):
+        xyz = smooth(sequence(seen), settings).xyz_world
+        lengths, true = (np.linalg.norm(points[..., one, :] - points[..., two, :], axis=-1) for points in (xyz, truth))
+        off_m[settings.bones] = np.sqrt(np.mean((lengths - true) ** 2))
+    assert off_m[True] < 0.85 * off_m[False]
+
+
 def test_uncertain_time_steps_are_followed_less():
     _, seen = wander(200)
     cov = np.broadcast_to(NOISE, (200, 1, 17, 3, 3)).copy()
@@ -179,3 +200,18 @@ def test_people_who_come_and_go_get_rows_throughout():
 def test_no_pose_at_all_is_an_error():
     with pytest.raises(ShapeError, match="at least 1 pose"):
         PoseSequence.from_poses([])
+
+
+def test_smoothing_in_place_takes_no_second_copy_of_a_long_recording():
+    _, seen = wander(3000, people=4)
+    poses = sequence(seen)
+    expected = smooth(poses, LOOSE).xyz_world
+    xyz, cov = poses.xyz_world.copy(), poses.cov_world.copy()
+    tracemalloc.start()
+    try:
+        smooth_in_place(poses.t_ns, COCO, xyz, cov, LOOSE)
+        most = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert most < 0.5 * (xyz.nbytes + cov.nbytes)
+    np.testing.assert_array_equal(xyz, expected)

@@ -16,7 +16,7 @@ from posefuse.core import Kind, PoseSequence, Truth
 from posefuse.evaluation.metrics import joint_errors, typical_nees
 from posefuse.formats.recording import read_recording
 from posefuse.formats.truth import read_truth
-from posefuse.foundation.folder_mark import MARK_FILE
+from posefuse.foundation.output_folder import MARK_FILE
 from posefuse.pipeline.solve import solve_again
 
 pytestmark = pytest.mark.usefixtures("models")

@@ -21,7 +21,7 @@ from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.world import ThreePoints
 from posefuse.calibration.intrinsics import board
 from posefuse.calibration.person.scale import KnownLength
-from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
+from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration, after
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.description import read_target
 from posefuse.calibration.targets.detection import detect_corners
@@ -37,9 +37,16 @@ from posefuse.calibration.targets.recordings import (
 from posefuse.core import SE3, CalibrationError, InputError, Progress
 from posefuse.core.arrays import Array
 from posefuse.formats.rig import rescaled_cameras
+from posefuse.health.background import background_of
 from posefuse.pipeline.clock_calibration import person_in_session
 from posefuse.pipeline.config import CONFIG_FILE, changed_config, read_config
-from posefuse.pipeline.person_calibration import check_recordings, find_person, frame_periods_s, solve_person
+from posefuse.pipeline.person_calibration import (
+    background_of_person,
+    check_recordings,
+    find_person,
+    frame_periods_s,
+    solve_person,
+)
 
 from .arguments import checked, shown
 from .calibration_results import ClockCalibration, IntrinsicsCalibration, RigCalibration, RigVerification
@@ -68,7 +75,8 @@ def observe_target(
         InputError: a path that does not exist, or is neither a video nor a folder of images.
     """
     with shown(progress) as report:
-        return observe_sources(open_sources(inputs), target_of(target), every, report)
+        seen = observe_sources(open_sources(inputs), target_of(target), every, report)
+    return replace(seen, recordings=tuple(paths_by_camera(inputs).items()))
 
 
 @checked
@@ -188,6 +196,7 @@ def calibrate_extrinsics(
         with shown(progress) as report:
             seen = observe_sources(sources, with_floor(kind, floor), every, report)
         require_target_seen(seen, sources, kind)
+        seen = replace(seen, recordings=tuple(paths_by_camera(inputs).items()))
     observations, world = world_rule(floor, seen, kind)
     limits = replace(LIMITS, distance_m=(0.0, np.inf)) if any_size else LIMITS
     options = Options(clocks=clocks, limits=limits, own_intrinsics=lenses is None)
@@ -199,13 +208,17 @@ def calibrate_extrinsics(
     sigma = start_sigma(cameras) if lenses is None else lens_sigma(focal_known_to_percent, cameras)
     options = replace(options, lens_sigma=sigma)
     try:
-        found = moving_target.calibrate_extrinsics(observations, cameras, kind, options, world, tuple(upside_down))
+        found = after(
+            background_of(open_sources(dict(seen.recordings)), cameras).report,
+            lambda: moving_target.calibrate_extrinsics(observations, cameras, kind, options, world, tuple(upside_down)),
+        )
     except RefusedCalibration as refused:
         if not keep_refused or refused.kept is None:
             for note in rescaled:
                 refused.add_note(note)
             raise
-        found = refused.kept
+        names = ", ".join(check.name for check in refused.report.failed)
+        found = replace(refused.kept, report=refused.report, rig=replace(refused.kept.rig, refused=names))
     (offset_s, drift), (offset_sigma_s, drift_sigma) = found.delay_s.T, found.delay_sigma_s.T
     estimate = ClockEstimate(offset_s, drift, offset_sigma_s, drift_sigma, found.middle_ns / 1e9)
     return RigCalibration(
@@ -262,16 +275,20 @@ def calibrate_person(
     length = _known_length(height_m, camera_distance, chosen)
     cameras = tuple(replace(camera, cam_from_world=SE3.identity()) for camera in chosen)
     config = changed_config(read_config(None), dict(settings or {}))
-    with shown(progress) as report:
+
+    def solve(report: Progress) -> RigCalibration:
         seen = find_person(
             paths, cameras, length, detector=config.detector, rate_hz=rate_hz, clocks=clocks, most_s=max_offset_s, progress=report
         )
         found, estimate = solve_person(seen, length, with_drift=clocks == "drift", upside_down=upside_down)
-    # the intrinsics as they were given: videos of another size are fitted again wherever they are read
-    poses = {camera.name: camera.cam_from_world for camera in found.rig}
-    placed = replace(found.rig, cameras=tuple(replace(camera, cam_from_world=poses[camera.name]) for camera in cameras))
-    periods_s = () if estimate is None else frame_periods_s(paths, rate_hz)
-    return RigCalibration(rig=rig_of(placed), report=found.report, clocks=estimate, frame_period_s=periods_s)
+        # the intrinsics as they were given: videos of another size are fitted again wherever they are read
+        poses = {camera.name: camera.cam_from_world for camera in found.rig}
+        placed = replace(found.rig, cameras=tuple(replace(camera, cam_from_world=poses[camera.name]) for camera in cameras))
+        periods_s = () if estimate is None else frame_periods_s(paths, rate_hz)
+        return RigCalibration(rig=rig_of(placed), report=found.report, clocks=estimate, frame_period_s=periods_s)
+
+    with shown(progress) as report:
+        return after(background_of_person(paths, cameras), lambda: solve(report))
 
 
 @checked
@@ -314,7 +331,7 @@ def calibrate_clocks(
     config = changed_config(read_config(path if path.is_file() else None), changes)
     with shown(progress) as report:
         seen = person_in_session(folder, config, seconds, report)
-        found = clocks_from_person(seen.rig, seen.tracks, max_offset_s, drift)
+        found = after(seen.background, lambda: clocks_from_person(seen.rig, seen.tracks, max_offset_s, drift))
     return ClockCalibration(rig=rig_of(seen.rig), clocks=found.clocks, report=found.report, frame_period_s=seen.frame_period_s)
 
 

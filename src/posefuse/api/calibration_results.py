@@ -20,8 +20,7 @@ from posefuse.core import CalibrationError, Camera, InputError
 from posefuse.core import Rig as CoreRig
 from posefuse.core.arrays import Array
 from posefuse.formats.rig import read_rig
-from posefuse.foundation.atomic import write_text
-from posefuse.foundation.output_file import check_output_file
+from posefuse.foundation.output_file import check_output_file, write_text
 from posefuse.foundation.summary import Block, Heading, Table
 from posefuse.pipeline.config import read_config
 

@@ -23,7 +23,7 @@ from posefuse.evaluation.fitting import (
 )
 from posefuse.formats.joint_centres import joint_centres_text
 from posefuse.formats.truth import read_truth
-from posefuse.foundation.atomic import write_text
+from posefuse.foundation.output_file import write_text
 from posefuse.foundation.summary import Block, Facts, Heading
 from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.config import CameraInput, TrackConfig

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -27,7 +26,7 @@ from posefuse.core import (
     Progress,
     SourceError,
 )
-from posefuse.foundation.channel import Channel, ChannelClosed, started_program
+from posefuse.foundation.worker import Worker
 from posefuse.realtime.controls import AddOutput, KeepVideos, NamePerson, RemoveOutput, Request, ShowImages
 
 from .arguments import shown
@@ -84,8 +83,7 @@ class LiveSession:
         self._given_ns: int | None = None
         self._ended = False
         self._error: PosefuseError | None = None
-        self._channel: Channel | None = None
-        self._process: subprocess.Popen[bytes] | None = None
+        self._worker: Worker | None = None
 
     def __enter__(self) -> Self:
         """Start the session and wait for its first output tick.
@@ -94,13 +92,14 @@ class LiveSession:
             PosefuseError: what keeps it from beginning, e.g. a camera that cannot be opened.
         """
         from posefuse.realtime.networks import fetch_networks
+        from posefuse.realtime.serve import serve
 
         # once and here: every camera process would download what is missing for itself
         with shown(self._progress) as report:
             fetch_networks(self._plan.config.detector, report)
-        self._process, self._channel = started_program("posefuse.realtime.serve")
-        self._channel.send(replace(self._plan, images=self.on_image is not None), _START_S)
-        threading.Thread(target=self._hear, args=(self._channel,), daemon=True).start()
+        self._worker = Worker(serve)
+        self._worker.start(replace(self._plan, images=self.on_image is not None))
+        threading.Thread(target=self._hear, args=(self._worker,), daemon=True).start()
         try:
             self._wait(_START_S)
         except BaseException:
@@ -144,12 +143,12 @@ class LiveSession:
     @property
     def ended(self) -> bool:
         """Whether no more poses will come."""
-        return self._ended or (self._process is not None and self._process.poll() is not None)
+        return self._ended or (self._worker is not None and not self._worker.running)
 
     @property
     def pid(self) -> int | None:
         """Of the session's process; None before it begins."""
-        return self._process.pid if self._process is not None else None
+        return self._worker.pid if self._worker is not None else None
 
     def show_images(self, rate_hz: float) -> None:
         """Give `on_image`, which was set before the session began, so many images per second and camera; 0: none."""
@@ -192,27 +191,18 @@ class LiveSession:
         self._ask(NamePerson(person_id, name.strip()))
 
     def _ask(self, request: Request) -> None:
-        if self._channel is None:
+        if self._worker is None:
             raise SourceError("live: the session has not begun")
-        with suppress(ChannelClosed):
-            self._channel.send(request, _SEND_S)
+        self._worker.send(request, _SEND_S)
 
     def close(self) -> None:
         """End the session; safe to call twice."""
-        if self._channel is not None:
+        if self._worker is not None:
             from posefuse.realtime.serve import StopSession
 
-            with suppress(ChannelClosed):
-                self._channel.send(StopSession(), _SEND_S)
-        if self._process is not None:
-            try:
-                self._process.wait(_END_S)
-            except subprocess.TimeoutExpired:
-                self._process.kill()
-                self._process.wait(_END_S)
+            self._worker.send(StopSession(), _SEND_S)
+            self._worker.end(_END_S)
         self._ended = True
-        if self._channel is not None:
-            self._channel.close()
 
     def _wait(self, timeout_s: float | None) -> LivePose | None:
         """The newest pose that was not given yet; None when the session is over."""
@@ -222,10 +212,8 @@ class LiveSession:
             while not self._ended and not self._is_new():
                 self._changed.wait(0.2)
                 waited_s += 0.2
-                if self._process is not None and self._process.poll() is not None and not self._ended:
-                    self._changed.wait(0.5)
-                    if not self._ended:
-                        raise SourceError(f"live: the session's process ended with exit code {self._process.returncode}")
+                if self._worker is not None and self._worker.trouble and not self._ended:
+                    raise SourceError(f"live: the session's {self._worker.trouble}")
                 if timeout_s is not None and waited_s > timeout_s:
                     raise SourceError(f"live: the session did not begin within {timeout_s:g} s")
             if self._error is not None:
@@ -235,17 +223,19 @@ class LiveSession:
     def _is_new(self) -> bool:
         return self._newest is not None and self._newest.pose.t_ns != self._given_ns
 
-    def _hear(self, channel: Channel) -> None:
+    def _hear(self, worker: Worker) -> None:
         """What the session sends, until it is over."""
         from posefuse.realtime.serve import Ended, NewsLine
 
-        with shown(self._progress) as report, suppress(ChannelClosed, OSError, ValueError):
-            while not self._ended:
-                channel.wait(_LOOK_S)
-                while (message := channel.receive()) is not None:
+        with shown(self._progress) as report:
+            while worker.running and not self._ended:
+                worker.wait(_LOOK_S)
+                while (message := worker.receive()) is not None:
                     if isinstance(message, NewsLine):
                         self.news.append(message.line)
-                        report("live", 0, None, message.line)
+                        # a terminal that was closed
+                        with suppress(OSError, ValueError):
+                            report("live", 0, None, message.line)
                     elif isinstance(message, LiveDetections):
                         self._views[message.detections.camera] = message.detections
                     elif isinstance(message, LivePreview):

@@ -19,8 +19,8 @@ from posefuse.formats.page import Line, Page, Plot, Plots, Series, Spikes, write
 from posefuse.formats.rig import read_placed_rig, rig_warnings
 from posefuse.foundation.output_file import check_output_file
 from posefuse.foundation.output_folder import check_replaceable, output_folder
+from posefuse.foundation.parsing import plain
 from posefuse.foundation.places import real_path
-from posefuse.foundation.plain_values import plain
 from posefuse.foundation.plugins import plugin_config
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.foundation.summary import MISSING, Block, Facts, Heading, Note, Table

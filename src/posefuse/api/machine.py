@@ -15,10 +15,10 @@ from typing import Any
 from posefuse.core import ModelError, Progress
 from posefuse.detection import default_cards, list_cards, status
 from posefuse.detection.models import ModelCard, fetch_all, holds, model_path, read_card
+from posefuse.foundation.places import default_cache_dir
 from posefuse.foundation.platform import display, usable_cores, usb_cameras
 from posefuse.foundation.plugins import GROUPS, list_plugins, option_names
 from posefuse.foundation.summary import Block, Heading, Note, Table
-from posefuse.foundation.user_cache import default_cache_dir
 
 from .arguments import shown
 
@@ -230,7 +230,7 @@ def _models() -> list[MachineCheck]:
 
 def _rendering() -> list[MachineCheck]:
     from posefuse.core import DependencyError
-    from posefuse.simulation.render.backend import working_backend
+    from posefuse.simulation.render.stage import working_backend
 
     name = "rendering (simulator)"
     try:

@@ -15,8 +15,7 @@ from posefuse import core
 from posefuse.core import InputError, PosefuseError, Progress, Rig, SourceError
 from posefuse.formats.kept_video import VIDEOS_FOLDER
 from posefuse.formats.rig import read_rig, write_rig
-from posefuse.foundation.folder_mark import read_mark
-from posefuse.foundation.output_folder import check_replaceable, find_unfinished, output_folder
+from posefuse.foundation.output_folder import check_replaceable, find_unfinished, output_folder, read_mark
 from posefuse.foundation.summary import Block, Heading, Note, Table
 from posefuse.realtime.camera_feed import CameraFeed
 from posefuse.realtime.capture import LiveInput

@@ -15,8 +15,7 @@ from posefuse.calibration.targets.description import described_target, write_tar
 from posefuse.calibration.targets.kinds import Chessboard, Markers, Target
 from posefuse.calibration.targets.printing import board_sheets, cube_sheets, marker_sheets, write_pdf
 from posefuse.core import InputError
-from posefuse.foundation.atomic import atomic_file
-from posefuse.foundation.output_file import check_output_file, keep_copy
+from posefuse.foundation.output_file import atomic_file, check_output_file, keep_copy
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,9 +13,8 @@ from .arguments import shown
 from .live import LiveSession
 
 if TYPE_CHECKING:
-    from posefuse.teleoperation.operator import Operator
-    from posefuse.teleoperation.robots.plan import RosPlan
-    from posefuse.teleoperation.session import Summary
+    from posefuse.teleoperation.ros import RosPlan
+    from posefuse.teleoperation.session import Operator, Summary
     from posefuse.teleoperation.settings import TeleoperationSettings
     from posefuse.teleoperation.switches import DeadMan
     from posefuse.teleoperation.values import CameraReport, Order
@@ -92,8 +91,8 @@ def teleoperate(
         >>> pf.teleoperate(session, deadman="web", robot="sim").engagements  # doctest: +SKIP
     """
     from posefuse.foundation.output_file import check_output_file
-    from posefuse.teleoperation.robots.plan import RobotPlan
-    from posefuse.teleoperation.session import RobotLink, run_control_loop
+    from posefuse.teleoperation.process import RobotLink, RobotPlan
+    from posefuse.teleoperation.session import run_control_loop
     from posefuse.teleoperation.settings import TeleoperationSettings
 
     settings = settings or TeleoperationSettings()

@@ -241,7 +241,7 @@ def solve(
     with shown(progress) as report:
         note = lines_of(report, "solve")
         used = _edits(path, earlier, edits, exclude, keep_person, note)
-        sinks = build_sinks(chosen.outputs)
+        sinks = build_sinks(chosen.outputs, earlier.poses.skeleton)
         with output_folder(place, command="track", inputs=inputs, replace=replace) as folder, compiling("tracking", note):
             recording = solve_again(earlier, chosen, clock, used)
             if REFINED in recording.provenance:

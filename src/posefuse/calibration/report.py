@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any, Literal
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal, TypeVar
 
 from posefuse.core import CalibrationError
 from posefuse.foundation.summary import Block, Cell, Heading, Note, Table
 
+Result = TypeVar("Result")
 CheckKind = Literal["record", "clocks", "drift", "lenses", "rig", "upside down", "input"]
 
 
@@ -86,3 +87,24 @@ class RefusedCalibration(CalibrationError):
         super().__init__(f"{report.subject}: {first.name}: {first.line}{more}")
         self.report = report
         self.kept = kept
+
+
+def after(first: CalibrationReport, solve: Callable[[], Result]) -> Result:
+    """What a calibration finds (a dataclass with a `report`), with the checks and notes of its input in front of its own.
+
+    Raises:
+        RefusedCalibration: of the calibration, or a check of its input fails; then `kept` is what the calibration found.
+    """
+    try:
+        found: Any = solve()
+    except RefusedCalibration as refused:
+        raise RefusedCalibration(_joined(first, refused.report), refused.kept) from None
+    report = _joined(first, found.report)
+    if report.failed:
+        raise RefusedCalibration(report, found)
+    result: Result = replace(found, report=report)
+    return result
+
+
+def _joined(first: CalibrationReport, then: CalibrationReport) -> CalibrationReport:
+    return replace(then, checks=(*first.checks, *then.checks), notes=(*first.notes, *then.notes))

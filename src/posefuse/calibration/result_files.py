@@ -12,8 +12,7 @@ from posefuse.core import Rig
 from posefuse.core.arrays import Array
 from posefuse.formats.page import write_page
 from posefuse.formats.rig import write_rig
-from posefuse.foundation.atomic import atomic_file
-from posefuse.foundation.output_file import keep_copy
+from posefuse.foundation.output_file import atomic_file, keep_copy
 
 from .clocks.sync import ClockEstimate
 from .report import CalibrationReport

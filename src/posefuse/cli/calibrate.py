@@ -449,6 +449,8 @@ def calibrate_clocks(session: Path, /, *, options: ClockOptions = ClockOptions()
     Args:
         session: As for `posefuse track`: a folder with the calibration file and the recordings.
     """
+    from posefuse.pipeline.config import CONFIG_FILE
+
     from .asked import Asked, check_files, reported
 
     check_files((options.rig,), (("--report", options.report),), force=options.force)
@@ -469,9 +471,8 @@ def calibrate_clocks(session: Path, /, *, options: ClockOptions = ClockOptions()
     if options.report is not None:
         found.save_report(options.report, replace=options.force)
     settings = _save_clocks(session, found, terminal)
-    terminal.next(
-        f"posefuse track {session} --out RESULT", "uses the clocks found" if settings else "the clocks need no correction"
-    )
+    needed = f"add the offsets to {session / CONFIG_FILE} first" if found.clock_settings else "the clocks need no correction"
+    terminal.next(f"posefuse track {session} --out RESULT", "uses the clocks found" if settings else needed)
     return {"settings": settings, **found.report.numbers}
 
 

@@ -118,7 +118,7 @@ def live(
     outputs: OutputOptions = OutputOptions(),
     ros_2: Ros2Options = Ros2Options(),
     settings: LiveOptions = LiveOptions(),
-    videos: Annotated[Path | None, Parameter(metavar="DIR")] = None,
+    videos: Annotated[Path | None, Parameter(metavar="DIR", group=OUTPUTS)] = None,
     terminal: Shown,
 ) -> Figures:
     """Track live: cameras, streams, videos or the simulator in, 3D skeletons out 100 times a second.

@@ -46,7 +46,7 @@ def _run(invocation: Invocation, requests: StopRequests) -> int:
     try:
         # imports numpy and more: Ctrl-C meanwhile is one line, too
         from posefuse.core import PosefuseError
-        from posefuse.foundation.atomic import is_disk_full
+        from posefuse.foundation.output_file import is_disk_full
 
         try:
             interrupted, code = _command(invocation)

@@ -27,8 +27,7 @@ from .options import (
 from .terminal import Terminal
 
 if TYPE_CHECKING:
-    from posefuse.teleoperation.operator import Operator
-    from posefuse.teleoperation.session import Summary
+    from posefuse.teleoperation.session import Operator, Summary
     from posefuse.teleoperation.values import Order
 
 HAND, ROBOT, ROBOT_ROS = map(Group.create_ordered, ("Hand", "Robot", "Robot over ROS"))
@@ -139,8 +138,9 @@ def teleoperate(
     Args:
         rig: Calibration file of the cameras.
     """
+    from posefuse.messages.dds_domain import Network
     from posefuse.pipeline.config import read_changed
-    from posefuse.teleoperation.robots.plan import RosPlan
+    from posefuse.teleoperation.ros import RosPlan
 
     if ros.command and not (ros.ros or ros.ros1):
         raise ConfigError(f"--command {ros.command}: needs --ros or --ros1")
@@ -160,7 +160,7 @@ def teleoperate(
     )
     plan = RosPlan(
         version=1 if ros.ros1 else 2,
-        **ros_2.network,
+        network=Network(**ros_2.network),
         base_frame=ros.base_frame,
         controller=ros.controller,
         cmd_vel=ros.cmd_vel,

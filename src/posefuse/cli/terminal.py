@@ -105,7 +105,7 @@ class Terminal:
 
     def figures(self, figures: Mapping[str, Any]) -> None:
         """With --json: the one object on stdout."""
-        from posefuse.foundation.plain_values import plain
+        from posefuse.foundation.parsing import plain
 
         if self._as_json:
             print(json.dumps(plain(figures), indent=2), flush=True)

@@ -133,7 +133,7 @@ class PoseSequence:
         arrays = {name: getattr(self, name)[i] for name in _POSE_AXES if name != "person_id"}
         return Pose3D(t_ns=int(self.t_ns[i]), skeleton=self.skeleton, person_id=self.person_id, **arrays)
 
-    def people(self, which: Array) -> PoseSequence:
+    def people(self, which: Array | slice) -> PoseSequence:
         """These people only: `which` is (N,) bool, or their places on axis N in the order wanted."""
         arrays: dict[str, Any] = {name: getattr(self, name)[:, which] for name in _POSE_AXES if name != "person_id"}
         return replace(self, person_id=self.person_id[which], **arrays)

@@ -14,7 +14,7 @@ from .errors import ShapeError, choices
 from .observations import DetectionBatch, LookKind, Observations
 from .poses import PoseSequence
 from .rig import Rig
-from .view_sequences import ViewSequence, observations_from_views, views_over_time
+from .view_sequences import ViewSequence, ViewsInParts, observations_from_views
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -106,7 +106,12 @@ class Recording:
     @cached_property
     def views(self) -> ViewSequence:
         """What each camera saw of the people at the times of the poses, see `views_over_time`."""
-        return views_over_time(self.observations, self.poses.person_id.tolist(), self.poses.t_ns if self.is_live else None)
+        return self.views_in_parts.part(slice(None))
+
+    @property
+    def views_in_parts(self) -> ViewsInParts:
+        """`views`, made for a part of the time steps when it is asked for: all of an hour takes much memory."""
+        return ViewsInParts(self.observations, self.poses.person_id.tolist(), self.poses.t_ns if self.is_live else None)
 
 
 def person_name(names: Sequence[str], person: int) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -59,7 +59,7 @@ class ViewSequence:
         arrays: dict[str, Any] = {name: getattr(self, name)[steps] for name in VIEW_ARRAYS if name != "person_id"}
         return replace(self, t_ns=self.t_ns[steps], depth_m=None if self.depth_m is None else self.depth_m[steps], **arrays)
 
-    def people(self, which: Array) -> ViewSequence:
+    def people(self, which: Array | slice) -> ViewSequence:
         """These people only: `which` is (N,) bool, or their places on axis N in the order wanted."""
         arrays: dict[str, Any] = {name: getattr(self, name)[:, which] for name in VIEW_ARRAYS if name != "person_id"}
         depth_m = None if self.depth_m is None else self.depth_m[:, which]
@@ -83,10 +83,19 @@ def views_over_time(
     return ViewsInParts(observations, person_id, t_ns, gap_ns).part(slice(None))
 
 
+class PartsOfViews(Protocol):
+    """Views whose time steps can be had in parts: a `ViewSequence`, or what makes each part when it is asked for."""
+
+    def part(self, steps: slice) -> ViewSequence:
+        """These time steps only."""
+        ...
+
+
 class ViewsInParts:
     """What `views_over_time` gives, made for a part of the time steps when it is asked for: all of an hour takes much memory."""
 
     def __init__(self, observations: Observations, person_id: Iterable[int], t_ns: Array | None = None, gap_ns: int = 0) -> None:
+        self._times = t_ns, gap_ns
         self._seen, self._ids = observations, np.array(list(person_id), np.int64)
         self.t_ns = observations.step_t_ns if t_ns is None else np.asarray(t_ns, np.int64)
         rows, count = _rows_of_people(observations, self._ids, steps_only=t_ns is None), len(observations.camera_names)
@@ -94,6 +103,10 @@ class ViewsInParts:
             _of_steps(observations, rows, c, gap_ns) if t_ns is None else _of_times(observations, rows, c, self.t_ns, gap_ns)
             for c in range(count)
         ]
+
+    def people(self, which: Array | slice) -> ViewsInParts:
+        """These people only: `which` is (N,) bool, or their places on axis N in the order wanted."""
+        return ViewsInParts(self._seen, self._ids[which], *self._times)
 
     def part(self, steps: slice) -> ViewSequence:
         """The views of these time steps, to the last bit as they are in the whole."""

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from posefuse.core import Frame, ModelError, Region
+from posefuse.foundation.places import default_cache_dir
 from posefuse.foundation.platform import usable_cores
-from posefuse.foundation.user_cache import default_cache_dir
 
 from .blazepose import BlazePoseConfig
 from .models import ModelCard, read_any_card, status

@@ -9,9 +9,10 @@ from typing import Literal
 
 import numpy as np
 
-from posefuse.core import JointAngles, PoseSequence, Progress, Recording, Skeleton, ViewSequence, silent
+from posefuse.core import JointAngles, PoseSequence, Progress, Recording, Skeleton, silent
 from posefuse.core.arrays import Array
 from posefuse.core.poses import point_sigma_m
+from posefuse.core.view_sequences import PartsOfViews
 from posefuse.formats.angles import write_angles
 from posefuse.formats.bvh import write_bvh
 from posefuse.formats.c3d import C3dData, C3dEvent, write_c3d
@@ -29,7 +30,7 @@ from posefuse.kinematics.opensim_scale import scaled_motion
 from posefuse.kinematics.sides import SIDES
 from posefuse.kinematics.skin import skin_of
 from posefuse.outputs.facts import duration_s, person_suffix
-from posefuse.tracking import views_at_joint_centres
+from posefuse.tracking import ViewsAtJointCentres
 
 from .gait_cycles import CycleAngles, gait_cycles, write_gait_cycles
 from .report import TITLE, write_report
@@ -89,13 +90,13 @@ def _is_fitted(skeleton: Skeleton, chosen: BiomechanicsSettings) -> bool:
     return chosen.fit != "none" and "pelvis" not in undefined_segments(skeleton)
 
 
-def rays_at_joint_centres(recording: Recording) -> ViewSequence:
+def rays_at_joint_centres(recording: Recording) -> PartsOfViews:
     """The recording's views so that they lead where its 3D lies, by its provenance's offsets; unchanged where it has none."""
     stored = recording.provenance.get("joint_centres")
     if not isinstance(stored, Mapping):
-        return recording.views
+        return recording.views_in_parts
     table = joint_centres_from_mapping(stored, "provenance: joint_centres")
-    return views_at_joint_centres(recording.poses, recording.rig, recording.views, table)
+    return ViewsAtJointCentres(recording.poses, recording.rig, recording.views_in_parts, table)
 
 
 def write_biomechanics(

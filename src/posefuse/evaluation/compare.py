@@ -17,7 +17,7 @@ from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.formats.page import Line, Page, Plot, Plots, write_page
 from posefuse.foundation.output_folder import output_folder
-from posefuse.foundation.plain_values import plain
+from posefuse.foundation.parsing import plain
 from posefuse.foundation.summary import Block, Facts, Heading, Note, Table
 
 from .metrics import JointErrors, summary

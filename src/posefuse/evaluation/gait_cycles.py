@@ -13,7 +13,7 @@ import numpy as np
 from posefuse.core import JointAngles
 from posefuse.core.arrays import Array
 from posefuse.formats.page import Side
-from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.output_file import atomic_file
 from posefuse.kinematics.gait import Gait
 
 PERCENT = np.linspace(0.0, 100.0, 101)

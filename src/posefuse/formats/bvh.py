@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
-from posefuse.foundation.atomic import write_lines
+from posefuse.foundation.output_file import write_lines
 from posefuse.foundation.parsing import one_line, short
 
 # frames that are written together

@@ -17,7 +17,7 @@ import numpy as np
 from posefuse.core import InputError, ShapeError
 from posefuse.core.arrays import Array, check_fields, freeze_fields, frozen
 from posefuse.core.errors import choices
-from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.output_file import atomic_file
 
 from .c3d_blocks import BLOCK_BYTES, POINT_BYTES, Group, data_start, read_blocks, with_frame_count
 

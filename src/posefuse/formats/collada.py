@@ -21,7 +21,7 @@ import numpy as np
 
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
-from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.output_file import atomic_file
 
 MOST_WEIGHTS = 4
 _UP = "Z_UP"

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from posefuse.core.arrays import Array
-from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.output_file import atomic_file
 
 _PART_ROWS = 1000
 

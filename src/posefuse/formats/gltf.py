@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
-from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.output_file import atomic_file
 
 from .bvh import BvhData
 

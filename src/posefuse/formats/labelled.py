@@ -15,7 +15,7 @@ from posefuse.core import InputError, JointAngles, Recording
 from posefuse.core.arrays import Array
 from posefuse.core.joint_angles import angle_labels
 from posefuse.core.poses import point_sigma_m
-from posefuse.foundation.extras import package_of_extra
+from posefuse.foundation.plugins import package_of_extra
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from posefuse.core import InputError, JointAngles, ShapeError
-from posefuse.core.angle_aliases import OPENSIM
 from posefuse.core.arrays import Array, check_fields, freeze_fields
-from posefuse.foundation.atomic import write_lines
+from posefuse.core.joint_angles import OPENSIM
+from posefuse.foundation.output_file import write_lines
 from posefuse.foundation.parsing import one_line, read_text
 
 # as long as skeleton.bvh holds a pose

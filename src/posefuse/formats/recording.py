@@ -18,7 +18,7 @@ import numpy as np
 
 from posefuse.core import InputError, Observations, PosefuseError, PoseSequence, Recording, Rig, Skeleton
 from posefuse.core.observations import OBSERVATION_ARRAYS
-from posefuse.foundation.atomic import atomic_file, write_text
+from posefuse.foundation.output_file import atomic_file, write_text
 from posefuse.foundation.parsing import one_line, parse_json, read_text
 
 from .npz import DAMAGED, read_arrays

@@ -16,7 +16,7 @@ import numpy as np
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
-from posefuse.foundation.atomic import write_lines
+from posefuse.foundation.output_file import write_lines
 from posefuse.foundation.parsing import one_line, read_text, short
 
 from .named_points import NamedPoints

@@ -16,7 +16,7 @@ import numpy as np
 
 from posefuse.core import SE3, SKELETONS, Camera, CameraTruth, InputError, JointAngles, PosefuseError, Rig, Truth
 from posefuse.core.arrays import Array
-from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.output_file import atomic_file
 from posefuse.foundation.parsing import one_line, parse_json, short
 
 from .npz import DAMAGED, read_arrays

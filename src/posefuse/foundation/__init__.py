@@ -5,10 +5,9 @@ from typing import TYPE_CHECKING
 from posefuse.core.lazy_names import lazy_names
 
 if TYPE_CHECKING:
-    from .atomic import atomic_file
-    from .output_file import earlier_kept
+    from .output_file import atomic_file, earlier_kept
     from .output_folder import growing_folder
-    from .plain_values import plain
+    from .parsing import plain
     from .platform import usable_cores
     from .plugins import build_plugin
     from .settings import settings_from_mapping

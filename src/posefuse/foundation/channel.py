@@ -7,8 +7,6 @@ import pickle
 import select
 import socket
 import struct
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Sequence
@@ -31,7 +29,7 @@ class Channel:
 
     A message counts as handed over once some of it went out; the rest, for which the socket had no room, is kept and goes out
     before anything else when the end is next used. Only the message being received is buffered, so that `select` on the socket
-    still shows whether there is another. May be used by several threads, and handed to a child process while it is started.
+    still shows whether there is another. May be used by several threads.
     """
 
     def __init__(self, end: socket.socket) -> None:
@@ -40,9 +38,6 @@ class Channel:
             end.setsockopt(socket.SOL_SOCKET, option, _BUFFER_BYTES)
         self._socket, self._lock = end, threading.Lock()
         self._unsent, self._partial, self._closed = b"", bytearray(), False
-
-    def __reduce__(self) -> tuple[type[Channel], tuple[socket.socket]]:
-        return Channel, (self._socket,)
 
     @staticmethod
     def pair() -> tuple[Channel, Channel]:
@@ -99,10 +94,6 @@ class Channel:
             self._socket.shutdown(socket.SHUT_RDWR)
         self._socket.close()
 
-    def close_own(self) -> None:
-        """Close this process's copy of an end that a child process holds."""
-        self._socket.close()
-
     def _missing(self) -> int:
         """Bytes until the length is known, then until the message is whole."""
         if len(self._partial) < _LENGTH.size:
@@ -133,25 +124,3 @@ def wait_any(channels: Sequence[Channel], timeout_s: float) -> bool:
     # Windows refuses to select from nothing
     time.sleep(timeout_s)
     return False
-
-
-def started_program(module: str) -> tuple[subprocess.Popen[bytes], Channel]:
-    """A new interpreter that calls `main` of the module, out of reach of this terminal's Ctrl-C, and our end of its channel."""
-    ours, theirs = message_sockets()
-    with theirs:
-        command = [sys.executable, "-c", f"from {module} import main; main()", str(theirs.fileno())]
-        if sys.platform == "win32":
-            process = subprocess.Popen(command, stdin=subprocess.PIPE)
-            assert process.stdin is not None
-            with process.stdin as pipe:
-                pipe.write(theirs.share(process.pid))
-        else:
-            process = subprocess.Popen(command, stdin=subprocess.DEVNULL, pass_fds=[theirs.fileno()], start_new_session=True)
-    return process, Channel(ours)
-
-
-def channel_of_parent() -> Channel:
-    """Of a program that `started_program` has begun: its end."""
-    if sys.platform == "win32":
-        return Channel(socket.fromshare(sys.stdin.buffer.read()))
-    return Channel(socket.socket(fileno=int(sys.argv[1])))

@@ -2,16 +2,108 @@
 
 from __future__ import annotations
 
+import errno
 import filecmp
+import secrets
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from posefuse.core import InputError
+from posefuse.core import DiskFullError, InputError
 
-from .atomic import new_file
 from .places import check_outside_inputs, name_aside
+
+# A file appears whole or not at all: written under another name in the same folder and renamed at the end.
+
+_ATTEMPTS = 100
+
+
+def is_disk_full(error: OSError) -> bool:
+    """Whether there was no room to write: on the disk, within a quota, or within the largest size of a file."""
+    return error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
+
+@contextmanager
+def atomic_file(path: Path) -> Iterator[Path]:
+    """Give a new empty file in the folder of `path` (same ending) to write to; it takes the name `path` when the block ends well.
+
+    When the block raises, nothing is left and an older `path` stays as it was. No other file is touched.
+
+    Raises:
+        InputError: the folder of `path` does not exist or cannot be written to, or `path` is a folder.
+        DiskFullError: there is no room.
+    """
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: cannot be written, there is no folder {path.parent}")
+    if path.is_dir():
+        raise InputError(f"{path}: expected a file name, got a folder")
+    try:
+        temporary = new_file(path)
+    except OSError as error:
+        raise _unwritten(path, error) from None
+    try:
+        yield temporary
+        temporary.replace(path)
+    except OSError as error:
+        if not (is_disk_full(error) or isinstance(error, PermissionError)):
+            raise
+        raise _unwritten(path, error) from None
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _unwritten(path: Path, error: OSError) -> InputError:
+    kind = DiskFullError if is_disk_full(error) else InputError
+    return kind(f"{path}: cannot be written ({error.strerror})")
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a UTF-8 file as `atomic_file` does, and raise as it does."""
+    with atomic_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def write_lines(path: Path, lines: Iterable[str]) -> None:
+    """`write_text` of lines, each ended by a line feed, that are made while the file is written."""
+    with atomic_file(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
+        file.writelines(f"{line}\n" for line in lines)
+
+
+def new_file(path: Path) -> Path:
+    """Make an empty file with a name of its own in the folder of `path`, with the ending of `path`.
+
+    Like `tempfile.mkstemp`, but with the permissions of the user's other files: it becomes a result.
+
+    Raises:
+        OSError: it cannot be made.
+    """
+    for _ in range(_ATTEMPTS):
+        new = path.with_name(f".{secrets.token_hex(8)}{path.suffix}")
+        try:
+            new.touch(exist_ok=False)
+        except FileExistsError:
+            continue
+        return new
+    raise FileExistsError(f"no free name in {path.parent}")
+
+
+def new_folder(parent: Path, prefix: str, suffix: str) -> Path:
+    """Make an empty folder ``PREFIXxxxxxxxxSUFFIX`` in `parent`.
+
+    Like `tempfile.mkdtemp`, but with the permissions of the user's other folders: it becomes a result.
+
+    Raises:
+        OSError: it cannot be made.
+    """
+    for _ in range(_ATTEMPTS):
+        new = parent / f"{prefix}{secrets.token_hex(4)}{suffix}"
+        try:
+            new.mkdir()
+        except FileExistsError:
+            continue
+        return new
+    raise FileExistsError(f"no free name in {parent}")
 
 
 def check_output_file(path: Path, *, option: str, inputs: Sequence[Path] = (), replace: bool | None = None) -> None:

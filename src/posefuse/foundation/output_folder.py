@@ -7,17 +7,58 @@ the same command (`folder_mark`) is moved to ``NAME.replaced-TIME`` with all tha
 from __future__ import annotations
 
 import dataclasses
+import json
 import shutil
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from posefuse import __version__
 from posefuse.core import DiskFullError, InputError
 
-from .atomic import is_disk_full, new_folder
-from .folder_mark import MARK_FILE, FolderMark, read_mark, write_mark
+from .output_file import is_disk_full, new_folder
 from .places import check_outside_inputs, check_space, holds_working_folder, name_aside, real_path
+
+# The mark that posefuse puts into every folder it makes, so that it never takes any other folder for its own.
+#
+# ``posefuse-folder.json`` states the command that made the folder and, until it is complete, the name that it is made for.
+
+MARK_FILE = "posefuse-folder.json"
+_FORMAT = "posefuse folder"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FolderMark:
+    """What made a folder.
+
+    Attributes:
+        command: such as ``track``. unfinished: the name that it takes once it is complete; empty: it is complete.
+    """
+
+    command: str
+    unfinished: str = ""
+
+
+def write_mark(folder: Path, mark: FolderMark) -> None:
+    """Write the mark of `folder`, replacing the one that is there; raises OSError where it cannot be written."""
+    about = {"format": _FORMAT, "posefuse": __version__, **dataclasses.asdict(mark)}
+    new = folder / f"{MARK_FILE}.new"
+    try:
+        new.write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
+        new.replace(folder / MARK_FILE)
+    finally:
+        new.unlink(missing_ok=True)
+
+
+def read_mark(folder: Path) -> FolderMark | None:
+    """The mark of a folder; None where there is none, or where the file of that name is not one of posefuse."""
+    try:
+        about = json.loads((folder / MARK_FILE).read_text(encoding="utf-8"))
+        return FolderMark(command=about["command"], unfinished=about["unfinished"]) if about["format"] == _FORMAT else None
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return None
+
 
 _SUFFIX = ".unfinished"
 _NAMED = 3  # entries named in a message

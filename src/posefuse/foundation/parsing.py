@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import codecs
 import json
+import math
 import reprlib
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from posefuse.core import InputError
 
@@ -117,3 +121,23 @@ def short(value: Any) -> str:
     shown = reprlib.Repr()
     shown.maxstring = shown.maxother = shown.maxlong = _MOST_SHOWN
     return " ".join(shown.repr(value).split())
+
+
+# Values as plain JSON: what results, logs and `--json` write.
+
+
+def plain(value: Any) -> Any:
+    """Plain JSON values of figures: arrays to lists, paths to text, NaN to null."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(inner) for inner in value]
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, Path):
+        return str(value)
+    return value

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from collections.abc import Iterator, Sequence
 from datetime import datetime
 from pathlib import Path
+
+import platformdirs
 
 from posefuse.core import InputError
 
@@ -81,3 +84,13 @@ def _identities(path: Path) -> Iterator[_Identity]:
         identity = _identity(one)
         if identity is not None:
             yield identity
+
+
+# Where things that can be had again are kept for the user: model files, compiled kernels.
+
+
+def default_cache_dir() -> Path:
+    """The user's cache folder: POSEFUSE_CACHE, else the system's place for caches (Linux: XDG_CACHE_HOME or ~/.cache)."""
+    if own := os.environ.get("POSEFUSE_CACHE"):
+        return Path(own)
+    return Path(platformdirs.user_cache_dir("posefuse", appauthor=False))

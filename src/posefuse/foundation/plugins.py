@@ -5,10 +5,12 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
+from types import ModuleType
 from typing import Any
 
-from posefuse.core import ConfigError, DependencyError
+from posefuse.core import ConfigError, DependencyError, Detector, LiveOutputConfig, Sink, Source
 from posefuse.core.errors import choices
 
 from .settings import settings_from_mapping
@@ -19,6 +21,8 @@ GROUPS = {
     "outputs": "posefuse.outputs",
     "live_outputs": "posefuse.live_outputs",
 }
+# what a config builds; a live output is built in another process, so that its config is asked
+_PROTOCOLS = {"sources": Source, "detectors": Detector, "outputs": Sink, "live_outputs": LiveOutputConfig}
 
 
 @dataclass(frozen=True)
@@ -43,8 +47,10 @@ def list_plugins(kind: str) -> list[Plugin]:
 
 
 def build_plugin(kind: str, name: str, options: Mapping[str, Any], known: Mapping[str, Any] | None = None) -> Any:
-    """Build the plug-in `name`; see `plugin_config`."""
-    return plugin_config(kind, name, options, known).build()
+    """Build the plug-in `name`; see `plugin_config`. Raises ConfigError also where what it builds lacks a member."""
+    built = plugin_config(kind, name, options, known).build()
+    _check_members(kind, name, built)
+    return built
 
 
 def plugin_config(
@@ -72,7 +78,18 @@ def plugin_config(
         raise DependencyError(f"plug-in {name} ({plugin.package}) cannot be imported: {plugin.reason}")
     names = option_names(plugin)
     below, above = ({key: value for key, value in (one or {}).items() if key in names} for one in (known, given))
-    return settings_from_mapping({**below, **options, **above}, plugin.config, where=f"{kind} {name}")
+    config = settings_from_mapping({**below, **options, **above}, plugin.config, where=f"{kind} {name}")
+    if kind == "live_outputs":
+        _check_members(kind, name, config)
+    return config
+
+
+def _check_members(kind: str, name: str, given: object) -> None:
+    members = [member for member in vars(_PROTOCOLS[kind]) if not member.startswith("_")]
+    lacking = [member for member in (*_PROTOCOLS[kind].__annotations__, *members) if not hasattr(given, member)]
+    if lacking:
+        expected = f"core.{_PROTOCOLS[kind].__name__}"
+        raise ConfigError(f"plug-in {name} among {kind}: {type(given).__name__} lacks {choices(lacking)} of {expected}")
 
 
 def option_names(plugin: Plugin) -> list[str]:
@@ -86,3 +103,15 @@ def _loaded(kind: str, entry: EntryPoint) -> Plugin:
         return Plugin(kind, entry.name, package, entry.load())
     except Exception as error:  # noqa: BLE001 - others' code may fail in any way; it is listed, not hidden
         return Plugin(kind, entry.name, package, None, f"{type(error).__name__}: {error}")
+
+
+# Packages that only an extra of posefuse installs.
+
+
+def package_of_extra(name: str, extra: str) -> ModuleType:
+    """Import a package; raises DependencyError with the command that installs the extra."""
+    try:
+        return import_module(name)
+    except ImportError as error:
+        package = name.partition(".")[0]
+        raise DependencyError(f"{package}: not usable ({error}); install it with: pip install 'posefuse[{extra}]'") from None

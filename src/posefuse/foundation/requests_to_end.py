@@ -10,9 +10,10 @@ import stat
 import sys
 import threading
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import Any
 
 HANG_UP: signal.Signals | None = getattr(signal, "SIGHUP", None)
 """The terminal was closed, or the connection to it was lost; None where the system has no such signal."""
@@ -106,3 +107,24 @@ def _end_later(number: int, frame: FrameType | None) -> None:
     later = threading.Timer(_GRACE_S, os._exit, (128 + number,))
     later.daemon = True
     later.start()
+
+
+# Waiting for work that ends by itself, as long as it makes progress.
+
+_LOOK_S = 0.05
+
+
+def wait_while_working(progress: Callable[[], Any], patience_s: float, tell: Callable[[], None] = lambda: None) -> bool:
+    """Wait until `progress()` is empty; False where it has stayed the same for `patience_s` instead.
+
+    `tell` is called several times a second.
+    """
+    before, since_s = None, time.monotonic()
+    while now := progress():
+        if now != before:
+            before, since_s = now, time.monotonic()
+        elif time.monotonic() - since_s > patience_s:
+            return False
+        tell()
+        time.sleep(_LOOK_S)
+    return True

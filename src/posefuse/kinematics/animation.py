@@ -126,12 +126,6 @@ def animation_gap(joints: JointAngles, person: int = 0) -> str | None:
     return None
 
 
-def seen_throughout(joints: JointAngles, person: int = 0) -> bool:
-    """Whether the person is there from the beginning to the end, but for half a second: what is held at the ends is not seen."""
-    t_s, seen_s = _seconds(joints.t_ns), _seen_s(joints, person)
-    return seen_s is not None and max(seen_s[0] - t_s[0], t_s[-1] - seen_s[1]) <= _LONGEST_GAP_S
-
-
 def _seconds(t_ns: Array) -> Array:
     return np.asarray((t_ns - t_ns[:1]) * 1e-9)
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from posefuse.foundation.extras import package_of_extra
+from posefuse.foundation.plugins import package_of_extra
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore

@@ -12,8 +12,6 @@ from posefuse.core import Kind, Recording, Skeleton
 from posefuse.core.arrays import Array, frozen
 from posefuse.core.palette import LEFT, MIDDLE, PEOPLE, RIGHT, colour_of
 
-from .surface import draw_surface
-
 DETECTION_RGB = (255, 255, 255)
 NOTE_RGB = (255, 230, 80)
 ALARM_RGB = (255, 80, 70)
@@ -191,16 +189,14 @@ def view_tile(
     tile_wh: tuple[int, int],
     *,
     notes: bool = True,
-    bodies: Sequence[tuple[Array, Array]] = (),
 ) -> Array:
     """Camera c at time step i: its image, the fused skeleton re-projected, the raw detections, and what is missing.
 
     Args:
         notes: write camera, time and what is missing into the corner.
-        bodies: vertices (V, 3) in the world and faces (F, 3) of surfaces to draw under the skeletons.
     """
     tile = np.empty((tile_wh[1], tile_wh[0], 3), np.uint8)
-    draw_view(tile, recording, i, c, image, notes=notes, bodies=bodies)
+    draw_view(tile, recording, i, c, image, notes=notes)
     return tile
 
 
@@ -212,15 +208,12 @@ def draw_view(
     image: Array | None,
     *,
     notes: bool = True,
-    bodies: Sequence[tuple[Array, Array]] = (),
 ) -> None:
     """`view_tile` into a tile (H, W, 3) that may be part of a larger image."""
     camera, poses = recording.rig.cameras[c], recording.poses
     size_wh = camera.size_wh if image is None else (image.shape[1], image.shape[0])
     scale = fit_into(tile, image, size_wh)
     words = [] if image is not None else ["no frame"]
-    for vertices, faces in bodies:
-        draw_surface(tile, camera, scale, vertices, faces)
     # pixel centres are integers: the corner of the image is at -0.5
     projected = (camera.project(poses.xyz_world[i]) + 0.5) * scale - 0.5
     for n in range(len(poses.person_id)):

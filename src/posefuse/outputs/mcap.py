@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from posefuse.core import Detections2D, Pose3D, Recording, Sink
-from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.output_file import atomic_file
 from posefuse.foundation.settings import settings
 from posefuse.messages import topics
 from posefuse.messages.bags import Recorder

@@ -1,9 +1,8 @@
-"""Output ``overlay``: a video of all views side by side with the skeleton on top, and the fitted body where there is one."""
+"""Output ``overlay``: a video of all views side by side with the skeleton on top."""
 
 from __future__ import annotations
 
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
@@ -12,17 +11,18 @@ from annotated_types import Ge, Le
 
 from posefuse.core import Recording
 from posefuse.core.arrays import Array
-from posefuse.foundation.atomic import atomic_file
 from posefuse.foundation.background import Background
+from posefuse.foundation.output_file import atomic_file
 from posefuse.foundation.settings import settings
 
 from .drawing import draw_legend, draw_view, empty_row, grid_for
 from .facts import rate_hz
 from .frames import Frames, FrameSink, FrameWriter, write_without_frames
-from .surface import BodySurface
 
 # of the encoder; the same on every machine, so that the file does not depend on the number of cores
 _THREADS = 2
+# x264's constant rate factor; lower is better and larger
+_CRF = 26
 # below what may be written about a view
 _LEGEND_LINE = 4
 
@@ -33,12 +33,10 @@ class OverlaySink:
 
     Attributes:
         width_px, height_px: the video fits into this.
-        crf: x264's constant rate factor; lower is better and larger.
     """
 
     width_px: Annotated[int, Ge(64), Le(7680)] = 1280
     height_px: Annotated[int, Ge(64), Le(4320)] = 960
-    crf: Annotated[int, Ge(0), Le(51)] = 26
     name: ClassVar[str] = "overlay"
 
     def build(self) -> FrameSink:
@@ -51,29 +49,12 @@ class OverlaySink:
 
     def writer(self, recording: Recording, folder: Path) -> FrameWriter:
         """Begin ``overlay.mp4``; frames come one set at a time."""
-        return _OverlayWriter(recording, folder / "overlay.mp4", self, ())
-
-    def with_surfaces(self, surfaces: tuple[BodySurface, ...]) -> FrameSink:
-        """This output, with people's surfaces under their skeletons."""
-        return _SurfaceOverlay(self, surfaces)
-
-
-@dataclass(frozen=True)
-class _SurfaceOverlay:
-    config: OverlaySink
-    surfaces: tuple[BodySurface, ...]
-    name: ClassVar[str] = OverlaySink.name
-
-    def write(self, recording: Recording, folder: Path) -> list[Path]:
-        return write_without_frames(self, recording, folder)
-
-    def writer(self, recording: Recording, folder: Path) -> FrameWriter:
-        return _OverlayWriter(recording, folder / "overlay.mp4", self.config, self.surfaces)
+        return _OverlayWriter(recording, folder / "overlay.mp4", self)
 
 
 class _OverlayWriter:
-    def __init__(self, recording: Recording, path: Path, config: OverlaySink, surfaces: tuple[BodySurface, ...]) -> None:
-        self._recording, self._path, self._config, self._surfaces = recording, path, config, surfaces
+    def __init__(self, recording: Recording, path: Path, config: OverlaySink) -> None:
+        self._recording, self._path = recording, path
         self._whole = ExitStack()
         self._grid = grid_for([camera.size_wh for camera in recording.rig], (config.width_px, config.height_px))
 
@@ -82,7 +63,7 @@ class _OverlayWriter:
 
         staged = self._whole.enter_context(atomic_file(self._path))
         rate = rate_hz(self._recording.poses)
-        self._video = VideoWriter(staged, self._grid.size_wh, rate, self._config.crf, preset="superfast", threads=_THREADS)
+        self._video = VideoWriter(staged, self._grid.size_wh, rate, _CRF, preset="superfast", threads=_THREADS)
         self._whole.callback(self._video.close)
         self._encoding = Background(self._video.encode, "encode overlay")
         self._whole.callback(self._encoding.close)
@@ -102,11 +83,10 @@ class _OverlayWriter:
         picture = np.empty((height, width, 3), np.uint8)
         picture[:] = empty_row(width)
         tile_width, tile_height = self._grid.tile_wh
-        bodies = [(surface.vertices_at(i), surface.faces) for surface in self._surfaces]
         for c, frame in enumerate(frames):
             left, top = self._grid.corner(c)
             tile = picture[top : top + tile_height, left : left + tile_width]
-            draw_view(tile, self._recording, i, c, None if frame is None else frame.image, bodies=bodies)
+            draw_view(tile, self._recording, i, c, None if frame is None else frame.image)
             if c == 0:
                 draw_legend(tile, _LEGEND_LINE)
         t_ns = self._recording.poses.t_ns

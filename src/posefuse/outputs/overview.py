@@ -10,7 +10,7 @@ from annotated_types import Ge, Le
 
 from posefuse.core import InputError, Kind, Recording
 from posefuse.core.arrays import Array
-from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.output_file import atomic_file
 from posefuse.foundation.settings import settings
 
 from .drawing import EMPTY_RGB, grid_for, view_tile

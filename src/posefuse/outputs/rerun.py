@@ -16,7 +16,7 @@ from annotated_types import Ge, Le
 from posefuse.core import Camera, DependencyError, Frame, Recording
 from posefuse.core.arrays import Array
 from posefuse.core.poses import point_sigma_m
-from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.output_file import atomic_file
 from posefuse.foundation.settings import settings
 
 from .drawing import DETECTION_RGB, jpeg_of, shrunk_wh
@@ -36,6 +36,7 @@ from .rerun_scene import (
 )
 
 FILE = "recording.rrd"
+_JPEG_QUALITY = 75
 
 
 @settings
@@ -44,11 +45,9 @@ class RerunSink:
 
     Attributes:
         image_px: longer side of the stored images; 0 stores none.
-        jpeg_quality: of the stored images.
     """
 
     image_px: Annotated[int, Ge(0), Le(8192)] = 640
-    jpeg_quality: Annotated[int, Ge(1), Le(100)] = 75
     name: ClassVar[str] = "rerun"
 
     def build(self) -> FrameSink:
@@ -155,7 +154,7 @@ class _RerunWriter:
 
         recording, camera = self._recording, self._cameras[c]
         if self._config.image_px:
-            image = None if frame is None else _jpeg(frame.image, camera.size_wh, self._config.jpeg_quality)
+            image = None if frame is None else _jpeg(frame.image, camera.size_wh, _JPEG_QUALITY)
             blank = rr.Clear(recursive=False) if image is None else rr.EncodedImage(contents=image, media_type="image/jpeg")
             self._stream.log(f"{camera_path(camera.name)}/image", blank)
         scale = np.array(camera.size_wh) / recording.rig.cameras[c].size_wh

@@ -11,7 +11,7 @@ import numpy as np
 from posefuse.core import Kind, Recording, Sink
 from posefuse.core.poses import point_sigma_m
 from posefuse.formats.csv_table import rounded, write_columns
-from posefuse.foundation.atomic import write_text
+from posefuse.foundation.output_file import write_text
 from posefuse.foundation.settings import settings
 
 from .facts import provenance

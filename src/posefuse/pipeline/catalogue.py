@@ -17,9 +17,9 @@ import numpy as np
 
 from posefuse.core import PosefuseError
 from posefuse.formats.recording import ABOUT_FILE, ARRAYS_FILE, read_result_poses
-from posefuse.foundation.atomic import atomic_file
-from posefuse.foundation.plain_values import plain
-from posefuse.foundation.user_cache import default_cache_dir
+from posefuse.foundation.output_file import atomic_file
+from posefuse.foundation.parsing import plain
+from posefuse.foundation.places import default_cache_dir
 from posefuse.outputs.facts import recorded_utc
 
 from .batch.figures import quality_figures

@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks
+from posefuse.calibration.report import CalibrationReport
 from posefuse.core import InputError, Progress, Rig, silent
 from posefuse.detection.build import build_detector
 from posefuse.detection.downloading import fetch_networks
+from posefuse.health.background import background_of
 
 from .config import TrackConfig
 from .opening import build_source
@@ -26,12 +28,14 @@ class SessionSeen:
     """The person as every camera of a session saw them.
 
     Attributes:
-        rig: as it applies to the images. tracks: per camera. frame_period_s: per camera.
+        rig: as it applies to the images. tracks: per camera. frame_period_s: per camera. background: whether the
+            cameras stand still; without a check where there are no images.
     """
 
     rig: Rig
     tracks: tuple[PersonTrack, ...]
     frame_period_s: tuple[float, ...]
+    background: CalibrationReport
 
 
 def person_in_session(folder: Path, config: TrackConfig, seconds: float, progress: Progress = silent) -> SessionSeen:
@@ -62,7 +66,8 @@ def _from_images(session: Session, config: TrackConfig, seconds: float, progress
     fetch_networks(config.detector, progress)
     detector = build_detector(config.detector, rig)
     tracks = person_tracks(poses_apart(sources, detector, timeline, progress))
-    return SessionSeen(rig=rig, tracks=tracks, frame_period_s=period_s)
+    background = background_of(sources, rig.cameras, timeline).report
+    return SessionSeen(rig=rig, tracks=tracks, frame_period_s=period_s, background=background)
 
 
 def _from_files(session: Session, config: TrackConfig, seconds: float) -> SessionSeen:
@@ -75,4 +80,9 @@ def _from_files(session: Session, config: TrackConfig, seconds: float) -> Sessio
         found[entry.camera] = frames[spare : len(frames) - spare]
     cameras = tuple(stated_camera(session.rig[entry.camera], entry) for entry in session.inputs)
     rig = replace(session.rig, cameras=cameras)
-    return SessionSeen(rig=rig, tracks=person_tracks(found), frame_period_s=(1 / rate_hz,) * len(cameras))
+    return SessionSeen(
+        rig=rig,
+        tracks=person_tracks(found),
+        frame_period_s=(1 / rate_hz,) * len(cameras),
+        background=CalibrationReport("background", ()),
+    )

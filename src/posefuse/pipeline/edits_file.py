@@ -7,9 +7,8 @@ import json
 from pathlib import Path
 
 from posefuse.core import InputError
-from posefuse.foundation.atomic import write_text
-from posefuse.foundation.parsing import parse_json, read_text
-from posefuse.foundation.plain_values import plain
+from posefuse.foundation.output_file import write_text
+from posefuse.foundation.parsing import parse_json, plain, read_text
 from posefuse.foundation.settings import settings_from_mapping
 
 from .edits import NO_EDITS, Edits

@@ -25,11 +25,10 @@ from posefuse.core import (
     SourceError,
 )
 from posefuse.core.errors import choices
-from posefuse.core.live_observations import observations_from_frames
+from posefuse.core.observations import observations_from_frames
 from posefuse.core.recording import person_name
 from posefuse.formats.rig.values import rig_from_values
-from posefuse.foundation.parsing import one_line
-from posefuse.foundation.plain_values import plain
+from posefuse.foundation.parsing import one_line, plain
 from posefuse.messages import topics
 from posefuse.messages.bags import read_mcap, read_notes, read_rig
 from posefuse.messages.joint_centre_messages import joint_centres_from_message

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from posefuse.core import InputError, Observations
-from posefuse.core.live_observations import camera_times
+from posefuse.core.observations import camera_times
 
 from .config import TrackConfig
 from .images import Timeline, common_timeline

@@ -54,7 +54,7 @@ class Opened:
 
     Attributes:
         session, config: as given. rig: the cameras as they apply to the images. steps: the time steps, to be closed.
-        timeline: the times that they are expected at.
+        timeline: the times that they are expected at. sources: of images; empty for 2D poses.
     """
 
     session: Session
@@ -62,6 +62,7 @@ class Opened:
     rig: Rig
     steps: TimeSteps
     timeline: Timeline
+    sources: tuple[RecordedSource, ...] = ()
 
 
 def open_session(session: Session, config: TrackConfig, warn: Say) -> Opened:
@@ -74,16 +75,17 @@ def open_session(session: Session, config: TrackConfig, warn: Say) -> Opened:
     if len(kinds) > 1:
         raise InputError(f"{session.folder}: expected one kind of data for all cameras, got {choices(sorted(kinds))}")
     steps: TimeSteps
+    sources: tuple[RecordedSource, ...] = ()
     if kinds == {"pose2d"}:
         from .pose2d import pose2d_instants
 
         rig, steps, timeline = pose2d_instants(session, config)
     else:
-        rig, steps, timeline = _images(session, config, warn)
-    return Opened(session=session, config=config, rig=rig, steps=steps, timeline=timeline)
+        rig, steps, timeline, sources = _images(session, config, warn)
+    return Opened(session=session, config=config, rig=rig, steps=steps, timeline=timeline, sources=sources)
 
 
-def _images(session: Session, config: TrackConfig, warn: Say) -> tuple[Rig, ImageInstants, Timeline]:
+def _images(session: Session, config: TrackConfig, warn: Say) -> tuple[Rig, ImageInstants, Timeline, tuple[RecordedSource, ...]]:
     from posefuse.detection.build import build_detector
 
     _check_rate(session, config)
@@ -104,7 +106,7 @@ def _images(session: Session, config: TrackConfig, warn: Say) -> tuple[Rig, Imag
     timeline = common_timeline({s.camera: _times(s) for s in sources}, config.rate_hz, config.start_s, config.end_s)
     detector = build_detector(config.detector, rig)
     lost = lambda name, error: warn(f"{error}; continues without camera {name} from here")  # noqa: E731
-    return rig, ImageInstants(rig, sources, detector, timeline, lost), timeline
+    return rig, ImageInstants(rig, sources, detector, timeline, lost), timeline, tuple(sources)
 
 
 def _check_rate(session: Session, config: TrackConfig) -> None:

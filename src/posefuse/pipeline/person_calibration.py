@@ -13,15 +13,16 @@ from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.person.settle import at_clocks, calibrate_tracks, unplaced_clocks
 from posefuse.calibration.person.several_people import ChosenPerson, choose_person
 from posefuse.calibration.person.solve import PersonCalibration
-from posefuse.calibration.report import Check, RefusedCalibration
+from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
 from posefuse.core import Camera, InputError, Progress, Rig, silent
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.detection.build import DetectorChoice
 from posefuse.formats.pose2d import read_pose2d_of_cameras
+from posefuse.health.background import background_of
 from posefuse.sources import VIDEO_SUFFIXES, VideoConfig
 
-from .person_poses import PersonSeen, person_in_videos
+from .person_poses import PersonSeen, person_in_videos, timeline_of
 from .session import LEAST_CAMERAS
 
 
@@ -32,6 +33,14 @@ def check_recordings(paths: Mapping[str, Path]) -> None:
         raise InputError(f"person: no such file or folder: {choices(absent)}")
     if len(paths) < LEAST_CAMERAS:
         raise InputError(f"person: expected at least {LEAST_CAMERAS} cameras, got {len(paths)}")
+
+
+def background_of_person(paths: Mapping[str, Path], cameras: tuple[Camera, ...]) -> CalibrationReport:
+    """Whether the cameras stand still in the part of their videos that is used; nothing to check in 2D poses."""
+    if any(path.suffix.lower() not in VIDEO_SUFFIXES for path in paths.values()):
+        return CalibrationReport("background", ())
+    sources = [VideoConfig(path, name).build() for name, path in paths.items()]
+    return background_of(sources, cameras, timeline_of(sources)).report
 
 
 def find_person(

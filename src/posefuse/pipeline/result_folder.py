@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from posefuse.core import InputError, Progress
+from posefuse.core import InputError, Progress, Sink
 from posefuse.formats.detection_log import LOG_FILE
 from posefuse.foundation.output_folder import check_replaceable, output_folder
 from posefuse.foundation.places import check_outside_inputs, check_space
 
 from .clock import StageClock
 from .config import TrackConfig
-from .opening import open_session
+from .opening import Opened, open_session
 from .run import Tracked, track_opened
 from .session import Session
 from .session_images import session_frames
@@ -78,13 +78,27 @@ def track_into(
         KeyboardInterrupt: Ctrl-C, when nothing can or should be solved.
         PosefuseError: anything that leaves no result; the detections made so far are kept where another attempt can use them.
     """
-    note = lambda line: progress("detect", 0, None, line)  # noqa: E731
     check_result_folder(session, config, out)
-    unfinished = _unfinished(out)
     with clock.stage("open"):
         opened = open_session(session, config, warn)
+    with closing(opened.steps):
+        sinks = build_sinks(config.outputs, opened.steps.skeleton)
+        return _opened_into(opened, sinks, out, clock, progress, warn, solve_interrupted=solve_interrupted)
+
+
+def _opened_into(
+    opened: Opened,
+    sinks: Sequence[Sink],
+    out: ResultFolder,
+    clock: StageClock,
+    progress: Progress,
+    warn: Warn,
+    *,
+    solve_interrupted: bool,
+) -> Tracked:
+    note = lambda line: progress("detect", 0, None, line)  # noqa: E731
+    unfinished, session = _unfinished(out), opened.session
     with (
-        closing(opened.steps),
         _kept(out, note),
         output_folder(
             out.path,
@@ -108,8 +122,8 @@ def track_into(
                 warn(f"stopped early; the first {steps} time steps are finished and kept; `resume=True` continues from them")
             check_space(folder.folder, estimated_result_bytes(opened, len(recording.poses.person_id)))
             with clock.stage("write"):
-                frames = session_frames(recording, session, lambda done, total: progress("write", done, total), config)
-                files, failed = write_result(recording, frames, build_sinks(config.outputs), folder)
+                frames = session_frames(recording, session, lambda done, total: progress("write", done, total), opened.config)
+                files, failed = write_result(recording, frames, sinks, folder)
             for name, reason in failed.items():
                 warn(f"output {name}: not written ({reason})")
             if not tracked.interrupted:

@@ -23,7 +23,8 @@ from posefuse.core import (
 from posefuse.core.errors import choices
 from posefuse.core.observations import NOT_KEPT
 from posefuse.foundation.compiled import compiling
-from posefuse.foundation.plain_values import plain
+from posefuse.foundation.parsing import plain
+from posefuse.health.background import background_of
 from posefuse.health.recorded import checked_rig
 from posefuse.health.rig_monitor import UNSYNCHRONISED, RigFinding
 from posefuse.sources.video import recorded_at
@@ -96,6 +97,13 @@ def track_opened(
         PosefuseError: anything that leaves fewer than two usable cameras, or no person to follow.
     """
     rig, config, session = opened.rig, opened.config, opened.session
+    with clock.stage("watch"):
+        background = background_of(opened.sources, rig.cameras, opened.timeline)
+    moved = [finding_line(one, session.folder) for one in background.moved]
+    for line in moved:
+        warn(line)
+    for line in background.lines:
+        note(line)
     try:
         with clock.stage("compile"), compiling("tracking", note):
             warm_up(rig, opened.steps.skeleton, config)
@@ -132,7 +140,7 @@ def track_opened(
     for line in lines:
         warn(line)
     fits = {name: dataclasses.asdict(one) for name, one in cameras.items()}
-    about = {**recording.provenance, "camera_fits": plain(fits), "rig_warnings": lines}
+    about = {**recording.provenance, "camera_fits": plain(fits), "rig_warnings": moved + lines}
     return Tracked(
         recording=dataclasses.replace(recording, provenance=about), interrupted=interrupted, joint_centres=settings.centres
     )

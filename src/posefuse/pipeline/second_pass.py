@@ -12,7 +12,7 @@ from posefuse.core.arrays import Array, give_away
 from posefuse.core.view_sequences import ViewsInParts, people_in
 from posefuse.fusion import FuseSettings, fuse
 from posefuse.kinematics import facing_votes
-from posefuse.tracking import SmoothSettings, smooth, steady_sides, to_joint_centres
+from posefuse.tracking import SmoothSettings, smooth, smooth_in_place, steady_sides, to_joint_centres
 from posefuse.tracking.sides import parts_of_steps, sides_that_differ, with_sides_exchanged
 
 # a person followed in fewer time steps than this is not one
@@ -50,9 +50,10 @@ def poses_over_time(
     the steadied recording has them: when legs pass each other, several views confuse them at once and no single time step can
     show it.
     """
-    fused = _fused_over_time(views, rig, fusing)
     if fusing.weights == "robust":
-        fused = _with_sides_corrected(fused, views, rig, fusing, smoothing or SmoothSettings())
+        fused = _fused_with_sides_corrected(views, rig, fusing, smoothing or SmoothSettings())
+    else:
+        fused = _fused_over_time(views, rig, fusing)
     fused = to_joint_centres(fused, centres) if centres else fused
     return smooth(fused, smoothing) if smoothing else fused
 
@@ -72,37 +73,51 @@ def _fused_over_time(views: ViewSequence | ViewsInParts, rig: Rig, fusing: FuseS
     return PoseSequence(t_ns=views.t_ns, skeleton=last.skeleton, person_id=last.person_id, **planes)
 
 
-def _with_sides_corrected(
-    fused: PoseSequence, views: ViewSequence | ViewsInParts, rig: Rig, fusing: FuseSettings, smoothing: SmoothSettings
+def _fused_with_sides_corrected(
+    views: ViewSequence | ViewsInParts, rig: Rig, fusing: FuseSettings, smoothing: SmoothSettings
 ) -> PoseSequence:
-    """Time steps fused again from views whose limbs are named left and right as the recording steadied over time has them.
+    """Time steps fused, then again from views whose limbs are named left and right as the recording steadied over time has them.
 
     Where the first reference was still wrong, a better one names more views right: repeated until no view changes.
     """
-    parts = parts_of_steps(len(fused))
-    exchanged = [np.zeros(1, bool)] * len(parts)
+    fused = _fused_over_time(views, rig, fusing)
+    exchanged = [np.zeros(1, bool)] * len(parts_of_steps(len(fused)))
     for _ in range(_NAMING_ROUNDS):
-        reference = _steadied_points(fused, smoothing)
-        planes: dict[str, Any] = {}
-        for place, part in enumerate(parts):
-            seen = views.part(part)
-            wrong = sides_that_differ(reference[part], rig, seen)
-            differing = np.flatnonzero((wrong != exchanged[place]).any(axis=(1, 2, 3)))
-            exchanged[place] = wrong
-            if not len(differing):
-                continue
-            planes = planes or {name: np.array(getattr(fused, name)) for name in _PLANES}
-            named = with_sides_exchanged(seen, wrong)
-            for i in differing.tolist():
-                pose = fuse(named.at(i), rig, fusing)
-                for name, plane in planes.items():
-                    plane[part.start + i] = getattr(pose, name)
+        planes = _fused_again(fused, _steadied_points(fused, smoothing), exchanged, views, rig, fusing)
         if not planes:
             break
-        give_away(*planes.values())
         fused = replace(fused, **planes)
     return fused
 
 
+def _fused_again(
+    fused: PoseSequence,
+    reference: Array,
+    exchanged: list[Array],
+    views: ViewSequence | ViewsInParts,
+    rig: Rig,
+    fusing: FuseSettings,
+) -> dict[str, Any]:
+    """The planes with those time steps fused again whose views have other limbs `exchanged` than before; empty where none has."""
+    planes: dict[str, Any] = {}
+    for place, part in enumerate(parts_of_steps(len(fused))):
+        seen = views.part(part)
+        wrong = sides_that_differ(reference[part], rig, seen)
+        differing = np.flatnonzero((wrong != exchanged[place]).any(axis=(1, 2, 3)))
+        exchanged[place] = wrong
+        if not len(differing):
+            continue
+        planes = planes or {name: np.array(getattr(fused, name)) for name in _PLANES}
+        named = with_sides_exchanged(seen, wrong)
+        for i in differing.tolist():
+            pose = fuse(named.at(i), rig, fusing)
+            for name, plane in planes.items():
+                plane[part.start + i] = getattr(pose, name)
+    give_away(*planes.values())
+    return planes
+
+
 def _steadied_points(fused: PoseSequence, smoothing: SmoothSettings) -> Array:
-    return smooth(steady_sides(fused, facing_votes(fused)), smoothing).xyz_world
+    xyz, cov = steady_sides(fused, facing_votes(fused))
+    smooth_in_place(fused.t_ns, fused.skeleton, xyz, cov, smoothing)
+    return xyz

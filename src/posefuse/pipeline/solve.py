@@ -14,11 +14,10 @@ from posefuse.calibration.extrinsics.refine import refined_extrinsics
 from posefuse.calibration.settings import RefineSettings
 from posefuse.core import InputError, JointCentres, Observations, Recording, Rig
 from posefuse.core.arrays import Array
-from posefuse.core.live_observations import on_time_steps
-from posefuse.core.observations import NOT_KEPT
+from posefuse.core.observations import NOT_KEPT, on_time_steps
 from posefuse.core.view_sequences import ViewsInParts
 from posefuse.formats.joint_centres import joint_centres_from_mapping
-from posefuse.foundation.plain_values import plain
+from posefuse.foundation.parsing import plain
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.fusion import FuseSettings
 from posefuse.kinematics.body import BodySettings

@@ -14,9 +14,8 @@ import numpy as np
 from posefuse import __version__
 from posefuse.core import DetectionBatch, InputError, Observations, Rig, Skeleton
 from posefuse.formats.detection_log import LOG_FILE, ObservationLog, is_in_use, read_log
-from posefuse.foundation.folder_mark import MARK_FILE
-from posefuse.foundation.output_folder import find_unfinished
-from posefuse.foundation.plain_values import plain
+from posefuse.foundation.output_folder import MARK_FILE, find_unfinished
+from posefuse.foundation.parsing import plain
 
 from .opening import Opened
 

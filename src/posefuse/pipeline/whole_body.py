@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
-from posefuse.core import InputError, JointCentres, Kind, PoseSequence, Recording
+from posefuse.core import InputError, JointCentres, Kind, PoseSequence, Recording, ViewSequence
+from posefuse.core.arrays import Array, give_away
 from posefuse.core.joint_centres import SEGMENT_ENDS
 from posefuse.core.view_sequences import ViewsInParts
 from posefuse.kinematics.body import BodySettings, LengthPrior, fit_views
-from posefuse.tracking import usual_lengths, views_at_joint_centres
+from posefuse.tracking import ViewsAtJointCentres, usual_lengths
 
 _LIMB_JOINTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 # a limb counts as hidden where one of its joints was not measured in more than this share of the time steps; on people in full
@@ -40,7 +39,7 @@ def hidden_people(poses: PoseSequence) -> set[int]:
 
 def with_bodies(
     recording: Recording,
-    views: ViewsInParts,
+    views: ViewSequence | ViewsInParts,
     settings: BodySettings,
     centres: JointCentres | None,
     *,
@@ -56,19 +55,24 @@ def with_bodies(
     chosen = hidden_people(poses) if only_hidden else set(poses.person_id.tolist())
     if not chosen:
         return recording
-    rays = views_at_joint_centres(poses, rig, views.part(slice(None)), centres)
-    fitted, planes = [], {name: getattr(poses, name).copy() for name in ("xyz_world", "cov_world", "kind")}
+    fitted: list[int] = []
+    planes: dict[str, Array] = {}
     for n, person in enumerate(poses.person_id.tolist()):
         if person not in chosen:
             continue
-        alone = np.array([n])
+        alone = slice(n, n + 1)
+        start = poses.people(alone)
+        rays = ViewsAtJointCentres(start, rig, views.people(alone), centres)
         try:
-            fit = fit_views(poses.people(alone), rig, rays.people(alone), settings, lengths=usual_length_prior())
+            fit = fit_views(start, rig, rays, settings, lengths=usual_length_prior())
         except InputError:  # this person has no skeleton, or left and right are swapped
             continue
         fitted += sorted(fit.bodies)
+        # not before: in an hour, they take as much memory as what a fit works on
+        planes = planes or {name: getattr(poses, name).copy() for name in ("xyz_world", "cov_world", "kind")}
         for name, plane in planes.items():
             plane[:, n] = getattr(fit.poses, name)[:, 0]
     if not fitted:
         return recording
+    give_away(*planes.values())
     return replace(recording, poses=replace(poses, **planes), provenance={**recording.provenance, "fitted_people": fitted})

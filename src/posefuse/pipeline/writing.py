@@ -4,28 +4,44 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Protocol, runtime_checkable
 
-from posefuse.core import InputError, PosefuseError, Progress, Recording, Sink
+from posefuse.core import InputError, PosefuseError, Progress, Recording, Sink, Skeleton
 from posefuse.formats.recording import write_recording
 from posefuse.foundation.output_folder import OutputFolder, output_folder
 from posefuse.foundation.plugins import build_plugin
 from posefuse.outputs.frames import FrameSets, write_each
 
-from .body_surfaces import sinks_with_bodies
 from .opening import Opened
 from .session import Session
 from .session_images import session_frames
 
 
-def build_sinks(outputs: Sequence[str] | Mapping[str, Mapping[str, Any]]) -> list[Sink]:
+@runtime_checkable
+class SkeletonSink(Sink, Protocol):
+    """An output that depends on the keypoints that there will be."""
+
+    def check(self, skeleton: Skeleton) -> None:
+        """Raise ConfigError where it cannot be written for this skeleton; asked before any work is done."""
+        ...
+
+
+def build_sinks(outputs: Sequence[str] | Mapping[str, Mapping[str, Any]], skeleton: Skeleton | None = None) -> list[Sink]:
     """The outputs of these names, each with its options where they have some.
 
+    Args:
+        skeleton: of the recording to be written, where it is known.
+
     Raises:
-        ConfigError: one that does not exist, or an option that it does not take; before any work is done.
+        ConfigError: one that does not exist, an option that it does not take, or keypoints that it cannot do with; before any
+            work is done.
     """
     options = outputs if isinstance(outputs, Mapping) else dict[str, Mapping[str, Any]]()
-    return [build_plugin("outputs", name, options.get(name, {})) for name in outputs]
+    sinks: list[Sink] = [build_plugin("outputs", name, options.get(name, {})) for name in outputs]
+    for sink in sinks:
+        if skeleton is not None and isinstance(sink, SkeletonSink):
+            sink.check(skeleton)
+    return sinks
 
 
 def write_result(
@@ -43,7 +59,7 @@ def write_result(
         written = [] if outputs_alone else write_recording(out.folder, recording)
     except OSError as error:
         raise InputError(f"{out.target}: the recording cannot be written ({error.strerror or error})") from None
-    outcome = write_each(sinks_with_bodies(sinks, recording), recording, out.folder, frame_sets)
+    outcome = write_each(sinks, recording, out.folder, frame_sets)
     files = [out.final(path) for path in (*written, *outcome.files)]
     return files, {name: _reason(error) for name, error in outcome.failed.items()}
 
@@ -71,7 +87,7 @@ def export_recording(
     Raises:
         ConfigError: no such format. InputError: the folder holds anything else, or what is needed cannot be written.
     """
-    sinks, alone = build_sinks(formats), command == "export"
+    sinks, alone = build_sinks(formats, recording.poses.skeleton), command == "export"
     with output_folder(path, command=command, inputs=inputs, replace=replace) as out:
         report = lambda done, total: progress("write", done, total)  # noqa: E731
         frames = () if session is None else session_frames(recording, session, report)

@@ -152,8 +152,8 @@ class Fusion:
             return
         if self.watch is not None:
             view = self.watch.timed(view, self._followed)
-            astray = view.camera in self.watch.known.astray and not self.monitor.overloaded(view.camera)
-            if astray and self.monitor.does_without(view.camera):
+            miscalibrated = view.camera in self.watch.known.miscalibrated and not self.monitor.overloaded(view.camera)
+            if miscalibrated and self.monitor.does_without(view.camera):
                 return
         self.tracker.add(view)
         fused_ns = self.clock.now_ns()

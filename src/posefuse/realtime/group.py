@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import threading
 import time
 from collections.abc import Sequence
@@ -17,7 +16,6 @@ from posefuse.detection import with_clothing, with_depth
 from posefuse.detection.build import DetectorChoice, build_detector
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.platform import lower_priority
-from posefuse.foundation.requests_to_end import leave_requests_to_parent
 from posefuse.sources.arriving import Arrived
 
 from .capture import SAMPLE_STEP, Capture, Caught, LiveInput, take_all
@@ -62,9 +60,8 @@ class GroupPlan:
     videos: Path | None = None
 
 
-def run_group(plan: GroupPlan, channel: Channel) -> None:
+def run_group(channel: Channel, plan: GroupPlan) -> None:
     """Body of the process; ends on request, or when its receiver has gone."""
-    leave_requests_to_parent()
     lower_priority(_NICENESS)
     group = None
     with contextlib.suppress(ChannelClosed):
@@ -76,8 +73,6 @@ def run_group(plan: GroupPlan, channel: Channel) -> None:
     # also when the session was killed
     if group is not None:
         group.finish()
-    # a thread that hangs in a driver must not keep the process
-    os._exit(0)
 
 
 def _opened(plan: GroupPlan, channel: Channel) -> Group:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from posefuse.core import LiveJointCentres, LiveMessage, LiveNames
 
 
 class KeptMessages:
     """The newest `LiveJointCentres` of each set of cameras, in the order they came, and the newest `LiveNames`."""
 
-    def __init__(self) -> None:
+    def __init__(self, messages: Iterable[LiveMessage] = ()) -> None:
         self._centres: dict[tuple[str, ...], LiveJointCentres] = {}
         self._names: LiveNames | None = None
+        for message in messages:
+            self.keep(message)
 
     def keep(self, message: LiveMessage) -> bool:
         """Remember it if it is one of those; whether it is."""

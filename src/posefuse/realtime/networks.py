@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
-from functools import partial
-from multiprocessing import get_context
 
-from posefuse.core import ModelError, Progress, silent
+from posefuse.core import ModelError, PosefuseError, Progress, silent
 from posefuse.detection import downloading
 from posefuse.detection.blazepose import BlazePoseConfig
 from posefuse.detection.build import DetectorChoice
 from posefuse.detection.choosing import NetworkCost, largest_sustained, measured_costs
+from posefuse.foundation.channel import Channel
 from posefuse.foundation.plugins import plugin_config
-from posefuse.foundation.requests_to_end import children_ignore_requests, leave_requests_to_parent
+from posefuse.foundation.worker import Worker
 
 AUTO = "auto"
 # the networks that are downloaded to choose from; larger ones count where the user has them
 DOWNLOADED = ("blazepose_lite", "blazepose_full")
 # cameras are taken to have this rate
 _RATE_HZ = 30.0
+_MEASURED_S, _END_S = 300.0, 5.0
 
 
 def is_auto(choice: DetectorChoice) -> bool:
@@ -59,16 +58,26 @@ def settled_network(choice: DetectorChoice, cameras: int, say: Callable[[str], N
     if not is_auto(choice):
         return choice
     config: BlazePoseConfig = plugin_config("detectors", choice.name, choice.options)
-    # in a separate process, which frees its memory at the end and does not heed Ctrl-C of the terminal
-    with ProcessPoolExecutor(1, get_context("spawn"), initializer=leave_requests_to_parent) as other:
-        with children_ignore_requests():
-            measured = other.submit(measured_costs, config=config, until=partial(_too_slow, cameras))
-        costs = measured.result()
+    # in a separate process, which frees its memory at the end
+    worker = Worker(_measure)
+    worker.start(config, cameras)
+    worker.wait(_MEASURED_S)
+    costs, trouble = worker.receive(), worker.trouble
+    worker.end(_END_S)
+    if isinstance(costs, PosefuseError):
+        raise costs
+    if costs is None:
+        raise ModelError(f"no network could be chosen: {trouble or f'nothing was measured within {_MEASURED_S:g} s'}")
     best = largest_sustained(costs, cameras, _RATE_HZ)
     every = "processes every frame of" if best.sustains(cameras, _RATE_HZ) else "the fastest for"
     say(f"network {best.name}: {every} {cameras} cameras at {_RATE_HZ:g} frames/s, {1000 * best.image_s:.1f} ms per image")
     return with_network(choice, best.name)
 
 
-def _too_slow(cameras: int, cost: NetworkCost) -> bool:
-    return not cost.sustains(cameras, _RATE_HZ)
+def _measure(channel: Channel, config: BlazePoseConfig, cameras: int) -> None:
+    found: list[NetworkCost] | PosefuseError
+    try:
+        found = measured_costs(config=config, until=lambda cost: not cost.sustains(cameras, _RATE_HZ))
+    except PosefuseError as error:
+        found = error
+    channel.send(found, _END_S)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
-import pickle
 import queue
 import threading
 import time
@@ -14,9 +12,8 @@ from dataclasses import dataclass, replace
 from posefuse.core import LiveMessage, LiveOutput, LiveOutputConfig, LiveStart, OutputHealth, PosefuseError
 from posefuse.core.live_messages import FAILED, OK
 from posefuse.foundation.channel import Channel, ChannelClosed
-from posefuse.foundation.finishing import wait_while_working
 from posefuse.foundation.platform import lower_priority
-from posefuse.foundation.requests_to_end import leave_requests_to_parent
+from posefuse.foundation.requests_to_end import wait_while_working
 
 from .kept_messages import KeptMessages
 
@@ -33,6 +30,7 @@ _LONGEST_RETRY_S = 10.0
 _SETTLED_S = 30.0
 _HANGS_S = 2.0
 HANGS = "hangs"
+NOTHING_YET = OutputHealth()
 
 
 @dataclass(frozen=True)
@@ -58,24 +56,18 @@ class OutputsHealth:
 
 
 @dataclass(frozen=True)
-class Bundle:
-    """Messages for the outputs, each pickled, in their order."""
-
-    messages: Sequence[bytes]
-
-
-@dataclass(frozen=True)
 class OutputsEnd:
     """Finish and leave."""
 
 
 @dataclass(frozen=True)
 class OutputAdded:
-    """Open another output; `start` is its first message."""
+    """Open another output; `start` is its first message, `kept` are those it must have seen before all others."""
 
     name: str
     config: LiveOutputConfig
     start: LiveStart
+    kept: Sequence[LiveMessage]
 
 
 @dataclass(frozen=True)
@@ -85,18 +77,25 @@ class OutputRemoved:
     name: str
 
 
-def run_outputs(configs: Mapping[str, LiveOutputConfig], start: LiveStart, channel: Channel) -> None:
-    """Body of the process."""
-    leave_requests_to_parent()
+def run_outputs(
+    channel: Channel,
+    configs: Mapping[str, LiveOutputConfig],
+    start: LiveStart,
+    kept: Sequence[LiveMessage],
+    known: Mapping[str, OutputHealth],
+) -> None:
+    """Body of the process; `kept`: messages before all others. `known`: what former processes took, dropped and failed."""
     lower_priority(2)
-    workers: list[Worker] = []
+    workers: list[OutputThread] = []
     with contextlib.suppress(ChannelClosed):
         try:
             # in a process that was started again each opens when it can, and keeps no other waiting
-            workers += [Worker(name, config, start, open_now=start.part == 1) for name, config in configs.items()]
+            workers += [
+                OutputThread(name, config, start, kept, known[name], open_now=start.part == 1) for name, config in configs.items()
+            ]
         except Exception as error:  # noqa: BLE001 - others' outputs may fail in any way; it is reported, not hidden
             channel.send(OutputsFailed(words_of(error, "outputs")), 1.0)
-            os._exit(1)
+            return
         channel.send(OutputsReady(_health(workers)), 1.0)
         _hand_out(channel, workers)
     # also when the session was killed: files are finished
@@ -112,29 +111,23 @@ def run_outputs(configs: Mapping[str, LiveOutputConfig], start: LiveStart, chann
         worker.join(0.0)
     with contextlib.suppress(ChannelClosed):
         channel.send(OutputsHealth(_health(workers), final=True), 1.0)
-    # a viewer or network that hangs must not keep the process
-    os._exit(0)
 
 
-def _hand_out(channel: Channel, workers: list[Worker]) -> None:
+def _hand_out(channel: Channel, workers: list[OutputThread]) -> None:
     reported, reported_s = _states(workers), time.monotonic()
-    kept = KeptMessages()
     while True:
         channel.wait(_WAIT_S)
         while (message := channel.receive()) is not None:
             if isinstance(message, OutputsEnd):
                 return
             if isinstance(message, OutputAdded):
-                workers.append(Worker(message.name, message.config, message.start, open_now=False))
-                for earlier in kept.messages():
-                    workers[-1].put(earlier)
+                workers.append(OutputThread(message.name, message.config, message.start, message.kept, open_now=False))
             elif isinstance(message, OutputRemoved):
                 for worker in workers:
                     if worker.name == message.name:
                         worker.finish()
             else:
-                for one in map(pickle.loads, message.messages) if isinstance(message, Bundle) else (message,):
-                    kept.keep(one)
+                for one in message:
                     for worker in workers:
                         worker.put(one)
         workers[:] = [worker for worker in workers if not worker.finished]
@@ -144,34 +137,45 @@ def _hand_out(channel: Channel, workers: list[Worker]) -> None:
             reported, reported_s = states, now_s
 
 
-def _health(workers: Sequence[Worker]) -> dict[str, OutputHealth]:
+def _health(workers: Sequence[OutputThread]) -> dict[str, OutputHealth]:
     return {worker.name: worker.health() for worker in workers}
 
 
-def _states(workers: Sequence[Worker]) -> list[tuple[str, int]]:
+def _states(workers: Sequence[OutputThread]) -> list[tuple[str, int]]:
     return [(health.state, health.failures) for health in _health(workers).values()]
 
 
-class Worker:
+class OutputThread:
     """An output's thread and its queue: one that keeps all is given what it has room for, another the newest.
 
     Args:
+        start, kept: its first messages. known: its health in a former process.
         open_now: open it before returning; else its own thread does, and what keeps it from that is in its health.
 
     Raises:
         PosefuseError: the output cannot be opened at the start.
     """
 
-    def __init__(self, name: str, config: LiveOutputConfig, start: LiveStart, *, open_now: bool = True) -> None:
+    def __init__(
+        self,
+        name: str,
+        config: LiveOutputConfig,
+        start: LiveStart,
+        kept: Sequence[LiveMessage] = (),
+        known: OutputHealth = NOTHING_YET,
+        *,
+        open_now: bool = True,
+    ) -> None:
         self.name, self._config, self._start = name, config, start
         self._queue: queue.Queue[LiveMessage | None] = queue.Queue(_QUEUE if config.keeps_all else _LIVE_QUEUE)
-        self._kept = KeptMessages()
+        self._kept = KeptMessages(kept)
         self._part, self._retry_s, self._again_s = start.part, _FIRST_RETRY_S, 0.0
         self._failed_s = self._busy_s = 0.0
         self._output: LiveOutput | None = self._opened() if open_now else None
-        self._now = OutputHealth(where=self._output.where) if self._output else OutputHealth(state="opening")
+        state, where = (OK, self._output.where) if self._output else ("opening", known.where)
+        self._now = replace(known, state=state, text="", where=where)
         self._ending = False
-        self._dropped = 0
+        self._dropped = known.dropped
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 

@@ -7,12 +7,10 @@ own, so that the output tick never waits for it.
 from __future__ import annotations
 
 import contextlib
-import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import Any
 
 from posefuse.calibration.clocks.paths import APART_S
 from posefuse.calibration.keypoints import MIN_SCORE, limb_keypoints
@@ -20,18 +18,17 @@ from posefuse.core import Detections2D, Rig, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.platform import lower_priority
-from posefuse.foundation.requests_to_end import leave_requests_to_parent
+from posefuse.foundation.worker import Worker
 from posefuse.health import rig_monitor as monitor
 from posefuse.health.cameras import Verdict
 from posefuse.health.clock_finding import ClockFinder
 from posefuse.health.common_times import CommonTimeSteps
 
-from .processes import ended, spawned
-
 _S = 1e9
 _NICENESS = 10
 _WAIT_S = 0.2
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+# it computes in one thread: waiting for each other, several would only take from the cameras
+_ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 # of a camera's views, those closer than this to the one before add no information
 _APART_NS = round(APART_S * 1e9)
 # poses are better without a camera that sees people farther off than this (`bench/rig_monitor.py`)
@@ -45,12 +42,12 @@ class Watched:
     Attributes:
         offset_s: how much later each camera's stamps are than the mean of all, by camera; only those that are known.
         ill: what is wrong with cameras, by camera; only those with something.
-        far off: those whose views are so far off the person that the others know better.
+        miscalibrated: those whose views are so far off the person that the others know better.
     """
 
     offset_s: Mapping[str, float] = field(default_factory=dict)
     ill: Mapping[str, Verdict] = field(default_factory=dict)
-    astray: frozenset[str] = frozenset()
+    miscalibrated: frozenset[str] = frozenset()
 
 
 def watching(rig: Rig, clocks: bool) -> AbstractContextManager[RigWatch | None]:
@@ -65,27 +62,26 @@ class RigWatch:
         rig: its cameras. clocks: find how far their clocks are apart, too.
 
     Attributes:
-        known: what was found so far. trouble: of the process; empty when nothing is.
+        known: what was found so far.
     """
 
     def __init__(self, rig: Rig, clocks: bool) -> None:
-        self.known, self.trouble = Watched(), ""
+        self.known = Watched()
         self._sent_ns = dict.fromkeys(rig.names, 0)
-        self._channel, theirs = Channel.pair()
-        with _one_thread():
-            self._process = spawned(run_watch, rig, clocks, theirs, name="posefuse rig watch")
-        theirs.close_own()
+        self._plan = rig, clocks
+        self._worker = Worker(run_watch, _ONE_THREAD)
+        self._worker.start(*self._plan)
 
     def __enter__(self) -> RigWatch:
         return self
 
     def __exit__(self, *problem: object) -> None:
-        self._channel.close()
-        ended(self._process, 0.3)
+        # it has nothing to finish
+        self._worker.end(0.0)
 
     def whereabouts(self) -> str:
         """In which process it is, in words."""
-        return f"rig watched in process {self._process.pid}"
+        return f"rig watched in process {self._worker.pid}"
 
     def timed(self, view: Detections2D, followed: int) -> Detections2D:
         """The view with what is known of its clock taken away.
@@ -99,30 +95,22 @@ class RigWatch:
 
     def receive(self) -> None:
         """Take in what was found since the last time."""
-        if self.trouble:
-            return
-        try:
-            while (found := self._channel.receive()) is not None:
-                self.known = found
-        except ChannelClosed:
-            self._lost()
+        while (found := self._worker.receive()) is not None:
+            self.known = found
+        if self._worker.due():
+            # what the former process found of the cameras is not watched any more; their clocks stay as they were
+            self.known = replace(self.known, ill={}, miscalibrated=frozenset())
+            self._worker.start(*self._plan)
+
+    @property
+    def trouble(self) -> str:
+        """How its newest process to die ended; empty when none did."""
+        return f"{self._worker.trouble}; started again" if self._worker.trouble else ""
 
     def _pass_on(self, view: Detections2D) -> None:
         self._sent_ns[view.camera] = view.t_ns
         points = _limb_keypoints(view.skeleton)
-        self._send((view.camera, view.t_ns, view.xy_img[0, points], view.score[0, points]))
-
-    def _send(self, message: Any) -> None:
-        if self.trouble:
-            return
-        try:
-            self._channel.send(message)
-        except ChannelClosed:
-            self._lost()
-
-    def _lost(self) -> None:
-        self.trouble = f"process {self._process.pid} ended; cameras that are moved or unsynchronised are not named any more"
-        self.known = replace(self.known, ill={}, astray=frozenset())
+        self._worker.send((view.camera, view.t_ns, view.xy_img[0, points], view.score[0, points]))
 
 
 @cache
@@ -130,22 +118,8 @@ def _limb_keypoints(skeleton: Skeleton) -> Array:
     return limb_keypoints(skeleton.keypoints)
 
 
-@contextlib.contextmanager
-def _one_thread() -> Iterator[None]:
-    """Processes started meanwhile compute in one thread: waiting for each other, several would only take from the cameras."""
-    before = {name: os.environ.get(name) for name in _THREADS}
-    os.environ.update(dict.fromkeys(_THREADS, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            os.environ.pop(name)
-            os.environ.update({name: value} if value is not None else {})
-
-
-def run_watch(rig: Rig, clocks: bool, channel: Channel) -> None:
+def run_watch(channel: Channel, rig: Rig, clocks: bool) -> None:
     """Body of the process: collects views, reports what it finds."""
-    leave_requests_to_parent()
     lower_priority(_NICENESS)
     watcher, reported = RigWatcher(rig, clocks), Watched()
     with contextlib.suppress(ChannelClosed):
@@ -156,7 +130,6 @@ def run_watch(rig: Rig, clocks: bool, channel: Channel) -> None:
             found = watcher.look()
             if found != reported and channel.send(found):
                 reported = found
-    os._exit(0)
 
 
 class RigWatcher:
@@ -186,5 +159,5 @@ class RigWatcher:
                 self._state, _ = monitor.observe(self._state, self._rig, t_ns, xy_img)
         findings = self._state.findings
         ill = {name: Verdict(one.kind, one.detail) for one in findings for name in one.cameras}
-        astray = frozenset(name for one in findings if one.displaced_m > _ASTRAY_M for name in one.cameras)
-        return Watched(self._offset_s, ill, astray)
+        miscalibrated = frozenset(name for one in findings if one.displaced_m > _ASTRAY_M for name in one.cameras)
+        return Watched(self._offset_s, ill, miscalibrated)

@@ -1,11 +1,12 @@
 """A live session in a process of its own, for `posefuse.live`: the program that uses the poses cannot delay the output rate.
 
-`main` is its entry point; the plan comes over the channel, poses, health and news go back over it.
+Its plan is an argument of `serve`; poses, health and news go over the channel, requests come back over it.
 """
 
 from __future__ import annotations
 
 import _thread
+import signal
 import threading
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -22,7 +23,7 @@ from posefuse.core import (
     PosefuseError,
     Rig,
 )  # fmt: skip
-from posefuse.foundation.channel import Channel, ChannelClosed, channel_of_parent
+from posefuse.foundation.channel import Channel, ChannelClosed
 
 from .capture import LiveInput
 from .clock import SessionClock
@@ -32,7 +33,7 @@ from .output_plan import OutputPlan
 from .ros_cameras import rig_with_camera_infos
 from .session import run_live
 
-_SEND_S, _LOOK_S, _PLAN_S = 1.0, 0.2, 30.0
+_SEND_S, _LOOK_S, _END_SEND_S = 1.0, 0.2, 30.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -85,11 +86,9 @@ class _Reader:
             self._channel.send(message)
 
 
-def main() -> None:
-    """Entry point: run the session that comes over the channel until it ends, it is stopped, or no one listens any more."""
-    channel = channel_of_parent()
-    while (plan := channel.receive()) is None:
-        channel.wait(_PLAN_S)
+def serve(channel: Channel, plan: ServePlan) -> None:
+    """Body of the process: run the session until it ends, it is stopped (it interrupts itself), or no one listens any more."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     controls = Controls()
     threading.Thread(target=_take_requests, args=(channel, controls), daemon=True).start()
     error: PosefuseError | None = None
@@ -108,7 +107,7 @@ def main() -> None:
     except KeyboardInterrupt:
         pass
     with suppress(ChannelClosed):
-        channel.send(Ended(error), _PLAN_S)
+        channel.send(Ended(error), _END_SEND_S)
 
 
 def _take_requests(channel: Channel, controls: Controls) -> None:

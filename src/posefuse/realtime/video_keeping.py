@@ -14,9 +14,9 @@ from posefuse.core import InputError, SourceError
 from posefuse.core.encoded import EncodedFrame
 from posefuse.formats.kept_video import KeptVideo
 from posefuse.formats.pixels import Pixels
-from posefuse.foundation.atomic import write_text
-from posefuse.foundation.finishing import wait_while_working
+from posefuse.foundation.output_file import write_text
 from posefuse.foundation.platform import lower_thread_priority
+from posefuse.foundation.requests_to_end import wait_while_working
 from posefuse.sources.video import VideoConfig
 
 # of frames that wait for the disk: half a second of images of 1920 x 1080 px, a minute of packets

@@ -1,9 +1,12 @@
-"""A scene brought to life: people who can be asked where they are, boxes, props, the exact rig, every camera's shots."""
+"""What a scene stands for: people with their exact state at any time, boxes, props, the exact rig, every camera's shots."""
 
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -12,11 +15,15 @@ from posefuse.core.arrays import Array
 from posefuse.core.skeleton import ANATOMICAL23
 
 from .body import SimulatedBody, build_body
-from .cameras import PlacedCamera, placed_cameras, rig_from_cameras
-from .motion import MovingPerson, build_person
+from .cameras import PlacedCamera, Shots, placed_cameras, rig_from_cameras, shots_of
+from .motion.gait import walking
+from .motion.posture import BodyPosture, bones_of
+from .motion.recorded import from_result, from_trc, retargeted
+from .motion.routes import route
+from .motion.settings import MotionSettings, StandSettings, WalkSettings
+from .motion.standing import standing_motion
 from .props import CarriedPath, Prop, poses_in_hand, poses_on_path, prop_from_settings
 from .scene import Scene, check_scene
-from .shots import Shots, shots_of
 from .surroundings import Box, boxes_of
 
 _ROOM_MARGIN_M = 1.0
@@ -179,3 +186,58 @@ def _grip(body: SimulatedBody, path: CarriedPath) -> tuple[int, SE3]:
 
 def _point(values: Array) -> str:
     return "(" + ", ".join(f"{round(float(value), 2) + 0.0:.2f}" for value in values) + ")"
+
+
+_READERS = {"bvh": retargeted, "trc": from_trc, "result": from_result}
+
+
+@dataclass(frozen=True, eq=False)
+class PersonState:
+    """A person at T times; what follows from the bones is computed when it is first asked for.
+
+    Attributes:
+        world_from_bone: (T, B, 4, 4).
+    """
+
+    body: SimulatedBody
+    world_from_bone: Array
+
+    @cached_property
+    def keypoints_world(self) -> Array:
+        """(T, 23, 3) of `ANATOMICAL23`."""
+        return self.body.keypoints(self.world_from_bone)
+
+    @cached_property
+    def world_from_segment(self) -> SE3:
+        """Batch (T, S) of `simulation.body.SEGMENTS`."""
+        return self.body.segments(self.world_from_bone)
+
+    @cached_property
+    def angle_rad(self) -> Array:
+        """(T, J, 3) of `simulation.body.JOINTS`."""
+        return self.body.angles(self.world_from_bone)
+
+
+@dataclass(frozen=True, eq=False)
+class MovingPerson:
+    """A body with a motion, made by `build_person`. Exact and repeatable at any time, before 0 as well."""
+
+    body: SimulatedBody
+    posture: Callable[[Array], BodyPosture]
+
+    def at(self, t_s: Any) -> PersonState:
+        """State at times (T,) in seconds, in any order."""
+        return PersonState(self.body, bones_of(self.body, self.posture(np.atleast_1d(np.asarray(t_s, np.float64)))))
+
+
+def build_person(body: SimulatedBody, motion: MotionSettings, seed: int) -> MovingPerson:
+    """Put a motion into a body; the same seed gives the same bytes.
+
+    Raises:
+        ConfigError: a path that cannot be walked, or that a hand cannot reach. InputError: a motion file that cannot be used.
+    """
+    if isinstance(motion, StandSettings):
+        return MovingPerson(body, standing_motion(body, motion, seed))
+    if isinstance(motion, WalkSettings):
+        return MovingPerson(body, walking(body, route(motion.path, motion.speed_mps, seed), motion.speed_mps).posture)
+    return MovingPerson(body, _READERS[motion.kind](body, motion).posture)

@@ -1,9 +1,9 @@
-"""Cameras of a scene: where they stand, what lens and sensor they have, the depth they measure, and the rig they make."""
+"""Cameras of a scene: where they stand, lens, sensor and depth, the rig they make, and when each exposes its frames."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Literal
 
 import numpy as np
@@ -11,7 +11,7 @@ from annotated_types import Ge, Gt, Le, Lt, MaxLen, MinLen
 from pydantic import Field
 
 from posefuse.core import SE3, Camera, ConfigError, PosefuseError, Rig
-from posefuse.core.arrays import Array
+from posefuse.core.arrays import Array, frozen
 from posefuse.core.errors import choices
 from posefuse.foundation.settings import settings
 
@@ -110,7 +110,7 @@ class SensorSettings:
 
 @settings
 class CameraOverride:
-    """What one camera of a ring or of the corners has of its own; None leaves what all have.
+    """What one camera of a ring has of its own; None leaves what all have.
 
     Attributes:
         roll_deg: turn about the viewing direction, clockwise as seen from behind the camera.
@@ -145,23 +145,6 @@ class RingCameras:
 
 
 @settings
-class CornerCameras:
-    """One camera in each corner of a rectangular area, looking inwards; named cam00 to cam03.
-
-    Attributes:
-        area_m: (x, y) size of the rectangle about the world's origin.
-    """
-
-    kind: Literal["corners"]
-    area_m: tuple[Annotated[float, Gt(0)], Annotated[float, Gt(0)]] = (7.0, 7.0)
-    height_m: float = 2.5
-    look_at_m: Point = (0.0, 0.0, 1.0)
-    image: ImageSettings = ImageSettings()
-    sensor: SensorSettings = SensorSettings()
-    overrides: dict[str, CameraOverride] = field(default_factory=dict)
-
-
-@settings
 class PlacedCamera:
     """One camera where it is wanted.
 
@@ -185,14 +168,13 @@ class ListedCameras:
     cameras: Annotated[tuple[PlacedCamera, ...], MinLen(1), MaxLen(MOST_CAMERAS)]
 
 
-CameraSettings = Annotated[RingCameras | CornerCameras | ListedCameras, Field(discriminator="kind")]
+CameraSettings = Annotated[RingCameras | ListedCameras, Field(discriminator="kind")]
 
 
-def placed_cameras(settings_: RingCameras | CornerCameras | ListedCameras) -> tuple[PlacedCamera, ...]:
+def placed_cameras(settings_: RingCameras | ListedCameras) -> tuple[PlacedCamera, ...]:
     """The cameras one by one, whatever way they were given; raises ConfigError for an override of no camera."""
     if isinstance(settings_, ListedCameras):
         return settings_.cameras
-    spots = _ring_spots(settings_) if isinstance(settings_, RingCameras) else _corner_spots(settings_)
     placed = {
         f"cam{i:02d}": PlacedCamera(
             name=f"cam{i:02d}",
@@ -201,7 +183,7 @@ def placed_cameras(settings_: RingCameras | CornerCameras | ListedCameras) -> tu
             image=settings_.image,
             sensor=settings_.sensor,
         )
-        for i, spot in enumerate(spots)
+        for i, spot in enumerate(_ring_spots(settings_))
     }
     for name, own in settings_.overrides.items():
         if name not in placed:
@@ -215,11 +197,6 @@ def _ring_spots(ring: RingCameras) -> list[Point]:
     angles = np.deg2rad(ring.first_angle_deg) + 2 * np.pi * np.arange(ring.count) / ring.count
     x, y = ring.centre_m
     return [(x + ring.radius_m * float(np.cos(a)), y + ring.radius_m * float(np.sin(a)), ring.height_m) for a in angles]
-
-
-def _corner_spots(corners: CornerCameras) -> list[Point]:
-    half_x, half_y = corners.area_m[0] / 2, corners.area_m[1] / 2
-    return [(sx * half_x, sy * half_y, corners.height_m) for sx, sy in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
 
 
 def rig_from_cameras(placed: tuple[PlacedCamera, ...]) -> Rig:
@@ -272,3 +249,75 @@ def looking_at(centre: Array, point: Array, roll_rad: float = 0.0) -> SE3:
     turned_right = np.cos(roll_rad) * right + np.sin(roll_rad) * down
     rotation: Array = np.stack([turned_right, np.cross(forward, turned_right), forward])
     return SE3.from_matrix(rotation, -rotation @ centre)
+
+
+# keeps frames in order however strong the jitter
+_JITTER_LIMIT_PERIODS = 0.45
+_PURPOSE = {"jitter": 1, "stamp": 2, "drop": 3}
+
+
+@dataclass(frozen=True, eq=False)
+class Shots:
+    """The frames one camera delivers.
+
+    Attributes:
+        camera: its name.
+        seq: (F,) running number of each frame, gaps where frames were lost.
+        t_ns: (F,) true mid-exposure (of the middle row) on the session clock.
+        stamp_ns: (F,) the same moment as the camera's own clock has it.
+    """
+
+    camera: str
+    seq: Array
+    t_ns: Array
+    stamp_ns: Array
+
+    def __post_init__(self) -> None:
+        for name in ("seq", "t_ns", "stamp_ns"):
+            object.__setattr__(self, name, frozen(getattr(self, name), np.int64, f"Shots.{name}"))
+
+    def __len__(self) -> int:
+        return len(self.t_ns)
+
+
+def shots_of(
+    camera: str, index: int, sensor: SensorSettings, rate_hz: float, start_s: float, duration_s: float, seed: int
+) -> Shots:
+    """Frames of camera number `index` between `start_s` and `start_s + duration_s`, the same for the same seed.
+
+    Raises:
+        ConfigError: no frame is left, or the camera's clock would show negative times.
+    """
+    rate_hz = sensor.rate_hz or rate_hz
+    # the camera counts its own seconds
+    period_s = 1 / rate_hz / (1 + sensor.drift_ppm * 1e-6)
+    count = max(0, int(np.ceil((duration_s - sensor.phase_s) / period_s - 1e-9)))
+    seq = np.arange(count)
+    jitter_s = sensor.jitter_s * _normals(seed, "jitter", index, count)
+    jitter_s = np.clip(jitter_s, -_JITTER_LIMIT_PERIODS * period_s, _JITTER_LIMIT_PERIODS * period_s)
+    # nothing is exposed before the scene begins
+    t_s = np.maximum(start_s + sensor.phase_s + seq * period_s + jitter_s, start_s)
+    stamp_s = sensor.offset_s + t_s * (1 + sensor.drift_ppm * 1e-6) + sensor.stamp_noise_s * _normals(seed, "stamp", index, count)
+    kept = _rng(seed, "drop", index).random(count) >= sensor.drop_fraction
+    if not kept.any():
+        raise ConfigError(
+            f"camera {camera}: no frame is left between {start_s} s and {start_s + duration_s} s; "
+            "make duration_s longer, phase_s or drop_fraction smaller"
+        )
+    stamp_ns = np.round(stamp_s[kept] * 1e9).astype(np.int64)
+    if stamp_ns[0] < 0:
+        raise ConfigError(
+            f"camera {camera}: its clock starts at {stamp_ns[0] / 1e9:.3f} s, and a video has no times before 0; "
+            f"set start_s to at least {start_s - stamp_ns.min() / 1e9:.3f}"
+        )
+    if (np.diff(stamp_ns) <= 0).any():
+        raise ConfigError(f"camera {camera}: stamp_noise_s {sensor.stamp_noise_s} puts frames out of order; make it smaller")
+    return Shots(camera, seq[kept], np.round(t_s[kept] * 1e9), stamp_ns)
+
+
+def _rng(seed: int, purpose: str, index: int) -> np.random.Generator:
+    return np.random.default_rng([seed, _PURPOSE[purpose], index])
+
+
+def _normals(seed: int, purpose: str, index: int, count: int) -> Array:
+    return _rng(seed, purpose, index).standard_normal(count)

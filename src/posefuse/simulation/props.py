@@ -10,9 +10,8 @@ from typing import Annotated, Literal
 
 import cv2
 import numpy as np
-from annotated_types import Ge, Gt, MinLen
+from annotated_types import Ge, Gt
 from pydantic import Field
-from scipy.interpolate import CubicSpline
 
 from posefuse.core import SE3, ConfigError
 from posefuse.core.arrays import Array, frozen
@@ -59,20 +58,6 @@ class WavedPath:
 
 
 @settings
-class WaypointPath:
-    """Along a smooth curve through points, at a constant mean speed, there and back.
-
-    Attributes:
-        waypoints_m: at least two points. turn_dps: steady turn about the vertical.
-    """
-
-    kind: Literal["waypoints"]
-    waypoints_m: Annotated[tuple[Point, ...], MinLen(2)]
-    speed_mps: Annotated[float, Gt(0)] = 0.6
-    turn_dps: float = 0.0
-
-
-@settings
 class CarriedPath:
     """Held by a person.
 
@@ -85,18 +70,16 @@ class CarriedPath:
     side: Literal["left", "right"] = "right"
 
 
-PathSettings = Annotated[StillPath | WavedPath | WaypointPath | CarriedPath, Field(discriminator="kind")]
+PathSettings = Annotated[StillPath | WavedPath | CarriedPath, Field(discriminator="kind")]
 
 
-def poses_on_path(path: StillPath | WavedPath | WaypointPath, t_s: Array, seed: int) -> SE3:
+def poses_on_path(path: StillPath | WavedPath, t_s: Array, seed: int) -> SE3:
     """World poses (T,) at times (T,) in seconds since the start of the scene."""
     t_s = np.asarray(t_s, np.float64)
     if isinstance(path, StillPath):
         angles = np.broadcast_to(np.deg2rad([path.yaw_deg, path.pitch_deg, path.roll_deg]), (len(t_s), 3))
         return _turned(angles, np.broadcast_to(path.position_m, (len(t_s), 3)))
-    if isinstance(path, WavedPath):
-        return _waved(path, t_s, seed if path.seed is None else path.seed)
-    return _along(path, t_s)
+    return _waved(path, t_s, seed if path.seed is None else path.seed)
 
 
 def _waved(path: WavedPath, t_s: Array, seed: int) -> SE3:
@@ -119,19 +102,6 @@ def _waves(rng: np.random.Generator, rate_hz: float, t_s: Array) -> Array:
     phase = rng.uniform(0, 2 * np.pi, (3, 3))
     waves = np.sin(2 * np.pi * rates * t_s[:, None, None] + phase)
     return np.asarray((weight * waves).sum(axis=1))
-
-
-def _along(path: WaypointPath, t_s: Array) -> SE3:
-    points = np.array(path.waypoints_m)
-    lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    if (lengths == 0).any():
-        raise ConfigError("props: path.waypoints_m: two waypoints in a row are the same point")
-    at_m = np.concatenate([[0.0], np.cumsum(lengths)])
-    curve = CubicSpline(at_m, points, bc_type="clamped")
-    travelled = np.mod(t_s * path.speed_mps, 2 * at_m[-1])
-    place = curve(np.minimum(travelled, 2 * at_m[-1] - travelled))
-    yaw = np.deg2rad(path.turn_dps) * t_s
-    return _turned(np.stack([yaw, np.zeros_like(yaw), np.zeros_like(yaw)], axis=-1), place)
 
 
 def _turned(yaw_pitch_roll: Array, xyz: Array) -> SE3:
@@ -224,7 +194,8 @@ class GroundTile:
 
 
 PropSettings = Annotated[ArucoCube | CharucoBoard | GroundTile, Field(discriminator="kind")]
-Path = StillPath | WavedPath | WaypointPath | CarriedPath
+Path = StillPath | WavedPath | CarriedPath
+_NO_CHESS = np.zeros((0, 3))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -283,19 +254,7 @@ def prop_from_settings(prop: ArucoCube | CharucoBoard | GroundTile) -> Prop:
         picture, half_uv = _marker_face(prop.name, prop.dictionary, prop.id, prop.side_m / prop.marker_m)
         vertices, uv, faces = _plate(prop.side_m, prop.side_m, half_uv)
         corners = _square(prop.marker_m / 2, np.array([0, 0, _PLATE_M / 2]), np.eye(3)[0], np.eye(3)[1])
-        return Prop(
-            name=prop.name,
-            kind=prop.kind,
-            dictionary=prop.dictionary,
-            marker_id=np.array([prop.id]),
-            corners_prop=corners[None],
-            chess_prop=np.zeros((0, 3)),
-            vertices=vertices,
-            uv=uv,
-            faces=faces,
-            texture=picture,
-            path=prop.path,
-        )
+        return _made(prop, np.array([prop.id]), corners[None], _NO_CHESS, (vertices, uv, faces), picture)
     return _cube(prop)
 
 
@@ -313,19 +272,8 @@ def _cube(prop: ArucoCube) -> Prop:
         faces.append(np.array([[0, 2, 1], [0, 3, 2]]) + 4 * i)
         corners.append(_square(prop.marker_m / 2, half * normal, right, up))
     atlas, used = _power_of_two(np.vstack([np.hstack(pictures[:3]), np.hstack(pictures[3:])]))
-    return Prop(
-        name=prop.name,
-        kind=prop.kind,
-        dictionary=prop.dictionary,
-        marker_id=ids,
-        corners_prop=np.array(corners),
-        chess_prop=np.zeros((0, 3)),
-        vertices=np.concatenate(vertices),
-        uv=np.concatenate(uv) * used,
-        faces=np.concatenate(faces),
-        texture=atlas,
-        path=prop.path,
-    )
+    mesh = np.concatenate(vertices), np.concatenate(uv) * used, np.concatenate(faces)
+    return _made(prop, ids, np.array(corners), _NO_CHESS, mesh, atlas)
 
 
 def _board(prop: CharucoBoard) -> Prop:
@@ -350,15 +298,30 @@ def _board(prop: CharucoBoard) -> Prop:
         flat = np.asarray(points, np.float64)[..., :2] - size_m / 2
         return np.stack([flat[..., 0], -flat[..., 1], np.full(flat.shape[:-1], _PLATE_M / 2)], axis=-1)
 
+    ids, markers = np.asarray(board.getIds()).ravel(), centred(np.array(board.getObjPoints()))
+    chess = centred(np.asarray(board.getChessboardCorners()))
+    return _made(prop, ids, markers, chess, (vertices, uv * used, faces), texture)
+
+
+def _made(
+    prop: ArucoCube | CharucoBoard | GroundTile,
+    ids: Array,
+    corners: Array,
+    chess: Array,
+    mesh: tuple[Array, Array, Array],
+    texture: Array,
+) -> Prop:
+    """A prop of ids (M,), corners (M, 4, 3) and chess (Q, 3), and a mesh of vertices, uv, faces."""
+    vertices, uv, faces = mesh
     return Prop(
         name=prop.name,
         kind=prop.kind,
         dictionary=prop.dictionary,
-        marker_id=np.asarray(board.getIds()).ravel(),
-        corners_prop=centred(np.array(board.getObjPoints())),
-        chess_prop=centred(np.asarray(board.getChessboardCorners())),
+        marker_id=ids,
+        corners_prop=corners,
+        chess_prop=chess,
         vertices=vertices,
-        uv=uv * used,
+        uv=uv,
         faces=faces,
         texture=texture,
         path=prop.path,

@@ -15,7 +15,7 @@ from pydantic import Field
 
 from posefuse.core import ConfigError
 from posefuse.core.errors import choices
-from posefuse.foundation.plain_values import plain
+from posefuse.foundation.parsing import plain
 from posefuse.foundation.settings import read_settings, settings
 
 from .body import BodyShapeSettings

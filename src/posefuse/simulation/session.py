@@ -7,7 +7,7 @@ SESSION/scene.yaml            every setting, defaults written out
 SESSION/truth/truth.npz       `posefuse.formats.truth`
 SESSION/truth/shots.npz       per camera number i: seq<i>, t<i>_ns (true), stamp<i>_ns (in the video)
 SESSION/truth/props.npz       `exact.prop_truth`, when the scene has props
-SESSION/posefuse-folder.json  `foundation.folder_mark`: the command that made it
+SESSION/posefuse-folder.json  `foundation.output_folder`: the command that made it
 
 It is made in a staging folder (`foundation.output_folder`). What an interrupted run left there is continued by the next run of
 the same scene: runs of frames that are whole are not rendered again.
@@ -38,9 +38,9 @@ from posefuse.foundation.platform import usable_cores
 
 from .build import LiveScene, live_scene
 from .exact import flesh_of_points, prop_truth, seen_points, truth_with
-from .render.backend import check_framebuffer, working_backend
 from .render.model import render_model
 from .render.shot import moments_of
+from .render.stage import check_framebuffer, working_backend
 from .render.workers import RenderJob, RenderTask, image_name, render_all
 from .scene import SCENE_FILE, H264Settings, Scene, motion_files, scene_text, write_scene
 

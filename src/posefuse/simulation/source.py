@@ -26,9 +26,8 @@ from posefuse.formats.video import read_video
 
 from .build import LiveScene, live_scene
 from .exact import flesh_of_points, seen_points
-from .render.backend import working_backend
 from .render.shot import CameraShooter, Shot
-from .render.stage import RenderStage
+from .render.stage import RenderStage, working_backend
 from .scene import read_scene
 from .session import SessionPaths, body_poses, scene_render_model
 

@@ -9,7 +9,7 @@ from pathlib import PurePosixPath
 from nicegui import ui
 
 from posefuse.core import PosefuseError, Recording
-from posefuse.foundation.plain_values import plain
+from posefuse.foundation.parsing import plain
 from posefuse.pipeline.edits import NO_EDITS, Edits, Exclusion, check_edits
 from posefuse.pipeline.edits_file import read_edits, write_edits
 from posefuse.pipeline.solve import edits_of

@@ -17,7 +17,7 @@ from typing import Any
 import platformdirs
 
 from posefuse.core import InputError
-from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.output_file import atomic_file
 
 
 def private_folder() -> Path:

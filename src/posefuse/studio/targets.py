@@ -11,7 +11,7 @@ from posefuse.calibration.targets.description import read_target, write_target
 from posefuse.calibration.targets.kinds import Charuco, Markers, Target
 from posefuse.calibration.targets.printing import CUBE_IDS, board_sheets, marker_sheets, write_pdf
 from posefuse.core import InputError, PosefuseError
-from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.output_file import atomic_file
 
 from .calibrations import Step
 from .workspace import StudioWorkspace

@@ -7,7 +7,7 @@ from collections.abc import AsyncIterable, Iterable
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
 from posefuse.core import InputError
-from posefuse.foundation.atomic import atomic_file
+from posefuse.foundation.output_file import atomic_file
 
 MOST_UPLOAD_BYTES = 4 * 2**30
 STATE_FOLDER = ".posefuse-studio"

@@ -3,7 +3,7 @@
     IDLE ----- all well, switch let go -----> READY ----- switch held, robot stands -----> ENGAGED
      ^                                          |                                        |    ^
      +--------- something missing --------------+                      anything missing  v    | all well again, robot stands
-     +------------- missing for longer than `reengage_s`, another body or hand -------- HOLD
+     +------------- missing for longer than `REENGAGE_S`, another body or hand -------- HOLD
 
 A fault of the robot or an emergency stop leads to STOPPED from everywhere; a reset with the switch let go leads to IDLE.
 
@@ -22,7 +22,21 @@ import numpy as np
 from posefuse.core.arrays import Array
 
 from .hands import TRUNK
-from .settings import GateSettings
+from .settings import (
+    BEATS_TO_ENGAGE,
+    FOREARM_SHARE,
+    FULL_VIEWS,
+    HAND_STEP_M,
+    HANDS_APART_M,
+    HEALTH_S,
+    HEARTBEAT_S,
+    REENGAGE_S,
+    ROBOT_AGE_S,
+    SETTLE_S,
+    STANDING_MPS,
+    TRUNK_SHARE,
+    GateSettings,
+)
 from .values import CameraReport, OperatorView, Phase, RobotState, all_finite
 
 
@@ -50,9 +64,9 @@ class Heartbeats:
     count: int = 0
     grip: bool = False
 
-    def with_beat(self, beat: Beat, now_ns: int, settings: GateSettings) -> Heartbeats:
+    def with_beat(self, beat: Beat, now_ns: int) -> Heartbeats:
         """After one more heartbeat. A duplicate, one that overtook another, a late one and one from the future do not count."""
-        longest_ns = settings.heartbeat_s * 1e9
+        longest_ns = HEARTBEAT_S * 1e9
         heard = replace(self, heard_ns=now_ns)
         if beat.seq <= self.seq or not 0 <= now_ns - beat.sent_ns <= longest_ns:
             return heard
@@ -62,17 +76,17 @@ class Heartbeats:
         count = self.count + 1 if in_a_row else 1
         return replace(heard, seq=beat.seq, last_ns=beat.sent_ns, count=count, grip=beat.grip)
 
-    def held(self, now_ns: int, settings: GateSettings) -> bool:
+    def held(self, now_ns: int) -> bool:
         """Whether the switch is held now: enough heartbeats in a row, the newest one new enough."""
-        return self.count >= settings.beats_to_engage and _new(self.last_ns, now_ns, settings)
+        return self.count >= BEATS_TO_ENGAGE and _new(self.last_ns, now_ns)
 
-    def let_go(self, now_ns: int, settings: GateSettings) -> bool:
+    def let_go(self, now_ns: int) -> bool:
         """Whether the switch is released: no heartbeat of any kind for so long that one would have come."""
-        return not _new(self.heard_ns, now_ns, settings)
+        return not _new(self.heard_ns, now_ns)
 
 
-def _new(t_ns: int | None, now_ns: int, settings: GateSettings) -> bool:
-    return t_ns is not None and 0 <= now_ns - t_ns <= settings.heartbeat_s * 1e9
+def _new(t_ns: int | None, now_ns: int) -> bool:
+    return t_ns is not None and 0 <= now_ns - t_ns <= HEARTBEAT_S * 1e9
 
 
 # a gate that was not stepped for this long has lost track of the state
@@ -92,7 +106,7 @@ class Finding(NamedTuple):
 FINE = Finding(1.0, "")
 
 
-def clock_finding(before_ns: int | None, now_ns: int, settings: GateSettings) -> Finding:
+def clock_finding(before_ns: int | None, now_ns: int) -> Finding:
     """Time goes forward, and the gate is stepped often enough."""
     if before_ns is None:
         return Finding(0.0, "begins")
@@ -101,18 +115,18 @@ def clock_finding(before_ns: int | None, now_ns: int, settings: GateSettings) ->
     return Finding(0.0, "the control loop stalled") if now_ns - before_ns > _STALLED_S * 1e9 else FINE
 
 
-def robot_finding(robot: RobotState | None, now_ns: int, settings: GateSettings) -> Finding:
+def robot_finding(robot: RobotState | None, now_ns: int) -> Finding:
     """The robot's state is there, new and finite."""
     if robot is None:
         return Finding(0.0, "no state of the robot")
-    if not -_AHEAD_S * 1e9 <= now_ns - robot.sent_ns <= settings.robot_age_s * 1e9:
+    if not -_AHEAD_S * 1e9 <= now_ns - robot.sent_ns <= ROBOT_AGE_S * 1e9:
         return Finding(0.0, "state of the robot is too old")
     return FINE if robot.usable else Finding(0.0, "state of the robot is not finite")
 
 
 def camera_finding(cameras: CameraReport | None, now_ns: int, settings: GateSettings) -> Finding:
     """Enough cameras are healthy; with some faulty the speed limit falls with their share."""
-    if cameras is None or not -_AHEAD_S * 1e9 <= now_ns - cameras.t_ns <= settings.health_s * 1e9:
+    if cameras is None or not -_AHEAD_S * 1e9 <= now_ns - cameras.t_ns <= HEALTH_S * 1e9:
         return Finding(0.0, "no news of the cameras")
     if cameras.healthy < settings.least_cameras or cameras.healthy > cameras.total:
         return Finding(0.0, f"{cameras.healthy} of {cameras.total} cameras are well")
@@ -130,7 +144,7 @@ def hand_finding(view: OperatorView | None, late: str, settings: GateSettings) -
         return Finding(0.0, problem)
     sigma, views = float(view.sigma_m.max()), int(view.views.min())
     sure = (settings.hold_sigma_m - sigma) / max(settings.hold_sigma_m - settings.slow_sigma_m, 1e-9)
-    few = Finding(0.5, f"{views} cameras see the hand") if views < settings.full_views else FINE
+    few = Finding(0.5, f"{views} cameras see the hand") if views < FULL_VIEWS else FINE
     unsure = Finding(sure, _known_to(sigma)) if sure < 1 else FINE
     return min(few, unsure, key=lambda found: found.share)
 
@@ -170,7 +184,7 @@ def hand_problem(view: OperatorView, settings: GateSettings) -> str:
     if (view.sigma_m >= settings.hold_sigma_m).any():
         return _known_to(float(view.sigma_m.max()))
     apart = np.linalg.norm(view.other_xyz_world - view.xyz_world, axis=1)
-    return "" if (apart >= settings.hands_apart_m).all() else "left and right hand are too near to each other, or one is not seen"
+    return "" if (apart >= HANDS_APART_M).all() else "left and right hand are too near to each other, or one is not seen"
 
 
 # of a trunk: ISO 13855 has it for walking; a longer absence does not make a longer step of a trunk credible
@@ -229,16 +243,16 @@ def continuity_finding(known: SeenBody, now: SeenBody, settings: GateSettings) -
         return _ends("the trunk jumped: another body")
     hand, other = _length(now.hand_xyz - known.hand_xyz), _length(now.other_xyz - known.other_xyz)
     # a hand that was hidden may be elsewhere, where the trunk shows that it is the same person's
-    longest_s = settings.reengage_s if both.any() else _ABSENCE_S
+    longest_s = REENGAGE_S if both.any() else _ABSENCE_S
     too_far_m = hand - settings.hand_speed_mps * np.clip((now.hand_ns - known.hand_ns) / 1e9, 0.0, longest_s)
     if (too_far_m > _HAND_STEP_M).any():
         return _ends("the hand jumped")
     if (_length(now.hand_xyz - known.other_xyz) + _length(now.other_xyz - known.hand_xyz) < hand + other).any():
         return _ends("left and right hand were exchanged")
-    share = np.append(np.full(len(hand), settings.forearm_share), settings.trunk_share)
+    share = np.append(np.full(len(hand), FOREARM_SHARE), TRUNK_SHARE)
     if (np.abs(now.lengths_m - known.lengths_m) > share * known.lengths_m).any():
         return _ends("forearm or trunk of another length: another body or hand")
-    return Finding(0.0, "the hand is too fast") if (too_far_m > settings.hand_step_m).any() else FINE
+    return Finding(0.0, "the hand is too fast") if (too_far_m > HAND_STEP_M).any() else FINE
 
 
 def _ends(reason: str) -> Finding:
@@ -277,7 +291,7 @@ class Seen:
 
     now_ns: int
     view: OperatorView | None
-    beats: Heartbeats
+    heartbeats: Heartbeats
     cameras: CameraReport | None
     robot: RobotState | None
     separation_share: float
@@ -318,8 +332,8 @@ def step_gate(gate: Gate, seen: Seen, settings: GateSettings) -> Gate:
     # what ends the engagement comes first: no finding is worse than 0
     found = _worst(
         change,
-        clock_finding(gate.now_ns, seen.now_ns, settings),
-        robot_finding(seen.robot, seen.now_ns, settings),
+        clock_finding(gate.now_ns, seen.now_ns),
+        robot_finding(seen.robot, seen.now_ns),
         camera_finding(seen.cameras, seen.now_ns, settings),
         hand_finding(seen.view, _late(gate, seen, settings), settings),
         _separation_finding(seen.separation_share),
@@ -331,35 +345,30 @@ def step_gate(gate: Gate, seen: Seen, settings: GateSettings) -> Gate:
         return replace(after, phase=Phase.STOPPED, person_id=None, let_go=False, reason=reason)
     if found.ends and gate.phase is not Phase.STOPPED:
         return replace(after, phase=Phase.IDLE, person_id=None, lost_ns=None, let_go=False)
-    return _next_phase(gate.phase, after, found, seen, settings)
+    return _next_phase(gate.phase, after, found, seen)
 
 
-def _next_phase(phase: Phase, after: Gate, found: Finding, seen: Seen, settings: GateSettings) -> Gate:
+def _next_phase(phase: Phase, after: Gate, found: Finding, seen: Seen) -> Gate:
     now_ns, fine = seen.now_ns, found.share > 0
-    let_go = seen.beats.let_go(now_ns, settings)
+    let_go = seen.heartbeats.let_go(now_ns)
     if phase is Phase.STOPPED:
-        leaves = seen.reset and let_go
-        return (
-            replace(after, phase=Phase.IDLE, let_go=True)
-            if leaves
-            else replace(after, reason="stopped; reset with the switch let go")
-        )
-    held = seen.beats.held(now_ns, settings)
-    settled = after.fine_ns is not None and now_ns - after.fine_ns >= settings.settle_s * 1e9 and _stands(seen.robot, settings)
+        if seen.reset and let_go:
+            return replace(after, phase=Phase.IDLE, let_go=True)
+        return replace(after, reason="stopped; reset with the switch let go")
+    held = seen.heartbeats.held(now_ns)
+    settled = after.fine_ns is not None and now_ns - after.fine_ns >= SETTLE_S * 1e9 and _stands(seen.robot)
     if phase in (Phase.IDLE, Phase.READY):
         ready = fine and (after.let_go or let_go)
         if ready and held and settled and phase is Phase.READY and seen.view is not None:
             return replace(_engaged(after, found), person_id=seen.view.person_id)
         reason = after.reason if not fine else "press to engage" if ready else "let the switch go first"
         return replace(after, phase=Phase.READY if ready else Phase.IDLE, person_id=None, let_go=ready, reason=reason)
-    if fine and held and (phase is Phase.ENGAGED or settled):
-        return (
-            replace(after, phase=Phase.ENGAGED, share=found.share, lost_ns=None)
-            if phase is Phase.ENGAGED
-            else _engaged(after, found)
-        )
+    if fine and held and phase is Phase.ENGAGED:
+        return replace(after, phase=Phase.ENGAGED, share=found.share, lost_ns=None)
+    if fine and held and settled:
+        return _engaged(after, found)
     lost_ns = after.lost_ns if phase is Phase.HOLD and after.lost_ns is not None else now_ns
-    if not 0 <= now_ns - lost_ns <= settings.reengage_s * 1e9:
+    if not 0 <= now_ns - lost_ns <= REENGAGE_S * 1e9:
         return replace(after, phase=Phase.IDLE, person_id=None, lost_ns=None, let_go=False)
     reason = after.reason if not fine else "switch let go" if not held else "settling"
     return replace(after, phase=Phase.HOLD, lost_ns=lost_ns, reason=reason)
@@ -380,8 +389,8 @@ def _separation_finding(share: float) -> Finding:
     return Finding(min(share, 1.0), "near the robot" if share < 1 else "")
 
 
-def _stands(robot: RobotState | None, settings: GateSettings) -> bool:
-    return robot is not None and bool((np.linalg.norm(robot.velocity_world, axis=1) <= settings.standing_mps).all())
+def _stands(robot: RobotState | None) -> bool:
+    return robot is not None and bool((np.linalg.norm(robot.velocity_world, axis=1) <= STANDING_MPS).all())
 
 
 def _late(gate: Gate, seen: Seen, settings: GateSettings) -> str:

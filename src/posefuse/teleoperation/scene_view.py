@@ -10,9 +10,9 @@ import numpy as np
 from posefuse.core.arrays import Array
 from posefuse.outputs.rerun_scene import TIMELINE, opened_stream
 
-from .operator import Operator
 from .separation import limbs_of
-from .settings import TeleoperationSettings
+from .session import Operator
+from .settings import LIMB_RADIUS_M, TeleoperationSettings
 from .values import Order, Phase
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ class SceneView:
 
         limbs = limbs_of(operator.body, now_ns, self._settings.separation)
         if limbs is not None:
-            bare = np.full(len(limbs.radius), self._settings.separation.limb_radius_m)
+            bare = np.full(len(limbs.radius), LIMB_RADIUS_M)
             self._stream.log("world/operator/limbs", _capsules(limbs.start, limbs.end, bare, _OPERATOR_RGB))
             # what the robot's surface must not enter
             around = limbs.radius + self._settings.separation.stop_m

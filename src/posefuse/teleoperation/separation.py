@@ -17,7 +17,7 @@ import numpy as np
 from posefuse.core.arrays import Array
 
 from .hands import BODY, BONES, TRUNK
-from .settings import SeparationSettings
+from .settings import LIMB_RADIUS_M, SeparationSettings
 from .values import OperatorView
 
 _START = np.array([BODY.index(a) for a, _ in BONES])
@@ -96,7 +96,7 @@ def limbs_of(body: OperatorBody, now_ns: int, settings: SeparationSettings) -> L
     return Limbs(
         start=centre[_START],
         end=centre[_END],
-        radius=settings.limb_radius_m + np.maximum(unknown[_START], unknown[_END]),
+        radius=LIMB_RADIUS_M + np.maximum(unknown[_START], unknown[_END]),
     )
 
 

@@ -1,31 +1,155 @@
-"""The operator's loop: newest pose, heartbeats and robot state -> orders, about 100 times a second."""
+"""The operator's side: views, heartbeats and the robot's state in, orders out. One pure step, and its loop."""
 
 from __future__ import annotations
 
-import contextlib
-import multiprocessing
-import signal
-import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
-from posefuse.core import CameraHealth, LivePose, PosefuseError, SourceError
+import numpy as np
+
+from posefuse.core import CameraHealth, LivePose, PosefuseError
 from posefuse.core.live_messages import OK
-from posefuse.foundation.channel import Channel, ChannelClosed
 
+from .gate import Beat, Gate, Heartbeats, Seen, speed_mps, step_gate
 from .hands import operator_view
-from .operator import Operator, OperatorNews, step_operator
-from .robots.plan import RobotPlan
-from .robots.process import Failed, Leave, run_robot
+from .mapping import Clutch, Steady, engaged, moved, steadied
+from .separation import OperatorBody, remembered, separation_m, speed_share
 from .settings import TeleoperationSettings
-from .switches import DeadMan, Pressed
 from .values import CameraReport, OperatorView, Order, Phase, RobotState
 
-_READY_S, _LEAVE_S = 60.0, 3.0
+if TYPE_CHECKING:
+    from .process import RobotLink
+    from .switches import DeadMan, Pressed
+
 _NEWEST = 100_000
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Operator:
+    """State of the operator's side.
+
+    Attributes:
+        gate, heartbeats, clutch, body, steady: states of the parts; the clutch is None before the first engagement, steady
+            before the first view.
+        view, cameras, robot: newest of each. separation_m: least distance of robot and operator; NaN: not known.
+    """
+
+    gate: Gate = field(default_factory=Gate)
+    heartbeats: Heartbeats = field(default_factory=Heartbeats)
+    body: OperatorBody = field(default_factory=OperatorBody.unknown)
+    clutch: Clutch | None = None
+    steady: Steady | None = None
+    view: OperatorView | None = None
+    cameras: CameraReport | None = None
+    robot: RobotState | None = None
+    separation_m: float = float("nan")
+    seq: int = 0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class OperatorNews:
+    """What came since the last step: newest of each, None where there is nothing new; heartbeats in the order they came."""
+
+    view: OperatorView | None = None
+    heartbeats: tuple[Beat, ...] = ()
+    cameras: CameraReport | None = None
+    robot: RobotState | None = None
+    emergency: bool = False
+    reset: bool = False
+
+
+def step_operator(
+    operator: Operator, news: OperatorNews, now_ns: int, settings: TeleoperationSettings
+) -> tuple[Operator, Order | None]:
+    """Take in what is new and decide: the new state, and the order for the robot; None before its first state is known."""
+    heartbeats = operator.heartbeats
+    for beat in news.heartbeats:
+        heartbeats = heartbeats.with_beat(beat, now_ns)
+    view, robot = news.view or operator.view, news.robot or operator.robot
+    cameras = news.cameras or operator.cameras
+    body = remembered(operator.body, news.view) if news.view is not None else operator.body
+    distance_m, share = float("nan"), 1.0
+    if settings.robot.shared:
+        distance_m = separation_m(body, robot.spheres_world, now_ns, settings.separation) if robot is not None else distance_m
+        share = speed_share(distance_m, settings.separation)
+    seen = Seen(
+        now_ns=now_ns,
+        view=view,
+        heartbeats=heartbeats,
+        cameras=cameras,
+        robot=robot,
+        separation_share=share,
+        emergency=news.emergency,
+        reset=news.reset,
+    )
+    gate = step_gate(operator.gate, seen, settings.gate)
+    steady = operator.steady
+    if news.view is not None:
+        # the gate goes by the hand as it was measured, the target by the steady one
+        steady = steadied(steady, news.view)
+    clutch = _clutch(operator.clutch, gate, view, steady, robot, settings)
+    after = Operator(
+        gate=gate,
+        heartbeats=heartbeats,
+        body=body,
+        clutch=clutch,
+        steady=steady,
+        view=view,
+        cameras=cameras,
+        robot=robot,
+        separation_m=distance_m,
+        seq=operator.seq + 1,
+    )
+    return after, _order(after, settings, now_ns)
+
+
+def _clutch(
+    clutch: Clutch | None,
+    gate: Gate,
+    view: OperatorView | None,
+    steady: Steady | None,
+    robot: RobotState | None,
+    settings: TeleoperationSettings,
+) -> Clutch | None:
+    if gate.phase is not Phase.ENGAGED or view is None or steady is None or robot is None:
+        return clutch
+    if gate.engages or clutch is None:
+        return engaged(steady.xyz_world, view.rotation_world, robot.xyz_world, robot.wxyz)
+    return moved(
+        clutch,
+        steady.xyz_world,
+        view.rotation_world,
+        robot.xyz_world,
+        robot.wxyz,
+        mapping=settings.mapping,
+        limits=settings.limits,
+    )
+
+
+def _order(operator: Operator, settings: TeleoperationSettings, now_ns: int) -> Order | None:
+    robot, gate, clutch = operator.robot, operator.gate, operator.clutch
+    if robot is None:
+        return None
+    hands = len(settings.hands)
+    # what does not move needs no target
+    order = Order(
+        seq=operator.seq,
+        sent_ns=now_ns,
+        phase=gate.phase,
+        xyz_world=np.zeros((hands, 3)),
+        wxyz=np.tile([1.0, 0.0, 0.0, 0.0], (hands, 1)),
+        speed_mps=0.0,
+        grip=np.full(hands, operator.heartbeats.grip),
+        measured_ns=operator.view.measured_ns if operator.view is not None else 0,
+        reason=gate.reason,
+    )
+    if gate.phase is not Phase.ENGAGED or clutch is None:
+        return order
+    moves = replace(order, xyz_world=clutch.xyz, wxyz=clutch.wxyz, speed_mps=speed_mps(gate, settings.limits.speed_mps))
+    return moves if moves.usable else replace(order, phase=Phase.HOLD)
 
 
 class Feed(Protocol):
@@ -66,62 +190,6 @@ class Summary:
     engagements: int = 0
     robot_late: int = 0
     fault: str = ""
-
-
-class RobotLink:
-    """The robot's process, as the operator's side sees it. pid: of the process. state: the newest; None before the first."""
-
-    def __init__(self, plan: RobotPlan) -> None:
-        self._channel, theirs = Channel.pair()
-        self.state: RobotState | None = None
-        context = multiprocessing.get_context("spawn")
-        self._process = context.Process(target=run_robot, args=(theirs, plan), name="robot", daemon=False)
-        before = signal.signal(signal.SIGINT, signal.SIG_IGN) if _in_main_thread() else None
-        try:
-            self._process.start()
-        finally:
-            if before is not None:
-                signal.signal(signal.SIGINT, before)
-        theirs.close_own()
-        self.pid: int | None = self._process.pid
-
-    def wait_ready(self) -> None:
-        """Until the first state; raises PosefuseError where the robot cannot be driven."""
-        end_s = time.monotonic() + _READY_S
-        while self.state is None:
-            if not self._channel.wait(0.2) and time.monotonic() > end_s:
-                raise SourceError(f"robot: no state within {_READY_S:g} s")
-            self.poll()
-
-    def poll(self) -> RobotState | None:
-        """The newest state that came since the last call; raises PosefuseError when the process is gone or gives up."""
-        newest = None
-        try:
-            while (message := self._channel.receive()) is not None:
-                if isinstance(message, Failed):
-                    raise message.error
-                newest = message
-        except ChannelClosed:
-            raise SourceError("robot: its process has ended") from None
-        self.state = newest or self.state
-        return newest
-
-    def send(self, order: Order) -> None:
-        """Hand an order on; never waits."""
-        try:
-            self._channel.send(order)
-        except ChannelClosed:
-            raise SourceError("robot: its process has ended") from None
-
-    def close(self) -> None:
-        """Let the robot brake and its process leave."""
-        with contextlib.suppress(ChannelClosed):
-            self._channel.send(Leave())
-        self._process.join(_LEAVE_S)
-        if self._process.is_alive():
-            self._process.kill()
-            self._process.join()
-        self._channel.close()
 
 
 def run_control_loop(
@@ -170,7 +238,7 @@ def _view(feed: Feed, operator: Operator, settings: TeleoperationSettings) -> Op
 def _news(view: OperatorView | None, pressed: Pressed, feed: Feed, robot: RobotLink) -> OperatorNews:
     return OperatorNews(
         view=view,
-        beats=pressed.beats,
+        heartbeats=pressed.heartbeats,
         cameras=feed.cameras(),
         robot=robot.poll(),
         emergency=pressed.emergency,
@@ -198,7 +266,3 @@ def _count(summary: Summary, operator: Operator, robot: RobotLink, image_ns: int
 def camera_report(cameras: dict[str, CameraHealth], t_ns: int) -> CameraReport:
     """How many of the session's cameras are well."""
     return CameraReport(t_ns=t_ns, healthy=sum(camera.state == OK for camera in cameras.values()), total=len(cameras))
-
-
-def _in_main_thread() -> bool:
-    return threading.current_thread() is threading.main_thread()

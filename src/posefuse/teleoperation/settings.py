@@ -1,4 +1,4 @@
-"""What a user may set about teleoperation. Every limit is a field with its unit and where its default comes from."""
+"""What a user may set about teleoperation, and the limits that no file changes: each with its unit and its source."""
 
 from __future__ import annotations
 
@@ -13,6 +13,32 @@ Positive = Annotated[float, Gt(0)]
 NotNegative = Annotated[float, Ge(0)]
 Corner = tuple[float, float, float]
 
+# without a heartbeat of the dead-man's switch for so long: HOLD; so many in a row before a press counts
+HEARTBEAT_S, BEATS_TO_ENGAGE = 0.1, 3
+# fewer cameras than this that see the hand: half speed, as the pose depends on each of them
+FULL_VIEWS = 3
+# the newest report of the cameras, and the newest state of the robot, may be so old
+HEALTH_S, ROBOT_AGE_S = 1.0, 0.1
+# everything must be in order for so long before the robot moves (again); what is lost for longer needs a new press
+SETTLE_S, REENGAGE_S = 0.1, 0.5
+# a robot slower than this stands
+STANDING_MPS = 1e-3
+# a step of the hand so small is never rejected
+HAND_STEP_M = 0.03
+# left and right wrist nearer than this can be mistaken for each other: HOLD
+HANDS_APART_M = 0.1
+# lengths of forearm and trunk may differ by such shares from their running means, else it is another body or hand
+FOREARM_SHARE, TRUNK_SHARE = 0.35, 0.2
+# bones of the skeleton count as capsules of this radius
+LIMB_RADIUS_M = 0.08
+# noise of a resting hand's place, root mean square, that is smoothed away at most: of rendered operators
+REST_NOISE_M = 0.005
+# jerk of an end effector, and angular acceleration and jerk of its orientation: for comfort, braking knows no jerk limit
+JERK_MPS3 = 60.0
+TURN_ACCELERATION_RADPS2, TURN_JERK_RADPS3 = 5.0, 120.0
+# condition number of the Jacobian where motions towards a singularity slow down, and where they stop: MoveIt Servo's defaults
+SLOW_CONDITION, STOP_CONDITION = 17.0, 30.0
+
 
 @settings
 class MappingSettings:
@@ -23,15 +49,12 @@ class MappingSettings:
         turn_deg: the robot's axes against the operator's, about the vertical: 0 moves the target as the hand moves in the
             world, 180 suits an operator who faces the robot like a mirror image.
         orientation: ``none`` keeps the orientation of the end effector; ``forearm`` turns it as the forearm turns.
-        rest_noise_m: noise of a resting hand's place, root mean square, that is smoothed away at most; 0 smooths nothing. A hand
-            that moves, or that is known exactly, passes unchanged (`steady`).
         lead_m: the target is never farther than this ahead of the commanded position, which prevents wind-up.
     """
 
     scale: Annotated[float, Gt(0), Le(10)] = 1.0
     turn_deg: float = 0.0
     orientation: Literal["none", "forearm"] = "none"
-    rest_noise_m: Annotated[float, Ge(0), Le(0.05)] = 0.005
     lead_m: Positive = 0.15
 
 
@@ -40,24 +63,18 @@ class LimitSettings:
     """What the robot may do, whatever is commanded.
 
     Attributes:
-        speed_mps, acceleration_mps2, jerk_mps3: of an end effector. Braking uses the same acceleration without the jerk limit.
-        turn_rate_radps, turn_acceleration_radps2, turn_jerk_radps3: of its orientation.
+        speed_mps, acceleration_mps2: of an end effector, braking too. turn_rate_radps: of its orientation.
         box_low_m, box_high_m: corners of the workspace of every end effector, world axes.
         joint_margin_rad: joints stay so far from their limits (MoveIt Servo's default).
         joint_speed_radps, joint_acceleration_radps2: of the arm's joints: one value for all, or one for each in the order of the
             model. libfranka has 7.5 to 20 rad/s2, MoveIt's configuration of a UR 5.
         base_speed_mps, base_acceleration_mps2: of the mobile base, and in rad of its turn.
-        slow_condition, stop_condition: condition number of the Jacobian where motions towards a singularity slow down, and
-            where they stop (MoveIt Servo's defaults).
         collision_m: distance that the robot keeps between its own bodies, and from the floor.
     """
 
     speed_mps: Positive = 0.5
     acceleration_mps2: Positive = 2.5
-    jerk_mps3: Positive = 60.0
     turn_rate_radps: Positive = 1.0
-    turn_acceleration_radps2: Positive = 5.0
-    turn_jerk_radps3: Positive = 120.0
     box_low_m: Corner = (-10.0, -10.0, 0.05)
     box_high_m: Corner = (10.0, 10.0, 2.0)
     joint_margin_rad: NotNegative = 0.1
@@ -65,8 +82,6 @@ class LimitSettings:
     joint_acceleration_radps2: Positive | tuple[Positive, ...] = 10.0
     base_speed_mps: Positive = 0.3
     base_acceleration_mps2: Positive = 1.5
-    slow_condition: Positive = 17.0
-    stop_condition: Positive = 30.0
     collision_m: NotNegative = 0.02
 
 
@@ -76,7 +91,6 @@ class SeparationSettings:
 
     Attributes:
         slow_m, stop_m: the speed limit falls linearly between them, to nothing.
-        limb_radius_m: bones of the skeleton count as capsules of this radius.
         sigmas: so many standard deviations of a keypoint count as nearer.
         approach_mps: any part of the body may have come nearer at this speed since it was measured: that of the fastest hand that
             is accepted (`GateSettings.hand_speed_mps`). ISO 13855 has 2.0 m/s for reaching and 1.6 m/s for walking.
@@ -84,7 +98,6 @@ class SeparationSettings:
 
     slow_m: Positive = 0.8
     stop_m: Positive = 0.4
-    limb_radius_m: NotNegative = 0.08
     sigmas: NotNegative = 2.0
     approach_mps: NotNegative = 3.0
 
@@ -94,42 +107,19 @@ class GateSettings:
     """When the robot may follow the hand.
 
     Attributes:
-        heartbeat_s: without a heartbeat of the dead-man's switch for so long: HOLD.
-        beats_to_engage: so many heartbeats in a row before a press counts.
         pose_age_s: the newest measurement of the hand may be so old.
         slow_sigma_m, hold_sigma_m: stated standard deviation of the hand in its worst direction: the speed limit falls linearly
             between them, then HOLD.
-        least_views, full_views: cameras that see the hand: fewer than the first is HOLD, fewer than the second half speed.
-        least_cameras: of healthy cameras. health_s: the newest report of the cameras may be so old.
+        least_views: cameras that see the hand: fewer is HOLD. least_cameras: of healthy cameras.
         hand_speed_mps: a hand that moved faster than this has not moved, it is another measurement: rejected, HOLD.
-        hand_step_m: a step so small is never rejected.
-        hands_apart_m: left and right wrist nearer than this can be mistaken for each other: HOLD.
-        forearm_share, trunk_share: lengths of forearm and trunk may differ so much from their running means, else it is another
-            body or hand: the engagement ends.
-        settle_s: everything must be in order for so long before the robot moves (again).
-        reengage_s: whatever is lost for longer needs a new press.
-        robot_age_s: the newest state of the robot may be so old.
-        standing_mps: a robot slower than this stands.
     """
 
-    heartbeat_s: Positive = 0.1
-    beats_to_engage: Annotated[int, Ge(1)] = 3
     pose_age_s: Positive = 0.12
     slow_sigma_m: Positive = 0.03
     hold_sigma_m: Positive = 0.06
     least_views: Annotated[int, Ge(1)] = 2
-    full_views: Annotated[int, Ge(1)] = 3
     least_cameras: Annotated[int, Ge(1)] = 2
-    health_s: Positive = 1.0
     hand_speed_mps: Positive = 3.0
-    hand_step_m: Positive = 0.03
-    hands_apart_m: NotNegative = 0.1
-    forearm_share: Positive = 0.35
-    trunk_share: Positive = 0.2
-    settle_s: Positive = 0.1
-    reengage_s: Positive = 0.5
-    robot_age_s: Positive = 0.1
-    standing_mps: Positive = 1e-3
 
 
 @settings

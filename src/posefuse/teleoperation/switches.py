@@ -22,7 +22,7 @@ from posefuse.messages.intake import decode
 from posefuse.messages.topics import Topic
 
 from .gate import Beat
-from .robots.plan import RosPlan
+from .ros import RosPlan
 from .values import OperatorView
 
 _MOST_JOY_BYTES = 10_000
@@ -33,7 +33,7 @@ _JOY = "sensor_msgs/msg/Joy"
 class Pressed:
     """What came since the last poll. emergency: stop now, until a reset. reset: leave STOPPED."""
 
-    beats: tuple[Beat, ...] = ()
+    heartbeats: tuple[Beat, ...] = ()
     emergency: bool = False
     reset: bool = False
 
@@ -89,11 +89,11 @@ class KeySwitch:
                 break
             typed += more
         self._grip ^= typed.count(b"g") % 2 == 1
-        beats: tuple[Beat, ...] = ()
+        heartbeats: tuple[Beat, ...] = ()
         if b" " in typed:
             self._seq += 1
-            beats = (Beat(seq=self._seq, sent_ns=now_ns, grip=self._grip),)
-        return Pressed(beats=beats, emergency=b"x" in typed, reset=b"r" in typed)
+            heartbeats = (Beat(seq=self._seq, sent_ns=now_ns, grip=self._grip),)
+        return Pressed(heartbeats=heartbeats, emergency=b"x" in typed, reset=b"r" in typed)
 
     def close(self) -> None:
         """See `DeadMan`."""
@@ -152,11 +152,11 @@ class JoystickSwitch:
                     went_down.add(number)
             self._rest = self._rest[whole:]
         self._grip ^= _GRIP in went_down
-        beats: tuple[Beat, ...] = ()
+        heartbeats: tuple[Beat, ...] = ()
         if self._held and self._fd >= 0:
             self._seq += 1
-            beats = (Beat(seq=self._seq, sent_ns=now_ns, grip=self._grip),)
-        return Pressed(beats=beats, emergency=_STOP in went_down, reset=_RESET in went_down)
+            heartbeats = (Beat(seq=self._seq, sent_ns=now_ns, grip=self._grip),)
+        return Pressed(heartbeats=heartbeats, emergency=_STOP in went_down, reset=_RESET in went_down)
 
     def close(self) -> None:
         """See `DeadMan`."""
@@ -187,7 +187,7 @@ class RosJoySwitch:
 
     def poll(self, now_ns: int, view: OperatorView | None) -> Pressed:
         """See `DeadMan`; unreadable messages count as released."""
-        beats, events = [], set[int]()
+        heartbeats, events = [], set[int]()
         offset_ns = time.time_ns() - now_ns
         for sample in self._reader.take():
             try:
@@ -202,8 +202,8 @@ class RosJoySwitch:
                 self._seq += 1
                 # a stamp a little ahead is of now: clocks of two machines differ
                 sent_ns = min(sample.sent_ns - offset_ns, now_ns)
-                beats.append(Beat(seq=self._seq, sent_ns=sent_ns, grip=self._grip))
-        return Pressed(beats=tuple(beats), emergency=2 in events, reset=3 in events)
+                heartbeats.append(Beat(seq=self._seq, sent_ns=sent_ns, grip=self._grip))
+        return Pressed(heartbeats=tuple(heartbeats), emergency=2 in events, reset=3 in events)
 
     def close(self) -> None:
         """See `DeadMan`."""
@@ -234,10 +234,10 @@ class WebSwitch:
     def poll(self, now_ns: int, view: OperatorView | None) -> Pressed:
         """See `DeadMan`."""
         with self._lock:
-            beats, events = tuple(self._beats), set(self._events)
+            heartbeats, events = tuple(self._beats), set(self._events)
             self._beats.clear()
             self._events.clear()
-        return Pressed(beats=beats, emergency="stop" in events, reset="reset" in events)
+        return Pressed(heartbeats=heartbeats, emergency="stop" in events, reset="reset" in events)
 
     def close(self) -> None:
         """See `DeadMan`."""
@@ -311,7 +311,7 @@ class GestureSwitch:
         if view is None or view.t_ns <= self._t_ns or not view.gesture:
             return Pressed()
         self._seq, self._t_ns = self._seq + 1, view.t_ns
-        return Pressed(beats=(Beat(seq=self._seq, sent_ns=min(view.measured_ns, now_ns)),))
+        return Pressed(heartbeats=(Beat(seq=self._seq, sent_ns=min(view.measured_ns, now_ns)),))
 
     def close(self) -> None:
         """See `DeadMan`."""

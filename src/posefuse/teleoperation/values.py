@@ -6,10 +6,12 @@ Times are ns of `time.monotonic_ns`, one clock for all processes of a machine.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
+from numpy.typing import DTypeLike
 
 from posefuse.core.arrays import Array, check_fields, freeze_fields
 
@@ -18,6 +20,12 @@ def all_finite(*arrays: Array) -> bool:
     """Whether no number is NaN or infinite: a sum shows it, in a fraction of the time. Sums that overflow count as infinite."""
     with np.errstate(over="ignore", invalid="ignore"):
         return all(math.isfinite(float(array.sum())) for array in arrays)
+
+
+def _arrays(value: object, axes: Mapping[str, str], **dtypes: DTypeLike) -> None:
+    """Freeze and check the named array fields of a value; float64 where `dtypes` does not say otherwise."""
+    freeze_fields(value, dict.fromkeys(axes, np.float64) | dtypes)
+    check_fields(value, axes)
 
 
 class Phase(StrEnum):
@@ -61,8 +69,7 @@ class Order:
     reason: str = ""
 
     def __post_init__(self) -> None:
-        freeze_fields(self, {"xyz_world": np.float64, "wxyz": np.float64, "grip": np.bool_})
-        check_fields(self, {"xyz_world": "H 3", "wxyz": "H 4", "grip": "H"})
+        _arrays(self, {"xyz_world": "H 3", "wxyz": "H 4", "grip": "H"}, grip=np.bool_)
 
     @property
     def usable(self) -> bool:
@@ -71,50 +78,56 @@ class Order:
         return finite and self.speed_mps >= 0 and bool((np.abs((self.wxyz * self.wxyz).sum(axis=1) - 1) < 1e-3).all())
 
 
+_ROBOT_AXES = {
+    **dict.fromkeys(("xyz_world", "velocity_world", "turn_rate_world", "measured_xyz_world"), "H 3"),
+    "wxyz": "H 4",
+    "q_rad": "J",
+    "spheres_world": "M 4",
+}
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RobotState:
-    """What the robot's side answers, once per control step.
+    """How the robot is, and what its side answers once per control step.
 
     Attributes:
-        sent_ns: when. xyz_world, wxyz: (H, 3), (H, 4) end effectors as commanded. velocity_world: (H, 3) of them.
+        xyz_world, wxyz: (H, 3), (H, 4) end effectors as commanded. velocity_world, turn_rate_world: (H, 3), (H, 3) of them.
         measured_xyz_world: (H, 3) end effectors as they are. q_rad: (J,) joints as commanded (base: metres).
         spheres_world: (M, 4) centre and radius of spheres that cover the robot. fault: why it cannot move; empty when it can.
-        order_seq: of the order that was carried out last. order_measured_ns: its `measured_ns`. late: control steps that were.
-        limited: what the robot's side slows down or stops for, for people.
+        sent_ns: when. order_seq: of the order that was carried out last. order_measured_ns: its `measured_ns`.
+        late: control steps that were. limited: what the robot's side slows down or stops for, for people.
     """
 
-    sent_ns: int
     xyz_world: Array
     wxyz: Array
     velocity_world: Array
+    turn_rate_world: Array
     measured_xyz_world: Array
-    q_rad: Array
-    spheres_world: Array
+    q_rad: Array = field(default_factory=lambda: np.zeros(0))
+    spheres_world: Array = field(default_factory=lambda: np.zeros((0, 4)))
     fault: str = ""
+    sent_ns: int = 0
     order_seq: int = -1
     order_measured_ns: int = 0
     late: int = 0
     limited: str = ""
 
     def __post_init__(self) -> None:
-        names = ("xyz_world", "wxyz", "velocity_world", "measured_xyz_world", "q_rad", "spheres_world")
-        freeze_fields(self, dict.fromkeys(names, np.float64))
-        check_fields(
-            self,
-            {
-                "xyz_world": "H 3",
-                "wxyz": "H 4",
-                "velocity_world": "H 3",
-                "measured_xyz_world": "H 3",
-                "q_rad": "J",
-                "spheres_world": "M 4",
-            },
-        )
+        _arrays(self, _ROBOT_AXES)
 
     @property
     def usable(self) -> bool:
         """Whether the numbers that the operator's side relies on are finite."""
         return all_finite(self.xyz_world, self.wxyz, self.velocity_world, self.spheres_world)
+
+
+_VIEW_AXES = {
+    **dict.fromkeys(("xyz_world", "other_xyz_world"), "H 3"),
+    **dict.fromkeys(("sigma_m", "views", "measured", "forearm_m"), "H"),
+    "rotation_world": "H 3 3",
+    "body_xyz_world": "K 3",
+    **dict.fromkeys(("body_sigma_m", "body_measured"), "K"),
+}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -147,22 +160,4 @@ class OperatorView:
     gesture: bool = False
 
     def __post_init__(self) -> None:
-        floats = ("xyz_world", "sigma_m", "rotation_world", "other_xyz_world", "forearm_m", "body_xyz_world", "body_sigma_m")
-        freeze_fields(
-            self, dict.fromkeys(floats, np.float64) | {"views": np.int64, "measured": np.bool_, "body_measured": np.bool_}
-        )
-        check_fields(
-            self,
-            {
-                "xyz_world": "H 3",
-                "sigma_m": "H",
-                "views": "H",
-                "measured": "H",
-                "rotation_world": "H 3 3",
-                "other_xyz_world": "H 3",
-                "forearm_m": "H",
-                "body_xyz_world": "K 3",
-                "body_sigma_m": "K",
-                "body_measured": "K",
-            },
-        )
+        _arrays(self, _VIEW_AXES, views=np.int64, measured=np.bool_, body_measured=np.bool_)

@@ -8,31 +8,50 @@ import numpy as np
 
 from posefuse.core import JointCentres, PoseSequence, Rig, ViewSequence
 from posefuse.core.arrays import Array
+from posefuse.core.view_sequences import PartsOfViews
 
 from .joint_centres import from_joint_centres
-from .sides import sides_like
+from .sides import parts_of_steps, sides_that_differ, with_sides_exchanged
 
 
-def views_at_joint_centres(poses: PoseSequence, rig: Rig, views: ViewSequence, table: JointCentres | None) -> ViewSequence:
+class ViewsAtJointCentres:
     """A recording's views as if its detector marked joint centres, which is where its 3D is: rays then lead there.
 
     Each view's keypoints move by what lies between landmark and joint centre in that image, at every time step by the
     offsets in the body's own directions; where the 3D is missing, by as much as before and after. Left and right are named
-    as in 3D. Without a table keypoints stay where they are.
-
-    Args:
-        poses: the 3D, at joint centres. rig, views: of the same people, cameras and time steps. table: of their offsets.
+    as in 3D. Without a table keypoints stay where they are. Views are made for a part of the time steps when it is asked for.
     """
-    landmarks = from_joint_centres(poses, table) if table else poses
-    named = sides_like(landmarks, rig, views)
-    moves = np.stack([c.project(poses.xyz_world) - c.project(landmarks.xyz_world) for c in rig], axis=2)
-    return replace(named, xy_img=named.xy_img + _bridged(moves))
+
+    def __init__(self, poses: PoseSequence, rig: Rig, views: PartsOfViews, table: JointCentres | None) -> None:
+        """`poses`: the 3D, at joint centres. `rig`, `views`: of the same people, cameras and times. `table`: of their offsets."""
+        self._rig, self._views = rig, views
+        self._landmarks = (from_joint_centres(poses, table) if table else poses).xyz_world
+        self._points = poses.xyz_world
+        moves = np.concatenate([self._moves(part) for part in parts_of_steps(len(poses))])
+        missing = ~np.isfinite(moves)
+        _bridge(moves)
+        # only those: of an hour, all of them take much memory, and the others are soon made again
+        self._missing, self._bridged = np.flatnonzero(missing), moves[missing]
+
+    def part(self, steps: slice) -> ViewSequence:
+        """The views of these time steps."""
+        seen = self._views.part(steps)
+        named = with_sides_exchanged(seen, sides_that_differ(self._landmarks[steps], self._rig, seen))
+        moves = self._moves(steps)
+        begin = steps.indices(len(self._points))[0] * moves[:1].size
+        here = slice(*np.searchsorted(self._missing, [begin, begin + moves.size]))
+        moves.reshape(-1)[self._missing[here] - begin] = self._bridged[here]
+        return replace(named, xy_img=named.xy_img + moves)
+
+    def _moves(self, steps: slice) -> Array:
+        """(T, N, C, K, 2) pixels from landmark to joint centre; NaN where either is missing."""
+        ends = self._points[steps], self._landmarks[steps]
+        return np.stack([np.subtract(*map(camera.project, ends)) for camera in self._rig], axis=2)
 
 
-def _bridged(moves: Array) -> Array:
-    """(T, ...) with what is missing interpolated over time, 0 where nothing is known."""
-    columns = moves.reshape(len(moves), -1).T.copy()
-    for column in columns:
+def _bridge(moves: Array) -> None:
+    """Interpolate what is missing of (T, ...) over time, in place; 0 where nothing is known."""
+    columns = moves.reshape(len(moves), -1)
+    for column in columns.T:
         known = np.isfinite(column)
         column[~known] = np.interp(np.flatnonzero(~known), np.flatnonzero(known), column[known]) if known.any() else 0.0
-    return columns.T.reshape(moves.shape)

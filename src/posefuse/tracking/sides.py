@@ -31,8 +31,9 @@ _LEAST_GAIN, _SCALE_SIGMA = 2.0, 2.0
 _PART_STEPS = 1000
 
 
-def steady_sides(sequence: PoseSequence, facing: Array) -> PoseSequence:
-    """Swap left and right of arms and legs where that makes their motion steady, for each person separately.
+def steady_sides(sequence: PoseSequence, facing: Array) -> tuple[Array, Array]:
+    """Positions (T, N, K, 3) and covariances (T, N, K, 3, 3) with left and right of arms and legs swapped where that makes their
+    motion steady, for each person separately.
 
     The labelling of least total surprise over the whole recording (Viterbi over pairs of time steps; surprise is the distance
     from constant velocity); arms and legs also stay on the side of the body that feet, nose and knees show, and legs on
@@ -42,24 +43,19 @@ def steady_sides(sequence: PoseSequence, facing: Array) -> PoseSequence:
         sequence: poses. facing: (2, T, N) clues, for arms and for legs, that their left one is on the left, less those against
             it, as `posefuse.kinematics.facing_votes` counts them; zeros where nothing is known.
     """
-    arrays = {name: getattr(sequence, name) for name in ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")}
+    xyz, cov = sequence.xyz_world.copy(), sequence.cov_world.copy()
     # arms first: their shoulders then show which side of the body the hips are on
     for part, (left, right) in enumerate(sequence.skeleton.limbs):
         for n in range(len(sequence.person_id)):
-            xyz = arrays["xyz_world"][:, n]
             agree = np.where(np.abs(facing[part, :, n]) >= _FACING_CLUES, np.sign(facing[part, :, n]), 0)
             if part > 0:
-                twist = _twist(xyz, sequence.skeleton)
+                twist = _twist(xyz[:, n], sequence.skeleton)
                 agree += np.where(np.abs(twist) > _LEAST_TWIST, np.sign(twist), 0)
-            swapped = _labels(sequence.t_ns, xyz[:, left], xyz[:, right], agree)
+            swapped = _labels(sequence.t_ns, xyz[:, n, left], xyz[:, n, right], agree)
             wrong = np.isin(np.arange(len(sequence)), swapped)
-            if wrong.any() and arrays["kind"] is sequence.kind:
-                arrays = {name: array.copy() for name, array in arrays.items()}
-            for array in arrays.values() if wrong.any() else ():
-                exchange_sides(array[:, n], wrong, left, right)
-    give_away(*arrays.values())
-    changed: dict[str, Any] = dict(arrays)
-    return replace(sequence, **changed)
+            for plane in (xyz, cov):
+                exchange_sides(plane[:, n], wrong, left, right)
+    return xyz, cov
 
 
 def sides_like(reference: PoseSequence, rig: Rig, views: ViewSequence) -> ViewSequence:

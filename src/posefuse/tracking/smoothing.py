@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from posefuse.core import Kind, PoseSequence
+from posefuse.core import Kind, PoseSequence, Skeleton
 from posefuse.core.arrays import Array, give_away
 
 from .bones import hold_bones
@@ -39,20 +39,13 @@ def smooth(sequence: PoseSequence, settings: SmoothSettings) -> PoseSequence:
         PoseSequence: kind SMOOTHED where measured, INTERPOLATED inside a bridged gap (n_views 0, reproj_px NaN;
         covariance grown accordingly), MISSING elsewhere.
     """
-    xyz, cov = np.full(sequence.xyz_world.shape, np.nan), np.full(sequence.cov_world.shape, np.nan)
-    used = np.zeros(sequence.kind.shape, bool)
+    xyz, cov = sequence.xyz_world.copy(), sequence.cov_world.copy()
+    used, scales = smooth_in_place(sequence.t_ns, sequence.skeleton, xyz, cov, settings)
     rate_hz, (people, keypoints) = cutoff_hz(sequence.t_ns, settings), sequence.kind.shape[1:]
-    for n in range(people):
-        scales = np.ones(keypoints)
-        for k in range(keypoints):
-            point = np.ascontiguousarray(sequence.xyz_world[:, n, k]), np.ascontiguousarray(sequence.cov_world[:, n, k])
-            xyz[:, n, k], cov[:, n, k], used[:, n, k], scales[k] = _smooth_point(sequence.t_ns, *point, rate_hz, settings)
-        if settings.bones and len(sequence.skeleton.bone_indices):
-            hold_bones(xyz[:, n], cov[:, n], used[:, n], sequence.skeleton, settings.bone_sigma_m)
-        # after the bones: they constrain the smoother's estimate, not the common error of all keypoints
-        for k in range(keypoints):
-            noise, known = sequence.cov_world[:, n, k], np.isfinite(xyz[:, n, k, 0])
-            cov[:, n, k] += scales[k] * _lasting(sequence.t_ns, noise, used[:, n, k], known, rate_hz, settings)
+    # after the bones: they constrain the smoother's estimate, not the common error of all keypoints
+    for n, k in np.ndindex(people, keypoints):
+        noise, known = sequence.cov_world[:, n, k], np.isfinite(xyz[:, n, k, 0])
+        cov[:, n, k] += scales[n, k] * _lasting(sequence.t_ns, noise, used[:, n, k], known, rate_hz, settings)
     there = np.isfinite(xyz[..., 0])
     kind = np.where(used, Kind.SMOOTHED, np.where(there, Kind.INTERPOLATED, Kind.MISSING))
     give_away(xyz, cov)
@@ -66,6 +59,24 @@ def smooth(sequence: PoseSequence, settings: SmoothSettings) -> PoseSequence:
         n_views=np.where(used, sequence.n_views, 0),
         kind=kind,
     )
+
+
+def smooth_in_place(t_ns: Array, skeleton: Skeleton, xyz: Array, cov: Array, settings: SmoothSettings) -> tuple[Array, Array]:
+    """Smooth positions (T, N, K, 3) and covariances (T, N, K, 3, 3) where they lie: of an hour, a second copy takes much memory.
+
+    Covariances lack what lasting errors leave, which needs the measured ones; see `smooth`.
+
+    Returns:
+        Which measurements (T, N, K) went into it, and by what covariances (N, K) had to grow.
+    """
+    used, scales, rate_hz = np.zeros(xyz.shape[:-1], bool), np.ones(xyz.shape[1:-1]), cutoff_hz(t_ns, settings)
+    for n in range(xyz.shape[1]):
+        for k in range(xyz.shape[2]):
+            point = np.ascontiguousarray(xyz[:, n, k]), np.ascontiguousarray(cov[:, n, k])
+            xyz[:, n, k], cov[:, n, k], used[:, n, k], scales[n, k] = _smooth_point(t_ns, *point, rate_hz, settings)
+        if settings.bones and len(skeleton.bone_indices):
+            hold_bones(xyz[:, n], cov[:, n], used[:, n], skeleton, settings.bone_sigma_m)
+    return used, scales
 
 
 def _smooth_point(

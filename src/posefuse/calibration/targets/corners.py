@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -31,6 +33,7 @@ class CornerObservations:
         doubled: (camera name, marker id, frames) of markers met twice in one image, whose corners were left out.
         edge_width_px: (camera name, px) usual width of moving edges in its images, with or without a target; NaN where
             nothing moved.
+        recordings: (camera name, path) of the videos or folders of images, whose backgrounds are compared; may be empty.
     """
 
     cameras: tuple[str, ...]
@@ -44,6 +47,7 @@ class CornerObservations:
     sharpness: Array
     doubled: tuple[tuple[str, int, int], ...] = field(default=())
     edge_width_px: tuple[tuple[str, float], ...] = field(default=())
+    recordings: tuple[tuple[str, Path], ...] = field(default=())
 
     def __post_init__(self) -> None:
         freeze_fields(self, _DTYPES)
@@ -98,7 +102,7 @@ def joined(parts: Sequence[CornerObservations]) -> CornerObservations:
     if len(set(names)) != len(names):
         raise InputError(f"observations: a camera comes twice among {choices(names)}")
     offsets = np.cumsum([0] + [len(part.cameras) for part in parts])
-    arrays = {
+    arrays: dict[str, Any] = {
         name: np.concatenate([getattr(p, name) + (o if name == "camera" else 0) for p, o in zip(parts, offsets, strict=False)])
         for name in _DTYPES
     }

@@ -11,8 +11,7 @@ from typing import Any, get_args
 from posefuse.calibration.settings import TargetDescription, TargetKind
 from posefuse.core import ConfigError, InputError, PosefuseError
 from posefuse.core.errors import choices
-from posefuse.foundation.atomic import write_text
-from posefuse.foundation.output_file import keep_copy
+from posefuse.foundation.output_file import keep_copy, write_text
 from posefuse.foundation.settings import read_mapping, read_settings
 
 from .kinds import Charuco, Chessboard, Markers, Target

@@ -11,7 +11,7 @@ import cv2
 from posefuse.core import CalibrationError, InputError, Progress, Source, silent
 from posefuse.core.errors import choices
 from posefuse.formats.kept_video import VIDEOS_FOLDER
-from posefuse.sources import VIDEO_SUFFIXES, ImagesConfig, VideoConfig
+from posefuse.sources import VIDEO_SUFFIXES, ImagesConfig, RecordedSource, VideoConfig
 
 from .corners import CornerObservations, joined
 from .detection import detect_corners, why_nothing
@@ -54,9 +54,9 @@ def named_recordings(path: Path) -> dict[str, Path]:
     return found
 
 
-def open_sources(inputs: Inputs) -> list[Source]:
+def open_sources(inputs: Inputs) -> list[RecordedSource]:
     """Videos and folders of images, open; raises InputError for a path that does not exist or is neither."""
-    sources: list[Source] = []
+    sources: list[RecordedSource] = []
     for name, path in paths_by_camera(inputs).items():
         if not path.exists():
             raise InputError(f"{path}: no such video or folder of images")

@@ -15,9 +15,9 @@ from posefuse.detection.models import EnsembleCard, ModelCard, fetch_all, read_a
 from posefuse.detection.openvino_cpu import Precision
 from posefuse.detection.regions import Crops, check_regions, img_from_crop, region_from_keypoints
 from posefuse.formats.joint_centres import read_joint_centres
+from posefuse.foundation.places import default_cache_dir
 from posefuse.foundation.platform import usable_cores
 from posefuse.foundation.settings import settings
-from posefuse.foundation.user_cache import default_cache_dir
 
 from .looks import LandmarkNetwork, Look, averaged
 from .persons import PersonNetwork, regions_from_outputs

@@ -13,9 +13,9 @@ from posefuse.core import ConfigError
 from posefuse.detection.blazepose.persons import PersonNetwork
 from posefuse.detection.models import fetch_all, read_card
 from posefuse.detection.openvino_cpu import Precision
+from posefuse.foundation.places import default_cache_dir
 from posefuse.foundation.platform import usable_cores
 from posefuse.foundation.settings import settings
-from posefuse.foundation.user_cache import default_cache_dir
 
 from .card import ONE_STAGE, PERSONS, TOP_DOWN, NetworkCard, read_network_card
 from .detector import OneStageDetector, TopDownDetector

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from posefuse.core import palette
-from posefuse.foundation.atomic import write_text
+from posefuse.foundation.output_file import write_text
 from posefuse.foundation.summary import Block, Heading
 
 from .blocks import Details, Page

@@ -6,7 +6,7 @@ from pathlib import Path
 from types import ModuleType
 
 from posefuse.core import CalibrationError, Rig
-from posefuse.foundation.atomic import write_text
+from posefuse.foundation.output_file import write_text
 
 from . import anipose_toml, caliscope_toml, opencv_storage, parts, qualisys, ros_camera_info
 from .document import read_document

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posefuse.core import JointAngles, Kind, PoseSequence, Rig, ViewSequence
+from posefuse.core import JointAngles, Kind, PoseSequence, Rig, Views
 from posefuse.core.arrays import Array, give_away
+from posefuse.core.view_sequences import PartsOfViews
 from posefuse.kinematics.joints import FrameBuffers, frames_of, joints_from_poses, joints_value
 from posefuse.kinematics.settings import JointSettings
 from posefuse.kinematics.sides import SIDES
@@ -21,6 +22,8 @@ from .settings import BodySettings
 from .shape import LengthPrior, with_solved_lengths
 from .stand_in import nearest_in_time, with_stand_ins
 
+# views of so many time steps are made at once: those of an hour take much memory
+_BLOCK_STEPS = 500
 _Seen = Callable[[], Iterator[Measurement]]
 
 # a fit has failed when a keypoint is farther from the fused one than this and than so many of its standard deviations for this
@@ -68,7 +71,7 @@ def fit_poses(
 def fit_views(
     sequence: PoseSequence,
     rig: Rig,
-    views: ViewSequence,
+    views: PartsOfViews,
     settings: BodySettings | None = None,
     bodies: Mapping[int, BodyModel] | None = None,
     joint_settings: JointSettings | None = None,
@@ -88,27 +91,44 @@ def fit_views(
     # keypoints of one body: among fused ones that do not belong together, rays may lead to a pose that explains only a few
     near_world = nearest_in_time(fit_poses(start, settings, bodies, joint_settings).poses)
 
-    def measured(i: int, n: int, at: Array) -> Measurement:
-        xy, inverse_var = _rays_of(
-            rig,
-            views.xy_img[i, n][:, at],
-            views.score[i, n][:, at],
-            views.sigma_px[i, n][:, at],
-        )
+    def seen_by(view: Views, i: int, n: int, at: Array) -> Measurement:
+        xy, inverse_var = _rays_of(rig, view.xy_img[n][:, at], view.score[n][:, at], view.sigma_px[n][:, at])
         xyz, cov = near_world[i, n, at], start.cov_world[i, n, at]
         return Measurement(t_ns=int(sequence.t_ns[i]), xyz=xyz, cov=cov, projections=projections, xy=xy, inverse_var=inverse_var)
+
+    blocks = _Blocks(views)
 
     if lengths is not None:
         work = FrameBuffers(sequence.skeleton, joint_settings or JointSettings())
         steps = np.unique(np.linspace(0, len(sequence) - 1, settings.length_steps).astype(int)).tolist()
         places = {person: n for n, person in enumerate(sequence.person_id.tolist())}
+        spread = [(i, views.part(slice(i, i + 1)).at(0)) for i in steps]
         bodies = {
             person: with_solved_lengths(
-                body, [measured(i, places[person], body.keypoint) for i in steps], lengths, settings, work
+                body, [seen_by(view, i, places[person], body.keypoint) for i, view in spread], lengths, settings, work
             )
             for person, body in bodies.items()
         }
+
+    def measured(i: int, n: int, at: Array) -> Measurement:
+        return seen_by(blocks.at(i), i, n, at)
+
     return _fit(sequence, measured, settings, bodies, joint_settings, by_rays=True)
+
+
+class _Blocks:
+    """The views of one time step after the other, made for some hundred time steps at a time."""
+
+    def __init__(self, views: PartsOfViews) -> None:
+        self._views = views
+        self._first, self._block = 0, views.part(slice(0, _BLOCK_STEPS))
+
+    def at(self, i: int) -> Views:
+        """Those of time step `i`."""
+        if not self._first <= i < self._first + _BLOCK_STEPS:
+            self._first = i - i % _BLOCK_STEPS
+            self._block = self._views.part(slice(self._first, self._first + _BLOCK_STEPS))
+        return self._block.at(i - self._first)
 
 
 def _rays_of(rig: Rig, xy_img: Array, score: Array, sigma_px: Array) -> tuple[Array, Array]:
@@ -120,10 +140,11 @@ def _rays_of(rig: Rig, xy_img: Array, score: Array, sigma_px: Array) -> tuple[Ar
     return np.ascontiguousarray(np.swapaxes(np.where(seen[..., None], xy, 0.0), 0, 1)), np.ascontiguousarray(inverse_var.T)
 
 
-def _with_contacts(body: BodyModel, seen: _Seen, settings: BodySettings, work: FrameBuffers) -> Iterator[Measurement]:
+def _with_contacts(
+    body: BodyModel, seen: _Seen, t_ns: Array, settings: BodySettings, work: FrameBuffers
+) -> Iterator[Measurement]:
     """What was seen, with the places of feet that stand; a first fit shows which do."""
     feet = [row for side in SIDES for row in foot_rows(body.skeleton, body.keypoint, side, FOOT)]
-    t_ns = np.array([one.t_ns for one in seen()])
     points, cov = np.full((len(t_ns), len(feet), 3), np.nan), np.full((len(t_ns), len(feet), 3, 3), np.nan)
     filter_ = BodyFilter(body, settings, work)
     reader = StateReader(filter_, work)
@@ -168,7 +189,8 @@ def _fit(
         filter_ = BodyFilter(body, settings, work)
         reader = StateReader(filter_, work)
         count, far, known = 0, np.zeros(len(at), int), np.zeros(len(at), int)
-        for i, (one, state) in enumerate(smoothed(filter_, _with_contacts(body, seen, settings, work) if with_feet else seen())):
+        steps = _with_contacts(body, seen, sequence.t_ns, settings, work) if with_feet else seen()
+        for i, (one, state) in enumerate(smoothed(filter_, steps)):
             if state is None:
                 continue
             fitted = reader.read(state, one)

@@ -13,8 +13,7 @@ from typing import Any
 from posefuse.core import DiskFullError, InputError, Progress, silent
 from posefuse.detection.downloading import fetch_networks
 from posefuse.formats.page import write_page
-from posefuse.foundation.atomic import atomic_file, write_text
-from posefuse.foundation.output_file import earlier_kept, keep_copy
+from posefuse.foundation.output_file import atomic_file, earlier_kept, keep_copy, write_text
 from posefuse.foundation.output_folder import check_replaceable, growing_folder
 from posefuse.foundation.places import check_outside_inputs
 from posefuse.foundation.summary import Block, Heading, Note, Table
@@ -71,7 +70,8 @@ class Study:
         rows = self.rows()
         shown = {name: title for name, title in _SHOWN.items() if any(name in row for row in rows)}
         cells = [[*(row[name] for name in _FIRST_COLUMNS[:3]), *(row.get(name) for name in shown)] for row in rows]
-        failed = [Note(f"{name}: failed: {reason}", warning=True) for name, reason in self.failed.items()]
+        line = f"{len(self.failed)} of {len(rows)} trials failed; the reasons are above and in {self.page}"
+        failed = [Note(line, warning=True)] if self.failed else []
         return [Heading("Study"), Table([*_FIRST_COLUMNS[:3], *shown.values()], cells), *failed]
 
     def rows(self) -> list[dict[str, Any]]:

@@ -16,7 +16,7 @@ from posefuse import __version__
 from posefuse.core import InputError, PosefuseError, Progress, Recording, silent
 from posefuse.evaluation.biomechanics import BiomechanicsSettings, write_biomechanics
 from posefuse.foundation.output_folder import output_folder
-from posefuse.foundation.plain_values import plain
+from posefuse.foundation.parsing import plain
 from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.config import CONFIG_FILE, TrackConfig, changed_config, read_config
 from posefuse.pipeline.reading import files_of_result

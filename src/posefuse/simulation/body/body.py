@@ -12,7 +12,7 @@ from posefuse.core import SE3
 from posefuse.core.arrays import Array
 
 from . import anatomy
-from .angles import SEGMENTS, joint_angles_from_rotations
+from .anatomy import SEGMENTS, joint_angles_from_rotations
 from .mesh import BodyShapeSettings, RestMesh, rest_mesh
 
 GROUPS = ("shirt", "trousers", "shoes", "skin", "hair")

@@ -14,7 +14,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from posefuse.core.arrays import Array
 from posefuse.simulation.body import SimulatedBody
-from posefuse.simulation.body.angles import turn
+from posefuse.simulation.body.anatomy import turn
 
 _FLAT, _HEEL_OFF = 0.09, 0.33
 _STRIKE_RAD, _PUSH_RAD = np.deg2rad(20.0), np.deg2rad(-64.0)

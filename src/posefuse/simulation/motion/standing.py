@@ -11,12 +11,22 @@ from posefuse.core import ConfigError
 from posefuse.core.arrays import Array
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.simulation.body import SEGMENTS, SimulatedBody, rotation_of
-from posefuse.simulation.body.angles import turn
+from posefuse.simulation.body.anatomy import turn
 
-from .posture import BodyPosture, bend_arm, bend_leg, bones_of, elevated_arm, forearm_and_hand, lengths_m, unit_vectors
+from .posture import (
+    EASY_PRONATION_RAD,
+    SIDES,
+    BodyPosture,
+    bend_arm,
+    bend_leg,
+    bones_of,
+    elevated_arm,
+    forearm_and_hand,
+    lengths_m,
+    unit_vectors,
+)
 from .settings import StandSettings
 
-SIDES = ("left", "right")
 AXES_LEVEL = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 _TOE_OUT_RAD = np.deg2rad(7.0)
 _EASY_KNEE_RAD = np.deg2rad(4.0)
@@ -24,7 +34,7 @@ _SWAY_FORWARD_M, _SWAY_ASIDE_M = 0.005, 0.004
 _BREATHS_HZ = 0.25
 _ARM_ASIDE_RAD = np.deg2rad(9.0)
 _EASY_ELBOW_RAD = np.deg2rad(16.0)
-EASY_PRONATION_RAD, _HAND_PRONATION_RAD = np.deg2rad(85.0), np.deg2rad(110.0)
+_HAND_PRONATION_RAD = np.deg2rad(110.0)
 # sines of the small movements of a standing person
 _PARTIALS = 6
 # the shoulder girdle follows the arm, and the arm the girdle: each round leaves about a fifth of the error

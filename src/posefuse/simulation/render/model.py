@@ -14,7 +14,7 @@ from posefuse.simulation.props import Prop
 from posefuse.simulation.surroundings import Box, RoomSettings
 
 from . import textures
-from .backend import mujoco_with
+from .stage import mujoco_with
 
 _WALL_THICK_M = 0.05
 _SHADOW_PX = 2048

@@ -10,9 +10,9 @@ from nicegui import events, ui
 
 import posefuse as pf
 from posefuse.core import PosefuseError
-from posefuse.evaluation.rig_plan import RigPlan
 from posefuse.simulation.cameras import ImageSettings, PlacedCamera, placed_cameras
 from posefuse.simulation.planning import (
+    RigPlan,
     camera_of,
     first_plan,
     free_camera_name,

@@ -17,8 +17,9 @@ import numpy as np
 from posefuse.core import ConfigError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
-from posefuse.teleoperation.mapping import rotvec_between
-from posefuse.teleoperation.settings import LimitSettings
+
+from .mapping import rotvec_between
+from .settings import SLOW_CONDITION, STOP_CONDITION, LimitSettings
 
 
 class Gap(NamedTuple):
@@ -335,8 +336,7 @@ class WholeBodyIk:
 
     def pace(self) -> float:
         """Share of the speed limit: falls with the condition number, never to nothing, so that a singularity can be left."""
-        limits = self._limits
-        share = (limits.stop_condition - self.condition) / (limits.stop_condition - limits.slow_condition)
+        share = (STOP_CONDITION - self.condition) / (STOP_CONDITION - SLOW_CONDITION)
         return float(np.clip(share, _SLOWEST, 1.0))
 
     def singular(self) -> float:

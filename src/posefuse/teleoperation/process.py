@@ -1,4 +1,7 @@
-"""The robot's process: control steps on time, with its own watchdog. It continues until the robot stands, even alone."""
+"""The robot's process: control steps on time, with its own watchdog. It continues until the robot stands, even alone.
+
+`RobotLink` is the process as the operator's side sees it.
+"""
 
 from __future__ import annotations
 
@@ -7,20 +10,44 @@ import signal
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
-from posefuse.core import PosefuseError
+from posefuse.core import PosefuseError, SourceError
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.platform import punctual
-from posefuse.foundation.requests_to_end import HANG_UP
-from posefuse.teleoperation.values import Order, RobotState
+from posefuse.foundation.worker import Worker
 
-from .driver import Driver, Robot
-from .plan import RobotPlan, RosPlan
-from .reports import OutletReporter, open_reporters
+from .follower import Driver, Robot
+from .ros import Reporter, RosPlan, open_reporters
+from .settings import TeleoperationSettings
+from .values import Order, RobotState
 
 _S = 1_000_000_000
 # a step that is later than this is left out, so that the robot does not hurry after a pause
 _MOST_BEHIND = 2
+# for the first state, and for braking at the end
+_READY_S, _LEAVE_S = 60.0, 3.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotPlan:
+    """What the process is to drive.
+
+    Attributes:
+        settings: limits and rates. model: MJCF file; None: our own robot. frames: site of each hand.
+        command: None drives the model in MuJoCo; ``pose``, ``twist`` or ``joints`` drives a robot over ROS.
+        ros: where ROS is; None: none. record: .mcap file of commands and states; None: none. view: open MuJoCo's viewer.
+        scene: MJCF text instead of a file, e.g. with boxes to move.
+    """
+
+    settings: TeleoperationSettings
+    model: Path | None = None
+    frames: tuple[str, ...] = ("right_hand",)
+    command: str | None = None
+    ros: RosPlan | None = None
+    record: Path | None = None
+    view: bool = False
+    scene: str | None = None
 
 
 @dataclass(frozen=True)
@@ -36,9 +63,6 @@ class Leave:
 
 def run_robot(channel: Channel, plan: RobotPlan) -> None:
     """Entry point of the process; the other end of `channel` sends orders and receives states."""
-    # Ctrl-C and a closed terminal are the operator's side's to answer: it lets the robot brake
-    for number in (signal.SIGINT, *([] if HANG_UP is None else [HANG_UP])):
-        signal.signal(number, signal.SIG_IGN)
     try:
         robot = built(plan)
         reporters = open_reporters(plan.ros, plan.record, plan.settings)
@@ -71,7 +95,7 @@ def built(plan: RobotPlan) -> Robot:
     return robot
 
 
-def _drive(channel: Channel, driver: Driver, rate_hz: float, reporters: Sequence[OutletReporter], asked: Sequence[int]) -> None:
+def _drive(channel: Channel, driver: Driver, rate_hz: float, reporters: Sequence[Reporter], asked: Sequence[int]) -> None:
     """Control steps until the robot stands after a `Leave`, a cut link or a signal; `asked` gets those."""
     period_ns = round(_S / rate_hz)
     due_ns, late, left_out, link, leaving = time.monotonic_ns() + period_ns, 0, 0, True, False
@@ -107,3 +131,47 @@ def _delivered(channel: Channel, state: RobotState) -> bool:
     except ChannelClosed:
         return False
     return True
+
+
+class RobotLink:
+    """The robot's process, as the operator's side sees it. pid: of the process. state: the newest; None before the first."""
+
+    def __init__(self, plan: RobotPlan) -> None:
+        self.state: RobotState | None = None
+        # a robot that lost its link brakes before its process ends
+        self._worker = Worker(run_robot, closed_s=_LEAVE_S)
+        self._worker.start(plan)
+        self.pid = self._worker.pid
+
+    def wait_ready(self) -> None:
+        """Until the first state; raises PosefuseError where the robot cannot be driven."""
+        end_s = time.monotonic() + _READY_S
+        while self.state is None:
+            if not self._worker.wait(0.2) and time.monotonic() > end_s:
+                raise SourceError(f"robot: no state within {_READY_S:g} s")
+            self.poll()
+
+    def poll(self) -> RobotState | None:
+        """The newest state that came since the last call; raises PosefuseError when the process is gone or gives up."""
+        newest = None
+        while (message := self._worker.receive()) is not None:
+            if isinstance(message, Failed):
+                raise message.error
+            newest = message
+        self._check()
+        self.state = newest or self.state
+        return newest
+
+    def send(self, order: Order) -> None:
+        """Hand an order on; never waits."""
+        self._worker.send(order)
+        self._check()
+
+    def close(self) -> None:
+        """Let the robot brake and its process leave."""
+        self._worker.send(Leave())
+        self._worker.end(_LEAVE_S)
+
+    def _check(self) -> None:
+        if not self._worker.running:
+            raise SourceError("robot: its process has ended")

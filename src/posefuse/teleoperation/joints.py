@@ -15,10 +15,11 @@ import numpy as np
 from posefuse.core import SE3
 from posefuse.core.arrays import Array
 from posefuse.core.se3 import quaternion_product
-from posefuse.teleoperation.settings import LimitSettings
 
-from .driver import FOLLOWS_M, FOLLOWS_RAD, Goal, Posture
+from .follower import FOLLOWS_M, FOLLOWS_RAD, Follower
 from .kinematics import Chain, WholeBodyIk
+from .settings import STOP_CONDITION, TURN_ACCELERATION_RADPS2, LimitSettings
+from .values import RobotState
 
 # a stop that takes longer is none: with the watchdog, the robot stands 0.35 s after the last order
 _STOP_S = 0.28
@@ -56,20 +57,20 @@ class Joints:
         self._turned, self._dt_s = np.zeros_like(self._here), 1.0
         self._apart = self.chain.distances(_WATCH_M)
 
-    def follow(self, goal: Goal, dt_s: float, left_out: int) -> Array:
-        """One control step towards a goal (`driver.Robot.move`); the joints then, (n,)."""
+    def follow(self, wanted: Follower, dt_s: float, left_out: int) -> Array:
+        """One control step of a commanded motion (`follower.Robot.move`); the joints then, (n,)."""
         self._dt_s = dt_s
-        if goal.brakes or goal.stands:
+        if wanted.brakes or wanted.stands:
             self.brake(dt_s, left_out)
         else:
-            self.move(goal.xyz_world, goal.wxyz, dt_s)
+            self.move(wanted.xyz, wanted.wxyz, dt_s)
         return self.q
 
     def resting(self) -> tuple[Array, float]:
         """(n,) where the joints rest at the end of the checked stop, and how many control steps from now."""
         return self.q + sum(self._stop) * self._along, len(self._stop)
 
-    def posture(self, measured: Array, fault: str) -> Posture:
+    def state(self, measured: Array, fault: str) -> RobotState:
         """The robot whose joints are measured at (n,).
 
         Its spheres are where it is and where it was commanded to be: it is between the two.
@@ -84,13 +85,13 @@ class Joints:
         chain.place(self.q)
         spheres = np.concatenate([spheres, chain.spheres()])
         spheres[:, :3] = place @ spheres[:, :3]
-        return Posture(
+        return RobotState(
             xyz_world=place @ self._here,
             wxyz=quaternion_product(place.wxyz, chain.orientations()),
             velocity_world=(self._here - self._before) @ turn.T / self._dt_s,
             turn_rate_world=self._turned @ turn.T / self._dt_s,
             measured_xyz_world=ends,
-            q=self.q,
+            q_rad=self.q,
             spheres_world=spheres,
             fault=fault or self._not_following(measured, ends - place @ self._here),
         )
@@ -153,7 +154,7 @@ class Joints:
         limits, rows = self._limits, self._turn_rows
         start, end = self._ends(self.q + safe) - self._here, self._ends(self.q + wanted) - self._here
         moves = _share_of_way(start, end, self._here - self._before, limits.speed_mps * dt_s, limits.acceleration_mps2 * dt_s**2)
-        turns = (limits.turn_rate_radps * dt_s, limits.turn_acceleration_radps2 * dt_s**2)
+        turns = (limits.turn_rate_radps * dt_s, TURN_ACCELERATION_RADPS2 * dt_s**2)
         return min(moves, _share_of_way(rows @ safe, rows @ wanted, self._turned, *turns))
 
     def _checked_stop(self, step: Array, dt_s: float) -> list[float] | None:
@@ -165,7 +166,7 @@ class Joints:
         if (stop and stop[-1] > 0) or (last < low).any() or (last > high).any() or not self._allowed(ends, dt_s):
             return None
         self.chain.place(last)
-        if self.ik.singular() > max(self._limits.stop_condition, self.ik.condition):
+        if self.ik.singular() > max(STOP_CONDITION, self.ik.condition):
             return None
         return stop if self._keeps_apart(q, step, stop) else None
 
@@ -176,7 +177,7 @@ class Joints:
         """
         stop: list[float] = []
         share = 1.0
-        turned = np.linalg.norm(self._turn_rows @ along, axis=1) / self._limits.turn_acceleration_radps2
+        turned = np.linalg.norm(self._turn_rows @ along, axis=1) / TURN_ACCELERATION_RADPS2
         drop = _STOP * dt_s**2 / max(float((np.abs(along) / self.ik.acceleration).max()), float(turned.max()), 1e-12)
         while share > 0 and len(stop) * dt_s < _STOP_S:
             share, there = self._slowed(q, along, ends[-2:], (max(0.0, share - drop), share), dt_s)

@@ -1,4 +1,4 @@
-"""A real robot over ROS 2 or ROS 1: the same limited goals as messages of usual controllers.
+"""A real robot over ROS 2 or ROS 1: the same limited motion as messages of usual controllers.
 
 | command | message | for |
 |---|---|---|
@@ -30,15 +30,17 @@ from posefuse.messages.intake import decode
 from posefuse.messages.messages import header
 from posefuse.messages.topics import TF, TF_STATIC, Topic
 from posefuse.messages.types import message
-from posefuse.teleoperation.mapping import rotvec_between
-from posefuse.teleoperation.settings import LimitSettings, TeleoperationSettings
 
-from .driver import FOLLOWS_M, FOLLOWS_RAD, Goal, Posture
+from .follower import FOLLOWS_M, FOLLOWS_RAD, Follower
 from .joints import Joints
 from .kinematics import Chain
+from .mapping import rotvec_between
 from .mujoco_robot import mujoco_model, placed
-from .plan import RosPlan
+from .ros import NAMESPACE, RosPlan
+from .settings import LimitSettings, TeleoperationSettings
+from .values import RobotState
 
+JOINT_STATES = "/joint_states"
 _MOST_BYTES = 1_000_000
 # the robot's own state may be so old, and the wait for the first one so long
 _STATE_S, _FIRST_S = 0.2, 10.0
@@ -122,12 +124,12 @@ class _Renewals:
 
 
 class RosJoints:
-    """Joint commands from our own inverse kinematics (`driver.Robot`). needs: the topic with the joint states."""
+    """Joint commands from our own inverse kinematics (`follower.Robot`). needs: the topic with the joint states."""
 
     def __init__(self, node: Any, plan: RosPlan, chain: Chain, limits: LimitSettings, place: SE3) -> None:
         self._node, self._plan = node, plan
-        self.joints, self.needs = Joints(chain, limits, place), plan.joint_states
-        self._states = _Inbox(node, Topic(plan.joint_states, "sensor_msgs/msg/JointState", depth=5))
+        self.joints, self.needs = Joints(chain, limits, place), JOINT_STATES
+        self._states = _Inbox(node, Topic(JOINT_STATES, "sensor_msgs/msg/JointState", depth=5))
         arm_type = (
             "std_msgs/msg/Float64MultiArray" if plan.controller.endswith("/commands") else "trajectory_msgs/msg/JointTrajectory"
         )
@@ -146,19 +148,19 @@ class RosJoints:
             self._begun = True
         return self._begun
 
-    def posture(self) -> Posture:
+    def state(self) -> RobotState:
         """See `Robot`."""
         self._listen()
         silent = self._renewals.age_s([self.needs]) > _STATE_S
-        return self.joints.posture(self._measured, f"nothing on {self.needs} for {_STATE_S:g} s" if silent else "")
+        return self.joints.state(self._measured, f"nothing on {self.needs} for {_STATE_S:g} s" if silent else "")
 
     def pace(self) -> float:
         """See `Robot`."""
         return self.joints.ik.pace()
 
-    def move(self, goal: Goal, dt_s: float, left_out: int = 0) -> None:
+    def move(self, wanted: Follower, dt_s: float, left_out: int = 0) -> None:
         """See `Robot`."""
-        q, rates = self.joints.follow(goal, dt_s, left_out), self.joints.step / dt_s
+        q, rates = self.joints.follow(wanted, dt_s, left_out), self.joints.step / dt_s
         t_ns, arm = time.time_ns(), self.joints.chain.arm
         self._node.publish(self._arm, self._arm_message(q[arm], rates[arm], dt_s, t_ns), t_ns)
         self._move_base(_base_velocity(q[~arm], rates[~arm]) if self._base is not None else np.zeros(6))
@@ -207,7 +209,7 @@ class RosJoints:
 
 
 class RosCartesian:
-    """Poses or twists for a controller with its own inverse kinematics (`driver.Robot`). needs: the source of its position."""
+    """Poses or twists for a controller with its own inverse kinematics (`follower.Robot`). needs: the source of its position."""
 
     def __init__(self, node: Any, plan: RosPlan, command: str, frames: tuple[str, ...], place: SE3) -> None:
         self._node, self._plan, self._frames, self._place = node, plan, frames, place
@@ -216,10 +218,9 @@ class RosCartesian:
         self._inboxes = [_Inbox(node, TF), _Inbox(node, TF_STATIC)]
         kind = "PoseStamped" if command == "pose" else "TwistStamped"
         name = "target" if command == "pose" else "twist"
-        root = plan.namespace.rstrip("/")
-        self._topics = [Topic(f"{root}/{frame}/{name}", f"geometry_msgs/msg/{kind}", depth=1) for frame in frames]
+        self._topics = [Topic(f"{NAMESPACE}/{frame}/{name}", f"geometry_msgs/msg/{kind}", depth=1) for frame in frames]
         self._twists = command == "twist"
-        self._goal: Goal | None = None
+        self._wanted: Follower | None = None
         self._joining = frozenset[str]()
         # of twists: commanded less measured motion, m and rad; and the last measured poses
         self._behind, self._last = np.zeros((len(frames), 6)), (np.zeros((0, 3)), np.zeros((0, 4)))
@@ -228,18 +229,18 @@ class RosCartesian:
         """Whether tf has the poses of all end effectors."""
         return self._ends() is not None
 
-    def posture(self) -> Posture:
+    def state(self) -> RobotState:
         """See `Robot`: commanded is where it was sent last; where it is before that, and where twists left it when it stands."""
         ends = self._ends()
         if ends is None:
             raise SourceError(f"robot: {self.needs} is not known")
-        measured, goal = ends[0], self._goal
-        xyz, wxyz = ends if goal is None or (self._twists and goal.brakes and goal.stands) else (goal.xyz_world, goal.wxyz)
-        return Posture(
+        measured, wanted = ends[0], self._wanted
+        xyz, wxyz = ends if wanted is None or (self._twists and wanted.brakes and wanted.stands) else (wanted.xyz, wanted.wxyz)
+        return RobotState(
             xyz_world=xyz,
             wxyz=wxyz,
-            velocity_world=np.zeros_like(measured) if goal is None else goal.velocity_world,
-            turn_rate_world=np.zeros_like(measured) if goal is None else goal.turn_rate_world,
+            velocity_world=np.zeros_like(measured) if wanted is None else wanted.velocity,
+            turn_rate_world=np.zeros_like(measured) if wanted is None else wanted.turn_rate,
             measured_xyz_world=measured,
             spheres_world=np.concatenate([_row_of_spheres(self._place.xyz, end) for end in measured]),
             fault=self._fault(*ends),
@@ -249,24 +250,24 @@ class RosCartesian:
         """See `Robot`: singularities are the controller's business."""
         return 1.0
 
-    def move(self, goal: Goal, dt_s: float, left_out: int = 0) -> None:
+    def move(self, wanted: Follower, dt_s: float, left_out: int = 0) -> None:
         """See `Robot`."""
-        self._goal = goal
+        self._wanted = wanted
         if self._twists:
-            rates = np.concatenate([goal.velocity_world, goal.turn_rate_world], axis=1)
+            rates = np.concatenate([wanted.velocity, wanted.turn_rate], axis=1)
             self._behind = self._behind * (1 - dt_s / _FORGET_S) + rates * dt_s
             self._send_twists(rates)
             return
         t_ns = time.time_ns()
-        for topic, xyz, wxyz in zip(self._topics, goal.xyz_world, goal.wxyz, strict=True):
+        for topic, xyz, wxyz in zip(self._topics, wanted.xyz, wanted.wxyz, strict=True):
             place = SE3(quaternion_product(self._back.wxyz, wxyz), self._back @ xyz)
             self._node.publish(topic, pose_stamped(t_ns, self._plan.base_frame, place), t_ns)
 
     def close(self) -> None:
         """See `Robot`; twists end with zero velocity, the last pose is one to stay at."""
-        stop = self._twists and self._goal is not None
+        stop = self._twists and self._wanted is not None
         _leave(self._node, (lambda: self._send_twists(np.zeros((len(self._topics), 6)))) if stop else None)
-        self._goal = None
+        self._wanted = None
 
     def _send_twists(self, rates: Array) -> None:
         """(H, 6) velocities and turn rates in world axes."""
@@ -282,8 +283,8 @@ class RosCartesian:
             self._behind -= _motion(*self._last, xyz, wxyz) if len(self._last[0]) else 0.0
             self._last, apart = (xyz, wxyz), self._behind
         else:
-            goal = self._goal
-            apart = np.zeros((1, 6)) if goal is None else _motion(xyz, wxyz, goal.xyz_world, goal.wxyz)
+            wanted = self._wanted
+            apart = np.zeros((1, 6)) if wanted is None else _motion(xyz, wxyz, wanted.xyz, wanted.wxyz)
         far_m, turned_rad = (float(np.linalg.norm(part, axis=1).max()) for part in (apart[:, :3], apart[:, 3:]))
         if far_m > FOLLOWS_M or turned_rad > FOLLOWS_RAD:
             return f"the end effector is {far_m:.2f} m and {turned_rad:.2f} rad from where it was commanded"
