@@ -63,7 +63,7 @@ def test_a_live_session_gives_files_and_an_output_that_fails_is_named(
     printed = capsys.readouterr()
     figures = json.loads(printed.out)
     assert figures["files"] == ["pose.trc"]
-    assert "posefuse track FILE.mcap" in figures["failed"]["c3d"]
+    assert "posefuse solve FILE.mcap" in figures["failed"]["c3d"]
     assert "output c3d: not written" in " ".join(printed.err.split())
     assert (out / "pose.trc").stat().st_size > 0
     with pytest.warns(UserWarning, match="c3d: not written .C3D holds evenly spaced time steps only"):

@@ -216,5 +216,5 @@ def test_options_that_cannot_be_are_one_line(words: list[str], tmp_path: Path, c
 
 
 def test_a_session_is_tracked_before_it_is_edited(demo_session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["track", str(demo_session), "--exclude", "cam00:0-1", "--out", str(tmp_path / "out")]) == 1
-    assert "is for results" in capsys.readouterr().err
+    assert main(["solve", str(demo_session), "--exclude", "cam00:0-1", "--out", str(tmp_path / "out")]) == 1
+    assert "not a posefuse result" in capsys.readouterr().err

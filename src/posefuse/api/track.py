@@ -88,14 +88,14 @@ def track(
     from posefuse.detection.downloading import fetch_networks
     from posefuse.outputs.rerun_scene import check_viewer
     from posefuse.pipeline.clock import StageClock
-    from posefuse.pipeline.reading import is_live, is_result
+    from posefuse.pipeline.reading import is_live
     from posefuse.pipeline.result_folder import ResultFolder, check_result_folder, track_into
     from posefuse.pipeline.run import track_session
     from posefuse.pipeline.session import find_session
 
     folder = Path(session)
-    if is_live(folder) or is_result(folder):
-        raise InputError(f"{folder}: is a result, not a session; `posefuse solve` solves it again")
+    if is_live(folder):
+        raise InputError(f"{folder}: is a recording, not a session; `posefuse solve` solves it again")
     if out is None and (resume or replace or formats):
         raise InputError("track: resume, replace and formats are about the folder `out`, which was not given")
     if view:
@@ -283,7 +283,8 @@ def _edits(
     from posefuse.pipeline.solve import edits_of
 
     if edits is None and (kept := read_edits(path)) != NO_EDITS:
-        note(f"using the edits in {edits_path(path)}")
+        count = len(kept.exclusions)
+        note(f"{edits_path(path)}: what is marked there is left out ({count} stretches); `no_edits=True` uses everything")
     base = edits if edits is not None else kept if kept != NO_EDITS else edits_of(earlier)
     return dataclasses.replace(
         base,
