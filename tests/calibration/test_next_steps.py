@@ -12,7 +12,7 @@ import pytest
 from calibrating import run
 
 import posefuse as pf
-from posefuse.api.calibration_results import clocks_near, save_clocks
+from posefuse.api.calibration_results import saved_clocks, save_clocks
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.report import CalibrationReport, Check, CheckKind, RefusedCalibration
 from posefuse.calibration.targets.description import write_target
@@ -153,13 +153,13 @@ def test_clocks_that_were_estimated_already_are_not_advised_again() -> None:
 
 def test_verification_reads_the_clocks_that_a_calibration_wrote(lab: Any, tmp_path: Path) -> None:
     path = tmp_path / "posefuse.toml"
-    assert clocks_near(path, lab.rig) == {}
+    assert saved_clocks(path, lab.rig) == {}
     late = np.array([0.0, 0.12, -0.05, 0.0])
     save_clocks(path, lab.rig.names, ClockEstimate.known(late, 0.0))
-    assert clocks_near(path, lab.rig) == {"cam01": 0.12, "cam02": -0.05}
+    assert saved_clocks(path, lab.rig) == {"cam01": 0.12, "cam02": -0.05}
     path.write_text("[cameras.cam01]\noffset_s = 0.1\ndrift_ppm = 20.0\n")
     with pytest.raises(InputError, match="the clock of cam01 drifts"):
-        clocks_near(path, lab.rig)
+        saved_clocks(path, lab.rig)
 
 
 def test_a_session_folder_stands_for_its_videos(tmp_path: Path) -> None:

@@ -259,7 +259,7 @@ def _warn_of_old_clocks(path: Path, names: Sequence[str]) -> None:
         warnings.warn(line, UserWarning, stacklevel=3)
 
 
-def clocks_near(path: Path, rig: CoreRig) -> dict[str, float]:
+def saved_clocks(path: Path, rig: CoreRig) -> dict[str, float]:
     """Clock offsets in s by camera name, from the settings file next to a rig file; empty where there are none.
 
     Raises:

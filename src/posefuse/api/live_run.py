@@ -224,7 +224,7 @@ def _check_videos(folder: Path, record: Path | None) -> None:
     """Raise InputError unless the videos of a session can go to `folder`, and its recording not into it."""
     check_videos_folder(folder, command="live")
     if record is not None and real_path(folder) in (real_path(record), *real_path(record).parents):
-        raise InputError(f"--record {record}: is, or lies in, the folder of --videos; choose another place for one of them")
+        raise InputError(f"`record={record}`: is, or lies in, the folder of `videos=DIR`; choose another place for one of them")
 
 
 def _lengths(fusion: Fusion) -> dict[int, dict[str, dict[str, float]]]:

@@ -78,7 +78,7 @@ def camera_node(
         rig, sources, config=config, settings=settings, ros=ros, duration_s=duration_s, loop_s=loop_s
     )  # fmt: skip
     if not whole.inputs:
-        raise SourceError("expected a source for at least 1 camera, got none; see --source")
+        raise SourceError("expected a source for at least 1 camera, got none; give `source=CAMERA=KIND:WHERE`")
     with shown(progress) as news:
         say = lines_of(news, "live")
         cameras = rig_with_camera_infos(whole.rig, whole.inputs, whole.config.camera_info, say)

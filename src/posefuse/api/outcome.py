@@ -25,7 +25,7 @@ _START_UP = ("open", "compile")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Outcome:
+class RunOutcome:
     """How a run went.
 
     Attributes:
@@ -37,7 +37,9 @@ class Outcome:
     summary: tuple[Block, ...]
 
 
-def tracked_outcome(out: Path | None, session: Session, detector: DetectorChoice, tracked: Tracked, clock: StageClock) -> Outcome:
+def tracked_outcome(
+    out: Path | None, session: Session, detector: DetectorChoice, tracked: Tracked, clock: StageClock
+) -> RunOutcome:
     """Of a session that was tracked; with the errors against the truth where the session has it."""
     path = session.folder / TRUTH_FILE
     errors = joint_errors(tracked.recording.poses, read_truth(path)) if path.is_file() else None
@@ -45,7 +47,7 @@ def tracked_outcome(out: Path | None, session: Session, detector: DetectorChoice
     if session.inputs[0].kind != "pose2d":
         options = detector.options
         figures["network"] = str(next((options[key] for key in ("card", "landmarks") if key in options), detector.name))
-    return Outcome(figures=figures, summary=_tracked_summary(figures, errors))
+    return RunOutcome(figures=figures, summary=_tracked_summary(figures, errors))
 
 
 def _tracked_figures(out: Path | None, tracked: Tracked, clock: StageClock, errors: JointErrors | None) -> dict[str, Any]:
@@ -108,7 +110,7 @@ def solved_outcome(
     failed: Mapping[str, str],
     seconds: float,
     excluded: int,
-) -> Outcome:
+) -> RunOutcome:
     """Of a recording that was solved again with `excluded` stretches left out."""
     figures = {
         "cameras": len(recording.rig),
@@ -129,7 +131,7 @@ def solved_outcome(
         **_written(figures),
         **({"stretches left out": str(excluded)} if excluded else {}),
     }
-    return Outcome(figures=figures, summary=(Heading("Second solve"), Facts(facts)))
+    return RunOutcome(figures=figures, summary=(Heading("Second solve"), Facts(facts)))
 
 
 def _written(figures: Mapping[str, Any]) -> dict[str, str]:

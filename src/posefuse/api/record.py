@@ -119,7 +119,7 @@ _SAY_EVERY = 5
 
 
 @dataclass(frozen=True, kw_only=True)
-class Recorded:
+class RecordedVideos:
     """Videos that were recorded, and what of a target the cameras saw.
 
     Attributes:
@@ -173,7 +173,7 @@ def record(
     ros: Mapping[str, Any] | None = None,
     on_coverage: Callable[[Guidance], None] | None = None,
     progress: Progress | bool | None = None,
-) -> Recorded:
+) -> RecordedVideos:
     """Record cameras: one video per camera on one clock; with a target, until the cameras have seen enough of it.
 
     Ctrl-C ends it, and what was recorded is complete. What is wrong with a camera is a `UserWarning`.
@@ -202,7 +202,7 @@ def record(
     arguments = [f"{name}={what}" for name, what in sources.items()] if isinstance(sources, Mapping) else list(sources)
     inputs = inputs_from_arguments(arguments, cameras, ros)
     if not inputs:
-        raise SourceError("expected a source for at least 1 camera, got none; see --source")
+        raise SourceError("expected a source for at least 1 camera, got none; give `source=CAMERA=KIND:WHERE`")
     if folder is not None:
         check_videos_folder(folder, command="record")
     names, placed = [entry.camera for entry in inputs], cameras if kind is None else None
@@ -222,10 +222,10 @@ def record(
         counts = {} if videos is None else read_counts(videos, names)
         if videos is not None:
             _check_recorded(videos, counts, stopped)
-    return Recorded(folder=folder, videos=video_figures(counts), guidance=found, stopped_by=stopped[0] if stopped else "")
+    return RecordedVideos(folder=folder, videos=video_figures(counts), guidance=found, stopped_by=stopped[0] if stopped else "")
 
 
-def resume_recording(folder: str | Path) -> Recorded:
+def resume_recording(folder: str | Path) -> RecordedVideos:
     """Complete the videos of a program that was killed while it recorded to `folder`; no cameras are opened.
 
     Raises:
@@ -236,7 +236,7 @@ def resume_recording(folder: str | Path) -> Recorded:
         >>> pf.resume_recording("SESSION").videos  # doctest: +SKIP
     """
     place = Path(folder)
-    return Recorded(folder=place, videos=video_figures(_completed_recording(place)))
+    return RecordedVideos(folder=place, videos=video_figures(_completed_recording(place)))
 
 
 def _reporter(report: Progress) -> Callable[[float, tuple[CameraNews, ...]], None]:

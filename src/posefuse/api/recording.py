@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from posefuse.pipeline.edits import Edits
     from posefuse.pipeline.session import Session
 
-    from .outcome import Outcome
+    from .outcome import RunOutcome
 
 Fit = Literal["points", "rays", "none"]
 
@@ -61,7 +61,7 @@ class Recording(core.Recording):
 
     rig: Rig
     path: Path | None = None
-    outcome: Outcome | None = None
+    outcome: RunOutcome | None = None
 
     @property
     def figures(self) -> Mapping[str, Any]:
@@ -353,7 +353,7 @@ class Recording(core.Recording):
         return self.path
 
 
-def recording_of(value: core.Recording, *, path: Path | None = None, outcome: Outcome | None = None) -> Recording:
+def recording_of(value: core.Recording, *, path: Path | None = None, outcome: RunOutcome | None = None) -> Recording:
     """The same result as the recording of the public interface."""
     parts = {field.name: getattr(value, field.name) for field in fields(core.Recording)}
     return Recording(**parts | {"rig": rig_of(value.rig), "path": path, "outcome": outcome})

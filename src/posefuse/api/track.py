@@ -252,7 +252,9 @@ def solve(
                 files, failed = write_result(recording, frames, sinks, folder)
     for name, reason in failed.items():
         _warn(f"output {name}: not written ({reason})")
-    outcome = solved_outcome(place, earlier, recording, files, failed, clock.total_s, len(used.exclusions))
+    outcome = solved_outcome(
+        place, earlier, recording, files=files, failed=failed, seconds=clock.total_s, excluded=len(used.exclusions)
+    )
     made = recording_of(recording, path=place, outcome=outcome)
     if view:
         made.view()

@@ -482,7 +482,7 @@ def calibrate_verify(*inputs: CameraRecordings, options: VerifyOptions, terminal
     Args:
         inputs: Video or folder of images per camera; NAME defaults to the file's name.
     """
-    from posefuse.api.calibration_results import clocks_near
+    from posefuse.api.calibration_results import saved_clocks
     from posefuse.formats.rig import read_placed_rig
     from posefuse.pipeline.config import CONFIG_FILE
 
@@ -490,7 +490,7 @@ def calibrate_verify(*inputs: CameraRecordings, options: VerifyOptions, terminal
 
     check_files((*inputs, options.target, options.rig), (("--report", options.report),), force=options.force)
     rig, settings = read_placed_rig(options.rig), options.rig.with_name(CONFIG_FILE)
-    late_s = clock_offsets_s(options.offset_ms, rig) if options.offset_ms else clocks_near(settings, rig)
+    late_s = clock_offsets_s(options.offset_ms, rig) if options.offset_ms else saved_clocks(settings, rig)
     if late_s and not options.offset_ms:
         terminal.note(f"clock offsets of {', '.join(late_s)} from {settings}")
     with terminal.stages() as progress:
