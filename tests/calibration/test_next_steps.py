@@ -12,7 +12,7 @@ import pytest
 from calibrating import run
 
 import posefuse as pf
-from posefuse.api.calibration_results import saved_clocks, save_clocks
+from posefuse.api.calibration_results import save_clocks, saved_clocks
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.report import CalibrationReport, Check, CheckKind, RefusedCalibration
 from posefuse.calibration.targets.description import write_target

@@ -113,7 +113,9 @@ def output_configs(
     for name, key in (("record", "path"), ("rerun", "file")):
         if path := chosen.get(name, {}).get(key):
             check_output_file(Path(path), option=name)
-            chosen[name][key] = Path(path).absolute()
+            if key in outputs.get(name, {}):
+                # relative to here; one of a settings file stays as it is
+                chosen[name][key] = Path(path).absolute()
     return {
         name: plugin_config(
             "live_outputs", name, one, given={key: value for key, value in given.items() if key not in outputs.get(name, {})}

@@ -19,7 +19,7 @@ _LOOK_M = 0.6
 def calibration_page(report: CalibrationReport, images: Mapping[str, Array] | None = None, rig: Rig | None = None) -> Page:
     """The page. `images` maps captions to RGB images (H, W, 3); `rig` adds a plan of the cameras."""
     verdict = "passed" if not report.failed else f"refused: {report.failed[0].name}"
-    blocks = report.summary()
+    blocks = [Heading("Checks"), *report.summary()[1:]]
     if rig is not None:
         blocks += [Heading("Cameras from above"), Plots([camera_plan_plot(rig)])]
     if images:
