@@ -90,7 +90,7 @@ def test_a_person_needs_one_length_and_one_kind_of_input(tmp_path: Path, lab: An
 
 def test_a_folder_that_is_not_there_is_named_before_any_work(tmp_path: Path) -> None:
     nowhere = tmp_path / "none" / "file"
-    with pytest.raises(InputError, match=r"--out .*: there is no folder .*none"):
+    with pytest.raises(InputError, match=r"out .*: there is no folder .*none"):
         run("print", "--cube", "--marker-mm", "120", "--out", str(nowhere))
     with pytest.raises(InputError, match="--report "):
         run("intrinsics", "--target", "b.toml", "--out", str(tmp_path / "r.toml"), "--report", str(nowhere), "a.mp4")
