@@ -359,6 +359,7 @@ def recording_of(value: core.Recording, *, path: Path | None = None, outcome: Ru
     return Recording(**parts | {"rig": rig_of(value.rig), "path": path, "outcome": outcome})
 
 
+@checked
 def read(path: str | Path, *, observed: bool = True) -> Recording:
     """Read a result folder (of `track` or `Recording.save`), or the .mcap of a live session with its later parts.
 

@@ -136,6 +136,7 @@ def track(
     return made
 
 
+@checked
 def session_config(folder: Path, config: str | Path | None, changes: Mapping[str, Any], *, outputs: bool = True) -> TrackConfig:
     """Settings of a session: its own ``posefuse.toml`` or another file, with changes by dotted key on top.
 
@@ -295,6 +296,7 @@ def _edits(
     )
 
 
+@checked
 def batch(
     study: str | Path,
     out: str | Path,
@@ -355,6 +357,7 @@ def batch(
         )
 
 
+@checked
 def study_settings(config: str | Path | None, settings: Mapping[str, Any]) -> tuple[dict[str, Any], tuple[str, ...]]:
     """Settings of every trial by dotted key, and the outputs that they name; raises ConfigError before any work."""
     from posefuse.pipeline.config import read_config, settings_by_key
