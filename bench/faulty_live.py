@@ -132,22 +132,22 @@ def main() -> int:
     args = parser.parse_args()
     faults = faults_from_arguments(args.fault)
 
-    from posefuse.cli import live
+    from posefuse.api import live_run
     from posefuse.cli.main import main as posefuse
     from posefuse.realtime.messages import SessionClock
     from posefuse.realtime.processes import Groups
 
-    sources, begin = live.settled_inputs, Groups.begin
+    sources, begin = live_run.inputs_from_arguments, Groups.begin
 
     def faulty_inputs(*options: Any) -> tuple[LiveInput, ...]:
-        rig = options[-1]
+        rig = options[1]
         return tuple(
             LiveInput(one.camera, one.kind, FaultyConfig(one, rig[one.camera], faults[one.camera]), reopen=True)
             if one.camera in faults else one
             for one in sources(*options)
         )  # fmt: skip
 
-    live.settled_inputs = faulty_inputs
+    live_run.inputs_from_arguments = faulty_inputs
     if args.zero is not None:
         Groups.begin = lambda groups, _: begin(groups, round(args.zero * 1e9) - SessionClock.begin().offset_ns)
     return posefuse(args.command)

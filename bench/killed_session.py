@@ -8,19 +8,15 @@ import re
 import signal
 import tempfile
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 import posefuse as pf
-from posefuse.api.live import LiveSession, build_live_session
-from posefuse.detection.build import DetectorChoice
+from posefuse.api.live import LiveSession
 from posefuse.formats.rig import read_rig
 from posefuse.messages.bags import read_mcap
 from posefuse.messages.messages import ns_from_time
-from posefuse.realtime.config import LiveConfig
-from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.simulation.session import SessionPaths
 from posefuse.teleoperation.gate import Beat
 from posefuse.teleoperation.settings import MappingSettings, RobotSettings, TeleoperationSettings
@@ -66,15 +62,12 @@ def ms_until_standing(fault: str, session: Path) -> float | None:
     Raises:
         RuntimeError: the robot never moved.
     """
-    rig, config = read_rig(SessionPaths(session).rig), LiveConfig()
-    oracle = DetectorChoice(name="oracle", options={"truth": str(SessionPaths(session).truth), "noise": {"sigma_px": 1.0}})
-    config = replace(config, detector=oracle, groups=1)
-    inputs = tuple(replace(one, loop_s=None) for one in inputs_from_arguments([f"sim:{session}"], rig))
+    oracle = {"name": "oracle", "options": {"truth": str(SessionPaths(session).truth), "noise": {"sigma_px": 1.0}}}
     # half the way of a walking person's hand, so that the robot can follow
     settings = TeleoperationSettings(
         mapping=MappingSettings(scale=0.3), robot=RobotSettings(position_xy_m=(2.5, 0.0), shared=False)
     )
-    live = build_live_session(rig, inputs, config)
+    live = pf.live(read_rig(SessionPaths(session).rig), [f"sim:{session}"], settings={"detector": oracle, "groups": 1})
     seen: dict[str, float] = {}
 
     def watch(operator, order) -> None:

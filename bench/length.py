@@ -3,7 +3,7 @@
     python bench/length.py [SESSION] [--minutes 1 4 8] [--only report compare] [--write docs/reliability.md]
 
 The session (default: examples/demo) is tracked once; a result folder is taken as it is. Its observations are then put one
-after the other, every second time backwards, so that the person moves on without a jump. `solve` is `posefuse track RESULT`:
+after the other, every second time backwards, so that the person moves on without a jump. `solve` is `posefuse solve RESULT`:
 all but decoding and detection. `bodies` is the same with `--body on`. Each command is a process of its own; memory is the
 largest that its system call reports. With `--only`, the page's other rows stay if they are of the same lengths.
 """

@@ -6,7 +6,7 @@ Sessions are rendered ones (default: examples/demo; others are made with `posefu
 at the pace of the clock and recorded, then:
 
 * *live*: the poses that were published, at output time
-* *second solve*: `posefuse track LIVE.mcap`
+* *second solve*: `posefuse solve LIVE.mcap`
 * *track, same frames*: the detections of `posefuse track SESSION`, of those frames only that the live session used, solved with
   the settings of the second solve; so a slow machine, which uses fewer frames, does not blur the comparison
 * *track, all frames*: `posefuse track SESSION`

@@ -13,28 +13,32 @@ from .core.lazy_names import lazy_names
 __version__ = "0.2.0"
 
 if TYPE_CHECKING:
-    from .api.batch import batch
     from .api.calibrate import calibrate_clocks, calibrate_extrinsics, calibrate_intrinsics, calibrate_person, verify
     from .api.compare import compare
     from .api.detector import detector
     from .api.joint_angles import JointAngles
     from .api.live import live
-    from .api.plan import plan
-    from .api.recording import Recording, read
-    from .api.recordings import recordings
+    from .api.live_run import track_live
+    from .api.machine import doctor, models, plugins
+    from .api.nodes import camera_node, fusion_node
+    from .api.record import record, resume_recording
+    from .api.recording import Recording, read, recordings, view
     from .api.rig import Rig, read_rig
-    from .api.simulate import gazebo_world, simulate
+    from .api.simulate import gazebo_world, plan, simulate
+    from .api.targets import print_target
     from .api.teleoperate import teleoperate
-    from .api.track import track
+    from .api.track import batch, demo_session, solve, track
     from .core import Camera, Detections2D, Observations, Pose3D, PosefuseError, PoseSequence, Progress, Skeleton
     from .fusion import triangulate
     from .pipeline.edits import Edits, Exclusion
 
 __all__ = [
-    "Camera", "Detections2D", "Edits", "Exclusion", "JointAngles", "Observations", "Pose3D", "PoseSequence", "PosefuseError",
-    "Progress", "Recording", "Rig", "Skeleton", "__version__", "batch", "calibrate_clocks", "calibrate_extrinsics",
-    "calibrate_intrinsics", "calibrate_person", "compare", "detector", "gazebo_world", "live", "plan", "read", "read_rig",
-    "recordings", "simulate", "teleoperate", "track", "triangulate", "verify",
+    "Camera", "Detections2D", "Edits", "Exclusion", "JointAngles", "Observations", "Pose3D", "PoseSequence",
+    "PosefuseError", "Progress", "Recording", "Rig", "Skeleton", "__version__", "batch", "calibrate_clocks",
+    "calibrate_extrinsics", "calibrate_intrinsics", "calibrate_person", "camera_node", "compare", "demo_session",
+    "detector", "doctor", "fusion_node", "gazebo_world", "live", "models", "plan", "plugins", "print_target", "read",
+    "read_rig", "record", "recordings", "resume_recording", "simulate", "solve", "teleoperate", "track", "track_live",
+    "triangulate", "verify", "view",
 ]  # fmt: skip
 
 

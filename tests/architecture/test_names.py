@@ -14,9 +14,9 @@ SHARED = {
     "entry points of processes": {"main"},
     "one value from several kinds of files": {"read_rig"},
     "a command, the Python function and the stage behind it": {
-        "batch", "calibrate_clocks", "calibrate_extrinsics", "calibrate_intrinsics", "calibrate_person", "compare",
-        "fetch_networks", "fit_noise", "live", "record", "run_session", "simulate", "teleoperate", "track", "track_session",
-        "verify",
+        "batch", "calibrate_clocks", "calibrate_extrinsics", "calibrate_intrinsics", "calibrate_person", "compare", "doctor",
+        "fetch_networks", "fit_noise", "live", "models", "plugins", "record", "simulate", "solve", "teleoperate", "track",
+        "verify", "view",
     },
     "a compiled kernel and the function that calls it": {"agreement", "joint_points", "pair_midpoints", "solve_robust"},
     "one operation in the second pass and live": {"hold_bones"},

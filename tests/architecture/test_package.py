@@ -11,7 +11,7 @@ import yaml
 from packaging.requirements import Requirement
 
 import posefuse
-from posefuse.cli.machine import EXTRAS
+from posefuse.api.machine import EXTRAS
 
 ROOT = Path(__file__).resolve().parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from calibrating import run
 
+import posefuse as pf
+from posefuse.api.calibration_results import save_clocks, saved_clocks
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.report import CalibrationReport, Check, CheckKind, RefusedCalibration
 from posefuse.calibration.targets.kinds import Charuco, Markers, write_target
-from posefuse.cli.calibrating import person_steps, target_steps
-from posefuse.cli.calibrating.inputs import clocks_beside, recordings_of
-from posefuse.cli.calibrating.showing import Asked, next_after, write_clocks
+from posefuse.cli.asked import Asked, next_after, recordings_of
 from posefuse.cli.command_line import parse
 from posefuse.cli.terminal import Terminal
 from posefuse.core import InputError, Rig
@@ -108,8 +108,8 @@ def room(tmp_path: Path, ring_rig: Any, monkeypatch: pytest.MonkeyPatch) -> Room
     write_target(tmp_path / "board.toml", Charuco(columns=5, rows=7, square_m=0.1, marker_m=0.075))
     made = Room(tmp_path)
     for step in ("intrinsics", "extrinsics", "person", "clocks"):
-        monkeypatch.setattr(person_steps if step in ("person", "clocks") else target_steps, f"calibrate_{step}", made.calculate)
-    monkeypatch.setattr(target_steps, "verify", made.calculate)
+        monkeypatch.setattr(pf, f"calibrate_{step}", made.calculate)
+    monkeypatch.setattr(pf, "verify", made.calculate)
     return made
 
 
@@ -152,13 +152,13 @@ def test_clocks_that_were_estimated_already_are_not_advised_again() -> None:
 
 def test_verification_reads_the_clocks_that_a_calibration_wrote(lab: Any, tmp_path: Path) -> None:
     path = tmp_path / "posefuse.toml"
-    assert clocks_beside(path, lab.rig) == {}
+    assert saved_clocks(path, lab.rig) == {}
     late = np.array([0.0, 0.12, -0.05, 0.0])
-    write_clocks(path, lab.rig.names, ClockEstimate.known(late, 0.0), Terminal(as_json=True))
-    assert clocks_beside(path, lab.rig) == {"cam01": 0.12, "cam02": -0.05}
+    save_clocks(path, lab.rig.names, ClockEstimate.known(late, 0.0))
+    assert saved_clocks(path, lab.rig) == {"cam01": 0.12, "cam02": -0.05}
     path.write_text("[cameras.cam01]\noffset_s = 0.1\ndrift_ppm = 20.0\n")
     with pytest.raises(InputError, match="the clock of cam01 drifts"):
-        clocks_beside(path, lab.rig)
+        saved_clocks(path, lab.rig)
 
 
 def test_a_session_folder_stands_for_its_videos(tmp_path: Path) -> None:

@@ -18,16 +18,16 @@ import pytest
 
 import posefuse
 from posefuse import __version__
-from posefuse.cli import machine
+from posefuse.api import machine
+from posefuse.api.live_run import live_summary
+from posefuse.cli import machine as machine_commands
 from posefuse.cli import main as cli
 from posefuse.cli.command_line import COMMANDS, GROUPS, STEPS, application
-from posefuse.cli.commands import machine as machine_commands
-from posefuse.cli.live_report import show_live_figures
 from posefuse.cli.options import Figures, Shown
 from posefuse.cli.stopping import terminate_on_signals
 from posefuse.cli.terminal import Terminal, in_options
 from posefuse.core import DependencyError
-from posefuse.formats.page import Page, Table, write_page
+from posefuse.formats.page import Heading, Page, Table, write_page
 from posefuse.foundation.requests_to_end import REQUESTS_TO_END
 from posefuse.realtime.latency import STAGES
 
@@ -103,11 +103,12 @@ def test_doctor_is_not_ready_where_track_cannot_begin(monkeypatch: pytest.Monkey
 
 def test_demo_takes_the_clip_of_the_package_and_prints_the_next_step(monkeypatch, capsys, tmp_path, demo_session) -> None:
     taken = []
-    monkeypatch.setattr("posefuse.cli.tracking.track_session", lambda *given: taken.append(given) or {"people": 1})
+    made = SimpleNamespace(summary=list, figures={"people": 1})
+    monkeypatch.setattr(posefuse, "track", lambda *given, **options: taken.append((*given, options)) or made)
     code, out, err = run(capsys, "demo", "--out", str(tmp_path / "d"), "--json")
     assert code == 0 and json.loads(out)["people"] == 1
-    folder, options, *_ = taken[0]
-    assert (folder, options.out, options.force) == (demo_session, tmp_path / "d", False)
+    folder, options = taken[0]
+    assert (folder, options["out"], options["replace"]) == (demo_session, tmp_path / "d", False)
     assert "next: posefuse track SESSION --out RESULT" in err
     monkeypatch.setattr("posefuse.pipeline.session._PLACES", (tmp_path / "nowhere",))
     code, _, err = run(capsys, "demo")
@@ -328,16 +329,16 @@ def test_without_a_command_the_help_is_shown(words: tuple[str, ...], capsys) -> 
 def test_a_table_that_is_too_wide_has_narrow_cells_before_broken_words(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     columns = ("camera", "state", "used", "capture", "wait", "2D", "fuse", "output", "total", "p95", "p99")
-    Terminal(as_json=False).table("Latency", columns, [("cam00", "ok", "58%", *["12.3"] * 6, "87", "127")])
+    Terminal(as_json=False).show([Heading("Latency"), Table(columns, [("cam00", "ok", "58%", *["12.3"] * 6, "87", "127")])])
     header = capsys.readouterr().out.splitlines()[2]
     assert [word for word in columns if word not in header] == []
 
 
 def test_numbers_of_one_column_have_one_number_of_digits(capsys, read_page, tmp_path: Path) -> None:
     columns, rows = ("camera", "sigmas"), [("cam00", 0.88), ("cam01", 0.879), ("cam02", 12.0), ("cam03", float("nan"))]
-    Terminal(as_json=False).table("Cameras", columns, rows)
+    Terminal(as_json=False).show([Heading("Cameras"), Table(columns, rows)])
     on_a_page = read_page(write_page(tmp_path / "page.html", Page("title", [Table(columns, rows[:2])]))).tables[0]
-    assert re.findall(r"cam0\d\W+?(\d+\.\d+|-) ", capsys.readouterr().out) == ["0.9", "0.9", "12.0", "-"]
+    assert re.findall(r"cam0\d\W+?(\d+\.\d+|–) ", capsys.readouterr().out) == ["0.9", "0.9", "12.0", "–"]
     assert [row[1] for row in on_a_page[1:]] == ["0.880", "0.879"]
 
 
@@ -355,9 +356,9 @@ def test_a_session_that_was_stopped_before_it_began_has_no_figures_of_nothing(ca
         "outputs": {}, "outputs_lost": 0, "rig_watch_trouble": "", "cpu_fusion_share": nan, "cpu_children_share": nan,
         "memory_mb": nan,
     }  # fmt: skip
-    show_live_figures(Terminal(as_json=False), figures)
+    Terminal(as_json=False).show(live_summary(figures))
     out = capsys.readouterr().out
-    assert "nan" not in out and "0 (-/s), with a person in 0" in out
+    assert "nan" not in out and "0 (–/s), with a person in 0" in out
 
 
 @pytest.mark.parametrize("request_", ["SIGINT", "SIGTERM"])
@@ -437,7 +438,8 @@ def test_what_needs_an_extra_is_refused_before_any_work(
         raise AssertionError("began to work")
 
     monkeypatch.setitem(sys.modules, package, None)
-    for place in ("posefuse.cli.live.fetch_chosen", "posefuse.cli.live.run_live", "posefuse.cli.tracking.fetch_networks"):
+    live, recorded = "posefuse.api.live_run", "posefuse.detection.downloading"
+    for place in (f"{live}.fetch_networks", f"{live}.run_live", f"{recorded}.fetch_networks"):
         monkeypatch.setattr(place, work)
     sources = " ".join(f"--source cam0{i}=video:{demo_session}/videos/cam0{i}.mp4" for i in range(4))
     words = line.format(rig=demo_session / "rig.toml", demo=demo_session, sources=sources, new=tmp_path)

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from posefuse.api.track import session_config
 from posefuse.cli.command_line import WrongCommandLineError, parse
 from posefuse.cli.main import main
-from posefuse.cli.tracking import track_config
 from posefuse.core import ConfigError, InputError, SourceError
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.pipeline.config import TrackConfig, changes_of, read_config
@@ -20,7 +20,8 @@ from posefuse.simulation.scene import Scene
 def config_of(*words: str) -> TrackConfig:
     found = parse(["track", "here", "--out", "there", *words])
     assert found is not None
-    return track_config(Path("here"), found.bound.arguments["options"])
+    options = found.bound.arguments["options"]
+    return session_config(Path("here"), options.config, options.changes)
 
 
 def test_options_change_the_settings() -> None:

@@ -32,7 +32,7 @@ def test_a_name_of_any_letters_works_in_every_command(
         "batch": (study, "--out", tmp_path / f"{name} study", "--no-report", "--jobs", "1", *settings),
     }
     for command, words in commands.items():
-        assert main(["track" if command == "again" else command, *map(str, words)]) == 0, (command, capsys.readouterr().err)
+        assert main(["solve" if command == "again" else command, *map(str, words)]) == 0, (command, capsys.readouterr().err)
         shown = capsys.readouterr()
         assert name in shown.out + shown.err, command
     assert name in (result / "biomechanics" / "report.html").read_text(encoding="utf-8").replace("&#39;", "'")

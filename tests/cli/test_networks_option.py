@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 
+from posefuse.api.outcome import network_shown
 from posefuse.cli.command_line import parse
 from posefuse.cli.main import main
-from posefuse.cli.tracking import network_shown
 from posefuse.detection.build import DetectorChoice
 from posefuse.pipeline.config import TrackConfig, read_changed
 

@@ -219,13 +219,12 @@ def experimented(results: Path, out: Path, force: bool) -> int:
 
 def calibrated(results: Path, out: Path, force: bool) -> int:
     """What `posefuse calibrate extrinsics`, `intrinsics` and `person` do before and after their work."""
+    from posefuse.api.calibration_results import save_clocks
     from posefuse.calibration import result_files as files
     from posefuse.calibration.clocks.sync import ClockEstimate
     from posefuse.calibration.report import CalibrationReport
     from posefuse.calibration.targets.corners import CornerObservations
-    from posefuse.cli.calibrating.inputs import check_files
-    from posefuse.cli.calibrating.showing import write_clocks
-    from posefuse.cli.terminal import Terminal
+    from posefuse.cli.asked import check_files
     from posefuse.core import InputError
     from posefuse.formats.rig import read_rig
     from posefuse.pipeline.config import CONFIG_FILE
@@ -252,7 +251,7 @@ def calibrated(results: Path, out: Path, force: bool) -> int:
         files.write_coverage(files.coverage_path(paths["out"]), seen)
         files.write_rig_file(paths["out"], rig)
         files.write_calibration_report(paths["report"], CalibrationReport("rig", ()), {}, rig)
-        write_clocks(out / CONFIG_FILE, rig.names, clocks, Terminal(as_json=True))
+        save_clocks(out / CONFIG_FILE, rig.names, clocks)
     except (InputError, OSError):
         return 1
     return 0
@@ -375,12 +374,13 @@ def test_square_brackets_are_printed_unchanged(
 @pytest.mark.parametrize("text", ["take [final]", "x[/b]", "posefuse[biomech]"])
 def test_titles_columns_and_progress_print_square_brackets_unchanged(text: str, capsys) -> None:
     from posefuse.cli.terminal import Terminal
+    from posefuse.foundation.summary import Facts, Heading, Table
 
     terminal = Terminal(as_json=False)
-    terminal.table(f"title {text}", (f"column {text}",), [(f"cell {text}",)])
-    terminal.facts(f"facts {text}", {f"name {text}": f"value {text}"})
-    with terminal.progress(f"label {text}") as advance:
-        advance(1, 1)
+    table, facts = Table((f"column {text}",), [(f"cell {text}",)]), Facts({f"name {text}": f"value {text}"})
+    terminal.show([Heading(f"title {text}"), table, Heading(f"facts {text}"), facts])
+    with terminal.stages() as progress:
+        progress(f"label {text}", 1, 1)
     printed = "".join(capsys.readouterr())
     for part in ("title", "column", "cell", "facts", "name", "value", "label"):
         assert f"{part} {text}" in printed

@@ -34,9 +34,14 @@ ACCEPTED = {
         "--out text",
         "--json, --force, --resume, --rig text, --input pose2d, --weights robust, --raw, --body on, --people 2, "
         "--names A,B, --refine-rig, --person -1.1,0, "
-        "--exclude cam0:1-2 --exclude 3-4.5, --keep-person 1, --no-edits, "
         "--start 1, --end 2, --outputs text, --view, --rate 50, "
         f"{SETTINGS}",
+    ),
+    "solve RESULT": (
+        "--out text",
+        "--json, --force, --weights robust, --raw, --body on, --people 2, --names A,B, --refine-rig, --person -1.1,0, "
+        "--exclude cam0:1-2 --exclude 3-4.5, --keep-person 1, --no-edits, "
+        "--start 1, --end 2, --outputs text, --view, --rate 50, --config text, --set one --set two",
     ),
     "record": (
         "--source one --out text",
@@ -44,8 +49,7 @@ ACCEPTED = {
     ),
     "live rig.toml": (
         "",
-        "--json, --source one --source two, --duration 5, --loop 5, --replay text, --videos text, "
-        f"{SETTINGS}, {LIVE}, {ROS_2}, {OUTPUTS}",
+        f"--json, --source one --source two, --duration 5, --loop 5, --videos text, {SETTINGS}, {LIVE}, {ROS_2}, {OUTPUTS}",
     ),
     "calibrate intrinsics a=a.mp4 b=b.mp4": (
         "--out text --target a.toml",
@@ -119,7 +123,7 @@ ACCEPTED = {
     ),
     "models m": (
         "",
-        "--json, --check, --from text, --measure 4 30",
+        "--json, --check, --from text",
     ),
     "plugins": (
         "",
@@ -238,7 +242,7 @@ def test_help_imports_neither_numpy_nor_pydantic() -> None:
     script = "import sys; from posefuse.cli.main import main; main(['--help']); print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=120)
     loaded = set(done.stdout.splitlines()[-1].split())
-    assert "posefuse.cli.command_line" in loaded and "posefuse.cli.commands" not in loaded
+    assert "posefuse.cli.command_line" in loaded and "posefuse.cli.recorded" not in loaded
     assert not loaded & {"numpy", "pydantic"}
 
 

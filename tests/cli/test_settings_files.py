@@ -11,11 +11,10 @@ from typing import Any, get_args, get_type_hints
 
 import pytest
 
+from posefuse.api.live_run import output_configs
+from posefuse.api.track import session_config, study_settings
 from posefuse.cli.command_line import parse
-from posefuse.cli.live import output_configs
 from posefuse.cli.main import main
-from posefuse.cli.studies import study_settings
-from posefuse.cli.tracking import track_config
 from posefuse.core import ConfigError
 from posefuse.foundation.plugins import plugin_config
 from posefuse.foundation.settings import settings_from_mapping
@@ -77,12 +76,13 @@ def read(*texts: str) -> dict[str, Any]:
         return dict(leaves(read_changed(given["robot"].limits, given["robot"].changes, TeleoperationSettings)))
     if words[0] == "live":
         config = read_changed(given["settings"].config, given["settings"].changes, LiveConfig)
-        outputs = output_configs(given["outputs"], given["ros_2"], config)
+        axes = {"axes": given["outputs"].axes} if given["outputs"].axes else {}
+        outputs = output_configs(config, given["outputs"].chosen, {**given["ros_2"].settings, **axes})
         return {**dict(leaves(config)), **dict(leaves(outputs, ".outputs"))}
     if words[0] == "track":
-        config = track_config(SESSION, given["options"])
+        config = session_config(SESSION, given["options"].config, given["options"].changes)
     else:
-        changes, formats = study_settings(given["options"])
+        changes, formats = study_settings(given["options"].config, given["options"].changes)
         config = config_of_trial(SESSION, None, {"outputs": formats, **changes})
     return by_key(config)
 

@@ -8,8 +8,6 @@ from pathlib import Path
 import pytest
 
 from posefuse.cli.main import main
-from posefuse.cli.terminal import Terminal
-from posefuse.cli.viewing import view_result
 from posefuse.core import InputError
 from posefuse.formats.recording import read_recording
 from posefuse.outputs.rerun import FILE
@@ -31,7 +29,7 @@ def study(demo_session: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def images_shown(result: Path, session: Path | None) -> bool:
+def images_shown(result: Path, session: Path | None, monkeypatch: pytest.MonkeyPatch) -> bool:
     """Whether the viewer is given images."""
     listing: list[str] = []
 
@@ -39,14 +37,15 @@ def images_shown(result: Path, session: Path | None) -> bool:
         command = [sys.executable, "-m", "rerun", "rrd", "print", "-vvv", str(path)]
         listing.append(subprocess.run(command, capture_output=True, text=True, check=True, timeout=120).stdout)
 
-    view_result(result, session, Terminal(True), listed)
+    monkeypatch.setattr("posefuse.outputs.rerun.open_in_viewer", listed)
+    assert main(["view", str(result), *([] if session is None else ["--session", str(session)])]) == 0
     return "EncodedImage:blob" in listing[0]
 
 
 @pytest.mark.parametrize("result", ["result", "out/deeper"])
-def test_images_of_a_session_near_the_result_are_shown(study: Path, result: str) -> None:
+def test_images_of_a_session_near_the_result_are_shown(study: Path, result: str, monkeypatch: pytest.MonkeyPatch) -> None:
     assert nearby_session(read_recording(study / result), study / result).folder == study / "demo"
-    assert images_shown(study / result, None)
+    assert images_shown(study / result, None, monkeypatch)
 
 
 def test_a_session_elsewhere_is_named_or_missed(
@@ -54,9 +53,9 @@ def test_a_session_elsewhere_is_named_or_missed(
 ) -> None:
     result = Path(shutil.copytree(study / "result", tmp_path / "alone"))
     monkeypatch.chdir(tmp_path)
-    assert not images_shown(result, None)
+    assert not images_shown(result, None, monkeypatch)
     assert "without images: no session demo" in " ".join(capsys.readouterr().err.split())
-    assert images_shown(result, demo_session)
+    assert images_shown(result, demo_session, monkeypatch)
 
 
 def test_another_session_is_refused(study: Path, tmp_path: Path) -> None:
@@ -71,9 +70,10 @@ def test_another_session_is_refused(study: Path, tmp_path: Path) -> None:
     assert nearby_session(recording, tmp_path / "result") is None
 
 
-def test_a_stored_view_is_shown_as_it_is(study: Path, tmp_path: Path) -> None:
+def test_a_stored_view_is_shown_as_it_is(study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     result = Path(shutil.copytree(study / "result", tmp_path / "stored"))
     (result / FILE).write_bytes(b"made before")
     shown: list[bytes] = []
-    view_result(result, None, Terminal(True), lambda path: shown.append(path.read_bytes()))
+    monkeypatch.setattr("posefuse.outputs.rerun.open_in_viewer", lambda path: shown.append(path.read_bytes()))
+    assert main(["view", str(result)]) == 0
     assert shown == [b"made before"]

@@ -7,8 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from posefuse.core import InputError
-from posefuse.evaluation.compare import Tracks, _speed_costs, compare, similarity
-from posefuse.evaluation.compare_page import comparison_page
+from posefuse.evaluation.compare import Tracks, _speed_costs, compare, comparison_page, similarity
 from posefuse.formats.page import Note
 
 NAMES = ("neck", "left_wrist", "right_wrist", "left_ankle", "right_ankle")
@@ -39,7 +38,7 @@ def test_offset_motion_and_scale_are_found_to_fractions_of_a_frame_between_rates
 
 def test_the_page_states_which_of_the_two_has_a_refused_calibration() -> None:
     a, b = mover(50), replace(mover(50), warning="b: this calibration was refused")
-    notes = [block for block in comparison_page(a, b, compare(a, b, time=False)).blocks if isinstance(block, Note)]
+    notes = [block for block in comparison_page(compare(a, b, time=False)).blocks if isinstance(block, Note)]
     assert [(note.text, note.warning) for note in notes] == [("b: this calibration was refused", True)]
 
 

@@ -23,6 +23,13 @@ def make(path: Path, text: str = "one", **options: Any) -> None:
         (out.folder / "deep" / text).write_text(text)
 
 
+def make_warned(path: Path, text: str) -> list[str]:
+    """`make` with what it warns of."""
+    with pytest.warns(UserWarning) as caught:
+        make(path, text)
+    return [str(one.message) for one in caught]
+
+
 def tree(folder: Path) -> dict[str, bytes | None]:
     """Every entry below `folder` with its bytes, None for folders and links."""
     return {
@@ -106,11 +113,11 @@ def put_another_result_in(result: Path) -> None:
 
 @pytest.mark.parametrize("meddle", [add_file, add_folder, add_link, change, put_another_result_in])
 def test_all_that_is_in_a_result_stays_in_it_when_it_is_moved_aside(tmp_path: Path, meddle: Callable[[Path], None]) -> None:
-    path, said = tmp_path / "result", list[str]()
+    path = tmp_path / "result"
     make(path)
     meddle(path)
     before = tree(path)
-    make(path, "two", warn=said.append)
+    said = make_warned(path, "two")
     [aside] = tmp_path.glob("result.replaced-*")
     assert tree(aside) == before and tree(path).keys() == {MARK_FILE, "recording.json", "deep", "deep/two"}
     assert said == [f"the earlier results are kept in {aside}"]
@@ -255,11 +262,10 @@ def test_a_file_added_to_a_result_during_its_replacement_is_kept_and_reported(
         return rename(self, target)
 
     monkeypatch.setattr(Path, "rename", rename_late)
-    warnings: list[str] = []
-    make(path, "two", warn=warnings.append)
+    said = make_warned(path, "two")
     (aside,) = tmp_path.glob("result.replaced-*")
     assert (aside / "late.txt").read_text() == "the user's"
-    assert len(warnings) == 1 and str(aside) in warnings[0]
+    assert len(said) == 1 and str(aside) in said[0]
     assert (path / "recording.json").read_text() == "two"
 
 
@@ -303,8 +309,7 @@ def test_a_disk_that_becomes_full_is_one_line_and_what_was_finished_is_kept(
     assert sorted(entry.name for entry in left.iterdir()) == ["first", MARK_FILE]
     assert (tmp_path / "result" / "recording.json").read_text() == "one"
     # the next run reports it
-    said: list[str] = []
-    make(tmp_path / "result", "two", warn=said.append)
+    said = make_warned(tmp_path / "result", "two")
     [aside] = tmp_path.glob("result.replaced-*")
     assert said[0].startswith(f"{left}: was left") and said[1:] == [f"the earlier results are kept in {aside}"]
 

@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import posefuse as pf
 from posefuse.core import DependencyError, InputError, Recording
 from posefuse.formats.recording import write_recording
-from posefuse.outputs import view_recording, write_outputs
+from posefuse.outputs import write_outputs
 from posefuse.outputs.rerun import RerunSink, open_in_viewer
 from posefuse.outputs.rerun_scene import ellipsoid_axes
 
@@ -81,20 +82,20 @@ def test_ellipsoids_are_the_covariance() -> None:
 
 
 @needs_rerun
-def test_viewing_shows_the_recording_or_makes_one(tmp_path: Path, make_recording: Make) -> None:
+def test_viewing_shows_the_recording_or_makes_one(tmp_path: Path, make_recording: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     recording = make_recording()
     write_recording(tmp_path, recording)
     shown: list[tuple[Path, bool]] = []
-    note = lambda path: shown.append((path, path.is_file()))  # noqa: E731
-    assert view_recording(tmp_path, open_viewer=note) == tmp_path
+    monkeypatch.setattr("posefuse.outputs.rerun.open_in_viewer", lambda path: shown.append((path, path.is_file())))
+    assert pf.view(tmp_path) == tmp_path
     made, was_there = shown[0]
     assert was_there
     assert not made.exists()
     [path] = RerunSink().write(recording, tmp_path)
-    assert view_recording(tmp_path, open_viewer=note) == path
+    assert pf.view(tmp_path) == path
     assert shown[1] == (path, True)
-    with pytest.raises(InputError, match="not a posefuse result"):
-        view_recording(tmp_path / "nothing", open_viewer=note)
+    with pytest.raises(InputError, match="no such file or folder"):
+        pf.view(tmp_path / "nothing")
 
 
 @needs_rerun
@@ -110,7 +111,7 @@ def test_without_rerun(tmp_path: Path, make_recording: Make, monkeypatch: pytest
     found = importlib.util.find_spec
     monkeypatch.setattr(importlib.util, "find_spec", lambda name, *rest: None if name == "rerun" else found(name, *rest))
     monkeypatch.setattr(builtins, "__import__", _import_without_rerun(builtins.__import__))
-    for use in (RerunSink().build, lambda: RerunSink().write(make_recording(), tmp_path), lambda: view_recording(tmp_path)):
+    for use in (RerunSink().build, lambda: RerunSink().write(make_recording(), tmp_path), lambda: pf.view(tmp_path)):
         with pytest.raises(DependencyError, match=r"pip install 'posefuse\[viewer\]'"):
             use()
     assert list(tmp_path.iterdir()) == []

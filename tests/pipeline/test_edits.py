@@ -196,7 +196,7 @@ def test_from_the_shell_marks_and_options_are_used_together(
 ) -> None:
     result, out = saved(recording, tmp_path / "result"), tmp_path / "edited"
     write_edits(result, Edits(exclusions=(BLOCKED,)))
-    line = ["track", str(result), "--exclude", "cam04:0.7-1.2", "--keep-person", "1", "--outputs", "csv", "--out", str(out)]
+    line = ["solve", str(result), "--exclude", "cam04:0.7-1.2", "--keep-person", "1", "--outputs", "csv", "--out", str(out)]
     assert main(line) == 0
     assert "left out (1 stretches)" in capsys.readouterr().err
     exclusions = (BLOCKED, Exclusion(camera="cam04", start_s=0.7, end_s=1.2))
@@ -215,5 +215,5 @@ def test_options_that_cannot_be_are_one_line(words: list[str], tmp_path: Path, c
 
 
 def test_a_session_is_tracked_before_it_is_edited(demo_session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["track", str(demo_session), "--exclude", "cam00:0-1", "--out", str(tmp_path / "out")]) == 1
-    assert "is for results" in capsys.readouterr().err
+    assert main(["solve", str(demo_session), "--exclude", "cam00:0-1", "--out", str(tmp_path / "out")]) == 1
+    assert "not a posefuse result" in capsys.readouterr().err

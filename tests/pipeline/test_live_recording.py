@@ -356,7 +356,7 @@ def test_each_time_step_has_the_nearest_frame_and_no_frame_is_at_two(rig: Rig) -
 
 def test_commands_take_a_live_recording(tmp_path: Path, rig: Rig, capsys: pytest.CaptureFixture) -> None:
     record(tmp_path / "a.mcap", rig, frames_of(rig, 40), poses_of(130))
-    assert main(["track", str(tmp_path / "a.mcap"), "--out", str(tmp_path / "r"), "--outputs", "trc"]) == 0
+    assert main(["solve", str(tmp_path / "a.mcap"), "--out", str(tmp_path / "r"), "--outputs", "trc"]) == 0
     result = read_result(tmp_path / "r")
     assert isinstance(result, Recording)
     assert result.provenance["second_solve"]

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from replaying import difference_m, replayed
 
-from posefuse.cli.replay import difference_m, replayed
 from posefuse.core import (
     Detections2D,
     JointCentres,

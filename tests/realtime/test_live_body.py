@@ -6,8 +6,8 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+from replaying import difference_m, replayed
 
-from posefuse.cli.replay import difference_m, replayed
 from posefuse.core import SE3, Detections2D, LiveDetections, LivePose, LiveStart, Pose3D, Rig
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.foundation.settings import settings_from_mapping

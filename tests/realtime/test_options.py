@@ -58,11 +58,6 @@ def test_too_few_cameras_are_refused_in_one_line_before_a_network_is_fetched(dem
         (("--record", "walk.mcap", "--videos", "walk.mcap"), "the folder of --videos"),
         (("--record", "kept/walk.mcap", "--videos", "kept"), "the folder of --videos"),
         (("--source", "cam00=video:"), "expected where it is after video:"),
-        (("--replay", "walk.mcap"), "leave out --source"),
-        (
-            ("--replay", "walk.mcap", "--record", "again.mcap", "--duration", "3", "--videos", "x"),
-            "--duration, --record, --videos",
-        ),
     ],
 )
 def test_what_would_be_lost_or_ignored_is_refused_before_anything_starts(

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import pytest
 from no_outputs import NoOutputs
 
-from posefuse.cli.live import how_it_ended
+from posefuse.cli.live import exit_code
 from posefuse.core import SKELETONS, Detections2D
 from posefuse.foundation.channel import Channel
 from posefuse.foundation.worker import Worker
@@ -170,7 +170,6 @@ def test_a_session_without_a_person_has_an_exit_code_of_its_own(poses: int, stop
         rig=SimpleNamespace(names=("a", "b")), monitor=Monitor(("a", "b")), used={"a": 9, "b": 9}, seen={"a": 0, "b": 0},
         poses_with_people=poses,
     )  # fmt: skip
-    warned: list[str] = []
-    terminal = SimpleNamespace(warn=warned.append, note=warned.append)
-    assert how_it_ended(stopped_by, 10.0, terminal, failed=failed, fusion=fusion) == {"exit_code": code}
-    assert any(line.startswith("no person was tracked: ") for line in warned) == (not poses)
+    run = SimpleNamespace(stopped_by=stopped_by, failed=failed, people=bool(poses))
+    assert exit_code(run, 10.0, SimpleNamespace(note=print)) == code
+    assert any(line.startswith("no person was tracked: ") for line in closing_lines(fusion)) == (not poses)

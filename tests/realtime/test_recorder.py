@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 from live_session import until
 
+from posefuse.api import record as recording
 from posefuse.calibration.targets.kinds import Markers, write_target
-from posefuse.cli import recording
 from posefuse.cli.command_line import parse
 from posefuse.cli.main import main
 from posefuse.cli.terminal import Terminal

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from no_outputs import NoOutputs
 
-from posefuse.cli.live_report import write_latency_report
+from posefuse.api.live_run import write_latency_report
 from posefuse.core import Detections2D, Frame, Pose3D, Skeleton, SourceError
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.health.cameras import CameraState, Monitor, Verdict

@@ -11,8 +11,8 @@ import pytest
 from live_session import until
 
 import posefuse as pf
+from posefuse.api.record import kept_videos
 from posefuse.cli.main import main
-from posefuse.cli.videos import kept_videos
 from posefuse.core import InputError
 from posefuse.formats.pixels import Pixels, RgbPixels
 from posefuse.foundation.output_folder import MARK_FILE

@@ -1,6 +1,7 @@
 """A rendered session on disk: what is in it, that it repeats, that it survives interruption."""
 
 import dataclasses
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -200,7 +201,7 @@ def test_a_session_of_its_own_is_replaced_and_what_is_the_users_stays(tmp_path, 
     camera = RingCameras(kind="ring", count=1, radius_m=3.0, image=ImageSettings(size_px=(80, 60)))
     jpeg = JpegSettings(kind="jpeg")
     scene = dataclasses.replace(_SCENE, record=jpeg, duration_s=0.1, people=(), props=(), occluders=(), cameras=camera)
-    folder, said = tmp_path / "session", []
+    folder = tmp_path / "session"
 
     def interrupt(done: int, total: int) -> None:
         raise KeyboardInterrupt
@@ -210,15 +211,16 @@ def test_a_session_of_its_own_is_replaced_and_what_is_the_users_stays(tmp_path, 
         simulate(dataclasses.replace(scene, duration_s=0.2), folder, interrupt, processes=1)
     [other] = find_unfinished(folder)
     kept = _contents(other)
-    simulate(scene, folder, processes=1, warn=said.append)
-    assert len(said) == 1 and said[0].startswith(f"{other}: is an unfinished session of another scene")
+    with pytest.warns(UserWarning, match=f"{re.escape(str(other))}: is an unfinished session of another scene"):
+        simulate(scene, folder, processes=1)
     # finished: moved aside, with what the user put there, and kept
     before = _contents(folder)
     (folder / "notes.txt").write_text("the user's")
-    simulate(scene, folder, processes=1, replace=True, warn=said.append)
+    with pytest.warns(UserWarning) as said:
+        simulate(scene, folder, processes=1, replace=True)
     assert _contents(folder) == before
     [aside] = tmp_path.glob("session.replaced-*")
-    assert said[-1].endswith(f"the earlier results are kept in {aside}")
+    assert str(said[-1].message).endswith(f"the earlier results are kept in {aside}")
     assert (aside / "notes.txt").read_text() == "the user's" and set(_contents(aside)) == {*before, "notes.txt"}
     # interrupted: the finished one stays in its place until the new one is whole
     with pytest.raises(KeyboardInterrupt):

@@ -66,7 +66,7 @@ def test_files_are_named_inside_the_workspace(workspace: StudioWorkspace) -> Non
 def test_the_bundled_clip_is_a_setup_whose_videos_begin_again(workspace: StudioWorkspace) -> None:
     demo = setup_named(workspace, DEMO)
     rig = rig_of_setup(workspace, demo)
-    inputs = inputs_of_setup(workspace, demo, rig)
+    inputs = inputs_of_setup(workspace, demo)
     assert [entry.camera for entry in inputs] == list(rig.names)
     assert {entry.loop_s for entry in inputs} == {inputs[0].loop_s} and (inputs[0].loop_s or 0) > 1
 

@@ -1,16 +1,19 @@
-"""Arguments of the public functions, checked by their annotations before any work: what would be ignored is refused."""
+"""What all public functions share: arguments checked by their annotations, ``progress=``, and tables of a notebook."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import wraps
+from html import escape
 from inspect import signature
 from numbers import Integral, Real
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
-from posefuse.core import InputError
+from posefuse.core import InputError, Progress, silent
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -46,3 +49,32 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
         return function(*args, **kwargs)
 
     return call
+
+
+@contextmanager
+def shown(progress: Progress | bool | None) -> Iterator[Progress]:
+    """The function to report to: the one given, bars on stderr for True, or one that shows nothing for None and False."""
+    if progress is None or progress is False:
+        yield silent
+    elif progress is True:
+        from rich.console import Console
+
+        from posefuse.foundation.progress_bars import stage_bars
+
+        console = Console(file=sys.stderr, highlight=False, soft_wrap=True)
+        with stage_bars(console, lambda line: console.print(line, markup=False)) as report:
+            yield report
+    else:
+        yield progress
+
+
+def html_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """A heading and a table; every text is escaped."""
+    head = "".join(f"<th>{escape(name)}</th>" for name in columns)
+    body = "".join("<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows)
+    return f"<b>{escape(title)}</b><table><tr>{head}</tr>{body}</table>"
+
+
+def lines_of(progress: Progress, stage: str) -> Callable[[str], None]:
+    """What takes lines of news for a stage."""
+    return lambda line: progress(stage, 0, None, line)

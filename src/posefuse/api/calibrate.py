@@ -47,9 +47,8 @@ from posefuse.pipeline.calibration import (
 )
 from posefuse.pipeline.config import CONFIG_FILE, changed_config, read_config
 
-from .arguments import checked
+from .arguments import checked, shown
 from .calibration_results import ClockCalibration, IntrinsicsCalibration, RigCalibration, RigVerification
-from .progress import shown
 from .rig import read_rig, rig_of
 
 ClockMode = Literal["auto", "together", "offset", "drift"]

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import dataclasses
+import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from posefuse.calibration.clocks.person import clock_figures
 from posefuse.calibration.clocks.sync import ClockEstimate
@@ -12,9 +15,13 @@ from posefuse.calibration.report import CalibrationReport
 from posefuse.calibration.result_files import clock_settings, heat_map_image, numbered, write_calibration_report, write_rig_file
 from posefuse.calibration.targets.coverage import coverage_picture
 from posefuse.calibration.verify import Verification
-from posefuse.core import Camera
+from posefuse.core import CalibrationError, Camera, InputError
+from posefuse.core import Rig as CoreRig
 from posefuse.core.arrays import Array
+from posefuse.formats.rig import read_rig
 from posefuse.foundation.output_file import check_output_file, write_text
+from posefuse.foundation.summary import Block, Heading, Table
+from posefuse.pipeline.config import read_config
 
 from .rig import Rig
 
@@ -38,11 +45,13 @@ class IntrinsicsCalibration:
     def save(self, path: str | Path, *, report: str | Path | None = None, replace: bool = False) -> Path:
         """Write the rig file (TOML), and with `report` one HTML report per camera; returns the rig file's path.
 
+        Other cameras of an older file of intrinsics stay in it.
+
         Raises:
             InputError: a file exists and `replace` is not set, or it cannot be written.
         """
         target = _checked(path, replace)
-        write_rig_file(target, self.rig)
+        write_rig_file(target, dataclasses.replace(self.rig, cameras=(*other_intrinsics(target, self.rig.names), *self.rig)))
         for camera in self.rig if report is not None else ():
             page = _checked(numbered(Path(str(report)), camera.name, len(self.rig)), replace)
             write_calibration_report(page, self.reports[camera.name], _covered(camera, self.cells))
@@ -73,6 +82,10 @@ class RigCalibration:
     def numbers(self) -> dict[str, float]:
         """Measured figures with their units in the names, those of the clocks included."""
         return {**self.report.numbers, **({} if self.clocks is None else clock_figures(self.rig.names, self.clocks))}
+
+    def summary(self) -> list[Block]:
+        """Checks, notes and clocks, for people."""
+        return [*self.report.summary(), *clock_blocks(self.rig.names, self.clocks, self.frame_period_s)]
 
     @property
     def clock_settings(self) -> str:
@@ -109,6 +122,10 @@ class ClockCalibration:
     report: CalibrationReport
     frame_period_s: tuple[float, ...]
 
+    def summary(self) -> list[Block]:
+        """Checks, notes and clocks, for people."""
+        return [*self.report.summary(), *clock_blocks(self.rig.names, self.clocks, self.frame_period_s)]
+
     @property
     def clock_settings(self) -> str:
         """The clock offsets as settings of `posefuse track` (TOML); empty where there is nothing to correct."""
@@ -123,11 +140,9 @@ class ClockCalibration:
         Raises:
             InputError: there are settings already: add `clock_settings` to them. Or it cannot be written.
         """
-        if not self.clock_settings:
-            return None
-        target = _checked(path, False)
-        write_text(target, self.clock_settings)
-        return target
+        if self.clock_settings:
+            _checked(path, False)
+        return save_clocks(Path(path), self.rig.names, self.clocks)
 
     def save_report(self, path: str | Path, *, replace: bool = False) -> Path:
         """Write the HTML report; returns its path.
@@ -181,3 +196,81 @@ def _covered(camera: Camera, cells: Mapping[str, Array]) -> dict[str, Array]:
     if camera.name not in cells:
         return {}
     return {f"{camera.name}: frames per image region": coverage_picture(cells[camera.name], camera.size_wh)}
+
+
+def other_intrinsics(path: Path, names: Sequence[str]) -> list[Camera]:
+    """Cameras of a file of intrinsics except those named; none where it is no such file."""
+    try:
+        cameras = read_rig(path).cameras if path.is_file() else ()
+    except CalibrationError:
+        return []
+    placed = any(camera.cam_from_world.xyz.any() for camera in cameras)
+    return [] if placed else [camera for camera in cameras if camera.name not in names]
+
+
+def clock_blocks(names: Sequence[str], clocks: ClockEstimate | None, period_s: Sequence[float]) -> list[Block]:
+    """A table of all cameras, in ms and in frames, which come every period_s (C,) s; nothing without a period."""
+    if clocks is None or not period_s:
+        return []
+    rows: list[list[Any]] = []
+    for c, name in enumerate(names):
+        offset, sigma = clocks.offset_s[c], clocks.offset_sigma_s[c]
+        rows.append([name, _both(offset * 1e3, sigma * 1e3, 1), _both(offset / period_s[c], sigma / period_s[c], 2)])
+        if clocks.drift_sigma.any():
+            rows[-1].append(_both(clocks.drift[c] * 1e6, clocks.drift_sigma[c] * 1e6, 0))
+    columns = ("camera", "stamps late by, ms", "in frames", "running fast by, ppm")
+    return [Heading(f"clocks, against {names[0]}"), Table(columns[: len(rows[0])], rows, text=True)]
+
+
+def _both(value: float, sigma: float, digits: int) -> str:
+    return f"{value:+.{digits}f} ± {sigma:.{digits}f}"
+
+
+def save_clocks(path: Path, names: Sequence[str], clocks: ClockEstimate | None) -> Path | None:
+    """Write the clock offsets that were found as settings that `track` reads; a rig file cannot carry them.
+
+    Returns:
+        The file; None when the cameras were synchronised, or there are settings already, which a `UserWarning` states.
+    """
+    text = "" if clocks is None else clock_settings(names, clocks)
+    if not text:
+        _warn_of_old_clocks(path, names)
+        return None
+    if path.exists():
+        line = f"{path} exists and is left as it is; add the clock offsets found to it:\n{text}"
+        warnings.warn(line, UserWarning, stacklevel=2)
+        return None
+    write_text(path, text)
+    return path
+
+
+def _warn_of_old_clocks(path: Path, names: Sequence[str]) -> None:
+    """Warn where clock offsets of another recording would be applied to cameras that are synchronised."""
+    if not path.exists():
+        return
+    old = read_config(path).cameras
+    stale = [name for name in names if name in old and (old[name].offset_s or old[name].drift_ppm)]
+    if stale:
+        line = (
+            f"{path} holds clock offsets of {', '.join(stale)}, but these cameras are synchronised: `posefuse track` would"
+            " shift them; remove offset_s and drift_ppm there, or the file"
+        )
+        warnings.warn(line, UserWarning, stacklevel=3)
+
+
+def saved_clocks(path: Path, rig: CoreRig) -> dict[str, float]:
+    """Clock offsets in s by camera name, from the settings file next to a rig file; empty where there are none.
+
+    Raises:
+        InputError: settings with a drift, which holds for their own recording only.
+    """
+    if not path.is_file():
+        return {}
+    cameras = {name: one for name, one in read_config(path).cameras.items() if name in rig.names}
+    drifting = [name for name, one in cameras.items() if one.drift_ppm]
+    if drifting:
+        raise InputError(
+            f"{path}: the clock of {', '.join(drifting)} drifts; give today's offsets in their place: `offset_ms=CAMERA=MS`"
+        )
+    # settings state what is added to stamps, a clock offset how late they are
+    return {name: -one.offset_s for name, one in cameras.items() if one.offset_s}

@@ -36,6 +36,9 @@ def compare(
         scale: find a change of size as well.
         align_first_s: align by the first seconds only, so that drift shows.
 
+    Returns:
+        The errors; `Comparison.save` writes a page with every point over time, and the figures.
+
     Raises:
         InputError: a file that cannot be read, no common points, or no common time.
 
@@ -52,5 +55,6 @@ def compare(
 
 def _named(value: core.Recording | str | Path, name: str) -> Path | tuple[Path, core.Recording]:
     if isinstance(value, core.Recording):
-        return Path(str(value.provenance.get("session", name))), value
+        path = getattr(value, "path", None)
+        return path or Path(str(value.provenance.get("session", name))), value
     return Path(value)

@@ -9,7 +9,7 @@ import numpy as np
 
 from posefuse import core
 
-from .notebook import html_table
+from .arguments import html_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

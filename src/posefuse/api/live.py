@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import threading
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Self
 
 from posefuse import core
@@ -31,11 +29,9 @@ from posefuse.core import (
 from posefuse.foundation.worker import Worker
 from posefuse.realtime.messages import AddOutput, KeepVideos, NamePerson, RemoveOutput, Request, ShowImages
 
-from .progress import shown
+from .arguments import shown
 
 if TYPE_CHECKING:
-    from posefuse.realtime.capture import LiveInput
-    from posefuse.realtime.config import LiveConfig
     from posefuse.realtime.serve import ServePlan
 
 _START_S = 180.0
@@ -274,7 +270,9 @@ def live(
     record: str | Path | None = None,
     outputs: Mapping[str, Mapping[str, Any]] | None = None,
     settings: Mapping[str, Any] | None = None,
+    config: str | Path | None = None,
     ros: Mapping[str, Any] | None = None,
+    loop_s: float | None = None,
     progress: Progress | bool | None = None,
 ) -> LiveSession:
     """Track people in the images of calibrated cameras as they come.
@@ -289,9 +287,10 @@ def live(
         duration_s: None: until it is closed.
         record: .mcap file that keeps every detection and pose.
         outputs: options of more outputs by name, e.g. ``{"osc": {"to": ["localhost:9000"]}}``; see `posefuse plugins`.
-        settings: any other setting by dotted key, as for ``posefuse live --set``.
+        settings: any other setting by dotted key, as for ``posefuse live --set``. config: settings file.
         ros: where topics of ``ros:`` sources are: ``domain_id``, ``peers``, ``interface``, ``local_only``, ``sim_time``; see
-            docs/ros.md. Outputs take the same names in `outputs`, e.g. ``{"ros2": {"domain_id": 5}}``.
+            docs/ros.md. Outputs take the same, unless `outputs` has it, e.g. ``{"ros2": {"domain_id": 5}}``.
+        loop_s: show the first seconds of videos and simulated sessions again and again.
         progress: True shows the session's news on stderr.
 
     Raises:
@@ -304,51 +303,20 @@ def live(
         ...         print(pose.t_ns, pose.xyz_world)
     """
     from posefuse.detection.build import network_settings
-    from posefuse.formats.rig import read_placed_rig, rig_warnings
-    from posefuse.foundation.output_file import check_output_file
-    from posefuse.foundation.plugins import plugin_config
-    from posefuse.pipeline.config import changed_config
-    from posefuse.realtime.config import LiveConfig
-    from posefuse.realtime.inputs import inputs_from_arguments
-    from posefuse.realtime.outputs import check_live_outputs
+    from posefuse.realtime.serve import ServePlan
 
-    cameras = rig if isinstance(rig, core.Rig) else read_placed_rig(Path(rig))
-    for note in rig_warnings("live" if isinstance(rig, core.Rig) else rig, cameras):
-        warnings.warn(note, UserWarning, stacklevel=2)
-    arguments = [f"{name}={what}" for name, what in sources.items()] if isinstance(sources, Mapping) else list(sources)
+    from .live_run import LivePlan
+
     options = {"track.max_people": people, "rate_hz": rate_hz}
     changes = {key: value for key, value in options.items() if value is not None}
     changes |= (network_settings(networks) if networks else {}) | dict(settings or {})
-    config = changed_config(LiveConfig(), changes)
-    inputs = inputs_from_arguments(arguments, cameras, ros)
-    chosen: dict[str, dict[str, Any]] = {name: dict(one) for name, one in {**config.outputs, **(outputs or {})}.items()}
+    chosen: dict[str, Mapping[str, Any]] = dict(outputs or {})
     if record is not None:
-        check_output_file(Path(record), option="record")
-        chosen["record"] = {**chosen.get("record", {}), "path": Path(record).absolute()}
-    configs = {name: plugin_config("live_outputs", name, one) for name, one in chosen.items()}
-    check_live_outputs(configs)
-    return build_live_session(cameras, inputs, config, configs, duration_s=duration_s, progress=progress)
-
-
-def build_live_session(
-    rig: core.Rig,
-    inputs: Sequence[LiveInput],
-    config: LiveConfig,
-    outputs: Mapping[str, core.LiveOutputConfig] = MappingProxyType({}),
-    *,
-    duration_s: float | None = None,
-    progress: Progress | bool | None = None,
-) -> LiveSession:
-    """A live session whose inputs, settings and outputs are ready; the rest as for `live`."""
-    from posefuse.realtime.serve import ServePlan
-
-    if duration_s is not None and not duration_s > 0:
-        raise core.ConfigError(f"live: duration_s: expected more than 0, got {duration_s:g}")
-    plan = ServePlan(
-        rig=rig,
-        inputs=inputs,
-        config=config,
-        outputs=dict(outputs),
-        duration_s=duration_s,
-    )
-    return LiveSession(plan, progress)
+        chosen["record"] = {**chosen.get("record", {}), "path": record}
+    plan = LivePlan.of(
+        rig, sources, config=config, settings=changes, outputs=chosen, ros=ros, duration_s=duration_s, loop_s=loop_s
+    )  # fmt: skip
+    served = ServePlan(
+        rig=plan.rig, inputs=plan.inputs, config=plan.config, outputs=dict(plan.outputs), duration_s=plan.duration_s
+    )  # fmt: skip
+    return LiveSession(served, progress)

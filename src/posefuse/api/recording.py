@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
 from posefuse import core
 from posefuse.core import InputError, Progress
 from posefuse.core.arrays import Array
+from posefuse.foundation.summary import Block, Facts, Heading
 
-from .arguments import checked
+from .arguments import checked, html_table, shown
 from .joint_angles import JointAngles, joint_angles_of
-from .notebook import html_table
-from .progress import shown
 from .rig import Rig, rig_of
 
 if TYPE_CHECKING:
@@ -24,11 +24,23 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
 
+    from posefuse.pipeline.catalogue import Listed
     from posefuse.pipeline.edits import Edits
+    from posefuse.pipeline.session import Session
+
+    from .outcome import RunOutcome
 
 Fit = Literal["points", "rays", "none"]
 
 
+class Written(NamedTuple):
+    """Files that were written, and why outputs failed, by name."""
+
+    files: list[Path]
+    failed: Mapping[str, str]
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Recording(core.Recording):
     """People in 3D over time with everything they were made from; from `track`, `read` or a live session alike.
 
@@ -37,6 +49,8 @@ class Recording(core.Recording):
         poses: `PoseSequence`: t_ns (T,), person_id (N,), xyz_world (T, N, K, 3) in metres, cov_world, and how each came about.
         observations: every detection that it was made from, raw, at its own exposure time.
         provenance: plain values: version, settings, inputs.
+        path: where it was read from or written to; None for one that is in memory only.
+        outcome: how the run of this program went that made it; None for one that was read.
 
     Examples:
         >>> import posefuse as pf
@@ -46,6 +60,23 @@ class Recording(core.Recording):
     """
 
     rig: Rig
+    path: Path | None = None
+    outcome: RunOutcome | None = None
+
+    @property
+    def figures(self) -> Mapping[str, Any]:
+        """How the run went that made it, as plain values: times, files, outputs that failed; empty for one that was read."""
+        return {} if self.outcome is None else self.outcome.figures
+
+    def summary(self) -> Sequence[Block]:
+        """What it is, and how the run went that made it, for people."""
+        if self.outcome is not None:
+            return self.outcome.summary
+        title, *facts = repr(self).splitlines()
+        return [
+            Heading(title),
+            Facts(dict(fact.strip().partition(": ")[::2] for fact in facts)),
+        ]
 
     def __repr__(self) -> str:
         poses, rig = self.poses, self.rig
@@ -185,42 +216,75 @@ class Recording(core.Recording):
         formats: Sequence[str],
         *,
         session: str | Path | None = None,
-        replace: bool = False,
+        within: str | Path | None = None,
         progress: Progress | bool | None = None,
-    ) -> list[Path]:
-        """Write files of other formats alone, without the result itself; see `save`.
+    ) -> Written:
+        """Write files of other formats alone, without the result itself; see `save`. Earlier ones of its own are moved aside.
+
+        Args:
+            session: the session folder, whose images are drawn on; None: one of its name near the result.
+            within: look for it in this folder only.
+
+        Returns:
+            The files, and why outputs failed, by name; each is a `UserWarning`, too.
 
         Raises:
             ConfigError: no such format.
-            InputError: the folder holds anything else, or a file cannot be written; those of the other formats are.
+            InputError: the folder holds anything else or overlaps the result, or no file can be written.
         """
-        from posefuse.pipeline.writing import export_recording, failures, session_of_recording
+        from posefuse.pipeline.reading import files_of_result
+        from posefuse.pipeline.writing import export_recording
 
-        found = None if session is None else session_of_recording(self, Path(session))
+        inputs = [] if self.path is None else files_of_result(self.path)
+        found = self._session(session, within)
         with shown(progress) as report:
-            files, failed = export_recording(self, Path(path), formats, found, replace=replace, progress=report)
-        if failed:
-            raise InputError(failures(failed))
-        return files
+            made = Written(*export_recording(self, Path(path), formats, found, replace=True, progress=report, inputs=inputs))
+        for name, reason in made.failed.items():
+            warnings.warn(f"output {name}: not written ({reason})", UserWarning, stacklevel=2)
+        return made
+
+    def _session(self, folder: str | Path | None, within: str | Path | None = None) -> Session | None:
+        """The session that it was made from, where that is named or near."""
+        from posefuse.pipeline.writing import nearby_session, session_of_recording
+
+        if folder is not None:
+            return session_of_recording(self, Path(folder))
+        near = self.path is not None and not (within is not None and self.is_live)
+        return nearby_session(self, self.path, None if within is None else Path(within)) if self.path and near else None
 
     @checked
     def report(
         self,
-        path: str | Path,
+        path: str | Path | None = None,
         *,
         fit: Fit = "points",
         opensim: bool = False,
-        title: str = "Motion report",
+        opensim_model: str | Path | None = None,
+        title: str | None = None,
         progress: Progress | bool | None = None,
-    ) -> Path:
-        """Write joint angles, gait, OpenSim, BVH, glTF and C3D files and one HTML page into a folder; returns the page."""
-        from posefuse.evaluation.biomechanics import BiomechanicsSettings, write_biomechanics
-        from posefuse.foundation.output_folder import output_folder
+    ) -> list[Path]:
+        """Write joint angles, gait, OpenSim, BVH, glTF and C3D files and one HTML page into a folder; returns the files.
 
-        chosen = BiomechanicsSettings(fit=fit, opensim=opensim)
-        with shown(progress) as report, output_folder(Path(path), command="report", replace=True) as out:
-            write_biomechanics(self, out.folder, chosen, title=title, progress=report)
-        return Path(path) / "report.html"
+        Args:
+            path: the folder, ``biomechanics`` in the result where None is given; an earlier report is moved aside.
+            fit: see `joint_angles`. title: of the page.
+            opensim: run OpenSim's inverse kinematics, too (extra ``biomech``).
+            opensim_model: on your model, scaled to each person.
+
+        Raises:
+            InputError: the folder holds anything else or overlaps the result, or there is no one to report on.
+        """
+        from posefuse.evaluation.biomechanics import BiomechanicsSettings
+        from posefuse.foundation.compiled import compiling
+        from posefuse.pipeline.reports import report_folder, write_report_folder
+
+        place = path if path is not None else self.path and report_folder(self.path)
+        if place is None:
+            raise InputError("report: expected a folder for the files of a recording that was not read from a file")
+        model = None if opensim_model is None else Path(opensim_model)
+        chosen = BiomechanicsSettings(fit=fit, opensim=opensim, opensim_model=model)
+        with shown(progress) as report, compiling("joint angles", lambda line: report("angles", 0, None, line)):
+            return write_report_folder(self, self.path, Path(place), chosen, title=title, progress=report)
 
     @checked
     def to_xarray(self, *, angles: bool = False) -> xr.Dataset:
@@ -260,25 +324,49 @@ class Recording(core.Recording):
         person_id = int(self.poses.person_id[person_place(self, person)])
         return plot_angle(self.joint_angles().of(person_id)[name, angle], axes)
 
-    def view(self) -> None:
-        """Open the Rerun viewer on it and wait until it is closed; needs the extra ``viewer``."""
-        from posefuse.outputs.rerun import show_recording
+    def view(self, *, session: str | Path | None = None, progress: Progress | bool | None = None) -> Path | None:
+        """Open the Rerun viewer on it and wait until it is closed; needs the extra ``viewer``.
 
-        show_recording(self)
+        Args:
+            session: the session folder, whose images are shown with it; None: one of its name near the result.
+
+        Returns:
+            What was shown: the ``recording.rrd`` of the result where it has one, else the result.
+
+        Raises:
+            DependencyError: no Rerun SDK or no display. InputError: not its session.
+        """
+        from posefuse.outputs import rerun
+        from posefuse.pipeline.writing import session_frames
+
+        file = None if self.path is None else self.path / rerun.FILE
+        if session is None and file is not None and file.is_file():
+            rerun.open_in_viewer(file)
+            return file
+        found = self._session(session)
+        with shown(progress) as report:
+            if found is None and self.path is not None:
+                name = self.provenance.get("session", "unnamed")
+                report("images", 0, None, f"shown without images: no session {name} near {self.path} or here")
+            steps = lambda done, total: report("images", done, total)  # noqa: E731
+            rerun.show_recording(self, None if found is None else session_frames(self, found, steps))
+        return self.path
 
 
-def recording_of(value: core.Recording) -> Recording:
+def recording_of(value: core.Recording, *, path: Path | None = None, outcome: RunOutcome | None = None) -> Recording:
     """The same result as the recording of the public interface."""
-    if isinstance(value, Recording):
-        return value
     parts = {field.name: getattr(value, field.name) for field in fields(core.Recording)}
-    return Recording(**parts | {"rig": rig_of(value.rig)})
+    return Recording(**parts | {"rig": rig_of(value.rig), "path": path, "outcome": outcome})
 
 
-def read(path: str | Path) -> Recording:
+@checked
+def read(path: str | Path, *, observed: bool = True) -> Recording:
     """Read a result folder (of `track` or `Recording.save`), or the .mcap of a live session with its later parts.
 
     A truncated recording is read as far as possible, with a `UserWarning`.
+
+    Args:
+        observed: False: a result folder is read without the detections that it was made from, in a fraction of the memory.
 
     Raises:
         InputError: not a result, one of a newer format, or damaged.
@@ -292,4 +380,44 @@ def read(path: str | Path) -> Recording:
     """
     from posefuse.pipeline.reading import read_result
 
-    return recording_of(read_result(path))
+    return recording_of(read_result(path, observed=observed), path=Path(path))
+
+
+def view(result: str | Path, *, session: str | Path | None = None, progress: Progress | bool | None = None) -> Path | None:
+    """Show a result in the Rerun viewer until it is closed; see `Recording.view`. Needs the extra ``viewer``.
+
+    Examples:
+        >>> import posefuse as pf
+        >>> pf.view("RESULT")  # doctest: +SKIP
+    """
+    from posefuse.outputs.rerun_scene import check_rerun
+
+    check_rerun()
+    return read(result).view(session=session, progress=progress)
+
+
+def recordings(folder: str | Path, *, search: str = "") -> list[Listed]:
+    """The results and live recordings below a folder with how good each is, the newest first.
+
+    What was found out is kept in the cache folder: the second time takes a fraction of the first.
+
+    Args:
+        folder: looked through, five folders deep; at most 2000 recordings. search: words of path, session, date or people.
+
+    Returns:
+        One entry each; those that cannot be read have a `problem`.
+
+    Raises:
+        InputError: no such folder.
+
+    Examples:
+        >>> import posefuse as pf
+        >>> [one.path.name for one in pf.recordings("STUDY", search="walk") if one.sigma_mm > 20]  # doctest: +SKIP
+        ['P03_walk2']
+    """
+    from posefuse.pipeline.catalogue import find_recordings, listed
+
+    place = Path(folder)
+    if not place.is_dir():
+        raise InputError(f"{place}: no such folder")
+    return [one for path in find_recordings(place) if (one := listed(path)).matches(search)]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from posefuse import core
 from posefuse.fusion.settings import Weights
 
-from .notebook import html_table
+from .arguments import html_table
 
 if TYPE_CHECKING:
     from posefuse.fusion import Triangulated

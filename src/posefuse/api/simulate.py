@@ -1,4 +1,4 @@
-"""Recordings with exact truth: `posefuse.simulate`."""
+"""Scenes: rendered with their exact truth, written for Gazebo, or planned before anything is built."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 
 from posefuse.core import Progress
 
-from .progress import shown
+from .arguments import shown
 
 if TYPE_CHECKING:
+    from posefuse.evaluation.rig_plan import RigPlan
+    from posefuse.simulation import Scene
     from posefuse.simulation.gazebo import GazeboWorld
 
 
@@ -42,12 +44,23 @@ def simulate(
         >>> session = pf.simulate("examples/scenes/walk_4cam.yaml", "SESSION", progress=True)  # doctest: +SKIP
         >>> pf.track(session)  # doctest: +SKIP
     """
+    from posefuse.foundation.output_folder import find_unfinished
+    from posefuse.foundation.places import check_outside_inputs
     from posefuse.simulation import read_scene
     from posefuse.simulation import simulate as render
+    from posefuse.simulation.scene import motion_files
 
-    with shown(progress) as report:
-        steps = lambda done, total: report("render", done, total)  # noqa: E731
-        return render(read_scene(Path(scene)), Path(out), steps, processes, replace=replace).folder
+    chosen, place = read_scene(Path(scene)), Path(out)
+    check_outside_inputs(place, (Path(scene), *motion_files(chosen)))
+    try:
+        with shown(progress) as report:
+            steps = lambda done, total: report("rendering", done, total)  # noqa: E731
+            return render(chosen, place, steps, processes, replace=replace).folder
+    except KeyboardInterrupt:
+        if find_unfinished(place):
+            line = f"{place}: what was rendered is kept; the same command continues where it stopped"
+            warnings.warn(line, UserWarning, stacklevel=2)
+        raise
 
 
 def gazebo_world(scene: str | Path, out: str | Path, *, release: str = "harmonic", replace: bool = False) -> GazeboWorld:
@@ -71,10 +84,45 @@ def gazebo_world(scene: str | Path, out: str | Path, *, release: str = "harmonic
         >>> world = pf.gazebo_world("examples/scenes/walk_4cam.yaml", "gz")  # doctest: +SKIP
         >>> world.folder, world.loop_s  # doctest: +SKIP
     """
+    from posefuse.foundation.places import check_outside_inputs
     from posefuse.simulation import read_scene
     from posefuse.simulation.gazebo import export_world
+    from posefuse.simulation.scene import motion_files
 
-    def warn(line: str) -> None:
-        warnings.warn(line, UserWarning, stacklevel=2)
+    chosen = read_scene(Path(scene))
+    check_outside_inputs(Path(out), (Path(scene), *motion_files(chosen)))
+    return export_world(chosen, Path(out), release=release, replace_older=replace)
 
-    return export_world(read_scene(Path(scene)), Path(out), release=release, replace_older=replace, warn=warn)
+
+def plan(scene: Scene | str | Path, *, area_m: tuple[float, float] | None = None, step_m: float = 0.1) -> RigPlan:
+    """What the cameras of a scene cover, and the expected error there; nothing is rendered.
+
+    The error is that of one keypoint in one time step from the noise of a detector: occlusion by people, calibration and the
+    detector's own bias come on top, smoothing over time takes away.
+
+    Args:
+        scene: a scene file (YAML or TOML, see docs/simulation.md), or its settings; cameras, room and occluders are used.
+        area_m: (x, y) of the floor about the origin to look at; None: the whole room.
+        step_m: distance between points on the floor.
+
+    Returns:
+        Maps of views and error over the floor and heights from ankle to head.
+
+    Raises:
+        ConfigError: a scene that cannot be. InputError: more points than can be computed at once.
+
+    Examples:
+        >>> import posefuse as pf
+        >>> found = pf.plan("examples/scenes/walk_4cam.yaml", area_m=(2.0, 2.0))
+        >>> bool(found.covered() > 0.9 and 0 < found.error_at(0.5) < 50)
+        True
+    """
+    from posefuse.evaluation.rig_plan import plan_rig
+    from posefuse.simulation.build import room_size
+    from posefuse.simulation.cameras import placed_cameras, rig_from_cameras
+    from posefuse.simulation.scene import read_scene
+    from posefuse.simulation.surroundings import boxes_of
+
+    chosen = read_scene(Path(scene)) if isinstance(scene, str | Path) else scene
+    rig = rig_from_cameras(placed_cameras(chosen.cameras))
+    return plan_rig(rig, area_m or room_size(chosen, rig), step_m=step_m, boxes=boxes_of(chosen.occluders, chosen.seed))

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 from posefuse.core import ConfigError, LivePose, Progress
 
+from .arguments import shown
 from .live import LiveSession
-from .progress import shown
 
 if TYPE_CHECKING:
     from posefuse.teleoperation.ros import RosPlan

@@ -1,18 +1,30 @@
-"""Recordings to 3D: `posefuse.track`."""
+"""Recordings to 3D: `posefuse.track`, `solve` and `batch`."""
 
 from __future__ import annotations
 
+import dataclasses
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from posefuse import core
 from posefuse.core import InputError, Progress
 from posefuse.fusion.settings import Weights
 
-from .arguments import checked
-from .progress import shown
+from .arguments import checked, lines_of, shown
+from .outcome import solved_outcome, tracked_outcome
 from .recording import Recording, recording_of
+
+if TYPE_CHECKING:
+    from posefuse.pipeline.batch import Study
+    from posefuse.pipeline.config import TrackConfig
+    from posefuse.pipeline.edits import Edits, Exclusion
+
+FORMATS = ("trc", "c3d", "csv")
+_NEED_IMAGES = ("overlay",)
 
 
 @checked
@@ -29,6 +41,9 @@ def track(
     formats: Sequence[str] | None = None,
     resume: bool = False,
     replace: bool = False,
+    keep_partial: bool = False,
+    view: bool = False,
+    config: str | Path | None = None,
     settings: Mapping[str, Any] | None = None,
     progress: Progress | bool | None = None,
 ) -> Recording:
@@ -36,7 +51,7 @@ def track(
 
     Args:
         session: folder with a calibration file and one video, image folder or folder of 2D poses per camera. Its
-            ``posefuse.toml`` is read if it exists; the arguments take precedence over it.
+            ``posefuse.toml`` is read if it exists; the arguments take precedence over it. A result is solved again by `solve`.
         people: follow at most this many.
         rig: another calibration file.
         networks: name of the 2D networks, e.g. ``blazepose_lite``, or a model card (TOML).
@@ -46,18 +61,22 @@ def track(
         out: folder to write the result to. The detections are kept there while they are made, so that an interruption loses
             nothing.
         formats: outputs to write there, e.g. ``("trc", "c3d")``; see `posefuse plugins`. None: those that ``posefuse.toml``
-            names, else none.
+            names, else trc, c3d, csv, overlay and overview.
         resume: continue the interrupted work of `out`.
         replace: move an earlier result that is there to ``NAME.replaced-TIME``.
+        keep_partial: Ctrl-C does not raise: what was detected until then is solved, written and returned.
+        view: open the result in the Rerun viewer at the end (extra ``viewer``).
+        config: settings file in place of the session's ``posefuse.toml``.
         settings: any other setting by dotted key, e.g. ``{"smooth.cutoff_hz": 8}``.
         progress: True for bars on stderr, or a function (see `Progress`).
 
     Returns:
-        The recording; `Recording.save` writes it. A problem that does not stop the work (a camera that breaks off, was moved or
-        is not synchronised, an output that cannot be written) is a `UserWarning`.
+        The recording; `Recording.save` writes it, `Recording.figures` and `Recording.summary` state how it went. A
+        problem that does not stop the work (a camera that breaks off, was moved or is not synchronised, an output that cannot
+        be written) is a `UserWarning`.
 
     Raises:
-        KeyboardInterrupt: Ctrl-C; the detections stay in `out`, if it was given.
+        KeyboardInterrupt: Ctrl-C, without `keep_partial`; the detections stay in `out`, if it was given.
         PosefuseError: anything that leaves fewer than two usable cameras or no person to follow; the message names the next step.
 
     Examples:
@@ -66,18 +85,22 @@ def track(
         >>> recording.save("RESULT", formats=("trc", "c3d"))  # doctest: +SKIP
     """
     from posefuse.detection.build import fetch_networks, network_settings
+    from posefuse.outputs.rerun_scene import check_viewer
     from posefuse.pipeline.clock import StageClock
-    from posefuse.pipeline.config import CONFIG_FILE, changed_config, read_config
+    from posefuse.pipeline.reading import is_live
     from posefuse.pipeline.result_folder import ResultFolder, check_result_folder, track_into
     from posefuse.pipeline.run import track_session
     from posefuse.pipeline.session import find_session
 
+    folder = Path(session)
+    if is_live(folder):
+        raise InputError(f"{folder}: is a recording, not a session; `posefuse solve` solves it again")
     if out is None and (resume or replace or formats):
         raise InputError("track: resume, replace and formats are about the folder `out`, which was not given")
-    folder = Path(session)
-    path = folder / CONFIG_FILE
+    if view:
+        check_viewer()
     options = {
-        "rig": None if rig is None else str(Path(rig).absolute()),
+        "rig": rig,
         "associate.max_people": people,
         "fuse.weights": weights,
         "start_s": start_s,
@@ -86,24 +109,257 @@ def track(
     }
     changes = {key: value for key, value in options.items() if value is not None}
     changes |= (network_settings(networks) if networks else {}) | dict(settings or {})
-    config = changed_config(read_config(path if path.is_file() else None, base={"outputs": ()}), changes)
+    chosen = session_config(folder, config, changes, outputs=out is not None)
+    clock = StageClock()
     with shown(progress) as report:
-        found = find_session(folder, config)
-        note = lambda line: report("detect", 0, None, line)  # noqa: E731
+        found = find_session(folder, chosen)
+        note = lines_of(report, "detect")
         where = None if out is None else ResultFolder(path=Path(out), force=replace, resume=resume)
         if where is not None:
-            check_result_folder(found, config, where)
+            check_result_folder(found, chosen, where)
         for line in found.notes:
             _warn(line)
+        note(f"{len(found.inputs)} cameras from {found.rig_path} ({found.inputs[0].kind})")
         if found.inputs[0].kind != "pose2d":
-            fetch_networks(config.detector, report)
+            fetch_networks(chosen.detector, report)
         if where is not None:
-            tracked = track_into(found, config, where, StageClock(), report, _warn, solve_interrupted=False)
+            tracked = track_into(found, chosen, where, clock, report, _warn, solve_interrupted=keep_partial)
         else:
             steps = lambda done, total: report("detect", done, total)  # noqa: E731
-            tracked = track_session(found, config, StageClock(), steps, note, _warn, solve_interrupted=False)
-    return recording_of(tracked.recording)
+            tracked = track_session(found, chosen, clock, steps, note, _warn, solve_interrupted=keep_partial)
+    place = None if out is None else Path(out)
+    outcome = tracked_outcome(place, found, chosen.detector, tracked, clock)
+    made = recording_of(tracked.recording, path=place, outcome=outcome)
+    if view:
+        made.view(session=None if "rerun" in chosen.outputs else folder)
+    return made
+
+
+@checked
+def session_config(folder: Path, config: str | Path | None, changes: Mapping[str, Any], *, outputs: bool = True) -> TrackConfig:
+    """Settings of a session: its own ``posefuse.toml`` or another file, with changes by dotted key on top.
+
+    Args:
+        outputs: False: no outputs where neither names some.
+    """
+    from posefuse.pipeline.config import CONFIG_FILE, read_config
+
+    path = folder / CONFIG_FILE if config is None else Path(config)
+    given = dict(changes)
+    if "rig" in given and Path(given["rig"]).exists():
+        # relative to here; a name in a settings file is relative to the session
+        given["rig"] = Path(given["rig"]).absolute()
+    if "rig" in given:
+        given["rig"] = str(given["rig"])
+    return read_config(path if config is not None or path.is_file() else None, given, {} if outputs else {"outputs": ()})
 
 
 def _warn(line: str) -> None:
     warnings.warn(line, UserWarning, stacklevel=2)
+
+
+def demo_session() -> Path:
+    """The bundled clip of four simulated cameras and a walking person, a session folder for `track`.
+
+    Raises:
+        InputError: this installation has none.
+
+    Examples:
+        >>> import posefuse as pf
+        >>> sorted(path.name for path in (pf.demo_session() / "videos").glob("*.mp4"))[:2]
+        ['cam00.mp4', 'cam01.mp4']
+    """
+    from posefuse.pipeline.session import clip_folder
+
+    return clip_folder()
+
+
+@checked
+def solve(
+    result: str | Path,
+    out: str | Path,
+    *,
+    edits: Edits | None = None,
+    exclude: Sequence[Exclusion] = (),
+    keep_person: int | None = None,
+    replace: bool = False,
+    view: bool = False,
+    config: str | Path | None = None,
+    settings: Mapping[str, Any] | None = None,
+    progress: Progress | bool | None = None,
+) -> Recording:
+    """Solve a result or a live recording again from its observations, without detecting, into a new result folder.
+
+    `Recording.solve` does the same in memory.
+
+    Args:
+        result: result folder, or the .mcap of a live session.
+        out: folder for the new result.
+        edits: what is left out, who is kept, and names; None: those kept next to the result, else those it was made with.
+        exclude: stretches to leave out, besides those of `edits`.
+        keep_person: id of the one person to keep, in place of that of `edits`.
+        replace: move an earlier result in `out` to ``NAME.replaced-TIME``.
+        view: open the result in the Rerun viewer at the end (extra ``viewer``).
+        config: settings file, on top of the settings of the result.
+        settings: settings by dotted key, on top of both. Of a live recording, ``start_s`` and ``end_s`` select a part.
+        progress: True for bars on stderr, or a function (see `Progress`).
+
+    Raises:
+        InputError: not a result, settings or edits about what is not there, or no person to follow.
+        ConfigError: a wrong setting.
+
+    Examples:
+        >>> import posefuse as pf
+        >>> blocked = pf.Exclusion(camera="cam02", start_s=1.5, end_s=2.5)
+        >>> again = pf.solve("RESULT", "SECOND", exclude=[blocked])  # doctest: +SKIP
+    """
+    from posefuse.foundation.compiled import compiling
+    from posefuse.foundation.output_folder import check_replaceable, output_folder
+    from posefuse.foundation.places import check_outside_inputs
+    from posefuse.outputs.rerun_scene import check_viewer
+    from posefuse.pipeline.clock import StageClock
+    from posefuse.pipeline.reading import files_of_result, read_result
+    from posefuse.pipeline.run import refined_line
+    from posefuse.pipeline.solve import REFINED, solve_again
+    from posefuse.pipeline.writing import build_sinks, nearby_session, session_frames, write_result
+
+    path, place, changes = Path(result), Path(out), dict(settings or {})
+    if about := [key for key in ("rig", "input") if key in changes]:
+        raise InputError(f"{about[0]}: is for sessions of videos, {path} is a recording of detections")
+    if view:
+        check_viewer()
+    clock, inputs = StageClock(), files_of_result(path)
+    check_outside_inputs(place, inputs)
+    check_replaceable(place, command="track", replace=replace)
+    with clock.stage("read"):
+        earlier = read_result(path, start_s=changes.get("start_s"), end_s=changes.get("end_s"))
+    session = None if earlier.is_live else nearby_session(earlier, path)
+    chosen = _solve_config(earlier, config, changes, images=session is not None)
+    # an hour of them takes much memory, and only observations are solved again
+    earlier = dataclasses.replace(earlier, poses=earlier.poses.people(np.zeros(0, np.intp)))
+    with shown(progress) as report:
+        note = lines_of(report, "solve")
+        used = _edits(path, earlier, edits, exclude, keep_person, note)
+        sinks = build_sinks(chosen.outputs, earlier.poses.skeleton)
+        with output_folder(place, command="track", inputs=inputs, replace=replace) as folder, compiling("tracking", note):
+            recording = solve_again(earlier, chosen, clock, used)
+            if REFINED in recording.provenance:
+                note(refined_line(recording.provenance[REFINED]))
+            with clock.stage("write"):
+                steps = lambda done, total: report("write", done, total)  # noqa: E731
+                frames = () if session is None else session_frames(recording, session, steps)
+                files, failed = write_result(recording, frames, sinks, folder)
+    for name, reason in failed.items():
+        _warn(f"output {name}: not written ({reason})")
+    outcome = solved_outcome(
+        place, earlier, recording, files=files, failed=failed, seconds=clock.total_s, excluded=len(used.exclusions)
+    )
+    made = recording_of(recording, path=place, outcome=outcome)
+    if view:
+        made.view()
+    return made
+
+
+def _solve_config(earlier: core.Recording, config: str | Path | None, changes: Mapping[str, Any], *, images: bool) -> TrackConfig:
+    """The recording's own settings with the config file and changes on top; without images no outputs that draw on them."""
+    from posefuse.pipeline.config import DEFAULT_OUTPUTS, options_by_name, read_config
+
+    base = dict(earlier.provenance.get("config") or {})
+    outputs = options_by_name(DEFAULT_OUTPUTS if earlier.is_live else base.get("outputs") or ())
+    base["outputs"] = {name: one for name, one in outputs.items() if images or name not in _NEED_IMAGES}
+    return read_config(None if config is None else Path(config), changes, base)
+
+
+def _edits(
+    path: Path,
+    earlier: core.Recording,
+    edits: Edits | None,
+    exclude: Sequence[Exclusion],
+    keep_person: int | None,
+    note: Callable[[str], None],
+) -> Edits:
+    """The edits given, else those kept next to the recording, else those it was made with; the rest on top."""
+    from posefuse.pipeline.edits import NO_EDITS, edits_path, read_edits
+    from posefuse.pipeline.solve import edits_of
+
+    if edits is None and (kept := read_edits(path)) != NO_EDITS:
+        count = len(kept.exclusions)
+        note(f"{edits_path(path)}: what is marked there is left out ({count} stretches); `no_edits=True` uses everything")
+    base = edits if edits is not None else kept if kept != NO_EDITS else edits_of(earlier)
+    return dataclasses.replace(
+        base,
+        exclusions=(*base.exclusions, *exclude),
+        person=base.person if keep_person is None else keep_person,
+    )
+
+
+@checked
+def batch(
+    study: str | Path,
+    out: str | Path,
+    *,
+    formats: Sequence[str] | None = None,
+    report: bool = True,
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    config: str | Path | None = None,
+    settings: Mapping[str, Any] | None = None,
+    replace: bool = False,
+    progress: Progress | bool | None = None,
+) -> Study:
+    """Track every session below a folder; a trial that fails is named, and the others are finished.
+
+    Run it again to continue: complete trials are kept, failed and new ones are done.
+
+    Args:
+        study: folder with sessions below it, e.g. ``P01/walk1``; a calibration may lie with the session or above it.
+        out: folder for the results: a result folder per trial, the table ``study.csv`` and the page ``study.html``.
+        formats: outputs of each trial, see `posefuse plugins`; None: those of `config`, else trc, c3d and csv.
+        report: write joint angles, gait and the report of each trial.
+        jobs: trials at once on this machine; None: as many as its cores and its free memory allow.
+        scheduler: address of a Dask scheduler, e.g. ``tcp://host:8786``, to run the trials there (extra ``cluster``).
+        config: settings file of every trial, on top of the ``posefuse.toml`` of each.
+        settings: settings of every trial by dotted key, as in `track`.
+        replace: make trials again that were completed with other settings or from other files.
+        progress: True for bars on stderr, or a function (see `Progress`).
+
+    Returns:
+        The study: `Study.rows` is the table, `Study.failed` lists failures with reasons.
+
+    Raises:
+        InputError: no session below `study`, or no place for the results.
+        ConfigError: a wrong setting or an unknown format.
+        DependencyError: `scheduler` without the extra ``cluster``.
+
+    Examples:
+        >>> import posefuse as pf
+        >>> study = pf.batch("STUDY", "RESULTS")  # doctest: +SKIP
+        >>> study.failed  # doctest: +SKIP
+        {}
+    """
+    from posefuse.pipeline.batch import run_study
+
+    changes, named = study_settings(config, settings or {})
+    with shown(progress) as reported:
+        return run_study(
+            Path(study),
+            Path(out),
+            formats=named if formats is None else tuple(formats),
+            settings=changes,
+            report=report,
+            jobs=jobs,
+            scheduler=scheduler,
+            replace=replace,
+            progress=reported,
+        )
+
+
+@checked
+def study_settings(config: str | Path | None, settings: Mapping[str, Any]) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Settings of every trial by dotted key, and the outputs that they name; raises ConfigError before any work."""
+    from posefuse.pipeline.config import read_config, settings_by_key
+
+    path = None if config is None else Path(config)
+    read_config(path, settings)
+    changes = {**settings_by_key(path), **settings}
+    return changes, tuple(changes.pop("outputs", FORMATS))

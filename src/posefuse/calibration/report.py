@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal, TypeVar
 
 from posefuse.core import CalibrationError
+from posefuse.foundation.summary import Block, Cell, Heading, Note, Table
 
 Result = TypeVar("Result")
 CheckKind = Literal["record", "clocks", "drift", "lenses", "rig", "upside down", "input"]
@@ -65,10 +66,11 @@ class CalibrationReport:
         if self.failed:
             raise RefusedCalibration(self)
 
-    def text(self) -> str:
-        """The report in lines for a terminal."""
-        lines = [f"{'pass' if check.passed else 'FAIL'}  {check.name}: {check.line}" for check in self.checks]
-        return "\n".join([self.subject, *lines, *(f"note  {note}" for note in self.notes)])
+    def summary(self) -> list[Block]:
+        """The checks and the notes, for people."""
+        rows = [[Cell("pass", "good") if one.passed else Cell("FAIL", "bad"), one.name, one.line] for one in self.checks]
+        notes = [Note(f"note: {note}") for note in self.notes]
+        return [Heading(self.subject), Table(["", "check", "found"], rows, text=True), *notes]
 
 
 class RefusedCalibration(CalibrationError):

@@ -11,7 +11,7 @@ import numpy as np
 
 from posefuse.core import Rig
 from posefuse.core.arrays import Array
-from posefuse.formats.page import Block, Cell, Dots, Heading, Images, Line, Note, Page, Plot, Plots, Series, Table, write_page
+from posefuse.formats.page import Dots, Heading, Images, Line, Page, Plot, Plots, Series, Table, write_page
 from posefuse.formats.rig import write_rig
 from posefuse.foundation.output_file import atomic_file, keep_copy
 
@@ -26,10 +26,7 @@ _LOOK_M = 0.6
 def calibration_page(report: CalibrationReport, images: Mapping[str, Array] | None = None, rig: Rig | None = None) -> Page:
     """The page. `images` maps captions to RGB images (H, W, 3); `rig` adds a plan of the cameras."""
     verdict = "passed" if not report.failed else f"refused: {report.failed[0].name}"
-    checks = [[Cell("pass", "good") if check.passed else Cell("FAIL", "bad"), check.name, check.line] for check in report.checks]
-    blocks: list[Block] = [Heading("Checks"), Table(["", "check", "found"], checks, text=True)]
-    if report.notes:
-        blocks += [Heading("Notes"), *(Note(note) for note in report.notes)]
+    blocks = [Heading("Checks"), *report.summary()[1:]]
     if rig is not None:
         blocks += [Heading("Cameras from above"), Plots([camera_plan_plot(rig)])]
     if images:

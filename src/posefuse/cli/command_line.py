@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 GROUPS = {
     "Start": {"demo": "recorded", "doctor": "machine", "studio": "machine"},
     "Record and calibrate": {"record": "calibrate", "calibrate": "calibrate"},
-    "Track": {"track": "recorded", "batch": "recorded"},
+    "Track": {"track": "recorded", "solve": "recorded", "batch": "recorded"},
     "Live": {"live": "live", "teleoperate": "teleoperate", "node": "live"},
     "Look at a result": {"view": "results", "report": "results", "export": "results", "compare": "results"},
     "Simulate and extend": {"simulate": "simulate", "models": "machine", "fit-noise": "simulate", "plugins": "machine"},
@@ -40,7 +40,7 @@ STEPS = {
     "node": ("camera", "fusion"),
     "calibrate": ("intrinsics", "extrinsics", "guide", "person", "clocks", "verify", "print"),
 }
-_MODULES = Path(__file__).parent / "commands"
+_MODULES = Path(__file__).parent
 _OPTIONS = Group("Options", sort_key=len(GROUPS))
 
 
@@ -130,7 +130,7 @@ def application(*, listed: bool = False) -> App:
 
 def _add(app: App, module: str, function: str, listed: bool, **options: Any) -> None:
     about = {"help": _first_line(module, function)} if listed else {}
-    app.command(f"posefuse.cli.commands.{module}:{function}", **options, **about)
+    app.command(f"posefuse.cli.{module}:{function}", **options, **about)
 
 
 @cache

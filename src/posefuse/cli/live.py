@@ -1,139 +1,168 @@
-"""What `posefuse live` does around the session: settings, outputs, tables, the report."""
+"""`posefuse live` and `node`: poses while they happen."""
 
-from __future__ import annotations
-
-import dataclasses
-from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
-from posefuse.cli.command_options import LiveOptions, OutputOptions, SourceOptions, TimingOptions
-from posefuse.cli.options import Ros2Options
-from posefuse.core import ConfigError, InputError, LiveOutputConfig, Rig
-from posefuse.core.errors import choices
-from posefuse.detection.build import DetectorChoice
-from posefuse.formats.rig import read_placed_rig, refusal_note
-from posefuse.foundation.output_file import check_output_file
-from posefuse.foundation.output_folder import check_replaceable
-from posefuse.foundation.places import real_path
-from posefuse.foundation.plugins import plugin_config
-from posefuse.foundation.settings import settings_from_mapping
-from posefuse.pipeline.config import read_changed
-from posefuse.realtime.capture import LiveInput
-from posefuse.realtime.config import LiveConfig, RunOptions
-from posefuse.realtime.fusion import Fusion
-from posefuse.realtime.inputs import inputs_from_arguments
-from posefuse.realtime.messages import SessionClock
-from posefuse.realtime.networks import fetch_networks
-from posefuse.realtime.outputs import OutputPlan, check_live_outputs
-from posefuse.realtime.ros_cameras import rig_with_camera_infos
-from posefuse.realtime.session import check_enough, closing_lines, run_live
-from posefuse.realtime.video_keeping import read_counts
+from cyclopts import Parameter
 
-from .live_report import PAGE_FILE, live_session_figures, show_live_figures, write_latency_report
+import posefuse as pf
+from posefuse.realtime.config import LiveConfig
+
+from .options import (
+    EXPERT,
+    OUTPUTS,
+    TIMING,
+    Figures,
+    NetworkOptions,
+    Ros2Options,
+    SettingsOptions,
+    Shown,
+    Sources,
+    settings_options,
+)
 from .stopping import NO_PERSON_CODE, session_exit_code
 from .terminal import Terminal
-from .videos import check_videos_folder, kept_videos, video_figures
+
+_SHOWN = {"body": "body", "track.max_people": "people N", "names": "names A,B,...", "rate_hz": "rate HZ"}
+_EXPERT = {"groups": "groups N", "camera_info": "camera-info"}
+LIVE_SETTINGS = {**_SHOWN, **_EXPERT}
 
 
-def run_session(
-    rig_file: Path,
-    sources: SourceOptions,
-    timing: TimingOptions,
-    outputs: OutputOptions,
-    ros_2: Ros2Options,
-    settings: LiveOptions,
-    terminal: Terminal,
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class SourceOptions:
+    """Where the images come from."""
+
+    source: Sources = ()
+
+
+@Parameter(name="*", group=TIMING)
+@dataclass(frozen=True, kw_only=True)
+class TimingOptions:
+    """When a session begins and ends.
+
+    Attributes:
+        duration: Stop after so many seconds.
+        loop: Show the first S seconds of videos and simulated sessions again and again.
+    """
+
+    duration: Annotated[float | None, Parameter(metavar="S")] = None
+    loop: Annotated[float | None, Parameter(metavar="S"), EXPERT] = None
+
+
+@Parameter(name="*", group=OUTPUTS)
+@dataclass(frozen=True, kw_only=True)
+class OutputOptions:
+    """Where the poses go.
+
+    Attributes:
+        record: Record views and poses.
+        record_images: Record small images of the cameras, too.
+        ros: Publish in ROS 2.
+        ros1: Publish in ROS 1, at the master of ROS_MASTER_URI.
+        osc: Send poses as OSC. May be given several times.
+        json_udp: Send poses as JSON datagrams. May be given several times.
+        output: Any other live output, e.g. lsl (`posefuse plugins` lists them); options: --set outputs.NAME.KEY=VALUE.
+        axes: Axes of OSC and JSON (default z_up).
+        view: Open the Rerun viewer (extra: viewer).
+        view_file: Write what the viewer would show to a file.
+        report: Write the latency of every camera and stage.
+    """
+
+    record: Annotated[Path | None, Parameter(metavar="FILE.mcap")] = None
+    record_images: Annotated[bool, EXPERT] = False
+    ros: bool = False
+    ros1: Annotated[bool, EXPERT] = False
+    osc: Annotated[tuple[str, ...], Parameter(metavar="HOST:PORT")] = ()
+    json_udp: Annotated[tuple[str, ...], Parameter(metavar="HOST:PORT")] = ()
+    output: Annotated[tuple[str, ...], Parameter(metavar="NAME")] = ()
+    axes: Annotated[Literal["z_up", "y_up", "y_up_left_handed"] | None, Parameter(name_transform=str)] = None
+    view: bool = False
+    view_file: Annotated[Path | None, Parameter(metavar="FILE.rrd"), EXPERT] = None
+    report: Annotated[Path | None, Parameter(metavar="DIR")] = None
+
+    @property
+    def chosen(self) -> dict[str, dict[str, Any]]:
+        """Options of the outputs that were chosen, by name."""
+        found: dict[str, dict[str, Any]] = {name: {} for name in self.output}
+        if self.record:
+            found["record"] = {"path": self.record.absolute(), **({"images": True} if self.record_images else {})}
+        found |= {name: {} for name, on in (("ros2", self.ros), ("ros1", self.ros1)) if on}
+        found |= {name: {"to": list(to)} for name, to in (("osc", self.osc), ("json", self.json_udp)) if to}
+        if self.view_file or self.view:
+            found["rerun"] = {"file": self.view_file.absolute() if self.view_file else None}
+        return found
+
+
+@dataclass(frozen=True, kw_only=True)
+class LiveOptions(SettingsOptions, NetworkOptions):
+    """How the session works.
+
+    Attributes:
+        networks: 2D network: auto (default: the largest that processes every frame on this machine, measured at the start),
+            blazepose_lite, blazepose_full, blazepose_heavy, blazepose_best, or your own model card (see docs/networks.md).
+    """
+
+    networks: Annotated[str | None, Parameter(metavar="auto|NAME|CARD.toml")] = None
+
+
+@settings_options("settings", LiveConfig, _EXPERT, show=False)
+@settings_options("settings", LiveConfig, _SHOWN)
+def live(
+    rig: Path,
+    /,
     *,
-    videos: Path | None = None,
-) -> Mapping[str, Any]:
-    """Run a session; returns the figures of the tables. `videos`: folder that takes the cameras' videos."""
-    config = read_changed(settings.config, settings.changes, LiveConfig)
-    rig = session_rig(rig_file, terminal)
-    if outputs.report:
-        check_replaceable(outputs.report, command="live", replace=False)
-    if videos:
-        _check_videos(videos, outputs.record)
-    inputs = settled_inputs(sources, timing, ros_2, rig)
-    check_enough(inputs)
-    rig = rig_with_camera_infos(rig, inputs, config.camera_info, terminal.note)
-    plan = OutputPlan(rig=rig, clock=SessionClock.begin(), configs=output_configs(outputs, ros_2, config))
-    check_live_outputs(plan.configs)
-    terminal.note(f"{len(inputs)} cameras: " + ", ".join(f"{entry.camera} ({entry.kind})" for entry in inputs))
-    fetch_chosen(config.detector, terminal)
-    duration_s = run_options(timing).duration_s
-    with kept_videos(videos, rig, inputs) as folder:
-        done = run_live(rig, inputs, config, plan, duration_s, terminal.note, videos=folder)
-        kept = video_figures(read_counts(folder, [entry.camera for entry in inputs])) if folder else {}
-        failed = done.outputs_failed or any(one["fault"] for one in kept.values())
-        figures = {
-            **live_session_figures(done),
-            "videos": kept,
-            **how_it_ended(done.stopped_by, duration_s, terminal, failed=failed, fusion=done.fusion),
-        }
-        # before the videos are moved to their place, which a full disk may not allow
-        show_live_figures(terminal, figures)
-        if outputs.report:
-            write_latency_report(outputs.report, done, figures)
-    if any(one["written"] for one in kept.values()):
-        terminal.next(f"posefuse track {videos} --out DIR", "the videos, solved over all of time")
-    _show_next(outputs, terminal, poses=done.fusion.poses)
-    return figures
+    sources: SourceOptions = SourceOptions(),
+    timing: TimingOptions = TimingOptions(),
+    outputs: OutputOptions = OutputOptions(),
+    ros_2: Ros2Options = Ros2Options(),
+    settings: LiveOptions = LiveOptions(),
+    videos: Annotated[Path | None, Parameter(metavar="DIR", group=OUTPUTS)] = None,
+    terminal: Shown,
+) -> Figures:
+    """Track live: cameras, streams, videos or the simulator in, 3D skeletons out 100 times a second.
 
+    Runs until the time is over, the sources end, or Ctrl-C.
 
-def _check_videos(folder: Path, record: Path | None) -> None:
-    """Raise InputError unless the videos of a session can go to `folder`, and its recording not into it."""
-    check_videos_folder(folder, command="live")
-    if record is not None and real_path(folder) in (real_path(record), *real_path(record).parents):
-        raise InputError(f"--record {record}: is, or lies in, the folder of --videos; choose another place for one of them")
-
-
-def session_rig(rig_file: Path, terminal: Terminal) -> Rig:
-    """The rig of a session; warns of one whose calibration was refused."""
-    rig = read_placed_rig(rig_file)
-    if note := refusal_note(rig_file, rig):
-        terminal.warn(note)
-    return rig
-
-
-def fetch_chosen(choice: DetectorChoice, terminal: Terminal) -> None:
-    """Download the networks of a session, announced and with a bar; raises ModelError when none can be had."""
+    Args:
+        rig: Calibration file of the cameras.
+        videos: Keep the cameras' videos in this folder, a session for posefuse track.
+    """
     with terminal.stages() as progress:
-        fetch_networks(choice, progress)
+        run = pf.track_live(
+            rig,
+            sources.source,
+            config=settings.config,
+            settings=settings.changes,
+            outputs=outputs.chosen,
+            ros=ros_2.settings,
+            axes=outputs.axes,
+            duration_s=timing.duration,
+            loop_s=timing.loop,
+            videos=videos,
+            report=outputs.report,
+            on_end=lambda run: terminal.show(run.summary()),
+            progress=progress,
+        )
+    if any(one["written"] for one in run.figures["videos"].values()):
+        terminal.next(f"posefuse track {videos} --out DIR", "the videos, solved over all of time")
+    _show_next(outputs, terminal, poses=run.poses)
+    return {**run.figures, "exit_code": exit_code(run, timing.duration, terminal)}
 
 
-def how_it_ended(
-    stopped_by: str, duration_s: float | None, terminal: Terminal, *, failed: bool = False, fusion: Fusion | None = None
-) -> dict[str, int]:
-    """Say what request ended the session early, and what its fusion has to report; the exit code, as a figure."""
+def exit_code(run: Any, duration_s: float | None, terminal: Terminal) -> int:
+    """The exit code of a session; states what request ended it early."""
+    code = how_it_ended(run.stopped_by, duration_s, terminal, failed=run.failed)
+    return code or (0 if run.people else NO_PERSON_CODE)
+
+
+def how_it_ended(stopped_by: str, duration_s: float | None, terminal: Terminal, *, failed: bool = False) -> int:
+    """State what request ended the session early; the exit code."""
     code = session_exit_code(stopped_by, endless=duration_s is None, failed=failed)
     if stopped_by and code:
         terminal.note(f"stopped by {stopped_by}" + ("" if duration_s is None else f" before {duration_s:g} s were over"))
-    if fusion is not None:
-        for line in closing_lines(fusion):
-            terminal.warn(line)
-        code = code or (0 if fusion.poses_with_people else NO_PERSON_CODE)
-    return {"exit_code": code}
-
-
-def check_nothing_else(*options: Any, videos: Path | None) -> None:
-    """Raise ConfigError where a replay is given what only a session with cameras has; nothing is ignored."""
-    given = [
-        field.name
-        for group in options
-        for field in dataclasses.fields(group)
-        if getattr(group, field.name) != getattr(type(group)(), field.name)
-    ]
-    if names := [f"--{name.replace('_', '-')}" for name in (*given, *(["videos"] if videos else []))]:
-        raise ConfigError(f"--replay feeds a recording to the tracker, without cameras and outputs; leave out {choices(names)}")
-
-
-def replay_session(rig_file: Path, recording: Path, settings: LiveOptions, terminal: Terminal) -> Mapping[str, Any]:
-    """Feed a recording to the tracker again, with its own settings unless others are given; returns the figures."""
-    from .replay import replay
-
-    config = read_changed(settings.config, settings.changes, LiveConfig)
-    return replay(recording, read_placed_rig(rig_file), config if settings.given else None, terminal)
+    return code
 
 
 def _show_next(outputs: OutputOptions, terminal: Terminal, *, poses: int) -> None:
@@ -141,57 +170,71 @@ def _show_next(outputs: OutputOptions, terminal: Terminal, *, poses: int) -> Non
         terminal.next("the same with --record FILE.mcap", "keeps views and poses")
     elif poses and outputs.record.exists():
         terminal.next(f"posefuse report {outputs.record}", "joint angles, gait, files for OpenSim and Blender, one page")
-        terminal.next(f"posefuse track {outputs.record} --out DIR", "solves it again over all of time, more exactly")
+        terminal.next(f"posefuse solve {outputs.record} --out DIR", "solves it again over all of time, more exactly")
     if outputs.report:
-        terminal.next(f"open {outputs.report / PAGE_FILE}", "the latency per camera and stage")
+        terminal.next(f"open {outputs.report / 'latency.html'}", "the latency per camera and stage")
 
 
-def settled_inputs(sources: SourceOptions, timing: TimingOptions, ros_2: Ros2Options, rig: Rig) -> tuple[LiveInput, ...]:
-    """The sources of the command line, and when they begin again."""
-    loop_s = run_options(timing).loop_s
-    inputs = inputs_from_arguments(sources.source, rig, ros_2.settings)
-    return tuple(dataclasses.replace(entry, loop_s=loop_s) for entry in inputs)
+@settings_options("settings", LiveConfig, LIVE_SETTINGS, show=False)
+def node_camera(
+    rig: Path,
+    /,
+    *,
+    sources: SourceOptions = SourceOptions(),
+    timing: TimingOptions = TimingOptions(),
+    ros_2: Ros2Options = Ros2Options(),
+    settings: LiveOptions = LiveOptions(),
+    name: str = "1",
+    terminal: Shown,
+) -> Figures:
+    """Capture and detect on this machine, and send 2D poses to the fusion node.
 
-
-def run_options(timing: TimingOptions) -> RunOptions:
-    """When it begins and ends."""
-    options = {"duration_s": timing.duration, "loop_s": timing.loop}
-    return settings_from_mapping(options, RunOptions, where="options")
-
-
-def output_configs(
-    outputs: OutputOptions, ros_2: Ros2Options, config: LiveConfig, also: Mapping[str, Mapping[str, Any]] | None = None
-) -> dict[str, LiveOutputConfig]:
-    """Configs of the outputs of the settings and the command line by name; `also` adds outputs and options.
-
-    Raises:
-        ConfigError: no such output, or options it does not take.
-        InputError: a file to record that exists already.
+    Args:
+        rig: Calibration file of all cameras, the same on every machine.
+        name: Name of this node, different on every machine.
     """
-    chosen: dict[str, dict[str, Any]] = {name: dict(options) for name, options in config.outputs.items()}
-    for name, options in [*_shorthands(outputs), *(also or {}).items()]:
-        chosen[name] = {**chosen.get(name, {}), **options}
-    for option, path in (("--record", chosen.get("record", {}).get("path")), ("--view-file", outputs.view_file)):
-        if path is not None:
-            check_output_file(Path(path), option=option)
-    given = {**ros_2.settings, **({"axes": outputs.axes} if outputs.axes else {})}
-    return {name: plugin_config("live_outputs", name, options, given=given) for name, options in chosen.items()}
+    with terminal.stages() as progress:
+        run = pf.camera_node(
+            rig,
+            sources.source,
+            name=name,
+            config=settings.config,
+            settings=settings.changes,
+            ros=ros_2.settings,
+            duration_s=timing.duration,
+            loop_s=timing.loop,
+            progress=progress,
+        )
+    return {**run.figures, "exit_code": how_it_ended(run.stopped_by, timing.duration, terminal)}
 
 
-def _shorthands(outputs: OutputOptions) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Outputs that options of their own choose, and their options."""
-    yield from ((name, {}) for name in outputs.output)
-    if outputs.record:
-        yield "record", {"path": outputs.record.absolute(), **({"images": True} if outputs.record_images else {})}
-    if outputs.ros:
-        yield "ros2", {}
-    if outputs.ros1:
-        yield "ros1", {}
-    if outputs.osc:
-        yield "osc", {"to": list(outputs.osc)}
-    if outputs.json_udp:
-        yield "json", {"to": list(outputs.json_udp)}
-    if outputs.view_file:
-        yield "rerun", {"file": outputs.view_file.absolute()}
-    elif outputs.view:
-        yield "rerun", {"file": None}
+@settings_options("settings", LiveConfig, LIVE_SETTINGS, show=False)
+def node_fusion(
+    rig: Path,
+    /,
+    *,
+    timing: TimingOptions = TimingOptions(),
+    outputs: Annotated[OutputOptions, EXPERT] = OutputOptions(),
+    ros_2: Ros2Options = Ros2Options(),
+    settings: LiveOptions = LiveOptions(),
+    terminal: Shown,
+) -> Figures:
+    """Turn the 2D poses of all camera nodes into 3D poses, and publish them in ROS 2.
+
+    Args:
+        rig: Calibration file of all cameras, the same on every machine.
+    """
+    with terminal.stages() as progress:
+        run = pf.fusion_node(
+            rig,
+            config=settings.config,
+            settings=settings.changes,
+            outputs=outputs.chosen,
+            ros=ros_2.settings,
+            axes=outputs.axes,
+            duration_s=timing.duration,
+            report=outputs.report,
+            progress=progress,
+        )
+    terminal.show(run.summary())
+    return {**run.figures, "exit_code": exit_code(run, timing.duration, terminal)}

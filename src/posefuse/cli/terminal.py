@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from posefuse.foundation.parsing import column_texts
-
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.text import Text
 
     from posefuse.core import Progress
+    from posefuse.foundation.summary import Block
 
 _ANY_WIDTH = 10_000
 # arguments of Python in messages of the library, and what they are called on the command line where that is another name
@@ -24,8 +22,6 @@ _OPTIONS = {
     "replace": "force", "rate_hz": "rate", "start_s": "start", "end_s": "end", "drift": "clocks drift", "max_offset_s": "most-s",
     "focal_known_to_percent": "refine-lenses", "camera_distance": "apart", "emergency_stop": "i-have-an-emergency-stop",
 }  # fmt: skip
-Advance = Callable[[int, int], None]
-"""Progress callback: (done, total)."""
 
 
 def in_options(text: str) -> str:
@@ -68,30 +64,43 @@ class Terminal:
         """One thing to do after this command; what it is good for."""
         self.note(f"next: {command}  ({purpose})")
 
-    def table(self, title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
-        """A table; numbers are right-aligned, floats shown to a sensible digit."""
+    def show(self, blocks: Iterable[Block]) -> None:
+        """A summary: tables under the last heading on stdout, notes on stderr."""
+        from posefuse.foundation.summary import Facts, Heading, Note, Table
+
+        title = ""
+        for block in blocks:
+            if isinstance(block, Heading):
+                title = block.text
+            elif isinstance(block, Note):
+                (self.warn if block.warning else self.note)(block.text)
+            elif isinstance(block, Facts):
+                self._table(title, ("", ""), block.shown, header=False)
+            elif isinstance(block, Table):
+                shown = [[cell.value for cell in row] for row in block.shown]
+                self._table(title, block.columns, shown, [block.is_number(i) for i in range(len(block.columns))])
+
+    def _table(
+        self,
+        title: str,
+        columns: Sequence[str],
+        rows: Sequence[Sequence[str]],
+        right: Sequence[bool] = (),
+        *,
+        header: bool = True,
+    ) -> None:
         from rich.table import Table
         from rich.text import Text
 
-        numeric = [all(isinstance(row[i], int | float) or row[i] is None for row in rows) for i in range(len(columns))]
-        shown = Table(title=Text(title), title_justify="left", title_style="bold", header_style="")
-        for column, right in zip(columns, numeric, strict=True):
-            shown.add_column(Text(column), justify="right" if right else "left", overflow="fold")
-        for row in zip(*(_cells(column) for column in zip(*rows, strict=True)), strict=True):
-            shown.add_row(*row)
+        shown = Table(title=Text(title), title_justify="left", title_style="bold", header_style="", show_header=header)
+        for i, column in enumerate(columns):
+            shown.add_column(Text(column), justify="right" if i < len(right) and right[i] else "left", overflow="fold")
+        for row in rows:
+            # text as it is: square brackets in names of files are no markup
+            shown.add_row(*(Text(in_options(text)) for text in row))
         if self._tables.measure(shown, options=self._tables.options.update(width=_ANY_WIDTH)).maximum > self._tables.width:
             # narrow cells before broken words
             shown.padding = (0, 0)
-        self._tables.print(shown)
-
-    def facts(self, title: str, facts: Mapping[str, Any]) -> None:
-        """A table of two columns without a header."""
-        from rich.table import Table
-        from rich.text import Text
-
-        shown = Table(title=Text(title), title_justify="left", title_style="bold", show_header=False)
-        for name, value in facts.items():
-            shown.add_row(Text(name), *_cells([value]))
         self._tables.print(shown)
 
     def figures(self, figures: Mapping[str, Any]) -> None:
@@ -102,22 +111,9 @@ class Terminal:
             print(json.dumps(plain(figures), indent=2), flush=True)
 
     @contextmanager
-    def progress(self, label: str) -> Iterator[Advance]:
-        """A progress bar on stderr that the callback moves."""
-        with self.stages() as report:
-            yield lambda done, total: report(label, done, total)
-
-    @contextmanager
     def stages(self) -> Iterator[Progress]:
         """What public functions report to: a bar on stderr per stage, and a line per message."""
         from posefuse.foundation.progress_bars import stage_bars
 
         with stage_bars(self._notes, self.note) as report:
             yield report
-
-
-def _cells(column: Sequence[Any]) -> list[Text]:
-    """Cells with their text as it is: square brackets in names of files are no markup."""
-    from rich.text import Text
-
-    return [Text(in_options(text)) for text in column_texts(column, "-")]

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
@@ -12,9 +15,14 @@ from scipy.optimize import minimize_scalar
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
+from posefuse.formats.page import Line, Page, Plot, Plots, write_page
+from posefuse.foundation.output_folder import output_folder
+from posefuse.foundation.parsing import plain
+from posefuse.foundation.summary import Block, Facts, Heading, Note, Table
 
 from .metrics import JointErrors, drift, summary
 
+PAGE_FILE, FIGURES_FILE = "compare.html", "compare.json"
 _LEAST_INSTANTS = 5
 _SPEED_HZ = 60.0
 # of the values of a shift, this share must be known in both
@@ -81,8 +89,11 @@ class Comparison:
         alignment: of b onto a. points: those in both. t_s: (T,) times of a. a_m, b_m: (T, K, 3), b aligned.
         errors: distances per point.
         walked_m: (T,) way of the middle of a. apart_m: (T,) level distance of the middles. drift_mm_per_m: its slope.
+        a, b: what was compared, as it was. inputs: files and folders that it was read from. notes: why nothing was aligned.
     """
 
+    a: Tracks
+    b: Tracks
     alignment: Alignment
     points: tuple[str, ...]
     t_s: Array
@@ -92,6 +103,69 @@ class Comparison:
     walked_m: Array
     apart_m: Array
     drift_mm_per_m: float
+    inputs: tuple[Path, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """The comparison as plain values, point by point."""
+        errors = self.errors
+        return {
+            "offset_s": self.alignment.offset_s,
+            "rotation": self.alignment.rotation.tolist(),
+            "shift_m": self.alignment.shift_m.tolist(),
+            "scale": self.alignment.scale,
+            "residual_mm": 1000 * self.alignment.residual_m,
+            "mean_mm": errors.mpjpe_mm,
+            "drift_mm_per_m": self.drift_mm_per_m,
+            "walked_m": float(self.walked_m[-1]),
+            "points": {
+                point: {
+                    "mean_mm": float(errors.mean_mm[k]),
+                    "sd_mm": float(errors.sd_mm[k]),
+                    "median_mm": float(errors.median_mm[k]),
+                    "p95_mm": float(errors.p95_mm[k]),
+                    "found": float(errors.found[k]),
+                }
+                for k, point in enumerate(self.points)
+            },
+        }
+
+    def summary(self) -> list[Block]:
+        """The alignment and the distances, for people."""
+        turn = np.degrees(np.arccos(np.clip((np.trace(self.alignment.rotation) - 1) / 2, -1, 1)))
+        facts = {
+            "offset in time": f"{1000 * self.alignment.offset_s:.1f} ms",
+            "turned by": f"{turn:.2f} deg",
+            "moved by": f"{np.linalg.norm(self.alignment.shift_m):.3f} m",
+            "scale": f"{self.alignment.scale:.4f}",
+            "mean distance": f"{self.errors.mpjpe_mm:.1f} mm over {len(self.points)} points",
+            "drift": f"{self.drift_mm_per_m:.1f} mm per m over {self.walked_m[-1]:.1f} m walked",
+        }
+        rows = [
+            [point.replace("_", " "), *list(row.values())[:-1], f"{row['found']:.0%}"]
+            for point, row in self.figures["points"].items()
+        ]
+        return [
+            *map(Note, self.notes),
+            *(Note(one.warning, warning=True) for one in (self.a, self.b) if one.warning),
+            Heading("Alignment", f"{self.b.name} is aligned to {self.a.name}."),
+            Facts(facts),
+            Heading("Distances, mm"),
+            Table(["point", "mean", "sd", "median", "p95", "share compared"], rows),
+        ]
+
+    def save(self, folder: str | Path) -> Path:
+        """Write the page and the figures into a folder, in place of an unchanged earlier comparison; returns the page.
+
+        Raises:
+            InputError: the folder holds anything else, or overlaps an input.
+        """
+        # its own, unchanged, can be made again at any time: replaced without being asked
+        with output_folder(Path(folder), command="compare", inputs=self.inputs, replace=True) as place:
+            (place.folder / FIGURES_FILE).write_text(json.dumps(plain(self.figures), indent=2) + "\n", encoding="utf-8")
+            write_page(place.folder / PAGE_FILE, comparison_page(self))
+        return Path(folder) / PAGE_FILE
 
 
 def compare(
@@ -114,6 +188,7 @@ def compare(
             f"{a.name} and {b.name} have {len(points)} points in common, too few to align; "
             f"{a.name} has: {choices(a.points)}; {b.name} has: {choices(b.points)}"
         )
+    given = a, b
     a, b = a.only(points), b.only(points)
     offset = _offset(a, b, space, scale) if time else 0.0
     moved = b.at(a.t_s - offset)
@@ -127,6 +202,8 @@ def compare(
     alignment = Alignment(offset, rotation, shift, factor, float(np.sqrt(np.nanmean(distance[both] ** 2))))
     walked_m, apart_m, slope = _drift(a.xyz_m, onto)
     return Comparison(
+        a=given[0],
+        b=given[1],
         alignment=alignment,
         points=tuple(points),
         t_s=a.t_s,
@@ -136,6 +213,40 @@ def compare(
         walked_m=walked_m,
         apart_m=apart_m,
         drift_mm_per_m=slope,
+    )
+
+
+def comparison_page(found: Comparison) -> Page:
+    """Alignment, distances, drift and every point over time."""
+    a, b = found.a, found.b
+    t_s = found.t_s - found.t_s[0]
+    both = np.isfinite(found.a_m) & np.isfinite(found.b_m)
+    middle = [middle_of(np.where(both, one, np.nan)) for one in (found.a_m, found.b_m)]
+    apart = Line("apart", found.walked_m, 1000 * found.apart_m)
+    paths = [Line(name, m[:, 0], m[:, 1]) for name, m in zip((a.name, b.name), middle, strict=True)]
+    points = [
+        Plot(
+            f"{point.replace('_', ' ')}, {axis}",
+            [Line(a.name, t_s, found.a_m[:, k, i]), Line(b.name, t_s, found.b_m[:, k, i])],
+            x_label="s", y_label="m",
+        )
+        for k, point in enumerate(found.points)
+        for i, axis in enumerate("xyz")
+    ]  # fmt: skip
+    return Page(
+        f"{b.name} compared with {a.name}",
+        [
+            *found.summary(),
+            Heading("Drift", "Horizontal distance between the means of all points."),
+            Plots(
+                [
+                    Plot("Along the path", [apart], x_label="distance walked, m", y_label="mm", from_zero=True),
+                    Plot("From above", paths, x_label="x, m", y_label="y, m", equal=True),
+                ]
+            ),
+            Heading("Points over time"),
+            Plots(points, small=True),
+        ],
     )
 
 

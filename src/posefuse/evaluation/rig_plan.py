@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from posefuse.core import Camera, ConfigError, InputError, Rig
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
+from posefuse.foundation.summary import Block, Facts, Heading
 from posefuse.fusion import FuseSettings
 from posefuse.fusion.triangulation import sigma_of_size
 from posefuse.simulation.cameras import ListedCameras, PlacedCamera, RingCameras, placed_cameras, rig_from_cameras
@@ -123,6 +125,30 @@ class RigPlan:
     def error_map_mm(self) -> Array:
         """(Y, X) root mean square over the heights; NaN where one of them is seen by fewer than two cameras."""
         return np.asarray(np.sqrt((self.error_mm**2).mean(axis=-1)))
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """Plain values."""
+        return {
+            "area_m": [float(np.ptp(self.x_m)), float(np.ptp(self.y_m))],
+            "heights_m": self.height_m.tolist(),
+            "covered_by_2": self.covered(2),
+            "covered_by_3": self.covered(3),
+            "median_mm": self.error_at(0.5),
+            "p95_mm": self.error_at(0.95),
+        }
+
+    def summary(self) -> list[Block]:
+        """Coverage and expected error, for people."""
+        found = self.figures
+        (width_m, depth_m), (lowest_m, highest_m) = found["area_m"], self.height_m[[0, -1]]
+        facts = {
+            "floor": f"{width_m:.1f} x {depth_m:.1f} m, {lowest_m:g} to {highest_m:g} m high",
+            "seen by 2 cameras or more": f"{found['covered_by_2']:.0%}",
+            "seen by 3 cameras or more": f"{found['covered_by_3']:.0%}",
+            "keypoint error, one time step": f"median {found['median_mm']:.0f} mm, 95 % below {found['p95_mm']:.0f} mm",
+        }
+        return [Heading("Expected of these cameras"), Facts(facts)]
 
     def covered(self, views: int = _LEAST_VIEWS) -> float:
         """Share of the floor over which at least so many cameras see all heights."""

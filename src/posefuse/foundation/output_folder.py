@@ -9,7 +9,8 @@ from __future__ import annotations
 import dataclasses
 import json
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Sequence
+import warnings
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -59,7 +60,6 @@ def read_mark(folder: Path) -> FolderMark | None:
         return None
 
 
-Warn = Callable[[str], None]
 _SUFFIX = ".unfinished"
 _NAMED = 3  # entries named in a message
 _LONGEST_NAME = 40  # characters of the target's name in that of its staging folder
@@ -94,9 +94,10 @@ def output_folder(
     estimated_bytes: int = 0,
     keep_unfinished: bool = False,
     unfinished: Path | None = None,
-    warn: Warn | None = None,
 ) -> Iterator[OutputFolder]:
     """Give a staging folder to fill; it becomes `path` when the block ends well. Everything is checked before the block.
+
+    Where an older result is kept, and what an earlier run left, is a `UserWarning`.
 
     When the block raises, nothing is left, except what was finished when the disk was full; an older `path` stays as it was.
 
@@ -107,7 +108,6 @@ def output_folder(
         estimated_bytes: what will be written, compared with the free space.
         keep_unfinished: leave the staging folder when the block raises, if something was written to it; see `find_unfinished`.
         unfinished: a staging folder from `find_unfinished` to continue in, instead of a new one.
-        warn: receives a line about where an older result is kept, and about what an earlier run left.
 
     Raises:
         InputError: before the block: `path` cannot be made or written to, overlaps an input, holds results (without
@@ -118,9 +118,10 @@ def output_folder(
     target = real_path(path)
     check_outside_inputs(path, inputs)
     check_replaceable(path, command=command, replace=replace)
-    if warn is not None and not keep_unfinished:
+    if not keep_unfinished:
         for left in find_unfinished(path):
-            warn(f"{left}: was left by an earlier run that could not be finished; delete it when it is not needed any more")
+            line = f"{left}: was left by an earlier run that could not be finished; delete it when it is not needed any more"
+            warnings.warn(line, UserWarning, stacklevel=3)
     made = _make_parents(path, target)
     staging = unfinished
     try:
@@ -138,7 +139,7 @@ def output_folder(
             outcome = f"what was finished until then is kept in {staging}" if kept else "nothing was written"
             raise DiskFullError(f"{path}: no room ({reason}); {outcome}") from None
         raise
-    _finish(path, staging, target, command, replace, warn)
+    _finish(path, staging, target, command, replace)
 
 
 def find_unfinished(path: Path) -> list[Path]:
@@ -257,7 +258,7 @@ def _remove_empty(folders: Sequence[Path]) -> None:
             folder.rmdir()
 
 
-def _finish(path: Path, staging: Path, target: Path, command: str, replace: bool, warn: Warn | None) -> None:
+def _finish(path: Path, staging: Path, target: Path, command: str, replace: bool) -> None:
     try:
         write_mark(staging, FolderMark(command=command))
         # once more: hours may have passed
@@ -266,8 +267,8 @@ def _finish(path: Path, staging: Path, target: Path, command: str, replace: bool
     except (OSError, InputError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise InputError(f"{path}: the results are complete in {staging} but cannot be moved there ({reason})") from None
-    if aside is not None and warn is not None:
-        warn(f"the earlier results are kept in {aside}")
+    if aside is not None:
+        warnings.warn(f"the earlier results are kept in {aside}", UserWarning, stacklevel=4)
 
 
 def _swap(staging: Path, target: Path) -> Path | None:

@@ -2,6 +2,5 @@
 
 from .drawing import view_tile
 from .frames import Frames, FrameSets, FrameSink, FrameWriter, write_outputs
-from .rerun import view_recording
 
-__all__ = ["FrameSets", "FrameSink", "FrameWriter", "Frames", "view_recording", "view_tile", "write_outputs"]
+__all__ = ["FrameSets", "FrameSink", "FrameWriter", "Frames", "view_tile", "write_outputs"]

@@ -36,7 +36,7 @@ class C3dSink:
         if np.abs(late).max() > max(_UNEVEN_PERIODS, 1e-6 * len(poses)):
             raise InputError(
                 f"C3D holds evenly spaced time steps only; these are up to {np.abs(late).max():.2g} periods off {rate:.6g} Hz: "
-                "set rate_hz (of a live session: `posefuse track FILE.mcap` makes even ones), or leave c3d out of the outputs"
+                "set rate_hz (of a live session: `posefuse solve FILE.mcap` makes even ones), or leave c3d out of the outputs"
             )
         about = {
             "VERSION": str(provenance(recording)["version"]),

@@ -6,7 +6,6 @@ import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -17,7 +16,6 @@ from annotated_types import Ge, Le
 from posefuse.core import Camera, DependencyError, Frame, Recording
 from posefuse.core.arrays import Array
 from posefuse.core.poses import point_sigma_m
-from posefuse.formats.recording import read_recording
 from posefuse.foundation.output_file import atomic_file
 from posefuse.foundation.settings import settings
 
@@ -79,49 +77,16 @@ def open_in_viewer(path: Path) -> None:
         raise DependencyError(f"the Rerun viewer ended with status {ended.returncode}; check it with: rerun rrd verify {path}")
 
 
-def show_recording(recording: Recording, open_viewer: Callable[[Path], None] = open_in_viewer) -> None:
-    """Show a recording without images in the Rerun viewer until it is closed.
+def show_recording(recording: Recording, frame_sets: FrameSets | None = None) -> None:
+    """Show a recording in the Rerun viewer until it is closed, with images where `frame_sets` has some.
 
     Raises:
         DependencyError: no Rerun SDK or no display; names the extra to install.
     """
     check_rerun()
     with tempfile.TemporaryDirectory(prefix="posefuse-") as folder:
-        [path] = write_outputs([RerunSink()], recording, Path(folder))
-        open_viewer(path)
-
-
-def view_recording(
-    folder: Path | str,
-    frame_sets: FrameSets | None = None,
-    open_viewer: Callable[[Path], None] = open_in_viewer,
-    *,
-    read: Callable[[Path], Recording] = read_recording,
-) -> Path:
-    """Show a result in the Rerun viewer until it is closed: its ``recording.rrd``, or a temporary one.
-
-    Args:
-        folder: a result that `read` reads: a folder, see `formats.recording`, or a file.
-        frame_sets: images to show with it, in a temporary ``recording.rrd``.
-        open_viewer: shows an .rrd file.
-
-    Returns:
-        What was shown: the ``recording.rrd``, or the folder of a result without one.
-
-    Raises:
-        DependencyError: no Rerun SDK or no display; names the extra to install.
-        InputError: not a result folder.
-    """
-    check_rerun()
-    folder = Path(folder)
-    recording = read(folder)
-    if frame_sets is None and (folder / FILE).is_file():
-        open_viewer(folder / FILE)
-        return folder / FILE
-    with tempfile.TemporaryDirectory(prefix="posefuse-") as temporary:
-        [path] = write_outputs([RerunSink()], recording, Path(temporary), frame_sets)
-        open_viewer(path)
-    return folder
+        [path] = write_outputs([RerunSink()], recording, Path(folder), frame_sets)
+        open_in_viewer(path)
 
 
 class _RerunWriter:

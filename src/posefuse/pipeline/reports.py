@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -31,26 +30,24 @@ def report_folder(result: Path) -> Path:
 
 def write_report_folder(
     recording: Recording,
-    result: Path,
+    result: Path | None,
     folder: Path,
     settings: BiomechanicsSettings | None = None,
     *,
     title: str | None = None,
     progress: Progress = silent,
-    warn: Callable[[str], None] | None = None,
 ) -> list[Path]:
     """Write angles, gait, files for other programs and the page, an earlier report is moved aside; returns the files.
 
     Args:
-        recording: what was read from `result`.
+        recording: what was read from `result`; None where it is in memory only.
 
     Raises:
         InputError: the folder holds anything else, or there is no one to report on.
     """
     size = len(recording.poses) * len(recording.poses.person_id) * _BYTES_PER_STEP_AND_PERSON
-    with output_folder(
-        folder, command="report", inputs=files_of_result(result), replace=True, estimated_bytes=size, warn=warn
-    ) as place:
+    inputs = [] if result is None else files_of_result(result)
+    with output_folder(folder, command="report", inputs=inputs, replace=True, estimated_bytes=size) as place:
         made = write_biomechanics(recording, place.folder, settings, title=title or TITLE, progress=progress)
         relative = [path.relative_to(place.folder) for path in made]
     return [folder / path for path in relative]
@@ -58,7 +55,6 @@ def write_report_folder(
 
 # Two recordings, whatever made them, as tracks that can be compared; a simulated scene as truth.
 
-Warn = Callable[[str], None]
 Source = Path | tuple[Path, Recording]
 
 
@@ -67,12 +63,14 @@ class ToCompare:
     """Tracks of two recordings.
 
     Attributes:
-        a, b: the tracks. exact: the first is the truth of a simulation, at the times and in the world of the second.
+        a, b: the tracks. inputs: what they were read from.
+        exact: the first is the truth of a simulation, at the times and in the world of the second.
         one_world: both have the coordinates of one calibration.
     """
 
     a: Tracks
     b: Tracks
+    inputs: tuple[Path, ...]
     exact: bool
     one_world: bool
 
@@ -83,27 +81,33 @@ class ToCompare:
         a turn. An alignment in space that is asked for by `scale` or `start_s` is done all the same.
         """
         apart = not self.one_world or scale or start_s is not None
-        return compare(self.a, self.b, time=time and not self.exact, space=space and apart, scale=scale, start_s=start_s)
+        found = compare(self.a, self.b, time=time and not self.exact, space=space and apart, scale=scale, start_s=start_s)
+        notes = []
+        if self.exact:
+            notes.append(f"{self.a.name} is the truth of a simulation: nothing is aligned, times and world are its own")
+        elif space and not apart:
+            notes.append("both have the coordinates of one calibration: they are not aligned in space")
+        return replace(found, inputs=self.inputs, notes=tuple(notes))
 
 
-def to_compare(a: Source, b: Source, person: int | None, warn: Warn | None = None) -> ToCompare:
+def to_compare(a: Source, b: Source, person: int | None) -> ToCompare:
     """Read two recordings; where the first is a simulated scene, its truth at the simulated times of the second.
 
     Args:
         a, b: a path, or a recording with the path it is known by.
-        person: which of those that hold several. warn: is given one line about what is missing of a recording;
-            `warnings.warn` where none is given.
+        person: which of those that hold several. What is missing of a recording is a `UserWarning`.
 
     Raises:
         InputError, SourceError: a file that cannot be read, or nothing in common.
     """
     exact = isinstance(a, Path) and is_simulated(a)
-    tracks_b, rig_b = _read(b, person, warn, simulated=exact)
+    inputs = tuple(one for one in (a, b) if isinstance(one, Path))
+    tracks_b, rig_b = _read(b, person, simulated=exact)
     if isinstance(a, Path) and exact:
-        return ToCompare(a=truth_tracks(a, tracks_b), b=tracks_b, exact=True, one_world=True)
-    tracks_a, rig_a = _read(a, person, warn, simulated=False)
+        return ToCompare(a=truth_tracks(a, tracks_b), b=tracks_b, inputs=inputs, exact=True, one_world=True)
+    tracks_a, rig_a = _read(a, person, simulated=False)
     one_world = rig_a is not None and rig_b is not None and _share_a_world(rig_a, rig_b)
-    return ToCompare(a=tracks_a, b=tracks_b, exact=False, one_world=one_world)
+    return ToCompare(a=tracks_a, b=tracks_b, inputs=inputs, exact=False, one_world=one_world)
 
 
 def _share_a_world(one: Rig, two: Rig) -> bool:
@@ -112,7 +116,7 @@ def _share_a_world(one: Rig, two: Rig) -> bool:
     return bool(names) and one.only(names).id == two.only(names).id
 
 
-def _read(source: Source, person: int | None, warn: Warn | None, *, simulated: bool) -> tuple[Tracks, Rig | None]:
+def _read(source: Source, person: int | None, *, simulated: bool) -> tuple[Tracks, Rig | None]:
     """Of a live session, at simulated times where it recorded them, or of any other file or result folder; with its cameras."""
     if isinstance(source, tuple):
         path, recording = source
@@ -122,7 +126,7 @@ def _read(source: Source, person: int | None, warn: Warn | None, *, simulated: b
     if source.is_dir():
         poses, rig, _ = read_result_poses(source)
         return _tracks(poses, rig, source, person), rig
-    recording = read_result(source, warn)
+    recording = read_result(source)
     tracks = _tracks(recording.poses, recording.rig, source, person)
     if simulated:
         tracks = _at_simulated_times(tracks, source, int(recording.provenance["start_ns"]))

@@ -107,7 +107,6 @@ def _opened_into(
             estimated_bytes=estimated_result_bytes(opened, 1),
             keep_unfinished=True,
             unfinished=unfinished,
-            warn=warn,
         ) as folder,
     ):
         if out.resume and unfinished is None and out.replace:

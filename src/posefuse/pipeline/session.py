@@ -99,7 +99,7 @@ def find_session(folder: Path, config: TrackConfig) -> Session:
     if is_result(folder):
         raise InputError(
             f"{folder}: holds a result, not a session; pf.read(RESULT).solve() solves it again, as does "
-            "`posefuse track RESULT --out OTHER`"
+            "`posefuse solve RESULT --out OTHER`"
         )
     rig_path = _rig_path(folder, config)
     rig = read_placed_rig(rig_path)

@@ -16,6 +16,7 @@ the same scene: runs of frames that are whole are not rendered again.
 from __future__ import annotations
 
 import shutil
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -58,7 +59,6 @@ def simulate(
     processes: int | None = None,
     *,
     replace: bool = False,
-    warn: Callable[[str], None] | None = None,
 ) -> SessionPaths:
     """Render a scene into the folder `out`, or continue where an interrupted run of the same scene stopped.
 
@@ -66,7 +66,6 @@ def simulate(
         progress: called with (frames done, frames in all) after every run of frames.
         processes: how many render at once; None takes one per core.
         replace: an earlier session is moved to ``NAME.replaced-TIME``, and stays there, when the new one is complete.
-        warn: gets a line with the folder to which an earlier session was moved, and about unfinished sessions of other scenes.
 
     Raises:
         ConfigError: the scene cannot be. InputError: `out` holds something else, cannot be written, or there is too little room.
@@ -80,7 +79,7 @@ def simulate(
     backend = working_backend()
     largest = np.max([(one.view.width, one.view.height) for one in optics], axis=0)
     check_framebuffer(backend, int(largest.max()))
-    unfinished = _unfinished(out, scene, warn)
+    unfinished = _unfinished(out, scene)
     try:
         with output_folder(
             out,
@@ -90,7 +89,6 @@ def simulate(
             estimated_bytes=0 if unfinished else estimated_session_bytes(live),
             keep_unfinished=True,
             unfinished=unfinished,
-            warn=warn,
         ) as made:
             paths = SessionPaths(made.folder)
             _begin(paths, scene)
@@ -102,15 +100,16 @@ def simulate(
     return SessionPaths(Path(out))
 
 
-def _unfinished(out: Path, scene: Scene, warn: Callable[[str], None] | None) -> Path | None:
-    """The staging folder of an interrupted run of the same scene; `warn` gets a line about each of another scene."""
+def _unfinished(out: Path, scene: Scene) -> Path | None:
+    """The staging folder of an interrupted run of the same scene; each of another scene is a `UserWarning`."""
     same = None
     for folder in find_unfinished(out):
         written = SessionPaths(folder).scene
         if written.is_file() and written.read_text(encoding="utf-8") == scene_text(scene):
             same = folder
-        elif warn is not None:
-            warn(f"{folder}: is an unfinished session of another scene; delete it when it is not needed any more")
+        else:
+            line = f"{folder}: is an unfinished session of another scene; delete it when it is not needed any more"
+            warnings.warn(line, UserWarning, stacklevel=3)
     return same
 
 

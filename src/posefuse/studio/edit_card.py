@@ -143,7 +143,7 @@ class EditCard:
             # without the "./" of a recording at the top
             out = PurePosixPath(workspace.free_name(parent, self._out.value)).as_posix()
             arguments = {"result": self._name, "out": out, "edits": plain(dataclasses.asdict(self.edits))}
-            self._studio.jobs.start("solve_again", f"Solve {self._name} again", arguments, page="/recordings")
+            self._studio.jobs.start("solve", f"Solve {self._name} again", arguments, page="/recordings")
         except PosefuseError as error:
             refused(error)
             return

@@ -105,24 +105,36 @@ def rig_of_setup(workspace: StudioWorkspace, setup: Setup) -> Rig:
     return read_placed_rig(workspace.existing(setup.rig))
 
 
-def inputs_of_setup(workspace: StudioWorkspace, setup: Setup, rig: Rig | None = None) -> tuple[LiveInput, ...]:
-    """Its sources; videos are shown again and again, as long as the shortest.
+def sources_of_setup(workspace: StudioWorkspace, setup: Setup) -> tuple[dict[str, str], float | None]:
+    """Its sources by camera name, as `posefuse.live` takes them, and the length in s of its shortest video (None: it has none).
+
+    Videos are shown again and again, so long.
 
     Raises:
-        SourceError: a source that cannot be read, or a camera that the rig does not have.
+        InputError: a file that is not in the workspace.
     """
     from posefuse.pipeline.session import clip_folder
-    from posefuse.realtime.inputs import inputs_from_arguments
 
     if setup.name == DEMO:
         videos = sorted((clip_folder() / "videos").glob("*.mp4"))
-        arguments = [f"{path.stem}=video:{path}" for path in videos]
+        sources = {path.stem: f"video:{path}" for path in videos}
     else:
-        arguments = [f"{camera}={source_text(workspace, what)}" for camera, what in setup.sources.items()]
+        sources = {camera: source_text(workspace, what) for camera, what in setup.sources.items()}
         videos = [workspace.existing(what[6:]) for what in setup.sources.values() if what.startswith("video:")]
-    inputs = inputs_from_arguments(arguments, rig)
-    loop_s = min((_seconds(path) for path in videos), default=0.0)
-    return tuple(replace(entry, loop_s=loop_s) if entry.kind == "video" and loop_s else entry for entry in inputs)
+    return sources, min((_seconds(path) for path in videos), default=0.0) or None
+
+
+def inputs_of_setup(workspace: StudioWorkspace, setup: Setup) -> tuple[LiveInput, ...]:
+    """Its sources, open for looking at them; videos are shown again and again, as long as the shortest.
+
+    Raises:
+        SourceError: a source that cannot be read.
+    """
+    from posefuse.realtime.inputs import inputs_from_arguments
+
+    sources, loop_s = sources_of_setup(workspace, setup)
+    inputs = inputs_from_arguments([f"{camera}={what}" for camera, what in sources.items()], None)
+    return tuple(replace(entry, loop_s=loop_s) if entry.kind == "video" else entry for entry in inputs)
 
 
 def _seconds(path: Path) -> float:

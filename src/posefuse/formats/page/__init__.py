@@ -4,7 +4,9 @@ A page holds headings, tables, images, plots that zoom and export, and a 3D play
 plotly.js (basic bundle, MIT, kept compressed in `assets`); nothing is fetched. See `write_page`.
 """
 
-from .blocks import MISSING, Block, Cards, Cell, Details, Facts, Heading, Images, Note, Page, Table
+from posefuse.foundation.summary import MISSING, Block, Cell, Facts, Heading, Note, Table
+
+from .blocks import Cards, Details, Images, Page
 from .player import Player, Side
 from .plots import Band, Dots, Line, Plot, Plots, Series, Spikes, Ticks
 from .write import write_page

@@ -5,24 +5,16 @@ from __future__ import annotations
 import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import Any, ClassVar, Literal, Protocol
+from typing import ClassVar
 
 import numpy as np
 
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
-from posefuse.foundation.parsing import column_texts
+from posefuse.foundation.summary import Block
 
-MISSING = "–"
-Tone = Literal["", "left", "right", "mid", "good", "bad"]
 _JPEG_QUALITY = 85
 _MEDIA = {b"\xff\xd8": "jpeg", b"\x89P": "png"}
-
-
-class Block(Protocol):
-    """A part of a page; `kind` names the macro of ``templates/blocks.html.j2`` that shows it."""
-
-    kind: ClassVar[str]
 
 
 @dataclass(frozen=True)
@@ -40,84 +32,11 @@ class Page:
 
 
 @dataclass(frozen=True)
-class Heading:
-    """A heading, and a paragraph under it."""
-
-    text: str
-    note: str = ""
-    _: KW_ONLY
-    level: Literal[2, 3] = 2
-    kind: ClassVar[str] = "heading"
-
-
-@dataclass(frozen=True)
-class Note:
-    """A paragraph; a warning stands out."""
-
-    text: str
-    _: KW_ONLY
-    warning: bool = False
-    kind: ClassVar[str] = "note"
-
-
-@dataclass(frozen=True)
-class Facts:
-    """Names and values, one per line."""
-
-    values: Mapping[str, Any]
-    kind: ClassVar[str] = "facts"
-
-    @property
-    def shown(self) -> list[tuple[str, str]]:
-        """Names and texts."""
-        return [(name, column_texts([value], MISSING)[0]) for name, value in self.values.items()]
-
-
-@dataclass(frozen=True)
 class Cards:
     """A few names and values side by side, the values large."""
 
     values: Mapping[str, str]
     kind: ClassVar[str] = "cards"
-
-
-@dataclass(frozen=True)
-class Cell:
-    """A cell of a table with a colour: that of a side of the body, or good or bad."""
-
-    value: Any
-    tone: Tone = ""
-
-
-@dataclass(frozen=True)
-class Table:
-    """Rows under named columns; the first column is text, the others are numbers unless listed in `text`.
-
-    Attributes:
-        rows: cells as plain values or `Cell`; floats are shown with one number of digits per column, NaN and None as a dash.
-        text: every column is text, aligned to the left.
-    """
-
-    columns: Sequence[str]
-    rows: Sequence[Sequence[Any]]
-    _: KW_ONLY
-    text: bool = False
-    kind: ClassVar[str] = "table"
-
-    def __post_init__(self) -> None:
-        wrong = [len(row) for row in self.rows if len(row) != len(self.columns)]
-        if wrong:
-            raise InputError(f"table: expected rows of {len(self.columns)} cells ({', '.join(self.columns)}), got {wrong[0]}")
-
-    @property
-    def shown(self) -> list[list[Cell]]:
-        """Every cell as a `Cell` with its text."""
-        cells = [[cell if isinstance(cell, Cell) else Cell(cell) for cell in row] for row in self.rows]
-        columns = [
-            [Cell(text, cell.tone) for text, cell in zip(column_texts([c.value for c in column], MISSING), column, strict=True)]
-            for column in zip(*cells, strict=True)
-        ]
-        return [list(row) for row in zip(*columns, strict=True)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,8 +11,9 @@ from typing import Any
 
 from posefuse.core import palette
 from posefuse.foundation.output_file import write_text
+from posefuse.foundation.summary import Block, Heading
 
-from .blocks import Block, Details, Heading, Page
+from .blocks import Details, Page
 from .player import Player, player_content
 from .plots import Arrays, Plots, plot_content
 

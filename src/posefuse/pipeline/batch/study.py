@@ -16,6 +16,7 @@ from posefuse.formats.page import write_page
 from posefuse.foundation.output_file import atomic_file, earlier_kept, keep_copy, write_text
 from posefuse.foundation.output_folder import check_replaceable, growing_folder
 from posefuse.foundation.places import check_outside_inputs
+from posefuse.foundation.summary import Block, Heading, Note, Table
 from posefuse.pipeline.writing import build_sinks
 
 from .page import study_page
@@ -24,6 +25,12 @@ from .tasks import Outcome, Task, Trial, config_of_trial, find_trials, trial_dig
 
 COMMAND = "batch"
 TABLE_FILE, PAGE_FILE = "study.csv", "study.html"
+_SHOWN = {
+    "speed_m_s": "speed, m/s",
+    "cadence_per_min": "steps/min",
+    "stride_length_m": "stride, m",
+    "median_sigma_mm": "sigma, mm",
+}
 _FIRST_COLUMNS = ("participant", "trial", "status", "reason", "seconds", "warnings")
 
 
@@ -45,6 +52,25 @@ class Study:
     def failed(self) -> Mapping[str, str]:
         """Why trials failed, by name."""
         return {one.name: one.reason for one in self.outcomes if one.reason}
+
+    @property
+    def page(self) -> Path:
+        """The summary of all trials."""
+        return self.out / PAGE_FILE
+
+    @property
+    def table(self) -> Path:
+        """The numbers of all trials."""
+        return self.out / TABLE_FILE
+
+    def summary(self) -> list[Block]:
+        """The trials, and the reasons of those that failed, for people."""
+        rows = self.rows()
+        shown = {name: title for name, title in _SHOWN.items() if any(name in row for row in rows)}
+        cells = [[*(row[name] for name in _FIRST_COLUMNS[:3]), *(row.get(name) for name in shown)] for row in rows]
+        line = f"{len(self.failed)} of {len(rows)} trials failed; the reasons are above and in {self.page}"
+        failed = [Note(line, warning=True)] if self.failed else []
+        return [Heading("Study"), Table([*_FIRST_COLUMNS[:3], *shown.values()], cells), *failed]
 
     def rows(self) -> list[dict[str, Any]]:
         """The table: one row per trial."""

@@ -6,6 +6,7 @@ import contextlib
 import hashlib
 import json
 import time
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -155,28 +156,30 @@ def run_task(task: Task, progress: Progress = silent) -> Outcome:
         The outcome; a known error is its reason.
     """
     began = time.monotonic()
-    warnings: list[str] = []
+    lines: list[str] = []
     try:
-        figures = _figures(task, warnings, progress)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", UserWarning)
+            figures = _figures(task, lines, progress)
     except PosefuseError as error:
         return Outcome(name=task.name, made_with=task.made_with, reason=str(error), seconds=time.monotonic() - began)
     return Outcome(
         name=task.name,
         made_with=task.made_with,
         seconds=time.monotonic() - began,
-        warnings=tuple(warnings),
+        warnings=(*lines, *(str(one.message) for one in caught)),
         figures=figures,
     )
 
 
-def _figures(task: Task, warnings: list[str], progress: Progress) -> dict[str, Any]:
+def _figures(task: Task, lines: list[str], progress: Progress) -> dict[str, Any]:
     config = config_of_trial(Path(task.session), task.rig, {"outputs": task.formats, **task.settings})
     session = find_session(Path(task.session), config)
-    warnings += session.notes
+    lines += session.notes
     out = Path(task.out)
-    recording = _tracked(session, config, out, warnings.append, progress)
+    recording = _tracked(session, config, out, lines.append, progress)
     if task.report:
-        _write_report(recording, out, task.name, warnings, progress)
+        _write_report(recording, out, task.name, lines, progress)
     return recording_figures(recording)
 
 
@@ -194,7 +197,7 @@ def _tracked(session: Session, config: TrackConfig, out: Path, warn: Callable[[s
     return into(ResultFolder(path=out, force=True))
 
 
-def _write_report(recording: Recording, out: Path, title: str, warnings: list[str], progress: Progress) -> None:
+def _write_report(recording: Recording, out: Path, title: str, lines: list[str], progress: Progress) -> None:
     """A person without joint angles is no reason to lose the points."""
     with contextlib.ExitStack() as stack:
         folder = stack.enter_context(
@@ -203,7 +206,7 @@ def _write_report(recording: Recording, out: Path, title: str, warnings: list[st
         try:
             write_biomechanics(recording, folder.folder, BiomechanicsSettings(), title=title, progress=progress)
         except InputError as error:
-            warnings.append(f"no report: {error}")
+            lines.append(f"no report: {error}")
 
 
 def config_of_trial(session: Path, rig: str | None, settings: Mapping[str, Any]) -> TrackConfig:

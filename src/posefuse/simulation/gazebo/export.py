@@ -27,6 +27,7 @@ from posefuse.formats.collada import write_collada
 from posefuse.formats.rig import write_rig
 from posefuse.formats.truth import write_arrays, write_loop, write_truth
 from posefuse.foundation.output_folder import output_folder
+from posefuse.foundation.summary import Block, Facts, Heading, Note
 from posefuse.messages.topics import ros_name
 from posefuse.simulation.build import LiveScene, live_scene
 from posefuse.simulation.cameras import ListedCameras, SensorSettings, placed_cameras
@@ -58,6 +59,7 @@ class GazeboWorld:
     Attributes:
         folder: where. rig: the cameras. people: number of actors that are persons. loop_s: when the motion starts again.
         keys_hz: keys per second of each animation. left_out: what of the scene Gazebo cannot show, in words.
+        release: of Gazebo that it is for.
     """
 
     folder: Path
@@ -66,6 +68,33 @@ class GazeboWorld:
     loop_s: float
     keys_hz: tuple[float, ...]
     left_out: tuple[str, ...]
+    release: str = "harmonic"
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """Plain values."""
+        size = sum(path.stat().st_size for path in self.folder.rglob("*") if path.is_file())
+        return {
+            "cameras": list(self.rig.names),
+            "people": self.people,
+            "loop_s": self.loop_s,
+            "keys_hz": list(self.keys_hz),
+            "megabytes": size / 1e6,
+            "out": self.folder,
+        }
+
+    def summary(self) -> list[Block]:
+        """What was written and what was left out, for people."""
+        keys = ", ".join(f"{rate:.0f}" for rate in self.keys_hz)
+        facts = {
+            "for": self.release,
+            "cameras": ", ".join(self.rig.names),
+            "people": self.people,
+            "motion": f"{self.loop_s:g} s, again and again; keys per second: {keys or 'none'}",
+            "size": f"{self.figures['megabytes']:.1f} MB",
+            "folder": str(self.folder),
+        }
+        return [*(Note(line, warning=True) for line in self.left_out), Heading("Gazebo world"), Facts(facts)]
 
 
 def export_world(
@@ -74,14 +103,12 @@ def export_world(
     *,
     release: str = "harmonic",
     replace_older: bool = False,
-    warn: Callable[[str], None] | None = None,
 ) -> GazeboWorld:
     """Write a scene as a Gazebo world into the folder `out`.
 
     Args:
         release: of Gazebo: ``fortress``, ``harmonic`` or ``jetty``: the names of plug-ins differ.
         replace_older: an earlier world that posefuse wrote and that is unchanged is replaced.
-        warn: gets a line about files that are left over.
 
     Raises:
         ConfigError: the scene cannot be, or not in Gazebo. InputError: `out` holds anything else or cannot be written.
@@ -92,7 +119,7 @@ def export_world(
     per_frame = int(np.ceil(_TRUTH_HZ / shown.rate_hz))
     live = live_scene(replace(shown, rate_hz=shown.rate_hz * per_frame))
     drawn = [drawn_camera(camera) for camera in live.rig]
-    with output_folder(out, command=_COMMAND, inputs=motion_files(scene), replace=replace_older, warn=warn) as made:
+    with output_folder(out, command=_COMMAND, inputs=motion_files(scene), replace=replace_older) as made:
         folder = made.folder
         (folder / _MESHES).mkdir()
         actors, keys_hz = _actors(live, shown.rate_hz, folder)
@@ -127,7 +154,13 @@ def export_world(
         write_rig(folder / "rig.toml", live.rig)
         _write_truth(live, folder / "truth")
     return GazeboWorld(
-        folder=out, rig=live.rig, people=len(live.people), loop_s=shown.duration_s, keys_hz=keys_hz, left_out=tuple(left_out)
+        folder=out,
+        rig=live.rig,
+        people=len(live.people),
+        loop_s=shown.duration_s,
+        keys_hz=keys_hz,
+        left_out=tuple(left_out),
+        release=release,
     )
 
 

@@ -94,7 +94,7 @@ class _Recording:
             self._edit = EditCard(studio, name, self._opened.recording, lambda: self._player.t_s)
             with ui.element("div").classes("pf-column"):
                 output_card(studio, name)
-                job_cards(studio, ("solve_again", "report", "export"), about=name)
+                job_cards(studio, ("solve", "report", "export"), about=name)
         ui.timer(_POLL_S, self._follow)
 
     def _videos(self, stream: str) -> None:

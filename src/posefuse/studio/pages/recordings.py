@@ -52,7 +52,7 @@ class _List:
             self._compare = ui.button("Compare two", icon="compare_arrows", on_click=self._start_compare).props("outline")
             ui.button("Track a study", icon="playlist_play", on_click=self._ask_study).props("outline")
             self._count = ui.label("").classes("pf-small")
-        job_cards(studio, ("compare", "batch", "solve_again", "simulate_walk"))
+        job_cards(studio, ("compare", "batch", "solve", "simulate_walk"))
         self._grid = ui.element("div").classes("pf-recordings")
         self._more = ui.button("Show more", on_click=self._show_more).props("flat")
         self._show()

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.api.live import LiveSession, build_live_session
+import posefuse as pf
+from posefuse.api.live import LiveSession
 from posefuse.core import Detections2D, JointAngles, LivePreview, Pose3D, PosefuseError, Rig, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.core.joint_angles import angle_labels
@@ -17,7 +18,7 @@ from posefuse.outputs.drawing import person_rgb
 from posefuse.studio.live_host import Host, Pace, Rates, status_pace
 from posefuse.studio.scene.messages import image_message, labels_message, poses_message, setup_message, values_message
 from posefuse.studio.scene.setup import scene_setup
-from posefuse.studio.setups import inputs_of_setup, rig_of_setup, setup_named
+from posefuse.studio.setups import rig_of_setup, setup_named, sources_of_setup
 from posefuse.studio.workspace import POSES_FILE, StudioWorkspace, check_name
 
 IMAGES_HZ, POSES_HZ = 15.0, 40.0
@@ -29,18 +30,18 @@ _WAIT_S = 0.1
 
 def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any) -> dict[str, Any]:
     """Until it is cancelled or its sources end."""
-    from posefuse.detection.build import network_settings
-    from posefuse.pipeline.config import changed_config
-    from posefuse.realtime.config import LiveConfig
-
     setup = setup_named(workspace, str(arguments["setup"]))
     rig = rig_of_setup(workspace, setup)
-    networks = str(arguments.get("networks") or "")
-    changes: dict[str, Any] = {"track.max_people": int(arguments.get("people") or 1)}
-    changes |= network_settings(networks) if networks else {}
-    inputs = inputs_of_setup(workspace, setup, rig)
-    rig = rig.only(entry.camera for entry in inputs)
-    session = build_live_session(rig, inputs, changed_config(LiveConfig(), changes), progress=progress)
+    sources, loop_s = sources_of_setup(workspace, setup)
+    rig = rig.only([name for name in rig.names if name in sources])
+    session = pf.live(
+        rig,
+        sources,
+        people=int(arguments.get("people") or 1),
+        networks=str(arguments.get("networks") or "") or None,
+        loop_s=loop_s,
+        progress=progress,
+    )
     shown = _Shown(session, rig, workspace, progress)
     session.on_image = shown.image
     progress("start", 0, None, "starting the cameras and the network")

@@ -5,8 +5,9 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from posefuse.cli.command_options import CompareOptions
-from posefuse.cli.options import Figures, Shown
+import posefuse as pf
+
+from .options import MOST_S, Figures, Shown, positive
 
 Result = Annotated[Path, Parameter(metavar="RESULT")]
 SessionFolder = Annotated[Path | None, Parameter(metavar="FOLDER")]
@@ -19,9 +20,8 @@ def view(result: Result, /, *, session: SessionFolder = None, terminal: Shown) -
         result: Folder written by `posefuse track`, or the .mcap of `posefuse live --record`.
         session: Session the result was made from, for its images (default: a folder of its name near the result or here).
     """
-    from posefuse.cli.viewing import view_result
-
-    return {"viewed": view_result(result, session, terminal)}
+    with terminal.stages() as progress:
+        return {"viewed": pf.view(result, session=session, progress=progress)}
 
 
 def report(
@@ -45,21 +45,16 @@ def report(
         opensim: Run OpenSim's inverse kinematics too (extra: biomech).
         opensim_model: Scale your OpenSim model to each person and run inverse kinematics on it (extra: biomech).
     """
-    from posefuse.evaluation.biomechanics import BiomechanicsSettings
-    from posefuse.foundation.compiled import compiling
-    from posefuse.pipeline.reading import read_result
-    from posefuse.pipeline.reports import report_folder, write_report_folder
+    from posefuse.foundation.summary import Facts, Heading
 
-    recording = read_result(result, terminal.warn, observed=fit == "rays")
-    folder = out or report_folder(result)
-    settings = BiomechanicsSettings(fit=fit, opensim=opensim, opensim_model=opensim_model)
-    with compiling("joint angles", terminal.note), terminal.stages() as progress:
-        made = write_report_folder(recording, result, folder, settings, title=title, progress=progress, warn=terminal.warn)
-    names = [path.relative_to(folder).as_posix() for path in made]
-    page = folder / "report.html"
-    terminal.facts("Biomechanics", {"people": len(recording.poses.person_id), "files": ", ".join(names), "look at": str(page)})
+    recording = pf.read(result, observed=fit == "rays")
+    with terminal.stages() as progress:
+        made = recording.report(out, fit=fit, opensim=opensim, opensim_model=opensim_model, title=title, progress=progress)
+    page = next(path for path in made if path.name == "report.html")
+    names, people = [path.relative_to(page.parent).as_posix() for path in made], len(recording.poses.person_id)
+    terminal.show([Heading("Biomechanics"), Facts({"people": people, "files": ", ".join(names), "look at": str(page)})])
     terminal.next(f"open {page} in a browser", "angles.csv and angles.mot in the same folder hold the numbers")
-    return {"out": folder, "files": names, "people": len(recording.poses.person_id)}
+    return {"out": page.parent, "files": names, "people": people}
 
 
 def export(
@@ -79,29 +74,56 @@ def export(
         outputs: Which files to write; `posefuse plugins` lists them.
         session: Session the result was made from, for its images (default: a folder of its name near the result or here).
     """
-    from posefuse.pipeline.reading import files_of_result, read_result
-    from posefuse.pipeline.writing import export_recording, nearby_session, session_of_recording
+    from posefuse.foundation.summary import Facts, Heading
 
-    recording = read_result(result, terminal.warn)
-    found = nearby_session(recording, result) if session is None else session_of_recording(recording, session)
-    names, inputs = [name for name in outputs.split(",") if name], files_of_result(result)
+    recording = pf.read(result)
     with terminal.stages() as progress:
-        made, failed = export_recording(recording, out, names, found, replace=True, progress=progress, inputs=inputs)
-    for name, reason in failed.items():
-        terminal.warn(f"output {name}: not written ({reason})")
-    files = [path.relative_to(out.resolve()).as_posix() for path in made]
-    terminal.facts("Export", {"people": len(recording.poses.person_id), "files": ", ".join(files), "in": str(out)})
-    return {"out": out, "files": files, "people": len(recording.poses.person_id), "failed": failed}
+        made = recording.export(out, [name for name in outputs.split(",") if name], session=session, progress=progress)
+    files, people = [path.relative_to(out.resolve()).as_posix() for path in made.files], len(recording.poses.person_id)
+    terminal.show([Heading("Export"), Facts({"people": people, "files": ", ".join(files), "in": str(out)})])
+    return {"out": out, "files": files, "people": people, "failed": made.failed}
 
 
-def compare(a: Path, b: Path, /, *, options: CompareOptions = CompareOptions(), terminal: Shown) -> Figures:
+def compare(
+    a: Path,
+    b: Path,
+    /,
+    *,
+    out: Annotated[Path | None, Parameter(metavar="DIR")] = None,
+    person: Annotated[int | None, Parameter(metavar="ID")] = None,
+    scale: bool = False,
+    no_time: bool = False,
+    no_space: bool = False,
+    align_first: Annotated[float | None, Parameter(metavar="S"), positive(MOST_S)] = None,
+    terminal: Shown,
+) -> Figures:
     """Compare two recordings (posefuse result or .mcap, TRC, C3D, CSV, MVNX): aligned in time and space, error per point, drift.
 
     Args:
         a: The reference: result folder, .mcap, .trc, .c3d, .csv or .mvnx; or a folder of posefuse simulate, whose truth is then
             compared by simulation time, without alignment.
         b: The recording to align with A.
+        out: Write compare.html and compare.json there.
+        person: Which person of files that hold several.
+        scale: Estimate the scale of B, too.
+        no_time: Do not align in time: both have the times of one clock.
+        no_space: Do not align in space: both have the coordinates of one system.
+        align_first: Align in space by the first S seconds only, so that drift shows.
     """
-    from posefuse.cli.comparing import compare_files
+    if out is not None:
+        from posefuse.foundation.output_folder import check_replaceable
+        from posefuse.foundation.places import check_outside_inputs
 
-    return compare_files(a, b, options, terminal)
+        check_outside_inputs(out, (a, b))
+        check_replaceable(out, command="compare", replace=True)
+    found = pf.compare(
+        a, b, person=person, align_time=not no_time, align_space=not no_space, scale=scale, align_first_s=align_first
+    )
+    terminal.show(found.summary())
+    if out is None:
+        terminal.next("the same with --out DIR", "a page with every point over time, and compare.json")
+    else:
+        page = found.save(out)
+        terminal.note(f"written: {page}")
+        terminal.next(f"open {page} in a browser", "every point over time, and the drift")
+    return found.figures

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from posefuse.core import Detections2D, InputError, Pose3D, Rig
+from posefuse.core import Detections2D, Pose3D, Rig
 from posefuse.messages import topics
 from posefuse.messages.bags import Warn, read_mcap
 from posefuse.messages.messages import detections_from_message, pose_from_message
@@ -17,33 +15,6 @@ from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import Estimator, centres_from_message, warmed_up
 from posefuse.realtime.messages import Centres
 from posefuse.realtime.provenance import read_provenance
-
-from .terminal import Terminal
-
-
-def replay(path: Path, rig: Rig, config: LiveConfig | None, terminal: Terminal) -> Mapping[str, Any]:
-    """Feed a recording's views to a new tracker and hold its poses against the recorded ones.
-
-    Args:
-        config: settings to try; None takes those the recording was made with.
-
-    Raises:
-        InputError: it holds no pose, or was made with another rig.
-    """
-    rig, config = _as_recorded(path, rig, config)
-    poses = same = 0
-    farthest_m = 0.0
-    for recorded, again in replayed(path, rig, config, terminal.warn):
-        poses += 1
-        farthest = difference_m(recorded, again)
-        same += farthest == 0
-        farthest_m = max(farthest_m, farthest)
-    if not poses:
-        raise InputError(f"{path}: holds no pose; expected a recording of `posefuse live --record`")
-    figures = {"poses": poses, "equal": same, "farthest_m": farthest_m}
-    away = f"{farthest_m * 1000:.6f} mm away" if math.isfinite(farthest_m) else "there in only one of the two"
-    terminal.facts("Replay", {"poses": poses, "equal": same, "farthest keypoint": away})
-    return figures
 
 
 def replayed(path: Path, rig: Rig, config: LiveConfig, warn: Warn | None = None) -> Any:
@@ -69,17 +40,6 @@ def replayed(path: Path, rig: Rig, config: LiveConfig, warn: Warn | None = None)
             yield value, pose
 
 
-def _as_recorded(path: Path, rig: Rig, config: LiveConfig | None) -> tuple[Rig, LiveConfig]:
-    made = read_provenance(path)
-    if made is None:
-        return rig, config or LiveConfig()
-    missing = [name for name in made.cameras if name not in rig.names]
-    used = rig if missing else rig.only(made.cameras)
-    if used.id != made.rig_id:
-        raise InputError(f"{path}: was made with another rig ({made.rig_id}, cameras {', '.join(made.cameras)}), got {used.id}")
-    return used, config or made.config
-
-
 def difference_m(one: Pose3D, two: Pose3D) -> float:
     """Largest distance of a keypoint; infinite where only one of them has it."""
     if not np.array_equal(one.person_id, two.person_id):
@@ -89,3 +49,11 @@ def difference_m(one: Pose3D, two: Pose3D) -> float:
         return float("inf")
     apart = np.linalg.norm(one.xyz_world[known] - two.xyz_world[known], axis=-1)
     return float(apart.max(initial=0.0))
+
+
+def replay(path: Path, rig: Rig, warn: Warn | None = None) -> tuple[int, int]:
+    """How many poses a recording has, and how many of them a new tracker with the recording's own settings repeats."""
+    made = read_provenance(path)
+    assert made is not None
+    pairs = list(replayed(path, rig.only(made.cameras), made.config, warn))
+    return len(pairs), sum(difference_m(recorded, again) == 0 for recorded, again in pairs)

@@ -1,0 +1,397 @@
+"""A live session on this machine from its start to its figures: `posefuse.track_live`."""
+
+from __future__ import annotations
+
+import json
+import math
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from posefuse import __version__, core
+from posefuse.core import InputError, LiveOutputConfig, Progress
+from posefuse.core.arrays import Array
+from posefuse.formats.page import Line, Page, Plot, Plots, Series, Spikes, write_page
+from posefuse.formats.rig import read_placed_rig, rig_warnings
+from posefuse.foundation.output_file import check_output_file
+from posefuse.foundation.output_folder import check_replaceable, output_folder
+from posefuse.foundation.parsing import plain
+from posefuse.foundation.places import real_path
+from posefuse.foundation.plugins import plugin_config
+from posefuse.foundation.settings import settings_from_mapping
+from posefuse.foundation.summary import MISSING, Block, Facts, Heading, Note, Table
+from posefuse.pipeline.config import read_changed
+from posefuse.realtime.capture import LiveInput
+from posefuse.realtime.config import LiveConfig, RunOptions
+from posefuse.realtime.fusion import Fusion
+from posefuse.realtime.inputs import inputs_from_arguments
+from posefuse.realtime.latency import STAGES
+from posefuse.realtime.messages import SessionClock
+from posefuse.realtime.networks import fetch_networks
+from posefuse.realtime.outputs import OutputPlan, check_live_outputs
+from posefuse.realtime.ros_cameras import rig_with_camera_infos
+from posefuse.realtime.session import Finished, closing_lines, run_live
+from posefuse.realtime.video_keeping import read_counts
+
+from .arguments import lines_of, shown
+from .record import check_videos_folder, kept_videos, video_figures
+
+_TOP_OF_P95 = 2.0
+JSON_FILE, PAGE_FILE = "latency.json", "latency.html"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LivePlan:
+    """What a live session is to do: cameras, sources, settings, outputs; all of it checked.
+
+    Attributes:
+        rig: all calibrated cameras. inputs: sources of those that take part. outputs: configs by name.
+    """
+
+    rig: core.Rig
+    inputs: tuple[LiveInput, ...]
+    config: LiveConfig
+    outputs: Mapping[str, LiveOutputConfig]
+    duration_s: float | None = None
+
+    @classmethod
+    def of(
+        cls,
+        rig: core.Rig | str | Path,
+        sources: Mapping[str, str] | Sequence[str],
+        *,
+        config: str | Path | None = None,
+        settings: Mapping[str, Any] | None = None,
+        outputs: Mapping[str, Mapping[str, Any]] | None = None,
+        ros: Mapping[str, Any] | None = None,
+        axes: str | None = None,
+        duration_s: float | None = None,
+        loop_s: float | None = None,
+    ) -> LivePlan:
+        """See `posefuse.live`; what is odd about the rig is a `UserWarning`.
+
+        Raises:
+            PosefuseError: settings, sources or outputs that cannot be.
+        """
+        run = settings_from_mapping({"duration_s": duration_s, "loop_s": loop_s}, RunOptions, where="options")
+        cameras = rig if isinstance(rig, core.Rig) else read_placed_rig(Path(rig))
+        for note in rig_warnings("live" if isinstance(rig, core.Rig) else rig, cameras):
+            warnings.warn(note, UserWarning, stacklevel=3)
+        arguments = [f"{name}={what}" for name, what in sources.items()] if isinstance(sources, Mapping) else list(sources)
+        chosen = read_changed(None if config is None else Path(config), settings or {}, LiveConfig)
+        configs = output_configs(chosen, outputs or {}, {**(ros or {}), **({"axes": axes} if axes else {})})
+        check_live_outputs(configs)
+        return cls(
+            rig=cameras,
+            inputs=tuple(replace(entry, loop_s=run.loop_s) for entry in inputs_from_arguments(arguments, cameras, ros)),
+            config=chosen,
+            outputs=configs,
+            duration_s=run.duration_s,
+        )
+
+
+def output_configs(
+    config: LiveConfig, outputs: Mapping[str, Mapping[str, Any]], given: Mapping[str, Any]
+) -> dict[str, LiveOutputConfig]:
+    """Configs of the outputs of the settings and of a call by name.
+
+    Args:
+        outputs: options by name, above those of the settings. given: options that every output with such an option takes.
+
+    Raises:
+        ConfigError: no such output, or options it does not take.
+        InputError: a file to write that exists already.
+    """
+    chosen: dict[str, dict[str, Any]] = {name: dict(options) for name, options in config.outputs.items()}
+    for name, options in outputs.items():
+        chosen[name] = {**chosen.get(name, {}), **options}
+    for name, key in (("record", "path"), ("rerun", "file")):
+        if path := chosen.get(name, {}).get(key):
+            check_output_file(Path(path), option=name)
+            if key in outputs.get(name, {}):
+                # relative to here; one of a settings file stays as it is
+                chosen[name][key] = Path(path).absolute()
+    return {
+        name: plugin_config(
+            "live_outputs", name, one, given={key: value for key, value in given.items() if key not in outputs.get(name, {})}
+        )
+        for name, one in chosen.items()
+    }
+
+
+@dataclass(frozen=True, kw_only=True)
+class LiveRun:
+    """How a live session went.
+
+    Attributes:
+        figures: plain values. stopped_by: name of the signal that ended it; empty: none. failed: an output or a video failed.
+        people: whether a person was ever tracked. poses: how many were published. blocks: figures and problems, for people.
+    """
+
+    figures: Mapping[str, Any]
+    stopped_by: str
+    failed: bool
+    people: bool
+    poses: int
+    blocks: tuple[Block, ...]
+
+    def summary(self) -> Sequence[Block]:
+        """The figures and what went wrong, for people."""
+        return self.blocks
+
+
+def finished_run(done: Finished, *, report: Path | None, more: Mapping[str, Any], failed: bool = False) -> LiveRun:
+    """Of a session that is over; its latency report goes to `report`. `more`: further figures."""
+    figures = {**live_figures(done), **more}
+    if report is not None:
+        write_latency_report(report, done, figures)
+    problems = [Note(line, warning=True) for line in closing_lines(done.fusion)]
+    return LiveRun(
+        figures=figures,
+        stopped_by=done.stopped_by,
+        failed=failed or done.outputs_failed,
+        people=bool(done.fusion.poses_with_people),
+        poses=done.fusion.poses,
+        blocks=(*problems, *live_summary(figures)),
+    )
+
+
+def track_live(
+    rig: core.Rig | str | Path,
+    sources: Mapping[str, str] | Sequence[str],
+    *,
+    config: str | Path | None = None,
+    settings: Mapping[str, Any] | None = None,
+    outputs: Mapping[str, Mapping[str, Any]] | None = None,
+    ros: Mapping[str, Any] | None = None,
+    axes: str | None = None,
+    duration_s: float | None = None,
+    loop_s: float | None = None,
+    videos: str | Path | None = None,
+    report: str | Path | None = None,
+    on_end: Callable[[LiveRun], None] | None = None,
+    progress: Progress | bool | None = None,
+) -> LiveRun:
+    """Track live until the time is over, the sources end, or Ctrl-C; poses go to the outputs. `live` gives them to a program.
+
+    Args:
+        rig, sources, settings, ros, duration_s: as for `live`. config: settings file.
+        outputs: options of outputs by name, e.g. ``{"record": {"path": "walk.mcap"}, "osc": {"to": ["localhost:9000"]}}``.
+        axes: of outputs that have such an option: ``z_up``, ``y_up``, ``y_up_left_handed``.
+        loop_s: show the first seconds of videos and simulated sessions again and again.
+        videos: new folder that keeps the cameras' videos, a session for `track`. report: new folder for the latency report.
+        on_end: is given the figures before the videos are moved to their place, which a full disk may not allow.
+        progress: True shows the session's news on stderr.
+
+    Raises:
+        PosefuseError: settings, sources or outputs that cannot be, or a camera that cannot be opened.
+
+    Examples:
+        >>> import posefuse as pf
+        >>> run = pf.track_live("rig.toml", {"cam1": "usb:0", "cam2": "usb:1"}, duration_s=10)  # doctest: +SKIP
+        >>> run.figures["poses_per_s"]  # doctest: +SKIP
+        100.0
+    """
+    if report is not None:
+        check_replaceable(Path(report), command="live", replace=False)
+    recorded = (outputs or {}).get("record", {}).get("path")
+    if videos is not None:
+        _check_videos(Path(videos), None if recorded is None else Path(recorded))
+    plan = LivePlan.of(
+        rig, sources, config=config, settings=settings, outputs=outputs, ros=ros, axes=axes, duration_s=duration_s, loop_s=loop_s
+    )  # fmt: skip
+    count = len(plan.inputs)
+    with shown(progress) as news:
+        say = lines_of(news, "live")
+        placed = rig_with_camera_infos(plan.rig, plan.inputs, plan.config.camera_info, say)
+        say(f"{count} camera{'s' * (count != 1)}: " + ", ".join(f"{entry.camera} ({entry.kind})" for entry in plan.inputs))
+        fetch_networks(plan.config.detector, news)
+        out = OutputPlan(rig=placed, clock=SessionClock.begin(), configs=plan.outputs)
+        with kept_videos(None if videos is None else Path(videos), placed, plan.inputs) as folder:
+            done = run_live(placed, plan.inputs, plan.config, out, plan.duration_s, say, videos=folder)
+            kept = video_figures(read_counts(folder, [entry.camera for entry in plan.inputs])) if folder else {}
+            failed = any(one["fault"] for one in kept.values())
+            run = finished_run(done, report=None if report is None else Path(report), more={"videos": kept}, failed=failed)
+            if on_end is not None:
+                on_end(run)
+    return run
+
+
+def _check_videos(folder: Path, record: Path | None) -> None:
+    """Raise InputError unless the videos of a session can go to `folder`, and its recording not into it."""
+    check_videos_folder(folder, command="live")
+    if record is not None and real_path(folder) in (real_path(record), *real_path(record).parents):
+        raise InputError(f"`record={record}`: is, or lies in, the folder of `videos=DIR`; choose another place for one of them")
+
+
+def _lengths(fusion: Fusion) -> dict[int, dict[str, dict[str, float]]]:
+    """By person and segment, what the whole-body fit learnt; nothing where it is off."""
+    people = {} if fusion.estimator.bodies is None else fusion.estimator.bodies.lengths
+    return {person: {name: asdict(length) for name, length in lengths.items()} for person, lengths in people.items()}
+
+
+def live_figures(done: Finished) -> dict[str, Any]:
+    """Everything as plain values."""
+    fusion = done.fusion
+    cameras: dict[str, dict[str, Any]] = {}
+    for name in fusion.rig.names:
+        source = fusion.monitor.source(name)
+        captured = source.captured if source else 0
+        health = fusion.estimator.tracker.health[name]
+        verdict = fusion.verdicts.get(name)
+        cameras[name] = {
+            "state": verdict.state if verdict else "opening",
+            "captured": captured,
+            "used": fusion.used[name],
+            "used_share": fusion.used[name] / captured if captured else float("nan"),
+            "replaced": source.replaced if source else 0,
+            "missing": source.missing if source else 0,
+            "refused": fusion.monitor.refused(name),
+            "innovation_sigmas": health.innovation_sigmas,
+            "gated_share": health.gated_share,
+            "late": health.late,
+        }
+    captured = sum(camera["captured"] for camera in cameras.values())
+    return {
+        "seconds": done.seconds,
+        "stopped_by": done.stopped_by,
+        "zero_ns": done.zero_ns,
+        "poses": fusion.poses,
+        "poses_with_people": fusion.poses_with_people,
+        "withheld": fusion.estimator.gate.figures(),
+        "poses_per_s": fusion.latencies.rate_hz,
+        "joint_centres": fusion.estimator.centring.made_by,
+        "segment_lengths": _lengths(fusion),
+        "used_share": sum(fusion.used.values()) / captured if captured else float("nan"),
+        # a session that is stopped while it starts has not begun
+        "cpu_fusion_share": done.cpu_s[0] / done.seconds if done.seconds > 0 else float("nan"),
+        "cpu_children_share": done.cpu_s[1] / done.seconds if done.seconds > 0 else float("nan"),
+        "memory_mb": done.memory_mb,
+        "restarts": done.restarts,
+        "outputs": done.outputs,
+        "outputs_lost": done.lost,
+        "output_events": [
+            {"t_s": (event.t_ns - done.zero_ns) / 1e9, "output": event.output, "state": event.state, "text": event.text}
+            for event in done.output_events
+        ],
+        "failed": [name for name, output in done.outputs.items() if output["failures"]],
+        "rig_watch_trouble": fusion.watch.trouble if fusion.watch is not None else "",
+        "cameras": cameras,
+        "events": [
+            {"t_s": (event.t_ns - done.zero_ns) / 1e9, "camera": event.camera, "state": event.state, "text": event.text}
+            for event in fusion.monitor.events
+        ],
+        "latency": fusion.latencies.figures(),
+    }
+
+
+def live_summary(figures: Mapping[str, Any]) -> list[Block]:
+    """The tables a person reads."""
+    latency = figures["latency"]
+    rows = [
+        [
+            name, camera["state"], f"{camera['used_share']:.0%}" if camera["captured"] else MISSING,
+            *(_number(latency["cameras_ms"][name][stage]["p50"], 1) for stage in STAGES),
+            *(_number(latency["cameras_ms"][name]["total"][share], 0) for share in ("p95", "p99")),
+        ]
+        for name, camera in figures["cameras"].items()
+    ]  # fmt: skip
+    stages = Table(("camera", "state", "used", *STAGES, "p95", "p99"), rows, text=True)
+    whole, ticks = latency["all_cameras_total_ms"], latency["output"]
+    facts = {
+        "poses": f"{figures['poses']} ({_number(figures['poses_per_s'], 1)}/s), with a person in {figures['poses_with_people']}"
+    }
+    if figures["poses"]:
+        facts |= {
+            "exposure to output": ", ".join(f"{p} {_number(whole[p], 1)}" for p in ("p50", "p95", "p99")) + " ms",
+            "output rate": (
+                f"p99 {_number(ticks['behind_due_ms']['p99'], 2)} ms behind due, "
+                f"{_number(ticks['period_deviation_ms']['p99'], 2)} ms off the period, {ticks['skipped']} skipped"
+            ),
+            "processor": (
+                f"fusion {figures['cpu_fusion_share']:.0%} of a core, "
+                f"the rest {figures['cpu_children_share']:.0%} with the start of their processes"
+            ),
+            "memory": f"{figures['memory_mb']:.0f} MB at most, fusion and cameras",
+        }
+    if any(figures["withheld"].values()):
+        cut = figures["withheld"]
+        facts["withheld"] = f"{cut['keypoints']:.1%} of keypoints, {cut['people']:.1%} of people: too unsure, or not measured"
+    if figures["joint_centres"]:
+        facts["joint centres"] = "; ".join(f"offsets of {table}" for table in sorted(set(figures["joint_centres"].values())))
+    if math.isfinite(figures["used_share"]):
+        facts["frames used"] = f"{figures['used_share']:.0%}"
+    if figures["restarts"]:
+        facts["restarts"] = str(figures["restarts"])
+    for name, output in figures["outputs"].items():
+        fault = f"; failed {output['failures']} times, the last: {output['fault']}" if output["failures"] else ""
+        facts[f"output {name}"] = f"{output['taken']} taken, {output['dropped']} dropped{fault}"
+    for name, video in figures.get("videos", {}).items():
+        fault = f"; {video['fault']}" if video["fault"] else ""
+        facts[f"video {name}"] = f"{video['written']} frames {video['how'] or 'written'}, {video['dropped']} dropped{fault}"
+    if figures["outputs_lost"]:
+        facts["outputs"] = f"{figures['outputs_lost']} messages lost before they reached an output"
+    if figures["rig_watch_trouble"]:
+        facts["rig watch"] = figures["rig_watch_trouble"]
+    return [
+        Heading("Median ms per stage from exposure to output, and of the total p95 and p99"),
+        stages,
+        Heading("Session"),
+        Facts(facts),
+    ]
+
+
+def _number(value: float, digits: int) -> str:
+    return MISSING if math.isnan(value) else f"{value:.{digits}f}"
+
+
+def write_latency_report(folder: Path, done: Finished, figures: Mapping[str, Any]) -> None:
+    """latency.json and latency.html (the newest views' latencies over time) into `folder`."""
+    content = {"posefuse": __version__, "rig_id": done.fusion.rig.id, **figures}
+    try:
+        with output_folder(folder, command="live") as out:
+            (out.folder / JSON_FILE).write_text(json.dumps(plain(content), indent=2) + "\n", encoding="utf-8")
+            write_page(out.folder / PAGE_FILE, latency_page(done, figures))
+    except OSError as error:
+        raise InputError(f"{folder}: the report cannot be written ({error.strerror})") from None
+
+
+def latency_page(done: Finished, figures: Mapping[str, Any]) -> Page:
+    """One spike per view, as high as its latency, over the session; the dashed line is the camera's mean."""
+    views = [(way.camera, (way.exposed_ns - done.zero_ns) / 1e9, (out_ns - way.exposed_ns) / 1e6)
+             for way, out_ns in done.fusion.latencies.newest]  # fmt: skip
+    title = "Latency from exposure to output"
+    if not views:
+        return Page(title, [Note("No view reached an output.")])
+    t_s = np.array([t for _, t, _ in views])
+    # one scale for all cameras, which a single late view does not flatten
+    top_ms = _TOP_OF_P95 * float(np.percentile([ms for _, _, ms in views], 95))
+    window = (float(t_s.min()), max(float(t_s.max()), float(t_s.min()) + 1e-3), 0.0, top_ms)
+    text = (
+        f"One spike per view, the newest {len(views)} of all cameras; dashed: the camera's mean over the whole session; "
+        "red: higher than drawn, zoom out to see all of it."
+    )
+    plots = []
+    for name in done.fusion.rig.names:
+        own = np.array([(t, ms) for camera, t, ms in views if camera == name]).reshape(-1, 2)
+        mean_ms = figures["latency"]["cameras_ms"][name]["total"]["mean"]
+        said = f"mean {mean_ms:.1f} ms, highest {own[:, 1].max():.1f} ms" if len(own) else "no view"
+        plots.append(_spike_plot(f"{name}: {said}", own, mean_ms, window))
+    return Page(title, [Heading("One spike per view", text), Plots(plots)])
+
+
+def _spike_plot(title: str, views: Array, mean_ms: float, window: tuple[float, float, float, float]) -> Plot:
+    """Views (n, 2) of a camera: seconds and milliseconds."""
+    high = views[:, 1] > window[3]
+    zero = np.zeros(len(views))
+    series: list[Series] = [
+        Spikes(name, views[chosen, 0], zero[chosen], views[chosen, 1], colour=colour)
+        for name, chosen, colour in (("latency", np.invert(high), "c0"), ("higher than drawn", high, "bad"))
+    ]
+    if len(views):
+        series.append(Line("mean", np.array(window[:2]), np.full(2, mean_ms), colour="ink", dashed=True))
+    return Plot(title, series, x_label="s of the session", y_label="ms", window=window, wide=True, legend=False)

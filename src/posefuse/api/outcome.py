@@ -1,0 +1,146 @@
+"""How a recording was made: the figures of a run, and its summary for people."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from posefuse.core import Recording
+from posefuse.evaluation.metrics import JointErrors, joint_errors
+from posefuse.evaluation.report import CAMERA_COLUMNS, camera_rows
+from posefuse.formats.truth import read_truth
+from posefuse.foundation.summary import Block, Facts, Heading, Table
+
+if TYPE_CHECKING:
+    from posefuse.detection.build import DetectorChoice
+    from posefuse.foundation.plugins import plugin_config
+from posefuse.pipeline.clock import StageClock
+    from posefuse.pipeline.run import Tracked
+    from posefuse.pipeline.session import Session
+
+TRUTH_FILE = Path("truth") / "truth.npz"
+# stages that last the same however long the recording
+_START_UP = ("open", "compile")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunOutcome:
+    """How a run went.
+
+    Attributes:
+        figures: plain values, as ``--json`` prints them; ``failed`` has why outputs were not written, by name.
+        summary: the same for people.
+    """
+
+    figures: Mapping[str, Any]
+    summary: tuple[Block, ...]
+
+
+def tracked_outcome(
+    out: Path | None, session: Session, detector: DetectorChoice, tracked: Tracked, clock: StageClock
+) -> RunOutcome:
+    """Of a session that was tracked; with the errors against the truth where the session has it."""
+    path = session.folder / TRUTH_FILE
+    errors = joint_errors(tracked.recording.poses, read_truth(path)) if path.is_file() else None
+    figures = _tracked_figures(out, tracked, clock, errors)
+    if session.inputs[0].kind != "pose2d":
+        figures["network"] = network_shown(detector)
+    return RunOutcome(figures=figures, summary=_tracked_summary(figures, errors))
+
+
+def network_shown(detector: DetectorChoice) -> str:
+    """The network, or its card, by which keypoints were found."""
+    config = plugin_config("detectors", detector.name, detector.options)
+    return str(next((getattr(config, key) for key in ("card", "landmarks") if hasattr(config, key)), detector.name))
+
+
+def _tracked_figures(out: Path | None, tracked: Tracked, clock: StageClock, errors: JointErrors | None) -> dict[str, Any]:
+    recording = tracked.recording
+    time_steps = len(recording.poses)
+    start_up_s = sum(clock.seconds.get(stage, 0.0) for stage in _START_UP)
+    figures: dict[str, Any] = {
+        "cameras": len(recording.rig),
+        "time_steps": time_steps,
+        "people": len(recording.poses.person_id),
+        "seconds": clock.total_s,
+        "start_up_s": start_up_s,
+        "time_steps_per_s": time_steps / (clock.total_s - start_up_s),
+        "stage_ms_per_time_step": {
+            name: 1000 * seconds / time_steps for name, seconds in clock.seconds.items() if name not in _START_UP
+        },
+        "stage_share": {name: seconds / clock.total_s for name, seconds in clock.seconds.items()},
+        "detect_ms_per_image": 1000 * clock.seconds.get("detect", 0.0) / (time_steps * len(recording.rig)),
+        "camera_fits": recording.provenance["camera_fits"],
+        "rig_warnings": recording.provenance["rig_warnings"],
+        "interrupted": tracked.interrupted,
+        "failed": dict(tracked.failed),
+        "exit_code": int(bool(tracked.failed or recording.provenance["rig_warnings"])),
+        "out": out,
+        "files": [path.name for path in tracked.files],
+    }
+    if errors:
+        figures["mpjpe_mm"] = errors.mpjpe_mm
+        figures["joint_mm"] = {
+            joint: {"mean": errors.mean_mm[i], "sd": errors.sd_mm[i], "p95": errors.p95_mm[i], "found": errors.found[i]}
+            for i, joint in enumerate(errors.joints)
+        }
+    return figures
+
+
+def _tracked_summary(figures: Mapping[str, Any], errors: JointErrors | None) -> tuple[Block, ...]:
+    facts = {
+        "cameras": figures["cameras"],
+        "frames": f"{figures['time_steps']} time steps, {figures['time_steps'] * figures['cameras']} images",
+        "people": figures["people"],
+        **({"network": figures["network"]} if "network" in figures else {}),
+    }
+    if errors:
+        facts["MPJPE against the truth"] = f"{errors.mpjpe_mm:.1f} mm (14 joints)"
+        worst = max(range(len(errors.joints)), key=lambda i: errors.mean_mm[i])
+        facts["worst joint"] = f"{errors.joints[worst]} {errors.mean_mm[worst]:.1f} mm"
+    for stage, ms in figures["stage_ms_per_time_step"].items():
+        facts[stage] = f"{ms:.1f} ms per time step"
+    speed, start_up_s = figures["time_steps_per_s"], figures["start_up_s"]
+    facts["speed"] = f"{speed:.1f} time steps/s with everything, after {start_up_s:.0f} s to start"
+    cameras = Table(CAMERA_COLUMNS, camera_rows(figures["camera_fits"]))
+    return Heading("Cameras"), cameras, Heading("Result"), Facts({**facts, **_written(figures)})
+
+
+def solved_outcome(
+    out: Path,
+    earlier: Recording,
+    recording: Recording,
+    files: list[Path],
+    failed: Mapping[str, str],
+    seconds: float,
+    excluded: int,
+) -> RunOutcome:
+    """Of a recording that was solved again with `excluded` stretches left out."""
+    figures = {
+        "cameras": len(recording.rig),
+        "frames": len(earlier.observations.frame_t_ns),
+        "time_steps": len(recording.poses),
+        "people": len(recording.poses.person_id),
+        "exclusions": excluded,
+        "seconds": seconds,
+        "out": out,
+        "files": [path.name for path in files],
+        "failed": dict(failed),
+        "exit_code": int(bool(failed)),
+    }
+    facts = {
+        "from": f"{figures['frames']} frames of {figures['cameras']} cameras",
+        "time steps": str(figures["time_steps"]),
+        "people": str(figures["people"]),
+        **_written(figures),
+        **({"stretches left out": str(excluded)} if excluded else {}),
+    }
+    return RunOutcome(figures=figures, summary=(Heading("Second solve"), Facts(facts)))
+
+
+def _written(figures: Mapping[str, Any]) -> dict[str, str]:
+    if figures["out"] is None:
+        return {}
+    return {"result in": str(figures["out"]), "files": ", ".join(figures["files"])}

@@ -1,0 +1,100 @@
+"""Targets: printed at their true size, and what of one lies on the floor."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from posefuse.calibration.extrinsics.floor import FloorMarker, check_floor, read_floor_points
+from posefuse.calibration.extrinsics.world import ThreePoints
+from posefuse.calibration.settings import TargetDescription
+from posefuse.calibration.targets.kinds import Chessboard, Markers, Target, described_target, write_target
+from posefuse.calibration.targets.printing import board_sheets, cube_sheets, marker_sheets, write_pdf
+from posefuse.core import InputError
+from posefuse.foundation.output_file import atomic_file, check_output_file, keep_copy
+
+
+@dataclass(frozen=True, kw_only=True)
+class PrintedTarget:
+    """A target as a PDF, and its description, the target file that the calibrations take.
+
+    Attributes:
+        pdf, target: the files. pages: of the PDF. step: the calibration that it is for.
+    """
+
+    pdf: Path
+    target: Path
+    pages: int
+    step: Literal["intrinsics", "extrinsics"]
+
+
+def print_target(
+    out: str | Path, settings: Mapping[str, Any], *, cube: bool = False, page: str = "a4", replace: bool = False
+) -> PrintedTarget:
+    """Make a PDF of a target at its true size, and its description next to it.
+
+    Args:
+        out: PDF to write; the description takes its name with ``.toml``.
+        settings: content of a target file: ``kind``, ``columns``, ``rows``, ``square_mm``, ``marker_mm``, ``ids`` ...
+        cube: six markers for a cube. page: paper: a4, a3, a2, a1, a0 or letter.
+        replace: files that exist are kept as ``NAME.replaced-TIME``.
+
+    Raises:
+        InputError: a size is missing, or a file exists. ConfigError: a target that cannot be, or does not fit on the page.
+
+    Examples:
+        >>> import posefuse as pf
+        >>> board = {"kind": "charuco", "columns": 5, "rows": 7, "square_mm": 36, "marker_mm": 27}
+        >>> pf.print_target("board.pdf", board).target.name  # doctest: +SKIP
+        'board.toml'
+    """
+    pdf, described = Path(out), Path(out).with_suffix(".toml")
+    for path in (pdf, described):
+        check_output_file(path, option="out", replace=replace)
+    kind = _described({**settings, **({"kind": "markers"} if cube else {})})
+    if isinstance(kind, Chessboard):
+        raise InputError("print: a plain chessboard is not offered; a ChArUco board does all it does, and more")
+    if isinstance(kind, Markers):
+        sheets = cube_sheets(kind, page=page) if cube else marker_sheets(kind, kind.ids or (0,), page)
+    else:
+        sheets = board_sheets(kind, page)
+    keep_copy(pdf)
+    with atomic_file(pdf) as temporary:
+        write_pdf(temporary, sheets)
+    write_target(described, kind)
+    step: Literal["intrinsics", "extrinsics"] = "extrinsics" if isinstance(kind, Markers) else "intrinsics"
+    return PrintedTarget(pdf=pdf, target=described, pages=len(sheets), step=step)
+
+
+def _described(settings: Mapping[str, Any]) -> Target:
+    described = TargetDescription(**settings)
+
+    def missing(names: Any) -> InputError:
+        return InputError(f"target {described.kind}: missing {', '.join(f'`{name}=MM`' for name in names)}")
+
+    return described_target(described, missing)
+
+
+def floor_of(
+    target: Target, *, marker: int | None = None, side_mm: float | None = None, points: str | Path | None = None
+) -> FloorMarker | ThreePoints | None:
+    """What of the floor sets the world coordinates, for `calibrate_extrinsics`; None: up is estimated from the cameras.
+
+    Args:
+        marker: id of one that lies there, of the target's kind. side_mm: its edge, where that differs from the target's.
+        points: or a file with pixels per camera of three points of the floor.
+
+    Raises:
+        InputError: both, or a marker that the target has itself.
+    """
+    if marker is not None and points is not None:
+        raise InputError("`floor_points=FILE`, `floor_marker=ID`: one of the two sets the world")
+    if points is not None:
+        return read_floor_points(Path(points))
+    if marker is None:
+        return None
+    found = FloorMarker(marker, None if side_mm is None else side_mm / 1e3)
+    check_floor(found, target)
+    return found

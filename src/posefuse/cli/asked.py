@@ -1,0 +1,163 @@
+"""What the user asked of `posefuse calibrate`, and after a refusal the command to type next, by what mends it."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from posefuse.core import InputError
+
+if TYPE_CHECKING:
+    from posefuse.calibration.report import CalibrationReport
+    from posefuse.core import Rig
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """What the refused command was asked for.
+
+    Attributes:
+        step: of `posefuse calibrate`. inputs: recordings. options: its options.
+    """
+
+    step: str
+    inputs: Sequence[str]
+    options: Any
+
+    def option(self, name: str) -> Any:
+        """Its value; None where the step has no such option."""
+        return getattr(self.options, name, None)
+
+    def again(self, **changed: Any) -> str:
+        """The same command with other values of some options. It replaces the report that the refused one wrote."""
+        return _typed(self.step, *map(shlex.quote, self.inputs), option_words(self.options, **{"force": True, **changed}))
+
+
+def next_after(report: CalibrationReport, asked: Asked) -> tuple[str, str]:
+    """The command to type after a refusal, by the first check that fails, and what it is good for."""
+    check, clocks = report.failed[0], asked.option("clocks")
+    match check.kind:
+        case "clocks" if clocks in ("auto", "together"):
+            return asked.again(clocks="offset"), "estimates the clock of each camera"
+        case "drift" if clocks in ("auto", "together", "offset"):
+            return asked.again(clocks="drift"), "estimates the rate of each clock, too"
+        case "lenses" if asked.step in ("extrinsics", "person"):
+            out = asked.option("intrinsics") or "lenses.toml"
+            command = _typed("intrinsics", "SESSION --target BOARD.toml --out", shlex.quote(str(out)), "--force")
+            return command, "the intrinsics of these cameras again, from a board shown to each of them"
+        case "upside down" if asked.option("upside_down") is not None:
+            named = (*asked.option("upside_down"), *check.cameras)
+            return asked.again(upside_down=named), "if these cameras hang upside down"
+        case "input":
+            return asked.again(), "after names, files or sizes are corrected as the line above states"
+        case "rig":
+            return _guide("--target CUBE.toml", asked.option("rig")), "a recording for a new calibration of the rig"
+    if asked.step == "extrinsics":
+        command = _guide(f"--target {shlex.quote(str(asked.options.target))}", asked.option("intrinsics"))
+    else:
+        command = "posefuse record --source CAMERA=KIND:WHERE ... --out SESSION"
+    return command, "a new recording, with everything still; then the same command with it"
+
+
+def _guide(target: str, lenses: Any) -> str:
+    given = "" if lenses is None else f"--intrinsics {shlex.quote(str(lenses))}"
+    return _typed("guide", target, given, "--source CAMERA=KIND:WHERE ... --record SESSION")
+
+
+def _typed(*words: str) -> str:
+    return " ".join(["posefuse calibrate", *filter(None, words)])
+
+
+def option_words(options: Any, **changed: Any) -> str:
+    """Options as they are typed: those that are not at their default.
+
+    Args:
+        changed: other values of some options, by the names of their fields.
+    """
+    words = []
+    for field in fields(options):
+        value = changed.get(field.name, getattr(options, field.name))
+        if value is True:
+            words.append(option_name(field.name))
+        elif value != field.default:
+            words += _valued(option_name(field.name), value)
+    return " ".join(words)
+
+
+def _valued(option: str, value: Any) -> list[str]:
+    """A value, several texts each with the option's name, or several values that follow it once."""
+    if not isinstance(value, tuple):
+        return [option, shlex.quote(str(value))]
+    if all(isinstance(one, str) for one in value):
+        return [word for one in value for word in (option, shlex.quote(one))]
+    return [option, *(shlex.quote(str(one)) for one in value)]
+
+
+def option_name(name: str) -> str:
+    """How an option is typed."""
+    return f"--{name.replace('_', '-')}"
+
+
+def recordings_of(inputs: Sequence[str]) -> dict[str, Path]:
+    """``NAME=PATH`` texts as recordings by camera name, which defaults to the file's; a session folder gives all of its videos.
+
+    Raises:
+        InputError: one name twice.
+    """
+    from posefuse.calibration.targets.recordings import named_recordings
+
+    named: dict[str, Path] = {}
+    for text in inputs:
+        name, equals, path = text.partition("=")
+        for camera, file in {name: Path(path)}.items() if equals else named_recordings(Path(text)).items():
+            if camera in named:
+                raise InputError(f"{text}: camera {camera} has a recording already ({named[camera]}); name them as NAME=PATH")
+            named[camera] = file
+    return named
+
+
+def clock_offsets_s(offsets: Sequence[str], rig: Rig) -> dict[str, float]:
+    """Clock offsets in s by camera name, from texts ``CAMERA=MS``."""
+    found: dict[str, float] = {}
+    for text in offsets:
+        name, _, value = text.partition("=")
+        try:
+            found[rig[name].name] = float(value) / 1e3
+        except ValueError:
+            raise InputError(f"--offset-ms {text}: expected CAMERA=MILLISECONDS") from None
+    return found
+
+
+def check_files(inputs: Sequence[str | Path | None], outputs: Sequence[tuple[str, Path | None]], *, force: bool) -> None:
+    """Raise InputError before any work where a file that the step will write cannot be, or exists without --force.
+
+    Args:
+        inputs: what is read: ``NAME=PATH`` texts and paths. outputs: option and file.
+    """
+    from posefuse.foundation.output_file import check_output_file
+
+    texts = [text for text in inputs if isinstance(text, str)]
+    read = [*recordings_of(texts).values(), *(path for path in inputs if isinstance(path, Path))]
+    for option, path in outputs:
+        if path is not None:
+            check_output_file(path, option=option, inputs=read, replace=force)
+
+
+@contextmanager
+def reported(path: Path | None, asked: Asked) -> Iterator[None]:
+    """Write the report of a refused calibration, and note the next command, before the error is raised further."""
+    from posefuse.calibration.report import RefusedCalibration
+    from posefuse.calibration.result_files import write_calibration_report
+
+    try:
+        yield
+    except RefusedCalibration as refused:
+        if path is not None:
+            write_calibration_report(path, refused.report, {})
+        command, purpose = next_after(refused.report, asked)
+        refused.add_note(f"next: {command}  ({purpose})")
+        raise

@@ -1,1 +1,0 @@
-"""What `posefuse calibrate` does around the calibration: one module per kind of step."""
