@@ -27,13 +27,13 @@ for _folder in (ROOT, ROOT / "tools"):
     sys.path.insert(0, str(_folder)) if str(_folder) not in sys.path else None
 
 from page_marks import markdown, write_between_marks  # noqa: E402
-from posefuse.foundation.parsing import plain  # noqa: E402
 
 from posefuse.core import Detections2D, Kind, Pose3D, Recording, Rig, Truth, ViewSequence  # noqa: E402
 from posefuse.core.skeleton import PAPER14, pick_keypoints  # noqa: E402
 from posefuse.evaluation.metrics import true_xyz_at  # noqa: E402
 from posefuse.formats.recording import read_recording, write_recording  # noqa: E402
 from posefuse.formats.truth import read_truth  # noqa: E402
+from posefuse.foundation.parsing import plain  # noqa: E402
 from posefuse.foundation.settings import settings_from_mapping  # noqa: E402
 from posefuse.pipeline.clock import StageClock  # noqa: E402
 from posefuse.pipeline.config import TrackConfig, changed_config  # noqa: E402

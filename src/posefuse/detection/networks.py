@@ -14,9 +14,9 @@ from posefuse.core import ConfigError, Detections2D, Frame, JointCentres, Region
 from posefuse.core.arrays import Array
 from posefuse.core.values import keypoint_boxes
 from posefuse.formats.joint_centres import read_joint_centres
+from posefuse.foundation.places import default_cache_dir
 from posefuse.foundation.platform import usable_cores
 from posefuse.foundation.settings import settings
-from posefuse.foundation.places import default_cache_dir
 
 from .boxes import keypoints_of, people_from_outputs
 from .card import ONE_STAGE, PERSONS, TOP_DOWN, NetworkCard, read_card, read_network_card
