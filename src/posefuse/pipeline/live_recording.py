@@ -31,9 +31,8 @@ from posefuse.formats.rig.values import rig_from_values
 from posefuse.foundation.parsing import one_line, plain
 from posefuse.messages import topics
 from posefuse.messages.bags import read_mcap, read_notes, read_rig
-from posefuse.messages.joint_centre_messages import joint_centres_from_message
-from posefuse.messages.messages import detections_from_message, pose_from_message
-from posefuse.messages.people_names import names_from_message
+from posefuse.messages.camera_messages import joint_centres_from_message
+from posefuse.messages.messages import detections_from_message, names_from_message, pose_from_message
 from posefuse.outputs.live.record import NOTES
 
 from .live_people import people_of_detections
