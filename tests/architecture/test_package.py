@@ -145,12 +145,12 @@ def test_every_test_file_is_collected_without_extras() -> None:
 
 def test_the_check_of_collection_can_fail() -> None:
     sources = {
-        "a": "import mcap.reader\nfrom rosbags import one",
-        "b": 'import pytest\nreader = pytest.importorskip("mcap.reader")\nfrom mcap import x',
-        "c": "def test() -> None:\n    import mcap\n",
-        "d": "try:\n    import mcap\nexcept ImportError:\n    pass\nimport numpy, cv2, yaml, packaging",
+        "a": "import rerun.chunk\nfrom rosbags import one",
+        "b": 'import pytest\nreader = pytest.importorskip("rerun.chunk")\nfrom rerun import x',
+        "c": "def test() -> None:\n    import rerun\n",
+        "d": "try:\n    import rerun\nexcept ImportError:\n    pass\nimport numpy, cv2, yaml, packaging",
     }
-    assert missing_without_extras(sources) == {"a": ["mcap", "rosbags"]}
+    assert missing_without_extras(sources) == {"a": ["rerun", "rosbags"]}
 
 
 def licence_of(package: Distribution) -> str:
