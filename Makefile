@@ -29,10 +29,10 @@ EXTRA_ros       := ,ros
 EXTRA_sim       := ,sim
 EXTRA_teleop    := ,teleop
 
-# the slow tests that guard a promise of the README (docs/promises.md), minutes each: 3, 3, 2
+# the slow tests that guard a promise of the README (docs/promises.md)
 PROMISES := tests/api/test_gallery.py tests/cli/test_interruptions.py tests/paper/test_scenes.py
 
-.PHONY: mutation calibration-faults help setup setup-core demo test test-realtime test-promises test-slow $(PARTS:%=test-%) fuzz reliability check bench bench-live paper demo-clip pictures docs package clean
+.PHONY: mutation calibration-faults help setup setup-core demo test test-realtime test-promises test-slow $(PARTS:%=test-%) fuzz check bench bench-live paper demo-clip pictures docs package clean
 
 help:
 	@echo "make demo       set up, then run the whole pipeline on the bundled clip"
@@ -42,7 +42,6 @@ help:
 	@echo "make test-promises  the slow tests that guard a promise of the README: docs/promises.md"
 	@echo "make test-slow  the minutes-long studies"
 	@echo "make fuzz       some 4,000 damaged files for every reader and command; the table of docs/reliability.md"
-	@echo "make reliability  the fuzz stage and every other attempt to lose work; all tables of docs/reliability.md"
 	@echo "make check      lint, format, types"
 	@echo "make bench      every figure of docs/benchmarks.md"
 	@echo "make calibration-faults  constructed faults of calibrations, and what is answered to each"
@@ -92,9 +91,6 @@ test-slow: setup
 
 fuzz: with-dev$(MORE)
 	$(BIN)/python tests/fuzz/drive.py --write docs/reliability.md
-
-reliability: fuzz
-	$(BIN)/python tests/fuzz/attempts.py --write docs/reliability.md
 
 check: setup
 	$(BIN)/ruff check .

@@ -18,10 +18,8 @@ from posefuse.core import Detections2D, JointCentres, Pose3D, Recording, Truth
 from posefuse.core.skeleton import PAPER14
 from posefuse.formats.joint_centres import joint_centres_from_mapping
 from posefuse.realtime.config import LiveConfig
-from posefuse.realtime.joint_centres import Centring
-from posefuse.realtime.live_body import pose_for_output
+from posefuse.realtime.estimator import warmed_up
 from posefuse.realtime.messages import Centres
-from posefuse.realtime.session import ready_bodies, ready_tracker
 from posefuse.simulation.scene import Scene
 from posefuse.tracking.online import MOTION, LiveMotion
 
@@ -157,13 +155,12 @@ class Trial:
     def poses(self, config: LiveConfig, motion: LiveMotion = MOTION) -> Iterator[Pose3D]:
         """At joint centres, at 100 Hz, after the warm-up."""
         rig, skeleton = self.recording.rig, self.recording.observations.skeleton
-        tracker, bodies = ready_tracker(rig, skeleton, config, motion), ready_bodies(rig, skeleton, config)
-        centring = Centring(rig.names, wanted=True)
-        centring.learn(Centres(rig.names, table_of(self.recording)))
+        estimator = warmed_up(rig, skeleton, config, motion)
+        estimator.centring.learn(Centres(rig.names, table_of(self.recording)))
         first_ns = int(self.truth.t_ns[0])
         ticks = np.arange(first_ns, int(self.truth.t_ns[-1]), round(1e9 / OUTPUT_HZ)).tolist()
-        for landmarks in played(tracker, self.arrivals, ticks):
-            pose = pose_for_output(tracker, landmarks, centring, bodies)
+        for landmarks in played(estimator.tracker, self.arrivals, ticks):
+            pose = estimator.placed(landmarks)
             if pose.t_ns >= first_ns + WARM_UP_S * 1e9 and len(pose.person_id):
                 yield pose
 

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from bodies import ACTIONS, ROWS, Row, scene_of, seeds_of
 from body_figures import ENDS, FLEXIONS, SIDES, figures
-from harness import Use, answer, arguments, code, note, rendered, tracked, truth_of
+from harness import OUT, Use, answer, arguments, code, note, rendered, tracked, truth_of
 
 from posefuse.core.joint_centres import SEGMENT_ENDS
 from posefuse.pipeline.config import changed_config
@@ -81,9 +81,7 @@ def angles(name: str, lines: list[Line], way: str) -> Line:
 
 
 def main() -> None:
-    args = arguments(
-        __doc__, keep=Path("out/bench/held_out"), only=ROWS, bodies=BODIES, seeds="", rate_hz=float, seconds=float, for_s=1e9
-    )
+    args = arguments(__doc__, keep=OUT / "held_out", only=ROWS, bodies=BODIES, seeds="", rate_hz=float, seconds=float, for_s=1e9)
     args.keep.mkdir(parents=True, exist_ok=True)
     changes = {"rate_hz": args.rate_hz, "duration_s": args.seconds}
     changes = {name: value for name, value in changes.items() if value is not None}

@@ -1,6 +1,6 @@
 """Clocks of two machines from the person their cameras see: how far off the difference is found, over time.
 
-    python bench/clock_offsets.py SESSION... [--detector blazepose] [--runs 12]
+    python bench/clock_offsets.py [SESSION ...] [--detector blazepose] [--runs 12]
 
 The 2D poses of every frame of the sessions (simulated ones, of any motion) are made once; then they are played, again and
 again as `--loop` does, with half of the cameras on a machine whose clock is 50 ms ahead, each run with other cameras, another
@@ -10,10 +10,9 @@ stdout.
 
 import time
 from itertools import combinations
-from pathlib import Path
 
 import numpy as np
-from harness import answer, arguments, tracked
+from harness import DEMO, answer, arguments, tracked
 
 from posefuse.calibration.keypoints import limb_keypoints
 from posefuse.core import Rig, ViewSequence
@@ -59,7 +58,7 @@ def error_ms(found: dict[str, float], rig: Rig, ahead: tuple[str, ...]) -> float
 
 
 def main() -> None:
-    args = arguments(__doc__, positional=("sessions",), sessions=(Path,), detector="blazepose", runs=12)
+    args = arguments(__doc__, positional=("sessions",), sessions=(DEMO,), detector="blazepose", runs=12)
     rows = []
     for session in args.sessions:
         options = {"truth": session / "truth" / "truth.npz"} if args.detector == "oracle" else {}

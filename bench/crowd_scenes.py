@@ -16,7 +16,7 @@ from posefuse.core import CameraTruth, Detections2D, LookKind, Pose3D, Region, T
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.core.values import keypoint_boxes
 from posefuse.detection import region_from_pose
-from posefuse.detection.clothing import lab_from_srgb
+from posefuse.detection.appearance import lab_from_srgb
 from posefuse.formats.truth import read_truth, write_truth
 from posefuse.simulation.body.body import completed_shape
 from posefuse.simulation.body.mesh import BodyShapeSettings

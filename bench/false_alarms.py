@@ -18,7 +18,7 @@ from scenes import SIGMA_PX, Place, circle, noise, scene_of_person
 from posefuse.calibration.keypoints import limb_keypoints
 from posefuse.core import Rig
 from posefuse.core.skeleton import ANATOMICAL23
-from posefuse.health import common_times
+from posefuse.health import misalignment
 from posefuse.realtime.capture import LOOP_PAUSE_S
 from posefuse.realtime.rig_watch import RigWatcher
 
@@ -56,16 +56,16 @@ def alarms(rig: Rig, place: Place, case: tuple, seed: int, pause_s: float = LOOP
         watcher.add(name, 10**15 + round(t * 1e9), xy, np.full(len(xy), 0.9))
         if t - looked_s > 0.25:
             looked_s = t
-            ill = {(camera, verdict.state) for camera, verdict in watcher.look().ill.items()}
-            said += [f"{camera}: {state}" for camera, state in sorted(ill - before)]
-            before = ill
+            faulty = {(camera, verdict.state) for camera, verdict in watcher.look().faulty.items()}
+            said += [f"{camera}: {state}" for camera, state in sorted(faulty - before)]
+            before = faulty
     return said
 
 
 def main() -> None:
-    args = arguments(__doc__, hours=10.0, seed=0, only=CASES, without=(str,))
+    args = arguments(__doc__, hours=10.0, seed=0, only=CASES, without=frozenset(("pause", "gap")))
     if "gap" in args.without:
-        common_times._REACH_NS = 10**12
+        misalignment._REACH_NS = 10**12
     pause_s = 0.0 if "pause" in args.without else LOOP_PAUSE_S
     scenes = [scene_of_person(motion, 4, BLOCK_S, args.seed) for motion in MOTIONS]
     blocks = max(len(MOTIONS), round(args.hours * 3600 / BLOCK_S / len(args.only)))

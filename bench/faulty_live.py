@@ -134,7 +134,7 @@ def main() -> int:
 
     from posefuse.cli import live
     from posefuse.cli.main import main as posefuse
-    from posefuse.realtime.clock import SessionClock
+    from posefuse.realtime.messages import SessionClock
     from posefuse.realtime.processes import Groups
 
     sources, begin = live.settled_inputs, Groups.begin

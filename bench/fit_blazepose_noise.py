@@ -19,10 +19,10 @@ from harness import Use, answer, arguments, checked, truth_of
 from posefuse.core import SKELETONS
 from posefuse.core.skeleton import mirror_name
 from posefuse.detection import fetch, read_card, region_from_keypoints
-from posefuse.detection.blazepose.landmarks import landmarks_from_outputs
-from posefuse.detection.blazepose.network import BlazePoseNetwork
-from posefuse.detection.blazepose.noise import landmark_noise_features
-from posefuse.detection.regions import crop_from_img, square_crop
+from posefuse.detection.crops import crop_from_img, square_crop
+from posefuse.detection.decode import landmarks_from_outputs
+from posefuse.detection.engines import BlazePoseNetwork
+from posefuse.detection.noise import landmark_noise_features
 from posefuse.evaluation.fitting import render_everyday
 from posefuse.evaluation.fitting.keypoint_noise import _as_in_use as as_in_use
 from posefuse.evaluation.fitting.keypoint_noise import fit_log_sigma

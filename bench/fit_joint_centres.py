@@ -22,7 +22,7 @@ from scenes import walk
 
 from posefuse.core import JointCentres, PoseSequence, Truth
 from posefuse.core.skeleton import pick_keypoints
-from posefuse.detection.models import read_any_card
+from posefuse.detection.card import read_any_card
 from posefuse.evaluation.fitting import fit_joint_centres, render_moving
 from posefuse.evaluation.fitting.joint_centres import ARM, MOST_M
 from posefuse.evaluation.fitting.scenes import FLOORS, MOVES, RATE_HZ, SCENES_EACH, is_rendered

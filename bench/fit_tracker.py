@@ -15,11 +15,10 @@ motion since, about the others the noise. Prints every step, and what stands in 
 
 import json
 from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
 from bodies import ARRIVE, Trial, trial_session, views_of
-from harness import Use, arguments, tracked
+from harness import OUT, Use, arguments, tracked
 
 from posefuse.core import Recording
 from posefuse.tracking.online import LiveMotion, MotionModel
@@ -76,7 +75,7 @@ def noise_at_rest(recording: Recording) -> dict[str, float]:
 
 
 def main() -> None:
-    args = arguments(__doc__, keep=Path, sweeps=3, rest=False)
+    args = arguments(__doc__, keep=OUT / "scenes", sweeps=3, rest=False)
     sessions = {
         (row, seed): trial_session(args.keep, row, seed, Use.FIT) for row, seed in SCENES if not args.rest or row == "idle"
     }

@@ -188,19 +188,20 @@ def arguments(doc: str | None, positional: Sequence[str] = (), **defaults: Any) 
 
     Args:
         defaults: a value; a tuple of values (several are taken); a type, or a tuple of one type (None, or none, unless given);
-            False (a switch); a dictionary (some of its keys, all unless given).
+            False (a switch); a dictionary (some of its keys, all unless given); a set (some of it, none unless given).
     """
     parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
     for name, default in (defaults | {"write": Path}).items():
         flag = name if name in positional else f"--{name.replace('_', '-')}"
-        several = isinstance(default, tuple | dict)
+        several = isinstance(default, tuple | dict | frozenset)
         value = next(iter(default)) if several else default
-        kept = None if isinstance(value, type) and not several else [] if isinstance(value, type) else default
+        kept: Any = None if isinstance(value, type) and not several else default
+        kept = () if (isinstance(value, type) and several) or isinstance(default, frozenset) else kept
         if isinstance(default, bool):
             parser.add_argument(flag, action="store_true")
             continue
         kind = value if isinstance(value, type) else type(value)
-        options: dict[str, Any] = {"choices": list(default)} if isinstance(default, dict) else {}
+        options: dict[str, Any] = {"choices": sorted(default)} if isinstance(default, dict | frozenset) else {}
         options |= {"nargs": "*"} if several else {"nargs": "?"} if name in positional and kept is not None else {}
         parser.add_argument(flag, type=kind, default=list(kept) if several else kept, **options)
     return parser.parse_args()
@@ -225,7 +226,9 @@ def columns_of(rows: Sequence[Row]) -> list[str]:
 
 
 def show(title: str, rows: Sequence[Row]) -> None:
-    """A table on stderr."""
+    """A table on stderr; one row stands upright."""
+    if len(rows) == 1:
+        rows = [{"": name, title: value} for name, value in rows[0].items()]
     table = Table(title=title, title_justify="left")
     for column in columns_of(rows):
         table.add_column(column)

@@ -8,8 +8,6 @@ all but decoding and detection. `bodies` is the same with `--body on`. Each comm
 largest that its system call reports. With `--only`, the page's other rows stay if they are of the same lengths.
 """
 
-import argparse
-import os
 import shutil
 import subprocess
 import sys
@@ -18,14 +16,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from harness import DEMO, POSEFUSE, answer, arguments, note, tracked
+from page_marks import table_between_marks
 
 from posefuse.core import Observations, Recording
 from posefuse.formats.recording import ABOUT_FILE, read_recording, write_recording
 
-POSEFUSE = [sys.executable, "-m", "posefuse"]
 COMMANDS = ("solve", "bodies", "report", "compare")
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "tools"))
 
 
 def there_and_back(recording: Recording, minutes: float) -> Recording:
@@ -67,58 +64,56 @@ def _later(log: Observations, later_ns: int) -> Observations:
     return replace(log, step_t_ns=log.step_t_ns + later_ns, frame_t_ns=log.frame_t_ns + later_ns)
 
 
+# a small process of its own: memory of a command counts from that of the process that starts it
+_MEASURE = """
+import resource, subprocess, sys
+done = subprocess.run(sys.argv[1:], stdout=subprocess.DEVNULL)
+used = resource.getrusage(resource.RUSAGE_CHILDREN)
+print(used.ru_utime + used.ru_stime, used.ru_maxrss / 1024)
+sys.exit(done.returncode)
+"""
+
+
 def measured(command: list[str]) -> tuple[float, float]:
     """Processor seconds and megabytes of a command."""
-    process = subprocess.Popen([*POSEFUSE, *command], stdout=subprocess.DEVNULL)
-    _, status, used = os.wait4(process.pid, 0)
-    if status:
-        sys.exit(f"posefuse {' '.join(command)}: ended with {os.waitstatus_to_exitcode(status)}")
-    return used.ru_utime + used.ru_stime, used.ru_maxrss / 1024
+    words = [sys.executable, "-c", _MEASURE, *POSEFUSE, *command]
+    cpu_s, memory_mb = subprocess.run(words, check=True, stdout=subprocess.PIPE, text=True).stdout.split()
+    return float(cpu_s), float(memory_mb)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("session", type=Path, nargs="?", default=ROOT / "examples" / "demo")
-    parser.add_argument("--minutes", type=float, nargs="+", default=[1, 4, 8])
-    parser.add_argument("--only", nargs="+", choices=COMMANDS)
-    parser.add_argument("--write", type=Path, help="page whose table 'length' is replaced")
-    args = parser.parse_args()
-    wanted = args.only or COMMANDS
-    cells: dict[str, list[str]] = {name: [] for name in wanted}
+    args = arguments(
+        __doc__,
+        positional=("session",),
+        session=DEMO,
+        minutes=(1.0, 4.0, 8.0),
+        only=dict.fromkeys(COMMANDS),
+    )
+    rows: dict[str, dict] = {name: {"command": name} for name in args.only}
+    is_result = (args.session / ABOUT_FILE).is_file()
+    recording = read_recording(args.session) if is_result else tracked(args.session)
     with tempfile.TemporaryDirectory() as scratch:
-        tracked = args.session
-        if not (tracked / ABOUT_FILE).is_file():
-            tracked = Path(scratch) / "tracked"
-            command = [*POSEFUSE, "track", str(args.session), "--out", str(tracked), "--outputs", "trc"]
-            subprocess.run(command, check=True, stdout=sys.stderr)
+        long, out = Path(scratch) / "long", Path(scratch) / "out"
+        track = ["track", str(long), "--out", str(out), "--outputs", "trc", "--body"]
+        commands = {
+            "solve": [*track, "off"],
+            "bodies": [*track, "on"],
+            "report": ["report", str(long), "--out", str(out)],
+            "compare": ["compare", str(long), str(long), "--out", str(out)],
+        }
         for minutes in args.minutes:
-            long = Path(scratch) / "long"
             long.mkdir()
-            write_recording(long, there_and_back(read_recording(tracked), minutes))
-            out = Path(scratch) / "out"
-            commands = {
-                "solve": ["track", str(long), "--out", str(out), "--outputs", "trc", "--body", "off"],
-                "bodies": ["track", str(long), "--out", str(out), "--outputs", "trc", "--body", "on"],
-                "report": ["report", str(long), "--out", str(out)],
-                "compare": ["compare", str(long), str(long), "--out", str(out)],
-            }
-            for name in wanted:
+            write_recording(long, there_and_back(recording, minutes))
+            for name in args.only:
                 cpu_s, memory_mb = measured(commands[name])
-                cells[name].append(f"{cpu_s:.0f} s, {memory_mb:.0f} MB")
-                print(f"{name} {minutes:g} min: {cells[name][-1]}", file=sys.stderr, flush=True)
+                rows[name][f"{minutes:g} min"] = f"{cpu_s:.0f} s, {memory_mb:.0f} MB"
+                note(f"{name} {minutes:g} min: {cpu_s:.0f} s, {memory_mb:.0f} MB")
                 shutil.rmtree(out, ignore_errors=True)
             shutil.rmtree(long)
-    head = ["| command | " + " | ".join(f"{one:g} min" for one in args.minutes) + " |", "|---|" + "---:|" * len(args.minutes)]
-    rows = {name: f"| {name} | " + " | ".join(row) + " |" for name, row in cells.items()}
-    print("\n".join([*head, *rows.values()]))
     if args.write:
-        from page_marks import between_marks, write_between_marks
-
-        written = between_marks(args.write, "length")[1].splitlines()
-        if written[:2] == head:
-            rows = {line.split(" | ")[0].strip("| "): line for line in written[2:]} | rows
-        table = "\n".join([*head, *(rows[name] for name in COMMANDS if name in rows)])
-        write_between_marks(args.write, table, "length")
+        written = [row for row in table_between_marks(args.write, "length") if list(row) == list(rows[args.only[0]])]
+        rows = {row["command"]: row for row in written} | rows
+    answer(args, {"Processor time and memory": [rows[name] for name in COMMANDS if name in rows]})
 
 
 if __name__ == "__main__":

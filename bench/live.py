@@ -25,9 +25,8 @@ from posefuse.formats.rig import read_rig, write_rig
 from posefuse.messages.bags import read_poses
 from posefuse.pipeline.config import changes_of, read_changed
 from posefuse.realtime.config import LiveConfig
-from posefuse.realtime.joint_centres import Centring
+from posefuse.realtime.estimator import warmed_up
 from posefuse.realtime.messages import Centres
-from posefuse.realtime.session import ready_tracker
 
 # the tracker needs a moment to know speeds and bones
 _SETTLED_S = 1.5
@@ -52,11 +51,11 @@ def poses_of_every_frame(rig: Rig, session: Path, delay_ms: float, settings: Seq
     config = read_changed(None, changes, LiveConfig)
     of_detector = {key.replace(".", "__"): value for key, value in changes.items() if key.startswith("detector")}
     views, late_ns = tracked(session, **of_detector).views, round(delay_ms * 1e6)
-    tracker, centring = ready_tracker(rig, views.skeleton, config), Centring(rig.names, config.joint_centres)
-    centring.learn(Centres(rig.names, build_detector(config.detector, rig).joint_centres))
+    estimator = warmed_up(rig, views.skeleton, config)
+    estimator.centring.learn(Centres(rig.names, build_detector(config.detector, rig).joint_centres))
     come = arrivals(views, rig, late_ns, lambda name: name.replace(TWIN, ""))
     ticks = range(0, int(views.t_ns[-1]) + late_ns, round(1e9 / config.rate_hz))
-    return [centring.moved(pose) for pose in played(tracker, come, ticks)]
+    return [estimator.centring.moved(pose) for pose in played(estimator.tracker, come, ticks)]
 
 
 def accuracy(poses: Sequence[Pose3D], session: Path) -> dict:

@@ -19,14 +19,14 @@ from pathlib import Path
 import numpy as np
 from bodies import MOVES, Trial, trial_session
 from body_figures import skate_mm
-from harness import Use, answer, arguments, covariances, errors, medians, scene_from, score
+from harness import OUT, Use, answer, arguments, covariances, errors, medians, scene_from, score
 from scenes import circle, view_of
 
 from posefuse.core import Pose3D, PoseSequence, Truth
 from posefuse.core.joint_centres import SEGMENT_ENDS
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.realtime.config import LiveConfig
-from posefuse.realtime.session import ready_bodies, ready_tracker
+from posefuse.realtime.estimator import warmed_up
 from posefuse.simulation.build import live_scene
 
 WAYS = ("off", "on")
@@ -63,7 +63,8 @@ def spent_ms(cameras: int, seconds: float = 6.0) -> dict[str, float]:
     content = {"duration_s": seconds, "cameras": {"kind": "ring", "count": cameras}, "people": [{"motion": circle(1.4)}]}
     scene = live_scene(scene_from(content))
     config = replace(LiveConfig(), body="on")
-    tracker, bodies = (ready(scene.rig, ANATOMICAL23, config) for ready in (ready_tracker, ready_bodies))
+    estimator = warmed_up(scene.rig, ANATOMICAL23, config)
+    tracker, bodies = estimator.tracker, estimator.bodies
     rng, spent, learns = np.random.default_rng(0), [], []
     for tick in range(round(100 * seconds)):
         t_s = 0.01 * tick
@@ -84,7 +85,9 @@ def spent_ms(cameras: int, seconds: float = 6.0) -> dict[str, float]:
 
 
 def main() -> None:
-    args = arguments(__doc__, keep=Path, seeds=(7300, 7301), rows=dict.fromkeys(MOVES), session=Path, time=False, runs=5)
+    args = arguments(
+        __doc__, keep=OUT / "scenes", seeds=(7300, 7301), rows=dict.fromkeys(MOVES), session=Path, time=False, runs=5
+    )
     if args.time:
         rows = [{"cameras": n, **medians([spent_ms(n) for _ in range(args.runs)])} for n in (4, 8)]
         answer(args, {"ms per person": rows}, load=os.getloadavg()[0])

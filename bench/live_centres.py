@@ -8,7 +8,7 @@ and by those that the recording found over all its time: *apart* is the mean dis
 table, by seconds since the person was found, with nothing learnt (*usual*) and as it is (*learnt*). Errors are those of the same
 joints against the truth, mm. A table on stderr, one JSON object on stdout.
 
-`--usual-s` tries other values of how long a new person counts as usual (`tracking/learnt_lengths.py`). It was chosen on the
+`--usual-s` tries other values of how long a new person counts as usual (`tracking/joint_centres.py`). It was chosen on the
 scenes of `bench/fit_lasting_errors.py`, whose people appear in no reported measurement.
 """
 
@@ -25,11 +25,10 @@ from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.second_pass import poses_over_time
 from posefuse.realtime.config import LiveConfig
-from posefuse.realtime.session import ready_tracker
+from posefuse.realtime.estimator import warmed_up
 from posefuse.tracking import LearntLengths, at_joint_centres
 from posefuse.tracking.body_directions import HEAD, SIDES
-from posefuse.tracking.joint_centres import JOINTS
-from posefuse.tracking.learnt_lengths import USUAL_S
+from posefuse.tracking.joint_centres import JOINTS, USUAL_S
 from posefuse.tracking.segments import segment_lengths
 
 NAMES = tuple(f"{side}_{joint}" for side in SIDES for joint in JOINTS if joint not in HEAD)
@@ -49,7 +48,7 @@ def live_poses(recording: Recording) -> list[Pose3D]:
     """Landmarks at every output tick, from every frame of the recording at once."""
     views, rig, config = recording.views, recording.rig, LiveConfig()
     ticks = range(int(views.t_ns[0]), int(views.t_ns[-1]), round(1e9 / config.rate_hz))
-    return list(played(ready_tracker(rig, views.skeleton, config), arrivals(views, rig), ticks))
+    return list(played(warmed_up(rig, views.skeleton, config).tracker, arrivals(views, rig), ticks))
 
 
 def compared(poses: list[Pose3D], found: np.ndarray, table: JointCentres, truth: Truth, usual_s: float) -> list[dict]:

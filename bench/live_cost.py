@@ -25,20 +25,19 @@ from live_program import Program, thread_seconds
 from posefuse.core import Camera, Frame, Rig
 from posefuse.detection import region_from_pose
 from posefuse.detection.build import DetectorChoice, build_detector
-from posefuse.detection.regions import square_crop
+from posefuse.detection.crops import square_crop
 from posefuse.formats.pixels import DecodedPixels, PixelConverter
 from posefuse.formats.rig import read_rig
 from posefuse.formats.video import VideoWriter
 from posefuse.foundation.channel import Channel
 from posefuse.health.cameras import CameraState
+from posefuse.kinematics import JointTracker
 from posefuse.realtime.capture import SAMPLE_STEP
 from posefuse.realtime.config import LiveConfig
+from posefuse.realtime.estimator import warmed_up
 from posefuse.realtime.fusion import Fusion
-from posefuse.realtime.joint_centres import Centring
 from posefuse.realtime.messages import Centres, SeenView
-from posefuse.realtime.output_plan import OutputPlan
-from posefuse.realtime.outputs import OutputProcess
-from posefuse.realtime.session import ready_joints, ready_tracker
+from posefuse.realtime.outputs import OutputPlan, OutputProcess
 from posefuse.sources.video import VideoConfig
 from posefuse.tracking.stand_in import made_up_detections
 
@@ -113,10 +112,9 @@ def fusion_stages(rig: Rig, spent: Spent, seconds: float = 3.0) -> None:
     config, clock = LiveConfig(), SimpleNamespace(now=BEGIN_NS, now_ns=lambda: clock.now)
     detector = build_detector(DetectorChoice(options={"landmarks": "blazepose_lite"}), rig)
     skeleton = detector.skeleton
-    centring = Centring(rig.names, wanted=True)
-    centring.learn(Centres(rig.names, detector.joint_centres))
-    tracker, joints = ready_tracker(rig, skeleton, config), ready_joints(skeleton, config)
-    fusion = Fusion(rig, tracker, lambda _: None, clock, OutputProcess(OutputPlan(rig=rig, clock=clock)), centring, joints=joints)
+    estimator, joints = warmed_up(rig, skeleton, config), JointTracker(skeleton, config.joints)
+    estimator.centring.learn(Centres(rig.names, detector.joint_centres))
+    fusion = Fusion(rig, estimator, lambda _: None, clock, OutputProcess(OutputPlan(rig=rig, clock=clock)), joints=joints)
     views = [view for step in made_up_detections(rig, skeleton, round(30 * seconds), start_ns=BEGIN_NS) for view in step]
     events = [(view.t_ns + VIEW_DELAY_NS + i % len(rig) * 2_000_000, view) for i, view in enumerate(views)]
     events += [(BEGIN_NS + i * PERIOD_NS, None) for i in range(round(seconds * 1e9 / PERIOD_NS))]

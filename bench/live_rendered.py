@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 from bodies import ARRIVE, MOVES, Trial, seeds_of, trial_session
-from harness import Use, answer, arguments, medians
+from harness import OUT, Use, answer, arguments, medians
 
 
 def measured(sessions: list[tuple[Path, int]]) -> dict[str, float]:
@@ -25,7 +25,7 @@ def measured(sessions: list[tuple[Path, int]]) -> dict[str, float]:
 
 
 def main() -> None:
-    args = arguments(__doc__, keep=Path, bodies=2, seeds="", rows=dict.fromkeys(MOVES), session=Path)
+    args = arguments(__doc__, keep=OUT / "scenes", bodies=2, seeds="", rows=dict.fromkeys(MOVES), session=Path)
     seeds, rows = seeds_of(args.keep, args.bodies, args.seeds), []
     for row in args.rows:
         rows.append({"motion": row, **measured([(trial_session(args.keep, row, seed, Use.REPORT), seed) for seed in seeds])})

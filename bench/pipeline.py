@@ -15,7 +15,7 @@ from pathlib import Path
 
 from harness import DEMO, POSEFUSE, answer, arguments, medians, tracked, truth_of
 
-from posefuse.detection.models import CARDS_FOLDER
+from posefuse.detection.card import CARDS_FOLDER
 from posefuse.evaluation.metrics import joint_errors
 from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.fusion import WEIGHTS, FuseSettings

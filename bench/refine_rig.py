@@ -1,6 +1,6 @@
 """What `track --refine-rig` gains: cameras displaced by chance from where they are, and the error with and without.
 
-    python bench/refine_rig.py SESSION ... [--draws 3] [--fit]
+    python bench/refine_rig.py [SESSION ...] [--draws 3] [--fit]
 
 Sessions are rendered ones (truth known). The detector looks once, with the true rig; the solve is repeated with rigs whose
 cameras are displaced by chance. Error of 14 joints against the truth in mm, median over the draws. `--fit` tries other values
@@ -8,10 +8,9 @@ of `refine.together`. Tables on stderr, one JSON object on stdout.
 """
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
-from harness import answer, arguments, medians, tracked, truth_of
+from harness import DEMO, answer, arguments, medians, tracked, truth_of
 
 from posefuse.calibration.settings import RefineSettings
 from posefuse.core import SE3, Recording, Rig, Truth
@@ -46,7 +45,7 @@ def measured(wrong: Recording, truth: Truth, ways: list[RefineSettings]) -> dict
 
 
 def main() -> None:
-    args = arguments(__doc__, positional=("sessions",), sessions=(Path,), draws=3, fit=False)
+    args = arguments(__doc__, positional=("sessions",), sessions=(DEMO,), draws=3, fit=False)
     ways = [RefineSettings(together=value) for value in TOGETHER] if args.fit else [RefineSettings()]
     rows = []
     for session in args.sessions:

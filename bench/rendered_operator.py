@@ -19,10 +19,8 @@ from posefuse.detection import region_from_pose
 from posefuse.formats.rig import read_rig
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.realtime.config import LiveConfig
-from posefuse.realtime.gate import KeypointGate
-from posefuse.realtime.joint_centres import Centring
+from posefuse.realtime.estimator import warmed_up
 from posefuse.realtime.messages import Centres
-from posefuse.realtime.session import ready_tracker
 from posefuse.simulation.scene import Scene, read_scene
 from posefuse.simulation.session import SessionPaths, simulate
 from posefuse.sources.video import VideoConfig
@@ -87,9 +85,8 @@ class SeenHand:
         finder = detector(networks)
         self._detector = finder._detector
         config = LiveConfig()
-        self._tracker = ready_tracker(self._rig, finder.skeleton, config)
-        self._centring, self._gate = Centring(self._rig.names, config.joint_centres), KeypointGate(config.gate)
-        self._centring.learn(Centres(self._rig.names, self._detector.joint_centres))
+        self._estimator = warmed_up(self._rig, finder.skeleton, config)
+        self._estimator.centring.learn(Centres(self._rig.names, self._detector.joint_centres))
         self._frames = _arrivals(SessionPaths(session).videos, self._rig, round(latency_s * _S))
         self._next = next(self._frames, None)
         self._measured_ns = 0
@@ -101,7 +98,7 @@ class SeenHand:
         while self._next is not None and self._next.at_ns <= t_ns:
             self._see(self._next.frame)
             self._next = next(self._frames, None)
-        pose = self._gate.passed(self._centring.moved(self._tracker.at(t_ns)))
+        pose = self._estimator.at(t_ns)
         if not len(pose.person_id):
             return None
         shift_ns = now_ns - t_ns
@@ -112,12 +109,12 @@ class SeenHand:
 
     def _see(self, frame: Frame) -> None:
         camera = self._rig[frame.camera]
-        expected = self._tracker.looked_for(frame.t_ns)
+        expected = self._estimator.looked_for(frame.t_ns)
         known = np.isfinite(expected.xyz_world).all(axis=-1).any(axis=-1)
         looks = [region_from_pose(camera, xyz, expected.skeleton) for xyz in expected.xyz_world[known]]
         regions = [look for look in looks if look is not None] if len(looks) else None
         [found] = self._detector.detect([frame], [regions])
-        self._tracker.add(_seen(found))
+        self._estimator.add(_seen(found))
         self._measured_ns = max(self._measured_ns, frame.t_ns)
 
 

@@ -15,29 +15,22 @@ right rig: sections of the clips, three or four of the cameras. Limits are from 
 """
 
 import argparse
-import json
 import pickle
-import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations, product
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
+from harness import DATA, FITTED_BODIES, Use, answer, arguments, note, rendered, scene_from, text, tracked, truth_of
+from scenes import walk as random_walk
 from scipy.interpolate import CubicSpline
 
-from paper.scenes.scenes import half_hidden_scene, scene_name, static_scene, walking_scene
+from paper.scenes.scenes import half_hidden_scene, ring, scene_name, static_scene, walking_scene
 from posefuse.calibration.keypoints import limb_keypoints
 from posefuse.core import SE3, Camera, InputError, Observations, Recording, Rig, Skeleton, Truth, Views
 from posefuse.core.skeleton import PAPER14, pick_keypoints
 from posefuse.evaluation.metrics import true_xyz_at
-from posefuse.formats.recording import read_recording, write_recording
-from posefuse.formats.truth import read_truth
-from posefuse.foundation.output_folder import output_folder
-from posefuse.foundation.parsing import plain
-from posefuse.foundation.settings import settings_from_mapping
 from posefuse.fusion import FuseSettings, fuse
 from posefuse.health import rig_monitor as monitor
 from posefuse.health.recorded import UNFIT, checked_rig
@@ -45,10 +38,9 @@ from posefuse.health.rig_monitor import RigFinding
 from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.opening import open_session
-from posefuse.pipeline.run import detect, track_session
+from posefuse.pipeline.run import detect
 from posefuse.pipeline.session import find_session
 from posefuse.pipeline.solve import SolveSettings, solve
-from posefuse.simulation import SessionPaths, simulate
 from posefuse.simulation.cameras import looking_at
 from posefuse.simulation.scene import Scene
 
@@ -131,7 +123,7 @@ def scenes(fit: bool) -> Iterator[tuple[str, Scene]]:
 
 
 def walk(speed_mps: float) -> dict:
-    return {"kind": "walk", "speed_mps": speed_mps, "path": {"shape": "random", "low_m": [-1.6, -1.6], "high_m": [1.6, 1.6]}}
+    return random_walk({"shape": "random", "low_m": [-1.6, -1.6], "high_m": [1.6, 1.6]}, speed_mps)
 
 
 def made(seed: int, seconds: float, cameras: int, radius_m: float, fov_deg: float, motion: dict, occluders: int = 0) -> Scene:
@@ -140,17 +132,11 @@ def made(seed: int, seconds: float, cameras: int, radius_m: float, fov_deg: floa
         "duration_s": seconds,
         "rate_hz": RATE_HZ,
         "seed": seed,
-        "cameras": {
-            "kind": "ring",
-            "count": cameras,
-            "radius_m": radius_m,
-            "height_m": 2.2,
-            "image": {"size_px": [640, 480], "horizontal_fov_deg": fov_deg},
-        },
+        "cameras": ring(cameras, fov_deg) | {"radius_m": radius_m},
         "people": [{"body": {"random_seed": seed}, "motion": motion}],
         "occluders": [clutter] if occluders else [],
     }
-    return settings_from_mapping(content, Scene, where="rig monitor")
+    return scene_from(content, Use.FIT if seed in FITTED_BODIES else Use.REPORT)
 
 
 def clip_of_scene(name: str, scene: Scene, cache: Path) -> Clip:
@@ -158,23 +144,13 @@ def clip_of_scene(name: str, scene: Scene, cache: Path) -> Clip:
     kinds = (f"walking-{scene.seed}", f"static-occluded-{scene.seed}", "occlusion-screen", "occlusion-false_arm")
     kept = [SESSIONS / scene_name(kind, scene) for kind in kinds]
     session = next((path for path in kept if path.is_dir()), cache / "sessions" / folder)
-    paths = SessionPaths(session)
-    if not paths.rig.exists():
-        simulate(scene, session, processes=1)
-    return clip_of_session(name, session, cache / folder)
+    return clip_of_session(name, rendered(scene, session, Use.FIT if scene.seed in FITTED_BODIES else Use.REPORT))
 
 
-def clip_of_session(name: str, session: Path, cache: Path) -> Clip:
-    """2D poses as the pipeline for recordings has them, made once."""
-    if not cache.exists():
-        config = replace(TrackConfig(), rate_hz=RATE_HZ, joint_centres=False, outputs={})
-        done = track_session(find_session(session, config), config, StageClock(), *3 * [lambda *_: None])
-        cache.parent.mkdir(parents=True, exist_ok=True)
-        with output_folder(cache, command="bench rig_monitor") as made:
-            folder = made.folder
-            write_recording(folder, done.recording)
-    truth = session / "truth" / "truth.npz"
-    return clip_of(name, read_recording(cache), read_truth(truth) if truth.is_file() else None)
+def clip_of_session(name: str, session: Path) -> Clip:
+    """2D poses as the pipeline for recordings has them."""
+    truth = truth_of(session) if (session / "truth").is_dir() else None
+    return clip_of(name, tracked(session, rate_hz=RATE_HZ, joint_centres=False), truth)
 
 
 def clip_of(name: str, recording: Recording, truth: Truth | None) -> Clip:
@@ -251,19 +227,12 @@ def rows_of(clips: list[Clip], trials: int) -> list[dict]:
     for fault in FAULTS:
         done = [trial(clip, fault, number) for clip in clips for number in range(trials)]
         found = [one for one in done if one["found"]]
-        seconds = [one["seconds"] for one in found]
-        rows.append(
-            {
-                "fault": fault.name,
-                "trials": len(done),
-                "found": len(found) / len(done),
-                "seconds_median": float(np.median(seconds)) if found else None,
-                "seconds_most": float(np.max(seconds)) if found else None,
-                "right_camera": sum(one["camera"] for one in found) / len(found) if found else None,
-                "right_kind": sum(one["kind"] for one in found) / len(found) if found else None,
-                "others_blamed": sum(one["others"] for one in found) / len(found) if found else None,
-            }
-        )
+        row = {"fault": fault.name, "trials": len(done), "found": len(found) / len(done)}
+        if found:
+            seconds = [one["seconds"] for one in found]
+            row |= {"seconds_median": float(np.median(seconds)), "seconds_most": max(seconds)}
+            row |= {what: mean(one[what] for one in found) for what in ("camera", "kind", "others")}
+        rows.append(row)
     return rows
 
 
@@ -307,15 +276,9 @@ def error_mm(clip: Clip, xy_img: np.ndarray, left_out: int | None = None) -> flo
         score[:, left_out] = 0.0
     apart = []
     for i in range(0, len(clip.t_s), 5):
-        views = Views(
-            t_ns=i,
-            skeleton=clip.skeleton,
-            camera_names=clip.rig.names,
-            person_id=np.zeros(1, np.int64),
-            xy_img=np.where((score[i] > 0)[..., None], xy_img[i], np.nan)[None],
-            score=score[i][None],
-            sigma_px=clip.sigma_px[i][None],
-        )
+        seen = {"xy_img": np.where((score[i] > 0)[..., None], xy_img[i], np.nan), "score": score[i], "sigma_px": clip.sigma_px[i]}
+        about = {"skeleton": clip.skeleton, "camera_names": clip.rig.names, "person_id": np.zeros(1, np.int64)}
+        views = Views(t_ns=i, **about, **{name: value[None] for name, value in seen.items()})
         pose = fuse(views, clip.rig, FuseSettings())
         got = pick_keypoints(pose.xyz_world[0], clip.skeleton, PAPER14.keypoints)
         apart.append(np.linalg.norm(got - clip.true14_world[i], axis=-1))
@@ -339,25 +302,16 @@ def explained_by_nothing(clip: Clip) -> dict:
         if t_s > FAULT_AT_S and i % 3 == 0:
             for memory_s, sums in zip(monitor.MEMORIES_S, state.sums, strict=True):
                 for one in monitor.suspects(sums):
-                    for what, value in (
-                        (f"{one.kind}, {memory_s:g} s", one.sure),
-                        (f"mm, {memory_s:g} s", 1e3 * one.displaced_m),
-                    ):
-                        most[what] = max(most.get(what, 0.0), value)
+                    for what, value in ((one.kind, one.sure), ("mm", 1e3 * one.displaced_m)):
+                        most[f"{what}, {memory_s:g} s"] = max(most.get(f"{what}, {memory_s:g} s", 0.0), value)
     return {"clip": clip.name, **most}
 
 
 WRONG = (
-    "turned by 3 deg",
-    "turned by 5 deg",
-    "turned by 10 deg",
-    "two swapped",
-    "5 frames late",
-    "10 frames late",
-    "another rig",
-)
+    *(f"turned by {degrees} deg" for degrees in (3, 5, 10)), "two swapped", "5 frames late", "10 frames late", "another rig",
+)  # fmt: skip
 # seconds of a session; a clip that is shorter is played to and fro at ten time steps a second
-LASTS_S = [2.0, 10.0, 60.0]
+LASTS_S = (2.0, 10.0, 60.0)
 
 
 def logs(data: Path, cache: Path) -> dict[str, tuple[Observations, Rig, SolveSettings]]:
@@ -376,7 +330,7 @@ def logs(data: Path, cache: Path) -> dict[str, tuple[Observations, Rig, SolveSet
     found = {}
     for name, parts in sessions.items():
         if not all(path.exists() for path in parts.values()):
-            print(f"{name}: not there, left out", file=sys.stderr)
+            note(f"{name}: not there, left out")
             continue
         kept, folder = cache / f"{name}.pickle", cache / "track" / name
         if not kept.is_file():
@@ -451,7 +405,7 @@ def wrong_rig(rig: Rig, wrong: str, rng: np.random.Generator) -> tuple[Rig, tupl
     return rig, (rig.names[a],)
 
 
-def answer(log: Observations, rig: Rig, settings: SolveSettings) -> list[RigFinding] | None:
+def answered(log: Observations, rig: Rig, settings: SolveSettings) -> list[RigFinding] | None:
     """The answer of `track` to the rig; None: it refuses to solve."""
     try:
         return checked_rig(solve(log, rig, settings, {}), rig)[1]
@@ -463,21 +417,14 @@ def tracked_wrong(logs: dict, seeds: list[int], lasts_s: list[float]) -> list[di
     """For each fault and length: named, another answer, nothing."""
     rows = []
     for wrong, seconds in product(WRONG, lasts_s):
-        row = {
-            "fault": wrong,
-            "seconds": f"up to {seconds:g}",
-            "sessions": 0,
-            "named": 0,
-            "others": 0,
-            "nothing": 0,
-            "nothing in": [],
-        }
+        row = {"fault": wrong, "seconds": f"up to {seconds:g}", **dict.fromkeys(("sessions", "named", "others", "nothing"), 0)}
+        row["nothing in"] = []
         kind = {"tur": monitor.MOVED, "two": monitor.SWAPPED, "ano": UNFIT}.get(wrong[:3], monitor.UNSYNCHRONISED)
         for seed, (number, name) in product(seeds, enumerate(logs)):
             log, rig, settings = logs[name]
             there, cameras = wrong_rig(rig, wrong, np.random.default_rng([seed, number, WRONG.index(wrong), round(seconds)]))
             late = (rig.names.index(cameras[0]), int(wrong.split()[0])) if "late" in wrong else (0, 0)
-            found = answer(played(log, seconds, late), there, settings)
+            found = answered(played(log, seconds, late), there, settings)
             right = found is None if kind == UNFIT else False
             right |= any(one.kind == kind and set(one.cameras) & set(cameras) for one in found or [])
             right &= all(set(one.cameras) <= set(cameras) for one in found or [])
@@ -486,7 +433,7 @@ def tracked_wrong(logs: dict, seeds: list[int], lasts_s: list[float]) -> list[di
             if found == []:
                 row["nothing in"] = sorted({*row["nothing in"], name})
         rows.append(row)
-        print(row, file=sys.stderr, flush=True)
+        note(row)
     return rows
 
 
@@ -507,51 +454,25 @@ def tracked_right(logs: dict, sessions: int, seed: int) -> dict:
             step_t_ns=log.step_t_ns[first:last],
             frame_step=part.frame_step - first,
         )
-        found = answer(played(part, 10.0 if number % 3 == 0 else 2.0), rig.only(part.camera_names), settings)
+        found = answered(played(part, 10.0 if number % 3 == 0 else 2.0), rig.only(part.camera_names), settings)
         alarms += [f"{name}, steps {first} to {last}, {part.camera_names}: {one.detail}" for one in found or []]
     return {"sessions": sessions, "alarms": alarms}
-
-
-def show(rows: list[dict], title: str) -> None:
-    table = Table(*rows[0], title=title)
-    for row in rows:
-        cells = (f"{v:.2f}" if isinstance(v, float) else "; ".join(v) if isinstance(v, list) else str(v) for v in row.values())
-        table.add_row(*("" if cell == "None" else cell for cell in cells))
-    Console(stderr=True, width=190).print(table)
 
 
 def track_main(args: argparse.Namespace) -> None:
     args.cache.mkdir(parents=True, exist_ok=True)
     clips = logs(args.data, args.cache)
     good, rows = tracked_right(clips, args.goods, args.seeds[0]), tracked_wrong(clips, args.seeds, args.seconds)
-    show(rows, "Wrong rigs")
-    print(json.dumps({"clips": list(clips), "seeds": args.seeds, "wrong": rows, "right": good}, indent=2))
-    if args.write:
-        sys.path.insert(0, str(Path(__file__).parent.parent / "tools"))
-        from page_marks import write_between_marks
-
-        columns = list(rows[0])
-        text = [f"| {' | '.join(columns)} |", "|---" * len(columns) + "|"]
-        text += [f"| {' | '.join(str(row[name]).strip('[]') for name in columns)} |" for row in rows]
-        text += [
-            "",
-            f"Right rigs: {len(good['alarms'])} alarms in {good['sessions']} sessions. Seeds {args.seeds}; {', '.join(clips)}.",
-        ]
-        write_between_marks(args.write, "\n".join(text), "wrong rigs")
+    about = f"Seeds {text(args.seeds)}; {text(list(clips))}"
+    right = {"right rigs": good["sessions"], "alarms": len(good["alarms"]), "which": good["alarms"]}
+    answer(args, {f"Wrong rigs. {about}": rows, "Right rigs": [right]}, mark="wrong rigs")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--fit", action="store_true", help="bodies and rooms that constants are from")
-    parser.add_argument("--trials", type=int, default=6, help="per fault and clip")
-    parser.add_argument("--data", type=Path, default=Path("../shared/data"))
-    parser.add_argument("--cache", type=Path, default=Path("out/rig_monitor"))
-    parser.add_argument("--track", action="store_true", help="the answers of `track` to wrong rigs")
-    parser.add_argument("--seeds", type=int, nargs="+", default=[100, 101, 102])
-    parser.add_argument("--seconds", type=float, nargs="+", default=LASTS_S, help="lengths of sessions with wrong rigs")
-    parser.add_argument("--goods", type=int, default=100, help="sessions with nothing wrong")
-    parser.add_argument("--write", type=Path, help="page whose table 'wrong rigs' is replaced")
-    args = parser.parse_args()
+    args = arguments(
+        __doc__, fit=False, trials=6, data=DATA, cache=Path("out/rig_monitor"), track=False, seeds=(100, 101, 102),
+        seconds=LASTS_S, goods=100,
+    )  # fmt: skip
     if args.track:
         track_main(args)
         return
@@ -559,17 +480,14 @@ def main() -> None:
     clips += [clip.only([0, 2, 4, 6], clip.name.replace("8", "4 of 8", 1)) for clip in clips if len(clip.rig) == 8]
     still = list(clips)
     if not args.fit and args.data.is_dir():
-        still.append(clip_of_session("pose2sim_single (real)", args.data / "pose2sim_single", args.cache / "pose2sim_single"))
-    alarms = [quiet(clip) for clip in still]
+        still.append(clip_of_session("pose2sim_single (real)", args.data / "pose2sim_single"))
+    tables = {"Nothing wrong": [quiet(clip) for clip in still]}
     if args.fit:
-        show([explained_by_nothing(clip) for clip in clips], "Most that is explained with nothing wrong")
+        tables["Most that is explained with nothing wrong"] = [explained_by_nothing(clip) for clip in clips]
     walks = [clip for clip in clips if "walk" in clip.name]
-    matters = used_or_left_out(walks)
-    rows = rows_of(walks, args.trials)
-    show(alarms, "Nothing wrong")
-    show(rows, "Faults, people who walk")
-    show(matters, "Error of the fused joints in mm while something is wrong with one camera")
-    print(json.dumps(plain({"fit": args.fit, "faults": rows, "nothing_wrong": alarms, "used_or_left_out": matters}), indent=2))
+    tables["Faults, people who walk"] = rows_of(walks, args.trials)
+    tables["Error of the fused joints in mm while something is wrong with one camera"] = used_or_left_out(walks)
+    answer(args, tables, fit=args.fit)
 
 
 if __name__ == "__main__":

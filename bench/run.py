@@ -16,7 +16,7 @@ from pathlib import Path
 from harness import OUT, ROOT
 
 from paper.experiments.runs import processor
-from posefuse.detection.openvino_cpu import openvino_core
+from posefuse.detection.engines import openvino_core
 
 HERE, PAGE = Path(__file__).resolve().parent, ROOT / "docs" / "benchmarks.md"
 TITLES = {

@@ -16,7 +16,7 @@ from posefuse.association import AssociateSettings
 from posefuse.core import Camera, Detections2D, Rig, Skeleton
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.fusion import FuseSettings
-from posefuse.realtime.fusion import build_fuse, build_solve
+from posefuse.realtime.estimator import build_fuse, build_solve
 from posefuse.simulation.build import live_scene
 from posefuse.simulation.cameras import looking_at
 from posefuse.tracking.online import LiveSettings, Tracker, build_tracker

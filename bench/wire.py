@@ -24,11 +24,10 @@ from posefuse.core import SE3, SKELETONS, Camera, Pose3D, Rig
 from posefuse.messages import topics
 from posefuse.messages.dds import RosNode
 from posefuse.messages.dds_domain import Network
-from posefuse.messages.intake import decode
 from posefuse.messages.messages import message_from_pose, pose_from_message
 from posefuse.messages.osc import json_from_pose, osc_from_pose
 from posefuse.messages.ros_output import RosOutput
-from posefuse.messages.types import encode
+from posefuse.messages.types import decode, encode
 
 RATE_HZ = 100
 SKELETON = SKELETONS["blazepose33"]

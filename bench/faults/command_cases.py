@@ -10,8 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from posefuse.calibration.targets.description import write_target
-from posefuse.calibration.targets.kinds import Markers, dictionary_of
+from posefuse.calibration.targets.kinds import Markers, dictionary_of, write_target
 from posefuse.cli.command_line import parse
 from posefuse.cli.terminal import Terminal
 from posefuse.core import CalibrationError, Camera, Rig

@@ -16,10 +16,10 @@ from itertools import product
 
 import numpy as np
 
-from posefuse.calibration.checks.verify import verify
 from posefuse.calibration.solving.rotations import angle_between
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Charuco, Target
+from posefuse.calibration.verify import verify
 from posefuse.core import CalibrationError, Camera, Rig
 
 from .sessions import moved, one_changed, prop_session, ring, zoomed

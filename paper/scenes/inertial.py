@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from posefuse.core import PAPER14, Array, ConfigError, Truth, choices, pick_keypoints
+from posefuse.evaluation import drift as drift_of
 
 # pelvis, sternum, head, and per side: shoulder, upper arm, forearm, hand, thigh, shank, foot; no joint lies beyond head and hands
 SENSORS = 17
@@ -162,9 +163,6 @@ def _stepped(points: dict[str, Array], from_pelvis: dict[str, Array], noise: Sui
     return pelvis
 
 
-_LEAST_POINTS = 10
-
-
 @dataclass(frozen=True, eq=False)
 class Drift:
     """Error against way.
@@ -182,12 +180,7 @@ class Drift:
 
 def drift(estimate: Array, truth: Array) -> Drift:
     """Drift of level positions (T, 2 or 3) against the truth (T, 2 or 3), both in metres; NaN where missing."""
-    error = np.linalg.norm(estimate[:, :2] - truth[:, :2], axis=-1)
-    walked = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(truth[:, :2], axis=0), axis=-1))])
-    known = np.isfinite(error)
-    slope = float("nan")
-    if known.sum() >= _LEAST_POINTS and np.ptp(walked[known]) > 0:
-        slope = 1000 * float(np.polyfit(walked[known], error[known], 1)[0])
+    walked, error, slope = drift_of(truth, estimate)
     last = error[-max(1, len(error) // 10) :]
     end = float(np.nanmean(last)) if np.isfinite(last).any() else float("nan")
     return Drift(walked, error, slope, end)

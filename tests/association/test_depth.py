@@ -4,27 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from built import detections, standing
 
 from posefuse.association import AssociateSettings, assign, associate
 from posefuse.core import Detections2D
 from posefuse.core.depth import keypoint_depth
 from posefuse.core.skeleton import COCO17
 from posefuse.fusion import FuseSettings, fuse
-
-# the left side of someone who faces +x; y to the left, z up
-_LEFT = {
-    "eye": (0.10, 0.03, 1.65), "ear": (0.0, 0.08, 1.63), "shoulder": (0.0, 0.19, 1.42), "elbow": (0.03, 0.27, 1.14),
-    "wrist": (0.12, 0.28, 0.90), "hip": (0.0, 0.10, 0.93), "knee": (0.03, 0.11, 0.50), "ankle": (0.0, 0.11, 0.09),
-}  # fmt: skip
-
-
-def standing(x: float = 0.0, y: float = 0.0, size: float = 1.0) -> np.ndarray:
-    rows = []
-    for name in COCO17.keypoints:
-        side, _, part = name.partition("_")
-        place = (0.12, 0.0, 1.62) if name == "nose" else np.array(_LEFT[part]) * (1, 1 if side == "left" else -1, 1)
-        rows.append(np.array(place) * size + [x, y, 0])
-    return np.array(rows)
 
 
 def seen(camera, *people: np.ndarray, depth: bool = True, deeper: float = 1.0) -> Detections2D:
@@ -34,10 +20,7 @@ def seen(camera, *people: np.ndarray, depth: bool = True, deeper: float = 1.0) -
     norm = in_camera[..., :2] / in_camera[..., 2:]
     below = keypoint_depth(np.zeros(norm.shape), norm, COCO17)[..., 0]
     surface = np.stack([in_camera[..., 2] * deeper - below, np.full(below.shape, 0.02)], axis=-1)
-    return Detections2D(
-        camera=camera.name, t_ns=0, skeleton=COCO17, xy_img=camera.project(xyz), score=np.full(below.shape, 0.9),
-        sigma_px=np.full(below.shape, 2.0), box_img=np.zeros((len(xyz), 4)), depth_m=surface if depth else None,
-    )  # fmt: skip
+    return detections(camera.name, camera.project(xyz), depth_m=surface if depth else None)
 
 
 def test_one_camera_with_depth_finds_several_people_and_without_it_none(ring_rig) -> None:

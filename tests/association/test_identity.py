@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from built import pose, standing
 
 from posefuse.association import UNNAMED, Identity, identity, with_persons
 from posefuse.association.traits import Traits, body_lengths_m, plausible_share, sameness
-from posefuse.core import Kind, Pose3D
 from posefuse.core.skeleton import COCO17
 
 PERIOD_NS = 33_333_333
@@ -16,42 +16,11 @@ def person_at(names: tuple[identity.Named, ...], track: int, t_ns: int) -> int:
     return int(identity.persons_at(names, np.array([track]), np.array([t_ns]))[0])
 
 
-def body(scale: float) -> np.ndarray:
-    """(17, 3) a standing person of 1.75 m times `scale`."""
-    heights = {
-        "nose": 1.6,
-        "eye": 1.63,
-        "ear": 1.6,
-        "shoulder": 1.43,
-        "elbow": 1.13,
-        "wrist": 0.88,
-        "hip": 0.95,
-        "knee": 0.52,
-        "ankle": 0.09,
-    }
-    half = {
-        "nose": 0.0,
-        "eye": 0.03,
-        "ear": 0.07,
-        "shoulder": 0.18,
-        "elbow": 0.22,
-        "wrist": 0.25,
-        "hip": 0.09,
-        "knee": 0.1,
-        "ankle": 0.1,
-    }
-    rows = []
-    for name in COCO17.keypoints:
-        part, side = name.split("_")[-1], -1 if name.startswith("left") else 1
-        rows.append([side * half[part], 0.0, heights[part]])
-    return scale * np.array(rows)
-
-
 class Room:
     """People of given sizes at given places, measured with noise; keeps the identity state."""
 
     def __init__(self, scales: list[float], people_max: int, seed: int = 0) -> None:
-        self.bodies = [body(scale) for scale in scales]
+        self.bodies = [standing(size=scale) for scale in scales]
         self.rng = np.random.default_rng(seed)
         self.state = Identity(people_max=people_max, lost_after_s=0.5)
         self.i = 0
@@ -63,20 +32,6 @@ class Room:
             xyz = xyz + self.rng.normal(0, NOISE_M, xyz.shape)
             self.state = self.state.after(pose(xyz, list(who), self.i * PERIOD_NS))
             self.i += 1
-
-
-def pose(xyz: np.ndarray, ids: list[int], t_ns: int = 0) -> Pose3D:
-    shape = xyz.shape[:2]
-    return Pose3D(
-        t_ns=t_ns,
-        skeleton=COCO17,
-        person_id=ids,
-        xyz_world=xyz,
-        cov_world=np.zeros((*shape, 3, 3)),
-        reproj_px=np.ones(shape),
-        n_views=np.full(shape, 4),
-        kind=np.full(shape, Kind.FUSED),
-    )
 
 
 def test_the_only_person_has_a_name_at_once_and_gets_it_back() -> None:
@@ -166,7 +121,7 @@ def test_sameness_grows_with_evidence_and_is_symmetric() -> None:
     def learnt(scale: float, frames: int) -> Traits:
         traits = Traits.unknown(7)
         for _ in range(frames):
-            traits = traits.with_frame(body_lengths_m(body(scale)[None] + rng.normal(0, NOISE_M, (1, 17, 3)), COCO17)[0])
+            traits = traits.with_frame(body_lengths_m(standing(size=scale)[None] + rng.normal(0, NOISE_M, (1, 17, 3)), COCO17)[0])
         return traits
 
     known, same, other = learnt(1.0, 60), learnt(1.0, 60), learnt(0.9, 60)
@@ -177,7 +132,7 @@ def test_sameness_grows_with_evidence_and_is_symmetric() -> None:
 
 def test_one_wrong_cue_does_not_outweigh_three_that_agree() -> None:
     rng = np.random.default_rng(4)
-    lengths = body_lengths_m(body(1.0)[None], COCO17)[0]
+    lengths = body_lengths_m(standing()[None], COCO17)[0]
     worn = np.tile([50.0, 20.0, -30.0], 3)
 
     def learnt(clothing: np.ndarray) -> Traits:
@@ -195,7 +150,7 @@ def test_one_wrong_cue_does_not_outweigh_three_that_agree() -> None:
 
 
 def test_a_body_that_no_person_can_have_is_not_plausible() -> None:
-    lengths = body_lengths_m(np.stack([body(1.0), body(2.2), body(0.3), body(0.65)]), COCO17)
+    lengths = body_lengths_m(np.stack([standing(), standing(size=2.2), standing(size=0.3), standing(size=0.65)]), COCO17)
     assert plausible_share(lengths).round(2).tolist()[0] == 1
     assert (plausible_share(lengths)[1:3] < 0.5).all()
     assert plausible_share(lengths)[3] > 0.9, "a child"
@@ -217,7 +172,7 @@ def test_a_trait_that_is_not_seen_for_a_frame_keeps_its_mean() -> None:
 
 
 def test_every_length_has_limits_of_a_human_body() -> None:
-    usual = body_lengths_m(body(1.0)[None], COCO17)
+    usual = body_lengths_m(standing()[None], COCO17)
     assert plausible_share(usual).tolist() == [1.0]
     for i in range(usual.shape[1]):
         for factor in (0.2, 5.0):

@@ -1,10 +1,11 @@
 from dataclasses import replace
 
+import built
 import numpy as np
 import pytest
 
 from posefuse.association import Assignment, AssociateSettings, assign, associate, hints_after
-from posefuse.core import SKELETONS, Detections2D, Kind, Pose3D, Rig, ShapeError
+from posefuse.core import SKELETONS, Detections2D, Rig, ShapeError
 
 COCO = SKELETONS["coco17"]
 PLACES = {"here": (0.0, 0.0), "beside": (0.3, 1.3), "far": (-1.6, -0.9)}
@@ -28,43 +29,13 @@ def detections(rig: Rig, people: np.ndarray, noise_px: float = 2.0, seed: int = 
     for camera in rig:
         who = rng.permutation(len(people))
         xy = camera.project(people[who]) + rng.normal(size=(len(people), 17, 2)) * noise_px
-        ones = np.ones(xy.shape[:-1])
-        box = np.concatenate([xy.min(axis=1), xy.max(axis=1)], axis=-1)
-        reports.append(
-            Detections2D(
-                camera=camera.name, t_ns=t_ns, skeleton=COCO, xy_img=xy, score=0.8 * ones, sigma_px=2 * ones, box_img=box
-            )
-        )
+        reports.append(built.detections(camera.name, xy, t_ns, score=0.8))
         order.append(who)
     return reports, order
 
 
 def without(report: Detections2D, place: int) -> Detections2D:
-    keep = [i for i in range(len(report)) if i != place]
-    return Detections2D(
-        camera=report.camera,
-        t_ns=report.t_ns,
-        skeleton=COCO,
-        xy_img=report.xy_img[keep],
-        score=report.score[keep],
-        sigma_px=report.sigma_px[keep],
-        box_img=report.box_img[keep],
-    )
-
-
-def pose_of(people: np.ndarray, ids: list[int], t_ns: int = 0) -> Pose3D:
-    shape = people.shape[:2]
-    cov = np.broadcast_to(np.eye(3) * 1e-4, (*shape, 3, 3))
-    return Pose3D(
-        t_ns=t_ns,
-        skeleton=COCO,
-        person_id=ids,
-        xyz_world=people,
-        cov_world=cov,
-        reproj_px=np.ones(shape),
-        n_views=np.full(shape, 4),
-        kind=np.full(shape, Kind.FUSED),
-    )
+    return report.people(np.delete(np.arange(len(report)), place))
 
 
 def assert_is(views, row: int, reports, order, person: int, cameras=None):
@@ -88,7 +59,7 @@ def test_the_one_already_followed_among_bystanders(ring_rig, body, followed):
     rig = ring_rig(5)
     people = crowd(body, "here", "beside", "far")
     reports, order = detections(rig, people, t_ns=20_000_000)
-    views = associate(reports, rig, AssociateSettings(), pose_of(people[followed : followed + 1] + 0.03, [0]))
+    views = associate(reports, rig, AssociateSettings(), built.pose(people[followed : followed + 1] + 0.03, [0]))
     assert views.person_id.tolist() == [0]
     assert_is(views, 0, reports, order, followed)
 
@@ -136,7 +107,7 @@ def test_every_person_gets_their_own_views_and_keeps_their_id(ring_rig, body):
             who = int(order[0][place])
             assert names.setdefault(row, who) == who
             assert_is(views, row, reports, order, who)
-        previous = pose_of(moved[[names[row] for row in range(3)]], [0, 1, 2], step * 33_000_000)
+        previous = built.pose(moved[[names[row] for row in range(3)]], [0, 1, 2], step * 33_000_000)
     assert sorted(names.values()) == [0, 1, 2]
 
 
@@ -155,7 +126,7 @@ def test_a_bystander_does_not_take_the_place_of_one_out_of_sight(ring_rig, body)
     people = crowd(body, "here", "far")
     reports, _ = detections(rig, people[1:], t_ns=100_000_000)
     settings = AssociateSettings(lost_after_s=1.0)
-    before = pose_of(people[:1], [0])
+    before = built.pose(people[:1], [0])
     assert associate(reports, rig, settings, before).person_id.tolist() == []
     later, _ = detections(rig, people[1:], t_ns=1_100_000_000)
     assert associate(later, rig, settings, before).person_id.tolist() == [0]
@@ -165,9 +136,12 @@ def test_followed_by_a_single_camera(ring_rig, body):
     rig = ring_rig(3)
     people = crowd(body, "here")
     reports, order = detections(rig, people)
-    reports[0], reports[2] = without(reports[0], 0), without(reports[2], 0)
+    reports[0], reports[2] = (
+        without(reports[0], 0),
+        without(reports[2], 0),
+    )
     assert associate(reports, rig, AssociateSettings()).person_id.tolist() == []
-    views = associate(reports, rig, AssociateSettings(), pose_of(people, [0]))
+    views = associate(reports, rig, AssociateSettings(), built.pose(people, [0]))
     assert_is(views, 0, reports, order, 0, [1])
     assert np.isnan(views.xy_img[0, [0, 2]]).all()
 
@@ -175,16 +149,7 @@ def test_followed_by_a_single_camera(ring_rig, body):
 def test_a_view_with_sides_exchanged_still_is_the_person(ring_rig, body):
     rig = ring_rig(4)
     reports, _ = detections(rig, crowd(body, "here"))
-    one = reports[1]
-    reports[1] = Detections2D(
-        camera=one.camera,
-        t_ns=0,
-        skeleton=COCO,
-        xy_img=one.xy_img[:, COCO.mirror],
-        score=one.score[:, COCO.mirror],
-        sigma_px=one.sigma_px[:, COCO.mirror],
-        box_img=one.box_img,
-    )
+    reports[1] = replace(reports[1], xy_img=reports[1].xy_img[:, COCO.mirror])
     views = associate(reports, rig, AssociateSettings())
     np.testing.assert_array_equal(views.xy_img[0, 1], reports[1].xy_img[0])
 
@@ -200,16 +165,7 @@ def test_no_person_anywhere(ring_rig):
 def test_nan_and_zero_scores_count_for_nothing(ring_rig, body):
     rig = ring_rig(3)
     reports, _ = detections(rig, crowd(body, "here"))
-    empty = np.full((1, 17, 2), np.nan)
-    reports[0] = Detections2D(
-        camera="cam00",
-        t_ns=0,
-        skeleton=COCO,
-        xy_img=empty,
-        score=np.full((1, 17), np.nan),
-        sigma_px=np.full((1, 17), np.nan),
-        box_img=np.zeros((1, 4)),
-    )
+    reports[0] = built.detections("cam00", np.full((1, 17, 2), np.nan), score=np.nan, sigma_px=np.nan)
     views = associate(reports, rig, AssociateSettings())
     assert np.isnan(views.xy_img[0, 0]).all()
     assert np.isfinite(views.xy_img[0, 1:]).all()
@@ -251,7 +207,7 @@ def test_one_who_is_lost_takes_no_detection_from_one_in_sight(ring_rig, body):
     reports, _ = detections(rig, walker, t_ns=500_000_000)
     lost_here = np.concatenate([walker + [0.08, 0, 0], walker + [0.02, 0, 0]])
     settings = AssociateSettings(max_people=2)
-    before = pose_of(lost_here, [0, 1], 500_000_000)
+    before = built.pose(lost_here, [0, 1], 500_000_000)
     found = assign(reports, rig, settings, 500_000_000, before, seen_ns=np.array([467_000_000, 100_000_000]))
     assert found.person_id.tolist() == [0]
     assert (found.place[0] == 0).all()
@@ -262,7 +218,7 @@ def test_tracks_of_another_tool_decide_between_two_who_fit_alike(ring_rig, body)
     rig = ring_rig(4)
     two = crowd(body, "here", "here") + np.array([[[0.0, 0, 0]], [[0, 0, 0.2]]])
     reports, order = detections(rig, two, t_ns=0)
-    before = pose_of(crowd(body, "here", "here") + np.array([[[0.0, 0, 0.105]], [[0, 0, 0.095]]]), [0, 1], 0)
+    before = built.pose(crowd(body, "here", "here") + np.array([[[0.0, 0, 0.105]], [[0, 0, 0.095]]]), [0, 1], 0)
     right = np.array([np.argsort(who) for who in order]).T
     settings = AssociateSettings(max_people=2)
     misled = assign(reports, rig, settings, 0, before)
@@ -284,5 +240,5 @@ def test_a_hint_is_no_order(ring_rig, body):
     right = np.array([np.argsort(who) for who in order]).T
     tracked = [replace(one, track_id=7 + who) for one, who in zip(reports, order, strict=True)]
     mixed_up = hints_after({}, Assignment(person_id=np.array([0, 1]), place=right[::-1]), tracked)
-    found = assign(tracked, rig, AssociateSettings(max_people=2), 0, pose_of(two, [0, 1], 0), hints=mixed_up)
+    found = assign(tracked, rig, AssociateSettings(max_people=2), 0, built.pose(two, [0, 1], 0), hints=mixed_up)
     assert (found.place == right).all()

@@ -1,6 +1,7 @@
 """A camera that is turned while it records is named from its background, and nothing else is."""
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from posefuse.core.arrays import Array
 from posefuse.formats.video import VideoWriter
 from posefuse.health.background import background_of
 from posefuse.pipeline.calibration import background_of_person
-from posefuse.sources import VideoConfig
+from posefuse.sources import VideoConfig, VideoSource
 
 SIZE_WH, FRAMES, PERIOD_NS = (640, 480), 90, 100_000_000
 K = np.array([[560.0, 0, 319.5], [0, 560, 239.5], [0, 0, 1]])
@@ -122,6 +123,34 @@ def test_real_cameras_stand_still(shared_data: Path, folder: str) -> None:
     assert background_of(sources, cameras).still == tuple(camera.name for camera in cameras)
 
 
+class Turned:
+    """A video as a camera shows it that turns by some degrees, 1 s after the beginning."""
+
+    def __init__(self, source: VideoSource, camera: Camera, degrees: tuple[float, float, float]) -> None:
+        self.source, self.camera = source, camera.name
+        rotation = cv2.Rodrigues(np.deg2rad(degrees))[0]
+        self.homography = camera.K @ rotation @ np.linalg.inv(camera.K)
+
+    def times_ns(self) -> Array:
+        return self.source.times_ns()
+
+    def frames_from(self, begin_ns: int) -> Iterator[Frame]:
+        for frame in self.source.frames_from(begin_ns):
+            image = cv2.warpPerspective(frame.image, self.homography, frame.size_wh)
+            yield dataclasses.replace(frame, image=image) if frame.t_ns > 1e9 else frame
+
+
+@pytest.mark.parametrize("degrees", [(0.0, 0.5, 0.0), (0.6, 0.0, 0.0), (0.0, 0.0, 0.7), (1.8, 2.4, 0.0)])
+def test_people_before_the_background_do_not_matter(demo_session: Path, degrees: tuple[float, float, float]) -> None:
+    rig = pf.read_rig(demo_session / "rig.toml")
+    videos = [VideoConfig(demo_session / "videos" / f"{camera.name}.mp4", camera.name).build() for camera in rig]
+    turned: list[Any] = [Turned(video, camera, degrees) for video, camera in zip(videos, rig, strict=True)]
+    found = background_of(turned, rig.cameras)
+    assert [one.cameras for one in found.moved] == [(name,) for name in rig.names]
+    angle = np.rad2deg([one.amount for one in found.moved])
+    np.testing.assert_allclose(angle, np.linalg.norm(degrees), atol=0.02)
+
+
 def test_cameras_that_turn_at_different_times_refuse_a_calibration_that_fits(
     lab: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -174,15 +203,11 @@ def test_track_warns_as_it_begins_and_the_result_keeps_it(demo_session: Path, tm
     for path in (demo_session / "videos").glob("*.mp4"):
         (session / "videos" / path.name).write_bytes(path.read_bytes())
     (session / "rig.toml").write_bytes((demo_session / "rig.toml").read_bytes())
-    turned = VideoConfig(demo_session / "videos" / "cam01.mp4", "cam01").build()
-    camera = pf.read_rig(demo_session / "rig.toml")["cam01"]
-    turn = cv2.Rodrigues(np.deg2rad([0.0, 0.7, 0.0]))[0]
-    with VideoWriter(session / "videos" / "cam01.mp4", turned.size_wh, 30.0) as video:
-        for frame in turned.frames():
-            moved = cv2.warpPerspective(frame.image, camera.K @ turn @ np.linalg.inv(camera.K), turned.size_wh)
-            video.write(moved if frame.t_ns > 1e9 else frame.image, frame.t_ns)
-            if frame.t_ns > 2.1e9:
-                break
+    video = VideoConfig(demo_session / "videos" / "cam01.mp4", "cam01").build()
+    turned = Turned(video, pf.read_rig(demo_session / "rig.toml")["cam01"], (0.0, 0.7, 0.0))
+    with VideoWriter(session / "videos" / "cam01.mp4", video.size_wh, 30.0) as kept:
+        for frame in itertools.islice(turned.frames_from(0), 64):
+            kept.write(frame.image, frame.t_ns)
     oracle = {"detector.name": "oracle", "detector.options.truth": str(demo_session / "truth" / "truth.npz")}
     with pytest.warns(UserWarning, match=r"background of cam01 turns by 0\.[67]\d deg .* between (0\.\d|1\.0) and 1\.[01] s"):
         found = pf.track(session, end_s=2.0, settings=oracle)

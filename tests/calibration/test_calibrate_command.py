@@ -11,12 +11,11 @@ from calibrating import run
 
 from posefuse.api.calibration_results import ClockCalibration
 from posefuse.calibration.clocks.sync import ClockEstimate
-from posefuse.calibration.extrinsics.floor_points import read_floor_points
+from posefuse.calibration.extrinsics.floor import read_floor_points
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
-from posefuse.calibration.report_page import calibration_page
+from posefuse.calibration.result_files import calibration_page
 from posefuse.calibration.targets.coverage import coverage, coverage_sheet
-from posefuse.calibration.targets.description import write_target
-from posefuse.calibration.targets.kinds import Charuco, Markers
+from posefuse.calibration.targets.kinds import Charuco, Markers, write_target
 from posefuse.cli.calibrating.showing import write_clocks
 from posefuse.cli.command_line import WrongCommandLineError
 from posefuse.cli.terminal import Terminal

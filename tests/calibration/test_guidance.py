@@ -7,12 +7,11 @@ import cv2
 import numpy as np
 import pytest
 
-from posefuse.calibration.targets.guidance import new_guidance, seen
+from posefuse.calibration.targets.coverage import new_guidance, seen
 from posefuse.calibration.targets.kinds import Markers
 from posefuse.core import Frame, SourceError
-from posefuse.realtime.camera_feed import CameraFeed
 from posefuse.realtime.capture import LiveInput
-from posefuse.realtime.guide import guide
+from posefuse.realtime.watching import CameraFeed, guide
 
 SIZE = (160, 120)
 

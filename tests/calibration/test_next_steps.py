@@ -13,12 +13,10 @@ from calibrating import run
 
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.report import CalibrationReport, Check, CheckKind, RefusedCalibration
-from posefuse.calibration.targets.description import write_target
-from posefuse.calibration.targets.kinds import Charuco, Markers
+from posefuse.calibration.targets.kinds import Charuco, Markers, write_target
 from posefuse.cli.calibrating import person_steps, target_steps
 from posefuse.cli.calibrating.inputs import clocks_beside, recordings_of
-from posefuse.cli.calibrating.next_steps import Asked, next_after
-from posefuse.cli.calibrating.showing import write_clocks
+from posefuse.cli.calibrating.showing import Asked, next_after, write_clocks
 from posefuse.cli.command_line import parse
 from posefuse.cli.terminal import Terminal
 from posefuse.core import InputError, Rig

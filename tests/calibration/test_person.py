@@ -7,6 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from built import detections
 from synthetic_walk import BODY, STATURE_M, walker
 from synthetic_walk import watch_walker as watched
 
@@ -19,7 +20,7 @@ from posefuse.calibration.person.solve import PersonCalibration, calibrate_from_
 from posefuse.calibration.person.views import PersonViews, person_views
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.solving.rotations import Poses, poses_of
-from posefuse.core import SE3, CalibrationError, Camera, Detections2D, Rig
+from posefuse.core import SE3, CalibrationError, Camera, Rig
 
 
 def errors(rig: Rig, found: Rig, scaled: bool) -> tuple[float, float]:
@@ -132,15 +133,7 @@ def test_the_person_followed_is_the_large_one_and_then_the_near_one() -> None:
     xy = np.stack([np.full((17, 2), 100.0), np.full((17, 2), 300.0), np.full((17, 2), np.nan)])
     xy[0, :8] += 50
     xy[1, :8] += 90
-    seen = Detections2D(
-        camera="a",
-        t_ns=0,
-        skeleton=BODY,
-        xy_img=xy,
-        score=np.ones((3, 17)) * [[0.9], [0.9], [0]],
-        sigma_px=np.ones((3, 17)),
-        box_img=np.zeros((3, 4)),
-    )
+    seen = detections("a", xy, sigma_px=1.0)
     assert prominent(seen) == 1
     assert prominent(seen, np.array([100.0, 100.0])) == 0
     assert prominent(replace(seen, xy_img=np.full((3, 17, 2), np.nan))) is None

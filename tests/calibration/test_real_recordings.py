@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from calibrating import differences
 
-from posefuse.calibration.checks.verify import verify
 from posefuse.calibration.clocks.person_tracks import person_tracks
 from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.self_checks import camera_differences, scale_of
@@ -23,6 +22,7 @@ from posefuse.calibration.solving.rotations import Poses, poses_of
 from posefuse.calibration.targets.corners import CornerObservations, joined
 from posefuse.calibration.targets.detection import TargetDetector, corners_from_frames, detect_corners
 from posefuse.calibration.targets.kinds import Charuco, Markers
+from posefuse.calibration.verify import verify
 from posefuse.core import Rig
 from posefuse.detection.build import DetectorChoice
 from posefuse.formats.pose2d import read_openpose_folder

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from bench.faults.waved_props import Faults, Waving, board, observe_prop
-from posefuse.calibration.checks.verify import verify
 from posefuse.calibration.extrinsics.causes import Cause, CauseTrial, Hypothesis, Trouble, cause_check, likely_target_causes
 from posefuse.calibration.extrinsics.limits import LIMITS
 from posefuse.calibration.extrinsics.pipeline import Options
@@ -18,6 +17,7 @@ from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.solving.bundle import clustered_covariance
 from posefuse.calibration.targets.kinds import Charuco, Markers
+from posefuse.calibration.verify import verify
 from posefuse.core import SE3, CalibrationError, Rig
 from posefuse.formats.rig import read_placed_rig, read_rig, write_rig
 

@@ -16,13 +16,12 @@ from calibrating import run
 
 from bench.faults.waved_props import Faults, Waving, board, observe_prop
 from posefuse.api import calibrate as api
-from posefuse.calibration.intrinsics.board import PARAMETERS, calibrate_intrinsics
+from posefuse.calibration.intrinsics import PARAMETERS, calibrate_intrinsics
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import coverage, coverage_picture
-from posefuse.calibration.targets.description import write_target
 from posefuse.calibration.targets.detection import TargetDetector, detect_corners, why_nothing
-from posefuse.calibration.targets.kinds import Charuco, Chessboard, Markers, Target
+from posefuse.calibration.targets.kinds import Charuco, Chessboard, Markers, Target, write_target
 from posefuse.calibration.targets.printing import board_sheets, cube_sheets, write_pdf
 from posefuse.core import CalibrationError, ConfigError, Rig
 from posefuse.formats.rig import read_rig

@@ -13,9 +13,8 @@ from posefuse.calibration.extrinsics.self_checks import camera_differences
 from posefuse.calibration.extrinsics.target import calibrate_extrinsics
 from posefuse.calibration.solving.rotations import poses_of
 from posefuse.calibration.targets.corners import CornerObservations
-from posefuse.calibration.targets.description import TargetDescription, described_target
 from posefuse.calibration.targets.detection import Corners, TargetDetector
-from posefuse.calibration.targets.kinds import Charuco, sides
+from posefuse.calibration.targets.kinds import Charuco, TargetDescription, described_target, sides
 from posefuse.calibration.targets.printing import board_sheets
 from posefuse.core import SE3, ConfigError, Rig
 

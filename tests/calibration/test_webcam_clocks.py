@@ -17,7 +17,6 @@ from calibrating import differences
 from scipy.optimize import least_squares
 from scipy.sparse import coo_array
 
-from posefuse.calibration.checks.verify import verify
 from posefuse.calibration.extrinsics.pipeline import Options, key_snapshots, link, solve_linked, starting_clocks
 from posefuse.calibration.extrinsics.snapshots import snapshots
 from posefuse.calibration.extrinsics.target import Calibration, calibrate_extrinsics
@@ -25,6 +24,7 @@ from posefuse.calibration.extrinsics.world import triangulate_linear
 from posefuse.calibration.solving.rotations import Poses
 from posefuse.calibration.targets.corners import CornerObservations, joined
 from posefuse.calibration.targets.kinds import Charuco
+from posefuse.calibration.verify import verify
 from posefuse.core import Rig
 
 FRAME_S = 1 / 6

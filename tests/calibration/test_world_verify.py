@@ -10,8 +10,6 @@ import pytest
 from scipy.spatial.distance import pdist
 
 from bench.faults.waved_props import Faults, Waving, board, observe_prop
-from posefuse.calibration.checks.point_noise import point_covariance
-from posefuse.calibration.checks.verify import verify
 from posefuse.calibration.extrinsics.target import world_checks
 from posefuse.calibration.extrinsics.world import (
     FloorFromFeet,
@@ -22,6 +20,7 @@ from posefuse.calibration.extrinsics.world import (
     triangulate_linear,
 )
 from posefuse.calibration.targets.kinds import Charuco, Markers
+from posefuse.calibration.verify import point_covariance, verify
 from posefuse.core import SE3, CalibrationError, Rig
 from posefuse.health import rig_monitor as monitor
 

@@ -7,6 +7,8 @@ import pytest
 
 from posefuse.cli.command_line import parse
 from posefuse.cli.main import main
+from posefuse.cli.tracking import network_shown
+from posefuse.detection.build import DetectorChoice
 from posefuse.pipeline.config import TrackConfig, read_changed
 
 
@@ -30,6 +32,13 @@ def test_a_card_of_the_user_chooses_the_plug_in_for_it(tmp_path: Path) -> None:
     config = read_changed(None, changes, TrackConfig)
     assert config.raw and config.detector.name == "onnx"
     assert config.detector.options == {"card": str(card), "engine": "onnxruntime"}
+
+
+def test_the_result_names_the_network_that_was_used() -> None:
+    shown = [network_shown(DetectorChoice(options=options)) for options in ({}, {"landmarks": "blazepose_lite"})]
+    assert shown == ["blazepose_full", "blazepose_lite"]
+    assert network_shown(DetectorChoice(name="onnx", options={"card": "mine.toml"})) == "mine.toml"
+    assert network_shown(DetectorChoice(name="oracle", options={"truth": "truth.npz"})) == "oracle"
 
 
 def test_an_ensemble_stays_with_the_default_detector(tmp_path: Path) -> None:

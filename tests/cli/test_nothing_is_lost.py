@@ -261,7 +261,8 @@ def calibrated(results: Path, out: Path, force: bool) -> int:
 def models_fetched(results: Path, out: Path, force: bool) -> int:
     """`posefuse models --from WHEEL`, for a network of a few bytes."""
     from posefuse.core import ModelError
-    from posefuse.detection.models import fetch, read_card
+    from posefuse.detection.card import read_card
+    from posefuse.detection.files import fetch
 
     content = b"a network"
     card = dataclasses.replace(

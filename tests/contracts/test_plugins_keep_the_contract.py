@@ -3,10 +3,11 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import built
 import numpy as np
 import pytest
 
-from posefuse.core import Detections2D, Frame, Kind, LivePose, LiveStart, PoseSequence, Recording, SourceError
+from posefuse.core import Detections2D, Frame, Kind, LivePose, LiveStart, Recording, SourceError
 from posefuse.core.skeleton import COCO17
 from posefuse.evaluation.contracts import ContractError, check_detector, check_live_output, check_output, check_source
 from posefuse.formats.truth import read_truth
@@ -21,20 +22,9 @@ SINKS = [plugin.name for plugin in list_plugins("outputs")]
 def recording(ring_rig) -> Recording:
     rig, rng = ring_rig(3), np.random.default_rng(0)
     xyz = rng.normal(size=(T, N, K, 3)) * 0.3 + [0, 0, 1]
-    shape = (T, N, K)
-    kind = np.full(shape, Kind.SMOOTHED)
-    kind[2, 1, 4] = Kind.MISSING
     xyz[2, 1, 4] = np.nan
-    poses = PoseSequence(
-        t_ns=np.arange(T) * 40_000_000,
-        skeleton=COCO17,
-        person_id=np.arange(N),
-        xyz_world=xyz,
-        cov_world=np.broadcast_to(np.eye(3) * 1e-4, (*shape, 3, 3)),
-        reproj_px=np.ones(shape),
-        n_views=np.full(shape, 3),
-        kind=kind,
-    )
+    known = np.isfinite(xyz[..., 0])
+    poses = built.poses(xyz, rate_hz=25.0, kind=np.where(known, Kind.SMOOTHED, Kind.MISSING))
     xy = np.moveaxis(np.stack([camera.project(xyz) for camera in rig]), 0, 2)
     return Recording.from_views(
         rig, poses, xy, np.ones(xy.shape[:-1]), np.ones(xy.shape[:-1]), {"posefuse": "test", "rig_id": rig.id}

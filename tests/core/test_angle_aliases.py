@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from built import poses
 
 from posefuse.core import InputError, JointAngles
 from posefuse.core.joint_angles import OPENSIM
@@ -19,16 +20,8 @@ def test_every_alias_is_a_defined_angle() -> None:
 
 @pytest.fixture(scope="module")
 def angles() -> JointAngles:
-    from posefuse.core import PoseSequence
-
     truth = read_truth(Path(__file__).resolve().parents[2] / "examples" / "demo" / "truth" / "truth.npz")
-    shape = truth.xyz_world.shape[:3]
-    poses = PoseSequence(
-        t_ns=truth.t_ns, skeleton=truth.skeleton, person_id=truth.person_id, xyz_world=truth.xyz_world,
-        cov_world=np.broadcast_to(np.eye(3) * 1e-4, (*shape, 3, 3)), reproj_px=np.ones(shape), n_views=np.full(shape, 4),
-        kind=np.ones(shape),
-    )  # fmt: skip
-    return joints_from_poses(poses)
+    return joints_from_poses(poses(truth.xyz_world, t_ns=truth.t_ns, skeleton=truth.skeleton, ids=truth.person_id))
 
 
 @pytest.mark.parametrize(("name", "joint", "angle", "sign"), [(name, *meaning) for name, meaning in OPENSIM.items()])

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from built import detections
 
 from posefuse.core import Detections2D
 from posefuse.core.duplicates import duplicates
@@ -14,17 +15,7 @@ SIDE = np.ptp(BODY, axis=0).max()
 
 def seen(*people: np.ndarray, scores: tuple[float, ...] | None = None) -> Detections2D:
     xy = np.stack(people)
-    score = np.ones(xy.shape[:2]) * np.array(scores or [0.9] * len(people))[:, None]
-    score = np.where(np.isfinite(xy[..., 0]), score, 0.0)
-    return Detections2D(
-        camera="a",
-        t_ns=0,
-        skeleton=COCO17,
-        xy_img=xy,
-        score=score,
-        sigma_px=np.ones(score.shape),
-        box_img=np.zeros((len(xy), 4)),
-    )
+    return detections("a", xy, score=np.array(scores or [0.9] * len(people))[:, None], sigma_px=1.0)
 
 
 @pytest.mark.parametrize(("share", "twice"), [(0.06, True), (0.1, False)])

@@ -3,10 +3,11 @@
 import pickle
 from dataclasses import replace
 
+import built
 import numpy as np
 import pytest
 
-from posefuse.core import Detections2D, Frame, Kind, Pose3D, PoseSequence, Recording, Region, ShapeError, Views
+from posefuse.core import Detections2D, Frame, Pose3D, PoseSequence, Recording, Region, ShapeError, Views
 from posefuse.core.skeleton import BODY_25, COCO17, PAPER14, SKELETONS, Skeleton, mirror_name, pick_keypoints
 
 N, C, K = 2, 3, len(COCO17)
@@ -14,17 +15,7 @@ OTHER = Skeleton("other", COCO17.keypoints, COCO17.bones)
 
 
 def pose(t_ns: int = 5, people: int = N) -> Pose3D:
-    shape = (people, K)
-    return Pose3D(
-        t_ns=t_ns,
-        skeleton=COCO17,
-        person_id=np.arange(people),
-        xyz_world=np.ones((*shape, 3)),
-        cov_world=np.ones((*shape, 3, 3)),
-        reproj_px=np.ones(shape),
-        n_views=np.full(shape, 3),
-        kind=np.full(shape, Kind.FUSED),
-    )
+    return built.pose(np.ones((people, K, 3)), t_ns=t_ns, cov=np.ones((3, 3)))
 
 
 def views() -> Views:

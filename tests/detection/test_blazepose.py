@@ -6,9 +6,10 @@ import pytest
 
 from posefuse.core import ConfigError, Detector, Frame, ModelError, Region, ShapeError
 from posefuse.detection import BlazePoseConfig, read_card, region_from_keypoints
-from posefuse.detection.blazepose.looks import Look, averaged
-from posefuse.detection.blazepose.network import BlazePoseNetwork
-from posefuse.detection.models import read_any_card
+from posefuse.detection.blazepose import Look, averaged
+from posefuse.detection.card import read_any_card
+from posefuse.detection.engines import BlazePoseNetwork
+from posefuse.detection.search import PersonNetwork
 
 CAMERA = "cam04"
 
@@ -160,6 +161,4 @@ def test_misuse_is_an_error(detector, frame, tmp_path):
     with pytest.raises(ShapeError, match="regions for each of 1 frames"):
         detector.detect([frame], [])
     with pytest.raises(ModelError, match="expected kind person_ssd"):
-        BlazePoseConfig(persons="blazepose_full").build()
-    with pytest.raises(ModelError, match="no such archive"):
-        BlazePoseConfig(cache=tmp_path, models=tmp_path / "nowhere.whl").build()
+        PersonNetwork.compiled(read_card("blazepose_full"), tmp_path, "f32", 1)

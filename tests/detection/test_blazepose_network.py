@@ -9,9 +9,9 @@ import pytest
 from openvino import opset8 as ops
 
 from posefuse.core import Region
-from posefuse.detection.blazepose.network import BlazePoseNetwork
-from posefuse.detection.models import ModelInput
-from posefuse.detection.regions import Crops, square_crop
+from posefuse.detection.card import ModelInput
+from posefuse.detection.crops import Crops, square_crop
+from posefuse.detection.engines import BlazePoseNetwork
 
 SIDE = 16
 
@@ -97,7 +97,7 @@ def test_crops_are_cut_once_and_when_asked_for(monkeypatch: pytest.MonkeyPatch) 
     image = np.random.default_rng(1).integers(0, 256, (90, 120, 3), np.uint8)
     regions = [Region(centre_img=np.array([60.0, 10.0 * i]), side_px=40.0 + i, angle_rad=0.1 * i) for i in range(4)]
     cuts: list[Region] = []
-    monkeypatch.setattr("posefuse.detection.regions.square_crop", lambda *args: (cuts.append(args[1]), square_crop(*args))[1])
+    monkeypatch.setattr("posefuse.detection.crops.square_crop", lambda *args: (cuts.append(args[1]), square_crop(*args))[1])
     lazy = Crops([(image, region) for region in regions], SIDE)
     assert len(lazy) == 4
     assert not cuts

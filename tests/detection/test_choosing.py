@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from posefuse.core import ModelError
-from posefuse.detection.blazepose import BlazePoseConfig
 from posefuse.detection.choosing import NetworkCost, largest_sustained, measured_costs, share_of_frames
 
 COSTS = [NetworkCost("small", 0.003), NetworkCost("middle", 0.006), NetworkCost("large", 0.02)]
@@ -40,6 +39,7 @@ def test_costs_are_seconds_per_image_by_the_clock_given():
     assert cost.name == "blazepose_full" and images == int(images) and images % 2 == 0
 
 
-def test_networks_that_are_not_there_are_named(tmp_path: Path):
+def test_networks_that_are_not_there_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("POSEFUSE_CACHE", str(tmp_path))
     with pytest.raises(ModelError, match="blazepose_lite"):
-        measured_costs(config=BlazePoseConfig(cache=tmp_path))
+        measured_costs()

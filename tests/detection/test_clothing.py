@@ -7,7 +7,7 @@ import pytest
 from posefuse.core import Detections2D
 from posefuse.core.skeleton import BLAZEPOSE33, COCO17, HALPE_26
 from posefuse.detection import with_clothing
-from posefuse.detection.clothing import lab_from_srgb, median_colour
+from posefuse.detection.appearance import lab_from_srgb, median_colour
 
 SHIRT, TROUSERS, WALL = (178, 38, 38), (26, 38, 89), (200, 200, 200)
 # a person of 180 px in front of the camera: middle (x, y), half width

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from built import detections
 
 from posefuse.core import Detections2D, Frame, ShapeError
 from posefuse.core.depth import DepthImage, DepthNoise
@@ -14,11 +15,7 @@ WRIST, HIP = COCO17.index("left_wrist"), COCO17.index("left_hip")
 
 
 def person(xy: np.ndarray, score: float = 0.9) -> Detections2D:
-    xy = np.asarray(xy, float)[None]
-    return Detections2D(
-        camera="c", t_ns=0, skeleton=COCO17, xy_img=xy, score=np.full(xy.shape[:2], score), sigma_px=np.full(xy.shape[:2], 2.0),
-        box_img=np.zeros((1, 4)),
-    )  # fmt: skip
+    return detections("c", np.asarray(xy, float)[None], score=score)
 
 
 def keypoints() -> np.ndarray:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from posefuse.detection.blazepose.landmarks import landmarks_from_outputs
+from posefuse.detection.decode import landmarks_from_outputs
 
 SIDE, CELLS, CHANNELS, COUNT = 256, 64, 39, 33
 

@@ -12,8 +12,9 @@ from pathlib import Path
 import pytest
 
 from posefuse.core import ModelError
-from posefuse.detection import default_cards
-from posefuse.detection.models import archives, fetch, fetch_all, holds, list_cards, model_path, read_card, status
+from posefuse.detection import archives, default_cards
+from posefuse.detection.card import list_cards, read_card
+from posefuse.detection.files import fetch, fetch_all, holds, model_path, status
 from posefuse.foundation.places import default_cache_dir
 
 ROOT = Path(__file__).resolve().parents[2]

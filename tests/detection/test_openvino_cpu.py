@@ -9,7 +9,7 @@ import openvino as ov
 import pytest
 from openvino import opset8 as ops
 
-from posefuse.detection.openvino_cpu import compiled_for_cpu
+from posefuse.detection.engines import compiled_for_cpu
 
 SHAPE, INFERENCES, SAMPLES = (1, 16, 192, 192), 60, 40
 

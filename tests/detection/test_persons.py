@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from posefuse.core import Region
-from posefuse.detection.blazepose.persons import regions_from_outputs
-from posefuse.detection.blazepose.search import stages
-from posefuse.detection.models import read_card
-from posefuse.detection.regions import crop_from_img
+from posefuse.detection.card import read_card
+from posefuse.detection.crops import crop_from_img
+from posefuse.detection.search import regions_from_outputs, stages
 
 CARD = read_card("blazepose_persons")
 SIDE = CARD.input.side_px

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from posefuse.core import SE3, SKELETONS, Region
-from posefuse.detection.regions import (
+from posefuse.detection.crops import (
     crop_from_img,
     img_from_crop,
     region_from_keypoints,

@@ -1,23 +1,19 @@
+from dataclasses import replace
+
+import built
 import numpy as np
 import pytest
 
-from posefuse.core import SKELETONS, Kind, Rig, Views
+from posefuse.core import SKELETONS, Kind, Rig
 from posefuse.fusion import WEIGHTS, FuseSettings, fuse, triangulate
 
 COCO = SKELETONS["coco17"]
 
 
-def views(rig, xy, score=None):
-    score = np.ones(xy.shape[:-1]) if score is None else score
-    return Views(
-        t_ns=0,
-        skeleton=COCO,
-        camera_names=rig.names,
-        person_id=np.arange(len(xy)),
-        xy_img=xy,
-        score=score,
-        sigma_px=np.full(xy.shape[:-1], np.nan),
-    )
+def views(rig, xy, score=1.0):
+    """Of no stated noise."""
+    score, sigma = np.broadcast_to(score, xy.shape[:-1]), np.full(xy.shape[:-1], np.nan)
+    return replace(built.views(rig, np.ones((len(xy), 17, 3))), xy_img=xy, score=score, sigma_px=sigma)
 
 
 @pytest.fixture

@@ -10,8 +10,8 @@ import pytest
 
 from posefuse.cli.main import main
 from posefuse.core import SKELETONS, CameraTruth, Rig, Truth
-from posefuse.detection.networks import read_network_card
-from posefuse.detection.networks.noise import FEATURES, read_keypoint_noise
+from posefuse.detection.card import read_network_card
+from posefuse.detection.noise import FEATURES, read_keypoint_noise
 from posefuse.evaluation.fitting import NoiseSamples, fit_noise, noise_text
 from posefuse.evaluation.fitting.joint_centres import directions_of
 from posefuse.evaluation.fitting.keypoint_noise import fit_log_sigma

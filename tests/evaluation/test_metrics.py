@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from built import poses
 
-from posefuse.core import CameraTruth, InputError, Kind, PoseSequence, Truth
+from posefuse.core import CameraTruth, InputError, PoseSequence, Truth
 from posefuse.core.skeleton import ANATOMICAL23, BLAZEPOSE33, PAPER14
 from posefuse.evaluation.metrics import joint_errors, summary, typical_nees
 
@@ -20,17 +21,7 @@ def truth_of(rig, xyz: np.ndarray) -> Truth:
 
 
 def sequence(t_ns: np.ndarray, xyz: np.ndarray, skeleton=ANATOMICAL23) -> PoseSequence:
-    shape = xyz.shape[:-1]
-    return PoseSequence(
-        t_ns=t_ns,
-        skeleton=skeleton,
-        person_id=np.arange(xyz.shape[1]),
-        xyz_world=xyz,
-        cov_world=np.zeros((*shape, 3, 3)),
-        reproj_px=np.zeros(shape),
-        n_views=np.full(shape, 3),
-        kind=np.full(shape, Kind.FUSED),
-    )
+    return poses(xyz, 0.0, t_ns=t_ns, skeleton=skeleton)
 
 
 @pytest.fixture
@@ -112,17 +103,9 @@ def test_typical_nees_is_3_when_covariances_say_how_wrong_points_are(ring_rig) -
     truth = Truth(rig=rig, t_ns=t_ns, skeleton=body, person_id=np.zeros(1), xyz_world=exact, views=views)
 
     def stated(factor: float) -> float:
-        poses = PoseSequence(
-            t_ns=t_ns,
-            skeleton=body,
-            person_id=np.zeros(1),
-            xyz_world=exact + error,
-            cov_world=cov * factor,
-            reproj_px=np.ones(shape),
-            n_views=np.full(shape, 3),
-            kind=np.full(shape, Kind.FUSED),
+        return typical_nees(
+            poses(exact + error, cov=cov * factor, t_ns=t_ns, skeleton=body, ids=[0]), truth, ("left_hip", "right_wrist", "nose")
         )
-        return typical_nees(poses, truth, ("left_hip", "right_wrist", "nose"))
 
     assert stated(1.0) == pytest.approx(3, rel=0.1)
     assert stated(0.25) == pytest.approx(12, rel=0.1)

@@ -6,9 +6,10 @@ from itertools import pairwise
 import ezc3d
 import numpy as np
 import pytest
+from built import poses
 
 from posefuse import __version__
-from posefuse.core import SKELETONS, InputError, PoseSequence, Recording
+from posefuse.core import SKELETONS, InputError, Recording
 from posefuse.evaluation.biomechanics import BiomechanicsSettings, write_biomechanics
 from posefuse.evaluation.gait_cycles import PERCENT, gait_cycles, write_gait_cycles
 from posefuse.evaluation.report import keypoint_quality, write_report
@@ -41,24 +42,11 @@ def walker(times=240, rate_hz=60.0, people=1):
 
 
 def recording_of(ring_rig, xyz, t_ns, provenance=None):
-    seen = np.isfinite(xyz[..., 0])
-    cov = np.where(seen[..., None, None], np.eye(3) * 1e-4, np.nan)
-    people = xyz.shape[1]
-    poses = PoseSequence(
-        t_ns=t_ns,
-        skeleton=SKELETON,
-        person_id=range(people),
-        xyz_world=xyz,
-        cov_world=cov,
-        reproj_px=np.where(seen, 1.5, np.nan),
-        n_views=seen * 3,
-        kind=seen * 1,
-    )
     rig = ring_rig(4)
-    shape = (len(t_ns), people, 4, len(SKELETON))
-    return Recording.from_views(
-        rig, poses, np.full((*shape, 2), np.nan), np.zeros(shape), np.full(shape, np.nan), provenance or {}
-    )
+    shape = (len(t_ns), xyz.shape[1], 4, len(SKELETON))
+    seen, unstated = np.zeros(shape), np.full(shape, np.nan)
+    made = poses(xyz, t_ns=t_ns, skeleton=SKELETON)
+    return Recording.from_views(rig, made, np.full((*shape, 2), np.nan), seen, unstated, provenance or {})
 
 
 def reported(read_page, tmp_path, recording, *more):

@@ -9,7 +9,7 @@ import pytest
 
 from posefuse.core import ConfigError, JointCentres, ShapeError
 from posefuse.core.joint_centres import JOINT_DIRECTIONS, SEGMENT_ENDS
-from posefuse.detection.models import read_any_card
+from posefuse.detection.card import read_any_card
 from posefuse.formats.joint_centres import joint_centres_from_mapping, joint_centres_text, read_joint_centres
 
 TABLE = JointCentres(

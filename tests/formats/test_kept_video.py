@@ -16,8 +16,8 @@ from posefuse.core import Frame, InputError, SourceError
 from posefuse.core.encoded import EncodedFrame
 from posefuse.formats.kept_video import COPIED, ENCODED, KeptVideo
 from posefuse.formats.pixels import Pixels, RgbPixels
+from posefuse.sources.arriving import decoded_with_packets
 from posefuse.sources.live.stream import StreamConfig
-from posefuse.sources.packets import decoded_with_packets
 from posefuse.sources.video import VideoConfig
 
 # a camera that runs freely, its first frame well after the session's zero

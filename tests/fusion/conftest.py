@@ -1,11 +1,9 @@
 """People in front of cameras, with exact truth."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
-from posefuse.core import SKELETONS, Rig, Skeleton, Views
+from posefuse.core import SKELETONS
 
 # a standing person, metres: right arm forward, left arm out, so that no two keypoints mirror each other exactly
 _STANDING = {
@@ -26,25 +24,3 @@ def standing() -> np.ndarray:
             x, y, z = x + (0.15 if part in ("elbow", "wrist", "knee") else 0.0), -y, z
         rows.append((x, y, z))
     return np.array(rows)
-
-
-@pytest.fixture(scope="session")
-def views_of() -> Callable[..., Views]:
-    """Builder of what a rig sees of (N, K, 3) people."""
-    return _views_of
-
-
-def _views_of(rig: Rig, skeleton: Skeleton, xyz: np.ndarray, sigma_px: float = 1.0, seed: int | None = None) -> Views:
-    xy = np.moveaxis(rig.project(xyz), 0, 1)
-    if seed is not None:
-        xy = xy + np.random.default_rng(seed).normal(size=xy.shape) * sigma_px
-    seen = np.isfinite(xy[..., 0])
-    return Views(
-        t_ns=0,
-        skeleton=skeleton,
-        camera_names=rig.names,
-        person_id=np.arange(len(xyz)),
-        xy_img=xy,
-        score=np.where(seen, 0.9, 0.0),
-        sigma_px=np.where(seen, sigma_px, np.nan),
-    )

@@ -34,8 +34,8 @@ _ENDED_WELL, _KNOWN_ERROR = 0, 1
 
 
 def _readers() -> dict[str, Callable[[Path], Any]]:
-    from posefuse.calibration.extrinsics.floor_points import read_floor_points
-    from posefuse.detection.models import read_card
+    from posefuse.calibration.extrinsics.floor import read_floor_points
+    from posefuse.detection.card import read_card
     from posefuse.evaluation.tracks import read_tracks
     from posefuse.formats.bvh import read_bvh
     from posefuse.formats.c3d import read_c3d
@@ -113,7 +113,8 @@ def _images(folder: Path) -> None:
 
 
 def _model(card: str, archive: Path) -> None:
-    from posefuse.detection.models import fetch, read_card
+    from posefuse.detection.card import read_card
+    from posefuse.detection.files import fetch
 
     made = {"size_bytes": len(NETWORK), "sha256": hashlib.sha256(NETWORK).hexdigest()}
     fetch(dataclasses.replace(read_card(card), **made), archive.parent / "cache", archive)

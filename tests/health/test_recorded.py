@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from built import poses
 
-from posefuse.core import SE3, SKELETONS, PoseSequence, Recording, Rig
+from posefuse.core import SE3, SKELETONS, Recording, Rig
 from posefuse.core.observations import NOT_KEPT
 from posefuse.health.recorded import UNFIT, checked_rig
 
@@ -16,19 +17,8 @@ Walk = tuple[Rig, np.ndarray, np.ndarray, np.ndarray]
 
 def recording_of(rig: Rig, xyz: np.ndarray, xy: np.ndarray, t_s: np.ndarray, left_out: Sequence[int] = ()) -> Recording:
     """A result with detections xy (T, C, K, 2); those of some cameras belong to no person of it."""
-    shape = (len(t_s), 1, len(BODY))
-    poses = PoseSequence(
-        t_ns=np.round(t_s * 1e9).astype(np.int64),
-        skeleton=BODY,
-        person_id=np.zeros(1, np.int64),
-        xyz_world=xyz[:, None],
-        cov_world=1e-4 * np.tile(np.eye(3), (*shape, 1, 1)),
-        reproj_px=np.ones(shape),
-        n_views=np.full(shape, len(rig)),
-        kind=np.ones(shape),
-    )
     ones = np.ones((len(t_s), 1, len(rig), len(BODY)))
-    made = Recording.from_views(rig, poses, xy[:, None], ones, 3 * ones)
+    made = Recording.from_views(rig, poses(xyz[:, None], t_ns=np.round(t_s * 1e9).astype(np.int64)), xy[:, None], ones, 3 * ones)
     log = made.observations
     out = np.isin(log.frame_camera[log.detection_frame], left_out)
     return replace(made, observations=log.with_person_ids(np.where(out, NOT_KEPT, log.person_id)))

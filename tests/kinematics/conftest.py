@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from built import poses
 from scipy.spatial.transform import Rotation
 
 from posefuse.core import SKELETONS, PoseSequence
@@ -100,16 +101,4 @@ def sequence_of(
 
 
 def from_xyz(xyz: np.ndarray, skeleton: str, sigma_m: float, rate_hz: float = 100.0) -> PoseSequence:
-    seen = np.isfinite(xyz[..., 0])
-    cov = np.where(seen[..., None, None], np.eye(3) * sigma_m**2, np.nan)
-    t_ns = np.round(np.arange(len(xyz)) * 1e9 / rate_hz).astype(np.int64)
-    return PoseSequence(
-        t_ns=t_ns,
-        skeleton=SKELETONS[skeleton],
-        person_id=np.arange(xyz.shape[1]),
-        xyz_world=xyz,
-        cov_world=cov,
-        reproj_px=np.where(seen, 0.5, np.nan),
-        n_views=seen * 4,
-        kind=seen * 1,
-    )
+    return poses(xyz, sigma_m, rate_hz, SKELETONS[skeleton])

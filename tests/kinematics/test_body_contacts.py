@@ -1,9 +1,11 @@
 """Feet that stand neither move nor sink: which do, what that does to a fit, and what it says of its certainty."""
 
+import built
 import numpy as np
 import pytest
+from built import view_sequence
 
-from posefuse.core import PoseSequence, ViewSequence
+from posefuse.core import PoseSequence
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.kinematics.body import BodySettings, bodies_from_poses, fit_views
@@ -36,32 +38,15 @@ def walker():
 
 @pytest.fixture(scope="module")
 def poses(walker) -> PoseSequence:
-    ones, rng = np.ones(walker.shape[:-1]), np.random.default_rng(1)
-    return PoseSequence(
-        t_ns=np.arange(len(walker)) * round(1e9 / RATE_HZ),
-        skeleton=ANATOMICAL23,
-        person_id=[0],
-        xyz_world=walker + rng.normal(size=walker.shape) * SIGMA_M,
-        cov_world=np.broadcast_to(np.eye(3) * SIGMA_M**2, (*walker.shape, 3)),
-        reproj_px=ones,
-        n_views=4 * ones,
-        kind=ones,
-    )
+    noise_m = np.random.default_rng(1).normal(size=walker.shape) * SIGMA_M
+    return built.poses(walker + noise_m, SIGMA_M, RATE_HZ, ANATOMICAL23)
 
 
 @pytest.fixture(scope="module")
 def fits(poses, walker, ring_rig):
     rig, rng = ring_rig(4), np.random.default_rng(2)
     xy = np.moveaxis(rig.project(walker), 0, 2)
-    views = ViewSequence(
-        t_ns=poses.t_ns,
-        skeleton=poses.skeleton,
-        camera_names=rig.names,
-        person_id=poses.person_id,
-        xy_img=xy + rng.normal(size=xy.shape) * SIGMA_PX,
-        score=np.ones(xy.shape[:-1]),
-        sigma_px=np.full(xy.shape[:-1], SIGMA_PX),
-    )
+    views = view_sequence(rig, poses, xy + rng.normal(size=xy.shape) * SIGMA_PX, sigma_px=SIGMA_PX)
     return {name: fit_views(poses, rig, views, chosen).poses for name, chosen in {"stand": None, "loose": LOOSE}.items()}
 
 

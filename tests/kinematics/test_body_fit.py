@@ -4,8 +4,9 @@ import dataclasses
 
 import numpy as np
 import pytest
+from built import view_sequence
 
-from posefuse.core import InputError, Kind, PoseSequence, ViewSequence
+from posefuse.core import InputError, Kind, PoseSequence
 from posefuse.kinematics import JOINT_NAMES, joints_from_poses
 from posefuse.kinematics.body import BodySettings, bodies_from_poses, fit_poses, fit_views, kernels
 from posefuse.kinematics.body import filter as filter_module
@@ -146,15 +147,7 @@ def test_rays_see_what_points_cannot(noisy, fitted, ring_rig):
     score = np.ones(xy.shape[:-1])
     wrist = clean.skeleton.index("left_wrist")
     score[60:85, :, 1:, clean.skeleton.indices(HIDDEN)] = 0
-    views = ViewSequence(
-        t_ns=seen.t_ns,
-        skeleton=seen.skeleton,
-        camera_names=rig.names,
-        person_id=seen.person_id,
-        xy_img=np.where(score[..., None] > 0, xy, np.nan),
-        score=score,
-        sigma_px=np.where(score > 0, 1.0, np.nan),
-    )
+    views = view_sequence(rig, seen, np.where(score[..., None] > 0, xy, np.nan), score)
     by_rays = fit_views(seen, rig, views, WHITE, fitted.bodies)
     errors = [np.linalg.norm(f.poses.xyz_world - clean.xyz_world, axis=-1)[60:85, 0, wrist].mean() for f in (fitted, by_rays)]
     assert errors[1] < 0.7 * errors[0]
@@ -322,15 +315,7 @@ def test_a_recording_fitted_in_blocks_is_as_one_fitted_whole(posed, ring_rig, mo
     )
     xy = np.moveaxis(rig.project(clean.xyz_world), 0, 2)
     xy = np.where(score[..., None] > 0, xy + rng.normal(size=xy.shape) * 1.5, np.nan)
-    views = ViewSequence(
-        t_ns=seen.t_ns,
-        skeleton=seen.skeleton,
-        camera_names=rig.names,
-        person_id=seen.person_id,
-        xy_img=xy,
-        score=score,
-        sigma_px=np.where(score > 0, 1.5, np.nan),
-    )
+    views = view_sequence(rig, seen, xy, score, 1.5)
     bodies = bodies_from_poses(seen)
     found = []
     for block in (filter_module._BLOCK_STEPS, steps):

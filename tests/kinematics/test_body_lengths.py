@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from built import view_sequence
 
 from posefuse.core import ViewSequence
 from posefuse.kinematics.body import BodySettings, LengthPrior, bodies_from_poses, fit_views, kernels
@@ -37,16 +38,7 @@ def squatter(posed):
 def views_of(rig, poses, rng) -> ViewSequence:
     xy = np.moveaxis(rig.project(poses.xyz_world), 0, 2)
     xy = xy + rng.normal(size=xy.shape) * SIGMA_PX
-    there = np.isfinite(xy[..., 0])
-    return ViewSequence(
-        t_ns=poses.t_ns,
-        skeleton=poses.skeleton,
-        camera_names=rig.names,
-        person_id=poses.person_id,
-        xy_img=xy,
-        score=there * 1.0,
-        sigma_px=np.where(there, SIGMA_PX, np.nan),
-    )
+    return view_sequence(rig, poses, xy, sigma_px=SIGMA_PX)
 
 
 def lengths(fit) -> tuple[np.ndarray, np.ndarray]:

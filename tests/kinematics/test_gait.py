@@ -4,8 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from built import poses
 
-from posefuse.core import SKELETONS, PoseSequence
+from posefuse.core import SKELETONS
 from posefuse.kinematics.gait import gait_from_poses
 
 SKELETON = SKELETONS["anatomical23"]
@@ -35,18 +36,7 @@ def stepping(heading_rad=0.7, keypoints=SKELETON.keypoints, gap=None):
         put(f"{side}_small_toe", foot + 0.18, y, 0.03)
     if gap:
         xyz[gap] = np.nan
-    seen = np.isfinite(xyz[..., 0])
-    cov = np.where(seen[..., None, None], np.eye(3) * 1e-6, np.nan)
-    return PoseSequence(
-        t_ns=np.round(t * 1e9).astype(np.int64),
-        skeleton=SKELETON,
-        person_id=[0],
-        xyz_world=xyz,
-        cov_world=cov,
-        reproj_px=np.where(seen, 1.0, np.nan),
-        n_views=seen * 4,
-        kind=seen * 1,
-    )
+    return poses(xyz, 1e-3, skeleton=SKELETON)
 
 
 @pytest.mark.parametrize("heading_rad", [0.0, 0.7, 3.0])
@@ -82,20 +72,7 @@ def test_the_simulated_walk_round_a_circle_is_measured_as_set():
     from posefuse.formats.truth import read_truth
 
     truth = read_truth(Path(__file__).parents[2] / "examples" / "demo" / "truth" / "truth.npz")
-    shape = truth.xyz_world.shape[:3]
-    ones, cov = np.ones(shape), np.broadcast_to(np.eye(3) * 1e-6, (*shape, 3, 3))
-    gait = gait_from_poses(
-        PoseSequence(
-            t_ns=truth.t_ns,
-            skeleton=truth.skeleton,
-            person_id=truth.person_id,
-            xyz_world=truth.xyz_world,
-            cov_world=cov,
-            reproj_px=ones,
-            n_views=ones,
-            kind=ones,
-        )
-    )
+    gait = gait_from_poses(poses(truth.xyz_world, 1e-3, t_ns=truth.t_ns, skeleton=truth.skeleton, ids=truth.person_id))
     assert gait.speed_m_s == pytest.approx(1.2, rel=0.02)
     assert gait.stride_length_m.mean == pytest.approx(1.2 * gait.stride_time_s.mean, rel=0.03)
 
@@ -116,20 +93,7 @@ def test_events_agree_with_a_gait_laboratory(shared_data):
     for side in ("left", "right"):
         for name, label in parts.items():
             xyz[:, 0, SKELETON.index(f"{side}_{name}")] = points[:, labels.index(side[0].upper() + label)]
-    seen = np.isfinite(xyz[..., 0])
-    t_ns = np.arange(len(points)) * 1_000_000_000 // 120
-    cov = np.where(seen[..., None, None], np.eye(3) * 1e-6, np.nan)
-    sequence = PoseSequence(
-        t_ns=t_ns,
-        skeleton=SKELETON,
-        person_id=[0],
-        xyz_world=xyz,
-        cov_world=cov,
-        reproj_px=np.where(seen, 1.0, np.nan),
-        n_views=seen * 4,
-        kind=seen * 1,
-    )
-    gait = gait_from_poses(sequence)
+    gait = gait_from_poses(poses(xyz, 1e-3, 120.0, SKELETON))
     event = file["parameters"]["EVENT"]
     times = np.array(event["TIMES"]["value"]).reshape(2, -1, order="F")[1]
     first_s = file["header"]["points"]["first_frame"] / 120

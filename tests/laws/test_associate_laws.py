@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
+from built import detections
 
 from posefuse.association import AssociateSettings, associate
-from posefuse.core import SE3, SKELETONS, Detections2D, Rig
+from posefuse.core import SE3, SKELETONS, Rig
 
 COCO = SKELETONS["coco17"]
 
@@ -21,12 +22,7 @@ def scene(ring_rig):
         who = rng.permutation(3)[: 2 + rng.integers(2)]
         xy = camera.project(people[who]) + rng.normal(size=(len(who), 17, 2)) * 3
         score = rng.uniform(0.3, 1.0, xy.shape[:2])
-        box = np.concatenate([xy.min(axis=1), xy.max(axis=1)], axis=-1)
-        reports.append(
-            Detections2D(
-                camera=camera.name, t_ns=0, skeleton=COCO, xy_img=xy, score=score, sigma_px=2 * np.ones_like(score), box_img=box
-            )
-        )
+        reports.append(detections(camera.name, xy, score=score))
     return rig, reports
 
 
@@ -52,17 +48,6 @@ def test_the_order_of_cameras_changes_no_person(scene, people):
 
 def test_the_order_within_a_camera_changes_no_person(scene):
     rig, reports = scene
-    turned = [
-        Detections2D(
-            camera=d.camera,
-            t_ns=0,
-            skeleton=COCO,
-            xy_img=d.xy_img[::-1],
-            score=d.score[::-1],
-            sigma_px=d.sigma_px[::-1],
-            box_img=d.box_img[::-1],
-        )
-        for d in reports
-    ]
+    turned = [d.people(np.arange(len(d))[::-1]) for d in reports]
     settings = AssociateSettings(max_people=3)
     np.testing.assert_array_equal(associate(turned, rig, settings).xy_img, associate(reports, rig, settings).xy_img)

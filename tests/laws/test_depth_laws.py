@@ -1,9 +1,12 @@
 """Depth as one more measurement per view: what it may and may not do to a point."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from built import views
 
-from posefuse.core import SE3, SKELETONS, Kind, Views
+from posefuse.core import SE3, SKELETONS, Kind
 from posefuse.core.depth import keypoint_depth
 from posefuse.fusion import FuseSettings, fuse, triangulate
 
@@ -126,11 +129,8 @@ def test_the_surface_lies_in_front_of_the_keypoint_along_its_ray(ring_rig):
     joints = keypoint_depth(depth, norm, skeleton)
     np.testing.assert_allclose(joints[:, 0], in_camera[:, 2], atol=1e-12)
     assert (joints[:, 1] > 0.01).all()
-    views = Views(
-        t_ns=0, skeleton=skeleton, camera_names=rig.names, person_id=[4], xy_img=camera.project(xyz)[None, None],
-        score=np.ones((1, 1, 17)), sigma_px=np.full((1, 1, 17), 1.0), depth_m=depth[None, None],
-    )  # fmt: skip
-    pose = fuse(views, rig, FuseSettings())
+    seen = replace(views(rig, xyz[None]), person_id=[4], score=np.ones((1, 1, 17)), depth_m=depth[None, None])
+    pose = fuse(seen, rig, FuseSettings())
     np.testing.assert_allclose(pose.xyz_world[0], xyz, atol=1e-6)
     assert (pose.kind == Kind.FUSED).all()
     assert (pose.n_views == 1).all()

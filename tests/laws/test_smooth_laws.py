@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from smoothing import measured, white_jerk
+from built import poses, white_jerk
 
 from posefuse.core import SE3, Kind
 from posefuse.tracking import SmoothSettings, smooth
@@ -31,8 +31,8 @@ def test_moving_the_world_moves_the_answer(walk, bones):
     move = SE3.from_rotvec([0.3, -1.1, 2.0], [5.0, -3.0, 0.7])
     turn = move.matrix()
     settings = SmoothSettings(bones=bones)
-    here = smooth(measured(t_ns, xyz, cov), settings)
-    there = smooth(measured(t_ns, move @ xyz, turn @ cov @ turn.T), settings)
+    here = smooth(poses(xyz, cov=cov, t_ns=t_ns), settings)
+    there = smooth(poses(move @ xyz, cov=turn @ cov @ turn.T, t_ns=t_ns), settings)
     np.testing.assert_allclose(there.xyz_world, move @ here.xyz_world, atol=1e-7)
     np.testing.assert_allclose(there.cov_world, turn @ here.cov_world @ turn.T, atol=1e-8)
     np.testing.assert_array_equal(there.kind, here.kind)
@@ -43,8 +43,8 @@ def test_time_run_backwards_gives_the_same_path(walk, bones):
     """No lag in either direction."""
     t_ns, xyz, cov = walk
     settings = SmoothSettings(bones=bones)
-    ahead = smooth(measured(t_ns, xyz, cov), settings)
-    back = smooth(measured(t_ns[-1] - t_ns[::-1], xyz[::-1], cov[::-1]), settings)
+    ahead = smooth(poses(xyz, cov=cov, t_ns=t_ns), settings)
+    back = smooth(poses(xyz[::-1], cov=cov[::-1], t_ns=t_ns[-1] - t_ns[::-1]), settings)
     np.testing.assert_allclose(back.xyz_world[::-1], ahead.xyz_world, atol=1e-5)
     np.testing.assert_array_equal(back.kind[::-1], ahead.kind)
 
@@ -60,7 +60,7 @@ def test_the_response_at_the_cutoff_is_minus_3_db_without_lag(cutoff):
         frequency = max(1, round(frequency * 140 / 60)) * 60 / 140
         wave = np.exp(2j * np.pi * frequency * T_NS * 1e-9)
         xyz[..., 1] = wave.imag[:, None, None]
-        out = smooth(measured(T_NS, xyz, np.eye(3) * 1e-4), settings).xyz_world[inside, 0, 0, 1]
+        out = smooth(poses(xyz, cov=np.eye(3) * 1e-4, t_ns=T_NS), settings).xyz_world[inside, 0, 0, 1]
         response = (out * wave[inside].conj()).mean() / (wave.imag[inside] * wave[inside].conj()).mean()
         expected = 1 / (1 + (frequency / cutoff) ** 6 * (np.sqrt(2) - 1))
         assert expected == pytest.approx(gain, abs=0.06)
@@ -83,7 +83,7 @@ def test_covariance_matches_the_errors_on_motion_of_its_own_model():
     seen = truth + rng.normal(size=truth.shape) @ np.linalg.cholesky(noise).T
     for start in range(20, 280, 40):
         seen[start : start + 9] = np.nan
-    result = smooth(measured(T_NS, seen, noise), SmoothSettings(bones=False, lasting_share=0.0))
+    result = smooth(poses(seen, cov=noise, t_ns=T_NS), SmoothSettings(bones=False, lasting_share=0.0))
     error = result.xyz_world - truth
     squared = np.einsum("tnki,tnkij,tnkj->tnk", error, np.linalg.inv(result.cov_world), error)
     assert squared[result.kind == Kind.SMOOTHED].mean() == pytest.approx(3.0, abs=0.2)

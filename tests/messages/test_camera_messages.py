@@ -7,8 +7,7 @@ pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
 
 from posefuse.core import SE3, Camera, MessageError
 from posefuse.messages import camera_messages as cm
-from posefuse.messages.intake import Intake, decode
-from posefuse.messages.types import encode, message
+from posefuse.messages.types import Intake, decode, encode, message
 
 K = np.array([[500.0, 0.3, 319.5], [0, 510.0, 239.5], [0, 0, 1]])
 POSE = SE3.from_rotvec([0.1, 0.2, 0.3], [1.0, 2, 3])

@@ -20,9 +20,8 @@ from posefuse.core import ConfigError, DependencyError, SourceError
 from posefuse.messages import dds_domain, messages, topics
 from posefuse.messages.dds import RosNode
 from posefuse.messages.dds_domain import Network, domain_xml
-from posefuse.messages.intake import Intake
 from posefuse.messages.ros_output import RosOutput
-from posefuse.messages.types import encode, message, type_hash
+from posefuse.messages.types import Intake, encode, message, type_hash
 
 pytest.importorskip("cyclonedds", reason="the extra `ros` is not installed")
 

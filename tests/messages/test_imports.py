@@ -6,7 +6,7 @@ def test_nothing_heavy_is_imported_before_it_is_used():
     """`posefuse --help` and the list of plug-ins import these modules."""
     program = (
         "import sys\n"
-        "from posefuse.messages import bags, dds, idl, osc, ros1, ros_output, streams\n"
+        "from posefuse.messages import bags, dds, osc, ros1, ros_output, types\n"
         "import posefuse.sources.ros, posefuse.outputs.mcap\n"
         "print(sorted({'cyclonedds', 'rosbags', 'mcap', 'rospy'} & set(sys.modules)))\n"
     )

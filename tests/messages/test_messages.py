@@ -5,8 +5,7 @@ import pytest
 
 from posefuse.core import MessageError, Skeleton
 from posefuse.messages import messages
-from posefuse.messages.intake import Intake, decode
-from posefuse.messages.types import encode
+from posefuse.messages.types import Intake, decode, encode
 
 STAGES = {"captured": 1_700_000_000_000_000_001, "detected": 1_700_000_000_030_000_000}
 SEVEN = Skeleton("seven", tuple(f"k{i}" for i in range(7)))

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from posefuse.core import ConfigError
-from posefuse.messages.osc import AXES, json_from_pose, osc_bundle, osc_from_pose, osc_message
-from posefuse.messages.streams import UdpStream
+from posefuse.messages.osc import AXES, UdpStream, json_from_pose, osc_bundle, osc_from_pose, osc_message
 
 
 def read(data):

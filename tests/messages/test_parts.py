@@ -11,10 +11,17 @@ from posefuse.core import SE3, SKELETONS, Pose3D
 from posefuse.core.skeleton import pick_keypoints
 from posefuse.messages import topics
 from posefuse.messages.bodies import JOINTS, LINKS, POINTS, bodies_from_pose, head_and_wrists
-from posefuse.messages.parts import PARTS, covariance_of_parts, parts_from_pose
+from posefuse.messages.parts import (
+    PARTS,
+    Velocities,
+    angle_difference,
+    covariance_of_parts,
+    packed_poses,
+    parts_from_pose,
+    pose_difference,
+)
+from posefuse.messages.person_output import Sizes, sizes_from_points, urdf_text
 from posefuse.messages.ros_output import RosOutput
-from posefuse.messages.urdf import Sizes, sizes_from_points, urdf_text
-from posefuse.messages.velocities import Velocities, angle_difference, packed_poses, pose_difference
 
 BLAZE = SKELETONS["blazepose33"]
 S = 1_000_000_000

@@ -13,7 +13,7 @@ from ros1_master import wait_for_master
 
 from posefuse.core import DependencyError
 from posefuse.messages import ros1
-from posefuse.messages.ros1_bytes import ros1_bytes
+from posefuse.messages.ros1 import ros1_bytes
 from posefuse.messages.ros_output import Health, RosOutput
 from posefuse.messages.types import ros1_types
 

@@ -14,8 +14,8 @@ from posefuse.core import SKELETONS, Pose3D
 from posefuse.messages import topics
 from posefuse.messages.dds import RosNode
 from posefuse.messages.dds_domain import Network
-from posefuse.messages.intake import Intake
 from posefuse.messages.messages import message_from_pose, pose_from_message
+from posefuse.messages.types import Intake
 
 SKELETON = SKELETONS["blazepose33"]
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from built import poses
 from scipy.optimize import least_squares
 
-from posefuse.core import PoseSequence
 from posefuse.core.skeleton import COCO17
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.kinematics.body import BodyModel, BodySettings, bodies_from_poses, kernels
@@ -28,18 +28,7 @@ SCENE = {
 def someone() -> tuple[BodyModel, Packed, np.ndarray, tuple[np.ndarray, np.ndarray]]:
     """A body, its arrays, keypoints (A, 3) of the last time step and the state guessed from them."""
     xyz = truth_of(settings_from_mapping(SCENE, Scene, where="squat")).xyz_world[:, :, : len(COCO17)]
-    ones = np.ones(xyz.shape[:-1])
-    poses = PoseSequence(
-        t_ns=np.arange(len(xyz)) * 50_000_000,
-        skeleton=COCO17,
-        person_id=[0],
-        xyz_world=xyz,
-        cov_world=np.broadcast_to(np.eye(3) * 1e-6, (*xyz.shape[:-1], 3, 3)),
-        reproj_px=ones,
-        n_views=4 * ones,
-        kind=ones,
-    )
-    body = bodies_from_poses(poses)[0]
+    body = bodies_from_poses(poses(xyz, 1e-3, rate_hz=20.0))[0]
     packed = packed_from_body(body, BodySettings(joint_limits=False))
     points = xyz[-1, 0, body.keypoint]
     state = guessed_state(body, packed, FrameBuffers(COCO17, JointSettings()), points)

@@ -1,9 +1,9 @@
 """Segment lengths and poses of several time steps together: scipy's least squares on the same cost finds the same lengths."""
 
 import numpy as np
+from built import poses
 from scipy.optimize import least_squares
 
-from posefuse.core import PoseSequence
 from posefuse.core.skeleton import COCO17
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.kinematics.body import BodySettings, LengthPrior, bodies_from_poses, kernels, with_solved_lengths
@@ -48,18 +48,7 @@ def solved_pose(p, state, one: Measurement) -> tuple[np.ndarray, np.ndarray]:
 
 def test_lengths_solved_with_poses_are_those_of_another_solver(ring_rig) -> None:
     xyz = truth_of(settings_from_mapping(SCENE, Scene, where="squat")).xyz_world[:, :, : len(COCO17)]
-    ones = np.ones(xyz.shape[:-1])
-    poses = PoseSequence(
-        t_ns=np.arange(len(xyz)) * 100_000_000,
-        skeleton=COCO17,
-        person_id=[0],
-        xyz_world=xyz,
-        cov_world=np.broadcast_to(np.eye(3) * 1e-6, (*xyz.shape[:-1], 3, 3)),
-        reproj_px=ones,
-        n_views=4 * ones,
-        kind=ones,
-    )
-    start = bodies_from_poses(poses)[0]
+    start = bodies_from_poses(poses(xyz, 1e-3, rate_hz=10.0))[0]
     projections, rng = ring_rig(4).projections(), np.random.default_rng(3)
     seen = []
     for i in STEPS:
@@ -68,7 +57,7 @@ def test_lengths_solved_with_poses_are_those_of_another_solver(ring_rig) -> None
         xy = homogeneous[..., :2] / homogeneous[..., 2:] + rng.normal(size=(len(points), 4, 2)) * SIGMA_PX
         seen.append(
             Measurement(
-                t_ns=int(poses.t_ns[i]),
+                t_ns=i * 100_000_000,
                 xyz=points,
                 cov=np.full((len(points), 3, 3), np.nan),
                 projections=projections,

@@ -184,6 +184,11 @@ def test_inverse_kinematics_on_a_users_own_model_moves_feet_and_head(osim, tmp_p
     }  # fmt: skip
 
 
+def test_opensim_prints_nothing_among_the_figures(osim, tmp_path, capfd):
+    opensim_motion(figures(), tmp_path)
+    assert capfd.readouterr().out == ""
+
+
 def test_what_hips_and_shoulders_leave_open_stays_at_its_default(osim, tmp_path, monkeypatch):
     """The tilt of the pelvis and the bend of the spine move hips and shoulders alike: one of them has to be held."""
     sequence = figures()

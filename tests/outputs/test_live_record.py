@@ -10,8 +10,8 @@ import pytest
 from posefuse.core import LiveDetections, LivePose, LivePreview
 from posefuse.evaluation.contracts import made_up_messages, made_up_start
 from posefuse.messages import topics
-from posefuse.messages.annotations import annotations_of_view
 from posefuse.messages.bags import read_detections, read_mcap, read_poses
+from posefuse.messages.markers import annotations_of_view
 from posefuse.outputs.live import RecordConfig
 
 pytest.importorskip("mcap", reason="the extra ros is not installed")

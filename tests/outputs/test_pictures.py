@@ -25,8 +25,7 @@ from posefuse.outputs.drawing import (
 from posefuse.outputs.facts import person_file
 from posefuse.outputs.frames import every_instant
 from posefuse.outputs.overlay import OverlaySink
-from posefuse.outputs.overview import OverviewSink, best_instant
-from posefuse.outputs.stage3d import bystander, stage_picture
+from posefuse.outputs.overview import OverviewSink, best_instant, bystander, stage_picture
 from posefuse.outputs.trc import TrcSink
 
 Make = Callable[..., Recording]

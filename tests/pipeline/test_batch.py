@@ -85,7 +85,7 @@ def test_a_failure_is_named_and_the_rest_is_finished(folder: Path, here: list[st
     assert "broken" in (tmp_path / "out" / "study.html").read_text(encoding="utf-8")
 
 
-def test_the_command_shows_the_reason_of_a_failure_once(
+def test_the_reason_of_a_failure_is_printed_once(
     folder: Path, here: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     settings = [word for key, value in SETTINGS.items() for word in ("--set", f"{key}={value}")]

@@ -19,7 +19,7 @@ from posefuse.formats.truth import write_loop, write_truth
 from posefuse.messages.bags import read_clock
 from posefuse.messages.sim_time import SimulatedClock
 from posefuse.outputs.live import RecordConfig
-from posefuse.outputs.live.recorded_clock import keep_clock
+from posefuse.outputs.live.record import keep_clock
 from posefuse.pipeline.reports import to_compare
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.provenance import notes_of

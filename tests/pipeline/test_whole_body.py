@@ -7,7 +7,7 @@ import pytest
 
 from posefuse.core import Kind, PoseSequence, Recording
 from posefuse.core.skeleton import COCO17
-from posefuse.detection.models import read_card
+from posefuse.detection.card import read_card
 from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.kinematics.body import BodySettings, fit_views

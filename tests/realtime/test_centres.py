@@ -21,17 +21,13 @@ from posefuse.core import (
 from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse.detection import read_card
 from posefuse.formats.joint_centres import read_joint_centres
-from posefuse.messages.intake import decode
-from posefuse.messages.types import encode
+from posefuse.messages.types import decode, encode
 from posefuse.outputs.live import RecordConfig
-from posefuse.realtime.clock import SessionClock
 from posefuse.realtime.config import LiveConfig
+from posefuse.realtime.estimator import Centring, Estimator, centres_from_message, live_centres, message_from_centres, warmed_up
 from posefuse.realtime.fusion import Fusion
-from posefuse.realtime.gate import KeypointGate
-from posefuse.realtime.joint_centres import Centring, centres_from_message, live_centres, message_from_centres
-from posefuse.realtime.messages import Centres, Expected
+from posefuse.realtime.messages import Centres, Expected, SessionClock
 from posefuse.realtime.provenance import notes_of
-from posefuse.realtime.session import ready_tracker
 from posefuse.tracking import at_joint_centres
 from posefuse.tracking.segments import segment_lengths
 
@@ -87,7 +83,7 @@ def standing_person() -> np.ndarray:
 def test_the_output_is_at_joint_centres_and_the_views_get_landmarks(ring_rig, standing_person, wanted) -> None:
     rig, kept, tracker = ring_rig(3), Kept(), Still(standing_person)
     expected_by_cameras: list[Expected] = []
-    fusion = Fusion(rig, tracker, expected_by_cameras.append, SessionClock.begin(), kept, Centring(rig.names, wanted))
+    fusion = Fusion(rig, Estimator(tracker, Centring(rig.names, wanted)), expected_by_cameras.append, SessionClock.begin(), kept)
     fusion.tick(BEGIN_NS, PERIOD_NS)
     fusion.take(Centres(rig.names, FULL))
     fusion.tick(BEGIN_NS + 5 * PERIOD_NS, PERIOD_NS)
@@ -97,7 +93,7 @@ def test_the_output_is_at_joint_centres_and_the_views_get_landmarks(ring_rig, st
     np.testing.assert_array_equal(after.xyz_world, expected)
     np.testing.assert_array_equal(expected_by_cameras[-1].xyz_world[0], standing_person)
     assert (np.abs(after.xyz_world - before.xyz_world).max() > 0.01) == wanted
-    assert fusion.centring.made_by == (dict.fromkeys(rig.names, FULL.made_by) if wanted else {})
+    assert fusion.estimator.centring.made_by == (dict.fromkeys(rig.names, FULL.made_by) if wanted else {})
     # the table belongs to the views, wanted or not
     offered = [message for message in kept.offered if isinstance(message, LiveJointCentres)]
     assert [(message.cameras, message.table) for message in offered] == [(rig.names, FULL)]
@@ -180,11 +176,10 @@ def test_a_replay_moves_the_poses_as_the_session_did(ring_rig, standing_person, 
     sink = RecordConfig(path=path).build()
     start_ns, notes = clock.now_ns(), notes_of(rig, config)
     sink.take(LiveStart(t_ns=start_ns, rig=rig, rate_hz=100.0, clock_offset_ns=clock.offset_ns, notes=notes))
-    tracker, centring = ready_tracker(rig, BLAZEPOSE33, config), Centring(rig.names, wanted=True)
-    gate = KeypointGate(config.gate)
+    estimator = warmed_up(rig, BLAZEPOSE33, config)
     centres = Centres(rig.names, FULL)
     sink.take(live_centres(centres, BEGIN_NS))
-    centring.learn(centres)
+    estimator.centring.learn(centres)
     for i in range(30):
         t_ns = BEGIN_NS + i * PERIOD_NS
         camera = rig.cameras[i % 3]
@@ -193,15 +188,15 @@ def test_a_replay_moves_the_poses_as_the_session_did(ring_rig, standing_person, 
             camera=camera.name, t_ns=t_ns, skeleton=BLAZEPOSE33, xy_img=xy, score=ones, sigma_px=ones, box_img=np.zeros((1, 4))
         )
         sink.take(LiveDetections(detections=view))
-        tracker.add(view)
-        sink.take(LivePose(pose=gate.passed(centring.moved(tracker.at(t_ns)))))
+        estimator.add(view)
+        sink.take(LivePose(pose=estimator.at(t_ns)))
     sink.close()
     pairs = list(replayed(path, rig, config))
     assert len(pairs) == 30 and len(pairs[-1][0].person_id) == 1
     assert max(difference_m(pose, again) for pose, again in pairs) == 0.0
     np.testing.assert_array_equal(pairs[-1][0].cov_world, pairs[-1][1].cov_world)
     # what was learnt on the way counts
-    usual = at_joint_centres(tracker.at(BEGIN_NS + 29 * PERIOD_NS), FULL, FULL.usual)
+    usual = at_joint_centres(estimator.tracker.at(BEGIN_NS + 29 * PERIOD_NS), FULL, FULL.usual)
     assert difference_m(usual, pairs[-1][1]) > 0.001
     landmarks = replace(config, joint_centres=False)
     assert max(difference_m(pose, again) for pose, again in replayed(path, rig, landmarks)) > 0.01

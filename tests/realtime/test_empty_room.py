@@ -15,13 +15,11 @@ from posefuse.foundation.channel import Channel
 from posefuse.health.cameras import Monitor
 from posefuse.realtime import group as group_module
 from posefuse.realtime.capture import Caught, LiveInput
-from posefuse.realtime.clock import SessionClock
 from posefuse.realtime.config import LiveConfig
+from posefuse.realtime.estimator import warmed_up
 from posefuse.realtime.fusion import Fusion
 from posefuse.realtime.group import Group, GroupPlan
-from posefuse.realtime.joint_centres import Centring
-from posefuse.realtime.messages import Expected, SeenView
-from posefuse.realtime.session import ready_tracker
+from posefuse.realtime.messages import Expected, SeenView, SessionClock
 from posefuse.sources.arriving import Arrived
 
 S = 1_000_000_000
@@ -108,9 +106,7 @@ def test_frames_without_an_expected_person_are_counted_and_five_a_second_reporte
         def now_ns(self) -> int:
             return 103 * S
 
-    fusion = Fusion(
-        rig, ready_tracker(rig, SKELETON, LiveConfig()), lambda _: None, Clock(), NoOutputs(), Centring(rig.names, False)
-    )
+    fusion = Fusion(rig, warmed_up(rig, SKELETON, LiveConfig(joint_centres=False)), lambda _: None, Clock(), NoOutputs())
     for one in messages:
         fusion.take(one)
     assert fusion.used["cam00"] == counted
@@ -162,9 +158,7 @@ def test_views_that_would_make_the_next_output_late_wait(watched, ring_rig) -> N
                 yield self.left.pop(0)
 
     clock, intake = Clock(), Intake()
-    fusion = Fusion(
-        rig, ready_tracker(rig, SKELETON, LiveConfig()), lambda _: None, clock, NoOutputs(), Centring(rig.names, False)
-    )
+    fusion = Fusion(rig, warmed_up(rig, SKELETON, LiveConfig(joint_centres=False)), lambda _: None, clock, NoOutputs())
     due_ns = clock.now + 800_000
     fusion._listen(intake, due_ns)
     assert 0 < len(intake.left) < 4

@@ -1,5 +1,6 @@
 """Only what is known well enough, and was measured lately, goes out; what is withheld is counted."""
 
+import built
 import numpy as np
 import pytest
 
@@ -13,11 +14,8 @@ COCO = SKELETONS["coco17"]
 
 def pose(t_s: float, sigma_m: float = 0.02, kind: Kind = Kind.FUSED, people: tuple[int, ...] = (3, 8)) -> Pose3D:
     shape = (len(people), len(COCO))
-    return Pose3D(
-        t_ns=round(t_s * S), skeleton=COCO, person_id=np.array(people), xyz_world=np.ones((*shape, 3)),
-        cov_world=np.tile(np.eye(3) * sigma_m**2, (*shape, 1, 1)), reproj_px=np.ones(shape),
-        n_views=np.full(shape, 3), kind=np.full(shape, kind),
-    )  # fmt: skip
+    cov = np.eye(3) * sigma_m**2
+    return built.pose(np.ones((*shape, 3)), people, round(t_s * S), cov=cov, kind=np.full(shape, kind))
 
 
 def test_the_axis_known_worst_decides_whichever_way_it_points() -> None:

@@ -19,9 +19,8 @@ from posefuse.foundation.channel import Channel
 from posefuse.realtime import capture as capture_module
 from posefuse.realtime import group as group_module
 from posefuse.realtime.capture import Capture, Caught, LiveInput
-from posefuse.realtime.clock import SessionClock
 from posefuse.realtime.group import Group, GroupPlan
-from posefuse.realtime.messages import Expected, VideoFailed
+from posefuse.realtime.messages import Expected, SessionClock, VideoFailed
 from posefuse.sources.arriving import Arrived
 
 PERIOD_NS = 1_000_000_000 // 30

@@ -2,10 +2,10 @@
 
 from collections.abc import Mapping
 
+import built
 import numpy as np
 
 from posefuse.core import Detections2D, Kind, Pose3D
-from posefuse.core.skeleton import COCO17
 from posefuse.realtime.identity import NamedTracker
 from posefuse.realtime.searching import search_slot
 from posefuse.tracking.online import CameraStatistics, LiveSettings
@@ -28,12 +28,8 @@ class TrackerOfTwins:
         tracks = sorted(self.here)
         rng = np.random.default_rng(t_ns % 2**32)
         xyz = np.array([_body() + [self.here[track], 0, 0] for track in tracks]).reshape(-1, 17, 3)
-        shape = xyz.shape[:2]
-        kind = np.array([np.full(17, self.last_seen.get(track, Kind.FUSED)) for track in tracks]).reshape(shape)
-        return Pose3D(
-            t_ns=t_ns, skeleton=COCO17, person_id=tracks, xyz_world=xyz + rng.normal(0, 0.01, xyz.shape),
-            cov_world=np.zeros((*shape, 3, 3)), reproj_px=np.ones(shape), n_views=np.full(shape, 4), kind=kind,
-        )  # fmt: skip
+        kind = np.array([np.full(17, self.last_seen.get(track, Kind.FUSED)) for track in tracks]).reshape(xyz.shape[:2])
+        return built.pose(xyz + rng.normal(0, 0.01, xyz.shape), tracks, t_ns, cov=np.zeros((3, 3)), kind=kind)
 
     def looked_for(self, t_ns: int) -> Pose3D:
         return self.at(t_ns)
@@ -69,11 +65,7 @@ class Session:
 
 
 def _view(c: int, t_ns: int, clothing: np.ndarray) -> Detections2D:
-    n = len(clothing)
-    return Detections2D(
-        camera=f"c{c}", t_ns=t_ns, skeleton=COCO17, xy_img=np.zeros((n, 17, 2)), score=np.ones((n, 17)),
-        sigma_px=np.ones((n, 17)), box_img=np.zeros((n, 4)), clothing_lab=clothing,
-    )  # fmt: skip
+    return built.detections(f"c{c}", np.zeros((len(clothing), 17, 2)), t_ns, score=1.0, sigma_px=1.0, clothing_lab=clothing)
 
 
 def _after_return(cameras: int) -> list[int]:

@@ -13,12 +13,11 @@ from posefuse.health.cameras import Monitor, Verdict
 from posefuse.messages.messages import SourceCounts, message_from_detections
 from posefuse.messages.types import encode
 from posefuse.realtime.config import LiveConfig
+from posefuse.realtime.estimator import message_from_centres, warmed_up
 from posefuse.realtime.fusion import Fusion
-from posefuse.realtime.joint_centres import Centring, message_from_centres
 from posefuse.realtime.messages import Centres, SeenView
-from posefuse.realtime.network_intake import Sample, ViewIntake
+from posefuse.realtime.network_views import Sample, ViewIntake
 from posefuse.realtime.senders import Senders
-from posefuse.realtime.session import ready_tracker
 from posefuse.tracking.stand_in import made_up_detections
 
 S = 1_000_000_000
@@ -159,9 +158,7 @@ def test_joint_centres_are_taken_from_the_sender_of_the_views() -> None:
 
 def session(rig: Rig) -> tuple[Fusion, SimpleNamespace]:
     clock = SimpleNamespace(now=T0, now_ns=lambda: clock.now)
-    config = LiveConfig()
-    tracker = ready_tracker(rig, BLAZE, config)
-    return Fusion(rig, tracker, lambda _: None, clock, NoOutputs(), Centring(rig.names, True)), clock
+    return Fusion(rig, warmed_up(rig, BLAZE, LiveConfig()), lambda _: None, clock, NoOutputs()), clock
 
 
 class Played:
@@ -200,7 +197,7 @@ def test_what_can_wait_is_done_just_after_each_output(ring_rig) -> None:
         return int(clock.now)
 
     clock.now_ns = passing
-    fusion.tracker.check = lambda: done.append("what can wait")  # type: ignore[method-assign]
+    fusion.estimator.tracker.check = lambda: done.append("what can wait")  # type: ignore[method-assign]
     offer = lambda message: done.append("output") if isinstance(message, LivePose) else None  # noqa: E731
     fusion.outlets = SimpleNamespace(offer=offer, poll=lambda: None, health={})
     nothing = SimpleNamespace(channels=list, messages=lambda: (), troubles=dict)

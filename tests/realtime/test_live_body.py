@@ -13,13 +13,10 @@ from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.kinematics.body import LIVE_BODY, LiveBodyRules
 from posefuse.outputs.live.record import RecordConfig
-from posefuse.realtime.clock import SessionClock
 from posefuse.realtime.config import LiveConfig
-from posefuse.realtime.gate import KeypointGate
-from posefuse.realtime.joint_centres import Centring
-from posefuse.realtime.live_body import pose_for_output
+from posefuse.realtime.estimator import warmed_up
+from posefuse.realtime.messages import SessionClock
 from posefuse.realtime.provenance import notes_of
-from posefuse.realtime.session import ready_bodies, ready_tracker
 from posefuse.simulation.build import live_scene
 from posefuse.simulation.scene import Scene
 
@@ -45,13 +42,12 @@ class Walk:
 
     def poses(self, config: LiveConfig, come: Arrivals | None = None, rules: LiveBodyRules = LIVE_BODY) -> list[Pose3D]:
         """At 100 Hz, of the time in which there was a person."""
-        tracker, bodies = ready_tracker(self.rig, ANATOMICAL23, config), ready_bodies(self.rig, ANATOMICAL23, config, rules)
-        centring = Centring(self.rig.names, wanted=False)
+        estimator = warmed_up(self.rig, ANATOMICAL23, replace(config, joint_centres=False), rules=rules)
         found, waiting = [], list(reversed(come or self.come))
         for t_ns in ticks():
             while waiting and waiting[-1][0] <= t_ns:
-                tracker.add(waiting.pop()[1])
-            pose = pose_for_output(tracker, tracker.at(t_ns), centring, bodies)
+                estimator.add(waiting.pop()[1])
+            pose = estimator.placed(estimator.tracker.at(t_ns))
             if len(pose.person_id):
                 found.append(pose)
         return found
@@ -161,7 +157,7 @@ def test_a_covariance_is_the_tracked_one_or_larger_in_all_directions() -> None:
 
 def test_off_there_is_nothing() -> None:
     """And until a skeleton is learnt, both ways give the same to the last bit: nothing of the fit reaches the tracker."""
-    assert ready_bodies(walk().rig, ANATOMICAL23, OFF) is None
+    assert warmed_up(walk().rig, ANATOMICAL23, OFF).bodies is None
     until_ns = BEGIN_NS + round(LIVE_BODY.learn_s * 1e9)
     begin = [(one, two) for one, two in zip(off(), on(), strict=True) if one.t_ns < until_ns]
     assert len(begin) > 50
@@ -233,16 +229,15 @@ def test_a_replay_fits_as_the_session_did(tmp_path: Path) -> None:
     rig, path, clock = walk().rig, tmp_path / "live.mcap", SessionClock.begin()
     sink = RecordConfig(path=path).build()
     sink.take(LiveStart(t_ns=BEGIN_NS, rig=rig, rate_hz=100.0, clock_offset_ns=clock.offset_ns, notes=notes_of(rig, ON)))
-    tracker, bodies, gate = ready_tracker(rig, ANATOMICAL23, ON), ready_bodies(rig, ANATOMICAL23, ON), KeypointGate(ON.gate)
-    centring, waiting = Centring(rig.names, ON.joint_centres), list(reversed(walk().come))
+    estimator, waiting = warmed_up(rig, ANATOMICAL23, ON), list(reversed(walk().come))
     for t_ns in ticks():
         while waiting and waiting[-1][0] <= t_ns:
             view = waiting.pop()[1]
             sink.take(LiveDetections(detections=view))
-            tracker.add(view)
-        sink.take(LivePose(pose=gate.passed(pose_for_output(tracker, tracker.at(t_ns), centring, bodies))))
+            estimator.add(view)
+        sink.take(LivePose(pose=estimator.at(t_ns)))
         # as a session does, see `Fusion.run`
-        tracker.check()
+        estimator.check()
     sink.close()
     assert max(difference_m(pose, again) for pose, again in replayed(path, rig, ON)) == 0.0
     assert max(difference_m(pose, again) for pose, again in replayed(path, rig, OFF)) > 0.001

@@ -29,7 +29,7 @@ def test_of_the_networks_to_choose_from_one_is_enough(monkeypatch: pytest.Monkey
         if choice.options["landmarks"] not in there:
             raise ModelError(f"cannot download {choice.options['landmarks']}")
 
-    monkeypatch.setattr("posefuse.realtime.networks.downloading.fetch_networks", fetch)
+    monkeypatch.setattr("posefuse.realtime.networks.build.fetch_networks", fetch)
     fetch_networks(DetectorChoice())
     with pytest.raises(ModelError, match="blazepose_lite"):
         fetch_networks(DetectorChoice(options={"landmarks": "blazepose_lite"}))

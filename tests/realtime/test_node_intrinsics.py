@@ -15,9 +15,9 @@ from posefuse.messages import topics
 from posefuse.messages.camera_messages import info_from_camera
 from posefuse.messages.dds import RosNode
 from posefuse.messages.dds_domain import Network
-from posefuse.realtime.clock import SessionClock
-from posefuse.realtime.network_intake import NetworkIntake
-from posefuse.realtime.node_intrinsics import publish_intrinsics, rig_of_nodes
+from posefuse.realtime.messages import SessionClock
+from posefuse.realtime.network_views import NetworkIntake
+from posefuse.realtime.ros_cameras import publish_intrinsics, rig_of_nodes
 
 pytestmark = pytest.mark.realtime
 NETWORK = Network(domain_id=own_domain(), local_only=True)

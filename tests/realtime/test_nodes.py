@@ -27,11 +27,10 @@ from posefuse.core import (
     Skeleton,
 )
 from posefuse.outputs.live.ros import Ros2Config
-from posefuse.realtime.clock import SessionClock
+from posefuse.realtime.estimator import Centring, Estimator, message_from_centres
 from posefuse.realtime.fusion import Fusion
-from posefuse.realtime.joint_centres import Centring, message_from_centres
-from posefuse.realtime.messages import Centres, SeenView
-from posefuse.realtime.network_intake import NetworkIntake
+from posefuse.realtime.messages import Centres, SeenView, SessionClock
+from posefuse.realtime.network_views import NetworkIntake
 from posefuse.tracking.online import CameraStatistics
 
 pytestmark = pytest.mark.realtime
@@ -62,8 +61,8 @@ def wait_until_received(views: dict[str, int], poses: int) -> None:
     from posefuse.messages import topics
     from posefuse.messages.dds import RosNode
     from posefuse.messages.dds_domain import Network
-    from posefuse.messages.intake import Intake
     from posefuse.messages.messages import DETECTIONS_TYPE, POSE_TYPE, detections_from_message, pose_from_message
+    from posefuse.messages.types import Intake
 
     end = time.monotonic() + PATIENCE_S
     with RosNode("listener", Network(domain_id=DOMAIN, local_only=True)) as listener:
@@ -152,7 +151,7 @@ def test_cameras_of_another_machine_look_for_people_who_are_not_sure_enough_to_b
     output, groups = Ros2Config(**where).build(), NoGroups()
     output.take(LiveStart(t_ns=clock.now_ns(), rig=rig, rate_hz=100.0, clock_offset_ns=0))
     outlets = Given(output)
-    fusion = Fusion(rig, OneUnsurePerson(skeleton), lambda _: None, clock, outlets, Centring(rig.names, False))
+    fusion = Fusion(rig, Estimator(OneUnsurePerson(skeleton), Centring(rig.names, False)), lambda _: None, clock, outlets)
     end = time.monotonic() + PATIENCE_S
     with RosNode("camera", Network(**where)) as node:
         cameras = CameraNode(rig, rig.names, node, clock, skeleton)

@@ -18,14 +18,13 @@ from posefuse.core.live_messages import FAILED, OK
 from posefuse.evaluation.contracts import made_up_messages, made_up_rig, made_up_start
 from posefuse.messages import topics
 from posefuse.messages.bags import read_mcap, read_notes, read_poses
-from posefuse.messages.people_names import names_from_message
+from posefuse.messages.messages import names_from_message
 from posefuse.outputs.live import RecordConfig, record
 from posefuse.outputs.live.ros import health_lines
 from posefuse.realtime import outputs as outputs_module
-from posefuse.realtime.clock import SessionClock
-from posefuse.realtime.output_plan import OutputPlan
+from posefuse.realtime.messages import SessionClock
 from posefuse.realtime.output_process import HANGS, OutputThread
-from posefuse.realtime.outputs import OutputProcess
+from posefuse.realtime.outputs import OutputPlan, OutputProcess
 
 MESSAGES = list(made_up_messages())
 POSE = next(message for message in MESSAGES if isinstance(message, LivePose) and len(message.pose.person_id) == 2)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from posefuse.health.cameras import CameraState, Monitor, Verdict
-from posefuse.health.common_times import CommonTimeSteps
+from posefuse.health.misalignment import CommonTimeSteps
 
 S = 1_000_000_000
 ILL = {"a": Verdict("moved", "a is off by 21 mm relative to the other cameras")}

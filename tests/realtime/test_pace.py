@@ -18,9 +18,8 @@ from posefuse.foundation.worker import Worker
 from posefuse.health.cameras import CameraState, Monitor, Verdict
 from posefuse.realtime import processes
 from posefuse.realtime.messages import SeenView, Status
-from posefuse.realtime.news import News
-from posefuse.realtime.pace import ProcessedImages
-from posefuse.realtime.session_plan import closing_lines
+from posefuse.realtime.news import News, ProcessedImages
+from posefuse.realtime.session import closing_lines
 
 S = 1_000_000_000
 

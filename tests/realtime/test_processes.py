@@ -12,8 +12,7 @@ import pytest
 from posefuse.core.skeleton import COCO17
 from posefuse.foundation.channel import Channel
 from posefuse.realtime import processes
-from posefuse.realtime.controls import KeepVideos
-from posefuse.realtime.messages import Ready, Status, Stop
+from posefuse.realtime.messages import KeepVideos, Ready, Status, Stop
 
 
 def ready_at_once(channel: Channel, plan: object) -> None:

@@ -17,8 +17,7 @@ import numpy as np
 import pytest
 from live_session import until
 
-from posefuse.calibration.targets.description import write_target
-from posefuse.calibration.targets.kinds import Markers
+from posefuse.calibration.targets.kinds import Markers, write_target
 from posefuse.cli import recording
 from posefuse.cli.command_line import parse
 from posefuse.cli.main import main
@@ -26,11 +25,10 @@ from posefuse.cli.terminal import Terminal
 from posefuse.core import Frame, SourceError
 from posefuse.formats.kept_video import KeptVideo
 from posefuse.formats.pixels import RgbPixels
-from posefuse.realtime.camera_feed import CameraFeed
 from posefuse.realtime.capture import LiveInput
 from posefuse.realtime.inputs import inputs_from_arguments
-from posefuse.realtime.recorder import exposure_warning, record
 from posefuse.realtime.video_keeping import read_counts
+from posefuse.realtime.watching import CameraFeed, exposure_warning, record
 from posefuse.sources.video import VideoConfig
 
 GOOD = np.linspace(20, 230, 48 * 64, dtype=np.uint8).reshape(48, 64, 1).repeat(3, axis=2)

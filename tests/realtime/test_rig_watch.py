@@ -12,7 +12,7 @@ import pytest
 from posefuse.calibration.keypoints import limb_keypoints
 from posefuse.core import SE3, Detections2D, Rig, Truth
 from posefuse.formats.truth import read_truth
-from posefuse.health.common_times import CommonTimeSteps
+from posefuse.health.misalignment import CommonTimeSteps
 from posefuse.realtime.capture import LOOP_PAUSE_S
 from posefuse.realtime.rig_watch import RigWatch, RigWatcher, watching
 
@@ -94,7 +94,7 @@ def fed(watcher: RigWatcher, truth: Truth, rig: Rig, begin_s: float, seconds: fl
             xyz = truth.xyz_world[i, 0] + share * (truth.xyz_world[i + 1, 0] - truth.xyz_world[i, 0])
             watcher.add(camera.name, round((1000 + t_s) * S), (camera.project(xyz) + stays[c])[limbs], np.ones(len(limbs)))
         known = watcher.look()
-    return {name: verdict.state for name, verdict in known.ill.items()}
+    return {name: verdict.state for name, verdict in known.faulty.items()}
 
 
 def test_a_moved_camera_is_found_among_cameras_that_do_not_wait_for_each_other(truth: Truth) -> None:
@@ -119,7 +119,7 @@ def found_in_a_loop(truth: Truth, pause_s: float) -> set[str]:
             shown_s = t_s + int(t_s / 2) * pause_s
             watcher.add(camera.name, round((1000 + shown_s) * S), seen, np.ones(len(limbs)))
         if step % 8 == 0:
-            said |= {verdict.state for verdict in watcher.look().ill.values()}
+            said |= {verdict.state for verdict in watcher.look().faulty.values()}
     return said
 
 

@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -21,17 +20,15 @@ pytest.importorskip("mcap")
 
 
 def test_killed_outputs_are_reported_and_recording_continues_and_the_session_ends_with_1(
-    demo_session: Path, tmp_path: Path, record_property
+    demo_session: Path, tmp_path: Path
 ) -> None:
     recording, report = tmp_path / "a.mcap", tmp_path / "report"
     live = Live(command(demo_session, "--loop", "10", "--record", str(recording), "--report", str(report)))
     outputs = int(live.wait_for(r"outputs record in process (\d+)")[1])
     live.wait_for("cam03: ok")
     until(lambda: recording.stat().st_size > 100_000)
-    killed_s = time.monotonic()
     os.kill(outputs, signal.SIGKILL)
     live.wait_for(f"outputs: failed: process {outputs} ended by signal SIGKILL; starting again")
-    record_property("s from kill -9 to the line", f"{time.monotonic() - killed_s:.2f}")
     live.wait_for(f"output record: ok: continues in {tmp_path / 'a.2.mcap'}")
     until(lambda: (tmp_path / "a.2.mcap").stat().st_size > 100_000)
     live.process.send_signal(signal.SIGINT)
@@ -59,16 +56,15 @@ def test_killed_outputs_are_reported_and_recording_continues_and_the_session_end
 
 
 def test_a_full_disk_is_reported_and_the_session_records_again_after_space_is_freed(
-    demo_session: Path, small_disk: Callable[[int], Path], tmp_path: Path, record_property
+    demo_session: Path, small_disk: Callable[[int], Path], tmp_path: Path
 ) -> None:
     disk, report = small_disk(8), tmp_path / "report"
     recording, filler = disk / "a.mcap", disk / "filler"
     live = Live(command(demo_session, "--loop", "10", "--record", str(recording), "--report", str(report)))
     live.wait_for("cam03: ok")
     until(lambda: recording.stat().st_size > FILLED)
-    full_s = fill(filler)
+    fill(filler)
     line = live.wait_for(r"(\S+) s  output record: failed: .*a\.mcap: No space left on device")
-    record_property("s from the full disk to the line", f"{time.monotonic() - full_s:.2f}")
     filler.unlink()
     live.wait_for(rf"output record: ok: continues in {disk / 'a.2.mcap'}")
     until(lambda: (disk / "a.2.mcap").stat().st_size > FILLED)

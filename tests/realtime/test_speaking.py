@@ -5,12 +5,12 @@ import threading
 import pytest
 from live_session import until
 
-from posefuse.realtime import speaking
-from posefuse.realtime.speaking import never_waiting
+from posefuse.realtime import news
+from posefuse.realtime.news import never_waiting
 
 
 def test_a_reader_that_has_stopped_keeps_no_one_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(speaking, "_END_S", 0.1)
+    monkeypatch.setattr(news, "_END_S", 0.1)
     goes_on = threading.Event()
     with never_waiting(lambda line: goes_on.wait(60)) as say:
         for i in range(5000):

@@ -39,7 +39,7 @@ class Flood(threading.Thread):
 
     def __init__(self) -> None:
         super().__init__()
-        self.sent, self.over = 0, threading.Event()
+        self.over = threading.Event()
 
     def run(self) -> None:
         rng = random.Random(1)
@@ -48,7 +48,6 @@ class Flood(threading.Thread):
                 body = rng.randbytes(rng.choice((1, 20, 200, 1400)))
                 with contextlib.suppress(OSError):
                     sender.sendto(rng.choice((b"RTPS\x02\x01", b"")) + body, ("127.0.0.1", rng.choice(DDS_PORTS)))
-                    self.sent += 1
 
 
 class Sabotage:
@@ -84,7 +83,7 @@ def readable(folder: Path) -> int:
 
 
 def test_ten_minutes_of_kills_stops_floods_a_full_disk_and_a_removed_folder(
-    demo_session: Path, small_disk: Callable[[int], Path], tmp_path: Path, record_property
+    demo_session: Path, small_disk: Callable[[int], Path], tmp_path: Path
 ) -> None:
     disk, spare, kept, (mark, environment) = small_disk(DISK_MB), tmp_path / "spare", tmp_path / "kept", new_mark()
     folder, filler, flood = disk / "session", disk / "filler", Flood()
@@ -108,21 +107,13 @@ def test_ten_minutes_of_kills_stops_floods_a_full_disk_and_a_removed_folder(
             memory.append(int(re.findall(r"VmRSS:\s+(\d+)", Path(f"/proc/{live.process.pid}/status").read_text())[0]) / 1024)
             time.sleep(0.2)
         parts = readable(kept), readable(spare)
-        ended_s = time.monotonic()
         live.process.send_signal(signal.SIGINT)
-        figures, said = live.ended(1)
-        record_property("s from Ctrl-C to the end", f"{time.monotonic() - ended_s:.1f}")
+        _, said = live.ended(1)
     finally:
         live.process.kill()
         flood.over.set()
     assert left(mark) == []
     first = memory[len(memory) // 5]
-    record_property("signals", sabotage.count)
-    record_property("datagrams of random bytes", flood.sent)
-    record_property("restarts of camera processes", figures["restarts"])
-    record_property("lines on the terminal", said.count("\n"))
-    record_property("MB of the session's process at a fifth of the time, and at the end", f"{first:.0f}, {memory[-1]:.0f}")
-    record_property("poses read from the recordings of the removed folder, and in the second place", f"{parts[0]}, {parts[1]}")
     assert min(parts) > 0
     assert memory[-1] - first < MOST_MB
     assert said.count("\n") < 30 * sabotage.count, "garbage from the network is not on the terminal"

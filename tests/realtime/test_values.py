@@ -16,10 +16,9 @@ from posefuse.core import Detections2D, Frame, Pose3D, Skeleton, SourceError
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.health.cameras import CameraState, Monitor, Verdict
 from posefuse.realtime.capture import Capture, Caught, LiveInput, take_all
-from posefuse.realtime.clock import SessionClock
 from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.realtime.latency import Histogram, Latencies, ViewTimes
-from posefuse.realtime.messages import Expected, SeenView
+from posefuse.realtime.messages import Expected, SeenView, SessionClock
 from posefuse.realtime.news import News
 from posefuse.sources.arriving import Arrived
 from posefuse.sources.live.stream import StampClock

@@ -22,8 +22,7 @@ from posefuse.pipeline.session import find_session
 from posefuse.realtime import video_keeping
 from posefuse.realtime.capture import Capture, LiveInput
 from posefuse.realtime.video_keeping import VideoKeeper, read_counts, wait_for_videos
-from posefuse.sources.arriving import Arrived
-from posefuse.sources.packets import with_earlier
+from posefuse.sources.arriving import Arrived, with_earlier
 from posefuse.sources.video import VideoConfig
 
 

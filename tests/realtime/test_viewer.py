@@ -20,7 +20,7 @@ from posefuse.core import (
     LiveStart,
     Pose3D,
 )
-from posefuse.realtime.clock import SessionClock
+from posefuse.realtime.messages import SessionClock
 
 pytest.importorskip("rerun", reason="the extra `viewer` is not installed")
 

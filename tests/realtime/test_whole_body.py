@@ -7,7 +7,7 @@ import pytest
 
 from posefuse.core import SKELETONS, Detections2D, Rig
 from posefuse.realtime.config import LiveConfig
-from posefuse.realtime.session import ready_tracker
+from posefuse.realtime.estimator import warmed_up
 
 PERIOD_NS, STAGGER_NS, SPEED_M_S = 33_333_333, 3_000_000, 0.3
 
@@ -15,7 +15,7 @@ PERIOD_NS, STAGGER_NS, SPEED_M_S = 33_333_333, 3_000_000, 0.3
 @pytest.mark.parametrize("name", ["coco17", "halpe_26", "coco_wholebody_133"])
 def test_all_keypoints_of_a_set_are_followed(name: str, ring_rig: Callable[..., Rig]) -> None:
     rig, skeleton = ring_rig(4), SKELETONS[name]
-    tracker = ready_tracker(rig, skeleton, LiveConfig())
+    tracker = warmed_up(rig, skeleton, LiveConfig()).tracker
     rest = np.random.default_rng(0).normal(size=(len(skeleton), 3)) * [0.3, 0.3, 0.5] + [0, 0, 1]
 
     def xyz_at(t_ns: int) -> np.ndarray:

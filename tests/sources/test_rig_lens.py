@@ -8,8 +8,7 @@ import pytest
 from posefuse.core import SE3, Camera, MessageError, SourceError
 from posefuse.core.ideal_image import drawn_camera
 from posefuse.messages.camera_messages import info_from_camera
-from posefuse.sources.rig_lens import RigLens, is_ideal_image_of
-from posefuse.sources.ros_camera_info import camera_of_info
+from posefuse.sources.ros_camera_info import RigLens, camera_of_info, is_ideal_image_of
 
 BENT = Camera(
     name="cam",

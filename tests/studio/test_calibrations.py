@@ -16,8 +16,7 @@ from posefuse.api.rig import rig_of
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.report import CalibrationReport
 from posefuse.calibration.targets.coverage import ENOUGH_TOGETHER, TargetCoverage
-from posefuse.calibration.targets.description import read_target, write_target
-from posefuse.calibration.targets.kinds import Charuco
+from posefuse.calibration.targets.kinds import Charuco, read_target, write_target
 from posefuse.core import CalibrationError, InputError
 from posefuse.formats.video import VideoWriter
 from posefuse.studio.calibrations import (

@@ -15,11 +15,7 @@ from small_session import COUNT, PERIOD_NS, SIZE_WH, grey, saved_session
 
 import posefuse as pf
 from posefuse.core import ConfigError, Rig
-from posefuse.formats.video import VideoWriter
-from posefuse.foundation.settings import settings_from_mapping
-from posefuse.pipeline.edits import Exclusion
-from posefuse.simulation.cameras import PlacedCamera, placed_cameras
-from posefuse.simulation.planning import (
+from posefuse.evaluation.rig_plan import (
     camera_of,
     first_plan,
     free_camera_name,
@@ -29,6 +25,10 @@ from posefuse.simulation.planning import (
     with_test_walk,
     without_camera,
 )
+from posefuse.formats.video import VideoWriter
+from posefuse.foundation.settings import settings_from_mapping
+from posefuse.pipeline.edits import Exclusion
+from posefuse.simulation.cameras import PlacedCamera, placed_cameras
 from posefuse.simulation.scene import Scene, check_scene, plain_settings, read_scene, scene_text
 from posefuse.studio.plan_view import RoomMap, cameras_svg, error_map_data_url, nearest_camera
 from posefuse.studio.player import ResultPlayer, open_recording

@@ -6,8 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from posefuse.calibration.targets.description import read_target
-from posefuse.calibration.targets.kinds import Charuco, Markers
+from posefuse.calibration.targets.kinds import Charuco, Markers, read_target
 from posefuse.core import InputError
 from posefuse.studio.focus import detail_left, focus_warning
 from posefuse.studio.setups import (

@@ -60,11 +60,11 @@ def until(condition: Callable[[], bool]) -> None:
         time.sleep(0.05)
 
 
-def fill(path: Path) -> float:
-    """Fill the disk to its last byte; returns the moment it was full."""
+def fill(path: Path) -> None:
+    """Fill the disk to its last byte."""
     with path.open("wb", buffering=0) as file:
         try:
             while True:
                 file.write(bytes(FILLED))
         except OSError:
-            return time.monotonic()
+            return

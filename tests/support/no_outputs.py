@@ -1,8 +1,7 @@
 """The outputs of a session that has none."""
 
-from posefuse.realtime.clock import SessionClock
-from posefuse.realtime.output_plan import OutputPlan
-from posefuse.realtime.outputs import OutputProcess
+from posefuse.realtime.messages import SessionClock
+from posefuse.realtime.outputs import OutputPlan, OutputProcess
 
 
 class NoOutputs(OutputProcess):

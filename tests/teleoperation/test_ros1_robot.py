@@ -14,7 +14,7 @@ pytest.importorskip("daqp")
 
 from posefuse.core import MessageError
 from posefuse.messages.messages import header
-from posefuse.messages.ros1_bytes import ros1_bytes, ros2_message
+from posefuse.messages.ros1 import ros1_bytes, ros2_message
 from posefuse.messages.types import encode, message
 from posefuse.teleoperation.mujoco_robot import ARM_HOME_RAD, mobile_manipulator
 

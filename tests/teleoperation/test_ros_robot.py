@@ -16,10 +16,9 @@ pytest.importorskip("daqp")
 from posefuse.core import SE3, ConfigError
 from posefuse.messages.body_messages import quaternion, vector
 from posefuse.messages.dds_domain import Network
-from posefuse.messages.intake import decode
 from posefuse.messages.messages import header
 from posefuse.messages.topics import TF, Topic
-from posefuse.messages.types import message
+from posefuse.messages.types import decode, message
 from posefuse.teleoperation.mujoco_robot import ARM_HOME_RAD, mobile_manipulator
 from posefuse.teleoperation.ros import NAMESPACE, Reporter, RosPlan
 from posefuse.teleoperation.ros_robot import JOINT_STATES, open_ros_robot

@@ -2,11 +2,12 @@
 
 from dataclasses import replace
 
+import built
 import numpy as np
 import pytest
 
 from bench.rehearsal.person import person_view
-from posefuse.core import SKELETONS, Kind, Pose3D
+from posefuse.core import SKELETONS
 from posefuse.teleoperation.hands import BODY, BONES, operator_view
 from posefuse.teleoperation.separation import OperatorBody, distances_to_segments, remembered, separation_m, speed_share
 from posefuse.teleoperation.settings import SeparationSettings
@@ -112,17 +113,7 @@ def test_another_body_is_not_completed_with_limbs_of_the_last_one():
 @pytest.mark.parametrize("skeleton", ["coco17", "blazepose33"])
 def test_the_ends_of_hands_head_and_feet_are_measured_by_no_detector(skeleton):
     skeleton = SKELETONS[skeleton]
-    shape = (1, len(skeleton))
-    pose = Pose3D(
-        t_ns=NOW_NS,
-        skeleton=skeleton,
-        person_id=np.array([1]),
-        xyz_world=np.random.default_rng(0).normal(size=(*shape, 3)),
-        cov_world=np.tile(1e-4 * np.eye(3), (*shape, 1, 1)),
-        reproj_px=np.ones(shape),
-        n_views=np.full(shape, 4),
-        kind=np.full(shape, Kind.FUSED),
-    )
+    pose = built.pose(np.random.default_rng(0).normal(size=(1, len(skeleton), 3)), [1], NOW_NS, skeleton=skeleton)
     view = operator_view(pose, ("right",), None, NOW_NS)
     assert view.body_measured.tolist() == MEASURED
     assert np.array_equal(view.body_xyz_world[BODY.index("right_wrist")], pose.xyz_world[0, skeleton.index("right_wrist")])

@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import pytest
+from built import detections, standing
 
 from posefuse.association import AssociateSettings, associate
 from posefuse.core import Detections2D, Pose3D, Rig, Views
@@ -12,20 +13,7 @@ from posefuse.core.skeleton import COCO17
 from posefuse.fusion import FuseSettings, fuse
 from posefuse.tracking.online import LiveMotion, LiveSettings, Tracker, build_tracker
 
-# the left side of someone who faces +x; y to the left, z up
-_LEFT = {
-    "eye": (0.10, 0.03, 1.65), "ear": (0.0, 0.08, 1.63), "shoulder": (0.0, 0.19, 1.42), "elbow": (0.03, 0.27, 1.14),
-    "wrist": (0.12, 0.28, 0.90), "hip": (0.0, 0.10, 0.93), "knee": (0.03, 0.11, 0.50), "ankle": (0.0, 0.11, 0.09),
-}  # fmt: skip
 SIGMA_PX = 2.0
-
-
-def _standing() -> np.ndarray:
-    xyz = np.empty((len(COCO17), 3))
-    for i, name in enumerate(COCO17.keypoints):
-        side, _, part = name.partition("_")
-        xyz[i] = (0.12, 0.0, 1.62) if name == "nose" else np.array(_LEFT[part]) * (1, 1 if side == "left" else -1, 1)
-    return xyz
 
 
 @dataclass(frozen=True)
@@ -38,7 +26,7 @@ class World:
     def view(self, c: int, t_s: float, rng: np.random.Generator | None = None, sigma_px: float = SIGMA_PX) -> Detections2D:
         """What camera number c sees; exact without `rng`."""
         xy = seen(self.rig, c, self.place(t_s), rng, sigma_px)
-        return detections(self.rig.cameras[c].name, t_s, xy, sigma_px=sigma_px)
+        return detections_at(self.rig.cameras[c].name, t_s, xy, sigma_px=sigma_px)
 
     def views(self, seconds: float, seed: int | None = 0, rate_hz: float = 30.0, start_s: float = 0.0) -> list[Detections2D]:
         """Every camera's views in the order of their own times, phases apart; exact when seed is None."""
@@ -74,26 +62,14 @@ def seen(rig: Rig, c: int, xyz: np.ndarray, rng: np.random.Generator | None, sig
     return xy if rng is None else xy + rng.normal(0, sigma_px, xy.shape)
 
 
-def detections(camera: str, t_s: float, *people_xy: np.ndarray, sigma_px: float = SIGMA_PX) -> Detections2D:
-    """Several people in one view."""
-    xy = np.array(people_xy)
-    sizes = xy.shape[:2]
-    box = np.concatenate([np.nanmin(xy, axis=1), np.nanmax(xy, axis=1)], axis=1)
-    score = np.where(np.isfinite(xy[..., 0]), 0.9, 0.0)
-    return Detections2D(
-        camera=camera,
-        t_ns=round(t_s * 1e9),
-        skeleton=COCO17,
-        xy_img=xy,
-        score=score,
-        sigma_px=np.full(sizes, sigma_px),
-        box_img=box,
-    )
+def detections_at(camera: str, t_s: float, *people_xy: np.ndarray, sigma_px: float = SIGMA_PX) -> Detections2D:
+    """Several people in one view at a time in seconds."""
+    return detections(camera, np.array(people_xy), round(t_s * 1e9), sigma_px=sigma_px)
 
 
 def _walk(t_s: float) -> np.ndarray:
     """Ahead at 1.2 m/s from one side of the ring to the other, arms and legs swinging."""
-    xyz = _standing()
+    xyz = standing()
     for name, reach_m, sign in (("wrist", 0.25, 1), ("elbow", 0.12, 1), ("knee", 0.12, -1), ("ankle", 0.25, -1)):
         for side in (1, -1):
             swing = sign * side * reach_m * np.sin(2 * np.pi * 0.9 * t_s)
@@ -106,7 +82,7 @@ def world(ring_rig: Callable[..., Rig]) -> Callable[..., World]:
     """Builder: cameras (default 4), motion ``walk``, ``stand`` or a function of time."""
 
     def build(cameras: int = 4, motion: str | Callable[[float], np.ndarray] = "walk", **rig: object) -> World:
-        motions = {"walk": _walk, "stand": lambda t_s: _standing()}
+        motions = {"walk": _walk, "stand": lambda t_s: standing()}
         return World(ring_rig(cameras, **rig), motions[motion] if isinstance(motion, str) else motion)
 
     return build
@@ -115,7 +91,7 @@ def world(ring_rig: Callable[..., Rig]) -> Callable[..., World]:
 @pytest.fixture(scope="session")
 def detections_of() -> Callable[..., Detections2D]:
     """(camera, t_s, *people_xy) -> Detections2D."""
-    return detections
+    return detections_at
 
 
 @pytest.fixture(scope="session")

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from built import poses
 from scipy.spatial.transform import Rotation
 
-from posefuse.core import JointCentres, Kind, PoseSequence, Recording
+from posefuse.core import JointCentres, PoseSequence, Recording
 from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse.detection import read_card
 from posefuse.formats.joint_centres import read_joint_centres
@@ -27,19 +28,8 @@ EVERY = JointCentres(
 
 
 def people(seed: int = 3) -> PoseSequence:
-    rng = np.random.default_rng(seed)
-    shape = (T, N, K)
-    cov = np.broadcast_to(np.diag([1.0, 2.0, 3.0]) * 1e-4, (*shape, 3, 3))
-    return PoseSequence(
-        t_ns=np.arange(T) * 10**7,
-        skeleton=BLAZEPOSE33,
-        person_id=np.arange(N),
-        xyz_world=rng.normal(size=(*shape, 3)),
-        cov_world=cov,
-        reproj_px=np.ones(shape),
-        n_views=np.full(shape, 4),
-        kind=np.full(shape, Kind.FUSED),
-    )
+    xyz = np.random.default_rng(seed).normal(size=(T, N, K, 3))
+    return poses(xyz, skeleton=BLAZEPOSE33, cov=np.diag([1.0, 2.0, 3.0]) * 1e-4)
 
 
 def standing() -> np.ndarray:
@@ -195,19 +185,7 @@ def test_each_person_has_lengths_of_their_own() -> None:
 
 def over_time(xyz: np.ndarray, count: int) -> PoseSequence:
     """The same people (N, K, 3) or person (K, 3) at many time steps."""
-    all_xyz = np.broadcast_to(xyz.reshape(-1, K, 3), (count, xyz.size // (3 * K), K, 3))
-    ones = np.ones(all_xyz.shape[:3])
-    cov = np.broadcast_to(np.eye(3) * 1e-4, (*ones.shape, 3, 3))
-    return PoseSequence(
-        t_ns=np.arange(count) * 10**7,
-        skeleton=BLAZEPOSE33,
-        person_id=np.arange(ones.shape[1]),
-        xyz_world=all_xyz,
-        cov_world=cov,
-        reproj_px=ones,
-        n_views=ones,
-        kind=ones,
-    )
+    return poses(np.broadcast_to(xyz.reshape(-1, K, 3), (count, xyz.size // (3 * K), K, 3)), skeleton=BLAZEPOSE33)
 
 
 def test_there_and_back_is_where_it_was() -> None:

@@ -2,10 +2,11 @@
 
 from dataclasses import replace
 
+import built
 import numpy as np
 import pytest
 
-from posefuse.core import JointCentres, Kind, Pose3D, PoseSequence
+from posefuse.core import JointCentres, Kind, Pose3D
 from posefuse.core.joint_centres import SEGMENT_ENDS
 from posefuse.core.skeleton import COCO17
 from posefuse.tracking import LearntLengths, to_joint_centres
@@ -22,18 +23,7 @@ PERIOD_NS = 10_000_000
 def pose(i: int, *people: np.ndarray, kind: Kind = Kind.FUSED, sigma_m: float = 0.01) -> Pose3D:
     """Number i of a hundred a second; people with ids from 0."""
     xyz = np.array(people).reshape(-1, K, 3)
-    ones = np.ones(xyz.shape[:2])
-    cov = np.broadcast_to(np.eye(3) * sigma_m**2, (*ones.shape, 3, 3))
-    return Pose3D(
-        t_ns=i * PERIOD_NS,
-        skeleton=COCO17,
-        person_id=np.arange(len(xyz)),
-        xyz_world=xyz,
-        cov_world=cov,
-        reproj_px=ones,
-        n_views=4 * ones,
-        kind=kind * ones,
-    )
+    return built.pose(xyz, t_ns=i * PERIOD_NS, cov=np.eye(3) * sigma_m**2, kind=np.full(xyz.shape[:2], kind))
 
 
 def learnt_from(count: int, *bodies: np.ndarray, noise_m: float = 0.0, **how: object) -> np.ndarray:
@@ -47,19 +37,7 @@ def test_they_go_from_usual_to_what_a_recording_finds_and_nothing_jumps() -> Non
     people = np.array([0.93 * BODY, 1.07 * BODY])
     lengths = learnt_from(3000, *people, noise_m=0.005)
     np.testing.assert_allclose(lengths[0], [USUAL, USUAL], atol=1e-12)
-    always = np.broadcast_to(people, (10, 2, K, 3))
-    ones = np.ones(always.shape[:3])
-    cov = np.broadcast_to(np.eye(3) * 1e-4, (*ones.shape, 3, 3))
-    recorded = PoseSequence(
-        t_ns=np.arange(10) * PERIOD_NS,
-        skeleton=COCO17,
-        person_id=np.arange(2),
-        xyz_world=always,
-        cov_world=cov,
-        reproj_px=ones,
-        n_views=4 * ones,
-        kind=ones,
-    )
+    recorded = built.poses(np.broadcast_to(people, (10, 2, K, 3)))
     found = segment_lengths(to_joint_centres(recorded, TABLE).xyz_world, COCO17)
     apart, away = np.abs(found - USUAL), np.abs(lengths - found)
     assert apart.min() > 0.01

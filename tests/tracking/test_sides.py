@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from built import poses, view_sequence
 
-from posefuse.core import SE3, Kind, PoseSequence, Rig, ViewSequence
+from posefuse.core import SE3, PoseSequence
 from posefuse.core.skeleton import COCO17
 from posefuse.tracking import sides_like, steady_sides
 
@@ -29,25 +30,8 @@ def walkers(noise_m: float = 0.004) -> PoseSequence:
         xyz[:, :, limb, 0] += sign * swing * share
         xyz[:, :, limb, 1] += 0.1 if limb is LEFT_LEG or limb is LEFT_ARM else -0.1
     xyz += rng.normal(size=xyz.shape) * noise_m
-    shape = xyz.shape[:-1]
-    return PoseSequence(
-        t_ns=(t_s * 1e9).astype(np.int64),
-        skeleton=COCO17,
-        person_id=np.arange(N),
-        xyz_world=xyz,
-        cov_world=noise_m**2 * np.eye(3) * (1 + np.arange(T * N * K).reshape(*shape, 1, 1)),
-        reproj_px=np.zeros(shape),
-        n_views=np.full(shape, 4),
-        kind=np.full(shape, Kind.FUSED),
-    )
-
-
-def views(rig: Rig, sequence: PoseSequence, *planes: np.ndarray, depth_m: np.ndarray | None = None) -> ViewSequence:
-    xy, score, sigma = planes
-    return ViewSequence(
-        t_ns=sequence.t_ns, skeleton=COCO17, camera_names=rig.names, person_id=sequence.person_id, xy_img=xy, score=score,
-        sigma_px=sigma, depth_m=depth_m,
-    )  # fmt: skip
+    each = 1 + np.arange(T * N * K).reshape(T, N, K, 1, 1)
+    return poses(xyz, rate_hz=30.0, cov=noise_m**2 * np.eye(3) * each)
 
 
 def exchanged(sequence: PoseSequence, instants: slice, person: int, limb: np.ndarray) -> PoseSequence:
@@ -109,7 +93,7 @@ def test_views_are_named_as_the_reference_has_them(ring_rig) -> None:
     for plane in seen:
         plane[wrong, 0, 1][:, [*LEFT_LEG, *RIGHT_LEG]] = plane[wrong, 0, 1][:, [*RIGHT_LEG, *LEFT_LEG]]
     assert not np.array_equal(seen[0], true_xy)
-    got = sides_like(reference, rig, views(rig, reference, *seen[:3], depth_m=seen[3]))
+    got = sides_like(reference, rig, view_sequence(rig, reference, *seen[:3], depth_m=seen[3]))
     far = np.linalg.norm(true_xy[..., LEFT_LEG[2], :] - true_xy[..., RIGHT_LEG[2], :], axis=-1) > 25
     assert far[wrong, 0, 1].any()
     legs = [*LEFT_LEG, *RIGHT_LEG]
@@ -120,7 +104,7 @@ def test_views_are_named_as_the_reference_has_them(ring_rig) -> None:
 def test_missing_views_stay_missing(ring_rig) -> None:
     rig, reference = ring_rig(3), walkers()
     nothing = np.full((T, N, 3, K, 2), np.nan)
-    empty = views(rig, reference, nothing, np.zeros((T, N, 3, K)), np.full((T, N, 3, K), np.nan))
+    empty = view_sequence(rig, reference, nothing, np.zeros((T, N, 3, K)), np.full((T, N, 3, K), np.nan))
     named = sides_like(reference, rig, empty)
     assert np.isnan(named.xy_img).all()
     assert (named.score == 0).all()

@@ -2,9 +2,10 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from smoothing import COCO, measured, white_jerk
+from built import poses, white_jerk
 
 from posefuse.core import Kind, Pose3D, PoseSequence, ShapeError
+from posefuse.core.skeleton import COCO17
 from posefuse.tracking import SmoothSettings, cutoff_hz, smooth, smooth_in_place
 from posefuse.tracking.smoothing import _jerk_density
 
@@ -19,7 +20,7 @@ def times_ns(count: int) -> np.ndarray:
 
 def sequence(xyz: np.ndarray, cov: np.ndarray = NOISE, t_ns: np.ndarray | None = None) -> PoseSequence:
     """(T, N, 17, 3) as measured: NaN is missing."""
-    return measured(times_ns(len(xyz)) if t_ns is None else t_ns, xyz, cov)
+    return poses(xyz, cov=cov, t_ns=times_ns(len(xyz)) if t_ns is None else t_ns)
 
 
 def wander(count: int, people: int = 1, seed: int = 0, noise: np.ndarray = NOISE) -> tuple[np.ndarray, np.ndarray]:
@@ -142,7 +143,7 @@ def test_errors_that_last_are_stated_and_not_averaged_away(share, lasts_s):
 
 def test_bones_keep_their_length_unless_the_settings_say_otherwise():
     """Two rigid bodies of different size that turn slowly: by default their bones hold each person's own lengths."""
-    one, two = COCO.bone_indices.T
+    one, two = COCO17.bone_indices.T
     angle = 0.5 * times_ns(240)[:, None, None] * 1e-9
     body = np.random.default_rng(6).normal(size=(2, 17, 3)) * [[[0.3]], [[0.4]]]
     turned = (
@@ -189,7 +190,7 @@ def test_people_who_come_and_go_get_rows_throughout():
     poses = [whole.at(i) for i in range(3)]
     only = poses[1]
     arrays = {name: getattr(only, name)[1:] for name in ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")}
-    poses[1] = Pose3D(t_ns=only.t_ns, skeleton=COCO, person_id=[1], **arrays)
+    poses[1] = Pose3D(t_ns=only.t_ns, skeleton=COCO17, person_id=[1], **arrays)
     stacked = PoseSequence.from_poses(poses)
     assert stacked.person_id.tolist() == [0, 1]
     assert (stacked.kind[1, 0] == Kind.MISSING).all()
@@ -209,7 +210,7 @@ def test_smoothing_in_place_takes_no_second_copy_of_a_long_recording():
     xyz, cov = poses.xyz_world.copy(), poses.cov_world.copy()
     tracemalloc.start()
     try:
-        smooth_in_place(poses.t_ns, COCO, xyz, cov, LOOSE)
+        smooth_in_place(poses.t_ns, COCO17, xyz, cov, LOOSE)
         most = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-import numpy as np
 import pytest
+from built import poses
 
 from bench.angle_errors import AngleError, angle_errors
 from posefuse.cli.main import main
@@ -38,18 +38,7 @@ def by_name(errors: list[AngleError]) -> dict[tuple[str, str], AngleError]:
 
 
 def exact(truth: Truth) -> PoseSequence:
-    ones = np.ones(truth.xyz_world.shape[:3])
-    cov = np.broadcast_to(np.eye(3) * 1e-10, (*ones.shape, 3, 3))
-    return PoseSequence(
-        t_ns=truth.t_ns,
-        skeleton=truth.skeleton,
-        person_id=truth.person_id,
-        xyz_world=truth.xyz_world,
-        cov_world=cov,
-        reproj_px=ones,
-        n_views=ones,
-        kind=ones,
-    )
+    return poses(truth.xyz_world, 1e-5, t_ns=truth.t_ns, skeleton=truth.skeleton, ids=truth.person_id)
 
 
 def test_exact_joint_centres_give_the_body_models_angles(truth: Truth) -> None:

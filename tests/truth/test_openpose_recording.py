@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import built
 import numpy as np
 import pytest
 
@@ -70,19 +71,7 @@ def detections(shared_data: Path) -> list[list[Detections2D]]:
             path = shared_data / "pose2sim_single" / "openpose_json" / f"{name}_json" / f"{name}.{i:04d}.json"
             people = np.array([p["pose_keypoints_2d"] for p in json.loads(path.read_text())["people"]]).reshape(-1, 25, 3)
             xy = np.where(people[..., 2:] > 0, people[..., :2], np.nan)
-            box = np.concatenate([np.nanmin(xy, axis=1), np.nanmax(xy, axis=1)], axis=-1)
-            unstated = np.full(xy.shape[:2], np.nan)
-            cameras.append(
-                Detections2D(
-                    camera=name,
-                    t_ns=i * 16_666_667,
-                    skeleton=BODY,
-                    xy_img=xy,
-                    score=people[..., 2],
-                    sigma_px=unstated,
-                    box_img=box,
-                )
-            )
+            cameras.append(built.detections(name, xy, i * 16_666_667, score=people[..., 2], sigma_px=np.nan, skeleton=BODY))
         instants.append(cameras)
     return instants
 

@@ -18,7 +18,7 @@ from PIL import Image
 
 import posefuse as pf
 from posefuse.outputs.drawing import grid_for, view_tile
-from posefuse.outputs.stage3d import stage_picture
+from posefuse.outputs.overview import stage_picture
 from posefuse.sources.video import VideoConfig
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -10,7 +10,8 @@ from typing import Any, Literal
 import numpy as np
 
 from posefuse import core
-from posefuse.calibration.checks import verify as verification
+from posefuse.calibration import intrinsics as board
+from posefuse.calibration import verify as verification
 from posefuse.calibration.clocks.person import clocks_from_person
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.extrinsics import target as moving_target
@@ -19,13 +20,11 @@ from posefuse.calibration.extrinsics.limits import LIMITS
 from posefuse.calibration.extrinsics.own_intrinsics import cameras_of, start_sigma
 from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.world import ThreePoints
-from posefuse.calibration.intrinsics import board
 from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration, after
 from posefuse.calibration.targets.corners import CornerObservations
-from posefuse.calibration.targets.description import read_target
 from posefuse.calibration.targets.detection import detect_corners
-from posefuse.calibration.targets.kinds import Target
+from posefuse.calibration.targets.kinds import Target, read_target
 from posefuse.calibration.targets.recordings import (
     Inputs,
     observe_sources,

@@ -6,13 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from posefuse.calibration.checks.verify import Verification
 from posefuse.calibration.clocks.person import clock_figures
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.report import CalibrationReport
-from posefuse.calibration.report_page import heat_map_image
-from posefuse.calibration.result_files import clock_settings, numbered, write_calibration_report, write_rig_file
+from posefuse.calibration.result_files import clock_settings, heat_map_image, numbered, write_calibration_report, write_rig_file
 from posefuse.calibration.targets.coverage import coverage_picture
+from posefuse.calibration.verify import Verification
 from posefuse.core import Camera
 from posefuse.core.arrays import Array
 from posefuse.foundation.output_file import check_output_file, write_text

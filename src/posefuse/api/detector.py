@@ -54,8 +54,7 @@ def detector(name: str = "blazepose_full", options: Mapping[str, Any] | None = N
         >>> len(found)  # no person there  # doctest: +SKIP
         0
     """
-    from posefuse.detection.build import DetectorChoice, network_plugin
-    from posefuse.detection.downloading import fetch_networks
+    from posefuse.detection.build import DetectorChoice, fetch_networks, network_plugin
     from posefuse.foundation.plugins import build_plugin, list_plugins
 
     names = {plugin.name for plugin in list_plugins("detectors")}

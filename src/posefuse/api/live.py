@@ -29,7 +29,7 @@ from posefuse.core import (
     SourceError,
 )
 from posefuse.foundation.worker import Worker
-from posefuse.realtime.controls import AddOutput, KeepVideos, NamePerson, RemoveOutput, Request, ShowImages
+from posefuse.realtime.messages import AddOutput, KeepVideos, NamePerson, RemoveOutput, Request, ShowImages
 
 from .progress import shown
 
@@ -310,7 +310,7 @@ def live(
     from posefuse.pipeline.config import changed_config
     from posefuse.realtime.config import LiveConfig
     from posefuse.realtime.inputs import inputs_from_arguments
-    from posefuse.realtime.output_plan import check_live_outputs
+    from posefuse.realtime.outputs import check_live_outputs
 
     cameras = rig if isinstance(rig, core.Rig) else read_placed_rig(Path(rig))
     for note in rig_warnings("live" if isinstance(rig, core.Rig) else rig, cameras):

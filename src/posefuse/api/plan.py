@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from posefuse.evaluation.rig_plan import RigPlan
     from posefuse.simulation import Scene
-    from posefuse.simulation.planning import RigPlan
 
 
 def plan(scene: Scene | str | Path, *, area_m: tuple[float, float] | None = None, step_m: float = 0.1) -> RigPlan:
@@ -33,9 +33,9 @@ def plan(scene: Scene | str | Path, *, area_m: tuple[float, float] | None = None
         >>> bool(found.covered() > 0.9 and 0 < found.error_at(0.5) < 50)
         True
     """
+    from posefuse.evaluation.rig_plan import plan_rig
     from posefuse.simulation.build import room_size
     from posefuse.simulation.cameras import placed_cameras, rig_from_cameras
-    from posefuse.simulation.planning import plan_rig
     from posefuse.simulation.scene import read_scene
     from posefuse.simulation.surroundings import boxes_of
 

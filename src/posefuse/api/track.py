@@ -65,8 +65,7 @@ def track(
         >>> recording = pf.track("examples/demo", end_s=0.5)  # doctest: +SKIP
         >>> recording.save("RESULT", formats=("trc", "c3d"))  # doctest: +SKIP
     """
-    from posefuse.detection.build import network_settings
-    from posefuse.detection.downloading import fetch_networks
+    from posefuse.detection.build import fetch_networks, network_settings
     from posefuse.pipeline.clock import StageClock
     from posefuse.pipeline.config import CONFIG_FILE, changed_config, read_config
     from posefuse.pipeline.result_folder import ResultFolder, check_result_folder, track_into

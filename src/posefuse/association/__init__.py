@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING
 from posefuse.core.lazy_names import lazy_names
 
 if TYPE_CHECKING:
-    from .assignment import Assignment
-    from .clothing import CLOTHING_TRAITS, clothing_traits, median_clothing
+    from .candidates import Assignment
     from .hints import Hints, hints_after
     from .identity import UNNAMED, Identity, persons_at, with_persons
     from .memory import Memory
     from .people import assign, associate
     from .settings import AssociateSettings
+    from .traits import CLOTHING_TRAITS, clothing_traits, median_clothing
 
 __all__ = [
     "CLOTHING_TRAITS",

@@ -1,4 +1,4 @@
-"""Every person every camera saw, as rays in the world, and how well a 3D pose explains each of them."""
+"""Every person every camera saw, as rays in the world, how well a 3D pose explains each, and the detections of one person."""
 
 from __future__ import annotations
 
@@ -7,9 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posefuse.core import Camera, Detections2D, Rig
-from posefuse.core.arrays import Array
+from posefuse.core import Camera, Detections2D, Rig, Views
+from posefuse.core.arrays import Array, check_fields, freeze_fields
 from posefuse.core.depth import keypoint_depth
+from posefuse.core.observations import NOT_KEPT
+from posefuse.core.values import UNSEEN
+
+from .settings import AssociateSettings
 
 # factor on the support of a detection with left and right swapped
 _TURNED_SHARE = 0.7
@@ -133,3 +137,56 @@ def joint_points(candidates: Candidates, members: Array, tolerance_m: float) -> 
     xyz = np.empty((candidates.score.shape[1], 3))
     kernel(candidates.direction, candidates.centre, candidates.score, members, tolerance_m, xyz)
     return xyz
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Assignment:
+    """Which detection of each camera is which person.
+
+    Attributes:
+        person_id: (N,) int64.
+        place: (N, C) index among the detections of the camera; -1 where the camera does not see the person.
+    """
+
+    person_id: Array
+    place: Array
+
+    def __post_init__(self) -> None:
+        freeze_fields(self, {"person_id": np.int64, "place": np.int64})
+        check_fields(self, {"person_id": "N", "place": "N C"})
+
+    def views(self, detections: Sequence[Detections2D], t_ns: int) -> Views:
+        """The people's detections, one per camera in the order of axis C, as views at this time."""
+        return Views.of(detections, t_ns, self.person_id, self.place)
+
+    def people_of(self, c: int, count: int) -> Array:
+        """(P,) the person of each of the `count` detections of camera c; -1 for those that belong to no person."""
+        people = np.full(count, NOT_KEPT, np.int64)
+        seen = self.place[:, c] != UNSEEN
+        people[self.place[seen, c]] = self.person_id[seen]
+        return people
+
+
+# a person needs this many keypoints in 3D: fewer do not identify the person
+LEAST_POINTS = 3
+
+
+def best_per_camera(candidates: Candidates, support: Array) -> Array:
+    """Indices of the best supported detection of each camera; cameras without support have none."""
+    order = np.argsort(-support, kind="stable")
+    order = order[support[order] > 0]
+    _, first = np.unique(candidates.camera[order], return_index=True)
+    return np.sort(order[first])
+
+
+def refined_members(candidates: Candidates, members: Array, free: Array, settings: AssociateSettings) -> Array:
+    """Fuse the members and ask every free detection again; once more with the answer. A single member stays as it is."""
+    for _ in range(2):
+        if len(members) < 2:
+            return members
+        pose = joint_points(candidates, members, settings.tolerance_m)
+        if np.isfinite(pose[:, 0]).sum() < LEAST_POINTS:
+            return members[:0]
+        support, share = agreement(candidates, pose[None], settings.tolerance_m)
+        members = best_per_camera(candidates, np.where((share[0] >= settings.min_share) & free, support[0], 0.0))
+    return members

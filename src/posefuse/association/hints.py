@@ -10,8 +10,7 @@ from posefuse.core import Detections2D
 from posefuse.core.arrays import Array
 from posefuse.core.values import NO_TRACK, UNSEEN
 
-from .assignment import Assignment
-from .candidates import Candidates
+from .candidates import Assignment, Candidates
 
 # by camera and the number of another tool's track: the person
 Hints = Mapping[tuple[str, int], int]

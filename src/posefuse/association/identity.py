@@ -20,9 +20,8 @@ from scipy.optimize import linear_sum_assignment
 from posefuse.core import Pose3D
 from posefuse.core.arrays import Array
 
-from .clothing import CLOTHING_TRAITS
 from .memory import median_known
-from .traits import Traits, body_lengths_m, plausible_share, sameness
+from .traits import CLOTHING_TRAITS, Traits, body_lengths_m, plausible_share, sameness
 
 UNNAMED = -1
 # frames of a track that decide its identity among several people; fewer are enough above this log-likelihood ratio

@@ -7,8 +7,7 @@ import numpy as np
 from posefuse.core import Skeleton
 from posefuse.core.arrays import Array
 
-from .candidates import Candidates, agreement, member_points, pair_midpoints
-from .members import LEAST_POINTS, best_per_camera, refined_members
+from .candidates import LEAST_POINTS, Candidates, agreement, best_per_camera, member_points, pair_midpoints, refined_members
 from .settings import AssociateSettings
 from .traits import body_lengths_m, plausible_share
 

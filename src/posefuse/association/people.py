@@ -16,10 +16,16 @@ from posefuse.core.duplicates import duplicates
 from posefuse.core.errors import choices
 from posefuse.core.values import UNSEEN
 
-from .assignment import Assignment
-from .candidates import Candidates, agreement, candidates_from_detections, member_points
+from .candidates import (
+    Assignment,
+    Candidates,
+    agreement,
+    best_per_camera,
+    candidates_from_detections,
+    member_points,
+    refined_members,
+)
 from .hints import Hints, hint_weights
-from .members import best_per_camera, refined_members
 from .newcomers import newcomers
 from .settings import AssociateSettings
 

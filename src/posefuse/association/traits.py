@@ -6,13 +6,17 @@ and shanks (CIE L*, a*, b*). A value that is unknown is NaN.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from posefuse.core import Skeleton
+from posefuse.core import Detections2D, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.core.skeleton import LIMB_ENDS
+from posefuse.core.values import UNSEEN
+
+from .candidates import Assignment
 
 _SIDED = (*LIMB_ENDS.values(), ("shoulder", "hip"))
 # how many of the traits are lengths
@@ -140,3 +144,27 @@ def _variances(mean: Array) -> tuple[Array, Array]:
 def _log_density(apart: Array, cov: Array) -> float:
     _, log_det = np.linalg.slogdet(cov)
     return float(-0.5 * (apart @ np.linalg.solve(cov, apart) + log_det))
+
+
+# numbers that describe the clothes of a person: L*, a* and b* of trunk, thighs and shanks
+CLOTHING_TRAITS = 9
+# one view may show another person's clothes, in front of the person
+_LEAST_VIEWS = 2
+
+
+def clothing_traits(assignment: Assignment, detections: Sequence[Detections2D]) -> Array:
+    """(N, 9) colours of each person of the assignment, see `median_clothing`."""
+    seen = np.full((*assignment.place.shape, 3, 3), np.nan)
+    for row, c in np.argwhere(assignment.place != UNSEEN):
+        seen[row, c] = detections[c].clothing_lab[assignment.place[row, c]]
+    return np.array([median_clothing(one) for one in seen]).reshape(-1, CLOTHING_TRAITS)
+
+
+def median_clothing(clothing_lab: Array) -> Array:
+    """(9,) medians over views (V, 3, 3) of L*, a*, b* of trunk, thighs and shanks; NaN where fewer than two views know."""
+    known = np.asarray(np.isfinite(clothing_lab).all(axis=-1))
+    enough = known.sum(axis=0) >= _LEAST_VIEWS
+    median = np.full((3, 3), np.nan)
+    for part in np.flatnonzero(enough):
+        median[part] = np.median(clothing_lab[known[:, part], part], axis=0)
+    return median.ravel()

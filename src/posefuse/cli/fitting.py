@@ -9,7 +9,8 @@ from typing import Any
 from posefuse.cli.command_options import FitOptions
 from posefuse.core import InputError
 from posefuse.detection.build import DetectorChoice
-from posefuse.detection.networks import NetworkCard, OnnxConfig, read_network_card
+from posefuse.detection.card import NetworkCard, read_network_card
+from posefuse.detection.networks import OnnxConfig
 from posefuse.evaluation.fitting import (
     NoiseFit,
     Run,

@@ -20,15 +20,14 @@ from posefuse.foundation.plugins import plugin_config
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.pipeline.config import read_changed
 from posefuse.realtime.capture import LiveInput
-from posefuse.realtime.clock import SessionClock
 from posefuse.realtime.config import LiveConfig, RunOptions
 from posefuse.realtime.fusion import Fusion
 from posefuse.realtime.inputs import inputs_from_arguments
+from posefuse.realtime.messages import SessionClock
 from posefuse.realtime.networks import fetch_networks
-from posefuse.realtime.output_plan import OutputPlan, check_live_outputs
+from posefuse.realtime.outputs import OutputPlan, check_live_outputs
 from posefuse.realtime.ros_cameras import rig_with_camera_infos
-from posefuse.realtime.session import run_live
-from posefuse.realtime.session_plan import closing_lines
+from posefuse.realtime.session import check_enough, closing_lines, run_live
 from posefuse.realtime.video_keeping import read_counts
 
 from .live_report import PAGE_FILE, live_session_figures, show_live_figures, write_latency_report
@@ -56,12 +55,11 @@ def run_session(
     if videos:
         _check_videos(videos, outputs.record)
     inputs = settled_inputs(sources, timing, ros_2, rig)
+    check_enough(inputs)
     rig = rig_with_camera_infos(rig, inputs, config.camera_info, terminal.note)
     plan = OutputPlan(rig=rig, clock=SessionClock.begin(), configs=output_configs(outputs, ros_2, config))
     check_live_outputs(plan.configs)
-    terminal.note(
-        f"{len(inputs)} camera{'s' * (len(inputs) != 1)}: " + ", ".join(f"{entry.camera} ({entry.kind})" for entry in inputs)
-    )
+    terminal.note(f"{len(inputs)} cameras: " + ", ".join(f"{entry.camera} ({entry.kind})" for entry in inputs))
     fetch_chosen(config.detector, terminal)
     duration_s = run_options(timing).duration_s
     with kept_videos(videos, rig, inputs) as folder:

@@ -19,7 +19,7 @@ from posefuse.foundation.output_folder import output_folder
 from posefuse.foundation.parsing import plain
 from posefuse.realtime.fusion import Fusion
 from posefuse.realtime.latency import STAGES
-from posefuse.realtime.session_plan import Finished
+from posefuse.realtime.session import Finished
 
 from .terminal import Terminal
 
@@ -29,7 +29,7 @@ JSON_FILE, PAGE_FILE = "latency.json", "latency.html"
 
 def _lengths(fusion: Fusion) -> dict[int, dict[str, dict[str, float]]]:
     """By person and segment, what the whole-body fit learnt; nothing where it is off."""
-    people = {} if fusion.bodies is None else fusion.bodies.lengths
+    people = {} if fusion.estimator.bodies is None else fusion.estimator.bodies.lengths
     return {person: {name: asdict(length) for name, length in lengths.items()} for person, lengths in people.items()}
 
 
@@ -40,7 +40,7 @@ def live_session_figures(done: Finished) -> dict[str, Any]:
     for name in fusion.rig.names:
         source = fusion.monitor.source(name)
         captured = source.captured if source else 0
-        health = fusion.tracker.health[name]
+        health = fusion.estimator.tracker.health[name]
         verdict = fusion.verdicts.get(name)
         cameras[name] = {
             "state": verdict.state if verdict else "opening",
@@ -61,9 +61,9 @@ def live_session_figures(done: Finished) -> dict[str, Any]:
         "zero_ns": done.zero_ns,
         "poses": fusion.poses,
         "poses_with_people": fusion.poses_with_people,
-        "withheld": fusion.gate.figures(),
+        "withheld": fusion.estimator.gate.figures(),
         "poses_per_s": fusion.latencies.rate_hz,
-        "joint_centres": fusion.centring.made_by,
+        "joint_centres": fusion.estimator.centring.made_by,
         "segment_lengths": _lengths(fusion),
         "used_share": sum(fusion.used.values()) / captured if captured else float("nan"),
         # a session that is stopped while it starts has not begun

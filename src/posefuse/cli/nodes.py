@@ -18,19 +18,17 @@ from posefuse.messages.dds_domain import Network
 from posefuse.outputs.live.ros import Ros2Config
 from posefuse.pipeline.config import read_changed
 from posefuse.realtime.camera_node import CameraNode
-from posefuse.realtime.clock import SessionClock
 from posefuse.realtime.config import LiveConfig
-from posefuse.realtime.joint_centres import message_from_centres
+from posefuse.realtime.estimator import message_from_centres
+from posefuse.realtime.messages import SessionClock
 from posefuse.realtime.network_views import NetworkViews
 from posefuse.realtime.networks import settled_network
-from posefuse.realtime.node_intrinsics import publish_intrinsics, rig_of_nodes
-from posefuse.realtime.output_plan import OutputPlan, check_live_outputs
+from posefuse.realtime.news import never_waiting
+from posefuse.realtime.outputs import OutputPlan, check_live_outputs
 from posefuse.realtime.processes import Groups
 from posefuse.realtime.provenance import notes_of
-from posefuse.realtime.ros_cameras import rig_with_camera_infos
-from posefuse.realtime.session import group_plans, run_session, stop_requests
-from posefuse.realtime.session_plan import SessionPlan
-from posefuse.realtime.speaking import never_waiting
+from posefuse.realtime.ros_cameras import publish_intrinsics, rig_of_nodes, rig_with_camera_infos
+from posefuse.realtime.session import SessionPlan, group_plans, run_session, stop_requests
 
 from .live import fetch_chosen, how_it_ended, output_configs, run_options, session_rig, settled_inputs
 from .live_report import live_session_figures, show_live_figures, write_latency_report

@@ -10,11 +10,10 @@ from posefuse.cli.command_options import RecordOptions
 from posefuse.cli.options import Ros2Options
 from posefuse.core import SourceError
 from posefuse.formats.rig import read_rig
-from posefuse.realtime.camera_feed import CameraFeed
 from posefuse.realtime.inputs import inputs_from_arguments
-from posefuse.realtime.recorder import CameraNews, record
 from posefuse.realtime.session import stop_requests
 from posefuse.realtime.video_keeping import read_counts
+from posefuse.realtime.watching import CameraFeed, CameraNews, record
 
 from .stopping import session_exit_code
 from .terminal import Terminal

@@ -14,11 +14,9 @@ from posefuse.messages import topics
 from posefuse.messages.bags import Warn, read_mcap
 from posefuse.messages.messages import detections_from_message, pose_from_message
 from posefuse.realtime.config import LiveConfig
-from posefuse.realtime.gate import KeypointGate
-from posefuse.realtime.joint_centres import Centring, centres_from_message
-from posefuse.realtime.live_body import pose_for_output
+from posefuse.realtime.estimator import Estimator, centres_from_message, warmed_up
+from posefuse.realtime.messages import Centres
 from posefuse.realtime.provenance import read_provenance
-from posefuse.realtime.session import ready_bodies, ready_tracker
 
 from .terminal import Terminal
 
@@ -50,23 +48,25 @@ def replay(path: Path, rig: Rig, config: LiveConfig | None, terminal: Terminal) 
 
 def replayed(path: Path, rig: Rig, config: LiveConfig, warn: Warn | None = None) -> Any:
     """Pairs (recorded pose, pose of a new tracker at the same place of the same stream); `warn` as in `read_mcap`."""
-    tracker, bodies = None, None
-    centring, gate = Centring(rig.names, config.joint_centres), KeypointGate(config.gate)
+    estimator: Estimator | None = None
+    known: list[Centres] = []
     for entry in read_mcap(path, {topic.name for topic in (topics.JOINT_CENTRES, topics.DETECTIONS, topics.POSE)}, warn):
         if entry.topic == topics.JOINT_CENTRES.name:
-            centring.learn(centres_from_message(entry.msg))
+            known.append(centres_from_message(entry.msg))
             continue
         value: Detections2D | Pose3D
         value, _ = (detections_from_message if entry.topic == topics.DETECTIONS.name else pose_from_message)(entry.msg)
-        if tracker is None:
-            tracker, bodies = ready_tracker(rig, value.skeleton, config), ready_bodies(rig, value.skeleton, config)
+        if estimator is None:
+            estimator = warmed_up(rig, value.skeleton, config)
+        while known:
+            estimator.centring.learn(known.pop(0))
         if isinstance(value, Detections2D):
-            tracker.add(value)
+            estimator.add(value)
         else:
-            pose = pose_for_output(tracker, tracker.at(value.t_ns), centring, bodies)
+            pose = estimator.at(value.t_ns)
             # where the session did it, see `Fusion.run`
-            tracker.check()
-            yield value, gate.passed(pose)
+            estimator.check()
+            yield value, pose
 
 
 def _as_recorded(path: Path, rig: Rig, config: LiveConfig | None) -> tuple[Rig, LiveConfig]:

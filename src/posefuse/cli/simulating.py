@@ -90,6 +90,7 @@ def write_gazebo_world(scene_file: Path, out: Path, release: str, force: bool, t
     """Write a scene file as a Gazebo world, again with `force`; returns the figures of the table."""
     scene = read_scene(scene_file)
     check_outside_inputs(out, (scene_file, *motion_files(scene)))
+    terminal.note(f"writing {scene.duration_s:g} s of motion, its meshes and its truth: minutes for a long scene")
     world = export_world(scene, out, release=release, replace_older=force, warn=terminal.warn)
     for line in world.left_out:
         terminal.warn(line)

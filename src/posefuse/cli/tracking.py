@@ -8,11 +8,11 @@ from typing import Any
 
 from posefuse.cli.command_options import TrackOptions
 from posefuse.core import InputError, Recording
-from posefuse.detection.build import DetectorChoice
-from posefuse.detection.downloading import fetch_networks
+from posefuse.detection.build import DetectorChoice, fetch_networks
 from posefuse.evaluation.metrics import JointErrors, joint_errors
 from posefuse.evaluation.report import CAMERA_COLUMNS, camera_rows
 from posefuse.formats.truth import read_truth
+from posefuse.foundation.plugins import plugin_config
 from posefuse.outputs.rerun_scene import check_viewer
 from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.config import CONFIG_FILE, TrackConfig, read_config
@@ -77,7 +77,8 @@ def track_config(folder: Path, options: TrackOptions) -> TrackConfig:
 
 def network_shown(detector: DetectorChoice) -> str:
     """The network, or its card, by which keypoints were found."""
-    return str(next((detector.options[key] for key in ("card", "landmarks") if key in detector.options), detector.name))
+    config = plugin_config("detectors", detector.name, detector.options)
+    return str(next((getattr(config, key) for key in ("card", "landmarks") if hasattr(config, key)), detector.name))
 
 
 def _errors(session: Session, recording: Recording) -> JointErrors | None:

@@ -99,7 +99,7 @@ class JointAngles:
         return len(self.t_ns)
 
     def __repr__(self) -> str:
-        return f"JointAngles({len(self)} time steps, {len(self.person_id)} people, {len(self.joints)} joints of 3 angles)"
+        return f"JointAngles({len(self)} time steps, person {self.person_id.tolist()}, {len(self.joints)} joints of 3 angles)"
 
     def __getitem__(self, key: tuple[str, str] | str) -> AngleSeries:
         """The angle (joint, angle name) of the one person in it, or the angle of a name of OpenSim, e.g. ``"pelvis_tilt"``.

@@ -5,14 +5,13 @@ from typing import TYPE_CHECKING
 from posefuse.core.lazy_names import lazy_names
 
 if TYPE_CHECKING:
+    from .appearance import with_clothing, with_depth
     from .blazepose import BlazePoseConfig, BlazePoseDetector, default_cards
-    from .build import DetectorChoice, network_settings
-    from .clothing import with_clothing
-    from .depth import with_depth
-    from .downloading import fetch_networks
-    from .models import fetch, fetch_all, list_cards, read_card, status
+    from .build import DetectorChoice, fetch_networks, network_settings
+    from .card import list_cards, read_card
+    from .crops import region_from_keypoints, region_from_pose, up_angle_rad
+    from .files import fetch, fetch_all, status
     from .oracle import OracleConfig, OracleDetector, OracleNoise, OracleViews, oracle_views
-    from .regions import region_from_keypoints, region_from_pose, up_angle_rad
 
 __all__ = [
     "BlazePoseConfig",

@@ -1,4 +1,4 @@
-"""The detector that the settings name, built for this machine and rig."""
+"""The detector that the settings name: its networks downloaded before the work begins, built for this machine and rig."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ from dataclasses import field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from posefuse.core import ConfigError
+from posefuse.core import ConfigError, Progress, silent
 from posefuse.foundation.parsing import parse_toml, read_text
+from posefuse.foundation.plugins import plugin_config
 from posefuse.foundation.settings import settings
 
 if TYPE_CHECKING:
@@ -62,3 +63,17 @@ def network_settings(network: str) -> dict[str, str]:
     plugin, options = network_plugin(network)
     chosen = {} if plugin == DetectorChoice().name else {"detector.name": plugin}
     return chosen | {f"detector.options.{key}": value for key, value in options.items()}
+
+
+STAGE = "downloading networks"
+
+
+def fetch_networks(choice: DetectorChoice, progress: Progress = silent) -> None:
+    """Download the networks that the detector needs and does not have.
+
+    Raises:
+        ModelError: a network cannot be downloaded.
+    """
+    config = plugin_config("detectors", choice.name, choice.options)
+    if hasattr(config, "fetch"):
+        config.fetch(lambda text: progress(STAGE, 0, None, text), lambda done, total: progress(STAGE, done, total))

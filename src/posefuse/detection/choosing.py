@@ -14,8 +14,8 @@ from posefuse.foundation.places import default_cache_dir
 from posefuse.foundation.platform import usable_cores
 
 from .blazepose import BlazePoseConfig
-from .models import ModelCard, read_any_card, status
-from .models.cards import EnsembleCard
+from .card import EnsembleCard, ModelCard, read_any_card
+from .files import status
 
 # from the smallest to the largest
 BUNDLED = ("blazepose_lite", "blazepose_full", "blazepose_heavy", "blazepose_best")
@@ -57,8 +57,7 @@ def measured_costs(
     Raises:
         ModelError: none of them is there.
     """
-    config = config or BlazePoseConfig()
-    folder = config.cache or default_cache_dir()
+    config, folder = config or BlazePoseConfig(), default_cache_dir()
     ready = [name for name in names if _is_ready(name, folder)]
     if not ready:
         raise ModelError(f"none of the networks {', '.join(names)} is in {folder}; fetch them with: posefuse models")

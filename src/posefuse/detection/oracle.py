@@ -21,7 +21,7 @@ from posefuse.core.values import keypoint_boxes
 from posefuse.formats.truth import read_truth
 from posefuse.foundation.settings import settings
 
-from .regions import check_regions
+from .crops import check_regions
 
 _FAR_TIME_NS = 1_000_000
 _OUTLIER_SCORES = (0.2, 0.9)

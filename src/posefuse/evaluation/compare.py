@@ -13,7 +13,7 @@ from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 
-from .metrics import JointErrors, summary
+from .metrics import JointErrors, drift, summary
 
 _LEAST_INSTANTS = 5
 _SPEED_HZ = 60.0
@@ -125,7 +125,7 @@ def compare(
     onto = factor * moved @ rotation.T + shift
     distance = np.linalg.norm(onto - a.xyz_m, axis=-1)
     alignment = Alignment(offset, rotation, shift, factor, float(np.sqrt(np.nanmean(distance[both] ** 2))))
-    walked_m, apart_m, drift = _drift(a.xyz_m, onto)
+    walked_m, apart_m, slope = _drift(a.xyz_m, onto)
     return Comparison(
         alignment=alignment,
         points=tuple(points),
@@ -135,7 +135,7 @@ def compare(
         errors=summary(points, 1000 * distance),
         walked_m=walked_m,
         apart_m=apart_m,
-        drift_mm_per_m=drift,
+        drift_mm_per_m=slope,
     )
 
 
@@ -234,9 +234,4 @@ def middle_of(xyz: Array) -> Array:
 def _drift(a: Array, b: Array) -> tuple[Array, Array, float]:
     both = np.asarray(np.isfinite(a).all(axis=-1) & np.isfinite(b).all(axis=-1))
     middles = [middle_of(np.where(both[..., None], one, np.nan)) for one in (a, b)]
-    steps = np.nan_to_num(np.linalg.norm(np.diff(middles[0][:, :2], axis=0), axis=-1))
-    walked = np.concatenate([[0.0], np.cumsum(steps)])
-    apart = np.linalg.norm((middles[1] - middles[0])[:, :2], axis=-1)
-    known = np.isfinite(apart)
-    slope = 1000 * float(np.polyfit(walked[known], apart[known], 1)[0]) if np.ptp(walked[known]) > 0.5 else float("nan")
-    return walked, apart, slope
+    return drift(*middles)

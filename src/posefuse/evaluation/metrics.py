@@ -13,6 +13,8 @@ from posefuse.core.skeleton import PAPER14, pick_keypoints
 
 # median of a chi-square of 3 degrees of freedom
 _MEDIAN_CHI2 = 2.366
+# over less the noise of the ends is no drift
+_LEAST_WALKED_M = 0.5
 
 
 @dataclass(frozen=True)
@@ -105,6 +107,21 @@ def true_xyz_at(truth: Truth, t_ns: Array) -> Array:
     span = np.maximum(truth.t_ns[later] - truth.t_ns[earlier], 1)
     share = ((t_ns - truth.t_ns[earlier]) / span)[:, None, None, None]
     return np.asarray(truth.xyz_world[earlier] * (1 - share) + truth.xyz_world[later] * share)
+
+
+def drift(path_m: Array, other_m: Array) -> tuple[Array, Array, float]:
+    """How another path (T, 3) leaves a path (T, 3) on the level, both in metres, NaN where missing.
+
+    Returns:
+        (T,) length of the path so far; (T,) level distance of the two; slope of the least-squares line of distance over length in
+        mm per m, NaN for less than half a metre.
+    """
+    steps = np.nan_to_num(np.linalg.norm(np.diff(path_m[:, :2], axis=0), axis=-1))
+    walked = np.concatenate([[0.0], np.cumsum(steps)])
+    apart = np.linalg.norm((other_m - path_m)[:, :2], axis=-1)
+    known = np.isfinite(apart)
+    enough = known.any() and np.ptp(walked[known]) > _LEAST_WALKED_M
+    return walked, apart, 1000 * float(np.polyfit(walked[known], apart[known], 1)[0]) if enough else float("nan")
 
 
 def known_median(values: Array) -> float:

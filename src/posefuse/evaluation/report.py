@@ -219,12 +219,12 @@ def _cards(recording: Recording) -> Cards:
         "duration": f"{lasts_s:.2f} s",
         "time steps": str(len(poses)),
         "cameras": str(len(recording.rig)),
-        "people": str(len(poses.person_id)),
+        "person" if len(poses.person_id) == 1 else "people": str(len(poses.person_id)),
         f"keypoints, {poses.skeleton.name}": str(len(poses.skeleton)),
     }
     if lasts_s > 0:
         values["time steps per second"] = f"{(len(poses) - 1) / lasts_s:.1f}"
-    if np.isfinite(recording.rig.residual_px):
+    if recording.rig.residual_px > 0:  # unknown is NaN, and simulated cameras have none
         values["calibration residual"] = f"{recording.rig.residual_px:.2f} px"
     return Cards(values)
 

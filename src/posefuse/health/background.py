@@ -31,6 +31,8 @@ _LEAST_RAD = float(np.deg2rad(0.35))
 # no result is better in larger images; in px of these: how well a corner has to be found again from both sides, and how far
 # off its place a background corner may be
 _WIDTH_PX, _BACK_PX, _OFF_PX = 960, 0.5, 1.0
+# neighbourhood in px in which brightness and contrast are measured, and contrast in grey levels that is noise
+_AROUND_PX, _NOISE = (31, 31), 6.0
 # regions of the image, across and down, and corners in each; a region is known by so many corners found again
 _ACROSS, _DOWN, _CORNERS, _KNOWN_BY = 8, 6, 10, 2
 # least number of known regions, the quarters of the image in which they must lie, and the share of them that has to move alike
@@ -192,7 +194,7 @@ class _Corners:
         """Rotation vector, rad, by which the background of another frame is turned; None where that does not show."""
         if not len(self.xy_px):
             return None
-        later = _like(_small(frame), self.grey)
+        later = _small(frame)
         forward, found, _ = cv2.calcOpticalFlowPyrLK(self.grey, later, self.xy_px, None, maxLevel=4)  # type: ignore[call-overload]
         back, again, _ = cv2.calcOpticalFlowPyrLK(later, self.grey, forward, None, maxLevel=4)  # type: ignore[call-overload]
         ray = _rays(self.camera, forward)
@@ -236,17 +238,14 @@ def _rays(camera: Camera, xy_px: Array) -> Array:
 
 
 def _small(frame: Frame) -> Array:
-    """The image in grey, at most `_WIDTH_PX` wide."""
+    """The image in grey, at most `_WIDTH_PX` wide, with one brightness and contrast everywhere: exposure and light may change."""
     grey = cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY)
     height, width = grey.shape
-    size_wh = (_WIDTH_PX, round(height * _WIDTH_PX / width))
-    return np.asarray(grey if width <= _WIDTH_PX else cv2.resize(grey, size_wh, interpolation=cv2.INTER_AREA))
-
-
-def _like(grey: Array, other: Array) -> Array:
-    """An image with the brightness and contrast of another one: exposure and light may change."""
-    gain = float(other.std()) / max(float(grey.std()), 1.0)
-    return np.asarray(np.clip((grey - float(grey.mean())) * gain + float(other.mean()), 0, 255).astype(np.uint8))
+    if width > _WIDTH_PX:
+        grey = cv2.resize(grey, (_WIDTH_PX, round(height * _WIDTH_PX / width)), interpolation=cv2.INTER_AREA)
+    over = grey - cv2.blur(grey.astype(np.float32), _AROUND_PX)
+    contrast = np.sqrt(np.maximum(cv2.blur(over**2, _AROUND_PX), 0)) + _NOISE
+    return np.asarray(np.clip(128 + 48 * over / contrast, 0, 255).astype(np.uint8))
 
 
 def _corners(grey: Array) -> tuple[Array, Array]:

@@ -9,6 +9,7 @@ Optional: needs ``pip install "posefuse[biomech]"``.
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -165,9 +166,25 @@ def inverse_kinematics(
         task.setWeight(_HELD_WEIGHT)
         tasks.cloneAndAppend(task)
     tool.set_report_errors(False)
-    if not tool.run():
+    with _quiet_output():
+        done = tool.run()
+    if not done:
         raise RuntimeError("the inverse kinematics tool did not finish")
     return read_mot(motion)
+
+
+@contextmanager
+def _quiet_output() -> Iterator[None]:
+    """Without the table of the model that OpenSim's C++ prints past its own log: stdout may be a program's JSON."""
+    sys.stdout.flush()
+    kept = os.dup(1)
+    try:
+        with Path(os.devnull).open("wb") as nowhere:
+            os.dup2(nowhere.fileno(), 1)
+        yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
 
 
 def write_opensim_model(path: Path, body: BodyModel) -> None:

@@ -21,11 +21,10 @@ from posefuse.core.errors import choices
 
 from . import topics
 from .camera_messages import CAMERA_INFO_TYPE, camera_from_info
-from .intake import decode
 from .mcap_records import mcap_records
 from .messages import detections_from_message, ns_from_time, optical_frame, pose_from_message
 from .topics import Topic
-from .types import definition, encode, optional_module, ros2_types
+from .types import decode, definition, encode, optional_module, ros2_types
 
 _MAX_MESSAGE_BYTES = 2**28
 _CHUNK_BYTES = 2**18

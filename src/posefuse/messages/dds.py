@@ -18,9 +18,8 @@ import numpy as np
 from posefuse.core import SourceError
 
 from .dds_domain import Network, open_domain, require_tested_cyclonedds
-from .idl import idl_class
 from .topics import Topic
-from .types import encode, message, optional_module, type_hash
+from .types import encode, idl_class, message, optional_module, type_hash
 
 GRAPH = Topic("ros_discovery_info", "rmw_dds_common/msg/ParticipantEntitiesInfo", depth=1, latched=True)
 _LATCHED_WRITERS = 100

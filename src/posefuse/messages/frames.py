@@ -9,8 +9,8 @@ import numpy as np
 
 from posefuse.core import SE3, MessageError
 
-from .intake import Intake
 from .topics import TF, TF_STATIC
+from .types import Intake
 
 _MOST_FRAMES = 2000
 _MAX_BYTES = 2**20

@@ -1,11 +1,8 @@
-"""2D and 3D poses as messages and back. Pure functions; layouts are in `msg/posefuse_msgs`.
-
-A message also carries when the value passed each stage (`Stages`, name to ns), so that a receiver can see where
-time went. Whatever a stranger sends, `*_from_message` either returns a checked value or raises MessageError.
-"""
+"""2D and 3D poses, and names of people, as messages and back. Pure functions; layouts are in `msg/posefuse_msgs`."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -19,11 +16,9 @@ from posefuse.core.joint_angles import angle_labels
 from .types import message
 
 Stages = Mapping[str, int]
-
 DETECTIONS_TYPE = "posefuse_msgs/msg/Detections2D"
 POSE_TYPE = "posefuse_msgs/msg/Pose3D"
 JOINT_ANGLES_TYPE = "posefuse_msgs/msg/JointAngles"
-
 MAX_PEOPLE = 64
 MAX_KEYPOINTS = 512
 # 1000 frames a second for a year
@@ -31,6 +26,7 @@ MAX_FRAMES = 2**35
 _NS = 1_000_000_000
 _MIN_NS, _MAX_NS = -(2**31) * _NS, 2**31 * _NS - 1
 _UPPER = np.triu_indices(3)
+NAMES_TYPE = "std_msgs/msg/String"
 
 
 def time_from_ns(t_ns: int) -> Any:
@@ -237,3 +233,20 @@ def _skeleton(msg: Any, where: str) -> Skeleton:
         return Skeleton(msg.skeleton, keypoints)
     except PosefuseError as error:
         raise MessageError(f"{where}: {error}") from None
+
+
+def message_from_names(names: Mapping[int, str]) -> Any:
+    """All names that are known."""
+    return message(NAMES_TYPE, data=json.dumps({str(person): name for person, name in names.items()}, ensure_ascii=False))
+
+
+def names_from_message(msg: Any) -> dict[int, str]:
+    """As given to `message_from_names`; raises MessageError for anything else."""
+    try:
+        content = json.loads(msg.data)
+        found = {int(person): name for person, name in content.items()}
+    except (ValueError, AttributeError, RecursionError):
+        raise MessageError("names message: expected a JSON object of names by person id") from None
+    if not all(person >= 0 and isinstance(name, str) for person, name in found.items()):
+        raise MessageError("names message: expected texts by ids from 0 on")
+    return found

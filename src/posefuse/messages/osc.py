@@ -1,20 +1,12 @@
-"""Poses as small datagrams for animation and XR tools: Open Sound Control 1.0, and JSON. Pure functions.
-
-OSC, one bundle per person (split where it would not fit one network packet), time tag = the pose's time step:
-
-    /posefuse/people               i...     ids of everybody, once per time step
-    /posefuse/<id>/<keypoint>      f f f f  x y z in metres, standard deviation in metres (0 when unknown)
-    /posefuse/<id>/<joint>/<angle> f        joint angle in rad
-
-JSON, one object per person and datagram: t_ns, person, name (where the session names the person), skeleton, axes,
-keypoints {name: [x, y, z]}, sigma_m {name: s}, angles_rad {joint/angle: value}. What is missing is left out.
-"""
+"""Poses as small datagrams for animation and XR tools: Open Sound Control 1.0 and JSON, to one or many listeners."""
 
 from __future__ import annotations
 
 import json
+import socket
 import struct
 from collections.abc import Iterator, Sequence
+from types import TracebackType
 
 import numpy as np
 
@@ -32,7 +24,6 @@ AXES = {
 _MAX_PACKET = 1400
 _NTP_FROM_UNIX_S = 2_208_988_800
 _NOW = b"\0\0\0\0\0\0\0\1"
-
 Argument = int | float | str
 
 
@@ -137,3 +128,57 @@ def _text(value: str) -> bytes:
         raise ConfigError(f"OSC text: expected ASCII, got {value!r}")
     raw = value.encode("ascii") + b"\0"
     return raw + bytes(-len(raw) % 4)
+
+
+class UdpStream:
+    """Sends datagrams to fixed addresses; never waits, and continues when a listener or the network is away.
+
+    Attributes:
+        sent, lost: datagrams handed to, and not taken by, the network.
+        last_fault: why the newest lost one was not taken.
+
+    Raises:
+        ConfigError: an address that is not ``host:port``, or a host that is not known.
+    """
+
+    def __init__(self, addresses: Sequence[str]) -> None:
+        self.sent, self.lost, self.last_fault = 0, 0, ""
+        self._targets = [_resolved(address) for address in addresses]
+        self._sockets: dict[int, socket.socket] = {}
+        for family, _ in self._targets:
+            if family not in self._sockets:
+                self._sockets[family] = socket.socket(family, socket.SOCK_DGRAM)
+                self._sockets[family].setblocking(False)
+
+    def send(self, datagrams: Sequence[bytes]) -> None:
+        """Send each datagram to every address."""
+        for family, target in self._targets:
+            for datagram in datagrams:
+                try:
+                    self._sockets[family].sendto(datagram, target)
+                    self.sent += 1
+                except OSError as error:
+                    self.lost += 1
+                    self.last_fault = str(error)
+
+    def close(self) -> None:
+        """Safe to call twice."""
+        for opened in self._sockets.values():
+            opened.close()
+
+    def __enter__(self) -> UdpStream:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+
+def _resolved(address: str) -> tuple[int, tuple[object, ...]]:
+    host, _, port = address.rpartition(":")
+    if not host or not port.isdigit() or not 0 < int(port) < 65536:
+        raise ConfigError(f"UDP address: expected host:port with a port of 1 to 65535, got {address!r}")
+    try:
+        family, _, _, _, target = socket.getaddrinfo(host.strip("[]"), int(port), type=socket.SOCK_DGRAM)[0]
+    except OSError as error:
+        raise ConfigError(f"UDP address {address!r}: the host is not known ({error})") from None
+    return family, target

@@ -18,10 +18,10 @@ from .body_messages import joint_state, keypoints_seen, region_of_interest, skel
 from .camera_messages import info_from_camera
 from .markers import camera_markers, person_markers
 from .messages import Stages, header, message_from_pose, messages_from_joints, optical_frame
+from .parts import Velocities, angle_difference
 from .person_output import PersonOutput
 from .topics import Outlet, Topic
 from .types import message
-from .velocities import Velocities, angle_difference
 
 CAMERA_MARKERS = Topic("/posefuse/cameras", "visualization_msgs/msg/MarkerArray", depth=1, latched=True)
 

@@ -16,9 +16,9 @@ import numpy as np
 from posefuse.core import SourceError
 
 from .dds import Sample
-from .intake import Intake
 from .messages import ns_from_time
 from .topics import CLOCK
+from .types import Intake
 
 _KEPT_NS = 1_000_000_000
 _KEPT = 256

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Protocol
 
-from . import camera_messages, joint_centre_messages, messages
-from .annotations import ANNOTATIONS_TYPE
+from . import camera_messages, messages
+from .markers import ANNOTATIONS_TYPE
+from .messages import NAMES_TYPE
 from .parts import PARTS
-from .people_names import NAMES_TYPE
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Outlet(Protocol):
 # depth: on a topic without keys all cameras share one history at the reader
 DETECTIONS = Topic("/posefuse/detections", messages.DETECTIONS_TYPE, depth=64)
 # of the detections, each camera machine its own
-JOINT_CENTRES = Topic("/posefuse/joint_centres", joint_centre_messages.JOINT_CENTRES_TYPE, depth=1, latched=True)
+JOINT_CENTRES = Topic("/posefuse/joint_centres", camera_messages.JOINT_CENTRES_TYPE, depth=1, latched=True)
 # of people, given while the session runs
 NAMES = Topic("/posefuse/names", NAMES_TYPE, depth=1, latched=True)
 POSE = Topic("/posefuse/pose", messages.POSE_TYPE, depth=4)

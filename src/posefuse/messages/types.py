@@ -1,17 +1,19 @@
 """ROS message types without ROS: the standard ones, `hri_msgs` of REP-155, and our own `posefuse_msgs`.
 
-Definitions are read from the .msg files next to this module; bytes and type hashes come from the library `rosbags`.
-A message is a plain object whose attributes are the fields; `message(type_name, **fields)` makes one.
+Their IDL classes for Cyclone DDS, and bytes from strangers to their values: what does not fit is refused and counted.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import struct
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
+from posefuse.core import MessageError, PosefuseError
 from posefuse.foundation.plugins import package_of_extra
 
 if TYPE_CHECKING:
@@ -20,6 +22,15 @@ if TYPE_CHECKING:
 DEFINITIONS = Path(__file__).parent / "msg"
 # longest list a stranger may announce in a message; ours stay far below it, images are the largest
 MAX_LIST = 64 * 2**20
+_BASIC = {
+    "bool": "bool",
+    "byte": "byte",
+    "char": "uint8",
+    "float32": "float32",
+    "float64": "float64",
+    **{f"{sign}int{bits}": f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)},
+}
+T = TypeVar("T")
 
 
 def optional_module(name: str) -> ModuleType:
@@ -100,3 +111,87 @@ def type_hash(type_name: str) -> str:
 def definition(type_name: str) -> str:
     """Full text of a type with all it is made of, as bags carry it."""
     return str(ros2_types().generate_msgdef(type_name, ros_version=2)[0])
+
+
+@cache
+def idl_class(type_name: str) -> Any:
+    """A final, keyless IDL struct named as ROS 2 names `type_name` on the wire."""
+    from cyclonedds.idl import annotations, make_idl_struct
+
+    fields = {name: _idl_type(desc) for name, desc in ros2_types().fielddefs[type_name][1]}
+    dds_name = dds_type_name(type_name)
+    made = make_idl_struct(dds_name.rsplit("::", 1)[1], dds_name.replace("::", "."), fields)
+    return annotations.final(made)
+
+
+def _idl_type(desc: Any) -> Any:
+    import cyclonedds.idl.types
+    from rosbags.interfaces import Nodetype
+
+    types: Any = cyclonedds.idl.types  # made while they are subscripted
+    kind, detail = desc
+    if kind == Nodetype.NAME:
+        return idl_class(detail)
+    if kind == Nodetype.BASE:
+        name, bound = detail
+        if name == "string":
+            return types.bounded_str[bound] if bound else str
+        return getattr(types, _BASIC[name]) if name != "bool" else bool
+    inner, length = detail
+    element = _idl_type(inner)
+    if kind == Nodetype.ARRAY:
+        return types.array[element, length]
+    return types.sequence[element, length] if length else types.sequence[element]
+
+
+def decode(raw: bytes, type_name: str, max_bytes: int) -> Any:
+    """The message in CDR bytes; raises MessageError when malformed or longer than `max_bytes`."""
+    from rosbags.serde import SerdeError
+
+    if len(raw) > max_bytes:
+        raise MessageError(f"{type_name}: expected at most {max_bytes} bytes, got {len(raw)}")
+    try:
+        return ros2_types().deserialize_cdr(raw, type_name)
+    except (SerdeError, IndexError, ValueError, OverflowError, MemoryError, struct.error) as error:
+        raise MessageError(f"{type_name}: malformed message ({error})") from None
+
+
+@dataclass
+class Counts:
+    """What came in over one topic.
+
+    Attributes:
+        accepted: values handed on. refused: messages that did not fit.
+        last_refusal: why, of the newest one refused; empty when none was.
+    """
+
+    accepted: int = 0
+    refused: int = 0
+    last_refusal: str = ""
+
+
+@dataclass
+class Intake(Generic[T]):
+    """Turns the bytes of one topic into values and keeps count.
+
+    Attributes:
+        type_name: ROS type expected.
+        value_from_message: e.g. `messages.detections_from_message`; may raise any PosefuseError.
+        max_bytes: longer messages are refused unread.
+    """
+
+    type_name: str
+    value_from_message: Callable[[Any], T]
+    max_bytes: int = 2**20
+    counts: Counts = field(default_factory=Counts)
+
+    def take(self, raw: bytes) -> T | None:
+        """The value, or None when it was refused."""
+        try:
+            value = self.value_from_message(decode(raw, self.type_name, self.max_bytes))
+        except PosefuseError as error:
+            self.counts.refused += 1
+            self.counts.last_refusal = str(error)
+            return None
+        self.counts.accepted += 1
+        return value

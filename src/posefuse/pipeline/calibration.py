@@ -18,8 +18,7 @@ from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibra
 from posefuse.core import Camera, InputError, Progress, Rig, silent
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
-from posefuse.detection.build import DetectorChoice, build_detector
-from posefuse.detection.downloading import fetch_networks
+from posefuse.detection.build import DetectorChoice, build_detector, fetch_networks
 from posefuse.formats.pose2d import read_pose2d_of_cameras
 from posefuse.health.background import background_of
 from posefuse.sources import VIDEO_SUFFIXES, VideoConfig

@@ -212,8 +212,7 @@ def _from_plain(content: dict[str, Any], path: Path) -> Listed:
 
 def _picture(path: Path, within: Path | None) -> bytes:
     from posefuse.outputs.drawing import jpeg_of
-    from posefuse.outputs.overview import best_instant
-    from posefuse.outputs.stage3d import stage_picture
+    from posefuse.outputs.overview import best_instant, stage_picture
 
     from .playback import Playback, session_with_videos
 

@@ -40,9 +40,8 @@ from posefuse.foundation.settings import settings_from_mapping
 from posefuse.fusion import FuseSettings
 from posefuse.messages import topics
 from posefuse.messages.bags import read_mcap, read_notes, read_rig
-from posefuse.messages.joint_centre_messages import joint_centres_from_message
-from posefuse.messages.messages import detections_from_message, pose_from_message
-from posefuse.messages.people_names import names_from_message
+from posefuse.messages.camera_messages import joint_centres_from_message
+from posefuse.messages.messages import detections_from_message, names_from_message, pose_from_message
 from posefuse.outputs.live.record import NOTES
 
 from .config import TrackConfig

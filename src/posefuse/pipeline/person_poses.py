@@ -37,8 +37,7 @@ from posefuse.core.arrays import Array
 from posefuse.core.duplicate_share import DUPLICATE_SHARE
 from posefuse.core.duplicates import duplicates
 from posefuse.detection import region_from_keypoints
-from posefuse.detection.build import DetectorChoice, build_detector
-from posefuse.detection.downloading import fetch_networks
+from posefuse.detection.build import DetectorChoice, build_detector, fetch_networks
 from posefuse.fusion import FuseSettings
 from posefuse.pipeline.config import CameraInput
 from posefuse.pipeline.following import FollowedLog, PeopleFollower

@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING
 from posefuse.core.lazy_names import lazy_names
 
 if TYPE_CHECKING:
-    from .clock import SessionClock
     from .config import LiveConfig
     from .inputs import inputs_from_arguments
     from .latency import ViewTimes
-    from .output_plan import OutputPlan
+    from .messages import SessionClock
+    from .outputs import OutputPlan
     from .session import run_live
 
 __all__ = ["LiveConfig", "OutputPlan", "SessionClock", "ViewTimes", "inputs_from_arguments", "run_live"]

@@ -9,14 +9,13 @@ from posefuse.foundation.channel import wait_any
 from posefuse.health.cameras import Monitor
 from posefuse.messages import topics
 from posefuse.messages.dds import RosNode
-from posefuse.messages.intake import Intake
 from posefuse.messages.messages import POSE_TYPE, SourceCounts, message_from_detections, pose_from_message
 from posefuse.messages.ros_output import RosOutput
+from posefuse.messages.types import Intake
 from posefuse.outputs.live.ros import health_lines, publish_preview
 
-from .clock import SessionClock
 from .fusion import velocity_between
-from .messages import Expected, SeenView, Status
+from .messages import Expected, SeenView, SessionClock, Status
 from .processes import Groups
 
 _S = 1_000_000_000

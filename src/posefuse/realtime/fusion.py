@@ -18,25 +18,17 @@ from posefuse.core import (
     LivePreview,
     Pose3D,
     Rig,
-    Views,
 )
 from posefuse.core.arrays import Array
 from posefuse.foundation.channel import wait_any
 from posefuse.health.cameras import Monitor, Verdict
 from posefuse.kinematics import JointTracker
-from posefuse.tracking.online import Tracker
 
-from .clock import SessionClock
-from .config import KeypointGateSettings
-from .gate import KeypointGate
-from .joint_centres import Centring, live_centres
+from .estimator import Estimator, live_centres
 from .latency import Latencies, ViewTimes
-from .live_body import LiveSkeletons, pose_for_output
-from .messages import Centres, Expected, SeenView, Status
-from .output_plan import SessionReader
-from .outputs import OutputProcess
+from .messages import Centres, Expected, SeenView, SessionClock, Status, ViewSource
+from .outputs import OutputProcess, SessionReader
 from .rig_watch import RigWatch
-from .view_source import ViewSource
 
 _S = 1_000_000_000
 # the expected pose is published, and cameras are judged, this often
@@ -47,32 +39,25 @@ _JUDGE_NS = _S // 4
 class Fusion:
     """Tracker, monitor and stop watches of one session; everything in one thread.
 
-    The tracker follows the landmarks of the networks, and `expect` is given its predictions, which select image regions. The
-    output is moved to joint centres where `centring` wants it, put on people's skeletons where `bodies` are fitted, and passes
-    the `gate`.
+    `expect` is given the predictions of the estimator, which select image regions.
     """
 
     def __init__(
         self,
         rig: Rig,
-        tracker: Tracker,
+        estimator: Estimator,
         expect: Callable[[Expected], object],
         clock: SessionClock,
         outlets: OutputProcess,
-        centring: Centring,
         watch: RigWatch | None = None,
         joints: JointTracker | None = None,
-        gate: KeypointGate | None = None,
-        bodies: LiveSkeletons | None = None,
         reader: SessionReader | None = None,
     ) -> None:
-        self.rig, self.tracker, self._expect, self.clock, self.outlets = rig, tracker, expect, clock, outlets
+        self.rig, self.estimator, self._expect, self.clock, self.outlets = rig, estimator, expect, clock, outlets
         self.monitor = Monitor(rig.names)
         self.latencies = Latencies(rig.names)
-        self.centring = centring
         self.watch, self._joints = watch, joints
-        self.gate = gate or KeypointGate(KeypointGateSettings())
-        self.bodies, self._reader = bodies, reader
+        self._reader = reader
         self.verdicts: Mapping[str, Verdict] = {}
         self.used = dict.fromkeys(rig.names, 0)
         self.seen = dict.fromkeys(rig.names, 0)
@@ -96,7 +81,7 @@ class Fusion:
                     continue
                 self.tick(due_ns, period_ns)
                 # takes up to most of a period: only now can the next output be sure not to wait for it
-                self.tracker.check()
+                self.estimator.check()
                 self._judge(views, due_ns, due_ns + period_ns)
                 behind = (self.clock.now_ns() - due_ns) // period_ns
                 if behind > 1:
@@ -111,7 +96,7 @@ class Fusion:
         if isinstance(message, SeenView):
             self._see(message)
         elif isinstance(message, Centres):
-            self.centring.learn(message)
+            self.estimator.centring.learn(message)
             self._give(live_centres(message, self.clock.now_ns()))
         elif isinstance(message, Status):
             for state in message.cameras:
@@ -127,11 +112,11 @@ class Fusion:
 
     def tick(self, due_ns: int, period_ns: int) -> None:
         """One pose, for the time it is due."""
-        landmarks = self.tracker.at(due_ns)
+        landmarks = self.estimator.tracker.at(due_ns)
         output_ns = self.clock.now_ns()
         newest = max((way.exposed_ns for way in self._waiting), default=0)
         stages = {"exposed": newest, "output": output_ns} if newest else {"output": output_ns}
-        shown = self.gate.passed(pose_for_output(self.tracker, landmarks, self.centring, self.bodies))
+        shown = self.estimator.shown(landmarks)
         joints = self._joints.step(shown) if self._joints is not None else None
         self._give(LivePose(pose=shown, joints=joints, stages_ns=stages))
         self.latencies.tick_out(due_ns, output_ns, period_ns)
@@ -155,7 +140,7 @@ class Fusion:
             miscalibrated = view.camera in self.watch.known.miscalibrated and not self.monitor.overloaded(view.camera)
             if miscalibrated and self.monitor.does_without(view.camera):
                 return
-        self.tracker.add(view)
+        self.estimator.add(view)
         fused_ns = self.clock.now_ns()
         self.used[view.camera] += 1 + seen.skipped
         self.seen[view.camera] += len(view) > 0
@@ -185,7 +170,7 @@ class Fusion:
         before = self._last_published
         if before is not None and 0 <= t_ns - before.t_ns < _BOARD_NS:
             return
-        pose = self.tracker.looked_for(t_ns)
+        pose = self.estimator.looked_for(t_ns)
         known: Array = np.asarray(np.isfinite(pose.xyz_world).any(axis=(1, 2)))
         shown = pose if known.all() else pose.people(known)
         self._expect(Expected(shown.t_ns, shown.xyz_world, velocity_between(before, shown)))
@@ -200,14 +185,14 @@ class Fusion:
         self._take_until(views, until_ns)
         if self.watch is not None:
             self.watch.receive()
-        self.verdicts = self.monitor.judge(now_ns, views.troubles(), self.watch.known.ill if self.watch is not None else {})
+        self.verdicts = self.monitor.judge(now_ns, views.troubles(), self.watch.known.faulty if self.watch is not None else {})
         self.outlets.poll()
         rates = self._rates()
         cameras = {name: CameraHealth(state=v.state, text=v.text, figures=rates[name]) for name, v in self.verdicts.items()}
         self._give(LiveHealth(t_ns=now_ns, cameras=cameras, outputs=self.outlets.health))
 
     def _rates(self) -> dict[str, dict[str, float]]:
-        health = self.tracker.health
+        health = self.estimator.tracker.health
         found = {}
         for name in self.rig.names:
             source = self.monitor.source(name)
@@ -228,18 +213,3 @@ def velocity_between(before: Pose3D | None, now: Pose3D) -> Array:
     if before is None or not len(now.person_id) or now.t_ns <= before.t_ns or not np.array_equal(before.person_id, now.person_id):
         return np.zeros(now.xyz_world.shape)
     return np.nan_to_num((now.xyz_world - before.xyz_world) * (_S / (now.t_ns - before.t_ns)))
-
-
-def build_solve(rig: Rig, associating: Any, fusing: Any) -> Callable[..., Pose3D]:
-    """Association and fusion of one moment, as trackers take it."""
-    from posefuse.association import associate
-    from posefuse.fusion import fuse
-
-    return lambda views, previous: fuse(associate(views, rig, associating, previous), rig, fusing, previous)
-
-
-def build_fuse(rig: Rig, fusing: Any) -> Callable[[Views], Pose3D]:
-    """Fusion of one moment, as trackers take it."""
-    from posefuse.fusion import fuse
-
-    return lambda views: fuse(views, rig, fusing)

@@ -8,24 +8,38 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from posefuse.core import Camera, Detections2D, InputError, JointCentres, PosefuseError, Region, Rig
+from posefuse.core import Camera, Detections2D, Frame, InputError, JointCentres, LivePreview, PosefuseError, Region, Rig
 from posefuse.detection import with_clothing, with_depth
 from posefuse.detection.build import DetectorChoice, build_detector
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.platform import lower_priority
+from posefuse.outputs.drawing import jpeg_of, shrunk_wh
 from posefuse.sources.arriving import Arrived
 
 from .capture import SAMPLE_STEP, Capture, Caught, LiveInput, take_all
-from .clock import SessionClock
-from .controls import KeepVideos, ShowImages
-from .messages import NOTHING_EXPECTED, Expected, Go, GroupFailed, Ready, SeenView, Status, Stop, VideoFailed
-from .preview import preview_jpeg
+from .messages import (
+    NOTHING_EXPECTED,
+    Expected,
+    Go,
+    GroupFailed,
+    KeepVideos,
+    Ready,
+    SeenView,
+    SessionClock,
+    ShowImages,
+    Status,
+    Stop,
+    VideoFailed,
+)
 from .searching import SearchSchedule, search_slot
 from .video_keeping import VideoKeeper, wait_for_videos
 
+_LONGER_SIDE_PX = 320
+_QUALITY = 70
 _STATUS_S = 0.25
 _IDLE_S = 0.05
 _SEND_S = 0.5
@@ -35,6 +49,15 @@ _STALE_NS = 1_000_000_000
 _EMPTY_S = 0.2
 # leaves the processor to the fusion loop whenever both want it
 _NICENESS = 5
+
+
+def preview_jpeg(frame: Frame, t_ns: int) -> LivePreview:
+    """The frame as a small JPEG."""
+    import cv2
+
+    size = shrunk_wh(frame.size_wh, _LONGER_SIDE_PX)
+    small: Any = cv2.resize(frame.image, size, interpolation=cv2.INTER_AREA)
+    return LivePreview(camera=frame.camera, t_ns=t_ns, jpeg=jpeg_of(small, _QUALITY), size_wh=size)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,14 +1,43 @@
-"""Messages between camera groups and the fusion. Plain values; times are session time unless stated otherwise."""
+"""The session's clock, where views come from, messages between camera groups and the fusion, requests of its user.
+
+Plain values; times are session time unless stated otherwise.
+"""
 
 from __future__ import annotations
 
+import queue
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 
-from posefuse.core import Detections2D, JointCentres, Skeleton
+from posefuse.core import Detections2D, JointCentres, LiveOutputConfig, Skeleton
 from posefuse.core.arrays import Array
-from posefuse.health.cameras import CameraState
+from posefuse.foundation.channel import Channel
+from posefuse.health.cameras import CameraState, Verdict
+
+
+@dataclass(frozen=True)
+class SessionClock:
+    """Unix epoch as it was when the session began, carried on by the machine's monotonic clock: it never jumps.
+
+    Attributes:
+        offset_ns: session time minus monotonic time, the same in every process of the machine.
+    """
+
+    offset_ns: int
+
+    @staticmethod
+    def begin() -> SessionClock:
+        """A clock that agrees with the machine's own now."""
+        return SessionClock(time.time_ns() - time.monotonic_ns())
+
+    def now_ns(self) -> int:
+        """Session time."""
+        return time.monotonic_ns() + self.offset_ns
 
 
 @dataclass(frozen=True)
@@ -108,3 +137,117 @@ class VideoFailed:
 
     camera: str
     reason: str
+
+
+@dataclass(frozen=True)
+class ShowImages:
+    """Small images per second and camera from now on; 0 for none."""
+
+    rate_hz: float
+
+
+@dataclass(frozen=True)
+class KeepVideos:
+    """Keep every camera's video in an existing folder from now on; None: no longer."""
+
+    folder: Path | None
+
+
+@dataclass(frozen=True)
+class AddOutput:
+    """Open another output."""
+
+    name: str
+    config: LiveOutputConfig
+
+
+@dataclass(frozen=True)
+class RemoveOutput:
+    """Finish and close an output."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class NamePerson:
+    """Call a person so from now on; empty: no longer."""
+
+    person: int
+    name: str
+
+
+Request = ShowImages | KeepVideos | AddOutput | RemoveOutput | NamePerson
+
+
+class Controls:
+    """A queue of requests."""
+
+    def __init__(self) -> None:
+        self._requests: queue.SimpleQueue[Request] = queue.SimpleQueue()
+
+    def ask(self, request: Request) -> None:
+        """From any thread; returns at once."""
+        self._requests.put(request)
+
+    def asked(self) -> Iterator[Request]:
+        """What was asked for since the last call."""
+        while not self._requests.empty():
+            yield self._requests.get_nowait()
+
+
+class ViewSource(Protocol):
+    """Where the views of a session come from: camera groups of this machine, or a network."""
+
+    def channels(self) -> list[Channel]:
+        """For `select`."""
+        ...
+
+    def messages(self) -> Iterable[Any]:
+        """What has come; never waits. What is not taken is there the next time."""
+        ...
+
+    def expect(self, expected: Expected) -> None:
+        """Where cameras should look for people next; never waits."""
+        ...
+
+    def troubles(self) -> Mapping[str, Verdict]:
+        """What is wrong with the process or machine of a camera, by camera."""
+        ...
+
+    @property
+    def restarts(self) -> int:
+        """How often a process had to be started again."""
+        ...
+
+    def wait_ready(self, stopped: Sequence[str]) -> Skeleton:
+        """Wait for the first sign of all that is needed; gives up when `stopped` has an entry.
+
+        Raises:
+            SourceError: no views will come, and why.
+            KeyboardInterrupt: stopped before there was anything to finish.
+        """
+        ...
+
+    def whereabouts(self) -> list[str]:
+        """Which work is done in which process, in words."""
+        ...
+
+    def notices(self) -> list[str]:
+        """Notes about the sources of views, each line once."""
+        ...
+
+    def centres(self) -> list[Centres]:
+        """What is known of joint centres by now."""
+        ...
+
+    def start(self, clock: SessionClock) -> int:
+        """Let views come; session time of the session's 0 s."""
+        ...
+
+    def control(self, request: ShowImages | KeepVideos) -> None:
+        """Change what cameras give besides views."""
+        ...
+
+    def memory_mb(self) -> float:
+        """Most memory this process and those of the cameras have held, added up."""
+        ...

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from posefuse.core import ModelError, PosefuseError, Progress, silent
-from posefuse.detection import downloading
+from posefuse.detection import build
 from posefuse.detection.blazepose import BlazePoseConfig
 from posefuse.detection.build import DetectorChoice
 from posefuse.detection.choosing import NetworkCost, largest_sustained, measured_costs
@@ -42,7 +42,7 @@ def fetch_networks(choice: DetectorChoice, progress: Progress = silent) -> None:
     failed: list[ModelError] = []
     for one in choices:
         try:
-            downloading.fetch_networks(one, progress)
+            build.fetch_networks(one, progress)
         except ModelError as error:
             failed.append(error)
     if len(failed) == len(choices):

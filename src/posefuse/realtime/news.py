@@ -1,19 +1,29 @@
-"""Changes in a session, reported immediately: cameras, outputs, the rig watch, messages of unknown senders."""
+"""News of a session: changes of cameras and outputs, a machine that is too slow; who reads it is never waited for."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import queue
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from typing import TypeVar
 
 from posefuse.health.cameras import OK, Event
 
 from .fusion import Fusion
-from .output_plan import PROCESS
+from .messages import Status
+from .outputs import PROCESS
 
 Say = Callable[[str], None]
 # a camera's changes are reported this far apart; what it has become meanwhile follows then
 _QUIET_NS = 10_000_000_000
 T = TypeVar("T")
+# a sentence is due when a smaller share of the images is processed over this time
+LEAST_SHARE, _OVER_S = 0.5, 10.0
+# that see a person, before it has a place
+LEAST_CAMERAS = 2
+_MOST_LINES = 1000
+_END_S = 2.0
 
 
 class News:
@@ -63,3 +73,67 @@ class News:
 def _newest(events: Iterable[T], count: int) -> list[T]:
     # asked for every few milliseconds: mostly there is nothing
     return list(events)[-count:] if count else []
+
+
+class ProcessedImages:
+    """How many of the images that the cameras deliver are processed; frames of a process that starts again count on."""
+
+    def __init__(self) -> None:
+        self._last: dict[str, tuple[int, int]] = {}
+        self._came = self._used = 0
+        self._since: tuple[float, int, int] | None = None
+        self._reported = False
+
+    def news(self, status: Status, now_s: float, network: str) -> str:
+        """Take in what a process reports at a time: the sentence about a machine that is too slow, once; else empty."""
+        for state in status.cameras:
+            captured, used = self._last.get(state.camera, (0, 0))
+            self._came += state.captured - captured if state.captured >= captured else state.captured
+            self._used += state.used - used if state.used >= used else state.used
+            self._last[state.camera] = state.captured, state.used
+        if self._since is None:
+            self._since = now_s, self._came, self._used
+        began_s, came, used = self._since
+        if now_s - began_s < _OVER_S:
+            return ""
+        share = (self._used - used) / max(self._came - came, 1)
+        slow = self._came > came and share < LEAST_SHARE
+        self._since = now_s, self._came, self._used
+        if not slow or self._reported:
+            return ""
+        self._reported = True
+        smaller = "" if network.endswith("lite") else "`networks=blazepose_lite`, "
+        return f"this computer processes {share:.0%} of the images: use {smaller}fewer cameras, or cameras at a lower frame rate"
+
+
+@contextmanager
+def never_waiting(say: Say) -> Iterator[Say]:
+    """Call `say` in a thread of its own; what there is no room for is lost. What it raises, the next call raises.
+
+    At the end the lines that are left are given a moment.
+    """
+    lines: queue.Queue[str | None] = queue.Queue(_MOST_LINES)
+    problems: list[Exception] = []
+
+    def run() -> None:
+        while (line := lines.get()) is not None:
+            try:
+                say(line)
+            except Exception as error:  # noqa: BLE001 - a closed terminal or connection; raised where the session notices it
+                problems.append(error)
+                return
+
+    def put(line: str) -> None:
+        if problems:
+            raise problems[0]
+        with suppress(queue.Full):
+            lines.put_nowait(line)
+
+    thread = threading.Thread(target=run, name="news", daemon=True)
+    thread.start()
+    try:
+        yield put
+    finally:
+        with suppress(queue.Full):
+            lines.put_nowait(None)
+            thread.join(_END_S)

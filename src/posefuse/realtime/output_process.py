@@ -6,16 +6,23 @@ import contextlib
 import queue
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from posefuse.core import LiveMessage, LiveOutput, LiveOutputConfig, LiveStart, OutputHealth, PosefuseError
+from posefuse.core import (
+    LiveJointCentres,
+    LiveMessage,
+    LiveNames,
+    LiveOutput,
+    LiveOutputConfig,
+    LiveStart,
+    OutputHealth,
+    PosefuseError,
+)
 from posefuse.core.live_messages import FAILED, OK
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.platform import lower_priority
 from posefuse.foundation.requests_to_end import wait_while_working
-
-from .kept_messages import KeptMessages
 
 # at the end an output that has made no progress for so long is given up; one that has nothing left ends at once
 END_S = 5.0
@@ -31,6 +38,31 @@ _SETTLED_S = 30.0
 _HANGS_S = 2.0
 HANGS = "hangs"
 NOTHING_YET = OutputHealth()
+
+
+class KeptMessages:
+    """The newest `LiveJointCentres` of each set of cameras, in the order they came, and the newest `LiveNames`."""
+
+    def __init__(self, messages: Iterable[LiveMessage] = ()) -> None:
+        self._centres: dict[tuple[str, ...], LiveJointCentres] = {}
+        self._names: LiveNames | None = None
+        for message in messages:
+            self.keep(message)
+
+    def keep(self, message: LiveMessage) -> bool:
+        """Remember it if it is one of those; whether it is."""
+        if isinstance(message, LiveJointCentres):
+            self._centres.pop(message.cameras, None)
+            self._centres[message.cameras] = message
+        elif isinstance(message, LiveNames):
+            self._names = message
+        else:
+            return False
+        return True
+
+    def messages(self) -> list[LiveMessage]:
+        """What to hand on first."""
+        return [*self._centres.values(), *([self._names] if self._names is not None else [])]
 
 
 @dataclass(frozen=True)

@@ -14,11 +14,9 @@ from posefuse.foundation.platform import peak_memory_mb, processor_s
 from posefuse.foundation.worker import Worker
 from posefuse.health.cameras import Verdict
 
-from .clock import SessionClock
-from .controls import KeepVideos, ShowImages
 from .group import GroupPlan, run_group
-from .messages import Centres, Expected, Go, GroupFailed, Ready, Status, Stop, VideoFailed
-from .pace import ProcessedImages
+from .messages import Centres, Expected, Go, GroupFailed, KeepVideos, Ready, SessionClock, ShowImages, Status, Stop, VideoFailed
+from .news import ProcessedImages
 from .video_keeping import FINISH_S
 
 START_S = 120.0

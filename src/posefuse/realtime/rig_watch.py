@@ -22,7 +22,7 @@ from posefuse.foundation.worker import Worker
 from posefuse.health import rig_monitor as monitor
 from posefuse.health.cameras import Verdict
 from posefuse.health.clock_finding import ClockFinder
-from posefuse.health.common_times import CommonTimeSteps
+from posefuse.health.misalignment import CommonTimeSteps
 
 _S = 1e9
 _NICENESS = 10
@@ -32,7 +32,7 @@ _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 # of a camera's views, those closer than this to the one before add no information
 _APART_NS = round(APART_S * 1e9)
 # poses are better without a camera that sees people farther off than this (`bench/rig_monitor.py`)
-_ASTRAY_M = 0.05
+_MISCALIBRATED_M = 0.05
 
 
 @dataclass(frozen=True)
@@ -41,12 +41,12 @@ class Watched:
 
     Attributes:
         offset_s: how much later each camera's stamps are than the mean of all, by camera; only those that are known.
-        ill: what is wrong with cameras, by camera; only those with something.
+        faulty: what is wrong with cameras, by camera; only those with something.
         miscalibrated: those whose views are so far off the person that the others know better.
     """
 
     offset_s: Mapping[str, float] = field(default_factory=dict)
-    ill: Mapping[str, Verdict] = field(default_factory=dict)
+    faulty: Mapping[str, Verdict] = field(default_factory=dict)
     miscalibrated: frozenset[str] = frozenset()
 
 
@@ -99,7 +99,7 @@ class RigWatch:
             self.known = found
         if self._worker.due():
             # what the former process found of the cameras is not watched any more; their clocks stay as they were
-            self.known = replace(self.known, ill={}, miscalibrated=frozenset())
+            self.known = replace(self.known, faulty={}, miscalibrated=frozenset())
             self._worker.start(*self._plan)
 
     @property
@@ -158,6 +158,6 @@ class RigWatcher:
             for t_ns, xy_img in self._instants.ready():
                 self._state, _ = monitor.observe(self._state, self._rig, t_ns, xy_img)
         findings = self._state.findings
-        ill = {name: Verdict(one.kind, one.detail) for one in findings for name in one.cameras}
-        miscalibrated = frozenset(name for one in findings if one.displaced_m > _ASTRAY_M for name in one.cameras)
-        return Watched(self._offset_s, ill, miscalibrated)
+        faulty = {name: Verdict(one.kind, one.detail) for one in findings for name in one.cameras}
+        miscalibrated = frozenset(name for one in findings if one.displaced_m > _MISCALIBRATED_M for name in one.cameras)
+        return Watched(self._offset_s, faulty, miscalibrated)

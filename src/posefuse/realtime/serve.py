@@ -26,10 +26,9 @@ from posefuse.core import (
 from posefuse.foundation.channel import Channel, ChannelClosed
 
 from .capture import LiveInput
-from .clock import SessionClock
 from .config import LiveConfig
-from .controls import Controls
-from .output_plan import OutputPlan
+from .messages import Controls, SessionClock
+from .outputs import OutputPlan
 from .ros_cameras import rig_with_camera_infos
 from .session import run_live
 

@@ -5,49 +5,104 @@ from __future__ import annotations
 import math
 import os
 import signal
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from posefuse.core import JointCentres, LiveNames, LivePose, LivePreview, Pose3D, Rig, Skeleton, SourceError
+from posefuse.core import LiveNames, LivePose, LivePreview, Rig, Skeleton, SourceError
 from posefuse.foundation.compiled import compiling
 from posefuse.foundation.platform import punctual, usable_cores
 from posefuse.foundation.requests_to_end import HANG_UP, REQUESTS_TO_END, Repeats, heeded, put_off, without_terminal
 from posefuse.kinematics import JointTracker
-from posefuse.kinematics.body import FEWEST_SEEN, LIVE_BODY, LiveBodyRules
-from posefuse.tracking import at_joint_centres
-from posefuse.tracking.online import MOTION, LiveMotion, Tracker, build_tracker
-from posefuse.tracking.stand_in import made_up_detections
 
 from .capture import LiveInput, keeping_packets
 from .config import LiveConfig
-from .controls import AddOutput, Controls, KeepVideos, NamePerson, RemoveOutput, ShowImages
-from .fusion import Fusion, build_fuse, build_solve
-from .gate import KeypointGate
+from .estimator import warmed_up
+from .fusion import Fusion
 from .group import GroupPlan
-from .identity import NamedTracker
-from .joint_centres import Centring
-from .live_body import LiveSkeletons
+from .messages import AddOutput, Controls, KeepVideos, NamePerson, RemoveOutput, ShowImages, ViewSource
 from .networks import settled_network
-from .news import News, Say
-from .output_plan import OutputPlan
-from .outputs import OutputProcess
+from .news import LEAST_CAMERAS, LEAST_SHARE, News, Say, never_waiting
+from .outputs import OutputEvent, OutputPlan, OutputProcess
 from .processes import Groups
 from .provenance import notes_of
 from .rig_watch import watching
-from .session_plan import Finished, SessionPlan
-from .speaking import never_waiting
-from .view_source import ViewSource
 
-LEAST_CAMERAS = 2
-# a second: until then every kernel of the tracker has been used
-_WARM_UP_INSTANTS = 30
 # small images per second and camera, for viewers
 _PREVIEW_HZ = 8.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finished:
+    """What a session leaves behind: figures for tables and reports.
+
+    Attributes:
+        fusion: with its latencies and monitor. skeleton: of the detections.
+        zero_ns: session time of its 0 s: recorded sources show their time 0 then, or the wait for other machines began.
+        seconds: how long it ran. stopped_by: name of the signal that ended it; empty when none did.
+        outputs: per output, what happened to what it was given. output_events: what changed.
+        outputs_failed: whether any output failed at any time. lost: messages the outputs' process never got.
+        restarts: of camera processes.
+        cpu_s: processor time of the fusion process during the session, and of all its children, their start included.
+        memory_mb: most memory of this process and its camera processes, added up.
+        clock_offset_s: by camera, on several machines only; NaN while it is not known.
+    """
+
+    fusion: Fusion
+    skeleton: Skeleton
+    zero_ns: int
+    seconds: float
+    stopped_by: str
+    outputs: Mapping[str, Mapping[str, Any]]
+    output_events: Sequence[OutputEvent]
+    outputs_failed: bool
+    lost: int
+    restarts: int
+    cpu_s: tuple[float, float]
+    memory_mb: float
+    clock_offset_s: Mapping[str, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SessionPlan:
+    """What a session is to do, wherever its views come from.
+
+    Attributes:
+        outputs: where results go, with the cameras and the clock. config: all settings.
+        duration_s: the session ends after this time; None: no limit.
+        remote: views come from other machines, whose clocks are compared on the way.
+    """
+
+    outputs: OutputPlan
+    config: LiveConfig
+    duration_s: float | None
+    remote: bool
+
+
+def closing_lines(fusion: Fusion) -> Iterator[str]:
+    """What there is to report at the end of a session: that this machine was too slow, and why no person was ever tracked."""
+    sources = [source for name in fusion.rig.names if (source := fusion.monitor.source(name)) is not None]
+    came, images = sum(source.captured for source in sources), sum(fusion.used.values())
+    slow = images < LEAST_SHARE * came
+    if slow:
+        yield f"in all, {images / came:.0%} of the images were processed"
+    if fusion.poses_with_people:
+        return
+    seen = [name for name, count in fusion.seen.items() if count]
+    if not images:
+        why = "no image of any camera was processed"
+    elif slow:
+        why = "this computer is too slow for these cameras"
+    elif len(seen) < LEAST_CAMERAS:
+        where = f"in one camera only ({seen[0]})" if seen else "in none"
+        why = f"people were seen {where} of {len(fusion.seen)} cameras; {LEAST_CAMERAS} at once are needed"
+    else:
+        why = f"people were seen by {', '.join(seen)}, but not at one place: is the calibration the one of these cameras?"
+    yield f"no person was tracked: {why}"
 
 
 def run_live(
@@ -69,8 +124,7 @@ def run_live(
         SourceError: fewer than two cameras, or one that cannot be opened.
         InputError: an output that cannot be opened.
     """
-    if len(inputs) < LEAST_CAMERAS:
-        raise SourceError(f"expected sources for at least {LEAST_CAMERAS} cameras, got {len(inputs)}")
+    check_enough(inputs)
     rig = rig.only(entry.camera for entry in inputs)
     with never_waiting(say) as say_soon:
         config = replace(config, detector=settled_network(config.detector, len(inputs), say_soon))
@@ -78,6 +132,12 @@ def run_live(
         plans = group_plans(rig, inputs, config, plan, videos)
         whole = SessionPlan(outputs=plan, config=config, duration_s=duration_s, remote=False)
         return run_session(whole, lambda: Groups(plans), say_soon, controls)
+
+
+def check_enough(inputs: Sequence[LiveInput]) -> None:
+    """Raise SourceError for fewer cameras than it takes to measure anything."""
+    if len(inputs) < LEAST_CAMERAS:
+        raise SourceError(f"expected sources for at least {LEAST_CAMERAS} cameras, got {len(inputs)}; each camera needs one")
 
 
 def run_session(
@@ -100,16 +160,10 @@ def run_session(
             skeleton = views.wait_ready(stopped)
             say("; ".join(filter(None, [*views.whereabouts(), watch.whereabouts() if watch else "", outputs.whereabouts()])))
             with compiling("live tracking", say):
-                joints = ready_joints(skeleton, config) if plan.outputs.wants(LivePose) else None
-                tracker = ready_tracker(rig, skeleton, config)
-                bodies = ready_bodies(rig, skeleton, config)
-            centring = Centring(rig.names, config.joint_centres)
-            gate = KeypointGate(config.gate)
+                estimator = warmed_up(rig, skeleton, config)
+            joints = JointTracker(skeleton, config.joints) if plan.outputs.wants(LivePose) else None
             reader = plan.outputs.reader
-            fusion = Fusion(
-                rig, tracker, views.expect, clock, outputs, centring,
-                watch=watch, joints=joints, gate=gate, bodies=bodies, reader=reader,
-            )  # fmt: skip
+            fusion = Fusion(rig, estimator, views.expect, clock, outputs, watch=watch, joints=joints, reader=reader)
             if reader is not None:
                 reader.take(plan.outputs.start())
             for centres in views.centres():
@@ -214,59 +268,6 @@ def blocks(rig: Rig, cameras: Sequence[str], count: int) -> list[list[str]]:
     azimuth = dict(zip(rig.names, np.arctan2(ahead[:, 1], ahead[:, 0]).tolist(), strict=True))
     turned = {name: round(azimuth[name] - azimuth[cameras[0]], 6) % math.tau for name in cameras}
     return [block.tolist() for block in np.array_split(sorted(cameras, key=turned.__getitem__), count)]
-
-
-def ready_tracker(rig: Rig, skeleton: Skeleton, config: LiveConfig, motion: LiveMotion = MOTION) -> Tracker:
-    """A tracker whose kernels are compiled: one made for the purpose has already seen a made-up person."""
-    warm_tracker(_new_tracker(rig, skeleton, config), rig, skeleton)
-    return NamedTracker(_new_tracker(rig, skeleton, config, motion), config.track)
-
-
-def _new_tracker(rig: Rig, skeleton: Skeleton, config: LiveConfig, motion: LiveMotion = MOTION) -> Tracker:
-    solve = build_solve(rig, replace(config.associate, max_people=config.track.max_people), config.fuse)
-    motion = replace(motion, score_min=config.fuse.score_min, sigma_share=config.fuse.sigma_share)
-    return build_tracker(rig, skeleton, config.track, solve, build_fuse(rig, config.fuse), motion)
-
-
-def ready_joints(skeleton: Skeleton, config: LiveConfig) -> JointTracker:
-    """Joint angles for outputs, their kernels compiled."""
-    k = len(skeleton)
-    xyz, cov = np.random.default_rng(0).normal(size=(1, k, 3)), np.tile(np.eye(3) * 1e-4, (1, k, 1, 1))
-    made_up = Pose3D(
-        t_ns=10**15,
-        skeleton=skeleton,
-        person_id=np.zeros(1),
-        xyz_world=xyz,
-        cov_world=cov,
-        reproj_px=np.ones((1, k)),
-        n_views=np.full((1, k), 3),
-        kind=np.ones((1, k)),
-    )
-    JointTracker(skeleton, config.joints).step(made_up)
-    return JointTracker(skeleton, config.joints)
-
-
-def ready_bodies(rig: Rig, skeleton: Skeleton, config: LiveConfig, rules: LiveBodyRules = LIVE_BODY) -> LiveSkeletons | None:
-    """The whole-body fit, its kernels compiled; None where it is off."""
-    if config.body == "off":
-        return None
-    tracker = _new_tracker(rig, skeleton, config)
-    made_up = LiveSkeletons(rig, skeleton, config, replace(LIVE_BODY, learn_s=LIVE_BODY.sample_every_s * FEWEST_SEEN))
-    for detections in made_up_detections(rig, skeleton, _WARM_UP_INSTANTS, start_ns=10**15):
-        for view in detections:
-            tracker.add(view)
-            made_up.step(tracker, tracker.at(view.t_ns + 20_000_000))
-    return LiveSkeletons(rig, skeleton, config, rules)
-
-
-def warm_tracker(tracker: Tracker, rig: Rig, skeleton: Skeleton) -> None:
-    """Show it a made-up person in front of the cameras for a moment, and do with the poses what the output rate does."""
-    no_offsets = JointCentres(made_by="", offsets={})
-    for detections in made_up_detections(rig, skeleton, _WARM_UP_INSTANTS, start_ns=10**15):
-        for view in detections:
-            tracker.add(view)
-            pose = tracker.at(view.t_ns + 20_000_000)
-        at_joint_centres(pose, no_offsets, no_offsets.usual)
 
 
 @contextmanager

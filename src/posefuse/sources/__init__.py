@@ -1,8 +1,7 @@
 """Video files, image folders and cameras to frames; one file per kind."""
 
-from .ahead import FramesAhead
 from .coverage import CountedSource, Coverage, RecordedSource, incomplete_cameras
-from .grouping import FrameSet, frame_sets
+from .grouping import FramesAhead, FrameSet, frame_sets
 from .images import IMAGE_SUFFIXES, ImagesConfig, ImagesSource
 from .seeking import ImagesSeeker, Seeker, VideoSeeker, nearest
 from .video import VIDEO_SUFFIXES, VideoConfig, VideoSource

@@ -12,11 +12,11 @@ from posefuse.core.ideal_image import has_lens
 from posefuse.messages.camera_messages import COMPRESSED_TYPE, IMAGE_TYPE, frame_from_message
 from posefuse.messages.dds import RosNode
 from posefuse.messages.dds_domain import Network
-from posefuse.messages.intake import decode
 from posefuse.messages.sim_time import ClockReader
 from posefuse.messages.topics import CLOCK, Topic, ros_name
+from posefuse.messages.types import decode
 
-from .rig_lens import RigLens
+from .ros_camera_info import RigLens
 
 _MAX_BYTES = 2**28
 _DEPTH = 4
@@ -35,7 +35,7 @@ class RosConfig:
         offset_s: added to all times: session clock minus Unix epoch.
         wait_s: how long the first image may take.
         sim_time: stamps are simulated time; `/clock` relates them to this machine's clock (ROS: `use_sim_time`).
-        lens: the rig's camera; images of an ideal camera, as simulators draw them, get its lens (`rig_lens`).
+        lens: the rig's camera; images of an ideal camera, as simulators draw them, get its lens (`ros_camera_info`).
         domain_id, local_only, interface, peers: see `messages.dds_domain.Network`.
     """
 

@@ -6,20 +6,64 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import cv2
 import numpy as np
 
-from posefuse.core import Camera, MessageError
+from posefuse.core import Camera, MessageError, SourceError
 from posefuse.core.arrays import Array
-from posefuse.core.ideal_image import has_lens
+from posefuse.core.ideal_image import drawn_camera, has_lens, optics_of
 from posefuse.messages.camera_messages import CAMERA_INFO_TYPE, camera_from_info
 from posefuse.messages.dds import RosNode
 from posefuse.messages.dds_domain import Network
-from posefuse.messages.intake import Intake
 from posefuse.messages.topics import Topic
+from posefuse.messages.types import Intake
 
-from .rig_lens import is_ideal_image_of
-
+# a simulator counts pixels from the edge of the image, not from the first one's centre: cx and cy half a pixel more
+_CENTRE_PX, _FOCAL = 0.6, 1e-3
 _GRID = 9
+
+
+class RigLens:
+    """What turns the images of `drawn_camera(camera)` into those of `camera`.
+
+    Raises:
+        ConfigError: the lens sees further aside than an ideal image can show.
+    """
+
+    def __init__(self, camera: Camera) -> None:
+        self.camera = camera
+        self.ideal_wh = drawn_camera(camera).size_wh
+        map_px = optics_of(camera).map_px
+        # outside what the lens shows the map is NaN, which is drawn black
+        self._map_px = None if map_px is None else np.nan_to_num(map_px, nan=-10.0)
+
+    def __call__(self, image: Array) -> Array:
+        """The camera's image (H, W, 3) of an ideal one; one that has the camera's size already is the camera's.
+
+        Raises:
+            SourceError: it has neither size.
+        """
+        size = (image.shape[1], image.shape[0])
+        if size == self.camera.size_wh:
+            return image
+        if size != self.ideal_wh or self._map_px is None:
+            ideal = "" if self._map_px is None else f", or {_size(self.ideal_wh)} of an ideal camera"
+            name, own = self.camera.name, _size(self.camera.size_wh)
+            raise SourceError(f"camera {name}: expected images of {own} px{ideal}, got {_size(size)}")
+        return np.asarray(cv2.remap(image, self._map_px[..., 0], self._map_px[..., 1], cv2.INTER_LINEAR))
+
+
+def is_ideal_image_of(camera: Camera, other: Camera) -> bool:
+    """Whether `other`, as a simulator states it, draws the ideal image of `camera`."""
+    drawn = drawn_camera(camera)
+    if other.size_wh != drawn.size_wh or other.distortion.any():
+        return False
+    focal_agrees = np.allclose(other.K[[0, 1], [0, 1]], drawn.K[[0, 1], [0, 1]], rtol=_FOCAL)
+    return bool(focal_agrees and np.abs(other.K[:2, 2] - drawn.K[:2, 2]).max() < _CENTRE_PX)
+
+
+def _size(size_wh: tuple[int, int]) -> str:
+    return "{}x{}".format(*size_wh)
 
 
 def info_topic(image_topic: str) -> str:
@@ -46,7 +90,7 @@ def read_camera_infos(image_topics: Sequence[str], network: Network, wait_s: flo
 def camera_of_info(camera: Camera, msg: Any) -> Camera | None:
     """The rig's camera with the intrinsics of a `CameraInfo`; None where it holds no calibration (K is 0).
 
-    A simulator that draws the ideal image of the rig's camera confirms it: intake applies the lens (`rig_lens`).
+    A simulator that draws the ideal image of the rig's camera confirms it: intake applies the lens (`RigLens`).
 
     Raises:
         MessageError: it cannot be a camera, or images are of another size than the rig's.
@@ -58,7 +102,7 @@ def camera_of_info(camera: Camera, msg: Any) -> Camera | None:
         if has_lens(camera) and is_ideal_image_of(camera, found):
             return camera
         raise MessageError(
-            f"CameraInfo of {camera.name}: images are {_size(found)} px, the rig was calibrated at {_size(camera)}"
+            f"CameraInfo of {camera.name}: images are {_info_size(found)} px, the rig was calibrated at {_info_size(camera)}"
         )
     return found
 
@@ -72,5 +116,5 @@ def apart_px(one: Camera, other: Camera) -> float:
     return float(np.nanmax(apart)) if np.isfinite(apart).any() else float("inf")
 
 
-def _size(camera: Camera) -> str:
+def _info_size(camera: Camera) -> str:
     return "{}x{}".format(*camera.size_wh)

@@ -22,8 +22,7 @@ from posefuse.core.arrays import Array
 from posefuse.core.encoded import EncodedFrame
 from posefuse.formats.pixels import DecodedPixels, PixelConverter
 
-from .arriving import Arrived
-from .packets import PendingPackets
+from .arriving import Arrived, PendingPackets
 
 VIDEO_SUFFIXES = (".mp4", ".mkv", ".mov", ".avi", ".webm", ".m4v", ".mpg", ".mpeg", ".ts", ".mts", ".m2ts")
 

@@ -9,8 +9,8 @@ from html import escape
 import cv2
 import numpy as np
 
+from posefuse.evaluation.rig_plan import RigPlan
 from posefuse.simulation.cameras import PlacedCamera
-from posefuse.simulation.planning import RigPlan
 
 WIDTH_PX = 760
 # of the colours, in mm

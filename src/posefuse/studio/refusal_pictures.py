@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 
 from posefuse.calibration.targets.coverage import coverage_picture
-from posefuse.calibration.targets.description import read_target
 from posefuse.calibration.targets.detection import TargetDetector
+from posefuse.calibration.targets.kinds import read_target
 from posefuse.core import PosefuseError
 from posefuse.core.arrays import Array
 from posefuse.outputs.drawing import jpeg_of

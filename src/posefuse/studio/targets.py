@@ -6,9 +6,8 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from posefuse.calibration.intrinsics.board import check_board
-from posefuse.calibration.targets.description import read_target, write_target
-from posefuse.calibration.targets.kinds import Charuco, Markers, Target
+from posefuse.calibration.intrinsics import check_board
+from posefuse.calibration.targets.kinds import Charuco, Markers, Target, read_target, write_target
 from posefuse.calibration.targets.printing import CUBE_IDS, board_sheets, marker_sheets, write_pdf
 from posefuse.core import InputError, PosefuseError
 from posefuse.foundation.output_file import atomic_file

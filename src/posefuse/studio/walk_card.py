@@ -7,7 +7,7 @@ from collections.abc import Callable
 from nicegui import ui
 
 from posefuse.core import PosefuseError
-from posefuse.simulation.planning import listed_cameras, with_test_walk
+from posefuse.evaluation.rig_plan import listed_cameras, with_test_walk
 from posefuse.simulation.scene import Scene, read_scene, scene_text
 
 from .shell import card, refused

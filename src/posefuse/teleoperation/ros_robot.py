@@ -26,10 +26,9 @@ from posefuse.core.arrays import Array
 from posefuse.core.se3 import quaternion_product
 from posefuse.messages.body_messages import pose_stamped, twist, twist_stamped
 from posefuse.messages.frames import Frames
-from posefuse.messages.intake import decode
 from posefuse.messages.messages import header
 from posefuse.messages.topics import TF, TF_STATIC, Topic
-from posefuse.messages.types import message
+from posefuse.messages.types import decode, message
 
 from .follower import FOLLOWS_M, FOLLOWS_RAD, Follower
 from .joints import Joints

@@ -18,8 +18,8 @@ from importlib.resources import files
 from typing import Any, Protocol
 
 from posefuse.core import ConfigError, MessageError, SourceError
-from posefuse.messages.intake import decode
 from posefuse.messages.topics import Topic
+from posefuse.messages.types import decode
 
 from .gate import Beat
 from .ros import RosPlan

@@ -7,9 +7,8 @@ from posefuse.core.lazy_names import lazy_names
 if TYPE_CHECKING:
     from .bones import bone_lengths
     from .centred_views import ViewsAtJointCentres
-    from .joint_centres import at_joint_centres, from_joint_centres, to_joint_centres
-    from .learnt_lengths import LearntLengths
-    from .proportions import usual_lengths
+    from .joint_centres import LearntLengths, at_joint_centres, from_joint_centres, to_joint_centres
+    from .segments import usual_lengths
     from .settings import SmoothSettings
     from .sides import sides_like, steady_sides
     from .smoothing import cutoff_hz, smooth, smooth_in_place

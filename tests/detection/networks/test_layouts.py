@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from posefuse.core import SKELETONS, ConfigError, Frame, ModelError, Region, Skeleton
-from posefuse.detection.networks import OnnxConfig, read_network_card
-from posefuse.detection.networks.crops import letterbox_from_img, region_of_box
-from posefuse.detection.networks.layouts import keypoints_of
-from posefuse.detection.networks.people import BoxFinder
-from posefuse.detection.networks.runtime import OnnxNetwork
+from posefuse.detection.boxes import keypoints_of
+from posefuse.detection.card import read_network_card
+from posefuse.detection.crops import letterbox_from_img, region_of_box
+from posefuse.detection.engines import OnnxNetwork
+from posefuse.detection.networks import OnnxConfig
+from posefuse.detection.search import BoxFinder
 
 graphs = pytest.importorskip("graphs", reason="the package onnx is not installed")
 ENGINES = ("openvino", "onnxruntime")
@@ -246,6 +247,19 @@ def test_a_turned_image_fits_into_its_letterbox(tmp_path):
         assert corners.min() > -1e-6 and (corners.max(0) < np.array(takes.size_wh) + 1e-6).all()
         up = affine[:, :2] @ [np.sin(angle), -np.cos(angle)]
         assert up[0] == pytest.approx(0, abs=1e-9) and up[1] < 0
+
+
+@pytest.mark.filterwarnings("ignore:Specified provider")
+def test_a_processor_that_is_asked_for_is_used_or_refused(tmp_path, monkeypatch):
+    ort, card = pytest.importorskip("onnxruntime"), simcc_card(tmp_path, marks(1))
+    wanted = ("CUDAExecutionProvider",)
+    with pytest.raises(ConfigError, match="needs engine"):
+        OnnxConfig(card=card, providers=wanted, streams=1).build()
+    # as a build for GPUs on a machine without the driver: listed, and replaced by the processor without an error
+    there = ort.get_available_providers()
+    monkeypatch.setattr(ort, "get_available_providers", lambda: [*wanted, *there])
+    with pytest.raises(ModelError, match="ONNX Runtime cannot use CUDAExecutionProvider here, only CPUExecutionProvider"):
+        OnnxConfig(card=card, engine="onnxruntime", providers=wanted, streams=1).build()
 
 
 def test_a_wrong_card_is_reported_in_one_line(tmp_path):

@@ -10,12 +10,10 @@ import pytest
 from posefuse.core import SKELETONS, Recording
 from posefuse.core.skeleton import pick_keypoints
 from posefuse.detection import BlazePoseConfig
-from posefuse.detection.blazepose.network import BlazePoseNetwork
-from posefuse.detection.blazepose.persons import PersonNetwork
-from posefuse.detection.models import read_card
-from posefuse.detection.networks.card import NetworkCard, NetworkInput
-from posefuse.detection.networks.detector import TopDownDetector
-from posefuse.detection.networks.people import SquareFinder
+from posefuse.detection.card import NetworkCard, NetworkInput, read_card
+from posefuse.detection.engines import BlazePoseNetwork
+from posefuse.detection.networks import TopDownDetector
+from posefuse.detection.search import PersonNetwork, SquareFinder
 from posefuse.evaluation.fitting import collect, fit_noise, noise_text, render_everyday
 from posefuse.evaluation.metrics import joint_errors, true_xyz_at
 from posefuse.formats.truth import read_truth
@@ -63,7 +61,7 @@ def simcc_detector(**changes: object) -> TopDownDetector:
     network = BlazePoseAsSimcc()
     network.card = replace(network.card, **changes)
     persons = PersonNetwork.compiled(read_card("blazepose_persons"), BlazePoseConfig().fetch()[0], "f32", 1)
-    return TopDownDetector(network, SquareFinder(persons), 4, {})  # type: ignore[arg-type]
+    return TopDownDetector(network, SquareFinder(persons), {})  # type: ignore[arg-type]
 
 
 def test_it_follows_the_person_as_well_as_the_network_does(

@@ -13,7 +13,7 @@ from posefuse.simulation.cameras import SensorSettings
 from posefuse.simulation.render.shot import CameraShooter
 from posefuse.simulation.render.stage import RenderStage
 from posefuse.simulation.session import body_poses, scene_render_model
-from posefuse.sources.rig_lens import RigLens
+from posefuse.sources.ros_camera_info import RigLens
 
 
 @pytest.fixture(scope="module")

@@ -17,8 +17,8 @@ import numpy as np
 from posefuse.core import Camera, Rig
 from posefuse.core.arrays import Array
 
+from .paths import at_times
 from .person_tracks import PersonTrack
-from .resample import at_times
 
 STEP_S = 1 / 15
 # two cameras must have seen so much together at an offset for it to count; without a rig, so much of a way

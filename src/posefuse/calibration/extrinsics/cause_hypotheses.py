@@ -15,13 +15,11 @@ from posefuse.calibration.targets.kinds import Charuco
 from posefuse.core import Camera
 from posefuse.core.arrays import Array
 
-from .board_shape import STRETCHED_REMEDY, best_stretch
-from .cause_solves import near_solve, solve_from_scratch, trial
 from .cause_splits import moved_or_jumped
 from .cause_stamps import irregular_stamps
-from .causes import CauseTrial, Hypothesis, Trouble
+from .causes import CauseTrial, Hypothesis, Trouble, near_solve, solve_from_scratch, trial
 from .clocks import rough_offsets
-from .lens_check import lens_change, lens_words
+from .lens_check import STRETCHED_REMEDY, best_stretch, lens_change, lens_words
 from .pipeline import Solved
 from .prop_solve import Freedom, PropSolution
 from .solution_checks import let_lenses_free, usual_distance_m

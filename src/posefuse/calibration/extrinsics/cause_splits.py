@@ -12,8 +12,7 @@ from posefuse.calibration.solving.projection import Lenses
 from posefuse.calibration.solving.rotations import Poses, angle_between
 from posefuse.core.arrays import Array
 
-from .cause_solves import near_solve
-from .causes import CauseTrial, Trouble
+from .causes import CauseTrial, Trouble, near_solve
 from .clocks import rough_offsets
 from .pipeline import Solved
 from .prop_solve import Freedom, PropSolution

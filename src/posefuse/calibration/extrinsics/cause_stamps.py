@@ -16,12 +16,10 @@ from posefuse.calibration.solving.rotations import Poses
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.core.arrays import Array
 
-from .bootstrap import prop_track, prop_views
-from .cause_solves import solve_from_scratch, trial
-from .causes import CauseTrial, Trouble
+from .bootstrap import PropShape, prop_track, prop_views
+from .causes import CauseTrial, Trouble, solve_from_scratch, trial
 from .pipeline import Solved
 from .planar import planar_views
-from .prop_shape import PropShape
 from .snapshots import middle_ns, snapshots
 
 _CANDIDATES, _LEAST_FRAMES, _MOST_FRAMES = 2, 24, 600

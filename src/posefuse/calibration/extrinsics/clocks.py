@@ -18,9 +18,8 @@ from posefuse.calibration.targets.kinds import Target, patch_corners
 from posefuse.core import Camera
 from posefuse.core.arrays import Array
 
-from .bootstrap import prop_views
+from .bootstrap import prop_views, shape_of
 from .planar import planar_views
-from .prop_shape import shape_of
 from .snapshots import snapshots
 
 # two cameras' clocks may be so far apart

@@ -1,15 +1,19 @@
-"""What sets the world coordinates of a target calibration, and what the target itself may be used for."""
+"""What sets the world coordinates of a target calibration: a marker or three points of the floor, and their file."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Gt
 
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Markers, Target
-from posefuse.core import Camera, InputError
+from posefuse.core import Camera, ConfigError, InputError
+from posefuse.foundation.settings import read_settings, settings
 
 from .world import FloorTile, ThreePoints, WorldRule
 
@@ -72,3 +76,35 @@ def lens_sigma(percent: float | None, cameras: Sequence[Camera]) -> tuple[float,
         raise InputError(f"`focal_known_to_percent={percent:g}`: expected > 0 percent, got {percent:g}")
     focal_px = percent / 100 * float(np.mean([camera.K[0, 0] for camera in cameras]))
     return (focal_px,) * 4 + (_LENS_PER_PERCENT * percent,) * 2
+
+
+_LEAST_VIEWS = 2
+_UNSEEN = (float("nan"), float("nan"))
+
+
+@settings
+class MarkedPoints:
+    """Px (x, y) of the points one camera sees."""
+
+    origin: tuple[float, float] = _UNSEEN
+    x: tuple[float, float] = _UNSEEN
+    y: tuple[float, float] = _UNSEEN
+
+
+@settings
+class FloorPoints:
+    """The whole file, as above."""
+
+    cameras: dict[str, MarkedPoints]
+    origin_to_x_m: Annotated[float, Gt(0)] | None = None
+
+
+def read_floor_points(path: Path) -> ThreePoints:
+    """How the world is set by the file; raises ConfigError naming what is wrong in it."""
+    file = read_settings(path, FloorPoints)
+    marked = {name: np.array([points.origin, points.x, points.y]) for name, points in file.cameras.items()}
+    for i, point in enumerate(fields(MarkedPoints)):
+        views = sum(bool(np.isfinite(xy[i]).all()) for xy in marked.values())
+        if views < _LEAST_VIEWS:
+            raise ConfigError(f"{path}: {point.name}: expected to be marked in {_LEAST_VIEWS} cameras or more, got {views}")
+    return ThreePoints(marked, file.origin_to_x_m)

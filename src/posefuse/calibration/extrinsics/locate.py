@@ -13,9 +13,8 @@ from posefuse.calibration.targets.kinds import Target, patch_corners
 from posefuse.core import SE3, CalibrationError, Rig
 from posefuse.core.arrays import Array
 
-from .bootstrap import prop_track, prop_views
+from .bootstrap import one_patch, prop_track, prop_views
 from .planar import planar_views
-from .prop_shape import one_patch
 from .prop_solve import Freedom, PropState, solve_prop
 from .snapshots import Snapshots, snapshots
 

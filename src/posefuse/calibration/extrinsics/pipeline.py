@@ -13,11 +13,10 @@ from posefuse.calibration.targets.kinds import Target, patch_corners
 from posefuse.core import Camera, ConfigError
 from posefuse.core.arrays import Array
 
-from .bootstrap import PropViews, camera_edges, prop_track, prop_views, strong_camera_edges
+from .bootstrap import PropShape, PropViews, camera_edges, prop_track, prop_views, shape_of, strong_camera_edges
 from .clocks import rough_offsets
 from .limits import LIMITS, Limits
 from .planar import planar_views
-from .prop_shape import PropShape, shape_of
 from .prop_solve import Freedom, Noise, PropSolution, PropState, solve_prop, whitened_corners
 from .snapshots import Snapshots, middle_ns, pick_instants, snapshots
 from .voting import Edge, tree

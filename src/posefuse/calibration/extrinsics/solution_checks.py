@@ -1,4 +1,4 @@
-"""The checks of a solved rig, the quick ones first."""
+"""The checks of a solved rig and of its size, the quick ones first."""
 
 from __future__ import annotations
 
@@ -6,18 +6,49 @@ import numpy as np
 
 from posefuse.calibration.report import CalibrationReport, Check
 from posefuse.calibration.targets.corners import CornerObservations
-from posefuse.calibration.targets.kinds import Charuco, Target
-from posefuse.core import Camera
+from posefuse.calibration.targets.kinds import Charuco, Target, scale_m
+from posefuse.core import SE3, Camera
 from posefuse.core.arrays import Array
 
 from . import self_checks as checks
-from .board_shape import check_board_shape
 from .halves import Halves, half_checks, solve_halves
-from .lens_check import LensChange, check_lenses, lens_change
+from .lens_check import LensChange, check_board_shape, check_lenses, lens_change
+from .limits import Limits
 from .own_intrinsics import check_carried
 from .pipeline import Options, Solved, thinned
 from .prop_solve import Freedom, PropSolution, solve_prop
-from .size_check import check_rig_size
+from .self_checks import nearest_two
+
+_MM = 1000.0
+UNITS = "sizes are millimetres on the command line, metres in Python"
+
+
+def _edge(target: Target) -> str:
+    return "square" if isinstance(target, Charuco) else "marker side"
+
+
+def check_target_size(target: Target, limits: Limits) -> Check:
+    """A marker or square can be printed and carried."""
+    side_m, (least_m, most_m) = scale_m(target), limits.target_side_m
+    return Check(
+        "target has a plausible size", least_m <= side_m <= most_m,
+        f"{_edge(target)} {side_m * _MM:g} mm (expected {least_m * _MM:g} to {most_m * _MM:g} mm)",
+        f"check the unit: {UNITS}", "input",
+    )  # fmt: skip
+
+
+def check_rig_size(target: Target, cameras: tuple[Camera, ...], cam_from_world: SE3, distance_m: float, limits: Limits) -> Check:
+    """Target and cameras are as far from each other as in a room in which a person moves."""
+    a, b, apart_m = nearest_two(cam_from_world.inverse().xyz)
+    least_m, most_m = limits.distance_m
+    return Check(
+        "rig has a plausible size", least_m <= distance_m <= most_m,
+        f"with a {_edge(target)} of {scale_m(target) * _MM:g} mm the target was {distance_m:.2f} m from the cameras, and"
+        f" {cameras[a].name} and {cameras[b].name} are {apart_m:.2f} m apart"
+        f" (expected a distance of {least_m:g} to {most_m:g} m)",
+        f"measure the print: {UNITS}; for a rig that really has this size add `any_size=True`", "input",
+    )  # fmt: skip
+
 
 _FREE_FOCAL, _FREE_LENS = 0.2, (10.0, 10.0, 0.05, 0.05)
 

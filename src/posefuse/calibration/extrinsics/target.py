@@ -22,9 +22,8 @@ from .limits import LIMITS, Limits
 from .locate import aligned
 from .pipeline import Options, Solved, key_snapshots, link, solve_linked, starting_clocks, thinned
 from .self_checks import IN_STEP, check_same_video_by_corners
-from .size_check import check_target_size
 from .snapshots import middle_ns
-from .solution_checks import solution_checks, usual_distance_m
+from .solution_checks import check_target_size, solution_checks, usual_distance_m
 from .world import UpFromCameras, WorldRule
 
 _UNSYNCHRONISED_S = 0.02

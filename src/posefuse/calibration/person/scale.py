@@ -18,7 +18,7 @@ _SIZES_M = (0.5, 2.7)
 # `bench/fit_stature.py`: bodies left out come out 0.4 % too small, with a standard deviation of 1.1 %
 STATURE_SHARES = {"upper_arm": 0.1560, "forearm": 0.1443, "thigh": 0.2261, "shank": 0.2346}
 # standard error of a height as a share of it: that deviation, and how limbs vary among people of one height (2.4 %, by the
-# spreads of segments in `tracking/proportions.py`)
+# spreads of segments in `tracking/segments.py`)
 STATURE_SIGMA = 0.027
 _SIDES = ("left", "right")
 

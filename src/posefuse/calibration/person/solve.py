@@ -20,7 +20,6 @@ from posefuse.core import SE3, Camera, Rig, Skeleton
 from posefuse.core.arrays import Array
 
 from .bundle import PersonSolution, freed, solve_person_bundle
-from .causes import likely_person_causes
 from .checks import (
     check_intrinsics,
     check_person_in_views,
@@ -28,6 +27,7 @@ from .checks import (
     check_synchronised,
     check_walk,
     inliers,
+    likely_person_causes,
     person_solution_checks,
     spread_m,
 )

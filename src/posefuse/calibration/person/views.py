@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from posefuse.calibration.clocks.paths import at_times
 from posefuse.calibration.clocks.person_tracks import PersonTrack
-from posefuse.calibration.clocks.resample import at_times
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.core import Skeleton
 from posefuse.core.arrays import Array, check_fields, freeze_fields

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from posefuse.calibration.targets.description import read_target
-from posefuse.calibration.targets.guidance import Guidance
+from posefuse.calibration.targets.coverage import Guidance
+from posefuse.calibration.targets.kinds import read_target
 from posefuse.cli.command_options import GuideOptions
 from posefuse.cli.options import Ros2Options
 from posefuse.cli.recording import any_lost, checked_figures
@@ -14,10 +14,9 @@ from posefuse.cli.stopping import session_exit_code
 from posefuse.cli.terminal import Terminal
 from posefuse.cli.videos import check_videos_folder, kept_videos
 from posefuse.formats.rig import read_rig
-from posefuse.realtime.camera_feed import CameraFeed
-from posefuse.realtime.guide import guide
 from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.realtime.session import stop_requests
+from posefuse.realtime.watching import CameraFeed, guide
 
 
 def guide_at_cameras(options: GuideOptions, ros_2: Ros2Options, terminal: Terminal) -> Mapping[str, Any]:

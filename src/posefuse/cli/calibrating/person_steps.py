@@ -12,8 +12,7 @@ from posefuse.cli.terminal import Terminal
 from posefuse.pipeline.config import CONFIG_FILE
 
 from .inputs import check_files, recordings_of
-from .next_steps import Asked
-from .showing import reported, show_clocks, show_report, write_clocks
+from .showing import Asked, reported, show_clocks, show_report, write_clocks
 
 
 def person(inputs: Sequence[str], options: PersonOptions, terminal: Terminal) -> Mapping[str, Any]:

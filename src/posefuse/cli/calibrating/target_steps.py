@@ -10,14 +10,12 @@ from typing import Any
 from posefuse.api.calibrate import calibrate_extrinsics, calibrate_intrinsics, observe_target, verify
 from posefuse.api.calibration_results import IntrinsicsCalibration
 from posefuse.api.rig import rig_of
-from posefuse.calibration.extrinsics.floor import FloorMarker, check_floor, with_floor
-from posefuse.calibration.extrinsics.floor_points import read_floor_points
+from posefuse.calibration.extrinsics.floor import FloorMarker, check_floor, read_floor_points, with_floor
 from posefuse.calibration.extrinsics.world import ThreePoints
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.result_files import coverage_path, write_coverage
 from posefuse.calibration.settings import TargetDescription
-from posefuse.calibration.targets.description import described_target, read_target, write_target
-from posefuse.calibration.targets.kinds import Chessboard, Markers, Target
+from posefuse.calibration.targets.kinds import Chessboard, Markers, Target, described_target, read_target, write_target
 from posefuse.calibration.targets.printing import board_sheets, cube_sheets, marker_sheets, write_pdf
 from posefuse.calibration.targets.recordings import open_sources, require_target_seen
 from posefuse.cli.command_options import ExtrinsicsOptions, IntrinsicsOptions, PrintOptions, VerifyOptions
@@ -28,8 +26,7 @@ from posefuse.foundation.output_file import atomic_file, keep_copy
 from posefuse.pipeline.config import CONFIG_FILE
 
 from .inputs import check_files, clock_offsets_s, clocks_beside, option_name, recordings_of
-from .next_steps import Asked
-from .showing import reported, show_report, write_clocks
+from .showing import Asked, reported, show_report, write_clocks
 
 
 def intrinsics(inputs: Sequence[str], options: IntrinsicsOptions, terminal: Terminal) -> Mapping[str, Any]:
@@ -176,7 +173,7 @@ def print_target(options: PrintOptions, terminal: Terminal) -> Mapping[str, Any]
     with atomic_file(options.out) as temporary:
         write_pdf(temporary, sheets)
     write_target(described, kind)
-    terminal.note(f"{options.out}: {len(sheets)} pages; print at 100 % and measure the ruler")
+    terminal.note(f"{options.out}: {len(sheets)} page{'s' * (len(sheets) > 1)}; print at 100 % and measure the ruler")
     terminal.note(f"{described}: the target's description, which the other steps take as --target {described}")
     step = "extrinsics" if isinstance(kind, Markers) else "intrinsics"
     terminal.next(

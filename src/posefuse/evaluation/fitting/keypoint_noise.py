@@ -15,7 +15,7 @@ from posefuse.core.arrays import Array
 from posefuse.core.skeleton import mirror_name
 from posefuse.detection import region_from_keypoints
 from posefuse.detection.networks import OneStageDetector, TopDownDetector
-from posefuse.detection.networks.noise import FEATURES, KeypointNoise, keypoint_noise_features
+from posefuse.detection.noise import FEATURES, KeypointNoise, keypoint_noise_features
 from posefuse.formats.truth import read_truth
 
 # errors count up to this share of the crop's height: what is further off is a confusion

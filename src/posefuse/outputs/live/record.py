@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import shutil
 import time
 from collections.abc import Callable
@@ -27,27 +28,68 @@ from posefuse.core import (
 )
 from posefuse.foundation.settings import settings
 from posefuse.messages import topics
-from posefuse.messages.annotations import annotations_of_view
-from posefuse.messages.messages import message_from_detections
-from posefuse.messages.people_names import message_from_names
+from posefuse.messages.dds import RosNode
+from posefuse.messages.dds_domain import Network
+from posefuse.messages.markers import annotations_of_view
+from posefuse.messages.messages import message_from_detections, message_from_names, time_from_ns
 from posefuse.messages.ros_output import RosOutput
+from posefuse.messages.sim_time import ClockReader, SimulatedClock
+from posefuse.messages.types import message
 
-from .parts import part_path
 from .ros import health_lines, message_from_live_centres, publish_preview
 
+_WITHIN_S = 10.0
 NOTES = "posefuse_live"
 SUFFIX = ".mcap"
 # a part that ends in its first second again is of no use
 _LEAST_FREE_BYTES = 4 * 2**20
 # so often it is looked whether the file is still there
 _LOOK_S = 1.0
-
-
 _TAKES = (LiveDetections, LivePose, LiveJointCentres, LiveNames, LiveHealth)
 # what viewers draw is recorded so often
 _SHOWN_NS = 1_000_000_000 // 30
 # topics of a body that follow from others
 _NOT_RECORDED = frozenset(topics.BODY_PARTS) - {"joint_states", "joint_angles", "urdf"}
+
+
+def part_path(path: Path, part: int) -> Path:
+    """`path` for part 1; later ones get a number before the suffix (``NAME.2.mcap``), one no file has yet."""
+    if part == 1:
+        return path
+    numbered = (path.with_name(f"{path.stem}.{number}{path.suffix}") for number in itertools.count(part))
+    return next(name for name in numbered if not name.exists())
+
+
+class RecordedClock:
+    """Follows `/clock` of a network, and writes it into a recording.
+
+    Raises:
+        SourceError: nothing comes on `/clock`.
+    """
+
+    def __init__(self, network: Network) -> None:
+        self._node = RosNode("posefuse_record", network)
+        try:
+            self._reader = ClockReader(self._node)
+            self._reader.wait(_WITHIN_S)
+        except BaseException:
+            self._node.close()
+            raise
+
+    def keep(self, recorder: topics.Outlet, t_ns: int) -> None:
+        """Write the simulated time at `t_ns` of the session."""
+        self._reader.update()
+        keep_clock(recorder, self._reader.clock, t_ns)
+
+    def close(self) -> None:
+        """Leave the network."""
+        self._node.close()
+
+
+def keep_clock(recorder: topics.Outlet, clock: SimulatedClock, t_ns: int) -> None:
+    """Write the value of `clock` at `t_ns` of the session."""
+    if clock.known:
+        recorder.publish(topics.CLOCK, message(topics.CLOCK.type_name, clock=time_from_ns(clock.sim_from_real(t_ns))), t_ns)
 
 
 class _Chosen:
@@ -212,7 +254,7 @@ class RecordOutput:
 def _clock_of(config: RecordConfig) -> Any:
     from posefuse.messages.dds_domain import Network
 
-    from .recorded_clock import RecordedClock
+    from .record import RecordedClock
 
     network = Network(domain_id=config.domain_id, local_only=config.local_only, interface=config.interface, peers=config.peers)
     return RecordedClock(network)

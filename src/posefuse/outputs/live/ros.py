@@ -24,8 +24,7 @@ from posefuse.core import (
 )
 from posefuse.foundation.settings import settings
 from posefuse.messages import topics
-from posefuse.messages.camera_messages import info_from_camera
-from posefuse.messages.joint_centre_messages import message_from_joint_centres
+from posefuse.messages.camera_messages import info_from_camera, message_from_joint_centres
 from posefuse.messages.messages import header, message_from_detections, message_from_pose, optical_frame
 from posefuse.messages.ros_output import Health, RosOutput
 from posefuse.messages.types import message

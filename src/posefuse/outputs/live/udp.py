@@ -66,7 +66,7 @@ class UdpOutput:
 
     def take(self, message: LiveMessage) -> None:
         """See `LiveOutput`."""
-        from posefuse.messages.streams import UdpStream
+        from posefuse.messages.osc import UdpStream
 
         match message:
             case LiveStart():

@@ -39,7 +39,7 @@ from posefuse.outputs.rerun_scene import (
     session_blueprint,
 )
 
-from .parts import part_path
+from .record import part_path
 
 _POSE_EVERY_NS = 30_000_000
 _VIEW_EVERY_NS = 60_000_000

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from posefuse.core import DiskFullError, InputError, Progress, silent
-from posefuse.detection.downloading import fetch_networks
+from posefuse.detection.build import fetch_networks
 from posefuse.formats.page import write_page
 from posefuse.foundation.output_file import atomic_file, earlier_kept, keep_copy, write_text
 from posefuse.foundation.output_folder import check_replaceable, growing_folder

@@ -20,9 +20,9 @@ from posefuse.core.arrays import Array
 from posefuse.simulation.body import SimulatedBody
 
 from . import feet
-from .posture import BodyPosture, bend_leg, lengths_m
+from .posture import SIDES, BodyPosture, bend_leg, lengths_m
 from .routes import Route, straight_on
-from .standing import SIDES, easy_arm, hip_offset, leaned, level_axes
+from .standing import easy_arm, hip_offset, leaned, level_axes
 
 _REFERENCE_MPS = 1.35
 _MID_STANCE = 0.31

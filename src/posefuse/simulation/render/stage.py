@@ -93,7 +93,7 @@ class RenderStage:
 BACKENDS = offscreen_backends()
 _MODULES = {"wgl": "glfw"}  # MuJoCo draws by WGL through the module of this name
 _PYOPENGL = ("egl", "osmesa")  # platform names of PyOpenGL
-_PROBE_LIMIT_S = 120
+_PROBE_LIMIT_S, _DRAWN = 120, "drawn"
 # what OpenGL 4.1 demands of a driver; for one that does not report its features
 _SIDE_OF_EVERY_DRIVER_PX = 16_384
 _CURE = {
@@ -136,10 +136,9 @@ def check_framebuffer(backend: str, side_px: int) -> None:
         )
 
 
-@functools.cache
 def _largest_side_px(backend: str) -> int:
-    """GL_MAX_RENDERBUFFER_SIZE, asked in a process of its own, as a context would settle what this one draws with."""
-    done = _in_process(f"from posefuse.simulation.render.stage import _print_largest; _print_largest({backend!r})")
+    """GL_MAX_RENDERBUFFER_SIZE, where the driver reports it."""
+    done = _tried(backend)
     return int(done.stdout.split()[-1]) if done is not None and done.returncode == 0 else _SIDE_OF_EVERY_DRIVER_PX
 
 
@@ -181,35 +180,33 @@ def gl_context(backend: str, width: int, height: int) -> Any:
 
 def _why_not(backend: str) -> str | None:
     """None when a process with this backend can draw, else the last line of its output."""
-    done = _in_process(f"from posefuse.simulation.render.stage import _draw_once; _draw_once({backend!r})")
+    done = _tried(backend)
     if done is None:
         return f"no picture within {_PROBE_LIMIT_S} s"
-    if done.returncode == 0:
+    if _DRAWN in done.stdout:
         return None
     lines = [line.strip() for line in done.stderr.splitlines() if line.strip()]
     return lines[-1] if lines else f"the process ended with code {done.returncode}"
 
 
-def _in_process(code: str) -> subprocess.CompletedProcess[str] | None:
-    """A process that ran Python code; None when it took too long."""
+@functools.cache
+def _tried(backend: str) -> subprocess.CompletedProcess[str] | None:
+    """A process of its own that draws once, as a context would settle what this one draws with; None: it took too long."""
+    code = f"from posefuse.simulation.render.stage import _draw_once; _draw_once({backend!r})"
     try:
         return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=_PROBE_LIMIT_S, check=False)
     except subprocess.TimeoutExpired:
         return None
 
 
-def _print_largest(backend: str) -> None:
-    mujoco_with(backend)
-    context = gl_context(backend, 16, 16)
-    gl = importlib.import_module("OpenGL.GL")
-    print(int(gl.glGetIntegerv(gl.GL_MAX_RENDERBUFFER_SIZE)))
-    context.free()
-
-
 def _draw_once(backend: str) -> None:
+    """Draw, say so, and print the largest side of an image: that last only where the driver reports it."""
     mujoco = mujoco_with(backend)
     context = gl_context(backend, 16, 16)
     model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>")
     drawing = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+    print(_DRAWN, flush=True)
+    gl = importlib.import_module("OpenGL.GL")
+    print(int(gl.glGetIntegerv(gl.GL_MAX_RENDERBUFFER_SIZE)))
     drawing.free()
     context.free()

@@ -10,8 +10,7 @@ from pathlib import Path
 
 from posefuse.core import Frame
 from posefuse.core.encoded import EncodedFrame
-from posefuse.sources.arriving import Arrived
-from posefuse.sources.packets import with_earlier
+from posefuse.sources.arriving import Arrived, with_earlier
 from posefuse.sources.video import VideoConfig, VideoSource
 
 # decoding takes time, too; the first frame may be this late, because its successor is unknown

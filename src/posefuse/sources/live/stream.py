@@ -21,8 +21,7 @@ from posefuse.core import Frame, SourceError
 from posefuse.core.errors import choices
 from posefuse.formats.pixels import DecodedPixels, PixelConverter
 from posefuse.foundation.platform import usb_camera_address, usb_camera_format, usb_cameras
-from posefuse.sources.arriving import Arrived
-from posefuse.sources.packets import decoded_with_packets
+from posefuse.sources.arriving import Arrived, decoded_with_packets
 
 _FOLLOW_NS = 10_000_000_000
 # videos have times in microseconds

@@ -10,8 +10,7 @@ from nicegui import events, ui
 
 import posefuse as pf
 from posefuse.core import PosefuseError
-from posefuse.simulation.cameras import ImageSettings, PlacedCamera, placed_cameras
-from posefuse.simulation.planning import (
+from posefuse.evaluation.rig_plan import (
     RigPlan,
     camera_of,
     first_plan,
@@ -20,6 +19,7 @@ from posefuse.simulation.planning import (
     with_camera,
     without_camera,
 )
+from posefuse.simulation.cameras import ImageSettings, PlacedCamera, placed_cameras
 from posefuse.simulation.scene import Scene
 from posefuse.studio.job_cards import job_cards
 from posefuse.studio.plan_view import BEST_MM, WORST_MM, RoomMap, cameras_svg, error_map_data_url, nearest_camera

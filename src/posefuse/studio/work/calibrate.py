@@ -16,7 +16,7 @@ from posefuse.api.calibrate import calibrate_extrinsics, calibrate_intrinsics, o
 from posefuse.api.calibration_results import IntrinsicsCalibration, RigCalibration, RigVerification
 from posefuse.calibration.extrinsics.floor import FloorMarker
 from posefuse.calibration.report import CalibrationReport, RefusedCalibration
-from posefuse.calibration.targets.description import read_target
+from posefuse.calibration.targets.kinds import read_target
 from posefuse.calibration.targets.recordings import open_sources, require_target_seen
 from posefuse.core import InputError
 from posefuse.studio.calibrations import LENSES, RIG, Step, rests_on

@@ -17,16 +17,14 @@ from typing import Any
 import cv2
 import numpy as np
 
-from posefuse.calibration.targets.coverage import coverage_picture
-from posefuse.calibration.targets.description import read_target
+from posefuse.calibration.targets.coverage import Guidance, coverage_picture, new_guidance, seen
 from posefuse.calibration.targets.detection import TargetDetector
-from posefuse.calibration.targets.guidance import Guidance, new_guidance, seen
+from posefuse.calibration.targets.kinds import read_target
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.outputs.drawing import jpeg_of, shrunk_wh
-from posefuse.realtime.camera_feed import CameraFeed, FedFrame
-from posefuse.realtime.recorder import exposure_warning
 from posefuse.realtime.video_keeping import read_counts
+from posefuse.realtime.watching import CameraFeed, FedFrame, exposure_warning
 from posefuse.studio.calibrations import Step
 from posefuse.studio.focus import focus_warning
 from posefuse.studio.guiding import advice_for, enough_for, near_far_of, size_of

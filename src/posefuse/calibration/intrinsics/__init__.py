@@ -1,1 +1,0 @@
-"""Intrinsics of one camera."""

@@ -1,0 +1,248 @@
+"""How true a rig is, measured with a target it was not made from, held anywhere: millimetres and pixels, and where."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from posefuse.calibration.extrinsics.locate import aligned
+from posefuse.calibration.extrinsics.snapshots import snapshots
+from posefuse.calibration.extrinsics.world import triangulate_linear
+from posefuse.calibration.report import CalibrationReport, Check
+from posefuse.calibration.targets.corners import CornerObservations
+from posefuse.calibration.targets.coverage import CELLS_WH
+from posefuse.calibration.targets.kinds import Target
+from posefuse.core import CalibrationError, Rig
+from posefuse.core.arrays import Array
+
+from .camera_errors import VERIFY_LIMITS, CameraError, camera_errors
+
+# the error of a slope grows with its square and is negligible at this size
+_STEP_M = 1e-4
+
+
+def point_covariance(rig: Rig, xyz_world: Array, xy_img: Array, noise_px: float) -> Array:
+    """(P, 3, 3) m^2 of points (P, 3) seen at (C, P, 2) px, NaN where unseen, with noise of `noise_px` on each coordinate.
+
+    By the inverse of the normal equations of least squares (Gauss-Markov); slopes by central differences.
+    """
+    seen = np.all(np.isfinite(xy_img), axis=-1)
+    slope = np.empty((*xy_img.shape, 3))
+    for axis in range(3):
+        step = _STEP_M * np.eye(3)[axis]
+        slope[..., axis] = (rig.project(xyz_world + step) - rig.project(xyz_world - step)) / (2 * _STEP_M)
+    slope = np.where(seen[..., None, None], slope, 0.0)
+    normal = np.einsum("cpki,cpkj->pij", slope, slope)
+    known = np.isfinite(normal).all(axis=(1, 2))
+    out = np.full(normal.shape, np.nan)
+    # a point that two cameras see along one line has no depth: some variance rather than an error
+    out[known] = noise_px**2 * np.linalg.pinv(normal[known], hermitian=True)
+    return out
+
+
+# chosen, not fitted: errors of lengths on top of noise, as a share of the median length, and of the scale, that a rig may have
+_MOST_LENGTH_RMS_SHARE = 0.02
+_MOST_SCALE_ERROR = 0.007
+# the noise of corners is known to some ten per cent, and a linear triangulation is not the best there is
+_NOISE_FACTOR = 1.5
+# chosen, not fitted: coarse, of all corners together; single cameras are judged by `VerifyLimits`
+_MOST_REPROJECTION_PX_PER_1000 = 2.5
+_LEAST_LENGTHS = 20
+# chosen, not fitted: the misfit that is left when the names of two cameras are exchanged, and pairs that leave about as little
+# (of four cameras in a ring, exchanging two opposite ones is exchanging the other two)
+_EXCHANGE_LEAVES, _EXCHANGE_ALIKE = 0.2, 1.5
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Verification:
+    """What was measured.
+
+    Attributes:
+        length_error_m: (L,) measured minus true distances between corners of one patch at one time step.
+        cell_px: (C, rows, columns) the same per image region; NaN where nothing was seen.
+        cameras: turn, shift, focal length and clock of each camera against the others.
+        report: checks.
+    """
+
+    length_error_m: Array
+    cell_px: Array
+    cameras: tuple[CameraError, ...]
+    report: CalibrationReport
+
+    @property
+    def length_rms_m(self) -> float:
+        """Root mean square of the length errors."""
+        return float(np.sqrt((self.length_error_m**2).mean()))
+
+
+def verify(rig: Rig, observations: CornerObservations, target: Target, late_s: Array | None = None) -> Verification:
+    """Triangulate a target's corners wherever 2 cameras see them, and compare the distances between them with the truth.
+
+    Args:
+        rig: to be verified. observations: of an extra marker or board. late_s: (C,) clocks of the cameras, as calibrated.
+
+    Raises:
+        CalibrationError: too few lengths for a result.
+    """
+    observations = aligned(observations, rig)
+    if len(observations) == 0:
+        raise CalibrationError("verification: no camera sees the target")
+    delay = np.zeros((len(rig), 2))
+    delay[:, 0] = 0.0 if late_s is None else late_s
+    times = np.unique(observations.t_ns)
+    seen = snapshots(observations, times, delay)
+    key, point = np.unique(np.stack([seen.instant, seen.patch, seen.corner], axis=1), axis=0, return_inverse=True)
+    point = point.ravel()
+    xy = np.full((len(rig), len(key), 2), np.nan)
+    xy[seen.camera, point] = seen.xy_img
+    xyz = triangulate_linear(rig, xy)
+    off = rig.project(xyz) - xy
+    found = camera_errors(rig, seen, target)
+    noise_px = float(np.nanmin([one.noise_px for one in found])) if any(one.noise_px > 0 for one in found) else 0.0
+    corners = np.stack([target.corners(int(patch)) for patch in seen.patches])
+    error, true, noise_m = _lengths(key, xyz, point_covariance(rig, xyz, xy, noise_px), corners)
+    # the rays of exchanged cameras may meet behind one of them, where no length can be measured
+    measured = np.isfinite(error) & np.isfinite(noise_m)
+    if measured.sum() < _LEAST_LENGTHS:
+        raise CalibrationError(
+            f"verification: {measured.sum()} lengths measured, at least {_LEAST_LENGTHS} are needed;"
+            " hold the target where two cameras see it, and check that each video is of the camera that it is named after"
+        )
+    error, true, noise_m = error[measured], true[measured], noise_m[measured]
+    square = (off**2).sum(axis=-1)
+    scale = float(np.median(1 + error / true))
+    reprojection_px = _rms(square)
+    rms_m = float(np.sqrt((noise_m**2).mean()))
+    exchanged = "" if all(one.excess <= 1 for one in found if one.noise_px > 0) else _exchanged(rig, xy)
+    report = _report(rig, error, true, exchanged=exchanged,
+                     scale=scale, noise_m=rms_m, reprojection_px=reprojection_px,
+                     found=found)  # fmt: skip
+    return Verification(length_error_m=error, cell_px=_cells(rig, xy, square), cameras=found, report=report)
+
+
+def _lengths(key: Array, xyz: Array, covariance: Array, corners: Array) -> tuple[Array, Array, Array]:
+    """Errors, true values and standard errors of all distances between corners of one patch at one time step."""
+    good = np.isfinite(xyz).all(axis=1)
+    key, xyz, covariance = key[good], xyz[good], covariance[good]
+    image = np.unique(key[:, :2], axis=0, return_inverse=True)[1].ravel()
+    order = np.argsort(image, kind="stable")
+    cuts = np.flatnonzero(np.diff(image[order])) + 1
+    error, true, sigma = [], [], []
+    for rows in np.split(order, cuts) if len(order) else []:
+        i, j = np.triu_indices(len(rows), 1)
+        nominal = corners[key[rows[0], 1], key[rows, 2]]
+        wanted = np.linalg.norm(nominal[i] - nominal[j], axis=1)
+        between = xyz[rows[i]] - xyz[rows[j]]
+        found = np.linalg.norm(between, axis=1)
+        both = covariance[rows[i]] + covariance[rows[j]]
+        along = np.einsum("ni,nij,nj->n", between, both, between) / np.maximum(found, 1e-9) ** 2
+        error.append(found - wanted)
+        true.append(wanted)
+        sigma.append(np.sqrt(np.maximum(along, 0.0)))
+    if not error:
+        return np.zeros(0), np.zeros(0), np.zeros(0)
+    return np.concatenate(error), np.concatenate(true), np.concatenate(sigma)
+
+
+def _cells(rig: Rig, xy: Array, square: Array) -> Array:
+    columns, rows = CELLS_WH
+    out = np.full((len(rig), rows, columns), np.nan)
+    for c, camera in enumerate(rig):
+        good = np.isfinite(square[c])
+        cell = np.clip(((xy[c, good] + 0.5) / camera.size_wh * CELLS_WH).astype(np.int64), 0, np.array(CELLS_WH) - 1)
+        flat = cell[:, 1] * columns + cell[:, 0]
+        count = np.bincount(flat, minlength=rows * columns)
+        total = np.bincount(flat, square[c, good], rows * columns)
+        with np.errstate(invalid="ignore"):
+            out[c] = np.sqrt(np.where(count > 0, total / count, np.nan)).reshape(rows, columns)
+    return out
+
+
+def _rms(square: Array) -> Array:
+    """(C,) root mean square of what is known of (C, P); NaN for a camera without any."""
+    known = np.isfinite(square)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(
+            np.sqrt(np.where(known, square, 0.0).sum(axis=1) / np.where(known.any(axis=1), known.sum(axis=1), np.nan))
+        )
+
+
+def _exchanged(rig: Rig, xy: Array) -> str:
+    """Which two cameras have each other's name, in words; empty where no exchange makes the rays of corners (C, P, 2) meet."""
+    off_px = {}
+    for a, b in [(0, 0), *combinations(range(len(rig)), 2)]:
+        if rig.cameras[a].size_wh == rig.cameras[b].size_wh:
+            order = np.arange(len(rig))
+            order[[a, b]] = b, a
+            off_px[a, b] = _median_px(rig, xy[order])
+    best_px, now_px = min(off_px.values()), off_px[0, 0]
+    if not best_px < _EXCHANGE_LEAVES * now_px:
+        return ""
+    alike = (f"{rig.names[a]} and {rig.names[b]}" for (a, b), px in off_px.items() if px < _EXCHANGE_ALIKE * best_px)
+    return f"{' or '.join(alike)} have exchanged names: so corners are {best_px:.1f} px off, not {now_px:.1f}"
+
+
+def _median_px(rig: Rig, xy: Array) -> float:
+    off_px = np.linalg.norm(rig.project(triangulate_linear(rig, xy)) - xy, axis=-1)
+    known = off_px[np.isfinite(off_px)]
+    return float(np.median(known)) if len(known) else np.inf
+
+
+def _camera_checks(found: tuple[CameraError, ...], exchanged: str) -> tuple[Check, Check]:
+    unseen = [
+        f"{one.name} ({one.views} views shared with others, needed {VERIFY_LIMITS.views})"
+        for one in found
+        if np.isnan(one.turn_rad)
+    ]
+    known = [one for one in found if not np.isnan(one.turn_rad)]
+    wrong = [one for one in known if one.excess > 1]
+    worst = max(known, key=lambda one: one.excess, default=None)
+    detail = (
+        exchanged or "; ".join(one.words for one in wrong) or (f"the worst: {worst.words}" if worst else "no camera was measured")
+    )
+    return (
+        Check("cameras are where the rig has them", not wrong, detail,
+              "give each camera the name it had in the calibration" if exchanged else
+              "it was moved, zoomed or refocused since the calibration, or its clock differs: calibrate again", "rig"),
+        Check("every camera is measured", not unseen, f"not verified: {', '.join(unseen)}" if unseen else "all saw the target",
+              "hold the target where this camera and another see it, or leave the camera out"),
+    )  # fmt: skip
+
+
+def _report(
+    rig: Rig,
+    error: Array,
+    true: Array,
+    exchanged: str,
+    scale: float,
+    noise_m: float,
+    reprojection_px: Array,
+    found: tuple[CameraError, ...],
+) -> CalibrationReport:
+    rms = float(np.sqrt((error**2).mean()))
+    limit = float(np.hypot(_MOST_LENGTH_RMS_SHARE * np.median(true), _NOISE_FACTOR * noise_m))
+    worst = int(np.nanargmax(reprojection_px))
+    width_px = max(rig.cameras[worst].size_wh)
+    limit_px = _MOST_REPROJECTION_PX_PER_1000 * width_px / 1000
+    worst_px = f"{reprojection_px[worst]:.2f} px rms" if reprojection_px[worst] < width_px else f"more than {width_px} px rms"
+    checks = (
+        *_camera_checks(found, exchanged),
+        Check("lengths are right", rms <= limit,
+              f"rms {rms * 1e3:.2f} mm over {len(error)} lengths, {noise_m * 1e3:.2f} mm of it from noise of the corners (limit"
+              f" {limit * 1e3:.2f} mm)",
+              "a camera moved since the calibration, or the target is not as described", "rig"),
+        Check("scale is right", abs(scale - 1) <= _MOST_SCALE_ERROR,
+              f"lengths measure {scale:.4f} of the truth (limit {_MOST_SCALE_ERROR:.1%} off)",
+              "a wrong marker side, here or in the calibration", "rig"),
+        Check("reprojection", bool(reprojection_px[worst] <= limit_px),
+              f"{rig.names[worst]} is worst with {worst_px} (limit {limit_px:.2f})",
+              "this camera moved, or its intrinsics are wrong", "rig"),
+    )  # fmt: skip
+    numbers = {"length_rms_mm": rms * 1e3, "length_noise_mm": noise_m * 1e3, "scale": scale, "lengths": float(len(error))}
+    for one in found:
+        numbers |= {f"{one.name}_turn_deg": float(np.rad2deg(one.turn_rad)), f"{one.name}_shift_mm": one.shift_m * 1e3,
+                    f"{one.name}_focal_percent": 1e2 * one.focal, f"{one.name}_late_ms": 1e3 * one.late_s}  # fmt: skip
+    numbers |= {f"{name}_reprojection_px": float(px) for name, px in zip(rig.names, reprojection_px, strict=True)}
+    return CalibrationReport("verification", checks, numbers=numbers)

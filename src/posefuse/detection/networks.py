@@ -1,0 +1,320 @@
+"""The plug-in ``onnx``: a user's network by its model card, one person per crop (top-down) or the whole image at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Ge
+
+from posefuse.core import ConfigError, Detections2D, Frame, JointCentres, Region, Skeleton
+from posefuse.core.arrays import Array
+from posefuse.core.values import keypoint_boxes
+from posefuse.formats.joint_centres import read_joint_centres
+from posefuse.foundation.places import default_cache_dir
+from posefuse.foundation.platform import usable_cores
+from posefuse.foundation.settings import settings
+
+from .boxes import keypoints_of, people_from_outputs
+from .card import ONE_STAGE, PERSONS, TOP_DOWN, NetworkCard, read_card, read_network_card
+from .crops import check_regions, img_from_input, input_crop_from_img, letterbox_from_img, region_from_keypoints, warp_to_input
+from .decode import Keypoints, People
+from .engines import DEFAULT_PROVIDERS, Engine, OnnxNetwork, Precision
+from .files import fetch_all
+from .noise import KeypointNoise, read_keypoint_noise
+from .search import BoxFinder, PersonFinder, PersonNetwork, SquareFinder, upright_first
+
+# looked for per image when no regions are given
+_MOST_PEOPLE = 4
+
+
+@settings
+class OnnxConfig:
+    """A user's network by its model card.
+
+    Attributes:
+        card: TOML file that describes it, see docs/networks.md.
+        engine: what runs it: ``openvino``, or ``onnxruntime`` (the extra ``onnx``).
+        providers: execution providers of ONNX Runtime, best first, e.g. ``CUDAExecutionProvider``.
+        precision: of OpenVINO; ``auto`` is bf16 where the CPU computes it natively.
+        streams: images worked on at once; 0: one per core.
+        up_rad: per camera, direction of gravity's up in its image, clockwise from the image's up
+            (`up_angle_rad` of a calibrated camera); cameras not named are taken as upright.
+    """
+
+    card: Path
+    engine: Engine = "openvino"
+    providers: tuple[str, ...] = DEFAULT_PROVIDERS
+    precision: Precision = "auto"
+    streams: Annotated[int, Ge(0)] = 0
+    up_rad: dict[str, float] = field(default_factory=dict)
+
+    def fetch(
+        self, progress: Callable[[str], None] | None = None, advance: Callable[[int, int], None] | None = None
+    ) -> list[Path]:
+        """The default person detector's file where the card needs it; see `fetch_all`. Networks of cards are never fetched."""
+        card = read_network_card(self.card)
+        if card.kind not in TOP_DOWN or card.persons_card is not None:
+            return []
+        return fetch_all([read_card(card.persons)], default_cache_dir(), None, progress, advance)
+
+    def build(self) -> TopDownDetector | OneStageDetector:
+        """Read the card, check and compile its files.
+
+        Raises:
+            ConfigError: an invalid card. ModelError: a network that is missing or differs from its card.
+            DependencyError: ONNX Runtime is asked for and not installed.
+        """
+        card = read_network_card(self.card)
+        if card.kind in PERSONS:
+            raise ConfigError(f"{self.card}: layout {card.kind} finds people only; name it as `persons` in a card of keypoints")
+        if self.engine == "openvino" and self.providers != DEFAULT_PROVIDERS:
+            raise ConfigError(f'providers: {", ".join(self.providers)}: needs engine = "onnxruntime", got openvino')
+        network = self._network(card)
+        if card.kind in ONE_STAGE:
+            return OneStageDetector(network, self.up_rad)
+        return TopDownDetector(network, self._finder(card), self.up_rad)
+
+    def _network(self, card: NetworkCard) -> OnnxNetwork:
+        return OnnxNetwork(card, self.engine, self.precision, self.providers, self._threads)
+
+    def _finder(self, card: NetworkCard) -> PersonFinder:
+        path = card.persons_card
+        if path is None:
+            persons = read_card(card.persons)
+            return SquareFinder(PersonNetwork.compiled(persons, self.fetch()[0], self.precision, self._threads))
+        finder = read_network_card(path)
+        if finder.kind not in PERSONS:
+            kinds = " or ".join(PERSONS)
+            raise ConfigError(f"{self.card}: persons: expected a card of layout {kinds}, got {path} of layout {finder.kind}")
+        return BoxFinder(self._network(finder), card.input.size_wh, card.input.padding)
+
+    @property
+    def _threads(self) -> int:
+        return self.streams or usable_cores()
+
+
+# distance of centres over region side, below which two regions are about one person
+_SAME_PERSON = 0.15
+# distance of a person's middle from the centre of the region given for them, over its side
+_IN_REGION = 0.35
+
+
+@dataclass(frozen=True, eq=False)
+class _Person:
+    """One person in raw px: keypoints (K, 2), scores (K,), standard deviations (K,)."""
+
+    xy: Array
+    score: Array
+    sigma_px: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """One person as the network gives them, before any noise model.
+
+    Attributes:
+        keypoints: of one person, px of the network's input. input_from_img: (2, 3) affine map from raw px.
+        height_px: of the crop that just holds the person, px of the input.
+    """
+
+    keypoints: Keypoints
+    input_from_img: Array
+    height_px: float
+
+
+class _Networked:
+    """What both kinds have in common; implements `core.Detector` but for `_found` and `_given`."""
+
+    def __init__(self, network: OnnxNetwork, up_rad: Mapping[str, float]) -> None:
+        self._network, self._up_rad = network, up_rad
+        self._noise: KeypointNoise = read_keypoint_noise(network.card.noise_file)
+        table = network.card.joint_centres_file
+        self._joint_centres = read_joint_centres(table) if table else None
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """The card's keypoint set."""
+        return self._network.card.skeleton
+
+    @property
+    def joint_centres(self) -> JointCentres | None:
+        """The card's fitted table, if it has one."""
+        return self._joint_centres
+
+    def detect(self, frames: Sequence[Frame], regions: Sequence[Sequence[Region] | None]) -> list[Detections2D]:
+        """One Detections2D per frame: the people in the given regions, in that order, or all who are found (best first)."""
+        check_regions(frames, regions)
+        searched = [i for i, given in enumerate(regions) if given is None]
+        asked = [(i, given) for i, given in enumerate(regions) if given is not None]
+        people = dict(zip(searched, self._found([frames[i] for i in searched]), strict=True))
+        people |= zip([i for i, _ in asked], self._given([(frames[i], given) for i, given in asked]), strict=True)
+        return [self._result(frame, people[i]) for i, frame in enumerate(frames)]
+
+    def _found(self, frames: Sequence[Frame]) -> list[list[_Person]]:
+        raise NotImplementedError
+
+    def _given(self, asked: Sequence[tuple[Frame, Sequence[Region]]]) -> list[list[_Person]]:
+        raise NotImplementedError
+
+    def observed(self, frame: Frame, region: Region) -> Observed | None:
+        """The person in a region, with all outputs of the network; None for no person. Noise models are fitted to these."""
+        raise NotImplementedError
+
+    def _person(self, seen: Observed) -> _Person:
+        """A person in raw px; no person where the keypoints score too little on average."""
+        score = seen.keypoints.score[0]
+        if score.mean() < self._network.card.least_keypoint_score:
+            return self._no_person()
+        both = self._noise.sigma(seen.keypoints, self.skeleton.keypoints, seen.height_px)[0]
+        # one number for both axes of the image: the crop may be turned
+        sigma = np.sqrt((both**2).mean(-1) / abs(np.linalg.det(seen.input_from_img[:, :2])))
+        return _Person(img_from_input(seen.input_from_img, seen.keypoints.xy[0]), score, np.where(score > 0, sigma, np.nan))
+
+    def _no_person(self) -> _Person:
+        k = len(self.skeleton)
+        return _Person(np.full((k, 2), np.nan), np.zeros(k), np.full(k, np.nan))
+
+    def _result(self, frame: Frame, people: Sequence[_Person]) -> Detections2D:
+        if not people:
+            return Detections2D.empty(frame.camera, frame.t_ns, self.skeleton)
+        xy = np.stack([person.xy for person in people])
+        score, sigma = (np.stack([getattr(person, name) for person in people]) for name in ("score", "sigma_px"))
+        return Detections2D(
+            camera=frame.camera,
+            t_ns=frame.t_ns,
+            skeleton=self.skeleton,
+            xy_img=xy,
+            score=score,
+            sigma_px=sigma,
+            box_img=keypoint_boxes(xy, score),
+        )
+
+
+class TopDownDetector(_Networked):
+    """Crops of one person each through a keypoint network.
+
+    Args:
+        network: of layout simcc or heatmap. finder: finds people when no regions are given.
+        up_rad: per camera, see `OnnxConfig`.
+    """
+
+    def __init__(self, network: OnnxNetwork, finder: PersonFinder, up_rad: Mapping[str, float]) -> None:
+        super().__init__(network, up_rad)
+        self._finder = finder
+
+    def _found(self, frames: Sequence[Frame]) -> list[list[_Person]]:
+        return [self._search(frame) for frame in frames]
+
+    def _search(self, frame: Frame) -> list[_Person]:
+        people: list[_Person] = []
+        taken: list[Region] = []
+        for regions in self._finder.stages(frame, self._up_rad.get(frame.camera, 0.0)):
+            for person in self._look([(frame, region) for region in regions[: 2 * _MOST_PEOPLE]]):
+                region = region_from_keypoints(person.xy, self.skeleton)
+                if region is not None and not _known(region, taken) and len(people) < _MOST_PEOPLE:
+                    people.append(person)
+                    taken.append(region)
+            if people:
+                break
+        return people
+
+    def _given(self, asked: Sequence[tuple[Frame, Sequence[Region]]]) -> list[list[_Person]]:
+        looked = iter(self._look([(frame, region) for frame, regions in asked for region in regions]))
+        return [[next(looked) for _ in regions] for _, regions in asked]
+
+    def observed(self, frame: Frame, region: Region) -> Observed | None:
+        """See `_Networked`."""
+        return self._observe([(frame, region)])[0]
+
+    def _look(self, crops: Sequence[tuple[Frame, Region]]) -> list[_Person]:
+        return [self._person(seen) for seen in self._observe(crops)]
+
+    def _observe(self, crops: Sequence[tuple[Frame, Region]]) -> list[Observed]:
+        card = self._network.card
+        affines = [input_crop_from_img(region, card.input.size_wh, card.decoding.udp) for _, region in crops]
+        inputs = [warp_to_input(frame.image, affine, card.input) for (frame, _), affine in zip(crops, affines, strict=True)]
+        height = float(card.input.size_wh[1])
+        # crop by crop: what one takes stays in the processor's cache, and eight at once take three times as long
+        return [
+            Observed(keypoints_of(card, outputs), affine, height)
+            for outputs, affine in zip(self._network(inputs), affines, strict=True)
+        ]
+
+
+class OneStageDetector(_Networked):
+    """Whole images through a network that gives everybody at once; regions choose among the people it gives.
+
+    Args:
+        network: of layout rtmo or yolo_pose.
+        up_rad: per camera, see `OnnxConfig`.
+    """
+
+    def _found(self, frames: Sequence[Frame]) -> list[list[_Person]]:
+        return [people[:_MOST_PEOPLE] for people in self._everybody(frames)]
+
+    def _given(self, asked: Sequence[tuple[Frame, Sequence[Region]]]) -> list[list[_Person]]:
+        everybody = iter(self._everybody([frame for frame, regions in asked if regions]))
+        return [self._chosen(next(everybody), regions) if regions else [] for _, regions in asked]
+
+    def _everybody(self, frames: Sequence[Frame]) -> list[list[_Person]]:
+        """Everybody in each image; a tilted camera's as it is where no person is found upright."""
+        found: list[list[_Person]] = [[] for _ in frames]
+        directions = [upright_first(self._up_rad.get(frame.camera, 0.0)) for frame in frames]
+        for attempt in range(max(map(len, directions), default=0)):
+            due = [i for i, people in enumerate(found) if not people and attempt < len(directions[i])]
+            for i, people in zip(due, self._look([(frames[i], directions[i][attempt]) for i in due]), strict=True):
+                found[i] = people
+        return found
+
+    def observed(self, frame: Frame, region: Region) -> Observed | None:
+        """See `_Networked`; the whole image is looked at, as in use."""
+        people = self._observe([(frame, 0.0)])[0]
+        middles = [img_from_input(seen.input_from_img, np.nanmean(seen.keypoints.xy[0], axis=0)) for seen in people]
+        away = [float(np.linalg.norm(middle - region.centre_img)) / region.side_px for middle in middles]
+        return people[int(np.argmin(away))] if away and min(away) < _IN_REGION else None
+
+    def _look(self, images: Sequence[tuple[Frame, float]]) -> list[list[_Person]]:
+        made = [[self._person(seen) for seen in people] for people in self._observe(images)]
+        return [[person for person in people if person.score.any()] for people in made]
+
+    def _observe(self, images: Sequence[tuple[Frame, float]]) -> list[list[Observed]]:
+        card = self._network.card
+        affines = [letterbox_from_img(frame.size_wh, card.input, angle) for frame, angle in images]
+        inputs = [
+            warp_to_input(frame.image, affine, card.input, card.input.fill)
+            for (frame, _), affine in zip(images, affines, strict=True)
+        ]
+        return [
+            self._split(people_from_outputs(card, outputs), affine)
+            for outputs, affine in zip(self._network(inputs), affines, strict=True)
+        ]
+
+    def _split(self, people: People, input_from_img: Array) -> list[Observed]:
+        seen = people.keypoints
+        if seen is None:
+            return []
+        # sigma is given in shares of the crop that holds the person
+        heights = self._network.card.input.padding * np.maximum(people.box[:, 3] - people.box[:, 1], 1.0)
+        return [
+            Observed(seen.only(i), input_from_img, h) for i, h in enumerate(heights.tolist()) if np.isfinite(seen.xy[i]).any()
+        ]
+
+    def _chosen(self, people: Sequence[_Person], regions: Sequence[Region]) -> list[_Person]:
+        """For each region the person whose middle is nearest to its centre, no person where that is too far."""
+        middles = np.array([np.nanmean(person.xy, axis=0) for person in people]).reshape(-1, 2)
+        chosen = []
+        for region in regions:
+            away = np.linalg.norm(middles - region.centre_img, axis=-1) / region.side_px
+            near = len(people) > 0 and away.min() < _IN_REGION
+            chosen.append(people[int(away.argmin())] if near else self._no_person())
+        return chosen
+
+
+def _known(region: Region, others: Sequence[Region]) -> bool:
+    """Whether a region is about a person that another region already holds."""
+    apart = [np.linalg.norm(region.centre_img - other.centre_img) / max(region.side_px, other.side_px) for other in others]
+    return bool(min(apart, default=np.inf) < _SAME_PERSON)

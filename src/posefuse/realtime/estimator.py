@@ -1,0 +1,228 @@
+"""From views to poses, without a clock and without a process: sessions, their replay and the warm-up use the same.
+
+It joins what the stages bring: the tracker, joint centres, the whole-body fit, and the gate before the outputs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from posefuse.association import associate
+from posefuse.association.settings import AssociateSettings
+from posefuse.core import Detections2D, JointCentres, Kind, LiveJointCentres, Pose3D, Rig, Skeleton, Views
+from posefuse.core.arrays import Array
+from posefuse.core.joint_centres import SEGMENT_ENDS
+from posefuse.fusion import fuse
+from posefuse.fusion.settings import FuseSettings
+from posefuse.kinematics import JointTracker
+from posefuse.kinematics.body import FEWEST_SEEN, LIVE_BODY, Length, LengthPrior, LiveBody, LiveBodyRules, LiveRays, TrackedPoints
+from posefuse.kinematics.joints import FrameBuffers
+from posefuse.messages.camera_messages import joint_centres_from_message, message_from_joint_centres
+from posefuse.tracking import LearntLengths, at_joint_centres, usual_lengths
+from posefuse.tracking.online import MOTION, Evidence, LiveMotion, Tracker, build_tracker
+from posefuse.tracking.stand_in import made_up_detections
+
+from .config import KeypointGateSettings, LiveConfig
+from .gate import KeypointGate
+from .identity import NamedTracker
+from .messages import Centres
+
+# a second: until then every kernel of the tracker has been used
+_WARM_UP_STEPS = 30
+# NumPy compares with a number ten times as quickly as with a member of an enumeration
+_FUSED = int(Kind.FUSED)
+
+
+class Centring:
+    """Moves poses to joint centres, and learns on the way how long people's segments are.
+
+    A pose is made of all cameras' views; should they come from networks with different tables, the table of the rig's first
+    camera that has one counts.
+    """
+
+    def __init__(self, cameras: Sequence[str], wanted: bool) -> None:
+        self._tables: dict[str, JointCentres | None] = dict.fromkeys(cameras)
+        self._wanted = wanted
+        self._lengths: LearntLengths | None = None
+
+    def learn(self, centres: Centres) -> None:
+        """What is known of some cameras, from now on."""
+        self._tables.update({name: centres.table for name in centres.cameras if name in self._tables})
+        table = next((table for table in self._tables.values() if table is not None), None)
+        if table is None:
+            self._lengths = None
+        elif self._lengths is None or self._lengths.table != table:
+            self._lengths = LearntLengths(table)
+
+    @property
+    def made_by(self) -> dict[str, str]:
+        """Which table each camera's network has; only those that have one, and nothing where it is not wanted."""
+        return {name: table.made_by for name, table in self._tables.items() if table is not None and self._wanted}
+
+    @property
+    def fitted(self) -> bool:
+        """Whether poses are moved by a table that was fitted to a detector."""
+        return self._wanted and self._lengths is not None
+
+    def moved(self, pose: Pose3D) -> Pose3D:
+        """The next pose at joint centres, where they are wanted and known; poses come in the order of their times."""
+        if self._lengths is None or not self._wanted:
+            return pose
+        lengths = self._lengths.step(pose)
+        return at_joint_centres(pose, self._lengths.table, lengths) if len(lengths) else pose
+
+
+def live_centres(centres: Centres, t_ns: int) -> LiveJointCentres:
+    """For outputs."""
+    return LiveJointCentres(t_ns=t_ns, cameras=centres.cameras, table=centres.table)
+
+
+def message_from_centres(centres: Centres, t_ns: int) -> Any:
+    """For the network."""
+    return message_from_joint_centres(centres.cameras, centres.table, t_ns)
+
+
+def centres_from_message(msg: Any) -> Centres:
+    """What `message_from_centres` made; raises MessageError for what a stranger may send."""
+    return Centres(*joint_centres_from_message(msg))
+
+
+class LiveSkeletons:
+    """Everybody's skeleton; people who are gone are forgotten."""
+
+    def __init__(self, rig: Rig, skeleton: Skeleton, config: LiveConfig, rules: LiveBodyRules = LIVE_BODY) -> None:
+        self._skeleton, self._config, self._rules = skeleton, config, rules
+        self._work = FrameBuffers(skeleton, config.joints)
+        mean_m, cov_m2 = usual_lengths()
+        self._prior = LengthPrior(names=tuple(SEGMENT_ENDS), mean_m=mean_m, cov_m2=cov_m2)
+        self._projections = np.stack([np.column_stack([c.cam_from_world.matrix(), c.cam_from_world.xyz]) for c in rig])
+        self._people: dict[int, LiveBody] = {}
+
+    def wanted(self, centring: Centring) -> bool:
+        """Whether poses are to be fitted: always, or only with offsets of joint centres that were fitted to the detector."""
+        return self._config.body == "on" or centring.fitted
+
+    def step(self, tracker: Tracker, pose: Pose3D) -> Pose3D:
+        """The next pose, with the keypoints of the people who have a fitted skeleton; the others are as they were.
+
+        Keypoints that are missing stay missing. Covariances are those of the tracked keypoints, as the fit does not make the
+        errors smaller that all views share, and larger where views disagree: networks are as sure of what they invent behind a
+        screen as of what they see.
+
+        Args:
+            tracker: whose pose it is. pose: at joint centres.
+        """
+        t_ns, before = pose.t_ns, self._people
+        self._people = {person: before.get(person) or self._new() for person in pose.person_id.tolist()}
+        wanting = [person for person, body in self._people.items() if body.wants_rays(t_ns)]
+        evidence = tracker.evidence(t_ns) if wanting else {}
+        xyz, cov = pose.xyz_world.copy(), pose.cov_world.copy()
+        for n, (person, body) in enumerate(self._people.items()):
+            tracked = TrackedPoints(t_ns=t_ns, xyz=xyz[n].copy(), cov=pose.cov_world[n], measured=pose.kind[n] == _FUSED)
+            seen = evidence.get(person) if person in wanting else None
+            rays = None if seen is None else self._rays(seen, tracked.xyz)
+            fitted = body.step(tracked, rays)
+            if fitted is not None:
+                xyz[n] = fitted
+            cov[n] *= body.disagreement[:, None, None]
+        return replace(pose, xyz_world=xyz, cov_world=cov)
+
+    @property
+    def lengths(self) -> Mapping[int, Mapping[str, Length]]:
+        """By person, the segment lengths learnt so far."""
+        return {
+            person: body.learnt.body.lengths for person, body in self._people.items() if body.learnt.body is not None
+        }  # fmt: skip
+
+    def _new(self) -> LiveBody:
+        return LiveBody(self._skeleton, self._config.whole_body, self._rules, self._prior, self._work)
+
+    def _rays(self, seen: Evidence, centred: Array) -> LiveRays:
+        """Rays as they would be now, to joint centres: moved by what lies between the landmark then and the centre now."""
+        return LiveRays.moved(
+            self._projections[seen.camera], seen.z, seen.inverse_var, then=seen.then_world, now=centred,
+            checked_ns=seen.checked_ns, checked_world=centred + seen.away_world,
+        )  # fmt: skip
+
+
+class Estimator:
+    """Follows people through views, in the order they come; poses are asked for in the order of their times.
+
+    Attributes:
+        tracker: follows the landmarks of the networks. centring: moves poses to joint centres. bodies: puts them on people's
+            skeletons; None where that is off. gate: withholds what is not known well enough.
+    """
+
+    def __init__(
+        self, tracker: Tracker, centring: Centring, bodies: LiveSkeletons | None = None, gate: KeypointGate | None = None
+    ) -> None:
+        self.tracker, self.centring, self.bodies = tracker, centring, bodies
+        self.gate = gate or KeypointGate(KeypointGateSettings())
+
+    def add(self, view: Detections2D) -> None:
+        """One camera's detections in one frame."""
+        self.tracker.add(view)
+
+    def at(self, t_ns: int) -> Pose3D:
+        """The pose that is sent out for a time."""
+        return self.shown(self.tracker.at(t_ns))
+
+    def shown(self, landmarks: Pose3D) -> Pose3D:
+        """The tracker's newest pose as it is sent out."""
+        return self.gate.passed(self.placed(landmarks))
+
+    def placed(self, landmarks: Pose3D) -> Pose3D:
+        """The tracker's newest pose at joint centres, on people's skeletons where these are wanted; nothing is withheld."""
+        pose = self.centring.moved(landmarks)
+        if self.bodies is None or not self.bodies.wanted(self.centring):
+            return pose
+        return self.bodies.step(self.tracker, pose)
+
+    def looked_for(self, t_ns: int) -> Pose3D:
+        """Where cameras should look for people; landmarks of the networks."""
+        return self.tracker.looked_for(t_ns)
+
+    def check(self) -> None:
+        """What takes up to most of an output period: after an output, before the next views."""
+        self.tracker.check()
+
+
+def warmed_up(
+    rig: Rig, skeleton: Skeleton, config: LiveConfig, motion: LiveMotion = MOTION, rules: LiveBodyRules = LIVE_BODY
+) -> Estimator:
+    """A new estimator whose kernels are compiled: one made for the purpose has followed a made-up person."""
+    at_once = replace(LIVE_BODY, learn_s=LIVE_BODY.sample_every_s * FEWEST_SEEN)
+    made_up = _new(rig, skeleton, replace(config, body="off" if config.body == "off" else "on"), MOTION, at_once)
+    for detections in made_up_detections(rig, skeleton, _WARM_UP_STEPS, start_ns=10**15):
+        for view in detections:
+            made_up.add(view)
+            pose = made_up.at(view.t_ns + 20_000_000)
+    no_offsets = JointCentres(made_by="", offsets={})
+    at_joint_centres(pose, no_offsets, no_offsets.usual)
+    JointTracker(skeleton, config.joints).step(pose)
+    return _new(rig, skeleton, config, motion, rules)
+
+
+def _new(rig: Rig, skeleton: Skeleton, config: LiveConfig, motion: LiveMotion, rules: LiveBodyRules) -> Estimator:
+    associating = replace(config.associate, max_people=config.track.max_people)
+    motion = replace(motion, score_min=config.fuse.score_min, sigma_share=config.fuse.sigma_share)
+
+    solve, fuse_views = build_solve(rig, associating, config.fuse), build_fuse(rig, config.fuse)
+    tracker = build_tracker(rig, skeleton, config.track, solve, fuse_views, motion)
+    bodies = None if config.body == "off" else LiveSkeletons(rig, skeleton, config, rules)
+    centring, gate = Centring(rig.names, config.joint_centres), KeypointGate(config.gate)
+    return Estimator(NamedTracker(tracker, config.track), centring, bodies, gate)
+
+
+def build_solve(rig: Rig, associating: AssociateSettings, fusing: FuseSettings) -> Callable[..., Pose3D]:
+    """Association and fusion of the views of one time, as trackers take it."""
+    return lambda views, previous: fuse(associate(views, rig, associating, previous), rig, fusing, previous)
+
+
+def build_fuse(rig: Rig, fusing: FuseSettings) -> Callable[[Views], Pose3D]:
+    """Fusion of the views of one time, as trackers take it."""
+    return lambda views: fuse(views, rig, fusing)

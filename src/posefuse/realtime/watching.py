@@ -1,0 +1,266 @@
+"""Cameras watched without tracking: the newest frame of each, every frame to a video, warnings of what can be mended now."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+
+import cv2
+import numpy as np
+
+from posefuse.calibration.targets.coverage import Guidance, new_guidance, seen
+from posefuse.calibration.targets.detection import TargetDetector
+from posefuse.calibration.targets.kinds import Target
+from posefuse.core import Frame, Rig, SourceError
+from posefuse.core.arrays import Array
+from posefuse.health.cameras import CameraState
+
+from .capture import Capture, LiveInput, keeping_packets
+from .messages import SessionClock
+from .video_keeping import VideoKeeper, wait_for_videos
+
+_FIRST_S = 30.0
+_REPORT_EVERY_S, _REST_S = 1.0, 0.005
+# a grey value that a sensor cannot exceed; of so many pixels it hides what they show
+_WHITE_DN, _MOST_WHITE_SHARE = 250, 0.1
+# where even the brightest parts are this dark, noise and exposure time are large
+_DARK_DN, _BRIGHT_QUANTILE = 60, 0.98
+# a camera that exposes longer than its frame period delivers fewer frames than the others
+_LEAST_RATE_SHARE = 0.8
+_SAMPLE_STEP = 8
+
+
+@dataclass(frozen=True, eq=False)
+class FedFrame:
+    """The newest frame of one camera.
+
+    Attributes:
+        camera: its number. t_ns: time of exposure since the session's zero. frame: the image.
+    """
+
+    camera: int
+    t_ns: int
+    frame: Frame
+
+
+class CameraFeed:
+    """Cameras that are open inside the block and deliver from `begin` on; a context manager.
+
+    Args:
+        inputs: one per camera. rig: whose image sizes they must have; None takes any.
+        packets: give frames in the camera's own encoding too, for videos.
+
+    Raises:
+        SourceError: at the start of the block: a source that cannot be opened.
+    """
+
+    def __init__(self, inputs: Sequence[LiveInput], *, rig: Rig | None = None, packets: bool = False) -> None:
+        self.cameras = tuple(entry.camera for entry in inputs)
+        self._news = threading.Condition()
+        # when the first frames were asked for, and when each camera had delivered one
+        self._begun_s = 0.0
+        self._all_s: float | None = None
+        self._captures = [
+            Capture(keeping_packets(entry) if packets else entry, None if rig is None else rig[entry.camera], self._news)
+            for entry in inputs
+        ]
+
+    def __enter__(self) -> CameraFeed:
+        try:
+            for capture in self._captures:
+                capture.open()
+        except BaseException:
+            self.close()
+            raise
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+    def begin(self, videos: Path | None = None) -> None:
+        """Let frames come. With `videos`, an existing folder, all go to ``CAMERA.mp4`` there, each at its own time.
+
+        Raises:
+            InputError: a video that cannot be made.
+        """
+        for capture in self._captures:
+            if videos is not None:
+                capture.keep(VideoKeeper(videos, capture.entry.camera))
+        self._begun_s = time.monotonic()
+        zero_ns, clock = time.monotonic_ns(), SessionClock.begin()
+        for capture in self._captures:
+            capture.begin(zero_ns, zero_ns + clock.offset_ns)
+
+    def close(self) -> None:
+        """Close the sources and finish the videos; safe to call twice."""
+        captures, self._captures = self._captures, []
+        wait_for_videos([keeper for capture in captures for keeper in capture.close()])
+
+    def newest(self) -> list[FedFrame]:
+        """What came since the last call, the newest frame of each camera.
+
+        All at once, before any is looked at: frames of one moment show which cameras see a target together.
+        """
+        with self._news:
+            taken = [capture.take() for capture in self._captures]
+        return [
+            FedFrame(number, caught.arrived.t_ns + caught.later_ns - capture.zero_ns, caught.arrived.frame())
+            for number, (capture, caught) in enumerate(zip(self._captures, taken, strict=True))
+            if caught is not None
+        ]
+
+    def states(self) -> tuple[CameraState, ...]:
+        """Status of each camera."""
+        return tuple(capture.state() for capture in self._captures)
+
+    def seconds(self) -> float:
+        """Since the first frame of the last camera; one that has sent none for half a minute is not waited for."""
+        now_s = time.monotonic()
+        if self._all_s is None and (now_s - self._begun_s > _FIRST_S or all(state.captured for state in self.states())):
+            self._all_s = now_s
+        return 0.0 if self._all_s is None else now_s - self._all_s
+
+    @property
+    def over(self) -> bool:
+        """No camera will deliver any more."""
+        return all(state.state == "ended" and not capture.entry.reopen
+                   for capture, state in zip(self._captures, self.states(), strict=True))  # fmt: skip
+
+    def check(self) -> None:
+        """Raise SourceError for a source that failed and is not opened again."""
+        for capture, state in zip(self._captures, self.states(), strict=True):
+            if state.state == "lost" and not capture.entry.reopen:
+                raise SourceError(state.text)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraNews:
+    """One camera during the last second.
+
+    Attributes:
+        camera: its name. rate_hz: frames that came. missing: frames that it counted and never delivered, since the beginning.
+        warning: what is wrong, and what to do; empty where nothing is.
+    """
+
+    camera: str
+    rate_hz: float
+    missing: int
+    warning: str
+
+
+def record(
+    feed: CameraFeed,
+    videos: Path,
+    report: Callable[[float, tuple[CameraNews, ...]], None],
+    *,
+    duration_s: float | None = None,
+    stopped: Sequence[str] = (),
+) -> None:
+    """Keep every frame until the sources end, `stopped` has an entry, or for `duration_s` with all cameras; closes the feed.
+
+    Args:
+        feed: open cameras that have not begun. videos: an existing folder.
+        report: is called once a second with the seconds since the beginning.
+
+    Raises:
+        SourceError: a source that fails and is not opened again. InputError: a video that cannot be made.
+    """
+    exposures: dict[str, str] = {}
+    feed.begin(videos)
+    begin = before = time.monotonic()
+    counts = [0] * len(feed.cameras)
+    while not stopped:
+        over = feed.over
+        feed.check()
+        for fed in feed.newest():
+            exposures[feed.cameras[fed.camera]] = exposure_warning(fed.frame.image)
+        now = time.monotonic()
+        if over or (duration_s is not None and feed.seconds() >= duration_s):
+            break
+        if now - before >= _REPORT_EVERY_S:
+            states = feed.states()
+            report(now - begin, _news(states, counts, now - before, exposures))
+            counts, before = [state.captured for state in states], now
+        time.sleep(_REST_S)
+    feed.close()
+
+
+def _news(
+    states: Sequence[CameraState], counts: Sequence[int], seconds: float, exposures: Mapping[str, str]
+) -> tuple[CameraNews, ...]:
+    rates = [(state.captured - count) / seconds for state, count in zip(states, counts, strict=True)]
+    usual_hz = float(np.median(rates))
+    return tuple(
+        CameraNews(
+            camera=state.camera,
+            rate_hz=rate_hz,
+            missing=state.missing,
+            warning=_state_warning(state, rate_hz, usual_hz) or exposures.get(state.camera, ""),
+        )
+        for state, rate_hz in zip(states, rates, strict=True)
+    )
+
+
+def exposure_warning(image: Array) -> str:
+    """What is wrong with the exposure of an RGB image (H, W, 3), and what to do; empty where nothing is."""
+    small = image[::_SAMPLE_STEP, ::_SAMPLE_STEP]
+    white = float((small.max(axis=-1) >= _WHITE_DN).mean())
+    if white > _MOST_WHITE_SHARE:
+        return f"overexposed: {white:.0%} of the image is white; shorten the exposure, or keep lamps and windows out of the image"
+    bright = float(np.quantile(cv2.cvtColor(np.ascontiguousarray(small), cv2.COLOR_RGB2GRAY), _BRIGHT_QUANTILE))
+    if bright < _DARK_DN:
+        return f"dark: the brightest parts reach {bright:.0f} of 255; more light keeps exposures short and images sharp"
+    return ""
+
+
+def _state_warning(state: CameraState, rate_hz: float, usual_hz: float) -> str:
+    if state.state == "lost":
+        return state.text
+    if state.state == "running" and rate_hz < _LEAST_RATE_SHARE * usual_hz:
+        return (
+            f"{rate_hz:.1f} frames/s, the others {usual_hz:.1f}: a long exposure in little light, or too many cameras on one"
+            " USB hub; fix the exposure time"
+        )
+    return ""
+
+
+def guide(
+    feed: CameraFeed,
+    target: Target,
+    report: Callable[[Guidance], None],
+    duration_s: float | None = None,
+    *,
+    videos: Path | None = None,
+    stopped: Sequence[str] = (),
+) -> Guidance:
+    """Watch until enough is covered, the sources end, `stopped` has an entry, or `duration_s` with all cameras; close the feed.
+
+    `report` is called once a second and at the end. With `videos`, a folder, every frame of every camera is kept there.
+
+    Raises:
+        SourceError: a source that fails and is not opened again. InputError: a video that cannot be made.
+    """
+    detector, state = TargetDetector(target), new_guidance(feed.cameras)
+    feed.begin(videos)
+    reported = time.monotonic()
+    while not state.enough and not stopped:
+        # asked before the frames are taken, so that the last ones are not lost
+        over = feed.over
+        feed.check()
+        for fed in feed.newest():
+            corners = detector.detect(cv2.cvtColor(fed.frame.image, cv2.COLOR_RGB2GRAY))
+            state = seen(state, fed.camera, fed.t_ns, corners.xy_img, fed.frame.size_wh)
+        now = time.monotonic()
+        if over or (duration_s is not None and feed.seconds() > duration_s):
+            break
+        if now - reported >= _REPORT_EVERY_S:
+            report(state)
+            reported = now
+        time.sleep(_REST_S)
+    feed.close()
+    report(state)
+    return state

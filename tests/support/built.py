@@ -1,0 +1,143 @@
+"""Values built whole out of what a test is about: where keypoints are, and how well they are known."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from posefuse.core import Detections2D, Kind, Pose3D, PoseSequence, Rig, Skeleton, Views, ViewSequence
+from posefuse.core.skeleton import COCO17
+
+# the left side of someone who faces +x, m; y to the left, z up
+_LEFT = {
+    "eye": (0.10, 0.03, 1.65), "ear": (0.0, 0.08, 1.63), "shoulder": (0.0, 0.19, 1.42), "elbow": (0.03, 0.27, 1.14),
+    "wrist": (0.12, 0.28, 0.90), "hip": (0.0, 0.10, 0.93), "knee": (0.03, 0.11, 0.50), "ankle": (0.0, 0.11, 0.09),
+}  # fmt: skip
+
+
+def standing(x: float = 0.0, y: float = 0.0, size: float = 1.0) -> np.ndarray:
+    """(17, 3) a person of 1.75 m times `size` who stands at (x, y)."""
+    rows = []
+    for name in COCO17.keypoints:
+        side, _, part = name.partition("_")
+        rows.append((0.12, 0.0, 1.62) if name == "nose" else np.array(_LEFT[part]) * (1, 1 if side == "left" else -1, 1))
+    return np.array(rows) * size + [x, y, 0]
+
+
+def poses(
+    xyz: np.ndarray,
+    sigma_m: float = 0.01,
+    rate_hz: float = 100.0,
+    skeleton: Skeleton = COCO17,
+    *,
+    cov: np.ndarray | None = None,
+    t_ns: Sequence[int] | np.ndarray | None = None,
+    ids: Sequence[int] | None = None,
+    **others: Any,
+) -> PoseSequence:
+    """(T, N, K, 3) as measured with `cov` (..., 3, 3), else `sigma_m` in every direction: NaN is missing, the rest is fused."""
+    return PoseSequence(
+        t_ns=np.round(np.arange(len(xyz)) * 1e9 / rate_hz).astype(np.int64) if t_ns is None else t_ns,
+        skeleton=skeleton,
+        person_id=np.arange(xyz.shape[1]) if ids is None else ids,
+        **(_measured(xyz, np.eye(3) * sigma_m**2 if cov is None else cov) | others),
+    )
+
+
+def pose(
+    xyz: np.ndarray,
+    ids: Sequence[int] | None = None,
+    t_ns: int = 0,
+    *,
+    skeleton: Skeleton = COCO17,
+    cov: np.ndarray | None = None,
+    **others: Any,
+) -> Pose3D:
+    """(N, K, 3) at one time, as `poses`; 1 cm in every direction without `cov`."""
+    return Pose3D(
+        t_ns=t_ns,
+        skeleton=skeleton,
+        person_id=np.arange(len(xyz)) if ids is None else ids,
+        **(_measured(xyz, np.eye(3) * 1e-4 if cov is None else cov) | others),
+    )
+
+
+def _measured(xyz: np.ndarray, cov: np.ndarray) -> dict[str, Any]:
+    seen = np.isfinite(xyz[..., 0])
+    return {
+        "xyz_world": xyz,
+        "cov_world": np.where(seen[..., None, None], np.broadcast_to(cov, (*xyz.shape, 3)), np.nan),
+        "reproj_px": np.where(seen, 1.0, np.nan),
+        "n_views": np.where(seen, 4, 0),
+        "kind": np.where(seen, Kind.FUSED, Kind.MISSING),
+    }
+
+
+def detections(
+    camera: str,
+    xy: np.ndarray,
+    t_ns: int = 0,
+    *,
+    score: float = 0.9,
+    sigma_px: float = 2.0,
+    skeleton: Skeleton = COCO17,
+    **others: Any,
+) -> Detections2D:
+    """People (N, K, 2) px in one view: NaN is unseen, of score 0; boxes are about what is seen."""
+    seen = np.isfinite(xy[..., 0])
+    low, high = (np.where(seen[..., None], xy, far).transpose(1, 0, 2) for far in (np.inf, -np.inf))
+    box = np.concatenate([low.min(axis=0), high.max(axis=0)], axis=1)
+    stated = {
+        "score": np.where(seen, score, 0.0),
+        "sigma_px": np.full(seen.shape, sigma_px),
+        "box_img": np.where(np.isfinite(box), box, 0),
+    }
+    return Detections2D(camera=camera, t_ns=t_ns, skeleton=skeleton, xy_img=xy, **(stated | others))
+
+
+def views(rig: Rig, xyz: np.ndarray, sigma_px: float = 1.0, seed: int | None = None, skeleton: Skeleton = COCO17) -> Views:
+    """What a rig sees of (N, K, 3) people; exact without a seed."""
+    xy = np.moveaxis(rig.project(xyz), 0, 1)
+    if seed is not None:
+        xy = xy + np.random.default_rng(seed).normal(size=xy.shape) * sigma_px
+    seen = np.isfinite(xy[..., 0])
+    return Views(
+        t_ns=0,
+        skeleton=skeleton,
+        camera_names=rig.names,
+        person_id=np.arange(len(xyz)),
+        xy_img=xy,
+        score=np.where(seen, 0.9, 0.0),
+        sigma_px=np.where(seen, sigma_px, np.nan),
+    )
+
+
+def view_sequence(
+    rig: Rig,
+    sequence: PoseSequence,
+    xy: np.ndarray,
+    score: np.ndarray | None = None,
+    sigma_px: float | np.ndarray = 1.0,
+    depth_m: np.ndarray | None = None,
+) -> ViewSequence:
+    """What a rig sees of the people of a sequence, px (T, N, C, K, 2): NaN, or of score 0, is unseen."""
+    score = np.isfinite(xy[..., 0]) * 1.0 if score is None else score
+    return ViewSequence(
+        t_ns=sequence.t_ns,
+        skeleton=sequence.skeleton,
+        camera_names=rig.names,
+        person_id=sequence.person_id,
+        xy_img=xy,
+        score=score,
+        sigma_px=np.where(score > 0, sigma_px, np.nan),
+        depth_m=depth_m,
+    )
+
+
+def white_jerk(dt: float, density: float) -> tuple[np.ndarray, np.ndarray]:
+    """Transition (3, 3) of position, speed and acceleration over `dt`, and the Cholesky factor (3, 3) of what jerk adds."""
+    step = np.array([[1, dt, dt * dt / 2], [0, 1, dt], [0, 0, 1]])
+    process = density * np.array(
+        [[dt**5 / 20, dt**4 / 8, dt**3 / 6], [dt**4 / 8, dt**3 / 3, dt**2 / 2], [dt**3 / 6, dt**2 / 2, dt]]
+    )
+    return step, np.linalg.cholesky(process)
