@@ -69,7 +69,7 @@ def poses_over_time(
 
 
 def _fused_over_time(views: ViewSequence | ViewsInParts, rig: Rig, fusing: FuseSettings) -> PoseSequence:
-    planes: dict[str, Array] = {}
+    planes: dict[str, Any] = {}
     last = None
     for part in parts_of_steps(len(views.t_ns)):
         seen = views.part(part)
@@ -180,7 +180,7 @@ def with_bodies(
     if not chosen:
         return recording
     fitted: list[int] = []
-    planes: dict[str, Array] = {}
+    planes: dict[str, Any] = {}
     for n, person in enumerate(poses.person_id.tolist()):
         if person not in chosen:
             continue
