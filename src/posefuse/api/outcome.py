@@ -11,12 +11,12 @@ from posefuse.core import Recording
 from posefuse.evaluation.metrics import JointErrors, joint_errors
 from posefuse.evaluation.report import CAMERA_COLUMNS, camera_rows
 from posefuse.formats.truth import read_truth
+from posefuse.foundation.plugins import plugin_config
 from posefuse.foundation.summary import Block, Facts, Heading, Table
 
 if TYPE_CHECKING:
     from posefuse.detection.build import DetectorChoice
-    from posefuse.foundation.plugins import plugin_config
-from posefuse.pipeline.clock import StageClock
+    from posefuse.pipeline.clock import StageClock
     from posefuse.pipeline.run import Tracked
     from posefuse.pipeline.session import Session
 
