@@ -32,7 +32,7 @@ BESIDES_API = {
     "posefuse.calibration.report",
     "posefuse.calibration.result_files",
     "posefuse.calibration.settings",
-    "posefuse.calibration.targets.guidance",
+    "posefuse.calibration.targets.coverage",
     "posefuse.calibration.targets.recordings",
     "posefuse.detection.build",
     "posefuse.formats.truth",

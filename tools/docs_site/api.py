@@ -22,13 +22,20 @@ GROUPS: tuple[tuple[str, tuple[str, ...]], ...] = (
             "plan",
             "simulate",
             "gazebo_world",
+            "solve",
+            "view",
+            "demo_session",
         ),
     ),
-    ("Live", ("live", "teleoperate")),
+    ("Live", ("live", "track_live", "record", "resume_recording", "camera_node", "fusion_node", "teleoperate")),
     ("Cameras", ("read_rig", "Rig", "Camera", "triangulate")),
-    ("Calibration", ("calibrate_intrinsics", "calibrate_extrinsics", "calibrate_person", "calibrate_clocks", "verify")),
+    (
+        "Calibration",
+        ("calibrate_intrinsics", "calibrate_extrinsics", "calibrate_person", "calibrate_clocks", "verify", "print_target"),
+    ),
     ("Detectors", ("detector", "Detections2D")),
     ("Values", ("Observations", "Pose3D", "PoseSequence", "JointAngles", "Skeleton")),
+    ("This machine", ("doctor", "models", "plugins")),
     ("Progress and errors", ("Progress", "PosefuseError")),
 )
 

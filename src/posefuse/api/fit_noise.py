@@ -10,7 +10,8 @@ from typing import Any, Literal
 
 from posefuse.core import InputError, Progress
 from posefuse.detection.build import DetectorChoice
-from posefuse.detection.networks import NetworkCard, OnnxConfig, read_network_card
+from posefuse.detection.card import NetworkCard, read_network_card
+from posefuse.detection.networks import OnnxConfig
 from posefuse.evaluation.fitting import (
     NoiseFit,
     Run,
