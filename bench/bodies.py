@@ -20,7 +20,7 @@ from posefuse.formats.joint_centres import joint_centres_from_mapping
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import warmed_up
 from posefuse.realtime.messages import Centres
-from posefuse.simulation.scene import Scene
+from posefuse_sim.scene import Scene
 from posefuse.tracking.online import MOTION, LiveMotion
 
 BEST = "blazepose_best"

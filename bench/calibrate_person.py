@@ -23,9 +23,9 @@ from posefuse.detection.build import DetectorChoice
 from posefuse.formats.pose2d import read_openpose_folder
 from posefuse.formats.rig import read_rig
 from posefuse.pipeline.person_poses import person_in_videos
-from posefuse.simulation import SessionPaths
-from posefuse.simulation.body.body import completed_shape
-from posefuse.simulation.scene import read_scene
+from posefuse_sim import SessionPaths
+from posefuse_sim.body.body import completed_shape
+from posefuse_sim.scene import read_scene
 
 # where `python -m paper` keeps its own: the first walk is the one it reports
 SESSIONS = Path("out/paper/sessions")

@@ -18,11 +18,11 @@ from posefuse.core.values import keypoint_boxes
 from posefuse.detection import region_from_pose
 from posefuse.detection.appearance import lab_from_srgb
 from posefuse.formats.truth import read_truth, write_truth
-from posefuse.simulation.body.body import completed_shape
-from posefuse.simulation.body.mesh import BodyShapeSettings
-from posefuse.simulation.build import LiveScene, live_scene
-from posefuse.simulation.scene import Scene
-from posefuse.simulation.surroundings import FLESH_M, hidden_by_shapes, in_image
+from posefuse_sim.body.body import completed_shape
+from posefuse_sim.body.mesh import BodyShapeSettings
+from posefuse_sim.build import LiveScene, live_scene
+from posefuse_sim.scene import Scene
+from posefuse_sim.surroundings import FLESH_M, hidden_by_shapes, in_image
 
 RATE_HZ, SECONDS, VISIBLE_EVERY = 30.0, 11.0, 3
 # seeds of what is reported were drawn once the code was done

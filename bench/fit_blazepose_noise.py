@@ -23,12 +23,12 @@ from posefuse.detection.crops import crop_from_img, square_crop
 from posefuse.detection.decode import landmarks_from_outputs
 from posefuse.detection.engines import BlazePoseNetwork
 from posefuse.detection.noise import landmark_noise_features
-from posefuse.evaluation.fitting import render_everyday
-from posefuse.evaluation.fitting.keypoint_noise import _as_in_use as as_in_use
-from posefuse.evaluation.fitting.keypoint_noise import fit_log_sigma
+from posefuse_sim.fitting import render_everyday
+from posefuse_sim.fitting.keypoint_noise import _as_in_use as as_in_use
+from posefuse_sim.fitting.keypoint_noise import fit_log_sigma
 from posefuse.foundation.places import default_cache_dir
-from posefuse.simulation.scene import read_scene
-from posefuse.simulation.session import SessionPaths
+from posefuse_sim.scene import read_scene
+from posefuse_sim.session import SessionPaths
 
 BODY, TRUE_BODY = SKELETONS["blazepose33"], SKELETONS["anatomical23"]
 SYNONYMS = {"left_big_toe": "left_foot_index", "right_big_toe": "right_foot_index"}

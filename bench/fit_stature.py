@@ -25,7 +25,7 @@ from posefuse.core.skeleton import LIMB_ENDS
 from posefuse.detection.build import DetectorChoice
 from posefuse.formats.rig import read_rig
 from posefuse.pipeline.person_poses import person_in_videos
-from posefuse.simulation import SessionPaths
+from posefuse_sim import SessionPaths
 
 FITTED, LEFT_OUT = range(7300, 7305), range(7305, 7310)
 SECONDS, RATE_HZ = 6.0, 15.0

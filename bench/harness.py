@@ -39,8 +39,8 @@ from posefuse.pipeline.clock import StageClock  # noqa: E402
 from posefuse.pipeline.config import TrackConfig, changed_config  # noqa: E402
 from posefuse.pipeline.run import track_session  # noqa: E402
 from posefuse.pipeline.session import find_session  # noqa: E402
-from posefuse.simulation.scene import Scene  # noqa: E402
-from posefuse.simulation.session import SessionPaths, simulate  # noqa: E402
+from posefuse_sim.scene import Scene  # noqa: E402
+from posefuse_sim.session import SessionPaths, simulate  # noqa: E402
 
 DEMO, DATA, OUT = ROOT / "examples" / "demo", Path("../shared/data"), ROOT / "out" / "bench"
 POSEFUSE = (sys.executable, "-m", "posefuse")
@@ -57,7 +57,7 @@ class Use(StrEnum):
     REPORT = "report"
 
 
-# bodies that fits draw, also those of `posefuse.evaluation.fitting`
+# bodies that fits draw, also those of `posefuse_sim.fitting`
 FITTED_BODIES = range(7000, 8200)
 
 

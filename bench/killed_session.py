@@ -17,10 +17,10 @@ from posefuse.api.live import LiveSession
 from posefuse.formats.rig import read_rig
 from posefuse.messages.bags import read_mcap
 from posefuse.messages.messages import ns_from_time
-from posefuse.simulation.session import SessionPaths
-from posefuse.teleoperation.gate import Beat
-from posefuse.teleoperation.settings import MappingSettings, RobotSettings, TeleoperationSettings
-from posefuse.teleoperation.switches import Pressed
+from posefuse_sim.session import SessionPaths
+from posefuse_teleop.gate import Beat
+from posefuse_teleop.settings import MappingSettings, RobotSettings, TeleoperationSettings
+from posefuse_teleop.switches import Pressed
 
 # of each: the words of the session's news that name the process, and the signal
 FAULTS = {

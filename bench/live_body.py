@@ -27,7 +27,7 @@ from posefuse.core.joint_centres import SEGMENT_ENDS
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import warmed_up
-from posefuse.simulation.build import live_scene
+from posefuse_sim.build import live_scene
 
 WAYS = ("off", "on")
 BONES = [

@@ -19,7 +19,7 @@ from scenes import walk
 from posefuse.core import PoseSequence, Truth
 from posefuse.core.skeleton import PAPER14, pick_keypoints
 from posefuse.evaluation.metrics import true_xyz_at
-from posefuse.simulation.scene import Scene
+from posefuse_sim.scene import Scene
 
 RATE_HZ = 30.0
 PATHS = (((-1.6, -0.14), (1.6, -0.14)), ((1.6, 0.14), (-1.6, 0.14)))

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from harness import ROOT, answer, arguments
 
-from posefuse.simulation import read_scene, simulate
+from posefuse_sim import read_scene, simulate
 
 
 def main() -> None:

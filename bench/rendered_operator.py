@@ -21,11 +21,11 @@ from posefuse.foundation.settings import settings_from_mapping
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import warmed_up
 from posefuse.realtime.messages import Centres
-from posefuse.simulation.scene import Scene, read_scene
-from posefuse.simulation.session import SessionPaths, simulate
+from posefuse_sim.scene import Scene, read_scene
+from posefuse_sim.session import SessionPaths, simulate
 from posefuse.sources.video import VideoConfig
-from posefuse.teleoperation.hands import operator_view
-from posefuse.teleoperation.values import OperatorView
+from posefuse_teleop.hands import operator_view
+from posefuse_teleop.values import OperatorView
 
 # the tracker needs a moment to find the operator
 BEGIN_S = 3.0

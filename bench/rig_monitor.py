@@ -41,8 +41,8 @@ from posefuse.pipeline.opening import open_session
 from posefuse.pipeline.run import detect
 from posefuse.pipeline.session import find_session
 from posefuse.pipeline.solve import SolveSettings, solve
-from posefuse.simulation.cameras import looking_at
-from posefuse.simulation.scene import Scene
+from posefuse_sim.cameras import looking_at
+from posefuse_sim.scene import Scene
 
 SESSIONS, DEMO = Path("out/paper/sessions"), Path("examples/demo")
 RATE_HZ = 10.0

@@ -33,10 +33,10 @@ from playwright.sync_api import Browser, Page
 from studio_client import QuietPage, quiet_page
 
 from posefuse.messages.bags import read_poses
-from posefuse.studio.jobs import Job, Jobs
-from posefuse.studio.session_messages import packed_request
-from posefuse.studio.setups import DEMO
-from posefuse.studio.workspace import StudioWorkspace
+from posefuse_studio.jobs import Job, Jobs
+from posefuse_studio.session_messages import packed_request
+from posefuse_studio.setups import DEMO
+from posefuse_studio.workspace import StudioWorkspace
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tools"))
 
@@ -223,7 +223,7 @@ def measure_focus() -> None:
 
     from posefuse.formats.video import read_video
     from posefuse.pipeline.session import clip_folder
-    from posefuse.studio.focus import detail_left
+    from posefuse_studio.focus import detail_left
 
     images: list[Any] = [next(iter(read_video(path)))[1] for path in sorted((clip_folder() / "videos").glob("*.mp4"))]
     for blur_px in (0.0, 0.5, 1.0, 1.5, 2.0, 3.0):

@@ -23,7 +23,7 @@ from typing import Any
 from urllib.parse import urlencode, urlsplit
 from uuid import uuid4
 
-from posefuse.studio.scene.messages import HEADER, IMAGE, POSES, VALUES
+from posefuse_studio.scene.messages import HEADER, IMAGE, POSES, VALUES
 
 _KINDS = {IMAGE: "images", POSES: "poses", VALUES: "values"}
 

@@ -21,13 +21,13 @@ import numpy as np
 from posefuse.formats.truth import read_truth
 from posefuse.formats.video import read_video
 from posefuse.pipeline.session import clip_folder
-from posefuse.studio.job_process import JobReporter
-from posefuse.studio.jobs import JOBS_FOLDER, write_json
-from posefuse.studio.live_host import Host
-from posefuse.studio.scene.messages import image_message, poses_message, setup_message, values_message
-from posefuse.studio.scene.setup import scene_setup
-from posefuse.studio.work.live import plot_names
-from posefuse.studio.workspace import StudioWorkspace
+from posefuse_studio.job_process import JobReporter
+from posefuse_studio.jobs import JOBS_FOLDER, write_json
+from posefuse_studio.live_host import Host
+from posefuse_studio.scene.messages import image_message, poses_message, setup_message, values_message
+from posefuse_studio.scene.setup import scene_setup
+from posefuse_studio.work.live import plot_names
+from posefuse_studio.workspace import StudioWorkspace
 
 IMAGES_HZ, POSES_HZ = 15.0, 40.0
 _SHOWN_WH = (320, 240)
@@ -110,6 +110,6 @@ def _status(names: list[str], lenses: list[Any], people: list[int], t_s: float, 
 
 
 if __name__ == "__main__":
-    # a request to end it comes as an interrupt, see `posefuse.studio.job_process`
+    # a request to end it comes as an interrupt, see `posefuse_studio.job_process`
     with suppress(KeyboardInterrupt):
         main()

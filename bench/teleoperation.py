@@ -65,12 +65,12 @@ def _followed(path, noise_m: float, seconds: float = 16.0):
     """True hand, hand as measured, robot; the robot while the hand rests; steps at engaging; IK times."""
     from rehearsal.person import person_view
 
-    from posefuse.teleoperation.follower import Driver
-    from posefuse.teleoperation.gate import Beat
-    from posefuse.teleoperation.mujoco_robot import MujocoRobot, mujoco_model, placed
-    from posefuse.teleoperation.session import Operator, OperatorNews, step_operator
-    from posefuse.teleoperation.settings import RobotSettings, TeleoperationSettings
-    from posefuse.teleoperation.values import CameraReport, Phase
+    from posefuse_teleop.follower import Driver
+    from posefuse_teleop.gate import Beat
+    from posefuse_teleop.mujoco_robot import MujocoRobot, mujoco_model, placed
+    from posefuse_teleop.session import Operator, OperatorNews, step_operator
+    from posefuse_teleop.settings import RobotSettings, TeleoperationSettings
+    from posefuse_teleop.values import CameraReport, Phase
 
     settings = TeleoperationSettings(robot=RobotSettings(position_xy_m=(2.5, 0.0)))
     place = placed(settings.robot.position_xy_m, settings.robot.heading_deg)
@@ -120,10 +120,10 @@ def live(session_folder, networks: str | None) -> None:
     import posefuse as pf
     from posefuse.core.skeleton import pick_keypoints
     from posefuse.formats.truth import read_truth
-    from posefuse.simulation import SessionPaths
-    from posefuse.teleoperation.gate import Beat
-    from posefuse.teleoperation.settings import RobotSettings, TeleoperationSettings
-    from posefuse.teleoperation.switches import Pressed
+    from posefuse_sim import SessionPaths
+    from posefuse_teleop.gate import Beat
+    from posefuse_teleop.settings import RobotSettings, TeleoperationSettings
+    from posefuse_teleop.switches import Pressed
 
     class Held:
         """A switch that is held from a while after the first pose."""
@@ -341,9 +341,9 @@ def _wait_gone(pid: int) -> None:
 
 def _boss(record, sending, silent: bool) -> None:
     """An operator's side that drives the robot forward at full speed until something happens to it."""
-    from posefuse.teleoperation.process import RobotLink, RobotPlan
-    from posefuse.teleoperation.settings import TeleoperationSettings
-    from posefuse.teleoperation.values import Order, Phase
+    from posefuse_teleop.process import RobotLink, RobotPlan
+    from posefuse_teleop.settings import TeleoperationSettings
+    from posefuse_teleop.values import Order, Phase
 
     link = RobotLink(RobotPlan(settings=TeleoperationSettings(), record=record))
     link.wait_ready()

@@ -18,7 +18,7 @@ import numpy as np
 
 import posefuse.messages
 from posefuse.core import SE3, SKELETONS, Camera, Pose3D, Rig
-from posefuse.simulation.cameras import looking_at
+from posefuse_sim.cameras import looking_at
 
 DOCS = Path(__file__).parent
 CONFIG = Path(posefuse.messages.__file__).parent / "rviz" / "posefuse_ros1.rviz"

@@ -9,14 +9,14 @@ import cv2
 import numpy as np
 
 from posefuse.core.ideal_image import optics_of
-from posefuse.simulation import Scene, read_scene
-from posefuse.simulation.build import live_scene
-from posefuse.simulation.cameras import ListedCameras
-from posefuse.simulation.exact import seen_points
-from posefuse.simulation.render.shot import CameraShooter
-from posefuse.simulation.render.stage import RenderStage, working_backend
-from posefuse.simulation.session import scene_render_model
-from posefuse.simulation.source import shot_image
+from posefuse_sim import Scene, read_scene
+from posefuse_sim.build import live_scene
+from posefuse_sim.cameras import ListedCameras
+from posefuse_sim.exact import seen_points
+from posefuse_sim.render.shot import CameraShooter
+from posefuse_sim.render.stage import RenderStage, working_backend
+from posefuse_sim.session import scene_render_model
+from posefuse_sim.source import shot_image
 
 _SCENES = Path(__file__).resolve().parents[1] / "examples" / "scenes"
 _IMAGES = Path(__file__).resolve().parent / "images"

@@ -22,7 +22,7 @@ import pytest
 
 from posefuse.core import Camera, DependencyError, Rig
 from posefuse.foundation.places import default_cache_dir
-from posefuse.simulation.cameras import looking_at
+from posefuse_sim.cameras import looking_at
 
 _SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 

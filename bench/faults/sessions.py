@@ -15,7 +15,7 @@ from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Charuco, Markers, Target
 from posefuse.core import SE3, CalibrationError, Camera, Rig
 from posefuse.core.arrays import Array
-from posefuse.simulation.cameras import looking_at
+from posefuse_sim.cameras import looking_at
 
 from .verdict import Answer
 from .waved_props import Faults, Waving, board, cube, observe_prop

@@ -9,12 +9,12 @@ from typing import Protocol
 import numpy as np
 
 from posefuse.core.arrays import Array
-from posefuse.teleoperation.follower import Driver
-from posefuse.teleoperation.gate import Beat
-from posefuse.teleoperation.mujoco_robot import MujocoRobot, Thing, mobile_manipulator, mujoco_model, placed
-from posefuse.teleoperation.session import Operator, OperatorNews, step_operator
-from posefuse.teleoperation.settings import MappingSettings, RobotSettings, TeleoperationSettings
-from posefuse.teleoperation.values import CameraReport, OperatorView, Phase
+from posefuse_teleop.follower import Driver
+from posefuse_teleop.gate import Beat
+from posefuse_teleop.mujoco_robot import MujocoRobot, Thing, mobile_manipulator, mujoco_model, placed
+from posefuse_teleop.session import Operator, OperatorNews, step_operator
+from posefuse_teleop.settings import MappingSettings, RobotSettings, TeleoperationSettings
+from posefuse_teleop.values import CameraReport, OperatorView, Phase
 
 from .figures import lag_and_rms
 from .person import person_view

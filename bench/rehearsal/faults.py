@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.teleoperation.gate import Beat
-from posefuse.teleoperation.hands import BODY
-from posefuse.teleoperation.session import OperatorNews, step_operator
-from posefuse.teleoperation.settings import TeleoperationSettings
-from posefuse.teleoperation.values import CameraReport, RobotState
+from posefuse_teleop.gate import Beat
+from posefuse_teleop.hands import BODY
+from posefuse_teleop.session import OperatorNews, step_operator
+from posefuse_teleop.settings import TeleoperationSettings
+from posefuse_teleop.values import CameraReport, RobotState
 
 from .judge import Breach, Judge
 from .person import Build

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from posefuse.core.arrays import Array
-from posefuse.teleoperation.separation import OperatorBody, remembered, separation_m
-from posefuse.teleoperation.settings import SeparationSettings, TeleoperationSettings
+from posefuse_teleop.separation import OperatorBody, remembered, separation_m
+from posefuse_teleop.settings import SeparationSettings, TeleoperationSettings
 
 from .person import view_of
 from .world import TICK_S, World

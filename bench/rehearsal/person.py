@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posefuse.core.arrays import Array
-from posefuse.teleoperation.hands import BODY
-from posefuse.teleoperation.values import OperatorView
+from posefuse_teleop.hands import BODY
+from posefuse_teleop.values import OperatorView
 
 # of `hands.BODY`, facing +x, both arms hanging; the hands of moving arms are set by paths
 _STANDING = np.array(

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from posefuse.core.arrays import Array
-from posefuse.teleoperation.follower import Follower, Robot
-from posefuse.teleoperation.settings import TeleoperationSettings
-from posefuse.teleoperation.values import RobotState
+from posefuse_teleop.follower import Follower, Robot
+from posefuse_teleop.settings import TeleoperationSettings
+from posefuse_teleop.values import RobotState
 
 # spheres of the point robot's body, counted from its end effector
 _SPHERES = np.array([[0.0, 0.0, 0.0, 0.1], [0.25, 0.0, 0.1, 0.12], [0.5, 0.0, -0.2, 0.2]])
@@ -70,7 +70,7 @@ def _point(settings: TeleoperationSettings) -> Robot:
 
 
 def _with_joints(settings: TeleoperationSettings, text: str | None = None) -> Robot:
-    from posefuse.teleoperation.mujoco_robot import MujocoRobot, mujoco_model, placed
+    from posefuse_teleop.mujoco_robot import MujocoRobot, mujoco_model, placed
 
     place = placed(settings.robot.position_xy_m, settings.robot.heading_deg)
     sites = [f"{side}_hand" for side in settings.hands]

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from posefuse.core.arrays import Array
-from posefuse.teleoperation.hands import BODY, BONES
-from posefuse.teleoperation.mujoco_robot import MujocoRobot
-from posefuse.teleoperation.session import Operator
-from posefuse.teleoperation.values import OperatorView, Phase
+from posefuse_teleop.hands import BODY, BONES
+from posefuse_teleop.mujoco_robot import MujocoRobot
+from posefuse_teleop.session import Operator
+from posefuse_teleop.values import OperatorView, Phase
 
 _BODY_RGBA, _HAND_RGBA, _TARGET_RGBA = (0.2, 0.45, 0.8, 1.0), (0.95, 0.75, 0.1, 1.0), (0.1, 0.8, 0.2, 0.7)
 _TRAIL_RGBA = (0.95, 0.75, 0.1, 0.5)
@@ -98,7 +98,7 @@ def draw_boxes(
     """
     import cv2
 
-    from posefuse.simulation.render.stage import mujoco_with, working_backend
+    from posefuse_sim.render.stage import mujoco_with, working_backend
 
     # the first import of MuJoCo settles how it draws
     mujoco_with(working_backend())

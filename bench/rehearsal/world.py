@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from posefuse.core.arrays import Array
-from posefuse.teleoperation.follower import Driver
-from posefuse.teleoperation.hands import BODY
-from posefuse.teleoperation.session import Operator
-from posefuse.teleoperation.settings import TeleoperationSettings
-from posefuse.teleoperation.values import OperatorView, Order, RobotState
+from posefuse_teleop.follower import Driver
+from posefuse_teleop.hands import BODY
+from posefuse_teleop.session import Operator
+from posefuse_teleop.settings import TeleoperationSettings
+from posefuse_teleop.values import OperatorView, Order, RobotState
 
 from .person import Build, body_xyz, hidden, sine, view_of, within_reach
 from .robots import STANDS, copied

@@ -24,7 +24,7 @@ from posefuse.formats.page import Block, Facts, Heading, Line, Page, Plot, Plots
 from posefuse.outputs.live import JsonConfig
 from posefuse.pipeline import StageClock
 from posefuse.realtime import LiveConfig, OutputPlan, SessionClock, ViewTimes, inputs_from_arguments, run_live
-from posefuse.simulation import SessionPaths
+from posefuse_sim import SessionPaths
 
 from .runs import Context, Outcome, rendered, run_scene
 

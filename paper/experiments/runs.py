@@ -30,7 +30,7 @@ from posefuse.pipeline import (
     read_config,
     track_session,
 )
-from posefuse.simulation import Scene, simulate
+from posefuse_sim import Scene, simulate
 
 BEST_NETWORKS, BEST_S = "blazepose_best", 20.0
 _PACKAGES = ("numpy", "openvino", "mujoco", "anny", "opencv-python-headless")

@@ -12,7 +12,7 @@ from dataclasses import asdict
 from typing import Any
 
 from posefuse.foundation import settings_from_mapping
-from posefuse.simulation import Scene
+from posefuse_sim import Scene
 
 # other bodies, ways and rooms: the tables must agree on them within their spread
 CHECK_SEEDS = (21, 22, 23)

@@ -23,8 +23,8 @@ from studies import write_session
 
 from posefuse.core import Rig
 from posefuse.formats.rig import write_rig
-from posefuse.studio.jobs import Jobs
-from posefuse.studio.workspace import StudioWorkspace
+from posefuse_studio.jobs import Jobs
+from posefuse_studio.workspace import StudioWorkspace
 
 pytestmark = [pytest.mark.slow, ON_LINUX]
 

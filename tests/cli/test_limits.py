@@ -13,8 +13,8 @@ from posefuse.core import ConfigError, InputError, SourceError
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.pipeline.config import TrackConfig, changes_of, read_config
 from posefuse.pipeline.images import common_timeline
-from posefuse.simulation.render import stage as backend
-from posefuse.simulation.scene import Scene
+from posefuse_sim.render import stage as backend
+from posefuse_sim.scene import Scene
 
 
 def config_of(*words: str) -> TrackConfig:

@@ -281,8 +281,8 @@ def models_fetched(results: Path, out: Path, force: bool) -> int:
 def simulated(results: Path, out: Path, force: bool) -> int:
     """`posefuse simulate` with everything but the pictures."""
     from posefuse.core import InputError
-    from posefuse.simulation import read_scene
-    from posefuse.simulation import session as sessions
+    from posefuse_sim import read_scene
+    from posefuse_sim import session as sessions
 
     scene = results / "scene.yaml"
     scene.write_text("duration_s: 0.1\ncameras: {kind: ring, count: 1}\n")

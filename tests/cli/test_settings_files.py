@@ -21,7 +21,7 @@ from posefuse.foundation.settings import settings_from_mapping
 from posefuse.pipeline.batch.tasks import config_of_trial
 from posefuse.pipeline.config import TrackConfig, read_changed
 from posefuse.realtime.config import LiveConfig
-from posefuse.teleoperation.settings import TeleoperationSettings
+from posefuse_teleop.settings import TeleoperationSettings
 
 SESSION = Path("SESSION")
 # what outputs cannot be without

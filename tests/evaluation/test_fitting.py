@@ -12,9 +12,9 @@ from posefuse.cli.main import main
 from posefuse.core import SKELETONS, CameraTruth, Rig, Truth
 from posefuse.detection.card import read_network_card
 from posefuse.detection.noise import FEATURES, read_keypoint_noise
-from posefuse.evaluation.fitting import NoiseSamples, fit_noise, noise_text
-from posefuse.evaluation.fitting.joint_centres import directions_of
-from posefuse.evaluation.fitting.keypoint_noise import fit_log_sigma
+from posefuse_sim.fitting import NoiseSamples, fit_noise, noise_text
+from posefuse_sim.fitting.joint_centres import directions_of
+from posefuse_sim.fitting.keypoint_noise import fit_log_sigma
 from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.formats.rig import write_rig
 from posefuse.formats.truth import write_truth

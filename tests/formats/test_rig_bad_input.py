@@ -11,7 +11,7 @@ import pytest
 
 from posefuse.core import SE3, CalibrationError, Rig
 from posefuse.formats.rig import read_rig, rig_warnings, write_rig
-from posefuse.simulation.cameras import looking_at
+from posefuse_sim.cameras import looking_at
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden" / "files"
 MIRROR = [[1.0, 0, 0], [0, 1.0, 0], [0, 0, -1.0]]

@@ -46,7 +46,7 @@ def _readers() -> dict[str, Callable[[Path], Any]]:
     from posefuse.formats.trc import read_trc
     from posefuse.formats.truth import read_truth
     from posefuse.pipeline.config import read_config
-    from posefuse.simulation.scene import read_scene
+    from posefuse_sim.scene import read_scene
 
     readers: dict[str, Callable[[Path], Any]] = {
         "scene YAML": read_scene,

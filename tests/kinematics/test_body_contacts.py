@@ -10,8 +10,8 @@ from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.kinematics.body import BodySettings, bodies_from_poses, fit_views
 from posefuse.kinematics.body.contacts import contacts_of
-from posefuse.simulation.exact import truth_of
-from posefuse.simulation.scene import Scene
+from posefuse_sim.exact import truth_of
+from posefuse_sim.scene import Scene
 
 RATE_HZ, SIGMA_PX, SIGMA_M = 20.0, 1.5, 0.006
 SOLES = tuple(f"{side}_{part}" for side in ("left", "right") for part in ("heel", "big_toe"))

@@ -12,8 +12,8 @@ from posefuse.kinematics.body.filter import guessed_state
 from posefuse.kinematics.body.packed import Packed, packed_from_body
 from posefuse.kinematics.joints import FrameBuffers
 from posefuse.kinematics.settings import JointSettings
-from posefuse.simulation.exact import truth_of
-from posefuse.simulation.scene import Scene
+from posefuse_sim.exact import truth_of
+from posefuse_sim.scene import Scene
 
 DOF, SIGMA_PX, PRIOR_SD = 4.0, 2.0, 1.0
 SCENE = {

@@ -12,8 +12,8 @@ from posefuse.kinematics.body.packed import packed_from_body
 from posefuse.kinematics.body.shape import slopes_of
 from posefuse.kinematics.joints import FrameBuffers
 from posefuse.kinematics.settings import JointSettings
-from posefuse.simulation.exact import truth_of
-from posefuse.simulation.scene import Scene
+from posefuse_sim.exact import truth_of
+from posefuse_sim.scene import Scene
 
 DOF, SIGMA_PX = 4.0, 1.0
 NAMES = ("upper_arm", "forearm", "thigh", "shank", "shoulders", "hips", "trunk")

@@ -23,8 +23,8 @@ from posefuse.outputs.overlay import OverlaySink
 from posefuse.outputs.overview import OverviewSink
 from posefuse.outputs.rerun import RerunSink
 from posefuse.outputs.rerun_scene import keypoint_colours
-from posefuse.studio.scene.setup import scene_setup
-from posefuse.studio.timeline import COLOURS
+from posefuse_studio.scene.setup import scene_setup
+from posefuse_studio.timeline import COLOURS
 
 ORANGE, BLUE = (0.02, 0.11), (0.54, 0.62)
 ROOT = Path(__file__).resolve().parents[2]
@@ -98,7 +98,7 @@ def test_what_a_written_rerun_recording_holds(tmp_path: Path, make_recording: Ca
 
 def test_the_curves_of_the_live_page() -> None:
     pytest.importorskip("nicegui", reason="the extra studio is not installed")
-    from posefuse.studio.scene.view import curves
+    from posefuse_studio.scene.view import curves
 
     assert_sides(*curves([0, 1], ["left_knee flexion", "right_knee flexion"])["colours"])
 

@@ -23,7 +23,7 @@ from paper.scenes.scenes import (
 )
 from posefuse.core import ConfigError, Truth
 from posefuse.core.skeleton import COCO17, PAPER14, pick_keypoints
-from posefuse.simulation.exact import truth_of
+from posefuse_sim.exact import truth_of
 
 QUIET = SuitNoise(0, 0, 20, 0, 0, 0, 0)
 

@@ -15,8 +15,8 @@ from posefuse.pipeline import second_pass
 from posefuse.pipeline.config import TrackConfig, changed_config
 from posefuse.pipeline.second_pass import hidden_people, with_bodies
 from posefuse.pipeline.solve import SolveSettings
-from posefuse.simulation.exact import truth_of
-from posefuse.simulation.scene import Scene
+from posefuse_sim.exact import truth_of
+from posefuse_sim.scene import Scene
 
 SIGMA_PX, SIGMA_M, STEPS = 1.0, 0.005, 40
 HIDDEN = slice(12, 30)

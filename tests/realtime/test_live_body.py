@@ -17,8 +17,8 @@ from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import warmed_up
 from posefuse.realtime.messages import SessionClock
 from posefuse.realtime.provenance import notes_of
-from posefuse.simulation.build import live_scene
-from posefuse.simulation.scene import Scene
+from posefuse_sim.build import live_scene
+from posefuse_sim.scene import Scene
 
 K, PERIOD_NS, BEGIN_NS = len(ANATOMICAL23), 10_000_000, 1_000_000_000
 RATE_HZ, LATE_S, SIGMA_PX, SECONDS = 30.0, (0.02, 0.06), 2.0, 3.0

@@ -8,12 +8,12 @@ import pytest
 
 from posefuse.core import DependencyError
 from posefuse.core.ideal_image import optics_of
-from posefuse.simulation import Scene
-from posefuse.simulation.build import LiveScene, live_scene
-from posefuse.simulation.render.shot import CameraShooter
-from posefuse.simulation.render.stage import RenderStage
-from posefuse.simulation.session import scene_render_model
-from posefuse.simulation.source import shot_image
+from posefuse_sim import Scene
+from posefuse_sim.build import LiveScene, live_scene
+from posefuse_sim.render.shot import CameraShooter
+from posefuse_sim.render.stage import RenderStage
+from posefuse_sim.session import scene_render_model
+from posefuse_sim.source import shot_image
 
 
 @pytest.fixture(scope="session")
@@ -21,7 +21,7 @@ def backend() -> str:
     """A working OpenGL backend."""
     if importlib.util.find_spec("mujoco") is None:
         pytest.skip("the extra sim (mujoco) is not installed")
-    from posefuse.simulation.render.stage import working_backend
+    from posefuse_sim.render.stage import working_backend
 
     try:
         return working_backend()

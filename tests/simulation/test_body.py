@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from posefuse.core import SKELETONS, ConfigError
 from posefuse.foundation.settings import settings_from_mapping
-from posefuse.simulation.body import ANGLE_NAMES, JOINTS, SEGMENTS, BodyShapeSettings, SimulatedBody, build_body, rotation_of
-from posefuse.simulation.body.anatomy import angles_of, joint_segments
+from posefuse_sim.body import ANGLE_NAMES, JOINTS, SEGMENTS, BodyShapeSettings, SimulatedBody, build_body, rotation_of
+from posefuse_sim.body.anatomy import angles_of, joint_segments
 
 pytest.importorskip("anny", reason="the extra 'sim' is not installed")
 KEYPOINTS = SKELETONS["anatomical23"]
@@ -37,7 +37,7 @@ def anny_out(body: SimulatedBody, pose: np.ndarray, parameterization: str) -> tu
     """Vertices and bone poses of anny itself for our bone poses, in our axes."""
     import torch
 
-    from posefuse.simulation.body import mesh
+    from posefuse_sim.body import mesh
 
     model, _ = mesh._model()
     sliders = mesh._solved_sliders(body.settings)
@@ -71,7 +71,7 @@ def test_kinematics_are_anny_s_own_when_bones_turn_about_their_heads(body: Simul
 def test_rest_keypoints_are_anny_s_regressor(body: SimulatedBody) -> None:
     import anny
 
-    from posefuse.simulation.body import mesh
+    from posefuse_sim.body import mesh
 
     regressor = anny.KeypointsRegressor.coco(mesh._model()[0], labels=list(KEYPOINTS.keypoints))
     expected = regressor.regression_weights.numpy() @ body.vertices_rest

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from posefuse.core import ConfigError
-from posefuse.simulation.cameras import (
+from posefuse_sim.cameras import (
     CameraOverride,
     ImageSettings,
     ListedCameras,

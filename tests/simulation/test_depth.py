@@ -7,14 +7,14 @@ import pytest
 
 from posefuse.core.depth import MM_PER_M
 from posefuse.core.ideal_image import optics_of
-from posefuse.simulation.build import live_scene
-from posefuse.simulation.cameras import DepthSettings, ImageSettings, ListedCameras, PlacedCamera, SensorSettings
-from posefuse.simulation.props import CharucoBoard, StillPath
-from posefuse.simulation.render.shot import CameraShooter, measured_depth, noise_of
-from posefuse.simulation.render.stage import RenderStage
-from posefuse.simulation.scene import Scene
-from posefuse.simulation.session import scene_render_model
-from posefuse.simulation.source import shot_image
+from posefuse_sim.build import live_scene
+from posefuse_sim.cameras import DepthSettings, ImageSettings, ListedCameras, PlacedCamera, SensorSettings
+from posefuse_sim.props import CharucoBoard, StillPath
+from posefuse_sim.render.shot import CameraShooter, measured_depth, noise_of
+from posefuse_sim.render.stage import RenderStage
+from posefuse_sim.scene import Scene
+from posefuse_sim.session import scene_render_model
+from posefuse_sim.source import shot_image
 
 EXACT = DepthSettings(disparity_sigma_px=0, step_px=0, floor_m=0, lateral_px=0, edge_loss=0)
 

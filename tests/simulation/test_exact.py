@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from posefuse.core import Rig
-from posefuse.simulation import Scene
-from posefuse.simulation.build import live_scene
-from posefuse.simulation.cameras import ImageSettings, ListedCameras, PlacedCamera, SensorSettings
-from posefuse.simulation.exact import prop_truth, seen_points, visible_by_shapes
-from posefuse.simulation.props import ArucoCube, CharucoBoard, StillPath, WavedPath
+from posefuse_sim import Scene
+from posefuse_sim.build import live_scene
+from posefuse_sim.cameras import ImageSettings, ListedCameras, PlacedCamera, SensorSettings
+from posefuse_sim.exact import prop_truth, seen_points, visible_by_shapes
+from posefuse_sim.props import ArucoCube, CharucoBoard, StillPath, WavedPath
 
 _CAMERAS = (
     PlacedCamera(name="tilted", position_m=(3.2, 0.4, 2.5), roll_deg=37, image=ImageSettings(size_px=(1280, 720))),

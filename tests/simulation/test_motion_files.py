@@ -11,9 +11,9 @@ from posefuse.formats.bvh import read_bvh
 from posefuse.formats.recording import write_recording
 from posefuse.formats.trc import TrcData, write_trc
 from posefuse.foundation.settings import settings_from_mapping
-from posefuse.simulation.body import SEGMENTS, BodyShapeSettings, SimulatedBody, build_body
-from posefuse.simulation.build import MovingPerson, build_person
-from posefuse.simulation.motion import MotionSettings
+from posefuse_sim.body import SEGMENTS, BodyShapeSettings, SimulatedBody, build_body
+from posefuse_sim.build import MovingPerson, build_person
+from posefuse_sim.motion import MotionSettings
 
 pytest.importorskip("anny", reason="the extra 'sim' is not installed")
 KEYPOINTS = SKELETONS["anatomical23"]

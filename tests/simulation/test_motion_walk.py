@@ -7,9 +7,9 @@ import pytest
 
 from posefuse.core import SKELETONS, ConfigError
 from posefuse.foundation.settings import settings_from_mapping
-from posefuse.simulation.body import JOINTS, BodyShapeSettings, SimulatedBody, build_body
-from posefuse.simulation.build import PersonState, build_person
-from posefuse.simulation.motion import MotionSettings
+from posefuse_sim.body import JOINTS, BodyShapeSettings, SimulatedBody, build_body
+from posefuse_sim.build import PersonState, build_person
+from posefuse_sim.motion import MotionSettings
 
 pytest.importorskip("anny", reason="the extra 'sim' is not installed")
 KEYPOINTS = SKELETONS["anatomical23"]

@@ -8,17 +8,17 @@ from posefuse.core.skeleton import ANATOMICAL23, pick_keypoints
 from posefuse.detection import default_cards, status
 from posefuse.detection.blazepose import BlazePoseConfig
 from posefuse.foundation.places import default_cache_dir
-from posefuse.simulation import Scene
-from posefuse.simulation.body import BodyShapeSettings
-from posefuse.simulation.build import live_scene
-from posefuse.simulation.cameras import ImageSettings, RingCameras
-from posefuse.simulation.exact import seen_points
-from posefuse.simulation.motion.settings import StandSettings
-from posefuse.simulation.render.shot import CameraShooter
-from posefuse.simulation.render.stage import RenderStage
-from posefuse.simulation.scene import PersonSettings
-from posefuse.simulation.session import scene_render_model
-from posefuse.simulation.source import shot_image
+from posefuse_sim import Scene
+from posefuse_sim.body import BodyShapeSettings
+from posefuse_sim.build import live_scene
+from posefuse_sim.cameras import ImageSettings, RingCameras
+from posefuse_sim.exact import seen_points
+from posefuse_sim.motion.settings import StandSettings
+from posefuse_sim.render.shot import CameraShooter
+from posefuse_sim.render.stage import RenderStage
+from posefuse_sim.scene import PersonSettings
+from posefuse_sim.session import scene_render_model
+from posefuse_sim.source import shot_image
 
 _LIMBS = tuple(
     f"{side}_{joint}" for side in ("left", "right") for joint in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")

@@ -6,11 +6,11 @@ import pytest
 
 from posefuse.core import ConfigError
 from posefuse.core.ideal_image import optics_of
-from posefuse.simulation.build import live_scene
-from posefuse.simulation.cameras import ImageSettings, ListedCameras, PlacedCamera
-from posefuse.simulation.props import ArucoCube, CharucoBoard, GroundTile, StillPath
-from posefuse.simulation.scene import Scene
-from posefuse.simulation.surroundings import RoomSettings
+from posefuse_sim.build import live_scene
+from posefuse_sim.cameras import ImageSettings, ListedCameras, PlacedCamera
+from posefuse_sim.props import ArucoCube, CharucoBoard, GroundTile, StillPath
+from posefuse_sim.scene import Scene
+from posefuse_sim.surroundings import RoomSettings
 
 LENSES = {
     "ideal": ImageSettings(size_px=(640, 480)),

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from posefuse.core import SE3, DependencyError
-from posefuse.simulation import build
-from posefuse.simulation.build import live_scene
-from posefuse.simulation.cameras import ImageSettings, ListedCameras, PlacedCamera, SensorSettings
-from posefuse.simulation.exact import seen_points
-from posefuse.simulation.props import CharucoBoard, StillPath
-from posefuse.simulation.render import stage as backends
-from posefuse.simulation.render.shot import moments_of
-from posefuse.simulation.scene import Scene
-from posefuse.simulation.surroundings import RoomSettings
+from posefuse_sim import build
+from posefuse_sim.build import live_scene
+from posefuse_sim.cameras import ImageSettings, ListedCameras, PlacedCamera, SensorSettings
+from posefuse_sim.exact import seen_points
+from posefuse_sim.props import CharucoBoard, StillPath
+from posefuse_sim.render import stage as backends
+from posefuse_sim.render.shot import moments_of
+from posefuse_sim.scene import Scene
+from posefuse_sim.surroundings import RoomSettings
 
 _SPEED_MPS = 3.0
 
@@ -109,12 +109,12 @@ def test_moments_cover_the_rows_once_and_the_readout_symmetrically():
 def test_each_backend_draws_or_is_skipped_by_name(name, backend):
     code = f"""
 import numpy as np
-from posefuse.simulation.render import stage as b
-from posefuse.simulation.cameras import *
-from posefuse.simulation.build import live_scene
-from posefuse.simulation.scene import Scene
-from posefuse.simulation.session import scene_render_model
-from posefuse.simulation.render.stage import RenderStage
+from posefuse_sim.render import stage as b
+from posefuse_sim.cameras import *
+from posefuse_sim.build import live_scene
+from posefuse_sim.scene import Scene
+from posefuse_sim.session import scene_render_model
+from posefuse_sim.render.stage import RenderStage
 from posefuse.core.ideal_image import optics_of
 live = live_scene(Scene(duration_s=1, cameras=RingCameras(kind="ring", image=ImageSettings(size_px=(64, 48)))))
 stage = RenderStage(scene_render_model(live, (64, 48), {name!r}), {name!r})

@@ -9,12 +9,12 @@ import yaml
 
 from posefuse.core import ConfigError
 from posefuse.formats.truth import read_truth
-from posefuse.simulation import Scene, read_scene
-from posefuse.simulation.build import live_scene
-from posefuse.simulation.cameras import ListedCameras, PlacedCamera, RingCameras
-from posefuse.simulation.motion.settings import CirclePath, StandSettings, WalkSettings
-from posefuse.simulation.scene import PersonSettings, plain_settings
-from posefuse.simulation.surroundings import BoxOccluder, RoomSettings
+from posefuse_sim import Scene, read_scene
+from posefuse_sim.build import live_scene
+from posefuse_sim.cameras import ListedCameras, PlacedCamera, RingCameras
+from posefuse_sim.motion.settings import CirclePath, StandSettings, WalkSettings
+from posefuse_sim.scene import PersonSettings, plain_settings
+from posefuse_sim.surroundings import BoxOccluder, RoomSettings
 
 _EXAMPLES = sorted((Path(__file__).resolve().parents[2] / "examples" / "scenes").glob("*.yaml"))
 

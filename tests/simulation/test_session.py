@@ -17,17 +17,17 @@ from posefuse.formats.npz import read_arrays
 from posefuse.formats.rig import read_rig
 from posefuse.formats.truth import read_truth
 from posefuse.foundation.output_folder import MARK_FILE, find_unfinished
-from posefuse.simulation import Scene, read_scene, simulate, truth_of
-from posefuse.simulation import session as sessions
-from posefuse.simulation.build import live_scene
-from posefuse.simulation.cameras import CameraOverride, ImageSettings, RingCameras, SensorSettings
-from posefuse.simulation.motion.settings import StandSettings
-from posefuse.simulation.props import ArucoCube, CarriedPath
-from posefuse.simulation.render.stage import RenderStage
-from posefuse.simulation.scene import JpegSettings, PersonSettings, plain_settings
-from posefuse.simulation.session import body_poses, scene_render_model
-from posefuse.simulation.source import SimulatedConfig
-from posefuse.simulation.surroundings import BoxOccluder
+from posefuse_sim import Scene, read_scene, simulate, truth_of
+from posefuse_sim import session as sessions
+from posefuse_sim.build import live_scene
+from posefuse_sim.cameras import CameraOverride, ImageSettings, RingCameras, SensorSettings
+from posefuse_sim.motion.settings import StandSettings
+from posefuse_sim.props import ArucoCube, CarriedPath
+from posefuse_sim.render.stage import RenderStage
+from posefuse_sim.scene import JpegSettings, PersonSettings, plain_settings
+from posefuse_sim.session import body_poses, scene_render_model
+from posefuse_sim.source import SimulatedConfig
+from posefuse_sim.surroundings import BoxOccluder
 from posefuse.sources.images import ImagesConfig
 from posefuse.sources.video import VideoConfig
 
@@ -245,7 +245,7 @@ def test_the_estimate_of_the_size_is_near_what_is_written(demo_session):
 
 def test_a_session_holds_the_motion_it_was_made_from(tmp_path):
     """Relative files count from the scene file, and the session can be moved."""
-    from posefuse.simulation.motion.settings import RecordedSettings
+    from posefuse_sim.motion.settings import RecordedSettings
 
     (tmp_path / "walk.bvh").write_text("HIERARCHY")
     person = PersonSettings(motion=RecordedSettings(kind="bvh", file="walk.bvh"))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from posefuse.core import ConfigError
-from posefuse.simulation.cameras import SensorSettings, shots_of
+from posefuse_sim.cameras import SensorSettings, shots_of
 
 
 def _shots(seed=3, index=1, rate_hz=25.0, start_s=2.0, duration_s=40.0, **sensor):

@@ -5,7 +5,7 @@ import pytest
 
 from posefuse.core import SE3
 from posefuse.core.skeleton import ANATOMICAL23
-from posefuse.simulation.surroundings import FLESH_M, Box, BoxOccluder, ClutterOccluder, WallOccluder, boxes_of, hidden_by_shapes
+from posefuse_sim.surroundings import FLESH_M, Box, BoxOccluder, ClutterOccluder, WallOccluder, boxes_of, hidden_by_shapes
 
 _EYE = np.array([4.0, -0.3, 1.6])
 

@@ -9,11 +9,11 @@ import httpx
 import pytest
 
 from posefuse.core import InputError
-from posefuse.studio import access as rules
-from posefuse.studio.access import Access, AccessMiddleware, is_loopback, may_view
-from posefuse.studio.pages.phone import record_or_stop
-from posefuse.studio.state import Studio
-from posefuse.studio.workspace import StudioWorkspace
+from posefuse_studio import access as rules
+from posefuse_studio.access import Access, AccessMiddleware, is_loopback, may_view
+from posefuse_studio.pages.phone import record_or_stop
+from posefuse_studio.state import Studio
+from posefuse_studio.workspace import StudioWorkspace
 from tools.studio_server import TOKEN, free_port, server
 
 OWN, LOOK = "owner-of-the-tests", "viewer-of-the-tests"

@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 
-from posefuse.studio import app
-from posefuse.studio.access import Access
-from posefuse.studio.pages import PAGES
-from posefuse.studio.state import Studio
-from posefuse.studio.workspace import StudioWorkspace
+from posefuse_studio import app
+from posefuse_studio.access import Access
+from posefuse_studio.pages import PAGES
+from posefuse_studio.state import Studio
+from posefuse_studio.workspace import StudioWorkspace
 from tools.studio_server import TOKEN, free_port, server, stand_in
 
 pytestmark = pytest.mark.slow

@@ -19,7 +19,7 @@ from posefuse.calibration.targets.coverage import ENOUGH_TOGETHER, TargetCoverag
 from posefuse.calibration.targets.kinds import Charuco, read_target, write_target
 from posefuse.core import CalibrationError, InputError
 from posefuse.formats.video import VideoWriter
-from posefuse.studio.calibrations import (
+from posefuse_studio.calibrations import (
     LENSES,
     RIG,
     Known,
@@ -36,13 +36,13 @@ from posefuse.studio.calibrations import (
     save_project,
     step_light,
 )
-from posefuse.studio.camera_graph import graph_svg, graph_words, links
-from posefuse.studio.guiding import NEAR_FAR, advice_for, enough_for, near_far_of, size_of
-from posefuse.studio.jobs import write_json
-from posefuse.studio.refusal_pictures import refusal_pictures
-from posefuse.studio.targets import check_target, print_board, print_cube, targets
-from posefuse.studio.work import calibrate
-from posefuse.studio.workspace import StudioWorkspace
+from posefuse_studio.camera_graph import graph_svg, graph_words, links
+from posefuse_studio.guiding import NEAR_FAR, advice_for, enough_for, near_far_of, size_of
+from posefuse_studio.jobs import write_json
+from posefuse_studio.refusal_pictures import refusal_pictures
+from posefuse_studio.targets import check_target, print_board, print_cube, targets
+from posefuse_studio.work import calibrate
+from posefuse_studio.workspace import StudioWorkspace
 
 BARE = Project(name="room", setup="webcams")
 READY = replace(BARE, cube="targets/cube.toml", board="targets/board.toml")

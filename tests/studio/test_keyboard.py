@@ -8,10 +8,10 @@ import pytest
 from small_session import saved_session
 
 from posefuse.core import Rig
-from posefuse.studio.calibrations import Project, save_project
-from posefuse.studio.jobs import write_json
-from posefuse.studio.setups import Setup, save_setup
-from posefuse.studio.workspace import StudioWorkspace
+from posefuse_studio.calibrations import Project, save_project
+from posefuse_studio.jobs import write_json
+from posefuse_studio.setups import Setup, save_setup
+from posefuse_studio.workspace import StudioWorkspace
 from tools.studio_server import free_port, server, stand_in
 
 pytestmark = pytest.mark.slow

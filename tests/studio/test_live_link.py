@@ -10,15 +10,15 @@ from typing import Any, ClassVar
 
 import pytest
 
-from posefuse.studio import live_host, live_link
-from posefuse.studio.access import Access
-from posefuse.studio.jobs import Job
-from posefuse.studio.live_host import Host
-from posefuse.studio.live_link import LiveLink
-from posefuse.studio.private_files import SessionAddress
-from posefuse.studio.session_messages import LIVE, WATCH, DamagedMessage, packed_request, packed_status, unpacked_status
-from posefuse.studio.state import Studio
-from posefuse.studio.workspace import StudioWorkspace
+from posefuse_studio import live_host, live_link
+from posefuse_studio.access import Access
+from posefuse_studio.jobs import Job
+from posefuse_studio.live_host import Host
+from posefuse_studio.live_link import LiveLink
+from posefuse_studio.private_files import SessionAddress
+from posefuse_studio.session_messages import LIVE, WATCH, DamagedMessage, packed_request, packed_status, unpacked_status
+from posefuse_studio.state import Studio
+from posefuse_studio.workspace import StudioWorkspace
 
 STATUS: dict[str, Any] = {
     "cameras": {}, "sizes": {}, "outputs": {}, "wanted": {}, "people": [], "names": {}, "person": None, "plots": [],

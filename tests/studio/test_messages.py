@@ -6,7 +6,7 @@ import struct
 import numpy as np
 import pytest
 
-from posefuse.studio.scene.messages import (
+from posefuse_studio.scene.messages import (
     HEADER,
     ellipsoid_factors,
     image_message,

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from posefuse.studio import private_files
-from posefuse.studio.job_process import JobReporter
-from posefuse.studio.jobs import JOBS_FOLDER, Jobs
-from posefuse.studio.private_files import SessionAddress, private_folder, read_address, read_own, write_address, write_own
-from posefuse.studio.workspace import StudioWorkspace
+from posefuse_studio import private_files
+from posefuse_studio.job_process import JobReporter
+from posefuse_studio.jobs import JOBS_FOLDER, Jobs
+from posefuse_studio.private_files import SessionAddress, private_folder, read_address, read_own, write_address, write_own
+from posefuse_studio.workspace import StudioWorkspace
 
 ADDRESS = SessionAddress(port=4711, key=bytes(range(32)))
 

@@ -15,7 +15,7 @@ from small_session import COUNT, PERIOD_NS, SIZE_WH, grey, saved_session
 
 import posefuse as pf
 from posefuse.core import ConfigError, Rig
-from posefuse.evaluation.rig_plan import (
+from posefuse_sim.rig_plan import (
     camera_of,
     first_plan,
     free_camera_name,
@@ -28,16 +28,16 @@ from posefuse.evaluation.rig_plan import (
 from posefuse.formats.video import VideoWriter
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.pipeline.edits import Exclusion
-from posefuse.simulation.cameras import PlacedCamera, placed_cameras
-from posefuse.simulation.scene import Scene, check_scene, plain_settings, read_scene, scene_text
-from posefuse.studio.plan_view import RoomMap, cameras_svg, error_map_data_url, nearest_camera
-from posefuse.studio.player import ResultPlayer, open_recording
-from posefuse.studio.recording_files import add_routes
-from posefuse.studio.scene.messages import IMAGE, POSES
-from posefuse.studio.streams import Stream
-from posefuse.studio.timeline import Curve, Span, cursor, picture
-from posefuse.studio.work import recordings
-from posefuse.studio.workspace import StudioWorkspace
+from posefuse_sim.cameras import PlacedCamera, placed_cameras
+from posefuse_sim.scene import Scene, check_scene, plain_settings, read_scene, scene_text
+from posefuse_studio.plan_view import RoomMap, cameras_svg, error_map_data_url, nearest_camera
+from posefuse_studio.player import ResultPlayer, open_recording
+from posefuse_studio.recording_files import add_routes
+from posefuse_studio.scene.messages import IMAGE, POSES
+from posefuse_studio.streams import Stream
+from posefuse_studio.timeline import Curve, Span, cursor, picture
+from posefuse_studio.work import recordings
+from posefuse_studio.workspace import StudioWorkspace
 
 
 @pytest.fixture
@@ -132,7 +132,7 @@ def test_a_kept_plan_is_a_scene_file_that_can_be_rendered(tmp_path: Path) -> Non
     read = read_scene(tmp_path / "plan.yaml")
     assert read == scene == settings_from_mapping(plain_settings(scene), Scene, where="plan")
     check_scene(read)
-    from posefuse.simulation.build import live_scene
+    from posefuse_sim.build import live_scene
 
     live_scene(read)  # cameras inside the room, no person walks through a wall or a camera
 

@@ -8,8 +8,8 @@ import pytest
 
 from posefuse.calibration.targets.kinds import Charuco, Markers, read_target
 from posefuse.core import InputError
-from posefuse.studio.focus import detail_left, focus_warning
-from posefuse.studio.setups import (
+from posefuse_studio.focus import detail_left, focus_warning
+from posefuse_studio.setups import (
     DEMO,
     Setup,
     delete_setup,
@@ -20,8 +20,8 @@ from posefuse.studio.setups import (
     setups,
     source_text,
 )
-from posefuse.studio.targets import print_board, print_cube, targets, without_floor
-from posefuse.studio.workspace import StudioWorkspace
+from posefuse_studio.targets import print_board, print_cube, targets, without_floor
+from posefuse_studio.workspace import StudioWorkspace
 
 CAMERAS = {"left": "usb:/dev/video0", "right": "rtsp://camera/stream"}
 

@@ -6,11 +6,11 @@ from typing import Any
 import pytest
 
 from posefuse.core import InputError
-from posefuse.studio import jobs as jobs_module
-from posefuse.studio.jobs import Jobs
-from posefuse.studio.pages.live import start_session
-from posefuse.studio.session_messages import LIVE, WATCH
-from posefuse.studio.workspace import StudioWorkspace
+from posefuse_studio import jobs as jobs_module
+from posefuse_studio.jobs import Jobs
+from posefuse_studio.pages.live import start_session
+from posefuse_studio.session_messages import LIVE, WATCH
+from posefuse_studio.workspace import StudioWorkspace
 
 
 class Idle:

@@ -4,8 +4,8 @@ import asyncio
 from types import SimpleNamespace
 from typing import Any
 
-from posefuse.studio.streams import Stream
-from posefuse.studio.work.live import nearest_pose
+from posefuse_studio.streams import Stream
+from posefuse_studio.work.live import nearest_pose
 
 
 class Page:

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from posefuse.studio.work import watch
+from posefuse_studio.work import watch
 
 SOON_S = 0.2
 

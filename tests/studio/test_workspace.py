@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from posefuse.core import InputError
-from posefuse.studio.setups import Setup, inputs_of_setup, save_setup, setup_named
-from posefuse.studio.workspace import StudioWorkspace, check_name, recording_place
+from posefuse_studio.setups import Setup, inputs_of_setup, save_setup, setup_named
+from posefuse_studio.workspace import StudioWorkspace, check_name, recording_place
 
 
 @pytest.fixture

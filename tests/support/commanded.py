@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from posefuse.teleoperation.follower import Follower, as_vector, standing
-from posefuse.teleoperation.limits import Motion
+from posefuse_teleop.follower import Follower, as_vector, standing
+from posefuse_teleop.limits import Motion
 
 
 def commanded(xyz, wxyz, velocity=(0.0, 0.0, 0.0), turn_rate=(0.0, 0.0, 0.0), *, brakes=False) -> Follower:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from posefuse.core import SE3, Camera
-from posefuse.simulation.gazebo.world import CAM_FROM_LINK, CENTRE_PX
+from posefuse_sim.gazebo.world import CAM_FROM_LINK, CENTRE_PX
 
 
 def camera_from_gazebo(

@@ -13,11 +13,11 @@ from pathlib import Path
 sys.path.append(sys.argv[1])
 
 from posefuse.core import PosefuseError
-from posefuse.teleoperation.follower import as_vector, standing
-from posefuse.teleoperation.limits import Motion
-from posefuse.teleoperation.ros import RosPlan
-from posefuse.teleoperation.ros_robot import open_ros_robot
-from posefuse.teleoperation.settings import RobotSettings, TeleoperationSettings
+from posefuse_teleop.follower import as_vector, standing
+from posefuse_teleop.limits import Motion
+from posefuse_teleop.ros import RosPlan
+from posefuse_teleop.ros_robot import open_ros_robot
+from posefuse_teleop.settings import RobotSettings, TeleoperationSettings
 
 command, model = sys.argv[2], Path(sys.argv[3])
 plan = RosPlan(version=1, cmd_vel="/cmd_vel", stamped=False)

@@ -12,7 +12,7 @@ import pytest
 
 from bench.rehearsal.person import person_view
 from posefuse.core import ConfigError, SourceError
-from posefuse.teleoperation.switches import GestureSwitch, JoystickSwitch, KeySwitch, WebSwitch, open_deadman
+from posefuse_teleop.switches import GestureSwitch, JoystickSwitch, KeySwitch, WebSwitch, open_deadman
 
 NOW_NS = 10**12
 

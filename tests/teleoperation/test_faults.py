@@ -7,8 +7,8 @@ import pytest
 from bench.rehearsal.faults import FAULTS, engaged_world, run_many, run_sequence, tick
 from bench.rehearsal.robots import STANDS
 from bench.rehearsal.world import settings_for
-from posefuse.teleoperation import gate
-from posefuse.teleoperation.values import Phase
+from posefuse_teleop import gate
+from posefuse_teleop.values import Phase
 
 SETTINGS = settings_for("point", roomy=False)
 # the full number is a bench: python bench/teleoperation.py faults --robot NAME

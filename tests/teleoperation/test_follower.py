@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from bench.rehearsal.robots import ExactRobot
-from posefuse.teleoperation.follower import Driver
-from posefuse.teleoperation.settings import TeleoperationSettings
-from posefuse.teleoperation.values import Order, Phase
+from posefuse_teleop.follower import Driver
+from posefuse_teleop.settings import TeleoperationSettings
+from posefuse_teleop.values import Order, Phase
 
 SETTINGS = TeleoperationSettings()
 TICK_NS = 10_000_000

@@ -8,12 +8,12 @@ import pytest
 
 from bench.rehearsal.person import person_view
 from bench.rehearsal.robots import ExactRobot
-from posefuse.teleoperation.follower import Driver
-from posefuse.teleoperation.gate import Beat
-from posefuse.teleoperation.hands import BODY
-from posefuse.teleoperation.session import Operator, OperatorNews, step_operator
-from posefuse.teleoperation.settings import TeleoperationSettings
-from posefuse.teleoperation.values import CameraReport, Phase
+from posefuse_teleop.follower import Driver
+from posefuse_teleop.gate import Beat
+from posefuse_teleop.hands import BODY
+from posefuse_teleop.session import Operator, OperatorNews, step_operator
+from posefuse_teleop.settings import TeleoperationSettings
+from posefuse_teleop.values import CameraReport, Phase
 
 SETTINGS = TeleoperationSettings()
 HAND = np.array([0.3, -0.25, 1.1])

@@ -11,10 +11,10 @@ pytest.importorskip("daqp")
 import mujoco
 
 from posefuse.core import ConfigError
-from posefuse.teleoperation.follower import Driver
-from posefuse.teleoperation.mujoco_robot import MujocoRobot, mujoco_model
-from posefuse.teleoperation.settings import LimitSettings, RobotSettings, TeleoperationSettings
-from posefuse.teleoperation.values import Order, Phase
+from posefuse_teleop.follower import Driver
+from posefuse_teleop.mujoco_robot import MujocoRobot, mujoco_model
+from posefuse_teleop.settings import LimitSettings, RobotSettings, TeleoperationSettings
+from posefuse_teleop.values import Order, Phase
 
 DT_S, TICK_NS = 0.01, 10_000_000
 LIMITS = LimitSettings()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from posefuse.teleoperation.limits import Bounds, Motion, brake, follow, norm
+from posefuse_teleop.limits import Bounds, Motion, brake, follow, norm
 
 DT_S = 0.01
 BOUNDS = Bounds(speed=0.5, acceleration=2.5, jerk=60.0, low=(-0.3, -0.2, -0.1), high=(0.3, 0.2, 0.15))

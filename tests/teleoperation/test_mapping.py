@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from posefuse.core.se3 import SE3, wxyz_from_rotvec
-from posefuse.teleoperation.mapping import engaged, moved, rotvec_between
-from posefuse.teleoperation.settings import LimitSettings, MappingSettings
+from posefuse_teleop.mapping import engaged, moved, rotvec_between
+from posefuse_teleop.settings import LimitSettings, MappingSettings
 
 ROBOT_XYZ, ROBOT_WXYZ = np.array([[1.0, 0.5, 0.7]]), wxyz_from_rotvec(np.array([[0.3, -0.2, 0.4]]))
 HAND, FOREARM = np.array([[0.3, -0.2, 1.1]]), SE3.from_rotvec([0.2, 0.1, -0.3], np.zeros(3)).matrix()[None]

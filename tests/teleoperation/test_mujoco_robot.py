@@ -10,10 +10,10 @@ pytest.importorskip("mujoco")
 pytest.importorskip("daqp")
 
 from posefuse.core import ConfigError
-from posefuse.teleoperation.follower import Driver
-from posefuse.teleoperation.mujoco_robot import MujocoRobot, mobile_manipulator, mujoco_model, placed
-from posefuse.teleoperation.settings import LimitSettings, TeleoperationSettings
-from posefuse.teleoperation.values import Order, Phase
+from posefuse_teleop.follower import Driver
+from posefuse_teleop.mujoco_robot import MujocoRobot, mobile_manipulator, mujoco_model, placed
+from posefuse_teleop.settings import LimitSettings, TeleoperationSettings
+from posefuse_teleop.values import Order, Phase
 
 LIMITS = LimitSettings()
 DT_S = 0.01

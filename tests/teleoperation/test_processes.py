@@ -12,9 +12,9 @@ pytest.importorskip("mujoco")
 pytest.importorskip("daqp")
 
 from posefuse.core import ConfigError, SourceError
-from posefuse.teleoperation.process import RobotLink, RobotPlan
-from posefuse.teleoperation.settings import TeleoperationSettings
-from posefuse.teleoperation.values import Order, Phase
+from posefuse_teleop.process import RobotLink, RobotPlan
+from posefuse_teleop.settings import TeleoperationSettings
+from posefuse_teleop.values import Order, Phase
 
 PLAN = RobotPlan(settings=TeleoperationSettings())
 

@@ -16,7 +16,7 @@ from posefuse.core import MessageError
 from posefuse.messages.messages import header
 from posefuse.messages.ros1 import ros1_bytes, ros2_message
 from posefuse.messages.types import encode, message
-from posefuse.teleoperation.mujoco_robot import ARM_HOME_RAD, mobile_manipulator
+from posefuse_teleop.mujoco_robot import ARM_HOME_RAD, mobile_manipulator
 
 HERE = Path(__file__).parent
 JOINTS = {f"right_j{i + 1}": q for i, q in enumerate(ARM_HOME_RAD)}

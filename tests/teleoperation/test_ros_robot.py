@@ -19,10 +19,10 @@ from posefuse.messages.dds_domain import Network
 from posefuse.messages.messages import header
 from posefuse.messages.topics import TF, Topic
 from posefuse.messages.types import decode, message
-from posefuse.teleoperation.mujoco_robot import ARM_HOME_RAD, mobile_manipulator
-from posefuse.teleoperation.ros import NAMESPACE, Reporter, RosPlan
-from posefuse.teleoperation.ros_robot import JOINT_STATES, open_ros_robot
-from posefuse.teleoperation.settings import RobotSettings, TeleoperationSettings
+from posefuse_teleop.mujoco_robot import ARM_HOME_RAD, mobile_manipulator
+from posefuse_teleop.ros import NAMESPACE, Reporter, RosPlan
+from posefuse_teleop.ros_robot import JOINT_STATES, open_ros_robot
+from posefuse_teleop.settings import RobotSettings, TeleoperationSettings
 
 PLAN = RosPlan(network=Network(domain_id=own_domain(), local_only=True), cmd_vel="/cmd_vel")
 SETTINGS = TeleoperationSettings(robot=RobotSettings(position_xy_m=(2.0, 0.0), heading_deg=90.0))

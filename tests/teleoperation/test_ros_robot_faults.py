@@ -18,11 +18,11 @@ from posefuse.messages.frames import Frames
 from posefuse.messages.messages import header
 from posefuse.messages.topics import TF, TF_STATIC
 from posefuse.messages.types import encode, message
-from posefuse.teleoperation import process, ros_robot
-from posefuse.teleoperation.mujoco_robot import ARM_HOME_RAD
-from posefuse.teleoperation.ros import RosPlan
-from posefuse.teleoperation.ros_robot import JOINT_STATES, RosCartesian, RosJoints
-from posefuse.teleoperation.settings import LimitSettings, TeleoperationSettings
+from posefuse_teleop import process, ros_robot
+from posefuse_teleop.mujoco_robot import ARM_HOME_RAD
+from posefuse_teleop.ros import RosPlan
+from posefuse_teleop.ros_robot import JOINT_STATES, RosCartesian, RosJoints
+from posefuse_teleop.settings import LimitSettings, TeleoperationSettings
 
 DT_S = 0.01
 PLAN = RosPlan(cmd_vel="/cmd_vel")
@@ -220,8 +220,8 @@ def jointed(clock):
     """A mobile manipulator whose arm is driven in its joints."""
     pytest.importorskip("mujoco")
     pytest.importorskip("daqp")
-    from posefuse.teleoperation.kinematics import Chain
-    from posefuse.teleoperation.mujoco_robot import mujoco_model
+    from posefuse_teleop.kinematics import Chain
+    from posefuse_teleop.mujoco_robot import mujoco_model
 
     node = Node()
     chain = Chain(mujoco_model(None, ("right",)), ("right_hand",), LimitSettings().collision_m)

@@ -12,7 +12,7 @@ pytest.importorskip("mujoco")
 
 from bench.rehearsal.faults import engaged_world, tick
 from bench.rehearsal.world import settings_for
-from posefuse.teleoperation.scene_view import SceneView, _xyzw_from_z
+from posefuse_teleop.scene_view import SceneView, _xyzw_from_z
 
 
 def test_operator_robot_box_and_keep_out_are_shown(tmp_path):

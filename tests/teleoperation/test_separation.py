@@ -8,9 +8,9 @@ import pytest
 
 from bench.rehearsal.person import person_view
 from posefuse.core import SKELETONS
-from posefuse.teleoperation.hands import BODY, BONES, operator_view
-from posefuse.teleoperation.separation import OperatorBody, distances_to_segments, remembered, separation_m, speed_share
-from posefuse.teleoperation.settings import SeparationSettings
+from posefuse_teleop.hands import BODY, BONES, operator_view
+from posefuse_teleop.separation import OperatorBody, distances_to_segments, remembered, separation_m, speed_share
+from posefuse_teleop.settings import SeparationSettings
 
 EXACT = SeparationSettings(sigmas=0.0, approach_mps=0.0)
 HAND = np.array([0.3, -0.25, 1.1])

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from posefuse.teleoperation.session import run_control_loop
-from posefuse.teleoperation.settings import TeleoperationSettings
-from posefuse.teleoperation.switches import Pressed
-from posefuse.teleoperation.values import RobotState
+from posefuse_teleop.session import run_control_loop
+from posefuse_teleop.settings import TeleoperationSettings
+from posefuse_teleop.switches import Pressed
+from posefuse_teleop.values import RobotState
 
 MS = 1_000_000
 STILL = RobotState(

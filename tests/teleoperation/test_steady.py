@@ -7,7 +7,7 @@ import pytest
 
 from bench.rehearsal.figures import jitter_m, lag_and_rms
 from bench.rehearsal.person import person_view, sine
-from posefuse.teleoperation.mapping import steadied
+from posefuse_teleop.mapping import steadied
 
 RATE_HZ, T0 = 100.0, 10**12
 TURN = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]

@@ -231,7 +231,7 @@ def _models() -> list[MachineCheck]:
 
 def _rendering() -> list[MachineCheck]:
     from posefuse.core import DependencyError
-    from posefuse.simulation.render.stage import working_backend
+    from posefuse_sim.render.stage import working_backend
 
     name = "rendering (simulator)"
     try:

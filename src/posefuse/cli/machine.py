@@ -69,10 +69,10 @@ def studio(
         token: Ask for this token, of 16 characters or more, instead of one made at random; it is in the address that is printed.
         open_page: Open the page in the browser.
     """
-    from posefuse.studio.access import Access
-    from posefuse.studio.app import run_server
-    from posefuse.studio.state import Studio
-    from posefuse.studio.workspace import StudioWorkspace
+    from posefuse_studio.access import Access
+    from posefuse_studio.app import run_server
+    from posefuse_studio.state import Studio
+    from posefuse_studio.workspace import StudioWorkspace
 
     served = Studio.of(StudioWorkspace(workspace), Access.of(host, port, token))
     run_server(served, show=open_page, say=terminal.note)

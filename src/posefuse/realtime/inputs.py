@@ -71,13 +71,13 @@ def _entries(argument: str, rig: Rig | None, ros: Mapping[str, Any]) -> list[Liv
 
 
 def _simulated(camera: str, path: Path) -> LiveInput:
-    from posefuse.simulation.source import SimulatedConfig
+    from posefuse_sim.source import SimulatedConfig
 
     return LiveInput(camera, "sim", SimulatedConfig(path, camera), reopen=False)
 
 
 def _simulated_names(path: Path, rig: Rig | None) -> tuple[str, ...]:
-    from posefuse.simulation.source import simulated_cameras
+    from posefuse_sim.source import simulated_cameras
 
     return simulated_cameras(path) if rig is None else rig.names
 

@@ -20,7 +20,7 @@ from posefuse.formats.detection_log import LOG_FILE
 from posefuse.formats.recording import read_recording
 from posefuse.formats.rig import write_rig
 from posefuse.pipeline.edits import Edits, Exclusion, write_edits
-from posefuse.simulation.cameras import looking_at
+from posefuse_sim.cameras import looking_at
 
 HERE = Path(__file__).parent
 

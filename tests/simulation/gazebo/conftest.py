@@ -10,15 +10,15 @@ from pathlib import Path
 
 import pytest
 
-from posefuse.simulation import Scene
-from posefuse.simulation.build import LiveScene, live_scene
-from posefuse.simulation.cameras import ImageSettings, ListedCameras, PlacedCamera, SensorSettings
-from posefuse.simulation.gazebo import GazeboWorld, export_world
-from posefuse.simulation.gazebo.export import shown_scene
-from posefuse.simulation.motion.settings import CirclePath, WalkSettings
-from posefuse.simulation.props import ArucoCube, CharucoBoard, GroundTile, StillPath, WavedPath
-from posefuse.simulation.scene import PersonSettings
-from posefuse.simulation.surroundings import BoxOccluder, RoomSettings
+from posefuse_sim import Scene
+from posefuse_sim.build import LiveScene, live_scene
+from posefuse_sim.cameras import ImageSettings, ListedCameras, PlacedCamera, SensorSettings
+from posefuse_sim.gazebo import GazeboWorld, export_world
+from posefuse_sim.gazebo.export import shown_scene
+from posefuse_sim.motion.settings import CirclePath, WalkSettings
+from posefuse_sim.props import ArucoCube, CharucoBoard, GroundTile, StillPath, WavedPath
+from posefuse_sim.scene import PersonSettings
+from posefuse_sim.surroundings import BoxOccluder, RoomSettings
 
 _HERE = Path(__file__).parent
 _SCHEMAS = Path("/usr/share/sdformat12/1.9")

@@ -17,11 +17,11 @@ pytest.importorskip("cyclonedds")
 pytest.importorskip("mujoco")
 
 from posefuse.messages.bags import read_clock, read_mcap
-from posefuse.simulation.cameras import ImageSettings, RingCameras, SensorSettings
-from posefuse.simulation.gazebo import export_world
-from posefuse.simulation.motion.settings import CirclePath, WalkSettings
-from posefuse.simulation.scene import PersonSettings, Scene
-from posefuse.simulation.session import simulate
+from posefuse_sim.cameras import ImageSettings, RingCameras, SensorSettings
+from posefuse_sim.gazebo import export_world
+from posefuse_sim.motion.settings import CirclePath, WalkSettings
+from posefuse_sim.scene import PersonSettings, Scene
+from posefuse_sim.session import simulate
 
 pytestmark = [pytest.mark.slow, pytest.mark.gl]
 DOMAIN = own_domain()
@@ -90,7 +90,7 @@ def test_images_of_a_simulator_are_tracked_and_compared_by_simulation_time(tmp_p
 
 
 def test_the_scene_is_one_that_gazebo_shows_unchanged() -> None:
-    from posefuse.simulation.gazebo.export import shown_scene
+    from posefuse_sim.gazebo.export import shown_scene
 
     shown, left_out = shown_scene(SCENE)
     assert left_out == [] and shown.duration_s == SCENE.duration_s

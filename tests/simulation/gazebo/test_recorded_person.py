@@ -9,10 +9,10 @@ import posefuse as pf
 from posefuse.core import SKELETONS, PoseSequence, Recording
 from posefuse.formats.recording import write_recording
 from posefuse.formats.truth import read_truth
-from posefuse.simulation.build import live_scene
-from posefuse.simulation.gazebo.export import shown_scene
-from posefuse.simulation.motion.settings import RecordedSettings
-from posefuse.simulation.scene import PersonSettings, read_scene, write_scene
+from posefuse_sim.build import live_scene
+from posefuse_sim.gazebo.export import shown_scene
+from posefuse_sim.motion.settings import RecordedSettings
+from posefuse_sim.scene import PersonSettings, read_scene, write_scene
 
 KEYPOINTS = SKELETONS["anatomical23"]
 LEGS = KEYPOINTS.indices(["left_knee", "right_knee", "left_ankle", "right_ankle"])

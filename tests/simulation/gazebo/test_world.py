@@ -14,9 +14,9 @@ from posefuse.core import SE3, ConfigError, InputError
 from posefuse.core.ideal_image import drawn_camera
 from posefuse.formats.rig import read_rig
 from posefuse.formats.truth import read_loop, read_truth
-from posefuse.simulation.cameras import rig_from_cameras
-from posefuse.simulation.gazebo import export_world
-from posefuse.simulation.gazebo.world import pose_text, world_from_link
+from posefuse_sim.cameras import rig_from_cameras
+from posefuse_sim.gazebo import export_world
+from posefuse_sim.gazebo.world import pose_text, world_from_link
 
 
 def _camera(read):

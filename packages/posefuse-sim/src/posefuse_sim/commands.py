@@ -1,0 +1,126 @@
+"""`posefuse simulate` and `fit-noise`: scenes with exact truth, and what is fitted to them."""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+import posefuse as pf
+
+from posefuse.cli.options import Figures, Shown, count
+
+
+def simulate(
+    scene: Annotated[Path, Parameter(metavar="SCENE.yaml")],
+    /,
+    *,
+    out: Annotated[Path | None, Parameter(metavar="DIR")] = None,
+    plan: bool = False,
+    gazebo: Annotated[Path | None, Parameter(metavar="DIR")] = None,
+    release: Annotated[str, Parameter(name="--for", metavar="RELEASE")] = "harmonic",
+    force: bool = False,
+    workers: Annotated[int | None, Parameter(metavar="N"), count(1024)] = None,
+    terminal: Shown,
+) -> Figures:
+    """Render what every camera would have recorded of a scene, together with the exact truth.
+
+    Args:
+        scene: Scene file; see examples/scenes and docs/simulation.md.
+        out: Session folder; an unfinished one is resumed.
+        plan: Render nothing: show at once what the cameras cover, and the expected error there.
+        gazebo: Write the scene there as a world that Gazebo opens, with the bridge to ROS 2; see docs/gazebo.md.
+        release: Release of Gazebo: fortress, harmonic or jetty.
+        force: Render again even if DIR is finished.
+        workers: Processes that render (default: one per core).
+    """
+    from posefuse.core import InputError
+    from posefuse.foundation.summary import Facts, Heading
+
+    if (out is not None) + (gazebo is not None) + plan != 1:
+        raise InputError("expected --out DIR (videos), --gazebo DIR (a world) or --plan, one of them")
+    if plan:
+        found = pf.plan(scene)
+        terminal.show(found.summary())
+        terminal.next(f"posefuse simulate {scene} --out DIR", "a test walk, rendered, with its exact truth")
+        return found.figures
+    if gazebo is not None:
+        world = pf.gazebo_world(scene, gazebo, release=release, replace=force)
+        terminal.show(world.summary())
+        terminal.next(f"{world.folder}/launch.sh", "Gazebo and the bridge to ROS 2; docs/gazebo.md continues from there")
+        return world.figures
+    assert out is not None
+    began_s = time.perf_counter()
+    with terminal.stages() as progress:
+        folder = pf.simulate(scene, out, replace=force, processes=workers, progress=progress)
+    figures = _figures(folder, time.perf_counter() - began_s)
+    facts = {
+        "cameras": ", ".join(figures["cameras"]),
+        "people": figures["people"],
+        "frames": figures["frames"],
+        "recording": f"{figures['duration_s']:g} s, {figures['megabytes']:.1f} MB",
+        "rendered in": f"{figures['seconds']:.1f} s ({figures['frames_per_s']:.1f} frames/s)",
+        "session": str(folder),
+    }
+    terminal.show([Heading("Simulated"), Facts(facts)])
+    terminal.next(f"posefuse track {folder} --out {folder.name}-result", "the 3D skeleton, compared with the truth")
+    return figures
+
+
+def _figures(folder: Path, seconds: float) -> dict[str, Any]:
+    """Of a session that was rendered in so many seconds."""
+    from posefuse.formats.truth import read_truth
+    from posefuse_sim.scene import read_scene
+    from posefuse_sim.session import SessionPaths
+
+    paths = SessionPaths(folder)
+    truth = read_truth(paths.truth)
+    frames = sum(len(view.t_ns) for view in truth.views)
+    return {
+        "cameras": list(truth.rig.names),
+        "people": len(truth.person_id),
+        "frames": frames,
+        "duration_s": read_scene(paths.scene).duration_s,
+        "seconds": seconds,
+        "frames_per_s": frames / seconds,
+        "megabytes": sum(path.stat().st_size for path in paths.videos.rglob("*") if path.is_file()) / 1e6,
+        "out": folder,
+    }
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class FitOptions:
+    """The scenes, and what runs the network.
+
+    Attributes:
+        scenes_in: Folder for the rendered scenes; later fits use them again.
+        scenes: Scenes for the noise.
+        moving: Scenes for the joint centres; at most 16.
+        engine: What runs the network.
+    """
+
+    scenes_in: Annotated[Path, Parameter(metavar="DIR")]
+    scenes: Annotated[int, Parameter(metavar="N"), count(100)] = 24
+    moving: Annotated[int, Parameter(metavar="N"), count(100)] = 16
+    engine: Literal["openvino", "onnxruntime"] = "openvino"
+
+
+def fit_noise(card: Annotated[Path, Parameter(metavar="CARD.toml")], /, *, options: FitOptions, terminal: Shown) -> Figures:
+    """Fit noise and joint centres of your own network's model card on simulated people (an hour or more).
+
+    Args:
+        card: Model card; see docs/networks.md.
+    """
+    from posefuse_sim.fit_noise import fit_card
+
+    with terminal.stages() as progress:
+        made = fit_card(
+            card, options.scenes_in, scenes=options.scenes, moving=options.moving, engine=options.engine, progress=progress
+        )
+    terminal.show(made.summary())
+    add = [f'noise = "{made.noise_file.name}"']
+    add += [f'joint_centres = "{made.joint_centres_file.name}"'] if made.joint_centres_file else []
+    terminal.next(f"add to {card}: {'; '.join(add)}", "the fits are used from then on")
+    return made.figures

@@ -1,0 +1,307 @@
+"""A scene as a folder that Gazebo opens: world, meshes with baked motion, bridge to ROS 2, and the exact truth.
+
+DIR/world.sdf      everything that is seen, and the cameras
+DIR/meshes/        people, things, floor and walls as COLLADA, with their images
+DIR/bridge.yaml    clock, images and CameraInfo to ROS 2; DIR/launch.sh starts Gazebo and the bridge
+DIR/rig.toml       the cameras, with their lenses, as the images are after intake
+DIR/scene.yaml     every setting
+DIR/truth/         `formats.truth` at simulation times, loop.json: when the motion starts again
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from string import Template
+from typing import Any
+
+import numpy as np
+import yaml
+
+from posefuse.core import ConfigError, Rig
+from posefuse.core.arrays import Array
+from posefuse.core.ideal_image import drawn_camera
+from posefuse.core.se3 import SE3
+from posefuse.formats.collada import write_collada
+from posefuse.formats.rig import write_rig
+from posefuse.formats.truth import write_arrays, write_loop, write_truth
+from posefuse.foundation.output_folder import output_folder
+from posefuse.foundation.summary import Block, Facts, Heading, Note
+from posefuse.messages.topics import ros_name
+from posefuse_sim.build import LiveScene, live_scene
+from posefuse_sim.cameras import ListedCameras, SensorSettings, placed_cameras
+from posefuse_sim.exact import prop_truth, truth_with, visible_to_all
+from posefuse_sim.props import StillPath
+from posefuse_sim.render.model import lamp_height_m
+from posefuse_sim.render.textures import png
+from posefuse_sim.scene import Scene, motion_files, write_scene
+
+from .animation import person_actor, prop_actor, prop_mesh
+from .world import CameraSensor, Release, StillModel, release_named, room_models, world_text
+
+_COMMAND = "simulate --gazebo"
+_MESHES = "meshes"
+_EXECUTABLE = 0o755
+# at least so many time steps per second of truth: linear interpolation between them is then within 0.1 mm for an acceleration of
+# 50 m/s^2
+_TRUTH_HZ = 240.0
+# how far the animation may be from the true motion between its keys
+_MOST_BETWEEN_KEYS_M = 0.0005
+# longest animation that is baked: one minute of a walk takes about 30 MB
+_MOST_ANIMATION_S = 600.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class GazeboWorld:
+    """What was written.
+
+    Attributes:
+        folder: where. rig: the cameras. people: number of actors that are persons. loop_s: when the motion starts again.
+        keys_hz: keys per second of each animation. left_out: what of the scene Gazebo cannot show, in words.
+        release: of Gazebo that it is for.
+    """
+
+    folder: Path
+    rig: Rig
+    people: int
+    loop_s: float
+    keys_hz: tuple[float, ...]
+    left_out: tuple[str, ...]
+    release: str = "harmonic"
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """Plain values."""
+        size = sum(path.stat().st_size for path in self.folder.rglob("*") if path.is_file())
+        return {
+            "cameras": list(self.rig.names),
+            "people": self.people,
+            "loop_s": self.loop_s,
+            "keys_hz": list(self.keys_hz),
+            "megabytes": size / 1e6,
+            "out": self.folder,
+        }
+
+    def summary(self) -> list[Block]:
+        """What was written and what was left out, for people."""
+        keys = ", ".join(f"{rate:.0f}" for rate in self.keys_hz)
+        facts = {
+            "for": self.release,
+            "cameras": ", ".join(self.rig.names),
+            "people": self.people,
+            "motion": f"{self.loop_s:g} s, again and again; keys per second: {keys or 'none'}",
+            "size": f"{self.figures['megabytes']:.1f} MB",
+            "folder": str(self.folder),
+        }
+        return [*(Note(line, warning=True) for line in self.left_out), Heading("Gazebo world"), Facts(facts)]
+
+
+def export_world(
+    scene: Scene,
+    out: Path,
+    *,
+    release: str = "harmonic",
+    replace_older: bool = False,
+) -> GazeboWorld:
+    """Write a scene as a Gazebo world into the folder `out`.
+
+    Args:
+        release: of Gazebo: ``fortress``, ``harmonic`` or ``jetty``: the names of plug-ins differ.
+        replace_older: an earlier world that posefuse wrote and that is unchanged is replaced.
+
+    Raises:
+        ConfigError: the scene cannot be, or not in Gazebo. InputError: `out` holds anything else or cannot be written.
+        DependencyError: the extra ``sim`` is missing.
+    """
+    names = release_named(release)
+    shown, left_out = shown_scene(scene)
+    per_frame = int(np.ceil(_TRUTH_HZ / shown.rate_hz))
+    live = live_scene(replace(shown, rate_hz=shown.rate_hz * per_frame))
+    drawn = [drawn_camera(camera) for camera in live.rig]
+    with output_folder(out, command=_COMMAND, inputs=motion_files(scene), replace=replace_older) as made:
+        folder = made.folder
+        (folder / _MESHES).mkdir()
+        actors, keys_hz = _actors(live, shown.rate_hz, folder)
+        models = [
+            *room_models(live.scene.room, live.room_size_m, scene.seed, folder / _MESHES, _MESHES),
+            *_still_props(live, folder),
+        ]
+        topics = [ros_name(camera.name) for camera in live.rig]
+        sensors = [
+            CameraSensor(
+                camera=camera,
+                rate_hz=placed.sensor.rate_hz or shown.rate_hz,
+                noise_dn=placed.sensor.noise_dn,
+                image_topic=image_topic(topic),
+            )
+            for camera, placed, topic in zip(drawn, live.placed, topics, strict=True)
+        ]
+        text = world_text(
+            names,
+            room=live.scene.room,
+            lamp_m=lamp_height_m(live.scene.room, live.room_size_m),
+            boxes=live.boxes,
+            models=models,
+            actors=actors,
+            cameras=sensors,
+        )
+        _write(folder, WORLD_FILE, text)
+        _write(folder, BRIDGE_FILE, bridge_text(names, topics))
+        _write(folder, LAUNCH_FILE, launch_text(names))
+        (folder / LAUNCH_FILE).chmod(_EXECUTABLE)
+        write_scene(shown, folder)
+        write_rig(folder / "rig.toml", live.rig)
+        _write_truth(live, folder / "truth")
+    return GazeboWorld(
+        folder=out,
+        rig=live.rig,
+        people=len(live.people),
+        loop_s=shown.duration_s,
+        keys_hz=keys_hz,
+        left_out=tuple(left_out),
+        release=release,
+    )
+
+
+def _write(folder: Path, name: str, text: str) -> None:
+    (folder / name).write_text(text, encoding="utf-8", newline="\n")
+
+
+def _write_truth(live: LiveScene, folder: Path) -> None:
+    folder.mkdir()
+    visible = visible_to_all(live)
+    write_truth(folder / "truth.npz", truth_with(live, visible))
+    write_loop(folder, round(live.scene.duration_s * 1e9))
+    if live.props:
+        write_arrays(folder / "props.npz", prop_truth(live, visible))
+
+
+def _actors(live: LiveScene, rate_hz: float, folder: Path) -> tuple[list[tuple[str, str]], tuple[float, ...]]:
+    """Everything that moves, written: name and file of each, and its keys per second."""
+    actors, keys_hz = [], []
+    duration_s = live.scene.duration_s
+    for i, body in enumerate(live.bodies):
+        mesh, skeleton = person_actor(body, lambda t_s, i=i: live.bones(t_s)[i], duration_s, rate_hz, _MOST_BETWEEN_KEYS_M)  # type: ignore[misc]
+        actors.append((f"person{i}", _mesh_name(f"person{i}")))
+        keys_hz.append(len(skeleton.t_s) / duration_s)
+        write_collada(folder / actors[-1][1], mesh, skeleton)
+    for i, prop in enumerate(live.props):
+        if not isinstance(prop.path, StillPath):
+            _write_picture(folder, prop.name, prop.texture)
+            mesh, skeleton = prop_actor(prop, f"{prop.name}.png", _prop_poses(live, i), duration_s, rate_hz, _MOST_BETWEEN_KEYS_M)
+            actors.append((prop.name, _mesh_name(prop.name)))
+            keys_hz.append(len(skeleton.t_s) / duration_s)
+            write_collada(folder / actors[-1][1], mesh, skeleton)
+    return actors, tuple(keys_hz)
+
+
+def _prop_poses(live: LiveScene, i: int) -> Callable[[Array], Array]:
+    return lambda t_s: live.prop_poses(t_s)[i].matrix4()
+
+
+def _still_props(live: LiveScene, folder: Path) -> list[StillModel]:
+    models = []
+    for i, prop in enumerate(live.props):
+        if isinstance(prop.path, StillPath):
+            texture = _write_picture(folder, prop.name, prop.texture)
+            write_collada(folder / _mesh_name(prop.name), prop_mesh(prop, f"{prop.name}.png"))
+            pose: SE3 = live.prop_poses(np.zeros(1))[i][0]
+            models.append(StillModel(name=prop.name, mesh=_mesh_name(prop.name), texture=texture, world_from_model=pose))
+    return models
+
+
+def _mesh_name(name: str) -> str:
+    return f"{_MESHES}/{name}.dae"
+
+
+def _write_picture(folder: Path, name: str, picture: Array) -> str:
+    path = f"{_MESHES}/{name}.png"
+    (folder / path).write_bytes(png(picture))
+    return path
+
+
+def shown_scene(scene: Scene) -> tuple[Scene, list[str]]:
+    """The scene as Gazebo shows it, its time beginning at 0, and what had to be left out, in words.
+
+    Raises:
+        ConfigError: it lasts too long, or less than a millisecond.
+    """
+    duration_s = int(scene.duration_s * 1000 + 1e-6) / 1000
+    if not 0 < duration_s <= _MOST_ANIMATION_S:
+        raise ConfigError(
+            f"duration_s: expected 0.001 to {_MOST_ANIMATION_S:g} s for Gazebo, got {scene.duration_s:g} s; "
+            "the animation begins again at its end, so a shorter scene continues as well"
+        )
+    cameras, left_out = [], []
+    for camera in placed_cameras(scene.cameras):
+        rate_hz = camera.sensor.rate_hz or scene.rate_hz
+        kept = SensorSettings(rate_hz=rate_hz, noise_dn=camera.sensor.noise_dn)
+        names = _set(replace(camera.sensor, rate_hz=rate_hz), kept)
+        if names:
+            left_out.append(f"{camera.name}: {', '.join(names)}: Gazebo's cameras have no such thing; left out")
+        cameras.append(replace(camera, sensor=kept))
+    if scene.start_s:
+        left_out.append(f"start_s: simulation time begins at 0, not at {scene.start_s:g} s")
+    listed = ListedCameras(kind="list", cameras=tuple(cameras))
+    return replace(scene, cameras=listed, duration_s=duration_s, start_s=0.0), left_out
+
+
+def _set(sensor: SensorSettings, kept: SensorSettings) -> list[str]:
+    """Names of the settings that are lost from `sensor` to `kept`; how finely a shutter is drawn is none by itself."""
+    silent = ("shutter_bands", "blur_samples")
+    return [name for name, value in vars(sensor).items() if name not in silent and value != getattr(kept, name)]
+
+
+WORLD_FILE, BRIDGE_FILE, LAUNCH_FILE = "world.sdf", "bridge.yaml", "launch.sh"
+_LAUNCH = Template("""\
+#!/bin/sh
+# Starts Gazebo with this world, and the bridge that brings its images and its clock to ROS 2. Ctrl-C ends both.
+#   ./launch.sh              with Gazebo's window
+#   ./launch.sh --headless   without a screen
+cd "$$(dirname "$$0")" || exit 1
+case "$$1" in
+  "") shown="" ;;
+  --headless) shown="-s --headless-rendering" ;;
+  *) echo "usage: $$0 [--headless]" >&2; exit 2 ;;
+esac
+for program in ${program} ros2; do
+  command -v "$$program" >/dev/null || { echo "$$program: not found; see docs/gazebo.md of posefuse" >&2; exit 1; }
+done
+# shellcheck disable=SC2086
+${command} -r $$shown ${world} &
+simulator=$$!
+trap 'kill $$simulator 2>/dev/null' EXIT
+trap 'exit 130' INT TERM
+ros2 run ros_gz_bridge parameter_bridge --ros-args -p config_file:="$$PWD/${bridge}"
+""")
+
+
+def image_topic(camera_topic: str) -> str:
+    """Topic of a camera's images; Gazebo puts CameraInfo next to it."""
+    return f"/{camera_topic}/image"
+
+
+def bridge_text(release: Release, camera_topics: Sequence[str]) -> str:
+    """The configuration of `ros_gz_bridge`: clock, images and CameraInfo, from Gazebo to ROS only."""
+    topics = [("/clock", "rosgraph_msgs/msg/Clock", "Clock")]
+    for name in camera_topics:
+        topics += [(image_topic(name), "sensor_msgs/msg/Image", "Image")]
+        topics += [(f"/{name}/camera_info", "sensor_msgs/msg/CameraInfo", "CameraInfo")]
+    entries: list[dict[str, Any]] = [
+        {
+            "ros_topic_name": topic,
+            "gz_topic_name": topic,
+            "ros_type_name": ros_type,
+            "gz_type_name": release.message.format(message),
+            "direction": "GZ_TO_ROS",
+        }
+        for topic, ros_type, message in topics
+    ]
+    return yaml.safe_dump(entries, sort_keys=False)
+
+
+def launch_text(release: Release) -> str:
+    """A shell script; it is made executable."""
+    program = release.command.split()[0]
+    return _LAUNCH.substitute(program=program, command=release.command, world=WORLD_FILE, bridge=BRIDGE_FILE)

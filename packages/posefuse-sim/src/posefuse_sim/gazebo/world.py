@@ -1,0 +1,324 @@
+"""A scene as an SDF 1.9 world: light, room, occluders, things, people, cameras.
+
+**Axes.** A Gazebo camera looks along its own +X, with +Y to the left and +Z up; ours is OpenCV's (x right, y down, z forward).
+
+**Pixels.** Gazebo builds its OpenGL projection so that the pixel coordinate u of a point runs from 0 at the left *edge* of the
+image to its width at the right edge; the centre of the first pixel is at 0.5. Ours is at 0. So cx and cy of a world file, and of
+the CameraInfo that Gazebo publishes, are half a pixel more than ours (`CENTRE_PX`).
+
+**Lens.** Gazebo's renderer draws ideal pinhole images, of square or oblong pixels. A camera with a lens, or with skewed axes,
+is exported as an ideal camera wide enough for all that the lens sees (`core.ideal_image`); the intake applies the lens.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from posefuse.core import SE3, Camera, ConfigError
+from posefuse.core.arrays import Array
+from posefuse.core.errors import choices
+from posefuse.formats.collada import Mesh, Surface, write_collada
+from posefuse_sim.render import textures
+from posefuse_sim.surroundings import Box, RoomSettings
+
+SDF_VERSION = "1.9"
+WORLD = "posefuse"
+# the ambient light and the lamps of `render.model`, as shares of full brightness
+_AMBIENT, _LAMP, _FILL = 0.40, 0.48, 0.27
+_NEAR_M, _FAR_M = 0.05, 80.0
+# of simulation time; images are stamped with multiples of it
+_STEP_S = 0.001
+_GREY_LEVELS = 255
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraSensor:
+    """One camera of the world.
+
+    Attributes:
+        camera: the ideal camera that is drawn. rate_hz: frames per second of simulation time. noise_dn: standard deviation
+            of its noise in grey levels. image_topic: where its images go; CameraInfo goes next to it, to ``camera_info``.
+    """
+
+    camera: Camera
+    rate_hz: float
+    noise_dn: float
+    image_topic: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class StillModel:
+    """A textured mesh that does not move: its .dae and image, relative to the world file, and its pose."""
+
+    name: str
+    mesh: str
+    texture: str
+    world_from_model: SE3
+
+
+def world_text(
+    release: Release,
+    *,
+    room: RoomSettings,
+    lamp_m: float,
+    boxes: Sequence[Box],
+    models: Sequence[StillModel],
+    actors: Sequence[tuple[str, str]],
+    cameras: Sequence[CameraSensor],
+) -> str:
+    """The world file.
+
+    Args:
+        lamp_m: height of the lamp. actors: name and .dae of each, relative to the world file.
+    """
+    root = ElementTree.Element("sdf", version=SDF_VERSION)
+    world = _add(root, "world", name=WORLD)
+    # nothing falls or collides: time passes as fast as images are drawn, at most as fast as the clock
+    physics = _add(world, "physics", name="steps", type="ignored")
+    _add(physics, "max_step_size", _numbers(_STEP_S))
+    _add(physics, "real_time_factor", "1")
+    for system, name in (("sensors", "Sensors"), ("scene-broadcaster", "SceneBroadcaster"), ("user-commands", "UserCommands")):
+        plugin = _add(world, "plugin", filename=release.plugin.format(system), name=release.system.format(name))
+        if name == "Sensors":
+            _add(plugin, "render_engine", "ogre2")
+    _lights(world, room, lamp_m)
+    for model in models:
+        _still(world, model)
+    for i, box in enumerate(boxes):
+        _box(world, f"occluder{i}", box)
+    for name, mesh in actors:
+        _actor(world, name, mesh)
+    for sensor in cameras:
+        _camera(world, sensor)
+    ElementTree.indent(root, "  ")
+    return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def _lights(world: ElementTree.Element, room: RoomSettings, lamp_m: float) -> None:
+    scene = _add(world, "scene")
+    _add(scene, "ambient", _grey(_AMBIENT * room.brightness))
+    _add(scene, "background", "0.74 0.76 0.78 1")
+    _add(scene, "shadows", "true" if room.shadows else "false")
+    _add(scene, "grid", "false")
+    lamp = _add(world, "light", name="lamp", type="spot")
+    _add(lamp, "pose", f"0.8 -0.6 {_numbers(lamp_m)} 0 0 0")
+    _shine(lamp, _LAMP * room.brightness, room.shadows, (0.0, 0.0, -1.0))
+    reach = _add(lamp, "attenuation")
+    for name, value in (("range", "100"), ("constant", "1"), ("linear", "0"), ("quadratic", "0")):
+        _add(reach, name, value)
+    cone = _add(lamp, "spot")
+    for name, value in (("inner_angle", "1.2"), ("outer_angle", "2.16"), ("falloff", "0.5")):
+        _add(cone, name, value)
+    for i, direction in enumerate(((-0.9, 0.3, -0.35), (0.4, -0.9, -0.25))):
+        fill = _add(world, "light", name=f"fill{i}", type="directional")
+        _add(fill, "pose", "0 0 6 0 0 0")
+        _shine(fill, _FILL * room.brightness, False, direction)
+
+
+def _shine(light: ElementTree.Element, level: float, shadows: bool, direction: tuple[float, float, float]) -> None:
+    _add(light, "cast_shadows", "true" if shadows else "false")
+    _add(light, "diffuse", _grey(level))
+    _add(light, "specular", _grey(0.0))
+    _add(light, "direction", _numbers(direction))
+
+
+def _still(world: ElementTree.Element, still: StillModel) -> None:
+    visual = _static_visual(world, still.name, still.world_from_model)
+    _add(_add(_add(visual, "geometry"), "mesh"), "uri", still.mesh)
+    material = _add(visual, "material")
+    for name in ("ambient", "diffuse"):
+        _add(material, name, _grey(1.0))
+    _add(material, "specular", _grey(0.0))
+    matt = _add(_add(material, "pbr"), "metal")
+    for name, value in (("albedo_map", still.texture), ("metalness", "0"), ("roughness", "1")):
+        _add(matt, name, value)
+
+
+def _box(world: ElementTree.Element, name: str, box: Box) -> None:
+    visual = _static_visual(world, name, box.world_from_box)
+    _add(_add(_add(visual, "geometry"), "box"), "size", _numbers(2 * box.half_m))
+    material = _add(visual, "material")
+    for kind in ("ambient", "diffuse"):
+        _add(material, kind, f"{_numbers(box.colour)} 1")
+    _add(material, "specular", _grey(0.0))
+
+
+def _static_visual(world: ElementTree.Element, name: str, pose: SE3) -> ElementTree.Element:
+    model = _add(world, "model", name=name)
+    _add(model, "static", "true")
+    _add(model, "pose", pose_text(pose))
+    return _add(_add(model, "link", name="link"), "visual", name="visual")
+
+
+def _actor(world: ElementTree.Element, name: str, mesh: str) -> None:
+    actor = _add(world, "actor", name=name)
+    # no <trajectory>: with one, Gazebo puts a curve of its own in the place of the root's motion
+    _add(_add(actor, "skin"), "filename", mesh)
+    _add(_add(actor, "animation", name="motion"), "filename", mesh)
+    script = _add(actor, "script")
+    for key, value in (("loop", "true"), ("delay_start", "0"), ("auto_start", "true")):
+        _add(script, key, value)
+
+
+def _camera(world: ElementTree.Element, sensor: CameraSensor) -> None:
+    camera = sensor.camera
+    model = _add(world, "model", name=camera.name)
+    _add(model, "static", "true")
+    _add(model, "pose", pose_text(world_from_link(camera)))
+    described = _add(_add(model, "link", name="link"), "sensor", name="camera", type="camera")
+    for key, value in (("topic", sensor.image_topic), ("update_rate", _numbers(sensor.rate_hz)), ("always_on", "true")):
+        _add(described, key, value)
+    lens = _add(described, "camera")
+    _add(lens, "horizontal_fov", _numbers(2 * np.arctan(camera.size_wh[0] / 2 / camera.K[0, 0])))
+    image = _add(lens, "image")
+    for key, text in (("width", str(camera.size_wh[0])), ("height", str(camera.size_wh[1])), ("format", "R8G8B8")):
+        _add(image, key, text)
+    clip = _add(lens, "clip")
+    _add(clip, "near", _numbers(_NEAR_M))
+    _add(clip, "far", _numbers(_FAR_M))
+    if sensor.noise_dn:
+        noise = _add(lens, "noise")
+        for key, text in (("type", "gaussian"), ("mean", "0"), ("stddev", _numbers(sensor.noise_dn / _GREY_LEVELS))):
+            _add(noise, key, text)
+    intrinsics = _add(_add(lens, "lens"), "intrinsics")
+    values = {
+        "fx": camera.K[0, 0],
+        "fy": camera.K[1, 1],
+        "cx": camera.K[0, 2] + CENTRE_PX,
+        "cy": camera.K[1, 2] + CENTRE_PX,
+        "s": 0.0,
+    }
+    for key, number in values.items():
+        _add(intrinsics, key, _numbers(number))
+
+
+def pose_text(pose: SE3) -> str:
+    """``x y z roll pitch yaw`` of SDF: rotation Rz(yaw) Ry(pitch) Rx(roll), radians."""
+    r = pose.matrix()
+    across = np.hypot(r[0, 0], r[1, 0])
+    pitch = np.arctan2(-r[2, 0], across)
+    if across > 1e-9:
+        roll, yaw = np.arctan2(r[2, 1], r[2, 2]), np.arctan2(r[1, 0], r[0, 0])
+    else:
+        # looking straight up or down: roll and yaw turn about one line, and roll takes it all
+        roll, yaw = np.arctan2(-r[1, 2], r[1, 1]), 0.0
+    return f"{_numbers(pose.xyz)} {_numbers([roll, pitch, yaw])}"
+
+
+def _grey(level: float) -> str:
+    return f"{level:.6g} {level:.6g} {level:.6g} 1"
+
+
+def _add(parent: ElementTree.Element, tag: str, text: str | None = None, **attributes: str) -> ElementTree.Element:
+    child = ElementTree.SubElement(parent, tag, attributes)
+    child.text = text
+    return child
+
+
+def _numbers(values: float | Sequence[float] | Array) -> str:
+    # 15 digits: what is read back is the same to the last nanometre
+    return " ".join(f"{value:.15g}" for value in np.atleast_1d(np.asarray(values, np.float64)).ravel() + 0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Release:
+    """One release.
+
+    Attributes:
+        plugin: file name of a system plug-in, with ``{}`` for the system. system: class name, likewise.
+        message: type name of a message, likewise. command: that starts the simulator. ros: the ROS 2 release it is paired with.
+    """
+
+    plugin: str
+    system: str
+    message: str
+    command: str
+    ros: str
+
+
+_GZ = {"plugin": "gz-sim-{}-system", "system": "gz::sim::systems::{}", "message": "gz.msgs.{}", "command": "gz sim"}
+RELEASES = {
+    "fortress": Release(
+        plugin="ignition-gazebo-{}-system", system="ignition::gazebo::systems::{}", message="ignition.msgs.{}",
+        command="ign gazebo", ros="humble",
+    ),
+    "harmonic": Release(**_GZ, ros="jazzy"),
+    "jetty": Release(**_GZ, ros="rolling"),
+}  # fmt: skip
+
+
+def release_named(name: str) -> Release:
+    """The release of this name; ConfigError lists those there are."""
+    if name not in RELEASES:
+        raise ConfigError(f"gazebo: no release {name!r}; there are: {choices(RELEASES)}")
+    return RELEASES[name]
+
+
+CENTRE_PX = 0.5
+# columns: Gazebo's forward, left, up in our camera axes
+CAM_FROM_LINK = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
+
+
+def world_from_link(camera: Camera) -> SE3:
+    """Pose of a Gazebo camera that sees what `camera` sees."""
+    world_from_cam = camera.cam_from_world.inverse()
+    return SE3.from_matrix(world_from_cam.matrix() @ CAM_FROM_LINK, world_from_cam.xyz)
+
+
+_UP = np.array([0.0, 0.0, 1.0])
+
+
+def room_models(room: RoomSettings, size_m: tuple[float, float], seed: int, folder: Path, beside_world: str) -> list[StillModel]:
+    """Write floor and walls into `folder`, which the world file calls `beside_world`; the models that show them."""
+    rng = np.random.default_rng([seed, 32])
+    pictures = {"floor": (textures.floor_picture(room.floor, rng), _floor(size_m))}
+    if room.walls != "none":
+        for i, (corner, along) in enumerate(_walls(size_m)):
+            picture = textures.wall_picture(room.walls, float(np.linalg.norm(along)), room.height_m, rng)
+            pictures[f"wall{i}"] = picture, _rectangle(corner, along, room.height_m * _UP)
+    models = []
+    for name, (picture, (vertices, uv, faces)) in pictures.items():
+        (folder / f"{name}.png").write_bytes(textures.png(picture))
+        normal = np.cross(vertices[1] - vertices[0], vertices[2] - vertices[0])
+        normals = np.tile(normal / np.linalg.norm(normal), (len(vertices), 1))
+        parts = {"picture": (Surface(texture=f"{name}.png"), faces)}
+        write_collada(folder / f"{name}.dae", Mesh(vertices=vertices, normals=normals, uv=uv, parts=parts))
+        file = f"{beside_world}/{name}"
+        models.append(StillModel(name=f"room_{name}", mesh=f"{file}.dae", texture=f"{file}.png", world_from_model=SE3.identity()))
+    return models
+
+
+def _floor(size_m: tuple[float, float]) -> tuple[Array, Array, Array]:
+    """Tiles of one image each, cut off at the edge: nothing depends on how a renderer repeats images."""
+    tile = textures.FLOOR_TILE_M
+    edges = [np.concatenate([np.arange(-side / 2, side / 2 - 1e-9, tile), [side / 2]]) for side in size_m]
+    parts = []
+    for x0, x1 in zip(edges[0][:-1], edges[0][1:], strict=True):
+        for y0, y1 in zip(edges[1][:-1], edges[1][1:], strict=True):
+            vertices, uv, faces = _rectangle(np.array([x0, y0, 0.0]), np.array([x1 - x0, 0, 0]), np.array([0, y1 - y0, 0]))
+            bottom_left = np.array([0.0, 1.0])
+            parts.append((vertices, bottom_left + (uv - bottom_left) * [(x1 - x0) / tile, (y1 - y0) / tile], faces))
+    count = len(parts[0][0])
+    return (
+        np.concatenate([part[0] for part in parts]),
+        np.concatenate([part[1] for part in parts]),
+        np.concatenate([part[2] + count * i for i, part in enumerate(parts)]),
+    )
+
+
+def _walls(size_m: tuple[float, float]) -> list[tuple[Array, Array]]:
+    """Lower left corner and direction along each wall as seen from inside, in the order of `render.model`."""
+    x, y = size_m[0] / 2, size_m[1] / 2
+    corners = [np.array([*corner, 0.0]) for corner in ((x, -y), (-x, -y), (-x, y), (x, y))]
+    return [(corner, corners[(i + 1) % 4] - corner) for i, corner in enumerate(corners)]
+
+
+def _rectangle(corner: Array, right: Array, up: Array) -> tuple[Array, Array, Array]:
+    """An image of its own: vertices (4, 3), uv (4, 2) from the image's top left, faces (2, 3) seen from right x up."""
+    vertices = np.array([corner, corner + right, corner + right + up, corner + up])
+    return vertices, np.array([[0.0, 1], [1, 1], [1, 0], [0, 0]]), np.array([[0, 1, 2], [0, 2, 3]])

@@ -1,0 +1,245 @@
+"""The posture that every motion gives at each time, its two-bone limbs, and the bone transforms that follow from it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import gaussian_filter1d, maximum_filter1d
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
+
+from posefuse.core.arrays import Array
+from posefuse_sim.body import SEGMENTS, SimulatedBody, rotation_of
+
+# a limb is never asked to be straighter than this, where its plane is lost
+SIDES = ("left", "right")
+# of a relaxed arm
+EASY_PRONATION_RAD = np.deg2rad(85.0)
+_STRAIGHTEST = 1 - 1e-6
+
+
+def unit_vectors(vector: Array) -> Array:
+    """Vectors (..., 3) scaled to length 1."""
+    return np.asarray(vector / np.linalg.norm(vector, axis=-1, keepdims=True))
+
+
+def normal_part(vector: Array, along: Array) -> Array:
+    """The direction (..., 3) of what vectors have at a right angle to the unit vectors `along`."""
+    return unit_vectors(vector - np.sum(vector * along, axis=-1, keepdims=True) * along)
+
+
+def frame_along(y: Array, towards_z: Array) -> Array:
+    """(..., 3, 3) columns X, Y, Z with Y along `y` exactly and Z as near `towards_z` as that allows."""
+    y = unit_vectors(y)
+    return _frame(y, normal_part(towards_z, y))
+
+
+def lengths_m(body: SimulatedBody, side: str, limb: str) -> tuple[float, float]:
+    """Lengths of the upper and the lower segment of ``leg`` or ``arm``."""
+    names = {"leg": ("hip", "knee", "ankle"), "arm": ("shoulder", "elbow", "wrist")}[limb]
+    a, b, c = (body.points_rest[f"{side}_{name}"] for name in names)
+    return float(np.linalg.norm(b - a)), float(np.linalg.norm(c - b))
+
+
+def bend_leg(hip: Array, ankle: Array, forward: Array, lengths: tuple[float, float]) -> tuple[Array, Array]:
+    """Axes (T, 3, 3) of thigh and shank that put the ankle where it is asked; the knee bends towards `forward`.
+
+    hip, ankle, forward: (T, 3). An ankle out of reach is met along the line to it.
+    """
+    return _bent(hip, ankle, forward, lengths, knee=True)
+
+
+def bend_arm(shoulder: Array, wrist: Array, elbow_side: Array, lengths: tuple[float, float]) -> tuple[Array, Array]:
+    """Axes (T, 3, 3) of upper arm and of a forearm turned with it (pronation 0); the elbow points towards `elbow_side`."""
+    return _bent(shoulder, wrist, elbow_side, lengths, knee=False)
+
+
+def _bent(start: Array, end: Array, bulge: Array, lengths: tuple[float, float], knee: bool) -> tuple[Array, Array]:
+    upper, lower = lengths
+    line = end - start
+    distance = np.linalg.norm(line, axis=-1)
+    along = line / distance[..., None]
+    distance = np.clip(distance, abs(upper - lower) * 1.001, (upper + lower) * _STRAIGHTEST)
+    aside = normal_part(bulge, along)
+    cosine = (upper**2 + distance**2 - lower**2) / (2 * upper * distance)
+    sine = np.sqrt(np.maximum(1 - cosine**2, 0.0))
+    middle = upper * (cosine[..., None] * along + sine[..., None] * aside)
+    y_upper = -middle / upper
+    y_lower = unit_vectors(middle - distance[..., None] * along)
+    # the knee bulges forward (anterior), the elbow backward; Z = X x Y with X anterior
+    z = unit_vectors(np.cross(aside if knee else -aside, -along))
+    return _frame(y_upper, z), _frame(y_lower, z)
+
+
+def _frame(y: Array, z: Array) -> Array:
+    return np.stack([np.cross(y, z), y, z], axis=-1)
+
+
+def elevated_arm(thorax: Array, side: str, flexion: Array, adduction: Array, rotation: Array) -> Array:
+    """Upper-arm axes (T, 3, 3) from Cardan ZXY angles in radians against the thorax, mirrored on the left as at the hip."""
+    angles = np.stack(np.broadcast_arrays(flexion, adduction, rotation), axis=-1)
+    return thorax @ rotation_of(f"{side}_hip", angles)
+
+
+def forearm_and_hand(
+    body: SimulatedBody, side: str, upper_arm: Array, flexion: Array | float, pronation: Array
+) -> tuple[Array, Array]:
+    """Forearm and hand axes (T, 3, 3): an elbow angle, a pronation, and the wrist as at rest."""
+    flexion = np.broadcast_to(flexion, upper_arm.shape[:-2])
+    angles = np.stack(np.broadcast_arrays(flexion, 0.0, pronation), axis=-1)
+    forearm = upper_arm @ rotation_of(f"{side}_elbow", angles)
+    return forearm, forearm @ body.rest_rotation(f"{side}_forearm", f"{side}_hand")
+
+
+# how much of the turn from pelvis to thorax, and from thorax to head, each bone in between has made
+_SPINE = {"spine04": 0.25, "spine03": 0.5, "spine02": 0.8, "spine01": 1.0}
+_NECK = {"neck01": 0.25, "neck02": 0.5, "neck03": 0.75, "head": 1.0}
+_TOES = tuple(f"toe{i}-1" for i in range(1, 6))
+# the shoulder girdle follows the raised arm: about 1 to 5 of its elevation (Inman et al. 1944, clavicle)
+_GIRDLE_GAIN = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class BodyPosture:
+    """Body postures over time.
+
+    Attributes:
+        centre_world: (T, 3) middle of the hip centres.
+        axes_world: each of `SEGMENTS` -> (T, 3, 3) world_from_segment rotation.
+        toes_up_rad: (T, 2) left and right toes bent up from the foot.
+    """
+
+    centre_world: Array
+    axes_world: Mapping[str, Array]
+    toes_up_rad: Array
+
+
+def bones_of(body: SimulatedBody, posture: BodyPosture) -> Array:
+    """world_from_bone (T, B, 4, 4) of a posture."""
+    turn = {name: posture.axes_world[name] @ _rest_axes(body, name).T for name in SEGMENTS}
+    bones = {"root": turn["pelvis"]}
+    bones |= {bone: slerp(turn["pelvis"], turn["thorax"], part) for bone, part in _SPINE.items()}
+    bones |= {bone: slerp(turn["thorax"], turn["head"], part) for bone, part in _NECK.items()}
+    for i, (side, letter) in enumerate(_SIDES.items()):
+        limb = {part: turn[f"{side}_{part}"] for part in ("upper_arm", "forearm", "hand", "thigh", "shank", "foot")}
+        bones[f"clavicle.{letter}"] = _girdle(posture, turn["thorax"], side)
+        bones[f"upperarm01.{letter}"] = limb["upper_arm"]
+        bones[f"lowerarm01.{letter}"] = _half_twisted(body, side, limb["upper_arm"], limb["forearm"])
+        bones[f"lowerarm02.{letter}"] = limb["forearm"]
+        bones[f"wrist.{letter}"] = limb["hand"]
+        bones[f"upperleg01.{letter}"] = limb["thigh"]
+        bones[f"lowerleg01.{letter}"] = limb["shank"]
+        bones[f"foot.{letter}"] = limb["foot"]
+        foot = posture.axes_world[f"{side}_foot"]
+        up = Rotation.from_rotvec(foot[..., :, 2] * posture.toes_up_rad[:, i, None]).as_matrix()
+        bones |= {f"{toe}.{letter}": up @ limb["foot"] for toe in _TOES}
+    return body.pose(bones, posture.centre_world)
+
+
+def slerp(first: Array, second: Array, part: float) -> Array:
+    """Rotations (T, 3, 3) that have made `part` of the way from `first` to `second`, along the shortest turn."""
+    step = Rotation.from_matrix(np.swapaxes(first, -1, -2) @ second).as_rotvec() * part
+    return np.asarray(first @ Rotation.from_rotvec(step).as_matrix())
+
+
+def _rest_axes(body: SimulatedBody, segment: str) -> Array:
+    return np.asarray(body.segment_axes[SEGMENTS.index(segment)])
+
+
+def _girdle(posture: BodyPosture, thorax_turn: Array, side: str) -> Array:
+    thorax = posture.axes_world["thorax"]
+    outward = thorax[..., :, 2] * (1.0 if side == "right" else -1.0)
+    raised = thorax[..., :, 1] - posture.axes_world[f"{side}_upper_arm"][..., :, 1]
+    return np.asarray(Rotation.from_rotvec(_GIRDLE_GAIN * np.cross(outward, raised)).as_matrix() @ thorax_turn)
+
+
+def _half_twisted(body: SimulatedBody, side: str, upper: Array, lower: Array) -> Array:
+    """The elbow end of the forearm has made half the forearm's twist away from its rest twist, about the forearm's line."""
+    line_rest = _rest_axes(body, f"{side}_forearm")[:, 1]
+    relative = Rotation.from_matrix(np.swapaxes(upper, -1, -2) @ lower)
+    quaternion = relative.as_quat(canonical=True)
+    twist = 2 * np.arctan2(quaternion[..., :3] @ line_rest, quaternion[..., 3])
+    return np.asarray(lower @ Rotation.from_rotvec(-0.5 * twist[..., None] * line_rest).as_matrix())
+
+
+_SOLE_M = 0.05
+_SOFT_S = 0.12
+_TOUCHING_PERCENT = 10.0
+_BALL_ON_FLOOR_M = 0.045
+_TOES_UP_MOST_RAD = np.deg2rad(65.0)
+_SIDES = {"left": "L", "right": "R"}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Sampled:
+    """A recorded motion.
+
+    Attributes:
+        t_s: (n,) increasing, n >= 2. centre_world: (n, 3). axes_world: segment -> (n, 3, 3). toes_up_rad: (n, 2).
+        start_s: its time shown at time 0. loop: start again after the end; otherwise the first and last pose stay.
+    """
+
+    t_s: Array
+    centre_world: Array
+    axes_world: Mapping[str, Array]
+    toes_up_rad: Array
+    start_s: float
+    loop: bool
+
+    def posture(self, t_s: Array) -> BodyPosture:
+        """Postures at times (T,): rotations along the shortest turn, the pelvis along a cubic spline."""
+        first, last = self.t_s[0], self.t_s[-1]
+        at = t_s + self.start_s + first
+        at = first + np.mod(at - first, last - first) if self.loop else np.clip(at, first, last)
+        i = np.clip(np.searchsorted(self.t_s, at, side="right") - 1, 0, len(self.t_s) - 2)
+        part = ((at - self.t_s[i]) / (self.t_s[i + 1] - self.t_s[i]))[:, None]
+        axes = {}
+        for name, turns in self.axes_world.items():
+            step = Rotation.from_matrix(np.swapaxes(turns[i], -1, -2) @ turns[i + 1]).as_rotvec()
+            axes[name] = turns[i] @ Rotation.from_rotvec(part * step).as_matrix()
+        toes = self.toes_up_rad[i] + part * (self.toes_up_rad[i + 1] - self.toes_up_rad[i])
+        return BodyPosture(CubicSpline(self.t_s, self.centre_world)(at), axes, toes)
+
+
+def on_floor(body: SimulatedBody, motion: Sampled, floor_known: bool) -> Sampled:
+    """The motion raised smoothly wherever a foot would be below the floor, with toes that lie flat under a raised heel.
+
+    Without a known floor the whole motion is first shifted so that the lowest feet, most of the time, just touch it.
+    """
+    low, balls = _foot_heights_m(body, motion)
+    shift = 0.0 if floor_known else -float(np.percentile(low.min(axis=1), _TOUCHING_PERCENT))
+    step_s = float(np.median(np.diff(motion.t_s)))
+    reach = max(1, round(_SOFT_S / step_s))
+    need = maximum_filter1d(np.maximum(-(low.min(axis=1) + shift), 0.0), 4 * reach + 1, mode="nearest")
+    rise = gaussian_filter1d(need, reach / 2, mode="nearest", truncate=4.0) + shift
+    near = np.clip(1 - (balls + rise[:, None] - _BALL_ON_FLOOR_M) / _BALL_ON_FLOOR_M, 0.0, 1.0)
+    pitch = np.stack([np.arcsin(np.clip(motion.axes_world[f"{side}_foot"][:, 2, 0], -1, 1)) for side in _SIDES], axis=-1)
+    toes = near * np.clip(-pitch, 0.0, _TOES_UP_MOST_RAD)
+    return replace(motion, centre_world=motion.centre_world + np.outer(rise, [0.0, 0.0, 1.0]), toes_up_rad=toes)
+
+
+def _foot_heights_m(body: SimulatedBody, motion: Sampled) -> tuple[Array, Array]:
+    """Heights (n, 2), left and right, of the lowest point of the foot without its toes, and of the toe joints."""
+    bones = bones_of(body, BodyPosture(motion.centre_world, motion.axes_world, motion.toes_up_rad))
+    pose = body.segments(bones)
+    lowest, balls = [], []
+    for side, letter in _SIDES.items():
+        place = SEGMENTS.index(f"{side}_foot")
+        ball = np.mean([body.bone_centre[body.bone(f"toe{i}-1.{letter}")] for i in (1, 2)], axis=0)
+        points = np.vstack([_sole_points(body, letter), ball])
+        local = (points - body.segment_origin[place]) @ body.segment_axes[place]
+        heights = pose.matrix()[:, place, 2] @ local.T + pose.xyz[:, place, 2:]
+        lowest.append(heights[:, :-1].min(axis=1))
+        balls.append(heights[:, -1])
+    return np.stack(lowest, axis=-1), np.stack(balls, axis=-1)
+
+
+def _sole_points(body: SimulatedBody, letter: str) -> Array:
+    """(n, 3) corners at rest of the lower part of a foot without its toes."""
+    share = np.where(body.bone_index == body.bone(f"foot.{letter}"), body.bone_weight, 0.0).sum(axis=1)
+    points = body.vertices_rest[share > 0.5]
+    points = points[points[:, 2] < points[:, 2].min() + _SOLE_M]
+    return np.asarray(points[ConvexHull(points).vertices])

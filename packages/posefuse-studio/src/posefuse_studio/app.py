@@ -1,0 +1,175 @@
+"""The server of the pages: one process, which only serves; everything long runs elsewhere (see `jobs`)."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import html
+import os
+import signal
+import socket
+import threading
+import webbrowser
+from collections.abc import Awaitable, Callable, Iterator
+from importlib import import_module
+from types import FrameType
+from typing import Any
+
+from posefuse.core import DependencyError, InputError
+from posefuse.foundation.requests_to_end import HANG_UP, heeded
+
+from .access import AccessMiddleware
+from .private_files import private_folder, write_own
+from .state import Studio
+from .workspace import STATE_FOLDER
+
+try:
+    # it keeps nothing, but would make a folder where it is started
+    os.environ.setdefault("NICEGUI_STORAGE_PATH", str(private_folder() / "nicegui"))
+    # for the QR code
+    import segno  # noqa: F401
+    import uvicorn
+    from fastapi import FastAPI, WebSocket
+    from nicegui import app as pages_app
+    from nicegui import ui
+except ImportError as error:
+    raise DependencyError(f'studio: {error.name} is missing; install the extra: pip install "posefuse[studio]"') from None
+
+from .pages import PAGES, StudioPage
+from .recording_files import add_routes
+from .shell import shell
+
+# a browser on a machine that is busy may be silent for seconds: a page that is given up too soon loads itself again
+_RECONNECT_S = 30.0
+# to build a page, with the first look for sessions
+_BUILD_S = 20.0
+
+
+def asgi_application(studio: Studio) -> Any:
+    """The ASGI application; `access` is asked first. One per process: NiceGUI has one list of pages."""
+    for page in PAGES:
+        ui.page(page.path, title=f"{page.title} · posefuse studio", response_timeout=_BUILD_S)(_builder(studio, page))
+
+    @ui.page("/phone", title="posefuse", response_timeout=_BUILD_S)
+    async def phone() -> None:
+        await _visited(studio)
+        import_module("posefuse_studio.pages.phone").build(studio)
+
+    @pages_app.websocket("/studio/stream/{name}")
+    async def stream(websocket: WebSocket, name: str) -> None:
+        if name not in studio.streams:
+            await websocket.close(code=1008, reason="no such stream")
+            return
+        await websocket.accept()
+        # a page that goes away while something is sent to it is not worth a trace
+        with contextlib.suppress(RuntimeError):
+            await studio.streams[name].serve(websocket)
+
+    add_routes(pages_app, studio.workspace)
+
+    @pages_app.on_startup
+    def begin() -> None:
+        for link in (studio.live, studio.watch):
+            link.begin(asyncio.get_running_loop())
+
+    outer = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
+    ui.run_with(outer, title="posefuse studio", dark=None, reconnect_timeout=_RECONNECT_S, show_welcome_message=False)
+    return AccessMiddleware(outer, studio.access)
+
+
+def run_server(studio: Studio, *, show: bool, say: Callable[[str], None]) -> None:
+    """Serve until Ctrl-C.
+
+    Args:
+        show: open the page in the user's browser. say: called with lines for the terminal.
+
+    Raises:
+        InputError: the port is taken, or the address is not of this machine.
+    """
+    access = studio.access
+    listener = _listener(access.host, access.port)
+    # images are compressed already: deflating them again would cost the server a core
+    config = uvicorn.Config(
+        asgi_application(studio), log_level="error", ws_per_message_deflate=False, ws_max_size=2**20, date_header=False
+    )
+    say(f"posefuse studio: {access.address()}")
+    say(f"workspace {studio.workspace.root}; Ctrl-C ends the server, running sessions and jobs continue")
+    with listener, _opening_page(studio) if show else contextlib.nullcontext():
+        _Server(config).run(sockets=[listener])
+
+
+@contextlib.contextmanager
+def _opening_page(studio: Studio) -> Iterator[None]:
+    """Have a browser go to the studio from a file that this user alone can read: all users see the browser's command line.
+
+    It lies in the workspace, as some systems keep browsers from reading hidden folders of the user.
+    """
+    access = studio.access
+    page = studio.workspace.folder(STATE_FOLDER) / f"open-{access.port}.html"
+    write_own(page, f'<!doctype html><meta http-equiv="refresh" content="0; url={html.escape(access.address())}">')
+    threading.Timer(1.0, webbrowser.open, (page.as_uri(),)).start()
+    try:
+        yield
+    finally:
+        page.unlink(missing_ok=True)
+
+
+def _listener(host: str, port: int) -> socket.socket:
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    listener = socket.socket(family, socket.SOCK_STREAM)
+    if os.name == "posix":
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listener.bind((host.strip("[]"), port))
+    except OSError as error:
+        listener.close()
+        raise InputError(f"{host}:{port}: cannot be opened ({error.strerror}); choose another one with --host, --port") from None
+    return listener
+
+
+def _builder(studio: Studio, page: StudioPage) -> Callable[[], Awaitable[None]]:
+    async def build() -> None:
+        await _visited(studio)
+        with shell(studio, page):
+            import_module(f"posefuse_studio.pages.{page.module}").build(studio)
+
+    return build
+
+
+async def _visited(studio: Studio) -> None:
+    client = ui.context.client
+    client.on_delete(lambda: studio.left(client.id))
+    await studio.came(client.id)
+
+
+class _Server(uvicorn.Server):
+    """Waits for the end without looking ten times a second whether it has come."""
+
+    def __init__(self, config: uvicorn.Config) -> None:
+        super().__init__(config)
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._asked = asyncio.Event()
+
+    async def main_loop(self) -> None:
+        """Until it is asked to end."""
+        self._loop = asyncio.get_running_loop()
+        # what a tick prepares: the headers of every answer
+        if not await self.on_tick(0):
+            await self._asked.wait()
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """Of a closed terminal, too: what its usual handler raises would end up in whatever the server does just then."""
+        with super().capture_signals():
+            before = {number: signal.signal(number, self.handle_exit) for number in heeded([HANG_UP] if HANG_UP else [])}
+            try:
+                yield
+            finally:
+                for number, handler in before.items():
+                    signal.signal(number, handler)
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """Take a signal to end."""
+        super().handle_exit(sig, frame)
+        if self._loop is not None:
+            self._loop.call_soon_threadsafe(self._asked.set)

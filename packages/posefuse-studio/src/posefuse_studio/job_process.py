@@ -1,0 +1,139 @@
+"""The process of one job: ``python -m posefuse_studio.job_process WORKSPACE JOB``; see `jobs`."""
+
+from __future__ import annotations
+
+import _thread
+import os
+import signal
+import sys
+import threading
+import time
+import traceback
+import warnings
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import asdict, replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from posefuse.core import InputError, PosefuseError
+
+from .jobs import JOBS_FOLDER, Job, Jobs, Report, write_json
+from .private_files import SessionAddress, delete_address, write_address
+from .work import recordings
+from .workspace import StudioWorkspace
+
+_EVERY_S = 0.2
+_ALIVE_S = 1.0
+
+
+class JobReporter:
+    """A `Progress` that keeps the job's state file up to date, from a thread of its own, and notices a request to cancel.
+
+    Attributes:
+        cancelled: set when the job was asked to end; the main thread is interrupted then.
+    """
+
+    def __init__(self, workspace: StudioWorkspace, job: str) -> None:
+        self.cancelled = threading.Event()
+        self._root, self._job = workspace.root, job
+        self._folder = workspace.path(f"{JOBS_FOLDER}/{job}")
+        self._lock = threading.Lock()
+        self._report = Report(state="running", pid=os.getpid())
+        self._written: Report | None = None
+        self._written_s = 0.0
+        self._over = threading.Event()
+        self._write()
+        self._thread = threading.Thread(target=self._run, name="report", daemon=True)
+        self._thread.start()
+
+    def __call__(self, stage: str, done: int, total: int | None, message: str = "") -> None:
+        """See `Progress`."""
+        with self._lock:
+            self._report = self._report.advanced(stage, done, total, message)
+
+    def note(self, message: str) -> None:
+        """A line of news within the stage."""
+        with self._lock:
+            report = self._report
+            self._report = report.advanced(report.stage, report.done, report.total, message)
+
+    def listens(self, address: SessionAddress) -> None:
+        """Let servers of this user reach the session, until its end."""
+        write_address(self._root, self._job, address)
+
+    def end(self, **changes: Any) -> None:
+        """Write the last report."""
+        delete_address(self._root, self._job)
+        self._over.set()
+        self._thread.join()
+        with self._lock:
+            self._report = replace(self._report, **changes)
+        self._write()
+
+    def _run(self) -> None:
+        while not self._over.wait(_EVERY_S):
+            gone = not self._folder.is_dir()
+            if (gone or (self._folder / "cancel").exists()) and not self.cancelled.is_set():
+                self.cancelled.set()
+                interrupt_main_thread()
+            if gone:
+                # a workspace that was deleted: no one can ask for the result, or for the end, any more
+                return
+            if self._report != self._written or time.monotonic() - self._written_s > _ALIVE_S:
+                self._write()
+
+    def _write(self) -> None:
+        with self._lock:
+            report, self._written_s = self._report, time.monotonic()
+            self._written = report
+        # a full disk must not end the work: its next report may find room
+        with suppress(InputError, OSError):
+            write_json(self._folder / "state.json", asdict(replace(report, reported_s=time.time())))
+
+
+def run_job(workspace: StudioWorkspace, job: Job, reporter: JobReporter) -> None:
+    """Do the work and write how it ended."""
+
+    def warned(message: Warning | str, *rest: Any, **more: Any) -> None:
+        reporter.note(f"warning: {message}")
+
+    warnings.showwarning = warned
+    try:
+        work = getattr(recordings, f"{job.work}_job", None) or import_module(f"posefuse_studio.work.{job.work}").run
+        result: Mapping[str, Any] = work(job.arguments, workspace, reporter)
+        reporter.end(state="done", result=dict(result))
+    except KeyboardInterrupt:
+        reporter.end(state="cancelled", error="cancelled; what was finished is kept")
+    except PosefuseError as error:
+        reporter.end(state="failed", error=" ".join(str(error).split()))
+    except Exception as error:  # noqa: BLE001 - a bug of the work is shown on the page and kept in the log
+        traceback.print_exc()
+        reporter.end(state="failed", error=f"{type(error).__name__}: {error} (the log has the trace)")
+
+
+def interrupt_main_thread() -> None:
+    """Raise KeyboardInterrupt in the main thread, also while it waits for something."""
+    main_thread = threading.main_thread().ident
+    if hasattr(signal, "pthread_kill") and main_thread is not None:
+        # a signal wakes a thread that waits; an interrupt by the interpreter alone does not
+        signal.pthread_kill(main_thread, signal.SIGINT)
+    else:
+        _thread.interrupt_main()
+
+
+def main() -> None:
+    """Entry point."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    # an interrupt from a terminal is for the server; a job is ended by `cancel`, a machine that shuts down by SIGTERM
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    workspace = StudioWorkspace(Path(sys.argv[1]))
+    job = Jobs(workspace).job(sys.argv[2])
+    if job is None or not job.work.isidentifier():
+        raise SystemExit(f"no job {sys.argv[2]}")
+    run_job(workspace, job, JobReporter(workspace, job.id))
+
+
+if __name__ == "__main__":
+    main()

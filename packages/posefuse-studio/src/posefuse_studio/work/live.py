@@ -1,0 +1,245 @@
+"""A live session with its host, see `live_host`. Arguments: ``setup``, ``people``, ``networks``, ``rate_hz``."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+
+import posefuse as pf
+from posefuse.api.live import LiveSession
+from posefuse.core import Detections2D, JointAngles, LivePreview, Pose3D, PosefuseError, Rig, Skeleton
+from posefuse.core.arrays import Array
+from posefuse.core.joint_angles import angle_labels
+from posefuse.outputs.drawing import person_rgb
+from posefuse_studio.live_host import Host, Pace, Rates, status_pace
+from posefuse_studio.scene.messages import image_message, labels_message, poses_message, setup_message, values_message
+from posefuse_studio.scene.setup import scene_setup
+from posefuse_studio.setups import rig_of_setup, setup_named, sources_of_setup
+from posefuse_studio.workspace import POSES_FILE, StudioWorkspace, check_name
+
+IMAGES_HZ, POSES_HZ = 15.0, 40.0
+_MOST_NEWS = 30
+# more than the latency of a busy machine, at up to 100 poses a second
+_MOST_PAST = 100
+_WAIT_S = 0.1
+
+
+def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any) -> dict[str, Any]:
+    """Until it is cancelled or its sources end."""
+    setup = setup_named(workspace, str(arguments["setup"]))
+    rig = rig_of_setup(workspace, setup)
+    sources, loop_s = sources_of_setup(workspace, setup)
+    rig = rig.only([name for name in rig.names if name in sources])
+    session = pf.live(
+        rig,
+        sources,
+        people=int(arguments.get("people") or 1),
+        networks=str(arguments.get("networks") or "") or None,
+        loop_s=loop_s,
+        progress=progress,
+    )
+    shown = _Shown(session, rig, workspace, progress)
+    session.on_image = shown.image
+    progress("start", 0, None, "starting the cameras and the network")
+    try:
+        # a session has no end of its own: one that is ended has done what it was for
+        with session, suppress(KeyboardInterrupt):
+            shown.run()
+    finally:
+        shown.end()
+    return {"recordings": [name for name in shown.recordings if workspace.path(name).is_file()]}
+
+
+class _Shown:
+    """The session as pages see it."""
+
+    def __init__(self, session: LiveSession, rig: Rig, workspace: StudioWorkspace, progress: Any) -> None:
+        self._session, self._rig, self._workspace, self._progress = session, rig, workspace, progress
+        self._places = {name: number for number, name in enumerate(rig.names)}
+        self._host: Host | None = None
+        self._names: dict[int, str] = {}
+        self._refused: list[str] = []
+        self._person: int | None = None
+        self._recording: dict[str, Any] | None = None
+        self._wanted: dict[str, dict[str, Any]] = {}
+        self._rates = Rates()
+        self._begun_s = time.time()
+        self._setup_of: tuple[Skeleton, tuple[str, ...], tuple[str, ...]] | None = None
+        self._past: tuple[Pose3D, ...] = ()
+        self.recordings: list[str] = []
+
+    def run(self) -> None:
+        """Pack and report until the session ends."""
+        self._host = host = Host(self._request, self._watched)
+        self._progress.listens(host.address)
+        pose_pace, status = Pace(1 / POSES_HZ), Pace(status_pace(False))
+        t_ns = 0
+        while not self._session.ended:
+            self._session.wait_newer(t_ns, _WAIT_S)
+            newest = self._session.newest()
+            if newest is not None:
+                t_ns = newest.message.pose.t_ns
+                self._past = (*self._past[1 - _MOST_PAST :], newest.message.pose)
+                self._set_up(newest.message.pose.skeleton, newest.message.joints)
+                if host.watched and pose_pace.due():
+                    self._publish(host, newest.message.pose, newest.message.joints)
+            status.every_s = status_pace(host.watched)
+            if status.due():
+                host.status(self._status(newest.message.pose if newest else None))
+            if not host.watched:
+                # at the full output rate this loop alone would cost some per cent of a core
+                time.sleep(_WAIT_S)
+
+    def end(self) -> None:
+        """Finish a recording."""
+        self._stop_recording()
+
+    def image(self, preview: LivePreview, view: Detections2D | None) -> None:
+        """See `LiveSession.on_image`."""
+        host = self._host
+        if host is None or not host.watched:
+            return
+        camera = self._rig[preview.camera]
+        scale = np.divide(preview.size_wh, camera.size_wh)
+        seen = None if view is None else np.where(view.score[..., None] > 0, view.xy_img, np.nan) * scale
+        # the image is older than the newest pose, the more the busier the machine
+        pose = nearest_pose(self._past, preview.t_ns)
+        fused = None if pose is None or not len(pose.person_id) else camera.project(pose.xyz_world) * scale
+        message = image_message(
+            preview.t_ns / 1e9 - self._begun_s,
+            self._places[preview.camera],
+            preview.jpeg,
+            preview.size_wh,
+            detected_px=seen,
+            projected_px=fused,
+            rgba=[] if pose is None or fused is None else _colours(pose.person_id),
+        )
+        host.publish(f"image {preview.camera}", message)
+
+    def _publish(self, host: Host, pose: Pose3D, joints: JointAngles | None) -> None:
+        t_s = pose.t_ns / 1e9 - self._begun_s
+        several = len(pose.person_id) > 1
+        rgba = _colours(pose.person_id) if several else None
+        host.publish("poses", poses_message(t_s, pose.person_id, pose.xyz_world, pose.cov_world, rgba=rgba))
+        if joints is not None and len(joints.person_id):
+            ids = joints.person_id.tolist()
+            n = ids.index(self._person) if self._person in ids else 0
+            degrees: list[Array] = [np.degrees(one[0, n]).ravel() for one in (joints.angle_rad, joints.sigma_rad)]
+            host.publish("values", values_message(t_s, *degrees))
+
+    def _set_up(self, skeleton: Skeleton, joints: JointAngles | None) -> None:
+        """The scene, again whenever a camera becomes faulty or well."""
+        faulty = tuple(name for name, camera in self._session.cameras.items() if camera.state != "ok")
+        plots = plot_names(joints) if joints is not None else (self._setup_of[1] if self._setup_of else ())
+        if self._host is not None and self._setup_of != (skeleton, plots, faulty):
+            self._setup_of = skeleton, plots, faulty
+            setup = scene_setup(self._rig, skeleton, plots=plots, faulty=faulty)
+            self._host.publish("setup", setup_message(setup), keep=True)
+
+    def _status(self, pose: Pose3D | None) -> dict[str, Any]:
+        cameras = self._session.cameras
+        latencies = [one.figures["latency_p95_ms"] for one in cameras.values() if one.figures.get("latency_p95_ms", 0) > 0]
+        return {
+            "cameras": {
+                name: {
+                    "state": one.state,
+                    "text": one.text,
+                    "rate_hz": self._rates.hz(name, one.figures.get("captured", 0.0)),
+                    **one.figures,
+                }
+                for name, one in cameras.items()
+            },
+            "sizes": {camera.name: list(camera.size_wh) for camera in self._rig},
+            "outputs": {
+                name: {"state": one.state, "text": one.text, "where": one.where, "taken": one.taken}
+                for name, one in self._session.outputs.items()
+            },
+            "wanted": {name: dict(options) for name, options in self._wanted.items()},
+            "people": [] if pose is None else pose.person_id.tolist(),
+            "names": dict(self._names),
+            "person": self._person,
+            "plots": list(self._setup_of[1]) if self._setup_of else [],
+            "latency_p95_ms": max(latencies, default=float("nan")),
+            "recording": self._recording and self._recording | {"seconds": time.monotonic() - self._recording["since_s"]},
+            "news": self._session.news[-_MOST_NEWS:],
+            "refused": list(self._refused[-_MOST_NEWS:]),
+        }
+
+    def _watched(self, on: bool) -> None:
+        self._session.show_images(IMAGES_HZ if on else 0.0)
+
+    def _request(self, name: str, values: Mapping[str, Any]) -> None:
+        try:
+            if name == "output":
+                self._switch(str(values["name"]), values["options"])
+            elif name == "record":
+                self._record(str(values["name"]), poses=bool(values["poses"]), videos=bool(values["videos"]))
+            elif name == "stop_recording":
+                self._stop_recording()
+            elif name == "name":
+                self._name(int(values["person"]), str(values["text"])[:40])
+            elif name == "person":
+                self._person = int(values["person"])
+            # what was refused before has been done now, or is wanted no more
+            self._refused.clear()
+        except (PosefuseError, OSError) as error:
+            self._refused.append(f"{time.time():.0f} {error}")
+
+    def _switch(self, name: str, options: Mapping[str, Any] | None) -> None:
+        if options is None:
+            self._session.switch_off(name)
+            self._wanted.pop(name, None)
+        else:
+            self._session.switch_on(name, options)
+            self._wanted[name] = dict(options)
+
+    def _name(self, person: int, text: str) -> None:
+        self._session.name_person(person, text)
+        self._names[person] = text.strip()
+        if self._host is not None:
+            self._host.publish("labels", labels_message(self._names), keep=True)
+
+    def _record(self, name: str, *, poses: bool, videos: bool) -> None:
+        """Into a new folder, which `posefuse track` takes as a session when it has videos."""
+        from posefuse.formats.rig import write_rig
+
+        if self._recording is not None:
+            return
+        check_name(name)
+        place = self._workspace.free_name("recordings", name)
+        folder = self._workspace.folder(place)
+        write_rig(folder / "rig.toml", self._rig)
+        if poses:
+            self._session.switch_on("record", {"path": folder / POSES_FILE})
+        if videos:
+            (folder / "videos").mkdir()
+            self._session.keep_videos(folder / "videos")
+        self._recording = {"folder": place, "since_s": time.monotonic(), "poses": poses, "videos": videos}
+        self.recordings.append(f"{place}/{POSES_FILE}")
+
+    def _stop_recording(self) -> None:
+        recording, self._recording = self._recording, None
+        if recording is None or self._session.ended:
+            return
+        if recording["poses"]:
+            self._session.switch_off("record")
+        if recording["videos"]:
+            self._session.keep_videos(None)
+
+
+def nearest_pose(past: Sequence[Pose3D], t_ns: int) -> Pose3D | None:
+    """The one whose time is nearest; None where there is none."""
+    return min(past, key=lambda pose: abs(pose.t_ns - t_ns), default=None)
+
+
+def plot_names(joints: JointAngles) -> tuple[str, ...]:
+    """All angles, in the order of the values."""
+    return tuple(angle_labels(joints, " "))
+
+
+def _colours(person_id: Array) -> list[tuple[int, int, int, int]]:
+    return [(*person_rgb(int(person)), 255) for person in person_id]

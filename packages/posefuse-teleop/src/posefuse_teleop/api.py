@@ -1,0 +1,164 @@
+"""A robot that follows the operator's hand: `posefuse.teleoperate`; for its limits see docs/teleoperation.md."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from posefuse.core import ConfigError, LivePose, Progress
+
+from posefuse.api.arguments import shown
+from posefuse.api.live import LiveSession
+
+if TYPE_CHECKING:
+    from posefuse_teleop.ros import RosPlan
+    from posefuse_teleop.session import Operator, Summary
+    from posefuse_teleop.settings import TeleoperationSettings
+    from posefuse_teleop.switches import DeadMan
+    from posefuse_teleop.values import CameraReport, Order
+
+
+class SessionFeed:
+    """Poses of a live session for teleoperation (`teleoperation.session.Feed`)."""
+
+    def __init__(self, session: LiveSession) -> None:
+        self._session, self._used_ns = session, -1
+
+    @property
+    def ended(self) -> bool:
+        """Whether the session is over."""
+        return self._session.ended
+
+    def wait(self, timeout_s: float) -> None:
+        """Until there is a new pose, at most so long."""
+        self._session.wait_newer(self._used_ns, timeout_s)
+
+    def newest(self) -> tuple[LivePose, int, int] | None:
+        """See `Feed`."""
+        found = self._session.newest()
+        if found is None:
+            return None
+        self._used_ns = found.message.pose.t_ns
+        return found.message, found.t_ns, found.measured_ns
+
+    def cameras(self) -> CameraReport | None:
+        """See `Feed`."""
+        from posefuse_teleop.session import camera_report
+
+        found = self._session.newest()
+        return camera_report(dict(found.cameras), found.cameras_ns) if found is not None and found.cameras else None
+
+
+def teleoperate(
+    session: LiveSession,
+    *,
+    deadman: str | DeadMan = "web",
+    settings: TeleoperationSettings | None = None,
+    robot: str | Path = "sim",
+    frames: Sequence[str] | None = None,
+    command: str | None = None,
+    ros: RosPlan | None = None,
+    emergency_stop: bool = False,
+    view: bool = False,
+    show: str | Path | None = None,
+    scene: str | None = None,
+    record: str | Path | None = None,
+    watch: Callable[[Operator, Order | None], None] | None = None,
+    progress: Progress | bool | None = None,
+) -> Summary:
+    """Let a robot follow the operator's hand until the session ends, or Ctrl-C; no certified safety function.
+
+    Args:
+        session: from `posefuse.live`, not yet begun.
+        deadman: ``key``, ``joystick:DEVICE``, ``ros:/TOPIC``, ``web``, ``web:PORT``, ``gesture``, or a switch of your own.
+        settings: hands, mapping, gate, limits, separation, robot.
+        robot: ``sim``, our own in MuJoCo, or an MJCF file. frames: its sites, one per hand; default ``right_hand`` ...
+        command: None drives the robot in MuJoCo; ``pose``, ``twist`` or ``joints`` drives one over `ros`.
+        emergency_stop: there is one within reach; needed for a gesture that moves a robot over ROS.
+        view: open MuJoCo's viewer. show: operator, robot, workspace and keep-out in Rerun: ``spawn`` opens its viewer, anything
+            else is the .rrd file to write (extra ``viewer``).
+        scene: MJCF text instead of a file. record: .mcap of commands and states of the robot.
+        watch: is shown the operator's side and the order after every step.
+
+    Raises:
+        PosefuseError: what keeps it from beginning.
+
+    Examples:
+        >>> import posefuse as pf
+        >>> session = pf.live("rig.toml", {"cam1": "usb:0", "cam2": "usb:1"})  # doctest: +SKIP
+        >>> pf.teleoperate(session, deadman="web", robot="sim").engagements  # doctest: +SKIP
+    """
+    from posefuse.foundation.output_file import check_output_file
+    from posefuse_teleop.process import RobotLink, RobotPlan
+    from posefuse_teleop.session import run_control_loop
+    from posefuse_teleop.settings import TeleoperationSettings
+
+    settings = settings or TeleoperationSettings()
+    _check(settings, command)
+    for option, path in (("record", record), ("show", None if show == "spawn" else show)):
+        if path is not None:
+            check_output_file(Path(path), option=option)
+    sites = tuple(frames) if frames else tuple(f"{side}_hand" for side in settings.hands)
+    if len(sites) != len(settings.hands):
+        raise ConfigError(f"frames: expected one per hand ({', '.join(settings.hands)}), got {len(sites)}")
+    plan = RobotPlan(
+        settings=settings,
+        model=None if str(robot) == "sim" else Path(robot),
+        frames=sites,
+        command=command,
+        ros=ros,
+        record=Path(record).absolute() if record is not None else None,
+        view=view,
+        scene=scene,
+    )
+    with ExitStack() as stack:
+        switch = _opened(deadman, command is None or emergency_stop, ros)
+        stack.callback(switch.close)
+        watches = [watch] if watch is not None else []
+        if show is not None:
+            from posefuse_teleop.scene_view import SceneView
+
+            scene_view = SceneView(settings, str(show))
+            stack.callback(scene_view.close)
+            watches.append(scene_view)
+        link = RobotLink(plan)
+        stack.callback(link.close)
+        link.wait_ready()
+        feed = SessionFeed(stack.enter_context(session))
+        with shown(progress) as report:
+            report("teleoperation", 0, None, switch.hint)
+        return run_control_loop(feed, switch, link, settings, until=lambda: False, watch=_each(watches))
+
+
+def _each(watches: Sequence[Callable[[Operator, Order | None], None]]) -> Callable[[Operator, Order | None], None] | None:
+    if not watches:
+        return None
+
+    def watch(operator: Operator, order: Order | None) -> None:
+        for one in watches:
+            one(operator, order)
+
+    return watch
+
+
+def _opened(deadman: str | DeadMan, gesture_allowed: bool, ros: RosPlan | None) -> DeadMan:
+    from posefuse_teleop.switches import open_deadman
+
+    if not isinstance(deadman, str):
+        return deadman
+    return open_deadman(deadman, gesture_allowed=gesture_allowed, ros=ros)
+
+
+def _check(settings: TeleoperationSettings, command: str | None) -> None:
+    if not settings.hands or len(set(settings.hands)) != len(settings.hands):
+        raise ConfigError(f"hands: expected left, right or both, each once, got {settings.hands}")
+    if command not in (None, "pose", "twist", "joints"):
+        raise ConfigError(f"command: expected pose, twist or joints, got {command!r}")
+    if any(low >= high for low, high in zip(settings.limits.box_low_m, settings.limits.box_high_m, strict=True)):
+        raise ConfigError("limits.box_low_m: expected each coordinate below that of box_high_m")
+    if settings.separation.stop_m >= settings.separation.slow_m:
+        raise ConfigError("separation.stop_m: expected less than slow_m")
+    if settings.gate.slow_sigma_m >= settings.gate.hold_sigma_m:
+        raise ConfigError("gate.slow_sigma_m: expected less than hold_sigma_m")

@@ -1,0 +1,236 @@
+"""`posefuse teleoperate`: a robot follows the operator's hand."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from cyclopts import Group, Parameter
+
+import posefuse as pf
+from posefuse.core import ConfigError
+from posefuse.realtime.config import LiveConfig
+from posefuse_teleop.settings import TeleoperationSettings
+
+from posefuse.cli.live import LIVE_SETTINGS, LiveOptions, SourceOptions, TimingOptions
+from posefuse.cli.options import (
+    EXPERT,
+    OUTPUTS,
+    Figures,
+    NamedSettings,
+    Ros2Options,
+    Shown,
+    comma_numbers,
+    positive,
+    settings_options,
+)
+from posefuse.cli.terminal import Terminal
+
+if TYPE_CHECKING:
+    from posefuse_teleop.session import Operator, Summary
+    from posefuse_teleop.values import Order
+
+HAND, ROBOT, ROBOT_ROS = map(Group.create_ordered, ("Hand", "Robot", "Robot over ROS"))
+Place, Box = comma_numbers("X,Y,DEG"), comma_numbers("X0,Y0,Z0,X1,Y1,Z1")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotOptions(NamedSettings):
+    """Which hand, which robot, its position and its limits.
+
+    Attributes:
+        hand: The hand that the robot follows; both move a robot with two arms (default right).
+        deadman: key (space bar), joystick:/dev/input/js0, ros:/joy, web[:PORT] (a page with a button), gesture (the other hand
+            raised).
+        i_have_an_emergency_stop: An emergency stop of the robot is within reach: lets a gesture move a robot over ROS.
+        robot: Our own mobile manipulator, or an MJCF model with position actuators.
+        frame: Site (with --command pose or twist: tf frame) of the end effector, one per hand (default right_hand, left_hand).
+        robot_at: Where the robot's base frame stands in the world of the rig, m and degrees (default 0,0,0).
+        elsewhere: The robot is not in the operator's room: no separation is kept. Wrong for a robot that any person can reach.
+        box: Corners of the workspace of the end effector, world axes, m (default -10,-10,0.05,10,10,2).
+        speed: Speed limit of the end effector, m/s (default 0.5).
+        limits: All settings of teleoperation, see docs/teleoperation.md; an option that is given overrides the file.
+        view: Open MuJoCo's viewer.
+        view_scene: Show operator, robot, workspace and keep-out in the Rerun viewer (extra: viewer).
+        view_file: Write what that viewer would show to a file.
+        record: Record views and poses; the robot's commands and states go to FILE.robot.mcap.
+    """
+
+    hand: Annotated[Literal["right", "left", "both"] | None, Parameter(group=HAND)] = None
+    deadman: Annotated[str, Parameter(metavar="SWITCH", group=HAND)] = "key"
+    i_have_an_emergency_stop: Annotated[bool, Parameter(group=HAND)] = False
+    robot: Annotated[str, Parameter(metavar="sim|FILE.xml")] = "sim"
+    frame: Annotated[tuple[str, ...], Parameter(metavar="SITE")] = ()
+    robot_at: Annotated[tuple[float, float, float] | None, Place] = None
+    elsewhere: bool = False
+    box: Annotated[tuple[float, float, float, float, float, float] | None, Box] = None
+    speed: Annotated[float | None, Parameter(metavar="M/S"), positive(2)] = None
+    limits: Annotated[Path | None, Parameter(metavar="FILE.toml")] = None
+    view: bool = False
+    view_scene: Annotated[bool, EXPERT] = False
+    view_file: Annotated[Path | None, Parameter(metavar="FILE.rrd"), EXPERT] = None
+    record: Annotated[Path | None, Parameter(metavar="FILE.mcap", group=OUTPUTS)] = None
+
+    @property
+    def changes(self) -> dict[str, Any]:
+        """Those of options that are several settings, too."""
+        *place, heading_deg = self.robot_at or (None,)
+        both = ("right", "left") if self.hand == "both" else (self.hand,)
+        more = {
+            "hands": both if self.hand else None,
+            "robot.position_xy_m": place or None,
+            "robot.heading_deg": heading_deg,
+            "robot.shared": False if self.elsewhere else None,
+            "limits.box_low_m": self.box and self.box[:3],
+            "limits.box_high_m": self.box and self.box[3:],
+            "limits.speed_mps": self.speed,
+        }
+        return {**super().changes, **{key: value for key, value in more.items() if value is not None}}
+
+
+@Parameter(name="*", group=ROBOT_ROS)
+@dataclass(frozen=True, kw_only=True)
+class RosRobotOptions:
+    """A real robot over ROS, and what is shown there.
+
+    Attributes:
+        ros: Publish state, target, box and keep-out in ROS 2; with --command, drive a robot.
+        ros1: The same in ROS 1, at the master of ROS_MASTER_URI; the mobile base takes Twist.
+        command: What the robot is sent: target poses, velocities, or joints by our own inverse kinematics (--robot FILE.xml).
+        base_frame: tf frame that commands are given in.
+        controller: Topic of joints: trajectory_msgs/JointTrajectory, or std_msgs/Float64MultiArray where it ends in /commands.
+        cmd_vel: Topic of the mobile base.
+        cmd_vel_twist: The mobile base takes Twist (ROS 2 Humble and older), not TwistStamped.
+    """
+
+    ros: bool = False
+    ros1: Annotated[bool, EXPERT] = False
+    command: Literal["pose", "twist", "joints"] | None = None
+    base_frame: Annotated[str, Parameter(metavar="FRAME"), EXPERT] = "base_link"
+    controller: Annotated[str, Parameter(metavar="TOPIC"), EXPERT] = "/joint_trajectory_controller/joint_trajectory"
+    cmd_vel: Annotated[str, Parameter(metavar="TOPIC"), EXPERT] = ""
+    cmd_vel_twist: Annotated[bool, EXPERT] = False
+
+
+@settings_options("settings", LiveConfig, LIVE_SETTINGS, show=False)
+@settings_options(
+    "robot",
+    TeleoperationSettings,
+    {"mapping.scale": "scale", "mapping.turn_deg": "turn DEG", "mapping.orientation": "orientation"},
+    ROBOT,
+)
+def teleoperate(
+    rig: Path,
+    /,
+    *,
+    sources: SourceOptions = SourceOptions(),
+    timing: TimingOptions = TimingOptions(),
+    robot: RobotOptions = RobotOptions(),
+    ros: RosRobotOptions = RosRobotOptions(),
+    ros_2: Annotated[Ros2Options, EXPERT] = Ros2Options(),
+    settings: LiveOptions = LiveOptions(),
+    terminal: Shown,
+) -> Figures:
+    """Let a robot follow the operator's hand: simulated in MuJoCo, or over ROS. No certified safety function.
+
+    The robot moves only while the dead-man's switch is held. Runs until the time is over, the sources end, or Ctrl-C.
+
+    Args:
+        rig: Calibration file of the cameras.
+    """
+    from posefuse.messages.dds_domain import Network
+    from posefuse.pipeline.config import read_changed
+    from posefuse_teleop.ros import RosPlan
+
+    if ros.command and not (ros.ros or ros.ros1):
+        raise ConfigError(f"--command {ros.command}: needs --ros or --ros1")
+    if ros.ros and ros.ros1:
+        raise ConfigError("--ros --ros1: expected one of them")
+    if not sources.source:
+        raise ConfigError("--source: expected one per camera, e.g. --source cam1=usb:0, or --source sim:SCENE.yaml")
+    session = pf.live(
+        rig,
+        sources.source,
+        config=settings.config,
+        settings=settings.changes,
+        record=robot.record,
+        ros=ros_2.settings,
+        duration_s=timing.duration,
+        loop_s=timing.loop,
+    )
+    plan = RosPlan(
+        version=1 if ros.ros1 else 2,
+        network=Network(**ros_2.network),
+        base_frame=ros.base_frame,
+        controller=ros.controller,
+        cmd_vel=ros.cmd_vel,
+        stamped=not (ros.cmd_vel_twist or ros.ros1),
+    )
+    with terminal.stages() as report:
+        done = pf.teleoperate(
+            session,
+            deadman=robot.deadman,
+            settings=read_changed(robot.limits, robot.changes, TeleoperationSettings),
+            robot=robot.robot,
+            frames=robot.frame,
+            command=ros.command,
+            ros=plan if ros.ros or ros.ros1 else None,
+            emergency_stop=robot.i_have_an_emergency_stop,
+            view=robot.view,
+            show=robot.view_file.absolute() if robot.view_file else "spawn" if robot.view_scene else None,
+            record=robot.record.with_suffix(".robot.mcap") if robot.record else None,
+            watch=_News(terminal),
+            progress=report,
+        )
+    return _shown(done, terminal)
+
+
+class _News:
+    """A line whenever the phase or its reason changes."""
+
+    def __init__(self, terminal: Terminal) -> None:
+        self._terminal, self._last = terminal, ""
+
+    def __call__(self, operator: "Operator", order: "Order | None") -> None:
+        gate = operator.gate
+        reason = "".join("#" if c.isdigit() else c for c in gate.reason)
+        if (line := f"{gate.phase.value} {reason}") != self._last:
+            self._last = line
+            self._terminal.note(f"{gate.phase.value.upper():8} {gate.reason}")
+
+
+def _shown(done: "Summary", terminal: Terminal) -> Mapping[str, Any]:
+    import numpy as np
+
+    from posefuse.foundation.summary import Block, Facts, Heading, Note, Table
+
+    total = max(1, sum(done.ticks.values()))
+    shares = {phase: count / total for phase, count in done.ticks.items()}
+    latency = np.array(done.latency_ms)
+    p50, p95 = np.percentile(latency, [50, 95]) if len(latency) else (None, None)
+    blocks: list[Block] = [
+        Heading("time"),
+        Table(["phase", "share %"], [[phase, 100 * share] for phase, share in shares.items()]),
+    ]
+    if done.reasons:
+        rows = [[reason, count] for reason, count in done.reasons.most_common(8)]
+        blocks += [Heading("what slowed it down or held it"), Table(["reason", "steps"], rows)]
+    facts = {
+        "seconds": done.seconds,
+        "times engaged": done.engagements,
+        "mid-exposure to command, p50 ms": p50,
+        "p95 ms": p95,
+        "late control steps of the robot": done.robot_late,
+    }
+    fault = [Note(done.fault, warning=True)] if done.fault else []
+    terminal.show([*blocks, Heading("session"), Facts(facts), *fault])
+    return {
+        "phases": shares,
+        "reasons": dict(done.reasons),
+        "engagements": done.engagements,
+        "latency_p50_ms": p50,
+        "latency_p95_ms": p95,
+        "robot_late": done.robot_late,
+        "seconds": done.seconds,
+        "failed": bool(done.fault),
+    }
