@@ -20,8 +20,8 @@ from posefuse.formats.joint_centres import joint_centres_from_mapping
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import warmed_up
 from posefuse.realtime.messages import Centres
-from posefuse_sim.scene import Scene
 from posefuse.tracking.online import MOTION, LiveMotion
+from posefuse_sim.scene import Scene
 
 BEST = "blazepose_best"
 _SIDES = ("left", "right")

@@ -26,11 +26,11 @@ from posefuse.calibration.targets.detection import detect_corners
 from posefuse.calibration.targets.kinds import Markers
 from posefuse.core import Rig
 from posefuse.formats.rig import read_rig
+from posefuse.sources import VideoConfig
 from posefuse_sim import SessionPaths, simulate
 from posefuse_sim.build import live_scene
 from posefuse_sim.props import ArucoCube
 from posefuse_sim.scene import read_scene
-from posefuse.sources import VideoConfig
 
 LENS = (-0.12, 0.05, 0.001, -0.0005, 0.0)
 SECONDS = 120.0

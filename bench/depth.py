@@ -33,9 +33,9 @@ from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.formats.depth_images import DepthFolder
 from posefuse.fusion import FuseSettings, fuse
 from posefuse.pipeline.second_pass import poses_over_time
+from posefuse.tracking import LearntLengths, SmoothSettings, at_joint_centres
 from posefuse_sim.scene import Scene
 from posefuse_sim.session import SessionPaths
-from posefuse.tracking import LearntLengths, SmoothSettings, at_joint_centres
 
 RATE_HZ = 30.0
 CAMERAS = {1: (0,), 2: (0, 1), 4: (0, 1, 2, 3)}

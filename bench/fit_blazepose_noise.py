@@ -23,10 +23,10 @@ from posefuse.detection.crops import crop_from_img, square_crop
 from posefuse.detection.decode import landmarks_from_outputs
 from posefuse.detection.engines import BlazePoseNetwork
 from posefuse.detection.noise import landmark_noise_features
+from posefuse.foundation.places import default_cache_dir
 from posefuse_sim.fitting import render_everyday
 from posefuse_sim.fitting.keypoint_noise import _as_in_use as as_in_use
 from posefuse_sim.fitting.keypoint_noise import fit_log_sigma
-from posefuse.foundation.places import default_cache_dir
 from posefuse_sim.scene import read_scene
 from posefuse_sim.session import SessionPaths
 

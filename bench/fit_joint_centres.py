@@ -23,16 +23,16 @@ from scenes import walk
 from posefuse.core import JointCentres, PoseSequence, Truth
 from posefuse.core.skeleton import pick_keypoints
 from posefuse.detection.card import read_any_card
-from posefuse_sim.fitting import fit_joint_centres, render_moving
-from posefuse_sim.fitting.joint_centres import ARM, MOST_M
-from posefuse_sim.fitting.scenes import FLOORS, MOVES, RATE_HZ, SCENES_EACH, is_rendered
 from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.formats.joint_centres import joint_centres_text, read_joint_centres
-from posefuse_sim.scene import read_scene
-from posefuse_sim.session import SessionPaths
 from posefuse.tracking import to_joint_centres
 from posefuse.tracking.body_directions import HEAD, keypoint_of
 from posefuse.tracking.joint_centres import JOINTS, SIDES, joint_directions
+from posefuse_sim.fitting import fit_joint_centres, render_moving
+from posefuse_sim.fitting.joint_centres import ARM, MOST_M
+from posefuse_sim.fitting.scenes import FLOORS, MOVES, RATE_HZ, SCENES_EACH, is_rendered
+from posefuse_sim.scene import read_scene
+from posefuse_sim.session import SessionPaths
 
 Run = tuple[PoseSequence, Truth]
 PARTS = 4

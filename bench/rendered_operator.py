@@ -21,9 +21,9 @@ from posefuse.foundation.settings import settings_from_mapping
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import warmed_up
 from posefuse.realtime.messages import Centres
+from posefuse.sources.video import VideoConfig
 from posefuse_sim.scene import Scene, read_scene
 from posefuse_sim.session import SessionPaths, simulate
-from posefuse.sources.video import VideoConfig
 from posefuse_teleop.hands import operator_view
 from posefuse_teleop.values import OperatorView
 

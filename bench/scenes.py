@@ -17,9 +17,9 @@ from posefuse.core import Camera, Detections2D, Rig, Skeleton
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.fusion import FuseSettings
 from posefuse.realtime.estimator import build_fuse, build_solve
+from posefuse.tracking.online import LiveSettings, Tracker, build_tracker
 from posefuse_sim.build import live_scene
 from posefuse_sim.cameras import looking_at
-from posefuse.tracking.online import LiveSettings, Tracker, build_tracker
 
 Place = Callable[[np.ndarray], np.ndarray]
 Arrivals = list[tuple[int, Detections2D]]

@@ -17,4 +17,10 @@ if [[ ",$extras," == *,sim,* ]] && ! "${pip[@]}" show -q torch 2>/dev/null; then
     "${pip[@]}" install --quiet "$torch"
   fi
 fi
-"${pip[@]}" install --quiet --constraint constraints.txt --editable ".${extras:+[$extras]}"
+# posefuse itself, and those of packages/ that an extra names; the others without what they require, so that their tests say so
+wanted=(--editable ".${extras:+[$extras]}") others=()
+for package in packages/*; do
+  if [[ ",$extras," == *",${package#packages/posefuse-},"* ]]; then wanted+=(--editable "$package"); else others+=(--editable "$package"); fi
+done
+"${pip[@]}" install --quiet --constraint constraints.txt "${wanted[@]}"
+if [[ ",$extras," == *,dev,* && ${#others[@]} -gt 0 ]]; then "${pip[@]}" install --quiet --no-deps "${others[@]}"; fi

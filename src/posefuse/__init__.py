@@ -13,6 +13,10 @@ from .core.lazy_names import lazy_names
 __version__ = "0.2.0"
 
 if TYPE_CHECKING:
+    # from packages that an extra installs; their names say so where it is missing
+    from posefuse_sim.api import gazebo_world, plan, simulate
+    from posefuse_teleop.api import teleoperate
+
     from .api.calibrate import calibrate_clocks, calibrate_extrinsics, calibrate_intrinsics, calibrate_person, verify
     from .api.compare import compare
     from .api.detector import detector
@@ -24,9 +28,7 @@ if TYPE_CHECKING:
     from .api.record import record, resume_recording
     from .api.recording import Recording, read, recordings, view
     from .api.rig import Rig, read_rig
-    from .api.simulate import gazebo_world, plan, simulate
     from .api.targets import print_target
-    from .api.teleoperate import teleoperate
     from .api.track import batch, demo_session, solve, track
     from .core import Camera, Detections2D, Observations, Pose3D, PosefuseError, PoseSequence, Progress, Skeleton
     from .fusion import triangulate

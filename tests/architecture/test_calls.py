@@ -2,17 +2,16 @@
 
 import ast
 from dataclasses import MISSING, fields
-from pathlib import Path
 
 import pytest
 
 import posefuse.core as core
+from packages import shown, source_files
 
-SRC = Path(__file__).resolve().parents[2] / "src" / "posefuse"
 MOST = 6
 # compiled kernels take positions only, and so do these libraries
 POSITIONS_ONLY = ("kernels", "smooth_kernels", "robust", "linear", "cv2", "osim", "_mujoco")
-FILES = sorted(path for path in SRC.rglob("*.py") if "kernels" not in path.stem and "kernels" not in path.parts)
+FILES = [path for path in source_files() if "kernels" not in path.stem and "kernels" not in path.parts]
 VALUES = (
     core.Camera, core.CameraTruth, core.Detections2D, core.Frame, core.JointAngles, core.Observations, core.Pose3D,
     core.PoseSequence, core.Recording, core.Region, core.Truth, core.ViewSequence, core.Views,
@@ -27,7 +26,7 @@ def too_long(text: str) -> list[str]:
 
 
 def test_no_call_has_more_than_six_positions() -> None:
-    found = {str(path.relative_to(SRC)): too_long(path.read_text(encoding="utf-8")) for path in FILES}
+    found = {shown(path): too_long(path.read_text(encoding="utf-8")) for path in FILES}
     assert FILES and {path: calls for path, calls in found.items() if calls} == {}
 
 

@@ -18,6 +18,7 @@ import yaml
 
 import posefuse as pf
 import posefuse.api.track
+from packages import source_files
 from posefuse.cli.command_line import WrongCommandLineError, parse
 from posefuse.cli.main import COMMANDS
 from posefuse.core import ConfigError
@@ -259,7 +260,7 @@ def test_every_documented_setting_has_a_meaning() -> None:
 def test_messages_in_troubleshooting_are_those_of_the_code() -> None:
     page = (DOCS / "troubleshooting.md").read_text(encoding="utf-8")
     messages = re.findall(r"^\| `([^`]+)` \|", page, re.MULTILINE)
-    code = " ".join(path.read_text(encoding="utf-8") for path in (ROOT / "src").rglob("*.py"))
+    code = " ".join(path.read_text(encoding="utf-8") for path in source_files())
     plain = re.sub(r"\{[^{}]*\}", "2", re.sub(r'"\s*\n\s*f?"', "", code))
     assert messages
     assert not [text for text in messages if text not in plain]

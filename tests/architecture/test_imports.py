@@ -5,19 +5,25 @@ import subprocess
 import sys
 from pathlib import Path
 
-SRC = Path(__file__).resolve().parents[2] / "src" / "posefuse"
+import pytest
+
+from packages import PACKAGES, shown
+
+SRC = PACKAGES["posefuse"]
+# the rooms of the core, bottom to top
 LINES = (
     ("core",),
     ("foundation",),
     ("messages", "formats"),
-    ("sources", "detection", "association", "fusion", "tracking", "kinematics", "outputs", "simulation"),
+    ("sources", "detection", "association", "fusion", "tracking", "kinematics", "outputs"),
     ("calibration", "evaluation"),
     ("health",),
-    ("realtime", "pipeline", "teleoperation"),
+    ("realtime", "pipeline"),
     ("api",),
-    ("studio",),
     ("cli",),
 )
+# what the packages that extras install may import of this repository; the studio has a page about scenes
+MEMBERS = {"posefuse_sim": set(), "posefuse_teleop": set(), "posefuse_studio": {"posefuse_sim"}}
 LEVEL = {room: level for level, rooms in enumerate(LINES) for room in rooms}
 DATA = ("xarray", "pandas", "matplotlib")
 OPTIONAL = (
@@ -26,7 +32,7 @@ OPTIONAL = (
 SLOW = ("cv2", "numba", "openvino", "scipy", "ezc3d", "jinja2")
 
 
-# settings classes, from which options are made; then what calibrations, teleoperation and the studio still take from below
+# settings classes, from which options are made; then what calibrations still take from below
 BESIDES_API = {
     "posefuse.calibration.extrinsics.floor",
     "posefuse.calibration.report",
@@ -39,16 +45,6 @@ BESIDES_API = {
     "posefuse.messages.dds_domain",
     "posefuse.pipeline.config",
     "posefuse.realtime.config",
-    "posefuse_sim.scene",
-    "posefuse_sim.session",
-    "posefuse_studio.access",
-    "posefuse_studio.app",
-    "posefuse_studio.state",
-    "posefuse_studio.workspace",
-    "posefuse_teleop.ros",
-    "posefuse_teleop.session",
-    "posefuse_teleop.settings",
-    "posefuse_teleop.values",
 }
 
 
@@ -58,7 +54,7 @@ def room_of(path: Path) -> str:
 
 def imported_names(path: Path) -> set[str]:
     """Absolute dotted names a file imports, relative imports resolved."""
-    package = ["posefuse", *path.relative_to(SRC).parts[:-1]]
+    package = shown(path).split("/")[:-1]
     names: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
@@ -88,7 +84,41 @@ def test_imports_go_down_only() -> None:
     assert FILES and {path: rooms for path, rooms in found.items() if rooms} == {}
 
 
+def of_members(names: set[str]) -> set[str]:
+    return {name.partition(".")[0] for name in names} & set(MEMBERS)
+
+
+def test_the_core_imports_no_package_of_an_extra() -> None:
+    """But for the front door, which names their functions for type checkers."""
+    found = {shown(path): of_members(imported_names(path)) for path in FILES}
+    assert {path: names for path, names in found.items() if names} == {}
+    assert set(PACKAGES) == {"posefuse", *MEMBERS}
+
+
+def test_packages_of_extras_import_the_core_and_what_is_said_here() -> None:
+    for package, allowed in MEMBERS.items():
+        found = {shown(path): of_members(imported_names(path)) - {package} for path in PACKAGES[package].rglob("*.py")}
+        assert found and {path: names for path, names in found.items() if names - allowed} == {}
+
+
+@pytest.mark.parametrize(
+    ("words", "extra"), [("simulate a.yaml --plan", "sim"), ("studio", "studio"), ("teleoperate rig.toml", "teleop")]
+)
+def test_a_command_whose_package_is_missing_names_the_extra(words: str, extra: str) -> None:
+    code = (
+        "import sys, importlib.util as u\n"
+        "found = u.find_spec\n"
+        "u.find_spec = lambda name, *rest: None if name.startswith('posefuse_') else found(name, *rest)\n"
+        f"sys.modules.update(dict.fromkeys({sorted(MEMBERS)}))\n"
+        f"from posefuse.cli.main import main\nmain(['--help'])\nsys.exit(main({words.split()}))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=120)
+    assert done.returncode == 1 and f"pip install 'posefuse[{extra}]'" in done.stderr, done.stderr
+    assert done.stdout.count("(needs the extra") == 4
+
+
 def test_the_import_guard_can_fail() -> None:
+    assert of_members({"posefuse_sim.scene.Scene", "posefuse.core"}) == {"posefuse_sim"}
     assert forbidden("fusion", {"posefuse.tracking.smoothing"}) == {"tracking"}
     assert forbidden("core", {"posefuse.formats.rig"}) == {"formats"}
     assert forbidden("cli", {"posefuse.fusion", "posefuse.core"}) == set()

@@ -7,8 +7,10 @@ import tokenize
 from collections.abc import Iterator
 from pathlib import Path
 
+from packages import shown, source_files
+
 ROOT = Path(__file__).resolve().parents[2]
-FOLDERS = ("src", "bench", "paper", "examples", "tools")
+FOLDERS = ("src", "packages", "bench", "paper", "examples", "tools")
 SPOKEN = {tokenize.COMMENT, tokenize.STRING, *({tokenize.FSTRING_MIDDLE} if hasattr(tokenize, "FSTRING_MIDDLE") else ())}
 
 
@@ -73,17 +75,17 @@ def test_the_check_can_fail(tmp_path: Path) -> None:
 
 # texts about other programs' options, and about options that exist in the shell alone
 _OTHER_OPTIONS = (
-    "cli/*", "studio/*", "teleoperation/*", "simulation/gazebo/*", "detection/archives.py", "messages/ros1.py",
-    "outputs/rerun_scene.py", "calibration/targets/kinds.py",
+    "posefuse/cli/*", "posefuse_studio/*", "posefuse_teleop/*", "posefuse_sim/gazebo/*", "posefuse_sim/commands.py",
+    "posefuse/detection/archives.py", "posefuse/messages/ros1.py", "posefuse/outputs/rerun_scene.py",
+    "posefuse/calibration/targets/kinds.py",
 )  # fmt: skip
 
 
 def test_the_library_names_arguments_of_python() -> None:
     """`cli.terminal.in_options` makes options of them; whole commands (`posefuse track ... --out DIR`) may stand in any text."""
-    package = ROOT / "src" / "posefuse"
     found = []
-    for path in sorted(package.rglob("*.py")):
-        name = path.relative_to(package)
+    for path in source_files():
+        name = Path(shown(path))
         if any(name.match(pattern) or name.is_relative_to(pattern.removesuffix("/*")) for pattern in _OTHER_OPTIONS):
             continue
         tree = ast.parse(path.read_text(encoding="utf-8"))

@@ -5,7 +5,8 @@ from collections import defaultdict
 from collections.abc import Iterable
 from pathlib import Path
 
-SRC = Path(__file__).resolve().parents[2] / "src" / "posefuse"
+from packages import source_files
+
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 # functions of one name in several modules, and why each is one idea
 SHARED = {
@@ -37,11 +38,11 @@ def shared_names(files: Iterable[Path], kinds: tuple[type, ...] = (ast.ClassDef,
 
 
 def test_no_two_classes_share_a_name() -> None:
-    assert shared_names(sorted(SRC.rglob("*.py"))) == {}
+    assert shared_names(source_files()) == {}
 
 
 def test_functions_share_a_name_only_where_they_share_the_idea() -> None:
-    assert set(shared_names(sorted(SRC.rglob("*.py")), FUNCTIONS)) == set().union(*SHARED.values())
+    assert set(shared_names(source_files(), FUNCTIONS)) == set().union(*SHARED.values())
 
 
 def test_the_check_can_fail(tmp_path: Path) -> None:

@@ -16,6 +16,10 @@ from posefuse.api.machine import EXTRAS
 ROOT = Path(__file__).resolve().parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 OPTIONAL = PROJECT["project"]["optional-dependencies"]
+MEMBERS = {
+    path.parent.name: tomllib.loads(path.read_text(encoding="utf-8"))["project"]
+    for path in sorted(ROOT.glob("packages/*/pyproject.toml"))
+}
 PERMISSIVE = re.compile(r"\b(MIT|0?BSD|Apache|PSF|Python Software Foundation|Zlib|CC0|ISC|Unlicense)\b")
 COPYLEFT = re.compile(r"GPL|MPL|EUPL|CDDL|GNU|Mozilla|proprietary|non-?commercial", re.IGNORECASE)
 # its metadata name none; its LICENSE file is that of MIT
@@ -27,6 +31,9 @@ MODULES = {"collada": "pycollada", "cv2": "opencv-python-headless", "rerun": "re
 def test_the_version_is_written_once_and_cited() -> None:
     assert PROJECT["project"]["dynamic"] == ["version"] and "version" not in PROJECT["project"]
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    for name, member in MEMBERS.items():
+        assert member["version"] == posefuse.__version__ and f"posefuse=={posefuse.__version__}" in member["dependencies"]
+        assert OPTIONAL[name.removeprefix("posefuse-")] == [f"{name}=={posefuse.__version__}"]
     assert citation["version"] == posefuse.__version__
     assert f"## {posefuse.__version__}" in (ROOT / "docs" / "releases.md").read_text(encoding="utf-8")
 
@@ -43,11 +50,8 @@ def test_licence_files_and_files_of_the_wheel_exist() -> None:
 
 
 def pages() -> list[Path]:
-    return [
-        path
-        for pattern in ("*.md", "*.cff", "*.yml", "pyproject.toml", "docs/**/*.md", "src/**/*.py")
-        for path in ROOT.glob(pattern)
-    ]
+    patterns = ("*.md", "*.cff", "*.yml", "pyproject.toml", "docs/**/*.md", "src/**/*.py", "packages/**/*.py", "packages/**/*.md")
+    return [path for pattern in patterns for path in ROOT.glob(pattern)]
 
 
 def test_no_placeholder_of_an_address_is_shown() -> None:
@@ -84,7 +88,9 @@ def test_ci_installs_every_package_without_which_tests_are_skipped() -> None:
     # modules of ours and of Python
     wanted = {MODULES.get(name, name) for name in modules - {"discs", "graphs", "fcntl", "pty"}}
     extras = re.search(r"^export EXTRAS=(.+)$", (ROOT / ".ci" / "run").read_text(encoding="utf-8"), re.MULTILINE)[1].split(",")
-    named = [*PROJECT["project"]["dependencies"], *(line for one in extras for line in OPTIONAL[one])]
+    required = [PROJECT["project"]["dependencies"], *(OPTIONAL[one] for one in extras)]
+    required += [member["dependencies"] for name, member in MEMBERS.items() if name.removeprefix("posefuse-") in extras]
+    named = [line for lines in required for line in lines]
     assert wanted - {re.split(r"[\[<>=]", line)[0] for line in named} == set() and len(wanted) > 5
 
 

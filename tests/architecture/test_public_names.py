@@ -7,11 +7,13 @@ from pathlib import Path
 
 import pytest
 
+from packages import PACKAGES
+
 ROOT = Path(__file__).resolve().parents[2]
-SRC = ROOT / "src"
-PACKAGES = sorted(
-    ".".join(path.parent.relative_to(SRC).parts)
-    for path in (SRC / "posefuse").rglob("__init__.py")
+OFFERING = sorted(
+    ".".join(path.parent.relative_to(folder.parent).parts)
+    for folder in PACKAGES.values()
+    for path in folder.rglob("__init__.py")
     if "__all__" in path.read_text(encoding="utf-8")
 )
 PAPER = sorted((ROOT / "paper").rglob("*.py"))
@@ -23,11 +25,11 @@ def private_imports(code: str) -> Iterator[str]:
     """What a program imports from posefuse that is not public."""
     for node in ast.walk(ast.parse(code)):
         if isinstance(node, ast.Import):
-            yield from (one.name for one in node.names if one.name.split(".")[0] == "posefuse" and one.name != "posefuse")
-        elif isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "posefuse":
+            yield from (one.name for one in node.names if one.name.split(".")[0] in PACKAGES and one.name != "posefuse")
+        elif isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] in PACKAGES:
             module = node.module or ""
             offered = (
-                set() if module not in PACKAGES or module.startswith(FOR_PEOPLE) else set(importlib.import_module(module).__all__)
+                set() if module not in OFFERING or module.startswith(FOR_PEOPLE) else set(importlib.import_module(module).__all__)
             )
             yield from (f"{module}.{one.name}" for one in node.names if one.name not in offered)
 
@@ -37,14 +39,14 @@ def test_the_paper_uses_public_names_only() -> None:
     assert PAPER and {path: names for path, names in found.items() if names} == {}
 
 
-@pytest.mark.parametrize("package", PACKAGES)
+@pytest.mark.parametrize("package", OFFERING)
 def test_every_public_name_is_there(package: str) -> None:
     module = importlib.import_module(package)
     assert [name for name in module.__all__ if not hasattr(module, name)] == []
     assert len(set(module.__all__)) == len(module.__all__)
 
 
-@pytest.mark.parametrize("package", PACKAGES)
+@pytest.mark.parametrize("package", OFFERING)
 def test_no_public_name_is_a_module_of_its_package(package: str) -> None:
     """Python puts a module that was imported into its package, where it would stand in for a name that is imported lazily."""
     module = importlib.import_module(package)

@@ -7,8 +7,8 @@ import pytest
 
 import posefuse as pf
 from posefuse.core import SE3, InputError, Rig
-from posefuse_sim.rig_plan import covariance, plan_rig
 from posefuse.fusion import FuseSettings, triangulate
+from posefuse_sim.rig_plan import covariance, plan_rig
 from posefuse_sim.surroundings import Box
 
 POINTS = np.random.default_rng(3).uniform([-1.2, -1.0, 0.1], [1.2, 1.0, 1.7], (7, 3))

@@ -103,7 +103,10 @@ def test_types_have_the_checksums_ros1_programs_expect(type_name):
 
 def test_the_documented_packages_hold_every_type_that_is_sent():
     """`rostopic echo` needs the Python package of a type; ours and hri_msgs are built by the user, as docs/ros.md says."""
-    sources = [*(ROOT / "src/posefuse/messages").glob("*.py"), *(ROOT / "packages/posefuse-teleop/src/posefuse_teleop").rglob("*.py")]
+    sources = [
+        *(ROOT / "src/posefuse/messages").glob("*.py"),
+        *(ROOT / "packages/posefuse-teleop").rglob("*.py"),
+    ]
     types = {found for path in sources for found in re.findall(r'"(\w+_msgs)/msg/', path.read_text(encoding="utf-8"))}
     # rosgraph_msgs comes with rospy; Foxglove's types go to recordings of ROS 2 only
     wanted = {

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
+from packages import source_files
 from posefuse.core import Recording
 from posefuse.core.palette import LEFT, LEGEND, PEOPLE, RIGHT
 from posefuse.evaluation.report import write_report
@@ -52,7 +53,7 @@ def test_the_words_of_report_and_study_are_those_of_the_palette(tmp_path: Path, 
     recording = make_recording(times=30)
     page = write_report(recording, joints_from_poses(recording.poses), tmp_path / "report.html").read_text()
     assert LEGEND in page and "Blue: left" not in page
-    for path in (ROOT / "src" / "posefuse").rglob("*.py"):
+    for path in source_files():
         assert path.name == "palette.py" or not re.search(r"(range|[Bb]lue): left", path.read_text(encoding="utf-8"))
 
 

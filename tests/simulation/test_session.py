@@ -17,6 +17,8 @@ from posefuse.formats.npz import read_arrays
 from posefuse.formats.rig import read_rig
 from posefuse.formats.truth import read_truth
 from posefuse.foundation.output_folder import MARK_FILE, find_unfinished
+from posefuse.sources.images import ImagesConfig
+from posefuse.sources.video import VideoConfig
 from posefuse_sim import Scene, read_scene, simulate, truth_of
 from posefuse_sim import session as sessions
 from posefuse_sim.build import live_scene
@@ -28,8 +30,6 @@ from posefuse_sim.scene import JpegSettings, PersonSettings, plain_settings
 from posefuse_sim.session import body_poses, scene_render_model
 from posefuse_sim.source import SimulatedConfig
 from posefuse_sim.surroundings import BoxOccluder
-from posefuse.sources.images import ImagesConfig
-from posefuse.sources.video import VideoConfig
 
 pytestmark = pytest.mark.gl
 

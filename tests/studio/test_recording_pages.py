@@ -15,6 +15,10 @@ from small_session import COUNT, PERIOD_NS, SIZE_WH, grey, saved_session
 
 import posefuse as pf
 from posefuse.core import ConfigError, Rig
+from posefuse.formats.video import VideoWriter
+from posefuse.foundation.settings import settings_from_mapping
+from posefuse.pipeline.edits import Exclusion
+from posefuse_sim.cameras import PlacedCamera, placed_cameras
 from posefuse_sim.rig_plan import (
     camera_of,
     first_plan,
@@ -25,10 +29,6 @@ from posefuse_sim.rig_plan import (
     with_test_walk,
     without_camera,
 )
-from posefuse.formats.video import VideoWriter
-from posefuse.foundation.settings import settings_from_mapping
-from posefuse.pipeline.edits import Exclusion
-from posefuse_sim.cameras import PlacedCamera, placed_cameras
 from posefuse_sim.scene import Scene, check_scene, plain_settings, read_scene, scene_text
 from posefuse_studio.plan_view import RoomMap, cameras_svg, error_map_data_url, nearest_camera
 from posefuse_studio.player import ResultPlayer, open_recording

@@ -8,7 +8,7 @@ import shutil
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from importlib.metadata import PackageNotFoundError, requires, version
+from importlib.metadata import PackageNotFoundError, entry_points, requires, version
 from pathlib import Path
 from typing import Any
 
@@ -105,7 +105,7 @@ def doctor() -> Machine:
         _tracking(),
         *_extras(),
         _cameras(),
-        *_rendering(),
+        *_of_packages(),
         _display(),
     ]
     return Machine(checks=tuple(checks))
@@ -229,15 +229,17 @@ def _models() -> list[MachineCheck]:
     ]
 
 
-def _rendering() -> list[MachineCheck]:
+def _of_packages() -> list[MachineCheck]:
+    """What the packages of extras look at: functions that return what they found, or raise DependencyError."""
     from posefuse.core import DependencyError
-    from posefuse_sim.render.stage import working_backend
 
-    name = "rendering (simulator)"
-    try:
-        return [MachineCheck(name, True, False, working_backend())]
-    except DependencyError as error:
-        return [MachineCheck(name, False, False, "no", str(error))]
+    checks = []
+    for entry in entry_points(group="posefuse.machine_checks"):
+        try:
+            checks.append(MachineCheck(entry.name, True, False, entry.load()()))
+        except DependencyError as error:
+            checks.append(MachineCheck(entry.name, False, False, "no", str(error)))
+    return checks
 
 
 def _cameras() -> MachineCheck:

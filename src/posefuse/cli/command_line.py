@@ -7,6 +7,7 @@ import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -26,21 +27,25 @@ from posefuse import __version__
 if TYPE_CHECKING:
     from .terminal import Terminal
 
-# as the help lists them: command -> module of it, or of its steps
+# as the help lists them: command -> module of it, or of its steps; a dotted one is of a package that an extra installs
 GROUPS = {
-    "Start": {"demo": "recorded", "doctor": "machine", "studio": "machine"},
+    "Start": {"demo": "recorded", "doctor": "machine", "studio": "posefuse_studio.commands"},
     "Record and calibrate": {"record": "calibrate", "calibrate": "calibrate"},
     "Track": {"track": "recorded", "solve": "recorded", "batch": "recorded"},
-    "Live": {"live": "live", "teleoperate": "teleoperate", "node": "live"},
+    "Live": {"live": "live", "teleoperate": "posefuse_teleop.commands", "node": "live"},
     "Look at a result": {"view": "results", "report": "results", "export": "results", "compare": "results"},
-    "Simulate and extend": {"simulate": "simulate", "models": "machine", "fit-noise": "simulate", "plugins": "machine"},
+    "Simulate and extend": {
+        "simulate": "posefuse_sim.commands",
+        "models": "machine",
+        "fit-noise": "posefuse_sim.commands",
+        "plugins": "machine",
+    },
 }
 COMMANDS = tuple(name for names in GROUPS.values() for name in names)
 STEPS = {
     "node": ("camera", "fusion"),
     "calibrate": ("intrinsics", "extrinsics", "guide", "person", "clocks", "verify", "print"),
 }
-_MODULES = Path(__file__).parent
 _OPTIONS = Group("Options", sort_key=len(GROUPS))
 
 
@@ -129,18 +134,29 @@ def application(*, listed: bool = False) -> App:
 
 
 def _add(app: App, module: str, function: str, listed: bool, **options: Any) -> None:
-    about = {"help": _first_line(module, function)} if listed else {}
-    app.command(f"posefuse.cli.{module}:{function}", **options, **about)
+    dotted = module if "." in module else f"posefuse.cli.{module}"
+    package = dotted.partition(".")[0]
+    if find_spec(package) is None:
+        from .options import without_package
+
+        extra = package.removeprefix("posefuse_")
+        app.command(without_package(dotted, extra), **options, help=f"(needs the extra {extra})")
+    else:
+        about = {"help": _first_line(dotted, function)} if listed else {}
+        app.command(f"{dotted}:{function}", **options, **about)
 
 
 @cache
-def _parsed(module: str) -> ast.Module:
-    return ast.parse((_MODULES / f"{module}.py").read_text(encoding="utf-8"))
+def _parsed(dotted: str) -> ast.Module:
+    package, *names = dotted.split(".")
+    spec = find_spec(package)
+    [folder] = (spec.submodule_search_locations if spec else None) or [""]
+    return ast.parse(Path(folder).joinpath(*names).with_suffix(".py").read_text(encoding="utf-8"))
 
 
-def _first_line(module: str, function: str) -> str:
+def _first_line(dotted: str, function: str) -> str:
     """Of the docstring of a command, without importing it."""
-    found = (node for node in _parsed(module).body if isinstance(node, ast.FunctionDef) and node.name == function)
+    found = (node for node in _parsed(dotted).body if isinstance(node, ast.FunctionDef) and node.name == function)
     return (ast.get_docstring(next(found)) or "").partition("\n")[0]
 
 

@@ -10,6 +10,8 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
 from cyclopts import Group, Parameter
 
+from posefuse.core.extras import package_of_extra
+
 from .terminal import Terminal
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -23,6 +25,16 @@ ROS_2, SETTINGS = Group.create_ordered("ROS 2 network"), Group.create_ordered("S
 EXPERT = Parameter(show=False)
 # coordinates may begin with a minus
 ONE_WORD: Mapping[str, Any] = {"n_tokens": 1, "accepts_keys": False, "allow_leading_hyphen": True}
+
+
+def without_package(module: str, extra: str) -> Callable[..., Figures]:
+    """What a command does whose package is not installed: it names the extra."""
+
+    def command(*_: Annotated[str, Parameter(show=False, allow_leading_hyphen=True)], terminal: Shown) -> Figures:
+        package_of_extra(module, extra)
+        raise AssertionError(f"{module} can be imported")
+
+    return command
 
 
 @Parameter(name="*", group=SETTINGS)

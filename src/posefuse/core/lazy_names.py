@@ -10,9 +10,13 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from .extras import package_of_extra
+
 
 def lazy_names(package: str, file: str) -> Callable[[str], Any]:
     """The ``__getattr__`` of a package whose ``__init__`` imports its names in ``if TYPE_CHECKING:`` only.
+
+    A name of another package of posefuse (``posefuse_sim``) raises DependencyError with its extra where that is missing.
 
     Args:
         package: its ``__name__``. file: its ``__file__``, in which the imports are found.
@@ -21,13 +25,16 @@ def lazy_names(package: str, file: str) -> Callable[[str], Any]:
     @cache
     def homes() -> dict[str, str]:
         blocks = [node for node in ast.parse(Path(file).read_text(encoding="utf-8")).body if isinstance(node, ast.If)]
-        imports = [line for block in blocks for line in block.body if isinstance(line, ast.ImportFrom) and line.level]
-        return {alias.name: f"{package}.{line.module}" for line in imports for alias in line.names}
+        imports = [line for block in blocks for line in block.body if isinstance(line, ast.ImportFrom)]
+        modules = {line: f"{package}.{line.module}" if line.level else str(line.module) for line in imports}
+        return {alias.name: module for line, module in modules.items() for alias in line.names}
 
     def get(name: str) -> Any:
         if name.startswith("__") or name not in homes():
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        value = getattr(import_module(homes()[name]), name)
+        home = homes()[name]
+        extra = home.partition(".")[0].removeprefix("posefuse").removeprefix("_")
+        value = getattr(package_of_extra(home, extra) if extra else import_module(home), name)
         setattr(sys.modules[package], name, value)
         return value
 

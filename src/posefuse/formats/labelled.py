@@ -13,9 +13,9 @@ import numpy as np
 
 from posefuse.core import InputError, JointAngles, Recording
 from posefuse.core.arrays import Array
+from posefuse.core.extras import package_of_extra
 from posefuse.core.joint_angles import angle_labels
 from posefuse.core.poses import point_sigma_m
-from posefuse.foundation.plugins import package_of_extra
 
 if TYPE_CHECKING:
     from pandas import DataFrame

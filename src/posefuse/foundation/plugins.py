@@ -5,13 +5,12 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
-from types import ModuleType
 from typing import Any
 
 from posefuse.core import ConfigError, DependencyError, Detector, LiveOutputConfig, Sink, Source
 from posefuse.core.errors import choices
+from posefuse.core.extras import install_words
 
 from .settings import settings_from_mapping
 
@@ -92,6 +91,14 @@ def _check_members(kind: str, name: str, given: object) -> None:
         raise ConfigError(f"plug-in {name} among {kind}: {type(given).__name__} lacks {choices(lacking)} of {expected}")
 
 
+def plugin_class(kind: str, name: str, *, extra: str) -> type[Any]:
+    """The config class of a plug-in of one of posefuse's own packages; raises DependencyError without its extra."""
+    for entry in entry_points(group=GROUPS[kind], name=name):
+        found: type[Any] = entry.load()
+        return found
+    raise DependencyError(f"{kind} {name}: not installed; {install_words(extra)}")
+
+
 def option_names(plugin: Plugin) -> list[str]:
     """Names of the options a plug-in takes."""
     return [field.name for field in dataclasses.fields(plugin.config)] if plugin.config else []
@@ -103,15 +110,3 @@ def _loaded(kind: str, entry: EntryPoint) -> Plugin:
         return Plugin(kind, entry.name, package, entry.load())
     except Exception as error:  # noqa: BLE001 - others' code may fail in any way; it is listed, not hidden
         return Plugin(kind, entry.name, package, None, f"{type(error).__name__}: {error}")
-
-
-# Packages that only an extra of posefuse installs.
-
-
-def package_of_extra(name: str, extra: str) -> ModuleType:
-    """Import a package; raises DependencyError with the command that installs the extra."""
-    try:
-        return import_module(name)
-    except ImportError as error:
-        package = name.partition(".")[0]
-        raise DependencyError(f"{package}: not usable ({error}); install it with: pip install 'posefuse[{extra}]'") from None

@@ -14,7 +14,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from posefuse.core import MessageError, PosefuseError
-from posefuse.foundation.plugins import package_of_extra
+from posefuse.core.extras import package_of_extra
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore

@@ -10,7 +10,7 @@ import numpy as np
 from posefuse.core import AngleSeries, InputError, Recording
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
-from posefuse.foundation.plugins import package_of_extra
+from posefuse.core.extras import package_of_extra
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,6 +9,7 @@ from typing import Any
 
 from posefuse.core import ConfigError, Rig, SourceError
 from posefuse.core.errors import choices
+from posefuse.foundation.plugins import plugin_class
 
 from .capture import LiveInput
 
@@ -71,15 +72,16 @@ def _entries(argument: str, rig: Rig | None, ros: Mapping[str, Any]) -> list[Liv
 
 
 def _simulated(camera: str, path: Path) -> LiveInput:
-    from posefuse_sim.source import SimulatedConfig
-
-    return LiveInput(camera, "sim", SimulatedConfig(path, camera), reopen=False)
+    return LiveInput(camera, "sim", _simulated_config()(path, camera), reopen=False)
 
 
 def _simulated_names(path: Path, rig: Rig | None) -> tuple[str, ...]:
-    from posefuse_sim.source import simulated_cameras
+    return _simulated_config().cameras(path) if rig is None else rig.names
 
-    return simulated_cameras(path) if rig is None else rig.names
+
+def _simulated_config() -> type[Any]:
+    """The plug-in of the simulator; raises DependencyError without the extra `sim`."""
+    return plugin_class("sources", "simulated", extra="sim")
 
 
 def _depth_camera(argument: str, camera: str, rig: Rig | None, kind: str, rest: str) -> LiveInput:

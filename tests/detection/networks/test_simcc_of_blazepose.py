@@ -14,13 +14,13 @@ from posefuse.detection.card import NetworkCard, NetworkInput, read_card
 from posefuse.detection.engines import BlazePoseNetwork
 from posefuse.detection.networks import TopDownDetector
 from posefuse.detection.search import PersonNetwork, SquareFinder
-from posefuse_sim.fitting import collect, fit_noise, noise_text, render_everyday
 from posefuse.evaluation.metrics import joint_errors, true_xyz_at
 from posefuse.formats.truth import read_truth
 from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.run import track_session
 from posefuse.pipeline.session import find_session
+from posefuse_sim.fitting import collect, fit_noise, noise_text, render_everyday
 
 SIDE, CELLS, BINS = 256, 64, 512
 

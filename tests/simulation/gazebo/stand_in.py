@@ -17,8 +17,8 @@ from posefuse.messages.dds_domain import Network
 from posefuse.messages.messages import time_from_ns
 from posefuse.messages.topics import CLOCK, Topic
 from posefuse.messages.types import message
-from posefuse_sim.gazebo.world import CENTRE_PX
 from posefuse.sources.video import VideoConfig
+from posefuse_sim.gazebo.world import CENTRE_PX
 
 domain, world, session, rate = int(sys.argv[1]), Path(sys.argv[2]), Path(sys.argv[3]), float(sys.argv[4])
 rig, loop_ns = read_rig(world / "rig.toml"), read_loop(world / "truth")

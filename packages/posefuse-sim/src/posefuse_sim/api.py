@@ -6,14 +6,13 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from posefuse.api.arguments import shown
 from posefuse.core import Progress
 
-from posefuse.api.arguments import shown
-
 if TYPE_CHECKING:
-    from posefuse_sim.rig_plan import RigPlan
     from posefuse_sim import Scene
     from posefuse_sim.gazebo import GazeboWorld
+    from posefuse_sim.rig_plan import RigPlan
 
 
 def simulate(
@@ -117,9 +116,9 @@ def plan(scene: Scene | str | Path, *, area_m: tuple[float, float] | None = None
         >>> bool(found.covered() > 0.9 and 0 < found.error_at(0.5) < 50)
         True
     """
-    from posefuse_sim.rig_plan import plan_rig
     from posefuse_sim.build import room_size
     from posefuse_sim.cameras import placed_cameras, rig_from_cameras
+    from posefuse_sim.rig_plan import plan_rig
     from posefuse_sim.scene import read_scene
     from posefuse_sim.surroundings import boxes_of
 

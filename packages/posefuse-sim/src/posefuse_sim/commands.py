@@ -8,7 +8,6 @@ from typing import Annotated, Any, Literal
 from cyclopts import Parameter
 
 import posefuse as pf
-
 from posefuse.cli.options import Figures, Shown, count
 
 

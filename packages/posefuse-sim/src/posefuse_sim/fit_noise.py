@@ -12,6 +12,14 @@ from posefuse.core import InputError, Progress
 from posefuse.detection.build import DetectorChoice
 from posefuse.detection.card import NetworkCard, read_network_card
 from posefuse.detection.networks import OnnxConfig
+from posefuse.formats.joint_centres import joint_centres_text
+from posefuse.formats.truth import read_truth
+from posefuse.foundation.output_file import write_text
+from posefuse.foundation.summary import Block, Facts, Heading
+from posefuse.pipeline.clock import StageClock
+from posefuse.pipeline.config import CameraInput, TrackConfig
+from posefuse.pipeline.run import track_session
+from posefuse.pipeline.session import find_session
 from posefuse_sim.fitting import (
     NoiseFit,
     Run,
@@ -22,14 +30,6 @@ from posefuse_sim.fitting import (
     render_everyday,
     render_moving,
 )
-from posefuse.formats.joint_centres import joint_centres_text
-from posefuse.formats.truth import read_truth
-from posefuse.foundation.output_file import write_text
-from posefuse.foundation.summary import Block, Facts, Heading
-from posefuse.pipeline.clock import StageClock
-from posefuse.pipeline.config import CameraInput, TrackConfig
-from posefuse.pipeline.run import track_session
-from posefuse.pipeline.session import find_session
 
 EVERYDAY, MOVING = "everyday", "moving"
 # scenes in which the person was tracked in fewer do not make a table of joint centres

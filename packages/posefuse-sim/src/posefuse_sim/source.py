@@ -52,14 +52,14 @@ class SimulatedConfig:
     paced: bool = True
     zero_ns: int | None = None
 
+    @staticmethod
+    def cameras(path: Path) -> tuple[str, ...]:
+        """Names of the cameras of a scene file or a rendered session; raises SourceError or InputError for unusable files."""
+        return read_truth(SessionPaths(path).truth).rig.names if path.is_dir() else live_scene(read_scene(path)).rig.names
+
     def build(self) -> SimulatedSource:
         """Read the scene or session; raises SourceError for an unknown camera, InputError for unusable files."""
         return SimulatedSource(self)
-
-
-def simulated_cameras(path: Path) -> tuple[str, ...]:
-    """Names of the cameras of a scene file or a rendered session; raises SourceError or InputError for unusable files."""
-    return read_truth(SessionPaths(path).truth).rig.names if path.is_dir() else live_scene(read_scene(path)).rig.names
 
 
 class SimulatedSource:

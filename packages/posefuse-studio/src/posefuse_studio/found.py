@@ -52,12 +52,12 @@ def _videos(workspace: StudioWorkspace) -> list[Found]:
 
 def _scenes(workspace: StudioWorkspace) -> list[Found]:
     from posefuse.core import PosefuseError
-    from posefuse_sim.source import simulated_cameras
+    from posefuse.foundation.plugins import plugin_class
 
     found = []
     for name in workspace.files(".yaml", ".yml"):
         try:
-            cameras = simulated_cameras(workspace.existing(name))
+            cameras = plugin_class("sources", "simulated", extra="sim").cameras(workspace.existing(name))
         except PosefuseError:
             # some other file
             continue

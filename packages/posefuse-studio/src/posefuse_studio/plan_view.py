@@ -9,8 +9,8 @@ from html import escape
 import cv2
 import numpy as np
 
-from posefuse_sim.rig_plan import RigPlan
 from posefuse_sim.cameras import PlacedCamera
+from posefuse_sim.rig_plan import RigPlan
 
 WIDTH_PX = 760
 # of the colours, in mm

@@ -7,10 +7,9 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from posefuse.core import ConfigError, LivePose, Progress
-
 from posefuse.api.arguments import shown
 from posefuse.api.live import LiveSession
+from posefuse.core import ConfigError, LivePose, Progress
 
 if TYPE_CHECKING:
     from posefuse_teleop.ros import RosPlan

@@ -8,10 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Group, Parameter
 
 import posefuse as pf
-from posefuse.core import ConfigError
-from posefuse.realtime.config import LiveConfig
-from posefuse_teleop.settings import TeleoperationSettings
-
 from posefuse.cli.live import LIVE_SETTINGS, LiveOptions, SourceOptions, TimingOptions
 from posefuse.cli.options import (
     EXPERT,
@@ -25,6 +21,9 @@ from posefuse.cli.options import (
     settings_options,
 )
 from posefuse.cli.terminal import Terminal
+from posefuse.core import ConfigError
+from posefuse.realtime.config import LiveConfig
+from posefuse_teleop.settings import TeleoperationSettings
 
 if TYPE_CHECKING:
     from posefuse_teleop.session import Operator, Summary

@@ -10,6 +10,7 @@ from nicegui import events, ui
 
 import posefuse as pf
 from posefuse.core import PosefuseError
+from posefuse_sim.cameras import ImageSettings, PlacedCamera, placed_cameras
 from posefuse_sim.rig_plan import (
     RigPlan,
     camera_of,
@@ -19,7 +20,6 @@ from posefuse_sim.rig_plan import (
     with_camera,
     without_camera,
 )
-from posefuse_sim.cameras import ImageSettings, PlacedCamera, placed_cameras
 from posefuse_sim.scene import Scene
 from posefuse_studio.job_cards import job_cards
 from posefuse_studio.plan_view import BEST_MM, WORST_MM, RoomMap, cameras_svg, error_map_data_url, nearest_camera
