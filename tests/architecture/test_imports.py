@@ -41,8 +41,6 @@ BESIDES_API = {
     "posefuse.calibration.targets.coverage",
     "posefuse.calibration.targets.recordings",
     "posefuse.detection.build",
-    "posefuse.formats.truth",
-    "posefuse.messages.dds_domain",
     "posefuse.pipeline.config",
     "posefuse.realtime.config",
 }

@@ -130,7 +130,13 @@ def imported_at_once(source: str) -> set[str]:
 
 def missing_without_extras(sources: dict[str, str]) -> dict[str, list[str]]:
     """Modules by file that are neither ours nor of the core or the extra `dev`."""
-    ours = {path.stem for path in (ROOT / "tests").rglob("*.py")} | {"posefuse", "bench", "paper", "tools"}
+    ours = {path.stem for path in (ROOT / "tests").rglob("*.py")} | {
+        "posefuse",
+        "bench",
+        "paper",
+        "tools",
+        *(name.replace("-", "_") for name in MEMBERS),
+    }
     there = packages_of([*PROJECT["project"]["dependencies"], *OPTIONAL["dev"]])
     packages = {
         module: {re.sub(r"[-_.]+", "-", one).lower() for one in names} for module, names in packages_distributions().items()
