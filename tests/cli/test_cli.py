@@ -438,7 +438,7 @@ def test_what_needs_an_extra_is_refused_before_any_work(
         raise AssertionError("began to work")
 
     monkeypatch.setitem(sys.modules, package, None)
-    live, recorded = "posefuse.api.live_run", "posefuse.detection.downloading"
+    live, recorded = "posefuse.api.live_run", "posefuse.detection.build"
     for place in (f"{live}.fetch_networks", f"{live}.run_live", f"{recorded}.fetch_networks"):
         monkeypatch.setattr(place, work)
     sources = " ".join(f"--source cam0{i}=video:{demo_session}/videos/cam0{i}.mp4" for i in range(4))

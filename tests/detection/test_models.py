@@ -18,7 +18,7 @@ from posefuse.detection.files import fetch, fetch_all, holds, model_path, status
 from posefuse.foundation.places import default_cache_dir
 
 ROOT = Path(__file__).resolve().parents[2]
-STATED = ("README.md", "docs/installing.md", "src/posefuse/cli/machine.py")
+STATED = ("README.md", "docs/installing.md", "src/posefuse/api/machine.py")
 CONTENT = b"a network"
 BOMB_BYTES = 100_000_000
 

@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
+from live_session import until
 
 from posefuse.foundation.channel import Channel
 from posefuse.foundation.worker import Worker
@@ -141,15 +142,16 @@ def test_one_that_is_still_dying_is_no_error_and_is_started_again_later() -> Non
 @posix
 def test_it_ends_when_its_parent_is_killed(tmp_path: Path) -> None:
     script = (
-        "import sys, time; sys.path.insert(0, sys.argv[1]); from test_worker import echo, answer; "
+        "import sys, time; from pathlib import Path; sys.path.insert(0, sys.argv[1]); from test_worker import echo, answer; "
         "from posefuse.foundation.worker import Worker; worker = Worker(echo); worker.start(); answer(worker); "
-        "print(worker.pid, flush=True); time.sleep(60)"
+        "Path(sys.argv[2]).write_text(str(worker.pid)); time.sleep(60)"
     )
-    parent = subprocess.Popen([sys.executable, "-c", script, str(Path(__file__).parent)], stdout=subprocess.PIPE, text=True)
-    assert parent.stdout is not None
-    pid = int(parent.stdout.readline())
+    said = tmp_path / "pid"
+    parent = subprocess.Popen([sys.executable, "-c", script, str(Path(__file__).parent), str(said)])
+    until(lambda: said.is_file() and bool(said.read_text()))
+    pid = int(said.read_text())
     parent.kill()
-    parent.communicate()
+    parent.wait(timeout=PATIENCE_S)
     end_s = time.monotonic() + PATIENCE_S
     with contextlib.suppress(ProcessLookupError):
         while time.monotonic() < end_s:

@@ -365,7 +365,7 @@ def test_commands_take_a_live_recording(tmp_path: Path, rig: Rig, capsys: pytest
     assert (tmp_path / "a_biomechanics" / "report.html").is_file()
     assert main(["compare", str(tmp_path / "r"), str(tmp_path / "a.mcap"), "--no-space"]) == 0
     assert main(["track", str(tmp_path / "a.mcap"), "--out", str(tmp_path / "x"), "--resume"]) != 0
-    assert "is for sessions of videos" in capsys.readouterr().err
+    assert "is a recording, not a session; `posefuse solve` solves it again" in capsys.readouterr().err
 
 
 def test_the_front_door_reads_live_sessions_too(tmp_path: Path, rig: Rig) -> None:

@@ -46,7 +46,7 @@ def test_outputs_are_checked_before_anything_starts(options: tuple[str, ...], wo
 
 
 def test_too_few_cameras_are_refused_in_one_line_before_a_network_is_fetched(demo_session, monkeypatch, capsys) -> None:
-    monkeypatch.setattr("posefuse.cli.live.fetch_chosen", lambda *_: pytest.fail("networks were fetched"))
+    monkeypatch.setattr("posefuse.api.live_run.fetch_networks", lambda *_: pytest.fail("networks were fetched"))
     assert "expected sources for at least 2 cameras, got 0" in refused(capsys, "live", str(demo_session / "rig.toml"))
 
 

@@ -34,7 +34,7 @@ from posefuse.realtime.messages import SessionClock
 from posefuse.realtime.networks import fetch_networks
 from posefuse.realtime.outputs import OutputPlan, check_live_outputs
 from posefuse.realtime.ros_cameras import rig_with_camera_infos
-from posefuse.realtime.session import Finished, closing_lines, run_live
+from posefuse.realtime.session import Finished, check_enough, closing_lines, run_live
 from posefuse.realtime.video_keeping import read_counts
 
 from .arguments import lines_of, shown
@@ -204,6 +204,7 @@ def track_live(
     plan = LivePlan.of(
         rig, sources, config=config, settings=settings, outputs=outputs, ros=ros, axes=axes, duration_s=duration_s, loop_s=loop_s
     )  # fmt: skip
+    check_enough(plan.inputs)
     count = len(plan.inputs)
     with shown(progress) as news:
         say = lines_of(news, "live")

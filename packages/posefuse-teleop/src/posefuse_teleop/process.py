@@ -158,8 +158,8 @@ class RobotLink:
             if isinstance(message, Failed):
                 raise message.error
             newest = message
-        self._check()
         self.state = newest or self.state
+        self._check()
         return newest
 
     def send(self, order: Order) -> None:
