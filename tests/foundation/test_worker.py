@@ -9,7 +9,6 @@ import time
 from pathlib import Path
 
 import pytest
-from live_session import until
 
 from posefuse.foundation.channel import Channel
 from posefuse.foundation.worker import Worker
@@ -148,7 +147,10 @@ def test_it_ends_when_its_parent_is_killed(tmp_path: Path) -> None:
     )
     said = tmp_path / "pid"
     parent = subprocess.Popen([sys.executable, "-c", script, str(Path(__file__).parent), str(said)])
-    until(lambda: said.is_file() and bool(said.read_text()))
+    end_s = time.monotonic() + PATIENCE_S
+    while not (said.is_file() and said.read_text()):
+        assert time.monotonic() < end_s
+        time.sleep(0.02)
     pid = int(said.read_text())
     parent.kill()
     parent.wait(timeout=PATIENCE_S)
