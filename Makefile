@@ -6,7 +6,7 @@ BIN    := $(VENV)/bin
 # the core and the tools of its tests; what needs more is skipped by name. `make test EXTRAS=dev$(MORE),biomech` skips nothing
 EXTRAS ?= dev
 MORE   := ,sim,teleop,viewer,ros
-SUM    := $(shell (cat pyproject.toml constraints.txt tools/install.sh; echo $(EXTRAS)) | cksum | cut -d' ' -f1)
+SUM    := $(shell (cat pyproject.toml packages/*/pyproject.toml constraints.txt tools/install.sh; echo $(EXTRAS)) | cksum | cut -d' ' -f1)
 READY  := $(VENV)/.ready-$(SUM)
 CORE   := $(VENV)/.core-$(SUM)
 
@@ -55,7 +55,7 @@ help:
 
 setup: $(READY)
 
-$(READY): pyproject.toml constraints.txt tools/install.sh
+$(READY): pyproject.toml $(wildcard packages/*/pyproject.toml) constraints.txt tools/install.sh
 	PYTHON=$(PYTHON) bash tools/install.sh $(VENV) $(EXTRAS)
 	@touch $@
 
