@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import random
+import re
 import shutil
 import subprocess
 import sys
@@ -21,6 +22,7 @@ from cosmic_ray.mutating import mutate_code
 REPOSITORY = Path(__file__).resolve().parents[1]
 _COPIED = (
     "src",
+    "packages",
     "tests",
     "examples",
     "bench",
@@ -55,7 +57,7 @@ class Mutant:
     @property
     def place(self) -> str:
         """File and line, for people."""
-        return f"{self.path.removeprefix('src/posefuse/')}:{self.line}"
+        return f"{re.sub('.*src/(posefuse/)?', '', self.path)}:{self.line}"
 
     def texts(self) -> tuple[str, str]:
         """The file without and with the change."""
@@ -75,7 +77,7 @@ class Mutant:
 
 def draw(patterns: Sequence[str], count: int, seed: int) -> list[Mutant]:
     """A random sample of the mutants of some files, the same for the same code and seed."""
-    files = sorted(path for pattern in patterns for path in (REPOSITORY / "src" / "posefuse").glob(pattern))
+    files = sorted(path for pattern in patterns for path in REPOSITORY.glob(pattern))
     every = sorted({mutant for path in files for mutant in _mutants_of(path)})
     return sorted(random.Random(seed).sample(every, min(count, len(every))))
 
@@ -166,4 +168,4 @@ class Copy:
         return "failed" if done.returncode else "passed"
 
     def _environment(self) -> dict[str, str]:
-        return os.environ | {"PYTHONPATH": str(self.folder / "src")}
+        return os.environ | {"PYTHONPATH": os.pathsep.join(map(str, [self.folder / "src", *self.folder.glob("packages/*/src")]))}

@@ -30,20 +30,20 @@ _GUARDS = (
     "follower",
     "separation",
     "mapping",
-    "robots/kinematics",
-    "robots/joints",
+    "kinematics",
+    "joints",
 )
 _RECORDED = ("following", "images", "run", "second_pass", "solve", "store", "time_steps")
-# name: files below src/posefuse, and the tests that are about them
+# name: files, and the tests that are about them
 PACKAGES = {
-    "association": (("association/**/*.py",), ("tests/association", "tests/laws/test_associate_laws.py")),
-    "body": (("kinematics/**/*.py",), ("tests/kinematics", "tests/derivatives", "tests/truth/test_angles.py")),
+    "association": (("src/posefuse/association/**/*.py",), ("tests/association", "tests/laws/test_associate_laws.py")),
+    "body": (("src/posefuse/kinematics/**/*.py",), ("tests/kinematics", "tests/derivatives", "tests/truth/test_angles.py")),
     "fusion": (
-        ("fusion/**/*.py",),
+        ("src/posefuse/fusion/**/*.py",),
         ("tests/fusion", "tests/laws/test_fuse_laws.py", "tests/laws/test_depth_laws.py", "tests/derivatives"),
     ),
     "recorded pipeline": (
-        tuple(f"pipeline/{name}.py" for name in _RECORDED),
+        tuple(f"src/posefuse/pipeline/{name}.py" for name in _RECORDED),
         (
             "tests/pipeline/test_following.py",
             "tests/pipeline/test_second_pass.py",
@@ -58,13 +58,13 @@ PACKAGES = {
         ),
     ),
     "teleoperation": (
-        tuple(f"teleoperation/{name}.py" for name in _GUARDS),
+        tuple(f"packages/posefuse-teleop/src/posefuse_teleop/{name}.py" for name in _GUARDS),
         tuple(
             f"tests/teleoperation/test_{name}.py"
             for name in ("gate", "limits", "follower", "separation", "mapping", "joint_limits", "mujoco_robot", "faults")
         ),
     ),
-    "tracking": (("tracking/**/*.py",), ("tests/tracking", "tests/laws/test_smooth_laws.py")),
+    "tracking": (("src/posefuse/tracking/**/*.py",), ("tests/tracking", "tests/laws/test_smooth_laws.py")),
 }
 # a mutant that takes this many times as long as the tests alone hangs; so much more for compiling kernels again
 _LONGER, _COMPILING_S = 4.0, 120.0
@@ -119,7 +119,7 @@ def test_mutants(package: str, mutants: list[Mutant], answers: Answers, work: Pa
     if not left or time.monotonic() > until_s:
         return
     copy = Copy(work / "copy")
-    code = digest_of((*tests, "src"))
+    code = digest_of((*tests, "src", "packages"))
     if (baseline_s := answers.baseline_s(package, code)) is None:
         baseline_s = copy.baseline_s(tests)
         answers.keep_baseline(package, code, baseline_s)
