@@ -156,7 +156,7 @@ def solve(result: Path, /, *, options: SolveOptions, terminal: Shown) -> Figures
     return made.figures
 
 
-def _exclusion(text: str) -> pf.Exclusion:
+def _exclusion(text: str) -> "pf.Exclusion":
     found = _EXCLUDED.fullmatch(text)
     assert found is not None  # the option checked it
     return pf.Exclusion(camera=found["camera"], start_s=float(found["start"]), end_s=float(found["end"]))

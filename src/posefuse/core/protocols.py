@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import ClassVar, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, ClassVar, Protocol, runtime_checkable
 
-from .joint_centres import JointCentres
-from .live_messages import LiveMessage
-from .recording import Recording
-from .skeleton import Skeleton
-from .values import Detections2D, Frame, Region
+# the help of a command needs `Progress` and none of these
+if TYPE_CHECKING:
+    from .joint_centres import JointCentres
+    from .live_messages import LiveMessage
+    from .recording import Recording
+    from .skeleton import Skeleton
+    from .values import Detections2D, Frame, Region
 
 
 @runtime_checkable

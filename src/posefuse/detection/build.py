@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 from posefuse.core import ConfigError, Progress, silent
 from posefuse.foundation.parsing import parse_toml, read_text
-from posefuse.foundation.plugins import plugin_config
 from posefuse.foundation.settings import settings
 
 if TYPE_CHECKING:
@@ -74,6 +73,8 @@ def fetch_networks(choice: DetectorChoice, progress: Progress = silent) -> None:
     Raises:
         ModelError: a network cannot be downloaded.
     """
+    from posefuse.foundation.plugins import plugin_config
+
     config = plugin_config("detectors", choice.name, choice.options)
     if hasattr(config, "fetch"):
         config.fetch(lambda text: progress(STAGE, 0, None, text), lambda done, total: progress(STAGE, done, total))

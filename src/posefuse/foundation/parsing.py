@@ -11,8 +11,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from posefuse.core import InputError
 
 # YAML aliases can expand a few lines to 9^9 values; no settings or calibration file has nearly this number of values
@@ -132,6 +130,9 @@ def plain(value: Any) -> Any:
         return {str(key): plain(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple):
         return [plain(inner) for inner in value]
+    # the help of commands reads settings, and needs no NumPy
+    import numpy as np
+
     if isinstance(value, np.ndarray):
         return plain(value.tolist())
     if isinstance(value, np.generic):

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
-from posefuse.core import ConfigError, DependencyError, Detector, LiveOutputConfig, Sink, Source
+from posefuse import core
+from posefuse.core import ConfigError, DependencyError
 from posefuse.core.errors import choices
 from posefuse.core.extras import install_words
 
@@ -21,7 +22,8 @@ GROUPS = {
     "live_outputs": "posefuse.live_outputs",
 }
 # what a config builds; a live output is built in another process, so that its config is asked
-_PROTOCOLS = {"sources": Source, "detectors": Detector, "outputs": Sink, "live_outputs": LiveOutputConfig}
+# by name: help of commands needs none of what they import
+_PROTOCOLS = {"sources": "Source", "detectors": "Detector", "outputs": "Sink", "live_outputs": "LiveOutputConfig"}
 
 
 @dataclass(frozen=True)
@@ -84,10 +86,11 @@ def plugin_config(
 
 
 def _check_members(kind: str, name: str, given: object) -> None:
-    members = [member for member in vars(_PROTOCOLS[kind]) if not member.startswith("_")]
-    lacking = [member for member in (*_PROTOCOLS[kind].__annotations__, *members) if not hasattr(given, member)]
+    protocol = getattr(core, _PROTOCOLS[kind])
+    members = [member for member in vars(protocol) if not member.startswith("_")]
+    lacking = [member for member in (*protocol.__annotations__, *members) if not hasattr(given, member)]
     if lacking:
-        expected = f"core.{_PROTOCOLS[kind].__name__}"
+        expected = f"core.{protocol.__name__}"
         raise ConfigError(f"plug-in {name} among {kind}: {type(given).__name__} lacks {choices(lacking)} of {expected}")
 
 

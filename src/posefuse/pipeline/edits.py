@@ -22,7 +22,6 @@ from posefuse.foundation.parsing import parse_json, plain, read_text
 from posefuse.foundation.settings import settings, settings_from_mapping
 
 from .config import FARTHEST_S
-from .reading import is_live
 
 SessionSeconds = Annotated[float, Ge(-FARTHEST_S), Le(FARTHEST_S)]
 
@@ -104,6 +103,8 @@ _FORMAT = "posefuse edits"
 
 def edits_path(result: Path) -> Path:
     """Where the edits of a result folder, or of the .mcap of a live session, are kept."""
+    from .reading import is_live
+
     return result.with_name(f"{result.stem}.{EDITS_FILE}") if is_live(result) else result / EDITS_FILE
 
 

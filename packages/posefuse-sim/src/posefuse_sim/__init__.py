@@ -4,8 +4,15 @@ A scene file (`read_scene`) becomes a session with videos and truth (`simulate`)
 for a pipeline (`SimulatedSource`). Does not use `kinematics`: angles come from the body model itself.
 """
 
-from .exact import truth_of
-from .scene import Scene, read_scene
-from .session import SessionPaths, simulate
+from typing import TYPE_CHECKING
+
+from posefuse.core.lazy_names import lazy_names
+
+if TYPE_CHECKING:
+    from .exact import truth_of
+    from .scene import Scene, read_scene
+    from .session import SessionPaths, simulate
 
 __all__ = ["Scene", "SessionPaths", "read_scene", "simulate", "truth_of"]
+
+__getattr__ = lazy_names(__name__, __file__)
