@@ -45,7 +45,7 @@ def main() -> None:
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         recording = posefuse.read(args.result) if args.result else posefuse.track(_ROOT / "examples" / "demo", progress=True)
-        page = recording.report(Path(folder) / "report")
+        page = next(one for one in recording.report(Path(folder) / "report") if one.suffix == ".html")
         phone = Path(folder) / "phone.html"
         phone.write_text(_PHONE.format(page=page.as_uri(), height=1500), encoding="utf-8")
         photograph(page, "report_top", (1280, 1560), 0)

@@ -98,8 +98,9 @@ class Terminal:
         for row in rows:
             # text as it is: square brackets in names of files are no markup
             shown.add_row(*(Text(in_options(text)) for text in row))
-        if self._tables.measure(shown, options=self._tables.options.update(width=_ANY_WIDTH)).maximum > self._tables.width:
-            # narrow cells before broken words
+        widest = self._tables.measure(shown, options=self._tables.options.update(width=_ANY_WIDTH)).maximum
+        if header and widest > self._tables.width:
+            # narrow cells before broken words; the texts of facts may be broken
             shown.padding = (0, 0)
         self._tables.print(shown)
 
