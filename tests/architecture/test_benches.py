@@ -37,8 +37,8 @@ def problems(folder: Path, scripts: list[str]) -> str:
 def with_imports(script: Path) -> str:
     """The text of a script and of the modules next to it that it imports; options of `arguments` as they are typed."""
     text = script.read_text(encoding="utf-8")
-    beside = [script.with_name(f"{name}.py") for name in re.findall(r"^\s*(?:from|import) (\w+)", text, re.MULTILINE)]
-    whole = text + "".join(path.read_text(encoding="utf-8") for path in beside if path.is_file())
+    neighbours = [script.with_name(f"{name}.py") for name in re.findall(r"^\s*(?:from|import) (\w+)", text, re.MULTILINE)]
+    whole = text + "".join(path.read_text(encoding="utf-8") for path in neighbours if path.is_file())
     return whole + "".join(f" --{name.replace('_', '-')}" for name in re.findall(r"(\w+)=", whole)) + " --write"
 
 

@@ -16,7 +16,7 @@ _LEFT = {
 
 
 def standing(x: float = 0.0, y: float = 0.0, size: float = 1.0) -> np.ndarray:
-    """(17, 3) a person of 1.75 m times `size` who stands at (x, y)."""
+    """(17, 3) a person of 1.75 m times `size` standing at (x, y)."""
     rows = []
     for name in COCO17.keypoints:
         side, _, part = name.partition("_")

@@ -81,13 +81,12 @@ class LivePlan:
         cameras = rig if isinstance(rig, core.Rig) else read_placed_rig(Path(rig))
         for note in rig_warnings("live" if isinstance(rig, core.Rig) else rig, cameras):
             warnings.warn(note, UserWarning, stacklevel=3)
-        arguments = [f"{name}={what}" for name, what in sources.items()] if isinstance(sources, Mapping) else list(sources)
         chosen = read_changed(None if config is None else Path(config), settings or {}, LiveConfig)
         configs = output_configs(chosen, outputs or {}, {**(ros or {}), **({"axes": axes} if axes else {})})
         check_live_outputs(configs)
         return cls(
             rig=cameras,
-            inputs=tuple(replace(entry, loop_s=run.loop_s) for entry in inputs_from_arguments(arguments, cameras, ros)),
+            inputs=tuple(replace(entry, loop_s=run.loop_s) for entry in inputs_from_arguments(sources, cameras, ros)),
             config=chosen,
             outputs=configs,
             duration_s=run.duration_s,

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from posefuse import core
-from posefuse.core import Progress, SourceError
+from posefuse.core import Progress
 from posefuse.foundation.output_folder import check_replaceable
 from posefuse.foundation.summary import Facts, Heading
 from posefuse.messages import topics
@@ -18,6 +18,7 @@ from posefuse.messages.dds_domain import Network
 from posefuse.outputs.live.ros import Ros2Config
 from posefuse.realtime.camera_node import CameraNode
 from posefuse.realtime.estimator import message_from_centres
+from posefuse.realtime.inputs import check_any
 from posefuse.realtime.messages import SessionClock
 from posefuse.realtime.network_views import NetworkViews
 from posefuse.realtime.networks import fetch_networks, settled_network
@@ -75,8 +76,7 @@ def camera_node(
     whole = LivePlan.of(
         rig, sources, config=config, settings=settings, ros=ros, duration_s=duration_s, loop_s=loop_s
     )  # fmt: skip
-    if not whole.inputs:
-        raise SourceError("expected a source for at least 1 camera, got none; give `source=CAMERA=KIND:WHERE`")
+    check_any(whole.inputs)
     with shown(progress) as news:
         say = lines_of(news, "live")
         cameras = rig_with_camera_infos(whole.rig, whole.inputs, whole.config.camera_info, say)

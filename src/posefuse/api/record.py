@@ -18,7 +18,7 @@ from posefuse.formats.rig import read_rig, write_rig
 from posefuse.foundation.output_folder import check_replaceable, find_unfinished, output_folder, read_mark
 from posefuse.foundation.summary import Block, Heading, Note, Table
 from posefuse.realtime.capture import LiveInput
-from posefuse.realtime.inputs import inputs_from_arguments
+from posefuse.realtime.inputs import check_any, inputs_from_arguments
 from posefuse.realtime.session import stop_requests
 from posefuse.realtime.video_keeping import KeptCounts, read_counts, write_found_counts
 from posefuse.realtime.watching import CameraFeed, CameraNews, guide
@@ -197,10 +197,8 @@ def record(
         raise InputError("record: expected a folder `out` for the videos, or a target to look at")
     folder, kind = None if out is None else Path(out), None if target is None else target_of(target)
     cameras = rig if isinstance(rig, core.Rig) or rig is None else read_rig(Path(rig))
-    arguments = [f"{name}={what}" for name, what in sources.items()] if isinstance(sources, Mapping) else list(sources)
-    inputs = inputs_from_arguments(arguments, cameras, ros)
-    if not inputs:
-        raise SourceError("expected a source for at least 1 camera, got none; give `source=CAMERA=KIND:WHERE`")
+    inputs = inputs_from_arguments(sources, cameras, ros)
+    check_any(inputs)
     if folder is not None:
         check_videos_folder(folder, command="record")
     names, placed = [entry.camera for entry in inputs], cameras if kind is None else None

@@ -128,16 +128,9 @@ class BlazePoseNetwork:
 
 
 def _pruned(path: Path, outputs: Sequence[str], takes: ModelInput) -> Any:
-    ov = openvino_package()
-    try:
-        whole = openvino_core().read_model(path)
-    except RuntimeError as error:
-        raise ModelError(f"{path}: not a network OpenVINO can read ({str(error).strip().splitlines()[-1]})") from None
+    ov, whole = openvino_package(), _read_by_openvino(path)
     ports = {name: port for port in whole.outputs for name in port.get_names()}
-    missing = [name for name in outputs if name not in ports]
-    if missing:
-        raise ModelError(f"{path}: expected an output {missing[0]!r}; there are: {choices(sorted(ports))}")
-    kept = [ports[name].get_node().input_value(0) for name in outputs]
+    kept = [ports[name].get_node().input_value(0) for name in _chosen(path, outputs, ports)]
     model = ov.Model(kept, whole.get_parameters(), path.stem)
     shape = tuple(model.input().shape)
     if shape != (1, takes.side_px, takes.side_px, 3):
@@ -196,11 +189,7 @@ class OpenVinoRunner:
     """Runs on the CPU, as many images at once as there are threads."""
 
     def __init__(self, card: NetworkCard, path: Path, precision: Precision, threads: int) -> None:
-        ov = openvino_package()
-        try:
-            model = openvino_core().read_model(path)
-        except RuntimeError as error:
-            raise ModelError(f"{path}: not a network OpenVINO can read ({_last_line(error)})") from None
+        ov, model = openvino_package(), _read_by_openvino(path)
         named = {name: port for port in model.outputs for name in port.get_names()}
         ports = [named[name] for name in _chosen(path, card.decoding.outputs, named)] if card.decoding.outputs else model.outputs
         self.output_names = [next(iter(port.get_names()), f"output {i}") for i, port in enumerate(ports)]
@@ -266,6 +255,13 @@ class OnnxRuntimeRunner:
     def run(self, inputs: Sequence[Array]) -> list[list[Array]]:
         """See `Runner`."""
         return [list(self._session.run(list(self.output_names), {self._input.name: one})) for one in inputs]
+
+
+def _read_by_openvino(path: Path) -> Any:
+    try:
+        return openvino_core().read_model(path)
+    except RuntimeError as error:
+        raise ModelError(f"{path}: not a network OpenVINO can read ({_last_line(error)})") from None
 
 
 def _chosen(path: Path, wanted: Sequence[str], there: Sequence[str] | dict[str, Any]) -> list[str]:

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 
 from posefuse.calibration.report import CalibrationReport, Check
+from posefuse.calibration.solving.rotations import nearest_rotation
 from posefuse.core import Camera, Frame, SourceError
 from posefuse.core.arrays import Array
 from posefuse.sources import RecordedSource
@@ -226,9 +227,7 @@ def _rotation(ray: Array, later: Array, weight: Array, off_rad: float) -> Array 
 
 def _turns(ray: Array, later: Array) -> Array:
     """(B, 3, 3) rotations that take rays (B, N, 3) to the later ones best (Kabsch 1976)."""
-    u, _, vt = np.linalg.svd(np.einsum("bni,bnj->bij", later, ray))
-    u[..., -1] *= np.linalg.det(u @ vt)[:, None]
-    return np.asarray(u @ vt)
+    return nearest_rotation(np.einsum("bni,bnj->bij", later, ray))
 
 
 def _rays(camera: Camera, xy_px: Array) -> Array:
@@ -251,7 +250,6 @@ def _small(frame: Frame) -> Array:
 def _corners(grey: Array) -> tuple[Array, Array]:
     """(N, 2) float32 corners and (N,) their regions: the best of each region, so that no bright target takes them all."""
     height, width = grey.shape
-    found: list[Array]
     found, region = [np.zeros((0, 2), np.float32)], [np.zeros(0, np.int64)]
     for place in range(_ACROSS * _DOWN):
         left, right = (width * (place % _ACROSS + i) // _ACROSS for i in (0, 1))

@@ -25,11 +25,12 @@ EXAMPLES = (
 
 
 def inputs_from_arguments(
-    arguments: Sequence[str], rig: Rig | None, ros: Mapping[str, Any] | None = None
+    sources: Mapping[str, str] | Sequence[str], rig: Rig | None, ros: Mapping[str, Any] | None = None
 ) -> tuple[LiveInput, ...]:
     """One input per camera named, in the order of the rig; ``sim:PATH`` stands for every camera of the rig.
 
     Args:
+        sources: ``KIND:WHERE`` by camera, or texts ``CAMERA=KIND:WHERE`` and ``sim:PATH``.
         rig: None takes any names, in their own order; ``sim:PATH`` then stands for every camera of the scene.
         ros: fields of `sources.ros.RosConfig` that all ROS topics share: `ROS_FIELDS`.
 
@@ -39,12 +40,18 @@ def inputs_from_arguments(
     """
     _check_ros(ros or {})
     found: dict[str, LiveInput] = {}
-    for argument in arguments:
+    for argument in [f"{name}={what}" for name, what in sources.items()] if isinstance(sources, Mapping) else sources:
         for entry in _entries(argument, rig, ros or {}):
             if entry.camera in found:
                 raise SourceError(f"source {argument}: camera {entry.camera} has a source already")
             found[entry.camera] = entry
     return tuple(found[name] for name in (found if rig is None else rig.names) if name in found)
+
+
+def check_any(inputs: Sequence[LiveInput]) -> None:
+    """Raise SourceError where no camera has a source."""
+    if not inputs:
+        raise SourceError("expected a source for at least 1 camera, got none; give `source=CAMERA=KIND:WHERE`")
 
 
 def _check_ros(ros: Mapping[str, Any]) -> None:

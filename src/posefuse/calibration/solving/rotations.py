@@ -86,6 +86,7 @@ def mean_rotation(R: Array, weights: Array) -> Array:
 
 
 def nearest_rotation(matrix: Array) -> Array:
-    """The rotation nearest to a matrix (3, 3), in the sum of squares of its elements."""
+    """The rotations nearest to matrices (..., 3, 3), in the sum of squares of their elements."""
     u, _, vt = np.linalg.svd(matrix)
-    return np.asarray(u @ np.diag([1, 1, np.sign(np.linalg.det(u @ vt))]) @ vt)
+    u[..., -1] *= np.sign(np.linalg.det(u @ vt))[..., None]
+    return np.asarray(u @ vt)
