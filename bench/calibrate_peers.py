@@ -38,7 +38,7 @@ def grid(session: Session, seen: CornerObservations) -> Array:
 
 
 def posefuse(session: Session, seen: CornerObservations, xy: Array) -> Rig:
-    return calibrate_extrinsics(seen, session.rig.cameras, session.target, Options(instants=FRAMES, clocks="together")).rig
+    return calibrate_extrinsics(seen, session.rig.cameras, session.target, Options(time_steps=FRAMES, clocks="together")).rig
 
 
 def opencv(session: Session, seen: CornerObservations, xy: Array) -> Rig:

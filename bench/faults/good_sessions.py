@@ -11,7 +11,7 @@ from posefuse.calibration.targets.corners import CornerObservations
 
 from .command_cases import GOOD as RENDERED
 from .person_cases import calibrate, person_rig
-from .sessions import INSTANTS, Session, board_session, prop_session, solve
+from .sessions import TIME_STEPS, Session, board_session, prop_session, solve
 from .verdict import Answer, GoodSession
 from .verify_cases import answer, held_board, room
 from .walkers import gait_of, watch
@@ -49,7 +49,7 @@ def _prop(number: int) -> GoodSession:
     def run(seed: int) -> Answer:
         session = prop_session(100 * seed + number, count)
         seen, clocks = _varied(session, number, seed)
-        return solve(session.rig, seen, session.rig.cameras, session.target, Options(instants=INSTANTS, clocks=clocks))
+        return solve(session.rig, seen, session.rig.cameras, session.target, Options(time_steps=TIME_STEPS, clocks=clocks))
 
     return GoodSession(f"prop {number}, {count} cameras", run)
 
@@ -60,7 +60,7 @@ def _board(number: int) -> GoodSession:
     def run(seed: int) -> Answer:
         session = board_session(100 * seed + number, count)
         seen, clocks = _varied(session, number, seed)
-        return solve(session.rig, seen, session.rig.cameras, session.target, Options(instants=INSTANTS, clocks=clocks))
+        return solve(session.rig, seen, session.rig.cameras, session.target, Options(time_steps=TIME_STEPS, clocks=clocks))
 
     return GoodSession(f"board {number}, {count} cameras", run)
 

@@ -13,7 +13,7 @@ from posefuse.calibration.targets.kinds import Charuco, Markers, Target
 from posefuse.core import Camera, Rig
 
 from .sessions import (
-    INSTANTS,
+    TIME_STEPS,
     Session,
     board_session,
     merged,
@@ -30,7 +30,7 @@ from .sessions import (
 from .verdict import Answer, Case
 from .waved_props import Waving, cube
 
-TOGETHER = Options(instants=INSTANTS, clocks="together")
+TOGETHER = Options(time_steps=TIME_STEPS, clocks="together")
 MIDDLE_S = 15.0
 
 Build = Callable[[Session, int], tuple[CornerObservations, tuple[Camera, ...], Target]]

@@ -20,7 +20,7 @@ from posefuse_sim.cameras import looking_at
 from .verdict import Answer
 from .waved_props import Faults, Waving, board, cube, observe_prop
 
-INSTANTS = 120
+TIME_STEPS = 120
 _ROWS = ("camera", "t_ns", "patch", "corner", "xy_img", "sharpness")
 
 
@@ -90,7 +90,7 @@ def solve(
 ) -> Answer:
     """Calibrate, and compare with the truth."""
     try:
-        found = calibrate_extrinsics(observations, cameras, target, options or Options(instants=INSTANTS))
+        found = calibrate_extrinsics(observations, cameras, target, options or Options(time_steps=TIME_STEPS))
     except CalibrationError as error:
         return Answer(True, str(error))
     return Answer(False, "; ".join(found.report.notes), *errors(truth, found.rig))

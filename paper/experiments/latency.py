@@ -96,8 +96,8 @@ def recorded_blocks(clock: SpikeClock, cameras: int) -> tuple[dict[str, Any], li
     }
     rows = [[name, *spread_ms.values()] for name, spread_ms in figures["stages_ms"].items()]
     rows.append(["track: second pass", None, figures["second_pass_ms"], None, None])
-    instants = np.arange(len(total), dtype=float)
-    every = [Line(name, instants, ms) for name, ms in per_instant.items()]
+    time_steps = np.arange(len(total), dtype=float)
+    every = [Line(name, time_steps, ms) for name, ms in per_instant.items()]
     return figures, [
         Heading(
             "Recorded: time per stage",

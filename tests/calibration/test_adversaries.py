@@ -16,7 +16,7 @@ from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Charuco, Chessboard, Markers
 from posefuse.core import SE3, CalibrationError, Rig
 
-TOGETHER = Options(instants=100, clocks="together")
+TOGETHER = Options(time_steps=100, clocks="together")
 
 
 @pytest.fixture(scope="module")
@@ -210,7 +210,7 @@ def test_a_recording_of_a_second_determines_no_clock(lab: Any) -> None:
 def test_cameras_that_are_late_in_turn_are_calibrated_with_their_clocks(lab: Any) -> None:
     late_s = np.array([0.3, -0.3, 0.3, -0.3])
     seen = lab.watch(Faults(delay_s=tuple(late_s)))
-    found = calibrate_extrinsics(seen, lab.rig.cameras, lab.target, Options(instants=60))
+    found = calibrate_extrinsics(seen, lab.rig.cameras, lab.target, Options(time_steps=60))
     np.testing.assert_allclose(found.delay_s[:, 0] - found.delay_s[0, 0], late_s - late_s[0], atol=2e-3)
     assert lab.errors(found.rig)[0].max() < 5.0
 

@@ -42,7 +42,7 @@ def test_two_webcams_and_a_real_board(shared_data: Path, reference: Rig, board: 
     sources = [VideoConfig(folder / f"{name}.mp4", name).build() for name in ("cam_0", "cam_2")]
     views = joined([corners_from_frames(s.camera, s.size_wh, islice(s.frames(), 30), detector) for s in sources])
     lenses = (reference["cam_0"], reference["cam_2"])
-    found = calibrate_extrinsics(views, lenses, board, Options(clocks="offset", instants=30))
+    found = calibrate_extrinsics(views, lenses, board, Options(clocks="offset", time_steps=30))
     assert verify(found.rig, views, board, found.delay_s[:, 0]).length_rms_m <= 1.2e-3
 
 

@@ -22,7 +22,7 @@ from posefuse.core import SE3, CalibrationError, Rig
 from posefuse.formats.rig import read_placed_rig, read_rig, write_rig
 
 BENCH = Path(__file__).resolve().parents[2] / "bench"
-TOGETHER = Options(instants=60, clocks="together")
+TOGETHER = Options(time_steps=60, clocks="together")
 
 
 def test_standard_errors_grow_where_blocks_share_errors_and_never_shrink() -> None:

@@ -49,7 +49,7 @@ def test_a_third_of_a_cameras_frames_stamped_late_does_not_move_the_rig(lab: Any
     period_ns = round(1e9 / lab.motion.rate_hz)
     late = (seen.camera == 2) & (np.round(seen.t_ns / period_ns).astype(np.int64) % 3 == 0)
     wrong = replace(seen, t_ns=seen.t_ns + np.where(late, period_ns * 19 // 10, 0))
-    found = calibrate_extrinsics(wrong, lab.rig.cameras, lab.target, Options(instants=100, clocks="together"))
+    found = calibrate_extrinsics(wrong, lab.rig.cameras, lab.target, Options(time_steps=100, clocks="together"))
     true, got = (poses_of(rig) for rig in (lab.rig, found.rig))
     assert camera_differences(true, got)[0].max() < 3e-3
 

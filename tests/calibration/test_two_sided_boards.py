@@ -18,7 +18,7 @@ from posefuse.calibration.targets.kinds import Charuco, TargetDescription, descr
 from posefuse.calibration.targets.printing import board_sheets
 from posefuse.core import SE3, ConfigError, Rig
 
-OPTIONS = Options(instants=50, clocks="together")
+OPTIONS = Options(time_steps=50, clocks="together")
 TWO_SIDED = Charuco(columns=5, rows=7, square_m=0.12, marker_m=0.09, thickness_m=0.01)
 
 
@@ -47,7 +47,7 @@ def test_the_back_of_a_board_links_cameras_that_face_each_other(facing: Rig) -> 
         (TWO_SIDED, seen, 2),
         (replace(TWO_SIDED, thickness_m=None), seen.of_patches([0]), 1),
     ):
-        key = key_snapshots(views, replace(OPTIONS, instants=20), np.zeros((2, 2)))
+        key = key_snapshots(views, replace(OPTIONS, time_steps=20), np.zeros((2, 2)))
         assert len(link(facing.cameras, target, key).placed if len(key.camera) else [0]) == linked
 
 

@@ -59,8 +59,8 @@ def steps_by_phase(views: CornerObservations, period: int) -> np.ndarray:
 def test_the_board_never_rests_so_no_still_moment_can_settle_it(board_views: CornerObservations, reference: Rig) -> None:
     seen = snapshots(board_views, np.unique(board_views.t_ns), np.zeros((4, 2)))
     fastest_px = np.zeros(len(seen.t_s))
-    np.maximum.at(fastest_px, seen.instant, np.linalg.norm(seen.velocity_px_s, axis=1) * FRAME_S)
-    views = [len(np.unique(seen.camera[seen.instant == i])) for i in range(len(seen.t_s))]
+    np.maximum.at(fastest_px, seen.time_step, np.linalg.norm(seen.velocity_px_s, axis=1) * FRAME_S)
+    views = [len(np.unique(seen.camera[seen.time_step == i])) for i in range(len(seen.t_s))]
     least_px = fastest_px[np.array(views) == len(reference)].min()
     print(f"\nwhere all four see the board it moves by {least_px:.1f} px from frame to frame, or more")
     assert least_px > 2.0
@@ -181,7 +181,7 @@ def solved_freely(views: CornerObservations, lenses: Rig, board: Charuco) -> tup
 def free_points_in_step(views: CornerObservations, start: Rig) -> tuple[Rig, float]:
     """Plain least squares over cameras and free points, every frame at its stamp; and the rms distance left in px."""
     seen = snapshots(views, np.unique(views.t_ns), np.zeros((len(start), 2)))
-    point = np.unique(np.stack([seen.instant, seen.corner]), axis=1, return_inverse=True)[1].ravel()
+    point = np.unique(np.stack([seen.time_step, seen.corner]), axis=1, return_inverse=True)[1].ravel()
     kept = np.bincount(point)[point] >= 2
     camera, xy_img = seen.camera[kept], seen.xy_img[kept]
     point = np.unique(point[kept], return_inverse=True)[1].ravel()

@@ -20,7 +20,9 @@ STEP = 1e-6
 
 def test_every_block_of_the_prop_solve(ring_rig: Callable[..., Rig]) -> None:
     rig, target = ring_rig(3, distortion=(-0.12, 0.05, 0.001, -0.0005, 0.01)), Markers(0.24)
-    seen = key_snapshots(observe_prop(rig, cube(0.3), target, Waving(seconds=4), Faults()), Options(instants=8), np.zeros((3, 2)))
+    seen = key_snapshots(
+        observe_prop(rig, cube(0.3), target, Waving(seconds=4), Faults()), Options(time_steps=8), np.zeros((3, 2))
+    )
     links = link(rig.cameras, target, seen)
     patches = len(seen.patches)
     poses = [links.shape.prop_from_patch.get(i, Poses(np.eye(3), np.zeros(3))) for i in range(patches)]
@@ -52,7 +54,7 @@ def test_poses_follow_a_changed_principal_point_as_said(ring_rig: Callable[..., 
     """Against the solve with changed intrinsics."""
     rig, target, c, by_px = ring_rig(3, distortion=(-0.12, 0.05, 0.001, -0.0005, 0.01)), Markers(0.24), 1, np.array([3.0, -2.0])
     seen = observe_prop(rig, cube(0.3), target, Waving(seconds=12, rate_hz=10), Faults(noise_px=0.02, missed=0.0))
-    delay_s, options = np.zeros((3, 2)), Options(instants=40, clocks="together")
+    delay_s, options = np.zeros((3, 2)), Options(time_steps=40, clocks="together")
     links = link(rig.cameras, target, key_snapshots(seen, options, delay_s))
     solved = solve_linked(seen, rig.cameras, target, options, links, delay_s)
     held = Freedom(reference=links.reference, held_patches=links.shape.held)
@@ -107,7 +109,7 @@ def test_refined_fisheye_lenses_are_as_uncertain_as_stated(ring_rig: Callable[..
     flat = ring_rig(3, radius_m=2.5)
     wide = np.array([[260.0, 0, 319.5], [0, 260.0, 239.5], [0, 0, 1]])
     rig = Rig(tuple(replace(c, K=wide, model="fisheye", distortion=np.array([0.03, -0.01, 0.002, 0.0])) for c in flat))
-    target, options, nothing = Markers(0.24), Options(instants=40, clocks="together", lens_sigma=tuple(prior)), np.zeros((3, 2))
+    target, options, nothing = Markers(0.24), Options(time_steps=40, clocks="together", lens_sigma=tuple(prior)), np.zeros((3, 2))
     for seed in range(3):
         seen = observe_prop(rig, cube(0.3), target, Waving(seconds=12, rate_hz=10, seed=seed), Faults(missed=0.0, seed=seed))
         off = random.normal(0, prior, (3, 6))

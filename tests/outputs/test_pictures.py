@@ -23,9 +23,9 @@ from posefuse.outputs.drawing import (
     view_tile,
 )
 from posefuse.outputs.facts import person_file
-from posefuse.outputs.frames import every_instant
+from posefuse.outputs.frames import every_time_step
 from posefuse.outputs.overlay import OverlaySink
-from posefuse.outputs.overview import OverviewSink, best_instant, bystander, stage_picture
+from posefuse.outputs.overview import OverviewSink, best_time_step, bystander, stage_picture
 from posefuse.outputs.trc import TrcSink
 
 Make = Callable[..., Recording]
@@ -157,8 +157,8 @@ def test_overview(tmp_path: Path, make_recording: Make, grey_frames: Frames) -> 
 
 def test_the_best_time_step_is_whole_and_near_the_middle(make_recording: Make) -> None:
     recording = make_recording(times=7)
-    assert (recording.poses.kind[best_instant(recording)] == Kind.FUSED).all()
-    assert best_instant(recording) in (2, 4)
+    assert (recording.poses.kind[best_time_step(recording)] == Kind.FUSED).all()
+    assert best_time_step(recording) in (2, 4)
 
 
 def test_the_bystander_sees_everything(make_recording: Make) -> None:
@@ -256,7 +256,7 @@ def test_frames_find_their_time_step(make_recording: Make) -> None:
     t_ns = recording.poses.t_ns.tolist()
     marks = [("early",), ("first",), ("third",), ("late",)]
     times = [t_ns[0] - 30_000_000, t_ns[0] + 5_000_000, t_ns[2] - 15_000_000, t_ns[3] + 25_000_000]
-    got = dict(every_instant(recording, zip(times, marks, strict=True)))
+    got = dict(every_time_step(recording, zip(times, marks, strict=True)))
     assert got == {0: ("first",), 1: (None, None), 2: ("third",), 3: (None, None)}
 
 

@@ -81,7 +81,7 @@ def test_the_error_is_found_by_simulation_time(tmp_path: Path, world: Path, ring
     assert found.t_s[0] == pytest.approx(0.7) and found.t_s[-1] == pytest.approx(4.7, abs=0.01)
     np.testing.assert_array_equal(found.alignment.rotation, np.eye(3))
     assert found.alignment.offset_s == 0
-    # the truth is straight between two of its instants
+    # the truth is straight between two of its time_steps
     assert found.errors.mpjpe_mm == pytest.approx(13.0, abs=0.5)
     assert np.nanmedian(np.linalg.norm(found.a_m - found.b_m, axis=-1)) == pytest.approx(0.013, abs=1e-5)
 

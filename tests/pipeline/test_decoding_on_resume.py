@@ -10,7 +10,7 @@ import pytest
 
 from posefuse.core import DetectionBatch, Detections2D, LookKind, Observations, Rig
 from posefuse.core.skeleton import COCO17
-from posefuse.pipeline.images import ImageInstants, ImageStep, common_timeline
+from posefuse.pipeline.images import ImageStep, ImageTimeSteps, common_timeline
 from posefuse.sources.video import VideoConfig, VideoSource
 
 COUNT, GOP, DONE = 96, 12, 70
@@ -48,7 +48,7 @@ def test_few_frames_before_the_first_missing_one_are_decoded(
 
     write_video(tmp_path / "a.mp4")
     sources = [VideoConfig(tmp_path / "a.mp4", name).build() for name in rig.names]
-    images = ImageInstants(
+    images = ImageTimeSteps(
         rig, sources, None, common_timeline({one.camera: one.times_ns() for one in sources}, None, None, None), None
     )
     whole = list(images.steps())

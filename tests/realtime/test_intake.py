@@ -164,12 +164,12 @@ def session(rig: Rig) -> tuple[Fusion, SimpleNamespace]:
 class Played:
     """A session of some seconds, and between its messages those that `others(i)` gives: what came out, and what was counted."""
 
-    def __init__(self, rig: Rig, instants: int, others=lambda i: ()) -> None:
+    def __init__(self, rig: Rig, time_steps: int, others=lambda i: ()) -> None:
         self.views = ViewIntake(rig.names)
         self.fusion, clock = session(rig)
         self.poses = []
         self.fusion.outlets = SimpleNamespace(offer=self._keep, poll=lambda: None, health={})
-        for i, step in enumerate(made_up_detections(rig, BLAZE, instants, start_ns=T0)):
+        for i, step in enumerate(made_up_detections(rig, BLAZE, time_steps, start_ns=T0)):
             for view in step:
                 clock.now = view.t_ns + 20_000_000
                 for strange in others(i):

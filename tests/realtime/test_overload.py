@@ -36,9 +36,9 @@ def test_a_finding_stands_where_frames_are_used() -> None:
 
 def test_views_far_apart_are_not_read_between() -> None:
     for apart_s, there in ((0.1, True), (0.2, False)):
-        instants, read = CommonTimeSteps(("a", "b")), []
+        time_steps, read = CommonTimeSteps(("a", "b")), []
         for i in range(60):
             for name in "ab":
-                instants.add(name, round((i * apart_s + 0.03 * (name == "b")) * S), np.full((2, 2), float(i)), np.ones(2, bool))
-            read += list(instants.ready())
+                time_steps.add(name, round((i * apart_s + 0.03 * (name == "b")) * S), np.full((2, 2), float(i)), np.ones(2, bool))
+            read += list(time_steps.ready())
         assert (len(read) > 10) == there

@@ -32,12 +32,12 @@ def line(t_ns: int) -> np.ndarray:
 
 
 def test_views_are_read_at_common_time_steps_wherever_they_lie() -> None:
-    instants, rng = CommonTimeSteps(("a", "b")), np.random.default_rng(1)
+    time_steps, rng = CommonTimeSteps(("a", "b")), np.random.default_rng(1)
     times = [("ab"[c], int(t_ns)) for c in range(2) for t_ns in np.cumsum(rng.integers(20_000_000, 120_000_000, 60))]
     read = []
     for name, t_ns in sorted(times, key=lambda one: one[1]):
-        instants.add(name, t_ns, line(t_ns), np.ones(2, bool))
-        read += list(instants.ready())
+        time_steps.add(name, t_ns, line(t_ns), np.ones(2, bool))
+        read += list(time_steps.ready())
     assert len(read) > 20
     assert (np.diff([t_ns for t_ns, _ in read]) == S // 10).all()
     for t_ns, xy in read:
@@ -47,13 +47,13 @@ def test_views_are_read_at_common_time_steps_wherever_they_lie() -> None:
 
 
 def test_a_camera_that_is_silent_is_nan_and_one_that_is_ahead_pushes_no_person() -> None:
-    instants, read = CommonTimeSteps(("a", "b", "c")), []
+    time_steps, read = CommonTimeSteps(("a", "b", "c")), []
     for step in range(90):
         for name, ahead_ns in (("a", 0), ("b", 0), ("c", 3600 * S)):
             if name != "b" or step < 30:
                 t_ns = step * S // 30
-                instants.add(name, t_ns + ahead_ns, line(t_ns), np.ones(2, bool))
-        read += list(instants.ready())
+                time_steps.add(name, t_ns + ahead_ns, line(t_ns), np.ones(2, bool))
+        read += list(time_steps.ready())
     assert read[-1][0] == 24 * S // 10
     assert all(np.isfinite(xy[0]).all() and np.isnan(xy[2]).all() for _, xy in read[5:])
     assert np.isfinite(read[5][1][1]).all()
@@ -73,10 +73,10 @@ def test_nothing_is_read_across_a_gap_nor_where_a_point_was_not_seen() -> None:
 
 
 def test_memory_stays_bounded() -> None:
-    instants = CommonTimeSteps(("a", "b"))
+    time_steps = CommonTimeSteps(("a", "b"))
     for step in range(2000):
-        instants.add("a", step * S // 30, line(0), np.ones(2, bool))
-    assert len(instants._views["a"]) <= 256
+        time_steps.add("a", step * S // 30, line(0), np.ones(2, bool))
+    assert len(time_steps._views["a"]) <= 256
 
 
 def fed(watcher: RigWatcher, truth: Truth, rig: Rig, begin_s: float, seconds: float) -> dict[str, str]:

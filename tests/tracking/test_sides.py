@@ -34,12 +34,12 @@ def walkers(noise_m: float = 0.004) -> PoseSequence:
     return poses(xyz, rate_hz=30.0, cov=noise_m**2 * np.eye(3) * each)
 
 
-def exchanged(sequence: PoseSequence, instants: slice, person: int, limb: np.ndarray) -> PoseSequence:
+def exchanged(sequence: PoseSequence, time_steps: slice, person: int, limb: np.ndarray) -> PoseSequence:
     order = np.arange(K)
     order[limb], order[COCO17.mirror[limb]] = COCO17.mirror[limb], limb
     arrays = {name: np.array(getattr(sequence, name)) for name in ("xyz_world", "cov_world")}
     for array in arrays.values():
-        array[instants, person] = array[instants, person][:, order]
+        array[time_steps, person] = array[time_steps, person][:, order]
     return replace(sequence, **arrays)
 
 
@@ -50,9 +50,9 @@ def same(planes: tuple[np.ndarray, np.ndarray], poses: PoseSequence) -> bool:
 
 @pytest.mark.parametrize("limb", [LEFT_LEG, LEFT_ARM], ids=["legs", "arms"])
 @pytest.mark.parametrize("instants", [slice(12, 19), slice(40, 41), slice(0, 6), slice(80, 90)])
-def test_a_confused_stretch_is_put_right_with_all_that_belongs_to_it(limb: np.ndarray, instants: slice) -> None:
+def test_a_confused_stretch_is_put_right_with_all_that_belongs_to_it(limb: np.ndarray, time_steps: slice) -> None:
     clean = walkers()
-    confused = exchanged(clean, instants, 1, limb)
+    confused = exchanged(clean, time_steps, 1, limb)
     assert not same((confused.xyz_world, confused.cov_world), clean)
     assert same(steady_sides(confused, NOTHING), clean)
 
@@ -124,10 +124,10 @@ def test_legs_are_on_the_side_of_the_body_that_the_shoulders_show_even_against_t
     assert same(steady_sides(replace(confused, xyz_world=xyz[0]), NOTHING), replace(without, xyz_world=xyz[1]))
 
 
-def facing(part: int, count: int, instants: slice = slice(None)) -> np.ndarray:
+def facing(part: int, count: int, time_steps: slice = slice(None)) -> np.ndarray:
     """Clues of person 0 only."""
     clues = np.array(NOTHING)
-    clues[part, instants, 0] = count
+    clues[part, time_steps, 0] = count
     return clues
 
 

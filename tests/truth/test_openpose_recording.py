@@ -64,7 +64,7 @@ def rig(shared_data: Path) -> Rig:
 @pytest.fixture(scope="module")
 def detections(shared_data: Path) -> list[list[Detections2D]]:
     """Everybody OpenPose saw: one or two people per camera, three at times."""
-    instants = []
+    time_steps = []
     for i in range(FRAMES):
         cameras = []
         for name in CAMERAS:
@@ -72,19 +72,19 @@ def detections(shared_data: Path) -> list[list[Detections2D]]:
             people = np.array([p["pose_keypoints_2d"] for p in json.loads(path.read_text())["people"]]).reshape(-1, 25, 3)
             xy = np.where(people[..., 2:] > 0, people[..., :2], np.nan)
             cameras.append(built.detections(name, xy, i * 16_666_667, score=people[..., 2], sigma_px=np.nan, skeleton=BODY))
-        instants.append(cameras)
-    return instants
+        time_steps.append(cameras)
+    return time_steps
 
 
 @pytest.fixture(scope="module")
 def man(detections: list[list[Detections2D]], rig: Rig) -> list[Views]:
     """The one person followed, from nothing but the detections."""
-    instants: list[Views] = []
+    time_steps: list[Views] = []
     previous = None
     for seen in detections:
-        instants.append(associate(seen, rig, AssociateSettings(), previous))
-        previous = fuse(instants[-1], rig, FuseSettings(), previous)
-    return instants
+        time_steps.append(associate(seen, rig, AssociateSettings(), previous))
+        previous = fuse(time_steps[-1], rig, FuseSettings(), previous)
+    return time_steps
 
 
 @pytest.fixture(scope="module")

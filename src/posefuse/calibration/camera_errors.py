@@ -125,7 +125,7 @@ def camera_errors(rig: Rig, seen: Snapshots, target: Target) -> tuple[CameraErro
 
 def _each_patch_alone(seen: Snapshots) -> Snapshots:
     """Every marker at every time step as a target of its own, on at most so many of them that several cameras see."""
-    key = seen.instant * len(seen.patches) + seen.patch
+    key = seen.time_step * len(seen.patches) + seen.patch
     used, place = np.unique(key, return_inverse=True)
     present = np.zeros((len(used), int(seen.camera.max(initial=0)) + 1), bool)
     present[place, seen.camera] = True
@@ -138,7 +138,7 @@ def _each_patch_alone(seen: Snapshots) -> Snapshots:
     number = np.full(len(used), -1)
     number[chosen] = np.arange(len(chosen))
     t_s = seen.t_s[used[chosen] // len(seen.patches)]
-    alone = replace(seen, t_s=t_s, instant=number[place], patch=np.zeros(len(place), np.int64), patches=seen.patches[:1])
+    alone = replace(seen, t_s=t_s, time_step=number[place], patch=np.zeros(len(place), np.int64), patches=seen.patches[:1])
     return alone.rows(number[place] >= 0)
 
 
@@ -150,9 +150,9 @@ def _spread(items: Array, most: int) -> Array:
 def _against(rig: Rig, views: Snapshots, target: Target, c: int, others: Iterable[int]) -> CameraError:
     """One camera's pose, focal length and clock are free, the others fixed."""
     trusted = sorted(others)
-    shared = np.unique(views.instant[np.isin(views.camera, trusted)])
-    seen = views.rows(np.isin(views.camera, [*trusted, c]) & np.isin(views.instant, shared))
-    count = len(np.unique(seen.instant[seen.camera == c]))
+    shared = np.unique(views.time_step[np.isin(views.camera, trusted)])
+    seen = views.rows(np.isin(views.camera, [*trusted, c]) & np.isin(views.time_step, shared))
+    count = len(np.unique(seen.time_step[seen.camera == c]))
     if count < VERIFY_LIMITS.views or not trusted:
         return CameraError(name=rig.names[c], views=count)
     freed = _freed(rig, seen, target, c)
@@ -169,7 +169,7 @@ def _freed(rig: Rig, seen: Snapshots, target: Target, c: int) -> tuple[PropSolut
     known = np.asarray(np.isfinite(track.t).all(axis=1))
     if not known.any():
         return None
-    seen = seen.rows(known[seen.instant])
+    seen = seen.rows(known[seen.time_step])
     focal_px = _FREE_FOCAL * cameras[c].K[0, 0]
     sigma = np.array([focal_px, focal_px, _HELD_PX, _HELD_PX, _HELD_BEND, _HELD_BEND])
     return solve_prop(
@@ -185,7 +185,7 @@ def _effect(rig: Rig, solution: PropSolution, seen: Snapshots, target: Target, c
     """How far the camera as it is sees points from where the camera of the rig would, px (rms) per 1000 px of width."""
     mine = seen.rows(seen.camera == c)
     corners = patch_corners(target, mine.patches)[mine.patch, mine.corner]
-    xyz = solution.state.world_from_prop[mine.instant].move(corners)
+    xyz = solution.state.world_from_prop[mine.time_step].move(corners)
     before, after = rig.cameras[c].cam_from_world @ xyz, solution.state.cam_from_world[mine.camera].move(xyz)
     late_s = solution.state.delay_s[c, 0]
     apart = (

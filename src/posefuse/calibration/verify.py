@@ -93,7 +93,7 @@ def verify(rig: Rig, observations: CornerObservations, target: Target, late_s: A
     delay[:, 0] = 0.0 if late_s is None else late_s
     times = np.unique(observations.t_ns)
     seen = snapshots(observations, times, delay)
-    key, point = np.unique(np.stack([seen.instant, seen.patch, seen.corner], axis=1), axis=0, return_inverse=True)
+    key, point = np.unique(np.stack([seen.time_step, seen.patch, seen.corner], axis=1), axis=0, return_inverse=True)
     point = point.ravel()
     xy = np.full((len(rig), len(key), 2), np.nan)
     xy[seen.camera, point] = seen.xy_img

@@ -23,7 +23,7 @@ from posefuse.foundation.summary import Block, Facts, Heading, Note, Table
 from .metrics import JointErrors, drift, summary
 
 PAGE_FILE, FIGURES_FILE = "compare.html", "compare.json"
-_LEAST_INSTANTS = 5
+_LEAST_TIME_STEPS = 5
 _SPEED_HZ = 60.0
 # of the values of a shift, this share must be known in both
 _LEAST_KNOWN = 0.1
@@ -193,8 +193,8 @@ def compare(
     offset = _offset(a, b, space, scale) if time else 0.0
     moved = b.at(a.t_s - offset)
     both = np.asarray(np.isfinite(a.xyz_m).all(axis=-1) & np.isfinite(moved).all(axis=-1))
-    if both.any(axis=1).sum() < _LEAST_INSTANTS:
-        raise InputError(f"{a.name} and {b.name}: fewer than {_LEAST_INSTANTS} time steps in common after alignment in time")
+    if both.any(axis=1).sum() < _LEAST_TIME_STEPS:
+        raise InputError(f"{a.name} and {b.name}: fewer than {_LEAST_TIME_STEPS} time steps in common after alignment in time")
     early = moved if start_s is None else np.where((a.t_s <= a.t_s[0] + start_s)[:, None, None], moved, np.nan)
     (rotation, shift, factor), _ = _fitted(a.xyz_m, early, space, scale)
     onto = factor * moved @ rotation.T + shift
@@ -265,7 +265,7 @@ def _fitted(a_m: Array, b_m: Array, space: bool, scale: bool) -> tuple[tuple[Arr
     """The similarity of b (T, K, 3) onto a where both are, and the rms distance it leaves; inf where too little is."""
     both = np.asarray(np.isfinite(a_m).all(axis=-1) & np.isfinite(b_m).all(axis=-1))
     onto = (np.eye(3), np.zeros(3), 1.0)
-    if both.any(axis=1).sum() < _LEAST_INSTANTS:
+    if both.any(axis=1).sum() < _LEAST_TIME_STEPS:
         return onto, np.inf
     if space:
         onto = similarity(b_m[both], a_m[both], scale)

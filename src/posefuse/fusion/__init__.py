@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 from posefuse.core.lazy_names import lazy_names
 
 if TYPE_CHECKING:
-    from .instant import fuse
     from .settings import WEIGHTS, FuseSettings, Weights
+    from .time_step import fuse
     from .triangulation import Triangulated, triangulate
 
 __all__ = ["WEIGHTS", "FuseSettings", "Triangulated", "Weights", "fuse", "triangulate"]

@@ -250,6 +250,7 @@ def _small(frame: Frame) -> Array:
 def _corners(grey: Array) -> tuple[Array, Array]:
     """(N, 2) float32 corners and (N,) their regions: the best of each region, so that no bright target takes them all."""
     height, width = grey.shape
+    found: list[Array]
     found, region = [np.zeros((0, 2), np.float32)], [np.zeros(0, np.int64)]
     for place in range(_ACROSS * _DOWN):
         left, right = (width * (place % _ACROSS + i) // _ACROSS for i in (0, 1))

@@ -46,7 +46,7 @@ _APART = 0.5
 _GROSS_M, _MAY_BE_SWAPPED_M, _NOT_LINEAR = 0.1, 0.06, 0.25
 # chosen, not fitted: newest time steps that are tried with cameras exchanged; the exchange must leave less than this share of the
 # distance between rays; and pairs within this factor of the best one are named with it
-_SWAP_INSTANTS, _SWAP_GAIN, _SWAP_ALIKE = 10, 0.4, 1.5
+_SWAP_TIME_STEPS, _SWAP_GAIN, _SWAP_ALIKE = 10, 0.4, 1.5
 _NEWEST_APART_S = 1.0
 
 
@@ -109,7 +109,7 @@ def observe(state: MonitorState, rig: Rig, t_ns: int, xy_img: Array) -> tuple[Mo
         The next state, whose `findings` are all present ones, and those that are new.
     """
     now = instant_of(rig, t_ns, xy_img)
-    recent = (*state.recent, np.array(xy_img, np.float64))[-_SWAP_INSTANTS:]
+    recent = (*state.recent, np.array(xy_img, np.float64))[-_SWAP_TIME_STEPS:]
     apart_s = [(now.t_ns - one.t_ns) / 1e9 for one in state.before]
     if len(apart_s) < 2 or not 0 < apart_s[1] < apart_s[0] < _NEWEST_APART_S:
         return replace(state, before=(*state.before, now)[-2:] if apart_s and apart_s[-1] > 0 else (now,), recent=recent), []

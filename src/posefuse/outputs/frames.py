@@ -87,7 +87,7 @@ def write_each(sinks: Sequence[Sink], recording: Recording, folder: Path, frame_
                     writers[place] = writer
                 else:
                     made[place] = sink.write(recording, folder)
-        for i, frames in every_instant(recording, frame_sets or ()) if writers else ():
+        for i, frames in every_time_step(recording, frame_sets or ()) if writers else ():
             for place in list(writers):
                 _add(writers, failed, place, i, frames)
     except BaseException as error:
@@ -127,7 +127,7 @@ def write_without_frames(sink: FrameSink, recording: Recording, folder: Path) ->
     return write_outputs([sink], recording, folder)
 
 
-def every_instant(recording: Recording, frame_sets: FrameSets) -> Iterator[tuple[int, Frames]]:
+def every_time_step(recording: Recording, frame_sets: FrameSets) -> Iterator[tuple[int, Frames]]:
     """(i, frames) for each time step of the recording in order; its frames are those within half a period, else none."""
     t_ns = recording.poses.t_ns
     reach_ns = float(np.median(np.diff(t_ns))) / 2 if len(t_ns) > 1 else 0.5e9

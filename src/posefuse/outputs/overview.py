@@ -179,7 +179,7 @@ class _OverviewWriter:
     def __init__(self, recording: Recording, path: Path, config: OverviewSink) -> None:
         self._recording, self._path = recording, path
         self._most_wh = (config.width_px, config.height_px)
-        self._instant = best_instant(recording)
+        self._time_step = best_time_step(recording)
         self._images: list[Array | None] = [None] * len(recording.rig)
 
     def __enter__(self) -> _OverviewWriter:
@@ -194,7 +194,7 @@ class _OverviewWriter:
         return [self._path]
 
     def add(self, i: int, frames: Frames) -> None:
-        if i == self._instant:
+        if i == self._time_step:
             self._images = [None if frame is None else frame.image for frame in frames]
 
     def _picture(self) -> Array:
@@ -204,13 +204,13 @@ class _OverviewWriter:
         picture = np.full((height, width + stage_width, 3), EMPTY_RGB, np.uint8)
         for c, image in enumerate(self._images):
             left, top = grid.corner(c)
-            tile = view_tile(self._recording, self._instant, c, image, grid.tile_wh)
+            tile = view_tile(self._recording, self._time_step, c, image, grid.tile_wh)
             picture[top : top + grid.tile_wh[1], left : left + grid.tile_wh[0]] = tile
-        picture[:, width:] = stage_picture(self._recording, self._instant, (stage_width, height))
+        picture[:, width:] = stage_picture(self._recording, self._time_step, (stage_width, height))
         return picture
 
 
-def best_instant(recording: Recording) -> int:
+def best_time_step(recording: Recording) -> int:
     """The time step with the most measured keypoints; among equals the one nearest to the middle."""
     kind = recording.poses.kind
     measured = ((kind == Kind.FUSED) | (kind == Kind.SMOOTHED)).sum(axis=(1, 2))

@@ -212,12 +212,12 @@ def _from_plain(content: dict[str, Any], path: Path) -> Listed:
 
 def _picture(path: Path, within: Path | None) -> bytes:
     from posefuse.outputs.drawing import jpeg_of
-    from posefuse.outputs.overview import best_instant, stage_picture
+    from posefuse.outputs.overview import best_time_step, stage_picture
 
     from .playback import Playback, session_with_videos
 
     recording = read_result(path, lambda line: None)
-    i = best_instant(recording)
+    i = best_time_step(recording)
     session = session_with_videos(recording, path, within)
     if session is None:
         return jpeg_of(stage_picture(recording, i, _PICTURE_WH), _JPEG_QUALITY)

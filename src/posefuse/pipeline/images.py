@@ -129,7 +129,7 @@ class ImageStep:
         return [region for region in made if region is not None]
 
 
-class ImageInstants:
+class ImageTimeSteps:
     """Time steps of videos or image folders: decodes ahead and runs the detector on demand."""
 
     def __init__(

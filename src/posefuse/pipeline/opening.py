@@ -15,7 +15,7 @@ from posefuse.foundation.platform import usable_cores
 from posefuse.sources import RecordedSource
 
 from .config import CONFIG_FILE, TrackConfig
-from .images import ImageInstants, Timeline, common_timeline
+from .images import ImageTimeSteps, Timeline, common_timeline
 from .session import LEAST_CAMERAS, Input, Session, fitted_camera, least_cameras
 from .time_steps import TimeStep
 
@@ -77,15 +77,15 @@ def open_session(session: Session, config: TrackConfig, warn: Say) -> Opened:
     steps: TimeSteps
     sources: tuple[RecordedSource, ...] = ()
     if kinds == {"pose2d"}:
-        from .pose2d import pose2d_instants
+        from .pose2d import pose2d_time_steps
 
-        rig, steps, timeline = pose2d_instants(session, config)
+        rig, steps, timeline = pose2d_time_steps(session, config)
     else:
         rig, steps, timeline, sources = _images(session, config, warn)
     return Opened(session=session, config=config, rig=rig, steps=steps, timeline=timeline, sources=sources)
 
 
-def _images(session: Session, config: TrackConfig, warn: Say) -> tuple[Rig, ImageInstants, Timeline, tuple[RecordedSource, ...]]:
+def _images(session: Session, config: TrackConfig, warn: Say) -> tuple[Rig, ImageTimeSteps, Timeline, tuple[RecordedSource, ...]]:
     from posefuse.detection.build import build_detector
 
     _check_rate(session, config)
@@ -106,7 +106,7 @@ def _images(session: Session, config: TrackConfig, warn: Say) -> tuple[Rig, Imag
     timeline = common_timeline({s.camera: _times(s) for s in sources}, config.rate_hz, config.start_s, config.end_s)
     detector = build_detector(config.detector, rig)
     lost = lambda name, error: warn(f"{error}; continues without camera {name} from here")  # noqa: E731
-    return rig, ImageInstants(rig, sources, detector, timeline, lost), timeline, tuple(sources)
+    return rig, ImageTimeSteps(rig, sources, detector, timeline, lost), timeline, tuple(sources)
 
 
 def _check_rate(session: Session, config: TrackConfig) -> None:

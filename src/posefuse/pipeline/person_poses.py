@@ -41,7 +41,7 @@ from posefuse.detection.build import DetectorChoice, build_detector, fetch_netwo
 from posefuse.fusion import FuseSettings
 from posefuse.pipeline.config import CameraInput
 from posefuse.pipeline.following import FollowedLog, PeopleFollower
-from posefuse.pipeline.images import ImageInstants, Timeline, common_timeline
+from posefuse.pipeline.images import ImageTimeSteps, Timeline, common_timeline
 from posefuse.pipeline.second_pass import long_enough, poses_over_time
 from posefuse.pipeline.session import Input, fitted_camera
 from posefuse.sources import FramesAhead, RecordedSource, VideoConfig, frame_sets
@@ -192,7 +192,7 @@ def poses_together(
     Raises:
         InputError: no person could be followed. SourceError: a video breaks off.
     """
-    images = ImageInstants(rig, sources, detector, timeline, _raise)
+    images = ImageTimeSteps(rig, sources, detector, timeline, _raise)
     follower = PeopleFollower(
         skeleton=detector.skeleton, rig=rig, associating=AssociateSettings(max_people=people), fusing=FuseSettings()
     )

@@ -91,7 +91,7 @@ class Pose2DStep:
         return tuple(folder.frame(number, t_ns) for folder, number, t_ns in self.files)
 
 
-class Pose2DInstants:
+class Pose2DTimeSteps:
     """Time steps of frame numbers first, first + 1, ... at an even rate; each camera gives its frame nearest to a time step.
 
     Args:
@@ -144,7 +144,7 @@ class Pose2DInstants:
         return folder, number, round(number * period_ns) + offset_ns - self._zero_ns
 
 
-def pose2d_instants(session: Session, config: TrackConfig) -> tuple[Rig, Pose2DInstants, Timeline]:
+def pose2d_time_steps(session: Session, config: TrackConfig) -> tuple[Rig, Pose2DTimeSteps, Timeline]:
     """Time steps of a session's 2D pose folders; frames of one number belong together.
 
     The rate is that of `pose2d_rate_hz`.
@@ -170,7 +170,7 @@ def pose2d_instants(session: Session, config: TrackConfig) -> tuple[Rig, Pose2DI
     timeline = Timeline(skip * period_ns, period_ns, count - skip)
     cameras = tuple(stated_camera(session.rig[entry.camera], entry) for entry in session.inputs)
     rig = dataclasses.replace(session.rig, cameras=cameras)
-    return rig, Pose2DInstants(folders, timeline, first + skip, [entry.settings for entry in session.inputs]), timeline
+    return rig, Pose2DTimeSteps(folders, timeline, first + skip, [entry.settings for entry in session.inputs]), timeline
 
 
 def read_session_poses(session: Session, keypoints: str) -> list[Pose2DFrames]:

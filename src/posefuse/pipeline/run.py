@@ -81,13 +81,13 @@ def others_line(seen: dict[str, int], followed: int) -> str | None:
 
 # Compile the numeric kernels before the clock of the real work runs; they are kept on disk, so only the first run waits.
 
-_INSTANTS = 12
+_TIME_STEPS = 12
 
 
 def warm_up(rig: Rig, skeleton: Skeleton, config: TrackConfig) -> None:
     """Run association, fusion and smoothing once on a made-up person in front of the cameras."""
     poses: list[Pose3D] = []
-    for detections in made_up_detections(rig, skeleton, _INSTANTS):
+    for detections in made_up_detections(rig, skeleton, _TIME_STEPS):
         before = poses[-1] if poses else None
         poses.append(fuse(associate(detections, rig, config.associate, before), rig, config.fuse, before))
     people = [pose for pose in poses if len(pose.person_id) == len(poses[-1].person_id)]

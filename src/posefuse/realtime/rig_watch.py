@@ -138,7 +138,7 @@ class RigWatcher:
     def __init__(self, rig: Rig, clocks: bool) -> None:
         self._rig = rig
         self._finder = ClockFinder(rig) if clocks else None
-        self._instants = CommonTimeSteps(rig.names)
+        self._time_steps = CommonTimeSteps(rig.names)
         self._state = monitor.new_monitor_state(rig)
         self._offset_s: Mapping[str, float] = {}
 
@@ -147,7 +147,7 @@ class RigWatcher:
         if self._finder is not None:
             self._finder.add(camera, t_ns, xy_img, score)
         later_ns = round(self._offset_s.get(camera, 0.0) * _S)
-        self._instants.add(camera, t_ns - later_ns, xy_img, score >= MIN_SCORE)
+        self._time_steps.add(camera, t_ns - later_ns, xy_img, score >= MIN_SCORE)
 
     def look(self) -> Watched:
         """What is known by now."""
@@ -155,7 +155,7 @@ class RigWatcher:
             found = self._finder.find()
             self._offset_s = self._offset_s if found is None else found
         if len(self._rig) >= monitor.LEAST_CAMERAS:
-            for t_ns, xy_img in self._instants.ready():
+            for t_ns, xy_img in self._time_steps.ready():
                 self._state, _ = monitor.observe(self._state, self._rig, t_ns, xy_img)
         findings = self._state.findings
         faulty = {name: Verdict(one.kind, one.detail) for one in findings for name in one.cameras}

@@ -8,7 +8,7 @@ from posefuse.core import Skeleton
 from posefuse.core.arrays import SIGMA_PER_MAD, Array
 
 # chosen, not fitted: the median of ten lengths scatters by about 0.4 of what one does
-_MIN_INSTANTS = 10
+_MIN_TIME_STEPS = 10
 # chosen, not fitted: from three steps on the end is far nearer to the minimum than the minimum to the truth
 _ITERATIONS = 3
 # time steps solved at once, which bounds the memory for slopes (T, B, K, 3) of a long recording; results do not depend on it
@@ -32,7 +32,7 @@ def bone_lengths(xyz: Array, cov: Array, used: Array, skeleton: Skeleton, sigma_
         span, both = xyz[:, one] - xyz[:, two], cov[:, one] + cov[:, two]
         distance = np.linalg.norm(span, axis=-1)
         counts = used[:, one] & used[:, two] & np.isfinite(distance)
-        if counts.sum() < _MIN_INSTANTS:
+        if counts.sum() < _MIN_TIME_STEPS:
             continue
         divisor = np.where(distance > 1e-9, distance, np.nan)
         along = span / divisor[:, None]

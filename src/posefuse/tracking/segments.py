@@ -12,7 +12,7 @@ from posefuse.core.skeleton import pick_keypoints
 from .body_directions import SIDES
 
 # fewer time steps do not determine the lengths of the person's segments
-_LEAST_INSTANTS = 10
+_LEAST_TIME_STEPS = 10
 _ENDS = [[[end.format(side=side) for end in ends] for ends in SEGMENT_ENDS.values()] for side in SIDES]
 _POINTS = tuple(dict.fromkeys(end for side in _ENDS for ends in side for end in ends))
 _FROM, _TO = np.moveaxis(np.vectorize(_POINTS.index)(np.array(_ENDS)), -1, 0)
@@ -50,7 +50,7 @@ def segment_lengths(xyz: Array, skeleton: Skeleton) -> Array:
     for n, s in np.ndindex(*out.shape):
         known = metres[:, n, :, s]
         known = known[np.isfinite(known)]
-        if len(known) >= _LEAST_INSTANTS * len(SIDES):
+        if len(known) >= _LEAST_TIME_STEPS * len(SIDES):
             out[n, s] = np.median(known)
     return out
 

@@ -35,7 +35,7 @@ def made_up_person(skeleton: Skeleton) -> Array:
     return np.array(places)
 
 
-def made_up_detections(rig: Rig, skeleton: Skeleton, instants: int, start_ns: int = 0) -> Iterator[list[Detections2D]]:
+def made_up_detections(rig: Rig, skeleton: Skeleton, time_steps: int, start_ns: int = 0) -> Iterator[list[Detections2D]]:
     """Per time step one detection of the person by each camera, at its own time within the time step.
 
     Now and then the first camera puts half of the keypoints elsewhere: the paths that settle conflicts have work too.
@@ -45,7 +45,7 @@ def made_up_detections(rig: Rig, skeleton: Skeleton, instants: int, start_ns: in
     middle = rig.centres_world().mean(axis=0) + np.mean([c.cam_from_world.matrix()[2] for c in rig], axis=0)
     standing = made_up_person(skeleton)
     person = middle + standing - standing.mean(axis=0)
-    for i in range(instants):
+    for i in range(time_steps):
         seen = rig.project(person + rng.normal(size=(k, 3)) * 0.02)
         sure = np.isfinite(seen[..., 0])
         if i % _AT_ODDS_EVERY == 1:

@@ -165,9 +165,9 @@ def _check_not_in_a_person(camera: str, centre: Array, keypoints: Array, t_s: Ar
         return
     near = np.linalg.norm(keypoints - centre, axis=-1).min(axis=2) < _BODY_RADIUS_M
     if near.any():
-        instant, person = np.argwhere(near)[0]
+        time_step, person = np.argwhere(near)[0]
         raise ConfigError(
-            f"camera {camera}: stands at {_point(centre)} m, inside or touching people.{person} at {t_s[instant]:.1f} s; "
+            f"camera {camera}: stands at {_point(centre)} m, inside or touching people.{person} at {t_s[time_step]:.1f} s; "
             f"keep {_BODY_RADIUS_M} m between them"
         )
 

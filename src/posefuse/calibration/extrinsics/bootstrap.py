@@ -61,7 +61,7 @@ def known_shape(seen: Snapshots, prop_from_patch: Mapping[int, Poses]) -> PropSh
     """
     placed = {i: prop_from_patch[int(number)] for i, number in enumerate(seen.patches)}
     root, *others = placed
-    steps = {i: np.unique(seen.instant[seen.patch == i]) for i in placed}
+    steps = {i: np.unique(seen.time_step[seen.patch == i]) for i in placed}
     apart = [i for i in others if len(np.intersect1d(steps[i], steps[root])) < _LEAST_TOGETHER]
     return PropShape(placed, (root, *apart))
 
@@ -72,7 +72,7 @@ def prop_shape(views: PlanarViews, patch_count: int, side_m: float) -> PropShape
     Markers that move independently of those with most agreement are left out.
     """
     edges: dict[tuple[int, int], Edge] = {}
-    for (i, j), (first, second) in _together(views.camera, views.instant, views.patch, patch_count).items():
+    for (i, j), (first, second) in _together(views.camera, views.time_step, views.patch, patch_count).items():
         candidates = _relative(views.cam_from_patch[first], views.cam_from_patch[second])
         edge = vote(candidates, _MARKER_ANGLE_RAD, np.full(len(first), _MARKER_DISTANCE * side_m))
         edges[(i, j)] = edge
@@ -82,9 +82,9 @@ def prop_shape(views: PlanarViews, patch_count: int, side_m: float) -> PropShape
     return PropShape(placed, (root,))
 
 
-def _together(camera: Array, instant: Array, patch: Array, count: int) -> dict[tuple[int, int], tuple[Array, Array]]:
+def _together(camera: Array, time_step: Array, patch: Array, count: int) -> dict[tuple[int, int], tuple[Array, Array]]:
     """For each pair of patches i < j: the rows of both in images that show both."""
-    image = instant * (int(camera.max(initial=0)) + 1) + camera
+    image = time_step * (int(camera.max(initial=0)) + 1) + camera
     images, image_no = np.unique(image, return_inverse=True)
     row = np.full((len(images), count), -1, np.int64)
     row[image_no, patch] = np.arange(len(patch))
@@ -122,7 +122,7 @@ class PropViews:
     """
 
     camera: Array
-    instant: Array
+    time_step: Array
     cam_from_prop: Poses
 
 
@@ -130,21 +130,21 @@ def prop_views(seen: Snapshots, views: PlanarViews, shape: PropShape, corners: A
     """The prop's pose in every image, from the marker and solution that explains all its markers in that image best."""
     norm = lenses.norm_from_px(seen.camera, seen.xy_img)
     known = np.isin(views.patch, list(shape.prop_from_patch))
-    order = np.flatnonzero(known)[np.lexsort((views.camera[known], views.instant[known]))]
-    key = np.stack([views.instant[order], views.camera[order]])
+    order = np.flatnonzero(known)[np.lexsort((views.camera[known], views.time_step[known]))]
+    key = np.stack([views.time_step[order], views.camera[order]])
     cuts = np.flatnonzero((np.diff(key, axis=1) != 0).any(axis=0)) + 1
-    cameras, instants, R, t = [], [], [], []
+    cameras, time_steps, R, t = [], [], [], []
     for rows in np.split(order, cuts) if len(order) else []:
         candidates = _candidates(views, shape, rows)
         xyz, xy = _image_points(seen, views, shape, corners, norm, rows)
         best = _best_two(candidates, xyz, xy, single=len(rows) == 1)
         cameras.append(views.camera[rows[0]])
-        instants.append(views.instant[rows[0]])
+        time_steps.append(views.time_step[rows[0]])
         R.append(best.R)
         t.append(best.t)
     if not R:
         return PropViews(np.zeros(0, np.int64), np.zeros(0, np.int64), Poses(np.zeros((0, 2, 3, 3)), np.zeros((0, 2, 3))))
-    return PropViews(np.array(cameras), np.array(instants), Poses(np.stack(R), np.stack(t)))
+    return PropViews(np.array(cameras), np.array(time_steps), Poses(np.stack(R), np.stack(t)))
 
 
 def _candidates(views: PlanarViews, shape: PropShape, rows: Array) -> Poses:
@@ -189,8 +189,8 @@ def camera_edges(views: PropViews, camera_count: int, cam_from_prop: Poses | Non
     """Relative poses of cameras, from time steps at which two of them see the prop."""
     edges: dict[tuple[int, int], Edge] = {}
     poses = views.cam_from_prop if cam_from_prop is None else cam_from_prop
-    instants, place = np.unique(views.instant, return_inverse=True)
-    row = np.full((len(instants), camera_count), -1, np.int64)
+    time_steps, place = np.unique(views.time_step, return_inverse=True)
+    row = np.full((len(time_steps), camera_count), -1, np.int64)
     row[place, views.camera] = np.arange(len(views.camera))
     for a in range(camera_count):
         for b in range(a + 1, camera_count):
@@ -230,9 +230,9 @@ def prop_track(
     xyz_prop = patch_pose[seen.patch].move(corners[seen.patch, seen.corner])
     count = len(seen.t_s)
     R, t = np.tile(np.eye(3), (count, 1, 1)), np.full((count, 3), np.nan)
-    first_row = np.searchsorted(seen.instant, np.arange(count + 1))
-    for k in np.unique(views.instant):
-        mine = views.instant == k
+    first_row = np.searchsorted(seen.time_step, np.arange(count + 1))
+    for k in np.unique(views.time_step):
+        mine = views.time_step == k
         world_from_cam = cam_from_world[views.camera[mine]].inverse()
         both = Poses(world_from_cam.R[:, None], world_from_cam.t[:, None]) @ views.cam_from_prop[mine]
         flat = Poses(both.R.reshape(-1, 3, 3), both.t.reshape(-1, 3))

@@ -46,7 +46,7 @@ def _solved_by_others(trouble: Trouble, solved: Solved, c: int) -> Solved:
     found = near_solve(replace(solved, seen=seen.rows(~rows)), trouble.cameras, solved.solution.state, freedom)
     state, camera, patch = found.state, seen.camera[rows], seen.patch[rows]
     xyz_prop = state.prop_from_patch[patch].move(solved.corners[patch, seen.corner[rows]])
-    xyz_cam = state.cam_from_world[camera].move(state.world_from_prop[seen.instant[rows]].move(xyz_prop))
+    xyz_cam = state.cam_from_world[camera].move(state.world_from_prop[seen.time_step[rows]].move(xyz_prop))
     residual_px = np.empty_like(solved.solution.residual_px)
     residual_px[~rows] = found.residual_px
     residual_px[rows] = Lenses(trouble.cameras, state.lens_delta).px(camera, xyz_cam) - seen.xy_img[rows]
@@ -86,7 +86,7 @@ def _camera_means(solved: Solved, c: int) -> tuple[Array, Array, Array, Array, A
     """Per time step of a camera: number, mean residual x and y, mean velocity (n, 2), and a robust weight."""
     seen, residual = solved.seen, solved.solution.residual_px
     rows = (seen.camera == c) & np.isfinite(residual).all(axis=1)
-    steps, place, count = np.unique(seen.instant[rows], return_inverse=True, return_counts=True)
+    steps, place, count = np.unique(seen.time_step[rows], return_inverse=True, return_counts=True)
     mean = np.stack([np.bincount(place, residual[rows, k], len(steps)) / count for k in (0, 1)], axis=1)
     velocity = np.stack([np.bincount(place, seen.velocity_px_s[rows, k], len(steps)) / count for k in (0, 1)], axis=1)
     size = np.linalg.norm(mean, axis=1)
@@ -149,7 +149,7 @@ def _solve_split(
         delay[[c, count], 0] = clocks_s
         seen = _read_again(trouble, solved, delay, c, t_s)
     else:
-        seen = replace(seen, camera=np.where((seen.camera == c) & (seen.t_s[seen.instant] >= t_s), count, seen.camera))
+        seen = replace(seen, camera=np.where((seen.camera == c) & (seen.t_s[seen.time_step] >= t_s), count, seen.camera))
     seen = seen.rows(np.arange(len(seen.camera)) >= 0)
     pose = state.cam_from_world
     start = replace(
@@ -171,7 +171,9 @@ def _read_again(trouble: Trouble, solved: Solved, delay: Array, c: int, t_s: flo
     )  # fmt: skip
     steps_ns = np.round(solved.seen.t_s * 1e9).astype(np.int64) + middle_ns(seen)
     again = snapshots(two, steps_ns, delay)
-    return again.rows(np.isin(again.instant, np.unique(solved.seen.instant)) & np.isin(again.patch, np.unique(solved.seen.patch)))
+    return again.rows(
+        np.isin(again.time_step, np.unique(solved.seen.time_step)) & np.isin(again.patch, np.unique(solved.seen.patch))
+    )
 
 
 def _split_story(trouble: Trouble, solution: PropSolution, c: int, at_s: float, apart: Solved) -> tuple[str, str, int, CheckKind]:
@@ -184,7 +186,7 @@ def _split_story(trouble: Trouble, solution: PropSolution, c: int, at_s: float, 
     jump_s = float(solution.state.delay_s[count, 0] - solution.state.delay_s[c, 0])
     sigma_s = float(np.hypot(solution.delay_sigma_s[count, 0], solution.delay_sigma_s[c, 0]))
     focal = trouble.cameras[c].K[0, 0]
-    depth = np.abs(pose[apart.seen.camera].move(solution.state.world_from_prop.t[apart.seen.instant])[:, 2])
+    depth = np.abs(pose[apart.seen.camera].move(solution.state.world_from_prop.t[apart.seen.time_step])[:, 2])
     moved_px = focal * (turn_rad + shift_m / max(float(np.median(depth)), 0.1))
     speed = np.linalg.norm(apart.seen.velocity_px_s[np.isin(apart.seen.camera, (c, count))], axis=1)
     px_per_s = float(np.median(speed)) if len(speed) else 0.0

@@ -178,7 +178,7 @@ def solve_from_scratch(
     delay_s: Array | None = None,
 ) -> tuple[Solved | None, int]:  # fmt: skip
     """Everything from the beginning on fewer time steps: the solution, and how many corners it could not place."""
-    options: Options = replace(trouble.options, instants=min(trouble.options.instants, TIME_STEPS), clocks=clocks)
+    options: Options = replace(trouble.options, time_steps=min(trouble.options.time_steps, TIME_STEPS), clocks=clocks)
     delay = np.zeros((len(cameras), 2)) if delay_s is None else delay_s
     seen = key_snapshots(observations, options, delay)
     if len(seen.camera) == 0:
@@ -188,5 +188,5 @@ def solve_from_scratch(
         return None, len(seen.camera)
     solved = solve_linked(observations, cameras, target, options, links, delay)
     # what is not read again at the clocks found, since a neighbouring frame lacks it, is no evidence against them
-    used = np.isin(seen.instant, np.unique(solved.seen.instant)) & np.isin(seen.patch, np.unique(solved.seen.patch))
+    used = np.isin(seen.time_step, np.unique(solved.seen.time_step)) & np.isin(seen.patch, np.unique(solved.seen.patch))
     return solved, int((~used).sum())

@@ -52,7 +52,7 @@ def _paths(observations: CornerObservations, cameras: tuple[Camera, ...], target
     planar = planar_views(seen, corners, lenses)
     views = prop_views(seen, planar, shape_of(target, seen, planar), corners, lenses)
     xyz = np.full((len(cameras), count, 1, 3), np.nan)
-    xyz[views.camera, steps[views.instant], 0] = views.cam_from_prop.t[:, 0]
+    xyz[views.camera, steps[views.time_step], 0] = views.cam_from_prop.t[:, 0]
     return [EvenTrack(0, one) for one in xyz]
 
 

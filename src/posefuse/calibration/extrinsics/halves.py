@@ -114,7 +114,7 @@ def _shared(sigma: Array) -> Array:
 def spread_px(solved: Solved, steps: Array, cameras: int) -> Array:
     """(C,) median size of a corner's residual at some of the time steps; NaN where there are none."""
     size = np.linalg.norm(solved.solution.residual_px, axis=1)
-    rows = steps[solved.seen.instant] & np.isfinite(size)
+    rows = steps[solved.seen.time_step] & np.isfinite(size)
     mine = [rows & (solved.seen.camera == c) for c in range(cameras)]
     return np.array([np.median(size[m]) if m.any() else np.nan for m in mine])
 
@@ -129,7 +129,7 @@ def _solve_half(
     part: CornerObservations, cameras: tuple[Camera, ...], target: Target, options: Options, solved: Solved
 ) -> tuple[Solved | None, str]:
     delay_s = solved.solution.state.delay_s
-    together = replace(options, clocks="together", instants=max(options.instants // 2, min(options.instants, TIME_STEPS)))
+    together = replace(options, clocks="together", time_steps=max(options.time_steps // 2, min(options.time_steps, TIME_STEPS)))
     if set(np.unique(part.camera)) != set(range(len(cameras))):
         return None, "a camera sees nothing in it"
     seen = key_snapshots(part, together, delay_s)

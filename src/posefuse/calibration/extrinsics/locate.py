@@ -105,7 +105,7 @@ def _solve(rig: Rig, seen: Snapshots, target: Target) -> tuple[SE3, Array]:
     known = np.asarray(np.isfinite(track.t).all(axis=1))
     if not known.any():
         raise CalibrationError(f"target {int(seen.patches[0])}: no camera sees 4 of its corners")
-    seen = seen.rows(known[seen.instant])
+    seen = seen.rows(known[seen.time_step])
     solution = solve_prop(seen, corners, tuple(rig), rig_state(rig, track), Freedom(reference=None, held_patches=None))
     poses = Poses(solution.state.world_from_prop.R, np.where(known[:, None], solution.state.world_from_prop.t, np.nan))
     return poses.se3(), solution.residual_px

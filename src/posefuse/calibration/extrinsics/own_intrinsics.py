@@ -51,7 +51,7 @@ def cameras_of(observations: CornerObservations, target: Target, options: Option
         CalibrationError: a camera with too few views of the target.
     """
     cameras = starting_cameras(observations, target)
-    free = replace(options, lens_sigma=start_sigma(cameras), instants=min(options.instants, 2 * TIME_STEPS))
+    free = replace(options, lens_sigma=start_sigma(cameras), time_steps=min(options.time_steps, 2 * TIME_STEPS))
     delay_s = starting_clocks(observations, cameras, target, free)
     seen = key_snapshots(observations, free, delay_s)
     if len(seen.camera) == 0:
@@ -69,7 +69,7 @@ def check_carried(cameras: Sequence[Camera], observations: CornerObservations, s
     """The recording determines the intrinsics: near and far, over the image, and by the standard errors of the solve."""
     seen, solution = solved.seen, solved.solution
     share = coverage(observations).share
-    in_cam = solution.state.cam_from_world[seen.camera].move(solution.state.world_from_prop.t[seen.instant])
+    in_cam = solution.state.cam_from_world[seen.camera].move(solution.state.world_from_prop.t[seen.time_step])
     distance_m = np.linalg.norm(in_cam, axis=1)
     problems = []
     for c, camera in enumerate(cameras):

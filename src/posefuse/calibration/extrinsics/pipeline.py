@@ -18,10 +18,10 @@ from .clocks import rough_offsets
 from .limits import LIMITS, Limits
 from .planar import planar_views
 from .prop_solve import Freedom, Noise, PropSolution, PropState, solve_prop, whitened_corners
-from .snapshots import Snapshots, middle_ns, pick_instants, snapshots
+from .snapshots import Snapshots, middle_ns, pick_time_steps, snapshots
 from .voting import Edge, tree
 
-LEAST_INSTANTS = 8
+LEAST_TIME_STEPS = 8
 _MOST_CLOCK_ROUNDS = 5
 _CLOCK_SETTLED_S = 1e-4
 _INLIER_SIGMA = 4.0
@@ -44,7 +44,7 @@ class Options:
         limits: what refuses the result.
     """
 
-    instants: int = 400
+    time_steps: int = 400
     clocks: str = "auto"
     lens_sigma: tuple[float, ...] | None = None
     own_intrinsics: bool = False
@@ -53,8 +53,8 @@ class Options:
     def __post_init__(self) -> None:
         if self.clocks not in CLOCK_MODES:
             raise ConfigError(f"clocks: expected one of {', '.join(CLOCK_MODES)}, got {self.clocks!r}")
-        if self.instants < LEAST_INSTANTS:
-            raise ConfigError(f"time steps: expected at least {LEAST_INSTANTS}, got {self.instants}")
+        if self.time_steps < LEAST_TIME_STEPS:
+            raise ConfigError(f"time steps: expected at least {LEAST_TIME_STEPS}, got {self.time_steps}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,8 +118,8 @@ def link(cameras: tuple[Camera, ...], target: Target, seen: Snapshots) -> Links:
 
 def key_snapshots(observations: CornerObservations, options: Options, delay_s: Array) -> Snapshots:
     """Corners at the key time steps."""
-    instants = pick_instants(observations, options.instants, delay_s, prefer_slow=options.clocks == "together")
-    return snapshots(observations, instants, delay_s)
+    time_steps = pick_time_steps(observations, options.time_steps, delay_s, prefer_slow=options.clocks == "together")
+    return snapshots(observations, time_steps, delay_s)
 
 
 def starting_clocks(observations: CornerObservations, cameras: tuple[Camera, ...], target: Target, options: Options) -> Array:
@@ -158,7 +158,7 @@ def solve_linked(
         drift=options.clocks == "drift",
         lens_sigma=lens_sigma,
     )
-    use = known[seen.instant] & np.isin(seen.patch, list(placed))
+    use = known[seen.time_step] & np.isin(seen.patch, list(placed))
     seen = seen.rows(use)
     solution = solve_prop(seen, corners, cameras, state, freedom)
     bad = _disagreeing_patches(seen, solution, links.shape)
@@ -183,11 +183,11 @@ def _disagreeing_patches(seen: Snapshots, solution: PropSolution, shape: PropSha
 def _settle_clocks(observations: CornerObservations, cameras: tuple[Camera, ...], solved: Solved, freedom: Freedom) -> Solved:
     """Read the corners again at the clocks found and solve again, until the clocks stay."""
     instants_ns = np.round(solved.seen.t_s * 1e9).astype(np.int64) + middle_ns(observations)
-    patches, instants = np.unique(solved.seen.patch), np.unique(solved.seen.instant)
+    patches, time_steps = np.unique(solved.seen.patch), np.unique(solved.seen.time_step)
     for _ in range(_MOST_CLOCK_ROUNDS):
         state = solved.solution.state
         seen = snapshots(observations, instants_ns, state.delay_s)
-        seen = seen.rows(np.isin(seen.patch, patches) & np.isin(seen.instant, instants))
+        seen = seen.rows(np.isin(seen.patch, patches) & np.isin(seen.time_step, time_steps))
         solved = replace(solved, seen=seen, solution=solve_prop(seen, solved.corners, cameras, state, freedom))
         if np.abs(solved.solution.state.delay_s[:, 0] - state.delay_s[:, 0]).max() < _CLOCK_SETTLED_S:
             break
@@ -196,9 +196,9 @@ def _settle_clocks(observations: CornerObservations, cameras: tuple[Camera, ...]
 
 def thinned(solved: Solved) -> Solved:
     """The solution on fewer time steps: enough to distinguish hypotheses."""
-    used = np.unique(solved.seen.instant)
+    used = np.unique(solved.seen.time_step)
     keep = used[np.unique(np.linspace(0, len(used) - 1, min(len(used), TIME_STEPS)).astype(np.int64))]
-    rows = np.isin(solved.seen.instant, keep)
+    rows = np.isin(solved.seen.time_step, keep)
     return replace(
         solved, seen=solved.seen.rows(rows), solution=replace(
             solved.solution, residual_px=solved.solution.residual_px[rows], weight=solved.solution.weight[rows])

@@ -32,7 +32,7 @@ class PlanarViews:
     """
 
     camera: Array
-    instant: Array
+    time_step: Array
     patch: Array
     cam_from_patch: Poses
     error_norm: Array
@@ -59,7 +59,7 @@ def planar_views(seen: Snapshots, corners: Array, lenses: Lenses) -> PlanarViews
     R[clear, 1], t[clear, 1], error[clear, 1] = np.nan, np.nan, np.inf
     good = np.isfinite(error[:, 0])
     return PlanarViews(
-        seen.camera[starts][good], seen.instant[starts][good], seen.patch[starts][good], Poses(R[good], t[good]), error[good],
+        seen.camera[starts][good], seen.time_step[starts][good], seen.patch[starts][good], Poses(R[good], t[good]), error[good],
         np.stack([starts, ends], axis=1)[good],
     )  # fmt: skip
 

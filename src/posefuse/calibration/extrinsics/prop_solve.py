@@ -296,13 +296,13 @@ class _Model:
         """The corners (N, 3) in axes of the prop, of the world and of the camera that sees them; and the lenses."""
         seen = self._seen
         prop = state.prop_from_patch[seen.patch].move(self._xyz_patch)
-        world = state.world_from_prop[seen.instant].move(prop)
+        world = state.world_from_prop[seen.time_step].move(prop)
         return prop, world, state.cam_from_world[seen.camera].move(world), Lenses(self._cameras, state.lens_delta)
 
     def _residual(self, state: PropState, cam: Array, lenses: Lenses) -> Array:
         seen = self._seen
         late = (state.delay_s - self._delay_s)[seen.camera]
-        late_s = late[:, 0] + late[:, 1] * seen.t_s[seen.instant]
+        late_s = late[:, 0] + late[:, 1] * seen.t_s[seen.time_step]
         return self._white(lenses.px(seen.camera, cam) - seen.xy_img - seen.velocity_px_s * late_s[:, None])
 
     def linearise(self, state: PropState) -> Linearised:
@@ -310,11 +310,11 @@ class _Model:
         prop, world, cam, lenses = self._placed(state)
         residual, d_cam = self._residual(state, cam, lenses), self._white(lenses.px_jacobian(seen.camera, cam))
         R_cam = state.cam_from_world.R[seen.camera]
-        R_prop = state.world_from_prop.R[seen.instant]
+        R_prop = state.world_from_prop.R[seen.time_step]
         d_world = d_cam @ R_cam
         d_prop = d_world @ R_prop
         turned_cam = cam - state.cam_from_world.t[seen.camera]
-        turned_world = world - state.world_from_prop.t[seen.instant]
+        turned_world = world - state.world_from_prop.t[seen.time_step]
         turned_prop = prop - state.prop_from_patch.t[seen.patch]
         blocks = (
             ResidualBlock(_pose_jacobian(d_cam, turned_cam), seen.camera, len(state.cam_from_world)),
@@ -322,11 +322,11 @@ class _Model:
             ResidualBlock(self._clock_jacobian(), seen.camera, len(state.cam_from_world)),
             self._lens_block(state, lenses, cam),
         )
-        return Linearised(residual, blocks, _pose_jacobian(d_world, turned_world), seen.instant)
+        return Linearised(residual, blocks, _pose_jacobian(d_world, turned_world), seen.time_step)
 
     def _clock_jacobian(self) -> Array:
         per_offset = self._white(-self._seen.velocity_px_s)
-        per_drift = per_offset * self._seen.t_s[self._seen.instant][:, None]
+        per_drift = per_offset * self._seen.t_s[self._seen.time_step][:, None]
         return np.asarray(np.stack([per_offset, per_drift], axis=-1) * _DELAY_SCALE_S)
 
     def _lens_block(self, state: PropState, lenses: Lenses, cam: Array) -> ResidualBlock:

@@ -15,7 +15,7 @@ from posefuse.core import Camera
 from posefuse.core.arrays import Array
 
 from .limits import LIMITS, Limits
-from .pipeline import LEAST_INSTANTS, Links, Solved
+from .pipeline import LEAST_TIME_STEPS, Links, Solved
 
 IN_STEP = "cameras are synchronised"
 CORNERS_FIT = "corners fit"
@@ -41,7 +41,7 @@ def check_target_moves(observations: CornerObservations, limits: Limits = LIMITS
     spread_px = np.sqrt(np.bincount(place, ((observations.xy_img - middle[place]) ** 2).sum(axis=1)) / count)
     width_px = np.array([max(wh) for wh in observations.sizes_wh])[observations.camera[first]]
     # a corner in a few images shows no motion, and that there are too few is another check's word
-    often = count >= LEAST_INSTANTS
+    often = count >= LEAST_TIME_STEPS
     share = float((spread_px / width_px)[often].max(initial=0.0))
     moves = not often.any() or share >= limits.target_spread_share
     still = "" if moves else ": it is held still, and frames of one pose count as one"
@@ -125,9 +125,9 @@ def _link_story(names: Sequence[str], links: Links, lost: Sequence[str]) -> str:
 
 def check_amount(solved: Solved) -> Check:
     """Enough time steps went into the solve."""
-    used = len(np.unique(solved.seen.instant))
-    detail = f"{used} key time steps with 2 cameras or more (needed {LEAST_INSTANTS})"
-    return Check("enough time steps", used >= LEAST_INSTANTS, detail, "wave the prop longer, where several cameras see it")
+    used = len(np.unique(solved.seen.time_step))
+    detail = f"{used} key time steps with 2 cameras or more (needed {LEAST_TIME_STEPS})"
+    return Check("enough time steps", used >= LEAST_TIME_STEPS, detail, "wave the prop longer, where several cameras see it")
 
 
 def check_fit(cameras: Sequence[Camera], solved: Solved, limits: Limits = LIMITS) -> Check:
@@ -157,7 +157,7 @@ def check_still(cameras: Sequence[Camera], solved: Solved, limits: Limits = LIMI
     """No camera agrees for a part of the recording only."""
     first = solved.seen.group_starts()
     camera, inlier = solved.seen.camera[first], solved.inlier
-    t_s = solved.seen.t_s[solved.seen.instant[first]]
+    t_s = solved.seen.t_s[solved.seen.time_step[first]]
     edges = np.linspace(t_s.min(), t_s.max() + 1e-9, limits.segments + 1)
     segment = np.clip(np.searchsorted(edges, t_s, side="right") - 1, 0, limits.segments - 1)
     for c, named in enumerate(cameras):
@@ -249,7 +249,7 @@ def check_facing(cameras: Sequence[Camera], solved: Solved, limits: Limits = LIM
     """The printed faces look at the cameras that see them: a mirrored board looks away."""
     seen, state = solved.seen, solved.solution.state
     first = seen.group_starts()
-    world_from_patch = state.world_from_prop[seen.instant[first]] @ state.prop_from_patch[seen.patch[first]]
+    world_from_patch = state.world_from_prop[seen.time_step[first]] @ state.prop_from_patch[seen.patch[first]]
     cam_from_patch = state.cam_from_world[seen.camera[first]] @ world_from_patch
     middle = np.stack([cam_from_patch.move(np.tile(corner, (len(first), 1))) for corner in solved.corners[0]]).mean(axis=0)
     facing = ((cam_from_patch.R[:, :, 2] * middle).sum(axis=1) < 0) & (middle[:, 2] > 0)

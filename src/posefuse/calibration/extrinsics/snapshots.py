@@ -33,7 +33,7 @@ class Snapshots:
 
     t_s: Array
     camera: Array
-    instant: Array
+    time_step: Array
     patch: Array
     corner: Array
     xy_img: Array
@@ -51,7 +51,7 @@ class Snapshots:
         return _grouped(
             self.t_s,
             self.camera[keep],
-            self.instant[keep],
+            self.time_step[keep],
             patch=self.patch[keep],
             corner=self.corner[keep],
             xy=self.xy_img[keep],
@@ -61,16 +61,16 @@ class Snapshots:
 
 
 def _grouped(
-    t_s: Array, camera: Array, instant: Array, patch: Array, corner: Array, xy: Array, velocity: Array, patches: Array
+    t_s: Array, camera: Array, time_step: Array, patch: Array, corner: Array, xy: Array, velocity: Array, patches: Array
 ) -> Snapshots:
-    order = np.lexsort((corner, patch, camera, instant))
-    keys = np.stack([instant, camera, patch])[:, order]
+    order = np.lexsort((corner, patch, camera, time_step))
+    keys = np.stack([time_step, camera, patch])[:, order]
     new = np.concatenate([[0], (np.diff(keys, axis=1) != 0).any(axis=0)]) if len(order) else np.zeros(0)
     group = np.cumsum(new).astype(np.int64)
     return Snapshots(
         t_s=t_s,
         camera=camera[order],
-        instant=instant[order],
+        time_step=time_step[order],
         patch=patch[order],
         corner=corner[order],
         xy_img=xy[order],
@@ -112,8 +112,8 @@ def snapshots(observations: CornerObservations, instants_ns: Array, delay_s: Arr
         return _grouped(
             t_s, empty, empty, patch=empty, corner=empty, xy=np.zeros((0, 2)), velocity=np.zeros((0, 2)), patches=patches
         )
-    camera, instant, patch_of, corner, xy, velocity = (np.concatenate([part[i] for part in parts]) for i in range(6))
-    return _grouped(t_s, camera, instant, patch=patch_of, corner=corner, xy=xy, velocity=velocity, patches=patches)
+    camera, time_step, patch_of, corner, xy, velocity = (np.concatenate([part[i] for part in parts]) for i in range(6))
+    return _grouped(t_s, camera, time_step, patch=patch_of, corner=corner, xy=xy, velocity=velocity, patches=patches)
 
 
 def _longest_gap_s(stamps_s: Array) -> float:
@@ -164,7 +164,7 @@ def _slopes(track_s: Array, xy: Array, longest_gap_s: float) -> Array:
     return np.asarray(slope)
 
 
-def pick_instants(observations: CornerObservations, most: int, delay_s: Array, prefer_slow: bool) -> Array:
+def pick_time_steps(observations: CornerObservations, most: int, delay_s: Array, prefer_slow: bool) -> Array:
     """At most `most` times (T,) ns, spread over the images, the camera pairs and the recording; at least 2 cameras each."""
     counts = np.bincount(observations.camera, minlength=len(observations.cameras))
     reference = int(np.argmax(counts))
@@ -181,15 +181,17 @@ def pick_instants(observations: CornerObservations, most: int, delay_s: Array, p
 
 def _greedy(observations: CornerObservations, candidates: Array, most: int, delay_s: Array, prefer_slow: bool) -> Array:
     seen = snapshots(observations, candidates, delay_s)
-    cameras, instants = len(observations.cameras), len(candidates)
-    pair = seen.instant * cameras + seen.camera
-    corners = np.bincount(pair, minlength=instants * cameras).reshape(instants, cameras)
+    cameras, time_steps = len(observations.cameras), len(candidates)
+    pair = seen.time_step * cameras + seen.camera
+    corners = np.bincount(pair, minlength=time_steps * cameras).reshape(time_steps, cameras)
     present = corners > 0
-    total = np.stack([np.bincount(pair, seen.xy_img[:, k], instants * cameras) for k in (0, 1)], axis=-1)
-    centre = total.reshape(instants, cameras, 2) / np.maximum(corners, 1)[..., None]
+    total = np.stack([np.bincount(pair, seen.xy_img[:, k], time_steps * cameras) for k in (0, 1)], axis=-1)
+    centre = total.reshape(time_steps, cameras, 2) / np.maximum(corners, 1)[..., None]
     share = centre / np.array(observations.sizes_wh, np.float64)
     cell = np.clip((share * 4).astype(np.int64), 0, 3) @ np.array([4, 1])
-    speed = np.bincount(seen.instant, np.linalg.norm(seen.velocity_px_s, axis=1), instants) / np.maximum(corners.sum(axis=1), 1)
+    speed = np.bincount(seen.time_step, np.linalg.norm(seen.velocity_px_s, axis=1), time_steps) / np.maximum(
+        corners.sum(axis=1), 1
+    )
     worth = (corners.sum(axis=1) / np.maximum(present.sum(axis=1), 1)) ** 0.5
     if prefer_slow:
         worth = worth / (1 + speed / _SLOW_PX_S)
@@ -198,11 +200,11 @@ def _greedy(observations: CornerObservations, candidates: Array, most: int, dela
 
 def _take(present: Array, cell: Array, worth: Array, most: int) -> Array:
     """Indices of time steps, each the one that adds most where little has been seen so far."""
-    instants, cameras = present.shape
+    time_steps, cameras = present.shape
     both = present[:, :, None] & present[:, None, :]
     cell_count, pair_count = np.zeros((cameras, 16)), np.zeros((cameras, cameras))
     time_count = np.zeros(16)
-    section = np.arange(instants) * 16 // max(instants, 1)
+    section = np.arange(time_steps) * 16 // max(time_steps, 1)
     possible = present.sum(axis=1) >= 2
     taken: list[int] = []
     columns = np.arange(cameras)

@@ -123,5 +123,5 @@ def focal_lengths_px(cameras: tuple[Camera, ...]) -> Array:
 def usual_distance_m(solved: Solved) -> float:
     """Median distance of the target from the cameras."""
     seen, state = solved.seen, solved.solution.state
-    in_cam = state.cam_from_world[seen.camera].move(state.world_from_prop.t[seen.instant])
+    in_cam = state.cam_from_world[seen.camera].move(state.world_from_prop.t[seen.time_step])
     return float(np.median(np.linalg.norm(in_cam, axis=1)))

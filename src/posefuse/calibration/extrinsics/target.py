@@ -213,7 +213,7 @@ def _solve(
         raise RefusedCalibration(CalibrationReport("extrinsics", (*done, alone)))
     links = link(cameras, target, seen)
     present = np.zeros((len(links.seen.t_s), len(cameras)), np.int64)
-    present[links.seen.instant, links.seen.camera] = 1
+    present[links.seen.time_step, links.seen.camera] = 1
     linked = checks.check_links(observations.cameras, links, present.T @ present)
     done.append(linked)
     _stop_if_failed(done)
@@ -273,7 +273,7 @@ def _numbers(solved: Solved, rig: Rig, distance_m: float) -> dict[str, float]:
     numbers = {
         "residual_px": rig.residual_px,
         "sigma_px": solved.solution.sigma_px,
-        "instants": float(len(np.unique(solved.seen.instant))),
+        "instants": float(len(np.unique(solved.seen.time_step))),
         "usual_distance_m": distance_m,
     }
     for i, name in enumerate(rig.names):

@@ -41,11 +41,11 @@ class PersonViews:
         """(C, T, K) whether a keypoint is seen well enough to be used."""
         return np.isfinite(self.xy_img).all(axis=-1) & (self.score >= _LEAST_SCORE) & (self.sigma_px > 0)
 
-    def at(self, instants: Array) -> PersonViews:
+    def at(self, time_steps: Array) -> PersonViews:
         """Only the time steps of a mask or of indices."""
         return replace(
-            self, t_ns=self.t_ns[instants], xy_img=self.xy_img[:, instants], score=self.score[:, instants],
-            sigma_px=self.sigma_px[:, instants],
+            self, t_ns=self.t_ns[time_steps], xy_img=self.xy_img[:, time_steps], score=self.score[:, time_steps],
+            sigma_px=self.sigma_px[:, time_steps],
         )  # fmt: skip
 
     def tracks(self) -> tuple[PersonTrack, ...]:
