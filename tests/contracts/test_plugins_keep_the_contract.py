@@ -42,7 +42,7 @@ def test_sinks(name: str, recording: Recording, tmp_path: Path) -> None:
     if name == "rerun":
         pytest.importorskip("rerun", reason="the extra viewer is not installed")
     if name == "mcap":
-        pytest.importorskip("mcap", reason="the extra ros is not installed")
+        pytest.importorskip("rosbags", reason="the extra ros is not installed")
     check_output(build_plugin("outputs", name, {}), recording, tmp_path)
 
 

@@ -16,7 +16,7 @@ FULL_LIMIT_S = 7200
 
 
 def test_a_few_damaged_files_of_every_reader() -> None:
-    pytest.importorskip("mcap", reason="the extra `ros` is not installed")
+    pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
     done = subprocess.run([*DRIVE, "--variants", "17", "--readers-only"], capture_output=True, text=True, timeout=LIMIT_S)
     assert done.returncode == 0, done.stdout[:5000] + done.stderr[-5000:]
 

@@ -46,6 +46,6 @@ def test_detections_of_an_interrupted_run_are_read() -> None:
 
 
 def test_an_exported_mcap_is_read() -> None:
-    pytest.importorskip("mcap", reason="the extra ros is not installed")
+    pytest.importorskip("rosbags", reason="the extra ros is not installed")
     poses = pf.read(GOLDEN / "exported.mcap").poses
     np.testing.assert_allclose(1e3 * poses.xyz_world[7, 0], FACTS["xyz_mm"], atol=1e-2)

@@ -205,7 +205,7 @@ def test_a_recording_is_never_written_over(tmp_path):
 
 
 def test_a_type_of_our_name_but_other_fields_is_refused(tmp_path):
-    pytest.importorskip("mcap", reason="the extra `ros` is not installed")
+    pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
     from mcap.writer import Writer
 
     path = tmp_path / "a.mcap"
@@ -220,7 +220,7 @@ def test_a_type_of_our_name_but_other_fields_is_refused(tmp_path):
 
 
 def test_types_no_person_here_knows_are_passed_over(tmp_path, some_pose):
-    pytest.importorskip("mcap", reason="the extra `ros` is not installed")
+    pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
     from mcap.writer import Writer
 
     path = tmp_path / "a.mcap"

@@ -14,7 +14,7 @@ from posefuse.messages.bags import read_detections, read_mcap, read_poses
 from posefuse.messages.markers import annotations_of_view
 from posefuse.outputs.live import RecordConfig
 
-pytest.importorskip("mcap", reason="the extra ros is not installed")
+pytest.importorskip("rosbags", reason="the extra ros is not installed")
 MESSAGES = list(made_up_messages())
 T0 = 1_700_000_000_000_000_000
 

@@ -96,7 +96,7 @@ def test_later_parts_of_a_live_session_are_not_recordings_of_their_own(tmp_path:
 
 
 def test_one_that_cannot_be_read_has_a_reason(saved_walk: Saved, tmp_path: Path) -> None:
-    pytest.importorskip("mcap", reason="the extra `ros` is not installed")
+    pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
     _, result = saved_walk
     (result / "recording.npz").write_bytes(b"damaged")
     one = listed(result)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("mcap", reason="the extra `ros` is not installed")
+pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
 
 import posefuse
 from posefuse.cli.main import main

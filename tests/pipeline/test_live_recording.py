@@ -40,7 +40,8 @@ from posefuse.pipeline.solve import solve_again
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.provenance import notes_of
 
-reader = pytest.importorskip("mcap.reader", reason="the extra `ros` is not installed")
+pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
+reader = pytest.importorskip("mcap.reader")
 
 SIDE_NAMES = {
     "mouth_left": "left_mouth",

@@ -202,7 +202,7 @@ class Fed:
     """An output process that is offered messages, as a session does."""
 
     def __init__(self, path: Path) -> None:
-        pytest.importorskip("mcap", reason="the extra ros is not installed")
+        pytest.importorskip("rosbags", reason="the extra ros is not installed")
         self.outputs = OutputProcess(plan(path))
         self.outputs.wait_ready()
         self.count = 0
@@ -386,7 +386,7 @@ def test_an_added_output_that_cannot_be_opened_fails_alone(fed: Fed, tmp_path: P
 
 
 def test_an_output_that_cannot_be_opened_is_reported_before_the_session_starts(tmp_path: Path) -> None:
-    pytest.importorskip("mcap", reason="the extra ros is not installed")
+    pytest.importorskip("rosbags", reason="the extra ros is not installed")
     outputs = OutputProcess(plan(tmp_path / "no" / "live.mcap"))
     with pytest.raises(InputError, match="cannot be written"):
         outputs.wait_ready()

@@ -29,7 +29,7 @@ from posefuse.realtime.provenance import read_provenance
 
 pytestmark = pytest.mark.realtime
 
-pytest.importorskip("mcap")
+pytest.importorskip("rosbags")
 PERIOD_NS = 10_000_000
 FRESH_NS = 70_000_000
 

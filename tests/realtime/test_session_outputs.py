@@ -16,7 +16,7 @@ from posefuse.messages.bags import read_mcap, read_poses
 
 pytestmark = pytest.mark.realtime
 
-pytest.importorskip("mcap")
+pytest.importorskip("rosbags")
 
 
 def test_killed_outputs_are_reported_and_recording_continues_and_the_session_ends_with_1(

@@ -194,7 +194,7 @@ def test_a_live_recording_has_its_videos_on_its_own_time_and_the_names_that_were
     tmp_path: Path, demo_session: Path
 ) -> None:
     """Every detection was made in a frame, so that the video has a frame at its time."""
-    pytest.importorskip("mcap")
+    pytest.importorskip("rosbags")
     oracle = {"detector.name": "oracle", "detector.options.truth": str(demo_session / "truth" / "truth.npz")}
     videos, path = tmp_path / "videos", tmp_path / "recording.mcap"
     videos.mkdir()

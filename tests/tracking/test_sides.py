@@ -49,7 +49,7 @@ def same(planes: tuple[np.ndarray, np.ndarray], poses: PoseSequence) -> bool:
 
 
 @pytest.mark.parametrize("limb", [LEFT_LEG, LEFT_ARM], ids=["legs", "arms"])
-@pytest.mark.parametrize("instants", [slice(12, 19), slice(40, 41), slice(0, 6), slice(80, 90)])
+@pytest.mark.parametrize("time_steps", [slice(12, 19), slice(40, 41), slice(0, 6), slice(80, 90)])
 def test_a_confused_stretch_is_put_right_with_all_that_belongs_to_it(limb: np.ndarray, time_steps: slice) -> None:
     clean = walkers()
     confused = exchanged(clean, time_steps, 1, limb)
