@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from live_session import Live, command, until
-from replaying import difference_m, replay, replayed
+from replaying import difference_m, read_provenance, replay, replayed
 
 from posefuse.core import SE3, Pose3D
 from posefuse.core.skeleton import PAPER14, pick_keypoints
@@ -25,7 +25,6 @@ from posefuse.messages import topics
 from posefuse.messages.bags import read_mcap, read_poses
 from posefuse.messages.messages import detections_from_message, ns_from_time, pose_from_message
 from posefuse.realtime.config import LiveConfig
-from posefuse.realtime.provenance import read_provenance
 
 pytestmark = pytest.mark.realtime
 

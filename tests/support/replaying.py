@@ -2,19 +2,45 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from posefuse.core import Detections2D, Pose3D, Rig
+from posefuse.core import Detections2D, InputError, Pose3D, Rig
+from posefuse.foundation.settings import settings_from_mapping
 from posefuse.messages import topics
-from posefuse.messages.bags import Warn, read_mcap
+from posefuse.messages.bags import Warn, read_mcap, read_notes
 from posefuse.messages.messages import detections_from_message, pose_from_message
+from posefuse.outputs.live.record import NOTES
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import Estimator, centres_from_message, warmed_up
 from posefuse.realtime.messages import Centres
-from posefuse.realtime.provenance import read_provenance
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """How a session was recorded: its cameras in their order, the rig's content hash, and all settings."""
+
+    cameras: tuple[str, ...]
+    rig_id: str
+    config: LiveConfig
+
+
+def read_provenance(path: Path) -> Provenance | None:
+    """What `notes_of` left in a recording; None where there is nothing. Raises InputError for settings of another version."""
+    notes: Mapping[str, str] | None = read_notes(path, NOTES)
+    if notes is None:
+        return None
+    try:
+        cameras, rig_id, settings = json.loads(notes["cameras"]), notes["rig_id"], json.loads(notes["settings"])
+    except (KeyError, ValueError) as error:
+        raise InputError(f"{path}: its notes on how it was made cannot be read ({error})") from None
+    config = settings_from_mapping(settings, LiveConfig, where=f"{path}, made with posefuse {notes.get('posefuse', '?')}")
+    return Provenance(tuple(cameras), rig_id, config)
 
 
 def replayed(path: Path, rig: Rig, config: LiveConfig, warn: Warn | None = None) -> Any:

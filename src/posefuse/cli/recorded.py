@@ -41,7 +41,6 @@ def _check_id(_: object, value: int | None) -> None:
 
 
 _AGAIN = Group("Earlier work in DIR", validator=_one_of_two, sort_key=-1)
-_EDITS = Group("Edits", validator=_one_of_two, sort_key=-2)
 
 
 @dataclass(frozen=True, kw_only=True)
