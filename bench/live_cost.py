@@ -6,8 +6,8 @@
 
 What the threads of a running `posefuse live` take is counted (Linux: /proc), the start-up left out; several programs on the
 machine lengthen that, as they share caches and cores. Milliseconds of processor time, not of the clock. ``--empty`` shows the
-cameras their own rooms without the person, with a camera's noise. ``--videos`` counts instead what keeping a video takes, with the
-camera's own packets copied and with images encoded. Tables on stderr, one JSON object on stdout.
+cameras their own rooms without the person, with a camera's noise. ``--videos`` counts instead what keeping a video takes, with
+the camera's own packets copied and with images encoded. Tables on stderr, one JSON object on stdout.
 """
 
 import tempfile

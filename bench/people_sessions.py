@@ -5,9 +5,9 @@
     python bench/people_sessions.py --scene returning [--seed 483]              live, an oracle instead of the network
 
 Rendered: five cameras and the bundled network; FOLDER keeps what is rendered, `--alone` renders and tracks each person alone,
-too. With a scene of `bench/people.py` the cameras play blank videos, and `detection.oracle` answers from the truth with 2 px of noise:
-all but the network and its colours is the session that users run. Figures as in `bench/people.py`; a table on stderr, one JSON
-object on stdout.
+too. With a scene of `bench/people.py` the cameras play blank videos, and `detection.oracle` answers from the truth with 2 px of
+noise: all but the network and its colours is the session that users run. Figures as in `bench/people.py`; a table on stderr,
+one JSON object on stdout.
 """
 
 from __future__ import annotations
