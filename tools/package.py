@@ -3,8 +3,8 @@
 Builds the source distribution and the wheel of posefuse and of each package below packages/ into dist/, lets twine check them,
 and checks the size of the wheel of posefuse. Installs it into empty environments of each Python that is here, without
 constraints: once with the newest version of every package that there is today, once with the lowest that pyproject.toml allows.
-Runs the commands of a first hour in each; then adds the wheels of the other packages, runs a command of each, and prints a
-table. Uploads nothing.
+Runs the commands of a first hour in each; then adds the wheels of the other packages, runs a command of each, and prints two
+tables. Uploads nothing. UV_TORCH_BACKEND=cpu or UV_FIND_LINKS name a PyTorch without CUDA for the simulator.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ import tempfile
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from page_marks import between_marks, markdown, write_between_marks
@@ -32,9 +33,12 @@ MOST_WHEEL_BYTES = 3_500_000
 # uv's names; pip can take the newest only
 RESOLUTIONS = {"newest": "highest", "lowest": "lowest-direct"}
 COMMANDS = ("demo", "report", "live", "print", "calibrate")
-# of the packages below packages/
-MORE_COMMANDS = ("simulate --plan", "teleoperate", "studio")
-COLUMNS = ("Python", "versions", "MB", *COMMANDS, "MB of all packages", *MORE_COMMANDS)
+# what is tried of each package below packages/
+PACKAGES = {"posefuse-sim": "simulate --plan", "posefuse-studio": "studio", "posefuse-teleop": "teleoperate"}
+COLUMNS = {
+    "package": ("Python", "versions", "MB installed", *COMMANDS),
+    "packages": ("Python", "versions", "MB installed", *PACKAGES.values()),
+}
 STUDIO = "http://127.0.0.1:8799/"
 PATIENCE_S = 600.0
 BOARD = ("--columns", "5", "--rows", "7", "--square-mm", "30", "--marker-mm", "22")
@@ -45,18 +49,22 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--python", action="append", help="Python to try it with (default: those of 3.11 to 3.13 that are here)")
     parser.add_argument("--versions", action="append", choices=list(RESOLUTIONS), help="of the packages (default: both)")
+    parser.add_argument("--without", action="append", choices=list(PACKAGES), help="do not try this package")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="begin no installation later than this")
     parser.add_argument("--write", type=Path, metavar="PAGE", help="put the rows into the table of this page")
     parser.add_argument("--no-install", action="store_true", help="build and check only")
     options = parser.parse_args()
     wheels = build()
     if not options.no_install:
-        rows = try_everywhere(wheels, options.python or present_pythons(), options.versions or list(RESOLUTIONS), options.minutes)
-        print(f"\n{markdown(COLUMNS, rows)}")
-        if options.write:
-            write(options.write, rows)
-        if failed := [row for row in rows if any("failed" in cell for cell in row)]:
-            raise SystemExit(f"{len(failed)} of {len(rows)} installations do not work")
+        trial = Trial(wheels=wheels, left_out=options.without or ())
+        found = try_everywhere(trial, options.python or present_pythons(), options.versions or list(RESOLUTIONS), options.minutes)
+        for name, rows in found.items():
+            print(f"\n{markdown(COLUMNS[name], rows)}")
+            if options.write:
+                write(options.write, name, rows)
+        every = [row for rows in found.values() for row in rows]
+        if failed := [row for row in every if "failed" in row]:
+            raise SystemExit(f"{len(failed)} of {len(every)} installations do not work")
 
 
 def build() -> list[Path]:
@@ -93,50 +101,76 @@ def _working(version: str) -> Iterator[str]:
             yield path
 
 
-def try_everywhere(wheels: list[Path], pythons: list[str], versions: list[str], minutes: float = float("inf")) -> list[list[str]]:
-    """Try the wheels with every Python and choice of versions, as far as the time reaches; rows of the table."""
+@dataclass(frozen=True, kw_only=True)
+class Trial:
+    """What is installed: the wheels, that of posefuse first, but not those of the packages left out."""
+
+    wheels: list[Path]
+    left_out: Sequence[str]
+
+    @property
+    def packages(self) -> list[str]:
+        """What is added to posefuse."""
+        return [name for name in PACKAGES if name not in self.left_out]
+
+    @property
+    def more_wheels(self) -> list[Path]:
+        """Those of `packages`."""
+        return [path for path in self.wheels if path.name.partition("-")[0].replace("_", "-") in self.packages]
+
+
+def try_everywhere(
+    trial: Trial, pythons: list[str], versions: list[str], minutes: float = float("inf")
+) -> dict[str, list[list[str]]]:
+    """Try the wheels with every Python and choice of versions, as far as the time reaches; rows of the tables by name."""
     end_s = time.monotonic() + 60 * minutes
-    rows = []
+    found: dict[str, list[list[str]]] = {name: [] for name in COLUMNS}
     for chosen in versions:
         for python in pythons:
             if time.monotonic() < end_s:
-                rows.append(try_installed(wheels, python, chosen))
+                for name, row in try_installed(trial, python, chosen).items():
+                    found[name].append(row)
             else:
                 print(f"not tried, because the {minutes:g} minutes are over: {python}, {chosen} versions")
-    return rows
+    return found
 
 
-def write(page: Path, rows: list[list[str]]) -> None:
+def write(page: Path, name: str, rows: list[list[str]]) -> None:
     """Put rows between the marks of a page; those of other Pythons and choices, from earlier runs of the same columns, stay."""
-    _, middle, _ = between_marks(page, "package")
+    _, middle, _ = between_marks(page, name)
     known = [[cell.strip() for cell in line.strip("|").split("|")] for line in middle.splitlines()]
-    stay = known[2:] if known and tuple(known[0]) == COLUMNS else []
+    stay = known[2:] if known and tuple(known[0]) == COLUMNS[name] else []
     merged = {tuple(row[:2]): row for row in (*stay, *rows)}
     ordered = sorted(merged.values(), key=lambda row: (row[0], list(RESOLUTIONS).index(row[1])))
-    write_between_marks(page, markdown(COLUMNS, ordered), "package")
+    write_between_marks(page, markdown(COLUMNS[name], ordered), name)
 
 
-def try_installed(wheels: list[Path], python: str, chosen: str) -> list[str]:
-    """Install the wheels into an empty environment and run the commands of a first hour there; a row of the table."""
+def try_installed(trial: Trial, python: str, chosen: str) -> dict[str, list[str]]:
+    """Install the wheels into an empty environment and run the commands of a first hour there; a row of each table."""
     with tempfile.TemporaryDirectory() as folder:
         place, environment = Path(folder), Path(folder) / "venv"
         uv = [sys.executable, "-m", "uv"]
         run([*uv, "venv", "--quiet", "--python", python, str(environment)])
         # a version without a wheel is passed over, as by a user without a compiler; "direct" are the projects' own dependencies
         install = [
-            *uv, "pip", "install", "--quiet", "--python", str(environment), "--only-binary", ":all:", "--torch-backend", "cpu",
+            *uv, "pip", "install", "--quiet", "--python", str(environment), "--only-binary", ":all:",
             "--resolution", RESOLUTIONS[chosen], "--requirements", str(ROOT / "pyproject.toml"),
         ]  # fmt: skip
         scripts = environment / ("Scripts" if sys.platform == "win32" else "bin")
-        run([*install, str(wheels[0])])
+        run([*install, str(trial.wheels[0])])
         version = subprocess.check_output(
             [scripts / "python", "-c", "import platform; print(platform.python_version())"], text=True
-        )
-        row = [version.strip(), chosen, _megabytes(environment)]
-        row += [_outcome(scripts, words, place) for words in _commands(environment, place)]
-        run([*install, *(f"--requirements={path}" for path in sorted(ROOT.glob("packages/*/pyproject.toml"))), *map(str, wheels)])
-        row += [_megabytes(environment), *(_outcome(scripts, words, place) for words in _more_commands(environment))]
-        return [*row, _page_answers(scripts, place)]
+        ).strip()
+        core = [_outcome(scripts, words, place) for words in _commands(environment, place)]
+        megabytes = _megabytes(environment)
+        required = [f"--requirements={ROOT / 'packages' / name / 'pyproject.toml'}" for name in trial.packages]
+        added = subprocess.run([*install, *required, *map(str, (trial.wheels[0], *trial.more_wheels))], check=False)
+        works = "failed" if added.returncode else ""
+        more = [works or _package_works(name, scripts, place) if name in trial.packages else "not tried" for name in PACKAGES]
+        return {
+            "package": [version, chosen, megabytes, *core],
+            "packages": [version, chosen, _megabytes(environment), *more],
+        }
 
 
 def _megabytes(folder: Path) -> str:
@@ -152,10 +186,12 @@ def _commands(environment: Path, place: Path) -> Iterator[list[str]]:
     yield ["calibrate", "intrinsics", str(place / "board"), "--target", "board.toml", "--out", "lenses.toml"]
 
 
-def _more_commands(environment: Path) -> Iterator[list[str]]:
-    """Words of the first commands in `MORE_COMMANDS`."""
-    yield ["simulate", str(ROOT / "examples" / "scenes" / "walk_4cam.yaml"), "--plan"]
-    yield ["teleoperate", *_clip(environment), "--deadman", "web:8798", "--duration", "5"]
+def _package_works(name: str, scripts: Path, place: Path) -> str:
+    if name == "posefuse-studio":
+        return _page_answers(scripts, place)
+    if name == "posefuse-sim":
+        return _outcome(scripts, ["simulate", str(ROOT / "examples" / "scenes" / "walk_4cam.yaml"), "--plan"], place)
+    return _outcome(scripts, ["teleoperate", *_clip(place / "venv"), "--deadman", "web:8798", "--duration", "5"], place)
 
 
 def _clip(environment: Path) -> list[str]:
