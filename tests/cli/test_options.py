@@ -12,6 +12,7 @@ import pytest
 
 from posefuse.cli.command_line import COMMANDS, GROUPS, STEPS, Invocation, WrongCommandLineError, application, parse
 from posefuse.cli.main import main
+from posefuse.cli.usual import USUAL
 
 TARGET = (
     "--target charuco, --columns 5, --rows 7, --square-mm 50, --marker-mm 40, --thickness-mm 5, --dictionary text, "
@@ -255,12 +256,22 @@ def test_the_table_has_every_option_and_the_help_the_usual_ones(
     found = application()
     for word in words:
         found = found[word]
-    options = {one.names: one.show for one in found.assemble_argument_collection() if one.parse and one.name.startswith("--")}
-    assert main([*words, "--help"]) == 0
-    in_help = {word for word in capsys.readouterr().out.split() if word.startswith("--")}
-    assert [names for names, shown in options.items() if shown != bool({*names} & in_help)] == []
+    options = [one.names for one in found.assemble_argument_collection() if one.parse and one.name.startswith("--")]
+    usual = USUAL[" ".join(words)].split()
+    assert [name for name in usual if not any(name in names for names in options)] == []
+    for asked, expected in (("--help", [names for names in options if {*names} & {*usual}]), ("--help-all", options)):
+        assert main([*words, asked]) == 0
+        # names of options begin their line; texts may mention others
+        listed = re.findall(r"^│ (?:\*| ) *(--[a-z0-9-]+)|^│ (--[a-z0-9-]+)", capsys.readouterr().out, re.MULTILINE)
+        in_help = {first or second for first, second in listed}
+        assert [names for names in options if bool({*names} & in_help) != (names in expected)] == []
     in_table = {word.partition("=")[0] for word in " ".join(ACCEPTED[command]).replace(",", " ").split() if word[:2] == "--"}
     assert [names for names in options if not {*names} & in_table] == []
+
+
+def test_few_enough_options_are_shown() -> None:
+    assert {*USUAL} == {*PLACES} - {*STEPS}
+    assert sum(len(names.split()) for names in USUAL.values()) <= 130
 
 
 def test_an_option_of_live_is_in_a_group_with_a_name(capsys: pytest.CaptureFixture[str]) -> None:
