@@ -143,7 +143,7 @@ ACCEPTED = {
     ),
     "fit-noise card.toml": (
         "--scenes-in text",
-        "--json, --scenes 3, --moving 4, --engine onnxruntime",
+        "--json, --scenes 3, --moving 4, --device cuda",
     ),
 }
 

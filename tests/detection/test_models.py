@@ -51,7 +51,7 @@ def test_the_cards_that_come_with_the_package_are_complete():
         assert len(card.sha256) == 64 and card.licence and card.summary
         assert card.source.member.endswith(card.file_name)
         for beside in ("noise", "joint_centres"):
-            assert (card.folder / getattr(card.decoding, beside, card.folder)).exists()
+            assert (card.folder / (getattr(card, beside) or card.folder)).exists()
     assert {card.name for card in default_cards()} <= set(cards)
     assert sum(cells**2 * anchors for cells, anchors in cards["blazepose_persons"].decoding.grids) == 2254
 
