@@ -202,7 +202,8 @@ class NetworkCard(Card):
         if self.source is None:
             return self.file
         if isinstance(self.source, UrlSource):
-            return PurePosixPath(self.source.file_pattern).with_suffix(".onnx").name
+            # what is in archives is called alike; cards of the same archive share the file
+            return f"{PurePosixPath(self.source.file_pattern).stem if self.source.member else self.name}.onnx"
         return PurePosixPath(self.source.member).name
 
     @property

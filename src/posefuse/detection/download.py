@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 from urllib.error import HTTPError, URLError
-from urllib.request import Request, urlopen
+from urllib.request import Request, build_opener
 
 from posefuse.core import ModelError
 from posefuse.foundation.parsing import one_line
@@ -109,7 +109,7 @@ def _receive(url: str, file: BinaryIO, most_bytes: int) -> None:
     begin = file.seek(0, os.SEEK_END)
     request = Request(url, headers={"Range": f"bytes={begin}-"} if begin else {})
     try:
-        answer = urlopen(request, timeout=_TIMEOUT_S)
+        answer = build_opener().open(request, timeout=_TIMEOUT_S)
     except HTTPError as error:
         if error.code == _NOT_SATISFIABLE:
             # all of it is there, or more than the server has: the hash tells
