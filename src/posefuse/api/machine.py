@@ -15,6 +15,7 @@ from typing import Any
 from posefuse.core import ModelError, Progress
 from posefuse.detection import default_cards, list_cards, status
 from posefuse.detection.card import NetworkCard, needed_cards
+from posefuse.detection.engines import devices_found
 from posefuse.detection.files import fetch_all, holds, model_path
 from posefuse.detection.lock import Trust
 from posefuse.foundation.places import default_cache_dir
@@ -36,6 +37,7 @@ EXTRAS = {
     "realsense": "depth cameras of Intel",
     "oak": "depth cameras of Luxonis",
     "onnx": "networks through ONNX Runtime",
+    "gpu": "networks on a graphics card of NVIDIA",
     "h5": "2D poses in HDF5",
     "cluster": "batch on a Dask cluster",
 }
@@ -103,6 +105,7 @@ def doctor() -> Machine:
         *_packages(),
         _video_codec(),
         *_models(),
+        _network_devices(),
         _tracking(),
         *_extras(),
         _cameras(),
@@ -227,7 +230,20 @@ def _models() -> list[MachineCheck]:
         )
         for card in list_cards()
         for state in [status(card, cache_dir)]
+        if card.name.startswith("blazepose") or state != "missing"
     ]
+
+
+def _network_devices() -> MachineCheck:
+    """On what networks can run here, by what OpenVINO and ONNX Runtime say of themselves."""
+    clash = len(_installed(("onnxruntime", "onnxruntime-gpu"))[0]) > 1
+    return MachineCheck(
+        "processors for networks",
+        not clash,
+        False,
+        devices_found() + ("; onnxruntime and onnxruntime-gpu overwrite each other" if clash else ""),
+        "pip uninstall onnxruntime onnxruntime-gpu, then install one of them: extra onnx, or gpu for NVIDIA",
+    )
 
 
 def _of_packages() -> list[MachineCheck]:

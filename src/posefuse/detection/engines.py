@@ -13,14 +13,14 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from posefuse.core import ModelError
+from posefuse.core import DependencyError, ModelError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 
 from .boxes import check_outputs
 from .card import NetworkInput, OnnxCard
 from .crops import normalised
-from .device import CPU, Device, Precision, device_of, last_line, listed, session_on
+from .device import CPU, Device, Precision, device_of, last_line, listed, onnxruntime, session_on
 
 
 def openvino_package() -> Any:
@@ -71,6 +71,15 @@ def compiled_by_openvino(model: Any, device: Device, precision: Precision, strea
         "ENABLE_CPU_PINNING": False,
     }
     return core.compile_model(model, "CPU", options)
+
+
+def devices_found() -> str:
+    """What OpenVINO and ONNX Runtime say that they run on here; whether a provider works shows when it is used."""
+    try:
+        providers = ", ".join(name.removesuffix("ExecutionProvider") for name in onnxruntime().get_available_providers())
+    except DependencyError:
+        providers = "not installed"
+    return f"OpenVINO: {', '.join(openvino_core().available_devices)}; ONNX Runtime: {providers}"
 
 
 class BlazePoseNetwork:

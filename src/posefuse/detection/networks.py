@@ -25,7 +25,7 @@ from .decode import Keypoints, People
 from .device import Precision
 from .engines import OnnxNetwork
 from .files import fetch_all
-from .lock import Trust
+from .lock import FIRST_USE, Trust
 from .noise import KeypointNoise, read_keypoint_noise
 from .search import BoxFinder, PersonFinder, PersonNetwork, SquareFinder, upright_first
 
@@ -148,6 +148,21 @@ class _Networked:
     def joint_centres(self) -> JointCentres | None:
         """The card's fitted table, if it has one."""
         return self._joint_centres
+
+    @property
+    def network(self) -> dict[str, str]:
+        """Which network it is, where it runs, under which terms, and what nobody has fitted to it; for people."""
+        card, table = self._network.card, self._joint_centres
+        noise = None if card.noise_file else "noise not fitted"
+        centres = None if table else "keypoints as the network marks them, not joint centres"
+        unknown = ", ".join(filter(None, (noise, centres)))
+        return {
+            "name": card.name,
+            "sha256": card.sha256 or FIRST_USE.known_sha256(card, default_cache_dir()),
+            "device": self._network.processor,
+            "licence": card.licence,
+            **({"unknown": unknown} if unknown else {}),
+        }
 
     def detect(self, frames: Sequence[Frame], regions: Sequence[Sequence[Region] | None]) -> list[Detections2D]:
         """One Detections2D per frame: the people in the given regions, in that order, or all who are found (best first)."""
