@@ -287,7 +287,7 @@ def needed_cards(name: str | Path) -> list[NetworkCard]:
     card = read_card(name, Card)
     if isinstance(card, EnsembleCard):
         return [*card.member_cards()]
-    found = [read_card(name)]
+    found: list[NetworkCard] = [read_card(name)]
     if isinstance(card, OnnxCard) and card.kind in TOP_DOWN:
         beside = card.folder / card.persons
         found.append(read_card(beside if beside.is_file() else card.persons))

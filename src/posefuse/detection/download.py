@@ -10,8 +10,8 @@ import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from io import BufferedRandom
 from pathlib import Path
-from typing import BinaryIO
 from urllib.error import HTTPError, URLError
 from urllib.request import Request, build_opener
 
@@ -59,7 +59,7 @@ def downloaded(
 
 
 @contextmanager
-def _alone(part: Path) -> Iterator[BinaryIO]:
+def _alone(part: Path) -> Iterator[BufferedRandom]:
     """The part, open for this process only."""
     with part.open("a+b") as file:
         # Windows has none: there two downloads at once end with a wrong hash, and the next one begins anew
@@ -70,11 +70,11 @@ def _alone(part: Path) -> Iterator[BinaryIO]:
         yield file
 
 
-def _is_at(file: BinaryIO, path: Path) -> bool:
+def _is_at(file: BufferedRandom, path: Path) -> bool:
     return path.is_file() and os.path.samestat(path.stat(), os.fstat(file.fileno()))
 
 
-def _from(url: str, file: BinaryIO, sha256: str, most_bytes: int, pause: Callable[[float], None]) -> str | None:
+def _from(url: str, file: BufferedRandom, sha256: str, most_bytes: int, pause: Callable[[float], None]) -> str | None:
     """Receive what is missing from one address; None when the file is whole, else why it is not."""
     reason = ""
     for attempt in range(_ATTEMPTS):
@@ -104,7 +104,7 @@ class _BrokenOffError(Exception):
     """A file that ended too early."""
 
 
-def _receive(url: str, file: BinaryIO, most_bytes: int) -> None:
+def _receive(url: str, file: BufferedRandom, most_bytes: int) -> None:
     """Append what is missing."""
     begin = file.seek(0, os.SEEK_END)
     request = Request(url, headers={"Range": f"bytes={begin}-"} if begin else {})
@@ -135,6 +135,6 @@ def _receive(url: str, file: BinaryIO, most_bytes: int) -> None:
             raise _BrokenOffError(f"broke off after {begin + got} of {begin + length} bytes")
 
 
-def _sha256(file: BinaryIO) -> str:
+def _sha256(file: BufferedRandom) -> str:
     file.seek(0)
     return hashlib.file_digest(file, "sha256").hexdigest()
