@@ -31,6 +31,7 @@ from posefuse.pipeline import (
     track_session,
 )
 from posefuse_sim import Scene, simulate
+from tools.page_marks import processor
 
 BEST_NETWORKS, BEST_S = "blazepose_best", 20.0
 _PACKAGES = ("numpy", "openvino", "mujoco", "anny", "opencv-python-headless")
@@ -130,13 +131,6 @@ def rendered(name: str, scene: Scene, context: Context) -> Path:
         with context.console.progress(f"rendering {name}") as advance:
             simulate(scene, folder, advance, context.workers)
     return folder
-
-
-def processor() -> str:
-    """The name of the machine's processor."""
-    info = Path("/proc/cpuinfo")
-    lines = info.read_text().splitlines() if info.is_file() else []
-    return next((line.split(":")[1].strip() for line in lines if line.startswith("model name")), platform.processor())
 
 
 def about(context: Context) -> dict[str, Any]:
