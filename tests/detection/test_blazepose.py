@@ -150,7 +150,7 @@ def test_an_ensemble_is_not_a_network(tmp_path):
     with pytest.raises(ConfigError, match="members"):
         read_card(card, Card)
     card.write_text(card.read_text().replace("[]", '["blazepose_full", "blazepose_persons"]'))
-    with pytest.raises(ModelError, match="expected one network, got kind landmark_ensemble"):
+    with pytest.raises(ModelError, match="expected one network, got landmark_ensemble"):
         read_card(card)
     with pytest.raises(ModelError, match="expected kind heatmap_landmarks, got person_ssd"):
         BlazePoseConfig(landmarks=str(card)).build()

@@ -64,7 +64,7 @@ def test_a_network_of_the_layout_it_names_can_be_read(tmp_path, name):
 
 @pytest.mark.parametrize("name", CARDS)
 def test_nothing_is_fetched_before_its_terms_are_accepted(tmp_path, name):
-    with pytest.raises(ModelError, match=rf"{name}: Apache-2.0.*posefuse models {name} --accept-licence"):
+    with pytest.raises(ModelError, match=rf"{name}: Apache-2.0.*posefuse models --accept-licence {name}"):
         fetch_all([CARDS[name]], tmp_path)
     assert not list(tmp_path.iterdir())
 

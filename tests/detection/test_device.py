@@ -86,7 +86,7 @@ def test_a_graphics_card_that_does_not_run_is_refused_by_name_and_left_by_auto_w
     assert len(found([np.zeros((SIZE[1], SIZE[0], 3), np.uint8)])) == 1
 
 
-def test_a_device_that_is_not_installed_is_refused_with_its_cure_and_auto_says_nothing(network):
+def test_a_device_that_is_not_installed_is_refused_with_its_cure_and_auto_takes_the_processor(network):
     runtime = Runtime(listed=(CPU,), used=(CPU,))
     with pytest.raises(ModelError, match=r"cuda:0.*needs a driver of NVIDIA and pip install 'posefuse\[gpu\]'"):
         network("cuda", runtime)

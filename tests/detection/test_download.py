@@ -76,7 +76,7 @@ def get(tmp_path):
     return fetched
 
 
-def test_a_download_that_breaks_off_goes_on_where_it_stopped(server, get, tmp_path):
+def test_a_download_that_breaks_off_is_resumed(server, get, tmp_path):
     server.files["n.onnx"], server.break_off = CONTENT, [1_000_000, 700_000]
     assert get(server.url("n.onnx")).read_bytes() == CONTENT
     assert [wanted for _, wanted in server.asked] == [None, "bytes=1000000-", "bytes=1700000-"]

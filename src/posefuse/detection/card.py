@@ -276,7 +276,7 @@ def read_card(name: str | Path, expected: type[C] = NetworkCard) -> C:  # type: 
     content: dict[str, Any] = {"name": path.stem, "folder": path.parent, **read_mapping(path)}
     card = settings_from_mapping(content, _CLASSES.get(str(content.get("kind")), OnnxCard), where=str(path))
     if not isinstance(card, expected):
-        raise ModelError(f"model card {card.name}: expected {_WORDS.get(expected, 'one network')}, got kind {card.kind}")
+        raise ModelError(f"model card {card.name}: expected {_WORDS.get(expected, 'one network')}, got {card.kind}")
     if isinstance(card, NetworkCard):
         _check(card, path)
     return card

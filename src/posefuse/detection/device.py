@@ -92,7 +92,7 @@ def onnxruntime() -> Any:
     return ort
 
 
-def listed(device: Device) -> bool:
+def is_listed(device: Device) -> bool:
     """Whether the installed ONNX Runtime was built for this device; whether it works there is another question."""
     try:
         return device.provider in onnxruntime().get_available_providers()
@@ -107,7 +107,7 @@ def session_on(device: Device, path: str, threads: int) -> Any:
         DependencyError: ONNX Runtime is not installed. ModelError: it cannot read the file, or cannot use the device here.
     """
     ort = onnxruntime()
-    if not listed(device):
+    if not is_listed(device):
         there = choices(ort.get_available_providers())
         raise ModelError(f"device {device.word}: this ONNX Runtime has {there}; {device.word} needs {device.cure}")
     if device.provider == _PROVIDERS["cuda"] and hasattr(ort, "preload_dlls"):

@@ -20,7 +20,7 @@ from posefuse.core.errors import choices
 from .boxes import check_outputs
 from .card import NetworkInput, OnnxCard
 from .crops import normalised
-from .device import CPU, Device, Precision, device_of, last_line, listed, onnxruntime, session_on
+from .device import CPU, Device, Precision, device_of, is_listed, last_line, onnxruntime, session_on
 
 
 def openvino_package() -> Any:
@@ -201,7 +201,7 @@ class OnnxNetwork:
         """On a graphics card of NVIDIA if one really runs it, else on the CPU, with the reason."""
         card = device_of("cuda")
         assert card is not None
-        if not listed(card):
+        if not is_listed(card):
             return self._on(CPU, path, precision, threads)
         try:
             return self._on(card, path, precision, threads)
@@ -285,7 +285,7 @@ class OnnxRuntimeRunner:
         return results
 
     def _together(self, inputs: Sequence[Array]) -> list[list[Array]]:
-        """In one call, filled up: every other number of images would be compiled anew."""
+        """In one call, filled up: every other number of images would be compiled once more."""
         size = next(size for size in self._batches if size >= len(inputs))
         batch = np.concatenate([*inputs, *[np.zeros_like(inputs[0])] * (size - len(inputs))])
         outputs = self._session.run(list(self.output_names), {self._input.name: batch})

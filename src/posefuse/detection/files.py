@@ -113,7 +113,7 @@ def _check_fetched(card: NetworkCard, cache_dir: Path, trust: Trust) -> None:
     if card.terms and not trust.terms:
         raise ModelError(
             f"{card.name}: {card.licence}, as its makers state ({card.terms.stated_by}); trained on {card.terms.data}. "
-            f"To accept these terms and fetch it: posefuse models {card.name} --accept-licence"
+            f"To accept these terms and fetch it: posefuse models --accept-licence {card.name}"
         )
     if not (trust.first_use or trust.known_sha256(card, cache_dir) or _sha256_of_archive(card)):
         raise ModelError(f"{card.name}: its sha256 stands neither in its card nor in {trust.file(cache_dir)}: refused as locked")

@@ -33,11 +33,11 @@ class Trust:
 
     @property
     def first_use(self) -> bool:
-        """Whether a file is accepted, and from then on kept to, whose hash nobody states."""
+        """Whether a file is accepted, and from then on kept to, whose hash no source states."""
         return not self.locked and self.lock is None
 
     def known_sha256(self, card: NetworkCard, cache_dir: Path) -> str:
-        """The hash that the card's file must have; "" where nobody states it. Raises ConfigError for a damaged lock."""
+        """The hash that the card's file must have; "" where no source states it. Raises ConfigError for a damaged lock."""
         return card.sha256.lower() or _hashes(self.file(cache_dir)).get(card.file_name, "")
 
     def file(self, cache_dir: Path) -> Path:

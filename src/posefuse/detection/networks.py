@@ -151,7 +151,7 @@ class _Networked:
 
     @property
     def network(self) -> dict[str, str]:
-        """Which network it is, where it runs, under which terms, and what nobody has fitted to it; for people."""
+        """Which network it is, where it runs, under which terms, and what was not fitted to it; for people."""
         card, table = self._network.card, self._joint_centres
         noise = None if card.noise_file else "noise not fitted"
         centres = None if table else "keypoints as the network marks them, not joint centres"
