@@ -52,18 +52,20 @@ class NetworkOptions(NamedSettings):
     """Which network the detector uses.
 
     Attributes:
-        networks: 2D network: blazepose_lite, blazepose_full (default), blazepose_heavy, blazepose_best, or your own model card
-            (see docs/networks.md).
+        networks: 2D network: blazepose_lite, blazepose_full (default), blazepose_heavy, blazepose_best, rtmpose_m and others
+            (`posefuse models`), or your own model card (see docs/networks.md).
+        device: Processor: auto (default), cpu, cuda or cuda:1, tensorrt, directml, coreml, openvino:gpu, openvino:npu.
     """
 
     networks: Annotated[str | None, Parameter(metavar="NAME|CARD.toml")] = None
+    device: Annotated[str | None, Parameter(metavar="WORD")] = None
 
     @property
     def changes(self) -> dict[str, Any]:
         """Those of the network, too."""
         from posefuse.detection.build import network_settings
 
-        return {**super().changes, **(network_settings(self.networks) if self.networks else {})}
+        return {**super().changes, **network_settings(self.networks, self.device)}
 
 
 @dataclass(frozen=True, kw_only=True)
