@@ -24,7 +24,6 @@ from posefuse.core import ConfigError, Rig
 from posefuse.core.arrays import Array
 from posefuse.core.ideal_image import drawn_camera
 from posefuse.core.se3 import SE3
-from posefuse.formats.collada import write_collada
 from posefuse.formats.rig import write_rig
 from posefuse.formats.truth import write_arrays, write_loop, write_truth
 from posefuse.foundation.output_folder import output_folder
@@ -39,6 +38,7 @@ from posefuse_sim.render.textures import png
 from posefuse_sim.scene import Scene, motion_files, write_scene
 
 from .animation import person_actor, prop_actor, prop_mesh
+from .collada import write_collada
 from .world import CameraSensor, Release, StillModel, release_named, room_models, world_text
 
 _COMMAND = "simulate --gazebo"

@@ -23,9 +23,10 @@ import numpy as np
 from posefuse.core import SE3, Camera, ConfigError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
-from posefuse.formats.collada import Mesh, Surface, write_collada
 from posefuse_sim.render import textures
 from posefuse_sim.surroundings import Box, RoomSettings
+
+from .collada import Mesh, Surface, write_collada
 
 SDF_VERSION = "1.9"
 WORLD = "posefuse"

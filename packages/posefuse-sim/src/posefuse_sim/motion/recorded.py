@@ -23,12 +23,13 @@ import numpy as np
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
-from posefuse.formats.bvh import BvhData, read_bvh
+from posefuse.formats.bvh import BvhData
 from posefuse.formats.recording import read_recording
 from posefuse.formats.trc import read_trc
 from posefuse_sim.body import SEGMENTS, SimulatedBody
 from posefuse_sim.body.anatomy import turn
 
+from .bvh import read_bvh
 from .posture import (
     EASY_PRONATION_RAD,
     SIDES,
