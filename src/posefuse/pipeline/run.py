@@ -159,6 +159,8 @@ def track_opened(
         warn(line)
     for line in background.lines:
         note(line)
+    if unknown := opened.network.get("unknown"):
+        note(f"{opened.network['name']} on {opened.network['device']}: {unknown}")
     try:
         with clock.stage("compile"), compiling("tracking", note):
             warm_up(rig, opened.steps.skeleton, config)
@@ -245,6 +247,7 @@ def provenance_of(opened: Opened, settings: SolveSettings, incomplete: Sequence[
         **({} if recorded is None else {"recorded": recorded}),
         "inputs": {entry.camera: entry.path.name for entry in session.inputs},
         "config": plain(dataclasses.asdict(opened.config)),
+        **({"network": dict(opened.network)} if opened.network else {}),
         "joint_centres": plain(dataclasses.asdict(settings.centres)) if settings.centres else None,
         "incomplete_cameras": list(incomplete),
     }
