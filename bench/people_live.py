@@ -27,7 +27,7 @@ from posefuse.core import Truth
 from posefuse.formats.rig import write_rig
 from posefuse.formats.truth import write_truth
 from posefuse.formats.video import VideoWriter
-from posefuse.pipeline.live_recording import read_live_recording
+from posefuse_ros.live_recording import read as read_live_recording
 
 OUTPUT_HZ, NOISE_PX, PEOPLE, CAMERAS = 100.0, 2.0, 2, 4
 # the session's clock against the truth's, in frames: the first frames may have been missed

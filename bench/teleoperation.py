@@ -302,8 +302,8 @@ def _time_to_stand(what: str) -> float:
     import tempfile
     from pathlib import Path
 
-    from posefuse.messages.bags import read_mcap
-    from posefuse.messages.messages import ns_from_time
+    from posefuse_ros.bags import read_mcap
+    from posefuse_ros.messages import ns_from_time
 
     with tempfile.TemporaryDirectory() as folder:
         record = Path(folder) / "robot.mcap"
