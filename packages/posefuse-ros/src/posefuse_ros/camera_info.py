@@ -123,7 +123,7 @@ def apart_px(one: Camera, other: Camera) -> float:
     return float(np.nanmax(apart)) if np.isfinite(apart).any() else float("inf")
 
 
-def checked_rig(rig: Rig, inputs: Sequence[LiveInput], use: CameraInfoUse, say: Say) -> Rig:
+def rig_after_camera_infos(rig: Rig, inputs: Sequence[LiveInput], use: CameraInfoUse, say: Say) -> Rig:
     """The rig to work with: with intrinsics of `CameraInfo` where `use` is ``use``, else unchanged, and differences are reported.
 
     Args:
