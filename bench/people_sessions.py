@@ -30,7 +30,7 @@ from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.formats.rig import write_rig
 from posefuse.formats.truth import write_truth
 from posefuse.formats.video import VideoWriter
-from posefuse.pipeline.live_recording import read_live_recording
+from posefuse_ros.live_recording import read as read_live_recording
 
 PATHS = (((-1.6, -0.14), (1.6, -0.14)), ((1.6, 0.14), (-1.6, 0.14)))
 # a person is there with half of the joints

@@ -32,7 +32,7 @@ import numpy as np
 from playwright.sync_api import Browser, Page
 from studio_client import QuietPage, quiet_page
 
-from posefuse.messages.bags import read_poses
+from posefuse_ros.bags import read_poses
 from posefuse_studio.jobs import Job, Jobs
 from posefuse_studio.session_messages import packed_request
 from posefuse_studio.setups import DEMO

@@ -18,8 +18,8 @@ import numpy as np
 import posefuse as pf
 from posefuse.api.live import LiveSession
 from posefuse.formats.rig import read_rig
-from posefuse.messages.bags import read_mcap
-from posefuse.messages.messages import ns_from_time
+from posefuse_ros.bags import read_mcap
+from posefuse_ros.messages import ns_from_time
 from posefuse_sim.session import SessionPaths
 from posefuse_teleop.gate import Beat
 from posefuse_teleop.process import RobotLink, RobotPlan

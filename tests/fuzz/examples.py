@@ -214,7 +214,7 @@ def _floor(folder: Path) -> None:
 
 
 def _mcap(folder: Path) -> None:
-    from posefuse.outputs.mcap import McapSink
+    from posefuse_ros.mcap_output import McapSink
 
     inside = folder / "result"
     inside.mkdir()

@@ -121,7 +121,7 @@ def _model(card: str, archive: Path) -> None:
 
 
 def _mcap(path: Path) -> None:
-    from posefuse.messages import bags
+    from posefuse_ros import bags
 
     bags.read_rig(path)
     list(bags.read_mcap(path))

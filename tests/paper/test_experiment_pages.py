@@ -36,7 +36,7 @@ from paper.scenes.scenes import CHECK_SEEDS, walking_scene
 from posefuse.cli.terminal import Terminal
 from posefuse.core import SourceError
 from posefuse.core.skeleton import PAPER14
-from posefuse.messages.osc import UdpStream
+from posefuse.outputs.live.udp import UdpStream
 from posefuse.realtime.latency import ViewTimes
 
 MADE_UP = Errors(1.0, 2.0, 1.0, 0.5, 1.0, 3.0)

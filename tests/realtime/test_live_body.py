@@ -12,11 +12,11 @@ from posefuse.core import SE3, Detections2D, LiveDetections, LivePose, LiveStart
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.kinematics.body import LIVE_BODY, LiveBodyRules
-from posefuse.outputs.live.record import RecordConfig
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import warmed_up
 from posefuse.realtime.messages import SessionClock
 from posefuse.realtime.provenance import notes_of
+from posefuse_ros.record import RecordConfig
 from posefuse_sim.build import live_scene
 from posefuse_sim.scene import Scene
 

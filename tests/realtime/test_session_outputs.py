@@ -11,8 +11,8 @@ from live_session import FILLED, Live, command, fill, until
 from replaying import replay
 
 from posefuse.formats.rig import read_rig
-from posefuse.messages import topics
-from posefuse.messages.bags import read_mcap, read_poses
+from posefuse_ros import topics
+from posefuse_ros.bags import read_mcap, read_poses
 
 pytestmark = pytest.mark.realtime
 

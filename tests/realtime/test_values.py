@@ -150,7 +150,7 @@ def test_silence_ends_and_dead_processes_are_named() -> None:
     verdicts = monitor.judge(103 * S, {"c": Verdict("dead", "process 1 ended by signal SIGKILL")})
     assert [verdicts[name].state for name in "abc"] == ["silent", "ended", "dead"]
     assert "SIGKILL" in verdicts["c"].text
-    assert {event.camera for event in monitor.events} == {"a", "b", "c"}
+    assert {event.name for event in monitor.events} == {"a", "b", "c"}
 
 
 def test_all_that_changes_is_reported_however_long_a_session_runs() -> None:
@@ -386,7 +386,7 @@ def test_what_the_rig_watch_finds_is_reported_unless_something_worse_is_wrong() 
     verdicts = monitor.judge(101 * S, {"b": Verdict("dead", "process 1 ended")}, ill)
     assert [verdicts[name].state for name in "abc"] == ["moved", "dead", "ok"]
     assert monitor.judge(101 * S, {}, {})["a"].state == "ok"
-    assert [(event.camera, event.state) for event in monitor.events if event.camera == "a"][-2:] == [("a", "moved"), ("a", "ok")]
+    assert [(event.name, event.state) for event in monitor.events if event.name == "a"][-2:] == [("a", "moved"), ("a", "ok")]
 
 
 def test_a_video_begins_again_at_every_turn(ring_rig, demo_session) -> None:

@@ -34,7 +34,7 @@ GROUPS = {
     "Start": {"demo": "recorded", "doctor": "machine", "studio": "posefuse_studio.commands"},
     "Record and calibrate": {"record": "calibrate", "calibrate": "calibrate"},
     "Track": {"track": "recorded", "solve": "recorded", "batch": "recorded"},
-    "Live": {"live": "live", "teleoperate": "posefuse_teleop.commands", "node": "live"},
+    "Live": {"live": "live", "teleoperate": "posefuse_teleop.commands", "node": "posefuse_ros.commands"},
     "Look at a result": {"view": "results", "report": "results", "export": "results", "compare": "results"},
     "Simulate and extend": {
         "simulate": "posefuse_sim.commands",

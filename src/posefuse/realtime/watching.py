@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -170,21 +170,34 @@ def record(
         SourceError: a source that fails and is not opened again. InputError: a video that cannot be made.
     """
     exposures: dict[str, str] = {}
-    feed.begin(videos)
-    begin = before = time.monotonic()
+    begin = time.monotonic()
     counts = [0] * len(feed.cameras)
+    for frames, since_s in _watched(feed, videos, duration_s, stopped):
+        exposures |= {feed.cameras[fed.camera]: exposure_warning(fed.frame.image) for fed in frames}
+        if since_s:
+            states = feed.states()
+            report(time.monotonic() - begin, _news(states, counts, since_s, exposures))
+            counts = [state.captured for state in states]
+
+
+def _watched(
+    feed: CameraFeed, videos: Path | None, duration_s: float | None, stopped: Sequence[str]
+) -> Iterator[tuple[list[FedFrame], float]]:
+    """The newest frames until the end, and once a second the seconds since the last report, else 0; then closes the feed."""
+    feed.begin(videos)
+    reported = time.monotonic()
     while not stopped:
+        # asked before the frames are taken, so that the last ones are not lost
         over = feed.over
         feed.check()
-        for fed in feed.newest():
-            exposures[feed.cameras[fed.camera]] = exposure_warning(fed.frame.image)
-        now = time.monotonic()
-        if over or (duration_s is not None and feed.seconds() >= duration_s):
+        frames = feed.newest()
+        since_s = time.monotonic() - reported
+        over = over or (duration_s is not None and feed.seconds() >= duration_s)
+        due = since_s >= _REPORT_EVERY_S and not over
+        reported += since_s * due
+        yield frames, since_s * due
+        if over:
             break
-        if now - before >= _REPORT_EVERY_S:
-            states = feed.states()
-            report(now - begin, _news(states, counts, now - before, exposures))
-            counts, before = [state.captured for state in states], now
         time.sleep(_REST_S)
     feed.close()
 
@@ -245,22 +258,14 @@ def guide(
         SourceError: a source that fails and is not opened again. InputError: a video that cannot be made.
     """
     detector, state = TargetDetector(target), new_guidance(feed.cameras)
-    feed.begin(videos)
-    reported = time.monotonic()
-    while not state.enough and not stopped:
-        # asked before the frames are taken, so that the last ones are not lost
-        over = feed.over
-        feed.check()
-        for fed in feed.newest():
+    for frames, since_s in _watched(feed, videos, duration_s, stopped):
+        for fed in frames:
             corners = detector.detect(cv2.cvtColor(fed.frame.image, cv2.COLOR_RGB2GRAY))
             state = seen(state, fed.camera, fed.t_ns, corners.xy_img, fed.frame.size_wh)
-        now = time.monotonic()
-        if over or (duration_s is not None and feed.seconds() > duration_s):
+        if state.enough:
             break
-        if now - reported >= _REPORT_EVERY_S:
+        if since_s:
             report(state)
-            reported = now
-        time.sleep(_REST_S)
     feed.close()
     report(state)
     return state

@@ -16,7 +16,7 @@ from running import Running
 pytest.importorskip("cyclonedds")
 pytest.importorskip("mujoco")
 
-from posefuse.messages.bags import read_clock, read_mcap
+from posefuse_ros.bags import read_clock, read_mcap
 from posefuse_sim.cameras import ImageSettings, RingCameras, SensorSettings
 from posefuse_sim.gazebo import export_world
 from posefuse_sim.motion.settings import CirclePath, WalkSettings

@@ -9,7 +9,7 @@ from gazebo_camera import camera_from_gazebo
 
 from posefuse.core import SE3
 from posefuse.core.ideal_image import drawn_camera, optics_of
-from posefuse.sources.ros_camera_info import RigLens
+from posefuse_ros.camera_info import RigLens
 from posefuse_sim.cameras import SensorSettings
 from posefuse_sim.render.model import render_model
 from posefuse_sim.render.shot import CameraShooter

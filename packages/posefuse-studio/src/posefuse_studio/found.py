@@ -52,12 +52,12 @@ def _videos(workspace: StudioWorkspace) -> list[Found]:
 
 def _scenes(workspace: StudioWorkspace) -> list[Found]:
     from posefuse.core import PosefuseError
-    from posefuse.foundation.plugins import plugin_class
+    from posefuse.foundation.plugins import from_package
 
     found = []
     for name in workspace.files(".yaml", ".yml"):
         try:
-            cameras = plugin_class("sources", "simulated", extra="sim").cameras(workspace.existing(name))
+            cameras = from_package("sources", "simulated", extra="sim").cameras(workspace.existing(name))
         except PosefuseError:
             # some other file
             continue

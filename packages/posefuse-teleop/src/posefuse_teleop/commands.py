@@ -21,6 +21,7 @@ from posefuse.cli.options import (
 )
 from posefuse.cli.terminal import Terminal
 from posefuse.core import ConfigError
+from posefuse.core.extras import package_of_extra
 from posefuse.realtime.config import LiveConfig
 from posefuse_teleop.settings import TeleoperationSettings
 
@@ -136,9 +137,8 @@ def teleoperate(
     Args:
         rig: Calibration file of the cameras.
     """
-    from posefuse.messages.dds_domain import Network
     from posefuse.pipeline.config import read_changed
-    from posefuse_teleop.ros import RosPlan
+    from posefuse_teleop.ros_plan import RosPlan
 
     if ros.command and not (ros.ros or ros.ros1):
         raise ConfigError(f"--command {ros.command}: needs --ros or --ros1")
@@ -156,9 +156,10 @@ def teleoperate(
         duration_s=timing.duration,
         loop_s=timing.loop,
     )
+    wanted = ros.ros or ros.ros1
     plan = RosPlan(
         version=1 if ros.ros1 else 2,
-        network=Network(**ros_2.network),
+        network=package_of_extra("posefuse_ros.dds_domain", "ros").Network(**ros_2.network) if wanted else None,
         base_frame=ros.base_frame,
         controller=ros.controller,
         cmd_vel=ros.cmd_vel,
@@ -172,7 +173,7 @@ def teleoperate(
             robot=robot.robot,
             frames=robot.frame,
             command=ros.command,
-            ros=plan if ros.ros or ros.ros1 else None,
+            ros=plan if wanted else None,
             emergency_stop=robot.i_have_an_emergency_stop,
             view=robot.view,
             show=robot.view_file.absolute() if robot.view_file else "spawn" if robot.view_scene else None,

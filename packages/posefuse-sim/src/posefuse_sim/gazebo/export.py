@@ -27,8 +27,8 @@ from posefuse.core.se3 import SE3
 from posefuse.formats.rig import write_rig
 from posefuse.formats.truth import write_arrays, write_loop, write_truth
 from posefuse.foundation.output_folder import output_folder
+from posefuse.foundation.parsing import ros_name
 from posefuse.foundation.summary import Block, Facts, Heading, Note
-from posefuse.messages.topics import ros_name
 from posefuse_sim.build import LiveScene, live_scene
 from posefuse_sim.cameras import ListedCameras, SensorSettings, placed_cameras
 from posefuse_sim.exact import prop_truth, truth_with, visible_to_all
