@@ -5,6 +5,7 @@ from collections.abc import Callable
 import matplotlib
 import numpy as np
 import pytest
+from built import recording_from_views
 
 import posefuse as pf
 from posefuse import core
@@ -42,5 +43,5 @@ def _recording(rig: core.Rig, people: tuple[int, ...], times: int) -> pf.Recordi
         n_views=np.where(known, len(rig), 0),
         kind=np.where(known, Kind.SMOOTHED, Kind.MISSING).reshape(shape),
     )
-    made = core.Recording.from_views(rig, poses, xy, score, np.where(score > 0, 2.0, np.nan), {"session": "walk"})
+    made = recording_from_views(rig, poses, xy, score, np.where(score > 0, 2.0, np.nan), {"session": "walk"})
     return recording_of(made)

@@ -13,8 +13,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from built import recording_from_views
 
-from posefuse.core import SKELETONS, Camera, Kind, PoseSequence, Recording, Rig
+from posefuse.core import SKELETONS, Camera, Kind, PoseSequence, Rig
 from posefuse.core.skeleton import BODY_25
 from posefuse.formats.bvh import BvhData, write_bvh
 from posefuse.formats.c3d import C3dData, write_c3d
@@ -155,7 +156,7 @@ def _recording(folder: Path) -> None:
     xy = np.stack([camera.project(points) for camera in rig], axis=2)
     score = np.where(np.isfinite(xy).all(-1), 0.9, 0.0)
     sigma_px = np.where(score > 0, 2.0, np.nan)
-    write_recording(folder, Recording.from_views(rig, poses, xy, score, sigma_px, {"made": "by the fuzz stage"}))
+    write_recording(folder, recording_from_views(rig, poses, xy, score, sigma_px, {"made": "by the fuzz stage"}))
 
 
 def _video(folder: Path) -> None:

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
+from built import recording_from_views
 
 from posefuse.core import Frame, Kind, PoseSequence, Recording, Rig, Skeleton
 
@@ -49,7 +50,7 @@ def _recording(rig: Rig, times: int, people: tuple[int, ...]) -> Recording:
         n_views=np.where(kind == Kind.MISSING, 0, c),
         kind=kind,
     )
-    return Recording.from_views(
+    return recording_from_views(
         rig, poses, xy, score, np.where(score > 0, 2.0, np.nan), {"config": {"fuse": "all"}, "rig_id": rig.id}
     )
 

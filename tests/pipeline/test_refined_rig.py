@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from built import recording_from_views
 from synthetic_walk import BODY, walker
 
 from posefuse.core import SE3, Kind, PoseSequence, Recording, Rig
@@ -33,7 +34,7 @@ def observed(ring_rig: Callable[..., Rig]) -> Recording:
         n_views=np.full(xyz.shape[:-1], 4), kind=np.full(xyz.shape[:-1], Kind.FUSED),
     )  # fmt: skip
     score = np.ones(xy.shape[:-1])
-    return Recording.from_views(wrong, poses, xy, score, 2.0 * score)
+    return recording_from_views(wrong, poses, xy, score, 2.0 * score)
 
 
 def solved(observed: Recording, config: TrackConfig) -> Recording:

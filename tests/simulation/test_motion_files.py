@@ -4,16 +4,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from built import recording_from_views
 from scipy.spatial.transform import Rotation
 
 from posefuse.core import SKELETONS, InputError, PoseSequence, Recording
-from posefuse.formats.bvh import read_bvh
 from posefuse.formats.recording import write_recording
 from posefuse.formats.trc import TrcData, write_trc
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse_sim.body import SEGMENTS, BodyShapeSettings, SimulatedBody, build_body
 from posefuse_sim.build import MovingPerson, build_person
 from posefuse_sim.motion import MotionSettings
+from posefuse_sim.motion.bvh import read_bvh
 
 pytest.importorskip("anny", reason="the extra 'sim' is not installed")
 KEYPOINTS = SKELETONS["anatomical23"]
@@ -242,7 +243,7 @@ def recording(times: np.ndarray, people: dict[int, np.ndarray], rig) -> Recordin
         kind=np.zeros((t, n, k)),
     )
     views = (t, n, len(rig), k)
-    return Recording.from_views(rig, poses, np.full((*views, 2), np.nan), np.zeros(views), np.full(views, np.nan), {})
+    return recording_from_views(rig, poses, np.full((*views, 2), np.nan), np.zeros(views), np.full(views, np.nan), {})
 
 
 def test_result_animates_a_person(tmp_path: Path, body: SimulatedBody, squat: tuple[np.ndarray, np.ndarray], ring_rig) -> None:

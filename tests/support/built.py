@@ -1,12 +1,26 @@
 """Values built whole out of what a test is about: where keypoints are, and how well they are known."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from posefuse.core import Detections2D, Kind, Pose3D, PoseSequence, Rig, Skeleton, Views, ViewSequence
+from posefuse.core import (
+    DetectionBatch,
+    Detections2D,
+    Kind,
+    LookKind,
+    Observations,
+    Pose3D,
+    PoseSequence,
+    Recording,
+    Rig,
+    Skeleton,
+    Views,
+    ViewSequence,
+)
 from posefuse.core.skeleton import COCO17
+from posefuse.core.values import keypoint_boxes
 
 # the left side of someone who faces +x, m; y to the left, z up
 _LEFT = {
@@ -132,6 +146,45 @@ def view_sequence(
         sigma_px=np.where(score > 0, sigma_px, np.nan),
         depth_m=depth_m,
     )
+
+
+def observations_from_views(views: ViewSequence) -> Observations:
+    """Observations of cameras that were exposed exactly at the time steps; boxes are those of the keypoints."""
+    batches, person_ids = [], []
+    for i, t_ns in enumerate(views.t_ns.tolist()):
+        found, ids = [], []
+        for c, camera in enumerate(views.camera_names):
+            here = (views.score[i, :, c] > 0).any(axis=-1)
+            xy, score = views.xy_img[i, here, c], views.score[i, here, c]
+            found.append(
+                Detections2D(
+                    camera=camera,
+                    t_ns=t_ns,
+                    skeleton=views.skeleton,
+                    xy_img=xy,
+                    score=score,
+                    sigma_px=views.sigma_px[i, here, c],
+                    box_img=keypoint_boxes(xy, score),
+                    depth_m=None if views.depth_m is None else views.depth_m[i, here, c],
+                )
+            )
+            ids.append(views.person_id[here])
+        batches.append(DetectionBatch(step=i, t_ns=t_ns, kind=LookKind.EXPECTED, detections=tuple(found)))
+        person_ids.append(ids)
+    return Observations.from_batches(views.skeleton, views.camera_names, batches, person_ids)
+
+
+def recording_from_views(
+    rig: Rig,
+    sequence: PoseSequence,
+    xy_img: np.ndarray,
+    score: np.ndarray,
+    sigma_px: np.ndarray,
+    provenance: Mapping[str, Any] | None = None,
+) -> Recording:
+    """A recording of cameras that were exposed exactly at the poses' times, seen at xy_img (T, N, C, K, 2)."""
+    seen = observations_from_views(view_sequence(rig, sequence, xy_img, score, sigma_px))
+    return Recording(rig=rig, poses=sequence, observations=seen, provenance=provenance or {})
 
 
 def white_jerk(dt: float, density: float) -> tuple[np.ndarray, np.ndarray]:

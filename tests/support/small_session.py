@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from built import recording_from_views
 
 from posefuse.api.recording import recording_of
 from posefuse.core import Kind, PoseSequence, Recording, Rig
@@ -60,4 +61,4 @@ def walk(rig: Rig) -> Recording:
         "inputs": {name: f"{name}.mp4" for name in rig.names},
         "config": plain(dataclasses.asdict(TrackConfig(names=("Ada",)))),
     }
-    return Recording.from_views(rig, poses, xy, score, np.where(score > 0, 2.0, np.nan), made)
+    return recording_from_views(rig, poses, xy, score, np.where(score > 0, 2.0, np.nan), made)

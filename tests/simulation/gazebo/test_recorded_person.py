@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from built import recording_from_views
 
 import posefuse as pf
-from posefuse.core import SKELETONS, PoseSequence, Recording
+from posefuse.core import SKELETONS, PoseSequence
 from posefuse.formats.recording import write_recording
 from posefuse.formats.truth import read_truth
 from posefuse_sim.build import live_scene
@@ -39,7 +40,7 @@ def recorded(tmp_path_factory, scene):
     views = (t, n, len(live.rig), k)
     (folder / "result").mkdir()
     seen = np.full((*views, 2), np.nan), np.zeros(views), np.full(views, np.nan)
-    write_recording(folder / "result", Recording.from_views(live.rig, poses, *seen, {}))
+    write_recording(folder / "result", recording_from_views(live.rig, poses, *seen, {}))
     motion = RecordedSettings(kind="result", file=str(folder / "result"))
     write_scene(replace(scene, people=(PersonSettings(motion=motion),), props=()), folder)
     world = pf.gazebo_world(next(folder.glob("*.yaml")), folder / "world", release="jetty")
