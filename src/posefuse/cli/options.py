@@ -115,22 +115,19 @@ def settings_options(argument: str, cls: type[Any], named: Mapping[str, str], gr
 
 
 def _field(cls: type[Any], key: str, option: str, group: Group) -> tuple[str, Any, Any]:
-    from posefuse.foundation.settings import described
+    from posefuse.foundation.settings import setting_of
 
-    *groups, name = key.split(".")
-    for one in groups:
-        cls = get_type_hints(cls)[one]
-    hint, [setting] = get_type_hints(cls)[name], [field for field in dataclasses.fields(cls) if field.name == name]
+    setting = setting_of(cls, key)
     option, _, word = option.partition(" ")
-    plain = hint is bool or _choices(hint) != ()
+    plain = setting.type is bool or _choices(setting.type) != ()
     parameter = Parameter(
         name=f"--{option}",
         metavar=word or None,
-        help=_help(described(cls)[1][name], setting.default),
+        help=_help(setting.help, setting.default),
         group=group,
-        **{} if plain else {"converter": _converter(get_type_hints(cls, include_extras=True)[name], word), **ONE_WORD},
+        **{} if plain else {"converter": _converter(setting.annotated, word), **ONE_WORD},
     )
-    taken = tuple[str, ...] if get_origin(hint) is dict else hint
+    taken = tuple[str, ...] if get_origin(setting.type) is dict else setting.type
     return option.replace("-", "_"), Annotated[taken | None, parameter], dataclasses.field(default=None, metadata={"key": key})
 
 
