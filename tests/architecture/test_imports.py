@@ -175,3 +175,6 @@ def test_tracking_and_reporting_need_no_tables_of_others(demo_session: Path, tmp
 
 def test_importing_posefuse_is_light() -> None:
     assert not modules_after("import posefuse") & {*OPTIONAL, *SLOW}
+    # what the list of plug-ins imports
+    ros = "posefuse.messages.bags, posefuse.messages.dds, posefuse.messages.ros1, posefuse.sources.ros, posefuse.outputs.mcap"
+    assert not modules_after(f"import {ros}") & {*OPTIONAL}
