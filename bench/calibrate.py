@@ -1,9 +1,9 @@
-"""Calibration measured against the truth: errors, clocks and seconds.
+"""Calibration measured against the truth: errors, clocks and seconds. From a person alone: `bench/calibrate_person.py`.
 
-python bench/calibrate.py [--seeds N]               markers projected, noise added
-python bench/calibrate.py --rendered SESSION        real detection in rendered videos; renders the scene when it is missing
-python bench/calibrate.py --person SEED             from a walking person alone, the real network on rendered videos; 0 is all
-python bench/calibrate.py --person-real DATA        the same on pose2sim_single: estimates against each other
+    python bench/calibrate.py [--seeds N]               markers projected, noise added
+    python bench/calibrate.py --rendered SESSION        real detection in rendered videos; renders the scene when it is missing
+
+Tables on stderr, one JSON object on stdout.
 """
 
 from __future__ import annotations
@@ -95,13 +95,7 @@ def rendered(session: Path) -> dict[str, float]:
 
 
 def main() -> None:
-    args = arguments(__doc__, seeds=3, rendered=Path, person=int, person_real=Path)
-    if args.person is not None or args.person_real:
-        import calibrate_person
-
-        tables = calibrate_person.real(args.person_real) if args.person_real else calibrate_person.simulated(args.person)
-        answer(args, tables)
-        return
+    args = arguments(__doc__, seeds=3, rendered=Path)
     if args.rendered:
         answer(args, {"Rendered": [{"session": str(args.rendered), **rendered(args.rendered)}]})
         return

@@ -10,6 +10,7 @@ clock) after the value is decoded and checked. So a row is making the message + 
 - ros2 output  the same while the sender publishes everything RosOutput shows (tf, joints, markers, view)
 
 and per step of the sender, without a network: the cost of everything RosOutput shows, and of OSC and JSON.
+Tables on stderr, one JSON object on stdout.
 """
 
 import multiprocessing

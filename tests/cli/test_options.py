@@ -10,6 +10,7 @@ import pytest
 
 from posefuse.cli.command_line import COMMANDS, GROUPS, STEPS, Invocation, WrongCommandLineError, application, parse
 from posefuse.cli.main import main
+from posefuse.cli.usual import USUAL
 
 PLACES = [*(name for name in COMMANDS if name not in STEPS), *(f"{name} {step}" for name in STEPS for step in STEPS[name])]
 TRACK = "track S --out R"
@@ -127,11 +128,25 @@ def test_help_fits_80_columns_and_describes_every_option_that_is_shown(
     for line in shown.splitlines():
         bare = re.match(r"^│ (?:\*| ) *(--[a-z-]+(?: [A-Z.=|,\[\]-]+)?)? *│$", line)
         assert not (bare and bare[1]), f"without a description: {line}"
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_the_help_has_the_usual_options_and_help_all_every_one(
+    place: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("COLUMNS", "200")
-    main([*place.split(), "--help"])
-    in_help = {word for word in capsys.readouterr().out.split() if word.startswith("--")}
-    options = [one for one in arguments(place) if one.name[0] == "-"] if place in PLACES else []
-    assert [one.names for one in options if one.show != bool({*one.names} & in_help)] == []
+    options, usual = [one.names for one in arguments(place) if one.name[0] == "-"], {*USUAL[place].split()}
+    assert usual <= {name for names in options for name in names}
+    for asked, expected in (("--help", [names for names in options if {*names} & usual]), ("--help-all", options)):
+        assert main([*place.split(), asked]) == 0
+        # an option begins its line; texts may name others
+        in_help = {*re.findall(r"^│ (?:\* +| +)?(--[a-z0-9-]+)", capsys.readouterr().out, re.MULTILINE)}
+        assert [names for names in options if bool({*names} & in_help) != (names in expected)] == []
+
+
+def test_few_options_are_shown() -> None:
+    assert {*USUAL} == {*PLACES}
+    assert sum(len(names.split()) for names in USUAL.values()) <= 130
 
 
 @pytest.mark.parametrize("words", [(), ("calibrate",)])

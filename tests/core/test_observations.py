@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from built import observations_from_views
 
 from posefuse.core import DetectionBatch, Detections2D, LookKind, Observations, ShapeError, ViewSequence
 from posefuse.core.observations import OBSERVATION_ARRAYS
 from posefuse.core.skeleton import COCO17
-from posefuse.core.view_sequences import ViewsInParts, observations_from_views, people_in, views_over_time
+from posefuse.core.view_sequences import ViewsInParts, people_in, views_over_time
 
 K, NAMES = len(COCO17), ("left", "middle", "right")
 

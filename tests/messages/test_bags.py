@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
+from built import recording_from_views
 
-from posefuse.core import SKELETONS, InputError, MessageError, PoseSequence, Recording, SourceError
+from posefuse.core import SKELETONS, InputError, MessageError, PoseSequence, SourceError
 from posefuse.evaluation.contracts import check_output
 from posefuse.messages import bags, topics
 from posefuse.messages.messages import message_from_detections, message_from_pose
@@ -209,7 +210,7 @@ def test_the_sink_writes_what_a_live_session_publishes(tmp_path, ring_rig, some_
     score[1, 1, 2] = 0
     xy = rng.uniform(0, 400, (t, n, c, k, 2))
     xy[score == 0] = np.nan
-    recording = Recording.from_views(ring_rig(c), poses, xy, score, np.where(score > 0, 2.0, np.nan))
+    recording = recording_from_views(ring_rig(c), poses, xy, score, np.where(score > 0, 2.0, np.nan))
     check_output(McapSink().build(), recording, tmp_path)
     (path,) = McapSink(epoch_offset_ns=50).build().write(recording, tmp_path)
     views = [v for v, _ in bags.read_detections(path)]

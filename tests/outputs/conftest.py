@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 import built
 import numpy as np
 import pytest
+from built import recording_from_views
 
 from posefuse.core import Frame, Kind, Recording, Rig, Skeleton
 
@@ -37,7 +38,7 @@ def _recording(rig: Rig, times: int, people: tuple[int, ...]) -> Recording:
     score[0, :, -1], xy[0, :, -1] = 0, np.nan
     t_ns = 2_000_000_000 + np.arange(times) * 40_000_000
     poses = built.poses(xyz, skeleton=SKELETON, cov=np.diag([1e-4, 4e-4, 9e-4]), t_ns=t_ns, ids=people, kind=kind)
-    return Recording.from_views(
+    return recording_from_views(
         rig, poses, xy, score, np.where(score > 0, 2.0, np.nan), {"config": {"fuse": "all"}, "rig_id": rig.id}
     )
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from built import poses
+from built import poses, recording_from_views
 from synthetic_walk import BODY, walker
 
 from posefuse.core import SE3, Recording, Rig
@@ -29,7 +29,7 @@ def observed(ring_rig: Callable[..., Rig]) -> Recording:
     turned = SE3.from_rotvec(np.array([0.003, -0.004, 0.003]), np.zeros(3)) @ rig.cameras[2].cam_from_world
     wrong = replace(rig, cameras=(*rig.cameras[:2], replace(rig.cameras[2], cam_from_world=turned), rig.cameras[3]))
     score = np.ones(xy.shape[:-1])
-    return Recording.from_views(wrong, poses(xyz, rate_hz=10.0, skeleton=BODY), xy, score, 2.0 * score)
+    return recording_from_views(wrong, poses(xyz, rate_hz=10.0, skeleton=BODY), xy, score, 2.0 * score)
 
 
 def solved(observed: Recording, config: TrackConfig) -> Recording:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import built
 import numpy as np
 import pytest
+from built import recording_from_views
 
 from posefuse.core import Kind, Recording
 from posefuse.core.skeleton import COCO17
@@ -49,7 +50,7 @@ def seen_by(rig, xyz: np.ndarray, hidden_from: int) -> Recording:
     noisy = np.where(there[..., None], xyz + rng.normal(size=xyz.shape) * SIGMA_M, np.nan)
     t_ns, kind = np.arange(len(xyz)) * 33_333_333, np.where(there, Kind.SMOOTHED, Kind.MISSING)
     poses = built.poses(noisy, SIGMA_M, t_ns=t_ns, n_views=there * len(rig), kind=kind)
-    return Recording.from_views(rig, poses, xy, score, np.where(score > 0, SIGMA_PX, np.nan))
+    return recording_from_views(rig, poses, xy, score, np.where(score > 0, SIGMA_PX, np.nan))
 
 
 def test_a_forearm_in_one_view_is_found_with_its_uncertainty(walker, ring_rig) -> None:
@@ -163,7 +164,7 @@ def two_people(recording: Recording, second: np.ndarray) -> Recording:
     both["xyz_world"] = both["xyz_world"] + np.array([[0, 0, 0], [2.0, 0, 0]])[:, None]
     both["kind"][:, 1] = second
     planes = (np.repeat(plane, 2, axis=1) for plane in (views.xy_img, views.score, views.sigma_px))
-    return Recording.from_views(recording.rig, replace(poses, person_id=[0, 1], **both), *planes)
+    return recording_from_views(recording.rig, replace(poses, person_id=[0, 1], **both), *planes)
 
 
 def test_people_with_hidden_limbs_are_those_of_whom_a_joint_was_long_unmeasured(walker, ring_rig) -> None:

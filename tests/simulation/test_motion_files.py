@@ -8,13 +8,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from posefuse.core import SKELETONS, InputError, Recording
-from posefuse.formats.bvh import read_bvh
 from posefuse.formats.recording import write_recording
 from posefuse.formats.trc import TrcData, write_trc
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse_sim.body import SEGMENTS, BodyShapeSettings, SimulatedBody, build_body
 from posefuse_sim.build import MovingPerson, build_person
 from posefuse_sim.motion import MotionSettings
+from posefuse_sim.motion.bvh import read_bvh
 
 pytest.importorskip("anny", reason="the extra 'sim' is not installed")
 KEYPOINTS = SKELETONS["anatomical23"]

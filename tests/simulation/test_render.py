@@ -113,11 +113,11 @@ from posefuse_sim.render import stage as b
 from posefuse_sim.cameras import *
 from posefuse_sim.build import live_scene
 from posefuse_sim.scene import Scene
-from posefuse_sim.session import scene_render_model
+from posefuse_sim.render.model import render_model
 from posefuse_sim.render.stage import RenderStage
 from posefuse.core.ideal_image import optics_of
 live = live_scene(Scene(duration_s=1, cameras=RingCameras(kind="ring", image=ImageSettings(size_px=(64, 48)))))
-stage = RenderStage(scene_render_model(live, (64, 48), {name!r}), {name!r})
+stage = RenderStage(render_model(live, (64, 48), {name!r}), {name!r})
 stage.place(np.zeros((0, 7)))
 image, depth = stage.draw(optics_of(live.rig.cameras[0]).view, live.rig.cameras[0].cam_from_world)
 stage.close()

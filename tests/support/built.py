@@ -5,8 +5,22 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.core import Detections2D, Kind, Pose3D, PoseSequence, Recording, Rig, Skeleton, Views, ViewSequence
+from posefuse.core import (
+    DetectionBatch,
+    Detections2D,
+    Kind,
+    LookKind,
+    Observations,
+    Pose3D,
+    PoseSequence,
+    Recording,
+    Rig,
+    Skeleton,
+    Views,
+    ViewSequence,
+)
 from posefuse.core.skeleton import COCO17
+from posefuse.core.values import keypoint_boxes
 
 Point = tuple[float, float, float]
 # the left side of someone who faces +x, m; y to the left, z up
@@ -143,7 +157,46 @@ def recording(rig: Rig, sequence: PoseSequence, score: float = 0.9, sigma_px: fl
     """A recording of exact views of a sequence; of score 0 it has poses and no view."""
     xy = np.where(score, np.stack([camera.project(sequence.xyz_world) for camera in rig], axis=2), np.nan)
     scores = np.where(np.isfinite(xy).all(axis=-1), score, 0.0)
-    return Recording.from_views(rig, sequence, xy, scores, np.where(scores > 0, sigma_px, np.nan), provenance)
+    return recording_from_views(rig, sequence, xy, scores, np.where(scores > 0, sigma_px, np.nan), provenance)
+
+
+def observations_from_views(views: ViewSequence) -> Observations:
+    """Observations of cameras that were exposed exactly at the time steps; boxes are those of the keypoints."""
+    batches, person_ids = [], []
+    for i, t_ns in enumerate(views.t_ns.tolist()):
+        found, ids = [], []
+        for c, camera in enumerate(views.camera_names):
+            here = (views.score[i, :, c] > 0).any(axis=-1)
+            xy, score = views.xy_img[i, here, c], views.score[i, here, c]
+            found.append(
+                Detections2D(
+                    camera=camera,
+                    t_ns=t_ns,
+                    skeleton=views.skeleton,
+                    xy_img=xy,
+                    score=score,
+                    sigma_px=views.sigma_px[i, here, c],
+                    box_img=keypoint_boxes(xy, score),
+                    depth_m=None if views.depth_m is None else views.depth_m[i, here, c],
+                )
+            )
+            ids.append(views.person_id[here])
+        batches.append(DetectionBatch(step=i, t_ns=t_ns, kind=LookKind.EXPECTED, detections=tuple(found)))
+        person_ids.append(ids)
+    return Observations.from_batches(views.skeleton, views.camera_names, batches, person_ids)
+
+
+def recording_from_views(
+    rig: Rig,
+    sequence: PoseSequence,
+    xy_img: np.ndarray,
+    score: np.ndarray,
+    sigma_px: np.ndarray,
+    provenance: Mapping[str, Any] | None = None,
+) -> Recording:
+    """A recording of cameras that were exposed exactly at the poses' times, seen at xy_img (T, N, C, K, 2)."""
+    seen = observations_from_views(view_sequence(rig, sequence, xy_img, score, sigma_px))
+    return Recording(rig=rig, poses=sequence, observations=seen, provenance=provenance or {})
 
 
 def white_jerk(dt: float, density: float) -> tuple[np.ndarray, np.ndarray]:

@@ -10,7 +10,6 @@ from cyclopts import Group, Parameter
 import posefuse as pf
 from posefuse.cli.live import LIVE_SETTINGS, LiveOptions, SourceOptions, TimingOptions
 from posefuse.cli.options import (
-    EXPERT,
     OUTPUTS,
     Figures,
     NamedSettings,
@@ -66,8 +65,8 @@ class RobotOptions(NamedSettings):
     speed: Annotated[float | None, Parameter(metavar="M/S"), positive(2)] = None
     limits: Annotated[Path | None, Parameter(metavar="FILE.toml")] = None
     view: bool = False
-    view_scene: Annotated[bool, EXPERT] = False
-    view_file: Annotated[Path | None, Parameter(metavar="FILE.rrd"), EXPERT] = None
+    view_scene: bool = False
+    view_file: Annotated[Path | None, Parameter(metavar="FILE.rrd")] = None
     record: Annotated[Path | None, Parameter(metavar="FILE.mcap", group=OUTPUTS)] = None
 
     @property
@@ -103,15 +102,15 @@ class RosRobotOptions:
     """
 
     ros: bool = False
-    ros1: Annotated[bool, EXPERT] = False
+    ros1: bool = False
     command: Literal["pose", "twist", "joints"] | None = None
-    base_frame: Annotated[str, Parameter(metavar="FRAME"), EXPERT] = "base_link"
-    controller: Annotated[str, Parameter(metavar="TOPIC"), EXPERT] = "/joint_trajectory_controller/joint_trajectory"
-    cmd_vel: Annotated[str, Parameter(metavar="TOPIC"), EXPERT] = ""
-    cmd_vel_twist: Annotated[bool, EXPERT] = False
+    base_frame: Annotated[str, Parameter(metavar="FRAME")] = "base_link"
+    controller: Annotated[str, Parameter(metavar="TOPIC")] = "/joint_trajectory_controller/joint_trajectory"
+    cmd_vel: Annotated[str, Parameter(metavar="TOPIC")] = ""
+    cmd_vel_twist: bool = False
 
 
-@settings_options("settings", LiveConfig, LIVE_SETTINGS, show=False)
+@settings_options("settings", LiveConfig, LIVE_SETTINGS)
 @settings_options(
     "robot",
     TeleoperationSettings,
@@ -126,7 +125,7 @@ def teleoperate(
     timing: TimingOptions = TimingOptions(),
     robot: RobotOptions = RobotOptions(),
     ros: RosRobotOptions = RosRobotOptions(),
-    ros_2: Annotated[Ros2Options, EXPERT] = Ros2Options(),
+    ros_2: Ros2Options = Ros2Options(),
     settings: LiveOptions = LiveOptions(),
     terminal: Shown,
 ) -> Figures:

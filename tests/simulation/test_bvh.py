@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from posefuse.core import InputError
-from posefuse.formats.bvh import read_bvh
+from posefuse_sim.motion.bvh import read_bvh
 
 ARM = """HIERARCHY
 ROOT Base
