@@ -211,3 +211,6 @@ def test_tracking_and_reporting_need_no_tables_of_others(demo_session: Path, tmp
 
 def test_importing_posefuse_is_light() -> None:
     assert not modules_after("import posefuse") & {*OPTIONAL, *SLOW}
+    # what the list of plug-ins imports
+    ros = "posefuse_ros.bags, posefuse_ros.dds, posefuse_ros.ros1, posefuse_ros.source, posefuse_ros.mcap_output"
+    assert not modules_after(f"import {ros}") & {*OPTIONAL}

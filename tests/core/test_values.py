@@ -20,15 +20,8 @@ def pose(t_ns: int = 5, people: int = N) -> Pose3D:
 
 
 def views() -> Views:
-    return Views(
-        t_ns=7,
-        skeleton=COCO17,
-        camera_names=("a", "b", "c"),
-        person_id=np.arange(N),
-        xy_img=np.zeros((N, C, K, 2)),
-        score=np.zeros((N, C, K)),
-        sigma_px=np.ones((N, C, K)),
-    )
+    arrays = {"xy_img": np.zeros((N, C, K, 2)), "score": np.zeros((N, C, K)), "sigma_px": np.ones((N, C, K))}
+    return Views(t_ns=7, skeleton=COCO17, camera_names=("a", "b", "c"), person_id=np.arange(N), **arrays)
 
 
 def test_arrays_are_copied_and_read_only() -> None:

@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import pytest
 from built import recording_from_views
+from figure import sequence_of
 
 from posefuse.core import DependencyError, PoseSequence, Skeleton
 from posefuse.evaluation.biomechanics import BiomechanicsSettings, joints_of, write_biomechanics
@@ -16,9 +17,9 @@ from posefuse_sim.motion.bvh import read_bvh
 
 
 @pytest.fixture
-def recording(ring_rig, figure_sequence):
+def recording(ring_rig):
     frames = [{"left_knee": (40 + i, 0, 0), "left_hip": (20, 3, 4), "right_knee": (30, 0, 0)} for i in range(24)]
-    sequence = figure_sequence(frames, "anatomical23", sigma_m=0.004, rate_hz=30.0)
+    sequence = sequence_of(frames, "anatomical23", sigma_m=0.004, rate_hz=30.0)
     rig = ring_rig(3)
     xy = np.moveaxis(rig.project(sequence.xyz_world), 0, 2)
     score = np.isfinite(xy[..., 0]) * 1.0

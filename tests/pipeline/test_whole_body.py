@@ -2,11 +2,12 @@
 
 from dataclasses import replace
 
+import built
 import numpy as np
 import pytest
 from built import recording_from_views
 
-from posefuse.core import Kind, PoseSequence, Recording
+from posefuse.core import Kind, Recording
 from posefuse.core.skeleton import COCO17
 from posefuse.detection.card import read_card
 from posefuse.formats.joint_centres import read_joint_centres
@@ -26,18 +27,8 @@ WRIST, ELBOW = COCO17.index("left_wrist"), COCO17.index("left_elbow")
 
 def keypoints_of(motion: dict, steps: int) -> np.ndarray:
     """(T, 1, K, 3) keypoints of a simulated person at 30 Hz."""
-    scene = {
-        "duration_s": steps / 30,
-        "rate_hz": 30,
-        "cameras": {
-            "kind": "ring",
-            "count": 2,
-            "radius_m": 4.0,
-            "height_m": 2.0,
-            "image": {"size_px": [64, 48], "horizontal_fov_deg": 60},
-        },
-        "people": [{"motion": motion}],
-    }
+    cameras = {"kind": "ring", "count": 2, "radius_m": 4.0, "height_m": 2.0, "image": {"size_px": [64, 48]}}
+    scene = {"duration_s": steps / 30, "rate_hz": 30, "cameras": cameras, "people": [{"motion": motion}]}
     return truth_of(settings_from_mapping(scene, Scene, where="person")).xyz_world[:steps, :, : len(COCO17)]
 
 
@@ -56,16 +47,9 @@ def seen_by(rig, xyz: np.ndarray, hidden_from: int) -> Recording:
     xy = np.where(score[..., None] > 0, xy + rng.normal(size=xy.shape) * SIGMA_PX, np.nan)
     there = np.ones(xyz.shape[:-1], bool)
     there[HIDDEN, :, [[ELBOW], [WRIST]]] = False
-    poses = PoseSequence(
-        t_ns=np.arange(len(xyz)) * 33_333_333,
-        skeleton=COCO17,
-        person_id=[0],
-        xyz_world=np.where(there[..., None], xyz + rng.normal(size=xyz.shape) * SIGMA_M, np.nan),
-        cov_world=np.where(there[..., None, None], np.eye(3) * SIGMA_M**2, np.nan),
-        reproj_px=np.where(there, 1.0, np.nan),
-        n_views=there * len(rig),
-        kind=np.where(there, Kind.SMOOTHED, Kind.MISSING),
-    )
+    noisy = np.where(there[..., None], xyz + rng.normal(size=xyz.shape) * SIGMA_M, np.nan)
+    t_ns, kind = np.arange(len(xyz)) * 33_333_333, np.where(there, Kind.SMOOTHED, Kind.MISSING)
+    poses = built.poses(noisy, SIGMA_M, t_ns=t_ns, n_views=there * len(rig), kind=kind)
     return recording_from_views(rig, poses, xy, score, np.where(score > 0, SIGMA_PX, np.nan))
 
 

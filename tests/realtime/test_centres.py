@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import built
 import numpy as np
 import pytest
 
@@ -50,17 +51,7 @@ class Still:
         self._xyz = xyz
 
     def at(self, t_ns: int) -> Pose3D:
-        ones = np.ones((1, K))
-        return Pose3D(
-            t_ns=t_ns,
-            skeleton=BLAZEPOSE33,
-            person_id=np.zeros(1),
-            xyz_world=self._xyz[None],
-            cov_world=np.tile(np.eye(3) * 1e-4, (1, K, 1, 1)),
-            reproj_px=ones,
-            n_views=4 * ones,
-            kind=ones,
-        )
+        return built.pose(self._xyz[None], t_ns=t_ns, skeleton=BLAZEPOSE33)
 
     looked_for = at
 

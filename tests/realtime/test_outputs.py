@@ -376,15 +376,6 @@ def test_an_output_is_added_and_removed_while_the_session_runs(fed: Fed, tmp_pat
     assert not fed.outputs.failed and fed.state() == OK
 
 
-def test_an_added_output_that_cannot_be_opened_fails_alone(fed: Fed, tmp_path: Path) -> None:
-    until(lambda: fed.taken() > 0, fed.feed)
-    fed.outputs.add("second", RecordConfig(path=tmp_path / "nowhere" / "second.mcap"))
-    until(lambda: fed.outputs.health["second"].state == FAILED, fed.feed)
-    assert "nowhere" in fed.outputs.health["second"].text and fed.state() == OK
-    fed.outputs.remove("second")
-    until(lambda: "second" not in fed.outputs.health, fed.feed)
-
-
 def test_an_output_that_cannot_be_opened_is_reported_before_the_session_starts(tmp_path: Path) -> None:
     pytest.importorskip("rosbags", reason="the extra ros is not installed")
     outputs = OutputProcess(plan(tmp_path / "no" / "live.mcap"))

@@ -1,17 +1,15 @@
 """Random but valid values, every axis a different size; and two machines on one."""
 
-import importlib.util
 from collections.abc import Callable
-from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 
+import built
 import numpy as np
 import pytest
 from ros1_master import alone, ros1_python  # noqa: F401
 
 from posefuse.core import SKELETONS, Detections2D, Pose3D, Skeleton
-
-_BENCH = Path(__file__).resolve().parents[2] / "bench"
+from posefuse.core.skeleton import COCO17
 
 
 @pytest.fixture
@@ -44,28 +42,14 @@ def standing() -> Callable[..., Pose3D]:
     """A person who stands at the origin and looks along +x; `moved` overrides keypoints."""
 
     def make(**moved: tuple[float, float, float]) -> Pose3D:
-        right = {
-            "shoulder": (0, -0.2, 1.4), "elbow": (0, -0.2, 1.1), "wrist": (0, -0.2, 0.85), "hip": (0, -0.1, 0.9),
-            "knee": (0, -0.1, 0.5), "ankle": (0, -0.1, 0.1), "ear": (0, -0.08, 1.6), "eye": (0.08, -0.03, 1.63),
+        left = {
+            "shoulder": (0, 0.2, 1.4), "elbow": (0, 0.2, 1.1), "wrist": (0, 0.2, 0.85), "hip": (0, 0.1, 0.9),
+            "knee": (0, 0.1, 0.5), "ankle": (0, 0.1, 0.1), "ear": (0, 0.08, 1.6), "eye": (0.08, 0.03, 1.63),
         }  # fmt: skip
-        at = {"nose": (0.1, 0.0, 1.6)}
-        for part, (x, y, z) in right.items():
-            at |= {f"right_{part}": (x, y, z), f"left_{part}": (x, -y, z)}
-        at |= moved
-        skeleton = SKELETONS["coco17"]
-        xyz = np.array([[at[name] for name in skeleton.keypoints]], float)
-        k = len(skeleton)
-        cov = np.tile(np.eye(3) * 1e-4, (1, k, 1, 1))
-        return Pose3D(
-            t_ns=5_000_000_000,
-            skeleton=skeleton,
-            person_id=[1],
-            xyz_world=xyz,
-            cov_world=cov,
-            reproj_px=np.ones((1, k)),
-            n_views=np.full((1, k), 3),
-            kind=np.ones((1, k)),
-        )
+        xyz = built.of_sides(COCO17, left, nose=(0.1, 0.0, 1.6))
+        for name, place in moved.items():
+            xyz[COCO17.index(name)] = place
+        return built.pose(xyz[None], [1], 5_000_000_000)
 
     return make
 
@@ -100,17 +84,10 @@ def kept() -> Kept:
 @pytest.fixture
 def machines():
     """Two machines joined by a link of this process's own making; skips where the kernel or the user does not allow it."""
-    two_machines = _loaded("two_machines")
+    from bench import two_machines
+
     reason = two_machines.why_not()
     if reason:
         pytest.skip(reason)
     with two_machines.TwoMachines(seed=3) as two:
         yield two
-
-
-def _loaded(name: str) -> ModuleType:
-    """A module that benchmarks use too."""
-    spec = importlib.util.spec_from_file_location(name, _BENCH / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import ClassVar
 
+import built
 import numpy as np
 import pytest
 from no_outputs import NoOutputs
@@ -18,7 +19,6 @@ from posefuse.core import (
     SKELETONS,
     Detections2D,
     JointCentres,
-    Kind,
     LiveJointCentres,
     LiveMessage,
     LiveOutput,
@@ -122,15 +122,7 @@ def test_strangers_are_counted_and_never_handed_on(ring_rig) -> None:
                 for camera in ("cam00", "elsewhere"):
                     view = Detections2D.empty(camera, time.time_ns(), skeleton)
                     stranger.publish(topics.DETECTIONS, message_from_detections(view, {}), view.t_ns)
-                broken = Detections2D(
-                    camera="cam01",
-                    t_ns=time.time_ns(),
-                    skeleton=skeleton,
-                    xy_img=np.full((1, 17, 2), np.nan),
-                    score=np.full((1, 17), 7.0),
-                    sigma_px=np.ones((1, 17)),
-                    box_img=np.zeros((1, 4)),
-                )
+                broken = built.detections("cam01", np.ones((1, 17, 2)), time.time_ns(), score=7.0)
                 stranger.publish(topics.DETECTIONS, message_from_detections(broken, {}), broken.t_ns)
                 time.sleep(0.05)
             assert writer.readers() > 0
@@ -177,12 +169,8 @@ class OneUnsurePerson:
         self._skeleton = skeleton
 
     def at(self, t_ns: int) -> Pose3D:
-        k = len(self._skeleton)
-        return Pose3D(
-            t_ns=t_ns, skeleton=self._skeleton, person_id=np.arange(1), xyz_world=np.ones((1, k, 3)),
-            cov_world=np.tile(0.25 * np.eye(3), (1, k, 1, 1)), reproj_px=np.ones((1, k)), n_views=np.full((1, k), 2),
-            kind=np.full((1, k), Kind.FUSED),
-        )  # fmt: skip
+        cov = 0.25 * np.eye(3)
+        return built.pose(np.ones((1, len(self._skeleton), 3)), t_ns=t_ns, skeleton=self._skeleton, cov=cov)
 
     looked_for = at
 

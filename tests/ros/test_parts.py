@@ -3,6 +3,7 @@
 import dataclasses
 import xml.etree.ElementTree as ET
 
+import built
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -29,24 +30,14 @@ S = 1_000_000_000
 
 def person(rng=None, noise_m=0.0, t_ns=5 * S, moved=None) -> Pose3D:
     """Stands at the origin, looks along +x, elbows bent, hands forward with the palms down."""
-    at = {"nose": (0.1, 0, 1.6)}
-    right = {
-        "shoulder": (0, -0.2, 1.4), "elbow": (0.3, -0.2, 1.25), "wrist": (0.55, -0.2, 1.4), "hip": (0, -0.1, 0.9),
-        "knee": (0, -0.1, 0.5), "ankle": (0, -0.1, 0.1), "ear": (0, -0.08, 1.6), "index": (0.65, -0.17, 1.4),
-        "pinky": (0.65, -0.23, 1.4),
+    left = {
+        "shoulder": (0, 0.2, 1.4), "elbow": (0.3, 0.2, 1.25), "wrist": (0.55, 0.2, 1.4), "hip": (0, 0.1, 0.9),
+        "knee": (0, 0.1, 0.5), "ankle": (0, 0.1, 0.1), "ear": (0, 0.08, 1.6), "index": (0.65, 0.17, 1.4),
+        "pinky": (0.65, 0.23, 1.4),
     }  # fmt: skip
-    for part, (x, y, z) in right.items():
-        at |= {f"right_{part}": (x, y, z), f"left_{part}": (x, -y, z)}
-    xyz = np.array([[at.get(name, (np.nan,) * 3) for name in BLAZE.keypoints]])
+    xyz = built.of_sides(BLAZE, left, nose=(0.1, 0, 1.6))[None]
     xyz = xyz + (rng.normal(size=xyz.shape) * noise_m if rng is not None else 0.0)
-    xyz = xyz if moved is None else moved @ xyz
-    k = len(BLAZE)
-    seen = np.isfinite(xyz[..., 0])
-    cov = np.where(seen[..., None, None], np.tile(np.eye(3) * 1e-4, (1, k, 1, 1)), np.nan)
-    return Pose3D(
-        t_ns=t_ns, skeleton=BLAZE, person_id=[1], xyz_world=xyz, cov_world=cov, reproj_px=np.where(seen, 1.0, np.nan),
-        n_views=np.where(seen, 3, 0), kind=seen.astype(int),
-    )  # fmt: skip
+    return built.pose(xyz if moved is None else moved @ xyz, [1], t_ns, skeleton=BLAZE)
 
 
 def parts_of(pose: Pose3D) -> tuple[SE3, np.ndarray]:

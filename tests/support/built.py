@@ -22,6 +22,7 @@ from posefuse.core import (
 from posefuse.core.skeleton import COCO17
 from posefuse.core.values import keypoint_boxes
 
+Point = tuple[float, float, float]
 # the left side of someone who faces +x, m; y to the left, z up
 _LEFT = {
     "eye": (0.10, 0.03, 1.65), "ear": (0.0, 0.08, 1.63), "shoulder": (0.0, 0.19, 1.42), "elbow": (0.03, 0.27, 1.14),
@@ -31,11 +32,15 @@ _LEFT = {
 
 def standing(x: float = 0.0, y: float = 0.0, size: float = 1.0) -> np.ndarray:
     """(17, 3) a person of 1.75 m times `size` standing at (x, y)."""
-    rows = []
-    for name in COCO17.keypoints:
-        side, _, part = name.partition("_")
-        rows.append((0.12, 0.0, 1.62) if name == "nose" else np.array(_LEFT[part]) * (1, 1 if side == "left" else -1, 1))
-    return np.array(rows) * size + [x, y, 0]
+    return of_sides(COCO17, _LEFT, nose=(0.12, 0.0, 1.62)) * size + [x, y, 0]
+
+
+def of_sides(skeleton: Skeleton, left: Mapping[str, Point], **others: Point) -> np.ndarray:
+    """(K, 3) a body that is symmetric about y = 0, out of the parts of its left side; `others` by their whole names, NaN else."""
+    known = dict(others)
+    for part, (x, y, z) in left.items():
+        known |= {f"left_{part}": (x, y, z), f"right_{part}": (x, -y, z)}
+    return np.array([known.get(name, (np.nan,) * 3) for name in skeleton.keypoints], float)
 
 
 def poses(
@@ -146,6 +151,13 @@ def view_sequence(
         sigma_px=np.where(score > 0, sigma_px, np.nan),
         depth_m=depth_m,
     )
+
+
+def recording(rig: Rig, sequence: PoseSequence, score: float = 0.9, sigma_px: float = 2.0, **provenance: Any) -> Recording:
+    """A recording of exact views of a sequence; of score 0 it has poses and no view."""
+    xy = np.where(score, np.stack([camera.project(sequence.xyz_world) for camera in rig], axis=2), np.nan)
+    scores = np.where(np.isfinite(xy).all(axis=-1), score, 0.0)
+    return recording_from_views(rig, sequence, xy, scores, np.where(scores > 0, sigma_px, np.nan), provenance)
 
 
 def observations_from_views(views: ViewSequence) -> Observations:
