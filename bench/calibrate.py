@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from faults.waved_props import Faults, Waving, cube, observe_prop
-from harness import answer, arguments, medians
+from harness import answer, arguments, medians, rendered
 from scenes import ring
 
 from posefuse.calibration.extrinsics.pipeline import Options
@@ -27,7 +27,7 @@ from posefuse.calibration.targets.kinds import Markers
 from posefuse.core import Rig
 from posefuse.formats.rig import read_rig
 from posefuse.sources import VideoConfig
-from posefuse_sim import SessionPaths, simulate
+from posefuse_sim import SessionPaths
 from posefuse_sim.build import live_scene
 from posefuse_sim.props import ArucoCube
 from posefuse_sim.scene import read_scene
@@ -71,11 +71,9 @@ def errors(rig: Rig, found: Calibration, late: np.ndarray) -> dict[str, float]:
     }
 
 
-def rendered(session: Path) -> dict[str, float]:
+def from_videos(session: Path) -> dict[str, float]:
     """The same from videos of a simulated session, which is rendered first when it is not there or not finished."""
-    paths = SessionPaths(session)
-    if not paths.rig.exists():
-        simulate(read_scene(SCENE), session)
+    paths = SessionPaths(rendered(read_scene(SCENE), session, processes=None))
     scene, rig = read_scene(paths.scene), read_rig(paths.rig)
     cube_ = next(prop for prop in scene.props if isinstance(prop, ArucoCube))
     target = Markers(cube_.marker_m, cube_.dictionary, tuple(range(cube_.first_id, cube_.first_id + 6)))
@@ -97,7 +95,7 @@ def rendered(session: Path) -> dict[str, float]:
 def main() -> None:
     args = arguments(__doc__, seeds=3, rendered=Path)
     if args.rendered:
-        answer(args, {"Rendered": [{"session": str(args.rendered), **rendered(args.rendered)}]})
+        answer(args, {"Rendered": [{"session": str(args.rendered), **from_videos(args.rendered)}]})
         return
     rows = []
     for label, rig, clocks, apart in cases():

@@ -5,7 +5,7 @@
     python bench/calibrate_person.py --clocks [--seeds 21]       clocks: stamps shifted by what is known; rig known, and unknown
     python bench/calibrate_person.py --clocks --real DATA        clocks: one camera shifted by whole frames
 
-Of clocks, two cameras keep the even frames and two the odd ones, so that no two neighbours ever look at one moment. Constants
+Of clocks, two cameras keep the even frames and two the odd ones, so that no two neighbours ever look at one time. Constants
 were chosen on the walks of `python -m paper drift`; the coarse search was tried on oracle detections of these walks as well.
 Tables on stderr, one JSON object on stdout; rendered walks are kept in out/paper/sessions.
 """

@@ -6,7 +6,7 @@
     python bench/teleoperation.py boxes --rendered FOLDER [--count 2] [--rate 15] [--latency 0.06] [--networks NAME] [--seed 0]
     python bench/teleoperation.py live --session FOLDER [--networks NAME]
     python bench/teleoperation.py kill [--repeats 5] [--session FOLDER]
-    python bench/teleoperation.py picture --out FILE.png
+    python bench/teleoperation.py image --out FILE.png
 
 faults, follow and boxes run in simulated time, so that the load of the machine does not matter. FOLDER of boxes keeps what is
 rendered there; that of live and kill is one of `posefuse simulate`, for live of examples/scenes/operator.yaml.
@@ -217,14 +217,14 @@ def kill(args: Namespace) -> Tables:
     return {"Until the robot stands": rows}
 
 
-def picture(args: Namespace) -> Tables:
-    from rehearsal.picture import draw_boxes
+def image(args: Namespace) -> Tables:
+    from rehearsal.drawing import draw_boxes
 
     draw_boxes(args.out)
     return {}
 
 
-STEPS = {step.__name__: step for step in (faults, follow, boxes, live, kill, picture)}
+STEPS = {step.__name__: step for step in (faults, follow, boxes, live, kill, image)}
 
 
 def main() -> None:
