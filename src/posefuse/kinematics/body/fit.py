@@ -161,6 +161,8 @@ def _with_contacts(
         if state is not None:
             points[i], cov[i] = (values[feet] for values in reader.points(state))
     contacts = contacts_of(t_ns, points, cov, body.skeleton, body.keypoint[feet])
+    # a generator keeps its variables to its end
+    del points, cov
     standing, shared = np.full((len(body.keypoint), 3), np.nan), np.zeros((len(body.keypoint), 3, 3))
     for i, one in enumerate(seen()):
         standing[feet], shared[feet] = contacts.xyz[i], contacts.cov[i]
