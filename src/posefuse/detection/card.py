@@ -158,7 +158,7 @@ class EnsembleCard(Card):
 
 @settings
 class Terms:
-    """What whoever fetches a network has to know and to accept.
+    """What a person who fetches a network has to know and to accept.
 
     Attributes:
         stated_by: where its makers state the licence of the weights.

@@ -62,7 +62,7 @@ def downloaded(
 def _alone(part: Path) -> Iterator[BufferedRandom]:
     """The part, open for this process only."""
     with part.open("a+b") as file:
-        # Windows has none: there two downloads at once end with a wrong hash, and the next one begins anew
+        # Windows has none: there two downloads at once end with a wrong hash, and the next one starts from the beginning
         with suppress(ImportError, OSError):
             import fcntl
 
@@ -112,7 +112,7 @@ def _receive(url: str, file: BufferedRandom, most_bytes: int) -> None:
         answer = build_opener().open(request, timeout=_TIMEOUT_S)
     except HTTPError as error:
         if error.code == _NOT_SATISFIABLE:
-            # all of it is there, or more than the server has: the hash tells
+            # all of it is there, or more than the server has: the hash decides
             return
         if error.code >= _SERVER_ERROR:
             raise
