@@ -51,7 +51,8 @@ def poses_of_every_frame(rig: Rig, session: Path, delay_ms: float, settings: Seq
     of_detector = {key.replace(".", "__"): value for key, value in changes.items() if key.startswith("detector")}
     views, late_ns = tracked(session, **of_detector).views, round(delay_ms * 1e6)
     estimator = warmed_up(rig, views.skeleton, config)
-    estimator.centring.learn(LiveJointCentres(rig.names, build_detector(config.detector, rig).joint_centres))
+    table = build_detector(config.detector, rig).joint_centres
+    estimator.centring.learn(LiveJointCentres(t_ns=0, cameras=rig.names, table=table))
     come = arrivals(views, rig, late_ns, lambda name: name.replace(TWIN, ""))
     ticks = range(0, int(views.t_ns[-1]) + late_ns, round(1e9 / config.rate_hz))
     return [estimator.centring.moved(pose) for pose in played(estimator.tracker, come, ticks)]

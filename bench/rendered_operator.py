@@ -60,7 +60,7 @@ class SeenHand:
         finder = detector(networks)
         self._detector = finder._detector
         self._estimator = warmed_up(self._rig, finder.skeleton, LiveConfig())
-        self._estimator.centring.learn(LiveJointCentres(self._rig.names, self._detector.joint_centres))
+        self._estimator.centring.learn(LiveJointCentres(t_ns=0, cameras=self._rig.names, table=self._detector.joint_centres))
         self._frames, self._late_ns = _frames(SessionPaths(session).videos, self._rig), round(latency_s * _S)
         self._next = next(self._frames, None)
         self._measured_ns = 0
