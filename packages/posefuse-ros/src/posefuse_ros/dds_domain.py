@@ -59,7 +59,12 @@ class Network(NetworkSettings):
     """
 
     multicast: bool = True
-    fragment_bytes: Annotated[int, Ge(500), Le(65000)] = 65000
+    fragment_bytes: int = 65000
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 500 <= self.fragment_bytes <= 65000:
+            raise ConfigError(f"network: fragment_bytes: expected 500 to 65000, got {self.fragment_bytes}")
 
 
 def domain_xml(network: Network) -> str:
