@@ -26,7 +26,7 @@ ACCEPTED = Trust(terms=True)
 
 
 class Server(ThreadingHTTPServer):
-    """Serves files; breaks off after so many bytes as often as it is told to; `asked` has the path and range of each request."""
+    """Serves files; breaks off after as many bytes as `break_off` lists; `asked` has the path and range of each request."""
 
     def __init__(self):
         self.files, self.break_off, self.asked, self.ranges, self.status = {}, [], [], True, 0
@@ -203,7 +203,7 @@ def test_an_archive_from_elsewhere_is_held_to_the_hash(card, tmp_path):
 
 
 def test_the_file_that_came_first_is_kept_to(server, card, tmp_path):
-    """Where nobody states a hash."""
+    """Where no source states a hash."""
     card = replace(card, source=replace(card.source, archive_sha256=""))
     fetch_all([card], tmp_path, trust=ACCEPTED)
     lock = tmp_path / "models" / LOCK_FILE

@@ -181,9 +181,9 @@ def _keep(card: NetworkCard, content: bytes, cache_dir: Path, origin: str, trust
     try:
         # of another content: a download that was damaged, or a network of the user's own
         keep_copy(target)
-        with tempfile.NamedTemporaryFile(dir=target.parent, prefix=f".{card.file_name}.", delete=False) as beside:
-            beside.write(content)
-        Path(beside.name).replace(target)
+        with tempfile.NamedTemporaryFile(dir=target.parent, prefix=f".{card.file_name}.", delete=False) as new:
+            new.write(content)
+        Path(new.name).replace(target)
     except OSError as error:
         raise ModelError(f"{target}: cannot be written ({error}); set POSEFUSE_CACHE to a folder that can") from None
     if not known:
