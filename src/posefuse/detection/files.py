@@ -85,6 +85,9 @@ def fetch_all(
 
 def holds(origin: Path, card: NetworkCard) -> bool:
     """Whether an archive, folder or file has something to offer for this card; its hash is not looked at."""
+    if origin.is_file() and isinstance(card.source, UrlSource):
+        # the network has the same name in all archives of a maker
+        return origin.name in (card.file_name, card.source.file_pattern)
     if origin.is_file() and origin.suffix not in _ARCHIVES:
         return origin.name == card.file_name
     try:
