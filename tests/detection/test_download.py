@@ -161,9 +161,9 @@ def test_a_download_that_was_killed_is_resumed(server, tmp_path):
     while not (tmp_path / "n.onnx.part").is_file() or (tmp_path / "n.onnx.part").stat().st_size < 1_500_000:
         slow.wait(0.05)
     running.kill()
-    running.wait()
+    running.wait(60)
     server.break_off = []
-    subprocess.run(command, check=True)
+    subprocess.run(command, check=True, timeout=120)
     assert (tmp_path / "n.onnx").read_bytes() == CONTENT
     assert (server.asked[-1][1] or "").startswith("bytes=1500000")
 
