@@ -5,22 +5,21 @@ from __future__ import annotations
 import json
 import platform
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console as RichConsole
-from rich.progress import Progress
 
 from paper.scenes.scenes import CHECK_SEEDS, scene_name
 from posefuse import __version__
-from posefuse.core import JointCentres, PoseSequence, Recording, Truth
+from posefuse.core import JointCentres, PoseSequence, Progress, Recording, Truth
 from posefuse.evaluation import JointErrors, joint_errors
 from posefuse.formats import read_truth
 from posefuse.formats.page import Page
-from posefuse.foundation import plain, usable_cores
+from posefuse.foundation import plain, stage_bars, usable_cores
 from posefuse.pipeline import (
     StageClock,
     TrackConfig,
@@ -176,9 +175,12 @@ class Console:
         if self._as_json:
             print(json.dumps(plain(figures), indent=2), flush=True)
 
+    def stages(self) -> AbstractContextManager[Progress]:
+        """What long work reports to."""
+        return stage_bars(self._screen, self.note)
+
     @contextmanager
     def progress(self, label: str) -> Iterator[Callable[[int, int], None]]:
         """A bar that the callback (done, total) moves."""
-        with Progress(console=self._screen) as bars:
-            task = bars.add_task(label, total=None)
-            yield lambda done, total: bars.update(task, completed=done, total=total)
+        with self.stages() as report:
+            yield lambda done, total: report(label, done, total)
