@@ -22,6 +22,5 @@ __all__ = [
     "settings_from_mapping",
     "stage_bars",
     "usable_cores",
-    ,
 ]
 __getattr__ = lazy_names(__name__, __file__)
