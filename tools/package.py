@@ -34,7 +34,12 @@ MOST_WHEEL_BYTES = 3_500_000
 RESOLUTIONS = {"newest": "highest", "lowest": "lowest-direct"}
 COMMANDS = ("demo", "report", "live", "print", "calibrate")
 # what is tried of each package below packages/
-PACKAGES = {"posefuse-sim": "simulate --plan", "posefuse-studio": "studio", "posefuse-teleop": "teleoperate"}
+PACKAGES = {
+    "posefuse-ros": "live --record",
+    "posefuse-sim": "simulate --plan",
+    "posefuse-studio": "studio",
+    "posefuse-teleop": "teleoperate",
+}
 COLUMNS = {
     "package": ("Python", "versions", "MB installed", *COMMANDS),
     "packages": ("Python", "versions", "MB installed", *PACKAGES.values()),
@@ -191,6 +196,8 @@ def _package_works(name: str, scripts: Path, place: Path) -> str:
         return _page_answers(scripts, place)
     if name == "posefuse-sim":
         return _outcome(scripts, ["simulate", str(ROOT / "examples" / "scenes" / "walk_4cam.yaml"), "--plan"], place)
+    if name == "posefuse-ros":
+        return _outcome(scripts, ["live", *_clip(place / "venv"), "--record", "live.mcap", "--duration", "5"], place)
     return _outcome(scripts, ["teleoperate", *_clip(place / "venv"), "--deadman", "web:8798", "--duration", "5"], place)
 
 
