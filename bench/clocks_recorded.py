@@ -17,11 +17,10 @@ import numpy as np
 from calibrate_person import REAL_RATE_HZ, STATURE_M, after_similarity, folders_of, rendered_walk
 from harness import answer, arguments, note
 
-from posefuse.calibration.clocks.person import clocks_from_person
 from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks
-from posefuse.calibration.clocks.sync import ClockEstimate
+from posefuse.calibration.clocks.sync import ClockEstimate, clocks_from_person
 from posefuse.calibration.person.scale import KnownLength
-from posefuse.calibration.person.settle import at_clocks, calibrate_tracks, unplaced_clocks
+from posefuse.calibration.person.solve import at_clocks, calibrate_tracks, unplaced_clocks
 from posefuse.core import CalibrationError, Rig
 from posefuse.detection.build import DetectorChoice, build_detector
 from posefuse.formats.pose2d import read_openpose_folder

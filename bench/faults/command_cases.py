@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -140,9 +141,12 @@ def calibrate_films(seed: int, look: Look, ids: tuple[int, ...] = (), settings: 
         try:
             invocation = parse(["calibrate", "extrinsics", *inputs, *common])
             assert invocation is not None
-            invocation.run(terminal)
+            with warnings.catch_warnings(record=True) as warned:
+                warnings.simplefilter("always", UserWarning)
+                invocation.run(terminal)
         except CalibrationError as error:
             return Answer(True, str(error))
+        terminal.words += [str(one.message) for one in warned if issubclass(one.category, UserWarning)]
         millimetres, degrees = errors(truth, read_rig(folder / "rig.toml"))
         if settings and "offset_s = 0.1" in (folder / "posefuse.toml").read_text():
             millimetres = _WRONG

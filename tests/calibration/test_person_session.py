@@ -14,9 +14,9 @@ import posefuse as pf
 from bench.faults.waved_props import Faults
 from posefuse.calibration.extrinsics.target import calibrate_extrinsics
 from posefuse.calibration.person.bundle import solve_person_bundle
+from posefuse.calibration.person.checks import check_standing
 from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.person.solve import _floor, calibrate_from_person
-from posefuse.calibration.person.standing import check_standing
 from posefuse.calibration.person.views import PersonViews
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.core import SE3, Rig, Skeleton

@@ -6,7 +6,9 @@ which also gives the image velocity that ties a camera's clock to the geometry.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
@@ -16,7 +18,6 @@ from posefuse.core.arrays import Array
 _SAME_S = 1e-4
 # corners are interpolated over one lost frame, and never over more than this
 _LONGEST_GAP_PERIODS, _LONGEST_GAP_S = 2.2, 0.4
-_SLOW_PX_S = 150.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -48,37 +49,18 @@ class Snapshots:
 
     def rows(self, keep: Array) -> Snapshots:
         """Only the rows of a mask; time steps and patches stay as they are."""
-        return _grouped(
-            self.t_s,
-            self.camera[keep],
-            self.time_step[keep],
-            patch=self.patch[keep],
-            corner=self.corner[keep],
-            xy=self.xy_img[keep],
-            velocity=self.velocity_px_s[keep],
-            patches=self.patches,
-        )
+        return _grouped(self.t_s, self.patches, {name: getattr(self, name)[keep] for name in _COLUMNS})
 
 
-def _grouped(
-    t_s: Array, camera: Array, time_step: Array, patch: Array, corner: Array, xy: Array, velocity: Array, patches: Array
-) -> Snapshots:
-    order = np.lexsort((corner, patch, camera, time_step))
-    keys = np.stack([time_step, camera, patch])[:, order]
-    new = np.concatenate([[0], (np.diff(keys, axis=1) != 0).any(axis=0)]) if len(order) else np.zeros(0)
-    group = np.cumsum(new).astype(np.int64)
-    return Snapshots(
-        t_s=t_s,
-        camera=camera[order],
-        time_step=time_step[order],
-        patch=patch[order],
-        corner=corner[order],
-        xy_img=xy[order],
-        velocity_px_s=velocity[order],
-        patches=patches,
-        group=group,
-        group_count=int(group[-1]) + 1 if len(group) else 0,
-    )
+_COLUMNS = ("camera", "time_step", "patch", "corner", "xy_img", "velocity_px_s")
+
+
+def _grouped(t_s: Array, patches: Array, columns: Mapping[str, Array]) -> Snapshots:
+    order = np.lexsort([columns[name] for name in ("corner", "patch", "camera", "time_step")])
+    sorted_ = {name: column[order] for name, column in columns.items()}
+    keys = np.stack([sorted_["time_step"], sorted_["camera"], sorted_["patch"]])
+    group = np.cumsum(np.append(np.zeros(min(1, len(order))), (np.diff(keys, axis=1) != 0).any(axis=0))).astype(np.int64)
+    return Snapshots(t_s=t_s, patches=patches, group=group, group_count=int(group[-1]) + 1 if len(group) else 0, **sorted_)
 
 
 def middle_ns(observations: CornerObservations) -> int:
@@ -107,13 +89,9 @@ def snapshots(observations: CornerObservations, instants_ns: Array, delay_s: Arr
         found, xy, velocity = _at(row_s[rows], observations.xy_img[rows], wanted_s, gaps_s[c])
         n = len(found)
         parts.append((np.full(n, c), found, np.full(n, patch[rows[0]]), np.full(n, observations.corner[rows[0]]), xy, velocity))
-    if not parts:
-        empty = np.zeros(0, np.int64)
-        return _grouped(
-            t_s, empty, empty, patch=empty, corner=empty, xy=np.zeros((0, 2)), velocity=np.zeros((0, 2)), patches=patches
-        )
-    camera, time_step, patch_of, corner, xy, velocity = (np.concatenate([part[i] for part in parts]) for i in range(6))
-    return _grouped(t_s, camera, time_step, patch=patch_of, corner=corner, xy=xy, velocity=velocity, patches=patches)
+    nothing = (*[np.zeros(0, np.int64)] * 4, np.zeros((0, 2)), np.zeros((0, 2)))
+    columns = (np.concatenate(column) for column in zip(nothing, *parts, strict=True))
+    return _grouped(t_s, patches, dict(zip(_COLUMNS, columns, strict=True)))
 
 
 def _longest_gap_s(stamps_s: Array) -> float:
@@ -164,8 +142,16 @@ def _slopes(track_s: Array, xy: Array, longest_gap_s: float) -> Array:
     return np.asarray(slope)
 
 
+def evenly(items: Array, most: int) -> Array:
+    """So many of the items at most, evenly over all of them."""
+    return np.asarray(items[np.unique(np.linspace(0, len(items) - 1, min(len(items), most)).astype(np.int64))])
+
+
 def pick_time_steps(observations: CornerObservations, most: int, delay_s: Array, prefer_slow: bool) -> Array:
-    """At most `most` times (T,) ns, spread over the images, the camera pairs and the recording; at least 2 cameras each."""
+    """At most `most` times (T,) ns at which two cameras see the target, over the recording and over the pairs of cameras.
+
+    `prefer_slow`: of neighbours the one at which the target moves least, as single flat markers need it: exposures are uneven.
+    """
     counts = np.bincount(observations.camera, minlength=len(observations.cameras))
     reference = int(np.argmax(counts))
     candidates = np.unique(observations.t_ns[observations.camera == reference])
@@ -175,45 +161,22 @@ def pick_time_steps(observations: CornerObservations, most: int, delay_s: Array,
         after = np.clip(np.searchsorted(candidates, others), 1, len(candidates) - 1)
         distance = np.minimum(np.abs(others - candidates[after - 1]), np.abs(others - candidates[after]))
         candidates = np.unique(np.concatenate([candidates, others[distance > np.median(np.diff(candidates))]]))
-    thin = max(1, len(candidates) // (6 * most))
-    return _greedy(observations, candidates[::thin], most, delay_s, prefer_slow)
-
-
-def _greedy(observations: CornerObservations, candidates: Array, most: int, delay_s: Array, prefer_slow: bool) -> Array:
+    candidates = candidates[:: max(1, len(candidates) // (6 * most))]
     seen = snapshots(observations, candidates, delay_s)
-    cameras, time_steps = len(observations.cameras), len(candidates)
-    pair = seen.time_step * cameras + seen.camera
-    corners = np.bincount(pair, minlength=time_steps * cameras).reshape(time_steps, cameras)
-    present = corners > 0
-    total = np.stack([np.bincount(pair, seen.xy_img[:, k], time_steps * cameras) for k in (0, 1)], axis=-1)
-    centre = total.reshape(time_steps, cameras, 2) / np.maximum(corners, 1)[..., None]
-    share = centre / np.array(observations.sizes_wh, np.float64)
-    cell = np.clip((share * 4).astype(np.int64), 0, 3) @ np.array([4, 1])
-    speed = np.bincount(seen.time_step, np.linalg.norm(seen.velocity_px_s, axis=1), time_steps) / np.maximum(
-        corners.sum(axis=1), 1
-    )
-    worth = (corners.sum(axis=1) / np.maximum(present.sum(axis=1), 1)) ** 0.5
-    if prefer_slow:
-        worth = worth / (1 + speed / _SLOW_PX_S)
-    return candidates[_take(present, cell, worth, most)]
+    present = np.zeros((len(candidates), len(counts)), bool)
+    present[seen.time_step, seen.camera] = True
+    speed = np.bincount(seen.time_step, np.linalg.norm(seen.velocity_px_s, axis=1), len(candidates)) * prefer_slow
+    speed /= np.maximum(np.bincount(seen.time_step, minlength=len(candidates)), 1)
+    pairs = list(combinations(range(len(counts)), 2))
+    chosen = np.zeros(len(candidates), bool)
+    for pair in pairs:
+        _choose(chosen, present[:, pair].all(axis=1), most // 2 // len(pairs), speed)
+    _choose(chosen, present.sum(axis=1) >= 2, most - int(chosen.sum()), speed)
+    return np.asarray(candidates[chosen])
 
 
-def _take(present: Array, cell: Array, worth: Array, most: int) -> Array:
-    """Indices of time steps, each the one that adds most where little has been seen so far."""
-    time_steps, cameras = present.shape
-    both = present[:, :, None] & present[:, None, :]
-    cell_count, pair_count = np.zeros((cameras, 16)), np.zeros((cameras, cameras))
-    time_count = np.zeros(16)
-    section = np.arange(time_steps) * 16 // max(time_steps, 1)
-    possible = present.sum(axis=1) >= 2
-    taken: list[int] = []
-    columns = np.arange(cameras)
-    while len(taken) < most and possible.any():
-        gain = (present / (1 + cell_count[columns, cell])).sum(axis=1) + (both / (1 + pair_count)).sum(axis=(1, 2)) / 2
-        best = int(np.argmax(np.where(possible, gain * worth / (1 + time_count[section]) ** 0.5, -1.0)))
-        taken.append(best)
-        possible[best] = False
-        np.add.at(cell_count, (columns[present[best]], cell[best, present[best]]), 1)
-        pair_count += both[best]
-        time_count[section[best]] += 1
-    return np.array(sorted(taken), dtype=np.int64)
+def _choose(chosen: Array, possible: Array, most: int, speed: Array) -> None:
+    """Add so many time steps (T,) at most: the slowest of each section of those that are possible."""
+    free = np.flatnonzero(possible & ~chosen)
+    for section in np.array_split(free, min(most, len(free))) if most and len(free) else []:
+        chosen[section[np.argmin(speed[section])]] = True

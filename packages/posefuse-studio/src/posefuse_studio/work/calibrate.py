@@ -14,7 +14,7 @@ import numpy as np
 
 from posefuse.api.calibrate import calibrate_extrinsics, calibrate_intrinsics, observe_target, verify
 from posefuse.api.calibration_results import IntrinsicsCalibration, RigCalibration, RigVerification
-from posefuse.calibration.extrinsics.floor import FloorMarker
+from posefuse.calibration.extrinsics.world import FloorMarker
 from posefuse.calibration.report import CalibrationReport, RefusedCalibration
 from posefuse.calibration.targets.kinds import read_target
 from posefuse.calibration.targets.recordings import open_sources, require_target_seen
