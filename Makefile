@@ -21,7 +21,7 @@ PART_calibration := calibration health
 PART_body       := kinematics evaluation
 PART_recorded   := pipeline api cli truth edges
 PART_live       := realtime sources
-PART_ros        := messages
+PART_ros        := ros
 PART_sim        := simulation paper
 PART_studio     := studio
 PART_teleop     := teleoperation
@@ -98,7 +98,8 @@ check: setup
 	$(BIN)/mypy
 
 bench: with-dev$(MORE)
-	$(BIN)/python bench/run.py
+	for name in pipeline real_footage detect fuse render kinematics calibrate wire; do \
+		$(BIN)/python bench/$$name.py --write docs/benchmarks.md || exit; done
 
 calibration-faults: with-dev$(MORE)
 	nice $(BIN)/python bench/calibration_faults.py --page docs/calibration_faults.md
@@ -107,7 +108,7 @@ mutation: with-dev$(MORE),mutation
 	nice $(BIN)/python bench/mutation.py --count 20 --minutes 60 --survivors --page docs/mutation.md
 
 bench-live: with-dev$(MORE)
-	$(BIN)/python bench/run.py live live_tracking live_faults
+	for name in live live_tracking; do $(BIN)/python bench/$$name.py --write docs/benchmarks.md || exit; done
 
 paper: with-dev$(MORE)
 	$(BIN)/python -m paper all --out out/paper

@@ -86,21 +86,10 @@ def _matched(t_ns: Array, reference_ns: Array) -> tuple[Array, Array]:
 def _error(joint: str, angle: str, got: Array, wanted: Array, sigma: Array) -> AngleError:
     error = np.degrees(np.angle(np.exp(1j * (got - wanted))))
     known = np.isfinite(error)
-    if not known.any():
-        nothing = float("nan")
-        return AngleError(
-            joint=joint, angle=angle, bias_deg=nothing, sd_deg=nothing, rmse_deg=nothing, stated_deg=nothing, defined=0.0
-        )
     error, stated = error[known], np.degrees(sigma[known])
-    return AngleError(
-        joint=joint,
-        angle=angle,
-        bias_deg=float(error.mean()),
-        sd_deg=float(error.std()),
-        rmse_deg=float(np.sqrt((error**2).mean())),
-        stated_deg=float(np.median(stated)),
-        defined=float(known.mean()),
-    )
+    found = (error.mean(), error.std(), np.sqrt((error**2).mean()), np.median(stated)) if known.any() else (np.nan,) * 4
+    figures = dict(zip(("bias_deg", "sd_deg", "rmse_deg", "stated_deg"), map(float, found), strict=True))
+    return AngleError(joint=joint, angle=angle, defined=float(known.mean()), **figures)
 
 
 def poses_from_lab(path: Path) -> PoseSequence:

@@ -1,9 +1,9 @@
-"""Calibration measured against the truth: errors, clocks and seconds.
+"""Calibration measured against the truth: errors, clocks and seconds. From a person alone: `bench/calibrate_person.py`.
 
-python bench/calibrate.py [--seeds N]               markers projected, noise added
-python bench/calibrate.py --rendered SESSION        real detection in rendered videos; renders the scene when it is missing
-python bench/calibrate.py --person SEED             from a walking person alone, the real network on rendered videos; 0 is all
-python bench/calibrate.py --person-real DATA        the same on pose2sim_single: estimates against each other
+    python bench/calibrate.py [--seeds N]               markers projected, noise added
+    python bench/calibrate.py --rendered SESSION        real detection in rendered videos; renders the scene when it is missing
+
+Tables on stderr, one JSON object on stdout.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from faults.waved_props import Faults, Waving, cube, observe_prop
-from harness import answer, arguments, medians
+from harness import answer, arguments, medians, rendered
 from scenes import ring
 
 from posefuse.calibration.extrinsics.pipeline import Options
@@ -27,7 +27,7 @@ from posefuse.calibration.targets.kinds import Markers
 from posefuse.core import Rig
 from posefuse.formats.rig import read_rig
 from posefuse.sources import VideoConfig
-from posefuse_sim import SessionPaths, simulate
+from posefuse_sim import SessionPaths
 from posefuse_sim.build import live_scene
 from posefuse_sim.props import ArucoCube
 from posefuse_sim.scene import read_scene
@@ -71,11 +71,9 @@ def errors(rig: Rig, found: Calibration, late: np.ndarray) -> dict[str, float]:
     }
 
 
-def rendered(session: Path) -> dict[str, float]:
+def from_videos(session: Path) -> dict[str, float]:
     """The same from videos of a simulated session, which is rendered first when it is not there or not finished."""
-    paths = SessionPaths(session)
-    if not paths.rig.exists():
-        simulate(read_scene(SCENE), session)
+    paths = SessionPaths(rendered(read_scene(SCENE), session, processes=None))
     scene, rig = read_scene(paths.scene), read_rig(paths.rig)
     cube_ = next(prop for prop in scene.props if isinstance(prop, ArucoCube))
     target = Markers(cube_.marker_m, cube_.dictionary, tuple(range(cube_.first_id, cube_.first_id + 6)))
@@ -95,15 +93,9 @@ def rendered(session: Path) -> dict[str, float]:
 
 
 def main() -> None:
-    args = arguments(__doc__, seeds=3, rendered=Path, person=int, person_real=Path)
-    if args.person is not None or args.person_real:
-        import calibrate_person
-
-        tables = calibrate_person.real(args.person_real) if args.person_real else calibrate_person.simulated(args.person)
-        answer(args, tables)
-        return
+    args = arguments(__doc__, seeds=3, rendered=Path)
     if args.rendered:
-        answer(args, {"Rendered": [{"session": str(args.rendered), **rendered(args.rendered)}]})
+        answer(args, {"Rendered": [{"session": str(args.rendered), **from_videos(args.rendered)}]})
         return
     rows = []
     for label, rig, clocks, apart in cases():

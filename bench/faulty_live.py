@@ -5,7 +5,8 @@
 Kinds: freeze (the same image again and again), jump (the camera's clock is an hour ahead), skew (50 ms ahead), bump (the camera
 is turned by 1.5 degrees), flood (forty frames for one), hang (sends nothing), unplug (the source ends, and comes back). START and
 END are seconds after the beginning of the source. `--zero`: recorded and simulated sources of this node begin then. The oracle
-knows neither images nor times that a video does not have: jump, skew and bump need a network.
+knows neither images nor times that a video does not have: jump, skew and bump need a network. It prints and
+writes what `posefuse live` does.
 """
 
 import argparse

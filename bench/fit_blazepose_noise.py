@@ -18,7 +18,8 @@ from harness import Use, answer, arguments, checked, truth_of
 
 from posefuse.core import SKELETONS
 from posefuse.core.skeleton import mirror_name
-from posefuse.detection import fetch, read_card, region_from_keypoints
+from posefuse.detection import fetch, region_from_keypoints
+from posefuse.detection.card import LandmarkCard, read_card
 from posefuse.detection.crops import crop_from_img, square_crop
 from posefuse.detection.decode import landmarks_from_outputs
 from posefuse.detection.engines import BlazePoseNetwork
@@ -144,12 +145,12 @@ def main() -> None:
     folders = render_everyday(args.out, args.scenes, print)
     for folder in folders:
         checked(read_scene(SessionPaths(folder).scene), Use.FIT)
-    card = read_card(args.card)
+    card = read_card(args.card, LandmarkCard)
     decoding, file = card.decoding, fetch(card, default_cache_dir())
     network = BlazePoseNetwork(file, (decoding.landmarks, decoding.presence, decoding.heatmaps), card.input, "auto", 1)
     samples = []
     for folder in folders:
-        sample, features = collect(folder, network, card.input.side_px)
+        sample, features = collect(folder, network, card.input.size_wh[0])
         samples.append(sample)
     # each scene is judged by a fit to the scenes of the other three quarters
     kept, sigmas = [], []
@@ -158,7 +159,7 @@ def main() -> None:
         others = Samples.stacked([one for i, one in enumerate(samples) if i % 4 != part])
         sigmas.append(sigma_of(kept[-1], *fit_weights(others)))
     text = model_text(Samples.stacked(samples), features, len(folders))
-    (card.folder / decoding.noise).write_text(text, encoding="utf-8")
+    card.noise_file.write_text(text, encoding="utf-8")
     answer(args, calibration(Samples.stacked(kept), np.concatenate(sigmas)))
 
 

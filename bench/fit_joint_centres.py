@@ -8,6 +8,7 @@ exactly.
 
 MORE are folders of other rendered scenes, e.g. those of `fit_blazepose_noise.py`. Bodies and motions are drawn for these
 two fits alone (bodies of random seeds 7000 to 7429); none of them appears in a reported measurement.
+Tables on stderr, one JSON object on stdout, and the table of joint centres next to the card.
 """
 
 from __future__ import annotations
@@ -17,12 +18,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from harness import Use, arguments, checked, note, rendered, scene_from, tracked, truth_of
+from harness import Row, Use, answer, arguments, checked, note, rendered, scene_from, tracked, truth_of
 from scenes import walk
 
 from posefuse.core import JointCentres, PoseSequence, Truth
 from posefuse.core.skeleton import pick_keypoints
-from posefuse.detection.card import read_any_card
+from posefuse.detection.card import Card, read_card
 from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.formats.joint_centres import joint_centres_text, read_joint_centres
 from posefuse.tracking import to_joint_centres
@@ -119,16 +120,15 @@ def errors_mm(poses: PoseSequence, truth: Truth, table: JointCentres) -> dict[st
     return {joint: (np.concatenate(before), np.concatenate(after)) for joint, (before, after) in found.items()}
 
 
-def parts(errors: list[np.ndarray]) -> str:
-    """What (M, 3) errors of each body are made of: a mean that all bodies share, each body's own, and what changes."""
+def parts(errors: list[np.ndarray], when: str) -> Row:
+    """What (M, 3) errors in mm of each body are made of: a mean that all bodies share, each body's own, and what changes."""
     means = np.array([one.mean(axis=0) for one in errors])
-    common = means.mean(axis=0)
-    changing = np.concatenate([one - one.mean(axis=0) for one in errors])
-    own = np.linalg.norm(means - common, axis=1)
-    return f"common {np.linalg.norm(common):4.1f}  own {own.mean():4.1f}  changing {np.linalg.norm(changing, axis=1).mean():4.1f}"
+    own, changing = means - means.mean(axis=0), np.concatenate([one - one.mean(axis=0) for one in errors])
+    found = {"common": means.mean(axis=0), "own": own, "changing": changing}
+    return {f"{name}, {when}": float(np.linalg.norm(one, axis=-1).mean()) for name, one in found.items()}
 
 
-def fit(folders: list[Path], card_name: str, only: tuple[str, ...]) -> None:
+def fit(folders: list[Path], card_name: str, only: tuple[str, ...]) -> dict[str, list[Row]]:
     scenes = [path for folder in folders for path in sorted(folder.glob("scene*")) if is_rendered(path)]
     for path in scenes:
         checked(read_scene(SessionPaths(path).scene), Use.FIT)
@@ -139,28 +139,28 @@ def fit(folders: list[Path], card_name: str, only: tuple[str, ...]) -> None:
         table = fit_joint_centres([run for i, run in enumerate(runs) if i % PARTS != part])
         found |= {scenes[i]: errors_mm(*run, table) for i, run in enumerate(runs) if i % PARTS == part}
     table = fit_joint_centres(runs, f"{card_name}, fitted to {len(runs)} simulated bodies")
-    print(f"{len(runs)} scenes; each judged by a fit to the bodies of the other three quarters; mean mm before -> after")
+    rows, causes = [], []
     for joint in JOINTS:
         before, after = (np.linalg.norm(np.concatenate([one[joint][k] for one in found.values()]), axis=1) for k in (0, 1))
-        words = "  ".join(f"{name} {1000 * metres:+.1f}" for name, metres in table.offsets[joint].items())
-        print(f"{joint:9s} {before.mean():5.1f} -> {after.mean():5.1f}   {words}")
-    print(f"standing with arms raised, {len(raised & found.keys())} bodies: what errors are made of, before -> after")
-    for joint in JOINTS:
-        before_parts, after_parts = (parts([one[joint][k] for path, one in found.items() if path in raised]) for k in (0, 1))
-        print(f"{joint:9s} {before_parts}  ->  {after_parts}")
+        offsets = {name: 1000 * metres for name, metres in table.offsets[joint].items()}
+        rows.append({"joint": joint, "before": float(before.mean()), "after": float(after.mean()), "offsets": offsets})
+        both = [[one[joint][k] for path, one in found.items() if path in raised] for k in (0, 1)]
+        causes.append({"joint": joint, **parts(both[0], "before"), **parts(both[1], "after")})
     write_card(card_name, table, only, len(runs))
+    judged = f"mm, {len(runs)} scenes, each judged by a fit to the bodies of the other three quarters"
+    return {judged: rows, f"What errors are made of, mm, {len(raised & found.keys())} bodies with raised arms": causes}
 
 
 def write_card(card_name: str, table: JointCentres, only: tuple[str, ...], bodies: int) -> None:
     """Write the table of a card; with `only`, the other joints stay as the card has them."""
-    card = read_any_card(card_name)
+    card = read_card(card_name, Card)
     path = card.folder / f"{card.name}.joint_centres.toml"
     if only:
         before = read_joint_centres(path)
         offsets = {**before.offsets, **{joint: table.offsets[joint] for joint in only}}
         table = replace(before, made_by=f"{before.made_by} ({', '.join(only)}: {bodies})", offsets=offsets)
     path.write_text(joint_centres_text(table), encoding="utf-8")
-    print(f"written: {path.name}")
+    note(f"written: {path.name}")
 
 
 def main() -> None:
@@ -172,7 +172,7 @@ def main() -> None:
     elif args.step == "render-varied":
         render_varied(args.out)
     elif args.step == "fit":
-        fit([args.out, *args.more], args.card, tuple(filter(None, args.only.split(","))))
+        answer(args, fit([args.out, *args.more], args.card, tuple(filter(None, args.only.split(",")))))
     else:
         raise SystemExit(f"{args.step}: expected render, render-varied or fit")
 

@@ -4,7 +4,7 @@
 
 draws the scenes at video rate into OUT (minutes; resumes), runs the pipeline without smoothing, fits and prints.
 The fit is the source of `tracking.settings`. Its scenes are those of `fit_blazepose_noise.py` (bodies of random seeds 7000 on:
-none appears in a reported measurement) at 30 frames/s.
+none appears in a reported measurement) at 30 frames/s. Tables on stderr, one JSON object on stdout.
 """
 
 from pathlib import Path

@@ -26,7 +26,7 @@ ROOT = Path(__file__).resolve().parents[1]
 for _folder in (ROOT, ROOT / "tools"):
     sys.path.insert(0, str(_folder)) if str(_folder) not in sys.path else None
 
-from page_marks import markdown, write_between_marks  # noqa: E402
+from page_marks import made_by, markdown, write_between_marks  # noqa: E402
 
 from posefuse.core import Detections2D, Kind, Pose3D, Recording, Rig, Truth, ViewSequence  # noqa: E402
 from posefuse.core.skeleton import PAPER14, pick_keypoints  # noqa: E402
@@ -247,6 +247,9 @@ def answer(args: argparse.Namespace, tables: Mapping[str, Sequence[Row]], mark: 
         show(title, rows)
     print(json.dumps(plain({**facts, **tables}), indent=2))
     if args.write:
-        parts = [f"{title}\n\n{markdown(columns_of(rows), ([text(r.get(c)) for c in columns_of(rows)] for r in rows))}"
-                 for title, rows in tables.items()]  # fmt: skip
+        words = [word for word in sys.argv[1:] if word not in ("--write", str(args.write))]
+        parts = [made_by(" ".join(["python", f"bench/{Path(sys.argv[0]).name}", *words]))]
+        for title, rows in tables.items():
+            columns = columns_of(rows)
+            parts.append(f"{title}\n\n{markdown(columns, ([text(row.get(name)) for name in columns] for row in rows))}")
         write_between_marks(args.write, "\n\n".join(parts), mark or Path(sys.argv[0]).stem)

@@ -5,7 +5,8 @@
 The session (default: examples/demo) is tracked once; a result folder is taken as it is. Its observations are then put one
 after the other, every second time backwards, so that the person moves on without a jump. `solve` is `posefuse solve RESULT`:
 all but decoding and detection. `bodies` is the same with `--body on`. Each command is a process of its own; memory is the
-largest that its system call reports. With `--only`, the page's other rows stay if they are of the same lengths.
+largest that its system call reports; that of an hour is what the two longest recordings make of it along a straight line.
+With `--only`, the page's other rows stay if they are of the same lengths.
 """
 
 import shutil
@@ -90,14 +91,15 @@ def main() -> None:
         only=dict.fromkeys(COMMANDS),
     )
     rows: dict[str, dict] = {name: {"command": name} for name in args.only}
+    used_mb: dict[str, list[float]] = {name: [] for name in args.only}
     is_result = (args.session / ABOUT_FILE).is_file()
     recording = read_recording(args.session) if is_result else tracked(args.session)
     with tempfile.TemporaryDirectory() as scratch:
         long, out = Path(scratch) / "long", Path(scratch) / "out"
-        track = ["track", str(long), "--out", str(out), "--outputs", "trc", "--body"]
+        solve = ["solve", str(long), "--out", str(out), "--outputs", "trc", "--set"]
         commands = {
-            "solve": [*track, "off"],
-            "bodies": [*track, "on"],
+            "solve": [*solve, "body=off"],
+            "bodies": [*solve, "body=on"],
             "report": ["report", str(long), "--out", str(out)],
             "compare": ["compare", str(long), str(long), "--out", str(out)],
         }
@@ -107,9 +109,13 @@ def main() -> None:
             for name in args.only:
                 cpu_s, memory_mb = measured(commands[name])
                 rows[name][f"{minutes:g} min"] = f"{cpu_s:.0f} s, {memory_mb:.0f} MB"
+                used_mb[name].append(memory_mb)
                 note(f"{name} {minutes:g} min: {cpu_s:.0f} s, {memory_mb:.0f} MB")
                 shutil.rmtree(out, ignore_errors=True)
             shutil.rmtree(long)
+    for name, memory_mb in used_mb.items():
+        slope_mb = (memory_mb[-1] - memory_mb[-2]) / (args.minutes[-1] - args.minutes[-2])
+        rows[name]["an hour"] = f"{memory_mb[-1] + slope_mb * (60 - args.minutes[-1]):.0f} MB"
     if args.write:
         written = [row for row in table_between_marks(args.write, "length") if list(row) == list(rows[args.only[0]])]
         rows = {row["command"]: row for row in written} | rows

@@ -22,11 +22,11 @@ from posefuse.core.skeleton import PAPER14
 from posefuse.detection.build import build_detector
 from posefuse.evaluation.metrics import typical_nees
 from posefuse.formats.rig import read_rig, write_rig
-from posefuse.messages.bags import read_poses
 from posefuse.pipeline.config import changes_of, read_changed
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import warmed_up
 from posefuse.realtime.messages import Centres
+from posefuse_ros.bags import read_poses
 
 # the tracker needs a moment to know speeds and bones
 _SETTLED_S = 1.5

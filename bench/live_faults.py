@@ -23,8 +23,8 @@ from live_program import Program, loop_s
 from two_machines import TwoMachines, why_not
 
 from posefuse.core.skeleton import PAPER14
-from posefuse.messages.bags import read_detections, read_poses
 from posefuse.realtime.capture import LOOP_PAUSE_S
+from posefuse_ros.bags import read_detections, read_poses
 
 _FAULTY = (sys.executable, str(Path(__file__).with_name("faulty_live.py")))
 _BEFORE_S, _LEAST_S = 2.0, 3.0

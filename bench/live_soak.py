@@ -23,7 +23,7 @@ from harness import DEMO, answer, arguments, live_command
 from live_program import Program, children_of, loop_s, running
 
 from posefuse.formats.rig import read_rig
-from posefuse.messages.bags import read_detections, read_poses
+from posefuse_ros.bags import read_detections, read_poses
 
 _WARM_UP_SHARE, _LEAST_SAMPLES = 0.3, 5
 _STRETCHES, _PERCENTILES = 6, (50, 95, 99)

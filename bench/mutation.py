@@ -51,7 +51,7 @@ PACKAGES = {
             "tests/pipeline/test_session.py",
             "tests/pipeline/test_provenance.py",
             "tests/pipeline/test_edits.py",
-            "tests/pipeline/test_live_recording.py",
+            "tests/ros/test_live_recording.py",
             "tests/pipeline/test_whole_body.py",
             "tests/cli/test_interruptions.py",
             "tests/truth/test_recorded_pipeline.py",

@@ -13,13 +13,13 @@ import numpy as np
 from harness import Use, scene_from
 
 from posefuse.association import AssociateSettings
-from posefuse.core import Camera, Detections2D, Rig, Skeleton
+from posefuse.core import Detections2D, Rig, Skeleton
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.fusion import FuseSettings
 from posefuse.realtime.estimator import build_fuse, build_solve
 from posefuse.tracking.online import LiveSettings, Tracker, build_tracker
 from posefuse_sim.build import live_scene
-from posefuse_sim.cameras import looking_at
+from posefuse_sim.cameras import ImageSettings, RingCameras, placed_cameras, rig_from_cameras
 
 Place = Callable[[np.ndarray], np.ndarray]
 Arrivals = list[tuple[int, Detections2D]]
@@ -44,15 +44,11 @@ def ring(
     lens: tuple[float, ...] = (),
 ) -> Rig:
     """Cameras on a circle that look at a point 1 m above its centre."""
-    intrinsics = np.array([[focal_px, 0, (size_wh[0] - 1) / 2], [0, focal_px, (size_wh[1] - 1) / 2], [0, 0, 1]])
-    cameras = []
-    for i in range(count):
-        angle = 2 * np.pi * i / count + begin_rad
-        pose = looking_at(np.array([radius_m * np.cos(angle), radius_m * np.sin(angle), height_m]), np.array([0, 0, 1.0]))
-        cameras.append(
-            Camera(name=f"cam{i:02d}", size_wh=size_wh, K=intrinsics, cam_from_world=pose, distortion=np.array(lens, float))
-        )
-    return Rig(tuple(cameras), world_set_by="bench")
+    (width, height), turned_deg = size_wh, float(np.rad2deg(begin_rad))
+    intrinsics = ((focal_px, 0.0, (width - 1) / 2), (0.0, focal_px, (height - 1) / 2), (0.0, 0.0, 1.0))
+    image = ImageSettings(size_px=size_wh, K=intrinsics, distortion=lens)
+    circle_ = {"radius_m": radius_m, "height_m": height_m, "first_angle_deg": turned_deg}
+    return rig_from_cameras(placed_cameras(RingCameras(kind="ring", count=count, image=image, **circle_)))
 
 
 def walk(path: dict[str, Any], speed_mps: float = 1.35) -> dict[str, Any]:

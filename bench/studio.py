@@ -17,6 +17,7 @@ window with a page is compared with that without one in the same round.
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 import tempfile
@@ -32,9 +33,8 @@ import numpy as np
 from playwright.sync_api import Browser, Page
 from studio_client import QuietPage, quiet_page
 
-from posefuse.messages.bags import read_poses
+from posefuse_ros.bags import read_poses
 from posefuse_studio.jobs import Job, Jobs
-from posefuse_studio.session_messages import packed_request
 from posefuse_studio.setups import DEMO
 from posefuse_studio.workspace import StudioWorkspace
 
@@ -181,7 +181,7 @@ def measure_latency(*, chromium: bool) -> None:
 def started(jobs: Jobs) -> Job:
     """A session of the bundled clip, when it runs; the first one on a machine compiles, for longer than it may take to begin."""
     for _ in range(_STARTS):
-        job = jobs.start("live", "Bench", {"setup": DEMO, "people": 1, "networks": "blazepose_lite"})
+        job = jobs.start("live", "Bench", {"setup": DEMO, "networks": "blazepose_lite"})
         until(lambda job=job: jobs.address(job.id) or jobs.report(job.id).ended, "the session")
         if not (report := jobs.report(job.id)).ended:
             return job
@@ -194,7 +194,7 @@ def recorded(jobs: Jobs, job: Job) -> None:
     address = jobs.address(job.id)
     assert address is not None, "a session that listens"
     with Client(("127.0.0.1", address.port), authkey=address.key) as host:
-        host.send_bytes(packed_request("record", {"name": "latency", "poses": True, "videos": False}))
+        host.send_bytes(json.dumps(["record", {"name": "latency", "poses": True, "videos": False}]).encode())
         # its state: the request before is taken by then
         host.recv_bytes()
 
@@ -223,7 +223,7 @@ def measure_focus() -> None:
 
     from posefuse.formats.video import read_video
     from posefuse.pipeline.session import clip_folder
-    from posefuse_studio.focus import detail_left
+    from posefuse.realtime.watching import detail_left
 
     images: list[Any] = [next(iter(read_video(path)))[1] for path in sorted((clip_folder() / "videos").glob("*.mp4"))]
     for blur_px in (0.0, 0.5, 1.0, 1.5, 2.0, 3.0):

@@ -19,7 +19,8 @@ from harness import DEMO, answer, arguments, truth_of
 from studio_server import free_port, in_chromium, server
 
 from posefuse.api.recording import recording_of
-from posefuse.core import Kind, PoseSequence, Recording
+from posefuse.core import Camera, DetectionBatch, Detections2D, Kind, LookKind, Observations, Pose3D, PoseSequence, Recording
+from posefuse.core.values import keypoint_boxes
 from posefuse.foundation.parsing import plain
 from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.playback import Playback
@@ -82,14 +83,35 @@ def repeated(truth, times: int, period_ns: int) -> Recording:  # type: ignore[no
         n_views=np.where(known, len(truth.rig), 0),
         kind=np.where(known, Kind.FUSED, Kind.MISSING),
     )
-    xy = np.stack([camera.project(xyz) for camera in truth.rig], axis=2)
-    score = np.where(np.isfinite(xy).all(axis=-1), 1.0, 0.0)
+    batches = [
+        DetectionBatch(
+            step=i, t_ns=pose.t_ns, kind=LookKind.EXPECTED, detections=tuple(_seen(camera, pose) for camera in truth.rig)
+        )
+        for i, pose in enumerate(map(poses.at, range(len(poses))))
+    ]
+    ids = [[poses.person_id] * len(truth.rig)] * len(poses)
+    log = Observations.from_batches(poses.skeleton, truth.rig.names, batches, ids)
     made = {
         "session": "long",
         "inputs": {name: f"{name}.mp4" for name in truth.rig.names},
         "config": plain(dataclasses.asdict(TrackConfig())),
     }
-    return Recording.from_views(truth.rig, poses, xy, score, np.where(score > 0, 1.0, np.nan), made)
+    return Recording(rig=truth.rig, poses=poses, observations=log, provenance=made)
+
+
+def _seen(camera: Camera, pose: Pose3D) -> Detections2D:
+    """Everyone, exactly."""
+    xy = camera.project(pose.xyz_world)
+    score = np.isfinite(xy[..., 0]) * 1.0
+    return Detections2D(
+        camera=camera.name,
+        t_ns=pose.t_ns,
+        skeleton=pose.skeleton,
+        xy_img=xy,
+        score=score,
+        sigma_px=np.where(score > 0, 1.0, np.nan),
+        box_img=keypoint_boxes(xy, score),
+    )
 
 
 def in_python(session: Path, result: Path, seeks: int) -> dict[str, float]:

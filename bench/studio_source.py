@@ -12,6 +12,7 @@ import itertools
 import sys
 import time
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +23,11 @@ from posefuse.formats.truth import read_truth
 from posefuse.formats.video import read_video
 from posefuse.pipeline.session import clip_folder
 from posefuse_studio.job_process import JobReporter
-from posefuse_studio.jobs import JOBS_FOLDER, write_json
-from posefuse_studio.live_host import Host
+from posefuse_studio.jobs import JOBS_FOLDER, LIVE, Job
 from posefuse_studio.scene.messages import image_message, poses_message, setup_message, values_message
 from posefuse_studio.scene.setup import scene_setup
+from posefuse_studio.session import CameraStatus, Host, SessionStatus
+from posefuse_studio.stored import write_json
 from posefuse_studio.work.live import plot_names
 from posefuse_studio.workspace import StudioWorkspace
 
@@ -52,10 +54,8 @@ def main() -> None:
     rig, poses = truth.rig, truth
     jpegs = [images_of(path, len(poses.t_ns)) for path in sorted((clip / "videos").glob("*.mp4"))]
     folder = workspace.folder(f"{JOBS_FOLDER}/{time.strftime('%Y%m%d-%H%M%S')}-live")
-    write_json(
-        folder / "job.json", {"id": folder.name, "work": "live", "title": "Bench", "arguments": {}, "begun_s": time.time()}
-    )
-    report, host = JobReporter(workspace, folder.name), Host(lambda name, values: None, lambda on: None)
+    write_json(folder / "job.json", Job(work=LIVE, title="Bench", arguments={}, begun_s=time.time()))
+    report, host = JobReporter(workspace, folder.name), Host()
     report.listens(host.address)
     names = [f"cam{number:02d}" for number in range(cameras)]
     lenses = [rig.cameras[number % len(rig)] for number in range(cameras)]
@@ -64,6 +64,11 @@ def main() -> None:
     plots = plot_names(joints)
     host.publish("setup", setup_message(scene_setup(rig, poses.skeleton, plots=plots)), keep=True)
     cov = np.broadcast_to(np.diag([1.0, 1.0, 4.0]) * _SIGMA_M**2, (*poses.xyz_world.shape[1:3], 3, 3))
+    shown = {
+        name: CameraStatus(light="good", state="ok", figures="30/s", size_wh=lens.size_wh)
+        for name, lens in zip(names, lenses, strict=True)
+    }
+    status = SessionStatus(cameras=shown, people=truth.person_id.tolist(), plots=list(plots))
     begun, sent = time.monotonic(), [0.0, 0.0, 0.0]
     atexit.register(report.end, state="cancelled")
     while not report.cancelled.is_set():
@@ -87,26 +92,9 @@ def main() -> None:
                 host.publish(f"image {number}", message)
         if t_s - sent[2] >= 0.25:
             sent[2] = t_s
-            host.status(_status(names, lenses, truth.person_id.tolist(), t_s, plots))
+            status = replace(status, seconds=t_s)
+            host.status(status)
         time.sleep(0.004)
-
-
-def _status(names: list[str], lenses: list[Any], people: list[int], t_s: float, plots: tuple[str, ...]) -> dict[str, Any]:
-    camera = {"state": "ok", "text": "", "rate_hz": 30.0, "replaced": 0.0, "captured": 30 * t_s}
-    return {
-        "cameras": dict.fromkeys(names, camera),
-        "sizes": {name: list(lens.size_wh) for name, lens in zip(names, lenses, strict=True)},
-        "outputs": {},
-        "wanted": {},
-        "people": people,
-        "names": {},
-        "person": None,
-        "plots": list(plots),
-        "latency_p95_ms": float("nan"),
-        "recording": None,
-        "news": [],
-        "refused": [],
-    }
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """How processor time per time step grows with cameras and people: the rig monitor, and people who are found all at once.
 
-    python bench/wide.py
+    python bench/wide.py [--write docs/reliability.md]
 
 Cameras stand on a circle. The rig monitor gets one person's 12 keypoints; people stand 1.6 m apart on a grid, seen by 8 cameras
 with 1.5 px of noise, and are all found in one time step.

@@ -10,6 +10,7 @@ clock) after the value is decoded and checked. So a row is making the message + 
 - ros2 output  the same while the sender publishes everything RosOutput shows (tf, joints, markers, view)
 
 and per step of the sender, without a network: the cost of everything RosOutput shows, and of OSC and JSON.
+Tables on stderr, one JSON object on stdout.
 """
 
 import multiprocessing
@@ -21,13 +22,13 @@ import numpy as np
 from harness import answer, arguments
 
 from posefuse.core import SE3, SKELETONS, Camera, Pose3D, Rig
-from posefuse.messages import topics
-from posefuse.messages.dds import RosNode
-from posefuse.messages.dds_domain import Network
-from posefuse.messages.messages import message_from_pose, pose_from_message
-from posefuse.messages.osc import json_from_pose, osc_from_pose
-from posefuse.messages.ros_output import RosOutput
-from posefuse.messages.types import decode, encode
+from posefuse.outputs.live.udp import json_from_pose, osc_from_pose
+from posefuse_ros import topics
+from posefuse_ros.dds import RosNode
+from posefuse_ros.dds_domain import Network
+from posefuse_ros.messages import message_from_pose, pose_from_message
+from posefuse_ros.ros_output import RosOutput
+from posefuse_ros.types import decode, encode
 
 RATE_HZ = 100
 SKELETON = SKELETONS["blazepose33"]

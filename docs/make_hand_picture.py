@@ -9,8 +9,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from posefuse.core import SKELETONS, Pose3D
-from posefuse.messages.bodies import bodies_from_pose
-from posefuse.messages.parts import PARTS, parts_from_pose
+from posefuse_ros.bodies import bodies_from_pose
+from posefuse_ros.parts import PARTS, parts_from_pose
 
 DOCS = Path(__file__).parent
 SKELETON = SKELETONS["blazepose33"]

@@ -16,12 +16,12 @@ from pathlib import Path
 
 import numpy as np
 
-import posefuse.messages
+import posefuse_ros
 from posefuse.core import SE3, SKELETONS, Camera, Pose3D, Rig
 from posefuse_sim.cameras import looking_at
 
 DOCS = Path(__file__).parent
-CONFIG = Path(posefuse.messages.__file__).parent / "rviz" / "posefuse_ros1.rviz"
+CONFIG = Path(posefuse_ros.__file__).parent / "rviz" / "posefuse_ros1.rviz"
 SCREEN = ":97"
 
 
@@ -68,8 +68,8 @@ def main() -> None:
 def walk(modules: str) -> None:
     """Publish two people in stride until stopped."""
     sys.path.append(modules)
-    from posefuse.messages.ros1 import Ros1Node
-    from posefuse.messages.ros_output import RosOutput
+    from posefuse_ros.ros1 import Ros1Node
+    from posefuse_ros.ros_output import RosOutput
 
     with Ros1Node("posefuse") as node:
         output = RosOutput(node, four_cameras())

@@ -20,7 +20,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 import pytest
 
-from posefuse.core import Camera, DependencyError, Rig
+from posefuse.core import SE3, SKELETONS, Camera, DependencyError, JointAngles, Pose3D, Rig, Skeleton
 from posefuse.foundation.places import default_cache_dir
 from posefuse_sim.cameras import looking_at
 
@@ -216,3 +216,45 @@ def _with_arrays(data: dict[str, Any]) -> dict[str, Any]:
             if "width" in series:
                 series["high"] = series["low"] + series.pop("width")
     return data
+
+
+@pytest.fixture
+def some_pose() -> Callable[..., Pose3D]:
+    def make(people: int = 2, skeleton: Skeleton = SKELETONS["coco17"], seed: int = 0, t_ns: int = 1_700_000_000_123_456_789):
+        rng = np.random.default_rng(seed)
+        k = len(skeleton)
+        half = rng.normal(size=(people, k, 3, 3)) * 0.02
+        cov = half @ np.swapaxes(half, -1, -2)
+        cov = (cov + np.swapaxes(cov, -1, -2)) / 2
+        xyz = rng.normal(size=(people, k, 3))
+        reproj, views = rng.uniform(0, 5, (people, k)), rng.integers(0, 9, (people, k))
+        kind = rng.integers(0, 5, (people, k))
+        lost = rng.random((people, k)) < 0.2
+        xyz[lost], cov[lost], reproj[lost], views[lost], kind[lost] = np.nan, np.nan, np.nan, 0, 0
+        return Pose3D(
+            t_ns=t_ns,
+            skeleton=skeleton,
+            person_id=np.array([40, 7, 11][:people]),
+            xyz_world=xyz,
+            cov_world=cov,
+            reproj_px=reproj,
+            n_views=views,
+            kind=kind,
+        )
+
+    return make
+
+
+@pytest.fixture
+def some_joints() -> JointAngles:
+    rng = np.random.default_rng(3)
+    return JointAngles(
+        t_ns=np.array([4_000_000_000, 5_000_000_000]),
+        person_id=np.array([40, 7]),
+        segments=("pelvis", "left_thigh", "left_shank"),
+        world_from_segment=SE3(rng.normal(size=(2, 2, 3, 4)), rng.normal(size=(2, 2, 3, 3))),
+        joints=("left_hip", "left_knee", "left_ankle", "neck"),
+        angle_names=(("flexion", "adduction", "rotation"),) * 4,
+        angle_rad=rng.normal(size=(2, 2, 4, 3)),
+        sigma_rad=rng.uniform(0.01, 0.1, (2, 2, 4, 3)),
+    )

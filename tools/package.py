@@ -1,9 +1,10 @@
 """What would be published, checked: python tools/package.py [--python PYTHON ...] [--minutes N] [--write PAGE] [--no-install]
 
-Builds the source distribution and the wheel into dist/, lets twine check both, and checks the size of the wheel. Installs the
-wheel into empty environments of each Python that is here, without constraints: once with the newest version of every package that
-there is today, once with the lowest that pyproject.toml allows. Runs the commands of a first hour in each, and prints a table.
-Uploads nothing.
+Builds the source distribution and the wheel of posefuse and of each package below packages/ into dist/, lets twine check them,
+and checks the size of the wheel of posefuse. Installs it into empty environments of each Python that is here, without
+constraints: once with the newest version of every package that there is today, once with the lowest that pyproject.toml allows.
+Runs the commands of a first hour in each; then adds the wheels of the other packages, runs a command of each, and prints two
+tables. Uploads nothing. UV_TORCH_BACKEND=cpu or UV_FIND_LINKS name a PyTorch without CUDA for the simulator.
 """
 
 from __future__ import annotations
@@ -11,14 +12,18 @@ from __future__ import annotations
 import argparse
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+import urllib.error
+import urllib.request
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-from page_marks import between_marks, write_between_marks
+from page_marks import between_marks, markdown, write_between_marks
 
 ROOT = Path(__file__).resolve().parents[1]
 DIST = ROOT / "dist"
@@ -28,6 +33,14 @@ MOST_WHEEL_BYTES = 3_500_000
 # uv's names; pip can take the newest only
 RESOLUTIONS = {"newest": "highest", "lowest": "lowest-direct"}
 COMMANDS = ("demo", "report", "live", "print", "calibrate")
+# what is tried of each package below packages/
+PACKAGES = {"posefuse-sim": "simulate --plan", "posefuse-studio": "studio", "posefuse-teleop": "teleoperate"}
+COLUMNS = {
+    "package": ("Python", "versions", "MB installed", *COMMANDS),
+    "packages": ("Python", "versions", "MB installed", *PACKAGES.values()),
+}
+STUDIO = "http://127.0.0.1:8799/"
+PATIENCE_S = 600.0
 BOARD = ("--columns", "5", "--rows", "7", "--square-mm", "30", "--marker-mm", "22")
 
 
@@ -35,34 +48,40 @@ def main() -> None:
     """Build, check, try."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--python", action="append", help="Python to try it with (default: those of 3.11 to 3.13 that are here)")
+    parser.add_argument("--versions", action="append", choices=list(RESOLUTIONS), help="of the packages (default: both)")
+    parser.add_argument("--without", action="append", choices=list(PACKAGES), help="do not try this package")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="begin no installation later than this")
     parser.add_argument("--write", type=Path, metavar="PAGE", help="put the rows into the table of this page")
     parser.add_argument("--no-install", action="store_true", help="build and check only")
     options = parser.parse_args()
-    wheel = build()
+    wheels = build()
     if not options.no_install:
-        rows = try_everywhere(wheel, options.python or present_pythons(), options.minutes)
-        print(f"\n{table(rows)}")
-        if options.write:
-            write(options.write, rows)
-        if failed := [row for row in rows if any("failed" in cell for cell in row)]:
-            raise SystemExit(f"{len(failed)} of {len(rows)} installations do not work")
+        trial = Trial(wheels=wheels, left_out=options.without or ())
+        found = try_everywhere(trial, options.python or present_pythons(), options.versions or list(RESOLUTIONS), options.minutes)
+        for name, rows in found.items():
+            print(f"\n{markdown(COLUMNS[name], rows)}")
+            if options.write:
+                write(options.write, name, rows)
+        every = [row for rows in found.values() for row in rows]
+        if failed := [row for row in every if "failed" in row]:
+            raise SystemExit(f"{len(failed)} of {len(every)} installations do not work")
 
 
-def build() -> Path:
-    """The wheel, with everything checked that can be checked without installing it."""
+def build() -> list[Path]:
+    """The wheels, that of posefuse first, with everything checked that can be checked without installing them."""
     with tempfile.TemporaryDirectory() as new:
-        run([sys.executable, "-m", "build", "--outdir", new, str(ROOT)])
+        for project in (ROOT, *sorted(ROOT.glob("packages/*"))):
+            run([sys.executable, "-m", "build", "--outdir", new, str(project)])
         made = sorted(Path(new).iterdir())
         run([sys.executable, "-m", "twine", "check", "--strict", *map(str, made)])
         DIST.mkdir(exist_ok=True)
         paths = [Path(shutil.copy(path, DIST / path.name)) for path in made]
     for path in paths:
         print(f"{path.name}: {path.stat().st_size / 1e6:.2f} MB")
-    wheel = next(path for path in paths if path.suffix == ".whl")
-    if wheel.stat().st_size > MOST_WHEEL_BYTES:
-        raise SystemExit(f"{wheel.name}: expected at most {MOST_WHEEL_BYTES / 1e6:g} MB")
-    return wheel
+    wheels = sorted((path for path in paths if path.suffix == ".whl"), key=lambda path: len(path.name))
+    if wheels[0].stat().st_size > MOST_WHEEL_BYTES:
+        raise SystemExit(f"{wheels[0].name}: expected at most {MOST_WHEEL_BYTES / 1e6:g} MB")
+    return wheels
 
 
 def present_pythons() -> list[str]:
@@ -82,62 +101,123 @@ def _working(version: str) -> Iterator[str]:
             yield path
 
 
-def try_everywhere(wheel: Path, pythons: list[str], minutes: float = float("inf")) -> list[list[str]]:
-    """Try the wheel with every Python and both choices of versions, as far as the time reaches; rows of the table."""
+@dataclass(frozen=True, kw_only=True)
+class Trial:
+    """What is installed: the wheels, that of posefuse first, but not those of the packages left out."""
+
+    wheels: list[Path]
+    left_out: Sequence[str]
+
+    @property
+    def packages(self) -> list[str]:
+        """What is added to posefuse."""
+        return [name for name in PACKAGES if name not in self.left_out]
+
+    @property
+    def more_wheels(self) -> list[Path]:
+        """Those of `packages`."""
+        return [path for path in self.wheels if path.name.partition("-")[0].replace("_", "-") in self.packages]
+
+
+def try_everywhere(
+    trial: Trial, pythons: list[str], versions: list[str], minutes: float = float("inf")
+) -> dict[str, list[list[str]]]:
+    """Try the wheels with every Python and choice of versions, as far as the time reaches; rows of the tables by name."""
     end_s = time.monotonic() + 60 * minutes
-    rows = []
-    for chosen in RESOLUTIONS:
+    found: dict[str, list[list[str]]] = {name: [] for name in COLUMNS}
+    for chosen in versions:
         for python in pythons:
             if time.monotonic() < end_s:
-                rows.append(try_installed(wheel, python, chosen))
+                for name, row in try_installed(trial, python, chosen).items():
+                    found[name].append(row)
             else:
                 print(f"not tried, because the {minutes:g} minutes are over: {python}, {chosen} versions")
-    return rows
+    return found
 
 
-def table(rows: list[list[str]]) -> str:
-    """The rows as Markdown."""
-    head = [["Python", "versions", "MB installed", *COMMANDS], ["---"] * (3 + len(COMMANDS))]
-    return "\n".join(f"| {' | '.join(row)} |" for row in (*head, *rows))
-
-
-def write(page: Path, rows: list[list[str]]) -> None:
-    """Put rows between the marks of a page; those of other Pythons and choices, from earlier runs, stay."""
-    _, middle, _ = between_marks(page, "package")
-    known = [[cell.strip() for cell in line.strip("|").split("|")] for line in middle.splitlines()[2:]]
-    merged = {tuple(row[:2]): row for row in (*known, *rows)}
+def write(page: Path, name: str, rows: list[list[str]]) -> None:
+    """Put rows between the marks of a page; those of other Pythons and choices, from earlier runs of the same columns, stay."""
+    _, middle, _ = between_marks(page, name)
+    known = [[cell.strip() for cell in line.strip("|").split("|")] for line in middle.splitlines()]
+    stay = known[2:] if known and tuple(known[0]) == COLUMNS[name] else []
+    merged = {tuple(row[:2]): row for row in (*stay, *rows)}
     ordered = sorted(merged.values(), key=lambda row: (row[0], list(RESOLUTIONS).index(row[1])))
-    write_between_marks(page, table(ordered), "package")
+    write_between_marks(page, markdown(COLUMNS[name], ordered), name)
 
 
-def try_installed(wheel: Path, python: str, chosen: str) -> list[str]:
-    """Install the wheel into an empty environment and run the commands of a first hour there; a row of the table."""
-    with tempfile.TemporaryDirectory() as place:
-        environment = Path(place) / "venv"
+def try_installed(trial: Trial, python: str, chosen: str) -> dict[str, list[str]]:
+    """Install the wheels into an empty environment and run the commands of a first hour there; a row of each table."""
+    with tempfile.TemporaryDirectory() as folder:
+        place, environment = Path(folder), Path(folder) / "venv"
         uv = [sys.executable, "-m", "uv"]
         run([*uv, "venv", "--quiet", "--python", python, str(environment)])
+        # a version without a wheel is passed over, as by a user without a compiler; "direct" are the projects' own dependencies
+        install = [
+            *uv, "pip", "install", "--quiet", "--python", str(environment), "--only-binary", ":all:",
+            "--resolution", RESOLUTIONS[chosen], "--requirements", str(ROOT / "pyproject.toml"),
+        ]  # fmt: skip
         scripts = environment / ("Scripts" if sys.platform == "win32" else "bin")
-        # a version without a wheel is passed over, as by a user without a compiler; "direct" are the project's own dependencies
-        wanted = ["--requirements", str(ROOT / "pyproject.toml"), str(wheel)]
-        chosen_by = ["--only-binary", ":all:", "--resolution", RESOLUTIONS[chosen]]
-        run([*uv, "pip", "install", "--quiet", "--python", str(environment), *chosen_by, *wanted])
-        megabytes = sum(path.stat().st_size for path in environment.rglob("*") if path.is_file() and not path.is_symlink()) / 1e6
+        run([*install, str(trial.wheels[0])])
         version = subprocess.check_output(
             [scripts / "python", "-c", "import platform; print(platform.python_version())"], text=True
-        )
-        results = [_outcome(scripts, words, Path(place)) for words in _commands(environment, Path(place))]
-        return [version.strip(), chosen, f"{megabytes:.0f}", *results]
+        ).strip()
+        core = [_outcome(scripts, words, place) for words in _commands(environment, place)]
+        megabytes = _megabytes(environment)
+        required = [f"--requirements={ROOT / 'packages' / name / 'pyproject.toml'}" for name in trial.packages]
+        added = subprocess.run([*install, *required, *map(str, (trial.wheels[0], *trial.more_wheels))], check=False)
+        works = "failed" if added.returncode else ""
+        more = [works or _package_works(name, scripts, place) if name in trial.packages else "not tried" for name in PACKAGES]
+        return {
+            "package": [version, chosen, megabytes, *core],
+            "packages": [version, chosen, _megabytes(environment), *more],
+        }
+
+
+def _megabytes(folder: Path) -> str:
+    return f"{sum(path.stat().st_size for path in folder.rglob('*') if path.is_file() and not path.is_symlink()) / 1e6:.0f}"
 
 
 def _commands(environment: Path, place: Path) -> Iterator[list[str]]:
     """Words of the commands in `COMMANDS`, and what each needs."""
-    [clip] = environment.rglob("posefuse/demo_clip")
-    videos = [f"--source={path.stem}=video:{path}" for path in sorted((clip / "videos").iterdir())]
     yield ["demo", "--out", "result"]
     yield ["report", "result"]
-    yield ["live", str(clip / "rig.toml"), *videos, "--duration", "5"]
+    yield ["live", *_clip(environment), "--duration", "5"]
     yield ["calibrate", "print", "--target", "charuco", *BOARD, "--out", "board.pdf"]
     yield ["calibrate", "intrinsics", str(place / "board"), "--target", "board.toml", "--out", "lenses.toml"]
+
+
+def _package_works(name: str, scripts: Path, place: Path) -> str:
+    if name == "posefuse-studio":
+        return _page_answers(scripts, place)
+    if name == "posefuse-sim":
+        return _outcome(scripts, ["simulate", str(ROOT / "examples" / "scenes" / "walk_4cam.yaml"), "--plan"], place)
+    return _outcome(scripts, ["teleoperate", *_clip(place / "venv"), "--deadman", "web:8798", "--duration", "5"], place)
+
+
+def _clip(environment: Path) -> list[str]:
+    [clip] = environment.rglob("posefuse/demo_clip")
+    return [str(clip / "rig.toml"), *(f"--source={path.stem}=video:{path}" for path in sorted((clip / "videos").iterdir()))]
+
+
+def _page_answers(scripts: Path, place: Path) -> str:
+    """How long the studio takes until its page answers; it is then ended as by Ctrl-C."""
+    begun_s = time.monotonic()
+    port = STUDIO.rstrip("/").rpartition(":")[2]
+    studio = subprocess.Popen([scripts / "posefuse", "studio", str(place), "--port", port, "--no-open"], cwd=place)
+    try:
+        while studio.poll() is None and time.monotonic() < begun_s + PATIENCE_S:
+            try:
+                urllib.request.urlopen(STUDIO, timeout=10).close()
+                return f"{time.monotonic() - begun_s:.0f} s"
+            except urllib.error.HTTPError:
+                # it asks for its token
+                return f"{time.monotonic() - begun_s:.0f} s"
+            except OSError:
+                time.sleep(0.5)
+        return "failed"
+    finally:
+        studio.send_signal(signal.SIGINT)
+        studio.wait(PATIENCE_S)
 
 
 def _outcome(scripts: Path, words: list[str], place: Path) -> str:

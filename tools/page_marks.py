@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import platform
 from collections.abc import Iterable, Sequence
+from datetime import date
 from pathlib import Path
 
 
@@ -32,3 +35,15 @@ def table_between_marks(page: Path, name: str) -> list[dict[str, str]]:
 def markdown(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A table."""
     return "\n".join(f"| {' | '.join(line)} |" for line in (columns, ["---"] * len(columns), *rows))
+
+
+def processor() -> str:
+    """The name of the machine's processor."""
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.is_file() else []
+    return next((line.split(":")[1].strip() for line in lines if line.startswith("model name")), platform.processor())
+
+
+def made_by(command: str) -> str:
+    """The command of a part, when it ran and where."""
+    return f"`{command}`, {date.today()}, {processor()}, {os.cpu_count()} cores, Python {platform.python_version()}."

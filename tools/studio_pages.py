@@ -1,11 +1,10 @@
-"""The studio in real Chromium: is every page served from here alone, and does a session survive tabs, connections and servers?
+"""The studio in real Chromium: does a session survive tabs, connections and servers?
 
-    python tools/studio_pages.py --pictures docs/images
+    python tools/studio_pages.py [--stand-in]
 
-It plays the bundled clip in a temporary workspace, opens every page at 1280x800 and 390x844, closes tabs, opens two, cuts the
-connection, and starts the server again. It ends with 1 where a request went elsewhere, a page raised an error, or the session was
-not the same.
-Needs Chromium (``--chromium PATH``) and the extra `dev`.
+It plays the bundled clip in a temporary workspace, closes tabs, opens two, cuts the connection, and starts the server again. It
+prints a line per trial, and ends with 1 where the session was not the same, a request went elsewhere or a page raised an error.
+Needs Chromium (``--chromium PATH``) and the extra `dev`. The pictures of docs/studio.md are made by `tools/studio_walk.py`.
 """
 
 from __future__ import annotations
@@ -13,14 +12,11 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from pathlib import Path
 
-from playwright.sync_api import Error as PlaywrightError
 from playwright.sync_api import Page
 from studio_server import CHROMIUM, PATIENCE_S, SIZES, Watched, free_port, in_chromium, server, session_of, stand_in, until
-
-_PERSON_MS = 30_000.0
 
 
 def start_session(watched: Watched) -> None:
@@ -61,28 +57,9 @@ def survived(workspace: Path, watched: Watched) -> list[str]:
     return failures
 
 
-def pictures(watched: Watched, folder: Path | None, names: dict[str, str]) -> None:
-    """Every page at both sizes; written to `folder` where it is given."""
-    for suffix, size in SIZES.items():
-        page = watched.page(size)
-        for name, path in names.items():
-            page.goto(watched.base + path)
-            page.wait_for_timeout(5000)
-            if path == "/live":
-                # an image with a person in it; where the machine is too slow for one, it is taken all the same
-                with suppress(PlaywrightError):
-                    page.locator(".pf-person").first.wait_for(state="visible", timeout=_PERSON_MS)
-            if page.evaluate("document.documentElement.scrollWidth") > size[0]:
-                watched.errors.append(f"{name}: wider than {size[0]} px")
-            if folder is not None:
-                page.screenshot(path=folder / f"studio_{name}{suffix}.png", animations="disabled")
-        page.close()
-
-
 def main() -> int:
     """Entry point."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--pictures", type=Path, metavar="DIR", help="write screenshots here")
     parser.add_argument("--chromium", default=CHROMIUM)
     parser.add_argument(
         "--stand-in", action="store_true", help="show the clip's exact truth instead of tracking: for a machine that is busy"
@@ -97,8 +74,6 @@ def main() -> int:
             else:
                 start_session(watched)
             failures = survived(workspace, watched)
-            names = {"cameras": "/", "calibrate": "/calibrate", "live": "/live", "phone": "/phone"}
-            pictures(watched, options.pictures, names)
             before = session_of(workspace)
         with server(workspace, port):
             watched.page(path="/live").locator(".pf-tile").first.wait_for(timeout=PATIENCE_S * 1e3)

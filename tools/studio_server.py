@@ -42,8 +42,10 @@ def server(workspace: Path, port: int, *options: str, log: Path | None = None) -
     command = [sys.executable, "-m", "posefuse", "studio", str(workspace), "--port", str(port), "--no-open", "--token", TOKEN]
     command += options
     _ports.append(port)
+    # NiceGUI leaves processes of its own behind where it takes itself for a test
+    environment = {name: value for name, value in os.environ.items() if name != "PYTEST_CURRENT_TEST"}
     with Path(os.devnull if log is None else log).open("wb") as printed:
-        process = subprocess.Popen(command, stdout=printed, stderr=printed)
+        process = subprocess.Popen(command, stdout=printed, stderr=printed, env=environment)
     try:
         until(lambda: _answers(port) or process.poll() is not None, "the studio to answer")
         if process.poll() is not None:

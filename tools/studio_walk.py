@@ -7,13 +7,15 @@ The cameras are simulated: `tools/studio_walk.yaml`, a cube and a board that are
 All videos are played at their own pace, again and again, as if they came from cameras.
 
 It prints the time of each step and counts requests to other hosts, errors of pages and lines of the browser's console. It ends
-with 1 where there was one, or where a step failed, which may take `_PATIENCE_MS`.
+with 1 where there was one, or where a step failed. A step may take as long as something moves on: a job reports, the instruction
+or the views that cameras share change. It fails at once with a job that fails, and after `_QUIET_S` in which nothing has moved.
 Needs Chromium (``--chromium PATH``) and the extras `dev` and `sim`.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import shutil
 import socket
 import subprocess
@@ -24,11 +26,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Error, Locator, Page
 from studio_server import CHROMIUM, ROOT, SIZES, TOKEN, Watched, free_port, in_chromium, server
 
 _MESSAGES = 500
-_PATIENCE_MS = 900_000.0
+# between two looks at whether something moves on
+_LOOK_MS = 2000.0
+# nothing moves on: a page of a machine that is busy is loaded, or built again, in less
+_QUIET_S = 300.0
+# what a page shows of a calibration that moves on, without the clock: the instruction, and the views that cameras share
+_MOVES = "[...document.querySelectorAll('.pf-next, [aria-label]')].map((one) => one.ariaLabel || one.innerText).join('|')"
 _CAMERAS = ("cam00", "cam01", "cam02", "cam03")
 _RECORD_S = 12.0
 # until what came into the window has been drawn
@@ -50,8 +57,9 @@ _DOCS = {
 class Walk:
     """One visitor with one tab and a phone, a clock and a camera for screenshots."""
 
-    def __init__(self, watched: Watched, pictures: Path | None) -> None:
+    def __init__(self, watched: Watched, pictures: Path | None, workspace: Path) -> None:
         self._watched, self._base, self._pictures = watched, watched.base, pictures
+        self._jobs = workspace / ".posefuse-studio" / "jobs"
         self.page = self._tab("")
         self.took_s: dict[str, float] = {}
 
@@ -100,7 +108,7 @@ class Walk:
 
     def _tab(self, size: str) -> Page:
         page = self._watched.page(SIZES[size])
-        page.set_default_timeout(_PATIENCE_MS)
+        page.set_default_timeout(1e3 * _QUIET_S)
         return page
 
     def go(self, name: str) -> None:
@@ -110,7 +118,9 @@ class Walk:
 
     def press(self, name: str) -> None:
         """A button, when it is there."""
-        self.page.get_by_role("button", name=name, exact=True).first.click()
+        button = self.page.get_by_role("button", name=name, exact=True).first
+        self.see(button)
+        button.click()
 
     def fill(self, label: str, text: str) -> None:
         """A field."""
@@ -123,9 +133,38 @@ class Walk:
         self.page.get_by_label(label, exact=True).first.click()
         self.page.get_by_role("option", name=option, exact=True).click()
 
-    def see(self, what: object) -> None:
-        """Wait until it is shown."""
-        expect(what if not isinstance(what, str) else self.page.get_by_text(what).first).to_be_visible()  # type: ignore[call-overload]
+    def see(self, what: str | Locator, *, gone: bool = False) -> None:
+        """Wait until it is shown, or is not any more, as long as something moves on; raises what has failed."""
+        place = self.page.get_by_text(what).first if isinstance(what, str) else what
+        moved: tuple[object, float] = None, time.monotonic()
+        while True:
+            try:
+                place.wait_for(state="hidden" if gone else "visible", timeout=_LOOK_MS)
+                return
+            except Error:
+                now = (self._reports(), self._shown(place.page))
+                moved = moved if now == moved[0] else (now, time.monotonic())
+                if time.monotonic() - moved[1] > _QUIET_S:
+                    raise AssertionError(f"for {_QUIET_S:g} s nothing moved on; no {what}") from None
+
+    @staticmethod
+    def _shown(page: Page) -> object:
+        try:
+            return page.evaluate(_MOVES)
+        except Error:
+            # while another page is loaded
+            return "loading"
+
+    def _reports(self) -> list[object]:
+        """How far the jobs are; raises AssertionError for one that has failed."""
+        found: list[object] = []
+        for folder in sorted(self._jobs.glob("*")):
+            file = folder / "state.json"
+            state = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else {}
+            if state.get("state") == "failed":
+                raise AssertionError(f"{folder.name}: {state['error']}")
+            found.append((folder.name, *(state.get(key) for key in ("state", "stage", "done", "news"))))
+        return found
 
 
 def walk(way: Walk) -> None:
@@ -143,7 +182,7 @@ def _cameras(way: Walk, folder: str, preset: str, *, rig: str) -> None:
         for camera in _CAMERAS:
             way.press(f"Add {folder}/{camera}.mp4")
         way.press("Show images")
-        expect(way.page.get_by_text("640x480")).to_have_count(len(_CAMERAS))
+        way.see(way.page.get_by_text("640x480").nth(len(_CAMERAS) - 1))
     with way.step(f"preset {preset}"):
         way.press("Save as preset")
         way.fill("Name of the preset", preset)
@@ -196,7 +235,7 @@ def _live(way: Walk) -> None:
         way.go("Live")
         way.choose("Cameras", "person")
         way.press("Start")
-        page.locator(".pf-person").first.wait_for(state="visible")
+        way.see(page.locator(".pf-person").first)
     with way.step("a name for the person"):
         name = page.get_by_label("Name of person").first
         name.fill("Ada")
@@ -204,18 +243,18 @@ def _live(way: Walk) -> None:
         way.see(page.locator(".pf-person", has_text="Ada").first)
     with way.step("poses to another program"), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taker:
         taker.bind(("127.0.0.1", 9001))
-        taker.settimeout(_PATIENCE_MS / 1e3)
+        taker.settimeout(_QUIET_S)
         page.get_by_role("switch", name="JSON over UDP").click()
         # where the clip begins again no person is tracked for a moment
         if not any(b"left_knee" in taker.recv(65536) for _ in range(_MESSAGES)):
             raise AssertionError(f"no person in the first {_MESSAGES} messages")
         way.see("messages to")
         page.get_by_role("switch", name="JSON over UDP").click()
-        expect(page.get_by_text("messages to")).to_have_count(0)
+        way.see("messages to", gone=True)
     with way.step("the phone page, which is read-only"):
         phone = way.phone()
-        phone.locator(".pf-person").first.wait_for(state="visible")
-        expect(phone.get_by_role("button")).to_have_count(0)
+        way.see(phone.locator(".pf-person").first)
+        way.see(phone.get_by_role("button").first, gone=True)
         way.picture("phone", phone)
         phone.close()
     with way.step(f"a recording of {_RECORD_S:.0f} s"):
@@ -227,7 +266,7 @@ def _live(way: Walk) -> None:
         way.page.wait_for_timeout(1e3 * _RECORD_S)
         way.picture("live_while_recording")
         way.press("Stop")
-        expect(way.page.get_by_text("● recordings/walk")).to_be_hidden()
+        way.see("● recordings/walk", gone=True)
     with way.step("the session ends"):
         way.press("End session")
         way.press("End it")
@@ -278,14 +317,13 @@ def main() -> int:
     options = parser.parse_args()
     if options.pictures is not None:
         options.pictures.mkdir(parents=True, exist_ok=True)
-    expect.set_options(timeout=_PATIENCE_MS)
     port, failed = free_port(), ""
     with tempfile.TemporaryDirectory() as place, in_chromium(port, options.chromium) as watched:
         workspace = options.keep or Path(place) / "lab"
         workspace.mkdir()
         fill(workspace, options.session or render(Path(place) / "session"))
         with server(workspace, port):
-            way = Walk(watched, options.pictures)
+            way = Walk(watched, options.pictures, workspace)
             try:
                 walk(way)
             except Exception as error:  # noqa: BLE001 - whatever ended the way is reported with its figures

@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Protocol
+from dataclasses import dataclass
 
 import numpy as np
 
 from posefuse.core.arrays import Array
 from posefuse_teleop.follower import Driver
 from posefuse_teleop.gate import Beat
-from posefuse_teleop.mujoco_robot import MujocoRobot, Thing, mobile_manipulator, mujoco_model, placed
-from posefuse_teleop.session import Operator, OperatorNews, step_operator
+from posefuse_teleop.mujoco_robot import MujocoRobot, Thing, mobile_manipulator
 from posefuse_teleop.settings import MappingSettings, RobotSettings, TeleoperationSettings
-from posefuse_teleop.values import CameraReport, OperatorView, Phase
+from posefuse_teleop.values import OperatorView, Phase
 
 from .figures import lag_and_rms
-from .person import person_view
+from .operator import RATE_HZ, Hand, MadeUpHand, Tick, operated
+from .robots import with_joints
 
-RATE_HZ = 100.0
 _EDGE_M, _TABLE_M = 0.06, 0.40
 _TOP_M = _TABLE_M + _EDGE_M
 # where the robot stands; the operator stands at the origin
@@ -32,29 +30,18 @@ _LIFT_M, _PRESS_M, _SPEED_MPS, _WAIT_S = 0.12, 0.004, 0.2, 0.5
 # hand rests before it moves
 HAND_M, SCALE = np.array([0.16, -0.22, 1.42]), 1.25
 REST_S = 1.0
-_TICK_NS = 10_000_000
 # the switch is pressed so many ticks before the hand moves
 _PRESSED = 70
+SETTINGS = TeleoperationSettings(mapping=MappingSettings(scale=SCALE), robot=RobotSettings(position_xy_m=BASE_XY_M))
 
 
 def things() -> list[Thing]:
     """A table, marks on it, and boxes."""
     table = Thing(name="table", size_m=(0.5, 0.8, _TABLE_M), xyz_m=(0.8, 0.02, _TABLE_M / 2), rgba="0.75 0.66 0.52 1")
-    marks = [
-        Thing(name=f"mark{i}", size_m=(0.1, 0.1, 0.002), xyz_m=(x, y, _TABLE_M), rgba="0.2 0.65 0.3 1")
-        for i, (x, y) in enumerate(MARKS)
-    ]
-    boxes = [
-        Thing(
-            name=f"box{i}",
-            size_m=(_EDGE_M,) * 3,
-            xyz_m=(x, y, _TABLE_M + _EDGE_M / 2 + 0.001),
-            rgba="0.85 0.35 0.2 1",
-            moves=True,
-        )
-        for i, (x, y) in enumerate(STARTS)
-    ]
-    return [table, *marks, *boxes]
+    mark, box = {"size_m": (0.1, 0.1, 0.002), "rgba": "0.2 0.65 0.3 1"}, {"size_m": (_EDGE_M,) * 3, "rgba": "0.85 0.35 0.2 1"}
+    marks = [Thing(name=f"mark{i}", xyz_m=(*xy, _TABLE_M), **mark) for i, xy in enumerate(MARKS)]
+    lies_m = _TABLE_M + _EDGE_M / 2 + 0.001
+    return [table, *marks, *(Thing(name=f"box{i}", xyz_m=(*xy, lies_m), moves=True, **box) for i, xy in enumerate(STARTS))]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -91,48 +78,8 @@ def script(start: Array, boxes: int = len(STARTS)) -> Script:
         here = place
         at_s.append(at_s[-1] + n / RATE_HZ)
         places.append(here)
-    return Script(
-        xyz=np.concatenate([*xyz, [here]]),
-        grip=np.concatenate([*grip, [False]]),
-        at_s=np.array(at_s),
-        places=np.array(places),
-    )
-
-
-class Hand(Protocol):
-    """How the robot's side learns where the hand is."""
-
-    def view(self, k: int, hand_world: Array, now_ns: int) -> OperatorView | None:
-        """The operator as known at tick `k`, whose hand truly is at (3,); None: not yet."""
-        ...
-
-
-class MadeUpHand:
-    """Known up to noise that lasts for some frames, and stated so. noise_m: root mean square distance."""
-
-    def __init__(self, noise_m: float = 0.0, seed: int = 0) -> None:
-        self._noise_m, self._rng, self._noise = noise_m, np.random.default_rng(seed), np.zeros(3)
-
-    def view(self, k: int, hand_world: Array, now_ns: int) -> OperatorView:
-        """See `Hand`."""
-        self._noise = 0.9 * self._noise + np.sqrt((1 - 0.9**2) / 3) * self._noise_m * self._rng.normal(size=3)
-        measured_world = hand_world + self._noise + 1e-6 * self._rng.normal(size=3)
-        return person_view(measured_world, now_ns, measured_ns=now_ns - 40_000_000, sigma_m=self._noise_m / np.sqrt(3))
-
-
-@dataclass(frozen=True, kw_only=True)
-class Result:
-    """The result of it: boxes on their marks of all, seconds, error of the path after one lag, m, and that lag, s."""
-
-    placed: int
-    of: int
-    seconds: float
-    path_rms_m: float
-    lag_s: float
-    holds: int
-
-
-Watch = Callable[[MujocoRobot, OperatorView, Operator, float], None]
+    whole = {"xyz": np.concatenate([*xyz, [here]]), "grip": np.concatenate([*grip, [False]])}
+    return Script(at_s=np.array(at_s), places=np.array(places), **whole)
 
 
 @dataclass(eq=False)
@@ -141,78 +88,57 @@ class BoxStage:
 
     robot: MujocoRobot
     driver: Driver
-    settings: TeleoperationSettings
     plan: Script
 
     @staticmethod
     def built(boxes: int = len(STARTS)) -> BoxStage:
         """With a task of the first `boxes`."""
-        settings = TeleoperationSettings(mapping=MappingSettings(scale=SCALE), robot=RobotSettings(position_xy_m=BASE_XY_M))
-        place = placed(settings.robot.position_xy_m, settings.robot.heading_deg)
-        model = mujoco_model(None, settings.hands, mobile_manipulator(settings.hands, things()))
-        robot = MujocoRobot(model, ["right_hand"], settings.limits, place)
-        driver = Driver(robot, settings)
-        return BoxStage(robot, driver, settings, script(place.inverse() @ driver.state.xyz_world[0], boxes))
+        robot = with_joints(SETTINGS, mobile_manipulator(SETTINGS.hands, things()))
+        driver = Driver(robot, SETTINGS)
+        base_from_world = robot.joints.world_from_model.inverse()
+        return BoxStage(robot, driver, script(base_from_world @ driver.state.xyz_world[0], boxes))
 
     def hand_path(self, begin_s: float) -> tuple[Array, Array]:
         """(N,) s and (N, 3) m in the world: the points between which the operator's hand moves, after a rest of `begin_s`."""
         return begin_s + self.plan.at_s, HAND_M + (self.plan.places - self.plan.places[0]) / SCALE
 
+    def on_marks(self, boxes: int) -> int:
+        """How many of the first boxes lie on the table within 3 cm of their marks."""
+        found = [(self.robot.data.body(f"box{i}").xpos, mark) for i, mark in enumerate(MARKS[:boxes])]
+        lie = [abs(xyz[2] - _TABLE_M - _EDGE_M / 2) < 0.01 and np.hypot(*(xyz[:2] - mark)) <= _NEAR_M for xyz, mark in found]
+        return int(sum(lie))
+
 
 def move_boxes(
     hand: Hand | None = None,
-    watch: Watch | None = None,
-    seconds: float = float("inf"),
+    watch: Callable[[MujocoRobot, Tick, float], None] | None = None,
     *,
     boxes: int = len(STARTS),
     begin_s: float = REST_S,
-) -> Result:
-    """Do the task, or its first seconds.
+    seconds: float = 1e6,
+) -> dict[str, float]:
+    """Do the task, or its first seconds: boxes on their marks of all, seconds, error of the path after one lag, and that lag.
 
     Args:
-        hand: as the robot's side knows it; None: exactly. watch: is shown every step.
+        hand: as the robot's side knows it; None: exactly. watch: is shown every tick and its time in s.
         boxes: how many are moved. begin_s: the hand rests so long before.
     """
-    stage = BoxStage.built(boxes)
-    hand = hand or MadeUpHand()
-    settings, plan, driver = stage.settings, stage.plan, stage.driver
-    place = placed(settings.robot.position_xy_m, settings.robot.heading_deg)
-    operator, state = Operator(), replace(driver.state, sent_ns=10**12)
-    wanted: list[Array] = []
-    done: list[Array] = []
+    stage, hand = BoxStage.built(boxes), hand or MadeUpHand()
+    plan, rest = stage.plan, round(begin_s * RATE_HZ)
+
+    def look(k: int, now_ns: int) -> tuple[OperatorView | None, tuple[Beat, ...]]:
+        i = max(0, k - rest)
+        beat = Beat(seq=k, sent_ns=now_ns, grip=bool(plan.grip[i]))
+        return hand.view(k, HAND_M + (plan.xyz[i] - plan.xyz[0]) / SCALE, now_ns), (beat,) if k > rest - _PRESSED else ()
+
+    ticks, done = min(rest + len(plan.xyz), int(seconds * RATE_HZ)), []
     holds = 0
-    rest = round(begin_s * RATE_HZ)
-    steps = min(rest + len(plan.xyz), int(min(seconds, 1e6) * RATE_HZ))
-    for k in range(steps):
-        now_ns, i = 10**12 + k * _TICK_NS, max(0, k - rest)
-        view = hand.view(k, HAND_M + (plan.xyz[i] - plan.xyz[0]) / SCALE, now_ns)
-        heartbeats = (Beat(seq=k, sent_ns=now_ns, grip=bool(plan.grip[i])),) if k > rest - _PRESSED else ()
-        news = OperatorNews(view=view, heartbeats=heartbeats, cameras=CameraReport(t_ns=now_ns, healthy=4, total=4), robot=state)
-        before = operator.gate.phase
-        operator, order = step_operator(operator, news, now_ns, settings)
-        holds += operator.gate.phase is Phase.HOLD and before is Phase.ENGAGED
-        state = driver.step([order] if order else [], now_ns)
-        if i:
-            wanted.append(place @ plan.xyz[i])
-            done.append(state.measured_xyz_world[0])
-        if watch is not None and operator.view is not None:
-            watch(stage.robot, operator.view, operator, k / RATE_HZ)
-    lag_s, rms_m = lag_and_rms(np.array(wanted), np.array(done), RATE_HZ)
-    return Result(
-        placed=_on_marks(stage.robot, boxes),
-        of=boxes,
-        seconds=len(plan.xyz) / RATE_HZ,
-        path_rms_m=rms_m,
-        lag_s=lag_s,
-        holds=holds,
-    )
-
-
-def _on_marks(robot: MujocoRobot, boxes: int) -> int:
-    """How many of the first boxes lie on the table within 3 cm of their marks."""
-    count = 0
-    for i, (x, y) in enumerate(MARKS[:boxes]):
-        found = robot.data.body(f"box{i}").xpos
-        lies = abs(found[2] - _TABLE_M - _EDGE_M / 2) < 0.01
-        count += bool(lies and np.hypot(found[0] - x, found[1] - y) <= _NEAR_M)
-    return count
+    for k, tick in enumerate(operated(stage.driver, SETTINGS, ticks, look)):
+        holds += tick.operator.gate.phase is Phase.HOLD and tick.before.gate.phase is Phase.ENGAGED
+        done.append(tick.robot.measured_xyz_world[0])
+        if watch is not None and tick.operator.view is not None:
+            watch(stage.robot, tick, k / RATE_HZ)
+    wanted = stage.robot.joints.world_from_model @ plan.xyz[1 : ticks - rest]
+    lag_s, rms_m = lag_and_rms(wanted, np.array(done[rest + 1 :]), RATE_HZ)
+    moved = {"placed": stage.on_marks(boxes), "of": boxes, "seconds": len(plan.xyz) / RATE_HZ}
+    return moved | {"path_rms_mm": 1e3 * rms_m, "lag_ms": 1e3 * lag_s, "holds": int(holds)}

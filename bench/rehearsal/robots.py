@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -69,7 +70,8 @@ def _point(settings: TeleoperationSettings) -> Robot:
     return ExactRobot(np.array([1.9, -0.2, 0.9]))
 
 
-def _with_joints(settings: TeleoperationSettings, text: str | None = None) -> Robot:
+def with_joints(settings: TeleoperationSettings, text: str | None = None) -> Any:
+    """A `MujocoRobot` of an MJCF text; None: our own."""
     from posefuse_teleop.mujoco_robot import MujocoRobot, mujoco_model, placed
 
     place = placed(settings.robot.position_xy_m, settings.robot.heading_deg)
@@ -80,15 +82,15 @@ def _with_joints(settings: TeleoperationSettings, text: str | None = None) -> Ro
 def _fixed(settings: TeleoperationSettings) -> Robot:
     from .arms import fixed_arm
 
-    return _with_joints(settings, fixed_arm())
+    return with_joints(settings, fixed_arm())
 
 
 # all stand so that an operator at the origin is kept at a distance, and face the operator
 STANDS = {
     "point": Stand(make=_point),
-    "own": Stand(position_xy_m=(2.4, -0.2), heading_deg=180.0, make=_with_joints),
+    "own": Stand(position_xy_m=(2.4, -0.2), heading_deg=180.0, make=with_joints),
     "fixed": Stand(position_xy_m=(2.3, -0.2), heading_deg=180.0, make=_fixed),
-    "two arms": Stand(hands=("right", "left"), position_xy_m=(2.4, 0.0), heading_deg=180.0, make=_with_joints),
+    "two arms": Stand(hands=("right", "left"), position_xy_m=(2.4, 0.0), heading_deg=180.0, make=with_joints),
 }
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import platform
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -11,16 +10,14 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console as RichConsole
-from rich.progress import Progress
-
-from paper.scenes.scenes import scene_name
+from paper.scenes.scenes import CHECK_SEEDS, scene_name
 from posefuse import __version__
+from posefuse.cli.terminal import Terminal
 from posefuse.core import JointCentres, PoseSequence, Recording, Truth
 from posefuse.evaluation import JointErrors, joint_errors
 from posefuse.formats import read_truth
 from posefuse.formats.page import Page
-from posefuse.foundation import plain, usable_cores
+from posefuse.foundation import usable_cores
 from posefuse.pipeline import (
     StageClock,
     TrackConfig,
@@ -31,6 +28,7 @@ from posefuse.pipeline import (
     track_session,
 )
 from posefuse_sim import Scene, simulate
+from tools.page_marks import processor
 
 BEST_NETWORKS, BEST_S = "blazepose_best", 20.0
 _PACKAGES = ("numpy", "openvino", "mujoco", "anny", "opencv-python-headless")
@@ -50,13 +48,19 @@ class Context:
     quick: bool
     workers: int | None
     command: str
-    console: Console
+    console: Terminal
     overrides: tuple[str, ...] = ()
 
     @property
     def config(self) -> TrackConfig:
         """How every scene is tracked; raises ConfigError for overrides that cannot be."""
         return replace(read_config(None, changes_of(self.overrides)), outputs={})
+
+    @contextmanager
+    def progress(self, label: str) -> Iterator[Callable[[int, int], None]]:
+        """A bar that the callback (done, total) moves."""
+        with self.console.stages() as report:
+            yield lambda done, total: report(label, done, total)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,13 +105,13 @@ class Run:
         return joint_errors(self.recording.poses, self.truth)
 
 
-def run_scene(name: str, scene: Scene, context: Context, clock: StageClock | None = None) -> Run:
+def run_scene(name: str, scene: Scene, context: Context) -> Run:
     """Render a scene, unless it exists already, and track it with the options of the context."""
     config = context.config
     folder = rendered(name, scene, context)
     session = find_session(folder, config)
-    with context.console.progress(f"tracking {name}") as advance:
-        tracked = track_session(session, config, clock or StageClock(), advance, context.console.note, context.console.warn)
+    with context.progress(f"tracking {name}") as advance:
+        tracked = track_session(session, config, StageClock(), advance, context.console.note, context.console.warn)
     return Run(folder, config, tracked.recording, read_truth(folder / "truth" / "truth.npz"), tracked.joint_centres)
 
 
@@ -123,20 +127,23 @@ def best_errors(name: str, scene: Scene, context: Context) -> dict[str, JointErr
     return {"best networks": run_scene(name, scene, best).default_errors()}
 
 
+def other_bodies(name: str, scene_of: Callable[[int], Scene], context: Context) -> dict[str, dict[str, JointErrors]]:
+    """By seed of the bodies that check, columns of errors: of landmarks as they are, of the default, of the best networks."""
+    found = {}
+    for seed in CHECK_SEEDS:
+        done = run_scene(f"{name}-{seed}", scene_of(seed), context)
+        best = best_errors(f"{name}-{seed}", scene_of(seed), context)
+        found[str(seed)] = {"landmarks": done.errors(centred=False), "default": done.default_errors(), **best}
+    return found
+
+
 def rendered(name: str, scene: Scene, context: Context) -> Path:
     """The session of a scene; rendered where it is not there yet, finished where an earlier run broke off."""
     folder = context.sessions / scene_name(name, scene)
     if not (folder / "truth" / "truth.npz").is_file():
-        with context.console.progress(f"rendering {name}") as advance:
+        with context.progress(f"rendering {name}") as advance:
             simulate(scene, folder, advance, context.workers)
     return folder
-
-
-def processor() -> str:
-    """The name of the machine's processor."""
-    info = Path("/proc/cpuinfo")
-    lines = info.read_text().splitlines() if info.is_file() else []
-    return next((line.split(":")[1].strip() for line in lines if line.startswith("model name")), platform.processor())
 
 
 def about(context: Context) -> dict[str, Any]:
@@ -150,31 +157,3 @@ def about(context: Context) -> dict[str, Any]:
         "settings": ", ".join(context.overrides) or "defaults",
         "length": "quick: seconds of everything" if context.quick else "full",
     }
-
-
-class Console:
-    """Notes, warnings and bars on stderr; with `as_json` the figures go to stdout as one object."""
-
-    def __init__(self, as_json: bool) -> None:
-        self._as_json = as_json
-        self._screen = RichConsole(stderr=True, highlight=False, soft_wrap=True)
-
-    def note(self, text: str) -> None:
-        """One line of news."""
-        self._screen.print(text, markup=False)
-
-    def warn(self, text: str) -> None:
-        """One line about something that is not as it should be."""
-        self._screen.print(f"warning: {text}", style="yellow", markup=False)
-
-    def figures(self, figures: Mapping[str, Any]) -> None:
-        """The one object of a run."""
-        if self._as_json:
-            print(json.dumps(plain(figures), indent=2), flush=True)
-
-    @contextmanager
-    def progress(self, label: str) -> Iterator[Callable[[int, int], None]]:
-        """A bar that the callback (done, total) moves."""
-        with Progress(console=self._screen) as bars:
-            task = bars.add_task(label, total=None)
-            yield lambda done, total: bars.update(task, completed=done, total=total)

@@ -10,6 +10,7 @@ from typing import Any
 from paper.scenes import paper
 from paper.scenes.scenes import CHECK_SEEDS
 from posefuse.foundation import atomic_file
+from tools.page_marks import markdown
 
 from .drift import path_rows
 from .occlusion import TITLES as TITLES_HALF_HIDDEN
@@ -52,8 +53,7 @@ def _table(columns: list[str], rows: list[list[Any]]) -> str:
     def cell(value: Any) -> str:
         return f"{value:.1f}" if isinstance(value, float) else "–" if value is None else str(value)
 
-    lines = [columns, ["---"] * len(columns), *rows]
-    return "\n".join("| " + " | ".join(cell(value) for value in line) + " |" for line in lines)
+    return markdown(columns, [[cell(value) for value in row] for row in rows])
 
 
 def _static(figures: Mapping[str, Any]) -> list[str]:
@@ -114,16 +114,13 @@ def _latency(figures: Mapping[str, Any]) -> list[str]:
          one["decode_alone_ms"]]
         for name, one in cameras.items()
     ]  # fmt: skip
-    recorded = [[name, ms["median"], ms["p95"]] for name, ms in figures["stages_ms"].items()]
-    recorded.append(["second pass (track), per time step", figures["second_pass_ms"], None])
     return [
         "## Latency, four cameras",
         "Live, from mid-exposure to another program: mean ms per camera. capture: until the decoded image is in its process; "
         "wait: for the detector; output: until the next output tick of 100 Hz; send: by UDP.",
         _table(["camera", *stages, "end to end", "p95", "decoding alone"], rows),
         f"{100 * live['used_share']:.0f} % of the frames used, {live['output_hz']:.1f} poses per second.",
-        "Recorded, at full speed, per time step:",
-        _table(["stage", "median ms", "p95 ms"], recorded),
+        "Recorded, at full speed: [benchmarks.md](benchmarks.md#the-whole-pipeline-on-the-demo-clip).",
     ]
 
 

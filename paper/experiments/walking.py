@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import time
 from typing import Any
 
 import numpy as np
 
 from paper.scenes import paper
 from paper.scenes.scenes import CHECK_SEEDS, walking_scene
-from posefuse.core import PAPER14, Array, Pose3D
+from posefuse.core import PAPER14
 from posefuse.evaluation import typical_nees
-from posefuse.formats.page import Block, Dots, Facts, Heading, Images, Page, Plot, Plots, Table
-from posefuse.fusion import FuseSettings, fuse
+from posefuse.formats.page import Block, Facts, Heading, Images, Page, Plots, Table
 
-from .runs import Context, Outcome, Run, best_errors, run_scene
-from .tables import LANDMARKS, drawn_people, errors_row, joint_rows, trajectories
+from .runs import Context, Outcome, best_errors, other_bodies, run_scene
+from .tables import LANDMARKS, drawn_images, errors_row, joint_rows, trajectories
 
 _SHOWN = ("right_wrist", "left_hip", "left_ankle")
 # joints that have a covariance of their own
@@ -27,7 +25,7 @@ _SHOWN_S = 12.0
 
 
 def run(context: Context) -> Outcome:
-    """Errors per joint and weighting, trajectories against the truth, rate of the fusion, six moments."""
+    """Errors per joint and weighting, trajectories against the truth, six moments."""
     scene = walking_scene(1, _QUICK_S if context.quick else _FULL_S)
     done = run_scene("walking-1", scene, context)
     columns = {
@@ -42,8 +40,6 @@ def run(context: Context) -> Outcome:
         name: typical_nees(done.poses(smoothed=smoothed), done.truth, _ASKED)
         for name, smoothed in (("time step by time step", False), ("smoothed", True))
     }
-    figures["fusion"], rates = _fusion(done)
-    rate = Dots("rate", *rates)
     shown = np.linspace(0, len(done.recording.poses) - 1, _MOMENTS + 2).astype(int)[1:-1].tolist()
     blocks: list[Block] = [
         Heading(
@@ -58,41 +54,20 @@ def run(context: Context) -> Outcome:
         Facts(figures["nees"]),
         Heading("Trajectories against the truth", f"Default result; the first {_SHOWN_S:g} s."),
         Plots(trajectories(done, _SHOWN, {"estimate": done.recording.poses}, _SHOWN_S), small=True),
-        Heading("Rate of the fusion", "All keypoints of one time step solved, timed one after the other in one process."),
-        Facts({"median": f"{figures['fusion']['median_ms']:.2f} ms per time step", "paper": f"< {paper.TRIANGULATE_MS:g} ms"}),
-        Plots([Plot("Fusion", [rate], x_label="s of the walk", y_label="time steps per s", from_zero=True, wide=True)]),
-        Heading("Six moments", "Blue: the default result. Red: the truth."),
-        Images(drawn_people(done, 0, shown)),
+        Heading("Six moments", "The default result."),
+        Images(drawn_images(done, 0, shown, 420)),
     ]
     if not context.quick:
         figures["check"] = _check(context, blocks)
     return Outcome(figures, Page("Walking between four cameras", blocks))
 
 
-def _fusion(done: Run) -> tuple[dict[str, float], tuple[Array, Array]]:
-    views, rig, settings = done.recording.views, done.recording.rig, FuseSettings()
-    previous: Pose3D | None = None
-    seconds = []
-    for i in range(len(views.t_ns)):
-        began_s = time.perf_counter()
-        previous = fuse(views.at(i), rig, settings, previous)
-        seconds.append(time.perf_counter() - began_s)
-    took = np.array(seconds)
-    figures = {"median_ms": float(1000 * np.median(took)), "p99_ms": float(1000 * np.percentile(took, 99))}
-    return figures, ((views.t_ns - views.t_ns[0]) / 1e9, 1 / took)
-
-
 def _check(context: Context, blocks: list[Block]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for seed in CHECK_SEEDS:
-        scene = walking_scene(seed, _CHECK_S)
-        done = run_scene(f"walking-{seed}", scene, context)
-        best = best_errors(f"walking-{seed}", scene, context)
-        columns = {"landmarks": done.errors(centred=False), "default": done.default_errors(), **best}
-        found[str(seed)] = {name: errors_row(errors) for name, errors in columns.items()}
+    errors = other_bodies("walking", lambda seed: walking_scene(seed, _CHECK_S), context)
+    found = {seed: {what: errors_row(one) for what, one in columns.items()} for seed, columns in errors.items()}
     rows = [
         [f"{what}: {label}", *(found[str(seed)][what][key] for seed in CHECK_SEEDS)]
-        for what in columns
+        for what in found[str(CHECK_SEEDS[0])]
         for label, key in (("mean over 14 joints", "mean_mm"), ("worst joint", "worst_mm"))
     ]
     blocks += [

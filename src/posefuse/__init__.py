@@ -14,6 +14,7 @@ __version__ = "0.2.0"
 
 if TYPE_CHECKING:
     # from packages that an extra installs; their names say so where it is missing
+    from posefuse_ros.nodes import camera_node, fusion_node
     from posefuse_sim.api import gazebo_world, plan, simulate
     from posefuse_teleop.api import teleoperate
 
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from .api.live import live
     from .api.live_run import track_live
     from .api.machine import doctor, models, plugins
-    from .api.nodes import camera_node, fusion_node
     from .api.record import record, resume_recording
     from .api.recording import Recording, read, recordings, view
     from .api.rig import Rig, read_rig

@@ -14,7 +14,7 @@ SRC = PACKAGES["posefuse"]
 LINES = (
     ("core",),
     ("foundation",),
-    ("messages", "formats"),
+    ("formats",),
     ("sources", "detection", "association", "fusion", "tracking", "kinematics", "outputs"),
     ("calibration", "evaluation"),
     ("health",),
@@ -23,7 +23,12 @@ LINES = (
     ("cli",),
 )
 # what the packages that extras install may import of this repository; the studio has a page about scenes
-MEMBERS = {"posefuse_sim": set(), "posefuse_teleop": set(), "posefuse_studio": {"posefuse_sim"}}
+MEMBERS = {
+    "posefuse_ros": set(),
+    "posefuse_sim": set(),
+    "posefuse_studio": {"posefuse_sim"},
+    "posefuse_teleop": {"posefuse_ros"},
+}
 LEVEL = {room: level for level, rooms in enumerate(LINES) for room in rooms}
 DATA = ("xarray", "pandas", "matplotlib")
 OPTIONAL = (
@@ -99,20 +104,51 @@ def test_packages_of_extras_import_the_core_and_what_is_said_here() -> None:
         assert found and {path: names for path, names in found.items() if names - allowed} == {}
 
 
-@pytest.mark.parametrize(
-    ("words", "extra"), [("simulate a.yaml --plan", "sim"), ("studio", "studio"), ("teleoperate rig.toml", "teleop")]
+# what makes a program of an installation without the packages of extras
+WITHOUT_PACKAGES = (
+    "import sys, importlib.metadata as m, importlib.util as u\n"
+    "found, entries = u.find_spec, m.entry_points\n"
+    "u.find_spec = lambda name, *rest: None if name.startswith('posefuse_') else found(name, *rest)\n"
+    "m.entry_points = lambda **of: m.EntryPoints(one for one in entries(**of) if not one.value.startswith('posefuse_'))\n"
+    f"sys.modules.update(dict.fromkeys({sorted(MEMBERS)}))\n"
 )
-def test_a_command_whose_package_is_missing_names_the_extra(words: str, extra: str) -> None:
-    code = (
-        "import sys, importlib.util as u\n"
-        "found = u.find_spec\n"
-        "u.find_spec = lambda name, *rest: None if name.startswith('posefuse_') else found(name, *rest)\n"
-        f"sys.modules.update(dict.fromkeys({sorted(MEMBERS)}))\n"
-        f"from posefuse.cli.main import main\nmain(['--help'])\nsys.exit(main({words.split()}))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=120)
+DEMO_RIG = SRC.parents[1] / "examples" / "demo" / "rig.toml"
+
+
+@pytest.mark.parametrize(
+    ("words", "extra"),
+    [
+        ("simulate a.yaml --plan", "sim"),
+        ("studio", "studio"),
+        ("teleoperate rig.toml", "teleop"),
+        ("node camera rig.toml", "ros"),
+        ("node fusion rig.toml", "ros"),
+        (f"live {DEMO_RIG} --ros", "ros"),
+        (f"live {DEMO_RIG} --ros1", "ros"),
+        (f"live {DEMO_RIG} --record new.mcap", "ros"),
+        (f"live {DEMO_RIG} --source cam00=ros:/a", "ros"),
+        ("record --source cam00=ros:/a --out new", "ros"),
+        (f"track {DEMO_RIG.parent} --outputs mcap --out new", "ros"),
+        ("report a.mcap", "ros"),
+    ],
+)
+def test_what_needs_a_missing_package_names_the_extra(words: str, extra: str, tmp_path: Path) -> None:
+    code = f"{WITHOUT_PACKAGES}from posefuse.cli.main import main\nmain(['--help'])\nsys.exit(main({words.split()}))"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=120, cwd=tmp_path
+    )  # fmt: skip
     assert done.returncode == 1 and f"pip install 'posefuse[{extra}]'" in done.stderr, done.stderr
     assert done.stdout.count("(needs the extra") == 4
+
+
+def test_names_of_posefuse_whose_package_is_missing_name_the_extra() -> None:
+    wanted = {"simulate": "sim", "teleoperate": "teleop", "camera_node": "ros", "fusion_node": "ros"}
+    code = (
+        f"{WITHOUT_PACKAGES}import posefuse as pf\nfor name in {sorted(wanted)}:\n"
+        "    try:\n        getattr(pf, name)\n    except pf.PosefuseError as error:\n        print(name, error)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120)
+    assert [f"pip install 'posefuse[{wanted[line.split()[0]]}]'" in line for line in done.stdout.splitlines()] == 4 * [True]
 
 
 def test_the_import_guard_can_fail() -> None:
@@ -175,3 +211,6 @@ def test_tracking_and_reporting_need_no_tables_of_others(demo_session: Path, tmp
 
 def test_importing_posefuse_is_light() -> None:
     assert not modules_after("import posefuse") & {*OPTIONAL, *SLOW}
+    # what the list of plug-ins imports
+    ros = "posefuse_ros.bags, posefuse_ros.dds, posefuse_ros.ros1, posefuse_ros.source, posefuse_ros.mcap_output"
+    assert not modules_after(f"import {ros}") & {*OPTIONAL}

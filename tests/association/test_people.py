@@ -4,7 +4,8 @@ import built
 import numpy as np
 import pytest
 
-from posefuse.association import Assignment, AssociateSettings, assign, associate, hints_after
+from posefuse.association import Assignment, AssociateSettings, assign, associate, hints_after, newcomers
+from posefuse.association.candidates import agreement
 from posefuse.core import SKELETONS, Detections2D, Rig, ShapeError
 
 COCO = SKELETONS["coco17"]
@@ -242,3 +243,18 @@ def test_a_hint_is_no_order(ring_rig, body):
     mixed_up = hints_after({}, Assignment(person_id=np.array([0, 1]), place=right[::-1]), tracked)
     found = assign(tracked, rig, AssociateSettings(max_people=2), 0, built.pose(two, [0, 1], 0), hints=mixed_up)
     assert (found.place == right).all()
+
+
+def test_only_detections_whose_rays_meet_propose_a_person(ring_rig, body, monkeypatch):
+    """The work is counted: how well proposals agree with all detections is what takes the time."""
+    proposed = []
+
+    def counted(candidates, poses, tolerance_m):
+        proposed.append(len(poses))
+        return agreement(candidates, poses, tolerance_m)
+
+    monkeypatch.setattr(newcomers, "agreement", counted)
+    reports, _ = detections(ring_rig(4), crowd(body, *PLACES))
+    views = associate(reports, ring_rig(4), AssociateSettings(max_people=3))
+    # three people in four cameras are 18 pairs of one person, and 36 of two
+    assert len(views.person_id) == 3 and 18 <= proposed[0] <= 27

@@ -22,7 +22,7 @@ from posefuse.api import machine
 from posefuse.api.live_run import live_summary
 from posefuse.cli import machine as machine_commands
 from posefuse.cli import main as cli
-from posefuse.cli.command_line import COMMANDS, GROUPS, STEPS, application
+from posefuse.cli.command_line import COMMANDS, STEPS, application
 from posefuse.cli.options import Figures, Shown
 from posefuse.cli.stopping import terminate_on_signals
 from posefuse.cli.terminal import Terminal, in_options
@@ -138,13 +138,7 @@ def test_models_can_be_checked_without_a_network(tmp_path: Path, monkeypatch: py
 @pytest.mark.parametrize(
     ("argv", "part"),
     [
-        (["frobnicate"], "unknown command 'frobnicate'"),
-        (["track"], "missing SESSION"),
         (["track", "nowhere", "--out", "x"], "no such session folder"),
-        (
-            ["track", "nowhere", "--out", "x", "--person", "here"],
-            "--person: expected X,Y (input should be a valid number), got 'here'",
-        ),
         (["track", DEMO, "--out", "x", "--outputs", "fbx"], "no plug-in 'fbx' among outputs; there are: "),
         (["track", "nowhere", "--out", "x", "--set", "fuse.weights=best"], "'best'"),
         (["simulate", "none.yaml", "--out", "x"], "none.yaml"),
@@ -306,24 +300,12 @@ def test_a_plugin_that_cannot_be_imported_is_listed_with_its_reason(monkeypatch:
 
 
 def test_help_and_version_work_as_a_program() -> None:
-    helped = subprocess.run(
-        [sys.executable, "-m", "posefuse.cli.main", "--help"], capture_output=True, text=True, check=True, timeout=120
-    )
-    assert all(command in helped.stdout for command in cli.COMMANDS)
-    version = subprocess.run(
-        [sys.executable, "-m", "posefuse.cli.main", "--version"], capture_output=True, text=True, check=True, timeout=120
-    )
-    assert version.stdout.strip() == f"posefuse {__version__}"
-
-
-@pytest.mark.parametrize("words", [(), ("calibrate",)])
-def test_without_a_command_the_help_is_shown(words: tuple[str, ...], capsys) -> None:
-    assert cli.main([*words]) == 0
-    shown = capsys.readouterr()
-    cli.main([*words, "--help"])
-    assert shown.out == capsys.readouterr().out and shown.err == ""
-    titles = [line.split()[1] for line in shown.out.splitlines() if line.startswith("╭─ ")]
-    assert titles == (["Commands", "Options"] if words else [title.split()[0] for title in (*GROUPS, "Options")])
+    shown = {}
+    for word in ("--help", "--version"):
+        command = [sys.executable, "-m", "posefuse", word]
+        shown[word] = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120).stdout
+    assert all(command in shown["--help"] for command in cli.COMMANDS)
+    assert shown["--version"].strip() == f"posefuse {__version__}"
 
 
 def test_a_table_that_is_too_wide_has_narrow_cells_before_broken_words(monkeypatch: pytest.MonkeyPatch, capsys) -> None:

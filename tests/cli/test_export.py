@@ -10,7 +10,7 @@ import posefuse as pf
 from posefuse.cli.main import main
 from posefuse.core import Rig
 from posefuse.core.live_messages import LivePose, LiveStart
-from posefuse.outputs.live import RecordConfig
+from posefuse_ros.record import RecordConfig
 
 BEGIN_NS = 1_700_000_000_000_000_000
 

@@ -28,10 +28,10 @@ def test_a_name_chooses_a_bundled_network() -> None:
 def test_a_card_of_the_user_chooses_the_plug_in_for_it(tmp_path: Path) -> None:
     card = tmp_path / "mine.toml"
     card.write_text('kind = "simcc"\n')
-    changes = changes_of("--set", "raw=true", "--networks", str(card), "--set", "detector.options.engine=onnxruntime")
+    changes = changes_of("--set", "raw=true", "--networks", str(card), "--set", "detector.options.device=cuda")
     config = read_changed(None, changes, TrackConfig)
     assert config.raw and config.detector.name == "onnx"
-    assert config.detector.options == {"card": str(card), "engine": "onnxruntime"}
+    assert config.detector.options == {"card": str(card), "device": "cuda"}
 
 
 def test_the_result_names_the_network_that_was_used() -> None:

@@ -55,16 +55,6 @@ def test_tracking_a_session_into_itself_is_refused(demo_session: Path, tmp_path:
     assert tree(session) == before
 
 
-def test_a_report_into_a_foreign_folder_is_refused(results: Path, tmp_path: Path, capsys) -> None:
-    (tmp_path / "paper").mkdir()
-    (tmp_path / "paper" / "report.html").write_text("mine")
-    (tmp_path / "paper" / "thesis.docx").write_text("years of work")
-    before = tree(tmp_path)
-    assert main(["report", str(results / "R"), "--out", str(tmp_path / "paper")]) == 1
-    assert "report.html, thesis.docx" in capsys.readouterr().err
-    assert tree(tmp_path) == before
-
-
 def test_a_second_report_keeps_the_first_with_the_users_notes(results: Path, tmp_path: Path, capsys) -> None:
     result = Path(shutil.copytree(results / "R", tmp_path / "R"))
     assert main(["report", str(result), "--fit", "none"]) == 0
@@ -75,13 +65,6 @@ def test_a_second_report_keeps_the_first_with_the_users_notes(results: Path, tmp
     assert tree(aside) == before
     assert f"the earlier results are kept in {aside}" in " ".join(capsys.readouterr().err.split())
     assert not (result / "biomechanics" / "notes.txt").exists()
-
-
-def test_a_folder_named_partial_is_treated_like_any_other(demo_session: Path, tmp_path: Path) -> None:
-    (tmp_path / "take.partial").mkdir()
-    (tmp_path / "take.partial" / "raw.bin").write_text("the user's")
-    assert track(demo_session, tmp_path / "take") == 0
-    assert (tmp_path / "take.partial" / "raw.bin").read_text() == "the user's"
 
 
 @pytest.mark.parametrize("force", [[], ["--force"]])
@@ -96,15 +79,6 @@ def test_simulating_a_scene_into_its_own_folder_is_refused(tmp_path: Path, capsy
     assert main(["simulate", str(tmp_path / "scene.yaml"), "--out", str(tmp_path / "p"), *force]) == 1
     assert "raw.bin" in capsys.readouterr().err
     (tmp_path / "scene.yaml").unlink()
-    assert tree(tmp_path) == before
-
-
-def test_a_file_named_incomplete_does_not_turn_a_folder_into_a_session(tmp_path: Path) -> None:
-    (tmp_path / "p").mkdir()
-    (tmp_path / "p" / "INCOMPLETE").write_text("my list of what is left to do")
-    (tmp_path / "scene.yaml").write_text("duration_s: 1\ncameras: {kind: ring}\n")
-    before = tree(tmp_path)
-    assert main(["simulate", str(tmp_path / "scene.yaml"), "--out", str(tmp_path / "p"), "--force"]) == 1
     assert tree(tmp_path) == before
 
 

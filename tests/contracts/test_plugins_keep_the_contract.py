@@ -6,6 +6,7 @@ from pathlib import Path
 import built
 import numpy as np
 import pytest
+from built import recording_from_views
 
 from posefuse.core import Detections2D, Frame, Kind, LivePose, LiveStart, Recording, SourceError
 from posefuse.core.skeleton import COCO17
@@ -26,7 +27,7 @@ def recording(ring_rig) -> Recording:
     known = np.isfinite(xyz[..., 0])
     poses = built.poses(xyz, rate_hz=25.0, kind=np.where(known, Kind.SMOOTHED, Kind.MISSING))
     xy = np.moveaxis(np.stack([camera.project(xyz) for camera in rig]), 0, 2)
-    return Recording.from_views(
+    return recording_from_views(
         rig, poses, xy, np.ones(xy.shape[:-1]), np.ones(xy.shape[:-1]), {"posefuse": "test", "rig_id": rig.id}
     )
 

@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from built import observations_from_views
 
 from posefuse.core import DetectionBatch, Detections2D, LookKind, Observations, ShapeError, ViewSequence
 from posefuse.core.observations import OBSERVATION_ARRAYS
 from posefuse.core.skeleton import COCO17
-from posefuse.core.view_sequences import ViewsInParts, observations_from_views, people_in, views_over_time
+from posefuse.core.view_sequences import ViewsInParts, people_in, views_over_time
 
 K, NAMES = len(COCO17), ("left", "middle", "right")
 
@@ -68,15 +69,8 @@ def test_views_of_cameras_synchronised_are_what_was_seen() -> None:
     score[2:4, 1], score[5, :, 0] = 0, 0
     xy = np.where(score[..., None] > 0, rng.normal(size=(*score.shape, 2)), np.nan).astype(np.float32)
     sigma = np.where(score > 0, 1.5, np.nan)
-    views = ViewSequence(
-        t_ns=np.arange(6) * 10,
-        skeleton=COCO17,
-        camera_names=NAMES,
-        person_id=[7, 3],
-        xy_img=xy,
-        score=score.astype(np.float32),
-        sigma_px=sigma,
-    )
+    about = {"t_ns": np.arange(6) * 10, "skeleton": COCO17, "camera_names": NAMES, "person_id": [7, 3]}
+    views = ViewSequence(**about, xy_img=xy, score=score.astype(np.float32), sigma_px=sigma)
     back = views_over_time(observations_from_views(views), [7, 3])
     for name in ("t_ns", "person_id", "xy_img", "score", "sigma_px"):
         np.testing.assert_array_equal(getattr(back, name), getattr(views, name))

@@ -6,8 +6,9 @@ from dataclasses import replace
 import built
 import numpy as np
 import pytest
+from built import recording_from_views
 
-from posefuse.core import Detections2D, Frame, Pose3D, PoseSequence, Recording, Region, ShapeError, Views
+from posefuse.core import Detections2D, Frame, Pose3D, PoseSequence, Region, ShapeError, Views
 from posefuse.core.skeleton import BODY_25, COCO17, PAPER14, SKELETONS, Skeleton, mirror_name, pick_keypoints
 
 N, C, K = 2, 3, len(COCO17)
@@ -19,15 +20,8 @@ def pose(t_ns: int = 5, people: int = N) -> Pose3D:
 
 
 def views() -> Views:
-    return Views(
-        t_ns=7,
-        skeleton=COCO17,
-        camera_names=("a", "b", "c"),
-        person_id=np.arange(N),
-        xy_img=np.zeros((N, C, K, 2)),
-        score=np.zeros((N, C, K)),
-        sigma_px=np.ones((N, C, K)),
-    )
+    arrays = {"xy_img": np.zeros((N, C, K, 2)), "score": np.zeros((N, C, K)), "sigma_px": np.ones((N, C, K))}
+    return Views(t_ns=7, skeleton=COCO17, camera_names=("a", "b", "c"), person_id=np.arange(N), **arrays)
 
 
 def test_arrays_are_copied_and_read_only() -> None:
@@ -73,7 +67,7 @@ def test_a_sequence_is_its_poses() -> None:
 def test_a_recording_fits_its_rig(ring_rig) -> None:
     poses = PoseSequence.from_poses([pose(5), pose(9)])
     two_d = {"xy_img": np.zeros((2, N, C, K, 2)), "score": np.zeros((2, N, C, K)), "sigma_px": np.zeros((2, N, C, K))}
-    made = Recording.from_views(ring_rig(3), poses, **two_d)
+    made = recording_from_views(ring_rig(3), poses, **two_d)
     assert made.provenance == {}
     with pytest.raises(ShapeError, match="the rig has cameras cam00, cam01, cam02, cam03, the observations cam00"):
         replace(made, rig=ring_rig(4))

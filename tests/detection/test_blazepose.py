@@ -5,11 +5,10 @@ import numpy as np
 import pytest
 
 from posefuse.core import ConfigError, Detector, Frame, ModelError, Region, ShapeError
-from posefuse.detection import BlazePoseConfig, read_card, region_from_keypoints
+from posefuse.detection import BlazePoseConfig, region_from_keypoints
 from posefuse.detection.blazepose import Look, averaged
-from posefuse.detection.card import read_any_card
+from posefuse.detection.card import Card, PersonCard, read_card
 from posefuse.detection.engines import BlazePoseNetwork
-from posefuse.detection.search import PersonNetwork
 
 CAMERA = "cam04"
 
@@ -149,16 +148,16 @@ def test_an_ensemble_is_not_a_network(tmp_path):
     card = tmp_path / "both.toml"
     card.write_text('kind = "landmark_ensemble"\nsummary = ""\nmembers = []\nmirrored = true\n')
     with pytest.raises(ConfigError, match="members"):
-        read_any_card(card)
+        read_card(card, Card)
     card.write_text(card.read_text().replace("[]", '["blazepose_full", "blazepose_persons"]'))
-    with pytest.raises(ModelError, match="expected one network, got an ensemble of blazepose_full, blazepose_persons"):
+    with pytest.raises(ModelError, match="expected one network, got landmark_ensemble"):
         read_card(card)
     with pytest.raises(ModelError, match="expected kind heatmap_landmarks, got person_ssd"):
         BlazePoseConfig(landmarks=str(card)).build()
 
 
-def test_misuse_is_an_error(detector, frame, tmp_path):
+def test_misuse_is_an_error(detector, frame):
     with pytest.raises(ShapeError, match="regions for each of 1 frames"):
         detector.detect([frame], [])
     with pytest.raises(ModelError, match="expected kind person_ssd"):
-        PersonNetwork.compiled(read_card("blazepose_full"), tmp_path, "f32", 1)
+        read_card("blazepose_full", PersonCard)

@@ -9,7 +9,7 @@ import pytest
 from openvino import opset8 as ops
 
 from posefuse.core import Region
-from posefuse.detection.card import ModelInput
+from posefuse.detection.card import NetworkInput
 from posefuse.detection.crops import Crops, square_crop
 from posefuse.detection.engines import BlazePoseNetwork
 
@@ -29,7 +29,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def network(file: Path, streams: int) -> BlazePoseNetwork:
-    return BlazePoseNetwork(file, ("mean", "back"), ModelInput(side_px=SIDE, low=0.0, high=255.0), "f32", streams)
+    return BlazePoseNetwork(file, ("mean", "back"), NetworkInput(size_wh=(SIDE, SIDE)), "f32", streams)
 
 
 def crops(count: int) -> list[np.ndarray]:

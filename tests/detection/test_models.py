@@ -13,7 +13,7 @@ import pytest
 
 from posefuse.core import ModelError
 from posefuse.detection import archives, default_cards
-from posefuse.detection.card import list_cards, read_card
+from posefuse.detection.card import OnnxCard, list_cards, read_card
 from posefuse.detection.files import fetch, fetch_all, holds, model_path, status
 from posefuse.foundation.places import default_cache_dir
 
@@ -45,13 +45,13 @@ def no_pip(monkeypatch):
 
 
 def test_the_cards_that_come_with_the_package_are_complete():
-    cards = {card.name: card for card in list_cards()}
+    cards = {card.name: card for card in list_cards() if not isinstance(card, OnnxCard)}
     assert set(cards) == {"blazepose_lite", "blazepose_full", "blazepose_heavy", "blazepose_persons"}
     for card in cards.values():
         assert len(card.sha256) == 64 and card.licence and card.summary
         assert card.source.member.endswith(card.file_name)
         for beside in ("noise", "joint_centres"):
-            assert (card.folder / getattr(card.decoding, beside, card.folder)).exists()
+            assert (card.folder / (getattr(card, beside) or card.folder)).exists()
     assert {card.name for card in default_cards()} <= set(cards)
     assert sum(cells**2 * anchors for cells, anchors in cards["blazepose_persons"].decoding.grids) == 2254
 
@@ -65,7 +65,7 @@ def test_what_the_first_run_downloads_is_one_archive_of_the_stated_size():
 
 
 def test_a_card_no_person_wrote_is_named_with_those_that_exist():
-    with pytest.raises(ModelError, match=r"blazepose_heavier.*there are: blazepose_best, blazepose_full, blazepose_heavy"):
+    with pytest.raises(ModelError, match=r"blazepose_heavier.*there are: .*blazepose_best, blazepose_full, blazepose_heavy"):
         read_card("blazepose_heavier")
 
 

@@ -9,7 +9,8 @@ import openvino as ov
 import pytest
 from openvino import opset8 as ops
 
-from posefuse.detection.engines import compiled_for_cpu
+from posefuse.detection.device import CPU
+from posefuse.detection.engines import compiled_by_openvino
 
 SHAPE, INFERENCES, SAMPLES = (1, 16, 192, 192), 60, 40
 
@@ -25,7 +26,7 @@ def slow_network() -> ov.Model:
 @pytest.mark.skipif(not hasattr(os, "sched_getaffinity") or len(os.sched_getaffinity(0)) < 2, reason="needs Linux and two cores")
 def test_no_thread_is_pinned_to_a_core_while_it_infers(slow_network: ov.Model) -> None:
     allowed = os.sched_getaffinity(0)
-    request = compiled_for_cpu(slow_network, "f32", 1).create_infer_request()
+    request = compiled_by_openvino(slow_network, CPU, "f32", 1).create_infer_request()
     image = np.ones(SHAPE, np.float32)
     ended = threading.Event()
 

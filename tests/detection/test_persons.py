@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from posefuse.core import Region
-from posefuse.detection.card import read_card
+from posefuse.detection.card import PersonCard, read_card
 from posefuse.detection.crops import crop_from_img
 from posefuse.detection.search import regions_from_outputs, stages
 
-CARD = read_card("blazepose_persons")
-SIDE = CARD.input.side_px
+CARD = read_card("blazepose_persons", PersonCard)
+SIDE = CARD.input.size_wh[0]
 FIRST_OF_LAST_GRID = 28 * 28 * 2 + 14 * 14 * 2
 
 

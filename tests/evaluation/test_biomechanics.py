@@ -6,22 +6,24 @@ import sys
 
 import numpy as np
 import pytest
+from built import recording_from_views
+from figure import sequence_of
 
-from posefuse.core import DependencyError, PoseSequence, Recording, Skeleton
+from posefuse.core import DependencyError, PoseSequence, Skeleton
 from posefuse.evaluation.biomechanics import BiomechanicsSettings, joints_of, write_biomechanics
-from posefuse.formats.bvh import read_bvh
 from posefuse.formats.mot import read_mot
 from posefuse.kinematics import joints_from_poses
+from posefuse_sim.motion.bvh import read_bvh
 
 
 @pytest.fixture
-def recording(ring_rig, figure_sequence):
+def recording(ring_rig):
     frames = [{"left_knee": (40 + i, 0, 0), "left_hip": (20, 3, 4), "right_knee": (30, 0, 0)} for i in range(24)]
-    sequence = figure_sequence(frames, "anatomical23", sigma_m=0.004, rate_hz=30.0)
+    sequence = sequence_of(frames, "anatomical23", sigma_m=0.004, rate_hz=30.0)
     rig = ring_rig(3)
     xy = np.moveaxis(rig.project(sequence.xyz_world), 0, 2)
     score = np.isfinite(xy[..., 0]) * 1.0
-    return Recording.from_views(rig, sequence, xy, score, np.where(score > 0, 2.0, np.nan))
+    return recording_from_views(rig, sequence, xy, score, np.where(score > 0, 2.0, np.nan))
 
 
 def with_points_of(recording, *parts):
@@ -32,7 +34,7 @@ def with_points_of(recording, *parts):
     few = {name: getattr(recording.poses, name)[:, :, kept] for name in fields}
     poses = dataclasses.replace(recording.poses, skeleton=Skeleton("few", names, ()), **few)
     views = {name: getattr(recording.views, name)[:, :, :, kept] for name in ("xy_img", "score", "sigma_px")}
-    return Recording.from_views(recording.rig, poses, **views)
+    return recording_from_views(recording.rig, poses, **views)
 
 
 LEGS = ("hip", "knee", "ankle", "heel", "big_toe")
@@ -97,7 +99,7 @@ def test_several_people_have_files_of_their_own(recording, tmp_path):
     two["xyz_world"][:, 1] = np.nan
     both = PoseSequence(t_ns=poses.t_ns, skeleton=poses.skeleton, person_id=[2, 7], **two)
     views = {name: np.concatenate([getattr(recording.views, name)] * 2, axis=1) for name in ("xy_img", "score", "sigma_px")}
-    made = write_biomechanics(Recording.from_views(recording.rig, both, **views), tmp_path, BiomechanicsSettings(fit="points"))
+    made = write_biomechanics(recording_from_views(recording.rig, both, **views), tmp_path, BiomechanicsSettings(fit="points"))
     names = {path.name for path in made}
     assert {"angles_person2.mot", "skeleton_person2.bvh"} <= names
     assert not any("_7" in name for name in names)
@@ -116,7 +118,7 @@ def test_one_time_step_has_angles_and_no_animation(recording, tmp_path):
     poses = recording.poses
     one = dataclasses.replace(poses, t_ns=poses.t_ns[:1], **{name: getattr(poses, name)[:1] for name in names})
     views = {name: getattr(recording.views, name)[:1] for name in ("xy_img", "score", "sigma_px")}
-    made = write_biomechanics(Recording.from_views(recording.rig, one, **views), tmp_path, BiomechanicsSettings(fit="none"))
+    made = write_biomechanics(recording_from_views(recording.rig, one, **views), tmp_path, BiomechanicsSettings(fit="none"))
     assert {path.suffix for path in made} == {".csv", ".mot", ".c3d", ".html"}
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from posefuse.cli.main import main
 from posefuse.core import SKELETONS, CameraTruth, Rig, Truth
-from posefuse.detection.card import read_network_card
+from posefuse.detection.card import read_card
 from posefuse.detection.noise import FEATURES, read_keypoint_noise
 from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.formats.rig import write_rig
@@ -122,4 +122,4 @@ def test_the_command_fits_a_card_on_scenes_that_are_there(
     assert abs(table.offsets["elbow"]["upper_arm"]) < 0.003
     text = card.read_text().replace("[input]", 'noise = "simcc.noise.toml"\njoint_centres = "simcc.joint_centres.toml"\n[input]')
     card.write_text(text)
-    assert read_network_card(card).noise_file == tmp_path / "simcc.noise.toml"
+    assert read_card(card).noise_file == tmp_path / "simcc.noise.toml"

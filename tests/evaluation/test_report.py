@@ -6,10 +6,10 @@ from itertools import pairwise
 import ezc3d
 import numpy as np
 import pytest
-from built import poses
+from built import poses, recording_from_views
 
 from posefuse import __version__
-from posefuse.core import SKELETONS, InputError, Recording
+from posefuse.core import SKELETONS, InputError
 from posefuse.evaluation.biomechanics import BiomechanicsSettings, write_biomechanics
 from posefuse.evaluation.gait_cycles import PERCENT, gait_cycles, write_gait_cycles
 from posefuse.evaluation.report import keypoint_quality, write_report
@@ -46,7 +46,7 @@ def recording_of(ring_rig, xyz, t_ns, provenance=None):
     shape = (len(t_ns), xyz.shape[1], 4, len(SKELETON))
     seen, unstated = np.zeros(shape), np.full(shape, np.nan)
     made = poses(xyz, t_ns=t_ns, skeleton=SKELETON)
-    return Recording.from_views(rig, made, np.full((*shape, 2), np.nan), seen, unstated, provenance or {})
+    return recording_from_views(rig, made, np.full((*shape, 2), np.nan), seen, unstated, provenance or {})
 
 
 def reported(read_page, tmp_path, recording, *more):

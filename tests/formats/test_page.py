@@ -164,6 +164,16 @@ def test_long_series_are_thinned_and_it_is_reported(read_page, tmp_path):
     assert 1000 < len(plot["series"][0]["x"]) <= 3600 and f"every {step}th point" in plot["x"]
 
 
+def test_printed_headings_stay_with_their_text_tables_stay_whole_and_pages_are_numbered(tmp_path):
+    style = write_page(tmp_path / "page.html", Page("t", [])).read_text(encoding="utf-8")
+    for rule in (
+        r"h2, h3[^{]*\{ break-after: avoid",
+        r"\btable\b[^{]*\{ break-inside: avoid",
+        r"@bottom-right \{ content: counter\(page\)",
+    ):
+        assert re.search(rule, style), rule
+
+
 def test_windows_zero_and_equal_axes_reach_the_script(read_page, tmp_path):
     plots = [axes(Line("l", X, GAP), window=(0, 2, 0, 10)), axes(Line("l", X, GAP), from_zero=True, equal=True, wide=True)]
     first, second = shown(read_page, tmp_path, Plots(plots)).data["plots"]

@@ -6,7 +6,6 @@ import json
 import re
 import shutil
 import subprocess
-import zlib
 
 import numpy as np
 import pytest
@@ -14,15 +13,12 @@ import pytest
 from posefuse.formats.page import (
     Band,
     Dots,
-    Heading,
     Line,
-    Note,
     Page,
     Player,
     Plot,
     Plots,
     Spikes,
-    Table,
     Ticks,
     write_page,
 )
@@ -134,74 +130,3 @@ def test_the_data_of_a_plot_can_be_saved(seen):
     table = np.array([[float(cell or "nan") for cell in row] for row in rows])
     expected = [X, GAP, GAP - 1, GAP + 1, GAP, GAP * 0, GAP, np.pad(X[:2], (0, 5), constant_values=np.nan)]
     np.testing.assert_allclose(table.T, expected, atol=2e-3)
-
-
-class Printed:
-    """What Chromium prints, by the structure that it writes into the PDF: which element has text on which page."""
-
-    def __init__(self, path, target):
-        flags = ("--headless", "--no-sandbox", "--disable-gpu", "--no-pdf-header-footer", f"--print-to-pdf={target}")
-        subprocess.run([BROWSER, *flags, path.as_uri()], capture_output=True, check=True, timeout=120)
-        found = re.finditer(rb"(\d+) 0 obj\n(.*?)\nendobj", target.read_bytes(), re.DOTALL)
-        self._objects = {int(one[1]): one[2] for one in found}
-        self.pages = [n for n, one in self._objects.items() if b"/Type /Page\n" in one]
-        [document] = (n for n, one in self._objects.items() if b"/S /Document" in one)
-        self._texts = list(self._below(document, ()))
-
-    def _below(self, number, above):
-        """(elements that it is in, page) of every text, in reading order."""
-        one = self._objects[number]
-        kids = re.search(rb"/K (\[.*?\]|\d+ 0 R|\d+)", one, re.DOTALL)[1]
-        path = (*above, (number, re.search(rb"/S /(\w+)", one)[1].decode()))
-        for page, element, _ in re.findall(rb"/Pg (\d+) 0 R\s*/MCID \d+|(\d+) 0 R|(\d+)", kids):
-            if element:
-                yield from self._below(int(element), path)
-            else:
-                yield path, int(page or re.search(rb"/Pg (\d+)", one)[1])
-
-    def split_tables(self):
-        pages = {}
-        for path, page in self._texts:
-            for element in path:
-                pages.setdefault(element, set()).add(page)
-        return sum(len(found) > 1 for (_, kind), found in pages.items() if kind == "Table")
-
-    def lonely_headings(self):
-        """Headings that are not on one page with the note under them and what follows."""
-        headings = [any(kind in ("H2", "H3") for _, kind in path) for path, _ in self._texts]
-        pages = [page for _, page in self._texts]
-        return sum(headings[k] and len(set(pages[k : k + 3])) > 1 for k in range(len(pages)))
-
-    def margins(self):
-        """Glyphs of each page that belong to no element of the document."""
-        contents = [self._objects[int(re.search(rb"/Contents (\d+)", self._objects[page])[1])] for page in self.pages]
-        streams = [zlib.decompress(one.split(b"stream\n", 1)[1].rsplit(b"\nendstream", 1)[0]) for one in contents]
-        return [re.findall(rb"<([0-9A-F]+)> Tj", one.split(b"BDC")[0]) for one in streams]
-
-
-@pytest.fixture(scope="module")
-def long_page(tmp_path_factory):
-    """Headings and tables everywhere on the sheets."""
-    blocks = []
-    for n in range(40):
-        table = Table(["name", "value"], [[f"row {n}.{i}", float(i)] for i in range(n % 9)])
-        blocks += [Heading(f"Heading {n}", "Its note."), Note("Some words. " * (37 * n % 90)), table]
-    blocks += [block for n in range(150) for block in (Heading(f"Short {n}", "Its note."), Note("Words."))]
-    return write_page(tmp_path_factory.mktemp("print") / "page.html", Page("title", blocks))
-
-
-def test_printed_headings_stay_with_their_text_tables_stay_whole_and_pages_are_numbered(long_page, tmp_path):
-    printed = Printed(long_page, tmp_path / "page.pdf")
-    assert len(printed.pages) > 4
-    assert (printed.split_tables(), printed.lonely_headings()) == (0, 0)
-    numbers = [number for number, *_ in printed.margins()]
-    assert len(set(numbers)) == len(numbers) and len({tuple(total) for _, *total in printed.margins()}) == 1
-
-
-def test_the_checks_of_printing_can_fail(long_page, tmp_path):
-    bare = tmp_path / "bare.html"
-    bare.write_text(
-        re.sub(r"break-(inside|after): avoid|@bottom-right", "x", long_page.read_text(encoding="utf-8")), encoding="utf-8"
-    )
-    printed = Printed(bare, tmp_path / "bare.pdf")
-    assert printed.split_tables() and printed.lonely_headings() and not any(printed.margins())

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from built import recording_from_views
 
 from posefuse.core import SE3, InputError, PoseSequence, Recording, Rig, Skeleton
 from posefuse.core.observations import OBSERVATION_ARRAYS
@@ -33,7 +34,7 @@ def recording(ring_rig: Callable[..., Rig]) -> Recording:
         kind=rng.integers(0, 5, (T, N, K)),
     )
     views = rng.normal(size=(T, N, C, K, 2)), rng.uniform(size=(T, N, C, K)), rng.uniform(size=(T, N, C, K))
-    return Recording.from_views(
+    return recording_from_views(
         ring_rig(C), poses, *views, {"version": "0.1.0", "config": {"fuse": {"weights": "all"}}, "note": "ü"}
     )
 

@@ -1,4 +1,4 @@
-"""Kernels on disk go with the text of all kernel files, and nothing is lost where there is no place for them."""
+"""Kernels on disk go with the text of the kernel files of their room, and nothing is lost where there is no place for them."""
 
 import os
 import re
@@ -36,6 +36,10 @@ def test_kernels_stand_only_where_their_changes_are_noticed() -> None:
     with_kernels = {path for path in PACKAGE.rglob("*.py") if re.search(r"^@(\w*kernel|njit|numba)\b", path.read_text(), re.M)}
     assert len(with_kernels) >= 5
     assert with_kernels <= set(kernel_files())
+    # a change in another room would not be noticed
+    for path in kernel_files():
+        others = re.findall(r"^from posefuse\.(?!core|foundation)(\w+)", path.read_text(), re.M)
+        assert {*others} <= {path.relative_to(PACKAGE).parts[0]}, path
 
 
 def test_a_change_of_any_kernel_file_starts_a_new_folder(tmp_path: Path) -> None:
@@ -55,7 +59,7 @@ def test_a_change_of_any_kernel_file_starts_a_new_folder(tmp_path: Path) -> None
 
 def test_compiled_forms_are_kept_in_the_users_cache(tmp_path: Path) -> None:
     use(tmp_path)
-    folder = tmp_path / "kernels" / fingerprint(kernel_files())
+    folder = tmp_path / "kernels" / fingerprint(kernel_files(PACKAGE / "tracking"))
     assert list(folder.rglob("*inverse3*.nbi"))
 
 

@@ -3,6 +3,7 @@
 import os
 import sys
 import threading
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -84,9 +85,28 @@ def test_cameras_are_listed_by_what_opens_them(monkeypatch: pytest.MonkeyPatch) 
     ]
     monkeypatch.setattr(av, "enumerate_input_devices", lambda name: found)
     monkeypatch.setattr(platform, "sys", SimpleNamespace(platform="win32"))
-    assert platform.usb_cameras() == ["Front camera"]
+    assert platform.usb_cameras() == {"Front camera": "Front camera"}
     monkeypatch.setattr(platform, "sys", SimpleNamespace(platform="darwin"))
-    assert platform.usb_cameras() == ["@device_pnp_1"]
+    assert platform.usb_cameras() == {"@device_pnp_1": "Front camera"}
+
+
+def test_a_camera_of_linux_is_listed_once_by_the_node_that_has_its_images(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    about = {"video0": ("0", "BRIO"), "video1": ("1", "BRIO"), "video2": (None, None)}
+    for node, (index, name) in about.items():
+        (tmp_path / "dev").mkdir(exist_ok=True)
+        (tmp_path / "dev" / node).touch()
+        if index is not None and name is not None:
+            (tmp_path / "sys" / node).mkdir(parents=True)
+            (tmp_path / "sys" / node / "index").write_text(f"{index}\n")
+            (tmp_path / "sys" / node / "name").write_text(f"{name}\n")
+    monkeypatch.setattr(platform, "sys", SimpleNamespace(platform="linux"))
+    monkeypatch.setattr(platform, "DEVICES", tmp_path / "dev")
+    monkeypatch.setattr(platform, "V4L", tmp_path / "sys")
+    dev = tmp_path / "dev"
+    # of the last one the system says nothing
+    assert platform.usb_cameras() == {f"{dev}/video0": "BRIO", f"{dev}/video2": f"{dev}/video2"}
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux says how much memory a process has held")

@@ -14,7 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from posefuse.core import SKELETONS, Camera, Kind, PoseSequence, Recording, Rig
+from posefuse.core import Camera, Rig
 from posefuse.core.skeleton import BODY_25
 from posefuse.formats.bvh import BvhData, write_bvh
 from posefuse.formats.c3d import C3dData, write_c3d
@@ -27,7 +27,8 @@ from posefuse.tracking.stand_in import made_up_person
 
 ROOT = Path(__file__).resolve().parents[2]
 # the writers of other tools' formats that their own tests use
-sys.path += [str(ROOT / "tests" / "formats" / "pose2d"), str(ROOT / "tools")]
+sys.path += [str(ROOT / "tests" / "formats" / "pose2d"), str(ROOT / "tests" / "support"), str(ROOT / "tools")]
+import built  # noqa: E402
 from test_formats import WRITERS  # noqa: E402
 
 GOLDEN = ROOT / "tests" / "golden" / "files"
@@ -67,19 +68,14 @@ def _trc_data() -> TrcData:
 
 def _c3d(folder: Path) -> None:
     xyz = walking()[1]
-    angles = np.zeros((len(xyz), 1, 3))
-    write_c3d(
-        folder / "a.c3d",
-        C3dData(
-            names=NAMES,
-            xyz_world=xyz,
-            sigma_m=np.full(xyz.shape[:2], 0.01),
-            rate_hz=30.0,
-            angle_names=("knee",),
-            angle_rad=angles,
-            about={"VERSION": "1"},
-        ),
-    )
+    about = {
+        "names": NAMES,
+        "xyz_world": xyz,
+        "sigma_m": np.full(xyz.shape[:2], 0.01),
+        "rate_hz": 30.0,
+        "about": {"VERSION": "1"},
+    }
+    write_c3d(folder / "a.c3d", C3dData(**about, angle_names=("knee",), angle_rad=np.zeros((len(xyz), 1, 3))))
     write_trc(folder / "sound.trc", _trc_data())
 
 
@@ -137,25 +133,8 @@ def _mvnx(folder: Path) -> None:
 
 def _recording(folder: Path) -> None:
     rig, (t_s, xyz) = read_rig(DEMO / "rig.toml"), walking(8)
-    skeleton = SKELETONS["coco17"]
-    points = np.resize(xyz[:, None], (8, 1, 17, 3))
-    cov = np.broadcast_to(np.eye(3) * 1e-4, (8, 1, 17, 3, 3)).copy()
-    times = (t_s * 1e9).astype(np.int64)
-    kind = np.full((8, 1, 17), Kind.FUSED)
-    poses = PoseSequence(
-        t_ns=times,
-        skeleton=skeleton,
-        person_id=np.array([0]),
-        xyz_world=points,
-        cov_world=cov,
-        reproj_px=np.ones((8, 1, 17)),
-        n_views=np.full((8, 1, 17), 4),
-        kind=kind,
-    )
-    xy = np.stack([camera.project(points) for camera in rig], axis=2)
-    score = np.where(np.isfinite(xy).all(-1), 0.9, 0.0)
-    sigma_px = np.where(score > 0, 2.0, np.nan)
-    write_recording(folder, Recording.from_views(rig, poses, xy, score, sigma_px, {"made": "by the fuzz stage"}))
+    poses = built.poses(np.resize(xyz[:, None], (8, 1, 17, 3)), t_ns=(t_s * 1e9).astype(np.int64))
+    write_recording(folder, built.recording(rig, poses, made="by the fuzz stage"))
 
 
 def _video(folder: Path) -> None:
@@ -213,7 +192,7 @@ def _floor(folder: Path) -> None:
 
 
 def _mcap(folder: Path) -> None:
-    from posefuse.outputs.mcap import McapSink
+    from posefuse_ros.mcap_output import McapSink
 
     inside = folder / "result"
     inside.mkdir()

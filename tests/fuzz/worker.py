@@ -37,7 +37,6 @@ def _readers() -> dict[str, Callable[[Path], Any]]:
     from posefuse.calibration.extrinsics.world import read_floor_points
     from posefuse.detection.card import read_card
     from posefuse.evaluation.tracks import read_tracks
-    from posefuse.formats.bvh import read_bvh
     from posefuse.formats.c3d import read_c3d
     from posefuse.formats.mot import read_mot
     from posefuse.formats.pose2d import read_openpose_folder
@@ -46,6 +45,7 @@ def _readers() -> dict[str, Callable[[Path], Any]]:
     from posefuse.formats.trc import read_trc
     from posefuse.formats.truth import read_truth
     from posefuse.pipeline.config import read_config
+    from posefuse_sim.motion.bvh import read_bvh
     from posefuse_sim.scene import read_scene
 
     readers: dict[str, Callable[[Path], Any]] = {
@@ -121,7 +121,7 @@ def _model(card: str, archive: Path) -> None:
 
 
 def _mcap(path: Path) -> None:
-    from posefuse.messages import bags
+    from posefuse_ros import bags
 
     bags.read_rig(path)
     list(bags.read_mcap(path))

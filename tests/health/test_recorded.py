@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from built import poses
+from built import poses, recording_from_views
 
 from posefuse.core import SE3, SKELETONS, Recording, Rig
 from posefuse.core.observations import NOT_KEPT
@@ -18,7 +18,7 @@ Walk = tuple[Rig, np.ndarray, np.ndarray, np.ndarray]
 def recording_of(rig: Rig, xyz: np.ndarray, xy: np.ndarray, t_s: np.ndarray, left_out: Sequence[int] = ()) -> Recording:
     """A result with detections xy (T, C, K, 2); those of some cameras belong to no person of it."""
     ones = np.ones((len(t_s), 1, len(rig), len(BODY)))
-    made = Recording.from_views(rig, poses(xyz[:, None], t_ns=np.round(t_s * 1e9).astype(np.int64)), xy[:, None], ones, 3 * ones)
+    made = recording_from_views(rig, poses(xyz[:, None], t_ns=np.round(t_s * 1e9).astype(np.int64)), xy[:, None], ones, 3 * ones)
     log = made.observations
     out = np.isin(log.frame_camera[log.detection_frame], left_out)
     return replace(made, observations=log.with_person_ids(np.where(out, NOT_KEPT, log.person_id)))

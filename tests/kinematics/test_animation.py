@@ -10,11 +10,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from posefuse.core import InputError
-from posefuse.formats.bvh import read_bvh, write_bvh
+from posefuse.formats.bvh import write_bvh
 from posefuse.formats.gltf import write_gltf
 from posefuse.kinematics import joints_from_poses
 from posefuse.kinematics.animation import FILE_FROM_WORLD, animation_from_joints, animation_gap
 from posefuse.kinematics.sides import landmarks
+from posefuse_sim.motion.bvh import read_bvh
 
 
 def moving(t):

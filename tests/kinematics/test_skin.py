@@ -11,7 +11,7 @@ from posefuse.formats.gltf import write_gltf
 from posefuse.kinematics import joints_from_poses
 from posefuse.kinematics.animation import animation_from_joints
 from posefuse.kinematics.definitions import NOSE_BELOW_RAD
-from posefuse.kinematics.skin import skin_of, skinned_vertices
+from posefuse.kinematics.skin import skin_of
 from posefuse.kinematics.skin.mesh import length_names, template
 
 BENT = {
@@ -24,6 +24,18 @@ BENT = {
 def animation(posed, root=None):
     sequence = posed([BENT, {**BENT, "left_knee": (20, 0, 0)}] * 6, **({} if root is None else {"root": root}))
     return animation_from_joints(sequence, joints_from_poses(sequence), 0)
+
+
+def skinned_vertices(skeleton, skin) -> np.ndarray:
+    """(T, V, 3) metres in the axes of the file: linear blend skinning."""
+    rotation, position = skeleton.world()
+    linear = rotation @ skin.joint_from_mesh[:, :3, :3]
+    shift = (rotation @ skin.joint_from_mesh[:, :3, 3:])[..., 0] + position
+    out = np.zeros((len(skeleton), *skin.vertices.shape))
+    for k in range(skin.joint.shape[1]):
+        turned = np.einsum("tvij,vj->tvi", linear[:, skin.joint[:, k]], skin.vertices) + shift[:, skin.joint[:, k]]
+        out += skin.weight[:, k, None] * turned
+    return out
 
 
 @pytest.fixture(scope="module")

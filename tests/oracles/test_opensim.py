@@ -1,13 +1,12 @@
 """Our files and angles before OpenSim: it reads them without a warning, and its own inverse kinematics agrees."""
 
 import dataclasses
-import importlib.util
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from figure import sequence_of
 
 from posefuse.core import DependencyError, InputError, PoseSequence
 from posefuse.formats.mot import motion_from_joints, read_mot, write_mot
@@ -24,10 +23,6 @@ OURS = {
 
 
 def figures() -> PoseSequence:
-    path = Path(__file__).parents[1] / "kinematics" / "conftest.py"
-    spec = importlib.util.spec_from_file_location("figure_builder", path)
-    builder = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(builder)
     frames = []
     for t in np.arange(0, 0.8, 0.02):
         w = np.sin(2 * np.pi * t)
@@ -37,7 +32,7 @@ def figures() -> PoseSequence:
         arms = {"left_arm": (20 * w, -9, 10), "right_arm": (-20 * w, -9, 10), "left_wrist": (30 + 20 * w, 5, 2)}
         elbows = {"left_elbow": (40, 0, 0), "right_elbow": (50 + 9 * w, 0, 0)}
         frames.append(trunk | legs | knees | arms | elbows)
-    return builder.sequence_of(frames, rate_hz=50.0)
+    return sequence_of(frames, rate_hz=50.0)
 
 
 @pytest.fixture(scope="module")

@@ -2,10 +2,12 @@
 
 from collections.abc import Callable, Iterator
 
+import built
 import numpy as np
 import pytest
+from built import recording_from_views
 
-from posefuse.core import Frame, Kind, PoseSequence, Recording, Rig, Skeleton
+from posefuse.core import Frame, Kind, Recording, Rig, Skeleton
 
 SKELETON = Skeleton(
     "five",
@@ -26,30 +28,17 @@ def make_recording(ring_rig: Callable[..., Rig]) -> Callable[..., Recording]:
 
 
 def _recording(rig: Rig, times: int, people: tuple[int, ...]) -> Recording:
-    n, k, c = len(people), len(SKELETON), len(rig)
-    t_ns = 2_000_000_000 + np.arange(times) * 40_000_000
-    walk = np.arange(times)[:, None, None, None] * [0.03, 0, 0] + np.arange(n)[:, None, None] * [0, 0.8, 0]
+    walk = np.arange(times)[:, None, None, None] * [0.03, 0, 0] + np.arange(len(people))[:, None, None] * [0, 0.8, 0]
     xyz = BODY + walk
-    kind = np.full((times, n, k), Kind.FUSED)
-    cov = np.broadcast_to(np.diag([1e-4, 4e-4, 9e-4]), (times, n, k, 3, 3)).copy()
-    xyz[times // 2, 0, 0], cov[times // 2, 0, 0], kind[times // 2, 0, 0] = np.nan, np.nan, Kind.MISSING
+    xyz[times // 2, 0, 0] = np.nan
+    kind = np.where(np.isfinite(xyz[..., 0]), Kind.FUSED, Kind.MISSING)
     kind[-1, 0, 1] = Kind.INTERPOLATED
     xy = np.stack([camera.project(xyz) for camera in rig], axis=2)
     score = np.where(np.isfinite(xy).all(axis=-1), 0.8, 0)
-    score[0, :, -1] = 0
-    xy[0, :, -1] = np.nan
-    reproj = np.where(kind == Kind.MISSING, np.nan, 1.5)
-    poses = PoseSequence(
-        t_ns=t_ns,
-        skeleton=SKELETON,
-        person_id=np.array(people),
-        xyz_world=xyz,
-        cov_world=cov,
-        reproj_px=reproj,
-        n_views=np.where(kind == Kind.MISSING, 0, c),
-        kind=kind,
-    )
-    return Recording.from_views(
+    score[0, :, -1], xy[0, :, -1] = 0, np.nan
+    t_ns = 2_000_000_000 + np.arange(times) * 40_000_000
+    poses = built.poses(xyz, skeleton=SKELETON, cov=np.diag([1e-4, 4e-4, 9e-4]), t_ns=t_ns, ids=people, kind=kind)
+    return recording_from_views(
         rig, poses, xy, score, np.where(score > 0, 2.0, np.nan), {"config": {"fuse": "all"}, "rig_id": rig.id}
     )
 

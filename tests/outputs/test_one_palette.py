@@ -18,12 +18,12 @@ from posefuse.evaluation.report import write_report
 from posefuse.formats.page import Heading, Page
 from posefuse.formats.page.write import page_html
 from posefuse.kinematics import joints_from_poses
-from posefuse.messages.markers import side_colours
 from posefuse.outputs import write_outputs
 from posefuse.outputs.overlay import OverlaySink
 from posefuse.outputs.overview import OverviewSink
 from posefuse.outputs.rerun import RerunSink
 from posefuse.outputs.rerun_scene import keypoint_colours
+from posefuse_ros.markers import side_colours
 from posefuse_studio.scene.setup import scene_setup
 from posefuse_studio.timeline import COLOURS
 

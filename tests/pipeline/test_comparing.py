@@ -16,13 +16,12 @@ from posefuse.core.observations import observations_from_frames
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.evaluation.tracks import looped
 from posefuse.formats.truth import write_loop, write_truth
-from posefuse.messages.bags import read_clock
-from posefuse.messages.sim_time import SimulatedClock
-from posefuse.outputs.live import RecordConfig
-from posefuse.outputs.live.record import keep_clock
 from posefuse.pipeline.reports import to_compare
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.provenance import notes_of
+from posefuse_ros.bags import read_clock
+from posefuse_ros.record import RecordConfig, keep_clock
+from posefuse_ros.sim_time import SimulatedClock
 
 BEGIN_NS = 1_750_000_000 * 10**9
 LOOP_S, RATE, OFFSET_M = 2.0, 0.5, np.array([0.012, 0.0, 0.005])

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from built import detections
 
 from posefuse.association import AssociateSettings
 from posefuse.core import SE3, DetectionBatch, Detections2D, LookKind, Observations, Pose3D, Rig, SourceError
@@ -80,17 +81,9 @@ class Stage:
         else:
             shown = [self.near(here, expected) for expected in pose.xyz_world]
         xy = np.array([self.rig.cameras[c].project(xyz) for xyz in shown]).reshape(-1, K, 2)
-        score = np.isfinite(xy[..., 0]).astype(float)
-        sigma = np.where(score > 0, 1.5, np.nan)
-        return Detections2D(
-            camera=self.rig.names[c],
-            t_ns=i * PERIOD_NS,
-            skeleton=COCO17,
-            xy_img=xy,
-            score=score,
-            sigma_px=sigma,
-            box_img=keypoint_boxes(xy, score),
-        )
+        seen = np.isfinite(xy[..., 0])
+        about = {"sigma_px": np.where(seen, 1.5, np.nan), "box_img": keypoint_boxes(xy, seen.astype(float))}
+        return detections(self.rig.names[c], xy, i * PERIOD_NS, score=1.0, **about)
 
     @staticmethod
     def near(here: dict[int, np.ndarray], expected: np.ndarray) -> np.ndarray:

@@ -1,6 +1,7 @@
 """People seen but not asked for."""
 
 import numpy as np
+from built import detections
 
 from posefuse.association import AssociateSettings
 from posefuse.core import DetectionBatch, Detections2D, LookKind, Observations
@@ -13,15 +14,7 @@ BODY = np.random.default_rng(4).uniform([0, 0], [60, 200], (K, 2))
 
 def view(camera: str, *left_px: float) -> Detections2D:
     xy = np.stack([BODY + [x, 0] for x in left_px]) if left_px else np.zeros((0, K, 2))
-    return Detections2D(
-        camera=camera,
-        t_ns=0,
-        skeleton=COCO17,
-        xy_img=xy,
-        score=np.ones(xy.shape[:2]),
-        sigma_px=np.ones(xy.shape[:2]),
-        box_img=np.zeros((len(xy), 4)),
-    )
+    return detections(camera, xy, score=1.0, sigma_px=1.0, box_img=np.zeros((len(xy), 4)))
 
 
 def log(search: list[Detections2D], second: list[Detections2D], kept: list[list[int]]) -> Observations:

@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from built import poses, recording_from_views
 from synthetic_walk import BODY, walker
 
-from posefuse.core import SE3, Kind, PoseSequence, Recording, Rig
+from posefuse.core import SE3, Recording, Rig
 from posefuse.foundation.parsing import plain
 from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.run import refined_line
@@ -27,13 +28,8 @@ def observed(ring_rig: Callable[..., Rig]) -> Recording:
     xy = xy + np.random.default_rng(2).normal(size=xy.shape) * NOISE_PX
     turned = SE3.from_rotvec(np.array([0.003, -0.004, 0.003]), np.zeros(3)) @ rig.cameras[2].cam_from_world
     wrong = replace(rig, cameras=(*rig.cameras[:2], replace(rig.cameras[2], cam_from_world=turned), rig.cameras[3]))
-    poses = PoseSequence(
-        t_ns=np.arange(STEPS) * 100_000_000, skeleton=BODY, person_id=[0], xyz_world=xyz,
-        cov_world=np.broadcast_to(np.eye(3) * 1e-4, (*xyz.shape, 3)), reproj_px=np.ones(xyz.shape[:-1]),
-        n_views=np.full(xyz.shape[:-1], 4), kind=np.full(xyz.shape[:-1], Kind.FUSED),
-    )  # fmt: skip
     score = np.ones(xy.shape[:-1])
-    return Recording.from_views(wrong, poses, xy, score, 2.0 * score)
+    return recording_from_views(wrong, poses(xyz, rate_hz=10.0, skeleton=BODY), xy, score, 2.0 * score)
 
 
 def solved(observed: Recording, config: TrackConfig) -> Recording:

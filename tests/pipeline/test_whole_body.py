@@ -2,10 +2,12 @@
 
 from dataclasses import replace
 
+import built
 import numpy as np
 import pytest
+from built import recording_from_views
 
-from posefuse.core import Kind, PoseSequence, Recording
+from posefuse.core import Kind, Recording
 from posefuse.core.skeleton import COCO17
 from posefuse.detection.card import read_card
 from posefuse.formats.joint_centres import read_joint_centres
@@ -25,18 +27,8 @@ WRIST, ELBOW = COCO17.index("left_wrist"), COCO17.index("left_elbow")
 
 def keypoints_of(motion: dict, steps: int) -> np.ndarray:
     """(T, 1, K, 3) keypoints of a simulated person at 30 Hz."""
-    scene = {
-        "duration_s": steps / 30,
-        "rate_hz": 30,
-        "cameras": {
-            "kind": "ring",
-            "count": 2,
-            "radius_m": 4.0,
-            "height_m": 2.0,
-            "image": {"size_px": [64, 48], "horizontal_fov_deg": 60},
-        },
-        "people": [{"motion": motion}],
-    }
+    cameras = {"kind": "ring", "count": 2, "radius_m": 4.0, "height_m": 2.0, "image": {"size_px": [64, 48]}}
+    scene = {"duration_s": steps / 30, "rate_hz": 30, "cameras": cameras, "people": [{"motion": motion}]}
     return truth_of(settings_from_mapping(scene, Scene, where="person")).xyz_world[:steps, :, : len(COCO17)]
 
 
@@ -55,17 +47,10 @@ def seen_by(rig, xyz: np.ndarray, hidden_from: int) -> Recording:
     xy = np.where(score[..., None] > 0, xy + rng.normal(size=xy.shape) * SIGMA_PX, np.nan)
     there = np.ones(xyz.shape[:-1], bool)
     there[HIDDEN, :, [[ELBOW], [WRIST]]] = False
-    poses = PoseSequence(
-        t_ns=np.arange(len(xyz)) * 33_333_333,
-        skeleton=COCO17,
-        person_id=[0],
-        xyz_world=np.where(there[..., None], xyz + rng.normal(size=xyz.shape) * SIGMA_M, np.nan),
-        cov_world=np.where(there[..., None, None], np.eye(3) * SIGMA_M**2, np.nan),
-        reproj_px=np.where(there, 1.0, np.nan),
-        n_views=there * len(rig),
-        kind=np.where(there, Kind.SMOOTHED, Kind.MISSING),
-    )
-    return Recording.from_views(rig, poses, xy, score, np.where(score > 0, SIGMA_PX, np.nan))
+    noisy = np.where(there[..., None], xyz + rng.normal(size=xyz.shape) * SIGMA_M, np.nan)
+    t_ns, kind = np.arange(len(xyz)) * 33_333_333, np.where(there, Kind.SMOOTHED, Kind.MISSING)
+    poses = built.poses(noisy, SIGMA_M, t_ns=t_ns, n_views=there * len(rig), kind=kind)
+    return recording_from_views(rig, poses, xy, score, np.where(score > 0, SIGMA_PX, np.nan))
 
 
 def test_a_forearm_in_one_view_is_found_with_its_uncertainty(walker, ring_rig) -> None:
@@ -179,7 +164,7 @@ def two_people(recording: Recording, second: np.ndarray) -> Recording:
     both["xyz_world"] = both["xyz_world"] + np.array([[0, 0, 0], [2.0, 0, 0]])[:, None]
     both["kind"][:, 1] = second
     planes = (np.repeat(plane, 2, axis=1) for plane in (views.xy_img, views.score, views.sigma_px))
-    return Recording.from_views(recording.rig, replace(poses, person_id=[0, 1], **both), *planes)
+    return recording_from_views(recording.rig, replace(poses, person_id=[0, 1], **both), *planes)
 
 
 def test_people_with_hidden_limbs_are_those_of_whom_a_joint_was_long_unmeasured(walker, ring_rig) -> None:

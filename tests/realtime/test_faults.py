@@ -1,6 +1,5 @@
 """One session on two machines (network namespaces) whose link and clocks fail; the benchmark runs it and measures."""
 
-import importlib.util
 import json
 import subprocess
 import sys
@@ -13,17 +12,11 @@ pytest.importorskip("cyclonedds", reason="the extra `ros` is not installed")
 BENCH = Path(__file__).resolve().parents[2] / "bench"
 
 
-def why_not() -> str:
-    spec = importlib.util.spec_from_file_location("two_machines", BENCH / "two_machines.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module.why_not()
-
-
 @pytest.mark.slow
 def test_a_cut_link_and_a_clock_that_is_off_are_survived_and_found() -> None:
-    reason = why_not()
-    if reason:
+    from bench import two_machines
+
+    if reason := two_machines.why_not():
         pytest.skip(reason)
     command = [sys.executable, str(BENCH / "live_faults.py"), "--detector", "oracle", "--only", "link: cut", "link: clock"]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)

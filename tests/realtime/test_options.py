@@ -4,16 +4,6 @@ import pytest
 
 from posefuse.cli import main as cli
 
-BAD = {
-    "--rate": ("0", "-5", "nan", "inf", "1e9", "1001"),
-    "--people": ("0", "-1", "65"),
-    "--groups": ("0", "-2"),
-    "--duration": ("nan", "-5", "0", "inf"),
-    "--loop": ("nan", "0", "-1", "inf"),
-}
-KEYS = {"--rate": "--rate", "--people": "--people", "--groups": "--groups", "--duration": "duration_s", "--loop": "loop_s"}
-CASES = [(option, value) for option, values in BAD.items() for value in values]
-
 
 def refused(capsys, *options: str) -> str:
     assert cli.main(list(options)) == 1
@@ -23,13 +13,6 @@ def refused(capsys, *options: str) -> str:
     return err
 
 
-@pytest.mark.parametrize(("option", "value"), CASES)
-def test_a_value_that_makes_no_sense_is_one_line(option: str, value: str, demo_session, capsys) -> None:
-    source = ["--source", f"sim:{demo_session}"]
-    line = refused(capsys, "live", str(demo_session / "rig.toml"), *source, f"{option}={value}")
-    assert KEYS[option] in line and "got" in line
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -37,10 +20,13 @@ def test_a_value_that_makes_no_sense_is_one_line(option: str, value: str, demo_s
         (("--output", "osc"), "live_outputs osc: to: missing"),
         (("--output", "lsl", "--set", "outputs.lsl.speed=3"), "unknown key 'speed'"),
         (("--set", "outputs.osc.to=[]"), "to:"),
+        *((("--people", text), "--people") for text in ("0", "-1", "65")),
+        *((("--duration", text), "duration_s") for text in ("nan", "-5", "0", "inf")),
+        *((("--loop", text), "loop_s") for text in ("nan", "0", "-1", "inf")),
         (("--osc", "127.0.0.1:9", "--set", "outputs.osc.axes=sideways"), "axes"),
     ],
 )
-def test_outputs_are_checked_before_anything_starts(options: tuple[str, ...], words: str, demo_session, capsys) -> None:
+def test_options_are_checked_before_anything_starts(options: tuple[str, ...], words: str, demo_session, capsys) -> None:
     line = refused(capsys, "live", str(demo_session / "rig.toml"), "--source", f"sim:{demo_session}", *options)
     assert words in line
 

@@ -21,10 +21,10 @@ from posefuse.core.skeleton import PAPER14, pick_keypoints
 from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.formats.rig import read_rig, write_rig
 from posefuse.formats.truth import read_truth
-from posefuse.messages import topics
-from posefuse.messages.bags import read_mcap, read_poses
-from posefuse.messages.messages import detections_from_message, ns_from_time, pose_from_message
 from posefuse.realtime.config import LiveConfig
+from posefuse_ros import topics
+from posefuse_ros.bags import read_mcap, read_poses
+from posefuse_ros.messages import detections_from_message, ns_from_time, pose_from_message
 
 pytestmark = pytest.mark.realtime
 

@@ -18,7 +18,7 @@ from marked import ON_LINUX, left, marked, new_mark
 from running import Running
 
 from posefuse.cli.stopping import NO_PERSON_CODE
-from posefuse.messages.bags import read_poses
+from posefuse_ros.bags import read_poses
 
 pytest.importorskip("cyclonedds", reason="the extra `ros` is not installed")
 

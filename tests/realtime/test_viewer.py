@@ -5,6 +5,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import built
 import cv2
 import numpy as np
 import pytest
@@ -12,13 +13,11 @@ import pytest
 from posefuse.core import (
     SKELETONS,
     CameraHealth,
-    Detections2D,
     LiveDetections,
     LiveHealth,
     LivePose,
     LivePreview,
     LiveStart,
-    Pose3D,
 )
 from posefuse.realtime.messages import SessionClock
 
@@ -41,37 +40,10 @@ def test_people_pictures_and_faulty_cameras_are_logged(tmp_path, ring_rig) -> No
     names = tuple(f"Person {letter}" for letter in "abcdefgh")
     sink.take(LiveStart(t_ns=now_ns, rig=rig, rate_hz=100.0, clock_offset_ns=clock.offset_ns, names=names))
     xyz = np.random.default_rng(0).normal(size=(1, k, 3)) * 0.3 + [0, 0, 1.0]
-    cov, every = np.tile(np.eye(3), (1, k, 1, 1)), np.ones((1, k))
-    pose = Pose3D(
-        t_ns=now_ns,
-        skeleton=skeleton,
-        person_id=[7],
-        xyz_world=xyz,
-        cov_world=cov,
-        reproj_px=every,
-        n_views=3 * every,
-        kind=every,
-    )
-    no_person = Pose3D(
-        t_ns=now_ns + S,
-        skeleton=skeleton,
-        person_id=[],
-        xyz_world=xyz[:0],
-        cov_world=cov[:0],
-        reproj_px=every[:0],
-        n_views=every[:0],
-        kind=every[:0],
-    )
-    xy, ones = rig["cam01"].project(xyz), np.ones((1, k), np.float32)
+    pose, no_person = built.pose(xyz, [7], now_ns, cov=np.eye(3)), built.pose(xyz[:0], [], now_ns + S)
     jpeg = cv2.imencode(".jpg", np.full((30, 40, 3), 90, np.uint8))[1].tobytes()
     sink.take(LivePose(pose=pose))
-    sink.take(
-        LiveDetections(
-            detections=Detections2D(
-                camera="cam01", t_ns=now_ns, skeleton=skeleton, xy_img=xy, score=ones, sigma_px=2 * ones, box_img=np.zeros((1, 4))
-            )
-        )
-    )
+    sink.take(LiveDetections(detections=built.detections("cam01", rig["cam01"].project(xyz), now_ns)))
     sink.take(LivePreview(camera="cam02", t_ns=now_ns, jpeg=jpeg, size_wh=(40, 30)))
     rates = {"captured": 10.0, "used": 9.0, "replaced": 1.0, "latency_p95_ms": 30.0, "innovation_sigmas": 1.1, "age_ms": 12.0}
     states = {"cam00": ("ok", ""), "cam01": ("frozen", "the same image"), "cam02": ("ok", "")}

@@ -4,8 +4,9 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from built import detections
 
-from posefuse.core import SKELETONS, Detections2D, Rig
+from posefuse.core import SKELETONS, Rig
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import warmed_up
 
@@ -21,22 +22,10 @@ def test_all_keypoints_of_a_set_are_followed(name: str, ring_rig: Callable[..., 
     def xyz_at(t_ns: int) -> np.ndarray:
         return rest + [SPEED_M_S * (t_ns - 10**9) * 1e-9, 0, 0]
 
-    sure = np.full((1, len(skeleton)), 0.9)
     for i in range(60):
         for c, camera in enumerate(rig):
             t_ns = 10**9 + i * PERIOD_NS + c * STAGGER_NS
-            xy = camera.project(xyz_at(t_ns))[None]
-            tracker.add(
-                Detections2D(
-                    camera=camera.name,
-                    t_ns=t_ns,
-                    skeleton=skeleton,
-                    xy_img=xy,
-                    score=sure,
-                    sigma_px=sure * 2,
-                    box_img=np.zeros((1, 4)),
-                )
-            )
+            tracker.add(detections(camera.name, camera.project(xyz_at(t_ns))[None], t_ns, sigma_px=1.8, skeleton=skeleton))
     pose = tracker.at(t_ns + STAGGER_NS)
     assert pose.skeleton == skeleton and len(pose.person_id) == 1
     off_m = np.linalg.norm(pose.xyz_world[0] - xyz_at(t_ns + STAGGER_NS), axis=-1)

@@ -10,9 +10,9 @@ from posefuse.core import DependencyError
 from posefuse.core.ideal_image import optics_of
 from posefuse_sim import Scene
 from posefuse_sim.build import LiveScene, live_scene
+from posefuse_sim.render.model import render_model
 from posefuse_sim.render.shot import CameraShooter
 from posefuse_sim.render.stage import RenderStage
-from posefuse_sim.session import scene_render_model
 from posefuse_sim.source import shot_image
 
 
@@ -36,7 +36,7 @@ def shoot(backend) -> Callable[..., tuple[LiveScene, np.ndarray, np.ndarray]]:
     def shoot_(scene: Scene, frame: int = 0) -> tuple[LiveScene, np.ndarray, np.ndarray]:
         live = live_scene(scene)
         view = optics_of(live.rig.cameras[0]).view
-        stage = RenderStage(scene_render_model(live, (view.width, view.height), backend), backend)
+        stage = RenderStage(render_model(live, (view.width, view.height), backend), backend)
         try:
             shooter = CameraShooter(live.rig.cameras[0], live.placed[0].sensor, stage)
             shot = shot_image(live, 0, frame, shooter)

@@ -7,7 +7,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from posefuse.core import SKELETONS, ConfigError
-from posefuse.foundation.settings import settings_from_mapping
 from posefuse_sim.body import ANGLE_NAMES, JOINTS, SEGMENTS, BodyShapeSettings, SimulatedBody, build_body, rotation_of
 from posefuse_sim.body.anatomy import angles_of, joint_segments
 
@@ -200,20 +199,6 @@ def test_stature_and_weight_are_met() -> None:
 def test_an_impossible_body_is_refused_with_the_possible_range() -> None:
     with pytest.raises(ConfigError, match=r"weight_kg: expected \d+\.\d+ to \d+\.\d+ kg .* got 190\.00 kg"):
         build_body(BodyShapeSettings(height_m=1.7, weight_kg=190))
-
-
-@pytest.mark.parametrize(
-    ("content", "text"),
-    [
-        ({"heigth_m": 1.7}, "unknown key 'heigth_m'; there are: .*height_m"),
-        ({"height_m": 170}, "height_m: .*less than or equal to 2.3, got 170"),
-        ({"sex": "m"}, "sex"),
-        ({"shirt": "red"}, "shirt: .*got 'red'"),
-    ],
-)
-def test_bad_settings_are_named(content: dict, text: str) -> None:
-    with pytest.raises(ConfigError, match=text):
-        settings_from_mapping(content, BodyShapeSettings, "scene.yaml")
 
 
 def test_same_seed_same_body() -> None:

@@ -10,10 +10,10 @@ from posefuse.core.ideal_image import optics_of
 from posefuse_sim.build import live_scene
 from posefuse_sim.cameras import DepthSettings, ImageSettings, ListedCameras, PlacedCamera, SensorSettings
 from posefuse_sim.props import CharucoBoard, StillPath
+from posefuse_sim.render.model import render_model
 from posefuse_sim.render.shot import CameraShooter, measured_depth, noise_of
 from posefuse_sim.render.stage import RenderStage
 from posefuse_sim.scene import Scene
-from posefuse_sim.session import scene_render_model
 from posefuse_sim.source import shot_image
 
 EXACT = DepthSettings(disparity_sigma_px=0, step_px=0, floor_m=0, lateral_px=0, edge_loss=0)
@@ -73,7 +73,7 @@ def test_depth_lies_under_the_projected_pixels(distortion: tuple[float, ...], ba
     live = live_scene(Scene(duration_s=0.2, cameras=ListedCameras(kind="list", cameras=(camera,)), props=(board,)))
     eye = live.rig.cameras[0]
     view = optics_of(eye).view
-    stage = RenderStage(scene_render_model(live, (view.width, view.height), backend), backend)
+    stage = RenderStage(render_model(live, (view.width, view.height), backend), backend)
     shot = shot_image(live, 0, 0, CameraShooter(eye, live.placed[0].sensor, stage))
     stage.close()
     chess = live.prop_poses(np.zeros(1))[0][0] @ live.props[0].chess_prop

@@ -2,18 +2,19 @@
 
 from pathlib import Path
 
+import built
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from posefuse.core import SKELETONS, InputError, PoseSequence, Recording
-from posefuse.formats.bvh import read_bvh
+from posefuse.core import SKELETONS, InputError, Recording
 from posefuse.formats.recording import write_recording
 from posefuse.formats.trc import TrcData, write_trc
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse_sim.body import SEGMENTS, BodyShapeSettings, SimulatedBody, build_body
 from posefuse_sim.build import MovingPerson, build_person
 from posefuse_sim.motion import MotionSettings
+from posefuse_sim.motion.bvh import read_bvh
 
 pytest.importorskip("anny", reason="the extra 'sim' is not installed")
 KEYPOINTS = SKELETONS["anatomical23"]
@@ -230,19 +231,8 @@ def test_real_trc(shared_data: Path, body: SimulatedBody) -> None:
 
 def recording(times: np.ndarray, people: dict[int, np.ndarray], rig) -> Recording:
     xyz = np.stack(list(people.values()), axis=1)
-    t, n, k = xyz.shape[:3]
-    poses = PoseSequence(
-        t_ns=(times * 1e9).astype(np.int64),
-        skeleton=KEYPOINTS,
-        person_id=np.array(list(people)),
-        xyz_world=xyz,
-        cov_world=np.zeros((t, n, k, 3, 3)),
-        reproj_px=np.zeros((t, n, k)),
-        n_views=np.full((t, n, k), 2),
-        kind=np.zeros((t, n, k)),
-    )
-    views = (t, n, len(rig), k)
-    return Recording.from_views(rig, poses, np.full((*views, 2), np.nan), np.zeros(views), np.full(views, np.nan), {})
+    poses = built.poses(xyz, skeleton=KEYPOINTS, t_ns=(times * 1e9).astype(np.int64), ids=list(people))
+    return built.recording(rig, poses, score=0.0)
 
 
 def test_result_animates_a_person(tmp_path: Path, body: SimulatedBody, squat: tuple[np.ndarray, np.ndarray], ring_rig) -> None:

@@ -206,17 +206,3 @@ def test_segments_and_angles_belong_together(body: SimulatedBody) -> None:
     bend = np.rad2deg(np.arccos(np.clip(thigh[:, 1] @ shank[:, 1], -1, 1)))
     assert bend == pytest.approx(angle(state, "left_knee", 0)[0], abs=1e-6)
     assert np.allclose(state.world_from_segment.xyz[0, SEGMENTS.index("left_shank")], point(state, "left_knee")[0], atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("content", "text"),
-    [
-        ({"kind": "dance"}, "dance"),
-        ({"kind": "squat", "period_s": 0}, r"period_s: .*greater than 0, got 0"),
-        ({"kind": "wave", "side": "top"}, "side"),
-        ({"kind": "idle", "sway": -1}, "sway"),
-    ],
-)
-def test_bad_settings_are_named(content: dict, text: str) -> None:
-    with pytest.raises(ConfigError, match=text):
-        settings_from_mapping(content, MotionSettings, "scene.yaml")

@@ -199,20 +199,6 @@ def test_same_seed_same_bytes(body: SimulatedBody) -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "text"),
-    [
-        ({"path": {"shape": "circle"}, "speed_mps": 0}, "speed_mps: .*greater than or equal to 0.2, got 0"),
-        ({"path": {"shape": "circle"}, "speed_mps": -1}, "speed_mps"),
-        ({"path": {"shape": "square"}}, "square"),
-        ({"path": {"shape": "circle", "radius_m": 0.1}}, "radius_m"),
-    ],
-)
-def test_bad_settings_are_named(content: dict, text: str) -> None:
-    with pytest.raises(ConfigError, match=text):
-        settings_from_mapping({"kind": "walk"} | content, MotionSettings, "scene.yaml")
-
-
-@pytest.mark.parametrize(
     ("path", "speed", "text"),
     [
         ({"shape": "line", "start_m": (0, 0), "end_m": (0.5, 0)}, 1.0, "end_m: expected at least 1.0 m from start_m, got 0.50 m"),

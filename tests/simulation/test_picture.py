@@ -14,10 +14,10 @@ from posefuse_sim.build import live_scene
 from posefuse_sim.cameras import ImageSettings, RingCameras
 from posefuse_sim.exact import seen_points
 from posefuse_sim.motion.settings import StandSettings
+from posefuse_sim.render.model import render_model
 from posefuse_sim.render.shot import CameraShooter
 from posefuse_sim.render.stage import RenderStage
 from posefuse_sim.scene import PersonSettings
-from posefuse_sim.session import scene_render_model
 from posefuse_sim.source import shot_image
 
 _LIMBS = tuple(
@@ -40,7 +40,7 @@ def test_the_network_finds_the_person_from_every_side(sex, network, backend):
     person = PersonSettings(body=BodyShapeSettings(sex=sex), motion=StandSettings(kind="wave", heading_deg=15))
     ring = RingCameras(kind="ring", count=8, radius_m=4.0, image=ImageSettings(size_px=(640, 480)))
     live = live_scene(Scene(duration_s=0.1, cameras=ring, people=(person,)))
-    stage = RenderStage(scene_render_model(live, (640, 480), backend), backend)
+    stage = RenderStage(render_model(live, (640, 480), backend), backend)
     frames, truth = [], []
     for c, camera in enumerate(live.rig):
         shot = shot_image(live, c, 0, CameraShooter(camera, live.placed[c].sensor, stage))

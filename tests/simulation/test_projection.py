@@ -78,18 +78,6 @@ def test_markers_are_found_by_opencv_with_their_ids_and_corner_order(prop, shoot
         assert np.abs(found[0] - expected[list(made.marker_id).index(marker)]).max() < 0.5
 
 
-@pytest.mark.gl
-def test_a_camera_that_moves_half_a_pixel_shows_it(shoot):
-    """The measurement of the corners is able to fail: a principal point off by half a pixel is seen as such."""
-    path = StillPath(kind="still", position_m=(0.0, 0.0, 1.0), yaw_deg=30, pitch_deg=8, roll_deg=55)
-    live, image, _ = shoot(_scene(LENSES["ideal"], CharucoBoard(kind="charuco_board", square_m=0.13, marker_m=0.06, path=path)))
-    expected = (
-        live.rig.cameras[0].cropped(0.5, 0.0, (640, 480)).project(live.prop_poses(np.zeros(1))[0][0] @ live.props[0].chess_prop)
-    )
-    error = _refined(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), expected) - expected
-    assert error.mean(axis=0) == pytest.approx([0.5, 0.0], abs=0.08)
-
-
 def test_a_lens_that_sees_behind_the_image_plane_is_refused_by_name():
     wide = ImageSettings(
         size_px=(800, 800), lens="fisheye", K=((220.0, 0, 400.0), (0, 220.0, 400.0), (0, 0, 1.0)), distortion=(0, 0, 0, 0)

@@ -113,11 +113,11 @@ from posefuse_sim.render import stage as b
 from posefuse_sim.cameras import *
 from posefuse_sim.build import live_scene
 from posefuse_sim.scene import Scene
-from posefuse_sim.session import scene_render_model
+from posefuse_sim.render.model import render_model
 from posefuse_sim.render.stage import RenderStage
 from posefuse.core.ideal_image import optics_of
 live = live_scene(Scene(duration_s=1, cameras=RingCameras(kind="ring", image=ImageSettings(size_px=(64, 48)))))
-stage = RenderStage(scene_render_model(live, (64, 48), {name!r}), {name!r})
+stage = RenderStage(render_model(live, (64, 48), {name!r}), {name!r})
 stage.place(np.zeros((0, 7)))
 image, depth = stage.draw(optics_of(live.rig.cameras[0]).view, live.rig.cameras[0].cam_from_world)
 stage.close()
@@ -133,22 +133,19 @@ print(int(image.mean()), round(float(depth[40, 32]), 2))
     assert 3.0 < float(depth_m) < 5.0
 
 
-def test_without_opengl_the_error_names_the_packages(monkeypatch):
+@pytest.mark.parametrize(
+    ("reason", "named"),
+    [
+        ("cannot open shared object file", r"egl: cannot open.*osmesa: cannot open.*libegl1 .*libosmesa6"),
+        ("ModuleNotFoundError: No module named 'mujoco'", r"pip install 'posefuse\[sim\]'"),
+    ],
+)
+def test_without_opengl_or_the_extra_the_error_names_what_is_missing(monkeypatch, reason, named):
     monkeypatch.delenv("MUJOCO_GL", raising=False)
-    monkeypatch.setattr(backends, "_why_not", lambda name: "cannot open shared object file")
+    monkeypatch.setattr(backends, "_why_not", lambda name: reason)
     backends._first_working.cache_clear()
     try:
-        with pytest.raises(DependencyError, match=r"egl: cannot open.*osmesa: cannot open.*libegl1 .*libosmesa6"):
-            backends.working_backend()
-    finally:
-        backends._first_working.cache_clear()
-
-
-def test_without_the_extra_the_error_names_it(monkeypatch):
-    monkeypatch.setattr(backends, "_why_not", lambda name: "ModuleNotFoundError: No module named 'mujoco'")
-    backends._first_working.cache_clear()
-    try:
-        with pytest.raises(DependencyError, match=r"pip install 'posefuse\[sim\]'"):
+        with pytest.raises(DependencyError, match=named):
             backends.working_backend()
     finally:
         backends._first_working.cache_clear()

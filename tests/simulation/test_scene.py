@@ -49,6 +49,8 @@ def test_the_papers_walking_scene_is_the_papers():
             "duration_s: 1\ncameras: {kind: ring, count: 0}",
             r"scene\.yaml: cameras\.ring\.count: .*greater than or equal to 1, got 0",
         ),
+        ("duration_s: 1\ncameras: {kind: ring, count: 1000000}", "less than or equal to 1000, got 1000000"),
+        ("duration_s: 1\ncameras: {kind: ring, image: {size_px: [20000, 9]}}", "less than or equal to 16384, got 20000"),
         ("duration_s: 1\nrate_hz: 0\ncameras: {kind: ring}", r"scene\.yaml: rate_hz: .*greater than 0, got 0"),
         ("duration_s: 1\ncameras: {kind: sphere}", r"scene\.yaml: cameras: .*'ring'.*'list'.*got"),
         ("duration_s: 5 s\ncameras: {kind: ring}", r"scene\.yaml: duration_s: .*number.*got '5 s'"),

@@ -25,9 +25,10 @@ from posefuse_sim.build import live_scene
 from posefuse_sim.cameras import CameraOverride, ImageSettings, RingCameras, SensorSettings
 from posefuse_sim.motion.settings import StandSettings
 from posefuse_sim.props import ArucoCube, CarriedPath
+from posefuse_sim.render.model import render_model
 from posefuse_sim.render.stage import RenderStage
 from posefuse_sim.scene import JpegSettings, PersonSettings, plain_settings
-from posefuse_sim.session import body_poses, scene_render_model
+from posefuse_sim.session import body_poses
 from posefuse_sim.source import SimulatedConfig
 from posefuse_sim.surroundings import BoxOccluder
 
@@ -126,7 +127,7 @@ def test_visible_joints_lie_on_their_person_and_hidden_ones_exist(session, backe
     live, truth = live_scene(_SCENE), read_truth(session / "truth" / "truth.npz")
     optics = [optics_of(camera) for camera in live.rig]
     largest = np.max([(one.view.width, one.view.height) for one in optics], axis=0)
-    stage = RenderStage(scene_render_model(live, (int(largest[0]), int(largest[1])), backend), backend)
+    stage = RenderStage(render_model(live, (int(largest[0]), int(largest[1])), backend), backend)
     inside = []
     for camera, view, lens in zip(live.rig, truth.views, optics, strict=True):
         for f, t_ns in enumerate(view.t_ns):

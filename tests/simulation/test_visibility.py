@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from built import of_sides
 
 from posefuse.core import SE3
 from posefuse.core.skeleton import ANATOMICAL23
@@ -66,15 +67,8 @@ def _standing(x_m: float) -> np.ndarray:
     half |= {"ankle": (0.1, 0.09), "big_toe": (0.1, 0.03), "small_toe": (0.14, 0.03), "heel": (0.1, 0.03), "eye": (0.03, 1.65)}
     half |= {"ear": (0.07, 1.63)}
     forward = {"eye": 0.09, "big_toe": 0.18, "small_toe": 0.14, "heel": -0.05}
-    points = []
-    for name in ANATOMICAL23.keypoints:
-        side, _, joint = name.partition("_")
-        if name == "nose":
-            points.append([x_m + 0.11, 0.0, 1.6])
-        else:
-            y, z = half[joint]
-            points.append([x_m + forward.get(joint, 0.0), y if side == "left" else -y, z])
-    return np.array(points)
+    left = {joint: (forward.get(joint, 0.0), y, z) for joint, (y, z) in half.items()}
+    return of_sides(ANATOMICAL23, left, nose=(0.11, 0.0, 1.6)) + [x_m, 0, 0]
 
 
 def test_a_person_in_front_hides_and_no_person_hides_the_side_that_is_seen():

@@ -12,6 +12,7 @@ from posefuse.core import InputError
 from posefuse_studio import access as rules
 from posefuse_studio.access import Access, AccessMiddleware, is_loopback, may_view
 from posefuse_studio.pages.phone import record_or_stop
+from posefuse_studio.session import SessionStatus
 from posefuse_studio.state import Studio
 from posefuse_studio.workspace import StudioWorkspace
 from tools.studio_server import TOKEN, free_port, server
@@ -201,7 +202,7 @@ def test_a_phone_records_only_where_the_owner_allows_it(tmp_path: Path, monkeypa
     assert asked == []
     studio.phone_may_record = True
     record_or_stop(studio)
-    studio.live.status = {"recording": {"folder": "recordings/walk"}}
+    studio.live.status = SessionStatus(recording="recordings/walk")
     record_or_stop(studio)
     assert asked == ["record", "stop_recording"]
     studio.phone_may_record = False

@@ -5,7 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
-from xml.etree import ElementTree
 
 import cv2
 import numpy as np
@@ -14,105 +13,119 @@ import pytest
 from posefuse.api.calibration_results import RigCalibration
 from posefuse.api.rig import rig_of
 from posefuse.calibration.clocks.sync import ClockEstimate
-from posefuse.calibration.report import CalibrationReport
-from posefuse.calibration.targets.coverage import ENOUGH_TOGETHER, TargetCoverage
-from posefuse.calibration.targets.kinds import Charuco, read_target, write_target
+from posefuse.calibration.report import CalibrationReport, Check, CheckKind, RefusedCalibration
+from posefuse.calibration.targets.coverage import ENOUGH_SHARE, ENOUGH_TOGETHER, TargetCoverage
+from posefuse.calibration.targets.kinds import Charuco, read_target
 from posefuse.core import CalibrationError, InputError
 from posefuse.formats.video import VideoWriter
 from posefuse_studio.calibrations import (
     LENSES,
+    NOTHING,
     RIG,
+    SEEN,
     Known,
     Project,
+    Seen,
     Step,
-    blamed_cameras,
+    StepResult,
     known_of,
-    last_worked_on,
-    lights,
+    named_cameras,
     new_recording,
-    next_step,
     projects,
     rests_on,
     save_project,
-    step_light,
+    stamp,
 )
-from posefuse_studio.camera_graph import graph_svg, graph_words, links
 from posefuse_studio.guiding import NEAR_FAR, advice_for, enough_for, near_far_of, size_of
-from posefuse_studio.jobs import write_json
+from posefuse_studio.pages.calibrate_parts import graph_options, graph_words, shared_views
 from posefuse_studio.refusal_pictures import refusal_pictures
-from posefuse_studio.targets import check_target, print_board, print_cube, targets
+from posefuse_studio.stored import read_json, write_json
+from posefuse_studio.targets import check_target, print_targets, targets
 from posefuse_studio.work import calibrate
 from posefuse_studio.workspace import StudioWorkspace
 
 BARE = Project(name="room", setup="webcams")
 READY = replace(BARE, cube="targets/cube.toml", board="targets/board.toml")
-NOTHING = Known(cameras=("left", "right"))
 STEPS: tuple[Step, ...] = ("intrinsics", "extrinsics", "verify")
+SIZES = {"marker_mm": 100, "columns": 5, "rows": 4, "square_mm": 30}
 
 
 def result(
-    step: str, passed: bool = True, *, recording: str = "one", detail: str = "", remedy: str = "", kind: str = "record"
-) -> dict[str, Any]:
-    checks = [{"name": "enough views", "passed": passed, "detail": detail, "remedy": remedy, "kind": kind}]
-    return {"step": step, "passed": passed, "recording": recording, "cameras": ["left", "right"],
-            "reports": [{"subject": step, "checks": checks}]}  # fmt: skip
+    step: str,
+    passed: bool = True,
+    *,
+    recording: str = "one",
+    detail: str = "",
+    remedy: str = "",
+    kind: CheckKind = "record",
+    rests_on: str = "",
+) -> StepResult:
+    check = Check("enough views", passed, detail, remedy, kind)
+    return StepResult(passed=passed, recording=recording, cameras=["left", "right"], rests_on=rests_on,
+                      reports=[CalibrationReport(step, (check,))])  # fmt: skip
 
 
-def after(*steps: Step) -> Known:
+def none_yet(project: Project = READY) -> Known:
+    return Known(project=project, cameras=("left", "right"))
+
+
+def after(*steps: Step, project: Project = READY) -> Known:
     """A project in which these steps have passed."""
-    return replace(NOTHING, recordings=dict.fromkeys(steps, "one"), results={step: result(step) for step in steps})
+    done = {step: replace(NOTHING, recording="one", result=result(step)) for step in steps}
+    return Known(project=project, cameras=("left", "right"), steps=done)
+
+
+def changed(known: Known, step: Step, **changes: Any) -> Known:
+    return replace(known, steps={**known.steps, step: replace(known[step], **changes)})
 
 
 def filmed(known: Known, step: Step, recording: str = "one", **seen: Any) -> Known:
     """The same with a recording of a step."""
-    about = {"target": READY.target(step), "enough": True, **seen}
-    return replace(known, recordings={**known.recordings, step: recording}, coverage={**known.coverage, step: about})
+    about = Seen(**{"cameras": ["left", "right"], "target": READY.target(step), **seen})
+    return changed(known, step, recording=recording, seen=about)
 
 
 def recorded(workspace: StudioWorkspace, step: Step, project: Project | None = None, enough: bool = True) -> str:
     """The files of a recording; gives its name."""
     project = project or READY
     name = new_recording(workspace, project, step)
-    seen = {"cameras": ["left"], "covered": [1.0], "linked": [[0.0]], "enough": enough, "target": project.target(step)}
-    write_json(workspace.folder(name) / "coverage.json", seen)
+    write_json(workspace.folder(name) / SEEN, Seen(cameras=["left"], enough=enough, target=project.target(step)))
     return name
 
 
 def calculated(workspace: StudioWorkspace, step: Step, recording: str, passed: bool = True) -> None:
     """The files of a result."""
     folder = workspace.path(READY.folder)
-    made = {**result(step, passed, recording=recording), "rests_on": rests_on(folder, step)}
-    made["reports"][0]["numbers"] = {}
+    made = result(step, passed, recording=recording, rests_on=rests_on(folder, step))
     if passed and step != "verify":
         (folder / {"intrinsics": LENSES, "extrinsics": RIG}[step]).write_text(recording, encoding="utf-8")
     write_json(folder / f"{step}.json", made)
 
 
 def test_the_steps_come_in_order() -> None:
-    assert next_step(BARE, NOTHING).action == "print"
+    assert none_yet(BARE).next_step().action == "print"
     for number, step in enumerate(STEPS):
         known = after(*STEPS[:number])
-        assert (next_step(READY, known).action, next_step(READY, known).step) == ("record", step)
-        seen = filmed(known, step)
-        assert (next_step(READY, seen).action, next_step(READY, seen).step) == ("solve", step)
-    assert next_step(READY, after(*STEPS)).action == "use"
+        assert (known.next_step().action, known.next_step().step) == ("record", step)
+        seen = filmed(known, step).next_step()
+        assert (seen.action, seen.step) == ("solve", step)
+    assert after(*STEPS).next_step().action == "use"
 
 
 def test_lenses_from_the_cube_need_no_step_of_their_own() -> None:
     project = replace(READY, lenses=False)
-    assert next_step(project, NOTHING).step == "extrinsics"
-    assert lights(project, after("extrinsics"))["left"]["intrinsics"].state == "good"
+    assert none_yet(project).next_step().step == "extrinsics"
+    assert after("extrinsics", project=project).lights("left")["intrinsics"].state == "good"
 
 
 def test_a_refusal_gives_the_remedy_until_something_new_is_filmed() -> None:
     refusal = result("extrinsics", False, detail="right saw it 3 times", remedy="show it to right")
-    known = replace(after("intrinsics"), recordings={"intrinsics": "one", "extrinsics": "one"},
-                    results={"intrinsics": result("intrinsics"), "extrinsics": refusal})  # fmt: skip
-    step = next_step(READY, known)
+    known = changed(after("intrinsics"), "extrinsics", recording="one", result=refusal)
+    step = known.next_step()
     assert (step.words, step.action) == ("show it to right", "record") and "right saw it 3 times" in step.why
-    assert [lights(READY, known)[name]["extrinsics"].state for name in ("left", "right")] == ["doubt", "bad"]
+    assert [known.lights(name)["extrinsics"].state for name in ("left", "right")] == ["doubt", "bad"]
     assert step.back == ("intrinsics",)
-    assert next_step(READY, filmed(known, "extrinsics", "two")).action == "solve"
+    assert filmed(known, "extrinsics", "two").next_step().action == "solve"
 
 
 @pytest.mark.parametrize(
@@ -124,12 +137,14 @@ def test_a_refusal_gives_the_remedy_until_something_new_is_filmed() -> None:
         ("extrinsics", "clocks", "extrinsics", ("intrinsics",)),
     ],
 )
-def test_a_refusal_leads_to_the_step_that_is_to_blame(refused: Step, kind: str, again: Step, others: tuple[Step, ...]) -> None:
-    known = after(*STEPS)
-    known = replace(known, results={**known.results, refused: result(refused, False, remedy="calibrate again", kind=kind)})
-    step = next_step(READY, known)
+def test_a_refusal_leads_to_the_step_that_is_to_blame(
+    refused: Step, kind: CheckKind, again: Step, others: tuple[Step, ...]
+) -> None:
+    refusal = result(refused, False, remedy="calibrate again", kind=kind)
+    known = changed(after(*STEPS), refused, result=refusal)
+    step = known.next_step()
     assert (step.action, step.step, step.back) == ("record", again, others)
-    without = next_step(replace(READY, lenses=False), known)
+    without = replace(known, project=replace(READY, lenses=False)).next_step()
     assert "intrinsics" not in (without.step, *without.back)
 
 
@@ -137,19 +152,29 @@ def test_clocks_of_an_earlier_calibration_are_not_applied(tmp_path: Path, monkey
     workspace = StudioWorkspace(tmp_path)
     save_project(workspace, READY)
     recording = recorded(workspace, "extrinsics")
-    cube = print_cube(workspace, marker_mm=100, page="a4").target
+    cube, _ = print_targets(workspace, SIZES, "a4", "verify")
     seen = SimpleNamespace(patch=np.zeros(0), rows=lambda keep: None, of_patches=lambda ids: ())
     monkeypatch.setattr(calibrate, "observe_target", lambda *_, **__: seen)
     monkeypatch.setattr(calibrate, "require_target_seen", lambda *_: None)
-    rig = rig_of(ring_rig(2))
+    rig, applied = rig_of(ring_rig(2)), []
+
+    def verified(*_: Any, clock_offset_s: Any, **__: Any) -> None:
+        applied.append(clock_offset_s)
+        raise RefusedCalibration(CalibrationReport("rig", (Check("lengths", False, ""),)))
+
+    monkeypatch.setattr(calibrate.pf, "verify", verified)
     for late_s in (0.12, 0.0):
         clocks = ClockEstimate.known(np.array([0.0, late_s]), 0.0) if late_s else None
         found = RigCalibration(rig=rig, report=CalibrationReport("extrinsics", ()), clocks=clocks)
-        monkeypatch.setattr(calibrate, "calibrate_extrinsics", lambda *_, found=found, **__: found)
+        monkeypatch.setattr(calibrate.pf, "calibrate_extrinsics", lambda *_, found=found, **__: found)
         arguments = {"step": "extrinsics", "folder": READY.folder, "recording": recording, "target": cube}
         assert calibrate.run(arguments, workspace, None)["passed"]
-        offsets = calibrate._offsets(workspace.path(READY.folder) / calibrate.CLOCKS)
-        assert offsets == ({"cam00": 0.0, "cam01": late_s} if late_s else {})
+        calibrate.run({**arguments, "step": "verify", "target": workspace.name_of(board_of(workspace))}, workspace, None)
+    assert applied == [{"cam01": pytest.approx(0.12)}, {}]
+
+
+def board_of(workspace: StudioWorkspace) -> Path:
+    return next(workspace.path("targets").glob("board*.toml"))
 
 
 def test_any_number_of_recordings_of_a_step_can_be_made(tmp_path: Path) -> None:
@@ -157,7 +182,7 @@ def test_any_number_of_recordings_of_a_step_can_be_made(tmp_path: Path) -> None:
     save_project(workspace, READY)
     names = [recorded(workspace, step) for step in STEPS for _ in range(4)]
     assert names == [f"{READY.folder}/{step}-{n}" for step in STEPS for n in (1, 2, 3, 4)]
-    assert known_of(workspace, READY, ["left"]).recordings["verify"].endswith("verify-4")
+    assert known_of(workspace, READY, ["left"])["verify"].recording.endswith("verify-4")
 
 
 def test_what_rests_on_a_step_that_was_done_again_is_outdated(tmp_path: Path) -> None:
@@ -171,30 +196,33 @@ def test_what_rests_on_a_step_that_was_done_again_is_outdated(tmp_path: Path) ->
     def now() -> Known:
         return known_of(workspace, READY, ["left"])
 
-    assert now().outdated == frozenset() and next_step(READY, now()).action == "use"
-    assert {step_light(step, READY, now()).state for step in STEPS} == {"good"}
+    def outdated() -> set[Step]:
+        return {step for step in STEPS if now()[step].outdated}
+
+    assert outdated() == set() and now().next_step().action == "use"
+    assert {now().step_light(step).state for step in STEPS} == {"good"}
     # new lenses: the positions are calculated again, from their recording; until then nothing is verified
     calculated(workspace, "intrinsics", recorded(workspace, "intrinsics"))
-    step = next_step(READY, now())
-    assert (step.action, step.step) == ("solve", "extrinsics") and now().outdated == {"extrinsics"}
-    assert step_light("extrinsics", READY, now()).text == "rests on earlier lenses or positions"
-    assert lights(READY, now())["left"]["verified"].state == "off"
+    step = now().next_step()
+    assert (step.action, step.step) == ("solve", "extrinsics") and outdated() == {"extrinsics"}
+    assert now().step_light("extrinsics").text == "rests on earlier lenses or positions"
+    assert now().lights("left")["verified"].state == "off"
     calculated(workspace, "extrinsics", names["extrinsics"])
-    assert now().outdated == frozenset() and next_step(READY, now()).action == "use"
+    assert outdated() == set() and now().next_step().action == "use"
     # new positions: what was recorded before them shows the cameras as they stood then
-    os.utime(workspace.path(names["verify"]) / "coverage.json", ns=(1, 1))
+    os.utime(workspace.path(names["verify"]) / SEEN, ns=(1, 1))
     calculated(workspace, "extrinsics", recorded(workspace, "extrinsics"))
-    assert (next_step(READY, now()).action, next_step(READY, now()).step) == ("record", "verify")
-    assert not now().passed("verify") and not now().refused("verify")
+    assert (now().next_step().action, now().next_step().step) == ("record", "verify")
+    assert not now()["verify"].passed and not now()["verify"].refused
 
 
 def test_a_recording_of_another_target_is_not_calculated(tmp_path: Path) -> None:
     workspace = StudioWorkspace(tmp_path)
     save_project(workspace, READY)
     recorded(workspace, "intrinsics")
-    assert next_step(READY, known_of(workspace, READY, ["left"])).action == "solve"
+    assert known_of(workspace, READY, ["left"]).next_step().action == "solve"
     other = replace(READY, board="targets/other.toml")
-    assert next_step(other, known_of(workspace, other, ["left"])).action == "record"
+    assert known_of(workspace, other, ["left"]).next_step().action == "record"
 
 
 def test_a_recording_that_was_stopped_by_mistake_takes_no_result_away(tmp_path: Path) -> None:
@@ -204,40 +232,39 @@ def test_a_recording_that_was_stopped_by_mistake_takes_no_result_away(tmp_path: 
         calculated(workspace, step, recorded(workspace, step))
         recorded(workspace, step, enough=False)
     known = known_of(workspace, READY, ["left"])
-    assert next_step(READY, known).action == "use" and known.recordings["verify"].endswith("verify-1")
+    assert known.next_step().action == "use" and known["verify"].recording.endswith("verify-1")
     # where there is nothing to lose, it can be used
-    calculated(workspace, "verify", known.recordings["verify"], passed=False)
+    calculated(workspace, "verify", known["verify"].recording, passed=False)
     known = known_of(workspace, READY, ["left"])
-    assert known.recordings["verify"].endswith("verify-2") and next_step(READY, known).action == "solve"
+    assert known["verify"].recording.endswith("verify-2") and known.next_step().action == "solve"
 
 
 def test_a_recording_that_was_stopped_early_is_said_to_be() -> None:
-    assert "enough" not in next_step(READY, filmed(NOTHING, "intrinsics")).why
-    assert "stopped before enough was seen" in next_step(READY, filmed(NOTHING, "intrinsics", enough=False)).why
+    assert "enough" not in filmed(none_yet(), "intrinsics").next_step().why
+    assert "stopped before enough was seen" in filmed(none_yet(), "intrinsics", enough=False).next_step().why
 
 
-def test_the_calibration_that_was_worked_on_last_is_opened(tmp_path: Path) -> None:
+def test_the_calibration_that_was_worked_on_last_comes_first(tmp_path: Path) -> None:
     workspace = StudioWorkspace(tmp_path)
-    assert last_worked_on(workspace, projects(workspace)) == ""
+    assert projects(workspace) == {}
     for name in ("hall", "room"):
         save_project(workspace, replace(READY, name=name))
         os.utime(workspace.path(f"calibrations/{name}"), ns=(10**9, 10**9))
     recorded(workspace, "verify", project=replace(READY, name="hall"))
-    assert last_worked_on(workspace, projects(workspace)) == "hall"
+    assert list(projects(workspace)) == ["hall", "room"]
 
 
 def test_targets_are_offered_for_what_they_can_do(tmp_path: Path) -> None:
     workspace = StudioWorkspace(tmp_path)
     assert targets(workspace, "verify") == []
-    small = print_board(workspace, columns=4, rows=3, square_mm=30, page="a4").target
-    board = print_board(workspace, columns=5, rows=4, square_mm=30, page="a4").target
-    cube = print_cube(workspace, marker_mm=100, page="a4").target
+    _, small = print_targets(workspace, SIZES | {"columns": 4, "rows": 3}, "a4", "verify")
+    cube, board = print_targets(workspace, SIZES, "a4", "intrinsics")
     (workspace.path("targets") / "damaged.toml").write_text("kind = 3", encoding="utf-8")
     assert {step: targets(workspace, step) for step in STEPS} == {
         "intrinsics": [board], "extrinsics": [cube], "verify": sorted([small, board])
     }  # fmt: skip
     with pytest.raises(CalibrationError, match=r"at least 8 corners .* got 6 on one of 4 x 3"):
-        check_target(read_target(workspace.existing(small)), "intrinsics")
+        print_targets(workspace, SIZES | {"columns": 4, "rows": 3}, "a4", "intrinsics")
     with pytest.raises(InputError, match="a board for the lenses and the verification"):
         check_target(read_target(workspace.existing(cube)), "verify")
 
@@ -245,44 +272,56 @@ def test_targets_are_offered_for_what_they_can_do(tmp_path: Path) -> None:
 def test_a_calculation_refuses_the_target_of_another_step(tmp_path: Path) -> None:
     workspace = StudioWorkspace(tmp_path)
     save_project(workspace, READY)
-    cube = print_cube(workspace, marker_mm=100, page="a4").target
+    cube, _ = print_targets(workspace, SIZES, "a4", "intrinsics")
     arguments = {"step": "verify", "folder": READY.folder, "recording": recorded(workspace, "verify"), "target": cube}
     with pytest.raises(InputError, match="a board for the lenses and the verification"):
         calibrate.run(arguments, workspace, None)
 
 
 def test_lights_turn_good_as_things_are_known() -> None:
-    assert {light.state for light in lights(READY, NOTHING)["left"].values()} == {"off"}
-    assert {light.state for name, light in lights(READY, after(*STEPS))["left"].items() if name != "overlap"} == {"good"}
-    failed = replace(after(*STEPS), results={**after(*STEPS).results, "verify": result("verify", False)})
-    assert lights(READY, failed)["left"]["verified"].state == "bad"
+    assert {light.state for light in none_yet().lights("left").values()} == {"off"}
+    assert {light.state for name, light in after(*STEPS).lights("left").items() if name != "overlap"} == {"good"}
+    failed = changed(after(*STEPS), "verify", result=result("verify", False))
+    assert failed.lights("left")["verified"].state == "bad"
 
 
 @pytest.mark.parametrize(
     ("linked", "covered", "state"), [(1.0, 1.0, "good"), (0.4, 1.0, "doubt"), (1.0, 0.2, "doubt"), (0.0, 1.0, "bad")]
 )
 def test_overlap_needs_a_partner_and_the_image(linked: float, covered: float, state: str) -> None:
-    seen = {"cameras": ["left", "right"], "linked": [[1.0, linked], [linked, 1.0]], "covered": [covered, 1.0]}
-    assert lights(READY, replace(NOTHING, coverage={"extrinsics": seen}))["left"]["overlap"].state == state
+    count, parts = round(linked * ENOUGH_TOGETHER), np.arange(48).reshape(6, 8) < covered * ENOUGH_SHARE * 48
+    seen = {"together": [[99, count], [count, 99]], "cells": [parts.astype(int).tolist()] * 2}
+    assert filmed(none_yet(), "extrinsics", **seen).lights("left")["overlap"].state == state
 
 
 def test_a_project_is_found_again_with_its_newest_recording(tmp_path: Path) -> None:
     workspace = StudioWorkspace(tmp_path)
     save_project(workspace, READY)
-    assert projects(workspace) == [READY]
+    assert projects(workspace) == {"room": READY}
+    before = stamp(workspace, READY)
     for number in (1, 2):
-        name = f"{READY.folder}/verify-{number}"
-        write_json(
-            workspace.folder(name) / "coverage.json",
-            {"cameras": ["left"], "covered": [1.0], "linked": [[0.0]], "enough": number == 2},
-        )
+        seen = Seen(cameras=["left"], enough=number == 2)
+        write_json(workspace.folder(f"{READY.folder}/verify-{number}") / SEEN, seen)
     workspace.folder(f"{READY.folder}/verify-3")
     write_json(workspace.path(READY.folder) / "verify.json", result("verify", recording=f"{READY.folder}/verify-1"))
     known = known_of(workspace, READY, ["left"])
-    assert known.recordings == {"verify": f"{READY.folder}/verify-2"} and known.coverage["verify"]["enough"]
-    assert not known.passed("verify") and known.cameras == ("left",)
+    assert before != stamp(workspace, READY) == stamp(workspace, READY)
+    assert known["verify"].recording == f"{READY.folder}/verify-2" and known["verify"].seen == seen
+    assert [step for step in STEPS if known[step].recording] == ["verify"]
+    assert not known["verify"].passed and known.cameras == ("left",)
     with pytest.raises(InputError):
         save_project(workspace, replace(READY, name="../x"))
+
+
+def test_a_result_is_read_back_as_it_was(tmp_path: Path) -> None:
+    made = replace(result("verify", False, detail="left", kind="rig"), position_cov_m2={"left": [[1e-6, 0.0], [0.0, 2e-6]]})
+    made.reports[0] = replace(made.reports[0], numbers={"length_rms_mm": float("nan"), "lengths": 3.0}, notes=("a note",))
+    write_json(tmp_path / "verify.json", made)
+    read = read_json(tmp_path / "verify.json", StepResult)
+    assert read is not None and replace(read, reports=[]) == replace(made, reports=[])
+    [report] = read.reports
+    assert (report.checks, report.notes, report.subject) == (made.reports[0].checks, ("a note",), "verify")
+    assert np.isnan(report.numbers["length_rms_mm"]) and report.numbers["lengths"] == 3.0
 
 
 def test_each_step_asks_for_what_it_needs_and_no_more() -> None:
@@ -323,26 +362,29 @@ def test_sizes_in_an_image_show_the_range_of_distances() -> None:
 
 
 def test_a_check_blames_the_cameras_that_it_names_and_no_other() -> None:
-    check = {"subject": "rig", "detail": "cam1 and cam-2: seen 3 times", "remedy": "show it to cam3"}
-    assert blamed_cameras(check, ("cam1", "cam10", "cam", "cam-2", "cam3", "2")) == ("cam1", "cam-2")
-    assert blamed_cameras({"subject": "cam (left)", "detail": ""}, ("cam (left)",)) == ("cam (left)",)
+    text = "rig cam1 and cam-2: seen 3 times"
+    assert named_cameras(text, ("cam1", "cam10", "cam", "cam-2", "cam3", "2")) == ("cam1", "cam-2")
+    assert named_cameras("cam (left) ", ("cam (left)",)) == ("cam (left)",)
+    refusal = result("verify", False, detail="cam1: seen 3 times", remedy="show it to cam3")
+    assert refusal.blames("cam1") and not refusal.blames("cam3") and not result("verify", detail="cam1").blames("cam1")
 
 
 def test_the_graph_shows_cameras_with_common_views_and_with_enough_of_them() -> None:
     n = ENOUGH_TOGETHER
-    together = [[90, n, n - 1, 0], [n, 90, 0, 0], [n - 1, 0, 90, 0], [0, 0, 0, 5]]
-    assert [(one.a, one.b, one.enough) for one in links(together)] == [(0, 1, True), (0, 2, False)]
-    names = ("a", "b", "<c>", "d")
-    assert graph_words(names, together) == f"a and b {n}; a and <c> {n - 1}, too few; d shares none"
-    svg = graph_svg(names, together)
-    assert "<c>" not in svg and "&lt;c&gt;" in svg
-    assert svg.count("<line") == 2 and svg.count("stroke-dasharray") == 1 and svg.count("<circle") == 4
-    ElementTree.fromstring(svg)
+    names, together = ("a", "b", "<c>", "d"), [[90, n, n - 1, 0], [n, 90, 0, 0], [n - 1, 0, 90, 0], [0, 0, 0, 5]]
+    shared = shared_views(names, together)
+    assert shared == {("a", "b"): n, ("a", "<c>"): n - 1}
+    assert graph_words(names, shared) == f"a and b {n}; a and <c> {n - 1}, too few; d shares none"
+    [drawn] = graph_options(names, shared)["series"]  # type: ignore[misc]
+    assert [(one["source"], one["target"], one["value"], one["lineStyle"]["type"]) for one in drawn["links"]] == [
+        ("a", "b", n, "solid"), ("a", "<c>", n - 1, "dashed")
+    ]  # fmt: skip
+    colours = {one["name"]: one["itemStyle"]["color"] for one in drawn["data"]}
+    assert colours["a"] == colours["b"] and len(set(colours.values())) == 3
 
 
 def test_a_refusal_has_a_picture_of_each_camera_that_it_names(tmp_path: Path) -> None:
     board = Charuco(columns=4, rows=3, square_m=0.2, marker_m=0.15)
-    write_target(tmp_path / "board.toml", board)
     page = np.asarray(board.board().generateImage((320, 240), marginSize=20))
     videos = {}
     for name, shown in (("left", page), ("right", np.full_like(page, 90)), ("other", page)):
@@ -353,10 +395,10 @@ def test_a_refusal_has_a_picture_of_each_camera_that_it_names(tmp_path: Path) ->
                 seen = shown if i in (3, 4) else np.full_like(page, 90)
                 video.write(np.repeat(seen[..., None], 3, axis=2), i * 100_000_000)
     refusal = result("verify", False, detail="left and right: no common view")
-    coverage = {"cameras": ["left", "right", "other"], "cells": np.zeros((3, 6, 8), int).tolist()}
-    made = refusal_pictures(refusal, videos, tmp_path / "board.toml", tmp_path / "refused", coverage)
+    seen = Seen(cameras=["left", "right", "other"], cells=np.zeros((3, 6, 8), int).tolist())
+    made = refusal_pictures(refusal, videos, board, tmp_path / "refused", "verify", seen)
     assert [(name, path.name) for name, path in made.items()] == [("left", "verify-left.jpg"), ("right", "verify-right.jpg")]
     pictures = {name: cv2.imread(str(path)).astype(int) for name, path in made.items()}
     marked = {name: ((one[..., 0] - one[..., 1] > 60) & (one[..., 2] - one[..., 1] > 60)).sum() for name, one in pictures.items()}
     assert marked["left"] > 100 and marked["right"] == 0
-    assert refusal_pictures(result("verify", False, detail="nothing named"), videos, tmp_path / "board.toml", tmp_path, {}) == {}
+    assert refusal_pictures(result("verify", False, detail="nothing named"), videos, board, tmp_path, "verify", None) == {}

@@ -44,7 +44,7 @@ FILES: dict[str, Any] = {
     f"{JOBS}/20260101-000003-watch/job.json": {
         "work": "watch",
         "title": "Recording x",
-        "arguments": {"project": "broken", "record": "x"},
+        "arguments": {"folder": "calibrations/broken", "record": "x"},
     },
     f"{JOBS}/20260101-000003-watch/state.json": {"state": "failed", "error": "camera a: is used by another program"},
     # a link that a browser would run

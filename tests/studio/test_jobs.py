@@ -15,9 +15,9 @@ import pytest
 
 from posefuse.core import InputError
 from posefuse_studio import job_process
-from posefuse_studio.jobs import JOBS_FOLDER, Job, Jobs, Report, write_json
-from posefuse_studio.private_files import read_own
+from posefuse_studio.jobs import JOBS_FOLDER, Job, Jobs, Report
 from posefuse_studio.shell import state_of
+from posefuse_studio.stored import read_json, write_json
 from posefuse_studio.workspace import StudioWorkspace
 
 
@@ -151,7 +151,7 @@ def ended(workspace: StudioWorkspace, number: int, **task: Any) -> str:
 def test_what_has_ended_is_read_once(workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch) -> None:
     names = [ended(workspace, number) for number in range(500)]
     jobs, read = Jobs(workspace), list[Path]()
-    monkeypatch.setattr("posefuse_studio.jobs.read_own", lambda path: [read.append(path), read_own(path)][1])
+    monkeypatch.setattr("posefuse_studio.jobs.read_json", lambda path, cls: [read.append(path), read_json(path, cls)][1])
     assert jobs.running() == [] and len(read) == 2 * len(names)
     for _ in range(3):
         assert jobs.running() == [] and jobs.running("report") == [] and jobs.running("live") == []

@@ -9,8 +9,8 @@ from small_session import saved_session
 
 from posefuse.core import Rig
 from posefuse_studio.calibrations import Project, save_project
-from posefuse_studio.jobs import write_json
 from posefuse_studio.setups import Setup, save_setup
+from posefuse_studio.stored import write_json
 from posefuse_studio.workspace import StudioWorkspace
 from tools.studio_server import free_port, server, stand_in
 
@@ -161,7 +161,7 @@ def test_the_next_step_is_heard(page: Any, lab: tuple[StudioWorkspace, str]) -> 
     page.wait_for_timeout(2500)
     assert page.evaluate("window.starts") == 2
     recording: Path = workspace.folder("calibrations/room/extrinsics-1")
-    seen = {"cameras": ["cam00", "cam01"], "target": "a.toml", "covered": [1, 1], "linked": [[1, 1], [1, 1]]}
+    seen = {"cameras": ["cam00", "cam01"], "target": "a.toml"}
     write_json(recording / "coverage.json", seen)
     page.get_by_text("Find where the cameras stand").wait_for()
     page.wait_for_function("window.starts === 4")

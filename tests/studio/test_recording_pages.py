@@ -17,7 +17,6 @@ import posefuse as pf
 from posefuse.core import ConfigError, Rig
 from posefuse.formats.video import VideoWriter
 from posefuse.foundation.settings import settings_from_mapping
-from posefuse.pipeline.edits import Exclusion
 from posefuse_sim.cameras import PlacedCamera, placed_cameras
 from posefuse_sim.rig_plan import (
     camera_of,
@@ -30,12 +29,12 @@ from posefuse_sim.rig_plan import (
     without_camera,
 )
 from posefuse_sim.scene import Scene, check_scene, plain_settings, read_scene, scene_text
+from posefuse_studio.app import add_routes
 from posefuse_studio.plan_view import RoomMap, cameras_svg, error_map_data_url, nearest_camera
 from posefuse_studio.player import ResultPlayer, open_recording
-from posefuse_studio.recording_files import add_routes
 from posefuse_studio.scene.messages import IMAGE, POSES
 from posefuse_studio.streams import Stream
-from posefuse_studio.timeline import Curve, Span, cursor, picture
+from posefuse_studio.timeline import Curve, chart_options
 from posefuse_studio.work import recordings
 from posefuse_studio.workspace import StudioWorkspace
 
@@ -49,37 +48,30 @@ def workspace(tmp_path: Path, ring_rig: Callable[..., Rig], monkeypatch: pytest.
     return StudioWorkspace(tmp_path / "ws")
 
 
-def svg_of(address: str) -> str:
-    return base64.b64decode(address.partition(",")[2]).decode()
-
-
-def test_time_and_place_on_the_timeline_are_inverse() -> None:
-    span = Span(3.0, 13.0)
-    for t_s in (3.0, 7.25, 13.0):
-        assert span.t_s(span.x_px(t_s)) == pytest.approx(t_s)
-    assert (span.t_s(-50), span.t_s(99_999)) == (3.0, 13.0)
-
-
-def test_a_curve_has_a_gap_where_values_are_missing() -> None:
-    t_s = np.linspace(0, 2, 20)
+def test_a_curve_has_a_gap_where_values_are_missing_and_strikes_lie_below_it() -> None:
+    t_s = np.linspace(3.0, 5.0, 20)
     values = np.sin(t_s)
-    whole = svg_of(picture(t_s, [Curve("left knee", values, "left")], {"left": np.array([0.5])}, "°"))
     values[8:11] = np.nan
-    broken = svg_of(picture(t_s, [Curve("left knee", values, "left")], {}, "°"))
-    assert whole.count("M") == 1
-    assert broken.count("M") == 2
-    assert "left knee" in whole
+    options = chart_options((3.0, 5.0), t_s, [Curve("left knee", values, "left")], {"left": np.array([3.5])}, "°")
+    line, strikes = options["series"]
+    assert [i for i, (_, value) in enumerate(line["data"]) if value is None] == [8, 9, 10]
+    assert line["data"][0] == [3.0, pytest.approx(np.sin(3.0))] and options["legend"]["data"] == ["left knee"]
+    assert (options["xAxis"]["min"], options["xAxis"]["max"]) == (3.0, 5.0)
+    [[at_s, y]] = strikes["data"]
+    assert at_s == 3.5 and y == options["yAxis"]["min"] < np.nanmin(values)
 
 
-def test_names_cannot_bring_markup_into_a_picture() -> None:
-    t_s = np.linspace(0, 1, 5)
-    assert "<script>" not in svg_of(picture(t_s, [Curve("<script>", t_s)], {}, ""))
-    assert "<b>" not in cursor(Span(0, 1), 0.5, [Exclusion(start_s=0, end_s=1, camera="<b>")], (0.2, 0.4))
+def test_a_timeline_without_curves_has_words() -> None:
+    options = chart_options((0.0, 1.0), np.linspace(0, 1, 5), [], {}, "°", "No person was seen.")
+    assert options["series"] == [] and options["title"]["text"] == "No person was seen." and not options["yAxis"]["show"]
+    never = chart_options((0.0, 1.0), np.linspace(0, 1, 5), [Curve("knee", np.full(5, np.nan))], {}, "°")
+    assert never["yAxis"]["min"] < never["yAxis"]["max"]
 
 
 def test_a_long_recording_is_drawn_with_few_points() -> None:
     t_s = np.arange(18_000) / 30
-    assert len(picture(t_s, [Curve("knee", np.sin(t_s))], {}, "°")) < 20_000
+    [line] = chart_options((0.0, 600.0), t_s, [Curve("knee", np.sin(t_s))], {}, "°")["series"]
+    assert len(line["data"]) == 600
 
 
 def test_the_room_map_is_inverse_and_stays_inside() -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from posefuse.calibration.targets.kinds import Charuco, Markers, read_target
 from posefuse.core import InputError
-from posefuse_studio.focus import detail_left, focus_warning
+from posefuse.realtime.watching import detail_left, focus_warning
 from posefuse_studio.setups import (
     DEMO,
     Setup,
@@ -20,7 +20,7 @@ from posefuse_studio.setups import (
     setups,
     source_text,
 )
-from posefuse_studio.targets import print_board, print_cube, targets, without_floor
+from posefuse_studio.targets import print_targets, targets, without_floor
 from posefuse_studio.workspace import StudioWorkspace
 
 CAMERAS = {"left": "usb:/dev/video0", "right": "rtsp://camera/stream"}
@@ -72,14 +72,20 @@ def test_the_bundled_clip_is_a_setup_whose_videos_begin_again(workspace: StudioW
 
 
 def test_targets_are_printed_with_what_describes_them(workspace: StudioWorkspace) -> None:
-    board = print_board(workspace, columns=5, rows=7, square_mm=36, page="a4")
-    cube = print_cube(workspace, marker_mm=120, page="a4")
-    assert read_target(workspace.existing(board.target)) == Charuco(columns=5, rows=7, square_m=0.036, marker_m=0.027)
-    assert read_target(workspace.existing(cube.target)) == Markers(side_m=0.12, ids=(43, 44, 45, 46, 47, 48, 49))
-    assert without_floor(read_target(workspace.existing(cube.target))) == Markers(side_m=0.12, ids=(44, 45, 46, 47, 48, 49))
-    assert without_floor(read_target(workspace.existing(board.target))) == read_target(workspace.existing(board.target))
-    assert workspace.existing(cube.pdf).read_bytes().startswith(b"%PDF")
-    assert targets(workspace, "intrinsics") == [board.target] and targets(workspace, "extrinsics") == [cube.target]
+    sizes = {"marker_mm": 120, "columns": 5, "rows": 7, "square_mm": 36}
+    cube, board = print_targets(workspace, sizes, "a4", "intrinsics")
+    assert read_target(workspace.existing(board)) == Charuco(columns=5, rows=7, square_m=0.036, marker_m=0.027)
+    assert read_target(workspace.existing(cube)) == Markers(side_m=0.12, ids=(43, 44, 45, 46, 47, 48, 49))
+    assert without_floor(read_target(workspace.existing(cube))) == Markers(side_m=0.12, ids=(44, 45, 46, 47, 48, 49))
+    assert without_floor(read_target(workspace.existing(board))) == read_target(workspace.existing(board))
+    for name in (cube, board):
+        assert workspace.existing(name.replace(".toml", ".pdf")).read_bytes().startswith(b"%PDF")
+    assert targets(workspace, "intrinsics") == [board] and targets(workspace, "extrinsics") == [cube]
+    # again: there are still two
+    print_targets(workspace, sizes, "a4", "intrinsics")
+    assert targets(workspace, "intrinsics") == [board] and targets(workspace, "extrinsics") == [cube]
+    with pytest.raises(InputError, match="a number in each field"):
+        print_targets(workspace, {"marker_mm": 120}, "a4", "intrinsics")
 
 
 def test_blur_is_noticed_and_a_sharp_image_is_not_blamed() -> None:

@@ -7,9 +7,7 @@ import pytest
 
 from posefuse.core import InputError
 from posefuse_studio import jobs as jobs_module
-from posefuse_studio.jobs import Jobs
-from posefuse_studio.pages.live import start_session
-from posefuse_studio.session_messages import LIVE, WATCH
+from posefuse_studio.jobs import LIVE, WATCH, Jobs
 from posefuse_studio.workspace import StudioWorkspace
 
 
@@ -36,19 +34,19 @@ def cancelled(jobs: Jobs, job: str) -> bool:
 
 
 def test_start_pressed_twice_starts_one_session(jobs: Jobs) -> None:
-    start_session(jobs, "one", {})
-    start_session(jobs, "two", {})
+    jobs.start(LIVE, "one", {})
+    jobs.start(LIVE, "two", {})
     assert [job.title for job in jobs.running(LIVE)] == ["one"] and len(jobs.all()) == 1
 
 
 def test_a_session_takes_cameras_that_are_only_looked_at(jobs: Jobs) -> None:
     looking = jobs.start(WATCH, "Images of 2 cameras", {"sources": {}})
-    start_session(jobs, "one", {})
+    jobs.start(LIVE, "one", {})
     assert cancelled(jobs, looking.id) and [job.title for job in jobs.running(LIVE)] == ["one"]
 
 
 def test_a_session_waits_for_a_calibration_that_is_recorded(jobs: Jobs) -> None:
     recording = jobs.start(WATCH, "Recording calibrations/room/verify-1", {"record": "calibrations/room/verify-1"})
     with pytest.raises(InputError, match=r"Recording calibrations/room/verify-1.*stop it first"):
-        start_session(jobs, "one", {})
+        jobs.start(LIVE, "one", {})
     assert not cancelled(jobs, recording.id) and jobs.running(LIVE) == []

@@ -52,7 +52,7 @@ def watched(record: str, rounds: int, monkeypatch: pytest.MonkeyPatch) -> Feed:
     feed = Feed()
     one = watch._Watch(feed, None, record, "extrinsics", False)  # type: ignore[arg-type]
     one.host = Shown(feed, rounds)  # type: ignore[assignment]
-    one.run(stop_when_enough=False)
+    one.run()
     return feed
 
 

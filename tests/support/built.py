@@ -1,13 +1,28 @@
 """Values built whole out of what a test is about: where keypoints are, and how well they are known."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from posefuse.core import Detections2D, Kind, Pose3D, PoseSequence, Rig, Skeleton, Views, ViewSequence
+from posefuse.core import (
+    DetectionBatch,
+    Detections2D,
+    Kind,
+    LookKind,
+    Observations,
+    Pose3D,
+    PoseSequence,
+    Recording,
+    Rig,
+    Skeleton,
+    Views,
+    ViewSequence,
+)
 from posefuse.core.skeleton import COCO17
+from posefuse.core.values import keypoint_boxes
 
+Point = tuple[float, float, float]
 # the left side of someone who faces +x, m; y to the left, z up
 _LEFT = {
     "eye": (0.10, 0.03, 1.65), "ear": (0.0, 0.08, 1.63), "shoulder": (0.0, 0.19, 1.42), "elbow": (0.03, 0.27, 1.14),
@@ -17,11 +32,15 @@ _LEFT = {
 
 def standing(x: float = 0.0, y: float = 0.0, size: float = 1.0) -> np.ndarray:
     """(17, 3) a person of 1.75 m times `size` standing at (x, y)."""
-    rows = []
-    for name in COCO17.keypoints:
-        side, _, part = name.partition("_")
-        rows.append((0.12, 0.0, 1.62) if name == "nose" else np.array(_LEFT[part]) * (1, 1 if side == "left" else -1, 1))
-    return np.array(rows) * size + [x, y, 0]
+    return of_sides(COCO17, _LEFT, nose=(0.12, 0.0, 1.62)) * size + [x, y, 0]
+
+
+def of_sides(skeleton: Skeleton, left: Mapping[str, Point], **others: Point) -> np.ndarray:
+    """(K, 3) a body that is symmetric about y = 0, out of the parts of its left side; `others` by their whole names, NaN else."""
+    known = dict(others)
+    for part, (x, y, z) in left.items():
+        known |= {f"left_{part}": (x, y, z), f"right_{part}": (x, -y, z)}
+    return np.array([known.get(name, (np.nan,) * 3) for name in skeleton.keypoints], float)
 
 
 def poses(
@@ -132,6 +151,52 @@ def view_sequence(
         sigma_px=np.where(score > 0, sigma_px, np.nan),
         depth_m=depth_m,
     )
+
+
+def recording(rig: Rig, sequence: PoseSequence, score: float = 0.9, sigma_px: float = 2.0, **provenance: Any) -> Recording:
+    """A recording of exact views of a sequence; of score 0 it has poses and no view."""
+    xy = np.where(score, np.stack([camera.project(sequence.xyz_world) for camera in rig], axis=2), np.nan)
+    scores = np.where(np.isfinite(xy).all(axis=-1), score, 0.0)
+    return recording_from_views(rig, sequence, xy, scores, np.where(scores > 0, sigma_px, np.nan), provenance)
+
+
+def observations_from_views(views: ViewSequence) -> Observations:
+    """Observations of cameras that were exposed exactly at the time steps; boxes are those of the keypoints."""
+    batches, person_ids = [], []
+    for i, t_ns in enumerate(views.t_ns.tolist()):
+        found, ids = [], []
+        for c, camera in enumerate(views.camera_names):
+            here = (views.score[i, :, c] > 0).any(axis=-1)
+            xy, score = views.xy_img[i, here, c], views.score[i, here, c]
+            found.append(
+                Detections2D(
+                    camera=camera,
+                    t_ns=t_ns,
+                    skeleton=views.skeleton,
+                    xy_img=xy,
+                    score=score,
+                    sigma_px=views.sigma_px[i, here, c],
+                    box_img=keypoint_boxes(xy, score),
+                    depth_m=None if views.depth_m is None else views.depth_m[i, here, c],
+                )
+            )
+            ids.append(views.person_id[here])
+        batches.append(DetectionBatch(step=i, t_ns=t_ns, kind=LookKind.EXPECTED, detections=tuple(found)))
+        person_ids.append(ids)
+    return Observations.from_batches(views.skeleton, views.camera_names, batches, person_ids)
+
+
+def recording_from_views(
+    rig: Rig,
+    sequence: PoseSequence,
+    xy_img: np.ndarray,
+    score: np.ndarray,
+    sigma_px: np.ndarray,
+    provenance: Mapping[str, Any] | None = None,
+) -> Recording:
+    """A recording of cameras that were exposed exactly at the poses' times, seen at xy_img (T, N, C, K, 2)."""
+    seen = observations_from_views(view_sequence(rig, sequence, xy_img, score, sigma_px))
+    return Recording(rig=rig, poses=sequence, observations=seen, provenance=provenance or {})
 
 
 def white_jerk(dt: float, density: float) -> tuple[np.ndarray, np.ndarray]:

@@ -10,15 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.core import Detections2D, InputError, Pose3D, Rig
+from posefuse.core import Detections2D, InputError, LiveJointCentres, Pose3D, Rig
 from posefuse.foundation.settings import settings_from_mapping
-from posefuse.messages import topics
-from posefuse.messages.bags import Warn, read_mcap, read_notes
-from posefuse.messages.messages import detections_from_message, pose_from_message
-from posefuse.outputs.live.record import NOTES
 from posefuse.realtime.config import LiveConfig
-from posefuse.realtime.estimator import Estimator, centres_from_message, warmed_up
-from posefuse.realtime.messages import Centres
+from posefuse.realtime.estimator import Estimator, warmed_up
+from posefuse_ros import topics
+from posefuse_ros.bags import Warn, read_mcap, read_notes
+from posefuse_ros.camera_messages import joint_centres_from_message
+from posefuse_ros.messages import detections_from_message, pose_from_message
+from posefuse_ros.record import NOTES
 
 
 @dataclass(frozen=True)
@@ -46,10 +46,10 @@ def read_provenance(path: Path) -> Provenance | None:
 def replayed(path: Path, rig: Rig, config: LiveConfig, warn: Warn | None = None) -> Any:
     """Pairs (recorded pose, pose of a new tracker at the same place of the same stream); `warn` as in `read_mcap`."""
     estimator: Estimator | None = None
-    known: list[Centres] = []
+    known: list[LiveJointCentres] = []
     for entry in read_mcap(path, {topic.name for topic in (topics.JOINT_CENTRES, topics.DETECTIONS, topics.POSE)}, warn):
         if entry.topic == topics.JOINT_CENTRES.name:
-            known.append(centres_from_message(entry.msg))
+            known.append(joint_centres_from_message(entry.msg))
             continue
         value: Detections2D | Pose3D
         value, _ = (detections_from_message if entry.topic == topics.DETECTIONS.name else pose_from_message)(entry.msg)

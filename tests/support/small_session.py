@@ -4,10 +4,11 @@ import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
+import built
 import numpy as np
 
 from posefuse.api.recording import recording_of
-from posefuse.core import Kind, PoseSequence, Recording, Rig
+from posefuse.core import Kind, Recording, Rig
 from posefuse.core.skeleton import COCO17
 from posefuse.formats.rig import write_rig
 from posefuse.formats.video import VideoWriter
@@ -39,25 +40,11 @@ def walk(rig: Rig) -> Recording:
     """A person who glides along, with exact views."""
     body = np.random.default_rng(1).normal(size=(len(COCO17), 3)) * [0.3, 0.3, 0.4] + [0, 0, 1.0]
     xyz = (body + np.arange(COUNT)[:, None, None] * [0.02, 0.0, 0.0])[:, None]
-    known = np.ones(xyz.shape[:3], bool)
-    known[:10, 0, 3] = False
-    xyz[~known] = np.nan
-    poses = PoseSequence(
-        t_ns=np.arange(COUNT) * PERIOD_NS,
-        skeleton=COCO17,
-        person_id=np.array([0]),
-        xyz_world=xyz,
-        cov_world=np.where(known[..., None, None], np.diag([4e-4, 4e-4, 4e-4]), np.nan),
-        reproj_px=np.where(known, 2.5, np.nan),
-        n_views=np.where(known, len(rig), 0),
-        kind=np.where(known, Kind.SMOOTHED, Kind.MISSING),
+    xyz[:10, 0, 3] = np.nan
+    known = np.isfinite(xyz[..., 0])
+    kind = np.where(known, Kind.SMOOTHED, Kind.MISSING)
+    poses = built.poses(
+        xyz, 0.02, t_ns=np.arange(COUNT) * PERIOD_NS, kind=kind, n_views=len(rig) * known, reproj_px=np.where(known, 2.5, np.nan)
     )
-    xy = np.stack([camera.project(xyz) for camera in rig], axis=2)
-    score = np.where(np.isfinite(xy).all(axis=-1), 0.9, 0.0)
-    made = {
-        "session": "walk",
-        "recorded": "2026-03-01T09:30:00Z",
-        "inputs": {name: f"{name}.mp4" for name in rig.names},
-        "config": plain(dataclasses.asdict(TrackConfig(names=("Ada",)))),
-    }
-    return Recording.from_views(rig, poses, xy, score, np.where(score > 0, 2.0, np.nan), made)
+    inputs, config = {name: f"{name}.mp4" for name in rig.names}, plain(dataclasses.asdict(TrackConfig(names=("Ada",))))
+    return built.recording(rig, poses, session="walk", recorded="2026-03-01T09:30:00Z", inputs=inputs, config=config)

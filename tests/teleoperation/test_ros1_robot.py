@@ -13,9 +13,9 @@ pytest.importorskip("mujoco")
 pytest.importorskip("daqp")
 
 from posefuse.core import MessageError
-from posefuse.messages.messages import header
-from posefuse.messages.ros1 import ros1_bytes, ros2_message
-from posefuse.messages.types import encode, message
+from posefuse_ros.messages import header
+from posefuse_ros.ros1 import ros1_bytes, ros2_message
+from posefuse_ros.types import encode, message
 from posefuse_teleop.mujoco_robot import ARM_HOME_RAD, mobile_manipulator
 
 HERE = Path(__file__).parent

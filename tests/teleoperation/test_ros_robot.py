@@ -14,13 +14,14 @@ pytest.importorskip("mujoco")
 pytest.importorskip("daqp")
 
 from posefuse.core import SE3, ConfigError
-from posefuse.messages.body_messages import quaternion, vector
-from posefuse.messages.dds_domain import Network
-from posefuse.messages.messages import header
-from posefuse.messages.topics import TF, Topic
-from posefuse.messages.types import decode, message
+from posefuse_ros.body_messages import quaternion, vector
+from posefuse_ros.dds_domain import Network
+from posefuse_ros.messages import header
+from posefuse_ros.topics import TF, Topic
+from posefuse_ros.types import decode, message
 from posefuse_teleop.mujoco_robot import ARM_HOME_RAD, mobile_manipulator
-from posefuse_teleop.ros import NAMESPACE, Reporter, RosPlan
+from posefuse_teleop.ros import NAMESPACE, Reporter
+from posefuse_teleop.ros_plan import RosPlan
 from posefuse_teleop.ros_robot import JOINT_STATES, open_ros_robot
 from posefuse_teleop.settings import RobotSettings, TeleoperationSettings
 
@@ -146,7 +147,7 @@ def test_what_cannot_be_is_refused_in_one_line():
 def test_state_target_box_and_diagnostics_are_recorded(tmp_path):
     from bench.rehearsal.faults import engaged_world, tick
     from bench.rehearsal.world import settings_for
-    from posefuse.messages.bags import Recorder, read_mcap
+    from posefuse_ros.bags import Recorder, read_mcap
 
     file = tmp_path / "robot.mcap"
     world = engaged_world(settings_for("point", roomy=False), 0)

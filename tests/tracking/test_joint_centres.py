@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from built import poses
+from built import of_sides, poses, recording_from_views
 from scipy.spatial.transform import Rotation
 
-from posefuse.core import JointCentres, PoseSequence, Recording
+from posefuse.core import JointCentres, PoseSequence
 from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse.detection import read_card
 from posefuse.formats.joint_centres import read_joint_centres
-from posefuse.tracking import ViewsAtJointCentres, at_joint_centres, from_joint_centres, to_joint_centres
+from posefuse.tracking import LandmarksInParts, ViewsAtJointCentres, at_joint_centres, to_joint_centres
 from posefuse.tracking.body_directions import keypoint_of
 from posefuse.tracking.joint_centres import JOINTS, SIDES, joint_directions
 from posefuse.tracking.segments import segment_lengths
@@ -34,17 +34,12 @@ def people(seed: int = 3) -> PoseSequence:
 
 def standing() -> np.ndarray:
     """(K, 3) facing +x, left is +y, hands ahead, left knee bent backwards a little."""
-    xyz = np.full((K, 3), np.nan)
-    xyz[BLAZEPOSE33.index("nose")] = (0.1, 0, 1.6)
-    for side, y in (("left", 1.0), ("right", -1.0)):
-        for name, point in {
-            "shoulder": (0, 0.2 * y, 1.4), "elbow": (0, 0.2 * y, 1.1), "wrist": (0.25, 0.2 * y, 1.1),
-            "index": (0.33, 0.17 * y, 1.1), "pinky": (0.33, 0.24 * y, 1.1), "hip": (0, 0.1 * y, 0.9), "knee": (0, 0.1 * y, 0.5),
-            "ankle": (0, 0.1 * y, 0.1), "heel": (-0.05, 0.1 * y, 0), "foot_index": (0.2, 0.1 * y, 0),
-            "ear": (0, 0.08 * y, 1.6),
-        }.items():  # fmt: skip
-            xyz[BLAZEPOSE33.index(f"{side}_{name}")] = point
-    return xyz
+    left = {
+        "shoulder": (0, 0.2, 1.4), "elbow": (0, 0.2, 1.1), "wrist": (0.25, 0.2, 1.1), "index": (0.33, 0.17, 1.1),
+        "pinky": (0.33, 0.24, 1.1), "hip": (0, 0.1, 0.9), "knee": (0, 0.1, 0.5), "ankle": (0, 0.1, 0.1),
+        "heel": (-0.05, 0.1, 0), "foot_index": (0.2, 0.1, 0), "ear": (0, 0.08, 1.6),
+    }  # fmt: skip
+    return of_sides(BLAZEPOSE33, left, nose=(0.1, 0, 1.6))
 
 
 def test_directions_of_a_person_standing_are_what_their_names_say() -> None:
@@ -136,7 +131,7 @@ def test_the_shipped_table_moves_every_joint_by_centimetres_at_most() -> None:
 
 
 def person_standing() -> PoseSequence:
-    """Landmarks of people standing, turned and moved a little from time step to time step."""
+    """LandmarksInParts of people standing, turned and moved a little from time step to time step."""
     turns = Rotation.from_euler("z", np.linspace(0, 1, T * N)[:, None]).as_matrix().reshape(T, N, 3, 3)
     return replace(people(), xyz_world=np.einsum("tnij,kj->tnki", turns, standing()) + [0.1, -0.2, 0.0])
 
@@ -193,7 +188,8 @@ def test_there_and_back_is_where_it_was() -> None:
     before = person_standing()
     there = to_joint_centres(before, table)
     assert np.nanmax(np.abs(there.xyz_world - before.xyz_world)) > 0.01
-    np.testing.assert_allclose(from_joint_centres(there, table).xyz_world, before.xyz_world, atol=1e-4)
+    landmarks = LandmarksInParts(there.xyz_world, BLAZEPOSE33, table)
+    np.testing.assert_allclose(landmarks.part(slice(None)), before.xyz_world, atol=1e-4)
 
 
 def test_views_of_landmarks_become_views_of_joint_centres(ring_rig) -> None:
@@ -208,7 +204,7 @@ def test_views_of_landmarks_become_views_of_joint_centres(ring_rig) -> None:
     known = np.array(centres.xyz_world)
     known[2, 1, knee] = np.nan
     score = np.isfinite(seen[..., 0]) * 1.0
-    recording = Recording.from_views(rig, replace(centres, xyz_world=known), mixed, score, np.where(score > 0, 2.0, np.nan))
+    recording = recording_from_views(rig, replace(centres, xyz_world=known), mixed, score, np.where(score > 0, 2.0, np.nan))
     rays = ViewsAtJointCentres(recording.poses, recording.rig, recording.views_in_parts, table)
     moved = rays.part(slice(None))
     known_px = np.isfinite(seen[..., 0])

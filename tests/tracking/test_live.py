@@ -45,7 +45,8 @@ def test_a_walking_person_is_where_the_truth_is_at_output_time(world):
 def test_a_person_at_rest_is_where_the_truth_is(world):
     """With errors as the default network has them on people who stand."""
     w = world(motion="stand")
-    views = (with_errors_at_rest(w.views(2.0, seed=None), np.random.default_rng(seed)) for seed in range(3))
+    rngs = (np.random.default_rng(seed) for seed in range(3))
+    views = (with_errors(w.views(2.0, seed=None), rng, WANDERING_AT_REST, NEW_AT_REST) for rng in rngs)
     assert np.mean([mean_error_m(w, run(w, one, 2.0)[1]) for one in views]) < 0.0186
 
 
@@ -53,8 +54,8 @@ def test_a_person_at_rest_is_where_the_truth_is(world):
 NEW_AT_REST, WANDERING_AT_REST = (0.35 / 2.0) ** 2, (0.6 / 2.0) ** 2
 
 
-def with_errors_at_rest(views, rng):
-    """Noise of the stated size: a constant of every camera, and a little that wanders and that is new."""
+def with_errors(views, rng, wander=LASTING_SHARE, new=1 - LASTING_SHARE):
+    """Noise of the stated size: a share that wanders for `LASTING_S`, one that is new, and a constant of every camera."""
     constant, wandering, noisy = {}, {}, []
     for view in views:
         fresh = rng.standard_normal(view.xy_img.shape)
@@ -64,23 +65,7 @@ def with_errors_at_rest(views, rng):
         slow = keep * slow + np.sqrt(1 - keep**2) * fresh
         wandering[view.camera] = view.t_ns, slow
         white = rng.standard_normal(view.xy_img.shape)
-        stays = 1 - NEW_AT_REST - WANDERING_AT_REST
-        errors = np.sqrt(stays) * lasting + np.sqrt(WANDERING_AT_REST) * slow + np.sqrt(NEW_AT_REST) * white
-        noisy.append(replace(view, xy_img=view.xy_img + errors * view.sigma_px[..., None]))
-    return noisy
-
-
-def with_lasting_errors(views, rng):
-    """Noise of the stated size, of which a part wanders as `track.lasting` says."""
-    wandering, noisy = {}, []
-    for view in views:
-        fresh = rng.standard_normal(view.xy_img.shape)
-        before_ns, slow = wandering.get(view.camera, (view.t_ns, fresh))
-        keep = np.exp(-(view.t_ns - before_ns) * 1e-9 / LASTING_S)
-        slow = keep * slow + np.sqrt(1 - keep**2) * fresh
-        wandering[view.camera] = view.t_ns, slow
-        white = rng.standard_normal(view.xy_img.shape)
-        errors = np.sqrt(LASTING_SHARE) * slow + np.sqrt(1 - LASTING_SHARE) * white
+        errors = np.sqrt(max(1 - new - wander, 0)) * lasting + np.sqrt(wander) * slow + np.sqrt(new) * white
         noisy.append(replace(view, xy_img=view.xy_img + errors * view.sigma_px[..., None]))
     return noisy
 
@@ -151,29 +136,20 @@ def test_exact_views_of_steady_motion_leave_nothing_but_rounding(world):
 
 
 # at rest it always reckons with a movement about to begin, so it states more than it errs
-@pytest.mark.parametrize(("motion", "least", "most"), [("stand", 0.75, 3.0), ("walk", 1.5, 4.5)])
-def test_covariance_is_honest(world, motion, least, most):
+@pytest.mark.parametrize(
+    ("lasting", "motion", "least", "most"),
+    [(False, "stand", 0.75, 3.0), (False, "walk", 1.5, 4.5), (True, "stand", 1.5, 4.5), (True, "walk", 1.5, 4.5)],
+)
+def test_covariance_is_honest_about_errors_that_last_as_the_settings_say_and_about_new_ones(world, lasting, motion, least, most):
     w = world(motion=motion)
     nees = []
     for seed in range(3):
-        _, poses = run(w, w.views(2.2, seed), 2.2, **FRESH)
-        for pose in poses[::7]:
+        exact = w.views(2.2, seed=None)
+        views = with_errors(exact, np.random.default_rng(seed)) if lasting else w.views(2.2, seed)
+        for pose in run(w, views, 2.2, **({} if lasting else FRESH))[1][::5]:
             error = pose.xyz_world[0] - w.place(pose.t_ns / 1e9)
             nees += list(np.einsum("ki,kij,kj->k", error, np.linalg.inv(pose.cov_world[0]), error))
     assert least < np.mean(nees) < most
-
-
-@pytest.mark.parametrize("motion", ["stand", "walk"])
-def test_covariance_is_honest_about_errors_that_last(world, motion):
-    """With errors that last as much as the settings say."""
-    w = world(motion=motion)
-    nees = []
-    for seed in range(2):
-        views = with_lasting_errors(w.views(2.2, seed=None), np.random.default_rng(seed))
-        for pose in run(w, views, 2.2)[1][::5]:
-            error = pose.xyz_world[0] - w.place(pose.t_ns / 1e9)
-            nees += list(np.einsum("ki,kij,kj->k", error, np.linalg.inv(pose.cov_world[0]), error))
-    assert 1.5 < np.mean(nees) < 4.5
 
 
 def test_who_moved_lately_is_expected_to_move_again(world):

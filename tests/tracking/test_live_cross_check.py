@@ -16,19 +16,27 @@ BEGIN_S, END_S = 0.6, 2.2
 WRONG_PX = np.array([60.0, 35.0])
 
 
+def errors_of(w, changed, keypoints):
+    """Largest error of some keypoints by time in s, for views as `changed` makes them."""
+    tracker, errors = w.tracker(), {}
+    for view in w.views(END_S):
+        tracker.add(changed(view))
+        pose = tracker.at(view.t_ns)
+        if len(pose.person_id):
+            errors[view.t_ns * 1e-9] = w.error_m(pose)[keypoints].max()
+    return errors
+
+
 def test_cameras_that_agree_correct_a_keypoint_that_began_with_a_wrong_view(world):
     """The first camera takes something else for the wrist throughout; two others see the wrist after `BEGIN_S` only."""
     w = world(cameras=4, motion="stand")
     first, _, *others = w.rig.names
-    tracker, errors = w.tracker(), {}
-    for view in w.views(END_S):
-        changed = wrong_wrist(view) if view.camera == first else view
-        if view.camera in others and view.t_ns < BEGIN_S * 1e9:
-            changed = without_wrist(changed)
-        tracker.add(changed)
-        pose = tracker.at(view.t_ns)
-        if len(pose.person_id):
-            errors[view.t_ns * 1e-9] = w.error_m(pose)[WRIST]
+
+    def changed(view):
+        hidden = view.camera in others and view.t_ns < BEGIN_S * 1e9
+        return wrong_wrist(view) if view.camera == first else without(view, [WRIST]) if hidden else view
+
+    errors = errors_of(w, changed, [WRIST])
     before = [error for t_s, error in errors.items() if 0.3 < t_s < BEGIN_S]
     after = [error for t_s, error in errors.items() if t_s > BEGIN_S + 0.7]
     assert np.min(before) > 0.2, "the scene is hard enough: the wrong view counted"
@@ -40,16 +48,12 @@ def test_arms_that_began_exchanged_are_put_right(world):
     """Two cameras exchange the arms for good; the others see none until `BEGIN_S`, so that the person begins exchanged."""
     w = world(cameras=5, motion="stand")
     wrong = w.rig.names[:2]
-    tracker, errors = w.tracker(), {}
-    for view in w.views(END_S):
-        if view.camera in wrong:
-            view = exchanged(view, ARMS)
-        elif view.t_ns < BEGIN_S * 1e9:
-            view = without(view, ARMS)
-        tracker.add(view)
-        pose = tracker.at(view.t_ns)
-        if len(pose.person_id):
-            errors[view.t_ns * 1e-9] = w.error_m(pose)[ARMS].max()
+
+    def changed(view):
+        hidden = view.t_ns < BEGIN_S * 1e9
+        return exchanged(view, ARMS) if view.camera in wrong else without(view, ARMS) if hidden else view
+
+    errors = errors_of(w, changed, ARMS)
     assert np.max([error for t_s, error in errors.items() if t_s < BEGIN_S]) > 0.2, "the scene is hard enough"
     after = [error for t_s, error in errors.items() if t_s > BEGIN_S + 1.0]
     assert np.isfinite(after).all()
@@ -59,14 +63,13 @@ def test_arms_that_began_exchanged_are_put_right(world):
 def test_a_hidden_wrist_does_not_stay_with_the_other_one(world):
     """From `BEGIN_S` on one camera puts the left wrist where the right one is, and no other sees it."""
     w = world(cameras=4, motion="stand")
-    tracker, errors = w.tracker(), {}
-    for view in w.views(END_S):
-        if view.t_ns > BEGIN_S * 1e9:
-            view = exchanged(view, [WRIST]) if view.camera == w.rig.names[0] else without_wrist(view)
-        tracker.add(view)
-        pose = tracker.at(view.t_ns)
-        if len(pose.person_id):
-            errors[view.t_ns * 1e-9] = w.error_m(pose)[WRIST]
+
+    def changed(view):
+        if view.t_ns <= BEGIN_S * 1e9:
+            return view
+        return exchanged(view, [WRIST]) if view.camera == w.rig.names[0] else without(view, [WRIST])
+
+    errors = errors_of(w, changed, [WRIST])
     # once it is lost (`LiveSettings.lost_after_s`) it does not begin again there
     after = [error for t_s, error in errors.items() if t_s > BEGIN_S + 1.0]
     assert not any(error > 0.2 for error in after)
@@ -161,7 +164,3 @@ def wrong_wrist(view):
     sigma = view.sigma_px.copy()
     sigma[:, WRIST] *= 2
     return replace(view, xy_img=xy, sigma_px=sigma)
-
-
-def without_wrist(view):
-    return without(view, [WRIST])

@@ -16,18 +16,6 @@ def same(one, two, tolerance=0.0):
         np.testing.assert_allclose(getattr(one, name), getattr(two, name), rtol=0, atol=tolerance, err_msg=name)
 
 
-def test_a_replay_gives_the_same_poses(world):
-    w = world()
-    views = w.views(1.0)
-    poses = []
-    for _ in range(2):
-        tracker = w.tracker()
-        for view in views:
-            tracker.add(view)
-        poses.append(tracker.at(1_050_000_000))
-    same(*poses)
-
-
 def test_asking_changes_nothing(world):
     w = world()
     quiet, asked = w.tracker(), w.tracker()

@@ -1,10 +1,7 @@
 """The whole recorded pipeline through its one seam, the command line, against the truth of the bundled clip."""
 
 import json
-import os
 import shutil
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -113,36 +110,3 @@ def test_videos_of_another_size_are_an_error_with_both_sizes(broken_session: Pat
     assert code == 1
     assert "640x480" in said and "700x480" in said and "crop" in said
     assert not list(tmp_path.glob("result*"))
-
-
-def test_an_existing_result_is_not_overwritten_unasked(demo_session: Path, tmp_path: Path, capsys) -> None:
-    out = tmp_path / "result"
-    out.mkdir()
-    (out / "mine.txt").write_text("keep")
-    assert first_frames(demo_session, out, capsys)[0] == 1
-    code = main(["track", str(demo_session), "--out", str(out), "--end", "0.4", "--outputs", "", "--force"])
-    assert code == 1
-    assert "mine.txt" in capsys.readouterr().err
-    assert (out / "mine.txt").read_text() == "keep"
-
-
-# the fifth time step of a recorded session asks its own process to stop, as Ctrl-C does
-STOPPED = """
-import sys
-from interrupting import interrupt
-from posefuse.cli.main import main
-interrupt("posefuse.pipeline.store", "DetectionStore.append", 5, "SIGINT")
-sys.exit(main(sys.argv[1:]))
-"""
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="Windows ends a process that sends itself SIGINT")
-def test_ctrl_c_keeps_what_was_finished(demo_session: Path, tmp_path: Path) -> None:
-    out = tmp_path / "result"
-    command = [sys.executable, "-c", STOPPED, "track", str(demo_session), "--out", str(out), "--outputs", "", "--json"]
-    paths = [str(Path(__file__).parents[1] / "cli"), os.environ.get("PYTHONPATH", "")]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
-    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=300, check=False)
-    assert done.returncode == 130, done.stderr
-    assert json.loads(done.stdout)["interrupted"] and "stopped early" in done.stderr
-    assert 2 <= len(read_recording(out).poses) < 301

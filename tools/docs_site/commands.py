@@ -19,6 +19,7 @@ def commands_page() -> str:
     parts = [
         "# Commands\n",
         "This page is generated from the code and has every option; `posefuse COMMAND --help` shows the usual ones. "
+        "`posefuse COMMAND --help-all` lists every one, too. "
         "Options of settings take what the key of the same meaning takes in a settings file. "
         "Every command also takes `--json`: it prints the figures of its tables as one JSON object on stdout, "
         "and everything else on stderr.\n",

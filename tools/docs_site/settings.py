@@ -40,7 +40,9 @@ def settings_page() -> str:
     for group, title, about in PLUGINS:
         parts.append(f"## {title}\n\n{about}\n")
         parts += [
-            _table(plugin.name, plugin.config) for plugin in list_plugins(group) if plugin.config and plugin.package == "posefuse"
+            _table(plugin.name, plugin.config)
+            for plugin in list_plugins(group)
+            if plugin.config and plugin.package in ("posefuse", "posefuse-ros")
         ]
     return "\n".join(parts)
 

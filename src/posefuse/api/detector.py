@@ -36,12 +36,15 @@ class ImageDetector:
         return self._detector.detect(frames, [None] * len(frames) if regions is None else regions)
 
 
-def detector(name: str = "blazepose_full", options: Mapping[str, Any] | None = None) -> ImageDetector:
+def detector(
+    name: str = "blazepose_full", options: Mapping[str, Any] | None = None, device: str | int | None = None
+) -> ImageDetector:
     """The detector of a name: a network (see docs/networks.md) or a plug-in (`posefuse plugins`).
 
     Args:
         name: e.g. ``blazepose_full``, ``blazepose_lite``, a model card of your own (TOML), or a plug-in's name.
         options: of the plug-in, by name.
+        device: processor, e.g. ``cpu`` or ``cuda:1``, or the number of a card of NVIDIA.
 
     Raises:
         ConfigError: no such plug-in or network, or options it does not take.
@@ -54,11 +57,12 @@ def detector(name: str = "blazepose_full", options: Mapping[str, Any] | None = N
         >>> len(found)  # no person there  # doctest: +SKIP
         0
     """
-    from posefuse.detection.build import DetectorChoice, fetch_networks, network_plugin
+    from posefuse.detection.build import DetectorChoice, device_word, fetch_networks, network_plugin
     from posefuse.foundation.plugins import build_plugin, list_plugins
 
     names = {plugin.name for plugin in list_plugins("detectors")}
     plugin, chosen = (name, {}) if name in names else network_plugin(name)
+    chosen |= {} if device is None else {"device": device_word(device)}
     chosen |= options or {}
     fetch_networks(DetectorChoice(name=plugin, options=chosen))
     return ImageDetector(build_plugin("detectors", plugin, chosen))

@@ -265,6 +265,7 @@ def live(
     *,
     people: int | None = None,
     networks: str | None = None,
+    device: str | int | None = None,
     rate_hz: float | None = None,
     duration_s: float | None = None,
     record: str | Path | None = None,
@@ -283,6 +284,7 @@ def live(
             live --source``, e.g. ``["sim:SCENE.yaml"]``.
         people: follow at most this many.
         networks: name of the 2D networks, or a model card (see docs/networks.md).
+        device: processor, e.g. ``cpu`` or ``cuda:1``, or the number of a card of NVIDIA.
         rate_hz: poses per second.
         duration_s: None: until it is closed.
         record: .mcap file that keeps every detection and pose.
@@ -309,7 +311,7 @@ def live(
 
     options = {"track.max_people": people, "rate_hz": rate_hz}
     changes = {key: value for key, value in options.items() if value is not None}
-    changes |= (network_settings(networks) if networks else {}) | dict(settings or {})
+    changes |= network_settings(networks, device) | dict(settings or {})
     chosen: dict[str, Mapping[str, Any]] = dict(outputs or {})
     if record is not None:
         chosen["record"] = {**chosen.get("record", {}), "path": record}

@@ -28,12 +28,11 @@ from posefuse.pipeline.config import read_changed
 from posefuse.realtime.capture import LiveInput
 from posefuse.realtime.config import LiveConfig, RunOptions
 from posefuse.realtime.fusion import Fusion
-from posefuse.realtime.inputs import inputs_from_arguments
+from posefuse.realtime.inputs import inputs_from_arguments, rig_of_inputs
 from posefuse.realtime.latency import STAGES
 from posefuse.realtime.messages import SessionClock
 from posefuse.realtime.networks import fetch_networks
 from posefuse.realtime.outputs import OutputPlan, check_live_outputs
-from posefuse.realtime.ros_cameras import rig_with_camera_infos
 from posefuse.realtime.session import Finished, check_enough, closing_lines, run_live
 from posefuse.realtime.video_keeping import read_counts
 
@@ -207,7 +206,7 @@ def track_live(
     count = len(plan.inputs)
     with shown(progress) as news:
         say = lines_of(news, "live")
-        placed = rig_with_camera_infos(plan.rig, plan.inputs, plan.config.camera_info, say)
+        placed = rig_of_inputs(plan.rig, plan.inputs, plan.config.camera_info, say)
         say(f"{count} camera{'s' * (count != 1)}: " + ", ".join(f"{entry.camera} ({entry.kind})" for entry in plan.inputs))
         fetch_networks(plan.config.detector, news)
         out = OutputPlan(rig=placed, clock=SessionClock.begin(), configs=plan.outputs)
@@ -275,14 +274,14 @@ def live_figures(done: Finished) -> dict[str, Any]:
         "outputs": done.outputs,
         "outputs_lost": done.lost,
         "output_events": [
-            {"t_s": (event.t_ns - done.zero_ns) / 1e9, "output": event.output, "state": event.state, "text": event.text}
+            {"t_s": (event.t_ns - done.zero_ns) / 1e9, "output": event.name, "state": event.state, "text": event.text}
             for event in done.output_events
         ],
         "failed": [name for name, output in done.outputs.items() if output["failures"]],
         "rig_watch_trouble": fusion.watch.trouble if fusion.watch is not None else "",
         "cameras": cameras,
         "events": [
-            {"t_s": (event.t_ns - done.zero_ns) / 1e9, "camera": event.camera, "state": event.state, "text": event.text}
+            {"t_s": (event.t_ns - done.zero_ns) / 1e9, "camera": event.name, "state": event.state, "text": event.text}
             for event in fusion.monitor.events
         ],
         "latency": fusion.latencies.figures(),

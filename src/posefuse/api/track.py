@@ -34,6 +34,7 @@ def track(
     people: int | None = None,
     rig: str | Path | None = None,
     networks: str | None = None,
+    device: str | int | None = None,
     weights: Weights | None = None,
     start_s: float | None = None,
     end_s: float | None = None,
@@ -55,6 +56,7 @@ def track(
         people: follow at most this many.
         rig: another calibration file.
         networks: name of the 2D networks, e.g. ``blazepose_lite``, or a model card (TOML).
+        device: processor, e.g. ``cpu`` or ``cuda:1``, or the number of a card of NVIDIA (see docs/networks.md).
         weights: how views are weighted: ``robust`` (default), ``score``, ``none``, ``all``.
         start_s: begin at this time of the session, in seconds.
         end_s: end at this time of the session, in seconds.
@@ -84,7 +86,7 @@ def track(
         >>> recording = pf.track("examples/demo", end_s=0.5)  # doctest: +SKIP
         >>> recording.save("RESULT", formats=("trc", "c3d"))  # doctest: +SKIP
     """
-    from posefuse.detection.build import fetch_networks, network_settings
+    from posefuse.detection.build import fetch_networks, locked, network_settings
     from posefuse.outputs.rerun_scene import check_viewer
     from posefuse.pipeline.clock import StageClock
     from posefuse.pipeline.reading import is_live
@@ -108,8 +110,9 @@ def track(
         "outputs": None if formats is None else tuple(formats),
     }
     changes = {key: value for key, value in options.items() if value is not None}
-    changes |= (network_settings(networks) if networks else {}) | dict(settings or {})
+    changes |= network_settings(networks, device) | dict(settings or {})
     chosen = session_config(folder, config, changes, outputs=out is not None)
+    chosen = dataclasses.replace(chosen, detector=locked(chosen.detector, folder))
     clock = StageClock()
     with shown(progress) as report:
         found = find_session(folder, chosen)

@@ -10,7 +10,6 @@ import posefuse as pf
 from posefuse.calibration.settings import TargetDescription
 
 from .options import (
-    EXPERT,
     MOST_S,
     Figures,
     NamedSettings,
@@ -33,12 +32,10 @@ if TYPE_CHECKING:
 
 CameraRecordings = Annotated[str, Parameter(metavar="SESSION|NAME=PATH", required=True)]
 _TARGET = Group("Target", sort_key=2)
-_USUAL_TARGET = {
+_TARGET_SETTINGS = {
     "kind": "target", "columns": "columns N", "rows": "rows N", "square_mm": "square-mm MM", "marker_mm": "marker-mm MM",
-    "ids": "ids A,B,...",
-}  # fmt: skip
-_UNUSUAL_TARGET = {
-    "thickness_mm": "thickness-mm MM", "dictionary": "dictionary NAME", "inverted": "inverted", "legacy": "legacy",
+    "ids": "ids A,B,...", "thickness_mm": "thickness-mm MM", "dictionary": "dictionary NAME", "inverted": "inverted",
+    "legacy": "legacy",
 }  # fmt: skip
 # ten times the fastest camera of a laboratory
 _MOST_HZ, _MOST_HEIGHT_M, _MOST_MM = 10_000.0, 3.0, 10_000.0
@@ -47,7 +44,7 @@ InputKind = Literal["auto", "videos", "images", "pose2d"]
 File = Annotated[Path, Parameter(metavar="FILE")]
 Target = Annotated[Path, Parameter(metavar="FILE.toml", help="Target file that `calibrate print` wrote: what the cameras see.")]
 RateHz = Annotated[float | None, Parameter(metavar="HZ"), positive(_MOST_HZ)]
-Every = Annotated[int, Parameter(metavar="N", help="Look at every Nth frame."), count(1_000_000), EXPERT]
+Every = Annotated[int, Parameter(metavar="N", help="Look at every Nth frame."), count(1_000_000)]
 Clocks = Annotated[
     ClockMode,
     Parameter(
@@ -58,7 +55,6 @@ MostSeconds = Annotated[
     float,
     Parameter(metavar="S", help="Largest clock offset between two cameras to search for, in seconds."),
     positive(MOST_S),
-    EXPERT,
 ]
 UpsideDown = Annotated[
     tuple[str, ...], Parameter(metavar="CAMERA", help="Camera that is mounted upside down. May be given several times.")
@@ -130,9 +126,9 @@ class ExtrinsicsOptions(IntrinsicsOptions):
     floor_side_mm: Annotated[float | None, Parameter(metavar="MM"), positive(_MOST_MM)] = None
     floor_points: Annotated[Path | None, Parameter(metavar="FILE.toml")] = None
     clocks: Clocks = "auto"
-    refine_lenses: Annotated[float | None, Parameter(metavar="PERCENT"), positive(100), EXPERT] = None
-    any_size: Annotated[bool, EXPERT] = False
-    keep_refused: Annotated[bool, EXPERT] = False
+    refine_lenses: Annotated[float | None, Parameter(metavar="PERCENT"), positive(100)] = None
+    any_size: bool = False
+    keep_refused: bool = False
     upside_down: UpsideDown = ()
 
 
@@ -151,7 +147,7 @@ class PersonOptions(RigOptions, NetworkOptions):
     intrinsics: File
     height_m: Annotated[float | None, Parameter(metavar="M"), positive(_MOST_HEIGHT_M)] = None
     apart: Annotated[tuple[str, str, float] | None, Parameter(metavar="CAMERA CAMERA METRES")] = None
-    rate: Annotated[RateHz, EXPERT] = None
+    rate: RateHz = None
     clocks: Clocks = "auto"
     most_s: MostSeconds = 10.0
     upside_down: UpsideDown = ()
@@ -171,10 +167,10 @@ class ClockOptions(ReportOptions, NetworkOptions):
     """
 
     rig: OptionalFile = None
-    input: Annotated[InputKind | None, EXPERT] = None
+    input: InputKind | None = None
     clocks: Literal["offset", "drift"] = "offset"
-    rate: Annotated[RateHz, EXPERT] = None
-    seconds: Annotated[float, Parameter(metavar="S"), positive(MOST_S), EXPERT] = 60.0
+    rate: RateHz = None
+    seconds: Annotated[float, Parameter(metavar="S"), positive(MOST_S)] = 60.0
     most_s: MostSeconds = 10.0
 
 
@@ -247,7 +243,7 @@ class RecordOptions:
     resume: bool = False
 
 
-def record(*, options: RecordOptions, ros_2: Annotated[Ros2Options, EXPERT] = Ros2Options(), terminal: Shown) -> Figures:
+def record(*, options: RecordOptions, ros_2: Ros2Options = Ros2Options(), terminal: Shown) -> Figures:
     """Record cameras: one video per camera on one clock, for calibration or tracking.
 
     Frames keep their own times and, where a camera encodes, its own packets. Rates, drops and exposure are watched.
@@ -270,7 +266,7 @@ def record(*, options: RecordOptions, ros_2: Annotated[Ros2Options, EXPERT] = Ro
     return {**done.figures, "exit_code": code}
 
 
-def calibrate_guide(*, options: GuideOptions, ros_2: Annotated[Ros2Options, EXPERT] = Ros2Options(), terminal: Shown) -> Figures:
+def calibrate_guide(*, options: GuideOptions, ros_2: Ros2Options = Ros2Options(), terminal: Shown) -> Figures:
     """Show live, while you move the target, how much of each image is covered and what is still missing."""
     from posefuse.foundation.summary import Heading, Table
 
@@ -511,8 +507,7 @@ def calibrate_verify(*inputs: CameraRecordings, options: VerifyOptions, terminal
     return dict(found.report.numbers)
 
 
-@settings_options("options", TargetDescription, _UNUSUAL_TARGET, _TARGET, show=False)
-@settings_options("options", TargetDescription, _USUAL_TARGET, _TARGET)
+@settings_options("options", TargetDescription, _TARGET_SETTINGS, _TARGET)
 def calibrate_print(*, options: PrintOptions, terminal: Shown) -> Figures:
     """Make a PDF of a target at its true size."""
     settings = {"kind": "charuco", **options.changes}

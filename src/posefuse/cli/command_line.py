@@ -24,6 +24,8 @@ from cyclopts import (
 
 from posefuse import __version__
 
+from .usual import UsualOnly
+
 if TYPE_CHECKING:
     from .terminal import Terminal
 
@@ -32,7 +34,7 @@ GROUPS = {
     "Start": {"demo": "recorded", "doctor": "machine", "studio": "posefuse_studio.commands"},
     "Record and calibrate": {"record": "calibrate", "calibrate": "calibrate"},
     "Track": {"track": "recorded", "solve": "recorded", "batch": "recorded"},
-    "Live": {"live": "live", "teleoperate": "posefuse_teleop.commands", "node": "live"},
+    "Live": {"live": "live", "teleoperate": "posefuse_teleop.commands", "node": "posefuse_ros.commands"},
     "Look at a result": {"view": "results", "report": "results", "export": "results", "compare": "results"},
     "Simulate and extend": {
         "simulate": "posefuse_sim.commands",
@@ -83,7 +85,8 @@ def parse(tokens: Sequence[str]) -> Invocation | None:
         WrongCommandLineError: an unknown command or option, a value that is missing or wrong.
     """
     typed = [token for token in tokens if not token.startswith("-")]
-    app = application(listed=not typed or (len(typed) == 1 and typed[0] in STEPS))
+    all_options = "--help-all" in tokens
+    app = application(listed=not typed or (len(typed) == 1 and typed[0] in STEPS), all_options=all_options)
     words: tuple[str, ...] = ()
     try:
         outer, bound, _ = app.meta.parse_args(list(tokens), exit_on_error=False, print_error=False)
@@ -92,6 +95,9 @@ def parse(tokens: Sequence[str]) -> Invocation | None:
             return None
         rest, as_json = list(bound.args), bool(bound.arguments.get("json", False))
         words = tuple(app.parse_commands(rest)[0])
+        if all_options:
+            app.help_print(list(words))
+            return None
         command, inner, _ = app.parse_args(rest, exit_on_error=False, print_error=False)
     except CycloptsError as error:
         words = words or tuple(word for word in error.command_chain or () if not word.startswith("-"))
@@ -107,12 +113,17 @@ def _common(
     json: Annotated[
         bool, Parameter(group=_OPTIONS, help="Print the figures as one JSON object on stdout, all else on stderr.")
     ] = False,
+    help_all: Annotated[bool, Parameter(group=_OPTIONS, help="Display this message with every option and exit.")] = False,
 ) -> None:
     """Options that every command takes, at any position."""
 
 
-def application(*, listed: bool = False) -> App:
-    """All commands; each is imported when it is looked up. `listed`: with a line of help each, found without importing it."""
+def application(*, listed: bool = False, all_options: bool = False) -> App:
+    """All commands; each is imported when it is looked up.
+
+    Args:
+        listed: with a line of help each, found without importing it. all_options: their help lists those that are not usual, too.
+    """
     app = App(
         name="posefuse",
         help="Several ordinary cameras + AI -> one accurate 3D human skeleton.",
@@ -127,9 +138,13 @@ def application(*, listed: bool = False) -> App:
         group = Group(title, sort_key=order)
         for position, (name, module) in enumerate(names.items()):
             if name in STEPS:
-                app.command(_with_steps(name, module, group, position, listed))
+                steps = app.command(_with_steps(name, group, position))
+                for step_order, step in enumerate(STEPS[name]):
+                    shown = {} if all_options else {"help_formatter": UsualOnly(f"{name} {step}")}
+                    _add(steps, module, f"{name}_{step}", listed, name=step, sort_key=step_order, **shown)
             else:
-                _add(app, module, name.replace("-", "_"), listed, name=name, group=group, sort_key=position)
+                shown = {} if all_options else {"help_formatter": UsualOnly(name)}
+                _add(app, module, name.replace("-", "_"), listed, name=name, group=group, sort_key=position, **shown)
     return app
 
 
@@ -160,15 +175,12 @@ def _first_line(dotted: str, function: str) -> str:
     return (ast.get_docstring(next(found)) or "").partition("\n")[0]
 
 
-def _with_steps(name: str, module: str, group: Group, position: int, listed: bool) -> App:
+def _with_steps(name: str, group: Group, position: int) -> App:
     helps = {
         "node": "Run a live session on several machines: `node camera` where the cameras are, `node fusion` anywhere.",
         "calibrate": "Calibrate cameras from a board, a marker object or a person; find clock offsets; verify; print targets.",
     }
-    steps = App(name=name, help=helps[name], group=group, sort_key=position)
-    for order, step in enumerate(STEPS[name]):
-        _add(steps, module, f"{name}_{step}", listed, name=step, sort_key=order)
-    return steps
+    return App(name=name, help=helps[name], group=group, sort_key=position)
 
 
 def _default_text(value: Any) -> str | None:

@@ -10,7 +10,6 @@ import posefuse as pf
 from posefuse.realtime.config import LiveConfig
 
 from .options import (
-    EXPERT,
     OUTPUTS,
     TIMING,
     Figures,
@@ -24,9 +23,10 @@ from .options import (
 from .stopping import NO_PERSON_CODE, session_exit_code
 from .terminal import Terminal
 
-_SHOWN = {"body": "body", "track.max_people": "people N", "names": "names A,B,...", "rate_hz": "rate HZ"}
-_EXPERT = {"groups": "groups N", "camera_info": "camera-info"}
-LIVE_SETTINGS = {**_SHOWN, **_EXPERT}
+LIVE_SETTINGS = {
+    "body": "body", "track.max_people": "people N", "names": "names A,B,...", "rate_hz": "rate HZ", "groups": "groups N",
+    "camera_info": "camera-info",
+}  # fmt: skip
 
 
 @Parameter(name="*")
@@ -48,7 +48,7 @@ class TimingOptions:
     """
 
     duration: Annotated[float | None, Parameter(metavar="S")] = None
-    loop: Annotated[float | None, Parameter(metavar="S"), EXPERT] = None
+    loop: Annotated[float | None, Parameter(metavar="S")] = None
 
 
 @Parameter(name="*", group=OUTPUTS)
@@ -71,15 +71,15 @@ class OutputOptions:
     """
 
     record: Annotated[Path | None, Parameter(metavar="FILE.mcap")] = None
-    record_images: Annotated[bool, EXPERT] = False
+    record_images: bool = False
     ros: bool = False
-    ros1: Annotated[bool, EXPERT] = False
+    ros1: bool = False
     osc: Annotated[tuple[str, ...], Parameter(metavar="HOST:PORT")] = ()
     json_udp: Annotated[tuple[str, ...], Parameter(metavar="HOST:PORT")] = ()
     output: Annotated[tuple[str, ...], Parameter(metavar="NAME")] = ()
     axes: Annotated[Literal["z_up", "y_up", "y_up_left_handed"] | None, Parameter(name_transform=str)] = None
     view: bool = False
-    view_file: Annotated[Path | None, Parameter(metavar="FILE.rrd"), EXPERT] = None
+    view_file: Annotated[Path | None, Parameter(metavar="FILE.rrd")] = None
     report: Annotated[Path | None, Parameter(metavar="DIR")] = None
 
     @property
@@ -107,8 +107,7 @@ class LiveOptions(SettingsOptions, NetworkOptions):
     networks: Annotated[str | None, Parameter(metavar="auto|NAME|CARD.toml")] = None
 
 
-@settings_options("settings", LiveConfig, _EXPERT, show=False)
-@settings_options("settings", LiveConfig, _SHOWN)
+@settings_options("settings", LiveConfig, LIVE_SETTINGS)
 def live(
     rig: Path,
     /,
@@ -173,68 +172,3 @@ def _show_next(outputs: OutputOptions, terminal: Terminal, *, poses: int) -> Non
         terminal.next(f"posefuse solve {outputs.record} --out DIR", "solves it again over all of time, more exactly")
     if outputs.report:
         terminal.next(f"open {outputs.report / 'latency.html'}", "the latency per camera and stage")
-
-
-@settings_options("settings", LiveConfig, LIVE_SETTINGS, show=False)
-def node_camera(
-    rig: Path,
-    /,
-    *,
-    sources: SourceOptions = SourceOptions(),
-    timing: TimingOptions = TimingOptions(),
-    ros_2: Ros2Options = Ros2Options(),
-    settings: LiveOptions = LiveOptions(),
-    name: str = "1",
-    terminal: Shown,
-) -> Figures:
-    """Capture and detect on this machine, and send 2D poses to the fusion node.
-
-    Args:
-        rig: Calibration file of all cameras, the same on every machine.
-        name: Name of this node, different on every machine.
-    """
-    with terminal.stages() as progress:
-        run = pf.camera_node(
-            rig,
-            sources.source,
-            name=name,
-            config=settings.config,
-            settings=settings.changes,
-            ros=ros_2.settings,
-            duration_s=timing.duration,
-            loop_s=timing.loop,
-            progress=progress,
-        )
-    return {**run.figures, "exit_code": how_it_ended(run.stopped_by, timing.duration, terminal)}
-
-
-@settings_options("settings", LiveConfig, LIVE_SETTINGS, show=False)
-def node_fusion(
-    rig: Path,
-    /,
-    *,
-    timing: TimingOptions = TimingOptions(),
-    outputs: Annotated[OutputOptions, EXPERT] = OutputOptions(),
-    ros_2: Ros2Options = Ros2Options(),
-    settings: LiveOptions = LiveOptions(),
-    terminal: Shown,
-) -> Figures:
-    """Turn the 2D poses of all camera nodes into 3D poses, and publish them in ROS 2.
-
-    Args:
-        rig: Calibration file of all cameras, the same on every machine.
-    """
-    with terminal.stages() as progress:
-        run = pf.fusion_node(
-            rig,
-            config=settings.config,
-            settings=settings.changes,
-            outputs=outputs.chosen,
-            ros=ros_2.settings,
-            axes=outputs.axes,
-            duration_s=timing.duration,
-            report=outputs.report,
-            progress=progress,
-        )
-    terminal.show(run.summary())
-    return {**run.figures, "exit_code": exit_code(run, timing.duration, terminal)}

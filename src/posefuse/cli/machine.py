@@ -36,6 +36,8 @@ def models(
     *names: Annotated[str, Parameter(metavar="MODEL")],
     check: bool = False,
     source: Annotated[Path | None, Parameter(name="--from", metavar="PATH", help=_FROM_HELP)] = None,
+    accept_licence: bool = False,
+    locked: bool = False,
     terminal: Shown,
 ) -> Figures:
     """Download the neural networks into the user's cache and verify them.
@@ -43,8 +45,12 @@ def models(
     Args:
         names: Names of models (default: those that the default settings need).
         check: Only verify what is there; exit code 1 where a network is missing or damaged.
+        accept_licence: Accept the terms of the networks named.
+        locked: Only networks whose sha256 is known, from the card or from an earlier download.
     """
     with terminal.stages() as progress:
-        found = pf.models(names, check=check, source=source, progress=progress)
+        found = pf.models(
+            names, check=check, source=source, accept_licence=accept_licence, locked=locked, progress=progress
+        )  # fmt: skip
     terminal.show(found.summary())
     return found.figures

@@ -21,8 +21,6 @@ Shown = Annotated[Terminal, Parameter(parse=False)]
 # in the order of the help
 CAMERAS, TIMING, OUTPUTS = Group.create_ordered("Cameras"), Group.create_ordered("Timing"), Group.create_ordered("Outputs")
 ROS_2, SETTINGS = Group.create_ordered("ROS 2 network"), Group.create_ordered("Settings")
-# accepted and listed on the reference page, but not in the help
-EXPERT = Parameter(show=False)
 # coordinates may begin with a minus
 ONE_WORD: Mapping[str, Any] = {"n_tokens": 1, "accepts_keys": False, "allow_leading_hyphen": True}
 
@@ -54,18 +52,20 @@ class NetworkOptions(NamedSettings):
     """Which network the detector uses.
 
     Attributes:
-        networks: 2D network: blazepose_lite, blazepose_full (default), blazepose_heavy, blazepose_best, or your own model card
-            (see docs/networks.md).
+        networks: 2D network: blazepose_lite, blazepose_full (default), blazepose_heavy, blazepose_best, rtmpose_m and others
+            (`posefuse models`), or your own model card (see docs/networks.md).
+        device: Processor: auto (default), cpu, cuda or cuda:1, tensorrt, directml, coreml, openvino:gpu, openvino:npu.
     """
 
     networks: Annotated[str | None, Parameter(metavar="NAME|CARD.toml")] = None
+    device: Annotated[str | None, Parameter(metavar="WORD")] = None
 
     @property
     def changes(self) -> dict[str, Any]:
         """Those of the network, too."""
         from posefuse.detection.build import network_settings
 
-        return {**super().changes, **(network_settings(self.networks) if self.networks else {})}
+        return {**super().changes, **network_settings(self.networks, self.device)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,9 +88,7 @@ class SettingsOptions(NamedSettings):
         return {**super().changes, **changes_of(self.set_)}
 
 
-def settings_options(
-    argument: str, cls: type[Any], named: Mapping[str, str], group: Group = SETTINGS, *, show: bool = True
-) -> Callable[[F], F]:
+def settings_options(argument: str, cls: type[Any], named: Mapping[str, str], group: Group = SETTINGS) -> Callable[[F], F]:
     """Decorator of a command: `argument`, annotated with a subclass of `NamedSettings`, gets an option for each setting named.
 
     Args:
@@ -102,7 +100,7 @@ def settings_options(
         base = get_type_hints(command)[argument]
         made = dataclasses.make_dataclass(
             base.__name__,
-            [_field(cls, key, option, group, show) for key, option in named.items()],
+            [_field(cls, key, option, group) for key, option in named.items()],
             bases=(base,),
             frozen=True,
             kw_only=True,
@@ -116,24 +114,20 @@ def settings_options(
     return decorate
 
 
-def _field(cls: type[Any], key: str, option: str, group: Group, show: bool) -> tuple[str, Any, Any]:
-    from posefuse.foundation.settings import described
+def _field(cls: type[Any], key: str, option: str, group: Group) -> tuple[str, Any, Any]:
+    from posefuse.foundation.settings import setting_of
 
-    *groups, name = key.split(".")
-    for one in groups:
-        cls = get_type_hints(cls)[one]
-    hint, [setting] = get_type_hints(cls)[name], [field for field in dataclasses.fields(cls) if field.name == name]
+    setting = setting_of(cls, key)
     option, _, word = option.partition(" ")
-    plain = hint is bool or _choices(hint) != ()
+    plain = setting.type is bool or _choices(setting.type) != ()
     parameter = Parameter(
         name=f"--{option}",
         metavar=word or None,
-        help=_help(described(cls)[1][name], setting.default),
+        help=_help(setting.help, setting.default),
         group=group,
-        show=show,
-        **{} if plain else {"converter": _converter(get_type_hints(cls, include_extras=True)[name], word), **ONE_WORD},
+        **{} if plain else {"converter": _converter(setting.annotated, word), **ONE_WORD},
     )
-    taken = tuple[str, ...] if get_origin(hint) is dict else hint
+    taken = tuple[str, ...] if get_origin(setting.type) is dict else setting.type
     return option.replace("-", "_"), Annotated[taken | None, parameter], dataclasses.field(default=None, metadata={"key": key})
 
 
@@ -241,9 +235,9 @@ class Ros2Options:
 
     domain: Annotated[int | None, Parameter(metavar="ID")] = None
     peer: Annotated[tuple[str, ...], Parameter(metavar="ADDRESS")] = ()
-    interface: Annotated[str, Parameter(metavar="NAME"), EXPERT] = ""
-    local_only: Annotated[bool, EXPERT] = False
-    sim_time: Annotated[bool, EXPERT] = False
+    interface: Annotated[str, Parameter(metavar="NAME")] = ""
+    local_only: bool = False
+    sim_time: bool = False
 
     @property
     def settings(self) -> dict[str, Any]:

@@ -15,11 +15,11 @@ from .options import Figures, NetworkOptions, SettingsOptions, Shown, count, set
 from .terminal import Terminal
 
 _MAKES = Group("Result", sort_key=-3)
-_PEOPLE = {
+_SOLVED = {
     "associate.max_people": "people N", "names": "names A,B,...", "associate.near_xy_m": "person X,Y", "start_s": "start S",
     "end_s": "end S", "body": "body", "refine_rig": "refine-rig", "outputs": "outputs A,B,...",
+    "fuse.weights": "weights", "raw": "raw", "rate_hz": "rate HZ",
 }  # fmt: skip
-_EXPERT = {"fuse.weights": "weights", "raw": "raw", "rate_hz": "rate HZ"}
 _EXCLUDED = re.compile(r"(?:(?P<camera>.+):)?(?P<start>-?\d+(?:\.\d*)?)-(?P<end>-?\d+(?:\.\d*)?)")
 
 
@@ -100,8 +100,7 @@ class BatchOptions(SettingsOptions, NetworkOptions):
     force: Annotated[bool, Parameter(group=_MAKES)] = False
 
 
-@settings_options("options", TrackConfig, {"input": "input", **_EXPERT}, show=False)
-@settings_options("options", TrackConfig, {"rig": "rig FILE", **_PEOPLE})
+@settings_options("options", TrackConfig, {"rig": "rig FILE", "input": "input", **_SOLVED})
 def track(session: Path, /, *, options: TrackOptions, terminal: Shown) -> Figures:
     """Turn a session (calibration + videos, image folders or 2D poses) into a 3D skeleton and write its files.
 
@@ -126,8 +125,7 @@ def track(session: Path, /, *, options: TrackOptions, terminal: Shown) -> Figure
     return made.figures
 
 
-@settings_options("options", TrackConfig, _EXPERT, show=False)
-@settings_options("options", TrackConfig, _PEOPLE)
+@settings_options("options", TrackConfig, _SOLVED)
 def solve(result: Path, /, *, options: SolveOptions, terminal: Shown) -> Figures:
     """Solve a result or a live recording again, without detecting: other settings, stretches left out, one person kept.
 

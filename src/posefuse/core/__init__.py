@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from .skeleton import PAPER14, SKELETONS, Skeleton, pick_keypoints
     from .truth import CameraTruth, Truth
     from .values import Detections2D, Frame, Region, Views
-    from .view_sequences import ViewSequence, observations_from_views, views_over_time
+    from .view_sequences import ViewSequence, views_over_time
 
 __all__ = [
     "PAPER14",
@@ -99,7 +99,6 @@ __all__ = [
     "ViewSequence",
     "Views",
     "choices",
-    "observations_from_views",
     "pick_keypoints",
     "silent",
     "views_over_time",

@@ -1,4 +1,4 @@
-"""Packages that only an extra of posefuse installs: those of others, and its own (`posefuse_sim`, `posefuse_teleop`)."""
+"""Packages that only an extra of posefuse installs: those of others, and its own (`posefuse_ros`, `posefuse_sim`)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from types import ModuleType
 from .errors import DependencyError
 
 # extras that are packages of this repository
-OWN = ("sim", "studio", "teleop")
+OWN = ("ros", "sim", "studio", "teleop")
 
 
 def package_of_extra(name: str, extra: str) -> ModuleType:

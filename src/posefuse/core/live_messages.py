@@ -34,7 +34,7 @@ class LiveStart:
     part: int = 1
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class LiveJointCentres:
     """How joint centres lie relative to the keypoints in the detections of some cameras.
 

@@ -230,30 +230,18 @@ class Observations:
         Raises:
             ShapeError: a time step without a batch, a camera that is not among `camera_names`.
         """
-        place = {name: c for c, name in enumerate(camera_names)}
-        frames = [(batch, one) for batch in batches for one in batch.detections]
-        unknown = sorted({one.camera for _, one in frames} - set(place))
-        if unknown:
-            raise ShapeError(f"Observations: no camera {choices(unknown)}; there are: {choices(camera_names)}")
+        frames = [one for batch in batches for one in batch.detections]
         times = {batch.step: batch.t_ns for batch in batches}
         if sorted(times) != list(range(len(times))):
             raise ShapeError("Observations: expected a batch for every time step from 0 on")
-        none = Detections2D.empty("", 0, skeleton)
-        found = [none, *(one for _, one in frames)]
-        ids = [ids for batch in person_ids for ids in batch] if person_ids is not None else []
-        joined = {name: np.concatenate([getattr(one, name) for one in found]) for name in DETECTION_ARRAYS}
-        return Observations(
-            skeleton=skeleton,
-            camera_names=tuple(camera_names),
+        log = observations_from_frames(skeleton, camera_names, frames)
+        ids = None if person_ids is None else [np.zeros(0), *(ids for batch in person_ids for ids in batch)]
+        return replace(
+            log,
             step_t_ns=np.array([times[step] for step in range(len(times))], np.int64),
-            frame_camera=np.array([place[one.camera] for _, one in frames], np.int16),
-            frame_t_ns=np.array([one.t_ns for _, one in frames], np.int64),
-            frame_step=np.array([batch.step for batch, _ in frames], np.int32),
-            frame_look=np.array([batch.kind for batch, _ in frames], np.uint8),
-            n_detections=np.array([len(one) for _, one in frames], np.int32),
-            person_id=np.concatenate([np.zeros(0), *ids]) if person_ids is not None else np.full(len(joined["score"]), NOT_KEPT),
-            depth_m=joined_depth(found),
-            **joined,
+            frame_step=np.array([batch.step for batch in batches for _ in batch.detections], np.int32),
+            frame_look=np.array([batch.kind for batch in batches for _ in batch.detections], np.uint8),
+            person_id=log.person_id if ids is None else np.concatenate(ids),
         )
 
 

@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from .arrays import Array
 from .errors import ShapeError, choices
 from .observations import DetectionBatch, LookKind, Observations
 from .poses import PoseSequence
 from .rig import Rig
-from .view_sequences import ViewSequence, ViewsInParts, observations_from_views
+from .view_sequences import ViewSequence, ViewsInParts
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -52,27 +51,6 @@ class Recording:
                 f"Recording: expected the observations' time steps to be the poses' {len(self.poses)}, or none (live), "
                 f"got {len(seen.step_t_ns)}"
             )
-
-    @staticmethod
-    def from_views(
-        rig: Rig, poses: PoseSequence, xy_img: Array, score: Array, sigma_px: Array, provenance: Mapping[str, Any] | None = None
-    ) -> Recording:
-        """A recording of cameras that were exposed exactly at the poses' times: made-up data, results of other tools.
-
-        Args:
-            rig: C cameras. poses: (T, N, K).
-            xy_img, score, sigma_px: (T, N, C, K, 2), (T, N, C, K), (T, N, C, K) as in `ViewSequence`.
-        """
-        views = ViewSequence(
-            t_ns=poses.t_ns,
-            skeleton=poses.skeleton,
-            camera_names=rig.names,
-            person_id=poses.person_id,
-            xy_img=xy_img,
-            score=score,
-            sigma_px=sigma_px,
-        )
-        return Recording(rig=rig, poses=poses, observations=observations_from_views(views), provenance=provenance or {})
 
     @staticmethod
     def of_poses(rig: Rig, poses: PoseSequence, provenance: Mapping[str, Any]) -> Recording:

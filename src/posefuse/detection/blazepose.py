@@ -10,17 +10,18 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Ge
 
-from posefuse.core import SKELETONS, Detections2D, Frame, JointCentres, ModelError, Region, Skeleton
+from posefuse.core import Detections2D, Frame, JointCentres, Region, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.foundation.places import default_cache_dir
 from posefuse.foundation.platform import usable_cores
 from posefuse.foundation.settings import settings
 
-from .card import EnsembleCard, LandmarkDecoding, ModelCard, read_any_card, read_card
+from .card import Card, EnsembleCard, LandmarkCard, NetworkCard, PersonCard, read_card
 from .crops import Crops, check_regions, img_from_crop, region_from_keypoints
 from .decode import landmarks_from_outputs
-from .engines import BlazePoseNetwork, Precision
+from .device import Device, Precision, openvino_device
+from .engines import BlazePoseNetwork
 from .files import fetch_all
 from .noise import NoiseModel, read_noise
 from .search import PersonNetwork, regions_from_outputs, stages
@@ -55,14 +56,12 @@ class LandmarkNetwork:
     skeleton: Skeleton
 
     @classmethod
-    def compiled(cls, card: ModelCard, file: Path, precision: Precision, streams: int) -> LandmarkNetwork:
-        """The card's network, ready; raises ModelError when the card is of another kind."""
+    def compiled(cls, card: LandmarkCard, file: Path, precision: Precision, streams: int, device: Device) -> LandmarkNetwork:
+        """The card's network, ready."""
         decoding = card.decoding
-        if not isinstance(decoding, LandmarkDecoding):
-            raise ModelError(f"model card {card.name}: expected kind heatmap_landmarks, got {card.kind}")
         outputs = (decoding.landmarks, decoding.presence, decoding.heatmaps)
-        network = BlazePoseNetwork(file, outputs, card.input, precision, streams)
-        return cls(network, read_noise(card.folder / decoding.noise), SKELETONS[decoding.skeleton])
+        network = BlazePoseNetwork(file, outputs, card.input, precision, streams, device)
+        return cls(network, read_noise(card.noise_file), card.skeleton)
 
     def look(self, crops: Sequence[Array]) -> list[Look]:
         """One look at each crop (side, side, 3) uint8."""
@@ -120,13 +119,15 @@ class BlazePoseConfig:
 
     Attributes:
         landmarks: model card by name, or a TOML file of your own; it may be an ensemble.
-        precision: ``auto`` is bf16 where the CPU computes it natively.
+        device: processor: ``auto`` and ``cpu`` are the CPU; ``openvino:gpu``, ``openvino:npu``.
+        precision: of the CPU; ``auto`` is bf16 where it computes that natively.
         streams: images worked on at once; 0: one per core.
         up_rad: per camera, direction of gravity's up in its image, clockwise from the image's up
             (`up_angle_rad` of a calibrated camera); cameras not named are taken as upright.
     """
 
     landmarks: str = "blazepose_full"
+    device: str = "auto"
     precision: Precision = "auto"
     streams: Annotated[int, Ge(0)] = 0
     up_rad: dict[str, float] = field(default_factory=dict)
@@ -142,22 +143,26 @@ class BlazePoseConfig:
         """Fetch what is missing, compile, and be ready; raises ModelError when a network cannot be had."""
         persons, chosen, members = self._cards()
         files = self.fetch()
-        streams, table = self.streams or usable_cores(), chosen.joint_centres_file
+        streams, device, table = self.streams or usable_cores(), openvino_device(self.device), chosen.joint_centres_file
         return BlazePoseDetector(
             self,
-            PersonNetwork.compiled(persons, files[0], self.precision, streams),
-            [LandmarkNetwork.compiled(*member, self.precision, streams) for member in zip(members, files[1:], strict=True)],
+            PersonNetwork.compiled(persons, files[0], self.precision, streams, device),
+            [
+                LandmarkNetwork.compiled(*member, self.precision, streams, device)
+                for member in zip(members, files[1:], strict=True)
+            ],
             mirrored=isinstance(chosen, EnsembleCard) and chosen.mirrored,
             joint_centres=read_joint_centres(table) if table else None,
         )
 
-    def _cards(self) -> tuple[ModelCard, ModelCard | EnsembleCard, list[ModelCard]]:
+    def _cards(self) -> tuple[PersonCard, Card, list[LandmarkCard]]:
         """Of the person network, of what was chosen for landmarks, and of the landmark networks in it."""
-        chosen = read_any_card(self.landmarks)
-        return read_card(_PERSONS), chosen, chosen.member_cards() if isinstance(chosen, EnsembleCard) else [chosen]
+        chosen = read_card(self.landmarks, Card)
+        members = chosen.member_cards() if isinstance(chosen, EnsembleCard) else [read_card(self.landmarks, LandmarkCard)]
+        return read_card(_PERSONS, PersonCard), chosen, members
 
 
-def default_cards() -> list[ModelCard]:
+def default_cards() -> list[NetworkCard]:
     """The networks used when no one chooses others."""
     chosen = BlazePoseConfig()
     return [read_card(_PERSONS), read_card(chosen.landmarks)]

@@ -12,7 +12,7 @@ import numpy as np
 from posefuse.core import ModelError
 from posefuse.core.arrays import Array
 
-from .card import Decoding, NetworkCard
+from .card import Decoding, OnnxCard
 from .crops import overlap
 from .decode import Keypoints, People, keypoints_from_heatmaps, keypoints_from_simcc
 
@@ -125,7 +125,7 @@ Shape = tuple[int | str, ...]
 _LEAST_YOLOX_VALUES = 6
 
 
-def expected_shapes(card: NetworkCard) -> list[Shape]:
+def expected_shapes(card: OnnxCard) -> list[Shape]:
     """Shapes of the outputs that the card's layout has, for one image."""
     width, height = card.input.size_wh
     count = len(card.skeleton) if card.keypoints else 0
@@ -143,7 +143,7 @@ def expected_shapes(card: NetworkCard) -> list[Shape]:
     return [(1, "n", 5), (1, "n")]
 
 
-def check_outputs(card: NetworkCard, names: Sequence[str], outputs: Sequence[Array]) -> None:
+def check_outputs(card: OnnxCard, names: Sequence[str], outputs: Sequence[Array]) -> None:
     """Raise ModelError, with the shapes expected and got, for outputs that are not of the card's layout."""
     expected = expected_shapes(card)
     optional = 1 if card.kind == "detections" else 0
@@ -155,17 +155,17 @@ def check_outputs(card: NetworkCard, names: Sequence[str], outputs: Sequence[Arr
     if not fitting:
         have = ", ".join(f"{name} {shape}" for name, shape in zip(names, got, strict=True))
         wanted = ", ".join(_text(shape) for shape in expected)
-        raise ModelError(f"model card {card.name}: {card.path.name}: expected outputs of layout {card.kind} {wanted}; got {have}")
+        raise ModelError(f"model card {card.name}: {card.file_name}: expected outputs of layout {card.kind} {wanted}; got {have}")
 
 
-def keypoints_of(card: NetworkCard, outputs: Sequence[Array]) -> Keypoints:
+def keypoints_of(card: OnnxCard, outputs: Sequence[Array]) -> Keypoints:
     """Keypoints (B, K) of a top-down network's outputs (B, ...) for B crops."""
     if card.kind == "simcc":
         return keypoints_from_simcc(outputs[0], outputs[1], card.decoding)
     return keypoints_from_heatmaps(outputs[0], card.input.size_wh, card.decoding)
 
 
-def people_from_outputs(card: NetworkCard, outputs: Sequence[Array]) -> People:
+def people_from_outputs(card: OnnxCard, outputs: Sequence[Array]) -> People:
     """People in the outputs of a one-stage network or a person detector for one image."""
     if card.kind == "rtmo":
         return people_from_rtmo(outputs[0], outputs[1], card.decoding)

@@ -13,9 +13,6 @@ from posefuse.foundation.settings import settings
 if TYPE_CHECKING:
     from posefuse.core import Detector, Rig
 
-# kinds of cards that the default detector reads; all others are networks of the user
-_BLAZEPOSE_KINDS = ("heatmap_landmarks", "landmark_ensemble")
-
 
 @settings
 class DetectorChoice:
@@ -45,23 +42,45 @@ def network_plugin(network: str) -> tuple[str, dict[str, Any]]:
     """The detector plug-in of a network, and its options that choose it.
 
     Args:
-        network: name of a bundled network, or a TOML file: a card of the user's own, or of BlazePose's layout.
+        network: name of a card, or the TOML file of one of the user's own.
 
     Raises:
-        ConfigError: a card that cannot be read.
+        ConfigError: a file that cannot be read.
     """
-    if not network.endswith(".toml"):
-        return "blazepose", {"landmarks": network}
-    path = Path(network).absolute()
-    kind = parse_toml(network, read_text(path, ConfigError), ConfigError).get("kind")
-    return ("blazepose", {"landmarks": str(path)}) if kind in _BLAZEPOSE_KINDS else ("onnx", {"card": str(path)})
+    from .card import CARDS_FOLDER, LAYOUTS
+
+    own = network.endswith(".toml")
+    path = Path(network).absolute() if own else CARDS_FOLDER / f"{network}.toml"
+    # a name that no card has is refused where the detector is built
+    kind = parse_toml(network, read_text(path, ConfigError), ConfigError).get("kind") if own or path.is_file() else ""
+    return "onnx" if kind in LAYOUTS else "blazepose", {"card" if kind in LAYOUTS else "landmarks": str(path) if own else network}
 
 
-def network_settings(network: str) -> dict[str, str]:
-    """The same as settings by dotted key; a network of the default detector leaves it to the user which detector that is."""
-    plugin, options = network_plugin(network)
+def device_word(device: str | int) -> str:
+    """The word of a device; a number is that of a card of NVIDIA."""
+    return f"cuda:{device}" if isinstance(device, int) else device
+
+
+def network_settings(network: str | None, device: str | int | None = None) -> dict[str, str]:
+    """A network and its device as settings by dotted key; None: not chosen.
+
+    A network of the default detector leaves it to the user which detector that is.
+    """
+    plugin, options = network_plugin(network) if network else (DetectorChoice().name, {})
+    if device is not None:
+        options["device"] = device_word(device)
     chosen = {} if plugin == DetectorChoice().name else {"detector.name": plugin}
     return chosen | {f"detector.options.{key}": value for key, value in options.items()}
+
+
+def locked(choice: DetectorChoice, folder: Path) -> DetectorChoice:
+    """The choice, held to the networks that a session's folder names by their hashes, if it has such a file."""
+    from .lock import LOCK_FILE
+
+    lock = folder / LOCK_FILE
+    if choice.name != "onnx" or not lock.is_file():
+        return choice
+    return DetectorChoice(name=choice.name, options={"lock": str(lock), **choice.options})
 
 
 STAGE = "downloading networks"

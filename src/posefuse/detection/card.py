@@ -1,14 +1,12 @@
-"""Model cards: what goes into a network, what comes out, and which file it must be.
+"""Model cards: what goes into a network, what comes out, which file it must be, and where that is published.
 
-Cards of BlazePose name an archive that is fetched (`files`). Networks in ONNX files are the user's: no weights come with this
-package; a card names the file, its hash, its licence and where its maker publishes it.
+No weights come with this package. A card names the network's file next to it, or the source from which it is fetched (`files`).
 """
 
 from __future__ import annotations
 
-import hashlib
 from pathlib import Path, PurePosixPath
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 from annotated_types import Ge, Gt, Le, MinLen
 
@@ -16,162 +14,10 @@ from posefuse.core import SKELETONS, ConfigError, ModelError, Skeleton
 from posefuse.core.errors import choices
 from posefuse.foundation.settings import read_mapping, settings, settings_from_mapping
 
-from .archives import NpmSource, WheelSource
+from .archives import Source, UrlSource
 
 CARDS_FOLDER = Path(__file__).parent / "cards"
 _BESIDE_SUFFIXES = (".noise.toml", ".joint_centres.toml")
-
-
-@settings
-class ModelInput:
-    """What the network eats: a square RGB image whose 0..255 is mapped to low..high."""
-
-    side_px: Annotated[int, Gt(0)]
-    low: float
-    high: float
-
-
-@settings
-class PersonDecoding:
-    """How boxes and alignment points come out of a single-shot person detector.
-
-    Attributes:
-        boxes, scores: names of the outputs.
-        grids: (cells per side, anchors per cell) in the order of the anchors.
-        centre_keypoint: alignment point in the middle of the hips.
-        rim_keypoint: alignment point on the circle about it that holds the person, in the direction of the head.
-    """
-
-    boxes: str
-    scores: str
-    grids: tuple[tuple[int, int], ...]
-    centre_keypoint: int
-    rim_keypoint: int
-
-
-@settings
-class LandmarkDecoding:
-    """How keypoints come out of a landmark network.
-
-    Attributes:
-        landmarks, presence, heatmaps: names of the outputs.
-        channels: landmarks the network gives; the skeleton's keypoints are the first of them.
-        skeleton: its name in `core.SKELETONS`.
-        noise: file next to the card with the fitted noise model.
-        joint_centres: file next to the card with the offsets from landmarks to joint centres; None when not known.
-    """
-
-    landmarks: str
-    presence: str
-    heatmaps: str
-    channels: Annotated[int, Gt(0)]
-    skeleton: str
-    noise: str
-    joint_centres: str | None = None
-
-
-@settings
-class ModelCard:
-    """A network of a known kind.
-
-    Attributes:
-        name: the card's file name without suffix. folder: where the card lies.
-        kind: decides which decoding applies.
-        summary: what it is for, in a few words.
-        size_bytes: of the model file; an archive is never unpacked beyond it.
-        licence, sha256, source, input, decoding: see there.
-    """
-
-    name: str
-    folder: Path
-    kind: Literal["person_ssd", "heatmap_landmarks"]
-    summary: str
-    licence: str
-    sha256: str
-    size_bytes: Annotated[int, Gt(0)]
-    source: WheelSource | NpmSource
-    input: ModelInput
-    decoding: PersonDecoding | LandmarkDecoding
-
-    @property
-    def file_name(self) -> str:
-        """Name of the model file, the same inside the archive and in the cache."""
-        return PurePosixPath(self.source.member).name
-
-    @property
-    def joint_centres_file(self) -> Path | None:
-        """Offsets from landmarks to joint centres, where known."""
-        return _beside(self.folder, self.decoding.joint_centres) if isinstance(self.decoding, LandmarkDecoding) else None
-
-
-@settings
-class EnsembleCard:
-    """Several landmark networks that look at the same crops.
-
-    Attributes:
-        name, folder, summary: as in `ModelCard`.
-        members: their cards, by name or TOML file next to this one.
-        mirrored: each also looks at the crop's mirror image.
-        joint_centres: file next to the card; None when not known.
-    """
-
-    name: str
-    folder: Path
-    kind: Literal["landmark_ensemble"]
-    summary: str
-    members: Annotated[tuple[str, ...], MinLen(1)]
-    mirrored: bool
-    joint_centres: str | None = None
-
-    @property
-    def joint_centres_file(self) -> Path | None:
-        """Offsets from the averaged landmarks to joint centres, where known."""
-        return _beside(self.folder, self.joint_centres)
-
-    def member_cards(self) -> list[ModelCard]:
-        """The cards of the members; raises as `read_card`."""
-        files = {name: self.folder / f"{name}.toml" for name in self.members}
-        return [read_card(file if file.is_file() else name) for name, file in files.items()]
-
-
-def list_cards() -> list[ModelCard]:
-    """The cards of networks that come with the package, by name."""
-    cards = [_read(path) for path in _card_files()]
-    return [card for card in cards if isinstance(card, ModelCard)]
-
-
-def read_card(name: str | Path) -> ModelCard:
-    """The card of this network, or in this TOML file; raises ModelError or ConfigError when there is none or it is wrong."""
-    card = read_any_card(name)
-    if isinstance(card, EnsembleCard):
-        raise ModelError(f"model card {card.name}: expected one network, got an ensemble of {', '.join(card.members)}")
-    return card
-
-
-def read_any_card(name: str | Path) -> ModelCard | EnsembleCard:
-    """As `read_card`, ensembles included."""
-    path = Path(name)
-    if path.suffix != ".toml":
-        path = CARDS_FOLDER / f"{name}.toml"
-        if not path.is_file():
-            raise ModelError(f"no model card {str(name)!r}; there are: {choices(file.stem for file in _card_files())}")
-    return _read(path)
-
-
-def _beside(folder: Path, name: str | None) -> Path | None:
-    return folder / name if name else None
-
-
-def _card_files() -> list[Path]:
-    return sorted(path for path in CARDS_FOLDER.glob("*.toml") if not path.name.endswith(_BESIDE_SUFFIXES))
-
-
-def _read(path: Path) -> ModelCard | EnsembleCard:
-    content: dict[str, Any] = {"name": path.stem, "folder": path.parent, **read_mapping(path)}
-    if content.get("kind") == "landmark_ensemble":
-        return settings_from_mapping(content, EnsembleCard, where=str(path))
-    return settings_from_mapping(content, ModelCard, where=str(path))
-
 
 Layout = Literal["simcc", "heatmap", "rtmo", "yolo_pose", "yolox", "detections"]
 TOP_DOWN: tuple[Layout, ...] = ("simcc", "heatmap")
@@ -180,11 +26,13 @@ PERSONS: tuple[Layout, ...] = ("yolox", "detections")
 LAYOUTS = (*TOP_DOWN, *ONE_STAGE, *PERSONS)
 Positive = Annotated[float, Gt(0)]
 Share = Annotated[float, Ge(0), Le(1)]
+# what no network of these kinds exceeds: nothing larger is unpacked or downloaded
+LARGEST_BYTES = 2_000_000_000
 
 
 @settings
 class NetworkInput:
-    """What the network takes, as its maker defines it: (colour - mean) / std of 0..255, one image as (1, 3, height, width).
+    """What the network takes, as its maker defines it: (colour - mean) / std of 0..255.
 
     Attributes:
         size_wh: px of its input.
@@ -234,47 +82,133 @@ class Decoding:
 
 
 @settings
-class NetworkCard:
-    """A network of a known layout in a local file.
+class PersonDecoding:
+    """How boxes and alignment points come out of a single-shot person detector.
+
+    Attributes:
+        boxes, scores: names of the outputs.
+        grids: (cells per side, anchors per cell) in the order of the anchors.
+        centre_keypoint: alignment point in the middle of the hips.
+        rim_keypoint: alignment point on the circle about it that holds the person, in the direction of the head.
+    """
+
+    boxes: str
+    scores: str
+    grids: tuple[tuple[int, int], ...]
+    centre_keypoint: int
+    rim_keypoint: int
+
+
+@settings
+class LandmarkDecoding:
+    """How keypoints come out of a landmark network.
+
+    Attributes:
+        landmarks, presence, heatmaps: names of the outputs.
+        channels: landmarks the network gives; the skeleton's keypoints are the first of them.
+    """
+
+    landmarks: str
+    presence: str
+    heatmaps: str
+    channels: Annotated[int, Gt(0)]
+
+
+@settings
+class Card:
+    """What all cards say.
 
     Attributes:
         name: the card's file name without suffix. folder: where the card lies; the files it names are relative to it.
-        kind: layout of the outputs: one of `LAYOUTS`.
-        file, sha256: the ONNX file and its hash.
-        licence, published: under which terms, and where the maker publishes it; for people.
+        kind: decides which of the classes below it is, and how outputs are read.
         summary: what it is for, in a few words.
-        keypoints: name of the keypoint set in `core.SKELETONS`; "" for a person detector.
-        persons: top-down: card that finds people, a TOML file or ``blazepose_persons``, which is fetched once.
-        input, decoding: see there.
-        least_keypoint_score: a person whose keypoints score less than this on average is not there.
-        noise: file with the fitted noise model (`posefuse fit-noise`); None: a rule of thumb.
-        joint_centres: file with offsets from keypoints to joint centres; None: those of the keypoint set.
+        joint_centres: file with offsets from keypoints to joint centres; None where they were not fitted.
     """
 
     name: str
     folder: Path
-    kind: Layout
-    file: Annotated[str, MinLen(1)]
-    sha256: Annotated[str, MinLen(64)]
-    licence: str
-    published: str = ""
+    kind: str
     summary: str = ""
-    keypoints: str = ""
-    persons: str = "blazepose_persons"
-    input: NetworkInput
-    decoding: Decoding = Decoding()
-    least_keypoint_score: Share = 0.3
-    noise: str | None = None
     joint_centres: str | None = None
 
     @property
-    def path(self) -> Path:
-        """The network's file."""
-        return self.folder / self.file
+    def joint_centres_file(self) -> Path | None:
+        """Offsets from the network's keypoints to joint centres, where they were fitted."""
+        return self.folder / self.joint_centres if self.joint_centres else None
+
+
+@settings
+class EnsembleCard(Card):
+    """Several landmark networks that look at the same crops.
+
+    Attributes:
+        members: their cards, by name or TOML file next to this one.
+        mirrored: each also looks at the crop's mirror image.
+    """
+
+    kind: Literal["landmark_ensemble"]
+    members: Annotated[tuple[str, ...], MinLen(1)]
+    mirrored: bool
+
+    def member_cards(self) -> list[LandmarkCard]:
+        """The cards of the members; raises as `read_card`."""
+        files = {name: self.folder / f"{name}.toml" for name in self.members}
+        return [read_card(file if file.is_file() else name, LandmarkCard) for name, file in files.items()]
+
+
+@settings
+class Terms:
+    """What whoever fetches a network has to know and to accept.
+
+    Attributes:
+        stated_by: where its makers state the licence of the weights.
+        data: what it was trained with, and under which terms that is published.
+    """
+
+    stated_by: str
+    data: str
+
+
+@settings
+class NetworkCard(Card):
+    """One network.
+
+    Attributes:
+        file: the network next to the card; "" where it is fetched from `source`.
+        source: where it is published; None for a local file.
+        size_bytes: of the network's file; an archive is never unpacked beyond it.
+        sha256: of the network's file; "" where no source states it: then the file that is fetched first is kept to (`files`).
+        licence, published: under which terms, and where the maker publishes it; for people.
+        terms: what is to be read and accepted before it is fetched; None: nothing beyond the licence.
+        keypoints: name of the keypoint set in `core.SKELETONS`; "" for a person detector.
+        noise: file with the fitted noise model (`posefuse fit-noise`); None: a rule of thumb.
+        input: see there.
+    """
+
+    file: str = ""
+    source: Source | None = None
+    size_bytes: Annotated[int, Gt(0)] = LARGEST_BYTES
+    sha256: str = ""
+    licence: str
+    terms: Terms | None = None
+    published: str = ""
+    keypoints: str = ""
+    noise: str | None = None
+    input: NetworkInput
+
+    @property
+    def file_name(self) -> str:
+        """Name of the network's file: next to the card, or in the cache."""
+        if self.source is None:
+            return self.file
+        if isinstance(self.source, UrlSource):
+            # what is in archives is called alike; cards of the same archive share the file
+            return f"{PurePosixPath(self.source.file_pattern).stem if self.source.member else self.name}.onnx"
+        return PurePosixPath(self.source.member).name
 
     @property
     def skeleton(self) -> Skeleton:
-        """The keypoint set; only for layouts with keypoints."""
+        """The keypoint set; only for networks that give keypoints."""
         return SKELETONS[self.keypoints]
 
     @property
@@ -282,41 +216,104 @@ class NetworkCard:
         """The fitted noise model, where there is one."""
         return self.folder / self.noise if self.noise else None
 
-    @property
-    def joint_centres_file(self) -> Path | None:
-        """Offsets from the network's keypoints to joint centres, where they were fitted."""
-        return self.folder / self.joint_centres if self.joint_centres else None
 
-    @property
-    def persons_card(self) -> Path | None:
-        """Card of the person detector; None for ``blazepose_persons``."""
-        return None if self.persons == "blazepose_persons" else self.folder / self.persons
+@settings
+class PersonCard(NetworkCard):
+    """The network that finds people for BlazePose: a .tflite file."""
+
+    kind: Literal["person_ssd"]
+    decoding: PersonDecoding
 
 
-def read_network_card(path: Path) -> NetworkCard:
-    """Read a card; raises ConfigError naming the file and key for anything that is not right in it."""
-    content = {"name": path.stem, "folder": path.parent, **read_mapping(path)}
-    card = settings_from_mapping(content, NetworkCard, where=str(path))
-    needed = card.kind not in PERSONS
-    if needed and card.keypoints not in SKELETONS:
-        raise ConfigError(f"{path}: keypoints: no keypoint set {card.keypoints!r}; there are: {choices(SKELETONS)}")
-    if card.kind == "simcc" and card.decoding.subpixel == "quarter":
-        raise ConfigError(f"{path}: decoding.subpixel: quarter is for heatmaps; simcc takes none, taylor or dark")
-    if card.decoding.blur_cells % 2 == 0:
-        raise ConfigError(f"{path}: decoding.blur_cells: expected an odd number, got {card.decoding.blur_cells}")
+@settings
+class LandmarkCard(NetworkCard):
+    """A network of BlazePose's layout: a .tflite file."""
+
+    kind: Literal["heatmap_landmarks"]
+    decoding: LandmarkDecoding
+
+
+@settings
+class OnnxCard(NetworkCard):
+    """A network in an ONNX file, of one of `LAYOUTS`.
+
+    Attributes:
+        persons: top-down: card that finds people, a TOML file or ``blazepose_persons``.
+        decoding: see there.
+        least_keypoint_score: a person whose keypoints score less than this on average is not there.
+    """
+
+    kind: Layout
+    persons: str = "blazepose_persons"
+    decoding: Decoding = Decoding()
+    least_keypoint_score: Share = 0.3
+
+
+C = TypeVar("C", bound=Card)
+_CLASSES: dict[str, type[Card]] = {"person_ssd": PersonCard, "heatmap_landmarks": LandmarkCard, "landmark_ensemble": EnsembleCard}
+
+
+def list_cards() -> list[NetworkCard]:
+    """The cards of networks that come with the package, by name."""
+    cards = [read_card(path, Card) for path in _card_files()]
+    return [card for card in cards if isinstance(card, NetworkCard)]
+
+
+def read_card(name: str | Path, expected: type[C] = NetworkCard) -> C:  # type: ignore[assignment]
+    """The card of this name, or in this TOML file.
+
+    Args:
+        name: of a card of the package, or a path that ends with .toml. expected: the class that it must be.
+
+    Raises:
+        ModelError: there is none of this name, or it is of another kind. ConfigError: its content is wrong; names file and key.
+    """
+    path = Path(name)
+    if path.suffix != ".toml":
+        path = CARDS_FOLDER / f"{name}.toml"
+        if not path.is_file():
+            raise ModelError(f"no model card {str(name)!r}; there are: {choices(file.stem for file in _card_files())}")
+    content: dict[str, Any] = {"name": path.stem, "folder": path.parent, **read_mapping(path)}
+    card = settings_from_mapping(content, _CLASSES.get(str(content.get("kind")), OnnxCard), where=str(path))
+    if not isinstance(card, expected):
+        raise ModelError(f"model card {card.name}: expected {_WORDS.get(expected, 'one network')}, got {card.kind}")
+    if isinstance(card, NetworkCard):
+        _check(card, path)
     return card
 
 
-def checked_file(card: NetworkCard) -> Path:
-    """The card's file, with the content that the card states.
+def needed_cards(name: str | Path) -> list[NetworkCard]:
+    """The networks that work together under a name: an ensemble's members, a network and the one that finds people for it."""
+    card = read_card(name, Card)
+    if isinstance(card, EnsembleCard):
+        return [*card.member_cards()]
+    found: list[NetworkCard] = [read_card(name)]
+    if isinstance(card, OnnxCard) and card.kind in TOP_DOWN:
+        beside = card.folder / card.persons
+        found.append(read_card(beside if beside.is_file() else card.persons))
+    return found
 
-    Raises:
-        ModelError: it is missing, or its hash is another; names both hashes and where the file is published.
-    """
-    published = f" (published at {card.published})" if card.published else ""
-    if not card.path.is_file():
-        raise ModelError(f"model card {card.name}: no file {card.path}; put the network there{published}")
-    got = hashlib.sha256(card.path.read_bytes()).hexdigest()
-    if got != card.sha256.lower():
-        raise ModelError(f"model card {card.name}: {card.path}: expected sha256 {card.sha256}, got {got}{published}")
-    return card.path
+
+def _card_files() -> list[Path]:
+    return sorted(path for path in CARDS_FOLDER.glob("*.toml") if not path.name.endswith(_BESIDE_SUFFIXES))
+
+
+_WORDS: dict[type[Card], str] = {
+    PersonCard: "kind person_ssd",
+    LandmarkCard: "kind heatmap_landmarks",
+    OnnxCard: f"a network in an ONNX file ({', '.join(LAYOUTS)})",
+}
+
+
+def _check(card: NetworkCard, path: Path) -> None:
+    """Raise ConfigError for values that do not go together."""
+    if bool(card.file) == (card.source is not None):
+        raise ConfigError(f"{path}: expected either file, a network next to the card, or a [source] to fetch it from")
+    if len(card.sha256) != 64 and not (card.sha256 == "" and isinstance(card.source, UrlSource)):
+        raise ConfigError(f"{path}: sha256: expected 64 hexadecimal digits, got {card.sha256!r}")
+    if card.kind not in (*PERSONS, "person_ssd") and card.keypoints not in SKELETONS:
+        raise ConfigError(f"{path}: keypoints: no keypoint set {card.keypoints!r}; there are: {choices(SKELETONS)}")
+    if isinstance(card, OnnxCard) and card.kind == "simcc" and card.decoding.subpixel == "quarter":
+        raise ConfigError(f"{path}: decoding.subpixel: quarter is for heatmaps; simcc takes none, taylor or dark")
+    if isinstance(card, OnnxCard) and card.decoding.blur_cells % 2 == 0:
+        raise ConfigError(f"{path}: decoding.blur_cells: expected an odd number, got {card.decoding.blur_cells}")

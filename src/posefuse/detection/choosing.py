@@ -14,7 +14,7 @@ from posefuse.foundation.places import default_cache_dir
 from posefuse.foundation.platform import usable_cores
 
 from .blazepose import BlazePoseConfig
-from .card import EnsembleCard, ModelCard, read_any_card
+from .card import needed_cards
 from .files import status
 
 # from the smallest to the largest
@@ -86,12 +86,7 @@ def share_of_frames(cost: NetworkCost, cameras: int, rate_hz: float) -> float:
 
 
 def _is_ready(name: str, cache: Path) -> bool:
-    return all(status(card, cache) == "ready" for card in _cards(name))
-
-
-def _cards(name: str) -> list[ModelCard]:
-    chosen = read_any_card(name)
-    return chosen.member_cards() if isinstance(chosen, EnsembleCard) else [chosen]
+    return all(status(card, cache) == "ready" for card in needed_cards(name))
 
 
 def _image_s(config: BlazePoseConfig, clock_s: Callable[[], float]) -> float:

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -18,10 +18,9 @@ from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 
 from .boxes import check_outputs
-from .card import ModelInput, NetworkCard, checked_file
+from .card import NetworkInput, OnnxCard
 from .crops import normalised
-
-Precision = Literal["auto", "f32", "bf16"]
+from .device import CPU, Device, Precision, device_of, is_listed, last_line, onnxruntime, session_on
 
 
 def openvino_package() -> Any:
@@ -42,7 +41,7 @@ def openvino_core() -> Any:
     return openvino_package().Core()
 
 
-def compiled_for_cpu(model: Any, precision: Precision, streams: int) -> Any:
+def compiled_by_openvino(model: Any, device: Device, precision: Precision, streams: int) -> Any:
     """The `openvino.CompiledModel`.
 
     Threads are not pinned to cores. Left to itself OpenVINO pins the first stream to the first core, and does so in every
@@ -50,10 +49,19 @@ def compiled_for_cpu(model: Any, precision: Precision, streams: int) -> Any:
 
     Args:
         model: an `openvino.Model`.
-        precision: ``auto`` is bf16 where the CPU computes it natively, else f32.
+        device: one that OpenVINO runs.
+        precision: of the CPU; ``auto`` is bf16 where it computes that natively, else f32.
         streams: images worked on at once, one thread each.
+
+    Raises:
+        ModelError: OpenVINO has no such device here.
     """
     core = openvino_core()
+    if device != CPU:
+        if not any(name.partition(".")[0] == device.openvino for name in core.available_devices):
+            there = choices(core.available_devices)
+            raise ModelError(f"device {device.word}: OpenVINO has {there} here; {device.word} needs {device.cure}")
+        return core.compile_model(model, device.openvino, {"PERFORMANCE_HINT": "THROUGHPUT"})
     if precision == "auto":
         precision = "bf16" if "BF16" in core.get_property("CPU", "OPTIMIZATION_CAPABILITIES") else "f32"
     options = {
@@ -65,28 +73,39 @@ def compiled_for_cpu(model: Any, precision: Precision, streams: int) -> Any:
     return core.compile_model(model, "CPU", options)
 
 
+def devices_found() -> str:
+    """What OpenVINO and ONNX Runtime say that they run on here; whether a provider works shows when it is used."""
+    try:
+        providers = ", ".join(name.removesuffix("ExecutionProvider") for name in onnxruntime().get_available_providers())
+    except DependencyError:
+        providers = "not installed"
+    return f"OpenVINO: {', '.join(openvino_core().available_devices)}; ONNX Runtime: {providers}"
+
+
 class BlazePoseNetwork:
-    """A .tflite file compiled for this CPU.
+    """A .tflite file, compiled.
 
     Args:
         path: the model file.
         outputs: names of the outputs to keep; what only other outputs need is never computed.
-        takes: size and value range of its input.
-        precision: ``auto`` is bf16 where the CPU computes it natively, else f32.
+        takes: its input, square, the same range for all colours.
+        precision, device: see `compiled_by_openvino`.
         streams: crops worked on at once, one thread each; a single one is worked on in the thread that asks.
 
     Raises:
         ModelError: a file that is no such network.
     """
 
-    def __init__(self, path: Path, outputs: Sequence[str], takes: ModelInput, precision: Precision, streams: int) -> None:
+    def __init__(
+        self, path: Path, outputs: Sequence[str], takes: NetworkInput, precision: Precision, streams: int, device: Device = CPU
+    ) -> None:
         ov = openvino_package()
-        self.side_px = takes.side_px
-        compiled = compiled_for_cpu(_pruned(path, outputs, takes), precision, streams)
+        self.side_px = takes.size_wh[0]
+        compiled = compiled_by_openvino(_pruned(path, outputs, takes), device, precision, streams)
         self._alone = streams == 1
         # twice as many as threads: one that has done a crop finds the next one waiting
         self._requests = [compiled.create_infer_request() for _ in range(1 if self._alone else 2 * streams)]
-        self._crops = np.zeros((len(self._requests), 1, takes.side_px, takes.side_px, 3), np.uint8)
+        self._crops = np.zeros((len(self._requests), 1, takes.size_wh[0], takes.size_wh[0], 3), np.uint8)
         for request, crop in zip(self._requests, self._crops, strict=True):
             # given once: OpenVINO's Python layer takes longer to accept an array than to copy a crop
             request.set_input_tensor(ov.Tensor(crop, shared_memory=True))
@@ -127,23 +146,22 @@ class BlazePoseNetwork:
             result[:] = request.get_output_tensor(k).data[0]
 
 
-def _pruned(path: Path, outputs: Sequence[str], takes: ModelInput) -> Any:
+def _pruned(path: Path, outputs: Sequence[str], takes: NetworkInput) -> Any:
     ov, whole = openvino_package(), _read_by_openvino(path)
     ports = {name: port for port in whole.outputs for name in port.get_names()}
     kept = [ports[name].get_node().input_value(0) for name in _chosen(path, outputs, ports)]
     model = ov.Model(kept, whole.get_parameters(), path.stem)
     shape = tuple(model.input().shape)
-    if shape != (1, takes.side_px, takes.side_px, 3):
-        raise ModelError(f"{path}: expected an input (1, {takes.side_px}, {takes.side_px}, 3), got {shape}")
+    if shape != (1, takes.size_wh[0], takes.size_wh[0], 3):
+        raise ModelError(f"{path}: expected an input (1, {takes.size_wh[0]}, {takes.size_wh[0]}, 3), got {shape}")
     steps = ov.preprocess.PrePostProcessor(model)
     steps.input().tensor().set_element_type(ov.Type.u8)
-    scale = 255.0 / (takes.high - takes.low)
-    steps.input().preprocess().convert_element_type(ov.Type.f32).mean(-takes.low * scale).scale(scale)
+    steps.input().preprocess().convert_element_type(ov.Type.f32).mean(takes.mean[0]).scale(takes.std[0])
     return steps.build()
 
 
-Engine = Literal["openvino", "onnxruntime"]
-DEFAULT_PROVIDERS = ("CPUExecutionProvider",)
+# of images that a graphics card looks at in one call; a call of another number is filled up to the next of these
+_BATCHES = (1, 2, 4, 8)
 
 
 class Runner(Protocol):
@@ -160,25 +178,50 @@ class OnnxNetwork:
     """A card's network, compiled, its outputs checked against the card's layout.
 
     Args:
-        card: which network.
-        engine: what runs it. precision: of OpenVINO. providers: of ONNX Runtime, best first.
-        threads: CPU threads.
+        card: which network. path: its file.
+        device: word of the processor, see `device`. precision: of OpenVINO on the CPU. threads: CPU threads.
+
+    Attributes:
+        processor: on which it runs, and for ``auto`` why not on a graphics card, for people.
 
     Raises:
-        ModelError: the file is missing, has another hash, cannot be read, or is not of the layout.
-        DependencyError: ONNX Runtime is asked for and not installed.
+        ModelError: the file cannot be read, or is not of the layout, or the device does not run it.
+        DependencyError: ONNX Runtime is needed and not installed.
     """
 
-    def __init__(self, card: NetworkCard, engine: Engine, precision: Precision, providers: Sequence[str], threads: int) -> None:
+    def __init__(self, card: OnnxCard, path: Path, device: str, precision: Precision, threads: int) -> None:
         self.card = card
-        path = checked_file(card)
+        chosen = device_of(device)
+        if chosen is None:
+            self.processor = self._automatic(path, precision, threads)
+        else:
+            self.processor = self._on(chosen, path, precision, threads)
+
+    def _automatic(self, path: Path, precision: Precision, threads: int) -> str:
+        """On a graphics card of NVIDIA if one really runs it, else on the CPU, with the reason."""
+        card = device_of("cuda")
+        assert card is not None
+        if not is_listed(card):
+            return self._on(CPU, path, precision, threads)
+        try:
+            return self._on(card, path, precision, threads)
+        except ModelError as error:
+            return f"{self._on(CPU, path, precision, threads)} ({error})"
+
+    def _on(self, device: Device, path: Path, precision: Precision, threads: int) -> str:
+        """Compile it, and run it once: what does not run is no device."""
         self._runner: Runner = (
-            OpenVinoRunner(card, path, precision, threads)
-            if engine == "openvino"
-            else OnnxRuntimeRunner(card, path, providers, threads)
+            OpenVinoRunner(self.card, path, device, precision, threads)
+            if device.openvino
+            else OnnxRuntimeRunner(self.card, path, device, threads)
         )
-        width, height = card.input.size_wh
-        check_outputs(card, self._runner.output_names, self([np.zeros((height, width, 3), np.uint8)])[0])
+        width, height = self.card.input.size_wh
+        try:
+            outputs = self([np.zeros((height, width, 3), np.uint8)])[0]
+        except Exception as error:  # noqa: BLE001 - the errors of both libraries share no base class
+            raise ModelError(f"device {device.word}: cannot run {path.name} ({last_line(error)}); needs {device.cure}") from None
+        check_outputs(self.card, self._runner.output_names, outputs)
+        return device.word
 
     def __call__(self, crops: Sequence[Array]) -> list[list[Array]]:
         """The outputs, in the layout's order, for each RGB crop (H, W, 3) uint8 of the card's size."""
@@ -186,9 +229,9 @@ class OnnxNetwork:
 
 
 class OpenVinoRunner:
-    """Runs on the CPU, as many images at once as there are threads."""
+    """Runs as many images at once as there are threads."""
 
-    def __init__(self, card: NetworkCard, path: Path, precision: Precision, threads: int) -> None:
+    def __init__(self, card: OnnxCard, path: Path, device: Device, precision: Precision, threads: int) -> None:
         ov, model = openvino_package(), _read_by_openvino(path)
         named = {name: port for port in model.outputs for name in port.get_names()}
         ports = [named[name] for name in _chosen(path, card.decoding.outputs, named)] if card.decoding.outputs else model.outputs
@@ -200,7 +243,7 @@ class OpenVinoRunner:
         if not shape.compatible(ov.PartialShape([1, 3, height, width])):
             raise ModelError(f"{path}: expected an input (1, 3, {height}, {width}), got {shape.to_string()}")
         model.reshape([1, 3, height, width])
-        self._queue = ov.AsyncInferQueue(compiled_for_cpu(model, precision, threads), threads)
+        self._queue = ov.AsyncInferQueue(compiled_by_openvino(model, device, precision, threads), threads)
         self._queue.set_callback(self._collect)
 
     def run(self, inputs: Sequence[Array]) -> list[list[Array]]:
@@ -216,33 +259,13 @@ class OpenVinoRunner:
 
 
 class OnnxRuntimeRunner:
-    """Runs wherever an execution provider of ONNX Runtime does, one image after the other."""
+    """Runs on a graphics card or another processor that ONNX Runtime serves, several images in one call where the file allows."""
 
-    def __init__(self, card: NetworkCard, path: Path, providers: Sequence[str], threads: int) -> None:
-        try:
-            import onnxruntime as ort
-        except ImportError:
-            raise DependencyError("ONNX Runtime is not installed: pip install 'posefuse[onnx]', or engine=openvino") from None
-        # of its builds for Windows
-        ort.disable_telemetry_events()
-        absent = [name for name in providers if name not in ort.get_available_providers()]
-        if absent:
-            there = choices(ort.get_available_providers())
-            raise ModelError(f"ONNX Runtime has no execution provider {absent[0]!r} here; there are: {there}")
-        options = ort.SessionOptions()
-        options.intra_op_num_threads = threads
-        try:
-            self._session = ort.InferenceSession(str(path), options, providers=list(providers))
-        except Exception as error:  # noqa: BLE001 - its errors share no base class
-            raise ModelError(f"{path}: not a network ONNX Runtime can read ({_last_line(error)})") from None
-        # where a driver or a library is missing it continues on the processor without an error
-        if providers[0] not in self._session.get_providers():
-            raise ModelError(
-                f"ONNX Runtime cannot use {providers[0]} here, only {choices(self._session.get_providers())}; "
-                "check the driver and libraries that it needs"
-            )
-        given = [port.name for port in self._session.get_outputs()]
-        self.output_names = _chosen(path, card.decoding.outputs, given) if card.decoding.outputs else given
+    def __init__(self, card: OnnxCard, path: Path, device: Device, threads: int) -> None:
+        self._session = session_on(device, str(path), threads)
+        given = self._session.get_outputs()
+        names = [port.name for port in given]
+        self.output_names = _chosen(path, card.decoding.outputs, names) if card.decoding.outputs else names
         self._input = self._session.get_inputs()[0]
         width, height = card.input.size_wh
         shape = self._input.shape
@@ -251,17 +274,29 @@ class OnnxRuntimeRunner:
         )
         if not fits:
             raise ModelError(f"{path}: expected an input (1, 3, {height}, {width}), got {tuple(shape)}")
+        firsts = [shape, *(port.shape for port in given if port.name in self.output_names)]
+        self._batches = _BATCHES if all(len(one) > 0 and not isinstance(one[0], int) for one in firsts) else _BATCHES[:1]
 
     def run(self, inputs: Sequence[Array]) -> list[list[Array]]:
         """See `Runner`."""
-        return [list(self._session.run(list(self.output_names), {self._input.name: one})) for one in inputs]
+        results: list[list[Array]] = []
+        while len(results) < len(inputs):
+            results += self._together(inputs[len(results) : len(results) + self._batches[-1]])
+        return results
+
+    def _together(self, inputs: Sequence[Array]) -> list[list[Array]]:
+        """In one call, filled up: every other number of images would be compiled once more."""
+        size = next(size for size in self._batches if size >= len(inputs))
+        batch = np.concatenate([*inputs, *[np.zeros_like(inputs[0])] * (size - len(inputs))])
+        outputs = self._session.run(list(self.output_names), {self._input.name: batch})
+        return [[output[i : i + 1] for output in outputs] for i in range(len(inputs))]
 
 
 def _read_by_openvino(path: Path) -> Any:
     try:
         return openvino_core().read_model(path)
     except RuntimeError as error:
-        raise ModelError(f"{path}: not a network OpenVINO can read ({_last_line(error)})") from None
+        raise ModelError(f"{path}: not a network OpenVINO can read ({last_line(error)})") from None
 
 
 def _chosen(path: Path, wanted: Sequence[str], there: Sequence[str] | dict[str, Any]) -> list[str]:
@@ -269,8 +304,3 @@ def _chosen(path: Path, wanted: Sequence[str], there: Sequence[str] | dict[str, 
     if missing:
         raise ModelError(f"{path}: expected an output {missing[0]!r}; there are: {choices(sorted(there))}")
     return list(wanted)
-
-
-def _last_line(error: Exception) -> str:
-    lines = str(error).strip().splitlines()
-    return lines[-1] if lines else type(error).__name__

@@ -1,6 +1,6 @@
-"""Files of networks in the user's cache, fetched once and checked by their hash.
+"""Files of networks: next to their card, or fetched once into the user's cache; always checked by their hash.
 
-No model is part of this package. A machine without a network takes the archive, the file itself, or a folder that holds either,
+No network is part of this package. A machine without a network takes the archive, the file itself, or a folder that holds either,
 by path. A reader never sees half a file, nor a wrong one.
 """
 
@@ -15,69 +15,75 @@ from typing import Literal
 from posefuse.core import ModelError
 from posefuse.foundation.output_file import keep_copy
 
-from .archives import member_of
-from .card import ModelCard
+from .archives import Source, UrlSource, member_of
+from .card import NetworkCard
+from .lock import FIRST_USE, Trust, remember
 
 Progress = Callable[[str], None]
 Advance = Callable[[int, int], None]
-_ARCHIVES = (".whl", ".tgz")
+_ARCHIVES = (".whl", ".tgz", ".zip")
 
 
-def model_path(card: ModelCard, cache_dir: Path) -> Path:
-    """Where the card's file is kept."""
-    return cache_dir / "models" / card.file_name
+def model_path(card: NetworkCard, cache_dir: Path) -> Path:
+    """Where the card's file is, or will be once it is fetched."""
+    return card.folder / card.file if card.file else cache_dir / "models" / card.file_name
 
 
-def status(card: ModelCard, cache_dir: Path) -> Literal["ready", "missing", "damaged"]:
-    """Whether the card's file is in the cache with the right hash."""
+def status(card: NetworkCard, cache_dir: Path, trust: Trust = FIRST_USE) -> Literal["ready", "missing", "damaged"]:
+    """Whether the card's file is there with the right hash."""
     path = model_path(card, cache_dir)
     if not path.is_file():
         return "missing"
-    return "ready" if _sha256(path.read_bytes()) == card.sha256 else "damaged"
+    return "ready" if _file_sha256(path) == trust.known_sha256(card, cache_dir) else "damaged"
 
 
-def fetch(card: ModelCard, cache_dir: Path, source: Path | None = None, progress: Progress | None = None) -> Path:
+def fetch(card: NetworkCard, cache_dir: Path, source: Path | None = None, progress: Progress | None = None) -> Path:
     """The card's model file; see `fetch_all`."""
     return fetch_all([card], cache_dir, source, progress)[0]
 
 
 def fetch_all(
-    cards: Sequence[ModelCard],
+    cards: Sequence[NetworkCard],
     cache_dir: Path,
     source: Path | None = None,
     progress: Progress | None = None,
     advance: Advance | None = None,
+    trust: Trust = FIRST_USE,
 ) -> list[Path]:
-    """Model files of several cards, from the cache or fetched into it; one download serves all cards of an archive.
+    """Files of several networks, those with a source fetched where they are missing; one download serves all of an archive.
 
     Args:
         cards: what is needed.
         cache_dir: the user's cache folder; made when missing.
         source: an archive, a model file, or a folder with either, instead of a download. Never written to.
         progress: gets a text for each step, before a download starts. advance: archives (done, total).
+        trust: which files are accepted.
 
     Raises:
-        ModelError: no network, a source without the file, or a file whose hash is not the card's.
+        ModelError: no internet, a source without the file, a file whose hash is not the known one (names both), or one that is
+            not trusted.
     """
     say = progress or (lambda _: None)
-    missing = [card for card in cards if status(card, cache_dir) != "ready"]
+    missing = [card for card in cards if status(card, cache_dir, trust) != "ready"]
+    for card in missing:
+        _check_fetched(card, cache_dir, trust)
     if missing and source is not None:
         for card in missing:
-            _keep(card, _read_from(source, card), cache_dir, str(source))
+            _keep(card, _read_from(source, card), cache_dir, str(source), trust)
     elif missing:
-        requirements = list(dict.fromkeys(card.source.requirement for card in missing))
+        requirements = list(dict.fromkeys(_source(card).requirement for card in missing))
         for i, requirement in enumerate(requirements):
-            cards_of_it = [card for card in missing if card.source.requirement == requirement]
+            cards_of_it = [card for card in missing if _source(card).requirement == requirement]
             _announce(cards_of_it, cache_dir, say)
             if advance:
                 advance(i, len(requirements))
-            _download(cards_of_it, cache_dir, say)
+            _download(cards_of_it, cache_dir, say, trust)
         if advance:
             advance(len(requirements), len(requirements))
     return [model_path(card, cache_dir) for card in cards]
 
 
-def holds(origin: Path, card: ModelCard) -> bool:
+def holds(origin: Path, card: NetworkCard) -> bool:
     """Whether an archive, folder or file has something to offer for this card; its hash is not looked at."""
     if origin.is_file() and origin.suffix not in _ARCHIVES:
         return origin.name == card.file_name
@@ -87,32 +93,78 @@ def holds(origin: Path, card: ModelCard) -> bool:
         return False
 
 
-def _announce(cards: Sequence[ModelCard], cache_dir: Path, say: Progress) -> None:
+def _sha256_of_archive(card: NetworkCard) -> str:
+    """The hash of the archive that holds the network; "" where no source states it."""
+    return card.source.archive_sha256 if isinstance(card.source, UrlSource) else ""
+
+
+def _source(card: NetworkCard) -> Source:
+    assert card.source is not None, "networks next to their card are not fetched"
+    return card.source
+
+
+def _check_fetched(card: NetworkCard, cache_dir: Path, trust: Trust) -> None:
+    """Raise ModelError for a card whose file is not there and is not to be fetched."""
+    if card.source is None:
+        path, published = model_path(card, cache_dir), f" (published at {card.published})" if card.published else ""
+        if not path.is_file():
+            raise ModelError(f"model card {card.name}: no file {path}; put the network there{published}")
+        raise ModelError(f"model card {card.name}: {path}: expected sha256 {card.sha256}, got {_file_sha256(path)}{published}")
+    if card.terms and not trust.terms:
+        raise ModelError(
+            f"{card.name}: {card.licence}, as its makers state ({card.terms.stated_by}); trained on {card.terms.data}. "
+            f"To accept these terms and fetch it: posefuse models --accept-licence {card.name}"
+        )
+    if not (trust.first_use or trust.known_sha256(card, cache_dir) or _sha256_of_archive(card)):
+        raise ModelError(f"{card.name}: its sha256 stands neither in its card nor in {trust.file(cache_dir)}: refused as locked")
+
+
+def _announce(cards: Sequence[NetworkCard], cache_dir: Path, say: Progress) -> None:
     names = ", ".join(card.file_name for card in cards)
-    say(f"downloading {names} ({cards[0].source.requirement}) into {cache_dir}; this happens once")
+    say(f"downloading {names} ({_source(cards[0]).requirement}) into {cache_dir}; this happens once")
 
 
-def _download(cards: Sequence[ModelCard], cache_dir: Path, say: Progress) -> None:
-    source = cards[0].source
-    with tempfile.TemporaryDirectory(prefix="posefuse-") as folder:
-        archive = source.download(Path(folder))
-        for card in cards:
-            _keep(card, _read_from(archive, card), cache_dir, source.requirement)
-            say(f"{card.file_name}: verified")
+def _download(cards: Sequence[NetworkCard], cache_dir: Path, say: Progress, trust: Trust) -> None:
+    source = _source(cards[0])
+    if isinstance(source, UrlSource):
+        # what was received stays there until it is whole
+        archive = source.download(_folder(cache_dir / "downloads"), trust.known_sha256(cards[0], cache_dir), cards[0].size_bytes)
+        _keep_all(cards, archive, cache_dir, say, trust)
+        archive.unlink(missing_ok=True)
+        return
+    with tempfile.TemporaryDirectory(prefix="posefuse-") as temporary:
+        _keep_all(cards, source.download(Path(temporary)), cache_dir, say, trust)
 
 
-def _read_from(origin: Path, card: ModelCard) -> bytes:
+def _keep_all(cards: Sequence[NetworkCard], archive: Path, cache_dir: Path, say: Progress, trust: Trust) -> None:
+    for card in cards:
+        _keep(card, _read_from(archive, card), cache_dir, _source(card).requirement, trust)
+        say(f"{card.file_name}: verified")
+
+
+def _folder(folder: Path) -> Path:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ModelError(f"{folder}: cannot be made ({error.strerror}); set POSEFUSE_CACHE to a folder that can") from None
+    return folder
+
+
+def _read_from(origin: Path, card: NetworkCard) -> bytes:
     """The card's file out of an archive, a folder, or the file itself."""
     if origin.is_dir():
-        found = sorted(origin.rglob(card.file_name)) or sorted(origin.glob(card.source.file_pattern))
+        found = sorted(origin.rglob(card.file_name)) or sorted(origin.glob(_source(card).file_pattern))
         if not found:
-            wanted = f"{card.file_name} or the archive of {card.source.requirement}"
+            wanted = f"{card.file_name} or the archive of {_source(card).requirement}"
             raise ModelError(f"{origin}: expected {wanted} in this folder, got neither")
         return _read_from(found[0], card)
     if not origin.is_file():
         raise ModelError(f"{origin}: no such archive, model file or folder (needed for {card.file_name})")
     if origin.suffix in _ARCHIVES:
-        return member_of(origin, card.source, card.size_bytes)
+        stated = _sha256_of_archive(card)
+        if stated and (got := _file_sha256(origin)) != stated:
+            raise ModelError(f"{origin}: expected sha256 {stated}, got {got}; not used")
+        return member_of(origin, _source(card), card.size_bytes)
     try:
         with origin.open("rb") as file:
             return file.read(card.size_bytes + 1)
@@ -120,14 +172,13 @@ def _read_from(origin: Path, card: ModelCard) -> bytes:
         raise ModelError(f"{origin}: cannot be read ({error.strerror})") from None
 
 
-def _keep(card: ModelCard, content: bytes, cache_dir: Path, origin: str) -> None:
+def _keep(card: NetworkCard, content: bytes, cache_dir: Path, origin: str, trust: Trust) -> None:
     """Check and write a new file, then rename; a file of that name with another content stays as NAME.replaced-TIME."""
-    got = _sha256(content)
-    if got != card.sha256:
-        raise ModelError(f"{origin}: {card.file_name}: expected sha256 {card.sha256}, got {got}; not used")
-    target = model_path(card, cache_dir)
+    got, known = hashlib.sha256(content).hexdigest(), trust.known_sha256(card, cache_dir)
+    if known and got != known:
+        raise ModelError(f"{origin}: {card.file_name}: expected sha256 {known}, got {got}; not used")
+    target = _folder(cache_dir / "models") / card.file_name
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
         # of another content: a download that was damaged, or a network of the user's own
         keep_copy(target)
         with tempfile.NamedTemporaryFile(dir=target.parent, prefix=f".{card.file_name}.", delete=False) as beside:
@@ -135,7 +186,10 @@ def _keep(card: ModelCard, content: bytes, cache_dir: Path, origin: str) -> None
         Path(beside.name).replace(target)
     except OSError as error:
         raise ModelError(f"{target}: cannot be written ({error}); set POSEFUSE_CACHE to a folder that can") from None
+    if not known:
+        remember(card, got, cache_dir)
 
 
-def _sha256(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
+def _file_sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -19,11 +19,13 @@ from posefuse.foundation.platform import usable_cores
 from posefuse.foundation.settings import settings
 
 from .boxes import keypoints_of, people_from_outputs
-from .card import ONE_STAGE, PERSONS, TOP_DOWN, NetworkCard, read_card, read_network_card
+from .card import PERSONS, OnnxCard, PersonCard, needed_cards, read_card
 from .crops import check_regions, img_from_input, input_crop_from_img, letterbox_from_img, region_from_keypoints, warp_to_input
 from .decode import Keypoints, People
-from .engines import DEFAULT_PROVIDERS, Engine, OnnxNetwork, Precision
+from .device import Precision
+from .engines import OnnxNetwork
 from .files import fetch_all
+from .lock import FIRST_USE, Trust
 from .noise import KeypointNoise, read_keypoint_noise
 from .search import BoxFinder, PersonFinder, PersonNetwork, SquareFinder, upright_first
 
@@ -36,61 +38,63 @@ class OnnxConfig:
     """A user's network by its model card.
 
     Attributes:
-        card: TOML file that describes it, see docs/networks.md.
-        engine: what runs it: ``openvino``, or ``onnxruntime`` (the extra ``onnx``).
-        providers: execution providers of ONNX Runtime, best first, e.g. ``CUDAExecutionProvider``.
-        precision: of OpenVINO; ``auto`` is bf16 where the CPU computes it natively.
+        card: name of a card, or the TOML file of one of your own, see docs/networks.md.
+        device: processor: ``auto`` (a graphics card of NVIDIA if one runs it, else the CPU), ``cpu``, ``cuda:1`` and others.
+        precision: of the CPU; ``auto`` is bf16 where it computes that natively.
         streams: images worked on at once; 0: one per core.
+        lock: file of hashes in place of the one in the cache (`track` takes networks.lock.toml of a session).
         up_rad: per camera, direction of gravity's up in its image, clockwise from the image's up
             (`up_angle_rad` of a calibrated camera); cameras not named are taken as upright.
     """
 
-    card: Path
-    engine: Engine = "openvino"
-    providers: tuple[str, ...] = DEFAULT_PROVIDERS
+    card: str
+    device: str = "auto"
     precision: Precision = "auto"
     streams: Annotated[int, Ge(0)] = 0
+    lock: str = ""
     up_rad: dict[str, float] = field(default_factory=dict)
 
     def fetch(
         self, progress: Callable[[str], None] | None = None, advance: Callable[[int, int], None] | None = None
     ) -> list[Path]:
-        """The default person detector's file where the card needs it; see `fetch_all`. Networks of cards are never fetched."""
-        card = read_network_card(self.card)
-        if card.kind not in TOP_DOWN or card.persons_card is not None:
-            return []
-        return fetch_all([read_card(card.persons)], default_cache_dir(), None, progress, advance)
+        """The files of the network and of its person detector, those with a source fetched; see `fetch_all`."""
+        trust = Trust(lock=Path(self.lock) if self.lock else None)
+        return fetch_all(self._cards(), default_cache_dir(), None, progress, advance, trust)
 
     def build(self) -> TopDownDetector | OneStageDetector:
-        """Read the card, check and compile its files.
+        """Read the cards, check and compile their files.
 
         Raises:
             ConfigError: an invalid card. ModelError: a network that is missing or differs from its card.
-            DependencyError: ONNX Runtime is asked for and not installed.
+            DependencyError: the device needs ONNX Runtime, and that is not installed.
         """
-        card = read_network_card(self.card)
+        card, *persons = self._cards()
+        path, *persons_path = self.fetch()
+        network = self._network(card, path)
+        if not persons:
+            return OneStageDetector(network, self.up_rad)
+        return TopDownDetector(network, self._finder(card, persons[0], persons_path[0]), self.up_rad)
+
+    def _cards(self) -> tuple[OnnxCard] | tuple[OnnxCard, OnnxCard | PersonCard]:
+        """Of the network, and of the one that finds people for it."""
+        card, *persons = read_card(self.card, OnnxCard), *needed_cards(self.card)[1:]
         if card.kind in PERSONS:
             raise ConfigError(f"{self.card}: layout {card.kind} finds people only; name it as `persons` in a card of keypoints")
-        if self.engine == "openvino" and self.providers != DEFAULT_PROVIDERS:
-            raise ConfigError(f'providers: {", ".join(self.providers)}: needs engine = "onnxruntime", got openvino')
-        network = self._network(card)
-        if card.kind in ONE_STAGE:
-            return OneStageDetector(network, self.up_rad)
-        return TopDownDetector(network, self._finder(card), self.up_rad)
+        if not persons:
+            return (card,)
+        finder = persons[0]
+        if not isinstance(finder, PersonCard) and not (isinstance(finder, OnnxCard) and finder.kind in PERSONS):
+            kinds = ", ".join((*PERSONS, "person_ssd"))
+            raise ConfigError(f"{self.card}: persons: expected a card of a kind of {kinds}, got {card.persons} of {finder.kind}")
+        return card, finder
 
-    def _network(self, card: NetworkCard) -> OnnxNetwork:
-        return OnnxNetwork(card, self.engine, self.precision, self.providers, self._threads)
+    def _network(self, card: OnnxCard, path: Path) -> OnnxNetwork:
+        return OnnxNetwork(card, path, self.device, self.precision, self._threads)
 
-    def _finder(self, card: NetworkCard) -> PersonFinder:
-        path = card.persons_card
-        if path is None:
-            persons = read_card(card.persons)
-            return SquareFinder(PersonNetwork.compiled(persons, self.fetch()[0], self.precision, self._threads))
-        finder = read_network_card(path)
-        if finder.kind not in PERSONS:
-            kinds = " or ".join(PERSONS)
-            raise ConfigError(f"{self.card}: persons: expected a card of layout {kinds}, got {path} of layout {finder.kind}")
-        return BoxFinder(self._network(finder), card.input.size_wh, card.input.padding)
+    def _finder(self, card: OnnxCard, persons: OnnxCard | PersonCard, path: Path) -> PersonFinder:
+        if isinstance(persons, PersonCard):
+            return SquareFinder(PersonNetwork.compiled(persons, path, self.precision, self._threads))
+        return BoxFinder(self._network(persons, path), card.input.size_wh, card.input.padding)
 
     @property
     def _threads(self) -> int:
@@ -144,6 +148,21 @@ class _Networked:
     def joint_centres(self) -> JointCentres | None:
         """The card's fitted table, if it has one."""
         return self._joint_centres
+
+    @property
+    def network(self) -> dict[str, str]:
+        """Which network it is, where it runs, under which terms, and what was not fitted to it; for people."""
+        card, table = self._network.card, self._joint_centres
+        noise = None if card.noise_file else "noise not fitted"
+        centres = None if table else "keypoints as the network marks them, not joint centres"
+        unknown = ", ".join(filter(None, (noise, centres)))
+        return {
+            "name": card.name,
+            "sha256": card.sha256 or FIRST_USE.known_sha256(card, default_cache_dir()),
+            "device": self._network.processor,
+            "licence": card.licence,
+            **({"unknown": unknown} if unknown else {}),
+        }
 
     def detect(self, frames: Sequence[Frame], regions: Sequence[Sequence[Region] | None]) -> list[Detections2D]:
         """One Detections2D per frame: the people in the given regions, in that order, or all who are found (best first)."""

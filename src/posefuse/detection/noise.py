@@ -16,6 +16,7 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Gt
 
+from posefuse.core import ConfigError
 from posefuse.core.arrays import Array
 from posefuse.foundation.settings import read_settings, settings
 
@@ -58,8 +59,10 @@ def landmark_noise_features(seen: Landmarks) -> dict[str, Array]:
     }
 
 
-def read_noise(path: Path) -> NoiseModel:
-    """Read fitted coefficients; raises ConfigError naming the file and key."""
+def read_noise(path: Path | None) -> NoiseModel:
+    """Read fitted coefficients; raises ConfigError naming the file and key, or that a card names none."""
+    if path is None:
+        raise ConfigError("a network of BlazePose's layout needs a noise model: `noise = FILE` in its card")
     return read_settings(path, NoiseModel)
 
 

@@ -15,13 +15,14 @@ from typing import Protocol
 
 import numpy as np
 
-from posefuse.core import Frame, ModelError, Region
+from posefuse.core import Frame, Region
 from posefuse.core.arrays import Array
 
 from .boxes import people_from_outputs
-from .card import ModelCard, PersonDecoding
+from .card import PersonCard, PersonDecoding
 from .crops import img_from_crop, img_from_input, letterbox_from_img, overlap, region_of_box, square_crop, warp_to_input
-from .engines import BlazePoseNetwork, OnnxNetwork, Precision
+from .device import CPU, Device, Precision
+from .engines import BlazePoseNetwork, OnnxNetwork
 
 # a camera tilted less than this needs no view of its own
 _UPRIGHT_RAD = np.deg2rad(15.0)
@@ -83,12 +84,10 @@ class PersonNetwork:
     decoding: PersonDecoding
 
     @classmethod
-    def compiled(cls, card: ModelCard, file: Path, precision: Precision, streams: int) -> PersonNetwork:
-        """The card's network, ready; raises ModelError when the card is of another kind."""
-        if not isinstance(card.decoding, PersonDecoding):
-            raise ModelError(f"model card {card.name}: expected kind person_ssd, got {card.kind}")
+    def compiled(cls, card: PersonCard, file: Path, precision: Precision, streams: int, device: Device = CPU) -> PersonNetwork:
+        """The card's network, ready."""
         outputs = (card.decoding.boxes, card.decoding.scores)
-        return cls(BlazePoseNetwork(file, outputs, card.input, precision, streams), card.decoding)
+        return cls(BlazePoseNetwork(file, outputs, card.input, precision, streams, device), card.decoding)
 
 
 def regions_from_outputs(

@@ -15,11 +15,9 @@ from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.foundation.output_file import write_lines
-from posefuse.foundation.parsing import one_line, short
 
 # frames that are written together
 _PART_FRAMES = 1000
-_CHANNELS = tuple(axis + kind for kind in ("position", "rotation") for axis in "XYZ")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -60,150 +58,6 @@ class BvhData:
                 position[:, j] = position[:, p] + (rotation[:, p] @ self.position[j][..., None])[..., 0]
                 rotation[:, j] = rotation[:, p] @ self.rotation[j]
         return rotation, position
-
-
-def read_bvh(path: Path | str) -> BvhData:
-    """Read a BVH file; raises InputError naming file, line, what was expected and what is there."""
-    path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read as text ({error})") from None
-    tokens = _Tokens(path, text)
-    tokens.expect("HIERARCHY")
-    joints = _Joints()
-    tokens.expect("ROOT")
-    _joint(tokens, joints, tokens.word("a root name"), -1)
-    tokens.expect("MOTION")
-    tokens.expect("Frames:")
-    frames = int(tokens.number("a number of frames"))
-    tokens.expect("Frame")
-    tokens.expect("Time:")
-    frame_s = tokens.number("a frame time in seconds")
-    if frames < 1 or not frame_s > 0:
-        raise InputError(f"{path}: expected at least 1 frame and a frame time > 0 s, got {frames} frames of {frame_s} s")
-    rows = _rows(tokens, path, frames, sum(len(c) for c in joints.channels))
-    return _data(joints, frame_s, rows)
-
-
-class _Tokens:
-    """Words of the file with their line numbers."""
-
-    def __init__(self, path: Path, text: str) -> None:
-        self.path = path
-        self._words: Iterator[tuple[int, str]] = (
-            (number, word) for number, line in enumerate(text.splitlines(), 1) for word in line.split()
-        )
-        self._line = 1
-
-    def word(self, expected: str) -> str:
-        try:
-            self._line, word = next(self._words)
-        except StopIteration:
-            raise InputError(f"{self.path}: line {self._line}: expected {expected}, got the end of the file") from None
-        return word
-
-    def expect(self, wanted: str) -> None:
-        got = self.word(repr(wanted))
-        if got != wanted:
-            self.fail(repr(wanted), got)
-
-    def number(self, expected: str) -> float:
-        word = self.word(expected)
-        try:
-            value = float(word)
-        except ValueError:
-            self.fail(expected, word)
-        if not np.isfinite(value):
-            self.fail(expected, word)
-        return value
-
-    def rest(self) -> list[str]:
-        return [word for _, word in self._words]
-
-    def fail(self, expected: str, got: str) -> None:
-        raise InputError(f"{self.path}: line {self._line}: expected {expected}, got {short(got)}")
-
-
-class _Joints:
-    def __init__(self) -> None:
-        self.names: list[str] = []
-        self.parents: list[int] = []
-        self.offsets: list[list[float]] = []
-        self.channels: list[list[str]] = []
-
-
-def _joint(tokens: _Tokens, joints: _Joints, name: str, parent: int) -> None:
-    """Read one joint's block and its children's; `name` has been read."""
-    if name in joints.names:
-        raise InputError(f"{tokens.path}: joint {short(name)} appears twice in the hierarchy")
-    here = len(joints.names)
-    tokens.expect("{")
-    tokens.expect("OFFSET")
-    joints.names.append(name)
-    joints.parents.append(parent)
-    joints.offsets.append([tokens.number(f"3 numbers after OFFSET of {name}") for _ in range(3)])
-    joints.channels.append([])
-    while (word := tokens.word(f"CHANNELS, JOINT, End or '}}' of joint {name}")) != "}":
-        if word == "CHANNELS":
-            joints.channels[here] = _channels(tokens, name)
-        elif word == "JOINT":
-            _joint(tokens, joints, tokens.word("a joint name"), here)
-        elif word == "End":
-            tokens.expect("Site")
-            _joint(tokens, joints, f"{name}_end", here)
-        else:
-            tokens.fail(f"CHANNELS, JOINT, End or '}}' of joint {name}", word)
-
-
-def _channels(tokens: _Tokens, name: str) -> list[str]:
-    count = int(tokens.number(f"a number of channels of {name}"))
-    channels = [tokens.word(f"{count} channel names of {name}") for _ in range(count)]
-    for channel in channels:
-        if channel not in _CHANNELS:
-            tokens.fail(f"a channel of {name} out of {choices(_CHANNELS)}", channel)
-    return channels
-
-
-def _rows(tokens: _Tokens, path: Path, frames: int, channels: int) -> Array:
-    words = tokens.rest()
-    if len(words) != frames * channels:
-        raise InputError(
-            f"{path}: MOTION: expected {frames} frames of {channels} numbers = {frames * channels}, got {len(words)} numbers"
-        )
-    try:
-        rows = np.array(words, dtype=np.float64).reshape(frames, channels)
-    except ValueError as error:
-        raise InputError(f"{path}: MOTION: expected numbers only ({one_line(error)})") from None
-    if not np.isfinite(rows).all():
-        raise InputError(
-            f"{path}: MOTION: expected finite numbers, got NaN or infinity in frame {np.argwhere(~np.isfinite(rows))[0][0]}"
-        )
-    return rows
-
-
-def _data(joints: _Joints, frame_s: float, rows: Array) -> BvhData:
-    offset = np.array(joints.offsets)
-    position = [np.tile(one, (len(rows), 1)) for one in offset]
-    rotation = [np.tile(np.eye(3), (len(rows), 1, 1)) for _ in offset]
-    column = 0
-    for j, channels in enumerate(joints.channels):
-        for channel in channels:
-            value, axis = rows[:, column], channel[0]
-            if channel.endswith("position"):
-                position[j][:, "XYZ".index(axis)] = value
-            else:
-                turns = Rotation.from_rotvec(np.deg2rad(value)[:, None] * np.eye(3)["XYZ".index(axis)])
-                rotation[j] = rotation[j] @ turns.as_matrix()
-            column += 1
-    return BvhData(
-        names=tuple(joints.names),
-        parent=np.array(joints.parents),
-        offset=offset,
-        frame_s=frame_s,
-        rotation=rotation,
-        position=position,
-    )
 
 
 def write_bvh(path: Path | str, data: BvhData, metres_per_unit: float = 1.0) -> None:

@@ -1,7 +1,7 @@
 """Decoded frames as RGB images, converted in the thread that asks, and only when it asks.
 
 A frame that converts itself (`to_ndarray`) sets up FFmpeg's scaler each time, with a thread per core. For images
-of 640 x 480 px that takes four times as much processor time as the conversion (`bench/live_cost.py`).
+of 640 x 480 px that takes four times as much processor time as the conversion.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Numeric kernels compiled by numba, kept on disk between runs.
 
 Numba looks only at the file of a function to see whether its compiled form is still good, so a kernel whose callee in another
-file has changed would go stale unseen. Here the folder is named by the text of all kernel files: any change starts a new one.
+file has changed would go stale unseen. Here the folder is named by the text of all kernel files of a room, whose kernels call no
+other room's: a change of any of them starts a new folder for that room.
 """
 
 from __future__ import annotations
@@ -32,9 +33,9 @@ def kernel(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 
     For functions in files of `kernel_files` only: others would not be noticed when they change.
     """
-    folder = _folder()
 
     def compiled(function: Callable[..., Any]) -> Any:
+        folder = _folder(function.__module__.split(".")[1])
         before, _settings.CACHE_DIR = _settings.CACHE_DIR, str(folder or "")
         try:
             return njit(cache=folder is not None, nogil=True, error_model="numpy", **options)(function)
@@ -61,7 +62,7 @@ def compiling(what: str, say: Callable[[str], None]) -> Iterator[None]:
 
 
 def kernel_files(package: Path = _PACKAGE) -> list[Path]:
-    """All files that may hold kernels: `kernels.py`, `*_kernels.py`, and what lies in a folder `kernels`."""
+    """All files below a folder that may hold kernels: `kernels.py`, `*_kernels.py`, and what lies in a folder `kernels`."""
     return sorted(path for path in package.rglob("*.py") if path.stem.endswith("kernels") or path.parent.name == "kernels")
 
 
@@ -74,9 +75,9 @@ def fingerprint(files: Sequence[Path]) -> str:
 
 
 @functools.cache
-def _folder() -> Path | None:
-    """This version's folder, made if need be; None where nothing can be written: then every run compiles again."""
-    folder = default_cache_dir() / "kernels" / fingerprint(kernel_files())
+def _folder(room: str = "") -> Path | None:
+    """The folder of a room's kernels as they are now, or of all; None where nothing can be written: every run compiles again."""
+    folder = default_cache_dir() / "kernels" / fingerprint(kernel_files(_PACKAGE / room))
     try:
         folder.mkdir(parents=True, exist_ok=True)
         os.utime(folder)

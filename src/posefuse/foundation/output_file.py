@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import errno
 import filecmp
+import itertools
+import re
 import secrets
 import shutil
 from collections.abc import Iterable, Iterator, Sequence
@@ -126,6 +128,22 @@ def check_output_file(path: Path, *, option: str, inputs: Sequence[Path] = (), r
         new_file(path).unlink()
     except OSError as error:
         raise InputError(f"{option} {path}: cannot be written ({error.strerror})") from None
+
+
+def part_path(path: Path, part: int) -> Path:
+    """`path` for part 1; later ones get a number before the suffix (``NAME.2.mcap``), one no file has yet."""
+    if part == 1:
+        return path
+    numbered = (path.with_name(f"{path.stem}.{number}{path.suffix}") for number in itertools.count(part))
+    return next(name for name in numbered if not name.exists())
+
+
+def parts_of(path: Path) -> list[Path]:
+    """A file and the parts in which it is continued, in order."""
+    pattern = re.compile(re.escape(path.stem) + r"\.(\d+)" + re.escape(path.suffix))
+    numbered = ((pattern.fullmatch(file.name), file) for file in path.parent.glob(f"*{path.suffix}"))
+    later = sorted((int(found[1]), file) for found, file in numbered if found)
+    return [path, *(file for _, file in later)]
 
 
 def keep_copy(path: Path) -> Path | None:

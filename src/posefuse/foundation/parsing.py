@@ -114,6 +114,12 @@ def one_line(problem: BaseException | str) -> str:
     return text if len(text) <= _MOST_SAID else f"{text[:_MOST_SAID]}..."
 
 
+def ros_name(text: str) -> str:
+    """`text` as one part of a ROS name: letters, digits and underscores, not starting with a digit."""
+    cleaned = "".join(c if c.isascii() and (c.isalnum() or c == "_") else "_" for c in text) or "_"
+    return f"_{cleaned}" if cleaned[0].isdigit() else cleaned
+
+
 def short(value: Any) -> str:
     """The value on one line of a few words, whatever its size: a few lines of YAML can stand for 9^9 values."""
     shown = reprlib.Repr()

@@ -13,6 +13,8 @@ from pathlib import Path
 
 # how FFmpeg reads USB cameras of each system; any other system is taken for one with Video4Linux
 _CAMERA_FORMATS = {"win32": "dshow", "darwin": "avfoundation"}
+# where Linux has cameras, and what it states of them
+DEVICES, V4L = Path("/dev"), Path("/sys/class/video4linux")
 _BELOW_NORMAL_PRIORITY_CLASS = 0x4000
 _TIMER_MS = 1
 
@@ -118,18 +120,29 @@ def usb_camera_address(device: str) -> str:
     return f"video={device}" if usb_camera_format() == "dshow" and not device.startswith("video=") else device
 
 
-def usb_cameras() -> list[str]:
-    """The cameras that are there, as a user may name them; empty where the system cannot list them."""
+def usb_cameras() -> dict[str, str]:
+    """The cameras that are there: what the system calls each, by the name that a user gives; empty where it cannot list them."""
     import av
 
     if usb_camera_format() == "v4l2":
-        return sorted(str(path) for path in Path("/dev").glob("video*"))
+        # a camera has several nodes; that of its images has index 0
+        nodes = {str(path): V4L / path.name for path in sorted(DEVICES.glob("video*"))}
+        return {path: _line(node / "name") or path for path, node in nodes.items() if _line(node / "index") in ("0", "")}
     try:
         found = av.enumerate_input_devices(usb_camera_format())
     except (av.error.FFmpegError, ValueError):
-        return []
+        return {}
     named = "description" if usb_camera_format() == "dshow" else "name"
-    return [getattr(device, named) for device in found if "video" in device.media_types]
+    cameras = [device for device in found if "video" in device.media_types]
+    return {getattr(device, named): device.description or device.name for device in cameras}
+
+
+def _line(path: Path) -> str:
+    """What a file of the system has; empty where there is none."""
+    try:
+        return path.read_text(encoding="utf-8").strip()
+    except OSError:
+        return ""
 
 
 def display() -> str:

@@ -21,6 +21,12 @@ GROUPS = {
     "outputs": "posefuse.outputs",
     "live_outputs": "posefuse.live_outputs",
 }
+# what posefuse's own packages add, with the extra that installs it
+OF_PACKAGES = {
+    "sources": {"ros": "ros", "simulated": "sim"},
+    "outputs": {"mcap": "ros"},
+    "live_outputs": {"record": "ros", "ros1": "ros", "ros2": "ros"},
+}
 # what a config builds; a live output is built in another process, so that its config is asked
 # by name: help of commands needs none of what they import
 _PROTOCOLS = {"sources": "Source", "detectors": "Detector", "outputs": "Sink", "live_outputs": "LiveOutputConfig"}
@@ -72,6 +78,8 @@ def plugin_config(
         DependencyError: it failed to import.
     """
     entries = {entry.name: entry for entry in entry_points(group=GROUPS[kind])}
+    if name not in entries and name in OF_PACKAGES.get(kind, {}):
+        raise DependencyError(f"{kind} {name}: not installed; {install_words(OF_PACKAGES[kind][name])}")
     if name not in entries:
         raise ConfigError(f"no plug-in {name!r} among {kind}; there are: {choices(sorted(entries))}")
     plugin = _loaded(kind, entries[name])
@@ -94,12 +102,11 @@ def _check_members(kind: str, name: str, given: object) -> None:
         raise ConfigError(f"plug-in {name} among {kind}: {type(given).__name__} lacks {choices(lacking)} of {expected}")
 
 
-def plugin_class(kind: str, name: str, *, extra: str) -> type[Any]:
-    """The config class of a plug-in of one of posefuse's own packages; raises DependencyError without its extra."""
-    for entry in entry_points(group=GROUPS[kind], name=name):
-        found: type[Any] = entry.load()
-        return found
-    raise DependencyError(f"{kind} {name}: not installed; {install_words(extra)}")
+def from_package(group: str, name: str, *, extra: str) -> Any:
+    """What one of posefuse's own packages offers as ``posefuse.GROUP``; raises DependencyError without its extra."""
+    for entry in entry_points(group=f"posefuse.{group}", name=name):
+        return entry.load()
+    raise DependencyError(f"{group} {name}: not installed; {install_words(extra)}")
 
 
 def option_names(plugin: Plugin) -> list[str]:

@@ -7,7 +7,7 @@ import inspect
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, dataclass_transform
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, dataclass_transform
 
 from posefuse.core import ConfigError
 from posefuse.core.errors import choices
@@ -130,3 +130,28 @@ def described(cls: type[Any]) -> tuple[str, dict[str, str]]:
         for name in match.group(1).split(", "):
             meanings[name] = rest[match.end() : end].strip()
     return about.strip(), meanings
+
+
+class Setting(NamedTuple):
+    """A setting as its class states it: options of commands and fields of pages are made from it.
+
+    Attributes:
+        type: without, annotated: with what `Annotated` has. default: ``MISSING`` where there is none. help: its meaning.
+    """
+
+    type: Any
+    annotated: Any
+    default: Any
+    help: str
+
+
+def setting_of(cls: type[Any], key: str) -> Setting:
+    """The setting with a dotted key."""
+    from typing import get_type_hints
+
+    *groups, name = key.split(".")
+    for one in groups:
+        cls = _resolved(cls, one)
+    [field] = [field for field in dataclasses.fields(cls) if field.name == name]
+    annotated = get_type_hints(cls, include_extras=True)[name]
+    return Setting(_resolved(cls, name), annotated, field.default, described(cls)[1][name])

@@ -10,7 +10,7 @@ from posefuse.core.depth import keypoint_depth
 from posefuse.core.errors import choices
 
 from .settings import FuseSettings
-from .triangulation import Triangulated, plain_weight, solve_all, solve_robust, solve_weighted, stated_sigma
+from .triangulation import solved_by, stated_sigma
 
 
 def fuse(views: Views, rig: Rig, settings: FuseSettings, previous: Pose3D | None = None) -> Pose3D:
@@ -34,8 +34,11 @@ def fuse(views: Views, rig: Rig, settings: FuseSettings, previous: Pose3D | None
     xy = np.array(views.xy_img)
     score = np.nan_to_num(views.score)
     sigma = stated_sigma(xy, score, views.sigma_px, settings)
-    before = _matched(views, previous)
-    solved = _solve(views, rig, xy, score=score, sigma=sigma, before=before, settings=settings)
+    depth = _depth(views, rig) if settings.weights == "robust" else None
+    solved = solved_by(
+        settings.weights, rig, xy, score, sigma, settings,
+        depth=depth, skeleton=views.skeleton, previous_world=_matched(views, previous),
+    )  # fmt: skip
     kind = np.where(solved.n_views > 0, np.uint8(Kind.FUSED), np.uint8(Kind.MISSING))
     return Pose3D(
         t_ns=views.t_ns,
@@ -47,16 +50,6 @@ def fuse(views: Views, rig: Rig, settings: FuseSettings, previous: Pose3D | None
         n_views=solved.n_views,
         kind=kind,
     )
-
-
-def _solve(
-    views: Views, rig: Rig, xy: Array, score: Array, sigma: Array, before: Array | None, settings: FuseSettings
-) -> Triangulated:
-    if settings.weights == "all":
-        return solve_all(rig, xy, score, sigma=sigma, skeleton=views.skeleton, previous_world=before, settings=settings)
-    if settings.weights != "robust":
-        return solve_weighted(rig, xy, score, sigma, plain_weight(settings.weights, xy, score, settings))
-    return solve_robust(rig, xy, score, sigma, settings, depth=_depth(views, rig))
 
 
 def _depth(views: Views, rig: Rig) -> Array | None:

@@ -125,14 +125,7 @@ def triangulate(
     depth = _checked_depth(depth_m, xy.shape)
     depth = None if depth is None else depth.reshape(groups, *depth.shape[len(lead) :])
     xy, score, sigma = (part.reshape(groups, *part.shape[len(lead) :]) for part in (xy, score, sigma))
-    if weights == "robust":
-        solved = solve_robust(rig, xy, score, sigma, settings, depth=depth)
-    elif weights == "all":
-        if skeleton is None:
-            raise ConfigError("triangulate: weights 'all' looks at body segments: give skeleton= (one of core.SKELETONS)")
-        solved = solve_all(rig, xy, score, sigma=sigma, skeleton=skeleton, previous_world=None, settings=settings)
-    else:
-        solved = solve_weighted(rig, xy, score, sigma, plain_weight(weights, xy, score, settings))
+    solved = solved_by(weights, rig, xy, score, sigma, settings, depth=depth, skeleton=skeleton)
     return Triangulated(*(part.reshape(*lead, *part.shape[1:]) for part in vars(solved).values()))
 
 
@@ -186,6 +179,32 @@ def plain_weight(weights: Weights, xy_img: Array, score: Array, settings: FuseSe
     return (score > 0).astype(np.float64) if weights == "none" else score_weight(score, settings)
 
 
+def solved_by(
+    weights: Weights,
+    rig: Rig,
+    xy_img: Array,
+    score: Array,
+    sigma: Array,
+    settings: FuseSettings,
+    *,
+    depth: Array | None = None,
+    skeleton: Skeleton | None = None,
+    previous_world: Array | None = None,
+) -> Triangulated:
+    """Groups (G, C, K, ...) to points by any weights; `depth` is of ``robust``, skeleton and previous points of ``all``."""
+    if weights == "robust":
+        return solve_robust(rig, xy_img, score, sigma, settings, depth=depth)
+    weight = plain_weight(weights, xy_img, score, settings)
+    if weights == "all":
+        if skeleton is None:
+            raise ConfigError("triangulate: weights 'all' looks at body segments: give skeleton= (one of core.SKELETONS)")
+        # distances and segment axes from the previous points, else from a first pass by score
+        about = solve_weighted(rig, xy_img, score, sigma, weight).xyz
+        about = about if previous_world is None else np.where(np.isnan(previous_world), about, previous_world)
+        weight = full_weight(rig, skeleton, score, about, settings)
+    return solve_weighted(rig, xy_img, score, sigma, weight)
+
+
 def solve_robust(
     rig: Rig, xy_img: Array, score: Array, sigma: Array, settings: FuseSettings, *, depth: Array | None
 ) -> Triangulated:
@@ -229,22 +248,6 @@ def solve_weighted(rig: Rig, xy_img: Array, score: Array, sigma: Array, weight: 
     solved = _empty(sigma.shape)
     linear.solve_linear(packed_rig(rig), xy_img, sigma, weight, solved.xyz, solved.cov, solved.reproj, solved.n_views)
     return solved
-
-
-def solve_all(
-    rig: Rig,
-    xy_img: Array,
-    score: Array,
-    sigma: Array,
-    skeleton: Skeleton,
-    previous_world: Array | None,
-    settings: FuseSettings,
-) -> Triangulated:
-    """The paper's ``all``: distances and segment axes from `previous_world` (G, K, 3), else from a first pass by score."""
-    about = solve_weighted(rig, xy_img, score, sigma, score_weight(score, settings)).xyz
-    if previous_world is not None:
-        about = np.where(np.isnan(previous_world), about, previous_world)
-    return solve_weighted(rig, xy_img, score, sigma, full_weight(rig, skeleton, score, about, settings))
 
 
 def _empty(shape: tuple[int, ...]) -> Triangulated:

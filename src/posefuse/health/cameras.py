@@ -99,10 +99,10 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Event:
-    """A camera's state has changed. `t_ns`: session time."""
+    """The state of a camera or an output has changed. `t_ns`: session time. `name`: of the camera or output."""
 
     t_ns: int
-    camera: str
+    name: str
     state: str
     text: str
 

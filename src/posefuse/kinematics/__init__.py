@@ -6,12 +6,12 @@ from posefuse.core.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from .definitions import JOINT_NAMES, JOINTS, SEGMENT_NAMES, SEGMENTS, undefined_angles, undefined_segments
-    from .joints import JointTracker, Reason, joints_from_poses, reasons_from_poses, segment_axes
+    from .joints import JointTracker, Reason, joints_from_poses, reasons_from_poses
     from .settings import JointSettings
     from .sides import check_sides, facing_votes
 
 __all__ = [
     "JOINTS", "JOINT_NAMES", "SEGMENTS", "SEGMENT_NAMES", "JointSettings", "JointTracker", "Reason", "check_sides",
-    "facing_votes", "joints_from_poses", "reasons_from_poses", "segment_axes", "undefined_angles", "undefined_segments",
+    "facing_votes", "joints_from_poses", "reasons_from_poses", "undefined_angles", "undefined_segments",
 ]  # fmt: skip
 __getattr__ = lazy_names(__name__, __file__)

@@ -127,14 +127,6 @@ class JointTracker:
         return joints_value(np.array([pose.t_ns]), pose.person_id, *frames_of(rotation, origin), angles, sigmas)
 
 
-def segment_axes(sequence: PoseSequence, settings: JointSettings | None = None) -> SE3:
-    """ISB frames (T, N, S) alone, S as `SEGMENT_NAMES`; NaN where undefined. The long axis of a limb is Y.
-
-    The paper's orthogonality weight wants its Z axis, which is this Y for every segment it names.
-    """
-    return joints_from_poses(sequence, settings).world_from_segment
-
-
 def frames_of(rotation: Array, origin: Array) -> tuple[Array, Array]:
     """Quaternions (..., 4) and origins of frames (..., 3, 3), (..., 3); a frame that is NaN has no origin either."""
     wxyz = np.empty((*rotation.shape[:-2], 4))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Protocol
 
 import numpy as np
@@ -55,6 +55,7 @@ class Opened:
     Attributes:
         session, config: as given. rig: the cameras as they apply to the images. steps: the time steps, to be closed.
         timeline: the times that they are expected at. sources: of images; empty for 2D poses.
+        network: what looks at images, and what is not known of it, by name; empty for 2D poses.
     """
 
     session: Session
@@ -63,6 +64,7 @@ class Opened:
     steps: TimeSteps
     timeline: Timeline
     sources: tuple[RecordedSource, ...] = ()
+    network: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
 
 def open_session(session: Session, config: TrackConfig, warn: Say) -> Opened:
@@ -75,17 +77,16 @@ def open_session(session: Session, config: TrackConfig, warn: Say) -> Opened:
     if len(kinds) > 1:
         raise InputError(f"{session.folder}: expected one kind of data for all cameras, got {choices(sorted(kinds))}")
     steps: TimeSteps
-    sources: tuple[RecordedSource, ...] = ()
     if kinds == {"pose2d"}:
         from .pose2d import pose2d_time_steps
 
         rig, steps, timeline = pose2d_time_steps(session, config)
     else:
-        rig, steps, timeline, sources = _images(session, config, warn)
-    return Opened(session=session, config=config, rig=rig, steps=steps, timeline=timeline, sources=sources)
+        return _images(session, config, warn)
+    return Opened(session=session, config=config, rig=rig, steps=steps, timeline=timeline)
 
 
-def _images(session: Session, config: TrackConfig, warn: Say) -> tuple[Rig, ImageTimeSteps, Timeline, tuple[RecordedSource, ...]]:
+def _images(session: Session, config: TrackConfig, warn: Say) -> Opened:
     from posefuse.detection.build import build_detector
 
     _check_rate(session, config)
@@ -106,7 +107,15 @@ def _images(session: Session, config: TrackConfig, warn: Say) -> tuple[Rig, Imag
     timeline = common_timeline({s.camera: _times(s) for s in sources}, config.rate_hz, config.start_s, config.end_s)
     detector = build_detector(config.detector, rig)
     lost = lambda name, error: warn(f"{error}; continues without camera {name} from here")  # noqa: E731
-    return rig, ImageTimeSteps(rig, sources, detector, timeline, lost), timeline, tuple(sources)
+    return Opened(
+        session=session,
+        config=config,
+        rig=rig,
+        steps=ImageTimeSteps(rig, sources, detector, timeline, lost),
+        timeline=timeline,
+        sources=tuple(sources),
+        network=getattr(detector, "network", {}),
+    )
 
 
 def _check_rate(session: Session, config: TrackConfig) -> None:

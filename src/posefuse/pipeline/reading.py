@@ -5,9 +5,13 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from pathlib import Path
+from typing import Protocol
 
 from posefuse.core import InputError, Recording
+from posefuse.core.arrays import Array
 from posefuse.formats.recording import ABOUT_FILE, RECORDING_FILES, read_recording
+from posefuse.foundation.output_file import parts_of
+from posefuse.foundation.plugins import from_package
 
 LIVE_SUFFIX = ".mcap"
 
@@ -15,6 +19,24 @@ LIVE_SUFFIX = ".mcap"
 def is_live(path: Path) -> bool:
     """Whether `path` names a recording of a live session (or of any other MCAP file) rather than a result folder."""
     return path.suffix.lower() == LIVE_SUFFIX and not path.is_dir()
+
+
+class LiveReader(Protocol):
+    """Reads recordings of live sessions: a module, entry point ``mcap`` of the group ``posefuse.readers``."""
+
+    def read(self, path: Path, warn: Callable[[str], None], *, start_s: float | None, end_s: float | None) -> Recording:
+        """The recording of the file and its later parts; of a part of the session, where one is named."""
+        ...
+
+    def simulated_times(self, path: Path) -> tuple[Array, Array]:
+        """Times (T,) of the session and the simulated times (T,) then, ns; empty where it kept none."""
+        ...
+
+
+def live_reader() -> LiveReader:
+    """Raises DependencyError without the extra `ros`."""
+    found: LiveReader = from_package("readers", LIVE_SUFFIX[1:], extra="ros")
+    return found
 
 
 def is_result(path: Path) -> bool:
@@ -43,9 +65,7 @@ def read_result(
     """
     path = Path(path)
     if is_live(path):
-        from .live_recording import Section, read_live_recording
-
-        return read_live_recording(path, warn or _warn, Section(start_s=start_s, end_s=end_s))
+        return live_reader().read(path, warn or _warn, start_s=start_s, end_s=end_s)
     if not path.exists():
         raise InputError(f"{path}: no such file or folder")
     if path.is_file():
@@ -56,8 +76,6 @@ def read_result(
 def files_of_result(path: Path) -> list[Path]:
     """The files that `read_result` reads: what an output must not be written over."""
     if is_live(path):
-        from .live_recording import parts_of
-
         return parts_of(path)
     return [path / name for name in RECORDING_FILES]
 

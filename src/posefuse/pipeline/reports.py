@@ -16,7 +16,7 @@ from posefuse.formats.recording import read_result_poses
 from posefuse.formats.rig import refusal_note
 from posefuse.foundation.output_folder import output_folder
 
-from .reading import files_of_result, is_live, read_result
+from .reading import files_of_result, is_live, live_reader, read_result
 
 FOLDER, PAGE_FILE = "biomechanics", "report.html"
 # of all files together, measured on the bundled clip
@@ -138,13 +138,8 @@ def _tracks(poses: PoseSequence, rig: Rig, path: Path, person: int | None) -> Tr
 
 
 def _at_simulated_times(tracks: Tracks, path: Path, start_ns: int) -> Tracks:
-    from posefuse.messages.bags import read_clock
-
-    from .live_recording import parts_of
-
-    pairs = [read_clock(part, lambda line: None) for part in parts_of(path)]
-    t_s = (np.concatenate([pair[0] for pair in pairs]) - start_ns) / 1e9
-    sim_s = np.concatenate([pair[1] for pair in pairs]) / 1e9
+    t_ns, sim_ns = live_reader().simulated_times(path)
+    t_s, sim_s = (t_ns - start_ns) / 1e9, sim_ns / 1e9
     if not len(t_s):
         return tracks
     at_s = np.interp(tracks.t_s, t_s, sim_s)

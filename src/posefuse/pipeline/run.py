@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -159,6 +159,8 @@ def track_opened(
         warn(line)
     for line in background.lines:
         note(line)
+    if unknown := opened.network.get("unknown"):
+        note(f"{opened.network['name']} on {opened.network['device']}: {unknown}")
     try:
         with clock.stage("compile"), compiling("tracking", note):
             warm_up(rig, opened.steps.skeleton, config)
@@ -179,14 +181,8 @@ def track_opened(
         if store is not None and not (observations.score > 0).any():
             store.discard()
         raise
-    others = others_line(others_seen(recording.observations, config.associate), len(recording.poses.person_id))
-    if others:
-        note(others)
-    people = recording.poses.person_id
-    if unused := config.names[int(people.max(initial=-1)) + 1 :]:
-        note(f"{len(people)} {'person' if len(people) == 1 else 'people'} found: no one has the name {choices(unused)}")
-    if REFINED in recording.provenance:
-        note(refined_line(recording.provenance[REFINED]))
+    for line in _notes(recording, config):
+        note(line)
     if doubt := size_doubt(recording.poses.skeleton, recording.poses.xyz_world):
         warn(f"{session.rig_path.name}: {doubt}")
     with clock.stage("watch"):
@@ -199,6 +195,17 @@ def track_opened(
     return Tracked(
         recording=dataclasses.replace(recording, provenance=about), interrupted=interrupted, joint_centres=settings.centres
     )
+
+
+def _notes(recording: Recording, config: TrackConfig) -> Iterator[str]:
+    """What a user may want to know of a result: people left out, names without a person, a refined rig."""
+    people = recording.poses.person_id
+    if others := others_line(others_seen(recording.observations, config.associate), len(people)):
+        yield others
+    if unused := config.names[int(people.max(initial=-1)) + 1 :]:
+        yield f"{len(people)} {'person' if len(people) == 1 else 'people'} found: no one has the name {choices(unused)}"
+    if REFINED in recording.provenance:
+        yield refined_line(recording.provenance[REFINED])
 
 
 def detect(
@@ -245,6 +252,7 @@ def provenance_of(opened: Opened, settings: SolveSettings, incomplete: Sequence[
         **({} if recorded is None else {"recorded": recorded}),
         "inputs": {entry.camera: entry.path.name for entry in session.inputs},
         "config": plain(dataclasses.asdict(opened.config)),
+        **({"network": dict(opened.network)} if opened.network else {}),
         "joint_centres": plain(dataclasses.asdict(settings.centres)) if settings.centres else None,
         "incomplete_cameras": list(incomplete),
     }

@@ -188,14 +188,17 @@ def with_bodies(
         start = poses.people(alone)
         rays = ViewsAtJointCentres(start, rig, views.people(alone), centres)
         try:
-            fit = fit_views(start, rig, rays, settings, lengths=usual_length_prior())
+            fit = fit_views(start, rig, rays, settings, lengths=usual_length_prior(), with_joints=False)
         except InputError:  # this person has no skeleton, or left and right are swapped
             continue
         fitted += sorted(fit.bodies)
-        # not before: in an hour, they take as much memory as what a fit works on
-        planes = planes or {name: getattr(poses, name).copy() for name in ("xyz_world", "cov_world", "kind")}
-        for name, plane in planes.items():
-            plane[:, n] = getattr(fit.poses, name)[:, 0]
+        if len(poses.person_id) == 1:
+            poses = fit.poses
+        else:
+            # not before: in an hour, they take as much memory as what a fit works on
+            planes = planes or {name: getattr(poses, name).copy() for name in ("xyz_world", "cov_world", "kind")}
+            for name, plane in planes.items():
+                plane[:, n] = getattr(fit.poses, name)[:, 0]
     if not fitted:
         return recording
     give_away(*planes.values())

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +20,6 @@ from posefuse.fusion.settings import FuseSettings
 from posefuse.kinematics import JointTracker
 from posefuse.kinematics.body import FEWEST_SEEN, LIVE_BODY, Length, LengthPrior, LiveBody, LiveBodyRules, LiveRays, TrackedPoints
 from posefuse.kinematics.joints import FrameBuffers
-from posefuse.messages.camera_messages import joint_centres_from_message, message_from_joint_centres
 from posefuse.tracking import LearntLengths, at_joint_centres, usual_lengths
 from posefuse.tracking.online import MOTION, Evidence, LiveMotion, Tracker, build_tracker
 from posefuse.tracking.stand_in import made_up_detections
@@ -29,7 +27,6 @@ from posefuse.tracking.stand_in import made_up_detections
 from .config import KeypointGateSettings, LiveConfig
 from .gate import KeypointGate
 from .identity import NamedTracker
-from .messages import Centres
 
 # a second: until then every kernel of the tracker has been used
 _WARM_UP_STEPS = 30
@@ -49,7 +46,7 @@ class Centring:
         self._wanted = wanted
         self._lengths: LearntLengths | None = None
 
-    def learn(self, centres: Centres) -> None:
+    def learn(self, centres: LiveJointCentres) -> None:
         """What is known of some cameras, from now on."""
         self._tables.update({name: centres.table for name in centres.cameras if name in self._tables})
         table = next((table for table in self._tables.values() if table is not None), None)
@@ -74,21 +71,6 @@ class Centring:
             return pose
         lengths = self._lengths.step(pose)
         return at_joint_centres(pose, self._lengths.table, lengths) if len(lengths) else pose
-
-
-def live_centres(centres: Centres, t_ns: int) -> LiveJointCentres:
-    """For outputs."""
-    return LiveJointCentres(t_ns=t_ns, cameras=centres.cameras, table=centres.table)
-
-
-def message_from_centres(centres: Centres, t_ns: int) -> Any:
-    """For the network."""
-    return message_from_joint_centres(centres.cameras, centres.table, t_ns)
-
-
-def centres_from_message(msg: Any) -> Centres:
-    """What `message_from_centres` made; raises MessageError for what a stranger may send."""
-    return Centres(*joint_centres_from_message(msg))
 
 
 class LiveSkeletons:

@@ -13,6 +13,7 @@ from posefuse.core import (
     LiveDetections,
     LiveExpected,
     LiveHealth,
+    LiveJointCentres,
     LiveMessage,
     LivePose,
     LivePreview,
@@ -24,9 +25,9 @@ from posefuse.foundation.channel import wait_any
 from posefuse.health.cameras import Monitor, Verdict
 from posefuse.kinematics import JointTracker
 
-from .estimator import Estimator, live_centres
+from .estimator import Estimator
 from .latency import Latencies, ViewTimes
-from .messages import Centres, Expected, SeenView, SessionClock, Status, ViewSource
+from .messages import Expected, SeenView, SessionClock, Status, ViewSource
 from .outputs import OutputProcess, SessionReader
 from .rig_watch import RigWatch
 
@@ -95,9 +96,9 @@ class Fusion:
         """One message of a camera group, or of another machine."""
         if isinstance(message, SeenView):
             self._see(message)
-        elif isinstance(message, Centres):
+        elif isinstance(message, LiveJointCentres):
             self.estimator.centring.learn(message)
-            self._give(live_centres(message, self.clock.now_ns()))
+            self._give(message)
         elif isinstance(message, Status):
             for state in message.cameras:
                 self.monitor.take_state(state, message.t_ns, regular=True)

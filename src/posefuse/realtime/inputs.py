@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from posefuse.core import ConfigError, Rig, SourceError
 from posefuse.core.errors import choices
-from posefuse.foundation.plugins import plugin_class
+from posefuse.foundation.plugins import from_package
 
 from .capture import LiveInput
+from .config import CameraInfoUse
 
 KINDS = ("video", "usb", "rtsp", "http", "ros", "realsense", "oak", "sim")
-# what all topics of a session share, see `sources.ros.RosConfig`
+# what all topics of a session share, see `posefuse_ros.dds_domain.NetworkSettings`
 ROS_FIELDS = ("domain_id", "interface", "local_only", "peers", "sim_time")
 _WITH_DEPTH = "+depth"
 EXAMPLES = (
@@ -32,7 +33,7 @@ def inputs_from_arguments(
     Args:
         sources: ``KIND:WHERE`` by camera, or texts ``CAMERA=KIND:WHERE`` and ``sim:PATH``.
         rig: None takes any names, in their own order; ``sim:PATH`` then stands for every camera of the scene.
-        ros: fields of `sources.ros.RosConfig` that all ROS topics share: `ROS_FIELDS`.
+        ros: settings that all ROS topics share: `ROS_FIELDS`.
 
     Raises:
         SourceError: an argument that cannot be read, a camera the rig does not have, or one named twice.
@@ -52,6 +53,20 @@ def check_any(inputs: Sequence[LiveInput]) -> None:
     """Raise SourceError where no camera has a source."""
     if not inputs:
         raise SourceError("expected a source for at least 1 camera, got none; give `source=CAMERA=KIND:WHERE`")
+
+
+def rig_of_inputs(rig: Rig, inputs: Sequence[LiveInput], use: CameraInfoUse, say: Callable[[str], None]) -> Rig:
+    """The rig after each kind of source that states intrinsics of its own has compared them with it, or changed it.
+
+    A config class of such a source has ``checked_rig(rig, inputs, use, say) -> Rig``.
+
+    Raises:
+        SourceError: images of another size than the rig's, or intrinsics that are to be used and do not come.
+    """
+    for kind in dict.fromkeys(type(entry.config) for entry in inputs):
+        if hasattr(kind, "checked_rig"):
+            rig = kind.checked_rig(rig, [entry for entry in inputs if type(entry.config) is kind], use, say)
+    return rig
 
 
 def _check_ros(ros: Mapping[str, Any]) -> None:
@@ -88,7 +103,8 @@ def _simulated_names(path: Path, rig: Rig | None) -> tuple[str, ...]:
 
 def _simulated_config() -> type[Any]:
     """The plug-in of the simulator; raises DependencyError without the extra `sim`."""
-    return plugin_class("sources", "simulated", extra="sim")
+    found: type[Any] = from_package("sources", "simulated", extra="sim")
+    return found
 
 
 def _depth_camera(argument: str, camera: str, rig: Rig | None, kind: str, rest: str) -> LiveInput:
@@ -104,10 +120,9 @@ def _depth_camera(argument: str, camera: str, rig: Rig | None, kind: str, rest: 
 
 
 def _ros_topic(camera: str, topic: str, rig: Rig | None, ros: Mapping[str, Any]) -> LiveInput:
-    from posefuse.sources.ros import RosConfig
-
     lens = rig[camera] if rig is not None else None
-    return LiveInput(camera, "ros", RosConfig(topic=topic, camera=camera, lens=lens, **ros), reopen=True)
+    config = from_package("sources", "ros", extra="ros")(topic=topic, camera=camera, lens=lens, **ros)
+    return LiveInput(camera, "ros", config, reopen=True)
 
 
 def _camera_input(argument: str, camera: str, kind: str, what: str, rest: str) -> LiveInput:

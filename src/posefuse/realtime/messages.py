@@ -14,7 +14,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from posefuse.core import Detections2D, JointCentres, LiveOutputConfig, Skeleton
+from posefuse.core import Detections2D, JointCentres, LiveJointCentres, LiveOutputConfig, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.foundation.channel import Channel
 from posefuse.health.cameras import CameraState, Verdict
@@ -47,14 +47,6 @@ class Ready:
     group: int
     skeleton: Skeleton
     joint_centres: JointCentres | None
-
-
-@dataclass(frozen=True)
-class Centres:
-    """Offsets of joint centres from the keypoints in the views of some cameras; None: they are the same, or not known."""
-
-    cameras: tuple[str, ...]
-    table: JointCentres | None
 
 
 @dataclass(frozen=True)
@@ -236,7 +228,7 @@ class ViewSource(Protocol):
         """Notes about the sources of views, each line once."""
         ...
 
-    def centres(self) -> list[Centres]:
+    def centres(self) -> list[LiveJointCentres]:
         """What is known of joint centres by now."""
         ...
 

@@ -42,10 +42,10 @@ class News:
         """Report what is new."""
         monitor, outlets, watch = self._fusion.monitor, self._fusion.outlets, self._fusion.watch
         for camera in _newest(monitor.events, monitor.event_count - self._cameras_said):
-            self._camera_waits[camera.camera] = camera
+            self._camera_waits[camera.name] = camera
         self._report_cameras(now_ns)
         for output in _newest(outlets.events, outlets.event_count - self._outputs_said):
-            who = "outputs" if output.output == PROCESS else f"output {output.output}"
+            who = "outputs" if output.name == PROCESS else f"output {output.name}"
             self._say_at(output.t_ns, f"{who}: {output.state}", output.text)
         self._cameras_said, self._outputs_said = monitor.event_count, outlets.event_count
         for notice in self._notices():

@@ -6,7 +6,7 @@ import contextlib
 import queue
 import threading
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from posefuse.core import (
@@ -40,29 +40,15 @@ HANGS = "hangs"
 NOTHING_YET = OutputHealth()
 
 
-class KeptMessages:
-    """The newest `LiveJointCentres` of each set of cameras, in the order they came, and the newest `LiveNames`."""
-
-    def __init__(self, messages: Iterable[LiveMessage] = ()) -> None:
-        self._centres: dict[tuple[str, ...], LiveJointCentres] = {}
-        self._names: LiveNames | None = None
-        for message in messages:
-            self.keep(message)
-
-    def keep(self, message: LiveMessage) -> bool:
-        """Remember it if it is one of those; whether it is."""
-        if isinstance(message, LiveJointCentres):
-            self._centres.pop(message.cameras, None)
-            self._centres[message.cameras] = message
-        elif isinstance(message, LiveNames):
-            self._names = message
-        else:
-            return False
-        return True
-
-    def messages(self) -> list[LiveMessage]:
-        """What to hand on first."""
-        return [*self._centres.values(), *([self._names] if self._names is not None else [])]
+def keep(message: LiveMessage, kept: dict[object, LiveMessage]) -> bool:
+    """Remember it if an output that is opened later must have it: the newest of each set of cameras, and of the names."""
+    if not isinstance(message, (LiveJointCentres, LiveNames)):
+        return False
+    key = message.cameras if isinstance(message, LiveJointCentres) else LiveNames
+    # in the order they came
+    kept.pop(key, None)
+    kept[key] = message
+    return True
 
 
 @dataclass(frozen=True)
@@ -200,7 +186,9 @@ class OutputThread:
     ) -> None:
         self.name, self._config, self._start = name, config, start
         self._queue: queue.Queue[LiveMessage | None] = queue.Queue(_QUEUE if config.keeps_all else _LIVE_QUEUE)
-        self._kept = KeptMessages(kept)
+        self._kept: dict[object, LiveMessage] = {}
+        for message in kept:
+            keep(message, self._kept)
         self._part, self._retry_s, self._again_s = start.part, _FIRST_RETRY_S, 0.0
         self._failed_s = self._busy_s = 0.0
         self._output: LiveOutput | None = self._opened() if open_now else None
@@ -260,7 +248,7 @@ class OutputThread:
 
     def _run(self) -> None:
         while (message := self._queue.get()) is not None:
-            self._kept.keep(message)
+            keep(message, self._kept)
             self._busy_s = time.monotonic()
             if self._output is None and not self._open_again():
                 self._dropped += 1
@@ -281,7 +269,7 @@ class OutputThread:
         output = self._config.build()
         try:
             output.take(replace(self._start, part=self._part))
-            for message in self._kept.messages():
+            for message in self._kept.values():
                 output.take(message)
         except BaseException:
             with contextlib.suppress(Exception):

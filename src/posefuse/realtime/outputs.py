@@ -11,18 +11,19 @@ from typing import Any, Protocol
 from posefuse.core import InputError, LiveDetections, LiveMessage, LiveOutputConfig, LiveStart, OutputHealth, Rig
 from posefuse.core.live_messages import FAILED, OK
 from posefuse.foundation.worker import Worker
+from posefuse.health.cameras import Event
 
 from .messages import SessionClock
 from .output_process import (
     END_S,
     HANGS,
-    KeptMessages,
     OutputAdded,
     OutputRemoved,
     OutputsEnd,
     OutputsFailed,
     OutputsHealth,
     OutputsReady,
+    keep,
     run_outputs,
 )
 
@@ -92,34 +93,25 @@ def check_live_outputs(configs: Mapping[str, LiveOutputConfig]) -> None:
         config.build().close()
 
 
-@dataclass(frozen=True)
-class OutputEvent:
-    """An output's state has changed. `t_ns`: session time; `output`: its name, or ``process`` for all of them."""
-
-    t_ns: int
-    output: str
-    state: str
-    text: str
-
-
 class OutputProcess:
     """Offers messages to the process of the outputs and never waits for it; while there are no outputs there is no process.
 
     Attributes:
         lost: messages the process had no room for, or that came while there was no process.
         health: of every output, by name.
-        events: what changed, oldest first, at most the newest 1000. event_count: of all there ever were.
+        events: what changed (named ``process``: for all outputs), oldest first, at most the newest 1000.
+        event_count: of all there ever were.
     """
 
     def __init__(self, plan: OutputPlan) -> None:
         self.lost = 0
         self.health: dict[str, OutputHealth] = {name: OutputHealth(state="opening") for name in plan.configs}
-        self.events: deque[OutputEvent] = deque(maxlen=1000)
+        self.events: deque[Event] = deque(maxlen=1000)
         self.event_count = 0
         # the reader is given its messages by the session itself
         self._plan = replace(plan, reader=None)
         self._first: LiveStart | None = None
-        self._kept = KeptMessages()
+        self._kept: dict[object, LiveMessage] = {}
         # messages that were not sent yet, and since when there are any
         self._batch: list[LiveMessage] = []
         self._batch_s = 0.0
@@ -163,7 +155,7 @@ class OutputProcess:
 
         It goes with others, soon; a pose at once where an output wants the newest.
         """
-        if not (self._kept.keep(message) or self._plan.wants(type(message))) or not self.health:
+        if not (keep(message, self._kept) or self._plan.wants(type(message))) or not self.health:
             return
         if not self._ready:
             self.lost += 1
@@ -208,7 +200,7 @@ class OutputProcess:
             self._begin()
             return
         self._opening.add(name)
-        self._change(OutputAdded(name, config, self._plan.start(), self._kept.messages()))
+        self._change(OutputAdded(name, config, self._plan.start(), list(self._kept.values())))
 
     def remove(self, name: str) -> None:
         """Finish and close an output; it stays in `health` until that is done."""
@@ -245,7 +237,7 @@ class OutputProcess:
         # it is given all outputs that are open by now
         self._changes, self._ready, self._opening = [], False, set(self._plan.configs)
         known = {name: self.health[name] for name in self._plan.configs}
-        self._worker.start(dict(self._plan.configs), first, self._kept.messages(), known)
+        self._worker.start(dict(self._plan.configs), first, list(self._kept.values()), known)
 
     def _take(self, message: Any) -> None:
         if isinstance(message, OutputsFailed):
@@ -292,4 +284,4 @@ class OutputProcess:
 
     def _event(self, output: str, state: str, text: str) -> None:
         self.event_count += 1
-        self.events.append(OutputEvent(self._plan.clock.now_ns(), output, state, text))
+        self.events.append(Event(self._plan.clock.now_ns(), output, state, text))

@@ -8,14 +8,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
-from posefuse.core import Skeleton, SourceError
+from posefuse.core import LiveJointCentres, Skeleton, SourceError
 from posefuse.foundation.channel import Channel
 from posefuse.foundation.platform import peak_memory_mb, processor_s
 from posefuse.foundation.worker import Worker
 from posefuse.health.cameras import Verdict
 
 from .group import GroupPlan, run_group
-from .messages import Centres, Expected, Go, GroupFailed, KeepVideos, Ready, SessionClock, ShowImages, Status, Stop, VideoFailed
+from .messages import Expected, Go, GroupFailed, KeepVideos, Ready, SessionClock, ShowImages, Status, Stop, VideoFailed
 from .news import ProcessedImages
 from .video_keeping import FINISH_S
 
@@ -111,10 +111,12 @@ class Groups:
             raise SourceError("camera groups: expected one skeleton from all detectors, got several")
         return skeletons.pop()
 
-    def centres(self) -> list[Centres]:
+    def centres(self) -> list[LiveJointCentres]:
         """Offsets of joint centres from the keypoints of each group's detector, when they are ready."""
         return [
-            Centres(tuple(member.cameras), member.marks.joint_centres) for member in self._members if member.marks is not None
+            LiveJointCentres(t_ns=member.plan.clock.now_ns(), cameras=tuple(member.cameras), table=member.marks.joint_centres)
+            for member in self._members
+            if member.marks is not None
         ]
 
     def start(self, clock: SessionClock) -> int:

@@ -27,9 +27,9 @@ from posefuse.foundation.channel import Channel, ChannelClosed
 
 from .capture import LiveInput
 from .config import LiveConfig
+from .inputs import rig_of_inputs
 from .messages import Controls, SessionClock
 from .outputs import OutputPlan
-from .ros_cameras import rig_with_camera_infos
 from .session import run_live
 
 _SEND_S, _LOOK_S, _END_SEND_S = 1.0, 0.2, 30.0
@@ -97,7 +97,7 @@ def serve(channel: Channel, plan: ServePlan) -> None:
             with suppress(ChannelClosed):
                 channel.send(NewsLine(line), _SEND_S)
 
-        rig = rig_with_camera_infos(plan.rig, plan.inputs, plan.config.camera_info, say)
+        rig = rig_of_inputs(plan.rig, plan.inputs, plan.config.camera_info, say)
         reader = _Reader(channel, plan.images)
         outputs = OutputPlan(rig=rig, clock=SessionClock.begin(), configs=plan.outputs, reader=reader)
         run_live(rig, plan.inputs, plan.config, outputs, plan.duration_s, say, controls=controls)

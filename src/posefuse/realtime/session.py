@@ -17,6 +17,7 @@ from posefuse.core import LiveNames, LivePose, LivePreview, Rig, Skeleton, Sourc
 from posefuse.foundation.compiled import compiling
 from posefuse.foundation.platform import punctual, usable_cores
 from posefuse.foundation.requests_to_end import HANG_UP, REQUESTS_TO_END, Repeats, heeded, put_off, without_terminal
+from posefuse.health.cameras import Event
 from posefuse.kinematics import JointTracker
 
 from .capture import LiveInput, keeping_packets
@@ -27,7 +28,7 @@ from .group import GroupPlan
 from .messages import AddOutput, Controls, KeepVideos, NamePerson, RemoveOutput, ShowImages, ViewSource
 from .networks import settled_network
 from .news import LEAST_CAMERAS, LEAST_SHARE, News, Say, never_waiting
-from .outputs import OutputEvent, OutputPlan, OutputProcess
+from .outputs import OutputPlan, OutputProcess
 from .processes import Groups
 from .provenance import notes_of
 from .rig_watch import watching
@@ -58,7 +59,7 @@ class Finished:
     seconds: float
     stopped_by: str
     outputs: Mapping[str, Mapping[str, Any]]
-    output_events: Sequence[OutputEvent]
+    output_events: Sequence[Event]
     outputs_failed: bool
     lost: int
     restarts: int

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -32,6 +32,12 @@ _DARK_DN, _BRIGHT_QUANTILE = 60, 0.98
 # a camera that exposes longer than its frame period delivers fewer frames than the others
 _LEAST_RATE_SHARE = 0.8
 _SAMPLE_STEP = 8
+# blurring by one pixel takes most of the fine detail of a sharp image, and little of one that is blurred already
+_BLUR_PX = 1.0
+# share of the Laplacian's energy that such a blur leaves; `python bench/studio.py focus` measures it for known blurs
+_MOST_LEFT = 0.35
+# parts of an image without edges carry no information
+_LEAST_EDGE_DN = 12.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,28 +175,45 @@ def record(
     Raises:
         SourceError: a source that fails and is not opened again. InputError: a video that cannot be made.
     """
-    exposures: dict[str, str] = {}
-    feed.begin(videos)
-    begin = before = time.monotonic()
+    found: dict[str, str] = {}
+    judged_s = dict.fromkeys(feed.cameras, -_REPORT_EVERY_S)
+    begin = time.monotonic()
     counts = [0] * len(feed.cameras)
+    for frames, since_s in _watched(feed, videos, duration_s, stopped):
+        for fed in frames:
+            camera, now_s = feed.cameras[fed.camera], time.monotonic()
+            if now_s - judged_s[camera] >= _REPORT_EVERY_S:
+                judged_s[camera], found[camera] = now_s, image_warning(fed.frame.image)
+        if since_s:
+            states = feed.states()
+            report(time.monotonic() - begin, _news(states, counts, since_s, found))
+            counts = [state.captured for state in states]
+
+
+def _watched(
+    feed: CameraFeed, videos: Path | None, duration_s: float | None, stopped: Sequence[str]
+) -> Iterator[tuple[list[FedFrame], float]]:
+    """The newest frames until the end, and once a second the seconds since the last report, else 0; then closes the feed."""
+    feed.begin(videos)
+    reported = time.monotonic()
     while not stopped:
+        # asked before the frames are taken, so that the last ones are not lost
         over = feed.over
         feed.check()
-        for fed in feed.newest():
-            exposures[feed.cameras[fed.camera]] = exposure_warning(fed.frame.image)
-        now = time.monotonic()
-        if over or (duration_s is not None and feed.seconds() >= duration_s):
+        frames = feed.newest()
+        since_s = time.monotonic() - reported
+        over = over or (duration_s is not None and feed.seconds() >= duration_s)
+        due = since_s >= _REPORT_EVERY_S and not over
+        reported += since_s * due
+        yield frames, since_s * due
+        if over:
             break
-        if now - before >= _REPORT_EVERY_S:
-            states = feed.states()
-            report(now - begin, _news(states, counts, now - before, exposures))
-            counts, before = [state.captured for state in states], now
         time.sleep(_REST_S)
     feed.close()
 
 
 def _news(
-    states: Sequence[CameraState], counts: Sequence[int], seconds: float, exposures: Mapping[str, str]
+    states: Sequence[CameraState], counts: Sequence[int], seconds: float, found: Mapping[str, str]
 ) -> tuple[CameraNews, ...]:
     rates = [(state.captured - count) / seconds for state, count in zip(states, counts, strict=True)]
     usual_hz = float(np.median(rates))
@@ -199,7 +222,7 @@ def _news(
             camera=state.camera,
             rate_hz=rate_hz,
             missing=state.missing,
-            warning=_state_warning(state, rate_hz, usual_hz) or exposures.get(state.camera, ""),
+            warning=_state_warning(state, rate_hz, usual_hz) or found.get(state.camera, ""),
         )
         for state, rate_hz in zip(states, rates, strict=True)
     )
@@ -215,6 +238,34 @@ def exposure_warning(image: Array) -> str:
     if bright < _DARK_DN:
         return f"dark: the brightest parts reach {bright:.0f} of 255; more light keeps exposures short and images sharp"
     return ""
+
+
+def detail_left(image: Array) -> float:
+    """Share of the fine detail of an RGB image (H, W, 3) that a blur of a pixel leaves at its strongest edges; else NaN."""
+    raw = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2GRAY).astype(np.float32)
+    # noise of single pixels is no detail
+    grey: Array = cv2.GaussianBlur(raw, (0, 0), 0.5)
+    slope = cv2.magnitude(cv2.Sobel(grey, cv2.CV_32F, 1, 0, scale=0.25), cv2.Sobel(grey, cv2.CV_32F, 0, 1, scale=0.25))
+    limit = max(float(np.quantile(slope[::2, ::2], 0.99)), _LEAST_EDGE_DN)
+    edges = slope >= limit
+    if edges.sum() < 50:
+        return float("nan")
+    fine = cv2.Laplacian(grey, cv2.CV_32F)
+    coarse = cv2.Laplacian(cv2.GaussianBlur(grey, (0, 0), _BLUR_PX), cv2.CV_32F)
+    return float((coarse[edges] ** 2).sum() / max((fine[edges] ** 2).sum(), 1e-9))
+
+
+def focus_warning(image: Array) -> str:
+    """Advice where an image seems out of focus; empty where it does not, or has too little texture to judge."""
+    left = detail_left(image)
+    if left > _MOST_LEFT:
+        return f"perhaps out of focus: its edges are {left:.0%} as sharp after a blur of {_BLUR_PX:g} px; turn the focus ring"
+    return ""
+
+
+def image_warning(image: Array) -> str:
+    """What is wrong with an RGB image (H, W, 3), and what to do; empty where nothing is."""
+    return exposure_warning(image) or focus_warning(image)
 
 
 def _state_warning(state: CameraState, rate_hz: float, usual_hz: float) -> str:
@@ -245,22 +296,14 @@ def guide(
         SourceError: a source that fails and is not opened again. InputError: a video that cannot be made.
     """
     detector, state = TargetDetector(target), new_guidance(feed.cameras)
-    feed.begin(videos)
-    reported = time.monotonic()
-    while not state.enough and not stopped:
-        # asked before the frames are taken, so that the last ones are not lost
-        over = feed.over
-        feed.check()
-        for fed in feed.newest():
+    for frames, since_s in _watched(feed, videos, duration_s, stopped):
+        for fed in frames:
             corners = detector.detect(cv2.cvtColor(fed.frame.image, cv2.COLOR_RGB2GRAY))
             state = seen(state, fed.camera, fed.t_ns, corners.xy_img, fed.frame.size_wh)
-        now = time.monotonic()
-        if over or (duration_s is not None and feed.seconds() > duration_s):
+        if state.enough:
             break
-        if now - reported >= _REPORT_EVERY_S:
+        if since_s:
             report(state)
-            reported = now
-        time.sleep(_REST_S)
     feed.close()
     report(state)
     return state

@@ -10,7 +10,7 @@ from posefuse.core import JointCentres, PoseSequence, Rig, ViewSequence
 from posefuse.core.arrays import Array
 from posefuse.core.view_sequences import PartsOfViews
 
-from .joint_centres import from_joint_centres
+from .joint_centres import LandmarksInParts
 from .sides import parts_of_steps, sides_that_differ, with_sides_exchanged
 
 
@@ -25,9 +25,12 @@ class ViewsAtJointCentres:
     def __init__(self, poses: PoseSequence, rig: Rig, views: PartsOfViews, table: JointCentres | None) -> None:
         """`poses`: the 3D, at joint centres. `rig`, `views`: of the same people, cameras and times. `table`: of their offsets."""
         self._rig, self._views = rig, views
-        self._landmarks = (from_joint_centres(poses, table) if table else poses).xyz_world
+        self._landmarks = LandmarksInParts(poses.xyz_world, poses.skeleton, table) if table else None
         self._points = poses.xyz_world
-        moves = np.concatenate([self._moves(part) for part in parts_of_steps(len(poses))])
+        shape = poses.xyz_world.shape
+        moves = np.empty((*shape[:2], len(rig), shape[2], 2))
+        for part in parts_of_steps(len(poses)):
+            moves[part] = self._moves(part, self._marked(part))
         missing = ~np.isfinite(moves)
         _bridge(moves)
         # only those: of an hour, all of them take much memory, and the others are soon made again
@@ -35,17 +38,20 @@ class ViewsAtJointCentres:
 
     def part(self, steps: slice) -> ViewSequence:
         """The views of these time steps."""
-        seen = self._views.part(steps)
-        named = with_sides_exchanged(seen, sides_that_differ(self._landmarks[steps], self._rig, seen))
-        moves = self._moves(steps)
+        seen, landmarks = self._views.part(steps), self._marked(steps)
+        named = with_sides_exchanged(seen, sides_that_differ(landmarks, self._rig, seen))
+        moves = self._moves(steps, landmarks)
         begin = steps.indices(len(self._points))[0] * moves[:1].size
         here = slice(*np.searchsorted(self._missing, [begin, begin + moves.size]))
         moves.reshape(-1)[self._missing[here] - begin] = self._bridged[here]
         return replace(named, xy_img=named.xy_img + moves)
 
-    def _moves(self, steps: slice) -> Array:
+    def _marked(self, steps: slice) -> Array:
+        return self._landmarks.part(steps) if self._landmarks else self._points[steps]
+
+    def _moves(self, steps: slice, landmarks: Array) -> Array:
         """(T, N, C, K, 2) pixels from landmark to joint centre; NaN where either is missing."""
-        ends = self._points[steps], self._landmarks[steps]
+        ends = self._points[steps], landmarks
         return np.stack([np.subtract(*map(camera.project, ends)) for camera in self._rig], axis=2)
 
 

@@ -8,7 +8,6 @@ usual. The table is fitted elsewhere; see `bench/fit_joint_centres.py`.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
@@ -27,6 +26,7 @@ Poses = TypeVar("Poses", Pose3D, PoseSequence)
 JOINTS = tuple(JOINT_DIRECTIONS)
 # where each joint's directions begin, and the end
 _FIRST_DIRECTION = np.cumsum([0, *(len(names) for names in JOINT_DIRECTIONS.values())])
+_PART_POSES = 1000
 # each round of the inverse leaves two fifths of the error or less: micrometres after these
 _INVERSE_ROUNDS = 12
 # people further from the average than those of the fit count as no further than this
@@ -62,13 +62,26 @@ def at_joint_centres(poses: Poses, table: JointCentres, lengths: Array) -> Poses
     return replace(poses, xyz_world=poses.xyz_world + _moves(poses.xyz_world, poses.skeleton, table, lengths))
 
 
-def from_joint_centres(sequence: PoseSequence, table: JointCentres) -> PoseSequence:
-    """What the detector marks, given joint centres: the inverse of `to_joint_centres`."""
-    landmarks = sequence.xyz_world
-    for _ in range(_INVERSE_ROUNDS):
-        lengths = _lengths(landmarks, sequence.skeleton, table)
-        landmarks = sequence.xyz_world - _moves(landmarks, sequence.skeleton, table, lengths)
-    return replace(sequence, xyz_world=landmarks)
+class LandmarksInParts:
+    """What the detector marks, given joint centres (T, N, K, 3): the inverse of `to_joint_centres`, in parts of the time steps.
+
+    Only the segment lengths that each round finds in all time steps are kept: of an hour, landmarks take much memory.
+    """
+
+    def __init__(self, centres: Array, skeleton: Skeleton, table: JointCentres) -> None:
+        self._centres, self._skeleton, self._table = centres, skeleton, table
+        self._lengths: list[Array] = []
+        landmarks = centres
+        for _ in range(_INVERSE_ROUNDS):
+            self._lengths.append(_lengths(landmarks, skeleton, table))
+            landmarks = centres - _moves(landmarks, skeleton, table, self._lengths[-1])
+
+    def part(self, steps: slice) -> Array:
+        """(T, N, K, 3) those of these time steps."""
+        centres = landmarks = self._centres[steps]
+        for lengths in self._lengths:
+            landmarks = centres - _moves(landmarks, self._skeleton, self._table, lengths)
+        return landmarks
 
 
 def _lengths(landmarks: Array, skeleton: Skeleton, table: JointCentres) -> Array:
@@ -82,12 +95,16 @@ def _moves(xyz: Array, skeleton: Skeleton, table: JointCentres, lengths: Array) 
 
     longer = lengths - table.usual
     longer = np.clip(np.where(np.isnan(longer), 0.0, longer), -MOST_LONGER_M, MOST_LONGER_M)
-    known = body_directions(xyz, skeleton)
-    flat = known.reshape(math.prod(known.shape[:-3]), *known.shape[-3:])
-    metres = np.broadcast_to(table.metres + longer @ table.slopes.T, (*known.shape[:-3], known.shape[-2]))
-    moves = np.empty((len(flat), len(skeleton), 3))
-    kernels.moves(flat, metres.reshape(len(flat), metres.shape[-1]).copy(), _FIRST_DIRECTION, _columns(skeleton), moves)
-    return moves.reshape(np.shape(xyz))
+    moves = np.empty(np.shape(xyz))
+    flat, flat_moves = (array.reshape(-1, len(skeleton), 3) for array in (xyz, moves))
+    metres = table.metres + longer @ table.slopes.T
+    metres = np.broadcast_to(metres, (*moves.shape[:-2], metres.shape[-1])).reshape(len(flat), metres.shape[-1])
+    # some at a time: directions take several times as much memory as poses
+    for start in range(0, len(flat), _PART_POSES):
+        part = slice(start, start + _PART_POSES)
+        known = body_directions(flat[part], skeleton)
+        kernels.moves(known, metres[part].copy(), _FIRST_DIRECTION, _columns(skeleton), flat_moves[part])
+    return moves
 
 
 @cache

@@ -7,15 +7,17 @@ import numpy as np
 import pytest
 
 from posefuse.core import SKELETONS, ConfigError, Frame, ModelError, Region, Skeleton
+from posefuse.detection import device as devices
 from posefuse.detection.boxes import keypoints_of
-from posefuse.detection.card import read_network_card
+from posefuse.detection.card import OnnxCard, read_card
 from posefuse.detection.crops import letterbox_from_img, region_of_box
 from posefuse.detection.engines import OnnxNetwork
 from posefuse.detection.networks import OnnxConfig
 from posefuse.detection.search import BoxFinder
 
 graphs = pytest.importorskip("graphs", reason="the package onnx is not installed")
-ENGINES = ("openvino", "onnxruntime")
+# ONNX Runtime on its own CPU provider stands for a processor that it serves
+DEVICES = ["cpu", "coreml"]
 # every axis of another size: input 144 x 208, image 517 x 391, 26 keypoints
 SIZE, IMAGE_WH = (144, 208), (517, 391)
 COUNT = len(SKELETONS["halpe_26"])
@@ -48,9 +50,11 @@ def raw_px(xy_input: np.ndarray, udp: bool = False) -> np.ndarray:
     return xy_input @ affine[:, :2].T + affine[:, 2]
 
 
-def detect(card, engine="openvino", regions=((REGION,),)):
+def detect(card, device="cpu", regions=((REGION,),)):
     return (
-        OnnxConfig(card=card, engine=engine, precision="f32", streams=1).build().detect([frame()] * len(regions), list(regions))
+        OnnxConfig(card=str(card), device=device, precision="f32", streams=1)
+        .build()
+        .detect([frame()] * len(regions), list(regions))
     )
 
 
@@ -69,18 +73,19 @@ PERSONS = 'persons = "persons.toml"\n'
 
 
 @pytest.fixture(autouse=True)
-def persons(tmp_path):
+def persons(tmp_path, monkeypatch):
+    monkeypatch.setitem(devices._PROVIDERS, "coreml", "CPUExecutionProvider")
     network = graphs.constant_network(tmp_path / "persons.onnx", (96, 64), {"dets": np.zeros((1, 2, 5))})
     graphs.write_card(tmp_path / "persons.toml", "detections", network, (96, 64))
 
 
-@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize("subpixel", ["taylor", "dark"])
-def test_simcc(tmp_path, engine, subpixel):
-    if engine == "onnxruntime":
+def test_simcc(tmp_path, device, subpixel):
+    if device == "coreml":
         pytest.importorskip("onnxruntime", reason="the extra onnx is not installed")
     xy = marks(1)
-    (seen,) = detect(simcc_card(tmp_path, xy, subpixel), engine)
+    (seen,) = detect(simcc_card(tmp_path, xy, subpixel), device)
     assert np.abs(seen.xy_img[0] - raw_px(xy)).max() < TOLERANCE_PX
     assert np.allclose(seen.score[0], np.minimum(0.8, 0.9), atol=0.02)
 
@@ -93,8 +98,8 @@ def test_simcc_without_subpixel_is_the_highest_bin(tmp_path):
 
 def test_simcc_spread_is_reported_per_axis_and_a_wider_one_makes_it_less_sure(tmp_path):
     xy = marks(3)
-    card = read_network_card(simcc_card(tmp_path, xy, sigma_bins=5.0))
-    network = OnnxNetwork(card, "openvino", "f32", (), 1)
+    card = read_card(simcc_card(tmp_path, xy, sigma_bins=5.0), OnnxCard)
+    network = OnnxNetwork(card, card.folder / card.file, "cpu", "f32", 1)
     seen = keypoints_of(card, network([np.zeros((SIZE[1], SIZE[0], 3), np.uint8)])[0])
     inside = ((xy > 15) & (xy < np.array(SIZE) - 16)).all(-1)
     assert np.allclose(seen.spread_px[0, inside, 0], 2.5, rtol=0.03)
@@ -207,8 +212,8 @@ def test_person_detectors(tmp_path, layout):
     network = graphs.constant_network(tmp_path / "n.onnx", size, outputs)
     rest = "[decoding]\nraw_boxes = false" if layout == "yolox_px" else ""
     kind = "detections" if layout == "detections" else "yolox"
-    card = read_network_card(graphs.write_card(tmp_path / "card.toml", kind, network, size, rest=rest))
-    finder = BoxFinder(OnnxNetwork(card, "openvino", "f32", (), 1), (192, 256), 1.25)
+    card = read_card(graphs.write_card(tmp_path / "card.toml", kind, network, size, rest=rest), OnnxCard)
+    finder = BoxFinder(OnnxNetwork(card, card.folder / card.file, "cpu", "f32", 1), (192, 256), 1.25)
     (region,) = next(finder.stages(frame(), 0.0))
     expected = region_of_box(box, (192, 256), 1.25)
     assert np.abs(region.centre_img - expected.centre_img).max() < TOLERANCE_PX
@@ -220,9 +225,9 @@ def test_a_wide_box_sets_the_side_by_its_width():
     assert region.side_px == pytest.approx(1.25 * 300 * 256 / 192)
 
 
-@pytest.mark.parametrize("engine", ENGINES)
-def test_what_the_network_is_given_is_what_its_maker_defines(tmp_path, engine):
-    if engine == "onnxruntime":
+@pytest.mark.parametrize("device", DEVICES)
+def test_what_the_network_is_given_is_what_its_maker_defines(tmp_path, device):
+    if device == "coreml":
         pytest.importorskip("onnxruntime", reason="the extra onnx is not installed")
     network = graphs.identity_network(tmp_path / "n.onnx", SIZE)
     rest = 'channels = "bgr"\nmean = [10.0, 20.0, 30.0]\nstd = [2.0, 4.0, 8.0]'
@@ -230,7 +235,7 @@ def test_what_the_network_is_given_is_what_its_maker_defines(tmp_path, engine):
     SKELETONS["three"] = Skeleton("three", ("a", "b", "c"))
     try:
         crop = np.random.default_rng(0).integers(0, 256, (SIZE[1], SIZE[0], 3), dtype=np.uint8)
-        (outputs,) = OnnxNetwork(read_network_card(card), engine, "f32", ("CPUExecutionProvider",), 1)([crop])
+        (outputs,) = OnnxNetwork(read_card(card, OnnxCard), network, device, "f32", 1)([crop])
     finally:
         del SKELETONS["three"]
     blue, green, red = outputs[0][0]
@@ -240,26 +245,13 @@ def test_what_the_network_is_given_is_what_its_maker_defines(tmp_path, engine):
 
 def test_a_turned_image_fits_into_its_letterbox(tmp_path):
     network = graphs.constant_network(tmp_path / "n.onnx", (320, 224), {"dets": np.zeros((1, 1, 5))})
-    takes = read_network_card(graphs.write_card(tmp_path / "c.toml", "detections", network, (320, 224))).input
+    takes = read_card(graphs.write_card(tmp_path / "c.toml", "detections", network, (320, 224)), OnnxCard).input
     for angle in (0.0, 0.4, -1.2, np.pi):
         affine = letterbox_from_img(IMAGE_WH, takes, angle)
         corners = np.array([[0, 0], [IMAGE_WH[0], 0], [0, IMAGE_WH[1]], IMAGE_WH]) @ affine[:, :2].T + affine[:, 2]
         assert corners.min() > -1e-6 and (corners.max(0) < np.array(takes.size_wh) + 1e-6).all()
         up = affine[:, :2] @ [np.sin(angle), -np.cos(angle)]
         assert up[0] == pytest.approx(0, abs=1e-9) and up[1] < 0
-
-
-@pytest.mark.filterwarnings("ignore:Specified provider")
-def test_a_processor_that_is_asked_for_is_used_or_refused(tmp_path, monkeypatch):
-    ort, card = pytest.importorskip("onnxruntime"), simcc_card(tmp_path, marks(1))
-    wanted = ("CUDAExecutionProvider",)
-    with pytest.raises(ConfigError, match="needs engine"):
-        OnnxConfig(card=card, providers=wanted, streams=1).build()
-    # as a build for GPUs on a machine without the driver: listed, and replaced by the processor without an error
-    there = ort.get_available_providers()
-    monkeypatch.setattr(ort, "get_available_providers", lambda: [*wanted, *there])
-    with pytest.raises(ModelError, match="ONNX Runtime cannot use CUDAExecutionProvider here, only CPUExecutionProvider"):
-        OnnxConfig(card=card, engine="onnxruntime", providers=wanted, streams=1).build()
 
 
 def test_a_wrong_card_is_reported_in_one_line(tmp_path):
@@ -270,7 +262,7 @@ def test_a_wrong_card_is_reported_in_one_line(tmp_path):
     def message(changed: str, error=ModelError) -> str:
         card.write_text(changed)
         with pytest.raises(error) as caught:
-            OnnxConfig(card=card, streams=1).build()
+            OnnxConfig(card=str(card), streams=1).build()
         assert "\n" not in str(caught.value)
         return str(caught.value)
 

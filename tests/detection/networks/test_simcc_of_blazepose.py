@@ -10,7 +10,7 @@ import pytest
 from posefuse.core import SKELETONS, Recording
 from posefuse.core.skeleton import pick_keypoints
 from posefuse.detection import BlazePoseConfig
-from posefuse.detection.card import NetworkCard, NetworkInput, read_card
+from posefuse.detection.card import LandmarkCard, NetworkInput, OnnxCard, PersonCard, read_card
 from posefuse.detection.engines import BlazePoseNetwork
 from posefuse.detection.networks import TopDownDetector
 from posefuse.detection.search import PersonNetwork, SquareFinder
@@ -29,12 +29,12 @@ class BlazePoseAsSimcc:
     """Stands for an `OnnxNetwork` of layout simcc."""
 
     def __init__(self) -> None:
-        landmarks = read_card("blazepose_full")
+        landmarks = read_card("blazepose_full", LandmarkCard)
         file = BlazePoseConfig().fetch()[1]
         self._network = BlazePoseNetwork(
             file, (landmarks.decoding.heatmaps, landmarks.decoding.presence), landmarks.input, "f32", 1
         )
-        self.card = NetworkCard(
+        self.card = OnnxCard(
             name="simcc", folder=Path(), kind="simcc", file="none", sha256="0" * 64, licence="Apache-2.0",
             keypoints="blazepose33", input=NetworkInput(size_wh=(SIDE, SIDE)), least_keypoint_score=0.2,
         )  # fmt: skip
@@ -60,7 +60,7 @@ def tracked(session: Path, config: TrackConfig) -> Recording:
 def simcc_detector(**changes: object) -> TopDownDetector:
     network = BlazePoseAsSimcc()
     network.card = replace(network.card, **changes)
-    persons = PersonNetwork.compiled(read_card("blazepose_persons"), BlazePoseConfig().fetch()[0], "f32", 1)
+    persons = PersonNetwork.compiled(read_card("blazepose_persons", PersonCard), BlazePoseConfig().fetch()[0], "f32", 1)
     return TopDownDetector(network, SquareFinder(persons), {})  # type: ignore[arg-type]
 
 

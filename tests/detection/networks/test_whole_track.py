@@ -47,4 +47,4 @@ def test_the_person_is_where_the_discs_are(kind: str, session: Path, tmp_path: P
 def test_the_plug_in_keeps_the_contract(kind: str, session: Path, tmp_path: Path) -> None:
     frames = [next(ImagesConfig(session / "images" / name, name, discs.RATE_HZ).build().frames()) for name in ("cam00", "cam02")]
     no_person = replace(frames[0], image=np.zeros_like(frames[0].image))
-    check_detector(OnnxConfig(card=discs.card_of(kind, tmp_path), streams=1).build(), [*frames, no_person])
+    check_detector(OnnxConfig(card=str(discs.card_of(kind, tmp_path)), streams=1).build(), [*frames, no_person])

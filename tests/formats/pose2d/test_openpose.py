@@ -74,19 +74,6 @@ def test_a_walker_from_the_side_and_a_camera_without_hips_are_read_as_the_others
         read_pose2d_of_cameras({"side": side}, "body25")
 
 
-def test_eighteen_points_become_coco17(tmp_path):
-    coco = person("coco17")
-    names = ["nose", "neck"] + [f"{s}_{p}" for s in ("right", "left") for p in ("shoulder", "elbow", "wrist")]
-    names += [f"{s}_{p}" for s in ("right", "left") for p in ("hip", "knee", "ankle")]
-    names += ["right_eye", "left_eye", "right_ear", "left_ear"]
-    index = SKELETONS["coco17"].index
-    eighteen = np.array([[1, 2, 0.5] if name == "neck" else coco[index(name)] for name in names])
-    write(tmp_path, 0, [eighteen])
-    folder = read_openpose_folder(tmp_path, "cam1")
-    assert folder.skeleton.name == "coco17"
-    assert np.allclose(folder.frame(0, 0).xy_img[0], coco[:, :2], atol=1e-3)
-
-
 def test_a_keypoint_of_score_0_is_missing_and_noise_grows_as_the_score_falls(tmp_path):
     points = person("body_25")
     points[4] = 0

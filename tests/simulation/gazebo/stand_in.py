@@ -11,13 +11,13 @@ import numpy as np
 
 from posefuse.formats.rig import read_rig
 from posefuse.formats.truth import read_loop
-from posefuse.messages.camera_messages import CAMERA_INFO_TYPE, IMAGE_TYPE, info_from_camera, message_from_image
-from posefuse.messages.dds import RosNode
-from posefuse.messages.dds_domain import Network
-from posefuse.messages.messages import time_from_ns
-from posefuse.messages.topics import CLOCK, Topic
-from posefuse.messages.types import message
 from posefuse.sources.video import VideoConfig
+from posefuse_ros.camera_messages import CAMERA_INFO_TYPE, IMAGE_TYPE, info_from_camera, message_from_image
+from posefuse_ros.dds import RosNode
+from posefuse_ros.dds_domain import Network
+from posefuse_ros.messages import time_from_ns
+from posefuse_ros.topics import CLOCK, Topic
+from posefuse_ros.types import message
 from posefuse_sim.gazebo.world import CENTRE_PX
 
 domain, world, session, rate = int(sys.argv[1]), Path(sys.argv[2]), Path(sys.argv[3]), float(sys.argv[4])

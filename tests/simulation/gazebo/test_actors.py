@@ -5,8 +5,8 @@ import pytest
 from scipy.spatial import cKDTree
 
 from posefuse.core import ConfigError, InputError
-from posefuse.formats.collada import ColladaSkeleton, Mesh, Surface, write_collada
 from posefuse_sim.gazebo.animation import baked, halfway
+from posefuse_sim.gazebo.collada import ColladaSkeleton, Mesh, Surface, write_collada
 
 MM = 1e-3
 # at no time of a key

@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -16,7 +15,7 @@ from running import Running
 pytest.importorskip("cyclonedds")
 pytest.importorskip("mujoco")
 
-from posefuse.messages.bags import read_clock, read_mcap
+from posefuse_ros.bags import read_clock, read_mcap
 from posefuse_sim.cameras import ImageSettings, RingCameras, SensorSettings
 from posefuse_sim.gazebo import export_world
 from posefuse_sim.motion.settings import CirclePath, WalkSettings
@@ -87,11 +86,3 @@ def test_images_of_a_simulator_are_tracked_and_compared_by_simulation_time(tmp_p
     shutil.copytree(world, other)
     (other / "truth" / "loop.json").write_text(json.dumps({"loop_ns": WRONG_LOOP_NS}))
     assert compared(other, recording)["mean_mm"] > 2 * found["mean_mm"]
-
-
-def test_the_scene_is_one_that_gazebo_shows_unchanged() -> None:
-    from posefuse_sim.gazebo.export import shown_scene
-
-    shown, left_out = shown_scene(SCENE)
-    assert left_out == [] and shown.duration_s == SCENE.duration_s
-    assert replace(shown, cameras=SCENE.cameras) == SCENE

@@ -9,18 +9,19 @@ from gazebo_camera import camera_from_gazebo
 
 from posefuse.core import SE3
 from posefuse.core.ideal_image import drawn_camera, optics_of
-from posefuse.sources.ros_camera_info import RigLens
+from posefuse_ros.camera_info import RigLens
 from posefuse_sim.cameras import SensorSettings
+from posefuse_sim.render.model import render_model
 from posefuse_sim.render.shot import CameraShooter
 from posefuse_sim.render.stage import RenderStage
-from posefuse_sim.session import body_poses, scene_render_model
+from posefuse_sim.session import body_poses
 
 
 @pytest.fixture(scope="module")
 def draw(written, backend):
     live = written.live
     sizes = [optics_of(camera).view for camera in live.rig]
-    stage = RenderStage(scene_render_model(live, (max(v.width for v in sizes), max(v.height for v in sizes)), backend), backend)
+    stage = RenderStage(render_model(live, (max(v.width for v in sizes), max(v.height for v in sizes)), backend), backend)
 
     def draw_(camera, t_s=0.4):
         poses = body_poses(live, np.array([t_s]))

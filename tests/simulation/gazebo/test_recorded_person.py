@@ -2,11 +2,12 @@
 
 from dataclasses import replace
 
+import built
 import numpy as np
 import pytest
 
 import posefuse as pf
-from posefuse.core import SKELETONS, PoseSequence, Recording
+from posefuse.core import SKELETONS
 from posefuse.formats.recording import write_recording
 from posefuse.formats.truth import read_truth
 from posefuse_sim.build import live_scene
@@ -25,21 +26,9 @@ def recorded(tmp_path_factory, scene):
     folder = tmp_path_factory.mktemp("recorded")
     live = live_scene(scene)
     xyz = live.people[0].at(TIMES_S).keypoints_world[:, None]
-    t, n, k = xyz.shape[:3]
-    poses = PoseSequence(
-        t_ns=(TIMES_S * 1e9).astype(np.int64),
-        skeleton=KEYPOINTS,
-        person_id=np.array([4]),
-        xyz_world=xyz,
-        cov_world=np.zeros((t, n, k, 3, 3)),
-        reproj_px=np.zeros((t, n, k)),
-        n_views=np.full((t, n, k), 3),
-        kind=np.zeros((t, n, k)),
-    )
-    views = (t, n, len(live.rig), k)
+    poses = built.poses(xyz, skeleton=KEYPOINTS, t_ns=(TIMES_S * 1e9).astype(np.int64), ids=[4])
     (folder / "result").mkdir()
-    seen = np.full((*views, 2), np.nan), np.zeros(views), np.full(views, np.nan)
-    write_recording(folder / "result", Recording.from_views(live.rig, poses, *seen, {}))
+    write_recording(folder / "result", built.recording(live.rig, poses, score=0.0))
     motion = RecordedSettings(kind="result", file=str(folder / "result"))
     write_scene(replace(scene, people=(PersonSettings(motion=motion),), props=()), folder)
     world = pf.gazebo_world(next(folder.glob("*.yaml")), folder / "world", release="jetty")

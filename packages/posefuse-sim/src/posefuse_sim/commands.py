@@ -3,7 +3,7 @@
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
@@ -97,13 +97,13 @@ class FitOptions:
         scenes_in: Folder for the rendered scenes; later fits use them again.
         scenes: Scenes for the noise.
         moving: Scenes for the joint centres; at most 16.
-        engine: What runs the network.
+        device: Processor, e.g. cpu or cuda:1; auto is a graphics card of NVIDIA if one runs the network.
     """
 
     scenes_in: Annotated[Path, Parameter(metavar="DIR")]
     scenes: Annotated[int, Parameter(metavar="N"), count(100)] = 24
     moving: Annotated[int, Parameter(metavar="N"), count(100)] = 16
-    engine: Literal["openvino", "onnxruntime"] = "openvino"
+    device: str = "auto"
 
 
 def fit_noise(card: Annotated[Path, Parameter(metavar="CARD.toml")], /, *, options: FitOptions, terminal: Shown) -> Figures:
@@ -116,7 +116,7 @@ def fit_noise(card: Annotated[Path, Parameter(metavar="CARD.toml")], /, *, optio
 
     with terminal.stages() as progress:
         made = fit_card(
-            card, options.scenes_in, scenes=options.scenes, moving=options.moving, engine=options.engine, progress=progress
+            card, options.scenes_in, scenes=options.scenes, moving=options.moving, device=options.device, progress=progress
         )
     terminal.show(made.summary())
     add = [f'noise = "{made.noise_file.name}"']

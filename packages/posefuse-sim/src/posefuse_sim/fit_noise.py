@@ -6,11 +6,11 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from posefuse.core import InputError, Progress
 from posefuse.detection.build import DetectorChoice
-from posefuse.detection.card import NetworkCard, read_network_card
+from posefuse.detection.card import OnnxCard, read_card
 from posefuse.detection.networks import OnnxConfig
 from posefuse.formats.joint_centres import joint_centres_text
 from posefuse.formats.truth import read_truth
@@ -67,21 +67,19 @@ class FittedCard:
         return [Heading("Noise of people left out of the fit"), Facts(facts)]
 
 
-def fit_card(
-    card_file: Path, scenes_in: Path, *, scenes: int, moving: int, engine: Literal["openvino", "onnxruntime"], progress: Progress
-) -> FittedCard:
+def fit_card(card_file: Path, scenes_in: Path, *, scenes: int, moving: int, device: str, progress: Progress) -> FittedCard:
     """Fit a card on simulated people and write the files next to it.
 
     Args:
         scenes_in: folder of the rendered scenes. scenes, moving: how many for the noise, and for the joint centres.
-        engine: what runs the network.
+        device: on which the network runs.
 
     Raises:
         PosefuseError: a card or network that is not right, or a network that finds no person.
     """
     note = lambda line: progress("scenes", 0, None, line)  # noqa: E731
-    card = read_network_card(card_file)
-    detector = OnnxConfig(card=card_file, engine=engine).build()
+    card = read_card(card_file, OnnxCard)
+    detector = OnnxConfig(card=str(card_file), device=device).build()
     everyday = render_everyday(scenes_in / EVERYDAY, scenes, note)
     samples = []
     for i, folder in enumerate(everyday):
@@ -95,13 +93,13 @@ def fit_card(
     noise_file = card_file.with_suffix(".noise.toml")
     write_text(noise_file, noise_text(noise.noise))
     folders = [*everyday, *render_moving(scenes_in / MOVING, moving, note)]
-    choice = DetectorChoice(name="onnx", options={"card": str(card_file.absolute()), "engine": engine})
+    choice = DetectorChoice(name="onnx", options={"card": str(card_file.absolute()), "device": device})
     centres_file = _joint_centres(card_file, choice, card, folders, progress)
     return FittedCard(noise_file=noise_file, joint_centres_file=centres_file, noise=noise)
 
 
 def _joint_centres(
-    card_file: Path, choice: DetectorChoice, card: NetworkCard, folders: Sequence[Path], progress: Progress
+    card_file: Path, choice: DetectorChoice, card: OnnxCard, folders: Sequence[Path], progress: Progress
 ) -> Path | None:
     runs: list[Run] = []
     for i, folder in enumerate(folders):

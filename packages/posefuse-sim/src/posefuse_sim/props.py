@@ -6,7 +6,7 @@ The own axes of a prop: origin at its centre; a board's x to the right and y up 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import cv2
 import numpy as np
@@ -312,20 +312,10 @@ def _made(
     texture: Array,
 ) -> Prop:
     """A prop of ids (M,), corners (M, 4, 3) and chess (Q, 3), and a mesh of vertices, uv, faces."""
+    about: dict[str, Any] = {name: getattr(prop, name) for name in ("name", "kind", "dictionary", "path")}
     vertices, uv, faces = mesh
-    return Prop(
-        name=prop.name,
-        kind=prop.kind,
-        dictionary=prop.dictionary,
-        marker_id=ids,
-        corners_prop=corners,
-        chess_prop=chess,
-        vertices=vertices,
-        uv=uv,
-        faces=faces,
-        texture=texture,
-        path=prop.path,
-    )
+    about |= {"vertices": vertices, "uv": uv, "faces": faces}
+    return Prop(**about, marker_id=ids, corners_prop=corners, chess_prop=chess, texture=texture)
 
 
 def _square(half: float, centre: Array, right: Array, up: Array) -> Array:

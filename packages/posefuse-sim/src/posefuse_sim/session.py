@@ -20,7 +20,6 @@ import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -124,20 +123,6 @@ def estimated_session_bytes(live: LiveScene) -> int:
     return round(pixels * _JPEG_BYTES + depth)
 
 
-def scene_render_model(live: LiveScene, largest_wh: tuple[int, int], backend: str) -> Any:
-    """The scene as MuJoCo's model; `largest_wh` is the largest ideal image any camera needs."""
-    return render_model(
-        live.bodies,
-        live.boxes,
-        live.props,
-        room=live.scene.room,
-        room_size_m=live.room_size_m,
-        largest_wh=largest_wh,
-        seed=live.scene.seed,
-        backend=backend,
-    )
-
-
 def body_poses(live: LiveScene, t_s: Array) -> Array:
     """(T, M, 7) world poses of everything that moves, in the renderer's order: bones of all people, then props."""
     parts = []
@@ -156,7 +141,7 @@ def _begin(paths: SessionPaths, scene: Scene) -> None:
 
 def _job(live: LiveScene, backend: str, largest_wh: tuple[int, int]) -> RenderJob:
     return RenderJob(
-        model=scene_render_model(live, largest_wh, backend),
+        model=render_model(live, largest_wh, backend),
         backend=backend,
         cameras=live.rig.cameras,
         sensors=tuple(camera.sensor for camera in live.placed),
@@ -206,46 +191,19 @@ def _tasks(live: LiveScene, paths: SessionPaths, runs: list[FrameRun]) -> Iterat
         )
 
 
-@dataclass(frozen=True)
 class SessionPaths:
-    """Where things are in a session folder."""
+    """Where things are in a session folder.
 
-    folder: Path
+    Attributes:
+        folder: the session. rig: the exact cameras. videos: one video or image folder per camera. scene: every setting.
+        truth: `core.Truth`. shots: true and stamped times of every frame. props: exact poses and pixels of the props.
+        parts: finished runs of frames of an unfinished session.
+    """
 
-    @property
-    def rig(self) -> Path:
-        """The exact cameras."""
-        return self.folder / "rig.toml"
-
-    @property
-    def videos(self) -> Path:
-        """One video or image folder per camera."""
-        return self.folder / "videos"
-
-    @property
-    def scene(self) -> Path:
-        """Every setting."""
-        return self.folder / SCENE_FILE
-
-    @property
-    def truth(self) -> Path:
-        """`core.Truth`."""
-        return self.folder / "truth" / "truth.npz"
-
-    @property
-    def shots(self) -> Path:
-        """True and stamped times of every frame."""
-        return self.folder / "truth" / "shots.npz"
-
-    @property
-    def props(self) -> Path:
-        """Exact poses and pixels of the props."""
-        return self.folder / "truth" / "props.npz"
-
-    @property
-    def parts(self) -> Path:
-        """Finished runs of frames of an unfinished session."""
-        return self.folder / "parts"
+    def __init__(self, folder: Path) -> None:
+        self.folder, truth = folder, folder / "truth"
+        self.rig, self.videos, self.scene, self.parts = (folder / name for name in ("rig.toml", "videos", SCENE_FILE, "parts"))
+        self.truth, self.shots, self.props = (truth / f"{name}.npz" for name in ("truth", "shots", "props"))
 
     def depth(self, camera: str) -> Path:
         """The depth images of a camera."""

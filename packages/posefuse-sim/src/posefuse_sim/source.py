@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from posefuse.core import Frame, SourceError
+from posefuse.core import Camera, Frame, SourceError
 from posefuse.core.arrays import Array
 from posefuse.core.depth import DepthImage
 from posefuse.core.errors import choices
@@ -26,10 +27,11 @@ from posefuse.formats.video import read_video
 
 from .build import LiveScene, live_scene
 from .exact import flesh_of_points, seen_points
+from .render.model import render_model
 from .render.shot import CameraShooter, Shot
 from .render.stage import RenderStage, working_backend
 from .scene import read_scene
-from .session import SessionPaths, body_poses, scene_render_model
+from .session import SessionPaths, body_poses
 
 # numbers (F,), stamps (F,) in ns, and the image and depth of the frame at a place, asked for in order
 _Film = tuple[Array, Array, Callable[[int], tuple[Array, DepthImage | None]]]
@@ -66,19 +68,19 @@ class SimulatedSource:
     """Frames of one simulated camera, stamped by its own clock. Ends with the scene; `frames` starts again from the beginning."""
 
     def __init__(self, config: SimulatedConfig) -> None:
-        self._config = config
-        self.camera = config.camera
-        film = Path(config.path).is_dir()
-        names = self._open_session() if film else self._open_scene()
-        if config.camera not in names:
-            raise SourceError(f"{config.path}: no camera {config.camera!r}; there are: {choices(names)}")
-        self._index = names.index(config.camera)
-        self.size_wh = self._sizes_wh[self._index]
-        self._opened: Callable[[], AbstractContextManager[_Film]] = self._played if film else self._drawn
+        self._config, self.camera, path = config, config.camera, Path(config.path)
+        live = None if path.is_dir() else live_scene(read_scene(path))
+        rig = read_truth(SessionPaths(path).truth).rig if live is None else live.rig
+        if self.camera not in rig.names:
+            raise SourceError(f"{path}: no camera {self.camera!r}; there are: {choices(rig.names)}")
+        camera = rig[self.camera]
+        self.size_wh = camera.size_wh
+        self._open = partial(_played, SessionPaths(path), camera) if live is None else partial(_drawn, live)
+        self._index = rig.names.index(self.camera)
 
     def frames(self) -> Iterator[Frame]:
         """Frames in time order; paced ones are skipped once the next one is due."""
-        with self._opened() as (seq, stamp_ns, image_at):
+        with self._open(self._index) as (seq, stamp_ns, image_at):
             zero_ns = self._config.zero_ns if self._config.zero_ns is not None else time.monotonic_ns()
             for k, t_ns in enumerate(stamp_ns):
                 if self._config.paced:
@@ -94,50 +96,39 @@ class SimulatedSource:
     def close(self) -> None:
         """Nothing stays open between calls of `frames`."""
 
-    def _open_scene(self) -> tuple[str, ...]:
-        self._live: LiveScene = live_scene(read_scene(Path(self._config.path)))
-        self._sizes_wh = [camera.size_wh for camera in self._live.rig]
-        return self._live.rig.names
 
-    def _open_session(self) -> tuple[str, ...]:
-        self._paths = SessionPaths(Path(self._config.path))
-        rig = read_truth(self._paths.truth).rig
-        self._sizes_wh = [camera.size_wh for camera in rig]
-        return rig.names
+@contextmanager
+def _drawn(live: LiveScene, i: int) -> Iterator[_Film]:
+    """Frames of camera number `i` drawn when asked for; OpenGL lives in the thread that asks."""
+    camera, shots = live.rig.cameras[i], live.shots[i]
+    view = optics_of(camera).view
+    backend = working_backend()
+    stage = RenderStage(render_model(live, (view.width, view.height), backend), backend)
+    try:
+        shooter = CameraShooter(camera, live.placed[i].sensor, stage)
 
-    @contextmanager
-    def _drawn(self) -> Iterator[_Film]:
-        """Frames drawn when asked for; OpenGL lives in the thread that asks."""
-        live, i = self._live, self._index
-        camera, shots = live.rig.cameras[i], live.shots[i]
-        view = optics_of(camera).view
-        backend = working_backend()
-        stage = RenderStage(scene_render_model(live, (view.width, view.height), backend), backend)
-        try:
-            shooter = CameraShooter(camera, live.placed[i].sensor, stage)
+        def drawn(k: int) -> tuple[Array, DepthImage | None]:
+            shot = shot_image(live, i, k, shooter)
+            return shot.image, shot.depth
 
-            def drawn(k: int) -> tuple[Array, DepthImage | None]:
-                shot = shot_image(live, i, k, shooter)
-                return shot.image, shot.depth
+        yield shots.seq, shots.stamp_ns, drawn
+    finally:
+        stage.close()
 
-            yield shots.seq, shots.stamp_ns, drawn
-        finally:
-            stage.close()
 
-    @contextmanager
-    def _played(self) -> Iterator[_Film]:
-        """Frames of a video, decoded in order."""
-        shots = read_arrays(self._paths.shots)
-        decoded = enumerate(read_video(self._paths.video(self.camera)))
-        stamp_ns = shots[f"stamp{self._index}_ns"]
-        folder = self._paths.depth(self.camera)
-        depths = DepthFolder(folder) if folder.is_dir() else None
+@contextmanager
+def _played(paths: SessionPaths, camera: Camera, i: int) -> Iterator[_Film]:
+    """Frames of the video of camera number `i`, decoded in order."""
+    shots = read_arrays(paths.shots)
+    decoded = enumerate(read_video(paths.video(camera.name)))
+    stamp_ns, folder = shots[f"stamp{i}_ns"], paths.depth(camera.name)
+    depths = DepthFolder(folder) if folder.is_dir() else None
 
-        def played(k: int) -> tuple[Array, DepthImage | None]:
-            image = next(image for number, (_, image) in decoded if number == k)
-            return image, depths.at(int(stamp_ns[k]), self.size_wh) if depths else None
+    def played(k: int) -> tuple[Array, DepthImage | None]:
+        image = next(image for number, (_, image) in decoded if number == k)
+        return image, depths.at(int(stamp_ns[k]), camera.size_wh) if depths else None
 
-        yield shots[f"seq{self._index}"], stamp_ns, played
+    yield shots[f"seq{i}"], stamp_ns, played
 
 
 def shot_image(live: LiveScene, camera_index: int, frame: int, shooter: CameraShooter) -> Shot:

@@ -15,9 +15,12 @@ import secrets
 import socket
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from http.cookies import CookieError, SimpleCookie
 from typing import Any, Literal
-from urllib.parse import parse_qs, quote, urlencode
+from urllib.parse import quote, urlencode
+
+from starlette.datastructures import MutableHeaders
+from starlette.requests import HTTPConnection
+from starlette.responses import PlainTextResponse, Response
 
 from posefuse.core import InputError
 
@@ -36,7 +39,7 @@ _POLICY = (
     "img-src 'self' data: blob:; font-src 'self' data:; connect-src 'self'; worker-src 'self' blob:; "
     "object-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-_HEADERS = ((b"x-frame-options", b"DENY"), (b"referrer-policy", b"no-referrer"), (b"x-content-type-options", b"nosniff"))
+_HEADERS = {"x-frame-options": "DENY", "referrer-policy": "no-referrer", "x-content-type-options": "nosniff"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,7 +106,7 @@ class Access:
 
     def role(self, given: Iterable[str]) -> Role | None:
         """What the tokens of a request allow; None: nothing."""
-        tokens = list(given)
+        tokens = [one for one in given if one]
         if any(_same(one, self.token) for one in tokens):
             return "owner"
         return "viewer" if any(_same(one, self.viewer_token) for one in tokens) else None
@@ -116,22 +119,23 @@ class AccessMiddleware:
         self._app, self._access = app, access
         self._wrong, self._one_at_a_time = 0, asyncio.Lock()
 
-    async def __call__(self, scope: dict[str, Any], receive: Any, send: Any) -> None:
+    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
         """See ASGI."""
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
-        headers = {name.decode("latin-1").lower(): value.decode("latin-1") for name, value in scope["headers"]}
-        query = parse_qs(scope.get("query_string", b"").decode("latin-1"))
-        in_url, in_cookie = query.get("token", []), _cookie_of(headers.get("cookie", ""), self._access.port)
-        role = self._access.role([*in_url[:1], *in_cookie])
-        why = self._access.refusal(headers)
-        if why or role is None or (role == "viewer" and not may_view(scope["path"])):
+        request = HTTPConnection(scope)
+        # cookies do not know ports: two studios on one machine must not take each other's
+        cookie = f"{COOKIE}_{self._access.port}"
+        in_url, in_cookie = request.query_params.get("token", ""), request.cookies.get(cookie, "")
+        role, path = self._access.role([in_url, in_cookie]), scope["path"]
+        why = self._access.refusal(request.headers)
+        if why or role is None or (role == "viewer" and not may_view(path)):
             if not why and role is None and (in_url or in_cookie):
                 await self._took_wrong(scope.get("client"))
             await _refuse(scope, receive, send, why or "a token is needed: open the address that `posefuse studio` has printed")
-        elif scope["type"] == "http" and scope["method"] == "GET" and self._access.role(in_url[:1]):
-            await _to_cookie(scope["path"], in_url[0], self._access.port, send)
+        elif scope["type"] == "http" and scope["method"] == "GET" and self._access.role([in_url]):
+            await _to_cookie(path, f"{cookie}={in_url}")(scope, receive, send)
         else:
             await self._app(scope, receive, _guarded(send))
 
@@ -179,11 +183,10 @@ def _guarded(send: Any) -> Any:
 
     async def sending(message: dict[str, Any]) -> None:
         if message["type"] == "http.response.start":
-            headers = [*message["headers"], *_HEADERS]
+            headers = MutableHeaders(scope=message)
+            headers.update(_HEADERS)
             # files of the workspace have a policy of their own, which is stricter
-            if not any(name.lower() == b"content-security-policy" for name, _ in headers):
-                headers.append((b"content-security-policy", _POLICY.encode()))
-            message = {**message, "headers": headers}
+            headers.setdefault("content-security-policy", _POLICY)
         await send(message)
 
     return sending
@@ -193,41 +196,22 @@ def _bracketed(host: str) -> str:
     return f"[{host}]" if ":" in host and not host.startswith("[") else host
 
 
-def _cookie_of(text: str, port: int) -> list[str]:
-    cookies: SimpleCookie = SimpleCookie()
-    try:
-        cookies.load(text)
-    except CookieError:
-        return []
-    # cookies do not know ports: two studios on one machine must not take each other's
-    return [cookies[f"{COOKIE}_{port}"].value] if f"{COOKIE}_{port}" in cookies else []
-
-
-async def _refuse(scope: dict[str, Any], receive: Any, send: Any, why: str) -> None:
+async def _refuse(scope: Any, receive: Any, send: Any, why: str) -> None:
     if scope["type"] == "websocket":
         await receive()
         await send({"type": "websocket.close", "code": 1008, "reason": why[:100]})
-        return
-    body = f"posefuse studio: {why}\n".encode()
-    headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"content-length", str(len(body)).encode())]
-    await send({"type": "http.response.start", "status": 403, "headers": headers})
-    await send({"type": "http.response.body", "body": body})
+    else:
+        await PlainTextResponse(f"posefuse studio: {why}\n", status_code=403)(scope, receive, send)
 
 
-async def _to_cookie(path: str, token: str, port: int, send: Any) -> None:
+def _to_cookie(path: str, cookie: str) -> Response:
     """Have the browser load the page again without the token in its address.
 
     By `refresh`, not by a redirect: a browser that comes from elsewhere, e.g. from a link in a message, would not send a strict
     cookie along a redirect.
     """
-    cookie = f"{COOKIE}_{port}={token}; Path=/; HttpOnly; SameSite=Strict"
     # one slash: with two, or with a backslash, the rest would name another site
     location = "/" + quote(path.lstrip("/\\"))
-    headers = [
-        (b"refresh", f"0; url={location}".encode()),
-        (b"set-cookie", cookie.encode("latin-1")),
-        (b"content-length", b"0"),
-        *_HEADERS,
-    ]
-    await send({"type": "http.response.start", "status": 200, "headers": headers})
-    await send({"type": "http.response.body", "body": b""})
+    return Response(
+        headers={"refresh": f"0; url={location}", "set-cookie": f"{cookie}; Path=/; HttpOnly; SameSite=Strict", **_HEADERS}
+    )

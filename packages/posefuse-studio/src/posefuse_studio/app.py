@@ -5,23 +5,22 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import html
+import mimetypes
 import os
 import signal
 import socket
 import threading
 import webbrowser
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Callable, Iterator
 from importlib import import_module
-from types import FrameType
 from typing import Any
 
-from posefuse.core import DependencyError, InputError
+from posefuse.core import DependencyError, InputError, PosefuseError
 from posefuse.foundation.requests_to_end import HANG_UP, heeded
+from posefuse.pipeline.catalogue import thumbnail
 
-from .access import AccessMiddleware
-from .private_files import private_folder, write_own
-from .state import Studio
-from .workspace import STATE_FOLDER
+from .stored import private_folder, write_text
+from .workspace import STATE_FOLDER, StudioWorkspace
 
 try:
     # it keeps nothing, but would make a folder where it is started
@@ -29,31 +28,29 @@ try:
     # for the QR code
     import segno  # noqa: F401
     import uvicorn
-    from fastapi import FastAPI, WebSocket
+    from fastapi import FastAPI, Response, WebSocket
+    from fastapi.responses import FileResponse
     from nicegui import app as pages_app
-    from nicegui import ui
+    from nicegui import run, ui
 except ImportError as error:
     raise DependencyError(f'studio: {error.name} is missing; install the extra: pip install "posefuse[studio]"') from None
 
+from .access import AccessMiddleware
 from .pages import PAGES, StudioPage
-from .recording_files import add_routes
 from .shell import shell
+from .state import Studio
 
 # a browser on a machine that is busy may be silent for seconds: a page that is given up too soon loads itself again
 _RECONNECT_S = 30.0
-# to build a page, with the first look for sessions
-_BUILD_S = 20.0
+# a page from the workspace runs by itself: it can read nothing of the studio and send nothing
+_SANDBOX = {"Content-Security-Policy": "sandbox allow-scripts; default-src 'unsafe-inline' data: blob:; connect-src 'none'"}
 
 
 def asgi_application(studio: Studio) -> Any:
     """The ASGI application; `access` is asked first. One per process: NiceGUI has one list of pages."""
     for page in PAGES:
-        ui.page(page.path, title=f"{page.title} · posefuse studio", response_timeout=_BUILD_S)(_builder(studio, page))
-
-    @ui.page("/phone", title="posefuse", response_timeout=_BUILD_S)
-    async def phone() -> None:
-        await _visited(studio)
-        import_module("posefuse_studio.pages.phone").build(studio)
+        ui.page(page.path, title=f"{page.title} · posefuse studio")(_builder(studio, page))
+    ui.page("/phone", title="posefuse")(lambda: import_module("posefuse_studio.pages.phone").build(studio))
 
     @pages_app.websocket("/studio/stream/{name}")
     async def stream(websocket: WebSocket, name: str) -> None:
@@ -66,15 +63,38 @@ def asgi_application(studio: Studio) -> Any:
             await studio.streams[name].serve(websocket)
 
     add_routes(pages_app, studio.workspace)
-
-    @pages_app.on_startup
-    def begin() -> None:
-        for link in (studio.live, studio.watch):
-            link.begin(asyncio.get_running_loop())
-
+    pages_app.on_startup(studio.begin)
+    run.process_pool_start_method = "spawn"
     outer = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
     ui.run_with(outer, title="posefuse studio", dark=None, reconnect_timeout=_RECONNECT_S, show_welcome_message=False)
     return AccessMiddleware(outer, studio.access)
+
+
+def add_routes(app: Any, workspace: StudioWorkspace) -> None:
+    """Serve ``/studio/thumbnail?name=RECORDING`` and ``/studio/file?name=FILE``."""
+
+    async def small_image(name: str) -> Response:
+        try:
+            image = await asyncio.to_thread(thumbnail, workspace.existing(name), workspace.root)
+        except PosefuseError as error:
+            return Response(str(error), status_code=404, media_type="text/plain")
+        return Response(image, media_type="image/jpeg", headers={"Cache-Control": "private, max-age=60"})
+
+    def file(name: str) -> Response:
+        try:
+            path = workspace.existing(name)
+            # the state of jobs is private; some disks take capital letters for small ones
+            if not path.is_file() or STATE_FOLDER in (part.lower() for part in path.parts):
+                raise InputError(f"{name}: not a file")
+        except PosefuseError as error:
+            return Response(str(error), status_code=404, media_type="text/plain")
+        if path.suffix == ".html":
+            return FileResponse(path, media_type="text/html", headers=_SANDBOX)
+        kind = mimetypes.guess_type(path.name)[0] or "application/octet-stream"
+        return FileResponse(path, media_type=kind, filename=path.name)
+
+    app.get("/studio/thumbnail")(small_image)
+    app.get("/studio/file")(file)
 
 
 def run_server(studio: Studio, *, show: bool, say: Callable[[str], None]) -> None:
@@ -106,7 +126,7 @@ def _opening_page(studio: Studio) -> Iterator[None]:
     """
     access = studio.access
     page = studio.workspace.folder(STATE_FOLDER) / f"open-{access.port}.html"
-    write_own(page, f'<!doctype html><meta http-equiv="refresh" content="0; url={html.escape(access.address())}">')
+    write_text(page, f'<!doctype html><meta http-equiv="refresh" content="0; url={html.escape(access.address())}">')
     threading.Timer(1.0, webbrowser.open, (page.as_uri(),)).start()
     try:
         yield
@@ -127,39 +147,20 @@ def _listener(host: str, port: int) -> socket.socket:
     return listener
 
 
-def _builder(studio: Studio, page: StudioPage) -> Callable[[], Awaitable[None]]:
-    async def build() -> None:
-        await _visited(studio)
+def _builder(studio: Studio, page: StudioPage) -> Callable[[], None]:
+    def build() -> None:
         with shell(studio, page):
             import_module(f"posefuse_studio.pages.{page.module}").build(studio)
 
     return build
 
 
-async def _visited(studio: Studio) -> None:
-    client = ui.context.client
-    client.on_delete(lambda: studio.left(client.id))
-    await studio.came(client.id)
-
-
 class _Server(uvicorn.Server):
-    """Waits for the end without looking ten times a second whether it has come."""
-
-    def __init__(self, config: uvicorn.Config) -> None:
-        super().__init__(config)
-        self._loop: asyncio.AbstractEventLoop | None = None
-        self._asked = asyncio.Event()
-
-    async def main_loop(self) -> None:
-        """Until it is asked to end."""
-        self._loop = asyncio.get_running_loop()
-        # what a tick prepares: the headers of every answer
-        if not await self.on_tick(0):
-            await self._asked.wait()
+    """Ends when the terminal is closed, too: what its usual handler raises would end up in whatever the server does just then."""
 
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
-        """Of a closed terminal, too: what its usual handler raises would end up in whatever the server does just then."""
+        """See uvicorn."""
         with super().capture_signals():
             before = {number: signal.signal(number, self.handle_exit) for number in heeded([HANG_UP] if HANG_UP else [])}
             try:
@@ -167,9 +168,3 @@ class _Server(uvicorn.Server):
             finally:
                 for number, handler in before.items():
                     signal.signal(number, handler)
-
-    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        """Take a signal to end."""
-        super().handle_exit(sig, frame)
-        if self._loop is not None:
-            self._loop.call_soon_threadsafe(self._asked.set)

@@ -8,21 +8,25 @@ from __future__ import annotations
 import hashlib
 import itertools
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
-from .jobs import read_json_or_empty, write_json
+import numpy as np
+from pydantic import ConfigDict
+
+from posefuse.calibration.report import CalibrationReport, Check
+from posefuse.calibration.targets.coverage import ENOUGH_SHARE, ENOUGH_TOGETHER, TargetCoverage
+
+from .stored import read_json, write_json
 from .workspace import StudioWorkspace, check_name
 
 FOLDER = "calibrations"
-LENSES, RIG = "lenses.toml", "rig.toml"
-LIGHTS = ("intrinsics", "overlap", "extrinsics", "clocks", "scale", "verified")
+LENSES, RIG, SEEN = "lenses.toml", "rig.toml", "coverage.json"
 Action = Literal["print", "record", "solve", "use"]
 Step = Literal["intrinsics", "extrinsics", "verify"]
 _STEPS: tuple[Step, ...] = ("intrinsics", "extrinsics", "verify")
-_COVERAGE = "coverage.json"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +36,7 @@ class Project:
     lenses: whether the lenses are calibrated on their own first, with the board; otherwise from the cube's recording.
     """
 
-    name: str
+    name: str = ""
     setup: str
     cube: str = ""
     board: str = ""
@@ -54,36 +58,85 @@ class Project:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Known:
-    """What a project has so far.
+class Seen:
+    """What the cameras saw of a target in a recording; see `TargetCoverage`. `enough`: for its step."""
+
+    cameras: list[str]
+    cells: list[list[list[int]]] = field(default_factory=list)
+    together: list[list[int]] = field(default_factory=list)
+    target: str = ""
+    enough: bool = True
+
+    @classmethod
+    def of(cls, found: TargetCoverage, *, target: str, enough: bool) -> Seen:
+        """Of a recording that has ended."""
+        cells, together = found.cells.tolist(), found.together.tolist()
+        return cls(cameras=list(found.cameras), cells=cells, together=together, target=target, enough=enough)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepResult:
+    """What a step has given, as `work.calibrate` writes it.
 
     Attributes:
-        cameras: names. recordings: newest folder of each step that has one. coverage: of these, see `work.watch`.
-        results: of `work.calibrate` by step. outdated: steps whose result rests on lenses or positions that are others now.
+        reports: one, for lenses one per camera. recording: it was made from. rests_on: see there. cameras: that came out.
+        pictures: of cameras that a refusal names, by camera. position_cov_m2: see `RigCalibration`.
+        world, clocks: where they come from; empty: not known.
     """
 
-    cameras: tuple[str, ...]
-    recordings: Mapping[Step, str] = field(default_factory=dict)
-    coverage: Mapping[Step, Mapping[str, Any]] = field(default_factory=dict)
-    results: Mapping[Step, Mapping[str, Any]] = field(default_factory=dict)
-    outdated: frozenset[Step] = frozenset()
+    __pydantic_config__ = ConfigDict(ser_json_inf_nan="constants")
 
-    def passed(self, step: Step) -> bool:
-        """Whether a step is done, from its newest recording and what it rests on now."""
-        return self._current(step) and bool(self.results[step]["passed"])
+    passed: bool
+    reports: list[CalibrationReport]
+    recording: str = ""
+    rests_on: str = ""
+    cameras: list[str] = field(default_factory=list)
+    pictures: dict[str, str] = field(default_factory=dict)
+    position_cov_m2: dict[str, list[list[float]]] = field(default_factory=dict)
+    world: str = ""
+    clocks: str = ""
 
-    def refused(self, step: Step) -> bool:
+    @property
+    def failed(self) -> list[tuple[str, Check]]:
+        """The checks that do not hold, of all reports, each with what was calibrated."""
+        return [(report.subject, check) for report in self.reports for check in report.failed]
+
+    def blames(self, camera: str) -> bool:
+        """Whether a check that does not hold names a camera."""
+        return any(named_cameras(f"{subject} {check.detail}", [camera]) for subject, check in self.failed)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepState:
+    """How far a step is.
+
+    Attributes:
+        recording: its newest folder; empty: none. seen: in it. result: the newest.
+        outdated: whether the result rests on lenses or positions that are others now.
+    """
+
+    recording: str = ""
+    seen: Seen | None = None
+    result: StepResult | None = None
+    outdated: bool = False
+
+    @property
+    def current(self) -> StepResult | None:
+        """The result, if it is from the newest recording and what it rests on now."""
+        return None if self.outdated or self.result is None or self.result.recording != self.recording else self.result
+
+    @property
+    def passed(self) -> bool:
+        """Whether the step is done."""
+        return self.current is not None and self.current.passed
+
+    @property
+    def refused(self) -> bool:
         """Whether its newest recording was refused."""
-        return self._current(step) and not self.results[step]["passed"]
+        return self.current is not None and not self.current.passed
 
-    def can_solve(self, step: Step, project: Project) -> bool:
-        """Whether its newest recording shows the target that is in use now."""
-        return step in self.recordings and self.coverage.get(step, {}).get("target") == project.target(step)
 
-    def _current(self, step: Step) -> bool:
-        if step not in self.results or step in self.outdated:
-            return False
-        return bool(self.results[step].get("recording") == self.recordings.get(step))
+NOTHING = StepState()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,37 +158,7 @@ class Light:
     text: str
 
 
-def next_step(project: Project, known: Known) -> Next:
-    """The one thing to do next."""
-    if not project.cube or not project.board:
-        return Next(
-            words="Print a cube and a board",
-            why="Glue six markers on a stiff box and the board on a flat plate; marker 43 is for the floor. Measure the ruler.",
-            action="print",
-        )
-    for number, step in enumerate(project.steps):
-        if known.passed(step):
-            continue
-        if known.refused(step):
-            check = failed_checks(known.results[step])[0]
-            again = _mended_by(check, step, project)
-            others = tuple(one for one in project.steps[: number + 1] if one != again)
-            words = check["remedy"] or check["detail"]
-            return Next(words=words, why=f"Refused: {check['detail']}", action="record", step=again, back=others)
-        if known.can_solve(step, project):
-            early = "; it was stopped before enough was seen" if known.coverage[step].get("enough") is False else ""
-            return Next(words=_SOLVE[step], why=f"from {known.recordings[step]}{early}", action="solve", step=step)
-        return Next(words=_RECORD[step][0], why=_RECORD[step][1], action="record", step=step)
-    return Next(words="The rig is verified", why="Use it for live sessions of these cameras.", action="use", step="verify")
-
-
-def _mended_by(check: Mapping[str, Any], step: Step, project: Project) -> Step:
-    """The step to record again where a check of a step fails: that step, or an earlier one that is to blame."""
-    if check.get("kind") == "lenses" and project.lenses:
-        return "intrinsics"
-    return "extrinsics" if check.get("kind") == "rig" else step
-
-
+_OFF = Light("off", "not yet")
 _RECORD: Mapping[Step, tuple[str, str]] = {
     "intrinsics": ("Show the board to each camera", "Near and far, tilted, into every corner of each image."),
     "extrinsics": (
@@ -144,24 +167,6 @@ _RECORD: Mapping[Step, tuple[str, str]] = {
     ),
     "verify": ("Show the board to two cameras at once", "A target that the rig was not made from shows its true error."),
 }
-RESTS: Mapping[Step, str] = {
-    "intrinsics": "Positions and verification rest on it: after new lenses, they are calculated again.",
-    "extrinsics": "The verification rests on it: after new positions, it is recorded again.",
-    "verify": "Nothing rests on it: repeat it whenever a camera may have been touched.",
-}
-
-
-def step_light(step: Step, project: Project, known: Known) -> Light:
-    """How far a step is."""
-    if known.passed(step):
-        return Light("good", "passed")
-    if known.refused(step):
-        return Light("bad", "refused")
-    if step in known.outdated:
-        return Light("doubt", "rests on earlier lenses or positions")
-    return Light("doubt", "recorded") if known.can_solve(step, project) else Light("off", "not yet")
-
-
 _SOLVE: Mapping[Step, str] = {
     "intrinsics": "Calibrate the lenses",
     "extrinsics": "Find where the cameras stand",
@@ -169,105 +174,137 @@ _SOLVE: Mapping[Step, str] = {
 }
 
 
-def failed_checks(result: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """The checks that do not hold, of all reports of a result."""
-    return [{**check, "subject": one["subject"]} for one in result["reports"] for check in one["checks"] if not check["passed"]]
+@dataclass(frozen=True, kw_only=True)
+class Known:
+    """What there is of a project so far; `cameras`: names; `steps`: those of which there is anything."""
+
+    project: Project
+    cameras: tuple[str, ...]
+    steps: Mapping[Step, StepState] = field(default_factory=dict)
+
+    def __getitem__(self, step: Step) -> StepState:
+        """How far a step is."""
+        return self.steps.get(step, NOTHING)
+
+    def can_solve(self, step: Step) -> bool:
+        """Whether its newest recording shows the target that is in use now."""
+        seen = self[step].seen
+        return seen is not None and seen.target == self.project.target(step)
+
+    def next_step(self) -> Next:
+        """The one thing to do next."""
+        project = self.project
+        if not project.cube or not project.board:
+            why = "Glue six markers on a stiff box and the board on a flat plate; marker 43 is for the floor. Measure the ruler."
+            return Next(words="Print a cube and a board", why=why, action="print")
+        for number, step in enumerate(project.steps):
+            state = self[step]
+            if state.passed:
+                continue
+            if state.refused and state.result is not None:
+                _, check = state.result.failed[0]
+                again = _mended_by(check, step, project)
+                others = tuple(one for one in project.steps[: number + 1] if one != again)
+                why = f"Refused: {check.detail}"
+                return Next(words=check.remedy or check.detail, why=why, action="record", step=again, back=others)
+            if self.can_solve(step) and state.seen is not None:
+                early = "" if state.seen.enough else "; it was stopped before enough was seen"
+                return Next(words=_SOLVE[step], why=f"from {state.recording}{early}", action="solve", step=step)
+            return Next(words=_RECORD[step][0], why=_RECORD[step][1], action="record", step=step)
+        return Next(words="The rig is verified", why="Use it for live sessions of these cameras.", action="use", step="verify")
+
+    def step_light(self, step: Step) -> Light:
+        """How far a step is, as a light."""
+        state = self[step]
+        if state.current is not None:
+            return Light("good", "passed") if state.passed else Light("bad", "refused")
+        if state.outdated:
+            return Light("doubt", "rests on earlier lenses or positions")
+        return Light("doubt", "recorded") if self.can_solve(step) else _OFF
+
+    def lights(self, camera: str) -> dict[str, Light]:
+        """What is known of a camera, by what must be known."""
+        placed = self._light("extrinsics", camera, "placed", _OFF)
+        lenses = Light("good", "from the cube") if placed.state == "good" and not self.project.lenses else _OFF
+        return {
+            "intrinsics": self._light("intrinsics", camera, "from the board", lenses),
+            "overlap": self._overlap(camera),
+            "extrinsics": placed,
+            "verified": self._light("verify", camera, "passed", _OFF) if placed.state == "good" else _OFF,
+        }
+
+    def _light(self, step: Step, camera: str, good: str, otherwise: Light) -> Light:
+        result = self[step].current
+        if result is None or (result.passed and camera not in result.cameras):
+            return otherwise
+        if result.passed:
+            return Light("good", good)
+        to_blame = step == "verify" or result.blames(camera)
+        return Light("bad", "refused") if to_blame else Light("doubt", "waits for the others")
+
+    def _overlap(self, camera: str) -> Light:
+        seen = self["extrinsics"].seen
+        if seen is None or camera not in seen.cameras or not seen.together:
+            return _OFF
+        i = seen.cameras.index(camera)
+        linked = max((count for j, count in enumerate(seen.together[i]) if j != i), default=0) / ENOUGH_TOGETHER
+        covered = float((np.asarray(seen.cells[i]) > 0).mean()) / ENOUGH_SHARE
+        if min(linked, covered) >= 1.0:
+            return Light("good", "enough")
+        return Light("doubt", f"{min(linked, covered):.0%} of what is needed") if linked else Light("bad", "seen with no other")
 
 
-def blamed_cameras(check: Mapping[str, Any], cameras: Sequence[str]) -> tuple[str, ...]:
-    """The cameras that a check names, as whole words, in its subject or its detail."""
-    text = f"{check.get('subject', '')} {check['detail']}"
+def _mended_by(check: Check, step: Step, project: Project) -> Step:
+    """The step to record again where a check of a step fails: that step, or an earlier one that is to blame."""
+    if check.kind == "lenses" and project.lenses:
+        return "intrinsics"
+    return "extrinsics" if check.kind == "rig" else step
+
+
+def named_cameras(text: str, cameras: Sequence[str]) -> tuple[str, ...]:
+    """The cameras that stand in a text, as whole words."""
     return tuple(name for name in cameras if re.search(rf"(?<![\w-]){re.escape(name)}(?![\w-])", text))
 
 
-def lights(project: Project, known: Known) -> dict[str, dict[str, Light]]:
-    """By camera and kind of light."""
-    return {camera: _lights_of(camera, project, known) for camera in known.cameras}
-
-
-def _lights_of(camera: str, project: Project, known: Known) -> dict[str, Light]:
-    off = Light("off", "not yet")
-    solved = camera in known.results.get("extrinsics", {}).get("cameras", ()) and known.passed("extrinsics")
-    refused = known.refused("extrinsics")
-    blamed = refused and any(blamed_cameras(check, [camera]) for check in failed_checks(known.results["extrinsics"]))
-    placed = Light("good", "placed") if solved else Light("bad" if blamed else "doubt", "refused") if refused else off
-    verified = known.results.get("verify")
-    return {
-        "intrinsics": _intrinsics_light(camera, project, known, solved),
-        "overlap": _overlap_light(camera, known),
-        "extrinsics": placed,
-        "clocks": Light("good", str(known.results["extrinsics"].get("clocks", "known"))) if solved else off,
-        "scale": Light("good", "from the cube") if solved else off,
-        "verified": off
-        if not verified or not solved
-        else Light("good", "passed")
-        if known.passed("verify")
-        else Light("bad", "failed"),
-    }
-
-
-def _intrinsics_light(camera: str, project: Project, known: Known, solved: bool) -> Light:
-    if known.passed("intrinsics"):
-        return Light("good", "from the board")
-    if known.refused("intrinsics"):
-        blamed = any(blamed_cameras(check, [camera]) for check in failed_checks(known.results["intrinsics"]))
-        return Light("bad", "refused") if blamed else Light("doubt", "waits for the others")
-    return Light("good", "from the cube") if solved and not project.lenses else Light("off", "not yet")
-
-
-def _overlap_light(camera: str, known: Known) -> Light:
-    seen = known.coverage.get("extrinsics")
-    if not seen or camera not in seen.get("cameras", ()):
-        return Light("off", "not yet")
-    i = list(seen["cameras"]).index(camera)
-    linked = max((share for j, share in enumerate(seen["linked"][i]) if j != i), default=0.0)
-    covered = float(seen["covered"][i])
-    if linked >= 1.0 and covered >= 1.0:
-        return Light("good", "enough")
-    return Light(
-        "doubt" if linked > 0 else "bad", f"{min(linked, covered):.0%} of what is needed" if linked else "seen with no other"
-    )
-
-
-def projects(workspace: StudioWorkspace) -> list[Project]:
-    """All of the workspace by name."""
+def projects(workspace: StudioWorkspace) -> dict[str, Project]:
+    """All of the workspace by name, the one that was worked on last first."""
     folder = workspace.path(FOLDER)
-    found = []
-    for path in sorted(folder.iterdir()) if folder.is_dir() else []:
-        content = read_json_or_empty(path / "project.json")
-        if isinstance(content.get("setup"), str):
-            texts = {key: str(content.get(key, "")) for key in ("setup", "cube", "board")}
-            found.append(Project(name=path.name, lenses=bool(content.get("lenses", True)), **texts))
-    return found
+    places = sorted(folder.iterdir(), key=lambda path: -path.stat().st_mtime_ns) if folder.is_dir() else []
+    found = {path.name: read_json(path / "project.json", Project) for path in places}
+    return {name: replace(project, name=name) for name, project in found.items() if project is not None}
 
 
 def save_project(workspace: StudioWorkspace, project: Project) -> None:
     """Write it; raises InputError for a name that is not plain."""
     check_name(project.name)
-    content = {"setup": project.setup, "cube": project.cube, "board": project.board, "lenses": project.lenses}
-    write_json(workspace.folder(project.folder) / "project.json", content)
+    write_json(workspace.folder(project.folder) / "project.json", project)
 
 
 def known_of(workspace: StudioWorkspace, project: Project, cameras: Sequence[str]) -> Known:
     """The content of the files of a project."""
     folder = workspace.path(project.folder)
-    recordings: dict[Step, str] = {}
-    coverage: dict[Step, Mapping[str, Any]] = {}
-    results: dict[Step, Mapping[str, Any]] = {}
+    steps: dict[Step, StepState] = {}
     placed_ns = 0
     for step in _STEPS:
-        found = [path for path in folder.glob(f"{step}-*") if (path / _COVERAGE).is_file()]
-        if _whole(result := read_json_or_empty(folder / f"{step}.json")):
-            results[step] = result
-        newest = max((path for path in found if not _too_short(path, results.get(step))), key=_recorded_ns, default=None)
+        result = read_json(folder / f"{step}.json", StepResult)
+        taken = max(_recordings(folder, step, result), key=_recorded_ns, default=None)
+        outdated = result is not None and result.rests_on != rests_on(folder, step)
+        steps[step] = StepState(result=result, outdated=outdated)
         # when a verification was recorded before the positions, the cameras may have stood elsewhere
-        if newest is not None and not (step == "verify" and _recorded_ns(newest) < placed_ns):
-            recordings[step], seen = f"{project.folder}/{newest.name}", read_json_or_empty(newest / _COVERAGE)
-            coverage[step] = seen if {"cameras", "covered", "linked"} <= seen.keys() else {}
-        if newest is not None and step == "extrinsics":
-            placed_ns = _recorded_ns(newest)
-    outdated = frozenset(step for step, result in results.items() if result.get("rests_on", "") != rests_on(folder, step))
-    return Known(cameras=tuple(cameras), recordings=recordings, coverage=coverage, results=results, outdated=outdated)
+        if taken is not None and not (step == "verify" and _recorded_ns(taken) < placed_ns):
+            seen = read_json(taken / SEEN, Seen)
+            steps[step] = replace(steps[step], recording=f"{project.folder}/{taken.name}", seen=seen)
+        if taken is not None and step == "extrinsics":
+            placed_ns = _recorded_ns(taken)
+    return Known(project=project, cameras=tuple(cameras), steps=steps)
+
+
+def _recordings(folder: Path, step: Step, result: StepResult | None) -> Iterator[Path]:
+    """Those that count: one that was stopped too early takes no result away; the button may have been pressed by mistake."""
+    for path in folder.glob(f"{step}-*"):
+        kept = result is not None and result.passed and not result.recording.endswith(f"/{path.name}")
+        if (path / SEEN).is_file() and not (kept and (seen := read_json(path / SEEN, Seen)) is not None and not seen.enough):
+            yield path
 
 
 def rests_on(folder: Path, step: Step) -> str:
@@ -283,29 +320,11 @@ def new_recording(workspace: StudioWorkspace, project: Project, step: Step) -> s
     return next(name for name in names if not workspace.path(name).exists())
 
 
-def last_worked_on(workspace: StudioWorkspace, found: Sequence[Project]) -> str:
-    """The name of the project whose files changed last; empty where there is none."""
-    return max(found, key=lambda one: workspace.path(one.folder).stat().st_mtime_ns).name if found else ""
-
-
-def _too_short(recording: Path, result: Mapping[str, Any] | None) -> bool:
-    """Whether it was stopped too early to take the place of one that has passed; the button may have been pressed by mistake."""
-    if result is None or not result["passed"] or str(result.get("recording")).endswith(f"/{recording.name}"):
-        return False
-    return read_json_or_empty(recording / _COVERAGE).get("enough") is False
-
-
 def _recorded_ns(recording: Path) -> int:
-    return (recording / _COVERAGE).stat().st_mtime_ns
+    return (recording / SEEN).stat().st_mtime_ns
 
 
-def _whole(result: Mapping[str, Any]) -> bool:
-    """Whether it is as `work.calibrate` writes it; a damaged one is as none."""
-    reports = result.get("reports")
-    return isinstance(result.get("passed"), bool) and isinstance(reports, list) and all(map(_whole_report, reports))
-
-
-def _whole_report(report: Any) -> bool:
-    if not isinstance(report, dict) or not {"subject", "checks", "numbers"} <= report.keys():
-        return False
-    return all(isinstance(one, dict) and {"name", "passed", "detail", "remedy"} <= one.keys() for one in report["checks"])
+def stamp(workspace: StudioWorkspace, project: Project) -> list[tuple[str, int]]:
+    """What changes when `known_of` has something new to read."""
+    files = workspace.path(project.folder).rglob("*.json")
+    return sorted((str(path), path.stat().st_mtime_ns) for path in files)

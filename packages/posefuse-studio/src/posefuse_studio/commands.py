@@ -27,8 +27,8 @@ def studio(
         token: Ask for this token, of 16 characters or more, instead of one made at random; it is in the address that is printed.
         open_page: Open the page in the browser.
     """
+    from posefuse_studio.app import run_server  # isort: skip - it names the extra where that is missing
     from posefuse_studio.access import Access
-    from posefuse_studio.app import run_server
     from posefuse_studio.state import Studio
     from posefuse_studio.workspace import StudioWorkspace
 

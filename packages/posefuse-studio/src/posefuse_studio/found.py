@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-import sys
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from posefuse.core import PosefuseError
+from posefuse.foundation.platform import usb_cameras
+from posefuse.foundation.plugins import from_package
+
+from .calibrations import FOLDER
 from .workspace import StudioWorkspace
 
 VIDEOS = (".mp4", ".mkv", ".mov", ".avi", ".webm")
-_V4L = Path("/sys/class/video4linux")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,44 +27,15 @@ class Found:
     icon: str
 
 
-def found_sources(workspace: StudioWorkspace) -> list[Found]:
-    """Devices first, then videos and scenes of the workspace."""
-    return [*_devices(), *_videos(workspace), *_scenes(workspace)]
-
-
-def _devices() -> list[Found]:
-    """USB cameras. On Linux, each has several nodes; the one that gives images has index 0."""
-    if sys.platform != "linux" or not _V4L.is_dir():
-        return []
-    found: list[Found] = []
-    for node in sorted(_V4L.iterdir()):
-        try:
-            index, text = (node / "index").read_text().strip(), (node / "name").read_text().strip()
-        except OSError:
-            continue
-        if index == "0":
-            found.append(
-                Found(text=f"{text} ({node.name})", source=f"usb:/dev/{node.name}", name=f"cam{len(found) + 1}", icon="videocam")
-            )
-    return found
-
-
-def _videos(workspace: StudioWorkspace) -> list[Found]:
-    """Not those that a calibration has filmed."""
-    names = [name for name in workspace.files(*VIDEOS) if not name.startswith("calibrations/")]
-    return [Found(text=name, source=f"video:{name}", name=Path(name).stem[:40], icon="movie") for name in names]
-
-
-def _scenes(workspace: StudioWorkspace) -> list[Found]:
-    from posefuse.core import PosefuseError
-    from posefuse.foundation.plugins import plugin_class
-
-    found = []
+def found_sources(workspace: StudioWorkspace) -> Iterator[Found]:
+    """Devices first, then videos and scenes of the workspace; without what a calibration has recorded."""
+    for number, (device, text) in enumerate(usb_cameras().items(), 1):
+        yield Found(text=f"{text} ({device})", source=f"usb:{device}", name=f"cam{number}", icon="videocam")
+    for name in workspace.files(*VIDEOS):
+        if not name.startswith(f"{FOLDER}/"):
+            yield Found(text=name, source=f"video:{name}", name=Path(name).stem[:40], icon="movie")
     for name in workspace.files(".yaml", ".yml"):
-        try:
-            cameras = plugin_class("sources", "simulated", extra="sim").cameras(workspace.existing(name))
-        except PosefuseError:
-            # some other file
-            continue
-        found += [Found(text=f"{name}: {camera}", source=f"sim:{name}", name=camera, icon="view_in_ar") for camera in cameras]
-    return found
+        # some are other files
+        with suppress(PosefuseError):
+            for camera in from_package("sources", "simulated", extra="sim").cameras(workspace.existing(name)):
+                yield Found(text=f"{name}: {camera}", source=f"sim:{name}", name=camera, icon="view_in_ar")

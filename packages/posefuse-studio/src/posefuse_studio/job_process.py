@@ -12,15 +12,15 @@ import traceback
 import warnings
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, replace
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from posefuse.core import InputError, PosefuseError
 
-from .jobs import JOBS_FOLDER, Job, Jobs, Report, write_json
-from .private_files import SessionAddress, delete_address, write_address
+from .jobs import JOBS_FOLDER, Job, Jobs, Report
+from .stored import SessionAddress, address_file, write_json
 from .work import recordings
 from .workspace import StudioWorkspace
 
@@ -37,12 +37,10 @@ class JobReporter:
 
     def __init__(self, workspace: StudioWorkspace, job: str) -> None:
         self.cancelled = threading.Event()
-        self._root, self._job = workspace.root, job
-        self._folder = workspace.path(f"{JOBS_FOLDER}/{job}")
+        self._address, self._folder = address_file(workspace.root, job), workspace.path(f"{JOBS_FOLDER}/{job}")
         self._lock = threading.Lock()
         self._report = Report(state="running", pid=os.getpid())
-        self._written: Report | None = None
-        self._written_s = 0.0
+        self._written: tuple[Report, float] = self._report, 0.0
         self._over = threading.Event()
         self._write()
         self._thread = threading.Thread(target=self._run, name="report", daemon=True)
@@ -61,11 +59,11 @@ class JobReporter:
 
     def listens(self, address: SessionAddress) -> None:
         """Let servers of this user reach the session, until its end."""
-        write_address(self._root, self._job, address)
+        write_json(self._address, address)
 
     def end(self, **changes: Any) -> None:
         """Write the last report."""
-        delete_address(self._root, self._job)
+        self._address.unlink(missing_ok=True)
         self._over.set()
         self._thread.join()
         with self._lock:
@@ -81,16 +79,17 @@ class JobReporter:
             if gone:
                 # a workspace that was deleted: no one can ask for the result, or for the end, any more
                 return
-            if self._report != self._written or time.monotonic() - self._written_s > _ALIVE_S:
+            written, written_s = self._written
+            if self._report != written or time.monotonic() - written_s > _ALIVE_S:
                 self._write()
 
     def _write(self) -> None:
         with self._lock:
-            report, self._written_s = self._report, time.monotonic()
-            self._written = report
+            report = self._report
+            self._written = report, time.monotonic()
         # a full disk must not end the work: its next report may find room
         with suppress(InputError, OSError):
-            write_json(self._folder / "state.json", asdict(replace(report, reported_s=time.time())))
+            write_json(self._folder / "state.json", replace(report, reported_s=time.time()))
 
 
 def run_job(workspace: StudioWorkspace, job: Job, reporter: JobReporter) -> None:
@@ -125,9 +124,9 @@ def interrupt_main_thread() -> None:
 
 def main() -> None:
     """Entry point."""
-    signal.signal(signal.SIGINT, signal.default_int_handler)
     # an interrupt from a terminal is for the server; a job is ended by `cancel`, a machine that shuts down by SIGTERM
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
     workspace = StudioWorkspace(Path(sys.argv[1]))
     job = Jobs(workspace).job(sys.argv[2])
     if job is None or not job.work.isidentifier():

@@ -7,31 +7,29 @@ finds them; files of another user are none. What has ended is read once.
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
 import time
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import TypeAdapter, ValidationError
-
 from posefuse.core import InputError
 
-from .private_files import SessionAddress, read_address, read_own, write_own
-from .session_messages import WATCH
+from .stored import SessionAddress, address_file, read_json, write_json
 from .workspace import STATE_FOLDER, StudioWorkspace
 
+LIVE, WATCH = "live", "watch"
+"""Kinds of work that look through cameras: pages follow them, and the streams that they draw have these names."""
 JobState = Literal["starting", "running", "done", "failed", "cancelled", "lost"]
-ENDED = ("done", "failed", "cancelled", "lost")
 JOBS_FOLDER = f"{STATE_FOLDER}/jobs"
 # a process reports once a second; one that is silent for this long is dead
 _LOST_S = 15.0
 _STARTING_S = 60.0
 _MOST_NEWS = 50
+_MOST_LOG_BYTES = 20_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +41,7 @@ class Job:
         arguments: JSON values for it. page: where its result is shown, e.g. ``/recordings``. begun_s: Unix time.
     """
 
-    id: str
+    id: str = ""
     work: str
     title: str
     arguments: Mapping[str, Any]
@@ -57,7 +55,7 @@ class Report:
 
     Attributes:
         stage, done, total: see `posefuse.Progress`. news: its newest lines, oldest first.
-        error: one line. result: JSON values that `run` returned. pid: of its process. reported_s: Unix time of the report.
+        error: one line. result: JSON values that its work returned. pid: of its process. reported_s: Unix time of the report.
     """
 
     state: JobState = "starting"
@@ -73,7 +71,7 @@ class Report:
     @property
     def ended(self) -> bool:
         """Whether nothing more will come."""
-        return self.state in ENDED
+        return self.state not in ("starting", "running")
 
     @property
     def fraction(self) -> float | None:
@@ -105,19 +103,21 @@ class Jobs:
         self._heard: dict[str, tuple[float, float]] = {}
 
     def start(self, work: str, title: str, arguments: Mapping[str, Any], *, page: str = "/") -> Job:
-        """Begin; returns at once.
+        """Begin, and return at once; arguments as the attributes of `Job`.
 
-        Args:
-            work, title, arguments, page: see `Job`.
+        What looks through the cameras takes them from what only shows their images. A live session that runs already stays.
 
         Raises:
-            InputError: the workspace cannot be written to.
+            InputError: the workspace cannot be written to, or a calibration that is being recorded needs the cameras.
         """
-        stamp = time.strftime("%Y%m%d-%H%M%S")
-        name = self._workspace.free_name(JOBS_FOLDER, f"{stamp}-{work}")
+        if work == LIVE and (running := self.running(LIVE)):
+            return running[0]
+        if work in (LIVE, WATCH):
+            self._free_cameras()
+        name = self._workspace.free_name(JOBS_FOLDER, f"{time.strftime('%Y%m%d-%H%M%S')}-{work}")
         folder = self._workspace.folder(name)
         job = Job(id=folder.name, work=work, title=title, arguments=dict(arguments), page=page, begun_s=time.time())
-        write_json(folder / "job.json", asdict(job))
+        write_json(folder / "job.json", job)
         with (folder / "log.txt").open("wb") as log:
             # -P: files of the workspace cannot stand in for modules
             self._processes[job.id] = subprocess.Popen(
@@ -130,44 +130,37 @@ class Jobs:
             )
         return job
 
-    def all(self, work: str = "") -> list[Job]:
-        """All jobs of the workspace, the newest first; of one kind of work where it is given."""
+    def all(self, *works: str) -> list[Job]:
+        """All jobs of the workspace, the newest first; of some kinds of work where these are given."""
         place = self._workspace.path(JOBS_FOLDER)
         names = sorted(os.listdir(place), reverse=True) if place.is_dir() else []  # noqa: PTH208 - names alone, of hundreds
-        found = [job for name in names if work in name and (job := self.job(name)) is not None]
-        return [job for job in found if work in ("", job.work)]
+        found = [job for name in names if (job := self.job(name)) is not None]
+        return [job for job in found if not works or job.work in works]
 
     def job(self, job_id: str) -> Job | None:
         """By its id; None where there is none, or its file is damaged or of another user."""
         if job_id not in self._tasks:
-            try:
-                job = _JOB.validate_python(read_own(self._folder(job_id) / "job.json") | {"id": job_id})
-            except (InputError, ValidationError):
+            job = read_json(self._folder(job_id) / "job.json", Job)
+            if job is None:
                 return None
-            self._tasks[job_id] = job if _is_page(job.page) else replace(job, page="/")
+            self._tasks[job_id] = replace(job, id=job_id, page=job.page if _is_page(job.page) else "/")
         return self._tasks[job_id]
 
     def report(self, job_id: str) -> Report:
         """How far it is now."""
         if job_id in self._ended:
             return self._ended[job_id]
-        self._reap(job_id)
-        folder = self._folder(job_id)
-        try:
-            report = _REPORT.validate_python(read_own(folder / "state.json"))
-        except ValidationError:
-            # as of one that has reported nothing
-            report = Report()
+        process, folder = self._processes.get(job_id), self._folder(job_id)
+        died = process is not None and process.poll() is not None
+        report = read_json(folder / "state.json", Report) or Report()
         if report.ended:
             self._ended[job_id] = report
             return report
         job = self.job(job_id)
         silent_s = self._silent_s(job_id, report.reported_s or (job.begun_s if job else 0.0))
-        process = self._processes.get(job_id)
-        died = process is not None and process.returncode is not None
         if not died and silent_s <= (_LOST_S if report.reported_s else _STARTING_S):
             return report
-        return replace(report, state="lost", error=self._last_words(folder) or "its process ended without a report")
+        return replace(report, state="lost", error=_last_words(folder) or "its process ended without a report")
 
     def _silent_s(self, job_id: str, reported_s: float) -> float:
         """Since its newest report; that of the first one read is a time of the wall clock, in the future as wrong as long ago."""
@@ -179,11 +172,11 @@ class Jobs:
 
     def address(self, job_id: str) -> SessionAddress | None:
         """Where its process listens; None where it does not."""
-        return read_address(self._workspace.root, job_id)
+        return read_json(address_file(self._workspace.root, job_id), SessionAddress)
 
-    def running(self, work: str = "") -> list[Job]:
-        """Jobs that have not ended, the newest first; of one kind of work where it is given."""
-        return [job for job in self.all(work) if not self.report(job.id).ended]
+    def running(self, *works: str) -> list[Job]:
+        """Jobs that have not ended, the newest first; of some kinds of work where these are given."""
+        return [job for job in self.all(*works) if not self.report(job.id).ended]
 
     def cancel(self, job_id: str) -> None:
         """Ask it to end; what it has finished stays."""
@@ -191,51 +184,28 @@ class Jobs:
         if folder.is_dir():
             (folder / "cancel").touch()
 
-    def free_cameras(self) -> None:
-        """End what only looks at cameras, before something else opens them; raises InputError while a calibration is recorded."""
+    def _free_cameras(self) -> None:
+        """End what only looks at cameras, before something else opens them."""
         for job in self.running(WATCH):
             if job.arguments.get("record"):
                 raise InputError(f"{job.title}: it needs the cameras; stop it first")
             self.cancel(job.id)
-
-    def log(self, job_id: str, most_bytes: int = 20_000) -> str:
-        """The end of what it printed."""
-        try:
-            return (self._folder(job_id) / "log.txt").read_bytes()[-most_bytes:].decode(errors="replace")
-        except OSError:
-            return ""
 
     def _folder(self, job_id: str) -> Path:
         if "/" in job_id:
             raise InputError(f"job {job_id!r}: expected the name of one job")
         return self._workspace.path(f"{JOBS_FOLDER}/{job_id}")
 
-    def _reap(self, job_id: str) -> None:
-        if (process := self._processes.get(job_id)) is not None:
-            process.poll()
 
-    def _last_words(self, folder: Path) -> str:
-        lines = [line for line in self.log(folder.name).splitlines() if line.strip()]
-        return lines[-1].strip() if lines else ""
-
-
-_JOB, _REPORT = TypeAdapter(Job), TypeAdapter(Report)
-
-
-def _is_page(address: object) -> bool:
-    """Whether it is the path of a page of the studio: a browser would run ``javascript:``, and leave with ``//`` or ``/\\``."""
-    return isinstance(address, str) and address.startswith("/") and address[1:2] not in ("/", "\\") and address.isprintable()
-
-
-def write_json(path: Path, content: Mapping[str, Any]) -> None:
-    """Whole or not at all, readable by its owner only."""
-    write_own(path, json.dumps(content))
-
-
-def read_json_or_empty(path: Path) -> dict[str, Any]:
-    """Empty where the file is missing or damaged."""
+def _last_words(folder: Path) -> str:
+    """The last line that its process printed."""
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return content if isinstance(content, dict) else {}
+        log = (folder / "log.txt").read_bytes()[-_MOST_LOG_BYTES:].decode(errors="replace")
+    except OSError:
+        return ""
+    return next((line.strip() for line in reversed(log.splitlines()) if line.strip()), "")
+
+
+def _is_page(address: str) -> bool:
+    """Whether it is the path of a page of the studio: a browser would run ``javascript:``, and leave with ``//`` or ``/\\``."""
+    return address.startswith("/") and address[1:2] not in ("/", "\\") and address.isprintable()

@@ -69,20 +69,14 @@ def cameras_svg(cameras: tuple[PlacedCamera, ...], chosen: str, room: RoomMap) -
     """Overlays of the colour map: walls, cameras with their fields of view, names."""
     left, top = room.px(-room.size_m[0] / 2, room.size_m[1] / 2)
     width, height = (size * room.scale for size in room.size_m)
-    parts = [
-        f'<rect x="{left:.0f}" y="{top:.0f}" width="{width:.0f}" height="{height:.0f}" fill="none" stroke="#546e7a" '
-        'stroke-width="3"/>'
-    ]
-    for metre in range(-int(room.size_m[0] / 2), int(room.size_m[0] / 2) + 1):
-        x, _ = room.px(metre, 0)
-        parts.append(
-            f'<line x1="{x:.0f}" x2="{x:.0f}" y1="{top:.0f}" y2="{top + height:.0f}" stroke="#fff" stroke-opacity="0.18"/>'
-        )
-    for metre in range(-int(room.size_m[1] / 2), int(room.size_m[1] / 2) + 1):
-        _, y = room.px(0, metre)
-        parts.append(
-            f'<line y1="{y:.0f}" y2="{y:.0f}" x1="{left:.0f}" x2="{left + width:.0f}" stroke="#fff" stroke-opacity="0.18"/>'
-        )
+    wall = f'<rect x="{left:.0f}" y="{top:.0f}" width="{width:.0f}" height="{height:.0f}" fill="none" stroke="#546e7a"'
+    half_x, half_y = (size / 2 for size in room.size_m)
+    grid: list[tuple[tuple[float, float], tuple[float, float]]]
+    grid = [((x, -half_y), (x, half_y)) for x in range(-int(half_x), int(half_x) + 1)]
+    grid += [((-half_x, y), (half_x, y)) for y in range(-int(half_y), int(half_y) + 1)]
+    parts = [f'{wall} stroke-width="3"/>']
+    for (x1, y1), (x2, y2) in ((room.px(*a), room.px(*b)) for a, b in grid):
+        parts.append(f'<line x1="{x1:.0f}" y1="{y1:.0f}" x2="{x2:.0f}" y2="{y2:.0f}" stroke="#fff" stroke-opacity="0.18"/>')
     parts += [_camera(camera, camera.name == chosen, room) for camera in cameras]
     return "".join(parts)
 
@@ -99,13 +93,8 @@ def _camera(camera: PlacedCamera, chosen: bool, room: RoomMap) -> str:
     to_x, to_y = np.subtract(camera.look_at_m[:2], camera.position_m[:2])
     angle = np.arctan2(to_y, to_x) if np.hypot(to_x, to_y) > 1e-6 else np.pi / 2
     half = np.deg2rad(camera.image.horizontal_fov_deg / 2)
-    ends = [
-        room.px(
-            camera.position_m[0] + _REACH_M * np.cos(angle + side * half),
-            camera.position_m[1] + _REACH_M * np.sin(angle + side * half),
-        )
-        for side in (-1, 1)
-    ]
+    sides = (angle - half, angle + half)
+    ends = [room.px(*np.add(camera.position_m[:2], (_REACH_M * np.cos(one), _REACH_M * np.sin(one)))) for one in sides]
     corners = " ".join(f"{px:.0f},{py:.0f}" for px, py in ((x, y), *ends))
     colour = "#ffb300" if chosen else "#ffffff"
     label_y = y - 18 if y > 40 else y + 32

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from functools import cache
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +12,9 @@ import numpy as np
 import posefuse as pf
 from posefuse.core import InputError, JointAngles
 from posefuse.core.arrays import Array
-from posefuse.foundation.requests_to_end import children_ignore_requests, leave_requests_to_parent
 from posefuse.kinematics.gait import Gait, gait_from_poses
 from posefuse.outputs.drawing import person_rgb
-from posefuse.pipeline.playback import Playback, PlaybackStep, session_with_videos
+from posefuse.pipeline.playback import Playback, session_with_videos
 
 from .scene.messages import image_message, labels_message, poses_message, setup_message
 from .scene.setup import scene_setup
@@ -61,20 +57,8 @@ def open_recording(path: Path, within: Path) -> OpenedRecording:
     return OpenedRecording(recording=recording, playback=Playback(recording, session), gaits=gaits)
 
 
-@cache
-def _other_process() -> ProcessPoolExecutor:
-    """A process for what compiles code, which would hold up every page; it ends with the server."""
-    return ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=leave_requests_to_parent)
-
-
-async def load_joint_angles(path: Path) -> JointAngles | None:
-    """Angles of all people of a recording, straight from its points, worked out in another process; None where there are none."""
-    with children_ignore_requests():
-        angles = asyncio.get_running_loop().run_in_executor(_other_process(), _joint_angles, path)
-    return await angles
-
-
-def _joint_angles(path: Path) -> JointAngles | None:
+def joint_angles(path: Path) -> JointAngles | None:
+    """Angles of all people of a recording, straight from its points; None where there are none."""
     try:
         return pf.read(path).joint_angles(fit="none")
     except InputError:
@@ -110,12 +94,10 @@ class ResultPlayer:
 
     def seek(self, t_s: float) -> None:
         """Go to a time; the 3D view follows at once, the videos as soon as they are decoded."""
-        self.t_s = float(np.clip(t_s, self.begin_s, self.end_s))
-        poses = self.opened.recording.poses
-        i = self.opened.playback.step_at(round(self.t_s * 1e9))
+        self.t_s = self._wanted = float(np.clip(t_s, self.begin_s, self.end_s))
+        poses, i = self.opened.recording.poses, self._step
         message = poses_message(self.t_s, poses.person_id, poses.xyz_world[i], poses.cov_world[i])
         self._stream.publish("pose", message, keep=True)
-        self._wanted = self.t_s
         if not self._busy:
             self._busy = True
             self._task = asyncio.create_task(self._show())
@@ -123,14 +105,14 @@ class ResultPlayer:
     def step(self, count: int) -> None:
         """Move by a number of time steps."""
         t_s = self.opened.t_s
-        i = self.opened.playback.step_at(round(self.t_s * 1e9)) + count
-        self.seek(float(t_s[np.clip(i, 0, len(t_s) - 1)]))
+        self.seek(float(t_s[np.clip(self._step + count, 0, len(t_s) - 1)]))
 
-    async def play(self) -> None:
-        """Move on until `playing` is off or the end is there."""
-        if self.t_s >= self.end_s:
+    async def toggle(self) -> None:
+        """Stop, or move on until this is called again or the end is there."""
+        self.playing = not self.playing
+        if self.playing and self.t_s >= self.end_s:
             self.seek(self.begin_s)
-        self.playing, last = True, time.monotonic()
+        last = time.monotonic()
         while self.playing and self.t_s < self.end_s:
             await asyncio.sleep(1 / _PLAY_HZ)
             now = time.monotonic()
@@ -143,6 +125,10 @@ class ResultPlayer:
         self.playing = False
         self.opened.playback.close()
 
+    @property
+    def _step(self) -> int:
+        return self.opened.playback.step_at(round(self.t_s * 1e9))
+
     async def _show(self) -> None:
         try:
             while (t_s := self._wanted) is not None:
@@ -154,17 +140,10 @@ class ResultPlayer:
     async def _show_camera(self, c: int, t_s: float) -> None:
         playback = self.opened.playback
         moment = await asyncio.to_thread(playback.moment, playback.cameras[c], round(t_s * 1e9), TILE_PX)
-        message = self._image(c, moment) if moment is not None else image_message(t_s, c, b"", playback.shown_wh(c, TILE_PX))
+        if moment is None:
+            message = image_message(t_s, c, b"", playback.shown_wh(c, TILE_PX))
+        else:
+            rgba = [(*person_rgb(person), 255) for person in self.opened.recording.poses.person_id.tolist()]
+            drawn = {"detected_px": moment.detected_px, "projected_px": moment.projected_px, "rgba": rgba}
+            message = image_message(moment.t_ns / 1e9, c, moment.jpeg, moment.size_wh, **drawn)  # type: ignore[arg-type]
         self._stream.publish(("image", c), message, keep=True)
-
-    def _image(self, c: int, moment: PlaybackStep) -> bytes:
-        people = self.opened.recording.poses.person_id.tolist()
-        return image_message(
-            moment.t_ns / 1e9,
-            c,
-            moment.jpeg,
-            moment.size_wh,
-            detected_px=moment.detected_px,
-            projected_px=moment.projected_px,
-            rgba=[(*person_rgb(person), 255) for person in people],
-        )

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, TypeGuard
 
+import posefuse as pf
 from posefuse.core import InputError, Rig
 from posefuse.realtime.capture import LiveInput
 
-from .jobs import read_json_or_empty, write_json
+from .stored import read_json, write_json
 from .workspace import StudioWorkspace, check_name
 
 DEMO = "Demo clip"
@@ -28,25 +28,16 @@ class Setup:
         rig: rig file in the workspace; empty while the cameras are not calibrated.
     """
 
-    name: str
+    name: str = ""
     sources: Mapping[str, str] = field(default_factory=dict)
     rig: str = ""
 
 
 def setups(workspace: StudioWorkspace) -> list[Setup]:
     """The presets of a workspace by name, after the bundled clip."""
-    found = []
-    folder = workspace.path(_FOLDER)
-    for path in sorted(folder.glob("*.json")) if folder.is_dir() else []:
-        content = read_json_or_empty(path)
-        sources = content.get("sources")
-        if _texts(sources):
-            found.append(Setup(name=path.stem, sources=sources, rig=str(content.get("rig", ""))))
-    return [Setup(name=DEMO), *found]
-
-
-def _texts(values: Any) -> TypeGuard[dict[str, str]]:
-    return isinstance(values, dict) and all(isinstance(one, str) for one in values.values())
+    paths = sorted(workspace.path(_FOLDER).glob("*.json"))
+    found = [(path.stem, read_json(path, Setup)) for path in paths]
+    return [Setup(name=DEMO), *(replace(one, name=name) for name, one in found if one is not None and one.sources)]
 
 
 def setup_named(workspace: StudioWorkspace, name: str) -> Setup:
@@ -71,8 +62,7 @@ def save_setup(workspace: StudioWorkspace, setup: Setup) -> None:
     for camera, what in setup.sources.items():
         check_name(camera)
         source_text(workspace, what)
-    content = {key: value for key, value in asdict(setup).items() if key != "name"}
-    write_json(workspace.folder(_FOLDER) / f"{setup.name}.json", content)
+    write_json(workspace.folder(_FOLDER) / f"{setup.name}.json", setup)
 
 
 def delete_setup(workspace: StudioWorkspace, name: str) -> None:
@@ -84,9 +74,7 @@ def delete_setup(workspace: StudioWorkspace, name: str) -> None:
 def source_text(workspace: StudioWorkspace, what: str) -> str:
     """A source with the file it names made absolute; raises InputError for a file outside the workspace."""
     kind, colon, rest = what.partition(":")
-    if colon and kind in _FILES:
-        return f"{kind}:{workspace.existing(rest)}"
-    return what
+    return f"{kind}:{workspace.existing(rest)}" if colon and kind in _FILES else what
 
 
 def rig_of_setup(workspace: StudioWorkspace, setup: Setup) -> Rig:
@@ -96,10 +84,9 @@ def rig_of_setup(workspace: StudioWorkspace, setup: Setup) -> Rig:
         InputError: it has no rig yet. CalibrationError: a rig file that cannot be read, or without poses.
     """
     from posefuse.formats.rig import read_placed_rig
-    from posefuse.pipeline.session import clip_folder
 
     if setup.name == DEMO:
-        return read_placed_rig(clip_folder() / "rig.toml")
+        return read_placed_rig(pf.demo_session() / "rig.toml")
     if not setup.rig:
         raise InputError(f"setup {setup.name}: its cameras are not calibrated yet; go to Calibrate, or choose a rig file")
     return read_placed_rig(workspace.existing(setup.rig))
@@ -113,15 +100,12 @@ def sources_of_setup(workspace: StudioWorkspace, setup: Setup) -> tuple[dict[str
     Raises:
         InputError: a file that is not in the workspace.
     """
-    from posefuse.pipeline.session import clip_folder
-
     if setup.name == DEMO:
-        videos = sorted((clip_folder() / "videos").glob("*.mp4"))
-        sources = {path.stem: f"video:{path}" for path in videos}
+        sources = {path.stem: f"video:{path}" for path in sorted((pf.demo_session() / "videos").glob("*.mp4"))}
     else:
         sources = {camera: source_text(workspace, what) for camera, what in setup.sources.items()}
-        videos = [workspace.existing(what[6:]) for what in setup.sources.values() if what.startswith("video:")]
-    return sources, min((_seconds(path) for path in videos), default=0.0) or None
+    videos = [what.partition(":")[2] for what in sources.values() if what.startswith("video:")]
+    return sources, min((_seconds(Path(path)) for path in videos), default=0.0) or None
 
 
 def inputs_of_setup(workspace: StudioWorkspace, setup: Setup) -> tuple[LiveInput, ...]:

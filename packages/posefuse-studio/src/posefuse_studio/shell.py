@@ -1,23 +1,33 @@
-"""What every page has: one style, the navigation, the jobs that run."""
+"""What every page has: one style, the navigation, the jobs that run; and what pages are put together from."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
+from typing import TypeVar
+from urllib.parse import urlencode
 
 import segno
 from nicegui import ui
 
-from .access import is_loopback
-from .jobs import Job, Report
-from .pages import PAGES, StudioPage
-from .session_messages import LIVE, WATCH
-from .state import Studio
+from posefuse.core import PosefuseError
 
+from .access import is_loopback
+from .jobs import LIVE, WATCH, Job, Report
+from .pages import PAGES, StudioPage
+from .state import Studio
+from .workspace import recording_place
+
+T = TypeVar("T")
 _STYLE = Path(__file__).with_name("style.css")
-_POLL_S = 1.0
+_REDRAW_S = 0.7
 _MOST_JOBS = 8
+# older work is in the jobs menu
+_CARDS_S, _MOST_CARDS = 3600.0, 4
+_LIGHTS = {"good": "check_circle", "bad": "error", "doubt": "warning", "off": "radio_button_unchecked"}
 
 
 @contextmanager
@@ -29,21 +39,14 @@ def shell(studio: Studio, here: StudioPage) -> Iterator[None]:
             ui.html(_LOGO, sanitize=False)
             ui.label("posefuse studio")
         with ui.row().classes("pf-nav").props('role="navigation" aria-label="Pages"'):
-            for page in PAGES:
-                _nav_link(page, here)
+            _navigation(here)
         ui.space()
-        with ui.button(icon="qr_code_2", color=None, on_click=lambda: _phone(studio)).props(
-            'flat round dense aria-label="Phone"'
-        ):
-            ui.tooltip("On a phone")
+        icon_button("qr_code_2", "Phone", lambda: _phone(studio), color=None).tooltip("On a phone")
         _jobs_menu(studio)
-        with ui.button(icon="contrast", color=None, on_click=lambda: dark.set_value(not dark.value)).props(
-            'flat round dense aria-label="Light or dark"'
-        ):
-            ui.tooltip("Light or dark")
+        turn = icon_button("contrast", "Light or dark", lambda: dark.set_value(not dark.value), color=None)
+        turn.tooltip("Light or dark")
     with ui.footer().classes("pf-bottom").props('role="navigation" aria-label="Pages"'):
-        for page in PAGES:
-            _nav_link(page, here)
+        _navigation(here)
     with ui.column().classes("pf-page").props('role="main"'):
         yield
 
@@ -61,25 +64,18 @@ def _phone(studio: Studio) -> None:
     with ui.dialog(value=True), ui.card().classes("gap-3 items-center"):
         ui.label("Look from a phone").classes("pf-h2")
         if is_loopback(access.host):
-            ui.label(
-                "The studio is reached from this machine only. To let a phone in the same network look, start it again with"
-            ).classes("pf-small")
+            small("The studio is reached from this machine only. To let a phone in the same network look, start it again with")
             ui.code(f"posefuse studio {studio.workspace.root} --host 0.0.0.0", language="bash")
             return
-        picture = ui.html("", sanitize=False).classes("pf-qr")
-        line = ui.label("").classes("pf-small")
+        code, line = ui.html("", sanitize=False).classes("pf-qr"), small("")
 
         def show(name: str) -> None:
             address = access.phone_address(name)
-            picture.set_content(segno.make(address, error="m").svg_inline(scale=6, border=3, light="#fff"))
+            code.set_content(segno.make(address, error="m").svg_inline(scale=6, border=3, light="#fff"))
             line.set_text(f"http://{name}:{access.port}/phone with a token that opens this page only")
 
-        def allow(on: bool) -> None:
-            studio.phone_may_record = on
-
         ui.select(access.network_names, value=access.network_names[0], label="Address", on_change=lambda event: show(event.value))
-        ui.switch("The phone may start and stop recordings", value=studio.phone_may_record,
-                  on_change=lambda event: allow(bool(event.value)))  # fmt: skip
+        ui.switch("The phone may start and stop recordings").bind_value(studio, "phone_may_record")
         show(access.network_names[0])
 
 
@@ -99,7 +95,99 @@ def card(heading: str = "", *, classes: str = "") -> Iterator[ui.row]:
         with head:
             if heading:
                 ui.label(heading).classes("pf-h2").props('role="heading" aria-level="2"')
+                ui.space()
         yield head
+
+
+def small(text: str) -> ui.label:
+    """A line that explains."""
+    return ui.label(text).classes("pf-small")
+
+
+def icon_button(icon: str, label: str, act: Callable[..., object], color: str | None = "primary") -> ui.button:
+    """A button without words; `label` is what it is called."""
+    button = ui.button(icon=icon, color=color, on_click=act).props("flat round dense")
+    # not as text of several properties: a file name may have quotes
+    button.props["aria-label"] = label
+    return button
+
+
+def light(state: str, text: str) -> ui.row:
+    """A light with its word: ``good``, ``bad``, ``doubt`` or ``off``; colour is never the only sign."""
+    with ui.row().classes(f"pf-light pf-{state}") as row:
+        ui.icon(_LIGHTS[state])
+        ui.label(text)
+    return row
+
+
+@contextmanager
+def refusals() -> Iterator[None]:
+    """What cannot be done is shown in one line, and ends the block."""
+    try:
+        yield
+    except (PosefuseError, OSError) as error:
+        refused(str(error))
+
+
+def refused(text: str) -> None:
+    """Show one line of what could not be done."""
+    ui.notify(text, type="negative", multi_line=True, close_button="Close", timeout=0)
+
+
+@contextmanager
+def dialog(heading: str, actions: Mapping[str, Callable[[], object]]) -> Iterator[None]:
+    """Ask for what the block places; a button for each action, the first one the main one, closes it unless that is refused."""
+    with ui.dialog(value=True) as shown, card(heading):
+
+        def done(act: Callable[[], object]) -> None:
+            with refusals():
+                act()
+                shown.close()
+
+        place = ui.column().classes("gap-3")
+        with ui.row().classes("w-full justify-end"):
+            ui.button("Cancel", on_click=shown.close).props("flat")
+            for number, (name, act) in reversed([*enumerate(actions.items())]):
+                ui.button(name, on_click=partial(done, act)).props("flat" if number else "unelevated")
+        with place:
+            yield
+
+
+def redrawn(state: Callable[[], T], draw: Callable[[T], object], *, classes: str = "w-full") -> Callable[[], None]:
+    """A place that is drawn again when its state has changed, and only then: what is replaced while it is pressed does nothing.
+
+    Returns:
+        Looks at once.
+    """
+    place = ui.column().classes(classes)
+    drawn: list[T] = []
+
+    def look() -> None:
+        now = state()
+        if drawn != [now]:
+            drawn[:] = [now]
+            place.clear()
+            with place:
+                draw(now)
+
+    look()
+    ui.timer(_REDRAW_S, look)
+    return look
+
+
+def words(name: str) -> str:
+    """``left_knee flexion`` as people read it."""
+    return name.replace("_", " ")
+
+
+def file_address(name: str) -> str:
+    """Where a file of the workspace is fetched."""
+    return f"/studio/file?{urlencode({'name': name})}"
+
+
+def recording_address(name: str) -> str:
+    """The page of a recording."""
+    return f"/recordings?{urlencode({'open': name})}"
 
 
 def state_of(report: Report) -> tuple[str, str]:
@@ -110,80 +198,85 @@ def state_of(report: Report) -> tuple[str, str]:
     return {"done": "good", "failed": "bad", "lost": "bad", "cancelled": "off"}.get(report.state, "doubt"), report.state
 
 
-def light(state: str, text: str) -> ui.row:
-    """A light with its word: ``good``, ``bad``, ``doubt`` or ``off``; colour is never the only sign."""
-    icon = {"good": "check_circle", "bad": "error", "doubt": "warning", "off": "radio_button_unchecked"}[state]
-    with ui.row().classes(f"pf-light pf-{state}") as row:
-        ui.icon(icon)
-        ui.label(text)
-    return row
-
-
-def refused(error: Exception) -> None:
-    """Show one line of what could not be done."""
-    ui.notify(str(error), type="negative", multi_line=True, close_button="Close", timeout=0)
-
-
-def words(name: str) -> str:
-    """``left_knee flexion`` as people read it."""
-    return name.replace("_", " ")
-
-
-def job_line(studio: Studio, job: Job) -> None:
+def job_line(studio: Studio, job: Job, report: Report) -> None:
     """One job: its title, how far it is, its newest news or its error, and a button to cancel."""
-    report = studio.jobs.report(job.id)
     with ui.column().classes("pf-job"):
         with ui.row().classes("pf-job-head"):
             light(*state_of(report))
             ui.link(job.title, job.page).classes("pf-job-title")
             ui.space()
             if not report.ended:
-                ui.button(icon="close", on_click=lambda: studio.jobs.cancel(job.id)).props('flat round dense aria-label="Cancel"')
+                icon_button("close", "Cancel", lambda: studio.jobs.cancel(job.id))
         if not report.ended:
             fraction = report.fraction
             ui.linear_progress(fraction or 0.0, show_value=False).props("indeterminate" if fraction is None else "")
         done = f"{report.stage} {report.done}" + (f" of {report.total}" if report.total else "")
-        line = report.error or done * (bool(report.stage) and not report.ended)
-        if line:
-            ui.label(line).classes("pf-small")
+        if line := report.error or done * (bool(report.stage) and not report.ended):
+            small(line)
 
 
-def _nav_link(page: StudioPage, here: StudioPage) -> None:
-    with ui.link(target=page.path).classes("pf-nav-link" + (" pf-here" if page is here else "")) as link:
-        ui.icon(page.icon)
-        ui.label(page.title)
-    if page is here:
-        link.props('aria-current="page"')
+def job_cards(studio: Studio, works: Iterable[str], *, about: str = "") -> None:
+    """Newest jobs of these kinds of an hour, with what they have made; `about`: only those that have this value as argument."""
+
+    def newest() -> list[tuple[Job, Report]]:
+        jobs = [job for job in studio.jobs.all(*works) if abs(time.time() - job.begun_s) < _CARDS_S]
+        return _reports(studio, [job for job in jobs if not about or about in job.arguments.values()][:_MOST_CARDS])
+
+    def draw(found: list[tuple[Job, Report]]) -> None:
+        for job, report in found:
+            with card():
+                job_line(studio, job, report)
+                if report.news and not report.error:
+                    small(report.news[-1])
+                result_links(report)
+
+    redrawn(newest, draw, classes="pf-job-cards")
+
+
+def result_links(report: Report) -> None:
+    """What a job has made."""
+    result = report.result if report.state == "done" else {}
+    with ui.row():
+        if "page" in result:
+            ui.link("Open the page", file_address(result["page"]), new_tab=True)
+        for name in result.get("recordings", ()):
+            ui.link(f"Open {recording_place(name).name}", recording_address(name))
+        for name in result.get("files", ()):
+            ui.link(name.split("/")[-1], file_address(name)).props("download")
+
+
+def _reports(studio: Studio, jobs: Iterable[Job]) -> list[tuple[Job, Report]]:
+    return [(job, studio.jobs.report(job.id).without_time) for job in jobs]
+
+
+def _navigation(here: StudioPage) -> None:
+    for page in PAGES:
+        with ui.link(target=page.path).classes("pf-nav-link" + (" pf-here" if page is here else "")) as link:
+            ui.icon(page.icon)
+            ui.label(page.title)
+        if page is here:
+            link.props('aria-current="page"')
 
 
 def _jobs_menu(studio: Studio) -> None:
-    shown: list[object] = []
-    with ui.button(icon="bolt", color=None).props('flat round dense aria-label="Jobs"').classes("pf-jobs-button") as button:
-        badge = ui.badge("").props("floating color=accent")
-        with ui.menu().classes("pf-jobs"):
-            lines = ui.column().classes("pf-jobs-lines")
-
-    def refresh() -> None:
+    def newest() -> list[tuple[Job, Report]]:
         # sessions have pages of their own, but none may run unseen: where there are two, a page shows one
-        jobs = [job for job in studio.jobs.all() if job.work not in (LIVE, WATCH) or not studio.jobs.report(job.id).ended]
-        jobs = jobs[:_MOST_JOBS]
-        state: list[object] = [(job.id, studio.jobs.report(job.id).without_time) for job in jobs]
-        if state == shown:
-            return
-        shown[:] = state
-        running = sum(not studio.jobs.report(job.id).ended for job in jobs)
+        found = _reports(studio, studio.jobs.all())
+        return [one for one in found if one[0].work not in (LIVE, WATCH) or not one[1].ended][:_MOST_JOBS]
+
+    def draw(found: list[tuple[Job, Report]]) -> None:
+        running = sum(not report.ended for _, report in found)
         badge.set_text(str(running))
         badge.set_visibility(running > 0)
-        lines.clear()
-        with lines:
-            for job in jobs:
-                job_line(studio, job)
-            if not jobs:
-                ui.label("No work has been started in this workspace.").classes("pf-small")
+        for job, report in found:
+            job_line(studio, job, report)
+        if not found:
+            small("No work has been started in this workspace.")
 
-    badge.set_visibility(False)
-    button.tooltip("Jobs")
-    ui.timer(_POLL_S, refresh)
+    with icon_button("bolt", "Jobs", lambda: None, color=None).classes("pf-jobs-button").tooltip("Jobs"):
+        badge = ui.badge("").props("floating color=accent")
+        with ui.menu().classes("pf-jobs"):
+            redrawn(newest, draw, classes="pf-jobs-lines")
 
 
 _LOGO = (

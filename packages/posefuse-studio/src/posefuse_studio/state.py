@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from .access import Access
-from .jobs import Jobs
+from .jobs import LIVE, WATCH, Jobs
 from .live_link import LiveLink
-from .session_messages import LIVE, WATCH
 from .streams import Stream
 from .workspace import StudioWorkspace
 
@@ -31,35 +29,23 @@ class Studio:
     watch: LiveLink
     streams: dict[str, Stream] = field(default_factory=dict)
     phone_may_record: bool = False
-    _visitors: set[str] = field(default_factory=set)
 
     @classmethod
     def of(cls, workspace: StudioWorkspace, access: Access) -> Studio:
         """A new one."""
         jobs = Jobs(workspace)
-        live, watch = LiveLink(jobs), LiveLink(jobs, WATCH)
+        live, watch = LiveLink(jobs, LIVE), LiveLink(jobs, WATCH)
         streams = {LIVE: live.stream, WATCH: watch.stream}
         return cls(workspace=workspace, access=access, jobs=jobs, live=live, watch=watch, streams=streams)
 
-    async def came(self, visitor: str) -> None:
-        """A page is being opened: look for sessions, so that it shows at once what runs."""
-        self._visitors.add(visitor)
-        links = (self.live, self.watch)
-        for link in links:
-            link.awake(True)
-        await asyncio.gather(*(asyncio.to_thread(link.wait_looked) for link in links))
-
-    def left(self, visitor: str) -> None:
-        """A page is gone."""
-        self._visitors.discard(visitor)
+    def begin(self) -> None:
+        """Look for sessions; in the event loop that serves the pages."""
         for link in (self.live, self.watch):
-            link.awake(bool(self._visitors))
+            link.begin(asyncio.get_running_loop())
 
-    def stream(self, name: str, on_watched: Callable[[int], None] | None = None) -> Stream:
-        """The stream of a name, made where it is missing; `on_watched` is of the one who makes it."""
-        if name not in self.streams:
-            self.streams[name] = Stream(on_watched)
-        return self.streams[name]
+    def stream(self, name: str) -> Stream:
+        """The stream of a name, made where it is missing."""
+        return self.streams.setdefault(name, Stream())
 
     def drop_stream(self, name: str) -> None:
         """Forget a stream that is not needed any more."""

@@ -7,24 +7,24 @@ from collections.abc import Callable, Hashable
 from typing import Any
 
 
-class Subscriber:
+class _Page:
     """One page's connection to a stream."""
 
-    def __init__(self) -> None:
-        self._pending: dict[Hashable, bytes] = {}
-        self._news = asyncio.Event()
+    def __init__(self, kept: dict[Hashable, bytes]) -> None:
+        self._pending, self._news = dict(kept), asyncio.Event()
+        self._news.set()
 
     def put(self, key: Hashable, message: bytes) -> None:
         """Queue it in the place of an older one of the same key that was not sent yet."""
         self._pending[key] = message
         self._news.set()
 
-    async def next(self) -> bytes:
-        """Wait for a message; keys take turns."""
-        while not self._pending:
+    async def send(self, websocket: Any) -> None:
+        """For ever; keys take turns."""
+        while await self._news.wait():
+            while self._pending:
+                await websocket.send_bytes(self._pending.pop(next(iter(self._pending))))
             self._news.clear()
-            await self._news.wait()
-        return self._pending.pop(next(iter(self._pending)))
 
 
 class Stream:
@@ -36,45 +36,34 @@ class Stream:
         on_watched: called with the number of pages whenever it changes, in the event loop.
     """
 
-    def __init__(self, on_watched: Callable[[int], None] | None = None) -> None:
-        self._subscribers: set[Subscriber] = set()
+    def __init__(self, on_watched: Callable[[int], object] = bool) -> None:
+        self._pages: set[_Page] = set()
         self._kept: dict[Hashable, bytes] = {}
         self._on_watched = on_watched
 
     @property
     def watched(self) -> bool:
         """Whether any page shows it."""
-        return bool(self._subscribers)
+        return bool(self._pages)
 
     def publish(self, key: Hashable, message: bytes, *, keep: bool = False) -> None:
         """Send to all pages; call in the event loop."""
         if keep:
             self._kept[key] = message
-        for subscriber in self._subscribers:
-            subscriber.put(key, message)
+        for page in self._pages:
+            page.put(key, message)
 
     async def serve(self, websocket: Any) -> None:
         """Send to one page until it goes away. `websocket`: an accepted one."""
-        subscriber = Subscriber()
-        for key, message in self._kept.items():
-            subscriber.put(key, message)
-        self._subscribers.add(subscriber)
-        self._report_subscribers()
-        sending = asyncio.create_task(_send(subscriber, websocket))
+        page = _Page(self._kept)
+        self._pages.add(page)
+        self._on_watched(len(self._pages))
+        sending = asyncio.create_task(page.send(websocket))
         try:
             # a page sends nothing: this ends when it goes away
             while (await websocket.receive())["type"] != "websocket.disconnect":
                 pass
         finally:
             sending.cancel()
-            self._subscribers.discard(subscriber)
-            self._report_subscribers()
-
-    def _report_subscribers(self) -> None:
-        if self._on_watched is not None:
-            self._on_watched(len(self._subscribers))
-
-
-async def _send(subscriber: Subscriber, websocket: Any) -> None:
-    while True:
-        await websocket.send_bytes(await subscriber.next())
+            self._pages.discard(page)
+            self._on_watched(len(self._pages))

@@ -1,58 +1,46 @@
-"""Targets to print: files of the workspace, a PDF to scale and the description that calibration reads."""
+"""Targets of the workspace: which can serve a step of a calibration, and the two that are printed for all of them."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
+from typing import Any
 
+import posefuse as pf
 from posefuse.calibration.intrinsics import check_board
-from posefuse.calibration.targets.kinds import Charuco, Markers, Target, read_target, write_target
-from posefuse.calibration.targets.printing import CUBE_IDS, board_sheets, marker_sheets, write_pdf
+from posefuse.calibration.targets.kinds import Charuco, Markers, Target, read_target
 from posefuse.core import InputError, PosefuseError
-from posefuse.foundation.output_file import atomic_file
 
 from .calibrations import Step
 from .workspace import StudioWorkspace
 
 FOLDER = "targets"
-# the last of the 50 markers of the dictionary; a board takes the first ones, so that it can lie in view of a cube's recording
-_FIRST_CUBE_ID = 50 - CUBE_IDS
-FLOOR_ID = _FIRST_CUBE_ID - 1
+FLOOR_ID = 43
 """Marker that is printed with a cube and lies on the floor: the world's origin, and what is up."""
+# the last of the 50 markers of the dictionary; a board takes the first ones, so that it can lie in view of a cube's recording
+_CUBE_IDS = (FLOOR_ID, *range(FLOOR_ID + 1, 50))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Printed:
-    """Names in the workspace of a target's description and of its PDF."""
+def print_targets(workspace: StudioWorkspace, settings: Mapping[str, Any], page: str, lenses: Step) -> tuple[str, str]:
+    """Print a cube, with a marker for the floor, and a board; gives the names of their descriptions, next to which PDF files lie.
 
-    target: str
-    pdf: str
-
-
-def print_board(workspace: StudioWorkspace, *, columns: int, rows: int, square_mm: float, page: str) -> Printed:
-    """A ChArUco board.
+    Args:
+        settings: ``marker_mm`` of the cube; ``columns``, ``rows`` and ``square_mm`` of the board. lenses: a step for it.
 
     Raises:
-        ConfigError: a board that cannot be, or does not fit on the page.
+        PosefuseError: targets that cannot be, that do not fit on the page, or that cannot serve.
     """
-    kind = board_of(columns=columns, rows=rows, square_mm=square_mm)
-    return _printed(workspace, f"board {columns}x{rows} {square_mm:g} mm", kind, page)
-
-
-def board_of(*, columns: int, rows: int, square_mm: float) -> Charuco:
-    """The ChArUco board of these squares; raises ConfigError for one that cannot be."""
-    return Charuco(columns=columns, rows=rows, square_m=square_mm / 1e3, marker_m=0.75 * square_mm / 1e3)
-
-
-def print_cube(workspace: StudioWorkspace, *, marker_mm: float, page: str) -> Printed:
-    """Six markers for the faces of a cube, and one for the floor; none of them is on a board of up to 43 markers.
-
-    Raises:
-        ConfigError: markers that do not fit on the page.
-    """
-    ids = (FLOOR_ID, *range(_FIRST_CUBE_ID, _FIRST_CUBE_ID + CUBE_IDS))
-    return _printed(workspace, f"cube {marker_mm:g} mm", Markers(side_m=marker_mm / 1e3, ids=ids), page)
+    if {"marker_mm", "columns", "rows", "square_mm"} - settings.keys():
+        raise InputError("targets: expected a number in each field")
+    board = {**settings, "kind": "charuco", "marker_mm": 0.75 * settings["square_mm"]}
+    cube = {"kind": "markers", "marker_mm": settings["marker_mm"], "ids": _CUBE_IDS}
+    sizes_m = {f"{name}_m": board[f"{name}_mm"] / 1e3 for name in ("square", "marker")}
+    check_target(Charuco(columns=board["columns"], rows=board["rows"], **sizes_m), lenses)
+    named = {f"cube {cube['marker_mm']:g} mm": cube, f"board {board['columns']}x{board['rows']} {board['square_mm']:g} mm": board}
+    place = workspace.folder(FOLDER)
+    made = [pf.print_target(place / f"{name}.pdf", one, page=page, replace=True) for name, one in named.items()]
+    return workspace.name_of(made[0].target), workspace.name_of(made[1].target)
 
 
 def without_floor(target: Target) -> Target:
@@ -82,13 +70,3 @@ def check_target(target: Target, step: Step) -> None:
         raise InputError("target: expected a cube of markers for the positions, and a board for the lenses and the verification")
     if step == "intrinsics":
         check_board(target)
-
-
-def _printed(workspace: StudioWorkspace, stem: str, kind: Charuco | Markers, page: str) -> Printed:
-    sheets = board_sheets(kind, page) if isinstance(kind, Charuco) else marker_sheets(kind, kind.ids, page)
-    described = f"{FOLDER}/{stem}.toml"
-    pdf = workspace.folder(FOLDER) / Path(f"{stem}.pdf")
-    with atomic_file(pdf) as temporary:
-        write_pdf(temporary, sheets)
-    write_target(workspace.path(described), kind)
-    return Printed(target=described, pdf=f"{FOLDER}/{stem}.pdf")

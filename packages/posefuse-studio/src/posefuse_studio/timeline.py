@@ -1,22 +1,26 @@
-"""Curves over the time of a recording as SVG, with gait events, stretches that are left out, and a cursor."""
+"""Curves over the time of a recording with gait events, stretches that are left out, and a cursor that is moved."""
 
 from __future__ import annotations
 
-import base64
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
+from typing import Any
 
 import numpy as np
+from nicegui import ui
 
 from posefuse.core.arrays import Array
 from posefuse.core.palette import LEFT, MIDDLE, RIGHT
 from posefuse.pipeline.edits import Exclusion
 
-SIZE_PX = (1200, 260)
-_LEFT, _RIGHT, _TOP, _BOTTOM = 52, 12, 14, 30
-_MOST_POINTS = 600
 COLOURS = {"left": LEFT.on_light, "right": RIGHT.on_light, "mid": MIDDLE.on_light}
+_MOST_POINTS = 600
+# of the curves within the element; the style has the same
+_GRID = {"left": 52, "right": 12, "top": 30, "bottom": 30}
+_GREY, _FONT = "#78909c", {"color": "#78909c", "fontSize": 13}
+_ABOUT = "Timeline: arrows go frame by frame, page keys by a second, space plays and pauses"
+# the place of the pointer as a share of the width, while a button is pressed
+_POINTED = "(event) => event.buttons && emit(event.offsetX / event.currentTarget.clientWidth)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,128 +32,91 @@ class Curve:
     side: str = "mid"
 
 
-@dataclass(frozen=True)
-class Span:
-    """The time that the image shows, in seconds."""
-
-    begin_s: float
-    end_s: float
-
-    def x_px(self, t_s: float) -> float:
-        """Where a time lies."""
-        share = (t_s - self.begin_s) / max(self.end_s - self.begin_s, 1e-9)
-        return _LEFT + share * (SIZE_PX[0] - _LEFT - _RIGHT)
-
-    def t_s(self, x_px: float) -> float:
-        """The time at a place, within the span."""
-        share = (x_px - _LEFT) / (SIZE_PX[0] - _LEFT - _RIGHT)
-        return self.begin_s + float(np.clip(share, 0, 1)) * (self.end_s - self.begin_s)
-
-
-def picture(t_s: Array, curves: Sequence[Curve], strikes: Mapping[str, Array], unit: str, empty: str = "") -> str:
-    """An SVG image as the address of itself: curves over time, foot strikes as ticks at the bottom.
+class Timeline:
+    """The element.
 
     Args:
-        t_s: (T,) session seconds. strikes: by side, session seconds. empty: the text where there is no curve.
+        begin_s, end_s: session seconds. seek: goes to a time. keys: what keys do while it has the focus, by name.
     """
-    span = Span(float(t_s[0]), float(t_s[-1]))
-    low, high = _range(curves)
-    parts = [_times(span)] + ([_levels(low, high, unit)] if curves else [])
-    parts += [_line(span, t_s, one, low, high) for one in curves]
-    parts += [_ticks(span, times, COLOURS[side]) for side, times in strikes.items()]
-    names = " ".join(
-        f'<tspan fill="{COLOURS[one.side]}" dx="14">{escape(one.name)}</tspan>' for one in curves
-    ) or f'<tspan fill="#78909c" dx="14">{escape(empty)}</tspan>'  # fmt: skip
-    parts.append(f'<text x="{_LEFT}" y="{_TOP + 8}" font-size="15" font-weight="600">{names}</text>')
-    width, height = SIZE_PX
-    text = (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}" '
-        f'font-family="Roboto, sans-serif">{"".join(parts)}</svg>'
-    )
-    return f"data:image/svg+xml;base64,{base64.b64encode(text.encode()).decode()}"
+
+    def __init__(
+        self, begin_s: float, end_s: float, seek: Callable[[float], object], keys: Mapping[str, Callable[[], object]]
+    ) -> None:
+        self._begin_s, self._end_s = begin_s, max(end_s, begin_s + 1e-3)
+        with ui.element("div").classes("pf-timeline-frame"), ui.element("div").classes("pf-timeline") as frame:
+            self._chart = ui.echart({})
+            with ui.element("div").classes("pf-timeline-over") as over:
+                self._bands = ui.element("div")
+                self._cursor = ui.element("div").classes("pf-cursor")
+        for pressed in ("mousedown", "mousemove"):
+            over.on(pressed, lambda event: seek(self.t_s(float(event.args))), js_handler=_POINTED, throttle=0.05)
+        frame.props(f'tabindex=0 role="slider" aria-label="{_ABOUT}" aria-valuemin={begin_s:.3f} aria-valuemax={end_s:.3f}')
+        for key, act in keys.items():
+            frame.on(f"keydown.{key}.prevent", act)
+        self._frame = frame
+
+    def t_s(self, share: float) -> float:
+        """The time at a share of the width, within the recording."""
+        return self._begin_s + min(max(share, 0.0), 1.0) * (self._end_s - self._begin_s)
+
+    def share(self, t_s: float) -> float:
+        """The other way round."""
+        return min(max((t_s - self._begin_s) / (self._end_s - self._begin_s), 0.0), 1.0)
+
+    def show(self, t_s: Array, curves: Sequence[Curve], strikes: Mapping[str, Array], unit: str, empty: str = "") -> None:
+        """Draw curves and foot strikes; see `chart_options`."""
+        self._chart.options.clear()
+        self._chart.options.update(chart_options((self._begin_s, self._end_s), t_s, curves, strikes, unit, empty))
+        self._chart.update()
+
+    def move(self, t_s: float) -> None:
+        """Place the cursor."""
+        self._cursor.style(f"left: {self.share(t_s):.3%}")
+        self._frame.props(f"aria-valuenow={t_s}")
+
+    def mark(self, exclusions: Sequence[Exclusion], marked_s: tuple[float, float] | None) -> None:
+        """Show excluded ranges, and the one that is being marked."""
+        bands = [(one.start_s, one.end_s, "pf-excluded", one.camera or "all cameras") for one in exclusions]
+        bands += [(*marked_s, "pf-marked", "")] if marked_s is not None else []
+        self._bands.clear()
+        with self._bands:
+            for start_s, end_s, kind, text in bands:
+                left, right = self.share(start_s), self.share(end_s)
+                ui.label(text).classes(f"pf-band {kind}").style(f"left: {left:.3%}; width: {right - left:.3%}")
 
 
-def cursor(span: Span, t_s: float, exclusions: Sequence[Exclusion], marked_s: tuple[float, float] | None) -> str:
-    """Overlays of the image: the time, excluded ranges, the range that is being marked."""
-    height = SIZE_PX[1]
-    bands = [(one.start_s, one.end_s, "#e53935", one.camera or "all cameras") for one in exclusions]
-    if marked_s is not None:
-        bands.append((*marked_s, "#ffb300", ""))
-    parts = []
-    for begin_s, end_s, colour, name in bands:
-        left, right = (span.x_px(float(np.clip(t, span.begin_s, span.end_s))) for t in (begin_s, end_s))
-        shape = f'x="{left:.1f}" y="{_TOP}" width="{max(right - left, 1):.1f}" height="{height - _TOP - _BOTTOM}"'
-        parts.append(f'<rect {shape} fill="{colour}" fill-opacity="0.22"/>')
-        parts.append(f'<text x="{left + 4:.1f}" y="{height - _BOTTOM - 6}" font-size="13" fill="{colour}">{escape(name)}</text>')
-    x = span.x_px(t_s)
-    parts.append(f'<line x1="{x:.1f}" x2="{x:.1f}" y1="{_TOP}" y2="{height - _BOTTOM}" stroke="#00897b" stroke-width="2.5"/>')
-    parts.append(f'<circle cx="{x:.1f}" cy="{_TOP}" r="6" fill="#00897b"/>')
-    return "".join(parts)
+def chart_options(
+    span_s: tuple[float, float], t_s: Array, curves: Sequence[Curve], strikes: Mapping[str, Array], unit: str, empty: str = ""
+) -> dict[str, Any]:
+    """Curves over time with gaps where values are missing, foot strikes as ticks at the bottom.
 
-
-def _range(curves: Sequence[Curve]) -> tuple[float, float]:
+    Args:
+        span_s: from, to. t_s: (T,) session seconds. strikes: by side, session seconds. empty: the text where there is no curve.
+    """
     known = np.concatenate([one.values[np.isfinite(one.values)] for one in curves] or [np.zeros(0)])
-    if not len(known):
-        return -1.0, 1.0
-    low, high = float(known.min()), float(known.max())
+    low, high = (float(known.min()), float(known.max())) if len(known) else (-1.0, 1.0)
     room = 0.08 * (high - low) + 1e-3
-    return low - room, high + room
-
-
-def _y_px(value: float, low: float, high: float) -> float:
-    return SIZE_PX[1] - _BOTTOM - (value - low) / (high - low) * (SIZE_PX[1] - _TOP - _BOTTOM)
-
-
-def _levels(low: float, high: float, unit: str) -> str:
-    """Lines at round values."""
-    width = SIZE_PX[0]
-    parts = []
-    for value in _round_values(low, high, 4):
-        y = _y_px(value, low, high)
-        parts.append(
-            f'<line x1="{_LEFT}" x2="{width - _RIGHT}" y1="{y:.1f}" y2="{y:.1f}" stroke="#90a4ae" stroke-opacity="0.35"/>'
-        )
-        parts.append(
-            f'<text x="{_LEFT - 8}" y="{y + 5:.1f}" font-size="14" fill="#78909c" text-anchor="end">{value:g}{unit}</text>'
-        )
-    return "".join(parts)
-
-
-def _times(span: Span) -> str:
-    """Round times below."""
-    style = 'font-size="14" fill="#78909c" text-anchor="middle"'
-    return "".join(
-        f'<text x="{span.x_px(value):.1f}" y="{SIZE_PX[1] - 8}" {style}>{value:g} s</text>'
-        for value in _round_values(span.begin_s, span.end_s, 8)
-    )
-
-
-def _round_values(low: float, high: float, about: int) -> list[float]:
-    """Round numbers in a range, about so many."""
-    rough = max(high - low, 1e-9) / about
-    size = 10.0 ** np.floor(np.log10(rough))
-    step = size * next(factor for factor in (1, 2, 5, 10) if factor * size >= rough)
-    # no negative zero
-    return [float(round(value, 9)) + 0.0 for value in np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step]
-
-
-def _line(span: Span, t_s: Array, curve: Curve, low: float, high: float) -> str:
-    """A curve with gaps where values are missing; of a long recording every n-th value."""
+    # of a long recording every n-th value
     every = max(1, len(t_s) // _MOST_POINTS)
-    path, pen = [], "M"
-    for t, value in zip(t_s[::every].tolist(), curve.values[::every].tolist(), strict=True):
-        if not np.isfinite(value):
-            pen = "M"
-            continue
-        path.append(f"{pen}{span.x_px(t):.1f} {_y_px(value, low, high):.1f}")
-        pen = "L"
-    return f'<path d="{" ".join(path)}" fill="none" stroke="{COLOURS[curve.side]}" stroke-width="2"/>'
-
-
-def _ticks(span: Span, times_s: Array, colour: str) -> str:
-    bottom = SIZE_PX[1] - _BOTTOM
-    return "".join(
-        f'<line x1="{span.x_px(t):.1f}" x2="{span.x_px(t):.1f}" y1="{bottom - 10}" y2="{bottom + 4}" stroke="{colour}" '
-        'stroke-width="3"/>'
-        for t in times_s.tolist()
-    )
+    lines: list[dict[str, Any]] = [
+        {"type": "line", "name": one.name, "showSymbol": False, "color": COLOURS[one.side],
+         "data": [[t, value if np.isfinite(value) else None]
+                  for t, value in zip(t_s[::every].tolist(), one.values[::every].tolist(), strict=True)]}
+        for one in curves
+    ]  # fmt: skip
+    ticks = [
+        {"type": "scatter", "symbol": "rect", "symbolSize": [3, 14], "color": COLOURS[side],
+         "data": [[t, low - room] for t in times.tolist()]}
+        for side, times in strikes.items()
+    ]  # fmt: skip
+    axis = {"axisLabel": _FONT, "axisLine": {"show": False}, "axisTick": {"show": False}}
+    faint = {"lineStyle": {"color": _GREY, "opacity": 0.3}}
+    return {
+        "animation": False, "grid": _GRID, "series": [*lines, *ticks],
+        "title": {"text": "" if curves else empty, "left": _GRID["left"], "textStyle": _FONT},
+        "legend": {"left": _GRID["left"], "top": 0, "data": [one.name for one in curves], "textStyle": _FONT},
+        "xAxis": {"type": "value", "min": span_s[0], "max": span_s[1], **axis, "splitLine": {"show": False},
+                  "axisLabel": {**_FONT, "formatter": "{value} s", "showMinLabel": False, "showMaxLabel": False}},
+        "yAxis": {"type": "value", "min": low - room, "max": high + room, **axis, "show": bool(curves), "splitLine": faint,
+                  "axisLabel": {**_FONT, "formatter": f"{{value}}{unit}", "showMinLabel": False, "showMaxLabel": False}},
+    }  # fmt: skip

@@ -10,7 +10,6 @@ from cyclopts import Group, Parameter
 import posefuse as pf
 from posefuse.cli.live import LIVE_SETTINGS, LiveOptions, SourceOptions, TimingOptions
 from posefuse.cli.options import (
-    EXPERT,
     OUTPUTS,
     Figures,
     NamedSettings,
@@ -22,6 +21,7 @@ from posefuse.cli.options import (
 )
 from posefuse.cli.terminal import Terminal
 from posefuse.core import ConfigError
+from posefuse.core.extras import package_of_extra
 from posefuse.realtime.config import LiveConfig
 from posefuse_teleop.settings import TeleoperationSettings
 
@@ -66,8 +66,8 @@ class RobotOptions(NamedSettings):
     speed: Annotated[float | None, Parameter(metavar="M/S"), positive(2)] = None
     limits: Annotated[Path | None, Parameter(metavar="FILE.toml")] = None
     view: bool = False
-    view_scene: Annotated[bool, EXPERT] = False
-    view_file: Annotated[Path | None, Parameter(metavar="FILE.rrd"), EXPERT] = None
+    view_scene: bool = False
+    view_file: Annotated[Path | None, Parameter(metavar="FILE.rrd")] = None
     record: Annotated[Path | None, Parameter(metavar="FILE.mcap", group=OUTPUTS)] = None
 
     @property
@@ -103,15 +103,15 @@ class RosRobotOptions:
     """
 
     ros: bool = False
-    ros1: Annotated[bool, EXPERT] = False
+    ros1: bool = False
     command: Literal["pose", "twist", "joints"] | None = None
-    base_frame: Annotated[str, Parameter(metavar="FRAME"), EXPERT] = "base_link"
-    controller: Annotated[str, Parameter(metavar="TOPIC"), EXPERT] = "/joint_trajectory_controller/joint_trajectory"
-    cmd_vel: Annotated[str, Parameter(metavar="TOPIC"), EXPERT] = ""
-    cmd_vel_twist: Annotated[bool, EXPERT] = False
+    base_frame: Annotated[str, Parameter(metavar="FRAME")] = "base_link"
+    controller: Annotated[str, Parameter(metavar="TOPIC")] = "/joint_trajectory_controller/joint_trajectory"
+    cmd_vel: Annotated[str, Parameter(metavar="TOPIC")] = ""
+    cmd_vel_twist: bool = False
 
 
-@settings_options("settings", LiveConfig, LIVE_SETTINGS, show=False)
+@settings_options("settings", LiveConfig, LIVE_SETTINGS)
 @settings_options(
     "robot",
     TeleoperationSettings,
@@ -126,7 +126,7 @@ def teleoperate(
     timing: TimingOptions = TimingOptions(),
     robot: RobotOptions = RobotOptions(),
     ros: RosRobotOptions = RosRobotOptions(),
-    ros_2: Annotated[Ros2Options, EXPERT] = Ros2Options(),
+    ros_2: Ros2Options = Ros2Options(),
     settings: LiveOptions = LiveOptions(),
     terminal: Shown,
 ) -> Figures:
@@ -137,9 +137,8 @@ def teleoperate(
     Args:
         rig: Calibration file of the cameras.
     """
-    from posefuse.messages.dds_domain import Network
     from posefuse.pipeline.config import read_changed
-    from posefuse_teleop.ros import RosPlan
+    from posefuse_teleop.ros_plan import RosPlan
 
     if ros.command and not (ros.ros or ros.ros1):
         raise ConfigError(f"--command {ros.command}: needs --ros or --ros1")
@@ -157,9 +156,10 @@ def teleoperate(
         duration_s=timing.duration,
         loop_s=timing.loop,
     )
+    wanted = ros.ros or ros.ros1
     plan = RosPlan(
         version=1 if ros.ros1 else 2,
-        network=Network(**ros_2.network),
+        network=package_of_extra("posefuse_ros.dds_domain", "ros").Network(**ros_2.network) if wanted else None,
         base_frame=ros.base_frame,
         controller=ros.controller,
         cmd_vel=ros.cmd_vel,
@@ -173,7 +173,7 @@ def teleoperate(
             robot=robot.robot,
             frames=robot.frame,
             command=ros.command,
-            ros=plan if ros.ros or ros.ros1 else None,
+            ros=plan if wanted else None,
             emergency_stop=robot.i_have_an_emergency_stop,
             view=robot.view,
             show=robot.view_file.absolute() if robot.view_file else "spawn" if robot.view_scene else None,

@@ -11,16 +11,21 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from posefuse.core import PosefuseError, SourceError
+from posefuse.core.extras import package_of_extra
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.platform import punctual
 from posefuse.foundation.worker import Worker
 
 from .follower import Driver, Robot
-from .ros import Reporter, RosPlan, open_reporters
+from .ros_plan import RosPlan
 from .settings import TeleoperationSettings
 from .values import Order, RobotState
+
+if TYPE_CHECKING:
+    from .ros import Reporter
 
 _S = 1_000_000_000
 # a step that is later than this is left out, so that the robot does not hurry after a pause
@@ -63,9 +68,12 @@ class Leave:
 
 def run_robot(channel: Channel, plan: RobotPlan) -> None:
     """Entry point of the process; the other end of `channel` sends orders and receives states."""
+    reporters: Sequence[Reporter] = ()
     try:
         robot = built(plan)
-        reporters = open_reporters(plan.ros, plan.record, plan.settings)
+        if plan.ros is not None or plan.record is not None:
+            ros = package_of_extra("posefuse_teleop.ros", "ros")
+            reporters = ros.open_reporters(plan.ros, plan.record, plan.settings)
     except PosefuseError as error:
         channel.send(Failed(error), wait_s=1.0)
         return
@@ -85,14 +93,14 @@ def built(plan: RobotPlan) -> Robot:
     from .mujoco_robot import MujocoRobot, mujoco_model, placed
 
     if plan.command is not None:
-        from .ros_robot import open_ros_robot
-
-        return open_ros_robot(plan.command, plan.ros or RosPlan(), plan.model, plan.frames, plan.settings)
+        ros = package_of_extra("posefuse_teleop.ros_robot", "ros")
+        robot: Robot = ros.open_ros_robot(plan.command, plan.ros or RosPlan(), plan.model, plan.frames, plan.settings)
+        return robot
     place = placed(plan.settings.robot.position_xy_m, plan.settings.robot.heading_deg)
-    robot = MujocoRobot(mujoco_model(plan.model, plan.settings.hands, plan.scene), plan.frames, plan.settings.limits, place)
+    simulated = MujocoRobot(mujoco_model(plan.model, plan.settings.hands, plan.scene), plan.frames, plan.settings.limits, place)
     if plan.view:
-        robot.open_viewer()
-    return robot
+        simulated.open_viewer()
+    return simulated
 
 
 def _drive(channel: Channel, driver: Driver, rate_hz: float, reporters: Sequence[Reporter], asked: Sequence[int]) -> None:

@@ -1,23 +1,23 @@
-"""ROS for teleoperation: where it is, and what the robot's side shows of itself: states, targets, limits."""
+"""What the robot's side shows of itself in ROS and in recordings: states, targets, limits."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from posefuse.core import SE3
-from posefuse.messages.body_messages import point_stamped, pose_stamped
-from posefuse.messages.dds_domain import Network
-from posefuse.messages.markers import solid_marker
-from posefuse.messages.messages import header
-from posefuse.messages.topics import DIAGNOSTICS, Topic
-from posefuse.messages.types import message
+from posefuse_ros.bags import Recorder
+from posefuse_ros.body_messages import point_stamped, pose_stamped
+from posefuse_ros.markers import solid_marker
+from posefuse_ros.messages import header
+from posefuse_ros.topics import DIAGNOSTICS, Topic
+from posefuse_ros.types import message
 
+from .ros_plan import RosPlan
 from .settings import TeleoperationSettings
 from .values import Order, Phase, RobotState
 
@@ -28,34 +28,6 @@ _WORLD = "world"
 _OK, _WARNING, _ERROR = 0, 1, 2
 _LEVELS = {Phase.ENGAGED: _OK, Phase.READY: _OK, Phase.IDLE: _OK, Phase.HOLD: _WARNING, Phase.STOPPED: _ERROR}
 _MARKERS_EVERY_NS, _DIAGNOSTICS_EVERY_NS = 50_000_000, 200_000_000
-
-
-@dataclass(frozen=True, kw_only=True)
-class RosPlan:
-    """Where ROS is and how the robot's topics are named.
-
-    Attributes:
-        version: 2, or 1 for the master that ROS_MASTER_URI names. network: of ROS 2. base_frame: tf frame of commands.
-        controller: topic of `trajectory_msgs/JointTrajectory` or, ending in ``/commands``, of `std_msgs/Float64MultiArray`.
-        cmd_vel: topic of the base's velocity; empty: none. stamped: it is a TwistStamped (ROS 2 Jazzy and later).
-    """
-
-    version: int = 2
-    network: Network = field(default_factory=Network)
-    base_frame: str = "base_link"
-    controller: str = "/joint_trajectory_controller/joint_trajectory"
-    cmd_vel: str = ""
-    stamped: bool = True
-
-    def node(self, name: str) -> Any:
-        """An open node; raises DependencyError or SourceError where there is no ROS to talk to."""
-        if self.version == 1:
-            from posefuse.messages.ros1 import Ros1Node
-
-            return Ros1Node(name)
-        from posefuse.messages.dds import RosNode
-
-        return RosNode(name, self.network)
 
 
 class Reporter:
@@ -143,7 +115,5 @@ def open_reporters(ros: RosPlan | None, record: Path | None, settings: Teleopera
     if ros is not None:
         found.append(Reporter(ros.node("posefuse_teleoperation"), settings))
     if record is not None:
-        from posefuse.messages.bags import Recorder
-
         found.append(Reporter(Recorder(record), settings))
     return found

@@ -24,18 +24,19 @@ import numpy as np
 from posefuse.core import SE3, ConfigError, MessageError, SourceError
 from posefuse.core.arrays import Array
 from posefuse.core.se3 import quaternion_product
-from posefuse.messages.body_messages import pose_stamped, twist, twist_stamped
-from posefuse.messages.frames import Frames
-from posefuse.messages.messages import header
-from posefuse.messages.topics import TF, TF_STATIC, Topic
-from posefuse.messages.types import decode, message
+from posefuse_ros.body_messages import pose_stamped, twist, twist_stamped
+from posefuse_ros.messages import header
+from posefuse_ros.topics import TF, TF_STATIC, Topic
+from posefuse_ros.types import decode, message
 
 from .follower import FOLLOWS_M, FOLLOWS_RAD, Follower
+from .frames import Frames
 from .joints import Joints
 from .kinematics import Chain
 from .mapping import rotvec_between
 from .mujoco_robot import mujoco_model, placed
-from .ros import NAMESPACE, RosPlan
+from .ros import NAMESPACE
+from .ros_plan import RosPlan
 from .settings import LimitSettings, TeleoperationSettings
 from .values import RobotState
 

@@ -18,11 +18,10 @@ from importlib.resources import files
 from typing import Any, Protocol
 
 from posefuse.core import ConfigError, MessageError, SourceError
-from posefuse.messages.topics import Topic
-from posefuse.messages.types import decode
+from posefuse.core.extras import package_of_extra
 
 from .gate import Beat
-from .ros import RosPlan
+from .ros_plan import RosPlan
 from .values import OperatorView
 
 _MOST_JOY_BYTES = 10_000
@@ -182,7 +181,8 @@ class RosJoySwitch:
     def __init__(self, topic: str, ros: RosPlan) -> None:
         self.hint = f"hold button 0 of {topic} to move; button 1: gripper, 2: emergency stop, 3: reset, Ctrl-C: end"
         self._node = ros.node("posefuse_deadman")
-        self._reader = self._node.reader(Topic(topic, _JOY, depth=10))
+        self._reader = self._node.reader(package_of_extra("posefuse_ros.topics", "ros").Topic(topic, _JOY, depth=10))
+        self._decode = package_of_extra("posefuse_ros.types", "ros").decode
         self._seq, self._grip, self._down = 0, False, frozenset[int]()
 
     def poll(self, now_ns: int, view: OperatorView | None) -> Pressed:
@@ -191,7 +191,7 @@ class RosJoySwitch:
         offset_ns = time.time_ns() - now_ns
         for sample in self._reader.take():
             try:
-                buttons = list(decode(sample.raw, _JOY, _MOST_JOY_BYTES).buttons)
+                buttons = list(self._decode(sample.raw, _JOY, _MOST_JOY_BYTES).buttons)
             except (MessageError, AttributeError):
                 continue
             down = frozenset(i for i, pressed in enumerate(buttons[:16]) if pressed)

@@ -165,13 +165,14 @@ def pick_time_steps(observations: CornerObservations, most: int, delay_s: Array,
     seen = snapshots(observations, candidates, delay_s)
     present = np.zeros((len(candidates), len(counts)), bool)
     present[seen.time_step, seen.camera] = True
-    speed = np.bincount(seen.time_step, np.linalg.norm(seen.velocity_px_s, axis=1), len(candidates)) * prefer_slow
-    speed /= np.maximum(np.bincount(seen.time_step, minlength=len(candidates)), 1)
+    total = np.bincount(seen.time_step, np.linalg.norm(seen.velocity_px_s, axis=1), len(candidates))
+    rows = np.bincount(seen.time_step, minlength=len(candidates))
+    speed = np.asarray(prefer_slow * total / np.maximum(rows, 1))
     pairs = list(combinations(range(len(counts)), 2))
     chosen = np.zeros(len(candidates), bool)
     for pair in pairs:
-        _choose(chosen, present[:, pair].all(axis=1), most // 2 // len(pairs), speed)
-    _choose(chosen, present.sum(axis=1) >= 2, most - int(chosen.sum()), speed)
+        _choose(chosen, np.asarray(present[:, pair].all(axis=1)), most // 2 // len(pairs), speed)
+    _choose(chosen, np.asarray(present.sum(axis=1) >= 2), most - int(chosen.sum()), speed)
     return np.asarray(candidates[chosen])
 
 

@@ -26,14 +26,13 @@ def is_results_list(content: Any) -> bool:
     return isinstance(first, dict) and "image_id" in first and "keypoints" in first
 
 
-def frames_of_list(
-    content: list[dict[str, Any]], path: Path, camera: str, format: str, skeleton: Skeleton | None
-) -> Pose2DFrames:
-    """Frames of a results list, by the number in each image's name or by the image's number.
+def read_list(path: Path, camera: str, format: str, skeleton: Skeleton | None) -> Pose2DFrames:
+    """Frames of the file of a results list, by the number in each image's name or by the image's number.
 
     Raises:
         InputError: an entry that is not of this form, or people of different keypoint sets.
     """
+    content = read_json(path)
     points: dict[int, list[Array]] = defaultdict(list)
     ids: dict[int, list[int]] = defaultdict(list)
     for i, entry in enumerate(content):
@@ -54,11 +53,6 @@ def frames_of_list(
     _visibility_to_score(points)
     people = {number: People2D.of(points[number], ids[number], len(skeleton)) for number in points}
     return frames_from_mapping(camera, format, skeleton, people)
-
-
-def read_list(path: Path, camera: str, format: str, skeleton: Skeleton | None) -> Pose2DFrames:
-    """The file of a results list; raises as `frames_of_list`."""
-    return frames_of_list(read_json(path), path, camera, format, skeleton)
 
 
 def _visibility_to_score(points: dict[int, list[Array]]) -> None:

@@ -16,13 +16,15 @@ from posefuse.kinematics.sides import SIDES
 
 from .contacts import FOOT, contacts_of, foot_rows
 from .filter import BodyFilter, Measurement, of_points, smoothed
-from .model import BodyModel, bodies_from_joints, bodies_from_poses
+from .model import BodyModel, bodies_from_poses
 from .result import StateReader
 from .settings import BodySettings
 from .shape import LengthPrior, nearest_in_time, with_solved_lengths, with_stand_ins
 
 # views of so many time steps are made at once: those of an hour take much memory
 _BLOCK_STEPS = 500
+# what was seen of the keypoints (A,) of one person at one time step: places on the axes T, N and K
+_Measured = Callable[[int, int, Array], Measurement]
 _Seen = Callable[[], Iterator[Measurement]]
 
 # a fit has failed when a keypoint is farther from the fused one than this and than so many of its standard deviations for this
@@ -60,11 +62,16 @@ def fit_poses(
     Raises:
         InputError: a person was never seen well enough to have a skeleton; left and right are swapped.
     """
+    settings, joint_settings = settings or BodySettings(), joint_settings or JointSettings()
+    bodies = bodies if bodies is not None else bodies_from_poses(sequence, settings, joint_settings)
+    return _fit(sequence, _points_of(sequence), settings, bodies, joint_settings, with_joints=True)
 
+
+def _points_of(sequence: PoseSequence) -> _Measured:
     def measured(i: int, n: int, at: Array) -> Measurement:
         return of_points(int(sequence.t_ns[i]), sequence.xyz_world[i, n, at], sequence.cov_world[i, n, at])
 
-    return _fit(sequence, measured, settings, bodies, joint_settings, by_rays=False)
+    return measured
 
 
 def fit_views(
@@ -75,20 +82,23 @@ def fit_views(
     bodies: Mapping[int, BodyModel] | None = None,
     joint_settings: JointSettings | None = None,
     lengths: LengthPrior | None = None,
+    *,
+    with_joints: bool = True,
 ) -> BodyFit:
     """Fit each person's skeleton directly to the rays of all views: a joint seen by one camera still counts.
 
     `views` are of the people and times of `sequence`, to which the bodies are fitted first (`fit_poses`): that is where rays
     start. Segment lengths start as medians over time. With `lengths` as a prior they are then solved together with poses
-    (`with_solved_lengths`), and a shoulder or hip without any 3D is no obstacle (`with_stand_ins`). Raises as `fit_poses`.
+    (`with_solved_lengths`), and a shoulder or hip without any 3D is no obstacle (`with_stand_ins`). Without `with_joints`,
+    those of the fit are of no person: in an hour they take much memory. Raises as `fit_poses`.
     """
-    settings = settings or BodySettings()
+    settings, joint_settings = settings or BodySettings(), joint_settings or JointSettings()
     projections = rig.projections()
     start = sequence if lengths is None else with_stand_ins(sequence, lengths)
     if bodies is None:
         bodies = bodies_from_poses(start, settings, joint_settings)
     # keypoints of one body: among fused ones that do not belong together, rays may lead to a pose that explains only a few
-    near_world = nearest_in_time(fit_poses(start, settings, bodies, joint_settings).poses)
+    near_world = nearest_in_time(_fit(start, _points_of(start), settings, bodies, joint_settings).poses)
 
     def seen_by(view: Views, i: int, n: int, at: Array) -> Measurement:
         xy, inverse_var = _rays_of(rig, view.xy_img[n][:, at], view.score[n][:, at], view.sigma_px[n][:, at])
@@ -98,7 +108,7 @@ def fit_views(
     blocks = _Blocks(views)
 
     if lengths is not None:
-        work = FrameBuffers(sequence.skeleton, joint_settings or JointSettings())
+        work = FrameBuffers(sequence.skeleton, joint_settings)
         steps = np.unique(np.linspace(0, len(sequence) - 1, settings.length_steps).astype(int)).tolist()
         places = {person: n for n, person in enumerate(sequence.person_id.tolist())}
         spread = [(i, views.part(slice(i, i + 1)).at(0)) for i in steps]
@@ -112,7 +122,7 @@ def fit_views(
     def measured(i: int, n: int, at: Array) -> Measurement:
         return seen_by(blocks.at(i), i, n, at)
 
-    return _fit(sequence, measured, settings, bodies, joint_settings, by_rays=True)
+    return _fit(sequence, measured, settings, bodies, joint_settings, by_rays=True, with_joints=with_joints)
 
 
 class _Blocks:
@@ -151,6 +161,8 @@ def _with_contacts(
         if state is not None:
             points[i], cov[i] = (values[feet] for values in reader.points(state))
     contacts = contacts_of(t_ns, points, cov, body.skeleton, body.keypoint[feet])
+    # a generator keeps its variables to its end
+    del points, cov
     standing, shared = np.full((len(body.keypoint), 3), np.nan), np.zeros((len(body.keypoint), 3, 3))
     for i, one in enumerate(seen()):
         standing[feet], shared[feet] = contacts.xyz[i], contacts.cov[i]
@@ -159,21 +171,21 @@ def _with_contacts(
 
 def _fit(
     sequence: PoseSequence,
-    measured: Callable[[int, int, Array], Measurement],
-    settings: BodySettings | None,
-    bodies: Mapping[int, BodyModel] | None,
-    joint_settings: JointSettings | None,
+    measured: _Measured,
+    settings: BodySettings,
+    bodies: Mapping[int, BodyModel],
+    joint_settings: JointSettings,
     *,
-    by_rays: bool,
+    by_rays: bool = False,
+    with_joints: bool = False,
 ) -> BodyFit:
-    """`measured` gives what was seen of the keypoints (A,) of one person at one time step."""
-    settings, joint_settings = settings or BodySettings(), joint_settings or JointSettings()
-    plain = joints_from_poses(sequence, joint_settings)
-    bodies = bodies if bodies is not None else bodies_from_joints(sequence, plain, settings)
     work = FrameBuffers(sequence.skeleton, joint_settings)
-    planes = [plane.copy() for plane in _planes_of(sequence, plain)]
-    del plain
-    xyz, cov, kind, wxyz, origin, angles, sigmas = planes
+
+    def before() -> list[Array]:
+        joints = joints_from_poses(sequence if with_joints else sequence.people(slice(0)), joint_settings)
+        return _planes_of(sequence, joints)
+
+    planes: list[Array] = []
     fitted_bodies = {}
     for n, person in enumerate(sequence.person_id.tolist()):
         if person not in bodies:
@@ -190,8 +202,11 @@ def _fit(
         count, far, known = 0, np.zeros(len(at), int), np.zeros(len(at), int)
         steps = _with_contacts(body, seen, sequence.t_ns, settings, work) if with_feet else seen()
         for i, (one, state) in enumerate(smoothed(filter_, steps)):
+            # not before: of an hour they take much memory, and so does what shows which feet stand
+            planes = planes or [plane.copy() for plane in before()]
             if state is None:
                 continue
+            xyz, cov, kind, *of_joints = planes
             fitted = reader.read(state, one)
             off = _off(fitted.xyz, sequence.xyz_world[i, n, at], sequence.cov_world[i, n, at])
             count, far, known = count + 1, far + off[0], known + off[1]
@@ -200,16 +215,20 @@ def _fit(
             kept = at[~missing | sure]
             xyz[i, n, kept], cov[i, n, kept] = fitted.xyz[~missing | sure], fitted.cov[~missing | sure]
             kind[i, n, kept] = np.where(missing, Kind.INTERPOLATED, Kind.SMOOTHED)[~missing | sure]
-            wxyz[i, n], origin[i, n] = frames_of(fitted.rotation, fitted.origin)
-            angles[i, n], sigmas[i, n] = fitted.angles, fitted.sigmas
+            if with_joints:
+                values = (*frames_of(fitted.rotation, fitted.origin), fitted.angles, fitted.sigmas)
+                for plane, value in zip(of_joints, values, strict=True):
+                    plane[i, n] = value
         if count and not _failed(count, far, known):
             fitted_bodies[person] = body
         else:
-            for plane, before in zip(planes, _planes_of(sequence, joints_from_poses(sequence, joint_settings)), strict=True):
-                plane[:, n] = before[:, n]
-    give_away(*planes)
+            for plane, unfitted in zip(planes, before(), strict=True):
+                plane[:, n : n + 1] = unfitted[:, n : n + 1]
+    xyz, cov, kind, *of_joints = planes or before()
+    give_away(xyz, cov, kind)
     poses = replace(sequence, xyz_world=xyz, cov_world=cov, kind=kind)
-    return BodyFit(poses, joints_value(sequence.t_ns, sequence.person_id, wxyz, origin, angles, sigmas), fitted_bodies)
+    people = sequence.person_id[: of_joints[0].shape[1]]
+    return BodyFit(poses, joints_value(sequence.t_ns, people, *of_joints), fitted_bodies)
 
 
 def _planes_of(poses: PoseSequence, joints: JointAngles) -> list[Array]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posefuse.core import InputError, JointAngles, PoseSequence, Skeleton
+from posefuse.core import InputError, PoseSequence, Skeleton
 from posefuse.core.arrays import SIGMA_PER_MAD, Array
 from posefuse.core.skeleton import LIMB_ENDS
 from posefuse.kinematics.definitions import SEGMENT_NAMES, landmark_pairs
@@ -83,13 +83,9 @@ def bodies_from_poses(
     Raises:
         InputError: that is so of everybody; left and right are swapped.
     """
-    return bodies_from_joints(sequence, joints_from_poses(sequence, joint_settings), settings or BodySettings())
-
-
-def bodies_from_joints(sequence: PoseSequence, joints: JointAngles, settings: BodySettings) -> dict[int, BodyModel]:
-    """`bodies_from_poses` where the joints of the poses are known already."""
-    rotation = joints.world_from_segment.matrix()
-    bodies = {int(person): body_from_frames(sequence, n, rotation[:, n], settings) for n, person in enumerate(sequence.person_id)}
+    # the angles go at once: of an hour they take much memory
+    rotation, chosen = joints_from_poses(sequence, joint_settings).world_from_segment.matrix(), settings or BodySettings()
+    bodies = {int(person): body_from_frames(sequence, n, rotation[:, n], chosen) for n, person in enumerate(sequence.person_id)}
     known = {person: body for person, body in bodies.items() if body is not None}
     if bodies and not known:
         raise InputError(
@@ -244,10 +240,10 @@ def _attached(
     templates = {index: TEMPLATES[name] for index, name in enumerate(keypoints) if TEMPLATES.get(name) in names}
     places = {index: (node, np.zeros(3)) for index, node in at_origin.items()}
     if templates:
-        origins, nodes = _template_origins(points), list(templates.values())
-        turned = np.stack([frame[NODE_SEGMENT[node]] for node in nodes], axis=1)
-        away = sequence.xyz_world[:, person, list(templates)] - np.stack([origins[node] for node in nodes], axis=1)
-        seen = np.einsum("tpij,tpi->tpj", turned, away)
+        origins, seen = _template_origins(points), np.empty((len(sequence), len(templates), 3))
+        for at, (index, node) in enumerate(templates.items()):
+            away = sequence.xyz_world[:, person, index] - origins[node]
+            seen[:, at] = np.einsum("tij,ti->tj", frame[NODE_SEGMENT[node]], away)
         enough = np.isfinite(seen).all(axis=-1).sum(axis=0) >= FEWEST_SEEN
         for (index, node), known, place in zip(templates.items(), enough, _median(seen), strict=True):
             if known:

@@ -52,7 +52,7 @@ class BodySettings:
 
 @dataclass(frozen=True, kw_only=True)
 class LiveBodyRules:
-    """How a skeleton is learnt and followed live. Not settings: chosen on development scenes with `bench/live_body.py`.
+    """How a skeleton is learnt and followed live. Not settings: chosen on development scenes with `bench/live_rendered.py`.
 
     Attributes:
         learn_s: the first lengths come from so many seconds of tracked poses; they are refined after twice, four times ... as

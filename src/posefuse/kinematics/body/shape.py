@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posefuse.core import PoseSequence
-from posefuse.core.arrays import Array
+from posefuse.core.arrays import Array, give_away
 from posefuse.core.view_sequences import nearest_frames
 from posefuse.kinematics.joints import FrameBuffers
 
@@ -213,6 +213,9 @@ def with_stand_ins(sequence: PoseSequence, prior: LengthPrior) -> PoseSequence:
         line = width_m * line / np.linalg.norm(line, axis=-1, keepdims=True)
         for n in range(xyz.shape[1]):
             _fill(xyz[:, n], left, right, line[:, n])
+    if np.array_equal(xyz, sequence.xyz_world, equal_nan=True):
+        return sequence
+    give_away(xyz)
     return replace(sequence, xyz_world=xyz)
 
 

@@ -1,5 +1,5 @@
 """A person as a skinned mesh of their own proportions: for eyes, not for measuring."""
 
-from .mesh import skin_of, skinned_vertices
+from .mesh import skin_of
 
-__all__ = ["skin_of", "skinned_vertices"]
+__all__ = ["skin_of"]

@@ -139,18 +139,6 @@ def skin_of(skeleton: BvhData) -> Skin:
     )
 
 
-def skinned_vertices(skeleton: BvhData, skin: Skin) -> Array:
-    """(T, V, 3) metres in the axes of the file: linear blend skinning."""
-    rotation, position = skeleton.world()
-    linear = rotation @ skin.joint_from_mesh[:, :3, :3]
-    shift = (rotation @ skin.joint_from_mesh[:, :3, 3:])[..., 0] + position
-    out = np.zeros((len(skeleton), *skin.vertices.shape))
-    for k in range(skin.joint.shape[1]):
-        turned = np.einsum("tvij,vj->tvi", linear[:, skin.joint[:, k]], skin.vertices) + shift[:, skin.joint[:, k]]
-        out += skin.weight[:, k, None] * turned
-    return out
-
-
 def _lengths(rest: Mapping[str, Array]) -> dict[str, float]:
     spans = {f"{s}_{name}": (f"{s}_{name}", _end(f"{s}_{_NEXT[name]}", rest)) for s in SIDES for name in _NEXT}
     spans |= {"shoulders": ("left_upper_arm", "right_upper_arm"), "hips": ("left_thigh", "right_thigh")}

@@ -1,15 +1,194 @@
-"""Live outputs ``osc`` and ``json``: poses as datagrams, see `messages.osc`."""
+"""Live outputs ``osc`` and ``json``: poses as small datagrams for animation and XR tools, to one or many listeners.
+
+Open Sound Control 1.0, and JSON.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import json
+import socket
+import struct
+from collections.abc import Callable, Iterator, Sequence
+from types import TracebackType
 from typing import Annotated, Any, ClassVar, Literal
 
+import numpy as np
 from annotated_types import MinLen
 
-from posefuse.core import JointAngles, LiveMessage, LiveOutput, LivePose, LiveStart, Pose3D
+from posefuse.core import ConfigError, JointAngles, LiveMessage, LiveOutput, LivePose, LiveStart, Pose3D
+from posefuse.core.arrays import Array
+from posefuse.core.errors import choices
+from posefuse.core.poses import point_sigma_m
 from posefuse.foundation.settings import settings
-from posefuse.messages.osc import json_from_pose, osc_from_pose
+
+# rows: the tool's x, y, z in world axes
+AXES = {
+    "z_up": np.eye(3),
+    "y_up": np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]),
+    "y_up_left_handed": np.array([[1.0, 0, 0], [0, 0, 1], [0, 1, 0]]),
+}
+_MAX_PACKET = 1400
+_NTP_FROM_UNIX_S = 2_208_988_800
+_NOW = b"\0\0\0\0\0\0\0\1"
+Argument = int | float | str
+
+
+def osc_message(address: str, *arguments: Argument) -> bytes:
+    """One OSC message; int as ``i`` (``h`` beyond 32 bits), float as ``f``, str as ``s``.
+
+    Raises:
+        ConfigError: an address that does not start with ``/``, or text that is not ASCII.
+    """
+    if not address.startswith("/"):
+        raise ConfigError(f"OSC address: expected it to start with '/', got {address!r}")
+    tags, data = ",", b""
+    for argument in arguments:
+        if isinstance(argument, str):
+            tags, data = tags + "s", data + _text(argument)
+        elif isinstance(argument, float):
+            tags, data = tags + "f", data + struct.pack(">f", argument)
+        elif -(2**31) <= argument < 2**31:
+            tags, data = tags + "i", data + struct.pack(">i", argument)
+        else:
+            tags, data = tags + "h", data + struct.pack(">q", argument)
+    return _text(address) + _text(tags) + data
+
+
+def osc_bundle(messages: Sequence[bytes], t_ns: int) -> bytes:
+    """An OSC bundle of the time step `t_ns` (Unix epoch; "immediately" when before 1970)."""
+    seconds, rest_ns = divmod(t_ns, 1_000_000_000)
+    tag = struct.pack(">II", (seconds + _NTP_FROM_UNIX_S) % 2**32, (rest_ns << 32) // 1_000_000_000) if t_ns >= 0 else _NOW
+    return b"#bundle\0" + tag + b"".join(struct.pack(">i", len(m)) + m for m in messages)
+
+
+def osc_from_pose(pose: Pose3D, joints: JointAngles | None, axes: str) -> list[bytes]:
+    """Datagrams of one time step; `axes` is one of `AXES`."""
+    people = [int(person) for person in pose.person_id]
+    datagrams = [osc_bundle([osc_message("/posefuse/people", *people)], pose.t_ns)]
+    for n, person in enumerate(people):
+        messages = [
+            osc_message(f"/posefuse/{person}/{name}", *xyz, sigma) for name, xyz, sigma in _keypoints(pose, n, _turn(axes))
+        ]
+        messages += [osc_message(f"/posefuse/{person}/{name}", value) for name, value in _angles(joints, person)]
+        datagrams += [osc_bundle(part, pose.t_ns) for part in _packets(messages)]
+    return datagrams
+
+
+def json_from_pose(pose: Pose3D, joints: JointAngles | None, axes: str, names: Sequence[str] = ()) -> list[bytes]:
+    """Datagrams of one time step, one per person; `axes` is one of `AXES`, `names` those of the people by id."""
+    datagrams = []
+    for n, person in enumerate(int(person) for person in pose.person_id):
+        keypoints = list(_keypoints(pose, n, _turn(axes)))
+        content = {
+            "t_ns": pose.t_ns,
+            "person": person,
+            **({"name": names[person]} if 0 <= person < len(names) else {}),
+            "skeleton": pose.skeleton.name,
+            "axes": axes,
+            "keypoints": {name: [round(v, 5) for v in xyz] for name, xyz, _ in keypoints},
+            "sigma_m": {name: round(sigma, 5) for name, _, sigma in keypoints if sigma > 0},
+            "angles_rad": {name: round(value, 5) for name, value in _angles(joints, person)},
+        }
+        datagrams.append(json.dumps(content, separators=(",", ":")).encode())
+    return datagrams
+
+
+def _turn(axes: str) -> Array:
+    if axes not in AXES:
+        raise ConfigError(f"axes: {axes!r} is not known; there are: {choices(AXES)}")
+    return AXES[axes]
+
+
+def _keypoints(pose: Pose3D, n: int, turn: Array) -> Iterator[tuple[str, list[float], float]]:
+    """Name, (x, y, z) and standard deviation over the three axes of what is known of person n."""
+    xyz = pose.xyz_world[n] @ turn.T
+    sigma = point_sigma_m(pose.cov_world[n])
+    for name, place, spread in zip(pose.skeleton.keypoints, xyz.tolist(), sigma.tolist(), strict=True):
+        if np.isfinite(place).all():
+            yield name, place, spread if np.isfinite(spread) else 0.0
+
+
+def _angles(joints: JointAngles | None, person: int) -> Iterator[tuple[str, float]]:
+    if joints is None:
+        return
+    for n in np.flatnonzero(joints.person_id == person):
+        for joint, names, angles in zip(joints.joints, joints.angle_names, joints.angle_rad[-1, n].tolist(), strict=True):
+            yield from ((f"{joint}/{name}", value) for name, value in zip(names, angles, strict=True) if np.isfinite(value))
+
+
+def _packets(messages: Sequence[bytes]) -> Iterator[list[bytes]]:
+    part: list[bytes] = []
+    size = 16
+    for message in messages:
+        if part and size + 4 + len(message) > _MAX_PACKET:
+            yield part
+            part, size = [], 16
+        part.append(message)
+        size += 4 + len(message)
+    if part:
+        yield part
+
+
+def _text(value: str) -> bytes:
+    if not value.isascii():
+        raise ConfigError(f"OSC text: expected ASCII, got {value!r}")
+    raw = value.encode("ascii") + b"\0"
+    return raw + bytes(-len(raw) % 4)
+
+
+class UdpStream:
+    """Sends datagrams to fixed addresses; never waits, and continues when a listener or the network is away.
+
+    Attributes:
+        sent, lost: datagrams handed to, and not taken by, the network.
+        last_fault: why the newest lost one was not taken.
+
+    Raises:
+        ConfigError: an address that is not ``host:port``, or a host that is not known.
+    """
+
+    def __init__(self, addresses: Sequence[str]) -> None:
+        self.sent, self.lost, self.last_fault = 0, 0, ""
+        self._targets = [_resolved(address) for address in addresses]
+        self._sockets: dict[int, socket.socket] = {}
+        for family, _ in self._targets:
+            if family not in self._sockets:
+                self._sockets[family] = socket.socket(family, socket.SOCK_DGRAM)
+                self._sockets[family].setblocking(False)
+
+    def send(self, datagrams: Sequence[bytes]) -> None:
+        """Send each datagram to every address."""
+        for family, target in self._targets:
+            for datagram in datagrams:
+                try:
+                    self._sockets[family].sendto(datagram, target)
+                    self.sent += 1
+                except OSError as error:
+                    self.lost += 1
+                    self.last_fault = str(error)
+
+    def close(self) -> None:
+        """Safe to call twice."""
+        for opened in self._sockets.values():
+            opened.close()
+
+    def __enter__(self) -> UdpStream:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+
+def _resolved(address: str) -> tuple[int, tuple[object, ...]]:
+    host, _, port = address.rpartition(":")
+    if not host or not port.isdigit() or not 0 < int(port) < 65536:
+        raise ConfigError(f"UDP address: expected host:port with a port of 1 to 65535, got {address!r}")
+    try:
+        family, _, _, _, target = socket.getaddrinfo(host.strip("[]"), int(port), type=socket.SOCK_DGRAM)[0]
+    except OSError as error:
+        raise ConfigError(f"UDP address {address!r}: the host is not known ({error})") from None
+    return family, target
+
 
 Axes = Literal["z_up", "y_up", "y_up_left_handed"]
 Packets = Callable[[Pose3D, JointAngles | None, str, tuple[str, ...]], list[bytes]]
@@ -66,8 +245,6 @@ class UdpOutput:
 
     def take(self, message: LiveMessage) -> None:
         """See `LiveOutput`."""
-        from posefuse.messages.osc import UdpStream
-
         match message:
             case LiveStart():
                 self._stream, self._person_names = UdpStream(self._addresses), message.names

@@ -22,6 +22,7 @@ from posefuse.core import (
     Pose3D,
 )
 from posefuse.core.recording import person_name
+from posefuse.foundation.output_file import part_path
 from posefuse.foundation.settings import settings
 from posefuse.outputs.rerun_scene import (
     SPAWN,
@@ -38,8 +39,6 @@ from posefuse.outputs.rerun_scene import (
     pinhole,
     session_blueprint,
 )
-
-from .record import part_path
 
 _POSE_EVERY_NS = 30_000_000
 _VIEW_EVERY_NS = 60_000_000

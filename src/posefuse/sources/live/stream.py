@@ -162,7 +162,7 @@ def _connected(config: StreamConfig) -> Any:
     where = f"{config.where}: camera {config.camera}"
     device = "://" not in config.where
     if device and usb_camera_format() == "v4l2" and _missing(config.where):
-        raise SourceError(f"{where}: no such device; there are: {choices(usb_cameras())}")
+        raise SourceError(f"{where}: no such device; there are: {choices(list(usb_cameras()))}")
     size, _, rate = config.size.partition("@")
     options = {"fflags": "nobuffer", "flags": "low_delay"}
     if config.where.startswith("rtsp"):
@@ -196,7 +196,7 @@ def _connected(config: StreamConfig) -> Any:
 def _advice(code: int) -> str:
     if code in _ADVICE:
         return _ADVICE[code]
-    there = "" if usb_camera_format() == "v4l2" else f"; there are: {choices(usb_cameras())}"
+    there = "" if usb_camera_format() == "v4l2" else f"; there are: {choices(list(usb_cameras()))}"
     return f"is it switched on, and the address right{there}?"
 
 

@@ -47,46 +47,37 @@ def everyday_scene(i: int) -> dict[str, Any]:
     motion = dict(MOTIONS[i % len(MOTIONS)])
     if motion["kind"] != "walk":
         motion |= {"position_m": rng.uniform(-0.6, 0.6, 2).round(2).tolist(), "heading_deg": float(rng.integers(0, 360))}
-    cameras = {
-        "kind": "ring",
-        "count": 4,
-        "radius_m": round(rng.uniform(3.2, 5.5), 2),
-        "height_m": round(rng.uniform(1.0, 2.7), 2),
-        "first_angle_deg": float(rng.integers(0, 90)),
-        "image": {"size_px": [[640, 480], [1280, 720]][i % 2], "horizontal_fov_deg": float(rng.integers(58, 75))},
-        "sensor": {"noise_dn": 1.5},
-    }
     clutter = [{"kind": "clutter", "count": 7, "area_m": [6, 6], "keep_clear_m": 0.9, "most_height_m": 1.3}] if i % 3 == 1 else []
-    return {
-        "duration_s": DURATION_S,
-        "rate_hz": RATE_HZ,
-        "seed": 500 + i,
-        "cameras": cameras,
-        "people": [{"body": {"random_seed": 7000 + i}, "motion": motion}],
-        "occluders": clutter,
-        "room": {"floor": FLOORS[i % 4], "walls": ("office", "plain")[i // 2 % 2], "brightness": round(rng.uniform(0.7, 1.2), 2)},
-        "record": {"kind": "jpeg", "quality": 90},
-    }
+    size_px = [[640, 480], [1280, 720]][i % 2]
+    return _scene(i, rng, 500, {"body": {"random_seed": 7000 + i}, "motion": motion}, size_px, (5.5, 75)) | {"occluders": clutter}
 
 
 def moving_scene(i: int, motion_file: Path) -> dict[str, Any]:
     """One scene of a person who moves all joints."""
-    rng = np.random.default_rng(91_000 + i)
-    body = 7100 + 100 * (i // SCENES_EACH) + i % SCENES_EACH
+    body = {"random_seed": 7100 + 100 * (i // SCENES_EACH) + i % SCENES_EACH}
+    person = {"body": body, "motion": {"kind": "trc", "file": str(motion_file)}}
+    return _scene(i, np.random.default_rng(91_000 + i), 600, person, [640, 480], (5.2, 72))
+
+
+def _scene(
+    i: int, rng: np.random.Generator, seed: int, person: dict[str, Any], size_px: list[int], most: tuple[float, int]
+) -> dict[str, Any]:
+    """One person before four cameras. most: radius of their circle, m, and angle that they see."""
+    cameras = {
+        "kind": "ring",
+        "count": 4,
+        "radius_m": round(rng.uniform(3.2, most[0]), 2),
+        "height_m": round(rng.uniform(1.0, 2.7), 2),
+        "first_angle_deg": float(rng.integers(0, 90)),
+        "image": {"size_px": size_px, "horizontal_fov_deg": float(rng.integers(58, most[1]))},
+        "sensor": {"noise_dn": 1.5},
+    }
     return {
         "duration_s": DURATION_S,
         "rate_hz": RATE_HZ,
-        "seed": 600 + i,
-        "cameras": {
-            "kind": "ring",
-            "count": 4,
-            "radius_m": round(rng.uniform(3.2, 5.2), 2),
-            "height_m": round(rng.uniform(1.0, 2.7), 2),
-            "first_angle_deg": float(rng.integers(0, 90)),
-            "image": {"size_px": [640, 480], "horizontal_fov_deg": float(rng.integers(58, 72))},
-            "sensor": {"noise_dn": 1.5},
-        },
-        "people": [{"body": {"random_seed": body}, "motion": {"kind": "trc", "file": str(motion_file)}}],
+        "seed": seed + i,
+        "cameras": cameras,
+        "people": [person],
         "room": {"floor": FLOORS[i % 4], "walls": ("office", "plain")[i // 2 % 2], "brightness": round(rng.uniform(0.7, 1.2), 2)},
         "record": {"kind": "jpeg", "quality": 90},
     }

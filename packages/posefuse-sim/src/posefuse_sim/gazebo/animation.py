@@ -14,10 +14,11 @@ from scipy.spatial.transform import Rotation
 
 from posefuse.core import ConfigError
 from posefuse.core.arrays import Array
-from posefuse.formats.collada import MOST_WEIGHTS, ColladaSkeleton, Mesh, Surface, joint_name
 from posefuse.formats.gltf import vertex_normals
 from posefuse_sim.body import SimulatedBody
 from posefuse_sim.props import Prop
+
+from .collada import MOST_WEIGHTS, ColladaSkeleton, Mesh, Surface, joint_name
 
 # bones that stay this close to their parent's motion are one with it
 _RIGID_M = 1e-7

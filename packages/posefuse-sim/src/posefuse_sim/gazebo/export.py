@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -23,12 +24,11 @@ from posefuse.core import ConfigError, Rig
 from posefuse.core.arrays import Array
 from posefuse.core.ideal_image import drawn_camera
 from posefuse.core.se3 import SE3
-from posefuse.formats.collada import write_collada
 from posefuse.formats.rig import write_rig
 from posefuse.formats.truth import write_arrays, write_loop, write_truth
 from posefuse.foundation.output_folder import output_folder
+from posefuse.foundation.parsing import ros_name
 from posefuse.foundation.summary import Block, Facts, Heading, Note
-from posefuse.messages.topics import ros_name
 from posefuse_sim.build import LiveScene, live_scene
 from posefuse_sim.cameras import ListedCameras, SensorSettings, placed_cameras
 from posefuse_sim.exact import prop_truth, truth_with, visible_to_all
@@ -38,6 +38,7 @@ from posefuse_sim.render.textures import png
 from posefuse_sim.scene import Scene, motion_files, write_scene
 
 from .animation import person_actor, prop_actor, prop_mesh
+from .collada import write_collada
 from .world import CameraSensor, Release, StillModel, release_named, room_models, world_text
 
 _COMMAND = "simulate --gazebo"
@@ -179,21 +180,21 @@ def _write_truth(live: LiveScene, folder: Path) -> None:
 
 def _actors(live: LiveScene, rate_hz: float, folder: Path) -> tuple[list[tuple[str, str]], tuple[float, ...]]:
     """Everything that moves, written: name and file of each, and its keys per second."""
-    actors, keys_hz = [], []
-    duration_s = live.scene.duration_s
-    for i, body in enumerate(live.bodies):
-        mesh, skeleton = person_actor(body, lambda t_s, i=i: live.bones(t_s)[i], duration_s, rate_hz, _MOST_BETWEEN_KEYS_M)  # type: ignore[misc]
-        actors.append((f"person{i}", _mesh_name(f"person{i}")))
-        keys_hz.append(len(skeleton.t_s) / duration_s)
-        write_collada(folder / actors[-1][1], mesh, skeleton)
+    moving = [(f"person{i}", partial(person_actor, body), _bones(live, i)) for i, body in enumerate(live.bodies)]
     for i, prop in enumerate(live.props):
         if not isinstance(prop.path, StillPath):
             _write_picture(folder, prop.name, prop.texture)
-            mesh, skeleton = prop_actor(prop, f"{prop.name}.png", _prop_poses(live, i), duration_s, rate_hz, _MOST_BETWEEN_KEYS_M)
-            actors.append((prop.name, _mesh_name(prop.name)))
-            keys_hz.append(len(skeleton.t_s) / duration_s)
-            write_collada(folder / actors[-1][1], mesh, skeleton)
-    return actors, tuple(keys_hz)
+            moving.append((prop.name, partial(prop_actor, prop, f"{prop.name}.png"), _prop_poses(live, i)))
+    keys_hz, duration_s = [], live.scene.duration_s
+    for name, actor, poses_at in moving:
+        mesh, skeleton = actor(poses_at, duration_s, rate_hz, _MOST_BETWEEN_KEYS_M)
+        keys_hz.append(len(skeleton.t_s) / duration_s)
+        write_collada(folder / _mesh_name(name), mesh, skeleton)
+    return [(name, _mesh_name(name)) for name, *_ in moving], tuple(keys_hz)
+
+
+def _bones(live: LiveScene, i: int) -> Callable[[Array], Array]:
+    return lambda t_s: live.bones(t_s)[i]
 
 
 def _prop_poses(live: LiveScene, i: int) -> Callable[[Array], Array]:

@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -22,9 +23,10 @@ import numpy as np
 from posefuse.core import SE3, Camera, ConfigError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
-from posefuse.formats.collada import Mesh, Surface, write_collada
 from posefuse_sim.render import textures
 from posefuse_sim.surroundings import Box, RoomSettings
+
+from .collada import Mesh, Surface, write_collada
 
 SDF_VERSION = "1.9"
 WORLD = "posefuse"
@@ -76,125 +78,108 @@ def world_text(
     Args:
         lamp_m: height of the lamp. actors: name and .dae of each, relative to the world file.
     """
+    children = [
+        # nothing falls or collides: time passes as fast as images are drawn, at most as fast as the clock
+        ("physics", {"@name": "steps", "@type": "ignored", "max_step_size": _numbers(_STEP_S), "real_time_factor": "1"}),
+        *(("plugin", _plugin(release, *system)) for system in _SYSTEMS),
+        *_lights(room, lamp_m),
+        *(("model", _still(model)) for model in models),
+        *(("model", _box(f"occluder{i}", box)) for i, box in enumerate(boxes)),
+        *(("actor", _actor(name, mesh)) for name, mesh in actors),
+        *(("model", _camera(sensor)) for sensor in cameras),
+    ]
     root = ElementTree.Element("sdf", version=SDF_VERSION)
-    world = _add(root, "world", name=WORLD)
-    # nothing falls or collides: time passes as fast as images are drawn, at most as fast as the clock
-    physics = _add(world, "physics", name="steps", type="ignored")
-    _add(physics, "max_step_size", _numbers(_STEP_S))
-    _add(physics, "real_time_factor", "1")
-    for system, name in (("sensors", "Sensors"), ("scene-broadcaster", "SceneBroadcaster"), ("user-commands", "UserCommands")):
-        plugin = _add(world, "plugin", filename=release.plugin.format(system), name=release.system.format(name))
-        if name == "Sensors":
-            _add(plugin, "render_engine", "ogre2")
-    _lights(world, room, lamp_m)
-    for model in models:
-        _still(world, model)
-    for i, box in enumerate(boxes):
-        _box(world, f"occluder{i}", box)
-    for name, mesh in actors:
-        _actor(world, name, mesh)
-    for sensor in cameras:
-        _camera(world, sensor)
+    world = ElementTree.SubElement(root, "world", name=WORLD)
+    for tag, content in children:
+        _fill(ElementTree.SubElement(world, tag), content)
     ElementTree.indent(root, "  ")
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
 
-def _lights(world: ElementTree.Element, room: RoomSettings, lamp_m: float) -> None:
-    scene = _add(world, "scene")
-    _add(scene, "ambient", _grey(_AMBIENT * room.brightness))
-    _add(scene, "background", "0.74 0.76 0.78 1")
-    _add(scene, "shadows", "true" if room.shadows else "false")
-    _add(scene, "grid", "false")
-    lamp = _add(world, "light", name="lamp", type="spot")
-    _add(lamp, "pose", f"0.8 -0.6 {_numbers(lamp_m)} 0 0 0")
-    _shine(lamp, _LAMP * room.brightness, room.shadows, (0.0, 0.0, -1.0))
-    reach = _add(lamp, "attenuation")
-    for name, value in (("range", "100"), ("constant", "1"), ("linear", "0"), ("quadratic", "0")):
-        _add(reach, name, value)
-    cone = _add(lamp, "spot")
-    for name, value in (("inner_angle", "1.2"), ("outer_angle", "2.16"), ("falloff", "0.5")):
-        _add(cone, name, value)
-    for i, direction in enumerate(((-0.9, 0.3, -0.35), (0.4, -0.9, -0.25))):
-        fill = _add(world, "light", name=f"fill{i}", type="directional")
-        _add(fill, "pose", "0 0 6 0 0 0")
-        _shine(fill, _FILL * room.brightness, False, direction)
+# of an element: its text, or its attributes (``@name``) and what is in it
+Content = str | dict[str, Any]
+_SYSTEMS = (("sensors", "Sensors"), ("scene-broadcaster", "SceneBroadcaster"), ("user-commands", "UserCommands"))
 
 
-def _shine(light: ElementTree.Element, level: float, shadows: bool, direction: tuple[float, float, float]) -> None:
-    _add(light, "cast_shadows", "true" if shadows else "false")
-    _add(light, "diffuse", _grey(level))
-    _add(light, "specular", _grey(0.0))
-    _add(light, "direction", _numbers(direction))
+def _fill(element: ElementTree.Element, content: Content) -> None:
+    if isinstance(content, str):
+        element.text = content
+        return
+    for tag, part in content.items():
+        if tag.startswith("@"):
+            element.set(tag[1:], part)
+        else:
+            _fill(ElementTree.SubElement(element, tag), part)
 
 
-def _still(world: ElementTree.Element, still: StillModel) -> None:
-    visual = _static_visual(world, still.name, still.world_from_model)
-    _add(_add(_add(visual, "geometry"), "mesh"), "uri", still.mesh)
-    material = _add(visual, "material")
-    for name in ("ambient", "diffuse"):
-        _add(material, name, _grey(1.0))
-    _add(material, "specular", _grey(0.0))
-    matt = _add(_add(material, "pbr"), "metal")
-    for name, value in (("albedo_map", still.texture), ("metalness", "0"), ("roughness", "1")):
-        _add(matt, name, value)
+def _plugin(release: Release, system: str, name: str) -> Content:
+    engine = {"render_engine": "ogre2"} if name == "Sensors" else {}
+    return {"@filename": release.plugin.format(system), "@name": release.system.format(name), **engine}
 
 
-def _box(world: ElementTree.Element, name: str, box: Box) -> None:
-    visual = _static_visual(world, name, box.world_from_box)
-    _add(_add(_add(visual, "geometry"), "box"), "size", _numbers(2 * box.half_m))
-    material = _add(visual, "material")
-    for kind in ("ambient", "diffuse"):
-        _add(material, kind, f"{_numbers(box.colour)} 1")
-    _add(material, "specular", _grey(0.0))
-
-
-def _static_visual(world: ElementTree.Element, name: str, pose: SE3) -> ElementTree.Element:
-    model = _add(world, "model", name=name)
-    _add(model, "static", "true")
-    _add(model, "pose", pose_text(pose))
-    return _add(_add(model, "link", name="link"), "visual", name="visual")
-
-
-def _actor(world: ElementTree.Element, name: str, mesh: str) -> None:
-    actor = _add(world, "actor", name=name)
-    # no <trajectory>: with one, Gazebo puts a curve of its own in the place of the root's motion
-    _add(_add(actor, "skin"), "filename", mesh)
-    _add(_add(actor, "animation", name="motion"), "filename", mesh)
-    script = _add(actor, "script")
-    for key, value in (("loop", "true"), ("delay_start", "0"), ("auto_start", "true")):
-        _add(script, key, value)
-
-
-def _camera(world: ElementTree.Element, sensor: CameraSensor) -> None:
-    camera = sensor.camera
-    model = _add(world, "model", name=camera.name)
-    _add(model, "static", "true")
-    _add(model, "pose", pose_text(world_from_link(camera)))
-    described = _add(_add(model, "link", name="link"), "sensor", name="camera", type="camera")
-    for key, value in (("topic", sensor.image_topic), ("update_rate", _numbers(sensor.rate_hz)), ("always_on", "true")):
-        _add(described, key, value)
-    lens = _add(described, "camera")
-    _add(lens, "horizontal_fov", _numbers(2 * np.arctan(camera.size_wh[0] / 2 / camera.K[0, 0])))
-    image = _add(lens, "image")
-    for key, text in (("width", str(camera.size_wh[0])), ("height", str(camera.size_wh[1])), ("format", "R8G8B8")):
-        _add(image, key, text)
-    clip = _add(lens, "clip")
-    _add(clip, "near", _numbers(_NEAR_M))
-    _add(clip, "far", _numbers(_FAR_M))
-    if sensor.noise_dn:
-        noise = _add(lens, "noise")
-        for key, text in (("type", "gaussian"), ("mean", "0"), ("stddev", _numbers(sensor.noise_dn / _GREY_LEVELS))):
-            _add(noise, key, text)
-    intrinsics = _add(_add(lens, "lens"), "intrinsics")
-    values = {
-        "fx": camera.K[0, 0],
-        "fy": camera.K[1, 1],
-        "cx": camera.K[0, 2] + CENTRE_PX,
-        "cy": camera.K[1, 2] + CENTRE_PX,
-        "s": 0.0,
+def _lights(room: RoomSettings, lamp_m: float) -> list[tuple[str, Content]]:
+    ambient, shadows = _grey(_AMBIENT * room.brightness), "true" if room.shadows else "false"
+    lamp = {
+        "pose": f"0.8 -0.6 {_numbers(lamp_m)} 0 0 0",
+        **_shine(_LAMP * room.brightness, shadows, (0.0, 0.0, -1.0)),
+        "attenuation": {"range": "100", "constant": "1", "linear": "0", "quadratic": "0"},
+        "spot": {"inner_angle": "1.2", "outer_angle": "2.16", "falloff": "0.5"},
     }
-    for key, number in values.items():
-        _add(intrinsics, key, _numbers(number))
+    fills = [
+        {"pose": "0 0 6 0 0 0", **_shine(_FILL * room.brightness, "false", direction)}
+        for direction in ((-0.9, 0.3, -0.35), (0.4, -0.9, -0.25))
+    ]
+    return [
+        ("scene", {"ambient": ambient, "background": "0.74 0.76 0.78 1", "shadows": shadows, "grid": "false"}),
+        ("light", {"@name": "lamp", "@type": "spot", **lamp}),
+        *(("light", {"@name": f"fill{i}", "@type": "directional", **fill}) for i, fill in enumerate(fills)),
+    ]
+
+
+def _shine(level: float, shadows: str, direction: tuple[float, float, float]) -> dict[str, Any]:
+    return {"cast_shadows": shadows, "diffuse": _grey(level), "specular": _grey(0.0), "direction": _numbers(direction)}
+
+
+def _still(still: StillModel) -> Content:
+    matt = {"albedo_map": still.texture, "metalness": "0", "roughness": "1"}
+    return _shown(still.name, still.world_from_model, {"mesh": {"uri": still.mesh}}, _grey(1.0), {"pbr": {"metal": matt}})
+
+
+def _box(name: str, box: Box) -> Content:
+    return _shown(name, box.world_from_box, {"box": {"size": _numbers(2 * box.half_m)}}, f"{_numbers(box.colour)} 1", {})
+
+
+def _shown(name: str, pose: SE3, shape: Content, colour: str, looks: dict[str, Any]) -> Content:
+    """A model that is seen."""
+    material = {"ambient": colour, "diffuse": colour, "specular": _grey(0.0), **looks}
+    return _static(name, pose, {"visual": {"@name": "visual", "geometry": shape, "material": material}})
+
+
+def _static(name: str, pose: SE3, held: dict[str, Any]) -> Content:
+    return {"@name": name, "static": "true", "pose": pose_text(pose), "link": {"@name": "link", **held}}
+
+
+def _actor(name: str, mesh: str) -> Content:
+    # no <trajectory>: with one, Gazebo puts a curve of its own in the place of the root's motion
+    script = {"loop": "true", "delay_start": "0", "auto_start": "true"}
+    return {"@name": name, "skin": {"filename": mesh}, "animation": {"@name": "motion", "filename": mesh}, "script": script}
+
+
+def _camera(sensor: CameraSensor) -> Content:
+    camera, (width, height) = sensor.camera, sensor.camera.size_wh
+    fx, fy, cx, cy = camera.K[0, 0], camera.K[1, 1], camera.K[0, 2] + CENTRE_PX, camera.K[1, 2] + CENTRE_PX
+    intrinsics = {name: _numbers(value) for name, value in zip(("fx", "fy", "cx", "cy", "s"), (fx, fy, cx, cy, 0.0), strict=True)}
+    noise = {"type": "gaussian", "mean": "0", "stddev": _numbers(sensor.noise_dn / _GREY_LEVELS)}
+    optics = {
+        "horizontal_fov": _numbers(2 * np.arctan(width / 2 / fx)),
+        "image": {"width": str(width), "height": str(height), "format": "R8G8B8"},
+        "clip": {"near": _numbers(_NEAR_M), "far": _numbers(_FAR_M)},
+        **({"noise": noise} if sensor.noise_dn else {}),
+        "lens": {"intrinsics": intrinsics},
+    }
+    times = {"topic": sensor.image_topic, "update_rate": _numbers(sensor.rate_hz), "always_on": "true"}
+    described = {"@name": "camera", "@type": "camera", **times, "camera": optics}
+    return _static(camera.name, world_from_link(camera), {"sensor": described})
 
 
 def pose_text(pose: SE3) -> str:
@@ -212,12 +197,6 @@ def pose_text(pose: SE3) -> str:
 
 def _grey(level: float) -> str:
     return f"{level:.6g} {level:.6g} {level:.6g} 1"
-
-
-def _add(parent: ElementTree.Element, tag: str, text: str | None = None, **attributes: str) -> ElementTree.Element:
-    child = ElementTree.SubElement(parent, tag, attributes)
-    child.text = text
-    return child
 
 
 def _numbers(values: float | Sequence[float] | Array) -> str:

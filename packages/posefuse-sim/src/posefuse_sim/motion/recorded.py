@@ -23,12 +23,13 @@ import numpy as np
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
-from posefuse.formats.bvh import BvhData, read_bvh
+from posefuse.formats.bvh import BvhData
 from posefuse.formats.recording import read_recording
 from posefuse.formats.trc import read_trc
 from posefuse_sim.body import SEGMENTS, SimulatedBody
 from posefuse_sim.body.anatomy import turn
 
+from .bvh import read_bvh
 from .posture import (
     EASY_PRONATION_RAD,
     SIDES,
@@ -56,6 +57,7 @@ _NAMES = {
 _CHILD = {"thigh": "shank", "shank": "foot", "upper_arm": "forearm", "forearm": "hand"}
 # a rest foot that points further down than this does not determine the forward direction
 _FLAT_FOOT = 0.3
+Points = dict[str, Array]
 
 
 def retargeted(body: SimulatedBody, settings: RecordedSettings) -> Sampled:
@@ -78,18 +80,13 @@ def retargeted(body: SimulatedBody, settings: RecordedSettings) -> Sampled:
     path = position[:, legs].mean(axis=1) @ world_from_file.T * (sum(lengths_m(body, "left", "leg")) / theirs)
     path[:, :2] += np.array(settings.position_m or (0.0, 0.0)) - path[0, :2]
     times = np.arange(len(data)) * data.frame_s
-    return on_floor(
-        body,
-        Sampled(
-            t_s=times,
-            centre_world=path,
-            axes_world=axes,
-            toes_up_rad=np.zeros((len(path), 2)),
-            start_s=settings.start_s,
-            loop=settings.loop,
-        ),
-        floor_known=False,
-    )
+    return on_floor(body, _sampled(times, path, axes, settings), floor_known=False)
+
+
+def _sampled(t_s: Array, centre_world: Array, axes: Points, settings: RecordedSettings) -> Sampled:
+    flat = np.zeros((len(t_s), 2))
+    start_s, loop = settings.start_s, settings.loop
+    return Sampled(t_s=t_s, centre_world=centre_world, axes_world=axes, toes_up_rad=flat, start_s=start_s, loop=loop)
 
 
 def _plain_joint(name: str) -> str:
@@ -199,8 +196,6 @@ _SYNONYMS = {"toe": "bigtoe", "footindex": "bigtoe"}
 # between these sines of its bend a limb's plane takes over from the segment above
 _BENT = (0.1, 0.35)
 
-Points = dict[str, Array]
-
 
 def from_trc(body: SimulatedBody, settings: RecordedSettings) -> Sampled:
     """A TRC file as a motion of this body; raises InputError naming the file and the markers that are missing."""
@@ -231,15 +226,7 @@ def motion_from_points(body: SimulatedBody, t_s: Array, points: Points, settings
     path = _middle(points, "left_hip", "right_hip") * (sum(lengths_m(body, "left", "leg")) / (2 * theirs))
     start = path[0, :2] * (2 * theirs) / sum(lengths_m(body, "left", "leg"))
     path[:, :2] += (start if settings.position_m is None else np.array(settings.position_m)) - path[0, :2]
-    motion = Sampled(
-        t_s=t_s - t_s[0],
-        centre_world=path,
-        axes_world=axes,
-        toes_up_rad=np.zeros((len(path), 2)),
-        start_s=settings.start_s,
-        loop=settings.loop,
-    )
-    return on_floor(body, motion, floor_known=True)
+    return on_floor(body, _sampled(t_s - t_s[0], path, axes, settings), floor_known=True)
 
 
 _LEG = (("hip", "knee"), ("knee", "ankle"))

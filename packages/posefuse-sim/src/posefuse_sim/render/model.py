@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,8 +9,9 @@ import numpy as np
 from posefuse.core.arrays import Array
 from posefuse.core.se3 import quaternion_product, wxyz_from_matrix, wxyz_from_rotvec
 from posefuse_sim.body import SimulatedBody
+from posefuse_sim.build import LiveScene
 from posefuse_sim.props import Prop
-from posefuse_sim.surroundings import Box, RoomSettings
+from posefuse_sim.surroundings import RoomSettings
 
 from . import textures
 from .stage import mujoco_with
@@ -28,35 +28,25 @@ _LEAST_WEIGHT = 1e-4
 _CLOTH_PER_M = 2.5
 
 
-def render_model(
-    people: Sequence[SimulatedBody],
-    boxes: Sequence[Box],
-    props: Sequence[Prop],
-    *,
-    room: RoomSettings,
-    room_size_m: tuple[float, float],
-    largest_wh: tuple[int, int],
-    seed: int,
-    backend: str,
-) -> Any:
+def render_model(live: LiveScene, largest_wh: tuple[int, int], backend: str) -> Any:
     """The MuJoCo model of a scene: moving bodies are the bones of all people, then the props.
 
     Args:
-        largest_wh: of the largest image that will be drawn. backend: how this process would draw.
+        largest_wh: of the largest ideal image that any camera needs. backend: how this process would draw.
 
     Raises:
         DependencyError: the extra ``sim`` is missing.
     """
-    scene = _Builder(mujoco_with(backend))
-    scene.look(room, room_size_m, largest_wh)
+    scene, room, seed = _Builder(mujoco_with(backend)), live.scene.room, live.scene.seed
+    scene.look(room, live.room_size_m, largest_wh)
     scene.picture("cloth", textures.cloth_picture(np.random.default_rng([seed, 31])), specular=0.05, shininess=0.1)
-    for i, body in enumerate(people):
+    for i, body in enumerate(live.bodies):
         scene.person(i, body)
-    for i, prop in enumerate(props):
+    for i, prop in enumerate(live.props):
         scene.prop(f"prop{i}", prop)
-    for box in boxes:
+    for box in live.boxes:
         scene.box(box.half_m, box.world_from_box.xyz, box.world_from_box.wxyz, rgba=[*box.colour, 1.0])
-    scene.room(room, room_size_m, np.random.default_rng([seed, 32]))
+    scene.room(room, live.room_size_m, np.random.default_rng([seed, 32]))
     return scene.spec.compile()
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import cv2
 import numpy as np
@@ -185,13 +185,7 @@ def measured_depth(true_m: Array, settings: DepthSettings, seed: list[int]) -> D
 
 def noise_of(settings: DepthSettings) -> DepthNoise:
     """The noise that such a camera states."""
-    return DepthNoise(
-        focal_px=settings.focal_px,
-        baseline_m=settings.baseline_m,
-        disparity_sigma_px=settings.disparity_sigma_px,
-        step_px=settings.step_px,
-        floor_m=settings.floor_m,
-    )
+    return DepthNoise(**{field.name: getattr(settings, field.name) for field in fields(DepthNoise)})
 
 
 def _alike(rng: np.random.Generator, shape: tuple[int, ...]) -> Array:

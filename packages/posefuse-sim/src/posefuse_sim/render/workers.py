@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing import get_context
 from multiprocessing.synchronize import Event
 from pathlib import Path
@@ -128,15 +130,19 @@ def _render(task: RenderTask) -> int:
     job = _worker.job
     shooter = _worker.shooter(task.camera)
     visible = np.zeros(task.possible.shape, bool)
-    store = _film_store(job, task) if isinstance(job.record, H264Settings) else _ImageStore(task.video, job.record.quality)
-    with store:
+    with ExitStack() as stack:
+        if isinstance(job.record, H264Settings):
+            video = VideoWriter(task.video, job.cameras[task.camera].size_wh, job.rates_hz[task.camera], job.record.crf)
+            write = stack.enter_context(video).write
+        else:
+            write = partial(_write_image, task.video, job.record.quality)
         for i, seq in enumerate(task.seq):
             if _worker.stop.is_set():
                 return 0
             seed = [job.seed, 41, task.camera, int(seq)]
             shot = shooter.shoot(task.poses[i], task.xyz_world[i], task.possible[i], job.flesh_m, seed)
             visible[i] = shot.visible
-            store.write(shot.image, int(task.stamp_ns[i]))
+            write(shot.image, int(task.stamp_ns[i]))
             if task.depth is not None and shot.depth is not None:
                 write_depth(task.depth, int(task.stamp_ns[i]), shot.depth)
     # written last, and whole or not at all: where it is, the video part is complete
@@ -144,30 +150,13 @@ def _render(task: RenderTask) -> int:
     return len(task.seq)
 
 
-def _film_store(job: RenderJob, task: RenderTask) -> VideoWriter:
-    assert isinstance(job.record, H264Settings)
-    return VideoWriter(task.video, job.cameras[task.camera].size_wh, job.rates_hz[task.camera], job.record.crf)
-
-
-class _ImageStore:
-    """Frames to numbered JPEG files, the number being the time in microseconds."""
-
-    def __init__(self, folder: Path, quality: int) -> None:
-        self._folder, self._quality = folder, quality
-
-    def __enter__(self) -> _ImageStore:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        return None
-
-    def write(self, image: Array, t_ns: int) -> None:
-        path = self._folder / image_name(t_ns)
-        _, data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, self._quality])
-        try:
-            path.write_bytes(data.tobytes())
-        except OSError as error:
-            raise InputError(f"{path}: cannot be written ({error})") from None
+def _write_image(folder: Path, quality: int, image: Array, t_ns: int) -> None:
+    path = folder / image_name(t_ns)
+    _, data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
+    try:
+        path.write_bytes(data.tobytes())
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error})") from None
 
 
 def image_name(t_ns: int) -> str:

@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from nicegui import ui
 
-from posefuse.core import InputError, PosefuseError
+from posefuse.core import InputError
 from posefuse_studio.found import Found, found_sources
-from posefuse_studio.scene.view import CameraTile
-from posefuse_studio.session_messages import WATCH
+from posefuse_studio.jobs import WATCH
+from posefuse_studio.pages.camera_tiles import camera_tiles
 from posefuse_studio.setups import DEMO, Setup, delete_setup, save_setup, setup_named, setups
-from posefuse_studio.shell import card, light, refused, title
+from posefuse_studio.shell import card, dialog, icon_button, light, redrawn, refusals, small, title
 from posefuse_studio.state import Studio
 from posefuse_studio.workspace import check_name
 
-_REFRESH_S = 0.7
-_KINDS = {"rtsp://": "RTSP stream", "http://": "HTTP stream", "usb:": "USB camera", "realsense:": "RealSense", "oak:": "OAK",
-          "ros:/": "ROS topic"}  # fmt: skip
+# of an address, by how it begins
+_KINDS = ("rtsp://", "http://", "usb:", "realsense:", "oak:", "ros:/")
 
 
 def build(studio: Studio) -> None:
@@ -33,84 +32,71 @@ class _Chooser:
 
     def __init__(self, studio: Studio) -> None:
         self._studio = studio
-        self._sources: dict[str, str] = {}
-        self._rig = ""
-        self._tiles_of: Any = None
         watching = studio.watch.job
-        if watching is not None and watching.arguments.get("sources"):
-            self._sources = dict(watching.arguments["sources"])
+        self._sources: dict[str, str] = dict(watching.arguments.get("sources") or {}) if watching is not None else {}
+        self._rig = ""
 
     def build(self) -> None:
         """Place it."""
         with ui.element("div").classes("pf-split"):
             with ui.element("div").classes("pf-column"):
                 with card("Your cameras") as head:
-                    self._rows = ui.column().classes("w-full gap-2")
-                    self._buttons()
+                    self._draw = redrawn(lambda: dict(self._sources), self._rows, classes="w-full gap-2")
+                    with ui.row().classes("gap-3 items-center"):
+                        redrawn(lambda: self._studio.watch.job is not None, self._look_button, classes="")
+                        ui.button("Save as preset", icon="save", on_click=self._save).props("flat")
                 with head:
-                    ui.space()
-                    self._preset = ui.select([], label="Preset", on_change=lambda event: self._load(event.value)).props("dense")
-                    self._preset.classes("w-44")
+                    self._preset = ui.select(self._presets(), label="Preset", on_change=lambda event: self._load(event.value))
+                    self._preset.props("dense").classes("w-44")
                 with card("Images"):
-                    self._tiles = ui.column().classes("w-full")
+                    redrawn(self._images, self._show_images)
             with ui.element("div").classes("pf-column"):
                 self._found_card()
                 self._address_card()
-        self._show_rows()
-        self._show_presets()
-        self._refresh()
-        ui.timer(_REFRESH_S, self._refresh)
 
     def _found_card(self) -> None:
         with card("Found") as head:
             lines = ui.column().classes("w-full gap-1 pf-found")
 
         async def look() -> None:
-            found = await asyncio.to_thread(found_sources, self._studio.workspace)
+            found = await asyncio.to_thread(lambda: list(found_sources(self._studio.workspace)))
             lines.clear()
             with lines:
                 for one in found:
                     with ui.row().classes("items-center gap-2 no-wrap w-full"):
                         ui.icon(one.icon).classes("text-primary")
                         ui.label(one.text).classes("pf-grow")
-                        add = ui.button(icon="add", on_click=lambda one=one: self._add(one)).props("flat dense round")
-                        add.props["aria-label"] = f"Add {one.text}"
+                        icon_button("add", f"Add {one.text}", lambda one=one: self._add(one))
                 if not found:
-                    ui.label("No camera on USB, no video and no scene in the workspace.").classes("pf-small")
+                    small("No camera on USB, no video and no scene in the workspace.")
 
         with head:
-            ui.space()
-            ui.button(icon="refresh", on_click=look).props('flat dense round aria-label="Look again"')
+            icon_button("refresh", "Look again", look)
         ui.timer(0.1, look, once=True)
 
     def _address_card(self) -> None:
+        def add() -> None:
+            text = (what.value or "").strip()
+            with refusals():
+                if not text.startswith(_KINDS):
+                    raise InputError(f"Expected an address that begins with {', '.join(_KINDS)}")
+                self._add(Found(text=text, source=text, name=f"cam{len(self._sources) + 1}", icon="lan"))
+                what.set_value("")
+
         with card("By address"):
-            ui.label("A network camera, a depth camera, a ROS topic; a phone with an RTSP app works, too.").classes("pf-small")
+            small("A network camera, a depth camera, a ROS topic; a phone with an RTSP app works, too.")
             with ui.row().classes("items-center gap-2 w-full no-wrap"):
                 what = ui.input("e.g. rtsp://192.168.1.20/stream").classes("pf-grow")
-
-                def add() -> None:
-                    text = (what.value or "").strip()
-                    kind = next((words for start, words in _KINDS.items() if text.startswith(start)), "")
-                    if not kind:
-                        ui.notify(f"Expected an address that begins with {', '.join(_KINDS)}", type="warning")
-                        return
-                    self._add(Found(text=text, source=text, name=f"cam{len(self._sources) + 1}", icon="lan"))
-                    what.set_value("")
-
-                ui.button("Add", on_click=add).props("outline no-caps")
+                ui.button("Add", on_click=add).props("outline")
         with card("Upload videos"):
             ui.upload(multiple=True, auto_upload=True, max_file_size=4 * 2**30, on_upload=self._uploaded).props(
                 'accept="video/*" flat bordered label="Press + or drop videos here"'
             )
 
     async def _uploaded(self, event: Any) -> None:
-        try:
+        with refusals():
             name = await self._studio.workspace.upload("videos", event.file.name, event.file.iterate())
-        except PosefuseError as error:
-            refused(error)
-            return
-        self._add(Found(text=name, source=f"video:{name}", name=event.file.name.rpartition(".")[0][:40], icon="movie"))
+            self._add(Found(text=name, source=f"video:{name}", name=event.file.name.rpartition(".")[0][:40], icon="movie"))
 
     def _add(self, one: Found) -> None:
         name, number = one.name.replace(" ", "_"), 1
@@ -118,162 +104,96 @@ class _Chooser:
             number += 1
             name = f"{one.name}_{number}"
         self._sources[name] = one.source
-        self._show_rows()
+        self._draw()
 
-    def _buttons(self) -> None:
-        with ui.row().classes("gap-3 items-center"):
-            self._look = ui.button("Show images", icon="visibility", on_click=self._start).props("unelevated no-caps")
-            self._stop = ui.button("Stop", icon="stop", on_click=self._end).props("outline no-caps")
-            ui.button("Save as preset", icon="save", on_click=self._save).props("flat no-caps")
+    def _rows(self, sources: Mapping[str, str]) -> None:
+        for name, source in sources.items():
+            with ui.row().classes("items-center gap-3 w-full no-wrap pf-camera-row"):
+                field = ui.input("Name", value=name).props("dense").classes("w-32")
+                field.on("blur", lambda name=name, field=field: self._rename(name, field))
+                small(source).classes("pf-grow")
+                icon_button("close", f"Remove {name}", lambda name=name: self._remove(name))
+        if not sources:
+            ui.label("Add cameras from the list of those found, or by address.").classes("pf-about")
 
-    def _show_rows(self) -> None:
-        self._rows.clear()
-        with self._rows:
-            for name, source in self._sources.items():
-                self._row(name, source)
-            if not self._sources:
-                ui.label("Add cameras from the list of those found, or by address.").classes("pf-about")
-
-    def _row(self, name: str, source: str) -> None:
-        with ui.row().classes("items-center gap-3 w-full no-wrap pf-camera-row"):
-            field = ui.input("Name", value=name).props("dense").classes("w-32")
-            field.on("blur", lambda: self._rename(name, (field.value or "").strip()))
-            ui.label(source).classes("pf-small pf-grow")
-            remove = ui.button(icon="close", on_click=lambda: self._remove(name)).props("flat dense round")
-            remove.props["aria-label"] = f"Remove {name}"
-
-    def _rename(self, old: str, new: str) -> None:
-        if new == old or not new:
-            return
-        try:
-            check_name(new)
-            if new in self._sources:
-                raise InputError(f"{new}: there is a camera of this name already")
-        except InputError as error:
-            refused(error)
-            self._show_rows()
-            return
-        self._sources = {new if name == old else name: source for name, source in self._sources.items()}
-        self._show_rows()
+    def _rename(self, old: str, field: ui.input) -> None:
+        new = (field.value or "").strip()
+        field.set_value(old)
+        with refusals():
+            if new and new != old:
+                check_name(new)
+                if new in self._sources:
+                    raise InputError(f"{new}: there is a camera of this name already")
+                self._sources = {new if name == old else name: source for name, source in self._sources.items()}
+                self._draw()
 
     def _remove(self, name: str) -> None:
         self._sources.pop(name, None)
-        self._show_rows()
+        self._draw()
+
+    def _look_button(self, looking: bool) -> None:
+        if looking:
+            ui.button("Stop", icon="stop", on_click=self._end).props("outline")
+        else:
+            ui.button("Show images", icon="visibility", on_click=self._start).props("unelevated")
 
     def _start(self) -> None:
-        if not self._sources:
-            ui.notify("Add a camera first", type="warning")
-            return
-        try:
-            self._studio.jobs.free_cameras()
-            self._studio.jobs.start(WATCH, f"Images of {len(self._sources)} cameras", {"sources": self._sources}, page="/")
-        except InputError as error:
-            refused(error)
+        with refusals():
+            if not self._sources:
+                raise InputError("Add a camera first")
+            self._studio.jobs.start(WATCH, f"Images of {len(self._sources)} cameras", {"sources": self._sources})
 
     def _end(self) -> None:
         for job in self._studio.jobs.running(WATCH):
             self._studio.jobs.cancel(job.id)
 
-    def _load(self, name: str | None) -> None:
-        if not name:
-            return
-        setup = setup_named(self._studio.workspace, name)
-        self._sources, self._rig = dict(setup.sources), setup.rig
-        self._show_rows()
+    def _presets(self) -> list[str]:
+        return [one.name for one in setups(self._studio.workspace) if one.name != DEMO]
 
-    async def _save(self) -> None:
-        known = [one.name for one in setups(self._studio.workspace) if one.name != DEMO]
+    def _load(self, name: str | None) -> None:
+        if name:
+            setup = setup_named(self._studio.workspace, name)
+            self._sources, self._rig = dict(setup.sources), setup.rig
+            self._draw()
+
+    def _save(self) -> None:
+        now, workspace = self._preset.value, self._studio.workspace
 
         def save() -> None:
-            setup = Setup(name=name.value.strip(), sources=self._sources, rig=rig.value or "")
-            try:
-                save_setup(self._studio.workspace, setup)
-            except PosefuseError as error:
-                refused(error)
-                return
-            ui.notify(f"Saved as {setup.name}", type="positive")
-            dialog.submit(True)
+            save_setup(workspace, Setup(name=name.value.strip(), sources=self._sources, rig=rig.value or ""))
+            ui.notify(f"Saved as {name.value.strip()}", type="positive")
+            self._preset.set_options(self._presets())
 
         def delete() -> None:
-            delete_setup(self._studio.workspace, str(self._preset.value))
-            ui.notify(f"{self._preset.value}: deleted; its videos and rig stay")
-            dialog.submit(True)
+            delete_setup(workspace, now)
+            ui.notify(f"{now}: deleted; its videos and rig stay")
+            self._preset.set_options(self._presets())
 
-        with ui.dialog() as dialog, ui.card().classes("gap-3"):
-            name = ui.input("Name of the preset", value=self._preset.value or "room").classes("w-64")
-            rigs = ["", *self._studio.workspace.files(".toml")]
-            rig = ui.select(rigs, value=self._rig if self._rig in rigs else "", label="Rig file, if calibrated already").classes(
-                "w-64"
-            )
-            with ui.row().classes("w-full justify-between"):
-                if self._preset.value in known:
-                    ui.button(f"Delete {self._preset.value}", on_click=delete).props("flat no-caps color=negative")
-                ui.space()
-                ui.button("Save", on_click=save).props("unelevated no-caps")
-        await dialog
-        self._show_presets()
+        with dialog("Save as preset", {"Save": save, **({f"Delete {now}": delete} if now else {})}):
+            name = ui.input("Name of the preset", value=now or "room").classes("w-64")
+            rigs = ["", *workspace.files(".toml")]
+            rig = ui.select(rigs, value=self._rig if self._rig in rigs else "", label="Rig file, if calibrated already")
+            rig.classes("w-64")
 
-    def _show_presets(self) -> None:
-        self._preset.set_options([one.name for one in setups(self._studio.workspace) if one.name != DEMO])
-
-    def _refresh(self) -> None:
+    def _images(self) -> tuple[bool, object, str]:
+        """Whether cameras are looked at, their images, and why the newest look at them failed."""
         watch = self._studio.watch
-        self._look.set_visibility(watch.job is None)
-        self._stop.set_visibility(watch.job is not None)
-        cameras: Mapping[str, Any] = watch.status.get("cameras", {})
-        last = None if watch.job is not None else self._last_error()
-        state = (tuple(cameras), tuple(one["size_wh"] is not None for one in cameras.values()), watch.job is not None, last)
-        if state != self._tiles_of:
-            self._tiles_of = state
-            self._tiles.clear()
-            with self._tiles:
-                self._fill(cameras, watch.job is not None, last)
-        for refresh in self._refreshers:
-            refresh(cameras)
+        sizes = {name: one.size_wh for name, one in watch.status.cameras.items()}
+        if watch.job is not None:
+            return True, sizes, ""
+        ended = next((job for job in self._studio.jobs.all(WATCH) if not job.arguments.get("folder")), None)
+        report = self._studio.jobs.report(ended.id) if ended is not None else None
+        return False, sizes, report.error if report is not None and report.state != "cancelled" else ""
 
-    def _last_error(self) -> str | None:
-        ended = next(iter(self._studio.jobs.all(WATCH)), None)
-        return self._studio.jobs.report(ended.id).error if ended is not None and not ended.arguments.get("project") else None
-
-    def _fill(self, cameras: Mapping[str, Any], running: bool, error: str | None) -> None:
-        self._refreshers: list[Callable[[Mapping[str, Any]], None]] = []
-        if error and "cancelled" not in error:
+    def _show_images(self, state: tuple[bool, object, str]) -> None:
+        running, sizes, error = state
+        if error:
             light("bad", error)
-        if running and not cameras:
+        if sizes:
+            camera_tiles(self._studio.watch, WATCH, overlay=False, classes="pf-grid-wide")
+        elif running:
             with ui.row().classes("items-center gap-3"):
                 ui.spinner()
                 ui.label("Opening the cameras")
-        elif not cameras:
-            ui.label("No images yet: press Show images.").classes("pf-small")
-        with ui.element("div").classes("pf-grid-wide"):
-            for number, (name, one) in enumerate(cameras.items()):
-                width, height = one["size_wh"] or (4, 3)
-                with ui.column().classes("pf-tile-box"):
-                    CameraTile(WATCH, number, aspect=width / height, name=name, overlay=False)
-                    self._refreshers.append(_state_line(name))
-
-
-def _state_line(camera: str) -> Callable[[Mapping[str, Any]], None]:
-    with ui.row().classes("pf-tile-foot"):
-        place = ui.row()
-        figures = ui.label("").classes("pf-small")
-    why = ui.label("").classes("pf-small")
-    shown: list[str] = []
-
-    def refresh(cameras: Mapping[str, Any]) -> None:
-        one = cameras.get(camera)
-        if one is None:
-            return
-        word = "bad" if one["state"] in ("lost", "ended") else "doubt" if one["text"] else "good"
-        if shown != [word]:
-            shown[:] = [word]
-            place.clear()
-            with place:
-                light(word, camera)
-        size = "" if one["size_wh"] is None else f"{one['size_wh'][0]}x{one['size_wh'][1]}, "
-        missing = f", {one['missing']} lost" if one["missing"] else ""
-        figures.set_text(f"{size}{one['rate_hz']:.0f}/s{missing}")
-        why.set_text(one["text"])
-        why.set_visibility(bool(one["text"]))
-
-    return refresh
+        else:
+            small("No images yet: press Show images.")

@@ -2,126 +2,99 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any
+import time
+from collections.abc import Callable
+from functools import partial
 
 from nicegui import ui
 
-from posefuse.core import InputError, PosefuseError
-from posefuse_studio.job_cards import result_links
-from posefuse_studio.jobs import Jobs
-from posefuse_studio.pages.live_parts import health_line, outputs_card, people_card, record_card
+from posefuse.core import InputError
+from posefuse.outputs.drawing import person_rgb
+from posefuse.realtime.config import LiveConfig
+from posefuse_studio.form import setting_fields
+from posefuse_studio.jobs import LIVE
+from posefuse_studio.pages.camera_tiles import camera_tiles
 from posefuse_studio.scene.view import VIEWS, CameraTile, RigScene, ValuePlot
-from posefuse_studio.session_messages import LIVE
+from posefuse_studio.session import SessionStatus
 from posefuse_studio.setups import DEMO, setups
-from posefuse_studio.shell import card, job_line, light, refused, title, words
+from posefuse_studio.shell import card, dialog, job_line, light, redrawn, refusals, refused, result_links, small, title, words
 from posefuse_studio.state import Studio
+from posefuse_studio.workspace import check_name
 
-_REFRESH_S = 0.5
 _NETWORKS = {"": "chosen by the speed of this machine", "blazepose_lite": "lite", "blazepose_full": "full",
              "blazepose_heavy": "heavy", "blazepose_best": "best"}  # fmt: skip
+_PARTS = {"skeletons": "Skeleton", "ellipsoids": "Uncertainty", "trails": "Trails", "cameras": "Cameras"}
 _PLOTTED = ("left_knee flexion", "right_knee flexion")
+_MOST_ROWS = 8
+# what can be switched on: plug-in, words, usual address
+_OUTPUTS = (
+    ("ros2", "ROS 2", ""),
+    ("osc", "OSC (Blender, Unity, TouchDesigner)", "127.0.0.1:9000"),
+    ("lsl", "Lab Streaming Layer", ""),
+    ("json", "JSON over UDP", "127.0.0.1:9001"),
+)
 
 
 def build(studio: Studio) -> None:
     """Place the page."""
     title("Live", "People in 3D while they move. The session runs on its own: this page may be closed and opened again.")
-    place = ui.column().classes("pf-column w-full")
-    shown: list[Any] = [None]
+    live = studio.live
 
-    def refresh() -> None:
-        cameras = tuple(studio.live.status.get("sizes", {}))
-        state = (studio.live.job and studio.live.job.id, cameras)
-        if state == shown[0]:
-            return
-        shown[0] = state
-        place.clear()
-        with place:
-            if cameras:
-                _session(studio)
-            elif studio.live.job is not None:
-                _starting(studio)
-            else:
-                _start(studio)
+    def draw(state: tuple[str, list[str]]) -> None:
+        job, cameras = state
+        if cameras:
+            _session(studio)
+        elif job:
+            _starting(studio, job)
+        else:
+            _start(studio)
 
-    refresh()
-    ui.timer(_REFRESH_S, refresh)
+    redrawn(lambda: (live.job.id if live.job else "", list(live.status.cameras)), draw, classes="pf-column w-full")
 
 
 def _start(studio: Studio) -> None:
     choices = [one.name for one in setups(studio.workspace) if one.rig or one.name == DEMO]
-    ended = next(iter(studio.jobs.all(LIVE)), None)
     with card("Start a session"):
         with ui.row().classes("items-end gap-4"):
             setup = ui.select(choices, value=choices[-1], label="Cameras").classes("w-56")
-            people = ui.number("People", value=1, min=1, max=16, step=1, precision=0).classes("w-24")
+            people = setting_fields(LiveConfig, {"track.max_people": "People"}, {"track.max_people": 1})
             network = ui.select(_NETWORKS, value="", label="Network").classes("w-80")
 
         def start() -> None:
-            arguments = {"setup": setup.value, "people": int(people.value or 1), "networks": network.value}
-            try:
-                start_session(studio.jobs, f"Live session of {setup.value}", arguments)
-            except PosefuseError as error:
-                refused(error)
+            arguments = {"setup": setup.value, "networks": network.value, "settings": people()}
+            with refusals():
+                studio.jobs.start(LIVE, f"Live session of {setup.value}", arguments, page="/live")
 
         with ui.row().classes("items-center gap-3"):
             ui.button("Start", icon="play_arrow", on_click=start).props("unelevated size=lg")
-            ui.label("Cameras that are not calibrated are not in the list: see Calibrate.").classes("pf-small")
-    if ended is not None:
+            small("Cameras that are not calibrated are not in the list: see Calibrate.")
+    if ended := studio.jobs.all(LIVE)[:1]:
+        report = studio.jobs.report(ended[0].id)
         with card("The last session"):
-            job_line(studio, ended)
-            result_links(studio.jobs.report(ended.id))
+            job_line(studio, ended[0], report)
+            result_links(report)
 
 
-def start_session(jobs: Jobs, title: str, arguments: Mapping[str, Any]) -> None:
-    """Start a live session, unless one runs, which the page shows in a moment; cameras that are only looked at are given free.
-
-    Raises:
-        InputError: a calibration is being recorded.
-    """
-    if jobs.running(LIVE):
-        return
-    jobs.free_cameras()
-    jobs.start(LIVE, title, arguments, page="/live")
-
-
-def _starting(studio: Studio) -> None:
+def _starting(studio: Studio, job: str) -> None:
     with card():
         with ui.row().classes("items-center gap-4"):
             ui.spinner(size="lg")
             ui.label("Starting").classes("pf-next")
-        news = ui.label("").classes("pf-small")
-    job = studio.live.job
-
-    def refresh() -> None:
-        if job is not None:
-            news.set_text("; ".join(studio.jobs.report(job.id).news[-2:]))
-
-    ui.timer(_REFRESH_S, refresh)
+        redrawn(lambda: "; ".join(studio.jobs.report(job).news[-2:]), small)
 
 
 def _session(studio: Studio) -> None:
-    sizes: Mapping[str, Any] = studio.live.status["sizes"]
-    refreshers: list[Callable[[Mapping[str, Any]], None]] = []
     with ui.element("div").classes("pf-split"):
         with ui.element("div").classes("pf-column"):
             _scene_card()
-            _tiles_card(sizes, refreshers)
+            _tiles_card(studio)
         with ui.element("div").classes("pf-column"):
-            _figures_card(studio, refreshers)
-            refreshers.append(record_card(studio))
+            _figures_card(studio)
+            _record_card(studio)
             _angles_card(studio)
-            refreshers.append(people_card(studio))
-            refreshers.append(outputs_card(studio))
-            _news_card(refreshers)
-
-    def refresh() -> None:
-        if status := studio.live.status:
-            for one in refreshers:
-                one(status)
-
-    refresh()
-    ui.timer(_REFRESH_S, refresh)
+            _people_card(studio)
+            _outputs_card(studio)
+            _news_card(studio)
 
 
 def _scene_card() -> None:
@@ -129,107 +102,166 @@ def _scene_card() -> None:
         scene = RigScene(LIVE, ellipsoids=True, trails=True)
         with ui.row().classes("pf-stage-views"):
             for where, text in VIEWS.items():
-                ui.button(text, on_click=lambda where=where: scene.look(where)).props("flat dense no-caps size=sm")
+                ui.button(text, on_click=lambda where=where: scene.look(where)).props("flat dense size=sm")
+    with head, ui.row().classes("gap-3"):
+        for name, text in _PARTS.items():
+            ui.checkbox(text, value=True, on_change=lambda event, name=name: scene.show(**{name: event.value})).props("dense")
+
+
+def _tiles_card(studio: Studio) -> None:
+    with card("Cameras") as head:
+        tiles = camera_tiles(studio.live, LIVE)
     with head:
-        ui.space()
-        with ui.row().classes("gap-3"):
-            boxes = {name: ui.checkbox(text, value=True).props("dense") for name, text in _PARTS.items()}
-    for name, box in boxes.items():
-        box.on_value_change(lambda event, name=name: scene.show(**{name: bool(event.value)}))
+        ui.checkbox("Keypoints", value=True, on_change=lambda event: CameraTile.show(tiles, event.value)).props("dense")
 
 
-_PARTS = {"skeletons": "Skeleton", "ellipsoids": "Uncertainty", "trails": "Trails", "cameras": "Cameras"}
+def _figures_card(studio: Studio) -> None:
+    def figure(about: str, text: Callable[[SessionStatus], str]) -> None:
+        with ui.column().classes("gap-0"):
+            ui.label().bind_text_from(studio.live, "status", text).classes("pf-figure")
+            small(about)
 
+    def cameras(now: SessionStatus) -> str:
+        return f"{sum(one.light == 'good' for one in now.cameras.values())} of {len(now.cameras)}"
 
-def _tiles_card(sizes: Mapping[str, Any], refreshers: list[Callable[[Mapping[str, Any]], None]]) -> None:
-    with card("Cameras") as head, ui.element("div").classes("pf-grid"):
-        tiles = []
-        for number, (name, (width, height)) in enumerate(sizes.items()):
-            with ui.column().classes("pf-tile-box"):
-                tiles.append(CameraTile(LIVE, number, aspect=width / height, name=name))
-                refreshers.append(health_line(name))
-    with head:
-        ui.space()
-        overlay = ui.checkbox("Keypoints", value=True).props("dense")
-
-    def switch_overlay() -> None:
-        for tile in tiles:
-            tile.show(bool(overlay.value))
-
-    overlay.on_value_change(switch_overlay)
-
-
-def _figures_card(studio: Studio, refreshers: list[Callable[[Mapping[str, Any]], None]]) -> None:
     with card("Session") as head, ui.row().classes("pf-figures"):
-        latency, cameras, people = (_figure(text) for text in ("latency, 95 %", "cameras working", "people"))
+        figure("latency, 95 %", lambda now: "–" if now.latency_p95_ms is None else f"{now.latency_p95_ms:.0f} ms")
+        figure("cameras working", cameras)
+        figure("people", lambda now: str(len(now.people)))
     with head:
-        ui.space()
-        ui.button("End session", icon="stop", on_click=lambda: _end(studio)).props("outline dense no-caps color=negative")
-
-    def refresh(status: Mapping[str, Any]) -> None:
-        states = [one["state"] for one in status["cameras"].values()]
-        value = status["latency_p95_ms"]
-        latency.set_text(f"{value:.0f} ms" if value == value else "–")
-        cameras.set_text(f"{states.count('ok')} of {len(states)}")
-        people.set_text(str(len(status["people"])))
-
-    refreshers.append(refresh)
+        ui.button("End session", icon="stop", on_click=lambda: _ask_end(studio)).props("outline dense color=negative")
 
 
-def _figure(about: str) -> ui.label:
-    with ui.column().classes("gap-0"):
-        value = ui.label("–").classes("pf-figure")
-        ui.label(about).classes("pf-small")
-    return value
-
-
-async def _end(studio: Studio) -> None:
+def _ask_end(studio: Studio) -> None:
     job = studio.live.job
-    with ui.dialog() as dialog, ui.card():
-        ui.label("End the session for everyone? A recording is finished first.")
-        with ui.row().classes("w-full justify-end"):
-            ui.button("Keep it", on_click=lambda: dialog.submit(False)).props("flat no-caps")
-            ui.button("End it", on_click=lambda: dialog.submit(True)).props("unelevated no-caps color=negative")
     # the session that was shown when the button was pressed, not one that has taken its place
-    if await dialog and job is not None:
-        studio.jobs.cancel(job.id)
+    if job is not None:
+        with dialog("End the session for everyone?", {"End it": partial(studio.jobs.cancel, job.id)}):
+            ui.label("A recording is finished first.")
+
+
+def _record_card(studio: Studio) -> None:
+    live = studio.live
+
+    def begin() -> None:
+        with refusals():
+            check_name(name.value.strip())
+            if not (poses.value or videos.value):
+                raise InputError("Choose what to record: 2D and poses, videos, or both")
+            live.ask("record", name=name.value.strip(), poses=poses.value, videos=videos.value)
+
+    def recorded(now: SessionStatus) -> str:
+        return f"● {now.recording}   {int(now.seconds // 60)}:{now.seconds % 60:04.1f}"
+
+    with card("Record"):
+        with ui.column().bind_visibility_from(live, "status", lambda now: not now.recording):
+            with ui.row().classes("items-center gap-4"):
+                name = ui.input("Name", value=time.strftime("%Y-%m-%d trial")).props("dense").classes("w-44")
+                poses = ui.checkbox("2D and poses (.mcap)", value=True).props("dense")
+                videos = ui.checkbox("Videos", value=True).props("dense")
+            ui.button("Record", icon="fiber_manual_record", on_click=begin).props("unelevated color=negative")
+        with ui.row().classes("items-center gap-4").bind_visibility_from(live, "status", lambda now: bool(now.recording)):
+            stop = ui.button("Stop", icon="stop", on_click=lambda: live.ask("stop_recording"))
+            stop.props("unelevated color=negative")
+            ui.label().bind_text_from(live, "status", recorded).classes("pf-recording")
 
 
 def _angles_card(studio: Studio) -> None:
-    names = list(studio.live.status["plots"])
+    names = studio.live.status.plots
     chosen = [name for name in _PLOTTED if name in names] or names[:2]
     with card("Joint angles"):
-        choice = (
-            ui.select({name: words(name) for name in names}, value=chosen, multiple=True)
-            .props("dense use-chips")
-            .classes("w-full")
-        )
+        choice = ui.select({name: words(name) for name in names}, value=chosen, multiple=True)
+        choice.props("dense use-chips").classes("w-full")
         plot = ValuePlot(LIVE, [names.index(name) for name in chosen], chosen)
         if not names:
-            ui.label("No angles: the network does not mark enough of the body.").classes("pf-small")
+            small("No angles: the network does not mark enough of the body.")
     choice.on_value_change(lambda event: plot.choose([names.index(one) for one in event.value], event.value))
 
 
-def _news_card(refreshers: list[Callable[[Mapping[str, Any]], None]]) -> None:
-    with card("What happened"):
-        lines = ui.column().classes("gap-1 pf-news")
-    shown: list[list[str]] = []
+def _people_card(studio: Studio) -> None:
+    """Ids, colours and names; the one whose angles are shown.
 
-    def refresh(status: Mapping[str, Any]) -> None:
-        news, no = list(status["news"][-8:]), list(status["refused"])
-        if [news, no] == shown:
-            return
+    A row stays where its person is lost for a while: what is being typed must not vanish with it.
+    """
+    rows: dict[int, ui.row] = {}
+
+    def show(seen: list[int]) -> None:
+        none_seen.set_visibility(not (seen or rows))
+        for person in seen:
+            if person not in rows:
+                with place:
+                    rows[person] = _person_row(studio, person)
+        for person in [one for one in rows if one not in seen][: max(len(rows) - _MOST_ROWS, 0)]:
+            rows.pop(person).delete()
+        for person, row in rows.items():
+            row.classes(**{"remove" if person in seen else "add": "pf-absent"})
+
+    with card("People"):
+        place = ui.column().classes("gap-2 w-full")
+        none_seen = small("No person is seen by two cameras.")
+        redrawn(lambda: studio.live.status.people, show)
+
+
+def _person_row(studio: Studio, person: int) -> ui.row:
+    red, green, blue = person_rgb(person)
+    live = studio.live
+    with ui.row().classes("items-center gap-3 no-wrap w-full") as row:
+        ui.element("div").classes("pf-dot").style(f"background:rgb({red},{green},{blue})")
+        small(f"id {person}")
+        name = ui.input("Name", value=live.status.names.get(person, "")).props(f'dense aria-label="Name of person {person}"')
+        for done in ("blur", "keydown.enter"):
+            name.classes("w-36").on(done, lambda: live.ask("name", person=person, text=name.value or ""))
+        angles = ui.button("Angles", on_click=lambda: live.ask("person", person=person)).props("flat dense size=sm")
+        angles.bind_visibility_from(live, "status", lambda now: len(now.people) > 1)
+        angles.bind_enabled_from(live, "status", lambda now: now.person != person)
+    return row
+
+
+def _outputs_card(studio: Studio) -> None:
+    """Outputs, each switched on and off while the session runs."""
+    with card("Send to"):
+        for name, text, usual in _OUTPUTS:
+            with ui.column().classes("gap-0 w-full"), ui.row().classes("items-center gap-3 w-full no-wrap"):
+                _output_switch(studio, name, text, usual)
+
+
+def _output_switch(studio: Studio, name: str, text: str, usual: str) -> None:
+    live = studio.live
+
+    def switched() -> None:
+        options = {"to": [where.value]} if usual else {}
+        live.ask("output", name=name, options=options if switch.value else None)
+
+    def state(now: SessionStatus) -> str:
+        output = now.outputs.get(name)
+        if output is None:
+            return ""
+        if output.state != "ok":
+            return f"{output.state}: {output.text or output.where}"
+        return f"{output.taken} messages to {output.where or 'the network'}" * (name in now.wanted)
+
+    switch = ui.switch(text).bind_value_from(live, "status", lambda now: name in now.wanted)
+    switch.on("update:model-value", switched)
+    if usual:
+        where = ui.input("Address", value=usual).props("dense").classes("w-36")
+    small("").bind_text_from(live, "status", state)
+
+
+def _news_card(studio: Studio) -> None:
+    shown = set(studio.live.status.refused)
+
+    def draw(state: tuple[list[str], list[str]]) -> None:
+        no, news = state
         # the card may be below the window
-        for line in [one for one in no if one not in shown[1]] if shown else []:
-            refused(InputError(line.partition(" ")[2]))
-        shown[:] = [news, no]
-        lines.clear()
-        with lines:
-            for line in no[-3:]:
-                light("bad", line.partition(" ")[2])
-            for line in reversed(news):
-                ui.label(line).classes("pf-small")
-            if not (no or news):
-                ui.label("Nothing so far.").classes("pf-small")
+        for line in [one for one in no if one not in shown]:
+            refused(line.partition(" ")[2])
+        shown.update(no)
+        for line in no[-3:]:
+            light("bad", line.partition(" ")[2])
+        for line in reversed(news):
+            small(line)
+        if not (no or news):
+            small("Nothing so far.")
 
-    refreshers.append(refresh)
+    with card("What happened"):
+        redrawn(lambda: (studio.live.status.refused, studio.live.status.news[-8:]), draw, classes="gap-1 pf-news")

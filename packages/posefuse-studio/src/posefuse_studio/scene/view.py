@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 # importing it registers the bundled three.js under the name that the component imports
@@ -51,10 +52,12 @@ class CameraTile(Element, component="camera_tile.js", esm={"posefuse-studio": "l
         self.classes("pf-tile")
         self._props.update({"role": "img", "aria-label": f"camera {name or camera}"})
 
-    def show(self, overlay: bool) -> None:
-        """Switch the overlay."""
-        self._props["overlay"] = overlay
-        self.update()
+    @staticmethod
+    def show(tiles: Iterable[CameraTile], overlay: bool) -> None:
+        """Switch the overlay of some."""
+        for tile in tiles:
+            tile._props["overlay"] = overlay
+            tile.update()
 
 
 class ValuePlot(Element, component="value_plot.js", esm={"posefuse-studio": "lib"}):

@@ -1,10 +1,11 @@
-"""A live session with its host, see `live_host`. Arguments: ``setup``, ``people``, ``networks``, ``rate_hz``."""
+"""A live session with its host, see `session`. Arguments: ``setup``, ``networks``, ``settings`` (by dotted key)."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,9 +16,9 @@ from posefuse.core import Detections2D, JointAngles, LivePreview, Pose3D, Posefu
 from posefuse.core.arrays import Array
 from posefuse.core.joint_angles import angle_labels
 from posefuse.outputs.drawing import person_rgb
-from posefuse_studio.live_host import Host, Pace, Rates, status_pace
 from posefuse_studio.scene.messages import image_message, labels_message, poses_message, setup_message, values_message
 from posefuse_studio.scene.setup import scene_setup
+from posefuse_studio.session import CameraStatus, Host, Pace, Rates, SessionStatus, status_pace
 from posefuse_studio.setups import rig_of_setup, setup_named, sources_of_setup
 from posefuse_studio.workspace import POSES_FILE, StudioWorkspace, check_name
 
@@ -34,23 +35,14 @@ def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any)
     rig = rig_of_setup(workspace, setup)
     sources, loop_s = sources_of_setup(workspace, setup)
     rig = rig.only([name for name in rig.names if name in sources])
-    session = pf.live(
-        rig,
-        sources,
-        people=int(arguments.get("people") or 1),
-        networks=str(arguments.get("networks") or "") or None,
-        loop_s=loop_s,
-        progress=progress,
-    )
+    networks = str(arguments.get("networks") or "") or None
+    session = pf.live(rig, sources, networks=networks, settings=arguments.get("settings"), loop_s=loop_s, progress=progress)
     shown = _Shown(session, rig, workspace, progress)
     session.on_image = shown.image
     progress("start", 0, None, "starting the cameras and the network")
-    try:
-        # a session has no end of its own: one that is ended has done what it was for
-        with session, suppress(KeyboardInterrupt):
-            shown.run()
-    finally:
-        shown.end()
+    # a session has no end of its own: one that is ended has done what it was for
+    with session, suppress(KeyboardInterrupt):
+        shown.run()
     return {"recordings": [name for name in shown.recordings if workspace.path(name).is_file()]}
 
 
@@ -64,8 +56,9 @@ class _Shown:
         self._names: dict[int, str] = {}
         self._refused: list[str] = []
         self._person: int | None = None
-        self._recording: dict[str, Any] | None = None
-        self._wanted: dict[str, dict[str, Any]] = {}
+        # folder of the recording that runs, and since when
+        self._recording, self._since_s = "", 0.0
+        self._wanted: list[str] = []
         self._rates = Rates()
         self._begun_s = time.time()
         self._setup_of: tuple[Skeleton, tuple[str, ...], tuple[str, ...]] | None = None
@@ -74,7 +67,11 @@ class _Shown:
 
     def run(self) -> None:
         """Pack and report until the session ends."""
-        self._host = host = Host(self._request, self._watched)
+        requests: dict[str, Callable[..., None]] = {
+            "output": self._switch, "record": self._record, "stop_recording": self._stop_recording, "name": self._name,
+            "person": self._choose,
+        }  # fmt: skip
+        self._host = host = Host({name: partial(self._try, do) for name, do in requests.items()}, self._watched)
         self._progress.listens(host.address)
         pose_pace, status = Pace(1 / POSES_HZ), Pace(status_pace(False))
         t_ns = 0
@@ -93,10 +90,6 @@ class _Shown:
             if not host.watched:
                 # at the full output rate this loop alone would cost some per cent of a core
                 time.sleep(_WAIT_S)
-
-    def end(self) -> None:
-        """Finish a recording."""
-        self._stop_recording()
 
     def image(self, preview: LivePreview, view: Detections2D | None) -> None:
         """See `LiveSession.on_image`."""
@@ -140,50 +133,39 @@ class _Shown:
             setup = scene_setup(self._rig, skeleton, plots=plots, faulty=faulty)
             self._host.publish("setup", setup_message(setup), keep=True)
 
-    def _status(self, pose: Pose3D | None) -> dict[str, Any]:
-        cameras = self._session.cameras
-        latencies = [one.figures["latency_p95_ms"] for one in cameras.values() if one.figures.get("latency_p95_ms", 0) > 0]
-        return {
-            "cameras": {
-                name: {
-                    "state": one.state,
-                    "text": one.text,
-                    "rate_hz": self._rates.hz(name, one.figures.get("captured", 0.0)),
-                    **one.figures,
-                }
-                for name, one in cameras.items()
-            },
-            "sizes": {camera.name: list(camera.size_wh) for camera in self._rig},
-            "outputs": {
-                name: {"state": one.state, "text": one.text, "where": one.where, "taken": one.taken}
-                for name, one in self._session.outputs.items()
-            },
-            "wanted": {name: dict(options) for name, options in self._wanted.items()},
-            "people": [] if pose is None else pose.person_id.tolist(),
-            "names": dict(self._names),
-            "person": self._person,
-            "plots": list(self._setup_of[1]) if self._setup_of else [],
-            "latency_p95_ms": max(latencies, default=float("nan")),
-            "recording": self._recording and self._recording | {"seconds": time.monotonic() - self._recording["since_s"]},
-            "news": self._session.news[-_MOST_NEWS:],
-            "refused": list(self._refused[-_MOST_NEWS:]),
-        }
+    def _status(self, pose: Pose3D | None) -> SessionStatus:
+        latencies = [one.figures.get("latency_p95_ms", 0.0) for one in self._session.cameras.values()]
+        return SessionStatus(
+            cameras={camera.name: self._camera(camera.name, camera.size_wh) for camera in self._rig},
+            recording=self._recording,
+            seconds=time.monotonic() - self._since_s,
+            people=[] if pose is None else pose.person_id.tolist(),
+            names=dict(self._names),
+            person=self._person,
+            plots=list(self._setup_of[1]) if self._setup_of else [],
+            outputs=dict(self._session.outputs),
+            wanted=list(self._wanted),
+            latency_p95_ms=max(latencies, default=0.0) or None,
+            news=self._session.news[-_MOST_NEWS:],
+            refused=list(self._refused[-_MOST_NEWS:]),
+        )
+
+    def _camera(self, name: str, size_wh: tuple[int, int]) -> CameraStatus:
+        health = self._session.cameras.get(name)
+        if health is None:
+            return CameraStatus(light="doubt", state="starting", size_wh=size_wh)
+        rate_hz, dropped = self._rates.hz(name, health.figures.get("captured", 0.0)), health.figures.get("replaced", 0.0)
+        figures = f"{rate_hz:.0f}/s" + (f", {dropped:.0f} dropped" if dropped else "")
+        good = "good" if health.state == "ok" else "bad"
+        return CameraStatus(light=good, state=health.state, text=health.text, figures=figures, size_wh=size_wh)  # type: ignore[arg-type]
 
     def _watched(self, on: bool) -> None:
         self._session.show_images(IMAGES_HZ if on else 0.0)
 
-    def _request(self, name: str, values: Mapping[str, Any]) -> None:
+    def _try(self, do: Callable[..., None], **values: Any) -> None:
+        """A request; what cannot be done is shown."""
         try:
-            if name == "output":
-                self._switch(str(values["name"]), values["options"])
-            elif name == "record":
-                self._record(str(values["name"]), poses=bool(values["poses"]), videos=bool(values["videos"]))
-            elif name == "stop_recording":
-                self._stop_recording()
-            elif name == "name":
-                self._name(int(values["person"]), str(values["text"])[:40])
-            elif name == "person":
-                self._person = int(values["person"])
+            do(**values)
             # what was refused before has been done now, or is wanted no more
             self._refused.clear()
         except (PosefuseError, OSError) as error:
@@ -192,22 +174,24 @@ class _Shown:
     def _switch(self, name: str, options: Mapping[str, Any] | None) -> None:
         if options is None:
             self._session.switch_off(name)
-            self._wanted.pop(name, None)
         else:
             self._session.switch_on(name, options)
-            self._wanted[name] = dict(options)
+        self._wanted = [one for one in self._wanted if one != name] + [name] * (options is not None)
+
+    def _choose(self, person: int) -> None:
+        self._person = int(person)
 
     def _name(self, person: int, text: str) -> None:
-        self._session.name_person(person, text)
-        self._names[person] = text.strip()
+        self._session.name_person(int(person), text[:40])
+        self._names[int(person)] = text[:40].strip()
         if self._host is not None:
             self._host.publish("labels", labels_message(self._names), keep=True)
 
-    def _record(self, name: str, *, poses: bool, videos: bool) -> None:
+    def _record(self, name: str, poses: bool, videos: bool) -> None:
         """Into a new folder, which `posefuse track` takes as a session when it has videos."""
         from posefuse.formats.rig import write_rig
 
-        if self._recording is not None:
+        if self._recording:
             return
         check_name(name)
         place = self._workspace.free_name("recordings", name)
@@ -218,17 +202,13 @@ class _Shown:
         if videos:
             (folder / "videos").mkdir()
             self._session.keep_videos(folder / "videos")
-        self._recording = {"folder": place, "since_s": time.monotonic(), "poses": poses, "videos": videos}
+        self._recording, self._since_s = place, time.monotonic()
         self.recordings.append(f"{place}/{POSES_FILE}")
 
     def _stop_recording(self) -> None:
-        recording, self._recording = self._recording, None
-        if recording is None or self._session.ended:
-            return
-        if recording["poses"]:
-            self._session.switch_off("record")
-        if recording["videos"]:
-            self._session.keep_videos(None)
+        self._recording = ""
+        self._session.switch_off("record")
+        self._session.keep_videos(None)
 
 
 def nearest_pose(past: Sequence[Pose3D], t_ns: int) -> Pose3D | None:

@@ -36,7 +36,7 @@ def solve_job(arguments: Arguments, workspace: StudioWorkspace, progress: pf.Pro
     source, out = workspace.existing(arguments["result"]), workspace.path(arguments["out"])
     progress("solve", 0, None, f"solving {arguments['result']} again")
     pf.solve(source, out, edits=edits, settings={"outputs": ()}, progress=progress)
-    return {"result": arguments["out"]}
+    return {"recordings": [arguments["out"]]}
 
 
 def compare_job(arguments: Arguments, workspace: StudioWorkspace, progress: pf.Progress) -> Result:
@@ -64,4 +64,4 @@ def simulate_walk_job(arguments: Arguments, workspace: StudioWorkspace, progress
     pf.simulate(workspace.existing(arguments["scene"]), session, progress=progress)
     mpjpe_mm = pf.track(session, out=out, formats=(), progress=progress).figures["mpjpe_mm"]
     progress("done", 1, 1, f"mean error {mpjpe_mm:.1f} mm against the exact truth")
-    return {"result": arguments["out"], "mpjpe_mm": mpjpe_mm}
+    return {"recordings": [arguments["out"]], "mpjpe_mm": mpjpe_mm}

@@ -1,0 +1,235 @@
+"""Cameras and images as `sensor_msgs` and back, and what is added to the keypoints in their views."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from posefuse.core import SE3, Camera, ConfigError, Frame, JointCentres, LiveJointCentres, MessageError, PosefuseError
+from posefuse.core.arrays import Array
+from posefuse.core.errors import choices
+
+from .messages import header, ns_from_time, optical_frame
+from .types import message
+
+CAMERA_INFO_TYPE = "sensor_msgs/msg/CameraInfo"
+IMAGE_TYPE = "sensor_msgs/msg/Image"
+COMPRESSED_TYPE = "sensor_msgs/msg/CompressedImage"
+MAX_IMAGE_PX = 64_000_000
+# channels of each 8-bit encoding and the name of OpenCV's conversion to RGB
+_ENCODINGS = {
+    "rgb8": (3, None),
+    "bgr8": (3, "COLOR_BGR2RGB"),
+    "rgba8": (4, "COLOR_RGBA2RGB"),
+    "bgra8": (4, "COLOR_BGRA2RGB"),
+    "mono8": (1, "COLOR_GRAY2RGB"),
+    "yuv422": (2, "COLOR_YUV2RGB_UYVY"),
+    "uyvy": (2, "COLOR_YUV2RGB_UYVY"),
+    "yuv422_yuy2": (2, "COLOR_YUV2RGB_YUY2"),
+    "yuyv": (2, "COLOR_YUV2RGB_YUY2"),
+    # OpenCV names a Bayer pattern by its second row, ROS by its first
+    "bayer_rggb8": (1, "COLOR_BayerBG2RGB"),
+    "bayer_bggr8": (1, "COLOR_BayerRG2RGB"),
+    "bayer_gbrg8": (1, "COLOR_BayerGR2RGB"),
+    "bayer_grbg8": (1, "COLOR_BayerGB2RGB"),
+}
+JOINT_CENTRES_TYPE = "posefuse_msgs/msg/JointCentres"
+# of each list of names: a table of all joints and segments there are needs a third
+MAX_ENTRIES = 512
+MAX_OFFSET_M, MAX_LENGTH_M, MAX_SLOPE = 0.5, 3.0, 1.0
+_WHERE = "JointCentres message"
+# what goes over the network where no offsets are known
+_NO_TABLE = JointCentres(made_by="", offsets={})
+
+
+def info_from_camera(camera: Camera, t_ns: int) -> Any:
+    """`sensor_msgs/CameraInfo` of one camera; its pose travels as tf (`body_messages.transform`)."""
+    d = camera.distortion
+    if camera.model == "fisheye" and len(d):
+        model = "equidistant"
+    elif len(d) > 5:
+        model = "rational_polynomial"
+    else:
+        model, d = "plumb_bob", np.concatenate([d, np.zeros(5 - len(d))])
+    roi = message("sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
+    return message(
+        CAMERA_INFO_TYPE,
+        header=header(t_ns, optical_frame(camera.name)),
+        height=camera.size_wh[1],
+        width=camera.size_wh[0],
+        distortion_model=model,
+        d=np.asarray(d),
+        k=camera.K.ravel(),
+        r=np.eye(3).ravel(),
+        p=np.hstack([camera.K, np.zeros((3, 1))]).ravel(),
+        binning_x=0,
+        binning_y=0,
+        roi=roi,
+    )
+
+
+def camera_from_info(name: str, msg: Any, cam_from_world: SE3) -> Camera:
+    """The camera a `CameraInfo` describes, at a pose known from elsewhere; raises MessageError when it cannot be one."""
+    models = {"plumb_bob": "pinhole", "rational_polynomial": "pinhole", "equidistant": "fisheye", "": "pinhole"}
+    where = f"CameraInfo of {name}"
+    if msg.distortion_model not in models:
+        raise MessageError(f"{where}: distortion_model {msg.distortion_model!r}; known are: {choices(sorted(models)[1:])}")
+    if msg.binning_x > 1 or msg.binning_y > 1 or msg.roi.width or msg.roi.height:
+        raise MessageError(f"{where}: expected the full image, got binning or a region of interest; publish the full image")
+    try:
+        return Camera(
+            name=name,
+            size_wh=(msg.width, msg.height),
+            K=np.asarray(msg.k).reshape(3, 3),
+            cam_from_world=cam_from_world,
+            # ROS has no word for "no distortion" but zeros
+            distortion=np.asarray(msg.d) if np.any(msg.d) else np.zeros(0),
+            model=models[msg.distortion_model],
+        )
+    except PosefuseError as error:
+        raise MessageError(f"{where}: {error}") from None
+
+
+def message_from_image(image: Array, t_ns: int, camera: str) -> Any:
+    """`sensor_msgs/Image` (rgb8) of (H, W, 3) uint8 RGB."""
+    h, w = image.shape[:2]
+    return message(
+        IMAGE_TYPE,
+        header=header(t_ns, optical_frame(camera)),
+        height=h,
+        width=w,
+        encoding="rgb8",
+        is_bigendian=0,
+        step=3 * w,
+        data=np.ascontiguousarray(image, np.uint8).ravel(),
+    )
+
+
+def jpeg_from_image(image: Array, t_ns: int, camera: str, quality: int) -> Any:
+    """`sensor_msgs/CompressedImage` of (H, W, 3) uint8 RGB; quality 1 to 100."""
+    import cv2
+
+    done, data = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, quality])
+    if not done:
+        raise MessageError(f"image of {camera}: OpenCV could not write {image.shape} as JPEG")
+    return message(
+        COMPRESSED_TYPE, header=header(t_ns, optical_frame(camera)), format="rgb8; jpeg compressed bgr8", data=data.ravel()
+    )
+
+
+def image_from_message(msg: Any) -> Array:
+    """(H, W, 3) uint8 RGB of a `sensor_msgs/Image` or `CompressedImage`; raises MessageError for any other or broken one."""
+    return _decompressed(msg) if msg.__msgtype__ == COMPRESSED_TYPE else _raw(msg)
+
+
+def frame_from_message(msg: Any, camera: str, seq: int, received_ns: int) -> Frame:
+    """The frame of one image message; its stamp is taken as mid-exposure."""
+    return Frame(
+        camera=camera, seq=seq, t_ns=ns_from_time(msg.header.stamp), received_ns=received_ns, image=image_from_message(msg)
+    )
+
+
+def _raw(msg: Any) -> Array:
+    import cv2
+
+    where = f"Image in {msg.header.frame_id!r}"
+    encoding = msg.encoding.lower()
+    if encoding not in _ENCODINGS:
+        raise MessageError(f"{where}: encoding {msg.encoding!r} is not read; those read are: {choices(sorted(_ENCODINGS))}")
+    channels, conversion = _ENCODINGS[encoding]
+    h, w, step = int(msg.height), int(msg.width), int(msg.step)
+    if not 0 < h * w <= MAX_IMAGE_PX or step < w * channels or len(msg.data) != h * step:
+        raise MessageError(f"{where}: {w}x{h} {encoding} with step {step} does not fit {len(msg.data)} bytes")
+    packed = np.asarray(msg.data, np.uint8).reshape(h, step)[:, : w * channels]
+    pixels = packed.reshape(h, w) if channels == 1 else packed.reshape(h, w, channels)
+    if conversion is None:
+        return np.ascontiguousarray(pixels)
+    if channels == 2 and w % 2:
+        raise MessageError(f"{where}: {encoding} needs an even width, got {w}")
+    return np.asarray(cv2.cvtColor(np.ascontiguousarray(pixels), getattr(cv2, conversion)))
+
+
+def _decompressed(msg: Any) -> Array:
+    import cv2
+
+    where = f"CompressedImage in {msg.header.frame_id!r}"
+    try:
+        image = cv2.imdecode(np.asarray(msg.data, np.uint8), cv2.IMREAD_COLOR_RGB)
+    except cv2.error as error:
+        raise MessageError(f"{where}: cannot be decoded ({' '.join(str(error).split())})") from None
+    if image is None:
+        raise MessageError(f"{where}: {len(msg.data)} bytes of format {msg.format!r} cannot be decoded")
+    if image.shape[0] * image.shape[1] > MAX_IMAGE_PX:
+        raise MessageError(f"{where}: expected at most {MAX_IMAGE_PX} px, got {image.shape[1]}x{image.shape[0]}")
+    return np.asarray(image)
+
+
+def message_from_joint_centres(centres: LiveJointCentres) -> Any:
+    """`posefuse_msgs/JointCentres`; without offsets where there is no table."""
+    table = centres.table or _NO_TABLE
+    offsets, slopes = list(_leaves(table.offsets)), list(_leaves(table.by_length))
+    return message(
+        JOINT_CENTRES_TYPE,
+        header=header(centres.t_ns, ""),
+        cameras=list(centres.cameras),
+        made_by=table.made_by,
+        joint=[joint for (joint, _), _ in offsets],
+        direction=[direction for (_, direction), _ in offsets],
+        offset_m=np.array([metres for _, metres in offsets], np.float64),
+        segment=list(table.lengths),
+        length_m=np.array(list(table.lengths.values()), np.float64),
+        slope_joint=[joint for (joint, _, _), _ in slopes],
+        slope_direction=[direction for (_, direction, _), _ in slopes],
+        slope_segment=[segment for (_, _, segment), _ in slopes],
+        slope=np.array([slope for _, slope in slopes], np.float64),
+    )
+
+
+def joint_centres_from_message(msg: Any) -> LiveJointCentres:
+    """As given to `message_from_joint_centres`; raises MessageError for anything that does not fit."""
+    if not 0 < len(msg.cameras) <= MAX_ENTRIES:
+        raise MessageError(f"{_WHERE}: expected 1 to {MAX_ENTRIES} cameras, got {len(msg.cameras)}")
+    offsets = _entries("offset_m", msg.offset_m, (msg.joint, msg.direction), lambda m: np.abs(m) <= MAX_OFFSET_M)
+    lengths = _entries("length_m", msg.length_m, (msg.segment,), lambda m: (m > 0) & (m <= MAX_LENGTH_M))
+    named = (msg.slope_joint, msg.slope_direction, msg.slope_segment)
+    slopes = _entries("slope", msg.slope, named, lambda m: np.abs(m) <= MAX_SLOPE)
+    table: dict[str, Any] = {"made_by": msg.made_by, "offsets": {}, "lengths": {}, "by_length": {}}
+    for (joint, direction), metres in offsets.items():
+        table["offsets"].setdefault(joint, {})[direction] = metres
+    for (segment,), metres in lengths.items():
+        table["lengths"][segment] = metres
+    for (joint, direction, segment), slope in slopes.items():
+        table["by_length"].setdefault(joint, {}).setdefault(direction, {})[segment] = slope
+    try:
+        known = JointCentres(**table) if table["offsets"] else None
+    except ConfigError as error:
+        raise MessageError(f"{_WHERE}: {error}") from None
+    return LiveJointCentres(t_ns=ns_from_time(msg.header.stamp), cameras=tuple(msg.cameras), table=known)
+
+
+def _leaves(tree: Mapping[str, Any]) -> Iterator[tuple[tuple[str, ...], float]]:
+    """(names on the way, number) of every number in nested mappings."""
+    for name, inside in tree.items():
+        if isinstance(inside, Mapping):
+            yield from (((name, *names), number) for names, number in _leaves(inside))
+        else:
+            yield (name,), inside
+
+
+def _entries(
+    field: str, numbers: Any, named: Sequence[Sequence[str]], fits: Callable[[Array], Array]
+) -> dict[tuple[str, ...], float]:
+    """Each number by its names; raises MessageError unless lists are as long as each other, short, and every number fits."""
+    values = np.asarray(numbers, np.float64)
+    counts = {values.size, *map(len, named)}
+    if len(counts) > 1 or values.size > MAX_ENTRIES:
+        raise MessageError(f"{_WHERE}: {field}: expected as many names as numbers, {MAX_ENTRIES} at most, got {sorted(counts)}")
+    wrong = values[~fits(values)]
+    if len(wrong):
+        raise MessageError(f"{_WHERE}: {field}: {wrong[0]:g} cannot be")
+    entries = dict(zip(zip(*named, strict=True), values.tolist(), strict=True))
+    if len(entries) < values.size:
+        raise MessageError(f"{_WHERE}: {field}: expected each name once, got one again")
+    return entries

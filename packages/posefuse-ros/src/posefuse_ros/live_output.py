@@ -1,0 +1,182 @@
+"""Live outputs ``ros2`` and ``ros1``: topics of docs/ros.md, with or without an installed ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+
+from posefuse.core import (
+    LiveDetections,
+    LiveExpected,
+    LiveHealth,
+    LiveJointCentres,
+    LiveMessage,
+    LiveOutput,
+    LivePose,
+    LivePreview,
+    LiveStart,
+    OutputHealth,
+    Rig,
+)
+from posefuse.foundation.settings import settings
+
+from . import topics
+from .camera_messages import info_from_camera, message_from_joint_centres
+from .dds import RosNode
+from .dds_domain import NetworkSettings, require_tested_cyclonedds
+from .messages import header, message_from_detections, message_from_pose, optical_frame
+from .rclpy_node import RclpyNode, ros2_is_sourced
+from .ros1 import Ros1Node
+from .ros_output import Health, RosOutput
+from .sim_time import ClockReader
+from .types import message
+
+_OK, _WARNING, _ERROR = 0, 1, 2
+_LEVELS = dict.fromkeys(("opening", "flood", "clock", "late", "overload", "moved", "unsynchronised", "hangs"), _WARNING) | {
+    "ok": _OK
+}
+# how long a simulator may take to publish its time
+_CLOCK_WITHIN_S = 10.0
+_EVERYTHING = (LiveDetections, LivePose, LiveExpected, LiveJointCentres, LiveHealth, LivePreview)
+
+
+@settings
+class Ros2Config(NetworkSettings):
+    """ROS 2 topics over DDS; no ROS needed.
+
+    Attributes:
+        detections: publish 2D poses too; not where they came from ROS.
+        sim_time: stamps are simulated time, from `/clock` (ROS: `use_sim_time`).
+        middleware: ``auto`` takes rclpy where a ROS 2 environment is sourced and no network option is given, else DDS.
+    """
+
+    detections: bool = True
+    sim_time: bool = False
+    middleware: Literal["auto", "dds", "rclpy"] = "auto"
+    takes: ClassVar[tuple[type[LiveMessage], ...]] = _EVERYTHING
+    keeps_all: ClassVar[bool] = False
+
+    def build(self) -> LiveOutput:
+        """Not yet opened; raises DependencyError without the extra `ros`."""
+        if not self._by_rclpy():
+            require_tested_cyclonedds()
+        return RosLiveOutput("ros2", self._node, f"ROS 2 domain {self.domain_id}", self)
+
+    def _by_rclpy(self) -> bool:
+        plain = not (self.local_only or self.interface or self.peers)
+        return self.middleware == "rclpy" or (self.middleware == "auto" and plain and ros2_is_sourced())
+
+    def _node(self) -> Any:
+        return RclpyNode("posefuse", self.domain_id) if self._by_rclpy() else RosNode("posefuse", self.network)
+
+
+@settings
+class Ros1Config:
+    """ROS 1 topics at the master that ROS_MASTER_URI names; needs rospy."""
+
+    takes: ClassVar[tuple[type[LiveMessage], ...]] = _EVERYTHING
+    keeps_all: ClassVar[bool] = False
+
+    def build(self) -> LiveOutput:
+        """Not yet opened."""
+        return RosLiveOutput("ros1", _ros1_node, "ROS 1", Ros2Config())
+
+
+def _ros1_node() -> Any:
+    return Ros1Node("posefuse")
+
+
+class RosLiveOutput:
+    """Publishes to a node; detections and previews only while there is a subscriber.
+
+    Stamps of detections and of expected poses are always real time: they are for other machines of the session.
+    """
+
+    def __init__(self, name: str, node: Callable[[], Any], where: str, config: Ros2Config) -> None:
+        self.name, self.where = name, where
+        self._make_node, self._config = node, config
+        self._node: Any = None
+        self._ros: Any = None
+        # simulated time, where it is wanted
+        self._clock: Any = None
+
+    def take(self, message: LiveMessage) -> None:
+        """See `LiveOutput`."""
+        match message:
+            case LiveStart():
+                self._open(message)
+            case LivePose():
+                self._follow_clock(message.pose.t_ns)
+                self._ros.step(message.pose, message.joints, message.stages_ns)
+            case LiveExpected(pose=pose) if self._node.wanted(topics.EXPECTED):
+                self._node.publish(topics.EXPECTED, message_from_pose(pose, {}, self._ros.world_frame), pose.t_ns)
+            case LiveHealth():
+                self._follow_clock(message.t_ns)
+                self._ros.diagnose(message.t_ns, health_lines(message))
+            case LivePreview():
+                self._follow_clock(message.t_ns)
+                publish_preview(self._node, replace(message, t_ns=message.t_ns + self._ros.epoch_offset_ns), self._ros.rig)
+            case LiveJointCentres() if self._config.detections:
+                self._node.publish(topics.JOINT_CENTRES, message_from_joint_centres(message), message.t_ns)
+            case LiveDetections(detections=view) if self._config.detections and self._node.wanted(topics.DETECTIONS):
+                self._node.publish(topics.DETECTIONS, message_from_detections(view, message.stages_ns), view.t_ns)
+
+    def close(self) -> None:
+        """Leave the network."""
+        if self._node is not None:
+            self._node.close()
+
+    def _open(self, start: LiveStart) -> None:
+        self._node = self._make_node()
+        self._ros = RosOutput(self._node, start.rig)
+        if self._config.sim_time:
+            self._clock = ClockReader(self._node)
+            self._clock.wait(_CLOCK_WITHIN_S)
+            self._follow_clock(start.t_ns)
+        self._ros.start(start.t_ns)
+
+    def _follow_clock(self, t_ns: int) -> None:
+        if self._clock is not None:
+            self._clock.update()
+            self._ros.epoch_offset_ns = self._clock.clock.sim_from_real(t_ns) - t_ns
+
+
+def publish_preview(outlet: topics.Outlet, preview: LivePreview, rig: Rig) -> None:
+    """A small image on its camera's topic and the intrinsics of that size with the same stamp, while there is a subscriber."""
+    topic, info = topics.preview(preview.camera), topics.preview_info(preview.camera)
+    if outlet.wanted(topic):
+        msg = message(
+            topic.type_name,
+            header=header(preview.t_ns, optical_frame(preview.camera)),
+            format="rgb8; jpeg compressed bgr8",
+            data=np.frombuffer(preview.jpeg, np.uint8),
+        )
+        outlet.publish(topic, msg, preview.t_ns)
+    if outlet.wanted(info):
+        camera = rig[preview.camera].scaled(preview.size_wh)
+        outlet.publish(info, info_from_camera(camera, preview.t_ns), preview.t_ns)
+
+
+def health_lines(health: LiveHealth) -> list[Health]:
+    """One line of ROS diagnostics per camera and per output."""
+    cameras = [
+        Health(f"camera {name}", _LEVELS.get(camera.state, _ERROR), camera.text or camera.state, _shown(camera.figures))
+        for name, camera in health.cameras.items()
+    ]
+    return cameras + [_output_line(name, output) for name, output in health.outputs.items()]
+
+
+def _output_line(name: str, output: OutputHealth) -> Health:
+    """An output that failed and continues stays a warning: a part of what it wrote is missing."""
+    level, text = _LEVELS.get(output.state, _ERROR), output.text or output.state
+    if level == _OK and output.failures:
+        level, text = _WARNING, f"continues after {output.failures} failures, the last: {output.fault}"
+    figures = {"taken": output.taken, "dropped": output.dropped, "failures": output.failures}
+    return Health(f"output {name}", level, text, {**_shown(figures), "where": output.where})
+
+
+def _shown(figures: Any) -> dict[str, str]:
+    return {name: f"{value:g}" for name, value in figures.items()}

@@ -1,0 +1,248 @@
+"""Views of camera nodes on other machines, as a live session takes them."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from posefuse.core import Detections2D, LiveJointCentres, Rig, Skeleton, SourceError
+from posefuse.core.skeleton import BLAZEPOSE33
+from posefuse.foundation.channel import Channel, ChannelClosed
+from posefuse.foundation.platform import peak_memory_mb
+from posefuse.health.cameras import CameraState, Verdict
+from posefuse.realtime.config import LiveConfig
+from posefuse.realtime.estimator import warmed_up
+from posefuse.realtime.messages import Expected, KeepVideos, SeenView, SessionClock, ShowImages
+from posefuse.realtime.news import Say
+
+from . import topics
+from .camera_messages import JOINT_CENTRES_TYPE, joint_centres_from_message
+from .dds import RosNode, Sample
+from .dds_domain import Network
+from .messages import DETECTIONS_TYPE, detections_from_message, state_from_message
+from .node_cameras import NodeIntrinsics
+from .senders import Senders
+from .types import Intake
+
+_WAIT_S = 0.2
+_AT_ONCE = 64
+# of one message
+_MAX_BYTES = 240_000
+_MOST_NODES = 100
+# who is on the network is asked this often
+_PRESENT_S = 1.0
+_S = 1_000_000_000
+_FIRST_VIEW_S = 0.5
+
+
+class ViewIntake:
+    """Messages of camera nodes, and of strangers, to what the fusion takes; no network and no clock inside.
+
+    Attributes:
+        intake: counts what came and what could not be read, and why. senders: decides what is used, and counts the rest.
+    """
+
+    def __init__(self, cameras: tuple[str, ...], hand_over_s: float | None = None) -> None:
+        self.intake = Intake(DETECTIONS_TYPE, _view_from_message, _MAX_BYTES)
+        self.senders = Senders(cameras, hand_over_s)
+        self._centres_intake = Intake(JOINT_CENTRES_TYPE, joint_centres_from_message, _MAX_BYTES, self.intake.counts)
+        # joint centres reported by the nodes, by sender
+        self._centres: dict[str, LiveJointCentres] = {}
+
+    def centres(self, sample: Sample) -> list[SeenView | LiveJointCentres]:
+        """Joint centres reported by a node: used for cameras whose views it sends, kept for others."""
+        if (received := self._centres_intake.take(sample.raw)) is None:
+            return []
+        if len(self._centres) > _MOST_NODES:
+            self._centres.clear()
+        self._centres[sample.sender] = received
+        own = tuple(name for name in received.cameras if self.senders.sender(name) == sample.sender)
+        return [replace(received, cameras=own)] if own else []
+
+    def view(self, sample: Sample, now_ns: int) -> list[SeenView | LiveJointCentres]:
+        """A view that arrived at `now_ns`; before the first view of a sender, the joint centres it reported for the camera."""
+        if not self.senders.read(sample.sender, now_ns):
+            return []
+        if (taken := self.intake.take(sample.raw)) is None:
+            self.senders.count_refused(sample.sender)
+            return []
+        (view, stages), state = taken
+        seen = _seen(view, stages, state, sample.sent_ns, now_ns)
+        camera = seen.detections.camera
+        before = self.senders.sender(camera)
+        if not self.senders.admits(seen.detections, sample.sender, now_ns):
+            return []
+        centres = self._centres.get(sample.sender)
+        if before != sample.sender and centres is not None and camera in centres.cameras:
+            return [replace(centres, cameras=(camera,)), seen]
+        return [seen]
+
+
+class NetworkViews:
+    """Views of other machines for a session (`ViewSource`): topics are read in a thread. A context manager that closes them.
+
+    Args:
+        rig: its cameras are taken. clock: of the session.
+        duration_s: no first view is waited for any longer; None: no limit.
+
+    Attributes:
+        views: what is made of the messages. dropped: messages the fusion had no room for.
+    """
+
+    restarts = 0
+
+    def __init__(
+        self,
+        rig: Rig,
+        network: Network,
+        clock: SessionClock,
+        config: LiveConfig,
+        *,
+        duration_s: float | None = None,
+        say: Say = lambda line: None,
+    ) -> None:
+        self.views = ViewIntake(rig.names, config.hand_over_s)
+        self.dropped = 0
+        self._rig, self._clock, self._config, self._duration_s, self._say = rig, clock, config, duration_s, say
+        self._begun_ns = clock.now_ns()
+        self._node = RosNode("posefuse_fusion_intake", network)
+        self._reader = self._node.reader(topics.DETECTIONS)
+        self._centres_reader = self._node.reader(topics.JOINT_CENTRES)
+        self._intrinsics = NodeIntrinsics(self._node, rig)
+        self._ours, self._theirs = Channel.pair()
+        # of the network, and whether it was reported
+        self._problems: dict[str, bool] = {}
+        self._stop = threading.Event()
+        self._chosen = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="views from the network", daemon=True)
+        self._thread.start()
+
+    def __enter__(self) -> NetworkViews:
+        return self
+
+    def __exit__(self, *problem: object) -> None:
+        self.close()
+
+    def channels(self) -> list[Channel]:
+        """For `select`."""
+        return [self._ours]
+
+    def messages(self) -> Iterator[SeenView | LiveJointCentres]:
+        """What has come; never waits."""
+        for _ in range(_AT_ONCE):
+            received = self._ours.receive()
+            if received is None:
+                return
+            yield received
+
+    def troubles(self) -> Mapping[str, Verdict]:
+        """Nothing is known of processes on other machines; their silence is seen by the monitor."""
+        return {}
+
+    def notices(self) -> list[str]:
+        """Why messages are refused, each reason once; and camera nodes that work with other intrinsics."""
+        senders, intrinsics = self.views.senders, self._intrinsics
+        new = [problem for problem, said in tuple(self._problems.items()) if not said]
+        self._problems |= dict.fromkeys(new, True)
+        found, senders.news, intrinsics.problems = [*senders.news, *intrinsics.problems, *new], [], []
+        return found
+
+    def first_skeleton(self, timeout_s: float) -> Skeleton | None:
+        """Skeleton of the session, which the first views decide; None when there are none yet."""
+        self._chosen.wait(timeout_s)
+        return self.views.senders.skeleton
+
+    def wait_ready(self, stopped: Sequence[str]) -> Skeleton:
+        """The skeleton of the first view."""
+        # compiled for any skeleton, before a view is there to be waited for
+        warmed_up(self._rig, BLAZEPOSE33, self._config)
+        while (skeleton := self.first_skeleton(_FIRST_VIEW_S)) is None:
+            if stopped or (self._duration_s is not None and self._waited_s() >= self._duration_s):
+                raise SourceError(self._nothing_came())
+        self._say(f"first view after {self._waited_s():.1f} s")
+        return skeleton
+
+    def whereabouts(self) -> list[str]:
+        """In no process of this machine."""
+        return []
+
+    def centres(self) -> list[LiveJointCentres]:
+        """They come with the views."""
+        return []
+
+    def start(self, clock: SessionClock) -> int:
+        """They come already; the session counts from when it began to wait for them."""
+        return self._begun_ns
+
+    def expect(self, expected: Expected) -> None:
+        """Nothing to do: camera nodes take the predictions that the output sends."""
+
+    def control(self, request: ShowImages | KeepVideos) -> None:
+        """Cameras of other machines take no requests: images and videos are switched by their own nodes' options."""
+
+    def memory_mb(self) -> float:
+        """Most memory this process has held."""
+        return peak_memory_mb([os.getpid()])
+
+    def close(self) -> None:
+        """Leave the network."""
+        self._stop.set()
+        self._thread.join(2 * _WAIT_S)
+        self._node.close()
+        self._ours.close()
+        self._theirs.close()
+
+    def _run(self) -> None:
+        asked_s = -_PRESENT_S
+        while not self._stop.is_set():
+            now_s = time.monotonic()
+            try:
+                if now_s - asked_s > _PRESENT_S:
+                    asked_s, self.views.senders.present = now_s, self._reader.senders()
+                if self._node.wait(_WAIT_S):
+                    self._hand_on()
+            except ChannelClosed:
+                return
+            except Exception as error:  # noqa: BLE001 - reported; without this thread no view would come any more
+                self._problems.setdefault(f"the network cannot be read ({type(error).__name__}: {error})", False)
+                self._stop.wait(_WAIT_S)
+
+    def _hand_on(self) -> None:
+        self._intrinsics.receive()
+        for sample in self._centres_reader.take():
+            for found in self.views.centres(sample):
+                self.dropped += not self._theirs.send(found, _WAIT_S)
+        for sample in self._reader.take():
+            for found in self.views.view(sample, self._clock.now_ns()):
+                self.dropped += not self._theirs.send(found)
+        if self.views.senders.skeleton is not None:
+            self._chosen.set()
+
+    def _waited_s(self) -> float:
+        return (self._clock.now_ns() - self._begun_ns) / _S
+
+    def _nothing_came(self) -> str:
+        counts, strangers = self.views.intake.counts, self.views.senders.strangers
+        why = f"; {counts.refused} messages were refused, the last because: {counts.last_refusal}" if counts.refused else ""
+        others = f"; there are views of {', '.join(sorted(strangers))}, not in the rig" if strangers else ""
+        return f"no view of any camera of the rig came{why}{others}; are the camera nodes in the same domain?"
+
+
+def _view_from_message(msg: Any) -> tuple[tuple[Detections2D, dict[str, int]], CameraState | None]:
+    return detections_from_message(msg), state_from_message(msg)
+
+
+def _seen(view: Detections2D, stages: Mapping[str, int], state: CameraState | None, sent_ns: int, now_ns: int) -> SeenView:
+    received_ns = stages.get("received", min(sent_ns, now_ns))
+    started_ns = stages.get("started", received_ns)
+    return SeenView(
+        detections=view,
+        state=state,
+        received_ns=received_ns,
+        started_ns=started_ns,
+        detected_ns=stages.get("detected", started_ns),
+    )

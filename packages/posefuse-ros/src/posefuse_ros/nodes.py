@@ -1,0 +1,160 @@
+"""One session on several machines: camera nodes where the cameras are, the fusion node anywhere."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from posefuse import core
+from posefuse.api.arguments import lines_of, shown
+from posefuse.api.live_run import LivePlan, LiveRun, finished_run
+from posefuse.core import Progress
+from posefuse.foundation.output_folder import check_replaceable
+from posefuse.foundation.parsing import ros_name
+from posefuse.foundation.summary import Facts, Heading
+from posefuse.realtime.inputs import check_any, rig_of_inputs
+from posefuse.realtime.messages import SessionClock
+from posefuse.realtime.networks import fetch_networks, settled_network
+from posefuse.realtime.news import never_waiting
+from posefuse.realtime.outputs import OutputPlan
+from posefuse.realtime.processes import Groups
+from posefuse.realtime.provenance import notes_of
+from posefuse.realtime.session import SessionPlan, group_plans, run_session, stop_requests
+
+from . import topics
+from .camera_messages import message_from_joint_centres
+from .camera_node import CameraNode
+from .dds import RosNode
+from .dds_domain import Network
+from .live_output import Ros2Config
+from .network_views import NetworkViews
+from .node_cameras import publish_intrinsics, rig_of_nodes
+
+_S = 1_000_000_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraNodeRun:
+    """How a camera node went: frames sent and refused, and the name of the signal that ended it (empty: none)."""
+
+    figures: Mapping[str, Any]
+    stopped_by: str
+
+
+def network_of(ros: Mapping[str, Any] | None) -> Network:
+    """Where the nodes of a session meet."""
+    return Network(**{key: value for key, value in (ros or {}).items() if key != "sim_time"})
+
+
+def camera_node(
+    rig: core.Rig | str | Path,
+    sources: Mapping[str, str] | Sequence[str],
+    *,
+    name: str = "1",
+    config: str | Path | None = None,
+    settings: Mapping[str, Any] | None = None,
+    ros: Mapping[str, Any] | None = None,
+    duration_s: float | None = None,
+    loop_s: float | None = None,
+    progress: Progress | bool | None = None,
+) -> CameraNodeRun:
+    """Capture and detect on this machine, send 2D poses to the fusion node; the fused pose selects the image regions.
+
+    Args:
+        rig: the cameras of all machines. name: of this node, different on every machine.
+        ros: the ROS 2 network, see `live`. The rest as for `track_live`.
+
+    Raises:
+        PosefuseError: settings or sources that cannot be.
+
+    Examples:
+        >>> import posefuse as pf
+        >>> pf.camera_node("rig.toml", {"cam1": "usb:0"}, name="left").figures  # doctest: +SKIP
+    """
+    whole = LivePlan.of(
+        rig, sources, config=config, settings=settings, ros=ros, duration_s=duration_s, loop_s=loop_s
+    )  # fmt: skip
+    check_any(whole.inputs)
+    with shown(progress) as news:
+        say = lines_of(news, "live")
+        cameras = rig_of_inputs(whole.rig, whole.inputs, whole.config.camera_info, say)
+        fetch_networks(whole.config.detector, news)
+        chosen = replace(whole.config, detector=settled_network(whole.config.detector, len(whole.inputs), say))
+        clock = SessionClock.begin()
+        plan = OutputPlan(rig=cameras, clock=clock, configs={"ros2": Ros2Config()})
+        names = [entry.camera for entry in whole.inputs]
+        with (
+            RosNode(f"posefuse_cameras_{ros_name(name)}", network_of(ros)) as node,
+            Groups(group_plans(cameras, whole.inputs, chosen, plan)) as groups,
+        ):
+            publish_intrinsics(node, cameras, names, time.time_ns())
+            skeleton = groups.wait_ready()
+            say("; ".join(groups.whereabouts()))
+            groups.begin(time.monotonic_ns())
+            worker = CameraNode(cameras, names, node, clock, skeleton)
+            for centres in groups.centres():
+                node.publish(topics.JOINT_CENTRES, message_from_joint_centres(centres), centres.t_ns)
+            end_ns = None if whole.duration_s is None else clock.now_ns() + round(whole.duration_s * _S)
+            with stop_requests() as stopped:
+                while not stopped and not worker.monitor.all_ended() and (end_ns is None or clock.now_ns() < end_ns):
+                    worker.step(groups)
+    refused = {camera: worker.monitor.refused(camera) for camera in worker.cameras}
+    return CameraNodeRun(figures={"sent": worker.sent, "refused": refused}, stopped_by=stopped[0] if stopped else "")
+
+
+def fusion_node(
+    rig: core.Rig | str | Path,
+    *,
+    config: str | Path | None = None,
+    settings: Mapping[str, Any] | None = None,
+    outputs: Mapping[str, Mapping[str, Any]] | None = None,
+    ros: Mapping[str, Any] | None = None,
+    axes: str | None = None,
+    duration_s: float | None = None,
+    report: str | Path | None = None,
+    progress: Progress | bool | None = None,
+) -> LiveRun:
+    """Take the views of all camera nodes, track, publish in ROS 2; the arguments are those of `camera_node` and `track_live`.
+
+    Raises:
+        PosefuseError: settings or outputs that cannot be.
+
+    Examples:
+        >>> import posefuse as pf
+        >>> pf.fusion_node("rig.toml", duration_s=60).figures["messages"]  # doctest: +SKIP
+    """
+    if report is not None:
+        check_replaceable(Path(report), command="live", replace=False)
+    # views that came from ROS are not sent back there
+    also = {**(outputs or {}), "ros2": {**(outputs or {}).get("ros2", {}), "detections": False}}
+    given = LivePlan.of(rig, [], config=config, settings=settings, outputs=also, ros=ros, axes=axes, duration_s=duration_s)
+    cameras, chosen, network = given.rig, given.config, network_of(ros)
+    with shown(progress) as news:
+        note = lines_of(news, "live")
+        if chosen.camera_info == "use":
+            cameras = rig_of_nodes(cameras, network, note, given.duration_s)
+        clock = SessionClock.begin()
+        plan = OutputPlan(
+            rig=cameras, clock=clock, rate_hz=chosen.rate_hz, configs=given.outputs, notes=notes_of(cameras, chosen),
+            names=chosen.names,
+        )  # fmt: skip
+        whole = SessionPlan(outputs=plan, config=chosen, duration_s=given.duration_s, remote=True)
+        note(f"waiting for views of {', '.join(cameras.names)} in domain {network.domain_id}")
+        with never_waiting(note) as say:
+            views = NetworkViews(cameras, network, clock, chosen, duration_s=given.duration_s, say=say)
+            done = run_session(whole, lambda: views, say)
+    counts, senders = views.views.intake.counts, views.views.senders
+    offsets_ms = {camera: 1000 * offset for camera, offset in done.clock_offset_s.items()}
+    more = {
+        "messages": {"accepted": counts.accepted, "refused": counts.refused},
+        "last_refusal": counts.last_refusal,
+        "not_used": dict(senders.refused),
+        "strangers": dict(senders.strangers),
+        "clock_offset_ms": offsets_ms,
+    }
+    run = finished_run(done, report=None if report is None else Path(report), more=more)
+    clocks = Facts({camera: f"{ms:+.1f}" for camera, ms in offsets_ms.items()})
+    return replace(run, blocks=(*run.blocks, Heading("Clocks, ms after the mean"), clocks))

@@ -1,0 +1,246 @@
+"""Live output ``record``: the session as an MCAP file with ROS 2 types, see `bags`."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, ClassVar
+
+from posefuse.core import (
+    ConfigError,
+    Detections2D,
+    InputError,
+    LiveDetections,
+    LiveHealth,
+    LiveJointCentres,
+    LiveMessage,
+    LiveNames,
+    LiveOutput,
+    LivePose,
+    LivePreview,
+    LiveStart,
+)
+from posefuse.foundation.output_file import part_path
+from posefuse.foundation.settings import settings
+
+from . import topics
+from .bags import Recorder
+from .camera_messages import message_from_joint_centres
+from .dds import RosNode
+from .dds_domain import Network, NetworkSettings
+from .live_output import health_lines, publish_preview
+from .markers import annotations_of_view
+from .messages import message_from_detections, message_from_names, time_from_ns
+from .ros_output import RosOutput
+from .sim_time import ClockReader, SimulatedClock
+from .types import message, optional_module
+
+_WITHIN_S = 10.0
+NOTES = "posefuse_live"
+SUFFIX = ".mcap"
+# a part that ends in its first second again is of no use
+_LEAST_FREE_BYTES = 4 * 2**20
+# so often it is looked whether the file is still there
+_LOOK_S = 1.0
+_TAKES = (LiveDetections, LivePose, LiveJointCentres, LiveNames, LiveHealth)
+# what viewers draw is recorded so often
+_SHOWN_NS = 1_000_000_000 // 30
+# topics of a body that follow from others
+_NOT_RECORDED = frozenset(topics.BODY_PARTS) - {"joint_states", "joint_angles", "urdf"}
+
+
+class RecordedClock:
+    """Follows `/clock` of a network, and writes it into a recording.
+
+    Raises:
+        SourceError: nothing comes on `/clock`.
+    """
+
+    def __init__(self, network: Network) -> None:
+        self._node = RosNode("posefuse_record", network)
+        try:
+            self._reader = ClockReader(self._node)
+            self._reader.wait(_WITHIN_S)
+        except BaseException:
+            self._node.close()
+            raise
+
+    def keep(self, recorder: topics.Outlet, t_ns: int) -> None:
+        """Write the simulated time at `t_ns` of the session."""
+        self._reader.update()
+        keep_clock(recorder, self._reader.clock, t_ns)
+
+    def close(self) -> None:
+        """Leave the network."""
+        self._node.close()
+
+
+def keep_clock(recorder: topics.Outlet, clock: SimulatedClock, t_ns: int) -> None:
+    """Write the value of `clock` at `t_ns` of the session."""
+    if clock.known:
+        recorder.publish(topics.CLOCK, message(topics.CLOCK.type_name, clock=time_from_ns(clock.sim_from_real(t_ns))), t_ns)
+
+
+class _Chosen:
+    """An outlet that records what a replay needs, and what viewers draw while it is `shown`."""
+
+    def __init__(self, recorder: topics.Outlet) -> None:
+        self._recorder = recorder
+        self.shown = True
+
+    def publish(self, topic: topics.Topic, msg: Any, t_ns: int) -> None:
+        """See `topics.Outlet`."""
+        self._recorder.publish(topic, msg, t_ns)
+
+    def wanted(self, topic: topics.Topic) -> bool:
+        """See `topics.Outlet`."""
+        if topic.name == topics.POSE.name or topic.name.endswith("/joint_angles") or topic.latched:
+            return True
+        return self.shown and topic.name.removeprefix("/humans/bodies/").partition("/")[2] not in _NOT_RECORDED
+
+    def forget(self, name: str) -> None:
+        """See `topics.Outlet`."""
+
+
+@settings
+class RecordConfig(NetworkSettings):
+    """Detections and poses in the order the tracker took and gave them, so that a replay reproduces the session.
+
+    Frames, joint states and markers go with them 30 times a second, so that viewers draw the people. The file of a session that
+    did not start is removed.
+
+    After a failure recording continues in ``NAME.2.mcap``, then ``.3`` and so on; no file is written over.
+
+    Attributes:
+        path: the file, whose name ends in .mcap; must not exist.
+        spare: folder in which recording continues where that of `path` is gone or full; None waits until it can be written.
+        images: record the cameras' small images, too, with the 2D keypoints to draw over them.
+        sim_time: cameras are stamped in simulated time: with every pose `/clock` is kept, as it was then.
+    """
+
+    path: Path
+    spare: Path | None = None
+    images: bool = False
+    sim_time: bool = False
+    takes: ClassVar[tuple[type[LiveMessage], ...]] = _TAKES
+    keeps_all: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.path.suffix.lower() != SUFFIX:
+            raise ConfigError(f"{self.path}: expected a name that ends in {SUFFIX}, by which recordings are recognized")
+        # an instance may accept more than its class states
+        object.__setattr__(self, "takes", (*_TAKES, LivePreview) if self.images else _TAKES)
+
+    def build(self) -> LiveOutput:
+        """Not yet opened; raises DependencyError without the extra `ros`."""
+        return RecordOutput(self)
+
+
+class RecordOutput:
+    """Writes one part."""
+
+    name = "record"
+
+    def __init__(self, config: RecordConfig) -> None:
+        optional_module("mcap.writer")
+        self._config = config
+        self._recorder: Any = None
+        self._ros: Any = None
+        self._chosen: Any = None
+        self._clock: Any = None
+        self._shown_ns = -_SHOWN_NS
+        self._looked_s = 0.0
+        self._views: dict[str, Detections2D] = {}
+        # whether the session got as far as a view or a pose
+        self._filled = False
+
+    @property
+    def where(self) -> str:
+        """The file that is open."""
+        return str(self._recorder.path if self._recorder is not None else self._config.path)
+
+    def take(self, message: LiveMessage) -> None:
+        """See `LiveOutput`."""
+        if self._recorder is not None and time.monotonic() - self._looked_s > _LOOK_S:
+            self._looked_s = time.monotonic()
+            self._recorder.check_there()
+        match message:
+            case LiveStart():
+                self._open(message)
+            case LiveDetections(detections=view):
+                self._filled, self._views[view.camera] = True, view
+                self._recorder.publish(topics.DETECTIONS, message_from_detections(view, message.stages_ns), view.t_ns)
+            case LivePose():
+                self._filled = True
+                self._pose(message)
+            case LivePreview():
+                self._preview(message)
+            case LiveJointCentres():
+                self._recorder.publish(topics.JOINT_CENTRES, message_from_joint_centres(message), message.t_ns)
+            case LiveNames(names=names):
+                self._recorder.publish(topics.NAMES, message_from_names(names), message.t_ns)
+            case LiveHealth():
+                self._ros.diagnose(message.t_ns, health_lines(message))
+
+    def close(self) -> None:
+        """Finish the file."""
+        if self._clock is not None:
+            self._clock.close()
+        if self._recorder is not None:
+            self._recorder.close()
+            if not self._filled:
+                self._recorder.path.unlink(missing_ok=True)
+
+    def _pose(self, message: LivePose) -> None:
+        t_ns = message.pose.t_ns
+        self._chosen.shown = not 0 <= t_ns - self._shown_ns < _SHOWN_NS * 19 // 20
+        if self._chosen.shown:
+            # due times, so that the rate does not fall to that of every fourth pose
+            went_on = t_ns - self._shown_ns < 2 * _SHOWN_NS
+            self._shown_ns = self._shown_ns + _SHOWN_NS if went_on and t_ns > self._shown_ns else t_ns
+        if self._clock is not None:
+            self._clock.keep(self._recorder, t_ns)
+        self._ros.step(message.pose, message.joints, message.stages_ns)
+
+    def _preview(self, preview: LivePreview) -> None:
+        publish_preview(self._recorder, preview, self._ros.rig)
+        view = self._views.get(preview.camera)
+        if view is not None and view.t_ns == preview.t_ns:
+            msg = annotations_of_view(view, preview.size_wh, self._ros.rig[preview.camera].size_wh)
+            self._recorder.publish(topics.preview_annotations(preview.camera), msg, preview.t_ns)
+
+    def _part(self, make: Callable[[Path], Any], part: int) -> Any:
+        path, spare = self._config.path, self._config.spare
+        if part == 1:
+            return make(path)
+        try:
+            return make(_with_room(part_path(path, part)))
+        except InputError:
+            if spare is None:
+                raise
+            return make(_with_room(part_path(spare / path.name, part)))
+
+    def _open(self, start: LiveStart) -> None:
+        if self._config.sim_time:
+            self._clock = RecordedClock(self._config.network)
+        self._recorder = self._part(Recorder, start.part)
+        if start.notes:
+            self._recorder.note(NOTES, {**start.notes, "part": str(start.part)})
+        self._chosen = _Chosen(self._recorder)
+        self._ros = RosOutput(self._chosen, start.rig)
+        self._ros.start(start.t_ns)
+
+
+def _with_room(path: Path) -> Path:
+    """The path; raises InputError where its disk is full."""
+    with contextlib.suppress(FileNotFoundError):
+        free = shutil.disk_usage(path.parent).free
+        if free < _LEAST_FREE_BYTES:
+            raise InputError(
+                f"{path}: the disk is full: {free / 2**20:.1f} MB free, expected {_LEAST_FREE_BYTES / 2**20:g} MB to continue"
+            )
+    return path

@@ -1,1 +1,0 @@
-"""Core values to and from messages on a network."""

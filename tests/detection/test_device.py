@@ -1,0 +1,131 @@
+"""The processor that is named is used or refused; `auto` takes a graphics card only after a network ran on it."""
+
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from posefuse.core import ConfigError, DependencyError, ModelError
+from posefuse.detection.card import OnnxCard, read_card
+from posefuse.detection.device import device_of, openvino_device
+from posefuse.detection.engines import OnnxNetwork
+
+graphs = pytest.importorskip("graphs", reason="the package onnx is not installed")
+
+SIZE = (96, 64)
+CPU, CUDA = "CPUExecutionProvider", "CUDAExecutionProvider"
+
+
+class Runtime:
+    """Imitates ONNX Runtime: which providers it lists, which a session then really has, and how that session fails."""
+
+    def __init__(self, listed=(CUDA, CPU), used=(CUDA, CPU), create=None, run=None):
+        self.listed, self.used, self.create, self.run_error = list(listed), list(used), create, run
+        self.asked, self.batches = [], []
+        self.SessionOptions = SimpleNamespace
+
+    def disable_telemetry_events(self): ...
+
+    def get_available_providers(self):
+        return self.listed
+
+    def InferenceSession(self, path, options, providers):
+        self.asked.append(providers)
+        if self.create:
+            raise RuntimeError(self.create)
+        return self
+
+    def get_providers(self):
+        return self.used
+
+    def get_outputs(self):
+        return [SimpleNamespace(name="dets", shape=["batch", "n", 5])]
+
+    def get_inputs(self):
+        return [SimpleNamespace(name="input", shape=["batch", 3, SIZE[1], SIZE[0]])]
+
+    def run(self, names, feed):
+        if self.run_error:
+            raise RuntimeError(self.run_error)
+        (batch,) = feed.values()
+        self.batches.append(len(batch))
+        return [batch.mean(axis=(1, 2, 3))[:, None, None] * np.ones((1, 2, 5), np.float32)]
+
+
+@pytest.fixture
+def card(tmp_path):
+    network = graphs.constant_network(tmp_path / "n.onnx", SIZE, {"dets": np.zeros((1, 2, 5))})
+    return read_card(graphs.write_card(tmp_path / "card.toml", "detections", network, SIZE), OnnxCard)
+
+
+@pytest.fixture
+def network(card, monkeypatch):
+    def made(device, runtime):
+        monkeypatch.setitem(sys.modules, "onnxruntime", runtime)
+        return OnnxNetwork(card, card.folder / card.file, device, "f32", 1)
+
+    return made
+
+
+BROKEN = {
+    "runs on the CPU instead": (Runtime(used=(CPU,)), "runs on CPUExecutionProvider instead"),
+    "cannot be created": (Runtime(create="driver 470 is too old"), "driver 470 is too old"),
+    "fails at the first image": (Runtime(run="out of memory"), "out of memory"),
+}
+
+
+@pytest.mark.parametrize("fault", BROKEN)
+def test_a_graphics_card_that_does_not_run_is_refused_by_name_and_left_by_auto_with_the_reason(network, fault):
+    runtime, words = BROKEN[fault]
+    with pytest.raises(ModelError, match=words) as caught:
+        network("cuda:1", runtime)
+    assert "\n" not in str(caught.value) and "cuda:1" in str(caught.value)
+    found = network("auto", runtime)
+    assert found.processor.startswith("cpu (") and words in found.processor
+    assert len(found([np.zeros((SIZE[1], SIZE[0], 3), np.uint8)])) == 1
+
+
+def test_a_device_that_is_not_installed_is_refused_with_its_cure_and_auto_takes_the_processor(network):
+    runtime = Runtime(listed=(CPU,), used=(CPU,))
+    with pytest.raises(ModelError, match=r"cuda:0.*needs a driver of NVIDIA and pip install 'posefuse\[gpu\]'"):
+        network("cuda", runtime)
+    assert network("auto", runtime).processor == "cpu"
+    with pytest.raises(DependencyError, match=r"posefuse\[onnx\]"):
+        network("cuda", None)
+    assert network("auto", None).processor == "cpu"
+
+
+def test_the_number_of_the_card_is_passed_on(network):
+    runtime = Runtime()
+    assert network("cuda:1", runtime).processor == "cuda:1"
+    assert network("auto", runtime).processor == "cuda:0"
+    assert runtime.asked == [[(CUDA, {"device_id": "1"})], [(CUDA, {"device_id": "0"})]]
+
+
+def test_images_go_in_batches_of_few_sizes_and_come_back_in_order(network):
+    runtime = Runtime()
+    found = network("cuda", runtime)
+    runtime.batches.clear()
+    images = [np.full((SIZE[1], SIZE[0], 3), i, np.uint8) for i in range(11)]
+    outputs = found(images)
+    assert runtime.batches == [8, 4]
+    assert [float(one[0][0, 0, 0]) for one in outputs] == pytest.approx(list(range(11)))
+    assert all(one[0].shape == (1, 2, 5) for one in outputs)
+
+
+@pytest.mark.parametrize("word", ["gpu", "cuda:", "cuda:x", "cpu:1", "coreml:0", "CUDA", "", "openvino:tpu"])
+def test_another_word_is_refused_with_those_there_are(word):
+    with pytest.raises(ConfigError, match=r"device: expected one of .*cuda\[:N\].*got "):
+        device_of(word)
+
+
+def test_openvino_names_what_it_has():
+    assert openvino_device("auto").word == openvino_device("cpu").word == "cpu"
+    with pytest.raises(ConfigError, match="BlazePose's networks run on"):
+        openvino_device("cuda")
+
+
+def test_a_processor_that_openvino_lacks_is_refused(network):
+    with pytest.raises(ModelError, match=r"openvino:npu: OpenVINO has .*CPU"):
+        network("openvino:npu", None)

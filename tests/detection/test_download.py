@@ -1,0 +1,243 @@
+"""Downloads that survive: against a server that breaks off, lies, or is not there."""
+
+import hashlib
+import io
+import os
+import subprocess
+import sys
+import threading
+import zipfile
+from dataclasses import replace
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+import numpy as np
+import pytest
+
+from posefuse.core import ModelError
+from posefuse.detection.archives import UrlSource
+from posefuse.detection.card import read_card
+from posefuse.detection.download import downloaded
+from posefuse.detection.files import fetch, fetch_all, model_path, status
+from posefuse.detection.lock import LOCK_FILE, Trust
+
+CONTENT = np.random.default_rng(0).bytes(3_000_000)
+SHA = hashlib.sha256(CONTENT).hexdigest()
+ACCEPTED = Trust(terms=True)
+
+
+class Server(ThreadingHTTPServer):
+    """Serves files; breaks off after so many bytes as often as it is told to; `asked` has the path and range of each request."""
+
+    def __init__(self):
+        self.files, self.break_off, self.asked, self.ranges, self.status = {}, [], [], True, 0
+        super().__init__(("127.0.0.1", 0), Handler)
+
+    def url(self, name):
+        return f"http://127.0.0.1:{self.server_address[1]}/{name}"
+
+
+class Handler(BaseHTTPRequestHandler):
+    def do_GET(self):
+        server = self.server
+        wanted = self.headers.get("Range")
+        server.asked.append((self.path, wanted))
+        content = server.files.get(self.path.rpartition("/")[2])
+        if content is None or server.status:
+            self.send_error(server.status or 404)
+            return
+        begin = int(wanted.removeprefix("bytes=").rstrip("-")) if wanted and server.ranges else 0
+        if begin >= len(content):
+            self.send_error(416)
+            return
+        self.send_response(206 if begin else 200)
+        self.send_header("Content-Length", str(len(content) - begin))
+        self.end_headers()
+        until = begin + server.break_off.pop(0) if server.break_off else len(content)
+        self.wfile.write(content[begin:until])
+
+    def log_message(self, *_): ...
+
+
+@pytest.fixture
+def server(monkeypatch):
+    monkeypatch.setenv("NO_PROXY", "127.0.0.1")
+    running = Server()
+    threading.Thread(target=running.serve_forever, daemon=True).start()
+    yield running
+    running.shutdown()
+    running.server_close()
+
+
+@pytest.fixture
+def get(tmp_path):
+    def fetched(*urls, sha256=SHA, most=10_000_000):
+        return downloaded(urls, tmp_path / "n.onnx", sha256, most, pause=lambda _: None)
+
+    return fetched
+
+
+def test_a_download_that_breaks_off_is_resumed(server, get, tmp_path):
+    server.files["n.onnx"], server.break_off = CONTENT, [1_000_000, 700_000]
+    assert get(server.url("n.onnx")).read_bytes() == CONTENT
+    assert [wanted for _, wanted in server.asked] == [None, "bytes=1000000-", "bytes=1700000-"]
+    assert [path.name for path in tmp_path.iterdir()] == ["n.onnx"]
+
+
+def test_a_server_that_cannot_resume_gives_it_again(server, get):
+    server.files["n.onnx"], server.break_off, server.ranges = CONTENT, [1_000_000], False
+    assert get(server.url("n.onnx")).read_bytes() == CONTENT
+
+
+def test_the_next_address_is_taken_where_one_is_dead(server, get):
+    server.files["n.onnx"] = CONTENT
+    dead = "http://127.0.0.1:9/n.onnx"
+    assert get(dead, server.url("absent.onnx"), server.url("n.onnx")).read_bytes() == CONTENT
+
+
+def test_a_file_that_never_comes_is_one_line_with_each_address_and_reason(server, get, tmp_path):
+    server.files["n.onnx"], server.break_off = CONTENT, [100] * 20
+    with pytest.raises(ModelError, match=r"absent.onnx: HTTP 404 .*n.onnx: broke off after 400 of 3000000 bytes") as caught:
+        get(server.url("absent.onnx"), server.url("n.onnx"))
+    assert "\n" not in str(caught.value)
+    # and the next run goes on
+    server.break_off = []
+    assert get(server.url("n.onnx")).read_bytes() == CONTENT
+    assert server.asked[-1][1] == "bytes=400-"
+
+
+def test_another_file_is_refused_with_both_hashes_and_not_kept(server, get, tmp_path):
+    server.files["n.onnx"] = CONTENT[::-1]
+    with pytest.raises(ModelError, match=f"expected sha256 {SHA}, got {hashlib.sha256(CONTENT[::-1]).hexdigest()}"):
+        get(server.url("n.onnx"))
+    assert not (tmp_path / "n.onnx").exists()
+    server.files["n.onnx"] = CONTENT
+    assert get(server.url("n.onnx")).read_bytes() == CONTENT
+
+
+def test_a_beginning_of_another_file_is_thrown_away(server, get, tmp_path):
+    server.files["n.onnx"] = CONTENT
+    for beginning in (b"something else", CONTENT + b"more"):
+        (tmp_path / "n.onnx.part").write_bytes(beginning)
+        assert get(server.url("n.onnx")).read_bytes() == CONTENT
+
+
+def test_more_than_the_card_states_is_not_received(server, get, tmp_path):
+    server.files["n.onnx"] = CONTENT
+    with pytest.raises(ModelError, match="expected at most 1000 bytes, got 3000000"):
+        get(server.url("n.onnx"), most=1000)
+
+
+def test_a_server_in_trouble_is_asked_again(server, get):
+    server.files["n.onnx"], server.status = CONTENT, 503
+    with pytest.raises(ModelError, match="Service Unavailable"):
+        get(server.url("n.onnx"))
+    assert len(server.asked) == 4
+
+
+_TWO = "import sys; from pathlib import Path; from posefuse.detection.download import downloaded\n" \
+       "downloaded([sys.argv[1]], Path(sys.argv[2]), sys.argv[3], 10_000_000)"  # fmt: skip
+
+
+def test_two_processes_at_once_end_with_one_whole_file(server, tmp_path):
+    server.files["n.onnx"], server.break_off = CONTENT, [500_000] * 3
+    command = [sys.executable, "-c", _TWO, server.url("n.onnx"), str(tmp_path / "n.onnx"), SHA]
+    both = [subprocess.Popen(command, env={**os.environ}) for _ in range(2)]
+    assert [one.wait(120) for one in both] == [0, 0]
+    assert (tmp_path / "n.onnx").read_bytes() == CONTENT
+    assert [path.name for path in tmp_path.iterdir()] == ["n.onnx"]
+
+
+def test_a_download_that_was_killed_is_resumed(server, tmp_path):
+    slow = threading.Event()
+    server.files["n.onnx"], server.break_off = CONTENT, [1_500_000] + [0] * 9
+    command = [sys.executable, "-c", _TWO, server.url("n.onnx"), str(tmp_path / "n.onnx"), SHA]
+    running = subprocess.Popen(command)
+    while not (tmp_path / "n.onnx.part").is_file() or (tmp_path / "n.onnx.part").stat().st_size < 1_500_000:
+        slow.wait(0.05)
+    running.kill()
+    running.wait()
+    server.break_off = []
+    subprocess.run(command, check=True)
+    assert (tmp_path / "n.onnx").read_bytes() == CONTENT
+    assert (server.asked[-1][1] or "").startswith("bytes=1500000")
+
+
+def archive(**members):
+    made = io.BytesIO()
+    with zipfile.ZipFile(made, "w") as packed:
+        for name, content in members.items():
+            packed.writestr(name.replace("__", "/").replace("_onnx", ".onnx"), content)
+    return made.getvalue()
+
+
+@pytest.fixture
+def card(server):
+    whole = archive(d20230831__m__end2end_onnx=CONTENT, _etc__foreign=b"outside")
+    server.files["m.zip"] = whole
+    source = UrlSource(urls=(server.url("m.zip"),), member="end2end.onnx", archive_sha256=hashlib.sha256(whole).hexdigest())
+    return replace(read_card("rtmpose_m"), source=source)
+
+
+def test_an_archive_gives_its_network_and_nothing_else(server, card, tmp_path):
+    """Files that it names elsewhere are never written."""
+    assert fetch_all([card], tmp_path, trust=ACCEPTED)[0].read_bytes() == CONTENT
+    assert sorted(path.name for path in tmp_path.rglob("*") if path.is_file()) == ["m.onnx", LOCK_FILE]
+    assert status(card, tmp_path) == "ready"
+    assert len(server.asked) == 1
+    # a second time nothing is asked, and terms that were accepted once stay accepted
+    assert fetch(card, tmp_path) == model_path(card, tmp_path)
+    assert len(server.asked) == 1
+
+
+def test_two_networks_of_that_name_in_one_archive_are_none(server, card, tmp_path):
+    server.files["m.zip"] = archive(a__end2end_onnx=b"1", b__end2end_onnx=b"2")
+    card = replace(card, source=replace(card.source, archive_sha256=""))
+    with pytest.raises(ModelError, match=r"holds no end2end\.onnx"):
+        fetch_all([card], tmp_path, trust=ACCEPTED)
+
+
+def test_an_archive_from_elsewhere_is_held_to_the_hash(card, tmp_path):
+    (tmp_path / "m.zip").write_bytes(archive(end2end_onnx=b"another"))
+    with pytest.raises(ModelError, match="expected sha256"):
+        fetch_all([card], tmp_path / "cache", tmp_path / "m.zip", trust=ACCEPTED)
+
+
+def test_the_file_that_came_first_is_kept_to(server, card, tmp_path):
+    """Where nobody states a hash."""
+    card = replace(card, source=replace(card.source, archive_sha256=""))
+    fetch_all([card], tmp_path, trust=ACCEPTED)
+    lock = tmp_path / "models" / LOCK_FILE
+    assert lock.read_text() == f'"m.onnx" = "{SHA}"\n'
+    model_path(card, tmp_path).write_bytes(b"changed")
+    assert status(card, tmp_path) == "damaged"
+    server.files["m.zip"] = archive(end2end_onnx=b"another")
+    with pytest.raises(ModelError, match=f"expected sha256 {SHA}"):
+        fetch_all([card], tmp_path, trust=ACCEPTED)
+
+
+def test_locked_means_that_only_known_files_are_fetched(server, card, tmp_path):
+    unknown = replace(card, source=replace(card.source, archive_sha256=""))
+    with pytest.raises(ModelError, match="refused as locked"):
+        fetch_all([unknown], tmp_path, trust=Trust(terms=True, locked=True))
+    assert not server.asked
+    fetch_all([card], tmp_path, trust=Trust(terms=True, locked=True))
+
+
+def test_the_lock_of_a_session_comes_first(server, card, tmp_path):
+    card = replace(card, source=replace(card.source, archive_sha256=""))
+    lock = tmp_path / LOCK_FILE
+    lock.write_text(f'"m.onnx" = "{"0" * 64}"\n')
+    with pytest.raises(ModelError, match=f"expected sha256 {'0' * 64}, got {SHA}"):
+        fetch_all([card], tmp_path / "cache", trust=Trust(terms=True, lock=lock))
+    lock.write_text(f'"m.onnx" = "{SHA.upper()}"\n')
+    fetch_all([card], tmp_path / "cache", trust=Trust(terms=True, lock=lock))
+    assert not (tmp_path / "cache" / "models" / LOCK_FILE).exists()
+
+
+def test_a_proxy_of_the_environment_is_asked(server, get, monkeypatch):
+    server.files["n.onnx"] = CONTENT
+    for name in ("NO_PROXY", "no_proxy"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("http_proxy", server.url("").rstrip("/"))
+    assert get("http://models.invalid/n.onnx").read_bytes() == CONTENT
+    assert server.asked[0][0] == "http://models.invalid/n.onnx"

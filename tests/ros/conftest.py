@@ -1,0 +1,93 @@
+"""Random but valid values, every axis a different size; and two machines on one."""
+
+from collections.abc import Callable
+from types import SimpleNamespace
+
+import built
+import numpy as np
+import pytest
+from ros1_master import alone, ros1_python  # noqa: F401
+
+from posefuse.core import SKELETONS, Detections2D, Pose3D, Skeleton
+from posefuse.core.skeleton import COCO17
+
+
+@pytest.fixture
+def some_detections() -> Callable[..., Detections2D]:
+    def make(
+        people: int = 3, skeleton: Skeleton = SKELETONS["blazepose33"], seed: int = 0, t_ns: int = 1_700_000_000_123_456_789
+    ):
+        rng = np.random.default_rng(seed)
+        k = len(skeleton)
+        xy = rng.uniform(0, 600, (people, k, 2))
+        score, sigma = rng.uniform(0, 1, (people, k)), rng.uniform(1, 9, (people, k))
+        lost = rng.random((people, k)) < 0.2
+        xy[lost], score[lost], sigma[lost] = np.nan, 0, np.nan
+        return Detections2D(
+            camera="cam 3/left",
+            t_ns=t_ns,
+            skeleton=skeleton,
+            xy_img=xy,
+            score=score,
+            sigma_px=sigma,
+            box_img=rng.uniform(0, 600, (people, 4)),
+            clothing_lab=np.where(rng.random((people, 3, 3)) < 0.2, np.nan, rng.uniform(-50, 99, (people, 3, 3))),
+        )
+
+    return make
+
+
+@pytest.fixture
+def standing() -> Callable[..., Pose3D]:
+    """A person who stands at the origin and looks along +x; `moved` overrides keypoints."""
+
+    def make(**moved: tuple[float, float, float]) -> Pose3D:
+        left = {
+            "shoulder": (0, 0.2, 1.4), "elbow": (0, 0.2, 1.1), "wrist": (0, 0.2, 0.85), "hip": (0, 0.1, 0.9),
+            "knee": (0, 0.1, 0.5), "ankle": (0, 0.1, 0.1), "ear": (0, 0.08, 1.6), "eye": (0.08, 0.03, 1.63),
+        }  # fmt: skip
+        xyz = built.of_sides(COCO17, left, nose=(0.1, 0.0, 1.6))
+        for name, place in moved.items():
+            xyz[COCO17.index(name)] = place
+        return built.pose(xyz[None], [1], 5_000_000_000)
+
+    return make
+
+
+class Kept:
+    """An outlet that keeps what it is given."""
+
+    def __init__(self) -> None:
+        self.sent = []
+        self.unwanted = set()
+        self.forgotten = []
+
+    def publish(self, topic, msg, t_ns):
+        assert msg.__msgtype__ == topic.type_name
+        self.sent.append(SimpleNamespace(topic=topic, msg=msg, t_ns=t_ns))
+
+    def wanted(self, topic):
+        return topic.name not in self.unwanted
+
+    def forget(self, name):
+        self.forgotten.append(name)
+
+    def on(self, name):
+        return [s.msg for s in self.sent if s.topic.name == name]
+
+
+@pytest.fixture
+def kept() -> Kept:
+    return Kept()
+
+
+@pytest.fixture
+def machines():
+    """Two machines joined by a link of this process's own making; skips where the kernel or the user does not allow it."""
+    from bench import two_machines
+
+    reason = two_machines.why_not()
+    if reason:
+        pytest.skip(reason)
+    with two_machines.TwoMachines(seed=3) as two:
+        yield two

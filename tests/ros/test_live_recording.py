@@ -1,0 +1,398 @@
+"""A live session read as a recording, and solved a second time over all of time."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from posefuse.cli.main import main
+from posefuse.core import (
+    Detections2D,
+    InputError,
+    LiveDetections,
+    LiveJointCentres,
+    LiveNames,
+    LivePose,
+    LiveStart,
+    Pose3D,
+    Recording,
+    Rig,
+    ShapeError,
+    SourceError,
+)
+from posefuse.core.observations import LIVE_STEP, NOT_KEPT, OBSERVATION_ARRAYS, observations_from_frames, on_time_steps
+from posefuse.core.skeleton import BLAZEPOSE33, COCO17
+from posefuse.core.values import keypoint_boxes
+from posefuse.detection import read_card
+from posefuse.formats.joint_centres import read_joint_centres
+from posefuse.formats.recording import read_recording, write_recording
+from posefuse.pipeline.config import TrackConfig
+from posefuse.pipeline.images import frame_period_ns
+from posefuse.pipeline.reading import read_result
+from posefuse.pipeline.solve import solve_again
+from posefuse.realtime.config import LiveConfig
+from posefuse.realtime.provenance import notes_of
+from posefuse_ros import bags, live_recording
+from posefuse_ros.bags import Recorder
+from posefuse_ros.live_recording import read as read_live_recording
+from posefuse_ros.record import RecordConfig
+
+pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
+reader = pytest.importorskip("mcap.reader")
+
+SIDE_NAMES = {
+    "mouth_left": "left_mouth",
+    "mouth_right": "right_mouth",
+    "left_big_toe": "left_foot_index",
+    "right_big_toe": "right_foot_index",
+}
+K, BEGIN_NS, PERIOD_NS = len(BLAZEPOSE33), 1_700_000_000_000_000_000, 33_366_700
+# a person who looks along +x: (x, y, z) of the right side, metres
+RIGHT = {
+    "eye_inner": (0.09, -0.02, 1.63), "eye": (0.08, -0.03, 1.63), "eye_outer": (0.07, -0.05, 1.63), "ear": (0.0, -0.08, 1.6),
+    "mouth": (0.09, -0.02, 1.56), "shoulder": (0.0, -0.2, 1.4), "elbow": (-0.02, -0.24, 1.12), "wrist": (0.1, -0.26, 0.9),
+    "pinky": (0.13, -0.28, 0.84), "index": (0.15, -0.25, 0.83), "thumb": (0.14, -0.23, 0.86), "hip": (0.0, -0.1, 0.9),
+    "knee": (0.04, -0.11, 0.5), "ankle": (-0.02, -0.12, 0.1), "heel": (-0.06, -0.12, 0.04), "foot_index": (0.14, -0.14, 0.03),
+}  # fmt: skip
+PLACES = {f"right_{part}": xyz for part, xyz in RIGHT.items()} | {f"left_{part}": (x, -y, z) for part, (x, y, z) in RIGHT.items()}
+PLACES |= {"nose": (0.12, 0.0, 1.6)}
+BODY = np.array([PLACES[SIDE_NAMES.get(name, name)] for name in BLAZEPOSE33.keypoints]) + [-0.6, 0.2, 0.0]
+OTHER = np.array([1.1, -0.7, 0.0])
+VELOCITY = np.array([0.8, -0.5, 0.05])
+LATE_NS = (0, 11_000_000, 19_000_000, 27_000_000)
+CONFIG = LiveConfig(joint_centres=False)
+
+
+def body(t_ns: float) -> np.ndarray:
+    """(K, 3) of a person who glides along."""
+    return BODY + VELOCITY * (t_ns - BEGIN_NS) * 1e-9
+
+
+def frames_of(rig: Rig, count: int, lost: float = 0.0, people: int = 1) -> list[Detections2D]:
+    """Exact views of unsynchronised cameras that run freely, some frames lost, in the order of their times."""
+    rng, found = np.random.default_rng(1), []
+    for i in range(count):
+        for camera, late_ns in zip(rig, LATE_NS, strict=True):
+            t_ns = BEGIN_NS + i * PERIOD_NS + late_ns
+            if rng.random() < lost:
+                continue
+            xyz = np.stack([body(t_ns) + n * OTHER for n in rng.permutation(people)])
+            xy, score = camera.project(xyz), np.full((people, K), 0.9)
+            parts = {"xy_img": xy, "score": score, "sigma_px": 0 * score + 1.5, "box_img": keypoint_boxes(xy, score)}
+            found.append(Detections2D(camera=camera.name, t_ns=t_ns, skeleton=BLAZEPOSE33, **parts))
+    return found
+
+
+def poses_of(count: int, people: int = 1, absent: Sequence[int] = ()) -> list[Pose3D]:
+    """Output ticks at 100 Hz, 40 ms after the truth; at ticks `absent` no person is there."""
+    rng, made = np.random.default_rng(2), []
+    for i in range(count):
+        t_ns, n = BEGIN_NS + i * 10_000_000, 0 if i in absent else people
+        xyz = np.stack([body(t_ns - 40_000_000) + j * OTHER for j in range(n)]) if n else np.zeros((0, K, 3))
+        cov = np.einsum("nkij,nklj->nkil", *[rng.normal(size=(n, K, 3, 3)) * 0.01] * 2)
+        planes = {
+            "xyz_world": xyz,
+            "cov_world": (cov + cov.swapaxes(-1, -2)) / 2,
+            "reproj_px": rng.normal(size=(n, K)) ** 2,
+            "n_views": rng.integers(2, 5, (n, K)),
+            "kind": rng.integers(1, 5, (n, K)),
+        }
+        made.append(Pose3D(t_ns=t_ns, skeleton=BLAZEPOSE33, person_id=np.arange(n) + 4, **planes))
+    return made
+
+
+def record(
+    path: Path, rig: Rig, frames: Sequence[Detections2D], poses: Sequence[Pose3D], config: LiveConfig = CONFIG, part: int = 1
+) -> None:
+    """What `posefuse live --record` writes of such a session."""
+    output = RecordConfig(path=path).build()
+    output.take(LiveStart(t_ns=BEGIN_NS, rig=rig, rate_hz=100.0, clock_offset_ns=0, notes=notes_of(rig, config), part=part))
+    for message in sorted([*frames, *poses], key=lambda one: one.t_ns):
+        shown = LivePose(pose=message) if isinstance(message, Pose3D) else LiveDetections(detections=message)
+        output.take(shown)
+    output.close()
+
+
+@pytest.fixture
+def rig(ring_rig: Callable[..., Rig]) -> Rig:
+    """With numbers that no text format keeps to the last bit."""
+    made = ring_rig(4, distortion=(0.01 / 3, -0.002 / 7, 1e-4 / 3, 0.0, 0.0))
+    return replace(made, cameras=tuple(replace(one, readout_s=0.01 / 3) for one in made), residual_px=1 / 3)
+
+
+def test_people_keep_the_names_of_the_session(tmp_path: Path, rig: Rig) -> None:
+    poses = poses_of(3)
+    names = ("a", "b", "c", "d", "Ada")
+    record(tmp_path / "a.mcap", rig, frames_of(rig, 20, lost=0.2), poses, replace(CONFIG, names=names))
+    ids = read_result(tmp_path / "a.mcap", pytest.fail)
+    assert ids.person_names[0] == "Ada"
+    assert ids.person_names[1:] == tuple(f"person {i}" for i in ids.poses.person_id[1:])
+
+
+def test_reading_is_lossless(tmp_path: Path, rig: Rig) -> None:
+    frames, poses = frames_of(rig, 20, lost=0.2), poses_of(60, absent=(0, 1, 30))
+    record(tmp_path / "a.mcap", rig, frames, poses)
+    found = read_result(tmp_path / "a.mcap", pytest.fail)
+    start_ns = found.provenance["start_ns"]
+    assert found.is_live
+    for one, other in zip(rig, found.rig, strict=True):
+        for name in ("K", "distortion", "readout_s", "size_wh", "model"):
+            np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+        np.testing.assert_array_equal(one.cam_from_world.wxyz, other.cam_from_world.wxyz)
+        np.testing.assert_array_equal(one.cam_from_world.xyz, other.cam_from_world.xyz)
+    assert (found.rig.residual_px, found.rig.world_set_by) == (rig.residual_px, rig.world_set_by)
+    assert len(found.observations.frame_t_ns) == len(frames)
+    for i, one in enumerate(sorted(frames, key=lambda one: one.t_ns)):
+        got = found.observations.detections(i)
+        assert (got.camera, got.t_ns + start_ns) == (one.camera, one.t_ns)
+        for name in ("xy_img", "score", "sigma_px", "box_img"):
+            np.testing.assert_array_equal(getattr(got, name), getattr(one, name))
+    for i, one in enumerate(poses):
+        assert found.poses.t_ns[i] + start_ns == one.t_ns
+        for name in ("xyz_world", "cov_world", "reproj_px", "n_views", "kind"):
+            got = getattr(found.poses, name)[i, : len(one.person_id)]
+            np.testing.assert_allclose(got, getattr(one, name), rtol=1e-6 if name in ("cov_world", "reproj_px") else 0)
+    assert np.isnan(found.poses.xyz_world[[0, 1, 30]]).all()
+
+
+def test_a_live_recording_is_kept_like_any_result(tmp_path: Path, rig: Rig) -> None:
+    record(tmp_path / "a.mcap", rig, frames_of(rig, 10), poses_of(30))
+    found = read_live_recording(tmp_path / "a.mcap")
+    write_recording(tmp_path, found)
+    back = read_recording(tmp_path)
+    assert back.is_live
+    assert back.provenance == found.provenance
+    np.testing.assert_array_equal(back.poses.xyz_world, found.poses.xyz_world)
+
+
+@pytest.mark.parametrize("lost", [0.0, 0.15])
+def test_exact_views_of_unsynchronised_cameras_solve_to_the_truth(tmp_path: Path, rig: Rig, lost: float) -> None:
+    record(tmp_path / "a.mcap", rig, frames_of(rig, 60, lost), poses_of(200))
+    live = read_live_recording(tmp_path / "a.mcap")
+    solved = solve_again(live)
+    assert np.median(np.diff(solved.poses.t_ns)) == pytest.approx(PERIOD_NS, rel=1e-4)
+    true = np.stack([body(t_ns + live.provenance["start_ns"]) for t_ns in solved.poses.t_ns.tolist()])
+    off_m = np.linalg.norm(solved.poses.xyz_world[:, 0] - true, axis=-1)[5:-5]
+    before = np.stack([body(t_ns + live.provenance["start_ns"]) for t_ns in live.poses.t_ns.tolist()])
+    assert np.isfinite(off_m).all()
+    assert np.quantile(off_m, 0.95) < 0.002
+    assert np.linalg.norm(live.poses.xyz_world[:, 0] - before, axis=-1).mean() > 0.03
+
+
+def test_a_second_solve_saved_solves_again_to_the_last_bit(tmp_path: Path, rig: Rig) -> None:
+    record(tmp_path / "a.mcap", rig, frames_of(rig, 40, lost=0.1), poses_of(130))
+    solved = solve_again(read_live_recording(tmp_path / "a.mcap"))
+    write_recording(tmp_path, solved)
+    again = solve_again(read_recording(tmp_path))
+    for name in OBSERVATION_ARRAYS:
+        np.testing.assert_array_equal(getattr(again.observations, name), getattr(solved.observations, name))
+    np.testing.assert_array_equal(again.poses.xyz_world, solved.poses.xyz_world)
+    np.testing.assert_array_equal(again.poses.cov_world, solved.poses.cov_world)
+
+
+def test_every_detection_finds_its_person(tmp_path: Path, rig: Rig) -> None:
+    frames = frames_of(rig, 10, people=2)
+    stray = replace(frames[0], xy_img=frames[0].xy_img * 0 + 5, t_ns=frames[0].t_ns + 1)
+    record(tmp_path / "a.mcap", rig, [*frames, stray], poses_of(40, people=2))
+    found = read_live_recording(tmp_path / "a.mcap")
+    log = found.observations
+    for i in range(len(log.frame_t_ns)):
+        seen, people = log.detections(i), log.person_id[log.frame_begin[i] : log.frame_begin[i + 1]]
+        if (seen.xy_img == 5).all():
+            assert (people == NOT_KEPT).all()
+            continue
+        t_ns = seen.t_ns + found.provenance["start_ns"]
+        for person, xy in zip(people, seen.xy_img, strict=True):
+            expected = found.rig[seen.camera].project(body(t_ns) + (person - 4) * OTHER)
+            np.testing.assert_allclose(xy, expected, atol=0.01)
+    assert (found.views.score > 0).any(axis=-1).mean() > 0.7
+
+
+def test_a_file_cut_off_gives_a_shorter_recording_and_one_warning(tmp_path: Path, rig: Rig) -> None:
+    record(tmp_path / "a.mcap", rig, frames_of(rig, 150), poses_of(500))
+    whole = read_live_recording(tmp_path / "a.mcap", pytest.fail)
+    raw = (tmp_path / "a.mcap").read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(raw[: len(raw) * 6 // 10])
+    lines: list[str] = []
+    cut = read_live_recording(tmp_path / "cut.mcap", lines.append)
+    [line] = lines
+    assert "cut off" in line
+    assert 0 < len(cut.poses) < len(whole.poses)
+    np.testing.assert_array_equal(cut.poses.xyz_world, whole.poses.xyz_world[: len(cut.poses)])
+    with pytest.warns(UserWarning, match="cut off"):
+        read_result(tmp_path / "cut.mcap")
+
+
+def test_a_file_damaged_in_the_middle_is_read_up_to_there(tmp_path: Path, rig: Rig) -> None:
+    """A bad sector in the last minute must not cost the hour before it."""
+    record(tmp_path / "a.mcap", rig, frames_of(rig, 150), poses_of(500))
+    whole = read_live_recording(tmp_path / "a.mcap", pytest.fail)
+    raw = bytearray((tmp_path / "a.mcap").read_bytes())
+    with (tmp_path / "a.mcap").open("rb") as file:
+        chunks = reader.make_reader(file).get_summary().chunk_indexes
+    middle = chunks[len(chunks) * 6 // 10]
+    place = middle.chunk_start_offset + middle.chunk_length // 2
+    raw[place : place + 64] = bytes(64)
+    (tmp_path / "b.mcap").write_bytes(raw)
+    lines: list[str] = []
+    found = read_live_recording(tmp_path / "b.mcap", lines.append)
+    [line] = lines
+    assert "b.mcap: damaged at byte" in line and "what follows in this part is missing" in line
+    assert 0 < len(found.poses) < len(whole.poses)
+    np.testing.assert_array_equal(found.poses.xyz_world, whole.poses.xyz_world[: len(found.poses)])
+    # before the first pose there is nothing to keep
+    raw[:8] = bytes(8)
+    (tmp_path / "b.mcap").write_bytes(raw)
+    with pytest.raises(SourceError, match=r"b\.mcap: "):
+        read_live_recording(tmp_path / "b.mcap", lines.append)
+
+
+def test_parts_are_joined_in_order_without_overlap(tmp_path: Path, rig: Rig) -> None:
+    frames, poses = frames_of(rig, 12), poses_of(40)
+    record(tmp_path / "whole.mcap", rig, frames, poses)
+    record(tmp_path / "a.mcap", rig, frames[:20], poses[:15])
+    record(tmp_path / "a.mcap", rig, frames[18:30], poses[14:25], part=2)
+    (tmp_path / "a.2.mcap").rename(tmp_path / "a.10.mcap")
+    record(tmp_path / "a.mcap", rig, frames[30:], poses[25:], part=2)
+    (tmp_path / "a.2.mcap").rename(tmp_path / "a.11.mcap")
+    (tmp_path / "a.12.mcap").write_bytes(b"")
+    lines: list[str] = []
+    whole, joined = (read_live_recording(tmp_path / f"{name}.mcap", lines.append) for name in ("whole", "a"))
+    assert [line.split(":")[0] for line in lines] == [str(tmp_path / "a.12.mcap")]
+    np.testing.assert_array_equal(whole.poses.xyz_world, joined.poses.xyz_world)
+    times = [np.sort(one.observations.frame_t_ns) for one in (whole, joined)]
+    np.testing.assert_array_equal(*times)
+    record(tmp_path / "other.mcap", rig, frames, poses, replace(CONFIG, rate_hz=50.0))
+    (tmp_path / "other.mcap").rename(tmp_path / "a.13.mcap")
+    with pytest.raises(InputError, match=r"a\.13\.mcap: is a part of another session"):
+        read_live_recording(tmp_path / "a.mcap", lines.append)
+
+
+def test_the_table_of_joint_centres_is_that_of_the_session(tmp_path: Path, rig: Rig) -> None:
+    from dataclasses import asdict
+
+    table = read_joint_centres(read_card("blazepose_full").joint_centres_file)
+    output = RecordConfig(path=tmp_path / "a.mcap").build()
+    notes = notes_of(rig, LiveConfig())
+    output.take(LiveStart(t_ns=BEGIN_NS, rig=rig, rate_hz=100.0, clock_offset_ns=0, notes=notes))
+    output.take(LiveJointCentres(t_ns=BEGIN_NS, cameras=rig.names[2:], table=table))
+    for view in frames_of(rig, 12):
+        output.take(LiveDetections(detections=view))
+    for pose in poses_of(40):
+        output.take(LivePose(pose=pose))
+    output.close()
+    found = read_live_recording(tmp_path / "a.mcap")
+    assert found.provenance["joint_centres"] == asdict(table)
+    moved = solve_again(found).poses.xyz_world
+    plain = solve_again(found, replace(TrackConfig(), joint_centres=False)).poses.xyz_world
+    assert np.nanmax(np.linalg.norm(moved - plain, axis=-1)) > 0.003
+
+
+def test_names_given_in_the_session_are_those_of_the_recording(tmp_path: Path, rig: Rig) -> None:
+    lines: list[str] = []
+    path = tmp_path / "a.mcap"
+    output = RecordConfig(path=path).build()
+    notes = notes_of(rig, LiveConfig(names=("first", "second")))
+    output.take(LiveStart(t_ns=BEGIN_NS, rig=rig, rate_hz=100.0, clock_offset_ns=0, notes=notes))
+    for i, names in enumerate(({0: "Eva"}, {0: "Eva", 4: 'Äda "x"', 900: "late"}, {0: "", 4: "Ada", 900: "late"})):
+        output.take(LiveNames(t_ns=BEGIN_NS, names=names))
+        output.take(LivePose(pose=poses_of(3)[i]))
+    output.close()
+    found = read_live_recording(path, lines.append)
+    assert list(found.provenance["config"]["names"]) == ["person 0", "second", "person 2", "person 3", "Ada"]
+    assert found.person_names == ("Ada",)
+    assert len(lines) == 1 and "900" in lines[0]
+
+
+def test_what_is_no_live_recording_is_refused(tmp_path: Path, rig: Rig) -> None:
+    (tmp_path / "text.mcap").write_text("no")
+    with pytest.raises(SourceError, match="cannot be read as MCAP"):
+        read_result(tmp_path / "text.mcap")
+    Recorder(tmp_path / "empty.mcap").close()
+    with pytest.raises(InputError, match="holds no pose"):
+        read_result(tmp_path / "empty.mcap")
+    (tmp_path / "a.trc").write_text("no")
+    with pytest.raises(InputError, match="expected a result folder"):
+        read_result(tmp_path / "a.trc")
+    record(tmp_path / "blind.mcap", rig, [], poses_of(3))
+    with pytest.raises(InputError, match="no detections"):
+        solve_again(read_result(tmp_path / "blind.mcap"))
+
+
+@pytest.mark.parametrize(("lost", "jitter_ns"), [(0.0, 0), (0.4, 0), (0.7, 0), (0.5, 3e6)])
+def test_the_frame_period_is_found_although_frames_are_missing(lost: float, jitter_ns: float) -> None:
+    rng = np.random.default_rng(0)
+    t_ns = np.arange(400) * PERIOD_NS + rng.normal(size=400) * jitter_ns
+    found = frame_period_ns(np.sort(t_ns[rng.random(400) >= lost]).astype(np.int64))
+    assert found == pytest.approx(PERIOD_NS, rel=1e-9 if not jitter_ns else 2e-4)
+
+
+def test_each_time_step_has_the_nearest_frame_and_no_frame_is_at_two(rig: Rig) -> None:
+    rng = np.random.default_rng(4)
+    empty = {
+        "xy_img": np.zeros((1, 17, 2)),
+        "score": np.zeros((1, 17)),
+        "sigma_px": np.zeros((1, 17)),
+        "box_img": np.zeros((1, 4)),
+    }
+    frames = [
+        Detections2D(camera=name, t_ns=int(t_ns), skeleton=COCO17, **empty)
+        for name in rig.names
+        for t_ns in rng.permutation(rng.integers(0, 2_000, 40))
+    ]
+    log = on_time_steps(observations_from_frames(COCO17, rig.names, frames), np.arange(100, 1900, 50))
+    for c in range(4):
+        mine = log.frame_camera == c
+        for step, t_ns in enumerate(log.step_t_ns):
+            late_ns = np.abs(log.frame_t_ns[mine] - t_ns)
+            [chosen] = np.flatnonzero(log.frame_step[mine] == step) if late_ns.min() < 25 else [None]
+            assert chosen is None or late_ns[chosen] == late_ns.min()
+    assert (np.abs(log.frame_t_ns - log.step_t_ns[log.frame_step])[log.frame_step != LIVE_STEP] <= 25).all()
+    with pytest.raises(ShapeError, match="no camera cam00; there are: x"):
+        observations_from_frames(COCO17, ("x",), frames[:1])
+
+
+def test_commands_take_a_live_recording(tmp_path: Path, rig: Rig, capsys: pytest.CaptureFixture) -> None:
+    record(tmp_path / "a.mcap", rig, frames_of(rig, 40), poses_of(130))
+    assert main(["solve", str(tmp_path / "a.mcap"), "--out", str(tmp_path / "r"), "--outputs", "trc"]) == 0
+    result = read_result(tmp_path / "r")
+    assert isinstance(result, Recording)
+    assert result.provenance["second_solve"]
+    assert (tmp_path / "r" / "pose.trc").is_file()
+    assert main(["report", str(tmp_path / "a.mcap"), "--fit", "none"]) == 0
+    assert (tmp_path / "a_biomechanics" / "report.html").is_file()
+    assert main(["compare", str(tmp_path / "r"), str(tmp_path / "a.mcap"), "--no-space"]) == 0
+    assert main(["track", str(tmp_path / "a.mcap"), "--out", str(tmp_path / "x"), "--resume"]) != 0
+    assert "is a recording, not a session; `posefuse solve` solves it again" in capsys.readouterr().err
+
+
+def test_the_front_door_reads_live_sessions_too(tmp_path: Path, rig: Rig) -> None:
+    import posefuse as pf
+
+    record(tmp_path / "a.mcap", rig, frames_of(rig, 20), poses_of(60))
+    found = pf.read(tmp_path / "a.mcap")
+    assert isinstance(found, pf.Recording)
+    assert "people (ids): 4" in repr(found)
+    assert found.to_xarray().sizes["time"] == len(found.poses)
+    assert not found.solve().is_live
+
+
+def test_a_section_is_solved_as_from_the_whole_file_without_decoding_the_rest(
+    tmp_path: Path, rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, config = tmp_path / "a.mcap", replace(TrackConfig(), start_s=2.6, end_s=3.2, body="off")
+    record(path, rig, frames_of(rig, 120, lost=0.1), poses_of(400))
+    monkeypatch.setattr(live_recording, "_SECTION_MARGIN_S", 0.5)
+    decoded: list[str] = []
+    whole_decode = bags.decode
+    monkeypatch.setattr(bags, "decode", lambda raw, name, most: decoded.append(name) or whole_decode(raw, name, most))
+    whole, all_messages = read_result(path, pytest.fail), len(decoded)
+    decoded.clear()
+    section = read_result(path, pytest.fail, start_s=2.6, end_s=3.2)
+    assert len(decoded) < 0.55 * all_messages
+    assert section.provenance == whole.provenance
+    one, other = (solve_again(recording, config).poses for recording in (section, whole))
+    np.testing.assert_array_equal(one.t_ns, other.t_ns)
+    np.testing.assert_array_equal(one.xyz_world, other.xyz_world)

@@ -1,0 +1,239 @@
+"""One session on two machines, here two processes on the loopback device."""
+
+import json
+import signal
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import ClassVar
+
+import built
+import numpy as np
+import pytest
+from no_outputs import NoOutputs
+from own_domain import own_domain
+from running import Running
+
+from posefuse.core import (
+    SKELETONS,
+    Detections2D,
+    JointCentres,
+    LiveJointCentres,
+    LiveMessage,
+    LiveOutput,
+    LivePose,
+    LiveStart,
+    Pose3D,
+    Skeleton,
+)
+from posefuse.realtime.config import LiveConfig
+from posefuse.realtime.estimator import Centring, Estimator
+from posefuse.realtime.fusion import Fusion
+from posefuse.realtime.messages import SeenView, SessionClock
+from posefuse.tracking.online import CameraStatistics
+from posefuse_ros.live_output import Ros2Config
+from posefuse_ros.network_views import NetworkViews
+
+pytestmark = pytest.mark.realtime
+
+pytest.importorskip("cyclonedds")
+DOMAIN = own_domain()
+PATIENCE_S = 120.0
+# all nodes show their videos from then on
+ZERO_S = time.time()
+FAULTY = [sys.executable, str(Path(__file__).resolve().parents[2] / "bench" / "faulty_live.py")]
+
+
+def node(part: str, session: Path, *options: str) -> Running:
+    command = [*FAULTY, "--zero", str(ZERO_S), "--", "node", part, str(session / "rig.toml"), "--json"]
+    command += ["--local-only", "--domain", str(DOMAIN), *options]
+    return Running(command)
+
+
+def stopped(running: Running) -> dict:
+    running.process.send_signal(signal.SIGINT)
+    out, err = running.finished()
+    assert running.process.returncode == 0, err
+    return json.loads(out)
+
+
+def wait_until_received(views: dict[str, int], poses: int) -> None:
+    """Listen next to the nodes until so many views of each camera, and poses with a person in them, have come."""
+    from posefuse_ros import topics
+    from posefuse_ros.dds import RosNode
+    from posefuse_ros.dds_domain import Network
+    from posefuse_ros.messages import DETECTIONS_TYPE, POSE_TYPE, detections_from_message, pose_from_message
+    from posefuse_ros.types import Intake
+
+    end = time.monotonic() + PATIENCE_S
+    with RosNode("listener", Network(domain_id=DOMAIN, local_only=True)) as listener:
+        seen, made = listener.reader(topics.DETECTIONS), listener.reader(topics.POSE)
+        view_intake, pose_intake = Intake(DETECTIONS_TYPE, detections_from_message), Intake(POSE_TYPE, pose_from_message)
+        while max(poses, *views.values()) > 0:
+            assert time.monotonic() < end, f"still to come: {views}, {poses} poses"
+            listener.wait(0.2)
+            for sample in seen.take():
+                views[view_intake.take(sample.raw)[0].camera] -= 1
+            poses -= sum(len(pose_intake.take(sample.raw)[0].person_id) > 0 for sample in made.take())
+
+
+def test_two_camera_nodes_and_a_fusion_node_make_poses(demo_session: Path) -> None:
+    oracle = ["--set", "detector.name=oracle", "--set", f"detector.options.truth={demo_session / 'truth' / 'truth.npz'}"]
+    # played again and again: a slow machine may need any time to begin
+    shared = ["--loop", "10", *oracle]
+    nodes = [node("fusion", demo_session)]
+    try:
+        for name, cameras in (("a", ("cam00", "cam02")), ("b", ("cam01", "cam03"))):
+            sources = [part for camera in cameras for part in ("--source", f"{camera}=sim:{demo_session}")]
+            nodes.append(node("camera", demo_session, "--name", name, *shared, *sources))
+        for running, words in zip(nodes, ("first view", "in process", "in process"), strict=True):
+            running.err.wait_for(words, PATIENCE_S)
+        wait_until_received(dict.fromkeys(("cam00", "cam01", "cam02", "cam03"), 60), poses=60)
+        figures, *sent = [stopped(running) for running in nodes]
+    finally:
+        for running in nodes:
+            running.process.kill()
+    assert figures["poses_with_people"] > 50
+    assert all(camera["used"] > 20 for camera in figures["cameras"].values())
+    assert figures["messages"]["refused"] == 0
+    assert all(count > 20 for one in sent for count in one["sent"].values())
+
+
+def test_strangers_are_counted_and_never_handed_on(ring_rig) -> None:
+    from posefuse_ros import topics
+    from posefuse_ros.camera_messages import message_from_joint_centres
+    from posefuse_ros.dds import RosNode
+    from posefuse_ros.dds_domain import Network
+    from posefuse_ros.messages import message_from_detections
+
+    skeleton = SKELETONS["coco17"]
+    network = Network(domain_id=DOMAIN + 1, local_only=True)
+    intake = NetworkViews(ring_rig(2), network, SessionClock.begin(), LiveConfig())
+    counts, strangers = intake.views.intake.counts, intake.views.senders.strangers
+    try:
+        with RosNode("stranger", network) as stranger:
+            offsets = JointCentres(made_by="a test", offsets={"hip": {"up": 0.01}})
+            table = LiveJointCentres(t_ns=time.time_ns(), cameras=("cam00",), table=offsets)
+            stranger.publish(topics.JOINT_CENTRES, message_from_joint_centres(table), table.t_ns)
+            writer = stranger.writer(topics.DETECTIONS)
+            end = time.monotonic() + 20
+            while not (counts.refused and strangers and sum(strangers.values()) > 30) and time.monotonic() < end:
+                for camera in ("cam00", "elsewhere"):
+                    view = Detections2D.empty(camera, time.time_ns(), skeleton)
+                    stranger.publish(topics.DETECTIONS, message_from_detections(view, {}), view.t_ns)
+                broken = built.detections("cam01", np.ones((1, 17, 2)), time.time_ns(), score=7.0)
+                stranger.publish(topics.DETECTIONS, message_from_detections(broken, {}), broken.t_ns)
+                time.sleep(0.05)
+            assert writer.readers() > 0
+        known_skeleton = intake.first_skeleton(1.0)
+        got = [*intake.messages()]
+    finally:
+        intake.close()
+    assert "elsewhere" in strangers
+    assert "scores in 0..1" in counts.last_refusal
+    assert known_skeleton == skeleton
+    assert [message for message in got if isinstance(message, LiveJointCentres)] == [table]
+    assert {seen.detections.camera for seen in got if isinstance(seen, SeenView)} == {"cam00"}
+
+
+def test_cameras_of_another_machine_look_for_people_who_are_not_sure_enough_to_be_shown(ring_rig) -> None:
+    from posefuse_ros.camera_node import CameraNode
+    from posefuse_ros.dds import RosNode
+    from posefuse_ros.dds_domain import Network
+
+    rig, clock, skeleton = ring_rig(3), SessionClock.begin(), SKELETONS["coco17"]
+    where = {"domain_id": DOMAIN + 2, "local_only": True}
+    output, groups = Ros2Config(**where).build(), NoGroups()
+    output.take(LiveStart(t_ns=clock.now_ns(), rig=rig, rate_hz=100.0, clock_offset_ns=0))
+    outlets = Given(output)
+    fusion = Fusion(rig, Estimator(OneUnsurePerson(skeleton), Centring(rig.names, False)), lambda _: None, clock, outlets)
+    end = time.monotonic() + PATIENCE_S
+    with RosNode("camera", Network(**where)) as node:
+        cameras = CameraNode(rig, rig.names, node, clock, skeleton)
+        while not groups.expected and time.monotonic() < end:
+            fusion.tick(clock.now_ns(), 10_000_000)
+            cameras.step(groups)
+            time.sleep(0.03)
+    output.close()
+    assert all(len(message.pose.person_id) == 0 for message in outlets.messages if isinstance(message, LivePose))
+    assert np.allclose(groups.expected[-1].xyz_world, 1.0)
+
+
+class OneUnsurePerson:
+    """A tracker of one person who is known to 0.5 m."""
+
+    health: ClassVar[dict[str, CameraStatistics]] = {}
+
+    def __init__(self, skeleton: Skeleton) -> None:
+        self._skeleton = skeleton
+
+    def at(self, t_ns: int) -> Pose3D:
+        cov = 0.25 * np.eye(3)
+        return built.pose(np.ones((1, len(self._skeleton), 3)), t_ns=t_ns, skeleton=self._skeleton, cov=cov)
+
+    looked_for = at
+
+    def evidence(self, t_ns: int) -> dict:
+        return {}
+
+
+class Given(NoOutputs):
+    """Hands all messages that it takes to one output, at once."""
+
+    def __init__(self, output: LiveOutput) -> None:
+        super().__init__()
+        self.messages, self._output = [], output
+
+    def offer(self, message: LiveMessage) -> None:
+        self.messages.append(message)
+        self._output.take(message)
+
+
+class NoGroups:
+    def __init__(self) -> None:
+        self.expected: list = []
+
+    def expect(self, expected) -> None:
+        self.expected.append(expected)
+
+    def channels(self) -> list:
+        return []
+
+    def messages(self) -> list:
+        return []
+
+    def troubles(self) -> dict:
+        return {}
+
+
+def test_a_second_participant_does_not_get_a_camera_while_the_first_pauses(ring_rig) -> None:
+    from posefuse_ros import topics
+    from posefuse_ros.dds import RosNode
+    from posefuse_ros.dds_domain import Network
+    from posefuse_ros.messages import message_from_detections
+
+    skeleton, network = SKELETONS["coco17"], Network(domain_id=DOMAIN + 2, local_only=True)
+    intake = NetworkViews(ring_rig(2), network, SessionClock.begin(), LiveConfig())
+    senders = intake.views.senders
+
+    def send(node: RosNode, wanted: Callable[[], bool]) -> bool:
+        end_s = time.monotonic() + 20
+        while not wanted() and time.monotonic() < end_s:
+            view = Detections2D.empty("cam00", time.time_ns(), skeleton)
+            node.publish(topics.DETECTIONS, message_from_detections(view, {}), view.t_ns)
+            time.sleep(0.05)
+        return wanted()
+
+    try:
+        with RosNode("second", network) as second:
+            with RosNode("first", network) as first:
+                name = first.sender
+                assert send(first, lambda: senders.sender("cam00") == name)
+                time.sleep(1.5)
+                assert send(second, lambda: any("a second sender" in line for line in senders.refused))
+                assert senders.sender("cam00") == name
+            # the first one has left the network
+            assert send(second, lambda: senders.sender("cam00") == second.sender)
+    finally:
+        intake.close()

@@ -1,0 +1,239 @@
+"""Head, wrists and hands as robots want them: axes, covariance, velocity, a model of the person."""
+
+import dataclasses
+import xml.etree.ElementTree as ET
+
+import built
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from posefuse.core import SE3, SKELETONS, Pose3D
+from posefuse.core.skeleton import pick_keypoints
+from posefuse_ros import topics
+from posefuse_ros.bodies import JOINTS, LINKS, POINTS, bodies_from_pose, head_and_wrists
+from posefuse_ros.parts import (
+    PARTS,
+    Velocities,
+    angle_difference,
+    covariance_of_parts,
+    packed_poses,
+    parts_from_pose,
+    pose_difference,
+)
+from posefuse_ros.person_output import Sizes, sizes_from_points, urdf_text
+from posefuse_ros.ros_output import RosOutput
+
+BLAZE = SKELETONS["blazepose33"]
+S = 1_000_000_000
+
+
+def person(rng=None, noise_m=0.0, t_ns=5 * S, moved=None) -> Pose3D:
+    """Stands at the origin, looks along +x, elbows bent, hands forward with the palms down."""
+    left = {
+        "shoulder": (0, 0.2, 1.4), "elbow": (0.3, 0.2, 1.25), "wrist": (0.55, 0.2, 1.4), "hip": (0, 0.1, 0.9),
+        "knee": (0, 0.1, 0.5), "ankle": (0, 0.1, 0.1), "ear": (0, 0.08, 1.6), "index": (0.65, 0.17, 1.4),
+        "pinky": (0.65, 0.23, 1.4),
+    }  # fmt: skip
+    xyz = built.of_sides(BLAZE, left, nose=(0.1, 0, 1.6))[None]
+    xyz = xyz + (rng.normal(size=xyz.shape) * noise_m if rng is not None else 0.0)
+    return built.pose(xyz if moved is None else moved @ xyz, [1], t_ns, skeleton=BLAZE)
+
+
+def parts_of(pose: Pose3D) -> tuple[SE3, np.ndarray]:
+    """Parts of everybody and their covariance."""
+    parts = parts_from_pose(pose, bodies_from_pose(pose))
+    return parts, covariance_of_parts(pose, parts)
+
+
+def test_axes_are_those_of_the_body_in_the_zero_position():
+    parts, _ = parts_of(person())
+    for name in ("head", "left_hand", "right_hand"):
+        np.testing.assert_allclose(parts[0, PARTS.index(name)].matrix(), np.eye(3), atol=1e-9)
+    np.testing.assert_allclose(parts.xyz[0, PARTS.index("left_hand")], [0.65, 0.2, 1.4], atol=1e-12)
+    links = bodies_from_pose(person()).world_from_link
+    wrist = parts[0, PARTS.index("right_wrist")]
+    np.testing.assert_allclose(wrist.matrix4(), links[0, LINKS.index("r_wrist")].matrix4(), atol=1e-12)
+
+
+def test_moving_the_world_moves_the_parts_and_turns_their_covariance():
+    rng = np.random.default_rng(2)
+    moved = SE3.from_rotvec(np.array([0.4, -1.1, 2.0]), np.array([3.0, -2.0, 1.0]))
+    still, still_cov = parts_of(person(rng, 0.01))
+    there, there_cov = parts_of(person(np.random.default_rng(2), 0.01, moved=moved))
+    for p in range(len(PARTS)):
+        expected = moved @ still[0, p]
+        np.testing.assert_allclose(there[0, p].matrix4(), expected.matrix4(), atol=1e-9)
+        both = np.kron(np.eye(2), moved.matrix())
+        np.testing.assert_allclose(there_cov[0, p], both @ still_cov[0, p] @ both.T, rtol=2e-2, atol=2e-6)
+
+
+def test_the_covariance_is_what_noise_of_the_keypoints_does():
+    rng, (mean, mean_cov) = np.random.default_rng(0), parts_of(person())
+    # 10 mm, as the poses state
+    noisy = [person(rng, 0.01) for _ in range(1500)]
+    seen = [parts_from_pose(pose, bodies_from_pose(pose)) for pose in noisy]
+    for p, name in enumerate(PARTS):
+        middle = mean[0, p]
+        turns = [Rotation.from_matrix(one[0, p].matrix() @ middle.matrix().T).as_rotvec() for one in seen]
+        errors = np.concatenate([[one.xyz[0, p] - middle.xyz for one in seen], turns], axis=1)
+        expected = np.sqrt(np.diag(mean_cov[0, p]))
+        np.testing.assert_allclose(np.sqrt((errors**2).mean(axis=0)), expected, rtol=0.12, err_msg=name)
+        # a correlated pair, e.g. turn and place of a hand, has the right sign and size
+        whitened = np.linalg.solve(np.linalg.cholesky(mean_cov[0, p] + 1e-12 * np.eye(6)), errors.T)
+        assert (whitened**2).mean() == pytest.approx(1.0, abs=0.15), name
+
+
+def test_a_part_that_is_not_seen_is_nan_and_the_others_are_there():
+    pose = person()
+    xyz = pose.xyz_world.copy()
+    xyz[0, BLAZE.index("left_pinky")] = np.nan
+    parts, cov = parts_of(dataclasses.replace(pose, xyz_world=xyz))
+    known = np.isfinite(parts.xyz[0]).all(axis=-1)
+    assert [name for name, there in zip(PARTS, known, strict=True) if not there] == ["left_hand"]
+    assert np.isfinite(cov[0][known]).all() and np.isnan(cov[0][~known]).all()
+    coco = dataclasses.replace(pose, skeleton=SKELETONS["coco17"], **{
+        name: getattr(pose, name)[:, [BLAZE.index(k) for k in SKELETONS["coco17"].keypoints]]
+        for name in ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")
+    })  # fmt: skip
+    assert np.isfinite(parts_of(coco)[0].xyz[0, :3]).all()
+
+
+def test_a_covariance_is_known_where_a_point_that_the_part_does_not_depend_on_is_missing():
+    """Rounding makes no dependence: it did for poses that are turned in the world."""
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        pose = person(rng, 0.02)
+        xyz, cov = pose.xyz_world.copy(), pose.cov_world.copy()
+        gone = [BLAZE.index(name) for name in ("left_ear", "left_knee", "right_ankle")]
+        xyz[0, gone], cov[0, gone] = np.nan, np.nan
+        assert np.isfinite(parts_of(dataclasses.replace(pose, xyz_world=xyz, cov_world=cov))[1][0, 1:]).all()
+
+
+def test_links_made_alone_are_those_of_the_whole_body_to_the_last_bit():
+    rng = np.random.default_rng(4)
+    for pose in (person(), *(person(rng, 0.05) for _ in range(20))):
+        alone = head_and_wrists(pick_keypoints(pose.xyz_world, BLAZE, POINTS))
+        links = bodies_from_pose(pose).world_from_link[:, [LINKS.index(name) for name in ("head", "l_wrist", "r_wrist")]]
+        np.testing.assert_array_equal(alone.wxyz, links.wxyz)
+        np.testing.assert_array_equal(alone.xyz, links.xyz)
+
+
+# --- velocity
+
+
+def test_even_motion_has_its_velocity():
+    rates, turn = Velocities(), np.array([0.2, -0.5, 1.5])
+    for i in range(60):
+        t_s = i * 0.01
+        pose = SE3.from_rotvec(turn * t_s, np.array([0.0, 1.0, 2.0]) + np.array([0.5, -1.2, 0.1]) * t_s)
+        batch = SE3(pose.wxyz[None, None], pose.xyz[None, None])
+        rate = rates.step(i * S // 100, [4], packed_poses(batch), pose_difference)
+        assert np.isnan(rate).all() == (i == 0)
+    np.testing.assert_allclose(rate[0], [0.5, -1.2, 0.1, *turn], rtol=1e-4)
+
+
+def test_noise_is_smoothed_and_a_swing_is_followed():
+    rng, noisy, clean = np.random.default_rng(1), Velocities(), Velocities()
+    t_s = np.arange(0, 4, 0.01)
+    x = 0.3 * np.sin(2 * np.pi * t_s)
+    jitter = x + rng.normal(size=x.shape) * 0.002
+    got = np.array([noisy.step(round(t * 1e9), [1], v[None, None], np.subtract)[0, 0] for t, v in zip(t_s, jitter, strict=True)])
+    even = np.array([clean.step(round(t * 1e9), [1], v[None, None], np.subtract)[0, 0] for t, v in zip(t_s, x, strict=True)])
+    truth = 0.3 * 2 * np.pi * np.cos(2 * np.pi * t_s)
+    # a difference of two steps has 0.28 m/s of noise
+    assert np.std((got - even)[50:]) < 0.1
+    late = 0.08
+    np.testing.assert_allclose(even[100:], np.interp(t_s[100:] - late, t_s, truth), atol=0.25)
+
+
+def test_angles_take_the_shorter_path_and_gaps_and_new_people_start_again():
+    rates = Velocities()
+    for i, angle in enumerate((3.13, -3.14, -3.13)):
+        rate = rates.step(i * S // 100, [1], np.array([[angle]]), angle_difference)
+    assert abs(rate[0, 0]) < 2
+    assert np.isnan(rates.step(2 * S, [1], np.array([[0.0]]), angle_difference)).all()
+    rate = rates.step(2 * S + S // 100, [1, 2], np.array([[0.1], [5.0]]), angle_difference)
+    assert rate[0, 0] == pytest.approx(10) and np.isnan(rate[1, 0])
+
+
+# --- what goes out
+
+
+def test_parts_are_published_in_the_world(kept):
+    output = RosOutput(kept)
+    for i in range(3):
+        output.step(dataclasses.replace(person(), t_ns=5 * S + i * S // 100))
+    pose, cov = kept.on("/humans/bodies/p1/left_hand/pose")[0], kept.on("/humans/bodies/p1/left_hand/pose_with_covariance")[0]
+    assert pose.header.frame_id == "world" and pose.pose.position.x == pytest.approx(0.65)
+    assert cov.pose.covariance[0] == pytest.approx(0.5e-4, rel=1e-3)
+    assert kept.on("/humans/bodies/p1/head/twist")[-1].twist.linear.x == 0
+    assert kept.on("/humans/bodies/p1/position")[0].point.z == pytest.approx(0.9)
+    assert (
+        kept.on("/humans/bodies/p1/joint_states")[-1].velocity.size == kept.on("/humans/bodies/p1/joint_states")[-1].position.size
+    )
+
+
+def test_covariance_and_velocity_of_parts_are_made_only_for_those_who_ask(kept, monkeypatch):
+    one = "/humans/bodies/p1/left_hand"
+    kept.unwanted = {topics.body("p1", f"{part}/{what}").name for part in PARTS for what in ("pose_with_covariance", "twist")}
+    monkeypatch.setattr("posefuse_ros.person_output.covariance_of_parts", None)
+    output = RosOutput(kept)
+    output.people._part_rates.step = None
+    output.step(person())
+    assert kept.on(f"{one}/pose") and not kept.on(f"{one}/pose_with_covariance")
+
+
+# --- the model
+
+
+def world_from_links(text: str, state: dict[str, float]) -> dict[str, np.ndarray]:
+    """Forward kinematics of a URDF, body at the origin."""
+    found = {"body_p1": np.eye(4)}
+    for joint in ET.fromstring(text).findall("joint"):
+        matrix = np.eye(4)
+        matrix[:3, 3] = [float(v) for v in joint.find("origin").get("xyz").split()]
+        if joint.get("type") == "revolute":
+            axis = np.array([float(v) for v in joint.find("axis").get("xyz").split()])
+            matrix[:3, :3] = Rotation.from_rotvec(axis * state[joint.get("name")]).as_matrix()
+        found[joint.find("child").get("link")] = found[joint.find("parent").get("link")] @ matrix
+    return found
+
+
+def test_the_model_with_the_joint_states_stands_where_the_person_was_seen():
+    pose = person()
+    xyz = pose.xyz_world.copy()
+    xyz[0, BLAZE.index("left_elbow")] = [0.1, 0.2 + 0.2, 1.4 - 0.2]
+    xyz[0, BLAZE.index("left_wrist")] = [0.3, 0.3, 1.3]
+    xyz[0, BLAZE.index("right_knee")] = [0.3, -0.15, 0.7]
+    xyz[0, BLAZE.index("right_ankle")] = [0.1, -0.15, 0.35]
+    points = xyz[:, [BLAZE.index(name) for name in POINTS]]
+    # sides that differ would not meet: a model has the mean of both
+    lengths = sizes_from_points(points)
+    assert lengths.shape == (1, 8)
+    bodies = bodies_from_pose(dataclasses.replace(pose, xyz_world=xyz))
+    state = {f"{name}_p1": value for name, value in zip(JOINTS, bodies.position_rad[0], strict=True)}
+    text = urdf_text("p1", Sizes(*lengths[0].tolist()))
+    found = world_from_links(text, state)
+    body_from_world = bodies.world_from_link[0, 0].inverse()
+    for link in ("torso", "head", "l_shoulder", "r_shoulder", "l_elbow", "r_elbow", "l_hip", "r_hip", "l_knee", "r_knee"):
+        expected = body_from_world @ bodies.world_from_link[0, LINKS.index(link)]
+        np.testing.assert_allclose(found[f"{link}_p1"][:3, :3], expected.matrix(), atol=1e-9, err_msg=link)
+        if link in ("torso", "l_shoulder", "r_hip"):
+            np.testing.assert_allclose(found[f"{link}_p1"][:3, 3], expected.xyz, atol=1e-4, err_msg=link)
+    assert {joint.get("name") for joint in ET.fromstring(urdf_text("p1", Sizes(*lengths[0].tolist()))).findall("joint")} >= set(
+        state
+    )
+
+
+def test_a_model_comes_once_the_person_is_known_and_again_when_lengths_change(kept):
+    output, topic = RosOutput(kept), "/humans/bodies/p1/urdf"
+    for i in range(100):
+        output.step(dataclasses.replace(person(np.random.default_rng(i), 0.005), t_ns=5 * S + i * S // 100))
+    (first,) = kept.on(topic)
+    assert 'xyz="0 0 -0.3' in first.data.replace("0.0000", "0") and topics.body("p1", "urdf").latched
+    longer = SE3.identity()
+    for i in range(200):
+        pose = person(moved=longer, t_ns=7 * S + i * S // 100)
+        output.step(dataclasses.replace(pose, xyz_world=1.2 * pose.xyz_world))
+    assert len(kept.on(topic)) > 1

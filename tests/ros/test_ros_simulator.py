@@ -1,0 +1,153 @@
+"""Cameras of a simulator: stamps in simulated time, CameraInfo next to the images; sent by another process on loopback."""
+
+import sys
+import textwrap
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from own_domain import own_domain
+from running import Running
+
+pytest.importorskip("cyclonedds", reason="the extra `ros` is not installed")
+
+from posefuse.core import ConfigError, MessageError, SourceError
+from posefuse.realtime.inputs import inputs_from_arguments, rig_of_inputs
+from posefuse_ros.camera_info import apart_px, camera_of_info, info_topic
+from posefuse_ros.camera_messages import info_from_camera
+from posefuse_ros.source import RosConfig
+
+DOMAIN = own_domain()
+# half as fast as real time; cam00 as calibrated, cam01 with another lens, cam02 uncalibrated, cam03 silent
+SENDER = textwrap.dedent(
+    """
+    import pickle, sys, time
+    import numpy as np
+    from posefuse_ros.camera_messages import CAMERA_INFO_TYPE, IMAGE_TYPE, info_from_camera, message_from_image
+    from posefuse_ros.dds import RosNode
+    from posefuse_ros.dds_domain import Network
+    from posefuse_ros.messages import time_from_ns
+    from posefuse_ros.topics import CLOCK, Topic
+    from posefuse_ros.types import message
+    cameras = pickle.load(sys.stdin.buffer)
+    image = np.zeros((12, 16, 3), np.uint8)
+    with RosNode("simulator", Network(domain_id=int(sys.argv[1]), local_only=True)) as node:
+        begun = time.time()
+        for i in range(6000):
+            sim_ns = round((time.time() - begun) * 0.5e9)
+            node.publish(CLOCK, message(CLOCK.type_name, clock=time_from_ns(sim_ns)), 0)
+            if i % 5 == 0:
+                node.publish(Topic("/cam00/image_raw", IMAGE_TYPE), message_from_image(image, sim_ns, "cam"), 0)
+                for camera in cameras:
+                    info = info_from_camera(camera, sim_ns)
+                    if camera.name == "cam02":
+                        info.k = np.zeros(9)
+                    node.publish(Topic(f"/{camera.name}/camera_info", CAMERA_INFO_TYPE), info, 0)
+            if i == 0:
+                print("sending", flush=True)
+            time.sleep(0.01)
+    """
+)
+
+
+@pytest.fixture
+def cameras(ring_rig):
+    rig = ring_rig(4)
+    other = replace(rig.cameras[1], K=rig.cameras[1].K * np.array([[1.05, 1, 1], [1, 1.05, 1], [1, 1, 1]]))
+    return rig, [rig.cameras[0], other, rig.cameras[2]]
+
+
+@pytest.fixture
+def simulator(cameras, tmp_path):
+    import pickle
+
+    path = tmp_path / "cameras.pickle"
+    path.write_bytes(pickle.dumps(cameras[1]))
+    program = SENDER.replace("sys.stdin.buffer", f"open({str(path)!r}, 'rb')")
+    with Running([sys.executable, "-c", program, str(DOMAIN)]) as running:
+        running.out.wait_for("sending")
+        yield
+
+
+def test_simulated_stamps_come_as_times_of_this_machine(simulator):
+    config = RosConfig(topic="/cam00/image_raw", camera="cam00", domain_id=DOMAIN, local_only=True, wait_s=60, sim_time=True)
+    source = config.build()
+    frames = source.frames()
+    got = [next(frames) for _ in range(25)]
+    source.close()
+    # stamps are set when they are sent: 20 a second, and sent just before they arrive, by the real clock
+    steps_s = np.diff([frame.t_ns for frame in got[5:]]) / 1e9
+    assert np.median(steps_s) == pytest.approx(0.05, abs=0.02)
+    assert abs(got[-1].t_ns - time.time_ns()) < 2_000_000_000
+
+
+def test_camera_infos_are_compared_with_the_rig_or_taken(simulator, cameras):
+    rig, (_, other, _) = cameras
+    ros = {"domain_id": DOMAIN, "local_only": True}
+    inputs = inputs_from_arguments([f"{name}=ros:/{name}/image_raw" for name in rig.names], rig, ros)
+    said: list[str] = []
+    for _ in range(20):
+        # a loaded machine may need longer than is waited for
+        said.clear()
+        assert rig_of_inputs(rig, inputs, "check", said.append) is rig
+        if len(said) == 3:
+            break
+    assert [line.split(":")[0] for line in said] == ["camera cam01", "camera cam02", "camera cam03"]
+    assert "focal length 604.8 px, rig 576.0 px" in said[0]
+    assert "holds no calibration" in said[1]
+    assert "nothing came within 2 s" in said[2]
+    with pytest.raises(SourceError, match="camera cam02: its intrinsics are wanted from /cam02/camera_info, but it holds no"):
+        rig_of_inputs(rig, inputs[1:3], "use", said.append)
+    taken = rig_of_inputs(rig, inputs[:2], "use", said.append)
+    np.testing.assert_array_equal(taken["cam01"].K, other.K)
+    assert taken["cam01"].cam_from_world is rig["cam01"].cam_from_world
+    assert taken.names == rig.names
+    assert rig_of_inputs(rig, inputs, "ignore", said.append) is rig
+
+
+def test_lenses_are_compared_over_the_whole_image(ring_rig):
+    plain, bent = ring_rig(1).cameras[0], ring_rig(1, distortion=(-0.1, 0.0, 0.0, 0.0)).cameras[0]
+    assert apart_px(plain, plain) == 0
+    corner = np.array([[0.0, 0.0]])
+    expected = np.linalg.norm(bent.px_from_norm(plain.norm_from_px(corner)) - corner)
+    assert apart_px(plain, bent) == pytest.approx(expected)
+    assert expected > 10
+
+
+def test_what_cannot_be_the_camera_is_refused(ring_rig):
+    camera = ring_rig(1).cameras[0]
+    with pytest.raises(MessageError, match="images are 320x240 px, the rig was calibrated at 640x480"):
+        camera_of_info(camera, info_from_camera(camera.scaled((320, 240)), 0))
+    binned = info_from_camera(camera, 0)
+    binned.binning_x = 2
+    with pytest.raises(MessageError, match="binning"):
+        camera_of_info(camera, binned)
+
+
+@pytest.mark.parametrize(
+    ("image", "info"),
+    [("/a/image_raw", "/a/camera_info"), ("/a/b/image_rect/compressed", "/a/b/camera_info"), ("/image", "/camera_info")],
+)
+def test_camera_info_lies_next_to_the_image(image, info):
+    assert info_topic(image) == info
+
+
+def test_the_network_reaches_the_sources(ring_rig):
+    ros = {"domain_id": 7, "local_only": False, "interface": "eth9", "peers": ("10.0.0.2",), "sim_time": True}
+    [entry] = inputs_from_arguments(["cam01=ros:/a/image_raw"], ring_rig(2), ros)
+    network = entry.config.network
+    assert (network.domain_id, network.interface, network.peers, entry.config.sim_time) == (7, "eth9", ("10.0.0.2",), True)
+
+
+def test_the_network_is_reported_in_python_too(ring_rig):
+    import posefuse as pf
+
+    ros = {"domain_id": 7, "peers": ["10.0.0.2"], "interface": "eth9"}
+    session = pf.live(ring_rig(2), {"cam00": "ros:/a/image_raw", "cam01": "ros:/b/image_raw"}, ros=ros)
+    for entry in session._plan.inputs:
+        network = entry.config.network
+        assert (network.domain_id, network.interface, network.peers) == (7, "eth9", ("10.0.0.2",))
+    for wrong in ({"domain": 7}, {"peers": "10.0.0.2"}):
+        with pytest.raises(ConfigError, match=r"^ros: "):
+            pf.live(ring_rig(2), {"cam00": "ros:/a/image_raw"}, ros=wrong)
