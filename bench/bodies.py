@@ -14,12 +14,11 @@ from harness import JOINTS, Use, covariances, errors, played, rendered, scene_fr
 from scenes import OUTPUT_HZ, WARM_UP_S, walk
 
 from paper.scenes.scenes import HIDDEN_JOINTS, half_hidden_scene, ring
-from posefuse.core import Detections2D, JointCentres, Pose3D, Recording, Truth
+from posefuse.core import Detections2D, JointCentres, LiveJointCentres, Pose3D, Recording, Truth
 from posefuse.core.skeleton import PAPER14
 from posefuse.formats.joint_centres import joint_centres_from_mapping
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import warmed_up
-from posefuse.realtime.messages import Centres
 from posefuse.tracking.online import MOTION, LiveMotion
 from posefuse_sim.scene import Scene
 
@@ -156,7 +155,7 @@ class Trial:
         """At joint centres, at 100 Hz, after the warm-up."""
         rig, skeleton = self.recording.rig, self.recording.observations.skeleton
         estimator = warmed_up(rig, skeleton, config, motion)
-        estimator.centring.learn(Centres(rig.names, table_of(self.recording)))
+        estimator.centring.learn(LiveJointCentres(t_ns=0, cameras=rig.names, table=table_of(self.recording)))
         first_ns = int(self.truth.t_ns[0])
         ticks = np.arange(first_ns, int(self.truth.t_ns[-1]), round(1e9 / OUTPUT_HZ)).tolist()
         for landmarks in played(estimator.tracker, self.arrivals, ticks):

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from harness import DEMO, JOINTS, answer, arguments, arrivals, errors, live, medians, played, score, sources_of, tracked, truth_of
 
-from posefuse.core import Pose3D, PoseSequence, Rig
+from posefuse.core import LiveJointCentres, Pose3D, PoseSequence, Rig
 from posefuse.core.se3 import SE3
 from posefuse.core.skeleton import PAPER14
 from posefuse.detection.build import build_detector
@@ -25,7 +25,6 @@ from posefuse.formats.rig import read_rig, write_rig
 from posefuse.pipeline.config import changes_of, read_changed
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import warmed_up
-from posefuse.realtime.messages import Centres
 from posefuse_ros.bags import read_poses
 
 # the tracker needs a moment to know speeds and bones
@@ -52,7 +51,8 @@ def poses_of_every_frame(rig: Rig, session: Path, delay_ms: float, settings: Seq
     of_detector = {key.replace(".", "__"): value for key, value in changes.items() if key.startswith("detector")}
     views, late_ns = tracked(session, **of_detector).views, round(delay_ms * 1e6)
     estimator = warmed_up(rig, views.skeleton, config)
-    estimator.centring.learn(Centres(rig.names, build_detector(config.detector, rig).joint_centres))
+    table = build_detector(config.detector, rig).joint_centres
+    estimator.centring.learn(LiveJointCentres(t_ns=0, cameras=rig.names, table=table))
     come = arrivals(views, rig, late_ns, lambda name: name.replace(TWIN, ""))
     ticks = range(0, int(views.t_ns[-1]) + late_ns, round(1e9 / config.rate_hz))
     return [estimator.centring.moved(pose) for pose in played(estimator.tracker, come, ticks)]

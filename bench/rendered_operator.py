@@ -17,12 +17,11 @@ from rehearsal.boxes import BoxStage
 from rehearsal.operator import RATE_HZ
 
 from posefuse.api.detector import detector
-from posefuse.core import Frame, Rig
+from posefuse.core import Frame, LiveJointCentres, Rig
 from posefuse.detection import region_from_pose
 from posefuse.formats.rig import read_rig
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import warmed_up
-from posefuse.realtime.messages import Centres
 from posefuse.sources.video import VideoConfig
 from posefuse_sim.session import SessionPaths
 from posefuse_teleop.hands import operator_view
@@ -61,7 +60,7 @@ class SeenHand:
         finder = detector(networks)
         self._detector = finder._detector
         self._estimator = warmed_up(self._rig, finder.skeleton, LiveConfig())
-        self._estimator.centring.learn(Centres(self._rig.names, self._detector.joint_centres))
+        self._estimator.centring.learn(LiveJointCentres(t_ns=0, cameras=self._rig.names, table=self._detector.joint_centres))
         self._frames, self._late_ns = _frames(SessionPaths(session).videos, self._rig), round(latency_s * _S)
         self._next = next(self._frames, None)
         self._measured_ns = 0

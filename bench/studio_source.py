@@ -27,7 +27,7 @@ from posefuse_studio.jobs import JOBS_FOLDER, LIVE, Job
 from posefuse_studio.scene.messages import image_message, poses_message, setup_message, values_message
 from posefuse_studio.scene.setup import scene_setup
 from posefuse_studio.session import CameraStatus, Host, SessionStatus
-from posefuse_studio.stored import write_json
+from posefuse_studio.stored import write_stored
 from posefuse_studio.work.live import plot_names
 from posefuse_studio.workspace import StudioWorkspace
 
@@ -54,7 +54,7 @@ def main() -> None:
     rig, poses = truth.rig, truth
     jpegs = [images_of(path, len(poses.t_ns)) for path in sorted((clip / "videos").glob("*.mp4"))]
     folder = workspace.folder(f"{JOBS_FOLDER}/{time.strftime('%Y%m%d-%H%M%S')}-live")
-    write_json(folder / "job.json", Job(work=LIVE, title="Bench", arguments={}, begun_s=time.time()))
+    write_stored(folder / "job.json", Job(work=LIVE, title="Bench", arguments={}, begun_s=time.time()))
     report, host = JobReporter(workspace, folder.name), Host()
     report.listens(host.address)
     names = [f"cam{number:02d}" for number in range(cameras)]

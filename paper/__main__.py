@@ -11,10 +11,9 @@ from dataclasses import replace
 from datetime import date
 from pathlib import Path
 
-from paper.experiments.runs import Context, about
+from paper.experiments.runs import Console, Context, about
 from paper.experiments.summary import FILE as SUMMARY_FILE
 from paper.experiments.summary import write_summary
-from posefuse.cli.terminal import Terminal
 from posefuse.core import PosefuseError
 from posefuse.detection import fetch_networks, network_settings
 from posefuse.formats.page import Facts, Heading, write_page
@@ -37,7 +36,7 @@ def main(words: Sequence[str] | None = None) -> int:
     add("--workers", type=int, metavar="N", help="processes that render; default: one per core")
     add("--json", action="store_true", help="figures as one JSON object on stdout")
     args = parser.parse_args(words)
-    console = Terminal(args.json)
+    console = Console(as_json=args.json)
     try:
         networks = [f"{key}={value}" for name in args.networks for key, value in network_settings(name).items()]
         args.overrides = [*networks, *args.overrides]
@@ -48,7 +47,7 @@ def main(words: Sequence[str] | None = None) -> int:
     return 0
 
 
-def experiments(args: argparse.Namespace, console: Terminal) -> list[Path]:
+def experiments(args: argparse.Namespace, console: Console) -> list[Path]:
     """Run one experiment or all, and write the summary; returns the files written."""
     wanted = EXPERIMENTS if args.name == "all" else (args.name,)
     names = [f"{name}{ending}" for name in wanted for ending in (".html", ".json")] + ([] if args.quick else [SUMMARY_FILE])

@@ -17,10 +17,12 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
+import built
 import numpy as np
 import pytest
 
 from posefuse.core import SE3, SKELETONS, Camera, DependencyError, JointAngles, Pose3D, Rig, Skeleton
+from posefuse.core.skeleton import COCO17
 from posefuse.foundation.places import default_cache_dir
 from posefuse_sim.cameras import looking_at
 
@@ -258,3 +260,20 @@ def some_joints() -> JointAngles:
         angle_rad=rng.normal(size=(2, 2, 4, 3)),
         sigma_rad=rng.uniform(0.01, 0.1, (2, 2, 4, 3)),
     )
+
+
+@pytest.fixture
+def standing() -> Callable[..., Pose3D]:
+    """A person who stands at the origin and looks along +x; `moved` overrides keypoints."""
+
+    def make(**moved: tuple[float, float, float]) -> Pose3D:
+        left = {
+            "shoulder": (0, 0.2, 1.4), "elbow": (0, 0.2, 1.1), "wrist": (0, 0.2, 0.85), "hip": (0, 0.1, 0.9),
+            "knee": (0, 0.1, 0.5), "ankle": (0, 0.1, 0.1), "ear": (0, 0.08, 1.6), "eye": (0.08, 0.03, 1.63),
+        }  # fmt: skip
+        xyz = built.of_sides(COCO17, left, nose=(0.1, 0.0, 1.6))
+        for name, place in moved.items():
+            xyz[COCO17.index(name)] = place
+        return built.pose(xyz[None], [1], 5_000_000_000)
+
+    return make

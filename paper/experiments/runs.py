@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+import json
 import platform
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from rich.console import Console as RichConsole
+
 from paper.scenes.scenes import CHECK_SEEDS, scene_name
 from posefuse import __version__
-from posefuse.cli.terminal import Terminal
-from posefuse.core import JointCentres, PoseSequence, Recording, Truth
+from posefuse.core import JointCentres, PoseSequence, Progress, Recording, Truth
 from posefuse.evaluation import JointErrors, joint_errors
 from posefuse.formats import read_truth
 from posefuse.formats.page import Page
-from posefuse.foundation import usable_cores
+from posefuse.foundation import plain, stage_bars, usable_cores
 from posefuse.pipeline import (
     StageClock,
     TrackConfig,
@@ -48,19 +50,13 @@ class Context:
     quick: bool
     workers: int | None
     command: str
-    console: Terminal
+    console: Console
     overrides: tuple[str, ...] = ()
 
     @property
     def config(self) -> TrackConfig:
         """How every scene is tracked; raises ConfigError for overrides that cannot be."""
         return replace(read_config(None, changes_of(self.overrides)), outputs={})
-
-    @contextmanager
-    def progress(self, label: str) -> Iterator[Callable[[int, int], None]]:
-        """A bar that the callback (done, total) moves."""
-        with self.console.stages() as report:
-            yield lambda done, total: report(label, done, total)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +106,7 @@ def run_scene(name: str, scene: Scene, context: Context) -> Run:
     config = context.config
     folder = rendered(name, scene, context)
     session = find_session(folder, config)
-    with context.progress(f"tracking {name}") as advance:
+    with context.console.progress(f"tracking {name}") as advance:
         tracked = track_session(session, config, StageClock(), advance, context.console.note, context.console.warn)
     return Run(folder, config, tracked.recording, read_truth(folder / "truth" / "truth.npz"), tracked.joint_centres)
 
@@ -141,7 +137,7 @@ def rendered(name: str, scene: Scene, context: Context) -> Path:
     """The session of a scene; rendered where it is not there yet, finished where an earlier run broke off."""
     folder = context.sessions / scene_name(name, scene)
     if not (folder / "truth" / "truth.npz").is_file():
-        with context.progress(f"rendering {name}") as advance:
+        with context.console.progress(f"rendering {name}") as advance:
             simulate(scene, folder, advance, context.workers)
     return folder
 
@@ -157,3 +153,34 @@ def about(context: Context) -> dict[str, Any]:
         "settings": ", ".join(context.overrides) or "defaults",
         "length": "quick: seconds of everything" if context.quick else "full",
     }
+
+
+class Console:
+    """Notes, warnings and bars on stderr; with `as_json` the figures go to stdout as one object."""
+
+    def __init__(self, as_json: bool) -> None:
+        self._as_json = as_json
+        self._screen = RichConsole(stderr=True, highlight=False, soft_wrap=True)
+
+    def note(self, text: str) -> None:
+        """One line of news."""
+        self._screen.print(text, markup=False)
+
+    def warn(self, text: str) -> None:
+        """One line about something that is not as it should be."""
+        self._screen.print(f"warning: {text}", style="yellow", markup=False)
+
+    def figures(self, figures: Mapping[str, Any]) -> None:
+        """The one object of a run."""
+        if self._as_json:
+            print(json.dumps(plain(figures), indent=2), flush=True)
+
+    def stages(self) -> AbstractContextManager[Progress]:
+        """What long work reports to."""
+        return stage_bars(self._screen, self.note)
+
+    @contextmanager
+    def progress(self, label: str) -> Iterator[Callable[[int, int], None]]:
+        """A bar that the callback (done, total) moves."""
+        with self.stages() as report:
+            yield lambda done, total: report(label, done, total)

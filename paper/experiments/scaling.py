@@ -23,7 +23,7 @@ _SHARES = {"robust_found": "robust", "score_found": "score"}
 def run(context: Context) -> Outcome:
     """All studies."""
     studies: dict[str, Any] = {}
-    with context.progress("studies") as advance:
+    with context.console.progress("studies") as advance:
         for i, name in enumerate(STUDIES):
             studies[name] = study_figures(run_study(name, context.quick, context.config.fuse))
             advance(i + 1, len(STUDIES))

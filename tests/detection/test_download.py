@@ -17,7 +17,7 @@ from posefuse.core import ModelError
 from posefuse.detection.archives import UrlSource
 from posefuse.detection.card import read_card
 from posefuse.detection.download import downloaded
-from posefuse.detection.files import fetch, fetch_all, model_path, status
+from posefuse.detection.files import fetch, fetch_all, holds, model_path, status
 from posefuse.detection.lock import LOCK_FILE, Trust
 
 CONTENT = np.random.default_rng(0).bytes(3_000_000)
@@ -26,7 +26,7 @@ ACCEPTED = Trust(terms=True)
 
 
 class Server(ThreadingHTTPServer):
-    """Serves files; breaks off after so many bytes as often as it is told to; `asked` has the path and range of each request."""
+    """Serves files; breaks off after as many bytes as `break_off` lists; `asked` has the path and range of each request."""
 
     def __init__(self):
         self.files, self.break_off, self.asked, self.ranges, self.status = {}, [], [], True, 0
@@ -105,6 +105,12 @@ def test_a_file_that_never_comes_is_one_line_with_each_address_and_reason(server
     assert server.asked[-1][1] == "bytes=400-"
 
 
+def test_an_address_that_gives_nothing_leaves_nothing(get, tmp_path):
+    with pytest.raises(ModelError, match=r"refused.*posefuse models --from PATH"):
+        get("http://127.0.0.1:9/n.onnx")
+    assert not list(tmp_path.iterdir())
+
+
 def test_another_file_is_refused_with_both_hashes_and_not_kept(server, get, tmp_path):
     server.files["n.onnx"] = CONTENT[::-1]
     with pytest.raises(ModelError, match=f"expected sha256 {SHA}, got {hashlib.sha256(CONTENT[::-1]).hexdigest()}"):
@@ -155,9 +161,9 @@ def test_a_download_that_was_killed_is_resumed(server, tmp_path):
     while not (tmp_path / "n.onnx.part").is_file() or (tmp_path / "n.onnx.part").stat().st_size < 1_500_000:
         slow.wait(0.05)
     running.kill()
-    running.wait()
+    running.wait(60)
     server.break_off = []
-    subprocess.run(command, check=True)
+    subprocess.run(command, check=True, timeout=120)
     assert (tmp_path / "n.onnx").read_bytes() == CONTENT
     assert (server.asked[-1][1] or "").startswith("bytes=1500000")
 
@@ -202,8 +208,16 @@ def test_an_archive_from_elsewhere_is_held_to_the_hash(card, tmp_path):
         fetch_all([card], tmp_path / "cache", tmp_path / "m.zip", trust=ACCEPTED)
 
 
+def test_an_archive_is_for_the_cards_that_name_it(card, tmp_path):
+    """The network has the same name in all archives, and where no source states a hash any of them would be accepted."""
+    card = replace(card, source=replace(card.source, archive_sha256=""))
+    for name, held in (("m.zip", True), ("other.zip", False)):
+        (tmp_path / name).write_bytes(archive(end2end_onnx=CONTENT))
+        assert holds(tmp_path / name, card) == held
+
+
 def test_the_file_that_came_first_is_kept_to(server, card, tmp_path):
-    """Where nobody states a hash."""
+    """Where no source states a hash."""
     card = replace(card, source=replace(card.source, archive_sha256=""))
     fetch_all([card], tmp_path, trust=ACCEPTED)
     lock = tmp_path / "models" / LOCK_FILE

@@ -50,8 +50,8 @@ def test_the_cards_that_come_with_the_package_are_complete():
     for card in cards.values():
         assert len(card.sha256) == 64 and card.licence and card.summary
         assert card.source.member.endswith(card.file_name)
-        for beside in ("noise", "joint_centres"):
-            assert (card.folder / (getattr(card, beside) or card.folder)).exists()
+        for file in ("noise", "joint_centres"):
+            assert (card.folder / (getattr(card, file) or card.folder)).exists()
     assert {card.name for card in default_cards()} <= set(cards)
     assert sum(cells**2 * anchors for cells, anchors in cards["blazepose_persons"].decoding.grids) == 2254
 

@@ -27,13 +27,12 @@ from paper.experiments.latency import (
     passages,
     view_spikes,
 )
-from paper.experiments.runs import Context, Run, run_scene
+from paper.experiments.runs import Console, Context, Run, run_scene
 from paper.experiments.summary import write_summary
 from paper.experiments.tables import joint_rows
 from paper.scenes import paper
 from paper.scenes.scaling import STUDIES, Errors, Study
 from paper.scenes.scenes import CHECK_SEEDS, walking_scene
-from posefuse.cli.terminal import Terminal
 from posefuse.core import SourceError
 from posefuse.core.skeleton import PAPER14
 from posefuse.outputs.live.udp import UdpStream
@@ -64,7 +63,7 @@ def overrides(session: Path) -> tuple[str, ...]:
 
 
 def context_of(session: Path, where: Path) -> Context:
-    return Context(where, True, 1, "a test", Terminal(True), overrides(session))
+    return Context(where, True, 1, "a test", Console(True), overrides(session))
 
 
 def some_times(views: int = 60) -> LiveTimes:
@@ -161,7 +160,7 @@ def test_a_scene_is_rendered_once_and_finished_where_it_broke_off(tmp_path: Path
         (folder / "truth" / "truth.npz").touch()
 
     monkeypatch.setattr(runs, "simulate", simulated)
-    context = Context(tmp_path, True, 1, "a test", Terminal(True))
+    context = Context(tmp_path, True, 1, "a test", Console(True))
     folder = runs.rendered("x", walking_scene(), context)
     assert runs.rendered("x", walking_scene(), context) == folder and len(made) == 1
     (folder / "truth" / "truth.npz").unlink()

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from paper.experiments.runs import Context, run_scene
+from paper.experiments.runs import Console, Context, run_scene
 from paper.scenes import paper
 from paper.scenes.inertial import SuitNoise, drift, standing_point, suit_joints
 from paper.scenes.scaling import STUDIES, Setup, _errors, measure, run_study
@@ -21,7 +21,6 @@ from paper.scenes.scenes import (
     static_scene,
     walking_scene,
 )
-from posefuse.cli.terminal import Terminal
 from posefuse.core import ConfigError, Truth
 from posefuse.core.skeleton import COCO17, PAPER14, pick_keypoints
 from posefuse_sim.exact import truth_of
@@ -156,6 +155,6 @@ def test_paths_are_as_long_and_as_fine_as_asked() -> None:
 @pytest.mark.parametrize(("case", "stated_mm"), [("free", 8.7), ("occluded", 13.1)])
 def test_the_static_figures_hold(case: str, stated_mm: float, models: None, tmp_path: Path) -> None:
     """The README's figures, docs/accuracy.md: rendered, detected, fused and smoothed as there, a second of the three."""
-    context = Context(sessions=tmp_path, quick=False, workers=None, command="test", console=Terminal(as_json=True))
+    context = Context(sessions=tmp_path, quick=False, workers=None, command="test", console=Console(as_json=True))
     done = run_scene(f"static-{case}-1", static_scene(case == "occluded", 1, 1.0), context)
     assert done.default_errors().mpjpe_mm < 1.1 * stated_mm

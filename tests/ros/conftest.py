@@ -3,13 +3,11 @@
 from collections.abc import Callable
 from types import SimpleNamespace
 
-import built
 import numpy as np
 import pytest
 from ros1_master import alone, ros1_python  # noqa: F401
 
-from posefuse.core import SKELETONS, Detections2D, Pose3D, Skeleton
-from posefuse.core.skeleton import COCO17
+from posefuse.core import SKELETONS, Detections2D, Skeleton
 
 
 @pytest.fixture
@@ -33,23 +31,6 @@ def some_detections() -> Callable[..., Detections2D]:
             box_img=rng.uniform(0, 600, (people, 4)),
             clothing_lab=np.where(rng.random((people, 3, 3)) < 0.2, np.nan, rng.uniform(-50, 99, (people, 3, 3))),
         )
-
-    return make
-
-
-@pytest.fixture
-def standing() -> Callable[..., Pose3D]:
-    """A person who stands at the origin and looks along +x; `moved` overrides keypoints."""
-
-    def make(**moved: tuple[float, float, float]) -> Pose3D:
-        left = {
-            "shoulder": (0, 0.2, 1.4), "elbow": (0, 0.2, 1.1), "wrist": (0, 0.2, 0.85), "hip": (0, 0.1, 0.9),
-            "knee": (0, 0.1, 0.5), "ankle": (0, 0.1, 0.1), "ear": (0, 0.08, 1.6), "eye": (0.08, 0.03, 1.63),
-        }  # fmt: skip
-        xyz = built.of_sides(COCO17, left, nose=(0.1, 0.0, 1.6))
-        for name, place in moved.items():
-            xyz[COCO17.index(name)] = place
-        return built.pose(xyz[None], [1], 5_000_000_000)
 
     return make
 

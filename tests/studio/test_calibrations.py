@@ -25,7 +25,7 @@ from posefuse_studio.calibrations import (
     SEEN,
     Known,
     Project,
-    Seen,
+    SeenTarget,
     Step,
     StepResult,
     known_of,
@@ -39,7 +39,7 @@ from posefuse_studio.calibrations import (
 from posefuse_studio.guiding import NEAR_FAR, advice_for, enough_for, near_far_of, size_of
 from posefuse_studio.pages.calibrate_parts import graph_options, graph_words, shared_views
 from posefuse_studio.refusal_pictures import refusal_pictures
-from posefuse_studio.stored import read_json, write_json
+from posefuse_studio.stored import read_stored, write_stored
 from posefuse_studio.targets import check_target, print_targets, targets
 from posefuse_studio.work import calibrate
 from posefuse_studio.workspace import StudioWorkspace
@@ -81,7 +81,7 @@ def changed(known: Known, step: Step, **changes: Any) -> Known:
 
 def filmed(known: Known, step: Step, recording: str = "one", **seen: Any) -> Known:
     """The same with a recording of a step."""
-    about = Seen(**{"cameras": ["left", "right"], "target": READY.target(step), **seen})
+    about = SeenTarget(**{"cameras": ["left", "right"], "target": READY.target(step), **seen})
     return changed(known, step, recording=recording, seen=about)
 
 
@@ -89,7 +89,7 @@ def recorded(workspace: StudioWorkspace, step: Step, project: Project | None = N
     """The files of a recording; gives its name."""
     project = project or READY
     name = new_recording(workspace, project, step)
-    write_json(workspace.folder(name) / SEEN, Seen(cameras=["left"], enough=enough, target=project.target(step)))
+    write_stored(workspace.folder(name) / SEEN, SeenTarget(cameras=["left"], enough=enough, target=project.target(step)))
     return name
 
 
@@ -99,7 +99,7 @@ def calculated(workspace: StudioWorkspace, step: Step, recording: str, passed: b
     made = result(step, passed, recording=recording, rests_on=rests_on(folder, step))
     if passed and step != "verify":
         (folder / {"intrinsics": LENSES, "extrinsics": RIG}[step]).write_text(recording, encoding="utf-8")
-    write_json(folder / f"{step}.json", made)
+    write_stored(folder / f"{step}.json", made)
 
 
 def test_the_steps_come_in_order() -> None:
@@ -300,10 +300,10 @@ def test_a_project_is_found_again_with_its_newest_recording(tmp_path: Path) -> N
     assert projects(workspace) == {"room": READY}
     before = stamp(workspace, READY)
     for number in (1, 2):
-        seen = Seen(cameras=["left"], enough=number == 2)
-        write_json(workspace.folder(f"{READY.folder}/verify-{number}") / SEEN, seen)
+        seen = SeenTarget(cameras=["left"], enough=number == 2)
+        write_stored(workspace.folder(f"{READY.folder}/verify-{number}") / SEEN, seen)
     workspace.folder(f"{READY.folder}/verify-3")
-    write_json(workspace.path(READY.folder) / "verify.json", result("verify", recording=f"{READY.folder}/verify-1"))
+    write_stored(workspace.path(READY.folder) / "verify.json", result("verify", recording=f"{READY.folder}/verify-1"))
     known = known_of(workspace, READY, ["left"])
     assert before != stamp(workspace, READY) == stamp(workspace, READY)
     assert known["verify"].recording == f"{READY.folder}/verify-2" and known["verify"].seen == seen
@@ -316,8 +316,8 @@ def test_a_project_is_found_again_with_its_newest_recording(tmp_path: Path) -> N
 def test_a_result_is_read_back_as_it_was(tmp_path: Path) -> None:
     made = replace(result("verify", False, detail="left", kind="rig"), position_cov_m2={"left": [[1e-6, 0.0], [0.0, 2e-6]]})
     made.reports[0] = replace(made.reports[0], numbers={"length_rms_mm": float("nan"), "lengths": 3.0}, notes=("a note",))
-    write_json(tmp_path / "verify.json", made)
-    read = read_json(tmp_path / "verify.json", StepResult)
+    write_stored(tmp_path / "verify.json", made)
+    read = read_stored(tmp_path / "verify.json", StepResult)
     assert read is not None and replace(read, reports=[]) == replace(made, reports=[])
     [report] = read.reports
     assert (report.checks, report.notes, report.subject) == (made.reports[0].checks, ("a note",), "verify")
@@ -395,7 +395,7 @@ def test_a_refusal_has_a_picture_of_each_camera_that_it_names(tmp_path: Path) ->
                 seen = shown if i in (3, 4) else np.full_like(page, 90)
                 video.write(np.repeat(seen[..., None], 3, axis=2), i * 100_000_000)
     refusal = result("verify", False, detail="left and right: no common view")
-    seen = Seen(cameras=["left", "right", "other"], cells=np.zeros((3, 6, 8), int).tolist())
+    seen = SeenTarget(cameras=["left", "right", "other"], cells=np.zeros((3, 6, 8), int).tolist())
     made = refusal_pictures(refusal, videos, board, tmp_path / "refused", "verify", seen)
     assert [(name, path.name) for name, path in made.items()] == [("left", "verify-left.jpg"), ("right", "verify-right.jpg")]
     pictures = {name: cv2.imread(str(path)).astype(int) for name, path in made.items()}

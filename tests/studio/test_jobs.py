@@ -17,7 +17,7 @@ from posefuse.core import InputError
 from posefuse_studio import job_process
 from posefuse_studio.jobs import JOBS_FOLDER, Job, Jobs, Report
 from posefuse_studio.shell import state_of
-from posefuse_studio.stored import read_json, write_json
+from posefuse_studio.stored import read_stored, write_stored
 from posefuse_studio.workspace import StudioWorkspace
 
 
@@ -87,11 +87,11 @@ def test_a_job_whose_workspace_was_deleted_ends(workspace: StudioWorkspace, monk
 def test_a_job_that_stopped_reporting_is_lost_with_its_last_words(workspace: StudioWorkspace) -> None:
     jobs = Jobs(workspace)
     folder = workspace.folder(f"{JOBS_FOLDER}/old")
-    write_json(folder / "job.json", {"id": "old", "work": "track", "title": "T", "arguments": {}, "begun_s": time.time() - 500})
-    write_json(folder / "state.json", {"state": "running", "reported_s": time.time()})
+    write_stored(folder / "job.json", {"id": "old", "work": "track", "title": "T", "arguments": {}, "begun_s": time.time() - 500})
+    write_stored(folder / "state.json", {"state": "running", "reported_s": time.time()})
     assert jobs.report("old").state == "running" and [job.id for job in jobs.running()] == ["old"]
     jobs = Jobs(workspace)
-    write_json(folder / "state.json", {"state": "running", "reported_s": time.time() - 100})
+    write_stored(folder / "state.json", {"state": "running", "reported_s": time.time() - 100})
     (folder / "log.txt").write_text("Killed\n\n", encoding="utf-8")
     assert (jobs.report("old").state, jobs.report("old").error) == ("lost", "Killed")
     assert jobs.running() == []
@@ -102,7 +102,7 @@ def test_a_job_that_reports_is_not_lost_when_the_clock_is_set(
     workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch, jump_s: float
 ) -> None:
     folder, jobs, real = workspace.folder(f"{JOBS_FOLDER}/one"), Jobs(workspace), time.time
-    write_json(folder / "job.json", {"id": "one", "work": "track", "title": "T", "arguments": {}, "begun_s": real()})
+    write_stored(folder / "job.json", {"id": "one", "work": "track", "title": "T", "arguments": {}, "begun_s": real()})
     reporter = job_process.JobReporter(workspace, "one")
     try:
         before = jobs.report("one")
@@ -123,9 +123,9 @@ def test_a_report_of_before_the_clock_was_set_counts_from_when_it_is_read(
     workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch, jump_s: float
 ) -> None:
     folder, jobs, real = workspace.folder(f"{JOBS_FOLDER}/one"), Jobs(workspace), time.time
-    write_json(folder / "job.json", {"id": "one", "work": "track", "title": "T", "arguments": {}, "begun_s": real()})
+    write_stored(folder / "job.json", {"id": "one", "work": "track", "title": "T", "arguments": {}, "begun_s": real()})
     for i in range(2):
-        write_json(folder / "state.json", {"state": "running", "reported_s": real() + i})
+        write_stored(folder / "state.json", {"state": "running", "reported_s": real() + i})
         assert jobs.report("one").state == "running"
         monkeypatch.setattr(time, "time", lambda: real() + jump_s)
 
@@ -143,15 +143,15 @@ def ended(workspace: StudioWorkspace, number: int, **task: Any) -> str:
     """A job that is done."""
     job = f"20260101-{number:06d}-report"
     folder = workspace.folder(f"{JOBS_FOLDER}/{job}")
-    write_json(folder / "job.json", {"id": "other", "work": "report", "title": "T", "arguments": {}, **task})
-    write_json(folder / "state.json", {"state": "done", "reported_s": 1.0})
+    write_stored(folder / "job.json", {"id": "other", "work": "report", "title": "T", "arguments": {}, **task})
+    write_stored(folder / "state.json", {"state": "done", "reported_s": 1.0})
     return job
 
 
 def test_what_has_ended_is_read_once(workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch) -> None:
     names = [ended(workspace, number) for number in range(500)]
     jobs, read = Jobs(workspace), list[Path]()
-    monkeypatch.setattr("posefuse_studio.jobs.read_json", lambda path, cls: [read.append(path), read_json(path, cls)][1])
+    monkeypatch.setattr("posefuse_studio.jobs.read_stored", lambda path, cls: [read.append(path), read_stored(path, cls)][1])
     assert jobs.running() == [] and len(read) == 2 * len(names)
     for _ in range(3):
         assert jobs.running() == [] and jobs.running("report") == [] and jobs.running("live") == []
@@ -159,22 +159,22 @@ def test_what_has_ended_is_read_once(workspace: StudioWorkspace, monkeypatch: py
     assert len(read) == 2 * len(names)
     # a new one is seen, and read again until it ends
     folder = workspace.folder(f"{JOBS_FOLDER}/20260102-000000-report")
-    write_json(folder / "job.json", {"work": "report", "title": "T", "arguments": {}})
-    write_json(folder / "state.json", {"state": "running", "reported_s": time.time()})
+    write_stored(folder / "job.json", {"work": "report", "title": "T", "arguments": {}})
+    write_stored(folder / "state.json", {"state": "running", "reported_s": time.time()})
     assert [job.id for job in jobs.running()] == [folder.name]
-    write_json(folder / "state.json", {"state": "done"})
+    write_stored(folder / "state.json", {"state": "done"})
     assert jobs.running() == []
 
 
 @pytest.mark.parametrize("reported_s", [1e18, float("inf"), float("nan"), -1e18, "yesterday", [1]])
 def test_a_time_that_cannot_be_is_of_no_running_job(workspace: StudioWorkspace, reported_s: Any) -> None:
     folder = workspace.folder(f"{JOBS_FOLDER}/one")
-    write_json(folder / "job.json", {"work": "live", "title": "T", "arguments": {}, "begun_s": reported_s})
-    write_json(folder / "state.json", {"state": "running", "reported_s": reported_s})
+    write_stored(folder / "job.json", {"work": "live", "title": "T", "arguments": {}, "begun_s": reported_s})
+    write_stored(folder / "state.json", {"state": "running", "reported_s": reported_s})
     assert Jobs(workspace).running() == []
     # a clock that was set back a little is no reason
-    write_json(folder / "job.json", {"work": "live", "title": "T", "arguments": {}, "begun_s": time.time() + 5})
-    write_json(folder / "state.json", {"state": "running", "reported_s": time.time() + 5})
+    write_stored(folder / "job.json", {"work": "live", "title": "T", "arguments": {}, "begun_s": time.time() + 5})
+    write_stored(folder / "state.json", {"state": "running", "reported_s": time.time() + 5})
     assert [job.id for job in Jobs(workspace).running()] == ["one"]
 
 
@@ -206,7 +206,7 @@ def test_a_job_leads_to_pages_of_the_studio_only(workspace: StudioWorkspace, pag
 
 
 def test_state_files_are_for_their_owner_only(workspace: StudioWorkspace) -> None:
-    write_json(workspace.root / "a.json", {"a": 1})
+    write_stored(workspace.root / "a.json", {"a": 1})
     assert json.loads((workspace.root / "a.json").read_text(encoding="utf-8")) == {"a": 1}
     assert (workspace.root / "a.json").stat().st_mode & 0o077 == 0
 

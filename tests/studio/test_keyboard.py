@@ -10,7 +10,7 @@ from small_session import saved_session
 from posefuse.core import Rig
 from posefuse_studio.calibrations import Project, save_project
 from posefuse_studio.setups import Setup, save_setup
-from posefuse_studio.stored import write_json
+from posefuse_studio.stored import write_stored
 from posefuse_studio.workspace import StudioWorkspace
 from tools.studio_server import free_port, server, stand_in
 
@@ -66,7 +66,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory, ring_rig: Callable[..., Rig]) 
     saved_session(workspace.root, ring_rig)
     videos = {f"cam0{c}": f"video:walk/videos/cam0{c}.mp4" for c in range(3)}
     save_setup(workspace, Setup(name="webcams", sources=videos))
-    write_json(workspace.folder("targets") / "made.json", {})
+    write_stored(workspace.folder("targets") / "made.json", {})
     save_project(workspace, Project(name="room", setup="webcams", cube="a.toml", board="b.toml", lenses=False))
     port = free_port()
     with server(workspace.root, port), stand_in(workspace.root, 2):
@@ -162,6 +162,6 @@ def test_the_next_step_is_heard(page: Any, lab: tuple[StudioWorkspace, str]) -> 
     assert page.evaluate("window.starts") == 2
     recording: Path = workspace.folder("calibrations/room/extrinsics-1")
     seen = {"cameras": ["cam00", "cam01"], "target": "a.toml"}
-    write_json(recording / "coverage.json", seen)
+    write_stored(recording / "coverage.json", seen)
     page.get_by_text("Find where the cameras stand").wait_for()
     page.wait_for_function("window.starts === 4")

@@ -7,7 +7,7 @@ import pytest
 from posefuse_studio import stored
 from posefuse_studio.job_process import JobReporter
 from posefuse_studio.jobs import JOBS_FOLDER, Jobs
-from posefuse_studio.stored import SessionAddress, address_file, private_folder, read_json, write_json
+from posefuse_studio.stored import SessionAddress, address_file, private_folder, read_stored, write_stored
 from posefuse_studio.workspace import StudioWorkspace
 
 ADDRESS = SessionAddress(port=4711, key=bytes(range(32)))
@@ -41,10 +41,10 @@ def test_a_key_is_outside_of_the_workspace_and_private(workspace: StudioWorkspac
 
 
 def test_an_address_is_of_one_job_in_one_workspace(tmp_path: Path) -> None:
-    write_json(address_file(tmp_path / "a", "one"), ADDRESS)
-    assert read_json(address_file(tmp_path / "a", "one"), SessionAddress) == ADDRESS
+    write_stored(address_file(tmp_path / "a", "one"), ADDRESS)
+    assert read_stored(address_file(tmp_path / "a", "one"), SessionAddress) == ADDRESS
     for workspace, job in (("b", "one"), ("a", "two")):
-        assert read_json(address_file(tmp_path / workspace, job), SessionAddress) is None
+        assert read_stored(address_file(tmp_path / workspace, job), SessionAddress) is None
 
 
 @pytest.mark.parametrize(
@@ -53,12 +53,12 @@ def test_an_address_is_of_one_job_in_one_workspace(tmp_path: Path) -> None:
 def test_a_damaged_address_is_none(tmp_path: Path, text: str) -> None:
     file = address_file(tmp_path, "one")
     file.write_text(text, encoding="utf-8")
-    assert read_json(file, SessionAddress) is None
+    assert read_stored(file, SessionAddress) is None
 
 
 def test_what_another_user_has_written_is_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    write_json(tmp_path / "a.json", {"a": 1})
-    assert read_json(tmp_path / "a.json", dict) == {"a": 1}
+    write_stored(tmp_path / "a.json", {"a": 1})
+    assert read_stored(tmp_path / "a.json", dict) == {"a": 1}
     monkeypatch.setattr("os.geteuid", lambda: tmp_path.stat().st_uid + 1, raising=False)
     for name in ("a.json", "", "missing.json"):
-        assert read_json(tmp_path / name, dict) is None
+        assert read_stored(tmp_path / name, dict) is None

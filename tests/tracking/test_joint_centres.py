@@ -121,8 +121,8 @@ def test_a_joint_without_its_directions_stays_and_a_missing_one_stays_missing() 
 
 def test_the_shipped_table_moves_every_joint_by_centimetres_at_most() -> None:
     card = read_card("blazepose_full")
-    assert card.decoding.joint_centres
-    table = read_joint_centres(card.folder / card.decoding.joint_centres)
+    assert card.joint_centres_file
+    table = read_joint_centres(card.joint_centres_file)
     assert set(table.offsets) == set(JOINTS)
     before = replace(people(), xyz_world=np.tile(standing(), (T, N, 1, 1)))
     columns = BLAZEPOSE33.indices([keypoint_of(side, joint) for side in SIDES for joint in JOINTS])

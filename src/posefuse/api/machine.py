@@ -342,7 +342,7 @@ def _wanted(names: Sequence[str], source: Path | None) -> list[NetworkCard]:
     if source is not None and not source.exists():
         raise ModelError(f"{source}: no such archive, model file or folder")
     if names:
-        return [needed for name in names for needed in needed_cards(name)]
+        return list({needed.name: needed for name in names for needed in needed_cards(name)}.values())
     held = [card for card in list_cards() if source is not None and holds(source, card)]
     return held or default_cards()
 

@@ -28,7 +28,7 @@ USUAL = {
     "calibrate clocks": "--rig --clocks --report --force",
     "calibrate verify": "--rig --target --report --force",
     "calibrate print": "--target --columns --rows --square-mm --marker-mm --ids --cube --page --out --force",
-    "track": "--out --force --resume --rig --people --names --start --end --refine-rig --outputs --networks --set",
+    "track": "--out --force --resume --rig --people --names --start --end --refine-rig --outputs --networks --device --set",
     "solve": "--out --force --exclude --keep-person --no-edits --start --end --outputs --set",
     "batch": "--out --force --jobs --outputs --networks --set",
     "live": "--source --duration --record --videos --ros --osc --json-udp --output --view --people --networks --set",
@@ -41,7 +41,7 @@ USUAL = {
     "export": "--out --outputs --session",
     "compare": "--out --no-time --no-space",
     "simulate": "--out --plan --gazebo --force",
-    "models": "--check --from",
+    "models": "--check --from --accept-licence",
     "fit-noise": "--scenes-in",
     "plugins": "",
 }

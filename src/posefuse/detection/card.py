@@ -5,6 +5,7 @@ No weights come with this package. A card names the network's file next to it, o
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -158,7 +159,7 @@ class EnsembleCard(Card):
 
 @settings
 class Terms:
-    """What whoever fetches a network has to know and to accept.
+    """What a person who fetches a network has to know and to accept.
 
     Attributes:
         stated_by: where its makers state the licence of the weights.
@@ -282,16 +283,21 @@ def read_card(name: str | Path, expected: type[C] = NetworkCard) -> C:  # type: 
     return card
 
 
-def needed_cards(name: str | Path) -> list[NetworkCard]:
+def persons_card(card: OnnxCard) -> NetworkCard | None:
+    """The network that finds people for a top-down one; None for the others."""
+    if card.kind not in TOP_DOWN:
+        return None
+    own = card.folder / card.persons
+    return read_card(own if own.is_file() else card.persons)
+
+
+def needed_cards(name: str | Path) -> Sequence[NetworkCard]:
     """The networks that work together under a name: an ensemble's members, a network and the one that finds people for it."""
     card = read_card(name, Card)
     if isinstance(card, EnsembleCard):
-        return [*card.member_cards()]
-    found: list[NetworkCard] = [read_card(name)]
-    if isinstance(card, OnnxCard) and card.kind in TOP_DOWN:
-        beside = card.folder / card.persons
-        found.append(read_card(beside if beside.is_file() else card.persons))
-    return found
+        return card.member_cards()
+    persons = persons_card(card) if isinstance(card, OnnxCard) else None
+    return [one for one in (card, persons) if isinstance(one, NetworkCard)]
 
 
 def _card_files() -> list[Path]:

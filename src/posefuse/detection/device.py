@@ -39,13 +39,13 @@ class Device:
     Attributes:
         word: as the user names it, e.g. ``cuda:1``.
         openvino: its name there; None: ONNX Runtime runs it.
-        provider: of ONNX Runtime; None: OpenVINO runs it. number: of several alike.
+        provider: of ONNX Runtime; None: OpenVINO runs it. number: of several alike; None: there is only one.
     """
 
     word: str
     openvino: str | None = None
     provider: str | None = None
-    number: int = 0
+    number: int | None = None
 
     @property
     def cure(self) -> str:
@@ -62,13 +62,13 @@ def device_of(word: str) -> Device | None:
         return None
     if word in _OPENVINO:
         return Device(word, openvino=_OPENVINO[word])
-    if word == "coreml":
-        return Device(word, provider=_PROVIDERS[word])
-    found = re.fullmatch(rf"({'|'.join(_NUMBERED)})(?::(\d{{1,3}}))?", word)
+    found = re.fullmatch(rf"({'|'.join(_NUMBERED)})(?::(\d{{1,3}}))?|coreml", word)
     if not found:
         raise ConfigError(f"device: expected one of {choices(WORDS)}, got {word!r}")
-    name, number = found[1], int(found[2] or 0)
-    return Device(f"{name}:{number}", provider=_PROVIDERS[name], number=number)
+    if found[1] is None:
+        return Device(word, provider=_PROVIDERS[word])
+    number = int(found[2] or 0)
+    return Device(f"{found[1]}:{number}", provider=_PROVIDERS[found[1]], number=number)
 
 
 def openvino_device(word: str) -> Device:
@@ -115,7 +115,7 @@ def session_on(device: Device, path: str, threads: int) -> Any:
         ort.preload_dlls()
     options = ort.SessionOptions()
     options.intra_op_num_threads = threads
-    numbered = {"device_id": str(device.number)} if device.word.partition(":")[0] in _NUMBERED else {}
+    numbered = {} if device.number is None else {"device_id": str(device.number)}
     try:
         session = ort.InferenceSession(path, options, providers=[(device.provider, numbered)])
     except Exception as error:  # noqa: BLE001 - its errors share no base class

@@ -41,28 +41,33 @@ def downloaded(
         ModelError: no address gives it, each with its reason; or there is no room for it.
     """
     part = target.with_name(f"{target.name}.part")
-    reasons = []
+    reasons: list[str] = []
     try:
         with _alone(part) as file:
             if not _is_at(file, part):
                 # another process has completed it meanwhile
                 return target if target.is_file() else downloaded(urls, target, sha256, most_bytes, pause)
-            for url in urls:
-                reason = _from(url, file, sha256, most_bytes, pause)
-                if reason is None:
-                    part.replace(target)
-                    return target
-                reasons.append(f"{url}: {reason}")
+            whole = any(_received(url, file, sha256, most_bytes, pause, reasons) for url in urls)
+        # a file that is open cannot be renamed on Windows; another process that waited for it may have been first
+        if whole:
+            with suppress(FileNotFoundError):
+                part.replace(target)
+        elif not part.stat().st_size:
+            part.unlink()
     except OSError as error:
         raise ModelError(f"{part}: cannot be written ({error.strerror})") from None
-    raise ModelError(f"{target.name}: cannot be downloaded ({'; '.join(reasons)})")
+    if not whole:
+        raise ModelError(
+            f"{target.name}: cannot be downloaded ({'; '.join(reasons)}); bring it from elsewhere: posefuse models --from PATH"
+        )
+    return target
 
 
 @contextmanager
 def _alone(part: Path) -> Iterator[BufferedRandom]:
     """The part, open for this process only."""
     with part.open("a+b") as file:
-        # Windows has none: there two downloads at once end with a wrong hash, and the next one begins anew
+        # Windows has none: there two downloads at once end with a wrong hash, and the next one starts from the beginning
         with suppress(ImportError, OSError):
             import fcntl
 
@@ -74,8 +79,10 @@ def _is_at(file: BufferedRandom, path: Path) -> bool:
     return path.is_file() and os.path.samestat(path.stat(), os.fstat(file.fileno()))
 
 
-def _from(url: str, file: BufferedRandom, sha256: str, most_bytes: int, pause: Callable[[float], None]) -> str | None:
-    """Receive what is missing from one address; None when the file is whole, else why it is not."""
+def _received(
+    url: str, file: BufferedRandom, sha256: str, most_bytes: int, pause: Callable[[float], None], reasons: list[str]
+) -> bool:
+    """Receive what is missing from one address; whether the file is whole, else `reasons` gets why it is not."""
     reason = ""
     for attempt in range(_ATTEMPTS):
         if attempt:
@@ -83,17 +90,19 @@ def _from(url: str, file: BufferedRandom, sha256: str, most_bytes: int, pause: C
         try:
             _receive(url, file, most_bytes)
         except _UnusableError as error:
-            return str(error)
+            reason = str(error)
+            break
         except (URLError, ConnectionError, TimeoutError, _BrokenOffError) as error:
             reason = one_line(getattr(error, "reason", error))
             continue
         got = _sha256(file)
         if not sha256 or got == sha256:
-            return None
+            return True
         # the beginning may have come from elsewhere, so once from the beginning
         file.truncate(0)
         reason = f"expected sha256 {sha256}, got {got}"
-    return reason
+    reasons.append(f"{url}: {reason}")
+    return False
 
 
 class _UnusableError(Exception):
@@ -112,7 +121,7 @@ def _receive(url: str, file: BufferedRandom, most_bytes: int) -> None:
         answer = build_opener().open(request, timeout=_TIMEOUT_S)
     except HTTPError as error:
         if error.code == _NOT_SATISFIABLE:
-            # all of it is there, or more than the server has: the hash tells
+            # all of it is there, or more than the server has: the hash decides
             return
         if error.code >= _SERVER_ERROR:
             raise

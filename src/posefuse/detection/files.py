@@ -85,6 +85,9 @@ def fetch_all(
 
 def holds(origin: Path, card: NetworkCard) -> bool:
     """Whether an archive, folder or file has something to offer for this card; its hash is not looked at."""
+    if origin.is_file() and isinstance(card.source, UrlSource):
+        # the network has the same name in all archives of a maker
+        return origin.name in (card.file_name, card.source.file_pattern)
     if origin.is_file() and origin.suffix not in _ARCHIVES:
         return origin.name == card.file_name
     try:
@@ -181,9 +184,9 @@ def _keep(card: NetworkCard, content: bytes, cache_dir: Path, origin: str, trust
     try:
         # of another content: a download that was damaged, or a network of the user's own
         keep_copy(target)
-        with tempfile.NamedTemporaryFile(dir=target.parent, prefix=f".{card.file_name}.", delete=False) as beside:
-            beside.write(content)
-        Path(beside.name).replace(target)
+        with tempfile.NamedTemporaryFile(dir=target.parent, prefix=f".{card.file_name}.", delete=False) as new:
+            new.write(content)
+        Path(new.name).replace(target)
     except OSError as error:
         raise ModelError(f"{target}: cannot be written ({error}); set POSEFUSE_CACHE to a folder that can") from None
     if not known:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -19,13 +19,13 @@ from posefuse.foundation.platform import usable_cores
 from posefuse.foundation.settings import settings
 
 from .boxes import keypoints_of, people_from_outputs
-from .card import PERSONS, OnnxCard, PersonCard, needed_cards, read_card
+from .card import PERSONS, OnnxCard, PersonCard, persons_card, read_card
 from .crops import check_regions, img_from_input, input_crop_from_img, letterbox_from_img, region_from_keypoints, warp_to_input
 from .decode import Keypoints, People
 from .device import Precision
 from .engines import OnnxNetwork
 from .files import fetch_all
-from .lock import FIRST_USE, Trust
+from .lock import Trust
 from .noise import KeypointNoise, read_keypoint_noise
 from .search import BoxFinder, PersonFinder, PersonNetwork, SquareFinder, upright_first
 
@@ -58,8 +58,7 @@ class OnnxConfig:
         self, progress: Callable[[str], None] | None = None, advance: Callable[[int, int], None] | None = None
     ) -> list[Path]:
         """The files of the network and of its person detector, those with a source fetched; see `fetch_all`."""
-        trust = Trust(lock=Path(self.lock) if self.lock else None)
-        return fetch_all(self._cards(), default_cache_dir(), None, progress, advance, trust)
+        return fetch_all(self._cards(), default_cache_dir(), None, progress, advance, self._trust)
 
     def build(self) -> TopDownDetector | OneStageDetector:
         """Read the cards, check and compile their files.
@@ -77,24 +76,29 @@ class OnnxConfig:
 
     def _cards(self) -> tuple[OnnxCard] | tuple[OnnxCard, OnnxCard | PersonCard]:
         """Of the network, and of the one that finds people for it."""
-        card, *persons = read_card(self.card, OnnxCard), *needed_cards(self.card)[1:]
+        card = read_card(self.card, OnnxCard)
         if card.kind in PERSONS:
             raise ConfigError(f"{self.card}: layout {card.kind} finds people only; name it as `persons` in a card of keypoints")
-        if not persons:
+        finder = persons_card(card)
+        if finder is None:
             return (card,)
-        finder = persons[0]
         if not isinstance(finder, PersonCard) and not (isinstance(finder, OnnxCard) and finder.kind in PERSONS):
             kinds = ", ".join((*PERSONS, "person_ssd"))
             raise ConfigError(f"{self.card}: persons: expected a card of a kind of {kinds}, got {card.persons} of {finder.kind}")
         return card, finder
 
     def _network(self, card: OnnxCard, path: Path) -> OnnxNetwork:
-        return OnnxNetwork(card, path, self.device, self.precision, self._threads)
+        known = replace(card, sha256=self._trust.known_sha256(card, default_cache_dir()))
+        return OnnxNetwork(known, path, self.device, self.precision, self._threads)
 
     def _finder(self, card: OnnxCard, persons: OnnxCard | PersonCard, path: Path) -> PersonFinder:
         if isinstance(persons, PersonCard):
             return SquareFinder(PersonNetwork.compiled(persons, path, self.precision, self._threads))
         return BoxFinder(self._network(persons, path), card.input.size_wh, card.input.padding)
+
+    @property
+    def _trust(self) -> Trust:
+        return Trust(lock=Path(self.lock) if self.lock else None)
 
     @property
     def _threads(self) -> int:
@@ -158,7 +162,7 @@ class _Networked:
         unknown = ", ".join(filter(None, (noise, centres)))
         return {
             "name": card.name,
-            "sha256": card.sha256 or FIRST_USE.known_sha256(card, default_cache_dir()),
+            "sha256": card.sha256,
             "device": self._network.processor,
             "licence": card.licence,
             **({"unknown": unknown} if unknown else {}),

@@ -36,12 +36,6 @@ class NetworkSettings:
     interface: str = ""
     peers: tuple[str, ...] = ()
 
-    def __post_init__(self) -> None:
-        if not 0 <= self.domain_id <= 232:
-            raise ConfigError(f"network: domain_id: expected 0 to 232, got {self.domain_id}")
-        if self.local_only and (self.peers or self.interface):
-            raise ConfigError("network: local_only excludes peers and interface; leave one of them out")
-
     @property
     def network(self) -> Network:
         """Where the node talks."""
@@ -59,7 +53,15 @@ class Network(NetworkSettings):
     """
 
     multicast: bool = True
-    fragment_bytes: Annotated[int, Ge(500), Le(65000)] = 65000
+    fragment_bytes: int = 65000
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.domain_id <= 232:
+            raise ConfigError(f"network: domain_id: expected 0 to 232, got {self.domain_id}")
+        if self.local_only and (self.peers or self.interface):
+            raise ConfigError("network: local_only excludes peers and interface; leave one of them out")
+        if not 500 <= self.fragment_bytes <= 65000:
+            raise ConfigError(f"network: fragment_bytes: expected 500 to 65000, got {self.fragment_bytes}")
 
 
 def domain_xml(network: Network) -> str:

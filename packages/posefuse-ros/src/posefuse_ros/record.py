@@ -129,7 +129,6 @@ class RecordConfig(NetworkSettings):
     keeps_all: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         if self.path.suffix.lower() != SUFFIX:
             raise ConfigError(f"{self.path}: expected a name that ends in {SUFFIX}, by which recordings are recognized")
         # an instance may accept more than its class states

@@ -19,7 +19,7 @@ from posefuse.core import DependencyError, InputError, PosefuseError
 from posefuse.foundation.requests_to_end import HANG_UP, heeded
 from posefuse.pipeline.catalogue import thumbnail
 
-from .stored import private_folder, write_text
+from .stored import private_folder, write_private
 from .workspace import STATE_FOLDER, StudioWorkspace
 
 try:
@@ -126,7 +126,7 @@ def _opening_page(studio: Studio) -> Iterator[None]:
     """
     access = studio.access
     page = studio.workspace.folder(STATE_FOLDER) / f"open-{access.port}.html"
-    write_text(page, f'<!doctype html><meta http-equiv="refresh" content="0; url={html.escape(access.address())}">')
+    write_private(page, f'<!doctype html><meta http-equiv="refresh" content="0; url={html.escape(access.address())}">')
     threading.Timer(1.0, webbrowser.open, (page.as_uri(),)).start()
     try:
         yield

@@ -19,7 +19,7 @@ from pydantic import ConfigDict
 from posefuse.calibration.report import CalibrationReport, Check
 from posefuse.calibration.targets.coverage import ENOUGH_SHARE, ENOUGH_TOGETHER, TargetCoverage
 
-from .stored import read_json, write_json
+from .stored import read_stored, write_stored
 from .workspace import StudioWorkspace, check_name
 
 FOLDER = "calibrations"
@@ -58,7 +58,7 @@ class Project:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Seen:
+class SeenTarget:
     """What the cameras saw of a target in a recording; see `TargetCoverage`. `enough`: for its step."""
 
     cameras: list[str]
@@ -68,7 +68,7 @@ class Seen:
     enough: bool = True
 
     @classmethod
-    def of(cls, found: TargetCoverage, *, target: str, enough: bool) -> Seen:
+    def of(cls, found: TargetCoverage, *, target: str, enough: bool) -> SeenTarget:
         """Of a recording that has ended."""
         cells, together = found.cells.tolist(), found.together.tolist()
         return cls(cameras=list(found.cameras), cells=cells, together=together, target=target, enough=enough)
@@ -116,7 +116,7 @@ class StepState:
     """
 
     recording: str = ""
-    seen: Seen | None = None
+    seen: SeenTarget | None = None
     result: StepResult | None = None
     outdated: bool = False
 
@@ -270,14 +270,14 @@ def projects(workspace: StudioWorkspace) -> dict[str, Project]:
     """All of the workspace by name, the one that was worked on last first."""
     folder = workspace.path(FOLDER)
     places = sorted(folder.iterdir(), key=lambda path: -path.stat().st_mtime_ns) if folder.is_dir() else []
-    found = {path.name: read_json(path / "project.json", Project) for path in places}
+    found = {path.name: read_stored(path / "project.json", Project) for path in places}
     return {name: replace(project, name=name) for name, project in found.items() if project is not None}
 
 
 def save_project(workspace: StudioWorkspace, project: Project) -> None:
     """Write it; raises InputError for a name that is not plain."""
     check_name(project.name)
-    write_json(workspace.folder(project.folder) / "project.json", project)
+    write_stored(workspace.folder(project.folder) / "project.json", project)
 
 
 def known_of(workspace: StudioWorkspace, project: Project, cameras: Sequence[str]) -> Known:
@@ -286,13 +286,13 @@ def known_of(workspace: StudioWorkspace, project: Project, cameras: Sequence[str
     steps: dict[Step, StepState] = {}
     placed_ns = 0
     for step in _STEPS:
-        result = read_json(folder / f"{step}.json", StepResult)
+        result = read_stored(folder / f"{step}.json", StepResult)
         taken = max(_recordings(folder, step, result), key=_recorded_ns, default=None)
         outdated = result is not None and result.rests_on != rests_on(folder, step)
         steps[step] = StepState(result=result, outdated=outdated)
         # when a verification was recorded before the positions, the cameras may have stood elsewhere
         if taken is not None and not (step == "verify" and _recorded_ns(taken) < placed_ns):
-            seen = read_json(taken / SEEN, Seen)
+            seen = read_stored(taken / SEEN, SeenTarget)
             steps[step] = replace(steps[step], recording=f"{project.folder}/{taken.name}", seen=seen)
         if taken is not None and step == "extrinsics":
             placed_ns = _recorded_ns(taken)
@@ -303,7 +303,9 @@ def _recordings(folder: Path, step: Step, result: StepResult | None) -> Iterator
     """Those that count: one that was stopped too early takes no result away; the button may have been pressed by mistake."""
     for path in folder.glob(f"{step}-*"):
         kept = result is not None and result.passed and not result.recording.endswith(f"/{path.name}")
-        if (path / SEEN).is_file() and not (kept and (seen := read_json(path / SEEN, Seen)) is not None and not seen.enough):
+        if (path / SEEN).is_file() and not (
+            kept and (seen := read_stored(path / SEEN, SeenTarget)) is not None and not seen.enough
+        ):
             yield path
 
 

@@ -20,7 +20,7 @@ from typing import Any
 from posefuse.core import InputError, PosefuseError
 
 from .jobs import JOBS_FOLDER, Job, Jobs, Report
-from .stored import SessionAddress, address_file, write_json
+from .stored import SessionAddress, address_file, write_stored
 from .work import recordings
 from .workspace import StudioWorkspace
 
@@ -59,7 +59,7 @@ class JobReporter:
 
     def listens(self, address: SessionAddress) -> None:
         """Let servers of this user reach the session, until its end."""
-        write_json(self._address, address)
+        write_stored(self._address, address)
 
     def end(self, **changes: Any) -> None:
         """Write the last report."""
@@ -89,7 +89,7 @@ class JobReporter:
             self._written = report, time.monotonic()
         # a full disk must not end the work: its next report may find room
         with suppress(InputError, OSError):
-            write_json(self._folder / "state.json", replace(report, reported_s=time.time()))
+            write_stored(self._folder / "state.json", replace(report, reported_s=time.time()))
 
 
 def run_job(workspace: StudioWorkspace, job: Job, reporter: JobReporter) -> None:

@@ -18,7 +18,7 @@ from typing import Any, Literal
 
 from posefuse.core import InputError
 
-from .stored import SessionAddress, address_file, read_json, write_json
+from .stored import SessionAddress, address_file, read_stored, write_stored
 from .workspace import STATE_FOLDER, StudioWorkspace
 
 LIVE, WATCH = "live", "watch"
@@ -117,7 +117,7 @@ class Jobs:
         name = self._workspace.free_name(JOBS_FOLDER, f"{time.strftime('%Y%m%d-%H%M%S')}-{work}")
         folder = self._workspace.folder(name)
         job = Job(id=folder.name, work=work, title=title, arguments=dict(arguments), page=page, begun_s=time.time())
-        write_json(folder / "job.json", job)
+        write_stored(folder / "job.json", job)
         with (folder / "log.txt").open("wb") as log:
             # -P: files of the workspace cannot stand in for modules
             self._processes[job.id] = subprocess.Popen(
@@ -140,7 +140,7 @@ class Jobs:
     def job(self, job_id: str) -> Job | None:
         """By its id; None where there is none, or its file is damaged or of another user."""
         if job_id not in self._tasks:
-            job = read_json(self._folder(job_id) / "job.json", Job)
+            job = read_stored(self._folder(job_id) / "job.json", Job)
             if job is None:
                 return None
             self._tasks[job_id] = replace(job, id=job_id, page=job.page if _is_page(job.page) else "/")
@@ -152,7 +152,7 @@ class Jobs:
             return self._ended[job_id]
         process, folder = self._processes.get(job_id), self._folder(job_id)
         died = process is not None and process.poll() is not None
-        report = read_json(folder / "state.json", Report) or Report()
+        report = read_stored(folder / "state.json", Report) or Report()
         if report.ended:
             self._ended[job_id] = report
             return report
@@ -172,7 +172,7 @@ class Jobs:
 
     def address(self, job_id: str) -> SessionAddress | None:
         """Where its process listens; None where it does not."""
-        return read_json(address_file(self._workspace.root, job_id), SessionAddress)
+        return read_stored(address_file(self._workspace.root, job_id), SessionAddress)
 
     def running(self, *works: str) -> list[Job]:
         """Jobs that have not ended, the newest first; of some kinds of work where these are given."""

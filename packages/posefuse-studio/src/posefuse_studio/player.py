@@ -57,7 +57,7 @@ def open_recording(path: Path, within: Path) -> OpenedRecording:
     return OpenedRecording(recording=recording, playback=Playback(recording, session), gaits=gaits)
 
 
-def joint_angles(path: Path) -> JointAngles | None:
+def angles_of_file(path: Path) -> JointAngles | None:
     """Angles of all people of a recording, straight from its points; None where there are none."""
     try:
         return pf.read(path).joint_angles(fit="none")

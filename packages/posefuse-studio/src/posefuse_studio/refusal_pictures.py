@@ -16,7 +16,7 @@ from posefuse.core.arrays import Array
 from posefuse.outputs.drawing import jpeg_of, shrunk_wh
 from posefuse.sources import VideoConfig, VideoSeeker
 
-from .calibrations import Seen, Step, StepResult
+from .calibrations import SeenTarget, Step, StepResult
 
 _LOOKS = 9
 _WIDTH_PX, _QUALITY = 480, 80
@@ -24,7 +24,7 @@ _CORNER_RGB = (255, 40, 200)
 
 
 def refusal_pictures(
-    result: StepResult, videos: Mapping[str, Path], target: Target, folder: Path, step: Step, seen: Seen | None
+    result: StepResult, videos: Mapping[str, Path], target: Target, folder: Path, step: Step, seen: SeenTarget | None
 ) -> dict[str, Path]:
     """Write ``STEP-CAMERA.jpg`` into a folder for every camera that a failed check of a result names; returns them by camera.
 

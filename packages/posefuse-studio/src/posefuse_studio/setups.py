@@ -10,7 +10,7 @@ import posefuse as pf
 from posefuse.core import InputError, Rig
 from posefuse.realtime.capture import LiveInput
 
-from .stored import read_json, write_json
+from .stored import read_stored, write_stored
 from .workspace import StudioWorkspace, check_name
 
 DEMO = "Demo clip"
@@ -36,7 +36,7 @@ class Setup:
 def setups(workspace: StudioWorkspace) -> list[Setup]:
     """The presets of a workspace by name, after the bundled clip."""
     paths = sorted(workspace.path(_FOLDER).glob("*.json"))
-    found = [(path.stem, read_json(path, Setup)) for path in paths]
+    found = [(path.stem, read_stored(path, Setup)) for path in paths]
     return [Setup(name=DEMO), *(replace(one, name=name) for name, one in found if one is not None and one.sources)]
 
 
@@ -62,7 +62,7 @@ def save_setup(workspace: StudioWorkspace, setup: Setup) -> None:
     for camera, what in setup.sources.items():
         check_name(camera)
         source_text(workspace, what)
-    write_json(workspace.folder(_FOLDER) / f"{setup.name}.json", setup)
+    write_stored(workspace.folder(_FOLDER) / f"{setup.name}.json", setup)
 
 
 def delete_setup(workspace: StudioWorkspace, name: str) -> None:

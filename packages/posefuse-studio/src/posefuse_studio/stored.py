@@ -36,19 +36,19 @@ def private_folder() -> Path:
     return folder
 
 
-def write_text(path: Path, text: str) -> None:
+def write_private(path: Path, text: str) -> None:
     """Whole or not at all, readable by its owner only."""
     with atomic_file(path) as temporary:
         temporary.chmod(0o600)
         temporary.write_text(text, encoding="utf-8")
 
 
-def write_json(path: Path, value: Any) -> None:
-    """A dataclass or plain values, see `write_text`."""
-    write_text(path, adapter(type(value)).dump_json(value).decode())
+def write_stored(path: Path, value: Any) -> None:
+    """A dataclass or plain values, see `write_private`."""
+    write_private(path, adapter(type(value)).dump_json(value).decode())
 
 
-def read_json(path: Path, cls: type[T]) -> T | None:
+def read_stored(path: Path, cls: type[T]) -> T | None:
     """A value of a class that this user has written; None where it is missing, damaged, of another form or owner, or a link."""
     try:
         # as others may change the file between a look at it and its reading, the look is at what is open

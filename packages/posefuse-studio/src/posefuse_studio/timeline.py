@@ -32,7 +32,7 @@ class Curve:
     side: str = "mid"
 
 
-class Timeline:
+class CurveTimeline:
     """The element.
 
     Args:

@@ -12,11 +12,11 @@ from posefuse.core.joint_angles import angle_labels
 from posefuse.foundation.plugins import list_plugins
 from posefuse.pipeline.reports import PAGE_FILE, report_folder
 from posefuse_studio.edit_card import EditCard
-from posefuse_studio.player import ResultPlayer, joint_angles, open_recording
+from posefuse_studio.player import ResultPlayer, angles_of_file, open_recording
 from posefuse_studio.scene.view import VIEWS, CameraTile, RigScene
 from posefuse_studio.shell import card, file_address, icon_button, job_cards, light, refusals, small, title, words
 from posefuse_studio.state import Studio
-from posefuse_studio.timeline import Curve, Timeline
+from posefuse_studio.timeline import Curve, CurveTimeline
 from posefuse_studio.workspace import recording_place
 
 _POLL_S = 0.1
@@ -64,7 +64,7 @@ def build(studio: Studio, name: str) -> None:
             elements = _Recording(studio, name, player, stream)
         player.start()
         # in another process, as it compiles code, which would hold up every page
-        joints = await run.cpu_bound(joint_angles, path)
+        joints = await run.cpu_bound(angles_of_file, path)
         if not client.is_deleted:
             elements.show_angles(joints)
 
@@ -140,7 +140,7 @@ class _Recording:
                 self._person.props('dense outlined aria-label="Person"').set_visibility(bool(people))
                 self._chosen = ui.select({}, multiple=True, value=[], on_change=self._redraw)
                 self._chosen.props('dense outlined aria-label="Angles"')
-            self._timeline = Timeline(player.begin_s, player.end_s, player.seek, keys)
+            self._timeline = CurveTimeline(player.begin_s, player.end_s, player.seek, keys)
             self._redraw()
 
     def show_angles(self, joints: JointAngles | None) -> None:

@@ -21,9 +21,9 @@ from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.targets.kinds import Target, read_target
 from posefuse.calibration.targets.recordings import open_sources, require_target_seen
 from posefuse.core import InputError
-from posefuse_studio.calibrations import LENSES, RIG, SEEN, Seen, StepResult, rests_on
+from posefuse_studio.calibrations import LENSES, RIG, SEEN, SeenTarget, StepResult, rests_on
 from posefuse_studio.refusal_pictures import refusal_pictures
-from posefuse_studio.stored import read_json, write_json
+from posefuse_studio.stored import read_stored, write_stored
 from posefuse_studio.targets import FLOOR_ID, check_target, without_floor
 from posefuse_studio.workspace import StudioWorkspace
 
@@ -49,9 +49,9 @@ def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any)
         result = StepResult(passed=False, reports=[refused.report])
     result = replace(result, recording=str(arguments["recording"]), rests_on=made_from)
     if not result.passed:
-        made = refusal_pictures(result, videos, target, folder / "refused", step, read_json(recording / SEEN, Seen))
+        made = refusal_pictures(result, videos, target, folder / "refused", step, read_stored(recording / SEEN, SeenTarget))
         result = replace(result, pictures={camera: workspace.name_of(path) for camera, path in made.items()})
-    write_json(folder / f"{step}.json", result)
+    write_stored(folder / f"{step}.json", result)
     return {"passed": result.passed}
 
 

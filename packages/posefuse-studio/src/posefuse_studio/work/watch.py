@@ -25,13 +25,13 @@ from posefuse.health.cameras import CameraState
 from posefuse.outputs.drawing import jpeg_of, shrunk_wh
 from posefuse.realtime.video_keeping import read_counts
 from posefuse.realtime.watching import CameraFeed, FedFrame, image_warning
-from posefuse_studio.calibrations import SEEN, Seen, Step
+from posefuse_studio.calibrations import SEEN, SeenTarget, Step
 from posefuse_studio.guiding import advice_for, enough_for, near_far_of, size_of
 from posefuse_studio.scene.messages import image_message, setup_message
 from posefuse_studio.scene.setup import scene_setup
 from posefuse_studio.session import CameraStatus, Host, Pace, Rates, SessionStatus, status_pace
 from posefuse_studio.setups import Setup, inputs_of_setup, setup_named
-from posefuse_studio.stored import write_json
+from posefuse_studio.stored import write_stored
 from posefuse_studio.targets import without_floor
 from posefuse_studio.workspace import StudioWorkspace
 
@@ -68,7 +68,7 @@ def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any)
         for name, one in read_counts(videos, feed.cameras).items():
             if not one.finished:
                 raise InputError(f"{record}: the video of {name} is not complete ({one.fault}); record again")
-        write_json(workspace.path(record) / SEEN, Seen.of(watched.guidance.coverage, target=target, enough=enough))
+        write_stored(workspace.path(record) / SEEN, SeenTarget.of(watched.guidance.coverage, target=target, enough=enough))
     return {"record": record, "enough": enough}
 
 
