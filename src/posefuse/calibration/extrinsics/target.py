@@ -149,7 +149,8 @@ def _explained(task: _Task, options: Options, attempt: _Attempt) -> Calibration:
     if not attempt.failed:
         assert attempt.solved is not None
         return _calibration(task, attempt.solved, attempt.done, attempt.notes)
-    done = attempt.done
+    # what speaks for itself first: it explains the others (an image upside down, where its principal point seems to be)
+    done = tuple(sorted(attempt.done, key=lambda check: check.passed or check.name not in SAID_BY_ITSELF))
     if not any(check.name in SAID_BY_ITSELF for check in attempt.failed):
         trouble = Trouble(
             task.observations, task.cameras, task.target, options, None if attempt.solved is None else thinned(attempt.solved)
