@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from posefuse.core.arrays import Array
 _SAME_S = 1e-4
 # corners are interpolated over one lost frame, and never over more than this
 _LONGEST_GAP_PERIODS, _LONGEST_GAP_S = 2.2, 0.4
+_SLOW_PX_S = 150.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -148,10 +148,7 @@ def evenly(items: Array, most: int) -> Array:
 
 
 def pick_time_steps(observations: CornerObservations, most: int, delay_s: Array, prefer_slow: bool) -> Array:
-    """At most `most` times (T,) ns at which two cameras see the target, over the recording and over the pairs of cameras.
-
-    `prefer_slow`: of neighbours the one at which the target moves least, as single flat markers need it: exposures are uneven.
-    """
+    """At most `most` times (T,) ns, spread over the images, the camera pairs and the recording; at least 2 cameras each."""
     counts = np.bincount(observations.camera, minlength=len(observations.cameras))
     reference = int(np.argmax(counts))
     candidates = np.unique(observations.t_ns[observations.camera == reference])
@@ -161,23 +158,45 @@ def pick_time_steps(observations: CornerObservations, most: int, delay_s: Array,
         after = np.clip(np.searchsorted(candidates, others), 1, len(candidates) - 1)
         distance = np.minimum(np.abs(others - candidates[after - 1]), np.abs(others - candidates[after]))
         candidates = np.unique(np.concatenate([candidates, others[distance > np.median(np.diff(candidates))]]))
-    candidates = candidates[:: max(1, len(candidates) // (6 * most))]
+    thin = max(1, len(candidates) // (6 * most))
+    return _greedy(observations, candidates[::thin], most, delay_s, prefer_slow)
+
+
+def _greedy(observations: CornerObservations, candidates: Array, most: int, delay_s: Array, prefer_slow: bool) -> Array:
     seen = snapshots(observations, candidates, delay_s)
-    present = np.zeros((len(candidates), len(counts)), bool)
-    present[seen.time_step, seen.camera] = True
-    total = np.bincount(seen.time_step, np.linalg.norm(seen.velocity_px_s, axis=1), len(candidates))
-    rows = np.bincount(seen.time_step, minlength=len(candidates))
-    speed = np.asarray(prefer_slow * total / np.maximum(rows, 1))
-    pairs = list(combinations(range(len(counts)), 2))
-    chosen = np.zeros(len(candidates), bool)
-    for pair in pairs:
-        _choose(chosen, np.asarray(present[:, pair].all(axis=1)), most // 2 // len(pairs), speed)
-    _choose(chosen, np.asarray(present.sum(axis=1) >= 2), most - int(chosen.sum()), speed)
-    return np.asarray(candidates[chosen])
+    cameras, time_steps = len(observations.cameras), len(candidates)
+    pair = seen.time_step * cameras + seen.camera
+    corners = np.bincount(pair, minlength=time_steps * cameras).reshape(time_steps, cameras)
+    present = corners > 0
+    total = np.stack([np.bincount(pair, seen.xy_img[:, k], time_steps * cameras) for k in (0, 1)], axis=-1)
+    centre = total.reshape(time_steps, cameras, 2) / np.maximum(corners, 1)[..., None]
+    share = centre / np.array(observations.sizes_wh, np.float64)
+    cell = np.clip((share * 4).astype(np.int64), 0, 3) @ np.array([4, 1])
+    speed = np.bincount(seen.time_step, np.linalg.norm(seen.velocity_px_s, axis=1), time_steps) / np.maximum(
+        corners.sum(axis=1), 1
+    )
+    worth = (corners.sum(axis=1) / np.maximum(present.sum(axis=1), 1)) ** 0.5
+    if prefer_slow:
+        worth = worth / (1 + speed / _SLOW_PX_S)
+    return candidates[_take(present, cell, worth, most)]
 
 
-def _choose(chosen: Array, possible: Array, most: int, speed: Array) -> None:
-    """Add so many time steps (T,) at most: the slowest of each section of those that are possible."""
-    free = np.flatnonzero(possible & ~chosen)
-    for section in np.array_split(free, min(most, len(free))) if most and len(free) else []:
-        chosen[section[np.argmin(speed[section])]] = True
+def _take(present: Array, cell: Array, worth: Array, most: int) -> Array:
+    """Indices of time steps, each the one that adds most where little has been seen so far."""
+    time_steps, cameras = present.shape
+    both = present[:, :, None] & present[:, None, :]
+    cell_count, pair_count = np.zeros((cameras, 16)), np.zeros((cameras, cameras))
+    time_count = np.zeros(16)
+    section = np.arange(time_steps) * 16 // max(time_steps, 1)
+    possible = present.sum(axis=1) >= 2
+    taken: list[int] = []
+    columns = np.arange(cameras)
+    while len(taken) < most and possible.any():
+        gain = (present / (1 + cell_count[columns, cell])).sum(axis=1) + (both / (1 + pair_count)).sum(axis=(1, 2)) / 2
+        best = int(np.argmax(np.where(possible, gain * worth / (1 + time_count[section]) ** 0.5, -1.0)))
+        taken.append(best)
+        possible[best] = False
+        np.add.at(cell_count, (columns[present[best]], cell[best, present[best]]), 1)
+        pair_count += both[best]
+        time_count[section[best]] += 1
+    return np.array(sorted(taken), dtype=np.int64)
