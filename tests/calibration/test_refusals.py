@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from bench.faults.waved_props import Faults, Waving, board, observe_prop
-from posefuse.calibration.extrinsics.causes import Cause, CauseTrial, Hypothesis, Trouble, cause_check, likely_target_causes
-from posefuse.calibration.extrinsics.limits import LIMITS
+from posefuse.calibration.extrinsics.causes import Cause, CauseTrial, Trouble, best_causes, cause_check
 from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.target import calibrate_extrinsics
 from posefuse.calibration.person.scale import KnownLength
@@ -51,8 +50,7 @@ def trouble_of(spread_px: float) -> Trouble:
 
 
 def named(*trials: CauseTrial, spread_px: float = 3.0) -> tuple[Cause, ...]:
-    hypotheses = [Hypothesis(one.words, "", lambda trouble, one=one: [one], near=True) for one in trials]
-    return likely_target_causes(trouble_of(spread_px), hypotheses)
+    return best_causes(trouble_of(spread_px), trials)
 
 
 def test_the_explanation_that_frees_least_among_equals_is_named() -> None:
@@ -82,7 +80,7 @@ def test_a_side_in_other_units_is_refused_before_and_after_the_solve(lab: Any) -
         calibrate_extrinsics(seen, lab.rig.cameras, Markers(0.024), TOGETHER)
     # it can be had on request, and says what it failed
     assert caught.value.kept.rig.refused == "rig has a plausible size"
-    small = replace(TOGETHER, limits=replace(LIMITS, distance_m=(0.0, np.inf)))
+    small = replace(TOGETHER, any_size=True)
     assert calibrate_extrinsics(seen, lab.rig.cameras, Markers(0.024), small).rig.refused == ""
 
 

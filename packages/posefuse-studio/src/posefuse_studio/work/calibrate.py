@@ -16,7 +16,7 @@ import numpy as np
 import posefuse as pf
 from posefuse.api.calibrate import observe_target
 from posefuse.api.calibration_results import saved_clocks
-from posefuse.calibration.extrinsics.floor import FloorMarker
+from posefuse.calibration.extrinsics.world import FloorMarker
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.targets.kinds import Target, read_target
 from posefuse.calibration.targets.recordings import open_sources, require_target_seen
