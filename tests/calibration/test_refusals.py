@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench.faults.waved_props import Faults, Waving, board, observe_prop
+from bench.faults.waved_props import Faults, Waving, board, cube, observe_prop
 from posefuse.calibration.extrinsics.causes import Cause, CauseTrial, Trouble, best_causes, cause_check
 from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.target import calibrate_extrinsics
@@ -170,3 +170,13 @@ def test_the_faults_of_the_benchmark_are_never_silent(monkeypatch: pytest.Monkey
             assert verdict(run.of, run.of.run(run.seed)) != SILENT, run.of.name
     for name in [name for name in sys.modules if name == "faults" or name.startswith("faults.")]:
         monkeypatch.delitem(sys.modules, name)
+
+
+def test_a_camera_that_is_late_is_found_where_corners_spread_so_much_that_places_are_not_determined(ring_rig: Any) -> None:
+    rig, target = ring_rig(3), Markers(0.24)
+    late = Faults(noise_px=0.7, missed=0.4, delay_s=(0, 0.025, 0))
+    seen = observe_prop(rig, cube(0.3), target, Waving(seconds=10, rate_hz=10), late)
+    with pytest.raises(RefusedCalibration, match=r"cameras are determined.*\(also failed: cameras are synchronised\)"):
+        calibrate_extrinsics(seen, rig.cameras, target, Options(time_steps=60, clocks="together"))
+    found = calibrate_extrinsics(seen, rig.cameras, target, Options(time_steps=60, clocks="auto"))
+    assert any("not synchronised" in note for note in found.report.notes)

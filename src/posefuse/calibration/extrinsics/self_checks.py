@@ -432,16 +432,20 @@ def solution_checks(
 ) -> list[Check]:
     """All checks of a solution; raises RefusedCalibration after the quick ones, since the others take further solves."""
     state, distance_m = solved.solution.state, usual_distance_m(solved)
+    determined = check_determined(cameras, solved, distance_m)
     quick = [
         check_still(cameras, solved),
         check_facing(cameras, solved),
         check_fit(cameras, solved),
-        check_determined(cameras, solved, distance_m),
+        determined,
         check_cameras_apart(cameras, state.cam_from_world),
         check_rig_size(target, cameras, state.cam_from_world.se3(), distance_m, options.any_size),
     ]
     if options.own_intrinsics:
         quick.insert(0, check_carried(cameras, observations, solved))
+    if options.clocks == "together" and [check for check in quick if not check.passed] == [determined]:
+        # a camera that is late spreads the corners, and the poses with them
+        quick.append(_check_in_step(cameras, solved))
     CalibrationReport("extrinsics", (*before, *quick)).require()
     halves = solve_halves(observations, cameras, target, options, solved)
     done = [
@@ -452,10 +456,13 @@ def solution_checks(
     if isinstance(target, Charuco):
         done.append(check_board_shape(best_stretch(thinned(solved), cameras)))
     if options.clocks == "together":
-        freedom = Freedom(reference=solved.links.reference, held_patches=solved.links.shape.held, offset=True)
-        free = solve_prop(solved.seen, solved.corners, cameras, state, freedom)
-        done.append(check_clocks(cameras, free))
+        done.append(_check_in_step(cameras, solved))
     return done
+
+
+def _check_in_step(cameras: tuple[Camera, ...], solved: Solved) -> Check:
+    freedom = Freedom(reference=solved.links.reference, held_patches=solved.links.shape.held, offset=True)
+    return check_clocks(cameras, solve_prop(solved.seen, solved.corners, cameras, solved.solution.state, freedom))
 
 
 def _lens_change(cameras: tuple[Camera, ...], solved: Solved, halves: Halves, options: Options) -> LensChange:
