@@ -9,10 +9,11 @@ from types import SimpleNamespace
 
 import pytest
 
+from posefuse.core import JointCentres
 from posefuse.core.skeleton import COCO17
 from posefuse.foundation.channel import Channel
 from posefuse.realtime import processes
-from posefuse.realtime.messages import KeepVideos, Ready, Status, Stop
+from posefuse.realtime.messages import KeepVideos, Ready, SessionClock, Status, Stop
 
 
 def ready_at_once(channel: Channel, plan: object) -> None:
@@ -37,6 +38,26 @@ def test_a_process_that_dies_between_ready_and_begin_is_started_again(monkeypatc
             assert not list(groups.messages())
     finally:
         groups.stop()
+
+
+def test_one_message_has_the_joint_centres_of_all_groups(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(processes, "run_group", ready_with_joint_centres)
+    inputs = [(SimpleNamespace(camera="a"), SimpleNamespace(camera="b")), (SimpleNamespace(camera="c"),)]
+    plans = [SimpleNamespace(inputs=some, videos=None, clock=SessionClock(0)) for some in inputs]
+    with processes.Groups(plans) as groups:  # type: ignore[arg-type]
+        groups.wait_ready()
+        # a topic that keeps its last message would lose those of the other groups
+        (centres,) = groups.centres()
+    assert centres.cameras == ("a", "b", "c") and centres.table == TABLE
+
+
+TABLE = JointCentres(made_by="a test", offsets={"hip": {"up": 0.01}})
+
+
+def ready_with_joint_centres(channel: Channel, plan: object) -> None:
+    """A group without cameras whose detector has a table."""
+    channel.send(Ready(0, COCO17, TABLE))
+    channel.wait(30.0)
 
 
 def slow_to_finish(channel: Channel, plan: SimpleNamespace) -> None:

@@ -112,12 +112,14 @@ class Groups:
         return skeletons.pop()
 
     def centres(self) -> list[LiveJointCentres]:
-        """Offsets of joint centres from the keypoints of each group's detector, when they are ready."""
-        return [
-            LiveJointCentres(t_ns=member.plan.clock.now_ns(), cameras=tuple(member.cameras), table=member.marks.joint_centres)
-            for member in self._members
-            if member.marks is not None
-        ]
+        """Offsets of joint centres from the keypoints of the detector, when all groups are ready.
+
+        One message for all cameras, whose groups have one detector: on a network only the last one reaches those who come later.
+        """
+        cameras = tuple(camera for member in self._members for camera in member.cameras)
+        first = self._members[0]
+        table = first.marks.joint_centres if first.marks is not None else None
+        return [LiveJointCentres(t_ns=first.plan.clock.now_ns(), cameras=cameras, table=table)]
 
     def start(self, clock: SessionClock) -> int:
         """Recorded sources show their time 0 a moment from now, when all groups know it."""
