@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from built import pose, standing
+from scipy.stats import norm
 
 from posefuse.association import UNNAMED, Identity, identity, with_persons
 from posefuse.association.traits import Traits, body_lengths_m, plausible_share, sameness
@@ -128,6 +129,26 @@ def test_sameness_grows_with_evidence_and_is_symmetric() -> None:
     assert sameness(known, same) > 0 > sameness(known, other)
     assert sameness(known, other) == pytest.approx(sameness(other, known))
     assert sameness(known, learnt(1.0, 2)) == 0, "two frames say nothing"
+
+
+def test_a_trait_counts_by_its_difference_in_errors_and_in_people() -> None:
+    """The ratio of two normal densities, written out: of errors that last, and of these and two of the population."""
+    lengths_m, clothing = np.linspace(0.2, 0.5, 7), np.tile([50.0, 20.0, -30.0], 3)
+    mean = np.concatenate([lengths_m, clothing])
+    errors = np.concatenate([np.full(7, 0.01), np.tile([7.0, 4.0, 4.0], 3)])
+    people = np.concatenate([0.08 * lengths_m, np.tile([22.0, 12.0, 16.0], 3)])
+
+    def certain(values: np.ndarray) -> Traits:
+        return Traits(frames=np.full(16, 100.0), mean=values, scatter=np.zeros((16, 16)))
+
+    for share in (0.0, 1.0, 2.0):
+        # in standard deviations of the population
+        half = share * people / 2
+        same, two = np.sqrt(2) * errors, np.sqrt(2) * np.hypot(errors, people)
+        densities = norm.logpdf(2 * half, 0, same) - norm.logpdf(2 * half, 0, two)
+        cues = [densities[cue].sum() for cue in (slice(7), slice(7, 10), slice(10, 13), slice(13, 16))]
+        expected = sum(np.log(0.97 * np.exp(cue) + 0.03) for cue in cues)
+        assert sameness(certain(mean - half), certain(mean + half)) == pytest.approx(expected), share
 
 
 def test_one_wrong_cue_does_not_outweigh_three_that_agree() -> None:

@@ -45,32 +45,23 @@ def test_an_image_larger_than_the_framebuffer_is_refused(monkeypatch: pytest.Mon
         backend.check_framebuffer("egl", 5000)
 
 
-def test_openpose_files_numbered_by_date_are_refused(
-    demo_session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("frames", "words"),
+    [
+        ({"cam00": [1], "cam01": [20261122153000]}, "frame numbers 1 to 20261122153000: 2.026e+13 time steps"),
+        ({"cam00": range(40), "cam01": range(20)}, "warning: camera cam01: it stops at 0.63 s, the recording at 1.30 s"),
+    ],
+    ids=["numbered by date", "truncated"],
+)
+def test_what_the_numbers_of_openpose_files_show_is_named(
+    frames: dict, words: str, demo_session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    session = tmp_path / "session"
-    session.mkdir()
-    (session / "rig.toml").write_bytes((demo_session / "rig.toml").read_bytes())
-    people = '{"people": [{"pose_keypoints_2d": [' + ", ".join(["1, 2, 0.5"] * 17) + "]}]}"
-    for camera, number in (("cam00", 1), ("cam01", 20261122153000)):
-        folder = session / "pose2d" / camera
-        folder.mkdir(parents=True)
-        (folder / f"{number}_keypoints.json").write_text(people)
-    (session / "rig.toml").write_bytes((demo_session / "rig.toml").read_bytes())
-    assert main(["track", str(session), "--out", str(tmp_path / "out"), "--rate", "30"]) == 1
-    assert "frame numbers 1 to 20261122153000: 2.026e+13 time steps" in capsys.readouterr().err
-
-
-def test_a_truncated_camera_is_named_by_track(demo_session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    session = tmp_path / "session"
-    session.mkdir()
-    (session / "rig.toml").write_bytes((demo_session / "rig.toml").read_bytes())
-    folder = session / "pose2d"
     people = '{"people": [{"pose_keypoints_2d": [' + ", ".join(["300, 200, 0.5"] * 17) + "]}]}"
-    for camera, frames in (("cam00", 40), ("cam01", 20)):
-        (folder / camera).mkdir(parents=True)
-        for i in range(frames):
-            (folder / camera / f"{i:04d}.json").write_text(people)
-    (session / "rig.toml").write_bytes((demo_session / "rig.toml").read_bytes())
-    main(["track", str(session), "--out", str(tmp_path / "out"), "--outputs", "", "--rate", "30"])
-    assert "warning: camera cam01: it stops at 0.63 s, the recording at 1.30 s" in capsys.readouterr().err
+    for camera, numbers in frames.items():
+        folder = tmp_path / "session" / "pose2d" / camera
+        folder.mkdir(parents=True)
+        for number in numbers:
+            (folder / f"{number:04d}_keypoints.json").write_text(people)
+    (tmp_path / "session" / "rig.toml").write_bytes((demo_session / "rig.toml").read_bytes())
+    main(["track", str(tmp_path / "session"), "--out", str(tmp_path / "out"), "--outputs", "", "--rate", "30"])
+    assert words in capsys.readouterr().err

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import built
 import numpy as np
 import pytest
 
@@ -11,7 +12,7 @@ pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
 
 import posefuse
 from posefuse.cli.main import main
-from posefuse.core import SE3, CameraTruth, InputError, LivePose, LiveStart, Pose3D, PoseSequence, Recording, Rig, Truth
+from posefuse.core import SE3, CameraTruth, InputError, LivePose, LiveStart, Pose3D, Recording, Rig, Truth
 from posefuse.core.observations import observations_from_frames
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.evaluation.tracks import looped
@@ -59,14 +60,10 @@ def record(path: Path, rig: Rig, seconds: float, clock: SimulatedClock | None) -
     output.take(LiveStart(t_ns=BEGIN_NS, rig=rig, rate_hz=100.0, clock_offset_ns=0, notes=notes_of(rig, LiveConfig()), part=1))
     for t_ns in BEGIN_NS + np.arange(0, round(seconds * 1e9), 10_000_000):
         sim_ns = round((int(t_ns) - BEGIN_NS) * RATE) + 700_000_000
-        xyz = person_at(np.array([sim_ns / 1e9])) + OFFSET_M
+        pose = built.pose(person_at(np.array([sim_ns / 1e9])) + OFFSET_M, [5], int(t_ns), skeleton=ANATOMICAL23)
         if clock is not None:
             clock.add(sim_ns, int(t_ns))
             keep_clock(output._recorder, clock, int(t_ns))
-        rest = {"cov_world": np.tile(np.eye(3), (1, K, 1, 1)), "reproj_px": np.ones((1, K)), "n_views": np.full((1, K), 3)}
-        pose = Pose3D(
-            t_ns=int(t_ns), skeleton=ANATOMICAL23, person_id=np.array([5]), xyz_world=xyz, kind=np.ones((1, K), int), **rest
-        )
         output.take(LivePose(pose=pose))
     output.close()
 
@@ -132,11 +129,8 @@ def to_and_fro(rig: Rig, start_s: float, rate_hz: float, off_m: np.ndarray) -> R
         [c * local[..., 0] - s * local[..., 1] + np.sin(phase)[:, None], s * local[..., 0] + c * local[..., 1]], axis=-1
     )
     xyz = np.concatenate([xy, np.broadcast_to(REST[:, 2:], (len(t_s), K, 1))], axis=-1) + off_m
-    rest = {"cov_world": np.tile(np.eye(3), (len(t_s), 1, K, 1, 1)), "reproj_px": np.ones((len(t_s), 1, K))}
-    poses = PoseSequence(
-        t_ns=np.round((t_s - start_s) * 1e9).astype(np.int64), skeleton=ANATOMICAL23, person_id=np.array([0]),
-        xyz_world=xyz[:, None], n_views=np.full((len(t_s), 1, K), 3), kind=np.ones((len(t_s), 1, K), int), **rest,
-    )  # fmt: skip
+    t_ns = np.round((t_s - start_s) * 1e9).astype(np.int64)
+    poses = built.poses(xyz[:, None], skeleton=ANATOMICAL23, t_ns=t_ns)
     return Recording(rig=rig, poses=poses, observations=observations_from_frames(ANATOMICAL23, rig.names, []), provenance={})
 
 

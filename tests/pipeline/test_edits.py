@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from built import detections
 
 from posefuse.api.recording import recording_of
 from posefuse.cli.main import main
-from posefuse.core import ConfigError, DetectionBatch, Detections2D, InputError, LookKind, Observations, Recording, Rig
+from posefuse.core import ConfigError, DetectionBatch, InputError, LookKind, Observations, Recording, Rig
 from posefuse.core.observations import NOT_KEPT
 from posefuse.core.skeleton import COCO17
-from posefuse.core.values import keypoint_boxes
 from posefuse.formats.recording import read_recording, write_recording
 from posefuse.foundation.parsing import plain
 from posefuse.pipeline.config import TrackConfig, changed_config
@@ -44,9 +44,7 @@ def noisy_log(rig: Rig) -> Observations:
         for camera in rig:
             bad = camera.name == BLOCKED.camera and FROM_S <= t_ns / 1e9 < TO_S
             xy = camera.project(people_at(t_ns)) + rng.normal(0, 1.0, (2, K, 2)) + bad * np.array([OFF_PX, 0.0])
-            score = np.ones((2, K))
-            planes = {"xy_img": xy, "score": score, "sigma_px": 1.5 * score, "box_img": keypoint_boxes(xy, score)}
-            found.append(Detections2D(camera=camera.name, t_ns=t_ns, skeleton=COCO17, **planes))
+            found.append(detections(camera.name, xy, t_ns, score=1.0, sigma_px=1.5))
         batches.append(DetectionBatch(step=i, t_ns=t_ns, kind=LookKind.SEARCH, detections=tuple(found)))
     return Observations.from_batches(COCO17, rig.names, batches)
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from built import detections
+from built import detections, standing
 
 from posefuse.association import AssociateSettings
 from posefuse.core import SE3, DetectionBatch, Detections2D, LookKind, Observations, Pose3D, Rig, SourceError
@@ -19,20 +19,6 @@ from posefuse.pipeline.time_steps import stored_steps
 
 K = len(COCO17)
 PERIOD_NS = 33_333_333
-# half the distance of left and right, and height of the parts of a person who stands at the origin and faces +Y, m
-PARTS_M = {
-    "nose": (0.0, 1.6),
-    "eye": (0.03, 1.63),
-    "ear": (0.07, 1.6),
-    "shoulder": (0.18, 1.43),
-    "elbow": (0.22, 1.13),
-    "wrist": (0.25, 0.88),
-    "hip": (0.09, 0.95),
-    "knee": (0.1, 0.52),
-    "ankle": (0.1, 0.09),
-}
-_PARTS = [(PARTS_M[name.split("_")[-1]], -1 if "left" in name else 1) for name in COCO17.keypoints]
-STANDING_M = np.array([[half * side, 0, height] for (half, height), side in _PARTS])
 
 
 @dataclass(frozen=True)
@@ -55,6 +41,8 @@ class Stage:
     """People on a stage, seen perfectly by every camera that looks where they are or searches; keeps count of its searches."""
 
     skeleton = COCO17
+    # a view that looks farther off than so sees no person
+    near_m = 0.3
 
     def __init__(self, rig: Rig, present: dict[int, range], blind: tuple[int, ...] = (), count: int = 30) -> None:
         rng = np.random.default_rng(2)
@@ -85,10 +73,9 @@ class Stage:
         about = {"sigma_px": np.where(seen, 1.5, np.nan), "box_img": keypoint_boxes(xy, seen.astype(float))}
         return detections(self.rig.names[c], xy, i * PERIOD_NS, score=1.0, **about)
 
-    @staticmethod
-    def near(here: dict[int, np.ndarray], expected: np.ndarray) -> np.ndarray:
+    def near(self, here: dict[int, np.ndarray], expected: np.ndarray) -> np.ndarray:
         for xyz in here.values():
-            if np.linalg.norm(np.nanmean(expected - xyz, axis=0)) < 0.3:
+            if np.linalg.norm(np.nanmean(expected - xyz, axis=0)) < self.near_m:
                 return xyz
         return np.full((K, 3), np.nan)
 
@@ -221,23 +208,18 @@ def test_a_newcomer_of_two_views_is_dropped_when_three_others_see_no_person_ther
         for c, one in enumerate(rig)
     ]
     stage = Reflection(dataclasses.replace(rig, cameras=tuple(views)), {0: range(3)}, count=3)
-    stage.people[0] = STANDING_M
+    stage.people[0] = standing()
     assert [len(one.pose.person_id) for one in followed(stage)] == [count] * 3
 
 
 class Runner(Stage):
-    """One person who gathers speed to 5.4 m/s; a view that looks more than 0.15 m next to them sees no person."""
+    """One person who gathers speed to 5.4 m/s."""
+
+    near_m = 0.15
 
     def xyz(self, i: int) -> dict[int, np.ndarray]:
         ramp = np.minimum(0.012 * np.arange(i + 1), 0.18)
         return {p: body + [ramp.sum() - 2.5, 0, 0] for p, body in self.people.items()}
-
-    @staticmethod
-    def near(here: dict[int, np.ndarray], expected: np.ndarray) -> np.ndarray:
-        for xyz in here.values():
-            if np.linalg.norm(np.nanmean(expected - xyz, axis=0)) < 0.15:
-                return xyz
-        return np.full((K, 3), np.nan)
 
 
 def test_a_runner_is_looked_for_where_the_next_step_leads(ring_rig) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 import ezc3d
 import numpy as np
 import pytest
+from built import of_sides
 
 from posefuse.cli.main import main
 from posefuse.core import SE3, SKELETONS, Rig, Skeleton
@@ -18,31 +19,17 @@ from posefuse.formats.rig import write_rig
 
 HALPE = SKELETONS["halpe_26"]
 FRAMES = 14
-HEIGHTS_M = {
-    "neck": 1.5,
-    "head": 1.8,
-    "ankle": 0.1,
-    "heel": 0.05,
-    "small_toe": 0.02,
-    "toe": 0.03,
-    "knee": 0.5,
-    "hip": 0.95,
-    "wrist": 1.0,
-    "elbow": 1.2,
-    "shoulder": 1.45,
-}
-ACROSS_M = {"small_toe": 0.17, "wrist": 0.35, "elbow": 0.3, "shoulder": 0.2}
+LEFT = {
+    "eye": (0.1, 0.05, 1.65), "ear": (0, 0.05, 1.65), "shoulder": (0, 0.2, 1.45), "elbow": (0, 0.3, 1.2), "wrist": (0, 0.35, 1.0),
+    "hip": (0, 0.12, 0.95), "knee": (0, 0.12, 0.5), "ankle": (0, 0.12, 0.1), "heel": (-0.05, 0.12, 0.05),
+    "big_toe": (0.2, 0.12, 0.03), "small_toe": (0.2, 0.17, 0.02),
+}  # fmt: skip
+MIDDLE = {"nose": (0.1, 0, 1.65), "head": (0, 0, 1.8), "neck": (0, 0, 1.5), "mid_hip": (0, 0, 0.95)}
 
 
 def person() -> np.ndarray:
     """(T, K, 3) a person who glides along x."""
-    rest = []
-    for name in HALPE.keypoints:
-        side = {"left": 1, "right": -1}.get(name.partition("_")[0], 0)
-        part = next((part for part in HEIGHTS_M if part in name), "")
-        ahead = 0.2 if "toe" in name else -0.05 if "heel" in name else 0.1 if name in ("nose", "left_eye", "right_eye") else 0.0
-        rest.append([ahead, side * ACROSS_M.get(part, 0.12 if part else 0.05), HEIGHTS_M.get(part, 1.65)])
-    return np.array(rest) + np.arange(FRAMES)[:, None, None] * [0.02, 0, 0]
+    return of_sides(HALPE, LEFT, **MIDDLE) + np.arange(FRAMES)[:, None, None] * [0.02, 0, 0]
 
 
 @pytest.fixture

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from built import detections, of_sides
 
 from posefuse.core import (
     DetectionBatch,
-    Detections2D,
     InputError,
     LookKind,
     Observations,
@@ -39,15 +39,14 @@ def seen_by(
     batches, person_ids = [], []
     for i in range(T):
         ids = np.array([person for person, steps in (people or {0: range(T)}).items() if i in steps])
-        detections = []
+        found = []
         for c, (camera, late) in enumerate(zip(rig, late_ns.tolist(), strict=True)):
             t_ns = i * PERIOD_NS + late
             n = 0 if c in (without or {}).get(i, ()) else len(ids)
             xy = np.repeat(camera.project(body(t_ns))[None], n, axis=0)
-            seen = {"xy_img": xy, "score": np.ones((n, K)), "sigma_px": np.full((n, K), 1.5), "box_img": np.zeros((n, 4))}
-            detections.append(Detections2D(camera=camera.name, t_ns=t_ns, skeleton=COCO17, **seen))
-        batches.append(DetectionBatch(step=i, t_ns=i * PERIOD_NS, kind=LookKind.EXPECTED, detections=tuple(detections)))
-        person_ids.append([ids[: len(one)] for one in detections])
+            found.append(detections(camera.name, xy, t_ns, score=1.0, sigma_px=1.5))
+        batches.append(DetectionBatch(step=i, t_ns=i * PERIOD_NS, kind=LookKind.EXPECTED, detections=tuple(found)))
+        person_ids.append([ids[: len(one)] for one in found])
     return Observations.from_batches(COCO17, rig.names, batches, person_ids)
 
 
@@ -145,16 +144,12 @@ def test_limbs_that_all_cameras_exchange_until_out_of_sight_are_named_by_where_f
     ring_rig,
 ) -> None:
     rig = ring_rig(4)
-    at = {
-        "nose": (0.12, 0, 1.60), "ear": (0, 0.08, 1.62), "shoulder": (0, 0.19, 1.42), "elbow": (0, 0.24, 1.15),
-        "wrist": (0.1, 0.26, 0.92), "hip": (0, 0.1, 0.95), "knee": (0.09, 0.11, 0.52), "ankle": (0, 0.12, 0.1),
-        "heel": (-0.05, 0.12, 0.05), "foot_index": (0.16, 0.13, 0.04),
+    left = {
+        "ear": (0, 0.08, 1.62), "shoulder": (0, 0.19, 1.42), "elbow": (0, 0.24, 1.15), "wrist": (0.1, 0.26, 0.92),
+        "hip": (0, 0.1, 0.95), "knee": (0.09, 0.11, 0.52), "ankle": (0, 0.12, 0.1), "heel": (-0.05, 0.12, 0.05),
+        "foot_index": (0.16, 0.13, 0.04),
     }  # fmt: skip
-    xyz = np.full((len(BLAZEPOSE33), 3), np.nan)
-    for k, name in enumerate(BLAZEPOSE33.keypoints):
-        side, _, part = name.rpartition("_") if not name.endswith("foot_index") else (name[:-11], "_", "foot_index")
-        if part in at:
-            xyz[k] = np.array(at[part]) * [1, -1 if side == "right" else 1, 1]
+    xyz = of_sides(BLAZEPOSE33, left, nose=(0.12, 0, 1.60))
     xy = np.tile(np.stack([camera.project(xyz) for camera in rig]), (T, 1, 1, 1, 1))
     xy[:10] = xy[:10][..., BLAZEPOSE33.mirror, :]
     xy[10:14] = np.nan

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from built import detections
 
-from posefuse.core import CalibrationError, DetectionBatch, Detections2D, InputError, LookKind, Observations
+from posefuse.core import CalibrationError, DetectionBatch, InputError, LookKind, Observations
 from posefuse.core.skeleton import COCO17
 from posefuse.formats.rig import write_rig
 from posefuse.pipeline.config import CameraInput, TrackConfig
@@ -107,17 +108,9 @@ def test_what_is_wrong_is_named(session: Path, tmp_path: Path) -> None:
 
 def detections_of(found: dict[str, int], depth: bool) -> Observations:
     """One time step in which each camera found so many people."""
-    k, detections = len(COCO17), []
-    for name, count in found.items():
-        arrays = {
-            "xy_img": np.full((count, k, 2), 100.0),
-            "score": np.ones((count, k)),
-            "sigma_px": np.ones((count, k)),
-            "box_img": np.zeros((count, 4)),
-            "depth_m": np.ones((count, k, 2)) if depth else None,
-        }
-        detections.append(Detections2D(camera=name, t_ns=0, skeleton=COCO17, **arrays))
-    batch = DetectionBatch(step=0, t_ns=0, kind=LookKind.SEARCH, detections=tuple(detections))
+    places = {name: np.full((count, len(COCO17), 2), 100.0) for name, count in found.items()}
+    seen = tuple(detections(name, xy, depth_m=np.ones_like(xy) if depth else None) for name, xy in places.items())
+    batch = DetectionBatch(step=0, t_ns=0, kind=LookKind.SEARCH, detections=seen)
     return Observations.from_batches(COCO17, tuple(found), [batch], [[np.arange(n) for n in found.values()]])
 
 
