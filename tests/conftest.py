@@ -250,15 +250,13 @@ def some_pose() -> Callable[..., Pose3D]:
 @pytest.fixture
 def some_joints() -> JointAngles:
     rng = np.random.default_rng(3)
-    return JointAngles(
+    return built.joint_angles(
+        rng.normal(size=(2, 2, 4, 3)),
+        joints=("left_hip", "left_knee", "left_ankle", "neck"),
         t_ns=np.array([4_000_000_000, 5_000_000_000]),
-        person_id=np.array([40, 7]),
+        person_id=[40, 7],
         segments=("pelvis", "left_thigh", "left_shank"),
         world_from_segment=SE3(rng.normal(size=(2, 2, 3, 4)), rng.normal(size=(2, 2, 3, 3))),
-        joints=("left_hip", "left_knee", "left_ankle", "neck"),
-        angle_names=(("flexion", "adduction", "rotation"),) * 4,
-        angle_rad=rng.normal(size=(2, 2, 4, 3)),
-        sigma_rad=rng.uniform(0.01, 0.1, (2, 2, 4, 3)),
     )
 
 

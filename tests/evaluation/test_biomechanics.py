@@ -4,12 +4,12 @@ import csv
 import dataclasses
 import sys
 
+import built
 import numpy as np
 import pytest
-from built import recording_from_views
 from figure import sequence_of
 
-from posefuse.core import DependencyError, PoseSequence, Skeleton
+from posefuse.core import DependencyError, Skeleton
 from posefuse.evaluation.biomechanics import BiomechanicsSettings, joints_of, write_biomechanics
 from posefuse.formats.mot import read_mot
 from posefuse.kinematics import joints_from_poses
@@ -20,21 +20,16 @@ from posefuse_sim.motion.bvh import read_bvh
 def recording(ring_rig):
     frames = [{"left_knee": (40 + i, 0, 0), "left_hip": (20, 3, 4), "right_knee": (30, 0, 0)} for i in range(24)]
     sequence = sequence_of(frames, "anatomical23", sigma_m=0.004, rate_hz=30.0)
-    rig = ring_rig(3)
-    xy = np.moveaxis(rig.project(sequence.xyz_world), 0, 2)
-    score = np.isfinite(xy[..., 0]) * 1.0
-    return recording_from_views(rig, sequence, xy, score, np.where(score > 0, 2.0, np.nan))
+    return built.recording(ring_rig(3), sequence, score=1.0)
 
 
 def with_points_of(recording, *parts):
     """The recording as a network would give it that marks these parts of both sides only."""
     names = tuple(f"{side}_{part}" for part in parts for side in ("left", "right"))
     kept = [recording.poses.skeleton.index(name) for name in names]
-    fields = ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")
-    few = {name: getattr(recording.poses, name)[:, :, kept] for name in fields}
+    few = built.arrays_of(recording.poses, lambda one: one[:, :, kept])
     poses = dataclasses.replace(recording.poses, skeleton=Skeleton("few", names, ()), **few)
-    views = {name: getattr(recording.views, name)[:, :, :, kept] for name in ("xy_img", "score", "sigma_px")}
-    return recording_from_views(recording.rig, poses, **views)
+    return built.recording(recording.rig, poses, score=1.0)
 
 
 LEGS = ("hip", "knee", "ankle", "heel", "big_toe")
@@ -94,12 +89,10 @@ def test_ezc3d_finds_points_and_angles(recording, tmp_path):
 
 def test_several_people_have_files_of_their_own(recording, tmp_path):
     poses = recording.poses
-    names = ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")
-    two = {name: np.concatenate([getattr(poses, name)] * 2, axis=1) for name in names}
+    two = built.arrays_of(poses, lambda one: np.concatenate([one] * 2, axis=1))
     two["xyz_world"][:, 1] = np.nan
-    both = PoseSequence(t_ns=poses.t_ns, skeleton=poses.skeleton, person_id=[2, 7], **two)
-    views = {name: np.concatenate([getattr(recording.views, name)] * 2, axis=1) for name in ("xy_img", "score", "sigma_px")}
-    made = write_biomechanics(recording_from_views(recording.rig, both, **views), tmp_path, BiomechanicsSettings(fit="points"))
+    both = built.recording(recording.rig, dataclasses.replace(poses, person_id=[2, 7], **two), score=1.0)
+    made = write_biomechanics(both, tmp_path, BiomechanicsSettings(fit="points"))
     names = {path.name for path in made}
     assert {"angles_person2.mot", "skeleton_person2.bvh"} <= names
     assert not any("_7" in name for name in names)
@@ -114,11 +107,10 @@ def test_a_missing_opensim_is_named_and_leaves_no_folder(recording, tmp_path, mo
 
 
 def test_one_time_step_has_angles_and_no_animation(recording, tmp_path):
-    names = ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")
     poses = recording.poses
-    one = dataclasses.replace(poses, t_ns=poses.t_ns[:1], **{name: getattr(poses, name)[:1] for name in names})
-    views = {name: getattr(recording.views, name)[:1] for name in ("xy_img", "score", "sigma_px")}
-    made = write_biomechanics(recording_from_views(recording.rig, one, **views), tmp_path, BiomechanicsSettings(fit="none"))
+    first = dataclasses.replace(poses, t_ns=poses.t_ns[:1], **built.arrays_of(poses, lambda one: one[:1]))
+    seen = built.recording(recording.rig, first, score=1.0)
+    made = write_biomechanics(seen, tmp_path, BiomechanicsSettings(fit="none"))
     assert {path.suffix for path in made} == {".csv", ".mot", ".c3d", ".html"}
 
 

@@ -5,9 +5,10 @@ import dataclasses
 
 import numpy as np
 import pytest
+from built import joint_angles
 from scipy.spatial.transform import Rotation
 
-from posefuse.core import SE3, InputError, JointAngles
+from posefuse.core import SE3, InputError
 from posefuse.formats.csv_table import write_angles
 from posefuse.formats.mot import MotTable, motion_from_joints, read_mot, write_mot
 
@@ -18,19 +19,8 @@ def joints():
     angle = rng.normal(size=(4, 2, 3, 3))
     angle[1, 0, 1, 2] = np.nan
     angle[:, :, 2, 1] = np.nan
-    frames = SE3.identity((4, 2, 1))
-    names = (("flexion", "adduction", "rotation"),) * 3
     t_ns = np.array([10, 20, 35, 40]) * 1_000_000
-    return JointAngles(
-        t_ns=t_ns,
-        person_id=[3, 9],
-        segments=("pelvis",),
-        world_from_segment=frames,
-        joints=("left_hip", "left_knee", "neck"),
-        angle_names=names,
-        angle_rad=angle,
-        sigma_rad=np.abs(angle) * 0.1,
-    )
+    return joint_angles(angle, joints=("left_hip", "left_knee", "neck"), t_ns=t_ns, person_id=[3, 9])
 
 
 def test_a_table_of_angles_has_degrees_and_the_columns_of_the_table_of_points(tmp_path, joints):
@@ -66,12 +56,7 @@ def test_the_pelvis_is_placed_by_the_turns_of_the_free_joint_of_the_models():
     rng = np.random.default_rng(3)
     world_from_pelvis = SE3.from_rotvec(rng.uniform(-1.2, 1.2, (50, 1, 1, 3)), rng.normal(size=(50, 1, 1, 3)))
     nothing = np.full((50, 1, 1, 3), np.nan)
-    values = motion_from_joints(
-        JointAngles(
-            t_ns=np.arange(50) * 10_000_000, person_id=[0], segments=("pelvis",), world_from_segment=world_from_pelvis,
-            joints=("neck",), angle_names=(("a", "b", "c"),), angle_rad=nothing, sigma_rad=nothing,
-        )
-    ).table  # fmt: skip
+    values = motion_from_joints(joint_angles(nothing, joints=("neck",), world_from_segment=world_from_pelvis)).table
     turns = [values.column(f"pelvis_{name}") for name in ("tilt", "list", "rotation")]
     composed = Rotation.from_euler("ZXY", np.stack(turns, axis=1), degrees=True).as_matrix()
     ground = world_from_pelvis.matrix4()[:, 0, 0, [1, 2, 0]]
@@ -88,11 +73,8 @@ def gapped(joints, gaps):
         angle[first:end, :, slice(None) if j is None else j] = np.nan
         if j is None:
             xyz[first:end] = np.nan
-    return JointAngles(
-        t_ns=np.arange(80) * 100_000_000, person_id=[3], segments=("pelvis",), joints=joints.joints,
-        world_from_segment=SE3.from_rotvec(np.zeros((80, 1, 1, 3)) + xyz, xyz),
-        angle_names=joints.angle_names, angle_rad=angle, sigma_rad=angle,
-    )  # fmt: skip
+    t_ns, place = np.arange(80) * 100_000_000, SE3.from_rotvec(xyz, xyz)
+    return joint_angles(angle, joints=joints.joints, t_ns=t_ns, person_id=[3], world_from_segment=place)
 
 
 def test_short_gaps_are_bridged_long_ones_leave_the_column_out_and_both_are_stated(tmp_path, joints):

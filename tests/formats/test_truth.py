@@ -4,8 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from built import joint_angles
 
-from posefuse.core import SE3, CameraTruth, InputError, JointAngles, Truth
+from posefuse.core import SE3, CameraTruth, InputError, Truth
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.formats.truth import read_truth, write_truth
 
@@ -24,21 +25,13 @@ def _truth(ring_rig, joints: bool = True) -> Truth:
         for name, f in zip(rig.names, frames, strict=True)
     )
     pose = SE3.from_rotvec(rng.normal(size=(5, 2, 4, 3)), rng.normal(size=(5, 2, 4, 3)))
-    angles = JointAngles(
-        t_ns=t_ns,
-        person_id=[3, 8],
-        segments=("pelvis", "thigh", "shank", "foot"),
-        world_from_segment=pose,
-        joints=("hip", "knee", "ankle"),
-        angle_names=(("flexion", "adduction", "rotation"),) * 3,
-        angle_rad=rng.normal(size=(5, 2, 3, 3)),
-        sigma_rad=np.zeros((5, 2, 3, 3)),
-    )
+    people = {"t_ns": t_ns, "person_id": [3, 8]}
+    segments = {"segments": ("pelvis", "thigh", "shank", "foot"), "world_from_segment": pose}
+    angles = joint_angles(rng.normal(size=(5, 2, 3, 3)), joints=("hip", "knee", "ankle"), **people, **segments)
     return Truth(
+        **people,
         rig=rig,
-        t_ns=t_ns,
         skeleton=ANATOMICAL23,
-        person_id=[3, 8],
         xyz_world=rng.normal(size=(5, 2, 23, 3)),
         views=views,
         joints=angles if joints else None,

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from built import view_sequence
+from built import arrays_of, view_sequence
 
 from posefuse.core import InputError, Kind, PoseSequence
 from posefuse.kinematics import JOINT_NAMES, joints_from_poses
@@ -211,8 +211,7 @@ def test_any_skeleton_can_be_fitted(posed, skeleton):
 
 def test_a_person_hardly_seen_keeps_their_points(posed):
     sequence = posed([walk(i / RATE_HZ) for i in range(20)], sigma_m=0.005, rate_hz=RATE_HZ)
-    names = ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")
-    two = {name: np.concatenate([getattr(sequence, name)] * 2, axis=1) for name in names}
+    two = arrays_of(sequence, lambda one: np.concatenate([one] * 2, axis=1))
     two["xyz_world"][2:, 1] = np.nan
     fit = fit_poses(PoseSequence(t_ns=sequence.t_ns, skeleton=sequence.skeleton, person_id=[4, 9], **two))
     assert list(fit.bodies) == [4]

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from built import arrays_of
 from scipy.spatial.transform import Rotation
 
 from posefuse.core import SKELETONS, InputError, ShapeError
@@ -217,8 +218,7 @@ def test_no_person_and_all_missing_give_empty_and_nan(posed):
     sequence = posed([BENT] * 3)
     nan = replace(sequence, xyz_world=sequence.xyz_world * np.nan, cov_world=sequence.cov_world * np.nan)
     assert np.isnan(joints_from_poses(nan).angle_rad).all()
-    planes = ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")
-    no_person = replace(sequence, person_id=[], **{name: getattr(sequence, name)[:, :0] for name in planes})
+    no_person = replace(sequence, person_id=[], **arrays_of(sequence, lambda one: one[:, :0]))
     assert joints_from_poses(no_person).angle_rad.shape == (3, 0, len(JOINT_NAMES), 3)
 
 

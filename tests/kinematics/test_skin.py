@@ -1,10 +1,8 @@
 """A person as a mesh: of their lengths, around their bones, in any place, and the same in the file."""
 
-import json
-import struct
-
 import numpy as np
 import pytest
+from glb import read_glb
 from scipy.spatial.transform import Rotation
 
 from posefuse.formats.gltf import write_gltf
@@ -116,18 +114,7 @@ def test_the_file_moves_as_we_do(moving, tmp_path) -> None:
     skin = skin_of(moving)
     path = tmp_path / "body.glb"
     write_gltf(path, moving, skin=skin)
-    raw = path.read_bytes()
-    size = struct.unpack("<I", raw[12:16])[0]
-    content, data = json.loads(raw[20 : 20 + size]), raw[28 + size :]
-
-    def values(accessor: int) -> np.ndarray:
-        one = content["accessors"][accessor]
-        view = content["bufferViews"][one["bufferView"]]
-        assert view["byteOffset"] % 4 == 0
-        kind = {5126: np.float32, 5121: np.uint8, 5123: np.uint16}[one["componentType"]]
-        flat = np.frombuffer(data[view["byteOffset"] : view["byteOffset"] + view["byteLength"]], kind)
-        return flat.reshape(one["count"], -1)
-
+    content, values = read_glb(path)
     mesh = content["meshes"][0]["primitives"][0]
     joint, weight, rest = (values(mesh["attributes"][name]) for name in ("JOINTS_0", "WEIGHTS_0", "POSITION"))
     inverse = np.swapaxes(values(content["skins"][0]["inverseBindMatrices"]).reshape(-1, 4, 4), 1, 2)

@@ -5,9 +5,9 @@ from dataclasses import replace
 import built
 import numpy as np
 import pytest
-from built import recording_from_views
+from built import arrays_of, recording_from_views
 
-from posefuse.core import Kind, Recording
+from posefuse.core import Kind, PoseSequence, Recording
 from posefuse.core.skeleton import COCO17
 from posefuse.detection.card import read_card
 from posefuse.formats.joint_centres import read_joint_centres
@@ -70,31 +70,33 @@ def test_a_raised_arm_without_3d_at_the_beginning_is_found_although_two_cameras_
     rig = ring_rig(4)
     recording = seen_by(rig, raised, hidden_from=0)
     start = slice(0, 4)
-    xyz, cov, kind = (np.array(getattr(recording.poses, name)) for name in ("xyz_world", "cov_world", "kind"))
     xy, sigma_px = np.array(recording.views.xy_img), np.array(recording.views.sigma_px)
     shoulder = raised[:, :, COCO17.index("left_shoulder")]
     for joint, below_m in ((ELBOW, 0.28), (WRIST, 0.52)):
-        xyz[start, :, joint], cov[start, :, joint], kind[start, :, joint] = np.nan, np.nan, Kind.MISSING
         hanging = np.moveaxis(rig.project(shoulder + [0, 0.05, -below_m]), 0, 2)
         for camera in (0, 3):
             xy[:, :, camera, joint], sigma_px[:, :, camera, joint] = hanging[:, :, camera], 4 * SIGMA_PX
-    poses = replace(recording.poses, xyz_world=xyz, cov_world=cov, kind=kind)
+    poses = without_3d(recording.poses, [ELBOW, WRIST], start)
     views = replace(recording.views, xy_img=xy, sigma_px=sigma_px)
     fitted = with_bodies(replace(recording, poses=poses), views, BodySettings(), None).poses
     error = np.linalg.norm(fitted.xyz_world - raised, axis=-1)[start, 0, WRIST]
     assert error.max() < 0.03
 
 
+def without_3d(poses: PoseSequence, joints: int | list[int], steps: slice = slice(None)) -> PoseSequence:
+    xyz, cov, kind = (np.array(getattr(poses, name)) for name in ("xyz_world", "cov_world", "kind"))
+    xyz[steps, :, joints], cov[steps, :, joints], kind[steps, :, joints] = np.nan, np.nan, Kind.MISSING
+    return replace(poses, xyz_world=xyz, cov_world=cov, kind=kind)
+
+
 def test_a_shoulder_without_3d_is_no_obstacle(walker, ring_rig) -> None:
     """Two cameras of four see it, but it never got a point: the person has a skeleton, and the shoulder is found."""
     recording = seen_by(ring_rig(4), walker, hidden_from=0)
     shoulder = COCO17.index("left_shoulder")
-    xyz, cov, kind = (np.array(getattr(recording.poses, name)) for name in ("xyz_world", "cov_world", "kind"))
-    xyz[:, :, shoulder], cov[:, :, shoulder], kind[:, :, shoulder] = np.nan, np.nan, Kind.MISSING
     views = recording.views
     score = np.array(views.score)
     score[:, :, :2, shoulder] = 0
-    poses = replace(recording.poses, xyz_world=xyz, cov_world=cov, kind=kind)
+    poses = without_3d(recording.poses, shoulder)
     fitted = with_bodies(replace(recording, poses=poses), replace(views, score=score), BodySettings(), None)
     error = np.linalg.norm(fitted.poses.xyz_world - walker, axis=-1)[:, 0, shoulder]
     assert fitted.provenance["fitted_people"] == [0]
@@ -105,11 +107,9 @@ def test_a_shoulder_without_3d_is_no_obstacle(walker, ring_rig) -> None:
 def test_a_stand_in_that_no_camera_sees_is_not_invented(walker, ring_rig) -> None:
     recording = seen_by(ring_rig(4), walker, hidden_from=0)
     arm = [COCO17.index(f"left_{joint}") for joint in ("shoulder", "elbow", "wrist")]
-    xyz, cov, kind = (np.array(getattr(recording.poses, name)) for name in ("xyz_world", "cov_world", "kind"))
-    xyz[:, :, arm], cov[:, :, arm], kind[:, :, arm] = np.nan, np.nan, Kind.MISSING
     score = np.array(recording.views.score)
     score[..., arm] = 0
-    poses = replace(recording.poses, xyz_world=xyz, cov_world=cov, kind=kind)
+    poses = without_3d(recording.poses, arm)
     settings = BodySettings(most_sigma_m=0.02)
     fitted = with_bodies(replace(recording, poses=poses), replace(recording.views, score=score), settings, None).poses
     assert np.isnan(fitted.xyz_world[:, 0, arm]).all()
@@ -158,9 +158,7 @@ def test_a_body_is_fitted_if_asked_for_and_with_auto_where_it_is_known_to_help(c
 def two_people(recording: Recording, second: np.ndarray) -> Recording:
     """The person of a recording, and another one (id 1) with keypoints of this kind (T, K)."""
     poses, views = recording.poses, recording.views
-    both = {
-        name: np.repeat(getattr(poses, name), 2, axis=1) for name in ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")
-    }
+    both = arrays_of(poses, lambda one: np.repeat(one, 2, axis=1))
     both["xyz_world"] = both["xyz_world"] + np.array([[0, 0, 0], [2.0, 0, 0]])[:, None]
     both["kind"][:, 1] = second
     planes = (np.repeat(plane, 2, axis=1) for plane in (views.xy_img, views.score, views.sigma_px))

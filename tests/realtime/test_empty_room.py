@@ -12,7 +12,6 @@ from no_source import NoSourceConfig
 from posefuse.core import Detections2D, Frame, Rig, Skeleton
 from posefuse.detection.build import DetectorChoice
 from posefuse.foundation.channel import Channel
-from posefuse.health.cameras import Monitor
 from posefuse.realtime import group as group_module
 from posefuse.realtime.capture import Caught, LiveInput
 from posefuse.realtime.config import LiveConfig
@@ -115,22 +114,6 @@ def test_frames_without_an_expected_person_are_counted_and_five_a_second_reporte
 def test_with_a_person_every_frame_is_reported(watched) -> None:
     messages, _, _ = watched(30, people=1)
     assert len(messages) == 30 and not any(one.skipped for one in messages)
-
-
-def test_of_a_frozen_camera_no_frame_is_let_through() -> None:
-    monitor = Monitor(("cam00", "cam01"))
-    passed = [
-        monitor.admit(seen_empty(name, 100 * S + i * PERIOD_NS, still=i * (name == "cam00")), 100 * S) is not None
-        for i in range(90)
-        for name in ("cam00", "cam01")
-    ]
-    assert all(passed[1::2])
-    assert passed[::2] == [i * PERIOD_NS < S // 2 for i in range(90)]
-
-
-def seen_empty(camera: str, t_ns: int, still: int) -> SeenView:
-    empty = Detections2D.empty(camera, t_ns, SKELETON)
-    return SeenView(detections=empty, state=None, received_ns=t_ns, started_ns=t_ns, detected_ns=t_ns, still=still)
 
 
 def test_views_that_would_make_the_next_output_late_wait(watched, ring_rig) -> None:

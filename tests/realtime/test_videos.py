@@ -121,24 +121,6 @@ def test_of_two_videos_of_a_camera_both_are_finished_at_the_end(tmp_path: Path) 
         assert (counts.written, counts.finished) == (200, True)
 
 
-def test_frames_that_the_source_did_not_deliver_are_lost_too(tmp_path: Path) -> None:
-    keeper = VideoKeeper(tmp_path, "cam")
-    keeper.offer(frame(0), 0)
-    keeper.miss(3)
-    finished(keeper)
-    [counts] = read_counts(tmp_path, ["cam"]).values()
-    assert (counts.written, counts.dropped) == (1, 3)
-    assert "did not deliver" in next(iter(counts.lost))
-
-
-def test_a_video_without_frames_is_a_fault(tmp_path: Path) -> None:
-    keeper = VideoKeeper(tmp_path, "cam")
-    finished(keeper)
-    [counts] = read_counts(tmp_path, ["cam"]).values()
-    assert (counts.written, counts.dropped) == (0, 0)
-    assert counts.fault.startswith("no frame came")
-
-
 def test_a_full_disk_ends_the_video_and_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(self: video_keeping.KeptVideo, one: Pixels, t_ns: int) -> str:
         raise InputError("cam.mp4: cannot be written (No space left on device)")

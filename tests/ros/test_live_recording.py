@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import built
 import numpy as np
 import pytest
 
@@ -24,7 +25,6 @@ from posefuse.core import (
 )
 from posefuse.core.observations import LIVE_STEP, NOT_KEPT, OBSERVATION_ARRAYS, observations_from_frames, on_time_steps
 from posefuse.core.skeleton import BLAZEPOSE33, COCO17
-from posefuse.core.values import keypoint_boxes
 from posefuse.detection import read_card
 from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.formats.recording import read_recording, write_recording
@@ -42,23 +42,15 @@ from posefuse_ros.record import RecordConfig
 pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
 reader = pytest.importorskip("mcap.reader")
 
-SIDE_NAMES = {
-    "mouth_left": "left_mouth",
-    "mouth_right": "right_mouth",
-    "left_big_toe": "left_foot_index",
-    "right_big_toe": "right_foot_index",
-}
 K, BEGIN_NS, PERIOD_NS = len(BLAZEPOSE33), 1_700_000_000_000_000_000, 33_366_700
-# a person who looks along +x: (x, y, z) of the right side, metres
-RIGHT = {
-    "eye_inner": (0.09, -0.02, 1.63), "eye": (0.08, -0.03, 1.63), "eye_outer": (0.07, -0.05, 1.63), "ear": (0.0, -0.08, 1.6),
-    "mouth": (0.09, -0.02, 1.56), "shoulder": (0.0, -0.2, 1.4), "elbow": (-0.02, -0.24, 1.12), "wrist": (0.1, -0.26, 0.9),
-    "pinky": (0.13, -0.28, 0.84), "index": (0.15, -0.25, 0.83), "thumb": (0.14, -0.23, 0.86), "hip": (0.0, -0.1, 0.9),
-    "knee": (0.04, -0.11, 0.5), "ankle": (-0.02, -0.12, 0.1), "heel": (-0.06, -0.12, 0.04), "foot_index": (0.14, -0.14, 0.03),
+# a person who looks along +x: (x, y, z) of the left side, metres
+LEFT = {
+    "eye_inner": (0.09, 0.02, 1.63), "eye": (0.08, 0.03, 1.63), "eye_outer": (0.07, 0.05, 1.63), "ear": (0.0, 0.08, 1.6),
+    "mouth": (0.09, 0.02, 1.56), "shoulder": (0.0, 0.2, 1.4), "elbow": (-0.02, 0.24, 1.12), "wrist": (0.1, 0.26, 0.9),
+    "pinky": (0.13, 0.28, 0.84), "index": (0.15, 0.25, 0.83), "thumb": (0.14, 0.23, 0.86), "hip": (0.0, 0.1, 0.9),
+    "knee": (0.04, 0.11, 0.5), "ankle": (-0.02, 0.12, 0.1), "heel": (-0.06, 0.12, 0.04), "foot_index": (0.14, 0.14, 0.03),
 }  # fmt: skip
-PLACES = {f"right_{part}": xyz for part, xyz in RIGHT.items()} | {f"left_{part}": (x, -y, z) for part, (x, y, z) in RIGHT.items()}
-PLACES |= {"nose": (0.12, 0.0, 1.6)}
-BODY = np.array([PLACES[SIDE_NAMES.get(name, name)] for name in BLAZEPOSE33.keypoints]) + [-0.6, 0.2, 0.0]
+BODY = built.of_sides(BLAZEPOSE33, LEFT, nose=(0.12, 0.0, 1.6)) + [-0.6, 0.2, 0.0]
 OTHER = np.array([1.1, -0.7, 0.0])
 VELOCITY = np.array([0.8, -0.5, 0.05])
 LATE_NS = (0, 11_000_000, 19_000_000, 27_000_000)
@@ -79,9 +71,7 @@ def frames_of(rig: Rig, count: int, lost: float = 0.0, people: int = 1) -> list[
             if rng.random() < lost:
                 continue
             xyz = np.stack([body(t_ns) + n * OTHER for n in rng.permutation(people)])
-            xy, score = camera.project(xyz), np.full((people, K), 0.9)
-            parts = {"xy_img": xy, "score": score, "sigma_px": 0 * score + 1.5, "box_img": keypoint_boxes(xy, score)}
-            found.append(Detections2D(camera=camera.name, t_ns=t_ns, skeleton=BLAZEPOSE33, **parts))
+            found.append(built.detections(camera.name, camera.project(xyz), t_ns, sigma_px=1.5, skeleton=BLAZEPOSE33))
     return found
 
 
@@ -317,14 +307,8 @@ def test_the_frame_period_is_found_although_frames_are_missing(lost: float, jitt
 
 def test_each_time_step_has_the_nearest_frame_and_no_frame_is_at_two(rig: Rig) -> None:
     rng = np.random.default_rng(4)
-    empty = {
-        "xy_img": np.zeros((1, 17, 2)),
-        "score": np.zeros((1, 17)),
-        "sigma_px": np.zeros((1, 17)),
-        "box_img": np.zeros((1, 4)),
-    }
     frames = [
-        Detections2D(camera=name, t_ns=int(t_ns), skeleton=COCO17, **empty)
+        built.detections(name, np.zeros((1, 17, 2)), int(t_ns))
         for name in rig.names
         for t_ns in rng.permutation(rng.integers(0, 2_000, 40))
     ]

@@ -92,10 +92,8 @@ def test_a_part_that_is_not_seen_is_nan_and_the_others_are_there():
     known = np.isfinite(parts.xyz[0]).all(axis=-1)
     assert [name for name, there in zip(PARTS, known, strict=True) if not there] == ["left_hand"]
     assert np.isfinite(cov[0][known]).all() and np.isnan(cov[0][~known]).all()
-    coco = dataclasses.replace(pose, skeleton=SKELETONS["coco17"], **{
-        name: getattr(pose, name)[:, [BLAZE.index(k) for k in SKELETONS["coco17"].keypoints]]
-        for name in ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")
-    })  # fmt: skip
+    of_coco = built.arrays_of(pose, lambda one: one[:, BLAZE.indices(SKELETONS["coco17"].keypoints)])
+    coco = dataclasses.replace(pose, skeleton=SKELETONS["coco17"], **of_coco)
     assert np.isfinite(parts_of(coco)[0].xyz[0, :3]).all()
 
 

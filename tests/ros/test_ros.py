@@ -6,6 +6,7 @@ import threading
 import time
 from contextlib import nullcontext
 from itertools import islice, takewhile
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -23,12 +24,14 @@ from posefuse_ros.dds_domain import Network
 from posefuse_ros.source import RosConfig, RosSource
 from posefuse_ros.topics import Topic
 
-DOMAIN = own_domain()
+DOMAIN, SUPPORT = own_domain(), Path(__file__).parents[1] / "support"
 SENDER = textwrap.dedent(
     """
     import sys, time
+    sys.path.append(sys.argv[2])
     import numpy as np
-    from posefuse_ros.camera_messages import COMPRESSED_TYPE, IMAGE_TYPE, jpeg_from_image, message_from_image
+    from image_messages import jpeg_image, raw_image
+    from posefuse_ros.camera_messages import COMPRESSED_TYPE, IMAGE_TYPE
     from posefuse_ros.dds import RosNode
     from posefuse_ros.dds_domain import Network
     from posefuse_ros.topics import Topic
@@ -40,12 +43,12 @@ SENDER = textwrap.dedent(
     with RosNode("sender", Network(domain_id=int(sys.argv[1]), local_only=True)) as node:
         for i in range(6000):
             t_ns = 1_700_000_000_000_000_000 + i * 10_000_000
-            node.publish(topics[0], message_from_image(image, t_ns, "cam"), 0)
+            node.publish(topics[0], raw_image(image, t_ns), 0)
             if i % 5 == 1:
-                node.publish(topics[0], message_from_image(image, t_ns - 50_000_000, "cam"), 0)
+                node.publish(topics[0], raw_image(image, t_ns - 50_000_000), 0)
             if i % 5 == 2:
-                node.publish(topics[0], message_from_image(odd, t_ns + 1, "cam"), 0)
-            node.publish(topics[1], jpeg_from_image(image, t_ns, "cam", 95), 0)
+                node.publish(topics[0], raw_image(odd, t_ns + 1), 0)
+            node.publish(topics[1], jpeg_image(image, t_ns), 0)
             node.publish(topics[2], message("std_msgs/msg/String", data="x"), 0)
             if i == 0:
                 print("sending", flush=True)
@@ -56,7 +59,7 @@ SENDER = textwrap.dedent(
 
 @pytest.fixture
 def sender():
-    with Running([sys.executable, "-c", SENDER, str(DOMAIN)]) as running:
+    with Running([sys.executable, "-c", SENDER, str(DOMAIN), str(SUPPORT)]) as running:
         running.out.wait_for("sending")
         yield running.process
 

@@ -4,6 +4,7 @@ import sys
 import textwrap
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,13 +19,15 @@ from posefuse_ros.camera_info import apart_px, camera_of_info, info_topic
 from posefuse_ros.camera_messages import info_from_camera
 from posefuse_ros.source import RosConfig
 
-DOMAIN = own_domain()
+DOMAIN, SUPPORT = own_domain(), Path(__file__).parents[1] / "support"
 # half as fast as real time; cam00 as calibrated, cam01 with another lens, cam02 uncalibrated, cam03 silent
 SENDER = textwrap.dedent(
     """
     import pickle, sys, time
+    sys.path.append(sys.argv[2])
     import numpy as np
-    from posefuse_ros.camera_messages import CAMERA_INFO_TYPE, IMAGE_TYPE, info_from_camera, message_from_image
+    from image_messages import raw_image
+    from posefuse_ros.camera_messages import CAMERA_INFO_TYPE, IMAGE_TYPE, info_from_camera
     from posefuse_ros.dds import RosNode
     from posefuse_ros.dds_domain import Network
     from posefuse_ros.messages import time_from_ns
@@ -38,7 +41,7 @@ SENDER = textwrap.dedent(
             sim_ns = round((time.time() - begun) * 0.5e9)
             node.publish(CLOCK, message(CLOCK.type_name, clock=time_from_ns(sim_ns)), 0)
             if i % 5 == 0:
-                node.publish(Topic("/cam00/image_raw", IMAGE_TYPE), message_from_image(image, sim_ns, "cam"), 0)
+                node.publish(Topic("/cam00/image_raw", IMAGE_TYPE), raw_image(image, sim_ns), 0)
                 for camera in cameras:
                     info = info_from_camera(camera, sim_ns)
                     if camera.name == "cam02":
@@ -65,7 +68,7 @@ def simulator(cameras, tmp_path):
     path = tmp_path / "cameras.pickle"
     path.write_bytes(pickle.dumps(cameras[1]))
     program = SENDER.replace("sys.stdin.buffer", f"open({str(path)!r}, 'rb')")
-    with Running([sys.executable, "-c", program, str(DOMAIN)]) as running:
+    with Running([sys.executable, "-c", program, str(DOMAIN), str(SUPPORT)]) as running:
         running.out.wait_for("sending")
         yield
 

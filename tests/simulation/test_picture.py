@@ -5,9 +5,7 @@ import pytest
 
 from posefuse.core import Frame
 from posefuse.core.skeleton import ANATOMICAL23, pick_keypoints
-from posefuse.detection import default_cards, status
 from posefuse.detection.blazepose import BlazePoseConfig
-from posefuse.foundation.places import default_cache_dir
 from posefuse_sim import Scene
 from posefuse_sim.body import BodyShapeSettings
 from posefuse_sim.build import live_scene
@@ -26,11 +24,7 @@ _LIMBS = tuple(
 
 
 @pytest.fixture(scope="module")
-def network():
-    cache = default_cache_dir()
-    missing = [card.name for card in default_cards() if status(card, cache) != "ready"]
-    if missing:
-        pytest.skip(f"networks not fetched yet: {', '.join(missing)} (posefuse models)")
+def network(models):
     return BlazePoseConfig(streams=1).build()
 
 

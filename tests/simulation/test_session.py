@@ -188,16 +188,6 @@ def test_the_same_seed_gives_the_same_bytes_with_any_number_of_processes_and_aft
     assert _contents(folder) == _contents(session)
 
 
-def test_a_folder_with_something_else_is_left_alone(session, tmp_path):
-    (tmp_path / "mine.txt").write_text("precious")
-    for replace in (False, True):
-        with pytest.raises(InputError, match=r"holds what posefuse did not write .*\(mine.txt\)"):
-            simulate(_SCENE, tmp_path, replace=replace)
-    with pytest.raises(InputError, match="holds results already"):
-        simulate(_SCENE, session)
-    assert (tmp_path / "mine.txt").read_text() == "precious"
-
-
 def test_a_session_of_its_own_is_replaced_and_what_is_the_users_stays(tmp_path, backend):
     camera = RingCameras(kind="ring", count=1, radius_m=3.0, image=ImageSettings(size_px=(80, 60)))
     jpeg = JpegSettings(kind="jpeg")
@@ -216,6 +206,8 @@ def test_a_session_of_its_own_is_replaced_and_what_is_the_users_stays(tmp_path, 
         simulate(scene, folder, processes=1)
     # finished: moved aside, with what the user put there, and kept
     before = _contents(folder)
+    with pytest.raises(InputError, match="holds results already"):
+        simulate(scene, folder)
     (folder / "notes.txt").write_text("the user's")
     with pytest.warns(UserWarning) as said:
         simulate(scene, folder, processes=1, replace=True)

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-import av
 import numpy as np
 import pytest
+from remuxed import remuxed
 
 from posefuse.formats.video import VideoWriter
 from posefuse.sources import CountedSource, Coverage, VideoConfig, incomplete_cameras
@@ -46,21 +46,10 @@ def test_a_camera_with_a_shorter_video_is_named_with_its_end() -> None:
     assert line == "camera b: it stops at 0.96 s, the recording at 1.96 s"
 
 
-def index_first(path: Path) -> Path:
-    """The same video with its index at the start, as cameras for the web write it."""
-    moved = path.with_name("moved.mp4")
-    with av.open(str(path)) as whole, av.open(str(moved), "w", options={"movflags": "faststart"}) as copy:
-        stream = copy.add_stream_from_template(whole.streams.video[0])
-        for packet in whole.demux(video=0):
-            if packet.dts is not None:
-                packet.stream = stream
-                copy.mux(packet)
-    return moved
-
-
 def test_a_truncated_video_is_named_with_its_missing_share(video: Path) -> None:
     """The index lists every frame; the bytes of the later half are not there."""
-    path = index_first(video)
+    # its index at the start, as cameras for the web write it
+    path = remuxed(video, video.with_name("moved.mp4"), options={"movflags": "faststart"})
     content = path.read_bytes()
     path.write_bytes(content[: (content.index(b"mdat") + len(content)) // 2])
     coverage = read(path)

@@ -91,9 +91,7 @@ def realsense(made: Exposures, domain: str = "global_time", metadata: bool = Tru
         context=lambda: SimpleNamespace(query_devices=lambda: device),
         config=lambda: SimpleNamespace(
             enable_device=lambda serial: asked.update(serial=serial),
-            enable_stream=lambda stream, *rest: asked.update(
-                {stream: rest} | ({"size": (*rest[:2], rest[3])} if rest[3:] else {})
-            ),
+            enable_stream=enabled,
         ),
         align=lambda stream: SimpleNamespace(process=aligned) if stream == "color" else None,
         option=SimpleNamespace(stereo_baseline="baseline"),

@@ -74,9 +74,10 @@ def test_a_server_that_never_answers_is_one_line(protocol: str) -> None:
             StreamConfig(where=address, camera="cam", open_s=0.3).build()
 
 
-def test_no_person_there_is_one_line() -> None:
-    with pytest.raises(SourceError, match="switched on"):
-        StreamConfig(where="http://127.0.0.1:9/none", camera="cam").build()
+@pytest.mark.parametrize("where", ["http://127.0.0.1:9/none", "rtsp://127.0.0.1:9/s"])
+def test_a_camera_that_is_away_is_one_line(where: str) -> None:
+    with pytest.raises(SourceError, match=rf"{where}: camera cam: cannot be opened .* switched on"):
+        StreamConfig(where=where, camera="cam").build()
     with pytest.raises(SourceError, match="there are"):
         StreamConfig(where="/dev/video77", camera="cam").build()
 
@@ -138,16 +139,6 @@ def test_a_camera_another_program_uses_is_one_line(tmp_path, monkeypatch) -> Non
     monkeypatch.setattr("posefuse.sources.live.stream.av.open", busy)
     with pytest.raises(SourceError, match="another program uses it"):
         StreamConfig(where=str(device), camera="cam").build()
-
-
-def test_an_rtsp_camera_that_is_away_or_silent_is_one_line() -> None:
-    with pytest.raises(SourceError, match=r"rtsp://127.0.0.1:9/s: camera cam: cannot be opened .* switched on"):
-        StreamConfig(where="rtsp://127.0.0.1:9/s", camera="cam").build()
-    with socket.create_server(("127.0.0.1", 0)) as deaf:
-        where, began_s = f"rtsp://127.0.0.1:{deaf.getsockname()[1]}/s", time.monotonic()
-        with pytest.raises(SourceError, match=r"no answer within 0\.5 s"):
-            StreamConfig(where=where, camera="cam", open_s=0.5).build()
-    assert time.monotonic() - began_s < 5
 
 
 @pytest.mark.realtime

@@ -7,6 +7,7 @@ import av
 import cv2
 import numpy as np
 import pytest
+from remuxed import remuxed
 
 from posefuse.core import SourceError
 from posefuse.formats.video import VideoWriter
@@ -95,13 +96,7 @@ def test_the_nearest_frame(t_ns: int, place: int) -> None:
 
 
 def test_a_file_that_ends_early_gives_what_there_is(video: Path, tmp_path: Path) -> None:
-    cut = tmp_path / "cut.ts"
-    with av.open(str(video)) as source, av.open(str(cut), "w", format="mpegts") as container:
-        stream = container.add_stream_from_template(source.streams.video[0])
-        for packet in source.demux(source.streams.video[0]):
-            if packet.dts is not None:
-                packet.stream = stream
-                container.mux(packet)
+    cut = remuxed(video, tmp_path / "cut.ts", format="mpegts")
     cut.write_bytes(cut.read_bytes()[:-2000])
     seeker = VideoSeeker(VideoConfig(cut, "cam"))
     assert 0 < len(seeker.times_ns) <= COUNT

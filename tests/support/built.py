@@ -1,13 +1,15 @@
 """Values built whole out of what a test is about: where keypoints are, and how well they are known."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from posefuse.core import (
+    SE3,
     DetectionBatch,
     Detections2D,
+    JointAngles,
     Kind,
     LookKind,
     Observations,
@@ -81,6 +83,11 @@ def pose(
     )
 
 
+def arrays_of(poses: Pose3D | PoseSequence, change: Callable[[np.ndarray], np.ndarray]) -> dict[str, Any]:
+    """What is known of each keypoint, changed: its people or keypoints chosen, ordered or repeated."""
+    return {name: change(getattr(poses, name)) for name in ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")}
+
+
 def _measured(xyz: np.ndarray, cov: np.ndarray) -> dict[str, Any]:
     seen = np.isfinite(xyz[..., 0])
     return {
@@ -112,6 +119,20 @@ def detections(
         "box_img": np.where(np.isfinite(box), box, 0),
     }
     return Detections2D(camera=camera, t_ns=t_ns, skeleton=skeleton, xy_img=xy, **(stated | others))
+
+
+def joint_angles(angle_rad: np.ndarray, *, joints: Sequence[str], **others: Any) -> JointAngles:
+    """(T, N, J, 3) at 100 Hz of people whose pelvis is at the origin, as measured with a tenth of each angle."""
+    times, people = angle_rad.shape[:2]
+    stated = {
+        "t_ns": np.arange(times) * 10_000_000,
+        "person_id": range(people),
+        "segments": ("pelvis",),
+        "world_from_segment": SE3.identity((times, people, 1)),
+        "angle_names": (("flexion", "adduction", "rotation"),) * len(joints),
+        "sigma_rad": np.abs(angle_rad) * 0.1,
+    }
+    return JointAngles(angle_rad=angle_rad, joints=joints, **(stated | others))
 
 
 def views(rig: Rig, xyz: np.ndarray, sigma_px: float = 1.0, seed: int | None = None, skeleton: Skeleton = COCO17) -> Views:

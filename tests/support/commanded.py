@@ -1,4 +1,4 @@
-"""A motion that a robot is commanded, without the orders behind it."""
+"""What a robot is commanded: an order, or a motion without the orders behind it."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from posefuse_teleop.follower import Follower, as_vector, standing
 from posefuse_teleop.limits import Motion
+from posefuse_teleop.values import Order, Phase
 
 
 def commanded(xyz, wxyz, velocity=(0.0, 0.0, 0.0), turn_rate=(0.0, 0.0, 0.0), *, brakes=False) -> Follower:
@@ -15,3 +16,9 @@ def commanded(xyz, wxyz, velocity=(0.0, 0.0, 0.0), turn_rate=(0.0, 0.0, 0.0), *,
     moves = tuple(Motion(position=as_vector(one), velocity=as_vector(np.array(velocity))) for one in xyz)
     turns = tuple(Motion(velocity=as_vector(np.array(turn_rate))) for _ in xyz)
     return replace(standing(xyz, wxyz), moves=moves, turns=turns, limited="brakes" if brakes else "")
+
+
+def order(seq, sent_ns, xyz, wxyz, **others) -> Order:
+    """End effectors are to go to (H, 3), (H, 4), engaged and with open grippers."""
+    stated = {"phase": Phase.ENGAGED, "speed_mps": 0.5, "grip": np.zeros(len(xyz), bool)}
+    return Order(seq=seq, sent_ns=sent_ns, xyz_world=xyz, wxyz=wxyz, **(stated | others))

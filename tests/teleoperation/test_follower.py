@@ -2,29 +2,21 @@
 
 from dataclasses import replace
 
+import commanded
 import numpy as np
 import pytest
 
 from bench.rehearsal.robots import ExactRobot
 from posefuse_teleop.follower import Driver
 from posefuse_teleop.settings import TeleoperationSettings
-from posefuse_teleop.values import Order, Phase
+from posefuse_teleop.values import Phase
 
 SETTINGS = TeleoperationSettings()
 TICK_NS = 10_000_000
 
 
 def order(seq, now_ns, x=1.0, **changes):
-    made = Order(
-        seq=seq,
-        sent_ns=now_ns,
-        phase=Phase.ENGAGED,
-        xyz_world=np.array([[x, 0.0, 0.8]]),
-        wxyz=np.array([[1.0, 0, 0, 0]]),
-        speed_mps=0.5,
-        grip=np.array([False]),
-    )
-    return replace(made, **changes)
+    return replace(commanded.order(seq, now_ns, np.array([[x, 0.0, 0.8]]), np.array([[1.0, 0, 0, 0]])), **changes)
 
 
 def moving(steps=60):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from commanded import order
 
 pytest.importorskip("mujoco")
 pytest.importorskip("daqp")
@@ -14,7 +15,6 @@ from posefuse.core import ConfigError
 from posefuse_teleop.follower import Driver
 from posefuse_teleop.mujoco_robot import MujocoRobot, mujoco_model
 from posefuse_teleop.settings import LimitSettings, RobotSettings, TeleoperationSettings
-from posefuse_teleop.values import Order, Phase
 
 DT_S, TICK_NS = 0.01, 10_000_000
 LIMITS = LimitSettings()
@@ -34,22 +34,10 @@ def driven(hands, wishes, limits=LIMITS, model=None):
         orders = []
         if wish is not None:
             target = driver.follower.xyz + np.clip(start + wish - driver.follower.xyz, -0.15, 0.15)
-            orders = [order(seq, now_ns, target, turned)]
+            orders = [order(seq, now_ns, target, turned, speed_mps=LIMITS.speed_mps)]
         driver.step(orders, now_ns)
         q.append(driver.state.q_rad)
     return robot, np.array(q), ends_of(robot, np.array(q))
-
-
-def order(seq, now_ns, xyz, wxyz):
-    return Order(
-        seq=seq,
-        sent_ns=now_ns,
-        phase=Phase.ENGAGED,
-        xyz_world=xyz,
-        wxyz=wxyz,
-        speed_mps=LIMITS.speed_mps,
-        grip=np.zeros(len(xyz), bool),
-    )
 
 
 def ends_of(robot, q):

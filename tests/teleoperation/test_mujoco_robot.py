@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from commanded import commanded
+from commanded import commanded, order
 
 pytest.importorskip("mujoco")
 pytest.importorskip("daqp")
@@ -13,7 +13,6 @@ from posefuse.core import ConfigError
 from posefuse_teleop.follower import Driver
 from posefuse_teleop.mujoco_robot import MujocoRobot, mobile_manipulator, mujoco_model, placed
 from posefuse_teleop.settings import LimitSettings, TeleoperationSettings
-from posefuse_teleop.values import Order, Phase
 
 LIMITS = LimitSettings()
 DT_S = 0.01
@@ -29,13 +28,6 @@ def drive(made, xyz, wxyz=None, stands=False):
     speed = 0.0 if stands else 0.1
     made.move(commanded(np.atleast_2d(xyz), wxyz, (speed, speed, speed), brakes=stands), DT_S)
     return float(np.linalg.norm(made.state().xyz_world - xyz, axis=1).max())
-
-
-def order(seq, now_ns, xyz):
-    wxyz = np.tile(robot().state().wxyz[:1], (len(xyz), 1))
-    return Order(
-        seq=seq, sent_ns=now_ns, phase=Phase.ENGAGED, xyz_world=xyz, wxyz=wxyz, speed_mps=0.5, grip=np.zeros(len(xyz), bool)
-    )
 
 
 def test_jacobians_agree_with_finite_differences():
@@ -101,7 +93,8 @@ def test_what_cannot_be_reached_is_reported_and_joint_limits_are_kept():
     for k in range(400):
         now_ns += 10_000_000
         target = start.xyz_world + [[0, 0, min(0.003 * k, 0.9)]]
-        state = driver.step([order(k, now_ns, driver.follower.xyz + np.clip(target - driver.follower.xyz, -0.1, 0.1))], now_ns)
+        near = driver.follower.xyz + np.clip(target - driver.follower.xyz, -0.1, 0.1)
+        state = driver.step([order(k, now_ns, near, start.wxyz)], now_ns)
         assert k > 100 or not state.limited
     assert state.limited == "the joints cannot follow"
     # what is reported as commanded is where the joints are

@@ -7,6 +7,7 @@ import time
 
 import numpy as np
 import pytest
+from commanded import order
 
 pytest.importorskip("mujoco")
 pytest.importorskip("daqp")
@@ -14,21 +15,8 @@ pytest.importorskip("daqp")
 from posefuse.core import ConfigError, SourceError
 from posefuse_teleop.process import RobotLink, RobotPlan
 from posefuse_teleop.settings import TeleoperationSettings
-from posefuse_teleop.values import Order, Phase
 
 PLAN = RobotPlan(settings=TeleoperationSettings())
-
-
-def order(seq, state, ahead_m=0.1):
-    return Order(
-        seq=seq,
-        sent_ns=time.monotonic_ns(),
-        phase=Phase.ENGAGED,
-        xyz_world=state.xyz_world + [0.0, 0.0, ahead_m],
-        wxyz=state.wxyz,
-        speed_mps=0.5,
-        grip=np.array([False]),
-    )
 
 
 def wait_for(link, condition, wait_s=20.0):
@@ -61,7 +49,7 @@ def set_moving(link):
     end_s = time.monotonic() + 20.0
     while speed(link.state) < 0.1 and time.monotonic() < end_s:
         seq += 1
-        link.send(order(seq, link.state))
+        link.send(order(seq, time.monotonic_ns(), link.state.xyz_world + [0.0, 0.0, 0.1], link.state.wxyz))
         time.sleep(0.01)
         link.poll()
     assert speed(link.state) >= 0.1

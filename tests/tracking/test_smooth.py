@@ -1,10 +1,11 @@
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from built import poses, white_jerk
+from built import arrays_of, poses, white_jerk
 
-from posefuse.core import Kind, Pose3D, PoseSequence, ShapeError
+from posefuse.core import Kind, PoseSequence
 from posefuse.core.skeleton import COCO17
 from posefuse.tracking import SmoothSettings, cutoff_hz, smooth, smooth_in_place
 from posefuse.tracking.smoothing import _jerk_density
@@ -188,19 +189,12 @@ def test_people_who_come_and_go_get_rows_throughout():
     _, seen = wander(3, people=2)
     whole = sequence(seen)
     poses = [whole.at(i) for i in range(3)]
-    only = poses[1]
-    arrays = {name: getattr(only, name)[1:] for name in ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")}
-    poses[1] = Pose3D(t_ns=only.t_ns, skeleton=COCO17, person_id=[1], **arrays)
+    poses[1] = replace(poses[1], person_id=[1], **arrays_of(poses[1], lambda one: one[1:]))
     stacked = PoseSequence.from_poses(poses)
     assert stacked.person_id.tolist() == [0, 1]
     assert (stacked.kind[1, 0] == Kind.MISSING).all()
     np.testing.assert_array_equal(stacked.xyz_world[:, 1], whole.xyz_world[:, 1])
     np.testing.assert_array_equal(stacked.xyz_world[[0, 2]], whole.xyz_world[[0, 2]])
-
-
-def test_no_pose_at_all_is_an_error():
-    with pytest.raises(ShapeError, match="at least 1 pose"):
-        PoseSequence.from_poses([])
 
 
 def test_smoothing_in_place_takes_no_second_copy_of_a_long_recording():

@@ -80,11 +80,6 @@ def largest_sustained(costs: Sequence[NetworkCost], cameras: int, rate_hz: float
     return keeping_up[-1] if keeping_up else min(costs, key=lambda cost: cost.image_s)
 
 
-def share_of_frames(cost: NetworkCost, cameras: int, rate_hz: float) -> float:
-    """Which share of the frames this machine processes with a network, 1 at most."""
-    return min(1.0, _NETWORK_SHARE / (cost.image_s * cameras * rate_hz))
-
-
 def _is_ready(name: str, cache: Path) -> bool:
     return all(status(card, cache) == "ready" for card in needed_cards(name))
 

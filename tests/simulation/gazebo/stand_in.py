@@ -7,12 +7,15 @@ import sys
 import time
 from pathlib import Path
 
+sys.path.append(str(Path(__file__).parents[2] / "support"))
+
 import numpy as np
+from image_messages import raw_image
 
 from posefuse.formats.rig import read_rig
 from posefuse.formats.truth import read_loop
 from posefuse.sources.video import VideoConfig
-from posefuse_ros.camera_messages import CAMERA_INFO_TYPE, IMAGE_TYPE, info_from_camera, message_from_image
+from posefuse_ros.camera_messages import CAMERA_INFO_TYPE, IMAGE_TYPE, info_from_camera
 from posefuse_ros.dds import RosNode
 from posefuse_ros.dds_domain import Network
 from posefuse_ros.messages import time_from_ns
@@ -41,7 +44,7 @@ with RosNode("gz_bridge", Network(domain_id=domain, local_only=True)) as node:
         node.publish(CLOCK, message(CLOCK.type_name, clock=time_from_ns(sim_ns)), sim_ns)
         while turn * loop_ns + shown[i][0] <= sim_ns:
             t_ns, name, image = turn * loop_ns + shown[i][0], *shown[i][1:]
-            node.publish(Topic(f"/{name}/image", IMAGE_TYPE), message_from_image(image, t_ns, name), t_ns)
+            node.publish(Topic(f"/{name}/image", IMAGE_TYPE), raw_image(image, t_ns), t_ns)
             node.publish(Topic(f"/{name}/camera_info", CAMERA_INFO_TYPE), info(rig[name], t_ns), t_ns)
             turn, i = (turn + 1, 0) if i + 1 == len(shown) else (turn, i + 1)
         sim_ns += STEP_NS

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from gazebo_camera import camera_from_gazebo
 
-from posefuse.core import SE3
 from posefuse.core.ideal_image import drawn_camera, optics_of
 from posefuse_ros.camera_info import RigLens
 from posefuse_sim.cameras import SensorSettings
@@ -34,12 +33,7 @@ def draw(written, backend):
 
 @pytest.fixture(scope="module")
 def read_cameras(written, libsdformat):
-    return {one["name"]: _camera(one) for one in libsdformat(written.sdf)["cameras"]}
-
-
-def _camera(one):
-    pose = SE3(np.array(one["wxyz"]), np.array(one["xyz"]))
-    return camera_from_gazebo(one["name"], tuple(one["size"]), np.array(one["f"]), np.array(one["c"]), pose)
+    return {one["name"]: camera_from_gazebo(one) for one in libsdformat(written.sdf)["cameras"]}
 
 
 def _shift_px(one, other):

@@ -19,17 +19,12 @@ from posefuse_sim.gazebo import export_world
 from posefuse_sim.gazebo.world import pose_text, world_from_link
 
 
-def _camera(read):
-    pose = SE3(np.array(read["wxyz"]), np.array(read["xyz"]))
-    return camera_from_gazebo(read["name"], tuple(read["size"]), np.array(read["f"]), np.array(read["c"]), pose)
-
-
 def test_libsdformat_reads_the_cameras_of_the_rig(written, libsdformat):
     read = libsdformat(written.sdf)
     assert read["version"] == "1.9"
     assert [one["name"] for one in read["cameras"]] == list(written.live.rig.names)
     for one, camera, rate_hz in zip(read["cameras"], written.live.rig, (20, 12.5, 20), strict=True):
-        drawn, back = drawn_camera(camera), _camera(one)
+        drawn, back = drawn_camera(camera), camera_from_gazebo(one)
         assert one["has_intrinsics"] and one["skew"] == 0
         assert one["rate_hz"] == rate_hz and one["topic"] == f"/{camera.name}/image"
         assert back.size_wh == drawn.size_wh

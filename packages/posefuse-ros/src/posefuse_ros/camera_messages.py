@@ -92,33 +92,6 @@ def camera_from_info(name: str, msg: Any, cam_from_world: SE3) -> Camera:
         raise MessageError(f"{where}: {error}") from None
 
 
-def message_from_image(image: Array, t_ns: int, camera: str) -> Any:
-    """`sensor_msgs/Image` (rgb8) of (H, W, 3) uint8 RGB."""
-    h, w = image.shape[:2]
-    return message(
-        IMAGE_TYPE,
-        header=header(t_ns, optical_frame(camera)),
-        height=h,
-        width=w,
-        encoding="rgb8",
-        is_bigendian=0,
-        step=3 * w,
-        data=np.ascontiguousarray(image, np.uint8).ravel(),
-    )
-
-
-def jpeg_from_image(image: Array, t_ns: int, camera: str, quality: int) -> Any:
-    """`sensor_msgs/CompressedImage` of (H, W, 3) uint8 RGB; quality 1 to 100."""
-    import cv2
-
-    done, data = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, quality])
-    if not done:
-        raise MessageError(f"image of {camera}: OpenCV could not write {image.shape} as JPEG")
-    return message(
-        COMPRESSED_TYPE, header=header(t_ns, optical_frame(camera)), format="rgb8; jpeg compressed bgr8", data=data.ravel()
-    )
-
-
 def image_from_message(msg: Any) -> Array:
     """(H, W, 3) uint8 RGB of a `sensor_msgs/Image` or `CompressedImage`; raises MessageError for any other or broken one."""
     return _decompressed(msg) if msg.__msgtype__ == COMPRESSED_TYPE else _raw(msg)
