@@ -17,8 +17,7 @@ from posefuse.realtime.messages import SeenView
 from posefuse.tracking.stand_in import made_up_detections
 from posefuse_ros.camera_messages import message_from_joint_centres
 from posefuse_ros.messages import message_from_detections
-from posefuse_ros.network_views import Sample, ViewIntake
-from posefuse_ros.senders import Senders
+from posefuse_ros.network_views import Sample, Senders, ViewIntake
 from posefuse_ros.types import encode
 
 S = 1_000_000_000

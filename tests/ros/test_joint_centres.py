@@ -14,7 +14,7 @@ from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import warmed_up
 from posefuse.realtime.messages import SessionClock
-from posefuse.realtime.provenance import notes_of
+from posefuse.realtime.session import notes_of
 from posefuse.tracking import at_joint_centres
 from posefuse_ros.camera_messages import joint_centres_from_message, message_from_joint_centres
 from posefuse_ros.record import RecordConfig

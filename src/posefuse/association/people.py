@@ -1,9 +1,9 @@
-"""Association: detections of every camera to the same people in every camera."""
+"""Association: detections of every camera to the same people in every camera, with the labels of other programs as hints."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -14,7 +14,7 @@ from posefuse.core import Detections2D, Pose3D, Rig, ShapeError, Views
 from posefuse.core.arrays import Array
 from posefuse.core.duplicates import duplicates
 from posefuse.core.errors import choices
-from posefuse.core.values import UNSEEN
+from posefuse.core.values import NO_TRACK, UNSEEN
 
 from .candidates import (
     Assignment,
@@ -25,7 +25,6 @@ from .candidates import (
     member_points,
     refined_members,
 )
-from .hints import Hints, hint_weights
 from .newcomers import newcomers
 from .settings import AssociateSettings
 
@@ -206,3 +205,32 @@ def _assignment(cameras: int, candidates: Candidates, found: dict[int, Array]) -
     for row, person in enumerate(ids):
         place[row, candidates.camera[found[person]]] = candidates.place[found[person]]
     return Assignment(person_id=np.array(ids, np.int64), place=place)
+
+
+# by camera and the number of another tool's track: the person
+Hints = Mapping[tuple[str, int], int]
+# factor on the support of a detection for the person to whom it was recently assigned
+_HINT_WEIGHT = 1.3
+
+
+def hints_after(hints: Hints, assignment: Assignment, detections: Sequence[Detections2D]) -> Hints:
+    """Who the tracks of another tool's tracker are, after a time step: the person that they were last taken for."""
+    known = dict(hints)
+    for row, c in np.argwhere(assignment.place != UNSEEN):
+        track = int(detections[c].track_id[assignment.place[row, c]])
+        if track != NO_TRACK:
+            known[detections[c].camera, track] = int(assignment.person_id[row])
+    return known
+
+
+def hint_weights(candidates: Candidates, detections: Sequence[Detections2D], people: Sequence[int], hints: Hints) -> Array:
+    """(N, D) the support that each detection gives to each of `people`, changed by another tool's tracks."""
+    factor = np.ones((len(people), len(candidates)))
+    if not hints:
+        return factor
+    rows = {person: row for row, person in enumerate(people)}
+    for d, (c, place) in enumerate(zip(candidates.camera, candidates.place, strict=True)):
+        row = rows.get(hints.get((detections[c].camera, int(detections[c].track_id[place])), NO_TRACK))
+        if row is not None:
+            factor[row, d] = _HINT_WEIGHT
+    return factor

@@ -53,7 +53,7 @@ class OutputPlan:
 
     Attributes:
         rig: the cameras. clock: of the session. rate_hz: output rate. configs: of the outputs, by name.
-        notes: how the session was made, see `provenance`. names: of the people, in the order of their ids.
+        notes: how the session was made, see `notes_of`. names: of the people, in the order of their ids.
         reader: the program that began the session, if any; takes messages in the session's own thread.
     """
 

@@ -13,13 +13,13 @@ from posefuse.core.arrays import Array
 from posefuse.core.duplicate_share import DUPLICATE_SHARE
 from posefuse.core.duplicates import duplicates
 
-from . import kernels
 from .admission import Admission
 from .contract import CameraStatistics, Fuse, Solve
 from .cross_check import CrossCheck
-from .evidence import Evidence, evidence_of
+from .kernels.rays import person_agreement
+from .kernels.step import ViewFigures
 from .optics import Optics, Rays
-from .person import Model, Person, Pose3DArrays, View
+from .person import Evidence, Model, Person, Pose3DArrays, View, evidence_of
 
 # detections used per view, the surest first
 _MOST_DETECTIONS = 16
@@ -59,7 +59,7 @@ class _Figures:
     gated: float = 0.0
     flipped: float = 0.0
 
-    def count(self, figures: kernels.ViewFigures) -> None:
+    def count(self, figures: ViewFigures) -> None:
         """Apply what was found in a view of this camera."""
         self.used += 1
         if figures.measured == 0:
@@ -190,7 +190,7 @@ class AsynchronousTracker:
         support, share = np.empty((len(self._people), len(rays))), np.empty((len(self._people), len(rays)))
         for n, person in enumerate(self._people):
             means, sigmas = person.expected(t_ns)
-            kernels.person_agreement(
+            person_agreement(
                 model.cameras[c], means, sigmas, rays.z, model.mirror, _TOLERANCE_M, support[n], share[n]
             )  # fmt: skip
         support = np.where(share >= _CLAIMED_SHARE, support, 0.0)

@@ -10,10 +10,8 @@ import numpy as np
 from posefuse.foundation.compiled import kernel
 
 from .body import alone, centre_body, hold_depth, learn_bones, let_go_of_strays, start_missing
-from .motion import all_models, combined, learn_liveliness, mix, predict_model
-from .rays import depth_row, expected, ray, squared, whitened
-from .sides import exchange_person, flipped_groups
-from .state import GROUPS, parts
+from .rays import depth_row, exchange_person, expected, flipped_groups, ray, squared, whitened
+from .state import GROUPS, all_models, combined, learn_liveliness, mix, parts, predict_model
 from .updates import doubt, move_body, update, update_depth
 
 _FLIP_MEMORY = 0.05  # weight of the newest view in the share of exchanged ones
