@@ -29,7 +29,7 @@ from posefuse.realtime.estimator import warmed_up
 from posefuse.tracking import LearntLengths, at_joint_centres
 from posefuse.tracking.body_directions import HEAD, SIDES
 from posefuse.tracking.joint_centres import JOINTS, USUAL_S
-from posefuse.tracking.segments import segment_lengths
+from posefuse.tracking.body_directions import segment_lengths
 
 NAMES = tuple(f"{side}_{joint}" for side in SIDES for joint in JOINTS if joint not in HEAD)
 # seconds since a person was found

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from posefuse.core import SE3, InputError, JointAngles
-from posefuse.formats.csv_table import write_angles
+from posefuse.outputs.tables import write_angles
 from posefuse.formats.mot import MotTable, motion_from_joints, read_mot, write_mot
 
 

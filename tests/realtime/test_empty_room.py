@@ -9,6 +9,7 @@ import pytest
 from no_outputs import NoOutputs
 from no_source import NoSourceConfig
 
+from built import admitted
 from posefuse.core import Detections2D, Frame, Rig, Skeleton
 from posefuse.detection.build import DetectorChoice
 from posefuse.foundation.channel import Channel
@@ -120,7 +121,7 @@ def test_with_a_person_every_frame_is_reported(watched) -> None:
 def test_of_a_frozen_camera_no_frame_is_let_through() -> None:
     monitor = Monitor(("cam00", "cam01"))
     passed = [
-        monitor.admit(seen_empty(name, 100 * S + i * PERIOD_NS, still=i * (name == "cam00")), 100 * S) is not None
+        admitted(monitor, seen_empty(name, 100 * S + i * PERIOD_NS, still=i * (name == "cam00")), 100 * S) is not None
         for i in range(90)
         for name in ("cam00", "cam01")
     ]

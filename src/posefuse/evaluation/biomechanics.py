@@ -15,7 +15,7 @@ from posefuse.core.poses import point_sigma_m
 from posefuse.core.view_sequences import PartsOfViews
 from posefuse.formats.bvh import write_bvh
 from posefuse.formats.c3d import C3dData, C3dEvent, write_c3d
-from posefuse.formats.csv_table import write_angles
+from posefuse.outputs.tables import write_angles
 from posefuse.formats.gltf import write_gltf
 from posefuse.formats.joint_centres import joint_centres_from_mapping
 from posefuse.formats.mot import motion_from_joints, write_mot

@@ -14,10 +14,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from posefuse.core import Detections2D, JointCentres, LiveJointCentres, LiveOutputConfig, Skeleton
+from posefuse.core import CameraHealth, Detections2D, JointCentres, LiveJointCentres, LiveOutputConfig, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.foundation.channel import Channel
-from posefuse.health.cameras import CameraState, Verdict
+from posefuse.health.cameras import CameraState
 
 
 @dataclass(frozen=True)
@@ -202,7 +202,7 @@ class ViewSource(Protocol):
         """Where cameras should look for people next; never waits."""
         ...
 
-    def troubles(self) -> Mapping[str, Verdict]:
+    def troubles(self) -> Mapping[str, CameraHealth]:
         """What is wrong with the process or machine of a camera, by camera."""
         ...
 

@@ -8,11 +8,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
-from posefuse.core import LiveJointCentres, Skeleton, SourceError
+from posefuse.core import CameraHealth, LiveJointCentres, Skeleton, SourceError
 from posefuse.foundation.channel import Channel
 from posefuse.foundation.platform import peak_memory_mb, processor_s
 from posefuse.foundation.worker import Worker
-from posefuse.health.cameras import Verdict
 
 from .group import GroupPlan, run_group
 from .messages import Expected, Go, GroupFailed, KeepVideos, Ready, SessionClock, ShowImages, Status, Stop, VideoFailed
@@ -151,12 +150,12 @@ class Groups:
                 member.ready, member.used_s = False, None
                 member.worker.start(member.plan)
 
-    def troubles(self) -> dict[str, Verdict]:
+    def troubles(self) -> dict[str, CameraHealth]:
         """What is wrong with the process a camera belongs to, by camera: it is ``dead``, or too slow; only those with trouble."""
-        found: dict[str, Verdict] = {}
+        found: dict[str, CameraHealth] = {}
         for member in self._members:
             why = member.worker.trouble
-            trouble = Verdict("dead", f"{why}; starting again") if why else _silence(member)
+            trouble = CameraHealth("dead", f"{why}; starting again") if why else _silence(member)
             if trouble is not None:
                 found.update(dict.fromkeys(member.cameras, trouble))
         return found
@@ -242,14 +241,14 @@ def _busy_s(member: _Member) -> float | None:
     return now_s - member.used_s
 
 
-def _silence(member: _Member) -> Verdict | None:
+def _silence(member: _Member) -> CameraHealth | None:
     silent_s = time.monotonic() - member.worker.received_s
     if silent_s <= SILENT_S:
         return None
     busy_s = _busy_s(member)
     if busy_s is not None and (busy_s >= _BUSY_S or silent_s < 2 * SILENT_S):
-        return Verdict("overload", f"process {member.worker.pid} works, but has processed nothing for {silent_s:.1f} s")
-    return Verdict("dead", f"process {member.worker.pid} has been silent for {silent_s:.1f} s")
+        return CameraHealth("overload", f"process {member.worker.pid} works, but has processed nothing for {silent_s:.1f} s")
+    return CameraHealth("dead", f"process {member.worker.pid} has been silent for {silent_s:.1f} s")
 
 
 def _hangs(member: _Member) -> bool:

@@ -6,7 +6,7 @@ from posefuse.core.extras import lazy_names
 
 if TYPE_CHECKING:
     from .joint_centres import LandmarksInParts, LearntLengths, ViewsAtJointCentres, at_joint_centres, to_joint_centres
-    from .segments import usual_lengths
+    from .body_directions import usual_lengths
     from .settings import SmoothSettings
     from .sides import sides_like, steady_sides
     from .smoothing import bone_lengths, cutoff_hz, smooth, smooth_in_place

@@ -21,7 +21,7 @@ from posefuse.core.joint_centres import JOINT_DIRECTIONS, SEGMENT_ENDS
 from posefuse.core.view_sequences import PartsOfViews
 
 from .body_directions import SIDES, body_directions, keypoint_of
-from .segments import lengths_at, segment_lengths
+from .body_directions import lengths_at, segment_lengths
 from .sides import parts_of_steps, sides_that_differ, with_sides_exchanged
 
 Poses = TypeVar("Poses", Pose3D, PoseSequence)

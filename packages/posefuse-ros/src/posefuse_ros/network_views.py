@@ -13,11 +13,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from posefuse.core import Detections2D, LiveJointCentres, Rig, Skeleton, SourceError
+from posefuse.core import CameraHealth, Detections2D, LiveJointCentres, Rig, Skeleton, SourceError
 from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.platform import peak_memory_mb
-from posefuse.health.cameras import CameraState, Verdict
+from posefuse.health.cameras import CameraState
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import warmed_up
 from posefuse.realtime.messages import Expected, KeepVideos, SeenView, SessionClock, ShowImages
@@ -274,7 +274,7 @@ class NetworkViews:
                 return
             yield received
 
-    def troubles(self) -> Mapping[str, Verdict]:
+    def troubles(self) -> Mapping[str, CameraHealth]:
         """Nothing is known of processes on other machines; their silence is seen by the monitor."""
         return {}
 

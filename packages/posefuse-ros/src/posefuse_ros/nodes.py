@@ -74,12 +74,13 @@ class CameraNode:
         now_ns = self._clock.now_ns()
         if now_ns - self._judged_ns > _JUDGE_NS:
             self._judged_ns = now_ns
-            verdicts = self.monitor.judge(now_ns, groups.troubles())
-            cameras = {name: CameraHealth(state=v.state, text=v.text) for name, v in verdicts.items()}
+            cameras = self.monitor.judge(now_ns, groups.troubles())
             self._output.diagnose(now_ns, health_lines(LiveHealth(t_ns=now_ns, cameras=cameras)))
 
     def _send(self, seen: SeenView) -> None:
-        view = self.monitor.admit(seen, self._clock.now_ns())
+        view = self.monitor.admit(
+            seen.detections, self._clock.now_ns(), received_ns=seen.received_ns, still=seen.still
+        )  # fmt: skip
         if view is not None:
             stages = {"received": seen.received_ns, "started": seen.started_ns, "detected": seen.detected_ns}
             self._node.publish(topics.DETECTIONS, message_from_detections(view, stages, seen.state), view.t_ns)
