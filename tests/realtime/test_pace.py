@@ -32,9 +32,9 @@ def state(camera: str, captured: int, used: int) -> CameraState:
 def sentences(pace: ProcessedImages, share: float, network: str = "blazepose_full", seconds: int = 60) -> list[str]:
     found = []
     for t in range(seconds):
-        for group, cameras in enumerate((("a", "b"), ("c",))):
+        for cameras in (("a", "b"), ("c",)):
             states = tuple(state(camera, 30 * t, round(share * 30 * t)) for camera in cameras)
-            found.append(pace.news(Status(group, t * S, states), float(t), network))
+            found.append(pace.news(Status(t * S, states), float(t), network))
     return [line for line in found if line]
 
 
@@ -130,9 +130,9 @@ def test_a_process_that_has_just_begun_has_its_trouble_until_its_cameras_are_ope
     groups = object.__new__(processes.Groups)
     member = processes._Member(plan=SimpleNamespace(inputs=()), worker=Worker(spin), ready=True)
     member.worker.trouble = "ended"
-    groups._took(member, Status(0, 0, (replace(state("a", 1, 1), state="opening"),)))
+    groups._took(member, Status(0, (replace(state("a", 1, 1), state="opening"),)))
     assert member.worker.trouble == "ended"
-    groups._took(member, Status(0, 0, (state("a", 1, 1),)))
+    groups._took(member, Status(0, (state("a", 1, 1),)))
     assert not member.worker.trouble
 
 

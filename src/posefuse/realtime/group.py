@@ -30,7 +30,7 @@ from .messages import (
     NOTHING_EXPECTED,
     Expected,
     Go,
-    GroupFailed,
+    Failed,
     KeepVideos,
     Ready,
     SeenView,
@@ -116,14 +116,13 @@ class GroupPlan:
     """All a group needs to know.
 
     Attributes:
-        group: its number. rig: all cameras of the session. inputs: the group's own.
+        rig: all cameras of the session. inputs: the group's own.
         detector: the detector. clock: the session's.
         most_people: while fewer are followed, whole images are searched every `search_every_s`.
         preview_hz: small images per second and camera; 0 for none.
         videos: an existing folder for the cameras' videos; None: none are kept.
     """
 
-    group: int
     rig: Rig
     inputs: tuple[LiveInput, ...]
     detector: DetectorChoice
@@ -143,7 +142,7 @@ def run_group(channel: Channel, plan: GroupPlan) -> None:
             group = _opened(plan, channel)
             group.run()
         except PosefuseError as error:
-            channel.send(GroupFailed(plan.group, str(error)), _SEND_S)
+            channel.send(Failed(str(error)), _SEND_S)
     # also when the session was killed
     if group is not None:
         group.finish()
@@ -154,7 +153,7 @@ def _opened(plan: GroupPlan, channel: Channel) -> Group:
 
     cv2.setNumThreads(1)
     group = Group(plan, channel)
-    channel.send(Ready(plan.group, group.detector.skeleton, group.joint_centres()), _SEND_S)
+    channel.send(Ready(group.detector.skeleton, group.joint_centres()), _SEND_S)
     return group
 
 
@@ -343,7 +342,7 @@ class Group:
         if now - self._status_s >= _STATUS_S:
             self._status_s = now
             states = tuple(capture.state() for capture in self._captures)
-            self._channel.send(Status(self._plan.group, self._plan.clock.now_ns(), states), _SEND_S)
+            self._channel.send(Status(self._plan.clock.now_ns(), states), _SEND_S)
             self._report_video_faults()
 
     def _report_video_faults(self) -> None:

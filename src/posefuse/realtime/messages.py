@@ -44,16 +44,14 @@ class SessionClock:
 class Ready:
     """A group has its detector, which marks these keypoints, and its sources; it waits for `Go`."""
 
-    group: int
     skeleton: Skeleton
     joint_centres: JointCentres | None
 
 
 @dataclass(frozen=True)
-class GroupFailed:
-    """A group cannot start; one line with the reason."""
+class Failed:
+    """A process cannot start; one line with the reason."""
 
-    group: int
     reason: str
 
 
@@ -118,7 +116,6 @@ class SeenView:
 class Status:
     """A group is alive."""
 
-    group: int
     t_ns: int
     cameras: tuple[CameraState, ...]
 

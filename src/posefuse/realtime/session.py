@@ -251,7 +251,6 @@ def group_plans(
     by_name = {entry.camera: keeping_packets(entry) if videos else entry for entry in inputs}
     return [
         GroupPlan(
-            group=group,
             rig=rig,
             inputs=tuple(by_name[name] for name in cameras),
             detector=detector,
@@ -261,7 +260,7 @@ def group_plans(
             preview_hz=_PREVIEW_HZ if shown else 0.0,
             videos=videos,
         )
-        for group, cameras in enumerate(blocks(rig, list(by_name), count))
+        for cameras in blocks(rig, list(by_name), count)
     ]
 
 
