@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from .fit import BodyFit, fit_poses, fit_views
     from .live import LiveBody, LiveRays, TrackedPoints
     from .model import FEWEST_SEEN, BodyModel, Length, bodies_from_poses
-    from .settings import LIVE_BODY, BodySettings, LiveBodyRules
+    from posefuse.kinematics.settings import LIVE_BODY, BodySettings, LiveBodyRules
     from .shape import LengthPrior, with_solved_lengths
 
 __all__ = [

@@ -13,7 +13,7 @@ from posefuse.kinematics.joints import FrameBuffers
 
 from . import fit_kernels, tree_kernels
 from .model import BodyModel
-from .settings import BodySettings
+from posefuse.kinematics.settings import BodySettings
 from .tree import BALL, NODE_SEGMENT
 from .model import HABIT_S, SLACK_S, Packed, packed_from_body
 

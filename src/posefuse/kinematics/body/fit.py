@@ -18,7 +18,7 @@ from .contacts import FOOT, contacts_of, foot_rows
 from .filter import BodyFilter, Measurement, of_points, smoothed
 from .model import BodyModel, bodies_from_poses
 from .result import StateReader
-from .settings import BodySettings
+from posefuse.kinematics.settings import BodySettings
 from .shape import LengthPrior, nearest_in_time, with_solved_lengths, with_stand_ins
 
 # views of so many time steps are made at once: those of an hour take much memory

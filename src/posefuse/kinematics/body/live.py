@@ -20,7 +20,7 @@ from . import fit_kernels
 from .contacts import StandingFeet
 from .filter import guessed_state
 from .model import BodyModel, body_from_frames
-from .settings import BodySettings, LiveBodyRules
+from posefuse.kinematics.settings import BodySettings, LiveBodyRules
 from .shape import LengthPrior, with_expected_lengths
 from .model import Packed, packed_from_body
 

@@ -11,7 +11,7 @@ from posefuse.kinematics.definitions import SEGMENT_NAMES, landmark_pairs
 from posefuse.kinematics.joints import joints_from_poses
 from posefuse.kinematics.settings import JointSettings
 from posefuse.kinematics.sides import landmarks
-from .settings import BodySettings
+from posefuse.kinematics.settings import BodySettings
 from .tree import AT_ORIGIN, BALL, NODE_SEGMENT, NODES, TEMPLATES, Node
 from posefuse.core.arrays import Array
 from . import tree_kernels

@@ -20,7 +20,7 @@ from . import fit_kernels, tree_kernels
 from .filter import Measurement, guessed_state
 from .model import FEWEST_SEEN, BodyModel, Length
 from .result import length_derivatives
-from .settings import BodySettings
+from posefuse.kinematics.settings import BodySettings
 from .model import Packed, packed_from_body
 
 # the last word of the name of a node's offset -> the segment it is as long as; half of those that lie across the body

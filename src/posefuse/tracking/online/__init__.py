@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from posefuse.core.extras import lazy_names
 
-from .settings import MOTION, LiveMotion, LiveSettings, MotionModel
+from posefuse.tracking.settings import MOTION, LiveMotion, LiveSettings, MotionModel
 
 if TYPE_CHECKING:
     from posefuse.core import Rig, Skeleton

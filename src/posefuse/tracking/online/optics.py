@@ -11,7 +11,7 @@ from posefuse.core.arrays import Array
 from posefuse.core.depth import keypoint_depth
 
 from .kernels.rays import measure
-from .settings import LiveMotion
+from posefuse.tracking.settings import LiveMotion
 
 # of the table of ideal points: between its knots a lens bends by less than a few hundredths of a pixel
 _SPACING_PX = 6.0

@@ -17,7 +17,7 @@ from .kernels.state import GROUPS, KeypointRays, Rules, SessionArrays, born, sta
 from .kernels.step import ViewFigures, step
 from .kernels.updates import begin_again
 from .own_motion import OwnMotion
-from .settings import MOTION, LiveMotion, LiveSettings
+from posefuse.tracking.settings import MOTION, LiveMotion, LiveSettings
 
 # what a newborn's keypoint may do, one standard deviation
 _BORN_M_S = 1.5
