@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from posefuse.core import Detections2D, Pose3D, Rig, ShapeError, Views
-from posefuse.core.arrays import Array
+from posefuse.core.arrays import Array, median_apart
 from posefuse.core.duplicates import duplicates
 from posefuse.core.errors import choices
 from posefuse.core.values import NO_TRACK, UNSEEN
@@ -127,16 +127,10 @@ def _found_again(candidates: Candidates, members: Array, lost: list[_Known], set
     if not lost:
         return None
     pose = member_points(candidates, members, settings.tolerance_m)
-    distances = [_middle_distance_m(pose, one.xyz_world) for one in lost]
+    distances = [median_apart(pose, one.xyz_world) for one in lost]
     nearest = int(np.argmin(distances))
     reach = max(_reach_m(lost[nearest].age_s, settings), 4 * settings.tolerance_m)
     return lost[nearest] if distances[nearest] <= reach else None
-
-
-def _middle_distance_m(one: Array, other: Array) -> float:
-    apart = np.linalg.norm(one - other, axis=-1)
-    known = apart[np.isfinite(apart)]
-    return float(np.median(known)) if len(known) else np.inf
 
 
 def _reach_m(age_s: float, settings: AssociateSettings) -> float:
@@ -196,7 +190,7 @@ def _is_near(candidates: Candidates, members: Array, before: Array, reach_m: flo
         # one view without depth has no distance: it must fit the previous pose closely, size included
         _, share = agreement(candidates, before[None], settings.tolerance_m)
         return bool(share[0, members[0]] >= _ALONE_SHARE)
-    return _middle_distance_m(member_points(candidates, members, settings.tolerance_m), before) <= reach_m
+    return median_apart(member_points(candidates, members, settings.tolerance_m), before) <= reach_m
 
 
 def _assignment(cameras: int, candidates: Candidates, found: dict[int, Array]) -> Assignment:

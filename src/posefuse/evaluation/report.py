@@ -13,7 +13,7 @@ import numpy as np
 
 from posefuse import __version__
 from posefuse.core import InputError, JointAngles, Kind, Recording
-from posefuse.core.arrays import Array
+from posefuse.core.arrays import Array, known_median
 from posefuse.core.palette import LEGEND
 from posefuse.formats.page import (
     MISSING,
@@ -42,7 +42,6 @@ from posefuse.kinematics.gait import Gait, Spread, gait_from_poses
 from posefuse.outputs.facts import duration_s, recorded_utc
 
 from .gait_cycles import HEADING, PERCENT, CycleAngles, gait_cycles, side_of
-from .metrics import known_median
 
 QUALITY_COLUMNS = ("keypoint", "measured", "filled", "cameras", "reprojection px", "standard deviation mm", "longest gap s")
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from posefuse.core import Detections2D, Pose3D
-from posefuse.core.arrays import Array
+from posefuse.core.arrays import Array, median_apart
 from posefuse.core.duplicate_share import DUPLICATE_SHARE
 from posefuse.core.duplicates import duplicates
 
@@ -256,9 +256,9 @@ class AsynchronousTracker:
         there = np.isfinite(xyz[:, 0]).sum()
         if there < max(_LEAST_POINTS, _LEAST_SHARE * len(xyz)):
             return
-        if any(_apart_m(person, t_ns, xyz) < _SAME_PERSON_M for person in fresh):
+        if any(median_apart(person.expected(t_ns)[0], xyz) < _SAME_PERSON_M for person in fresh):
             return
-        stale = {_apart_m(person, t_ns, xyz): person for person in self._people if person not in fresh}
+        stale = {median_apart(person.expected(t_ns)[0], xyz): person for person in self._people if person not in fresh}
         near_m = min(stale, default=np.inf)
         if near_m < _FOUND_AGAIN_M:
             self._people.remove(stale[near_m])
@@ -273,12 +273,6 @@ class AsynchronousTracker:
         self._checks[self._people[-1]] = CrossCheck(self._model, self._fuse)
         self._people.sort(key=lambda person: person.id)
         fresh.append(next(person for person in self._people if person.id == number))
-
-
-def _apart_m(person: Person, t_ns: int, xyz: Array) -> float:
-    distances = np.linalg.norm(person.expected(t_ns)[0] - xyz, axis=-1)
-    known = distances[np.isfinite(distances)]
-    return float(np.median(known)) if len(known) else np.inf
 
 
 def _surest(detections: Detections2D) -> Array:
