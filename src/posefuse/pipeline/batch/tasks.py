@@ -156,7 +156,7 @@ def run_task(task: Task, progress: Progress = silent) -> Outcome:
     try:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", UserWarning)
-            figures = _figures(task, lines, progress)
+            figures = plain(_figures(task, lines, progress))
     except PosefuseError as error:
         return Outcome(name=task.name, made_with=task.made_with, reason=str(error), seconds=time.monotonic() - began)
     return Outcome(
