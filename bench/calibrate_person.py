@@ -21,14 +21,18 @@ import numpy as np
 from harness import answer, arguments, note, rendered
 
 from paper.scenes.scenes import scene_name, walking_scene
-from posefuse.calibration.clocks.person import clocks_from_person
 from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks
-from posefuse.calibration.clocks.sync import ClockEstimate
+from posefuse.calibration.clocks.sync import ClockEstimate, clocks_from_person
 from posefuse.calibration.extrinsics.self_checks import camera_differences, scale_of
 from posefuse.calibration.extrinsics.world import beside_others
 from posefuse.calibration.person.scale import KnownLength
-from posefuse.calibration.person.settle import at_clocks, calibrate_tracks, unplaced_clocks
-from posefuse.calibration.person.solve import PersonCalibration, calibrate_from_person
+from posefuse.calibration.person.solve import (
+    PersonCalibration,
+    at_clocks,
+    calibrate_from_person,
+    calibrate_tracks,
+    unplaced_clocks,
+)
 from posefuse.calibration.person.views import PersonViews, person_views
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.solving.rotations import Poses, poses_of

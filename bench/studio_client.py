@@ -23,9 +23,7 @@ from typing import Any
 from urllib.parse import urlencode, urlsplit
 from uuid import uuid4
 
-from posefuse_studio.scene.messages import HEADER, IMAGE, POSES, VALUES
-
-_KINDS = {IMAGE: "images", POSES: "poses", VALUES: "values"}
+_KINDS = {"image": "images", "poses": "poses", "values": "values"}
 
 
 class QuietPage:
@@ -83,7 +81,7 @@ async def main(base: str, token: str) -> None:
 async def _receive(http: Any, base: str, counts: Counter[str]) -> None:
     async with http.ws_connect(f"{base}/studio/stream/live", max_msg_size=0) as socket:
         async for message in socket:
-            kind = HEADER.unpack_from(message.data)[2]
+            kind = json.loads(message.data[4 : 4 + int.from_bytes(message.data[:4], "little")])["kind"]
             counts[_KINDS.get(kind, "other")] += 1
 
 

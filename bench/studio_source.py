@@ -19,16 +19,15 @@ from typing import Any
 import cv2
 import numpy as np
 
+from posefuse.core.joint_angles import angle_labels
 from posefuse.formats.truth import read_truth
 from posefuse.formats.video import read_video
 from posefuse.pipeline.session import clip_folder
 from posefuse_studio.job_process import JobReporter
 from posefuse_studio.jobs import JOBS_FOLDER, LIVE, Job
-from posefuse_studio.scene.messages import image_message, poses_message, setup_message, values_message
-from posefuse_studio.scene.setup import scene_setup
+from posefuse_studio.scene.messages import image_message, page_message, poses_message, scene_setup
 from posefuse_studio.session import CameraStatus, Host, SessionStatus
 from posefuse_studio.stored import write_stored
-from posefuse_studio.work.live import plot_names
 from posefuse_studio.workspace import StudioWorkspace
 
 IMAGES_HZ, POSES_HZ = 15.0, 40.0
@@ -61,14 +60,14 @@ def main() -> None:
     lenses = [rig.cameras[number % len(rig)] for number in range(cameras)]
     joints = truth.joints
     assert joints is not None, "the clip of a checkout has joint angles; that of a wheel has no truth"
-    plots = plot_names(joints)
-    host.publish("setup", setup_message(scene_setup(rig, poses.skeleton, plots=plots)), keep=True)
+    plots = angle_labels(joints, " ")
+    host.publish("setup", page_message("setup", content=scene_setup(rig, poses.skeleton, plots=plots)), keep=True)
     cov = np.broadcast_to(np.diag([1.0, 1.0, 4.0]) * _SIGMA_M**2, (*poses.xyz_world.shape[1:3], 3, 3))
     shown = {
         name: CameraStatus(light="good", state="ok", figures="30/s", size_wh=lens.size_wh)
         for name, lens in zip(names, lenses, strict=True)
     }
-    status = SessionStatus(cameras=shown, people=truth.person_id.tolist(), plots=list(plots))
+    status = SessionStatus(cameras=shown, people=truth.person_id.tolist(), plots=plots)
     begun, sent = time.monotonic(), [0.0, 0.0, 0.0]
     atexit.register(report.end, state="cancelled")
     while not report.cancelled.is_set():
@@ -79,17 +78,18 @@ def main() -> None:
             sent[0] = t_s
             host.publish("poses", poses_message(t_s, poses.person_id, xyz, cov))
             degrees = np.degrees(joints.angle_rad[frame, 0]).ravel()
-            host.publish("values", values_message(t_s, degrees, np.full(len(degrees), np.nan)))
+            values = np.stack([degrees, np.full(len(degrees), np.nan)], axis=-1)
+            host.publish("values", page_message("values", {"values": values}, t_s=t_s))
         if host.watched and t_s - sent[1] >= 1 / IMAGES_HZ:
             sent[1] = t_s
             for number, lens in enumerate(lenses):
                 scale = np.divide(_SHOWN_WH, lens.size_wh)
                 fused = lens.project(xyz) * scale
                 jpeg = jpegs[number % len(jpegs)][frame]
-                message = image_message(
+                image_now = image_message(
                     t_s, number, jpeg, _SHOWN_WH, detected_px=fused, projected_px=fused, rgba=[(38, 166, 154, 255)]
                 )
-                host.publish(f"image {number}", message)
+                host.publish(f"image {number}", image_now)
         if t_s - sent[2] >= 0.25:
             sent[2] = t_s
             status = replace(status, seconds=t_s)

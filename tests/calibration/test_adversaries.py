@@ -8,7 +8,7 @@ import pytest
 from calibrating import merged
 
 from bench.faults.waved_props import Faults, board, cube, observe_prop
-from posefuse.calibration.extrinsics.clocks import rough_offsets
+from posefuse.calibration.extrinsics.bootstrap import rough_offsets
 from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.target import Calibration, calibrate_extrinsics
 from posefuse.calibration.report import RefusedCalibration

@@ -11,8 +11,8 @@ from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.self_checks import check_sharp
 from posefuse.calibration.extrinsics.target import calibrate_extrinsics
 from posefuse.calibration.report import RefusedCalibration
-from posefuse.calibration.targets.blur import BLURRED_EDGE_PX, MovingEdges, edge_width_px, usual_edge_width_px
 from posefuse.calibration.targets.corners import joined
+from posefuse.calibration.targets.detection import BLURRED_EDGE_PX, MovingEdges, edge_width_px, usual_edge_width_px
 
 ANGLES_DEG = (0, 30, 45, 90, 120)
 

@@ -11,7 +11,7 @@ from posefuse.api.calibrate import calibrate_extrinsics, calibrate_person, verif
 from posefuse.api.calibration_results import ClockCalibration, RigCalibration
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.extrinsics import target as moving_target
-from posefuse.calibration.extrinsics.floor import FloorMarker
+from posefuse.calibration.extrinsics.world import FloorMarker
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
 from posefuse.calibration.targets.kinds import Charuco, Markers
 from posefuse.calibration.targets.recordings import paths_by_camera

@@ -11,7 +11,7 @@ from calibrating import run
 
 from posefuse.api.calibration_results import ClockCalibration, save_clocks
 from posefuse.calibration.clocks.sync import ClockEstimate
-from posefuse.calibration.extrinsics.floor import read_floor_points
+from posefuse.calibration.extrinsics.world import read_floor_points
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
 from posefuse.calibration.result_files import calibration_page
 from posefuse.calibration.targets.coverage import coverage, coverage_sheet

@@ -15,8 +15,14 @@ from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks
 from posefuse.calibration.extrinsics.self_checks import camera_differences, scale_of
 from posefuse.calibration.person.bundle import freed, solve_person_bundle
 from posefuse.calibration.person.scale import KnownLength
-from posefuse.calibration.person.settle import at_clocks, calibrate_tracks, unplaced_clocks
-from posefuse.calibration.person.solve import PersonCalibration, calibrate_from_person, rough_rig
+from posefuse.calibration.person.solve import (
+    PersonCalibration,
+    at_clocks,
+    calibrate_from_person,
+    calibrate_tracks,
+    rough_rig,
+    unplaced_clocks,
+)
 from posefuse.calibration.person.views import PersonViews, person_views
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.solving.rotations import Poses, poses_of

@@ -13,10 +13,11 @@ from synthetic_walk import BODY, STATURE_M, walker
 import posefuse as pf
 from bench.faults.waved_props import Faults
 from posefuse.calibration.extrinsics.target import calibrate_extrinsics
+from posefuse.calibration.extrinsics.world import floor_from_feet
 from posefuse.calibration.person.bundle import solve_person_bundle
+from posefuse.calibration.person.checks import check_standing
 from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.person.solve import _floor, calibrate_from_person
-from posefuse.calibration.person.standing import check_standing
 from posefuse.calibration.person.views import PersonViews
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.core import SE3, Rig, Skeleton
@@ -171,4 +172,8 @@ def test_the_floor_lies_under_the_soles(lab: Any) -> None:
     new_from_old = floor.new_from_old(lab.rig)
     assert (new_from_old @ np.zeros(3))[2] == pytest.approx(0, abs=0.02)
     # a network without heels and toes: a share of the height above its ankles
-    assert _floor(BODY, walker(T_S)).keypoint_height_m == pytest.approx(0.039 * STATURE_M, rel=1e-6)
+    body = walker(T_S)
+    ankles, nose = body[:, [BODY.index("left_ankle"), BODY.index("right_ankle")]], body[:, BODY.index("nose")]
+    through_ankles = floor_from_feet(ankles.reshape(-1, 3), nose)
+    below = through_ankles @ _floor(BODY, body).new_from_old(lab.rig).inverse()
+    np.testing.assert_allclose(below.xyz, [0, 0, -0.039 * STATURE_M], atol=1e-6)

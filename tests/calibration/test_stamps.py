@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from posefuse.calibration.extrinsics.cause_stamps import FrameTimes
+from posefuse.calibration.extrinsics.causes import FrameTimes
 from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.self_checks import camera_differences
 from posefuse.calibration.extrinsics.target import calibrate_extrinsics
@@ -23,20 +23,24 @@ def frames(late_periods: np.ndarray, noise_periods: float = 0.0) -> FrameTimes:
     stamps_s = (number + late_periods) * PERIOD_S
     seen = random.random(len(number)) > 0.1
     return FrameTimes(
-        np.round(stamps_s[seen] * 1e9).astype(np.int64), np.where(number % 17 == 5, np.nan, found_s)[seen], 0.0, PERIOD_S
+        "cam02", np.round(stamps_s[seen] * 1e9).astype(np.int64), np.where(number % 17 == 5, np.nan, found_s)[seen], 0.0, PERIOD_S
     )
 
 
-@pytest.mark.parametrize(("length", "word"), [(2, "second"), (3, "third"), (5, "fifth"), (8, "eighth")])
-def test_a_pattern_is_named_with_frames_missing_and_noise(length: int, word: str) -> None:
+@pytest.mark.parametrize("length", [2, 3, 8])
+def test_stamps_that_are_late_now_and_then_are_irregular(length: int) -> None:
     late = np.where(np.arange(400) % length == 1, 0.9, 0.0)
-    assert f"every {word} frame is stamped {0.9e3 * PERIOD_S:.0f} ms late" in frames(late, 0.05).words
-    assert "ms early" in frames(-late, 0.05).words
+    said = frames(late, 0.05).story(0)[0]
+    assert "time stamps of cam02 are irregular" in said and said.endswith(f"usually {0.9e3 * PERIOD_S:.0f} ms late")
+    assert frames(-late, 0.05).story(0)[0].endswith("early")
 
 
-def test_frames_at_random_have_no_pattern() -> None:
-    late = np.where(np.random.default_rng(3).random(400) < 0.3, 0.9, 0.0)
-    assert "frames are stamped wrongly" in frames(late, 0.05).words
+@pytest.mark.parametrize("most", [1, -1])
+def test_stamps_that_are_late_from_a_frame_on_are_a_clock_that_jumps(most: int) -> None:
+    """Also where more frames lie after it, which are then the usual ones."""
+    late = np.where(np.arange(400) >= 200 + 60 * most, 0.9, 0.0)
+    found = frames(late - 0.9 * (most < 0), 0.05)
+    assert found.story(0)[0] == f"the clock of cam02 jumps by +{0.9e3 * PERIOD_S:.0f} ms at {(200 + 60 * most) * PERIOD_S:.0f} s"
 
 
 def test_even_stamps_are_right() -> None:

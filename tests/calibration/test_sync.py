@@ -11,10 +11,9 @@ from calibrating import run
 from scipy.interpolate import CubicSpline
 
 from posefuse.calibration.clocks.paths import _splines, at_times
-from posefuse.calibration.clocks.person import clocks_from_person
 from posefuse.calibration.clocks.person_tracks import PersonTrack
 from posefuse.calibration.clocks.start import rough_clocks, rough_clocks_unplaced
-from posefuse.calibration.clocks.sync import ClockEstimate, estimate_clocks
+from posefuse.calibration.clocks.sync import ClockEstimate, clocks_from_person, estimate_clocks
 from posefuse.calibration.person.views import person_views
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.core import SKELETONS, InputError, LookKind, Rig

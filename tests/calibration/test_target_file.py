@@ -9,7 +9,7 @@ from calibrating import run
 
 from posefuse.api import calibrate
 from posefuse.api.calibrate import target_of
-from posefuse.calibration.extrinsics.floor import FloorMarker, with_floor
+from posefuse.calibration.extrinsics.world import FloorMarker, with_floor
 from posefuse.calibration.targets.detection import TargetDetector
 from posefuse.calibration.targets.kinds import Charuco, Chessboard, Markers, Target, dictionary_of, read_target, write_target
 from posefuse.cli.command_line import WrongCommandLineError, parse

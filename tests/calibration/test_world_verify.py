@@ -12,11 +12,11 @@ from scipy.spatial.distance import pdist
 from bench.faults.waved_props import Faults, Waving, board, observe_prop
 from posefuse.calibration.extrinsics.target import world_checks
 from posefuse.calibration.extrinsics.world import (
-    FloorFromFeet,
-    FloorTile,
-    FloorUnderBody,
+    UP_FROM_CAMERAS,
     ThreePoints,
-    UpFromCameras,
+    floor_from_feet,
+    floor_tile,
+    floor_under_body,
     triangulate_linear,
 )
 from posefuse.calibration.targets.kinds import Charuco, Markers
@@ -36,7 +36,7 @@ def tile_views(rig: Rig, world_from_tile: SE3) -> Any:
 def test_a_tile_sets_the_world(lab: Any) -> None:
     world_from_tile = SE3.from_rotvec([0, 0, 0.7], [0.3, -0.2, 0.0])
     elsewhere = lab.rig.moved(SE3.from_rotvec([0.4, -0.3, 1.0], [2.0, 1.0, -0.5]))
-    found = elsewhere.moved(FloorTile(tile_views(lab.rig, world_from_tile), TILE, 40).new_from_old(elsewhere))
+    found = elsewhere.moved(floor_tile(tile_views(lab.rig, world_from_tile), TILE, 40).new_from_old(elsewhere))
     wanted = lab.rig.moved(world_from_tile.inverse())
     np.testing.assert_allclose(found.centres_world(), wanted.centres_world(), atol=0.02)
     assert all(check.passed for check in world_checks(found, has_floor=True))
@@ -51,23 +51,23 @@ def test_a_tile_face_down_puts_cameras_below_the_floor_and_is_refused(lab: Any) 
 def test_a_tile_that_no_person_sees_or_that_moves_is_refused(lab: Any) -> None:
     seen = tile_views(lab.rig, SE3.identity())
     with pytest.raises(CalibrationError, match=r"target 41: no camera sees it; seen are: \[40\]"):
-        FloorTile(seen, TILE, 41).new_from_old(lab.rig)
+        floor_tile(seen, TILE, 41).new_from_old(lab.rig)
     pushed = replace(seen, xy_img=seen.xy_img + np.where(seen.t_ns[:, None] > 4e8, 30.0, 0.0))
     with pytest.raises(CalibrationError, match=r"it moves in the images \(by \d+ px\)"):
-        FloorTile(pushed, TILE, 40).new_from_old(lab.rig)
+        floor_tile(pushed, TILE, 40).new_from_old(lab.rig)
 
 
 def test_three_points_set_the_world_and_check_the_scale(lab: Any) -> None:
     points = np.array([[0, 0, 0], [1.5, 0, 0], [0.2, 1.0, 0]])
     marked = {camera.name: camera.project(points) for camera in lab.rig}
     elsewhere = lab.rig.moved(SE3.from_rotvec([0.4, -0.3, 1.0], [2.0, 1.0, -0.5]))
-    found = elsewhere.moved(ThreePoints(marked, 1.5).new_from_old(elsewhere))
+    found = elsewhere.moved(ThreePoints(marked, 1.5).rule.new_from_old(elsewhere))
     np.testing.assert_allclose(found.centres_world(), lab.rig.centres_world(), atol=1e-6)
     with pytest.raises(CalibrationError, match=r"origin to x measures 1\.500 m in the rig, 1\.400 m was given"):
-        ThreePoints(marked, 1.4).new_from_old(elsewhere)
+        ThreePoints(marked, 1.4).rule.new_from_old(elsewhere)
     line = {camera.name: camera.project(points * [1, 0.01, 1]) for camera in lab.rig}
     with pytest.raises(CalibrationError, match="they lie on a line"):
-        ThreePoints(line).new_from_old(elsewhere)
+        ThreePoints(line).rule.new_from_old(elsewhere)
 
 
 def test_the_floor_is_found_under_feet_that_are_lifted_half_of_the_time() -> None:
@@ -75,7 +75,7 @@ def test_the_floor_is_found_under_feet_that_are_lifted_half_of_the_time() -> Non
     feet = np.column_stack([random.uniform(-2, 2, 600), random.uniform(-1, 1, 600), np.abs(random.normal(0, 0.12, 600))])
     feet[::2, 2] = random.normal(0, 0.005, 300)
     tilt = SE3.from_rotvec([0.5, 0.2, 0.0], [0.4, 0.1, 1.3])
-    new_from_old = FloorFromFeet(tilt @ feet, tilt @ np.array([[0, 0, 1.6]])).new_from_old(Rig)
+    new_from_old = floor_from_feet(tilt @ feet, tilt @ np.array([[0, 0, 1.6]]))
     up = (new_from_old @ tilt).matrix()[2]
     assert np.rad2deg(np.arccos(up[2])) < 0.5
     assert abs((new_from_old @ (tilt @ np.zeros(3)))[2]) < 0.02
@@ -88,15 +88,15 @@ def test_feet_on_one_line_stand_on_a_floor_below_the_body() -> None:
     head = np.column_stack([random.uniform(-2, 2, 300), np.zeros(300), np.full(300, 1.6)])
     tilt = SE3.from_rotvec([0.5, 0.2, 0.0], [0.4, 0.1, 1.3])
     with pytest.raises(CalibrationError, match="the feet stay on one line"):
-        FloorFromFeet(tilt @ feet, tilt @ head).new_from_old(Rig)
-    new_from_old = FloorUnderBody(tilt @ feet, tilt @ head).new_from_old(Rig)
+        floor_from_feet(tilt @ feet, tilt @ head)
+    new_from_old = floor_under_body(tilt @ feet, tilt @ head)
     assert np.rad2deg(np.arccos((new_from_old @ tilt).matrix()[2, 2])) < 6
     assert abs((new_from_old @ (tilt @ np.zeros(3)))[2]) < 0.02
 
 
 def test_without_a_floor_up_is_where_the_images_say(lab: Any) -> None:
     tilted = lab.rig.moved(SE3.from_rotvec([1.0, 0.3, 0.2], [0, 1.0, 0]))
-    found = tilted.moved(UpFromCameras().new_from_old(tilted))
+    found = tilted.moved(UP_FROM_CAMERAS.new_from_old(tilted))
     assert all(check.passed for check in world_checks(found, has_floor=False))
     assert np.ptp(found.centres_world()[:, 2]) < 0.02
 

@@ -34,7 +34,7 @@ _ENDED_WELL, _KNOWN_ERROR = 0, 1
 
 
 def _readers() -> dict[str, Callable[[Path], Any]]:
-    from posefuse.calibration.extrinsics.floor import read_floor_points
+    from posefuse.calibration.extrinsics.world import read_floor_points
     from posefuse.detection.card import read_card
     from posefuse.evaluation.tracks import read_tracks
     from posefuse.formats.c3d import read_c3d

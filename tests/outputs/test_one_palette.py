@@ -24,8 +24,8 @@ from posefuse.outputs.overview import OverviewSink
 from posefuse.outputs.rerun import RerunSink
 from posefuse.outputs.rerun_scene import keypoint_colours
 from posefuse_ros.markers import side_colours
-from posefuse_studio.scene.setup import scene_setup
-from posefuse_studio.timeline import COLOURS
+from posefuse_studio.pages.recording import COLOURS
+from posefuse_studio.scene.messages import scene_setup
 
 ORANGE, BLUE = (0.02, 0.11), (0.54, 0.62)
 ROOT = Path(__file__).resolve().parents[2]

@@ -7,7 +7,7 @@ from posefuse.evaluation.contracts import check_output
 from posefuse_ros import bags, topics
 from posefuse_ros.mcap_output import McapSink, recorded_ns
 from posefuse_ros.messages import message_from_detections, message_from_pose
-from posefuse_ros.ros_output import RosOutput
+from posefuse_ros.ros_output import Health, RosOutput
 from posefuse_ros.topics import Topic
 from posefuse_ros.types import message
 
@@ -25,6 +25,7 @@ def made(tmp_path, some_detections, some_pose, some_joints, ring_rig):
             recorder.publish(topics.DETECTIONS, message_from_detections(view, {"captured": view.t_ns}), view.t_ns)
         for pose in poses:
             output.step(pose, some_joints, {"fused": pose.t_ns})
+        output.diagnose(poses[-1].t_ns, [Health("camera a", 0, "fine")])
     return path, views, poses
 
 
@@ -74,22 +75,17 @@ def test_mcap_ros2_support_reads_every_message_of_it(made):
 
     path, _, poses = made
     with path.open("rb") as file:
-        decoded = make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages(log_time_order=False)
-        found = [(channel.topic, msg) for _, channel, _, msg in decoded]
-    assert {name for name, _ in found} >= {"/tf", "/tf_static", "/humans/bodies/tracked", "/posefuse/markers"}
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        found = [(channel.topic, msg) for _, channel, _, msg in reader.iter_decoded_messages(log_time_order=False)]
+        # as Foxglove wants them
+        assert reader.get_header().profile == "ros2"
+        assert {schema.encoding for schema in reader.get_summary().schemas.values()} == {"ros2msg"}
+    names = {"/tf", "/tf_static", "/humans/bodies/tracked", "/posefuse/markers", "/diagnostics", "/humans/bodies/p7/joint_angles"}
+    assert {name for name, _ in found} >= names
     pose = [msg for name, msg in found if name == "/posefuse/pose"][4]
     np.testing.assert_array_equal(np.array(pose.xyz_m), poses[4].xyz_world.ravel())
     skeleton = next(msg for name, msg in found if name == "/humans/bodies/p40/skeleton2d")
     assert len(skeleton.skeleton) == 18
-
-
-def test_the_profile_is_the_one_foxglove_wants(made):
-    from mcap.reader import make_reader
-
-    with made[0].open("rb") as file:
-        reader = make_reader(file)
-        assert reader.get_header().profile == "ros2"
-        assert {s.encoding for s in reader.get_summary().schemas.values()} == {"ros2msg"}
 
 
 def long_recording(path, some_pose, count=600):
@@ -127,13 +123,15 @@ def test_what_was_recorded_before_the_session_began_does_not_count_as_time_that_
     assert "cut off; 5.99 s of it were read" in said[0]
 
 
-def test_a_cut_before_the_header_ends_is_no_recording(tmp_path, some_pose):
+def test_what_is_no_mcap_or_ends_before_its_header_does_is_reported(tmp_path, some_pose):
     path = tmp_path / "a.mcap"
     whole = long_recording(path, some_pose, 2)
-    for count in (0, 3, 12):
-        path.write_bytes(whole[:count])
+    for raw in (whole[:0], whole[:3], whole[:12], b"RIFF" * 100):
+        path.write_bytes(raw)
         with pytest.raises(SourceError, match="cannot be read as MCAP"):
             list(bags.read_poses(path))
+    with pytest.raises(SourceError, match="cannot be opened"):
+        list(bags.read_poses(tmp_path / "no.mcap"))
 
 
 def test_a_full_disk_leaves_no_empty_file(tmp_path, monkeypatch):
@@ -155,15 +153,6 @@ def test_a_full_disk_leaves_no_empty_file(tmp_path, monkeypatch):
     with pytest.raises(InputError, match="No space left"):
         bags.Recorder(tmp_path / "a.mcap")
     assert not list(tmp_path.iterdir())
-
-
-def test_what_is_no_mcap_is_reported(tmp_path):
-    path = tmp_path / "x.mcap"
-    path.write_bytes(b"RIFF" * 100)
-    with pytest.raises(SourceError, match="cannot be read as MCAP"):
-        list(bags.read_poses(path))
-    with pytest.raises(SourceError, match="cannot be opened"):
-        list(bags.read_poses(tmp_path / "no.mcap"))
 
 
 def test_a_recording_is_never_written_over(tmp_path):

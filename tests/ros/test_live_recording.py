@@ -122,21 +122,11 @@ def rig(ring_rig: Callable[..., Rig]) -> Rig:
     return replace(made, cameras=tuple(replace(one, readout_s=0.01 / 3) for one in made), residual_px=1 / 3)
 
 
-def test_people_keep_the_names_of_the_session(tmp_path: Path, rig: Rig) -> None:
-    poses = poses_of(3)
-    names = ("a", "b", "c", "d", "Ada")
-    record(tmp_path / "a.mcap", rig, frames_of(rig, 20, lost=0.2), poses, replace(CONFIG, names=names))
-    ids = read_result(tmp_path / "a.mcap", pytest.fail)
-    assert ids.person_names[0] == "Ada"
-    assert ids.person_names[1:] == tuple(f"person {i}" for i in ids.poses.person_id[1:])
-
-
 def test_reading_is_lossless(tmp_path: Path, rig: Rig) -> None:
     frames, poses = frames_of(rig, 20, lost=0.2), poses_of(60, absent=(0, 1, 30))
     record(tmp_path / "a.mcap", rig, frames, poses)
     found = read_result(tmp_path / "a.mcap", pytest.fail)
     start_ns = found.provenance["start_ns"]
-    assert found.is_live
     for one, other in zip(rig, found.rig, strict=True):
         for name in ("K", "distortion", "readout_s", "size_wh", "model"):
             np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
@@ -155,11 +145,7 @@ def test_reading_is_lossless(tmp_path: Path, rig: Rig) -> None:
             got = getattr(found.poses, name)[i, : len(one.person_id)]
             np.testing.assert_allclose(got, getattr(one, name), rtol=1e-6 if name in ("cov_world", "reproj_px") else 0)
     assert np.isnan(found.poses.xyz_world[[0, 1, 30]]).all()
-
-
-def test_a_live_recording_is_kept_like_any_result(tmp_path: Path, rig: Rig) -> None:
-    record(tmp_path / "a.mcap", rig, frames_of(rig, 10), poses_of(30))
-    found = read_live_recording(tmp_path / "a.mcap")
+    # and it is kept like any result
     write_recording(tmp_path, found)
     back = read_recording(tmp_path)
     assert back.is_live

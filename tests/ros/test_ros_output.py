@@ -5,7 +5,6 @@ import pytest
 
 from posefuse.core import CalibrationError
 from posefuse_ros import topics
-from posefuse_ros.bags import Recorder, read_mcap
 from posefuse_ros.messages import ns_from_time
 from posefuse_ros.ros_output import Health, RosOutput, body_id
 
@@ -49,12 +48,13 @@ def test_who_is_tracked_is_reported_when_it_changes(kept, some_pose):
     output = RosOutput(kept)
     for t_s, people in ((0, 1), (4, 1), (8, 2), (12, 0), (13, 0), (14.9, 0)):
         output.step(some_pose(people, t_ns=round(t_s * 1e9)))
+    of_bodies = {one.topic.name for one in kept.sent if one.topic.name.startswith("/humans/bodies/p")}
     # who is lost for a moment keeps the topics
     assert not kept.forgotten
     output.step(some_pose(0, t_ns=15_100_000_000))
     assert [m.ids for m in kept.on("/humans/bodies/tracked")] == [["p40"], ["p40", "p7"], []]
     assert {name for name in kept.forgotten if "p7" in name} == {f"/humans/bodies/p7/{part}" for part in topics.BODY_PARTS}
-    assert len(kept.forgotten) == 2 * len(topics.BODY_PARTS)
+    assert len(kept.forgotten) == 2 * len(topics.BODY_PARTS) and of_bodies <= set(kept.forgotten)
 
 
 def test_who_comes_back_keeps_the_topics(kept, some_pose):
@@ -168,17 +168,6 @@ def test_diagnostics(kept):
     (msg,) = kept.on("/diagnostics")
     assert (msg.status[0].level, msg.status[0].name, msg.status[0].values[0].value) == (2, "posefuse: camera cam02", "0 Hz")
     assert ns_from_time(msg.header.stamp) == 15
-
-
-def test_every_message_can_be_written_and_read(tmp_path, some_pose, some_joints, ring_rig):
-    path = tmp_path / "a.mcap"
-    with Recorder(path) as recorder:
-        output = RosOutput(recorder, ring_rig(3))
-        output.start(0)
-        for seed in range(3):
-            output.step(some_pose(seed=seed), some_joints)
-        output.diagnose(3, [Health("camera a", 0, "fine")])
-    assert {r.topic for r in read_mcap(path)} >= {"/tf", "/posefuse/markers", "/diagnostics", "/humans/bodies/p7/joint_angles"}
 
 
 @pytest.mark.parametrize("person", [0, 7, -3, 2**40])

@@ -78,18 +78,3 @@ def test_a_link_cut_and_back(machines):
     assert numbers == sorted(set(numbers))
     gap = max(b - a for a, b in pairwise(numbers))
     assert 80 < gap < 300
-
-
-@pytest.mark.slow
-def test_a_link_cut_for_ten_seconds(machines):
-    """Longer than the lease: both sides forget each other and meet again."""
-
-    def cut():
-        time.sleep(1)
-        machines.cut = True
-        time.sleep(12)
-        machines.cut = False
-
-    numbers, _ = run(machines, 2500, while_sending=cut)
-    assert numbers[0] == 0
-    assert numbers[-1] == 2499

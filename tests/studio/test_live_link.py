@@ -14,10 +14,10 @@ import pytest
 from nicegui.binding import bind_from
 
 from posefuse.core import OutputHealth
-from posefuse_studio import live_link, session
+from posefuse_studio import session, state
 from posefuse_studio.jobs import Job
-from posefuse_studio.live_link import LiveLink
 from posefuse_studio.session import CameraStatus, Host, SessionStatus
+from posefuse_studio.state import LiveLink
 from posefuse_studio.stored import SessionAddress
 
 STATUS = SessionStatus(people=[3])
@@ -130,9 +130,9 @@ class Trap:
 @pytest.mark.parametrize(
     "damaged",
     [
-        pickle.dumps(("status", "", Trap())), b"", b"\n", b"{", b"[1, 2]\n", b'["status", ""]\n', b"\xff" * 9,
-        b'["status", ""]\n{"cameras": {"a": {"state": 5}}}', b'["status", ""]\n{"people": 3}', b'["run", "a"]\nx',
-        b'["stream", {}]\n',
+        pickle.dumps((True, "status", Trap())), b"", b"\n", b"{", b"[1, 2]\n", b'[true, "status"]\n', b"\xff" * 9,
+        b'[true, "status"]\n{"cameras": {"a": {"state": 5}}}', b'[true, "status"]\n{"people": 3}', b'["run", "a"]\nx',
+        b'[true, {}]\n',
     ],
 )  # fmt: skip
 def test_a_damaged_message_is_noted_and_the_next_one_taken(host: Host, damaged: bytes, caplog: pytest.LogCaptureFixture) -> None:
@@ -200,6 +200,6 @@ def test_a_status_goes_through_whole(host: Host) -> None:
 
 def test_nothing_between_session_and_server_is_pickled() -> None:
     """Only bytes go over the connection: `send` and `recv` of it are pickles."""
-    for module in (session, live_link):
+    for module in (session, state):
         source = Path(module.__file__ or "").read_text(encoding="utf-8")
         assert "send_bytes(" in source and ".send(" not in source and ".recv(" not in source and "pickle" not in source

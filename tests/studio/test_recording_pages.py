@@ -2,7 +2,6 @@
 
 import asyncio
 import base64
-import struct
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,6 +11,7 @@ import pytest
 from fastapi import FastAPI
 from fastapi.testclient import TestClient
 from small_session import COUNT, PERIOD_NS, SIZE_WH, grey, saved_session
+from studio_messages import read_message
 
 import posefuse as pf
 from posefuse.core import ConfigError, Rig
@@ -30,11 +30,10 @@ from posefuse_sim.rig_plan import (
 )
 from posefuse_sim.scene import Scene, check_scene, plain_settings, read_scene, scene_text
 from posefuse_studio.app import add_routes
-from posefuse_studio.plan_view import RoomMap, cameras_svg, error_map_data_url, nearest_camera
+from posefuse_studio.pages.recording import Curve, chart_options
+from posefuse_studio.pages.simulate import RoomMap, cameras_svg, error_map_data_url, nearest_camera
 from posefuse_studio.player import ResultPlayer, open_recording
-from posefuse_studio.scene.messages import IMAGE, POSES
-from posefuse_studio.streams import Stream
-from posefuse_studio.timeline import Curve, chart_options
+from posefuse_studio.state import Stream
 from posefuse_studio.work import recordings
 from posefuse_studio.workspace import StudioWorkspace
 
@@ -181,13 +180,13 @@ def test_the_player_shows_the_moment_that_was_asked_for_last(workspace: StudioWo
         player.close()
 
     asyncio.run(use())
-    images = [struct.unpack_from("<2sBBId", message) for key, message in sent if key == ("image", 2)]
-    assert all(one[2] == IMAGE for one in images)
-    times = [round(one[4] * 1e9 / PERIOD_NS) for one in images]
+    images = [read_message(message) for key, message in sent if key == ("image", 2)]
+    assert all(one["kind"] == "image" for one in images)
+    times = [round(one["t_s"] * 1e9 / PERIOD_NS) for one in images]
     assert times[-1] in (13, COUNT - 1) and 11 in times
     assert 3 not in times[1:]  # newer requests take its place
     poses = [message for key, message in sent if key == "pose"]
-    assert all(struct.unpack_from("<2sBBId", message)[2] == POSES for message in poses)
+    assert all(read_message(message)["kind"] == "poses" for message in poses)
 
 
 def test_a_recording_begins_where_there_are_images_and_states_where_there_are_none(workspace: StudioWorkspace) -> None:
@@ -199,7 +198,6 @@ def test_a_recording_begins_where_there_are_images_and_states_where_there_are_no
     opened, stream = open_recording(workspace.path("result"), workspace.root), Stream()
     sent: dict[object, bytes] = {}
     stream.publish = lambda key, message, keep=False: sent.update({key: message})  # type: ignore[method-assign]
-    jpeg = slice(32 + 8 * 17 * 2 + 4, None)
 
     async def use() -> None:
         player = ResultPlayer(opened, stream)
@@ -207,13 +205,15 @@ def test_a_recording_begins_where_there_are_images_and_states_where_there_are_no
         assert player.t_s == pytest.approx(late * PERIOD_NS / 1e9)
         while player._busy:
             await asyncio.sleep(0.01)
-        assert sent["image", 1][jpeg].startswith(b"\xff\xd8")
+        assert read_message(sent["image", 1])["file"].startswith(b"\xff\xd8")
         player.seek(0.0)
         while player._busy:
             await asyncio.sleep(0.01)
         # the image of another time would be taken for that of this one
-        assert struct.unpack_from("<HHHHHH", sent["image", 1], 16) == (1, *SIZE_WH, 0, 0, 0)
-        assert len(sent["image", 1]) == 32 and sent["image", 0][jpeg].startswith(b"\xff\xd8")
+        empty = read_message(sent["image", 1])
+        names = ("camera", "width", "height", "detections", "people", "keypoints", "file")
+        assert [empty[name] for name in names] == [1, *SIZE_WH, 0, 0, 0, b""]
+        assert read_message(sent["image", 0])["file"].startswith(b"\xff\xd8")
         player.close()
 
     asyncio.run(use())

@@ -9,6 +9,7 @@ import pytest
 from posefuse.calibration.targets.kinds import Charuco, Markers, read_target
 from posefuse.core import InputError
 from posefuse.realtime.watching import detail_left, focus_warning
+from posefuse_studio.calibrations import print_targets, targets, without_floor
 from posefuse_studio.setups import (
     DEMO,
     Setup,
@@ -20,7 +21,6 @@ from posefuse_studio.setups import (
     setups,
     source_text,
 )
-from posefuse_studio.targets import print_targets, targets, without_floor
 from posefuse_studio.workspace import StudioWorkspace
 
 CAMERAS = {"left": "usb:/dev/video0", "right": "rtsp://camera/stream"}

@@ -4,7 +4,7 @@ import asyncio
 from types import SimpleNamespace
 from typing import Any
 
-from posefuse_studio.streams import Stream
+from posefuse_studio.state import Stream
 from posefuse_studio.work.live import nearest_pose
 
 

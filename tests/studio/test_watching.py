@@ -19,6 +19,11 @@ class Feed:
     def __init__(self) -> None:
         self.checks = 0
 
+    def begin(self, videos: Any) -> None:
+        """Nothing."""
+
+    close = lambda self: None  # noqa: E731
+
     def check(self) -> None:
         """Counts as a round of the loop."""
         self.checks += 1
@@ -52,7 +57,7 @@ def watched(record: str, rounds: int, monkeypatch: pytest.MonkeyPatch) -> Feed:
     feed = Feed()
     one = watch._Watch(feed, None, record, "extrinsics", False)  # type: ignore[arg-type]
     one.host = Shown(feed, rounds)  # type: ignore[assignment]
-    one.run()
+    one.run(None)
     return feed
 
 

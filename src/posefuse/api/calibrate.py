@@ -12,14 +12,11 @@ import numpy as np
 from posefuse import core
 from posefuse.calibration import intrinsics as board
 from posefuse.calibration import verify as verification
-from posefuse.calibration.clocks.person import clocks_from_person
-from posefuse.calibration.clocks.sync import ClockEstimate
+from posefuse.calibration.clocks.sync import ClockEstimate, clocks_from_person
 from posefuse.calibration.extrinsics import target as moving_target
-from posefuse.calibration.extrinsics.floor import FloorMarker, check_floor, lens_sigma, with_floor, world_rule
-from posefuse.calibration.extrinsics.limits import LIMITS
 from posefuse.calibration.extrinsics.own_intrinsics import cameras_of, start_sigma
 from posefuse.calibration.extrinsics.pipeline import Options
-from posefuse.calibration.extrinsics.world import ThreePoints
+from posefuse.calibration.extrinsics.world import FloorMarker, ThreePoints, check_floor, lens_sigma, with_floor, world_rule
 from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration, after
 from posefuse.calibration.targets.corners import CornerObservations
@@ -197,8 +194,7 @@ def calibrate_extrinsics(
         require_target_seen(seen, sources, kind)
         seen = replace(seen, recordings=tuple(paths_by_camera(inputs).items()))
     observations, world = world_rule(floor, seen, kind)
-    limits = replace(LIMITS, distance_m=(0.0, np.inf)) if any_size else LIMITS
-    options = Options(clocks=clocks, limits=limits, own_intrinsics=lenses is None)
+    options = Options(clocks=clocks, any_size=any_size, own_intrinsics=lenses is None)
     rescaled: tuple[str, ...] = ()
     if lenses is None:
         cameras = cameras_of(observations, kind, options)

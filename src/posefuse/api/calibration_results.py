@@ -9,8 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from posefuse.calibration.clocks.person import clock_figures
-from posefuse.calibration.clocks.sync import ClockEstimate
+from posefuse.calibration.clocks.sync import ClockEstimate, clock_figures
 from posefuse.calibration.report import CalibrationReport
 from posefuse.calibration.result_files import clock_settings, heat_map_image, numbered, write_calibration_report, write_rig_file
 from posefuse.calibration.targets.coverage import coverage_picture

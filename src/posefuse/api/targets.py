@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from posefuse.calibration.extrinsics.floor import FloorMarker, check_floor, read_floor_points
-from posefuse.calibration.extrinsics.world import ThreePoints
+from posefuse.calibration.extrinsics.world import FloorMarker, ThreePoints, check_floor, read_floor_points
 from posefuse.calibration.settings import TargetDescription
 from posefuse.calibration.targets.kinds import Chessboard, Markers, Target, described_target, write_target
 from posefuse.calibration.targets.printing import board_sheets, cube_sheets, marker_sheets, write_pdf

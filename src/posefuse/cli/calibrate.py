@@ -343,7 +343,7 @@ def calibrate_extrinsics(*inputs: CameraRecordings, options: ExtrinsicsOptions, 
     """
     from posefuse.api.calibrate import observe_target, target_of
     from posefuse.api.targets import floor_of
-    from posefuse.calibration.extrinsics.floor import with_floor
+    from posefuse.calibration.extrinsics.world import with_floor
     from posefuse.calibration.result_files import coverage_path, write_coverage
     from posefuse.calibration.targets.recordings import open_sources, require_target_seen
 

@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from .appearance import with_clothing, with_depth
     from .blazepose import BlazePoseConfig, BlazePoseDetector, default_cards
     from .build import DetectorChoice, fetch_networks, network_settings
-    from .card import list_cards, read_card
+    from .card import list_cards, named_networks, read_card
     from .crops import region_from_keypoints, region_from_pose, up_angle_rad
     from .files import fetch, fetch_all, status
     from .oracle import OracleConfig, OracleDetector, OracleNoise, OracleViews, oracle_views
@@ -26,6 +26,7 @@ __all__ = [
     "fetch_all",
     "fetch_networks",
     "list_cards",
+    "named_networks",
     "network_settings",
     "oracle_views",
     "read_card",

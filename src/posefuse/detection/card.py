@@ -260,6 +260,12 @@ def list_cards() -> list[NetworkCard]:
     return [card for card in cards if isinstance(card, NetworkCard)]
 
 
+def named_networks() -> dict[str, str]:
+    """What each name stands for that ``networks`` takes: those that find keypoints, alone or together."""
+    cards = [read_card(path, Card) for path in _card_files()]
+    return {card.name: card.summary for card in cards if not isinstance(card, NetworkCard) or card.keypoints}
+
+
 def read_card(name: str | Path, expected: type[C] = NetworkCard) -> C:  # type: ignore[assignment]
     """The card of this name, or in this TOML file.
 

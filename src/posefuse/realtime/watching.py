@@ -179,7 +179,7 @@ def record(
     judged_s = dict.fromkeys(feed.cameras, -_REPORT_EVERY_S)
     begin = time.monotonic()
     counts = [0] * len(feed.cameras)
-    for frames, since_s in _watched(feed, videos, duration_s, stopped):
+    for frames, since_s in watched(feed, videos, duration_s, stopped):
         for fed in frames:
             camera, now_s = feed.cameras[fed.camera], time.monotonic()
             if now_s - judged_s[camera] >= _REPORT_EVERY_S:
@@ -190,8 +190,8 @@ def record(
             counts = [state.captured for state in states]
 
 
-def _watched(
-    feed: CameraFeed, videos: Path | None, duration_s: float | None, stopped: Sequence[str]
+def watched(
+    feed: CameraFeed, videos: Path | None, duration_s: float | None = None, stopped: Sequence[str] = ()
 ) -> Iterator[tuple[list[FedFrame], float]]:
     """The newest frames until the end, and once a second the seconds since the last report, else 0; then closes the feed."""
     feed.begin(videos)
@@ -296,7 +296,7 @@ def guide(
         SourceError: a source that fails and is not opened again. InputError: a video that cannot be made.
     """
     detector, state = TargetDetector(target), new_guidance(feed.cameras)
-    for frames, since_s in _watched(feed, videos, duration_s, stopped):
+    for frames, since_s in watched(feed, videos, duration_s, stopped):
         for fed in frames:
             corners = detector.detect(cv2.cvtColor(fed.frame.image, cv2.COLOR_RGB2GRAY))
             state = seen(state, fed.camera, fed.t_ns, corners.xy_img, fed.frame.size_wh)

@@ -135,16 +135,11 @@ def _opening_page(studio: Studio) -> Iterator[None]:
 
 
 def _listener(host: str, port: int) -> socket.socket:
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    listener = socket.socket(family, socket.SOCK_STREAM)
-    if os.name == "posix":
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
-        listener.bind((host.strip("[]"), port))
+        return socket.create_server((host.strip("[]"), port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
     except OSError as error:
-        listener.close()
-        raise InputError(f"{host}:{port}: cannot be opened ({error.strerror}); choose another one with --host, --port") from None
-    return listener
+        why = str(error.strerror).partition(" (while")[0]
+        raise InputError(f"{host}:{port}: cannot be opened ({why}); choose another one with --host, --port") from None
 
 
 def _builder(studio: Studio, page: StudioPage) -> Callable[[], None]:

@@ -9,18 +9,23 @@ import hashlib
 import itertools
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import ConfigDict
 
+import posefuse as pf
+from posefuse.calibration.intrinsics import check_board
 from posefuse.calibration.report import CalibrationReport, Check
 from posefuse.calibration.targets.coverage import ENOUGH_SHARE, ENOUGH_TOGETHER, TargetCoverage
-
-from .stored import read_stored, write_stored
-from .workspace import StudioWorkspace, check_name
+from posefuse.calibration.targets.kinds import Charuco, Markers, Target, read_target
+from posefuse.core import InputError, PosefuseError
+from posefuse.core.arrays import Array
+from posefuse_studio.stored import read_stored, write_stored
+from posefuse_studio.workspace import StudioWorkspace, check_name
 
 FOLDER = "calibrations"
 LENSES, RIG, SEEN = "lenses.toml", "rig.toml", "coverage.json"
@@ -81,7 +86,7 @@ class StepResult:
     Attributes:
         reports: one, for lenses one per camera. recording: it was made from. rests_on: see there. cameras: that came out.
         pictures: of cameras that a refusal names, by camera. position_cov_m2: see `RigCalibration`.
-        world, clocks: where they come from; empty: not known.
+        world: where it comes from; empty: not known.
     """
 
     __pydantic_config__ = ConfigDict(ser_json_inf_nan="constants")
@@ -94,7 +99,6 @@ class StepResult:
     pictures: dict[str, str] = field(default_factory=dict)
     position_cov_m2: dict[str, list[list[float]]] = field(default_factory=dict)
     world: str = ""
-    clocks: str = ""
 
     @property
     def failed(self) -> list[tuple[str, Check]]:
@@ -141,13 +145,12 @@ NOTHING = StepState()
 
 @dataclass(frozen=True, kw_only=True)
 class Next:
-    """What to do: in large letters, why, and what the button does; `back`: other steps that may have to be done again."""
+    """What to do: in large letters, why, and what the button does."""
 
     words: str
     why: str
     action: Action
     step: Step = "extrinsics"
-    back: tuple[Step, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -197,16 +200,15 @@ class Known:
         if not project.cube or not project.board:
             why = "Glue six markers on a stiff box and the board on a flat plate; marker 43 is for the floor. Measure the ruler."
             return Next(words="Print a cube and a board", why=why, action="print")
-        for number, step in enumerate(project.steps):
+        for step in project.steps:
             state = self[step]
             if state.passed:
                 continue
             if state.refused and state.result is not None:
                 _, check = state.result.failed[0]
                 again = _mended_by(check, step, project)
-                others = tuple(one for one in project.steps[: number + 1] if one != again)
                 why = f"Refused: {check.detail}"
-                return Next(words=check.remedy or check.detail, why=why, action="record", step=again, back=others)
+                return Next(words=check.remedy or check.detail, why=why, action="record", step=again)
             if self.can_solve(step) and state.seen is not None:
                 early = "" if state.seen.enough else "; it was stopped before enough was seen"
                 return Next(words=_SOLVE[step], why=f"from {state.recording}{early}", action="solve", step=step)
@@ -330,3 +332,122 @@ def stamp(workspace: StudioWorkspace, project: Project) -> list[tuple[str, int]]
     """What changes when `known_of` has something new to read."""
     files = workspace.path(project.folder).rglob("*.json")
     return sorted((str(path), path.stat().st_mtime_ns) for path in files)
+
+
+TARGETS = "targets"
+FLOOR_ID = 43
+"""Marker that is printed with a cube and lies on the floor: the world's origin, and what is up."""
+# the last of the 50 markers of the dictionary; a board takes the first ones, so that it can lie in view of a cube's recording
+_CUBE_IDS = (FLOOR_ID, *range(FLOOR_ID + 1, 50))
+
+
+def print_targets(workspace: StudioWorkspace, settings: Mapping[str, Any], page: str, lenses: Step) -> tuple[str, str]:
+    """Print a cube, with a marker for the floor, and a board; gives the names of their descriptions, next to which PDF files lie.
+
+    Args:
+        settings: ``marker_mm`` of the cube; ``columns``, ``rows`` and ``square_mm`` of the board. lenses: a step for it.
+
+    Raises:
+        PosefuseError: targets that cannot be, that do not fit on the page, or that cannot serve.
+    """
+    if {"marker_mm", "columns", "rows", "square_mm"} - settings.keys():
+        raise InputError("targets: expected a number in each field")
+    board = {**settings, "kind": "charuco", "marker_mm": 0.75 * settings["square_mm"]}
+    cube = {"kind": "markers", "marker_mm": settings["marker_mm"], "ids": _CUBE_IDS}
+    sizes_m = {f"{name}_m": board[f"{name}_mm"] / 1e3 for name in ("square", "marker")}
+    check_target(Charuco(columns=board["columns"], rows=board["rows"], **sizes_m), lenses)
+    named = {f"cube {cube['marker_mm']:g} mm": cube, f"board {board['columns']}x{board['rows']} {board['square_mm']:g} mm": board}
+    place = workspace.folder(TARGETS)
+    made = [pf.print_target(place / f"{name}.pdf", one, page=page, replace=True) for name, one in named.items()]
+    return workspace.name_of(made[0].target), workspace.name_of(made[1].target)
+
+
+def without_floor(target: Target) -> Target:
+    """What of a target is moved."""
+    if isinstance(target, Markers) and FLOOR_ID in target.ids:
+        return replace(target, ids=tuple(one for one in target.ids if one != FLOOR_ID))
+    return target
+
+
+def targets(workspace: StudioWorkspace, step: Step) -> list[str]:
+    """Descriptions in the workspace that can serve a step of a calibration."""
+    folder, found = workspace.path(TARGETS), []
+    for path in sorted(folder.glob("*.toml")) if folder.is_dir() else []:
+        with suppress(PosefuseError):
+            check_target(read_target(path), step)
+            found.append(f"{TARGETS}/{path.name}")
+    return found
+
+
+def check_target(target: Target, step: Step) -> None:
+    """Whether it can serve the step: a cube for the positions; for the others a board, which the rig was not made from.
+
+    Raises:
+        InputError: it is of the other kind. CalibrationError: lenses cannot be calibrated from so small a board.
+    """
+    if isinstance(target, Markers) != (step == "extrinsics"):
+        raise InputError("target: expected a cube of markers for the positions, and a board for the lenses and the verification")
+    if step == "intrinsics":
+        check_board(target)
+
+
+# the calibration of lenses from a cube needs 1.3, see `Limits.own_depth_ratio`; the rest is for the error of sizes
+NEAR_FAR = 1.45
+
+
+def enough_for(step: Step, found: TargetCoverage, near_far: Array | None = None) -> bool:
+    """Lenses need each image covered; a verification needs each camera to share views with another; positions need both.
+
+    Args:
+        found: what is covered. near_far: (C,) of `near_far_of`, where the recording is to give the lenses, too; None: it is not.
+    """
+    if step == "intrinsics":
+        return bool((found.share >= ENOUGH_SHARE).all())
+    if step == "verify":
+        # three times the least that `verify` takes
+        return bool((_shared(found) >= ENOUGH_TOGETHER).all())
+    return found.enough and (near_far is None or bool((near_far >= NEAR_FAR).all()))
+
+
+def near_far_of(sizes_px: Sequence[Sequence[float]]) -> Array:
+    """(C,) by how much a target looked larger from near than from far, for the sizes of its views in each camera; 1: unknown.
+
+    The largest edge of a square is hardly shortened by a tilt, so that sizes stand for distances.
+    """
+    spans = [np.quantile(one, [0.05, 0.95]) if len(one) > 1 else np.ones(2) for one in sizes_px]
+    return np.array([far / near for near, far in spans])
+
+
+def size_of(xy_img: Array, patch: Array) -> float:
+    """The longest edge, px, of the squares (n, 2) corners of a frame, four to a patch (n,); NaN without a whole one."""
+    squares = [xy_img[patch == one] for one in np.unique(patch)]
+    edges = [np.linalg.norm(one - np.roll(one, 1, axis=0), axis=1).max() for one in squares if len(one) == 4]
+    return float(max(edges, default=np.nan))
+
+
+def advice_for(step: Step, found: TargetCoverage, near_far: Array | None = None) -> str:
+    """What to do next, in words; arguments as of `enough_for`."""
+    if enough_for(step, found, near_far):
+        return _named("enough: stop moving the target", step)
+    if step == "intrinsics":
+        # no camera needs another one: as if all were linked
+        linked = np.where(np.eye(len(found.cameras), dtype=bool), found.together, ENOUGH_TOGETHER)
+        return _named(replace(found, together=linked).advice(), step)
+    if step == "verify":
+        shared = _shared(found)
+        camera = int(np.argmin(shared))
+        return f"show the board to {found.cameras[camera]} and another camera: {shared[camera]} of {ENOUGH_TOGETHER}"
+    if found.enough and near_far is not None:
+        camera = int(np.argmin(near_far))
+        return f"move the cube near {found.cameras[camera]}, and far away from it"
+    return _named(found.advice(), step)
+
+
+def _named(advice: str, step: Step) -> str:
+    """With the word for the target of the step."""
+    return advice.replace("the target", "the cube" if step == "extrinsics" else "the board")
+
+
+def _shared(found: TargetCoverage) -> Array:
+    """(C,) moments that each camera shares with the one it shares most with."""
+    return np.asarray(np.where(np.eye(len(found.cameras), dtype=bool), 0, found.together).max(axis=1))

@@ -15,10 +15,10 @@ from posefuse.core.arrays import Array
 from posefuse.kinematics.gait import Gait, gait_from_poses
 from posefuse.outputs.drawing import person_rgb
 from posefuse.pipeline.playback import Playback, session_with_videos
+from posefuse_studio.scene.messages import scene_setup
+from posefuse_studio.state import Stream
 
-from .scene.messages import image_message, labels_message, poses_message, setup_message
-from .scene.setup import scene_setup
-from .streams import Stream
+from .scene.messages import image_message, page_message, poses_message
 
 TILE_PX = 480
 # frames per second while playing: what several videos cost a small computer to decode
@@ -87,17 +87,18 @@ class ResultPlayer:
     def start(self) -> None:
         """Draw what stays, and the first moment; call in the event loop."""
         recording = self.opened.recording
-        self._stream.publish("setup", setup_message(scene_setup(recording.rig, recording.poses.skeleton)), keep=True)
+        setup = scene_setup(recording.rig, recording.poses.skeleton)
+        self._stream.publish("setup", page_message("setup", content=setup), keep=True)
         names = dict(zip(recording.poses.person_id.tolist(), recording.person_names, strict=True))
-        self._stream.publish("labels", labels_message(names), keep=True)
+        self._stream.publish("labels", page_message("labels", content=names), keep=True)
         self.seek(self.opened.playback.begin_ns / 1e9)
 
     def seek(self, t_s: float) -> None:
         """Go to a time; the 3D view follows at once, the videos as soon as they are decoded."""
         self.t_s = self._wanted = float(np.clip(t_s, self.begin_s, self.end_s))
         poses, i = self.opened.recording.poses, self._step
-        message = poses_message(self.t_s, poses.person_id, poses.xyz_world[i], poses.cov_world[i])
-        self._stream.publish("pose", message, keep=True)
+        pose = poses_message(self.t_s, poses.person_id, poses.xyz_world[i], poses.cov_world[i])
+        self._stream.publish("pose", pose, keep=True)
         if not self._busy:
             self._busy = True
             self._task = asyncio.create_task(self._show())
@@ -141,9 +142,9 @@ class ResultPlayer:
         playback = self.opened.playback
         moment = await asyncio.to_thread(playback.moment, playback.cameras[c], round(t_s * 1e9), TILE_PX)
         if moment is None:
-            message = image_message(t_s, c, b"", playback.shown_wh(c, TILE_PX))
+            image = image_message(t_s, c, b"", playback.shown_wh(c, TILE_PX))
         else:
             rgba = [(*person_rgb(person), 255) for person in self.opened.recording.poses.person_id.tolist()]
             drawn = {"detected_px": moment.detected_px, "projected_px": moment.projected_px, "rgba": rgba}
-            message = image_message(moment.t_ns / 1e9, c, moment.jpeg, moment.size_wh, **drawn)  # type: ignore[arg-type]
-        self._stream.publish(("image", c), message, keep=True)
+            image = image_message(moment.t_ns / 1e9, c, moment.jpeg, moment.size_wh, **drawn)  # type: ignore[arg-type]
+        self._stream.publish(("image", c), image, keep=True)

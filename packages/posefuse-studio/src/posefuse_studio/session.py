@@ -1,6 +1,7 @@
-"""Between the process of a session (`Host`) and the servers that show it (`live_link`).
+"""Between the process of a session (`Host`) and the servers that show it (`state.LiveLink`).
 
-A message is a line of JSON, then bytes. From the session: kind and key, then what a page draws, or the session's state as JSON.
+A message is a line of JSON, then bytes. From the session: whether it is kept, and its key, then what a page draws; with the key
+`STATUS` the session's state as JSON.
 From the server: a request by name with values. They are sent over `multiprocessing.connection`, whose two ends prove that they
 have the same key, as bytes alone: its objects could run. Nothing in a message can run; everything is checked.
 
@@ -75,23 +76,24 @@ class SessionStatus:
     together: list[list[int]] = field(default_factory=list)
 
 
-HEAD, _REQUEST = adapter(tuple[Literal["stream", "kept", "status"], str]), adapter(tuple[str, dict[str, Any]])
+STATUS = "status"
+HEAD, _REQUEST = adapter(tuple[bool, str]), adapter(tuple[str, dict[str, Any]])
 
 
 class _Watcher:
-    """One server. A thread sends to it, the newest of each kind and key, so that one that hangs delays nothing."""
+    """One server. A thread sends to it, the newest of each key, so that one that hangs delays nothing."""
 
     def __init__(self, connection: Connection) -> None:
         self.looking = self.gone = False
         self._connection = connection
-        self._pending: dict[tuple[str, str], bytes] = {}
+        self._pending: dict[str, tuple[bool, bytes]] = {}
         self._news = threading.Condition()
         threading.Thread(target=self._send, daemon=True).start()
 
-    def put(self, kind: str, key: str, content: bytes) -> None:
+    def put(self, key: str, content: bytes, *, keep: bool) -> None:
         """Queue it in the place of an older one."""
         with self._news:
-            self._pending[kind, key] = content
+            self._pending[key] = keep, content
             self._news.notify()
 
     def _send(self) -> None:
@@ -100,8 +102,8 @@ class _Watcher:
                 with self._news:
                     self._news.wait_for(lambda: bool(self._pending), 1.0)
                     pending, self._pending = self._pending, {}
-                for place, content in pending.items():
-                    self._connection.send_bytes(json.dumps(place).encode() + b"\n" + content)
+                for key, (keep, content) in pending.items():
+                    self._connection.send_bytes(json.dumps([keep, key]).encode() + b"\n" + content)
         self.gone = True
 
 
@@ -122,7 +124,7 @@ class Host:
         self._key = secrets.token_bytes(32)
         self._listener = Listener(("127.0.0.1", 0), authkey=self._key)
         self._watchers: list[_Watcher] = []
-        self._kept: dict[tuple[str, str], bytes] = {}
+        self._kept: dict[str, bytes] = {}
         self.watched = False
         self._requests, self._on_watched = requests or {}, on_watched
         self._lock = threading.RLock()
@@ -135,19 +137,16 @@ class Host:
 
     def publish(self, key: str, content: bytes, *, keep: bool = False) -> None:
         """To all servers whose pages look; with `keep` to all, also to those that come later."""
-        self._put("kept" if keep else "stream", key, content)
+        with self._lock:
+            if keep:
+                self._kept[key] = content
+            for watcher in self._watchers:
+                if keep or watcher.looking:
+                    watcher.put(key, content, keep=keep)
 
     def status(self, values: SessionStatus) -> None:
         """To all servers."""
-        self._put("status", "", adapter(SessionStatus).dump_json(values))
-
-    def _put(self, kind: str, key: str, content: bytes) -> None:
-        with self._lock:
-            if kind != "stream":
-                self._kept[kind, key] = content
-            for watcher in self._watchers:
-                if kind != "stream" or watcher.looking:
-                    watcher.put(kind, key, content)
+        self.publish(STATUS, adapter(SessionStatus).dump_json(values), keep=True)
 
     def _accept(self) -> None:
         while True:
@@ -158,8 +157,8 @@ class Host:
             watcher = _Watcher(connection)
             with self._lock:
                 self._watchers.append(watcher)
-                for (kind, key), content in self._kept.items():
-                    watcher.put(kind, key, content)
+                for key, content in self._kept.items():
+                    watcher.put(key, content, keep=True)
             threading.Thread(target=self._receive, args=(connection, watcher), daemon=True).start()
 
     def _receive(self, connection: Connection, watcher: _Watcher) -> None:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import posefuse as pf
-from posefuse.core import InputError, Rig
+from posefuse.core import InputError, PosefuseError, Rig
+from posefuse.foundation.platform import usb_cameras
+from posefuse.foundation.plugins import from_package
 from posefuse.realtime.capture import LiveInput
-
-from .stored import read_stored, write_stored
-from .workspace import StudioWorkspace, check_name
+from posefuse_studio.calibrations import FOLDER
+from posefuse_studio.stored import read_stored, write_stored
+from posefuse_studio.workspace import StudioWorkspace, check_name
 
 DEMO = "Demo clip"
 _FOLDER = "setups"
@@ -130,3 +133,30 @@ def _seconds(path: Path) -> float:
 
     with opened_video(VideoConfig(path, path.stem)) as container:
         return container.duration / av.time_base if container.duration else 0.0
+
+
+VIDEOS = (".mp4", ".mkv", ".mov", ".avi", ".webm")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Found:
+    """One source: its words for people, as it is written for ``--source``, and a name to start with."""
+
+    text: str
+    source: str
+    name: str
+    icon: str
+
+
+def found_sources(workspace: StudioWorkspace) -> Iterator[Found]:
+    """Devices first, then videos and scenes of the workspace; without what a calibration has recorded."""
+    for number, (device, text) in enumerate(usb_cameras().items(), 1):
+        yield Found(text=f"{text} ({device})", source=f"usb:{device}", name=f"cam{number}", icon="videocam")
+    for name in workspace.files(*VIDEOS):
+        if not name.startswith(f"{FOLDER}/"):
+            yield Found(text=name, source=f"video:{name}", name=Path(name).stem[:40], icon="movie")
+    for name in workspace.files(".yaml", ".yml"):
+        # some are other files
+        with suppress(PosefuseError):
+            for camera in from_package("sources", "simulated", extra="sim").cameras(workspace.existing(name)):
+                yield Found(text=f"{name}: {camera}", source=f"sim:{name}", name=camera, icon="view_in_ar")

@@ -3,23 +3,28 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from types import NoneType
+from typing import Any, Literal, TypeVar, get_args, get_origin
 from urllib.parse import urlencode
 
 import segno
+from annotated_types import Ge, Le
 from nicegui import ui
 
 from posefuse.core import PosefuseError
-
-from .access import is_loopback
-from .jobs import LIVE, WATCH, Job, Report
-from .pages import PAGES, StudioPage
-from .state import Studio
-from .workspace import recording_place
+from posefuse.detection import named_networks
+from posefuse.foundation.settings import setting_of
+from posefuse.foundation.summary import Block, Cell, Facts, Heading, Note, Table
+from posefuse_studio.access import is_loopback
+from posefuse_studio.jobs import LIVE, WATCH, Job, Report
+from posefuse_studio.pages import PAGES, StudioPage
+from posefuse_studio.scene.view import CameraTile
+from posefuse_studio.state import LiveLink, Studio
+from posefuse_studio.workspace import recording_place
 
 T = TypeVar("T")
 _STYLE = Path(__file__).with_name("style.css")
@@ -285,3 +290,94 @@ _LOGO = (
     '<circle cx="16" cy="6.5" r="3.2" fill="currentColor"/>'
     '<g fill="#ffb300"><circle cx="4" cy="5" r="2"/><circle cx="28" cy="5" r="2"/><circle cx="28" cy="20" r="2"/></g></svg>'
 )
+
+
+def camera_tiles(link: LiveLink, stream: str, *, overlay: bool = True, classes: str = "pf-grid") -> list[CameraTile]:
+    """A tile for each camera of a session; `stream`: what they draw."""
+    tiles = []
+    with ui.element("div").classes(classes):
+        for number, (name, one) in enumerate(link.status.cameras.items()):
+            width, height = one.size_wh or (4, 3)
+            with ui.column().classes("pf-tile-box"):
+                tiles.append(CameraTile(stream, number, aspect=width / height, name=name, overlay=overlay))
+                _foot(link, name)
+    return tiles
+
+
+def _foot(link: LiveLink, name: str) -> None:
+    def now(what: str) -> str:
+        # none for a moment, when the session has ended
+        return getattr(link.status.cameras.get(name), what, "")
+
+    def draw(state: tuple[str, str]) -> None:
+        if state[0]:
+            light(state[0], name if state[0] != "bad" else f"{name}: {state[1]}")
+
+    with ui.row().classes("pf-tile-foot"):
+        redrawn(lambda: (now("light"), now("state")), draw, classes="pf-light-place")
+        small("").bind_text_from(link, "status", lambda _: now("figures"))
+    why = small("").bind_text_from(link, "status", lambda _: now("text"))
+    why.bind_visibility_from(link, "status", lambda _: bool(now("text")))
+
+
+def setting_fields(
+    cls: type[Any], named: Mapping[str, str], values: Mapping[str, Any] | None = None
+) -> Callable[[], dict[str, Any]]:
+    """Place a field for each setting named.
+
+    Args:
+        named: label by dotted key. values: to begin with, where they are not the defaults.
+
+    Returns:
+        Gives what was set by dotted key: what ``settings=`` of the public functions takes.
+    """
+    fields: dict[str, Any] = {}
+    for key, label in named.items():
+        setting = setting_of(cls, key)
+        fields[key] = _field(setting.annotated, label, (values or {}).get(key, setting.default)).tooltip(setting.help)
+    return lambda: {key: field.value for key, field in fields.items() if field.value is not None}
+
+
+def network_field(usual: str) -> ui.select:
+    """Choose a 2D network by name; `usual`: what the empty name stands for. One that is not there is refused with what to do."""
+    names = {"": usual, **{name: f"{name}: {about}" for name, about in named_networks().items()}}
+    return ui.select(names, value="", label="Network").classes("w-80")
+
+
+def _field(hint: Any, label: str, value: Any) -> Any:
+    # of a setting that may be left out, what it is otherwise
+    [hint, *_] = [one for one in get_args(hint) if one is not NoneType] if NoneType in get_args(hint) else [hint]
+    plain, *limits = get_args(hint) if hasattr(hint, "__metadata__") else (hint,)
+    if plain is bool:
+        return ui.checkbox(label, value=value)
+    if get_origin(plain) is Literal:
+        return ui.select(list(get_args(plain)), value=value, label=label)
+    if plain in (int, float):
+        low, high = (next((getattr(one, name) for one in limits if isinstance(one, kind)), None)
+                     for kind, name in ((Ge, "ge"), (Le, "le")))  # fmt: skip
+        return ui.number(label, value=value, min=low, max=high, precision=0 if plain is int else None).classes("pf-number")
+    return ui.input(label, value=value)
+
+
+def show_summary(blocks: Iterable[Block]) -> None:
+    """Place them."""
+    for block in blocks:
+        match block:
+            case Heading():
+                ui.label(block.text).classes("pf-h2")
+                if block.note:
+                    small(block.note)
+            case Note():
+                light("doubt", block.text) if block.warning else small(block.text)
+            case Facts():
+                _grid([(Cell(name), Cell(value)) for name, value in block.shown])
+            case Table():
+                _grid([[Cell(name) for name in block.columns], *block.shown])
+
+
+def _grid(rows: Sequence[Sequence[Cell]]) -> None:
+    columns = f"repeat({max(map(len, rows), default=1) - 1}, auto) 1fr"
+    with ui.element("div").classes("pf-summary").style(f"grid-template-columns: {columns}"):
+        for row in rows:
+            for cell in row:
+                small(str(cell.value)).classes(f"pf-tone-{cell.tone or 'none'}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import AsyncIterable, Iterable
+from collections.abc import AsyncIterable
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
 from posefuse.core import InputError
@@ -85,8 +85,13 @@ class StudioWorkspace:
 
     def files(self, *suffixes: str, depth: int = 3) -> list[str]:
         """Names of the files with these endings, at most `depth` folders deep, sorted; hidden and linked folders left out."""
-        found = [path for path in _walk(self.root, depth) if path.suffix.lower() in suffixes]
-        return sorted(path.relative_to(self.root).as_posix() for path in found)
+        found: list[str] = []
+        for place, folders, names in os.walk(self.root):
+            here = Path(place).relative_to(self.root)
+            folders[:] = [one for one in folders if not one.startswith(".") and len(here.parts) < depth]
+            paths = [here / name for name in names if Path(name).suffix.lower() in suffixes and not name.startswith(".")]
+            found += [path.as_posix() for path in paths if not (self.root / path).is_symlink()]
+        return sorted(found)
 
     async def upload(self, folder: str, file_name: str, parts: AsyncIterable[bytes], most_bytes: int = MOST_UPLOAD_BYTES) -> str:
         """Write what a page sends under a free name in `folder`; returns that name.
@@ -119,17 +124,3 @@ def check_name(name: str) -> None:
         raise InputError(f"{name!r}: expected a name of 1 to {_MOST_LETTERS} characters, none of them one of {_NOT_IN_NAMES}")
     if name.startswith((".", "-", " ")) or name.endswith((".", " ")) or name.split(".")[0].strip().lower() in _RESERVED:
         raise InputError(f"{name!r}: expected a name without '.', '-' or a space at its begin or end, and not one of a device")
-
-
-def _walk(folder: Path, depth: int) -> Iterable[Path]:
-    try:
-        entries = sorted(os.scandir(folder), key=lambda entry: entry.name)
-    except OSError:
-        return
-    for entry in entries:
-        if entry.name.startswith(".") or entry.is_symlink():
-            continue
-        if entry.is_file():
-            yield Path(entry.path)
-        elif entry.is_dir() and depth > 0:
-            yield from _walk(Path(entry.path), depth - 1)

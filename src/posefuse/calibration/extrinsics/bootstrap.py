@@ -6,19 +6,168 @@ settled by the candidate that agrees with most of the others, then the strongest
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
+from posefuse.calibration.clocks.start import STEP_S, EvenTrack, agreed_clocks
 from posefuse.calibration.solving.projection import Lenses
-from posefuse.calibration.solving.rotations import Poses, stacked
-from posefuse.calibration.targets.kinds import Target, scale_m, sides
+from posefuse.calibration.solving.rotations import Poses, nearest_rotation, stacked
+from posefuse.calibration.targets.corners import CornerObservations
+from posefuse.calibration.targets.kinds import Target, patch_corners, scale_m, sides
+from posefuse.core import Camera
 from posefuse.core.arrays import Array
 
-from .planar import PlanarViews
-from .snapshots import Snapshots
-from .voting import Edge, best_seed, seeds_of, tree, vote
+from .snapshots import Snapshots, snapshots
+
+_MOST_VOTING_SEEDS = 48
+_CUT = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Edge:
+    """How two nodes lie to each other: a_from_b, the number of estimates that agree and their share."""
+
+    a_from_b: Poses
+    agreeing: int
+    share: float
+    score: float
+
+
+def vote(candidates: Poses, angle_rad: float, distance_m: Array) -> Edge:
+    """The transform most estimates agree with.
+
+    Args:
+        candidates: (n, h) estimates, h alternatives each, of which at most one is right; NaN where there is none.
+        angle_rad: scale of what counts as agreeing.
+        distance_m: (n,) likewise, for each estimate.
+    """
+    seeds = seeds_of(candidates, _MOST_VOTING_SEEDS)
+    cosine = (np.einsum("sij,nhij->snh", seeds.R, candidates.R) - 1) / 2
+    angle = np.arccos(np.clip(cosine, -1, 1)) / angle_rad
+    distance = np.linalg.norm(seeds.t[:, None, None] - candidates.t, axis=-1) / distance_m[:, None]
+    return best_seed(seeds, np.nan_to_num(angle**2 + distance**2, nan=np.inf).min(axis=2))
+
+
+def seeds_of(candidates: Poses, most: int) -> Poses:
+    """The alternatives of at most so many of the (n, h) candidates, spread over all of them, as one stack."""
+    n = len(candidates)
+    picked = np.unique(np.linspace(0, n - 1, min(n, most)).astype(np.int64))
+    seeds = Poses(candidates.R[picked].reshape(-1, 3, 3), candidates.t[picked].reshape(-1, 3))
+    return seeds[np.isfinite(seeds.t).all(axis=1)]
+
+
+def best_seed(seeds: Poses, square: Array) -> Edge:
+    """The seed that fits most estimates. square: (seeds, n) squared distance of each estimate from each seed, in its scale."""
+    gain = np.maximum(0, 1 - square / _CUT**2)
+    best = int(np.argmax(gain.sum(axis=1)))
+    agreeing = int((gain[best] > 0).sum())
+    return Edge(seeds[best], agreeing, agreeing / square.shape[1], float(gain[best].sum()))
+
+
+def tree(count: int, edges: Mapping[tuple[int, int], Edge], root: int | None = None) -> tuple[int, dict[int, Poses]]:
+    """Follow the strongest edges (Prim 1957): the root and root_from_node of every node that can be reached.
+
+    Without a root, the node with most agreement over its edges is taken.
+    """
+    strength = np.zeros(count)
+    for (a, b), edge in edges.items():
+        strength[a] += edge.score
+        strength[b] += edge.score
+    root = int(np.argmax(strength)) if root is None else root
+    reached = {root: Poses(np.eye(3), np.zeros(3))}
+    while True:
+        front = [(e.score, -a, -b) for (a, b), e in edges.items() if (a in reached) != (b in reached)]
+        if not front:
+            return root, reached
+        _, a, b = max(front)
+        edge = edges[(-a, -b)]
+        if -a in reached:
+            reached[-b] = reached[-a] @ edge.a_from_b
+        else:
+            reached[-a] = reached[-b] @ edge.a_from_b.inverse()
+
+
+_CLEAR_RATIO = 6.0
+_LEAST_POINTS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class PlanarViews:
+    """One row per patch seen in an image.
+
+    Attributes:
+        camera, time step, patch: (D,).
+        cam_from_patch: (D, 2), the better solution first; NaN where the second is ruled out by its error.
+        error_norm: (D, 2) rms on the ideal image plane; inf where ruled out.
+        rows: (D, 2) first and last + 1 row in the snapshots.
+    """
+
+    camera: Array
+    time_step: Array
+    patch: Array
+    cam_from_patch: Poses
+    error_norm: Array
+    rows: Array
+
+
+def planar_views(seen: Snapshots, corners: Array, lenses: Lenses) -> PlanarViews:
+    """Both poses of every patch in every image; patches with fewer than 4 corners there are left out."""
+    starts = seen.group_starts()
+    ends = np.append(starts[1:], len(seen.group))
+    big = ends - starts >= _LEAST_POINTS
+    starts, ends = starts[big], ends[big]
+    norm = lenses.norm_from_px(seen.camera, seen.xy_img)
+    R, t = np.full((len(starts), 2, 3, 3), np.nan), np.full((len(starts), 2, 3), np.nan)
+    error, middle = np.full((len(starts), 2), np.inf), np.zeros((len(starts), 3))
+    finite, shapes = np.asarray(np.isfinite(norm).all(axis=1)), _Shapes(corners)
+    for d, (first, end) in enumerate(zip(starts, ends, strict=True)):
+        flat, middle[d] = shapes.of(int(seen.patch[first]), seen.corner[first:end])
+        if flat is not None and finite[first:end].all():
+            for h, (rotation, shift, off) in enumerate(_two_poses(flat, norm[first:end])):
+                R[d, h], t[d, h], error[d, h] = rotation, shift, off
+    t -= (R @ middle[:, None, :, None])[..., 0]
+    clear = error[:, 1] > _CLEAR_RATIO * error[:, 0]
+    R[clear, 1], t[clear, 1], error[clear, 1] = np.nan, np.nan, np.inf
+    good = np.isfinite(error[:, 0])
+    return PlanarViews(
+        seen.camera[starts][good], seen.time_step[starts][good], seen.patch[starts][good], Poses(R[good], t[good]), error[good],
+        np.stack([starts, ends], axis=1)[good],
+    )  # fmt: skip
+
+
+class _Shapes:
+    """Corners about their middle, worked out once for every set of corners that is met; corners: (M, n, 3)."""
+
+    def __init__(self, corners: Array) -> None:
+        self._corners = corners
+        self._known: dict[tuple[int, bytes], tuple[Array | None, Array]] = {}
+
+    def of(self, patch: int, corner: Array) -> tuple[Array | None, Array]:
+        """Corners (n, 3) of a patch about their middle, None where they lie on a line; and the middle (3,)."""
+        key = patch, corner.tobytes()
+        if key not in self._known:
+            xyz = self._corners[patch, corner]
+            middle = xyz.mean(axis=0)
+            flat = xyz - middle
+            on_line = np.linalg.matrix_rank(flat[:, :2], tol=1e-9) < 2
+            self._known[key] = (None if on_line else flat), middle
+        return self._known[key]
+
+
+def _two_poses(flat: Array, norm: Array) -> list[tuple[Array, Array, float]]:
+    """Rotation, shift of the middle and rms of the poses that put all corners in front of the camera, the better first."""
+    count, rotations, shifts, errors = cv2.solvePnPGeneric(flat, norm, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE)
+    poses = []
+    for i in range(min(count, 2)):
+        rotation, shift = cv2.Rodrigues(rotations[i])[0], shifts[i].ravel()
+        # a pose that is not finite is not in front either
+        if (flat @ rotation[2]).min() + shift[2] > 0:
+            poses.append((rotation, shift, float(np.ravel(errors[i])[0])))
+    return poses
+
 
 _MARKER_ANGLE_RAD = np.deg2rad(8)
 _MARKER_DISTANCE = 0.35
@@ -247,3 +396,55 @@ def prop_track(
         best = int(np.argmin(cost))
         R[k], t[k] = flat.R[best], flat.t[best]
     return Poses(R, t)
+
+
+# two cameras' clocks may be so far apart
+MOST_OFFSET_S = 2.0
+_WINDOWS, _WINDOW_S = 4, 10.0
+
+
+def rough_offsets(observations: CornerObservations, cameras: tuple[Camera, ...], target: Target) -> Array:
+    """(C,) offset of each camera's clock in s against the first one that is linked, to about half a step of the search.
+
+    NaN for cameras whose path overlaps with none of the others.
+    """
+    paths = _paths(observations, cameras, target)
+
+    def misfit_m(a: int, b: int) -> Callable[[Array, Array], float]:
+        return lambda rows_a, rows_b: _misfit_m(paths[a].xy[rows_a, 0], paths[b].xy[rows_b, 0])
+
+    return agreed_clocks(paths, misfit_m, MOST_OFFSET_S).offset_s
+
+
+def _paths(observations: CornerObservations, cameras: tuple[Camera, ...], target: Target) -> list[EvenTrack]:
+    """Places of the prop in each camera's axes in m, in a few windows of the recording."""
+    first = int(observations.t_ns.min())
+    step, window = round(STEP_S * 1e9), round(_WINDOW_S / STEP_S)
+    count = int(observations.t_ns.max() - first) // step + 1
+    begins = np.linspace(0, max(count - window, 0), _WINDOWS).astype(np.int64)
+    steps = np.unique(np.add.outer(begins, np.arange(window)).clip(0, count - 1))
+    seen = snapshots(observations, first + steps * step, np.zeros((len(cameras), 2)))
+    corners, lenses = patch_corners(target, seen.patches), Lenses(cameras)
+    planar = planar_views(seen, corners, lenses)
+    views = prop_views(seen, planar, shape_of(target, seen, planar), corners, lenses)
+    xyz = np.full((len(cameras), count, 1, 3), np.nan)
+    xyz[views.camera, steps[views.time_step], 0] = views.cam_from_prop.t[:, 0]
+    return [EvenTrack(0, one) for one in xyz]
+
+
+def _misfit_m(a: Array, b: Array) -> float:
+    """Robust spread in m left between places a (n, 3) and b (n, 3) moved rigidly onto them."""
+    weight = np.ones(len(a))
+    for _ in range(4):
+        off = np.linalg.norm(a - _fitted(a, b, weight), axis=1)
+        scale = max(float(np.median(off)), 1e-6)
+        weight = 1 / (1 + (off / scale) ** 2)
+    return float(np.sqrt((weight * off**2).sum() / weight.sum()))
+
+
+def _fitted(a: Array, b: Array, weight: Array) -> Array:
+    """Points b (n, 3) moved rigidly onto a (n, 3)."""
+    total = weight.sum()
+    middle_a, middle_b = weight @ a / total, weight @ b / total
+    rotation = nearest_rotation((weight[:, None] * (a - middle_a)).T @ (b - middle_b))
+    return np.asarray((b - middle_b) @ rotation.T + middle_a)

@@ -6,19 +6,27 @@ away; among those that take away about as much, the one that frees least is name
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from posefuse.calibration.report import Check, CheckKind
+from posefuse.calibration.solving.projection import Lenses
+from posefuse.calibration.solving.rotations import Poses, angle_between
 from posefuse.calibration.targets.corners import CornerObservations
-from posefuse.calibration.targets.kinds import Target
+from posefuse.calibration.targets.coverage import linked_groups
+from posefuse.calibration.targets.kinds import Charuco, Target
 from posefuse.core import Camera
 from posefuse.core.arrays import Array
 
+from .bootstrap import PropShape, planar_views, prop_track, prop_views, rough_offsets
+from .lens_check import best_stretch, check_board_shape, lens_change
 from .pipeline import TIME_STEPS, Options, Solved, key_snapshots, link, solve_linked
 from .prop_solve import Freedom, PropSolution, PropState, solve_prop
+from .self_checks import check_clocks, let_lenses_free
+from .snapshots import middle_ns, snapshots
 
 # residuals beyond so many standard deviations count ever less
 _ROBUST = 3.0
@@ -48,7 +56,7 @@ class Trouble:
 
 @dataclass(frozen=True, eq=False)
 class CauseTrial:
-    """One hypothesis solved.
+    """One explanation, solved.
 
     Attributes:
         words: the cause, with its figures. remedy: what to do.
@@ -65,42 +73,31 @@ class CauseTrial:
     kind: CheckKind = "record"
 
 
-@dataclass(frozen=True)
-class Hypothesis:
-    """An explanation.
-
-    Attributes:
-        name: in words. frees: what it undoes or frees. trials: its solves.
-        near: whether they start from the solution at hand, and so take little time.
-    """
-
-    name: str
-    frees: str
-    trials: Callable[[Trouble], Iterable[CauseTrial]]
-    near: bool
-
-
 @dataclass(frozen=True, eq=False)
 class Cause:
-    """A hypothesis with the share (0 to 1) of the excess residual that it removes."""
+    """An explanation with the share (0 to 1) of the excess residual that it removes."""
 
     trial: CauseTrial
     explained: float
     spread_px: float
 
 
-def likely_target_causes(trouble: Trouble, hypotheses: Sequence[Hypothesis]) -> tuple[Cause, ...]:
+Hypothesis = Callable[[Trouble, Solved], Iterable[CauseTrial]]
+
+
+def likely_target_causes(trouble: Trouble) -> tuple[Cause, ...]:
     """The best explanation, or the two best when they cannot be distinguished; none where nothing explains enough."""
-    trials = [trial for hypothesis in hypotheses if hypothesis.near for trial in hypothesis.trials(trouble)]
-    found = _best(trouble, trials)
-    if found and found[0].explained >= _ENOUGH and found[0].trial.frees <= _FREES_LITTLE:
-        return found
-    return _best(
-        trouble, trials + [trial for hypothesis in hypotheses if not hypothesis.near for trial in hypothesis.trials(trouble)]
-    )
+    trials: list[CauseTrial] = []
+    if trouble.solved is not None:
+        trials = [trial for explain in _NEAR for trial in explain(trouble, trouble.solved)]
+        found = best_causes(trouble, trials)
+        if found and found[0].explained >= _ENOUGH and found[0].trial.frees <= _FREES_LITTLE:
+            return found
+    return best_causes(trouble, [*trials, *clocks_off(trouble)])
 
 
-def _best(trouble: Trouble, trials: Sequence[CauseTrial]) -> tuple[Cause, ...]:
+def best_causes(trouble: Trouble, trials: Sequence[CauseTrial]) -> tuple[Cause, ...]:
+    """Of trials, as `likely_target_causes`."""
     if not trials:
         return ()
     base = _base(trouble)
@@ -166,27 +163,388 @@ def near_solve(solved: Solved, cameras: tuple[Camera, ...], state: PropState, fr
     return solve_prop(solved.seen, solved.corners, cameras, state, free)
 
 
-def trial(
-    words: str, remedy: str, solved: Solved, solution: PropSolution, frees: int, *, kind: CheckKind, lost: int = 0
-) -> CauseTrial:
-    """What a solve gives."""
-    return CauseTrial(words, remedy, solved.seen.camera, solution.residual_px, lost, frees, kind=kind)
+def _trial(check: Check, solved: Solved, solution: PropSolution, frees: int, lost: int = 0) -> CauseTrial:
+    """A check that fails, as an explanation: with the solve in which what it is about was free."""
+    return CauseTrial(check.detail, check.remedy, solved.seen.camera, solution.residual_px, lost, frees, kind=check.kind)
 
 
 def solve_from_scratch(
-    trouble: Trouble, observations: CornerObservations, cameras: tuple[Camera, ...], target: Target, clocks: str = "together",
-    delay_s: Array | None = None,
-) -> tuple[Solved | None, int]:  # fmt: skip
+    trouble: Trouble, observations: CornerObservations, clocks: str, delay_s: Array
+) -> tuple[Solved | None, int]:
     """Everything from the beginning on fewer time steps: the solution, and how many corners it could not place."""
     options: Options = replace(trouble.options, time_steps=min(trouble.options.time_steps, TIME_STEPS), clocks=clocks)
-    delay = np.zeros((len(cameras), 2)) if delay_s is None else delay_s
-    seen = key_snapshots(observations, options, delay)
+    cameras, target = trouble.cameras, trouble.target
+    seen = key_snapshots(observations, options, delay_s)
     if len(seen.camera) == 0:
         return None, 0
     links = link(cameras, target, seen)
     if len(links.placed) < len(cameras):
         return None, len(seen.camera)
-    solved = solve_linked(observations, cameras, target, options, links, delay)
+    solved = solve_linked(observations, cameras, target, options, links, delay_s)
     # what is not read again at the clocks found, since a neighbouring frame lacks it, is no evidence against them
     used = np.isin(seen.time_step, np.unique(solved.seen.time_step)) & np.isin(seen.patch, np.unique(solved.seen.patch))
     return solved, int((~used).sum())
+
+
+_SHARED_TIME, _AT_ONCE_S = 0.25, 0.05
+_FOCUS = "focus or zoom has changed since they were calibrated, or they are of another camera: calibrate them again"
+
+
+def intrinsics_wrong(trouble: Trouble, solved: Solved) -> Iterator[CauseTrial]:
+    """The intrinsics of one camera, two, or all are free; or the given ones belong to other cameras."""
+    cameras = trouble.cameras
+    free = let_lenses_free(cameras, solved, False)
+    excess = lens_change(cameras, solved.solution, free, solved.seen).excess(cameras).max(axis=1)
+    yield from _permuted(trouble, solved, free)
+    worst = np.argsort(-excess)
+    pairs = {(int(worst[0]),), tuple(sorted(int(i) for i in worst[:2]))} if len(cameras) > 2 else set()
+    for some in (*sorted(pairs), tuple(range(len(cameras)))):
+        one = free if len(some) == len(cameras) else let_lenses_free(cameras, solved, False, some)
+        words = _lens_story(cameras, solved, one, some)
+        yield CauseTrial(words, _FOCUS, solved.seen.camera, one.residual_px, 0, 6 * len(some), kind="lenses")
+
+
+def _lens_story(cameras: tuple[Camera, ...], solved: Solved, free: PropSolution, some: tuple[int, ...]) -> str:
+    change = lens_change(cameras, solved.solution, free, solved.seen)
+    excess = change.excess(cameras)
+    wrong = [i for i in some if excess[i].max() > 1] or list(some)
+    whose = "all cameras" if len(wrong) == len(cameras) else " and ".join(cameras[i].name for i in wrong)
+    words = [change.words(cameras, i, int(np.argmax(excess[i]))) for i in wrong[:3]]
+    return f"the intrinsics of {whose} are wrong: {', '.join(words)}"
+
+
+def _permuted(trouble: Trouble, solved: Solved, free: PropSolution) -> Iterator[CauseTrial]:
+    """The given intrinsics are right, but not in this order."""
+    cameras, delta, covariance = trouble.cameras, free.state.lens_delta, free.lens_covariance
+    given = np.array([[c.K[0, 0], c.K[1, 1], c.K[0, 2], c.K[1, 2], *_bend(c)] for c in cameras])
+    sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)) + 1e-3 * np.array([1, 1, 1, 1, 1e-2, 1e-2]) * given[:, :1]
+    away = (((given + delta)[:, None] - given[None]) / sigma[:, None]) ** 2
+    order = linear_sum_assignment(np.minimum(away, 1e4).sum(axis=-1))[1]
+    other = np.flatnonzero(order != np.arange(len(cameras)))
+    if len(other) == 0:
+        return
+    swapped = tuple(replace(c, K=cameras[j].K, distortion=cameras[j].distortion, model=cameras[j].model)
+                    for c, j in zip(cameras, order, strict=True))  # fmt: skip
+    again = near_solve(solved, swapped, solved.solution.state)
+    names = [cameras[i].name for i in other]
+    words = f"the names of {', '.join(names[:-1])} and {names[-1]} are swapped: each other's intrinsics fit"
+    remedy = "name the videos, or the intrinsics, the other way round"
+    yield CauseTrial(words, remedy, solved.seen.camera, again.residual_px, 0, 0, kind="input")
+
+
+def _bend(camera: Camera) -> Array:
+    return np.concatenate([camera.distortion, np.zeros(2)])[:2]
+
+
+def clocks_near(trouble: Trouble, solved: Solved) -> Iterator[CauseTrial]:
+    """Each camera has a clock of its own, within what the motion of the corners extrapolates to."""
+    freedom = Freedom(reference=solved.links.reference, held_patches=solved.links.shape.held, offset=True)
+    free = near_solve(solved, trouble.cameras, solved.solution.state, freedom)
+    check = check_clocks(trouble.cameras, free)
+    if not check.passed:
+        yield _trial(check, solved, free, len(trouble.cameras) - 1)
+
+
+def clocks_off(trouble: Trouble) -> Iterator[CauseTrial]:
+    """Each camera has a clock of its own, seconds apart; or running at its own rate."""
+    cameras = trouble.cameras
+    late = rough_offsets(trouble.observations, cameras, trouble.target)
+    if not np.isfinite(late).any():
+        return
+    late = np.nan_to_num(late - np.nanmedian(late))
+    start = np.stack([late, np.zeros(len(cameras))], axis=1)
+    for clocks, frees in (("offset", 1), ("drift", 2)):
+        solved, lost = solve_from_scratch(trouble, trouble.observations, clocks, start)
+        if solved is None or not _see_together(trouble.observations, solved.solution.state.delay_s[:, 0]):
+            continue
+        check = check_clocks(cameras, solved.solution)
+        if not check.passed:
+            yield _trial(check, solved, solved.solution, frees * (len(cameras) - 1), lost)
+
+
+def _see_together(observations: CornerObservations, delay_s: Array) -> bool:
+    """Whether all cameras hang together through pairs that see the target at once for a good part of their frames.
+
+    With offsets that are wide enough, a little of any two recordings overlaps.
+    """
+    seen = [np.unique(observations.t_ns[observations.camera == c]) / 1e9 - late for c, late in enumerate(delay_s)]
+    linked = np.eye(len(seen), dtype=bool)
+    for a, first in enumerate(seen):
+        for b, second in enumerate(seen):
+            if a != b and len(first) and len(second):
+                after = np.searchsorted(second, first).clip(1, max(len(second) - 1, 1))
+                apart = np.minimum(np.abs(first - second[after - 1]), np.abs(first - second[after % len(second)]))
+                linked[a, b] = (apart < _AT_ONCE_S).sum() >= _SHARED_TIME * min(len(first), len(second))
+    return len(linked_groups(linked | linked.T)) == 1
+
+
+def board_stretched(trouble: Trouble, solved: Solved) -> Iterator[CauseTrial]:
+    """The board stretched in print, as far as fits best."""
+    if isinstance(trouble.target, Charuco):
+        found = best_stretch(solved, trouble.cameras)
+        check = check_board_shape(found)
+        if found is not None and not check.passed:
+            yield _trial(check, solved, found.solution, 1)
+
+
+# stretches of a camera's residuals are compared for so many cameras, and have so many time steps at least
+_CANDIDATES = 2
+_LEAST_STEPS = 6
+
+
+def moved_camera(trouble: Trouble, solved: Solved) -> Iterator[CauseTrial]:
+    """One camera has another pose from some time step on."""
+    changes = [(_change_step(solved, c)[0], c) for c in range(len(trouble.cameras))]
+    for _, c in sorted(changes, reverse=True)[:_CANDIDATES]:
+        # the refused solution lies between before and after, and so do its residuals: they do not show the time
+        others = _solved_by_others(trouble, solved, c)
+        step = _change_step(others, c)[1]
+        if step >= 0:
+            yield _split(trouble, others, c, step)
+
+
+def _solved_by_others(trouble: Trouble, solved: Solved, c: int) -> Solved:
+    """The solution of the other cameras; with the residuals of camera `c` there, whose pose and clock stay as they were."""
+    seen, rows = solved.seen, solved.seen.camera == c
+    reference = solved.links.reference if solved.links.reference != c else int(c == 0)
+    moving = tuple(i for i in range(len(trouble.cameras)) if i not in (c, reference))
+    freedom = Freedom(reference=reference, held_patches=solved.links.shape.held, moving=moving)
+    found = near_solve(replace(solved, seen=seen.rows(~rows)), trouble.cameras, solved.solution.state, freedom)
+    state, camera, patch = found.state, seen.camera[rows], seen.patch[rows]
+    xyz_prop = state.prop_from_patch[patch].move(solved.corners[patch, seen.corner[rows]])
+    xyz_cam = state.cam_from_world[camera].move(state.world_from_prop[seen.time_step[rows]].move(xyz_prop))
+    residual_px = np.empty_like(solved.solution.residual_px)
+    residual_px[~rows] = found.residual_px
+    residual_px[rows] = Lenses(trouble.cameras, state.lens_delta).px(camera, xyz_cam) - seen.xy_img[rows]
+    return replace(solved, solution=replace(found, residual_px=residual_px))
+
+
+def _change_step(solved: Solved, c: int) -> tuple[float, int]:
+    """How much better two stretches of one camera's residuals are explained apart, and the time step where they part."""
+    steps, x, y, v, weight = _camera_means(solved, c)
+    if len(steps) < 2 * _LEAST_STEPS:
+        return 0.0, -1
+
+    def cumulated(values: Array) -> Array:
+        return np.cumsum(weight * values)
+
+    # residual = a + b * velocity, before and after: squares from running sums
+    sums = {name: cumulated(value) for name, value in {
+        "n": np.ones(len(steps)), "x": x, "y": y, "xx": x**2 + y**2, "vx": v[:, 0], "vy": v[:, 1], "vv": (v**2).sum(axis=1),
+        "xv": x * v[:, 0] + y * v[:, 1]}.items()}  # fmt: skip
+
+    def left(one: dict[str, Array]) -> Array:
+        n = np.maximum(one["n"], 1e-9)
+        vv = one["vv"] - (one["vx"] ** 2 + one["vy"] ** 2) / n
+        xv = one["xv"] - (one["x"] * one["vx"] + one["y"] * one["vy"]) / n
+        xx = one["xx"] - (one["x"] ** 2 + one["y"] ** 2) / n
+        return np.asarray(xx - xv**2 / np.maximum(vv, 1e-9))
+
+    last = {name: value[-1] - value for name, value in sums.items()}
+    both = left(sums) + left(last)
+    inner = slice(_LEAST_STEPS - 1, len(steps) - _LEAST_STEPS)
+    best = int(np.argmin(both[inner])) + _LEAST_STEPS - 1
+    whole = float(left({name: value[-1:] for name, value in sums.items()})[0])
+    return whole - float(both[best]), int(steps[best + 1])
+
+
+def _camera_means(solved: Solved, c: int) -> tuple[Array, Array, Array, Array, Array]:
+    """Per time step of a camera: number, mean residual x and y, mean velocity (n, 2), and a robust weight."""
+    seen, residual = solved.seen, solved.solution.residual_px
+    rows = (seen.camera == c) & np.isfinite(residual).all(axis=1)
+    steps, place, count = np.unique(seen.time_step[rows], return_inverse=True, return_counts=True)
+    mean = np.stack([np.bincount(place, residual[rows, k], len(steps)) / count for k in (0, 1)], axis=1)
+    velocity = np.stack([np.bincount(place, seen.velocity_px_s[rows, k], len(steps)) / count for k in (0, 1)], axis=1)
+    size = np.linalg.norm(mean, axis=1)
+    cut = max(3 * float(np.median(size)), 1.0) if len(size) else 1.0
+    clipped = mean * np.minimum(1.0, 4 * cut / np.maximum(size, 1e-9))[:, None]
+    return steps, clipped[:, 0], clipped[:, 1], velocity / 100.0, np.ones(len(steps))
+
+
+def _split(trouble: Trouble, solved: Solved, c: int, step: int) -> CauseTrial:
+    """Solve with the camera taken as two, before and after the step."""
+    t_s, count, state = float(solved.seen.t_s[step]), len(trouble.cameras), solved.solution.state
+    every = np.r_[:count, c]
+    seen = solved.seen
+    seen = replace(seen, camera=np.where((seen.camera == c) & (seen.t_s[seen.time_step] >= t_s), count, seen.camera))
+    apart = replace(solved, seen=seen.rows(np.ones(len(seen.camera), bool)))
+    start = replace(
+        state, cam_from_world=state.cam_from_world[every], delay_s=state.delay_s[every], lens_delta=state.lens_delta[every]
+    )
+    solution = near_solve(apart, tuple(trouble.cameras[i] for i in every), start)
+    pose = solution.state.cam_from_world
+    shift_m = float(np.linalg.norm(pose.inverse().t[count] - pose.inverse().t[c]))
+    turn_deg = float(np.rad2deg(angle_between(pose.R[count], pose.R[c])))
+    at_s = t_s + (middle_ns(trouble.observations) - trouble.observations.t_ns.min()) / 1e9
+    words = f"{trouble.cameras[c].name} was moved at {at_s:.0f} s by {shift_m * 1e3:.0f} mm and {turn_deg:.2f} deg"
+    camera = np.where(apart.seen.camera == count, c, apart.seen.camera)
+    return CauseTrial(words, "calibrate again, or use the part before or after", camera, solution.residual_px, 0, 7)
+
+
+_LEAST_FRAMES, _MOST_FRAMES = 24, 600
+# the time of a frame is looked for within so many periods of its stamp, in so many steps of each
+_MOST_PERIODS, _STEPS = 4.0, 10
+# a corner off by more counts no more; over the times looked at, the target has to move a corner by this to show the time
+_MOST_OFF_PX, _MOVING_PX = 30.0, 4.0
+# a stamp is wrong that is off by this share of a period; that many frames make a hypothesis, the others being right
+_WRONG_PERIODS, _LEAST_WRONG, _MOST_WRONG = 0.25, 0.05, 0.6
+# stamps are wrong from some frame on, or up to one, with as many exceptions as this share
+_STRAYS = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class FrameTimes:
+    """When the frames of one camera were taken.
+
+    Attributes:
+        camera: name. t_ns: (F,) stamps. late_s: (F,) how much later they are than most of them; NaN where the target rests.
+        usual_s: how late those are against the other cameras. period_s: usual time between frames.
+    """
+
+    camera: str
+    t_ns: Array
+    late_s: Array
+    usual_s: float
+    period_s: float
+
+    @property
+    def wrong(self) -> Array:
+        """(F,) whether a stamp is wrong."""
+        return np.asarray(np.abs(np.nan_to_num(self.late_s)) > _WRONG_PERIODS * self.period_s)
+
+    def story(self, begin_ns: int) -> tuple[str, str]:
+        """What is wrong with the stamps, and what to do; `begin_ns`: when the recording begins."""
+        late_ms = float(np.median(self.late_s[self.wrong])) * 1e3
+        known = np.isfinite(self.late_s)
+        wrong, t_ns = self.wrong[known], self.t_ns[known]
+        # if all are wrong from each frame on and right before it: how many are not so
+        strays = np.append(0, np.cumsum(wrong)) + np.append(np.cumsum(~wrong[::-1])[::-1], 0)
+        after, before = int(np.argmin(strays)), int(np.argmax(strays))
+        for cut, count, jump_ms in ((after, strays[after], late_ms), (before, len(wrong) - strays[before], -late_ms)):
+            if 0 < cut < len(wrong) and count <= _STRAYS * len(wrong):
+                at_s = (t_ns[cut] - begin_ns) / 1e9
+                return (f"the clock of {self.camera} jumps by {jump_ms:+.0f} ms at {at_s:.0f} s",
+                        "frames were lost: give each frame its true time, or use the part before or after")  # fmt: skip
+        off = f"{abs(late_ms):.0f} ms {'late' if late_ms > 0 else 'early'}"
+        words = f"the time stamps of {self.camera} are irregular: {wrong.sum()} of {len(wrong)} frames are off, usually {off}"
+        return words, "read the true time of each frame from the camera, or fix its exposure so that it keeps its frame rate"
+
+
+def wrong_stamps(trouble: Trouble, solved: Solved) -> Iterator[CauseTrial]:
+    """Frames of one camera are stamped late or early, some or all from a time on: they get the time at which they fit."""
+    for c in _worst_cameras(trouble, solved):
+        part = _middle_part(trouble.observations, c)
+        times = frame_times(part, middle_ns(trouble.observations), trouble, solved, c)
+        if times is None or not _LEAST_WRONG < times.wrong.mean() < _MOST_WRONG:
+            continue
+        frame = np.minimum(np.searchsorted(times.t_ns, part.t_ns), len(times.t_ns) - 1)
+        late_s = np.where((part.camera == c) & times.wrong[frame], times.late_s[frame], 0.0)
+        restamped = replace(part, t_ns=part.t_ns - np.round(late_s * 1e9).astype(np.int64))
+        # against the others, the usual frame may be late too, by more than the step of the search
+        shifted = abs(times.usual_s) > 1.5 * times.period_s / _STEPS
+        delay_s = solved.solution.state.delay_s + np.outer(np.arange(len(trouble.cameras)) == c, [times.usual_s * shifted, 0.0])
+        clocks = "offset" if delay_s.any() else "together"
+        again, lost = solve_from_scratch(trouble, restamped, clocks, delay_s)
+        if again is not None:
+            words, remedy = times.story(int(trouble.observations.t_ns.min()))
+            yield CauseTrial(words, remedy, again.seen.camera, again.solution.residual_px, lost, 2 if shifted else 1)
+
+
+def _worst_cameras(trouble: Trouble, solved: Solved) -> list[int]:
+    """Cameras of which the fewest views agree."""
+    camera = solved.seen.camera[solved.seen.group_starts()]
+    count = np.bincount(camera, minlength=len(trouble.cameras))
+    share = np.bincount(camera, solved.inlier, len(trouble.cameras)) / np.maximum(count, 1)
+    return [int(c) for c in np.argsort(share)[:_CANDIDATES]]
+
+
+def _middle_part(observations: CornerObservations, c: int) -> CornerObservations:
+    """The middle of a long recording, by the frames of one camera."""
+    t_ns = np.unique(observations.t_ns[observations.camera == c])
+    begin = max(len(t_ns) - _MOST_FRAMES, 0) // 2
+    kept = t_ns[begin : begin + _MOST_FRAMES]
+    return observations.rows((observations.t_ns >= kept[0]) & (observations.t_ns <= kept[-1])) if len(kept) else observations
+
+
+def frame_times(observations: CornerObservations, zero_ns: int, trouble: Trouble, solved: Solved, c: int) -> FrameTimes | None:
+    """The time of each frame of camera `c` with corners in `observations`; None where they are few.
+
+    `zero_ns`: zero of the session time of `solved`.
+    """
+    shape = _prop(solved)
+    observations = observations.of_patches(solved.seen.patches[list(shape.prop_from_patch)])
+    seen = observations.rows(observations.camera == c)
+    t_ns, frame = np.unique(seen.t_ns, return_inverse=True)
+    if len(t_ns) < _LEAST_FRAMES or len(t_ns) == len(observations):
+        return None
+    period_s = float(np.median(np.diff(t_ns))) / 1e9
+    path_s, path = _path_by_others(observations, zero_ns, trouble, solved, c, period_s)
+    patch, camera = np.searchsorted(solved.seen.patches, seen.patch), np.full(len(seen), c)
+    xyz_prop = solved.solution.state.prop_from_patch[patch].move(solved.corners[patch, seen.corner])
+    xy_norm = Lenses(trouble.cameras).norm_from_px(camera, seen.xy_img)
+    cam_from_world, focal_px = solved.solution.state.cam_from_world[camera], trouble.cameras[c].K[0, 0]
+    row_s = (seen.t_ns - zero_ns) / 1e9 - solved.solution.state.delay_s[c, 0]
+    tried_s = np.arange(-_MOST_PERIODS, _MOST_PERIODS + 0.5 / _STEPS, 1 / _STEPS) * period_s
+    off_px = np.empty((len(tried_s), len(t_ns)))
+    for k, late_s in enumerate(tried_s):
+        in_cam = cam_from_world.move(_moved(path_s, path, row_s - late_s, xyz_prop))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            each = focal_px * np.linalg.norm(in_cam[:, :2] / in_cam[:, 2:] - xy_norm, axis=1)
+        each = np.where(in_cam[:, 2] > 0, np.minimum(each, _MOST_OFF_PX), np.nan)
+        off_px[k] = np.bincount(frame, each, len(t_ns)) / np.bincount(frame, minlength=len(t_ns))
+    late_s = _late_s(off_px, tried_s)
+    usual_s = _usual(late_s[np.isfinite(late_s)])
+    return FrameTimes(trouble.cameras[c].name, t_ns, late_s - usual_s, usual_s, period_s)
+
+
+def _prop(solved: Solved) -> PropShape:
+    """The patches that the solution kept, where it has them."""
+    used = np.unique(solved.seen.patch)
+    shape = solved.links.shape
+    return PropShape({p: solved.solution.state.prop_from_patch[p] for p in shape.prop_from_patch if p in used}, shape.held)
+
+
+def _late_s(off_px: Array, tried_s: Array) -> Array:
+    """(F,) where the misfit (tried times, F) is least; NaN where the target rests or is unknown."""
+    known = np.isfinite(off_px).all(axis=0)
+    filled = np.where(known, off_px, 0.0)
+    moving = known & (filled.max(axis=0) - filled.min(axis=0) > _MOVING_PX)
+    return np.where(moving, tried_s[filled.argmin(axis=0)], np.nan)
+
+
+def _usual(values: Array) -> float:
+    """Middle of the shortest interval with the least share of right frames; a median can lie between two equal groups."""
+    if len(values) == 0:
+        return 0.0
+    ranked = np.sort(values)
+    count = max(int(np.ceil((1 - _MOST_WRONG) * len(ranked))), 1)
+    first = int(np.argmin(ranked[count - 1 :] - ranked[: len(ranked) - count + 1]))
+    return float(np.median(ranked[first : first + count]))
+
+
+def _path_by_others(
+    observations: CornerObservations, zero_ns: int, trouble: Trouble, solved: Solved, c: int, period_s: float
+) -> tuple[Array, Poses]:
+    """Times (T,) s and world_from_prop (T,) as the other cameras see the prop; NaN where they do not."""
+    others = observations.rows(observations.camera != c)
+    steps_ns = np.arange(int(others.t_ns.min()), int(others.t_ns.max()), max(round(period_s * 1e9), 1))
+    seen = snapshots(others, steps_ns, solved.solution.state.delay_s)
+    known = solved.seen.patches
+    seen = replace(seen, patch=np.searchsorted(known, seen.patches[seen.patch]), patches=known)
+    lenses, shape = Lenses(trouble.cameras), _prop(solved)
+    views = prop_views(seen, planar_views(seen, solved.corners, lenses), shape, solved.corners, lenses)
+    path = prop_track(seen, views, shape, solved.corners, lenses, solved.solution.state.cam_from_world)
+    return (steps_ns - zero_ns) / 1e9, path
+
+
+def _moved(path_s: Array, path: Poses, t_s: Array, xyz_prop: Array) -> Array:
+    """(N, 3) points of the prop in the world at times (N,) s, between two poses of its path; NaN outside of it."""
+    after = np.clip(np.searchsorted(path_s, t_s), 1, max(len(path_s) - 1, 1))
+    share = ((t_s - path_s[after - 1]) / (path_s[after] - path_s[after - 1]))[:, None]
+    inside = ((share >= 0) & (share <= 1)).ravel()
+    xyz = (1 - share) * path[after - 1].move(xyz_prop) + share * path[after].move(xyz_prop)
+    return np.where(inside[:, None], xyz, np.nan)
+
+
+# near ones start from the solution at hand, and so take little time
+_NEAR: tuple[Hypothesis, ...] = (intrinsics_wrong, moved_camera, wrong_stamps, board_stretched, clocks_near)

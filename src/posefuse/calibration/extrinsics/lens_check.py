@@ -11,51 +11,34 @@ from posefuse.calibration.report import Check
 from posefuse.core import Camera
 from posefuse.core.arrays import Array
 
-from .limits import Limits
+from .limits import LIMITS
 from .pipeline import Solved
 from .prop_solve import Freedom, PropSolution, solve_prop
-from .self_checks import camera_differences
 from .snapshots import Snapshots
 
 # what remains of the radius of a camera's image points when the farthest are left out
 _RIM_QUANTILE = 0.95
 # by so many standard errors each half must show a change, so that one bad stretch of time stamps does not make it
 _EACH_PART_SIGMA = 3.0
-# which of the lens parameters are the principal point
-_CENTRE = np.array([0, 0, 1, 1, 0, 0])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LensChange:
-    """Change of each camera's intrinsics (C,) when they are let free, with standard errors.
+    """Change of each camera's intrinsics (C,) when they are let free.
 
     Attributes:
-        focal: share of the focal length. centre_rad: shift of the principal point, as an angle; most of it is taken up by the
-            camera's rotation. centre_effect: what is left: how far it moves a camera, as a share of the target's distance.
-            bend_px: shift of the image points at the rim of what was seen, by distortion alone.
-        confirmed: (C, 3) whether focal length, principal point and distortion may be called wrong.
+        size, sigma: (C, 3) with standard errors, of the focal length as a share, of the principal point as an angle, and of the
+            image points at the rim of what was seen, by distortion alone, in px.
+        confirmed: (C, 3) whether these may be called wrong.
     """
 
-    focal: Array
-    focal_sigma: Array
-    centre_rad: Array
-    centre_sigma: Array
-    centre_effect: Array
-    bend_px: Array
-    bend_sigma: Array
+    size: Array
+    sigma: Array
     confirmed: Array
 
-    def excess(self, cameras: Sequence[Camera], limits: Limits) -> Array:
-        """(C, 3) focal length, principal point and distortion over their limits: more than 1 is wrong."""
-        width = np.array([max(camera.size_wh) for camera in cameras])
-        # the effect is known as well as the shift is, in shares of itself
-        effect_sigma = self.centre_effect * self.centre_sigma / np.maximum(self.centre_rad, 1e-12)
-        pairs = (
-            (self.focal, self.focal_sigma, limits.focal_share),
-            (self.centre_effect, effect_sigma, limits.centre_share),
-            (self.bend_px, self.bend_sigma, limits.bend_px_per_1000 * width / 1000),
-        )
-        excess = np.stack([np.abs(v) / np.maximum(least, limits.lens_sigma * sigma) for v, sigma, least in pairs], axis=1)
+    def excess(self, cameras: Sequence[Camera]) -> Array:
+        """(C, 3) over their limits: more than 1 is wrong."""
+        excess = np.abs(self.size) / np.maximum(_least(cameras), LIMITS.lens_sigma * self.sigma)
         return np.where(self.confirmed, excess, np.minimum(excess, 1.0))
 
     def confirmed_by(self, parts: Sequence[LensChange]) -> LensChange:
@@ -66,49 +49,49 @@ class LensChange:
         """
         if len(parts) != 2:
             return self
-        one, two = (part.sizes() / np.maximum(part.sigmas(), 1e-12) for part in parts)
+        one, two = (part.size / np.maximum(part.sigma, 1e-12) for part in parts)
         sure = (np.minimum(np.abs(one), np.abs(two)) >= _EACH_PART_SIGMA) & (one * two > 0)
-        apart = np.abs(parts[0].sizes() - parts[1].sizes())
-        return replace(self, confirmed=sure & (apart <= np.abs(self.sizes())))
+        return replace(self, confirmed=sure & (np.abs(parts[0].size - parts[1].size) <= np.abs(self.size)))
 
-    def sizes(self) -> Array:
-        """(C, 3) change of focal length (share), principal point (rad) and distortion (px)."""
-        return np.stack([self.focal, self.centre_rad, self.bend_px], axis=1)
+    def words(self, cameras: Sequence[Camera], camera: int, kind: int) -> str:
+        """What one camera's intrinsics would rather be: kind 0 focal length, 1 principal point, 2 distortion."""
+        size, sigma = float(self.size[camera, kind]), float(self.sigma[camera, kind])
+        limit, name = max(float(_least(cameras)[camera, kind]), LIMITS.lens_sigma * sigma), cameras[camera].name
+        if kind == 0:
+            said, error = f"focal length would rather be {size:+.1%}", f"{sigma:.2%}, limit {limit:.1%}"
+        elif kind == 1:
+            size, sigma, limit = np.rad2deg([size, sigma, limit])
+            said, error = f"principal point would rather be {size:.1f} deg elsewhere", f"{sigma:.1f} deg, limit {limit:.1f}"
+        else:
+            said, error = (
+                f"distortion would rather move points at the rim by {size:+.1f} px",
+                f"{sigma:.1f} px, limit {limit:.1f}",
+            )
+        return f"{name}'s {said} (standard error {error})"
 
-    def sigmas(self) -> Array:
-        """(C, 3) standard errors of `sizes`."""
-        return np.stack([self.focal_sigma, self.centre_sigma, self.bend_sigma], axis=1)
+
+def _least(cameras: Sequence[Camera]) -> Array:
+    """(C, 3) limits of the sizes of a change."""
+    bend_px = [LIMITS.bend_px_per_1000 * max(camera.size_wh) / 1000 for camera in cameras]
+    return np.array([(LIMITS.focal_share, LIMITS.centre_rad, px) for px in bend_px])
 
 
-def lens_change(
-    cameras: Sequence[Camera], held: PropSolution, free: PropSolution, seen: Snapshots, distance_m: float
-) -> LensChange:
-    """How the intrinsics of `free` differ from those of `held`; `distance_m`: usual distance of the target."""
+def lens_change(cameras: Sequence[Camera], held: PropSolution, free: PropSolution, seen: Snapshots) -> LensChange:
+    """How the intrinsics of `free` differ from those of `held`."""
     focal_px = np.array([camera.K[0, 0] for camera in cameras])
-    delta = free.state.lens_delta - held.state.lens_delta
-    covariance = free.lens_covariance
-    mean = np.array([0.5, 0.5, 0, 0, 0, 0])
+    delta, covariance = free.state.lens_delta - held.state.lens_delta, free.lens_covariance
     rim = np.array([rim_radius(camera, seen.xy_img[seen.camera == i]) for i, camera in enumerate(cameras)])
-    bend = np.zeros((len(cameras), 6))
-    bend[:, 4], bend[:, 5] = focal_px * rim**3, focal_px * rim**5
-    centre_px, centre_sigma = delta[:, 2:4], np.sqrt(np.diagonal(covariance[:, 2:4, 2:4], axis1=1, axis2=2))
+    slope = np.zeros((2, len(cameras), 6))
+    slope[0, :, :2] = 0.5 / focal_px[:, None]
+    slope[1, :, 4], slope[1, :, 5] = focal_px * rim**3, focal_px * rim**5
+    focal, bend = (slope * delta).sum(axis=-1)
+    focal_sigma, bend_sigma = np.sqrt(np.einsum("kci,cij,kcj->kc", slope, covariance, slope))
+    centre = np.linalg.norm(delta[:, 2:4], axis=1) / focal_px
+    centre_sigma = np.sqrt(np.trace(covariance[:, 2:4, 2:4], axis1=1, axis2=2)) / focal_px
     return LensChange(
-        focal=delta @ mean / focal_px,
-        focal_sigma=np.sqrt(np.einsum("i,cij,j->c", mean, covariance, mean)) / focal_px,
-        centre_rad=np.linalg.norm(centre_px, axis=1) / focal_px,
-        centre_sigma=np.linalg.norm(centre_sigma, axis=1) / focal_px,
-        centre_effect=np.array([_moved_m(free, c, delta[c] * _CENTRE).max() / distance_m for c in range(len(cameras))]),
-        bend_px=(bend * delta).sum(axis=1),
-        bend_sigma=np.sqrt(np.einsum("ci,cij,cj->c", bend, covariance, bend)),
+        size=np.stack([focal, centre, bend], axis=1), sigma=np.stack([focal_sigma, centre_sigma, bend_sigma], axis=1),
         confirmed=np.ones((len(cameras), 3), bool),
-    )
-
-
-def _moved_m(free: PropSolution, camera: int, change: Array) -> Array:
-    """(C,) how far each camera moves against the others when one camera's intrinsics change by `change` (6,) and are held."""
-    poses = free.state.cam_from_world
-    follow = free.pose_by_lens[:, :, camera] @ change
-    return camera_differences(poses, poses.stepped(follow))[0]
+    )  # fmt: skip
 
 
 def rim_radius(camera: Camera, xy_img: Array) -> float:
@@ -118,42 +101,20 @@ def rim_radius(camera: Camera, xy_img: Array) -> float:
     return float(np.quantile(np.linalg.norm((xy_img - camera.K[:2, 2]) / camera.K[0, 0], axis=1), _RIM_QUANTILE))
 
 
-def check_lenses(cameras: Sequence[Camera], change: LensChange, limits: Limits) -> Check:
+def check_lenses(cameras: Sequence[Camera], change: LensChange) -> Check:
     """The intrinsics, when they are let free, stay."""
-    excess = change.excess(cameras, limits)
+    excess = change.excess(cameras)
     worst, kind = (int(i) for i in np.unravel_index(np.argmax(excess), excess.shape))
     unsure = "" if change.confirmed[worst, kind] else "; the halves of the recording do not agree on it"
     return Check(
-        "intrinsics fit", bool(excess[worst, kind] <= 1), lens_words(cameras, change, limits, worst, kind) + unsure,
+        "intrinsics fit", bool(excess[worst, kind] <= 1), change.words(cameras, worst, kind) + unsure,
         "focus or zoom has changed since they were calibrated, or they belong to another camera or image size:"
         " calibrate them again, or let them move with `focal_known_to_percent=3`", "lenses",
     )  # fmt: skip
 
 
-def lens_words(cameras: Sequence[Camera], change: LensChange, limits: Limits, camera: int, kind: int) -> str:
-    """What one camera's intrinsics would rather be: kind 0 focal length, 1 principal point, 2 distortion."""
-    name = cameras[camera].name
-    if kind == 0:
-        limit = max(limits.focal_share, limits.lens_sigma * float(change.focal_sigma[camera]))
-        return (
-            f"{name}'s focal length would rather be {change.focal[camera]:+.1%}"
-            f" (standard error {change.focal_sigma[camera]:.2%}, limit {limit:.1%})"
-        )
-    if kind == 1:
-        return (
-            f"{name}'s principal point would rather be {np.rad2deg(change.centre_rad[camera]):.1f} deg elsewhere"
-            f" (standard error {np.rad2deg(change.centre_sigma[camera]):.1f} deg), which moves a camera by"
-            f" {change.centre_effect[camera]:.1%} of the target's distance (limit {limits.centre_share:.1%})"
-        )
-    return (
-        f"{name}'s distortion would rather move points at the rim by {change.bend_px[camera]:+.1f} px"
-        f" (standard error {change.bend_sigma[camera]:.1f} px)"
-    )
-
-
 # shares tried on both sides, first roughly, then about what was found
 _STEPS, _FARTHEST = (0.02, 0.005), 0.1
-STRETCHED_REMEDY = "print at 100 % in both directions, glue it to a flat plate, and measure it along both sides"
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,12 +154,12 @@ def _cost(solution: PropSolution, sigma_px: float) -> float:
     return float((9 * np.log1p(square / 9)).sum())
 
 
-def check_board_shape(solved: Solved, cameras: tuple[Camera, ...], limits: Limits) -> Check:
+def check_board_shape(found: Stretch | None) -> Check:
     """The board is as long in one direction as in the other, as described."""
-    found = best_stretch(solved, cameras)
     share, sigma = (0.0, 0.0) if found is None else (found.share, found.sigma)
     return Check(
-        "board is as described", abs(share) <= max(limits.stretch_share, limits.lens_sigma * sigma),
-        f"fits best as {share:+.2%} longer in one direction (standard error {sigma:.2%}, limit {limits.stretch_share:.0%})",
-        STRETCHED_REMEDY, "input",
+        "board is as described", abs(share) <= max(LIMITS.stretch_share, LIMITS.lens_sigma * sigma),
+        f"the board fits best as {share:+.2%} longer in one direction (standard error {sigma:.2%}, limit"
+        f" {LIMITS.stretch_share:.0%})",
+        "print at 100 % in both directions, glue it to a flat plate, and measure it along both sides", "input",
     )  # fmt: skip

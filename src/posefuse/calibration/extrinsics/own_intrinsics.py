@@ -17,7 +17,7 @@ from posefuse.core import SE3, CalibrationError, Camera
 from posefuse.core.arrays import Array
 
 from .lens_check import rim_radius
-from .limits import Limits
+from .limits import LIMITS
 from .pipeline import TIME_STEPS, Options, Solved, key_snapshots, link, solve_linked, starting_clocks
 
 # views of one patch that start a camera, and the least that can
@@ -65,7 +65,7 @@ def cameras_of(observations: CornerObservations, target: Target, options: Option
     return tuple(replace(camera, K=lenses.camera_matrix(i), distortion=lenses.distortion(i)) for i, camera in enumerate(cameras))
 
 
-def check_carried(cameras: Sequence[Camera], observations: CornerObservations, solved: Solved, limits: Limits) -> Check:
+def check_carried(cameras: Sequence[Camera], observations: CornerObservations, solved: Solved) -> Check:
     """The recording determines the intrinsics: near and far, over the image, and by the standard errors of the solve."""
     seen, solution = solved.seen, solved.solution
     share = coverage(observations).share
@@ -81,12 +81,12 @@ def check_carried(cameras: Sequence[Camera], observations: CornerObservations, s
         near, far = np.quantile(distance_m[seen.camera == c], [0.05, 0.95])
         rules = (
             (share[c] < ENOUGH_SHARE, f"its image is covered by {share[c]:.0%} (needed {ENOUGH_SHARE:.0%})"),
-            (far < limits.own_depth_ratio * near,
-             f"the target was {near:.1f} to {far:.1f} m away (needed a range of 1 to {limits.own_depth_ratio:g})"),
-            (focal > limits.own_focal_sigma,
-             f"its focal length is known to {focal:.2%} (needed {limits.own_focal_sigma:.2%})"),
-            (bend_px > limits.own_bend_px_per_1000,
-             f"its distortion is known to {bend_px:.1f} px per 1000 at the rim (needed {limits.own_bend_px_per_1000:g})"),
+            (far < LIMITS.own_depth_ratio * near,
+             f"the target was {near:.1f} to {far:.1f} m away (needed a range of 1 to {LIMITS.own_depth_ratio:g})"),
+            (focal > LIMITS.own_focal_sigma,
+             f"its focal length is known to {focal:.2%} (needed {LIMITS.own_focal_sigma:.2%})"),
+            (bend_px > LIMITS.own_bend_px_per_1000,
+             f"its distortion is known to {bend_px:.1f} px per 1000 at the rim (needed {LIMITS.own_bend_px_per_1000:g})"),
         )  # fmt: skip
         problems += [f"{camera.name}: {words}" for wrong, words in rules if wrong]
     return Check(

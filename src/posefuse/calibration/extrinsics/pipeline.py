@@ -13,13 +13,21 @@ from posefuse.calibration.targets.kinds import Target, patch_corners
 from posefuse.core import Camera, ConfigError
 from posefuse.core.arrays import Array
 
-from .bootstrap import PropShape, PropViews, camera_edges, prop_track, prop_views, shape_of, strong_camera_edges
-from .clocks import rough_offsets
-from .limits import LIMITS, Limits
-from .planar import planar_views
-from .prop_solve import Freedom, Noise, PropSolution, PropState, solve_prop, whitened_corners
-from .snapshots import Snapshots, middle_ns, pick_time_steps, snapshots
-from .voting import Edge, tree
+from .bootstrap import (
+    Edge,
+    PropShape,
+    PropViews,
+    camera_edges,
+    planar_views,
+    prop_track,
+    prop_views,
+    rough_offsets,
+    shape_of,
+    strong_camera_edges,
+    tree,
+)
+from .prop_solve import Freedom, PropSolution, PropState, solve_prop
+from .snapshots import Snapshots, evenly, middle_ns, pick_time_steps, snapshots
 
 LEAST_TIME_STEPS = 8
 _MOST_CLOCK_ROUNDS = 5
@@ -41,14 +49,14 @@ class Options:
             ``auto`` (taken as synchronised, and estimated when they turn out not to be).
         lens_sigma: standard errors (6,) of `LENS_PARAMETERS` to refine the intrinsics by; None keeps them.
         own_intrinsics: the intrinsics come from the same recording, which has to carry them.
-        limits: what refuses the result.
+        any_size: also a rig far smaller or larger than a room.
     """
 
     time_steps: int = 400
     clocks: str = "auto"
     lens_sigma: tuple[float, ...] | None = None
     own_intrinsics: bool = False
-    limits: Limits = LIMITS
+    any_size: bool = False
 
     def __post_init__(self) -> None:
         if self.clocks not in CLOCK_MODES:
@@ -98,8 +106,7 @@ class Solved:
 
 def inlier_groups(seen: Snapshots, solution: PropSolution) -> Array:
     """(groups,) every corner within 4 robust standard deviations."""
-    noise = Noise(solution.sigma_px, solution.jitter_s)
-    square = np.nan_to_num((whitened_corners(solution.residual_px, seen.velocity_px_s, noise) ** 2).mean(axis=1), nan=np.inf)
+    square = np.nan_to_num(((solution.residual_px / solution.sigma_px) ** 2).mean(axis=1), nan=np.inf)
     worst = np.zeros(seen.group_count)
     np.maximum.at(worst, seen.group, square)
     return np.asarray(worst <= _INLIER_SIGMA**2)
@@ -197,8 +204,7 @@ def _settle_clocks(observations: CornerObservations, cameras: tuple[Camera, ...]
 def thinned(solved: Solved) -> Solved:
     """The solution on fewer time steps: enough to distinguish hypotheses."""
     used = np.unique(solved.seen.time_step)
-    keep = used[np.unique(np.linspace(0, len(used) - 1, min(len(used), TIME_STEPS)).astype(np.int64))]
-    rows = np.isin(solved.seen.time_step, keep)
+    rows = np.isin(solved.seen.time_step, evenly(used, TIME_STEPS))
     return replace(
         solved, seen=solved.seen.rows(rows), solution=replace(
             solved.solution, residual_px=solved.solution.residual_px[rows], weight=solved.solution.weight[rows])

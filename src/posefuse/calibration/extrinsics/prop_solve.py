@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import brentq
 
 from posefuse.calibration.solving.bundle import Linearised, Problem, ResidualBlock, Solution, clustered_covariance, solve_bundle
 from posefuse.calibration.solving.projection import LENS_PARAMETERS, Lenses
@@ -21,8 +20,6 @@ from .snapshots import Snapshots
 
 _ROUGH_SIGMA_PX, _LEAST_SIGMA_PX = 2.0, 0.05
 _CAUCHY = 3.0
-_LEAST_MOVING_SHARE = 0.5
-_MOST_JITTER_S = 0.05
 _DELAY_SCALE_S = np.array([1e-3, 1e-5])
 # stretches of a recording whose scatter the standard errors answer for
 _TIME_BLOCKS = 16
@@ -72,27 +69,22 @@ class PropSolution:
     """Where the solve stopped.
 
     Attributes:
-        state: unknowns. sigma_px: robust spread of a corner coordinate across its motion.
-        jitter_s: spread of the moments of exposure, as far as it shows along the motion.
+        state: unknowns. sigma_px: robust spread of a corner coordinate.
         residual_px: (N, 2) predicted minus observed. weight: (N,) robust.
         camera_covariance: (C, 6, 6) of rotation vector (rad) and translation (m) of cam_from_world, relative to the reference;
             like all standard errors here at least the scatter between parts of the recording.
         delay_sigma_s: (C, 2) standard errors of the clocks; 0 where held.
         lens_covariance: (C, 6, 6) of `LENS_PARAMETERS`; 0 where held.
-        pose_by_lens: (C, 6, C, 6) how much the poses follow, per unit of `LENS_PARAMETERS`, when intrinsics are changed and held,
-            in the order and units of `camera_covariance`; 0 where intrinsics are held.
         iterations: steps tried.
     """
 
     state: PropState
     sigma_px: float
-    jitter_s: float
     residual_px: Array
     weight: Array
     camera_covariance: Array
     delay_sigma_s: Array
     lens_covariance: Array
-    pose_by_lens: Array
     iterations: int
 
     @property
@@ -104,75 +96,25 @@ class PropSolution:
 def solve_prop(seen: Snapshots, corners: Array, cameras: tuple[Camera, ...], start: PropState, freedom: Freedom) -> PropSolution:
     """Two robust solves: one with a wide loss to come near, one with the noise found by the first.
 
-    The noise of a corner is a round part and a part along its motion, which stands for frames that were not quite
-    taken at the time they are stamped: slow corners count fully, fast ones only across their motion.
-
     `corners` (M, n, 3): corners of each patch in its own frame. `start.delay_s` is the delay the snapshots were taken
     with; the clock columns move them along their image velocity from there.
     """
-    wide = Noise(_ROUGH_SIGMA_PX, 0.0)
-    first = solve_bundle(_problem(seen, corners, cameras, start=start, freedom=freedom, noise=wide, cauchy=1.0), start)
-    noise = _noise(seen, first.residual * _ROUGH_SIGMA_PX, first.weight)
-    second = solve_bundle(
-        _problem(seen, corners, cameras, start=start, freedom=freedom, noise=noise, cauchy=_CAUCHY), first.state
-    )
-    residual = _unwhitened(second.residual, seen.velocity_px_s, noise)
-    found = _noise(seen, residual, second.weight)
-    return _summary(second, residual, found, (found.sigma_px / noise.sigma_px) ** 2, freedom, seen.t_s)
+    first = solve_bundle(_problem(seen, corners, cameras, start, freedom, _ROUGH_SIGMA_PX, cauchy=1.0), start)
+    sigma_px = _spread_px(first.residual * _ROUGH_SIGMA_PX, first.weight)
+    second = solve_bundle(_problem(seen, corners, cameras, start, freedom, sigma_px, cauchy=_CAUCHY), first.state)
+    residual_px = second.residual * sigma_px
+    found_px = _spread_px(residual_px, second.weight)
+    return _summary(second, residual_px, found_px, (found_px / sigma_px) ** 2, freedom, seen.t_s)
 
 
-@dataclass(frozen=True)
-class Noise:
-    """Of an image point: `sigma_px` each way, and `jitter_s` times its velocity along its motion."""
-
-    sigma_px: float
-    jitter_s: float
-
-    def stretch(self, velocity_px_s: Array) -> tuple[Array, Array]:
-        """Direction of motion (N, 2) and how much larger (N,) the standard deviation is along it."""
-        speed = np.linalg.norm(velocity_px_s, axis=1)
-        along = velocity_px_s / np.maximum(speed, 1e-9)[:, None]
-        return along, np.sqrt(1 + (speed * self.jitter_s / self.sigma_px) ** 2)
-
-
-def whitened_corners(values: Array, velocity_px_s: Array, noise: Noise) -> Array:
-    """Residuals (N, 2) or Jacobians (N, 2, p) in standard deviations."""
-    along, stretch = noise.stretch(velocity_px_s)
-    flat = values.reshape(len(values), 2, -1)
-    part = along[:, :, None] * (along[:, None] @ flat) * (1 - 1 / stretch)[:, None, None]
-    return np.asarray(((flat - part) / noise.sigma_px).reshape(values.shape))
-
-
-def _unwhitened(residual: Array, velocity_px_s: Array, noise: Noise) -> Array:
-    along, stretch = noise.stretch(velocity_px_s)
-    return np.asarray((residual + along * ((along * residual).sum(axis=1) * (stretch - 1))[:, None]) * noise.sigma_px)
-
-
-def _noise(seen: Snapshots, residual_px: Array, weight: Array) -> Noise:
-    """Spread across the motion, and what the spread along the motion has more than that, both by medians."""
-    usable = np.isfinite(residual_px).all(axis=1) & (weight > 0)
-    if not usable.any():
-        return Noise(_ROUGH_SIGMA_PX, 0.0)
-    residual, velocity = residual_px[usable], seen.velocity_px_s[usable]
-    speed = np.linalg.norm(velocity, axis=1)
-    along = velocity / np.maximum(speed, 1e-9)[:, None]
-    across = along[:, 0] * residual[:, 1] - along[:, 1] * residual[:, 0]
-    moving = speed > 0
-    round_part = across if moving.mean() > _LEAST_MOVING_SHARE else residual.ravel()
-    sigma = max(float(SIGMA_PER_MAD * np.median(np.abs(round_part))), _LEAST_SIGMA_PX)
-    fast = speed >= max(float(np.median(speed)), 1e-6)
-    off, v = (along * residual).sum(axis=1)[fast], speed[fast]
-
-    def excess(jitter_s: float) -> float:
-        return float(SIGMA_PER_MAD * np.median(np.abs(off) / np.sqrt(sigma**2 + (v * jitter_s) ** 2))) - 1
-
-    if len(v) == 0 or excess(0.0) <= 0 or excess(_MOST_JITTER_S) >= 0:
-        return Noise(sigma, 0.0 if len(v) == 0 or excess(0.0) <= 0 else _MOST_JITTER_S)
-    return Noise(sigma, float(brentq(excess, 0.0, _MOST_JITTER_S)))
+def _spread_px(residual_px: Array, weight: Array) -> float:
+    """Of a coordinate, by the median."""
+    usable = residual_px[np.isfinite(residual_px).all(axis=1) & (weight > 0)]
+    return max(float(SIGMA_PER_MAD * np.median(np.abs(usable))), _LEAST_SIGMA_PX) if len(usable) else _ROUGH_SIGMA_PX
 
 
 def _summary(
-    solution: Solution[PropState], residual_px: Array, noise: Noise, scale: float, freedom: Freedom, t_s: Array
+    solution: Solution[PropState], residual_px: Array, sigma_px: float, scale: float, freedom: Freedom, t_s: Array
 ) -> PropSolution:
     count = len(solution.state.cam_from_world)
     free = np.concatenate([mask.ravel() for mask in _free(solution.state, freedom)])
@@ -187,30 +129,14 @@ def _summary(
                        for i in range(count)])  # fmt: skip
     return PropSolution(
         state=solution.state,
-        sigma_px=noise.sigma_px,
-        jitter_s=noise.jitter_s,
+        sigma_px=sigma_px,
         residual_px=residual_px,
         weight=solution.weight,
         camera_covariance=cameras,
         delay_sigma_s=np.sqrt(variance) * _DELAY_SCALE_S,
         lens_covariance=lenses,
-        pose_by_lens=_pose_by_lens(solution.covariance, free, 6 * count, first).reshape(count, 6, count, size),
         iterations=solution.iterations,
     )
-
-
-def _pose_by_lens(covariance: Array, free: Array, poses: int, first_lens: int) -> Array:
-    """(poses, lens parameters) slope of the poses over one intrinsic while all others are held: their regression on them."""
-    out, place = np.zeros((poses, len(free) - first_lens)), np.flatnonzero(free)
-    pose, lens = np.flatnonzero(place < poses), np.flatnonzero(place >= first_lens)
-    if len(lens) == 0:
-        return out
-    # the parameters have units that differ by orders of magnitude
-    scale = np.sqrt(np.diag(covariance)[lens])
-    correlation = covariance[np.ix_(lens, lens)] / np.outer(scale, scale)
-    slope = np.linalg.solve(correlation, (covariance[np.ix_(pose, lens)] / scale).T).T / scale
-    out[np.ix_(place[pose], place[lens] - first_lens)] = slope
-    return out
 
 
 def _time_block(t_s: Array) -> Array:
@@ -243,10 +169,10 @@ def _problem(
     cameras: tuple[Camera, ...],
     start: PropState,
     freedom: Freedom,
-    noise: Noise,
+    sigma_px: float,
     cauchy: float,
 ) -> Problem[PropState]:
-    model = _Model(seen, corners, cameras, start.delay_s, freedom, noise)
+    model = _Model(seen, corners, cameras, start.delay_s, freedom, sigma_px)
     return Problem(
         residual=model.residual,
         linearise=model.linearise,
@@ -264,16 +190,13 @@ class _Model:
     """Residuals and Jacobians of the corners."""
 
     def __init__(
-        self, seen: Snapshots, corners: Array, cameras: tuple[Camera, ...], delay_s: Array, freedom: Freedom, noise: Noise
+        self, seen: Snapshots, corners: Array, cameras: tuple[Camera, ...], delay_s: Array, freedom: Freedom, sigma_px: float
     ) -> None:
-        self._seen, self._cameras, self._freedom, self._noise = seen, cameras, freedom, noise
+        self._seen, self._cameras, self._freedom, self._sigma_px = seen, cameras, freedom, sigma_px
         self._xyz_patch = corners[seen.patch, seen.corner]
         self._delay_s = delay_s
         lens_sigma = np.zeros(len(LENS_PARAMETERS)) if freedom.lens_sigma is None else freedom.lens_sigma
         self._lens_prior = np.divide(1.0, lens_sigma**2, out=np.zeros(len(LENS_PARAMETERS)), where=lens_sigma > 0)
-
-    def _white(self, values: Array) -> Array:
-        return whitened_corners(values, self._seen.velocity_px_s, self._noise)
 
     def residual(self, state: PropState) -> Array:
         return self._residual(state, *self._placed(state)[2:])
@@ -303,12 +226,12 @@ class _Model:
         seen = self._seen
         late = (state.delay_s - self._delay_s)[seen.camera]
         late_s = late[:, 0] + late[:, 1] * seen.t_s[seen.time_step]
-        return self._white(lenses.px(seen.camera, cam) - seen.xy_img - seen.velocity_px_s * late_s[:, None])
+        return np.asarray((lenses.px(seen.camera, cam) - seen.xy_img - seen.velocity_px_s * late_s[:, None]) / self._sigma_px)
 
     def linearise(self, state: PropState) -> Linearised:
         seen = self._seen
         prop, world, cam, lenses = self._placed(state)
-        residual, d_cam = self._residual(state, cam, lenses), self._white(lenses.px_jacobian(seen.camera, cam))
+        residual, d_cam = self._residual(state, cam, lenses), lenses.px_jacobian(seen.camera, cam) / self._sigma_px
         R_cam = state.cam_from_world.R[seen.camera]
         R_prop = state.world_from_prop.R[seen.time_step]
         d_world = d_cam @ R_cam
@@ -325,7 +248,7 @@ class _Model:
         return Linearised(residual, blocks, _pose_jacobian(d_world, turned_world), seen.time_step)
 
     def _clock_jacobian(self) -> Array:
-        per_offset = self._white(-self._seen.velocity_px_s)
+        per_offset = -self._seen.velocity_px_s / self._sigma_px
         per_drift = per_offset * self._seen.t_s[self._seen.time_step][:, None]
         return np.asarray(np.stack([per_offset, per_drift], axis=-1) * _DELAY_SCALE_S)
 
@@ -334,7 +257,7 @@ class _Model:
         if self._freedom.lens_sigma is None:
             jacobian = np.zeros((len(cam), 2, len(LENS_PARAMETERS)))
         else:
-            jacobian = self._white(lenses.lens_jacobian(self._seen.camera, cam))
+            jacobian = lenses.lens_jacobian(self._seen.camera, cam) / self._sigma_px
         prior = np.tile(self._lens_prior, (count, 1))
         return ResidualBlock(jacobian, self._seen.camera, count, prior, state.lens_delta)
 

@@ -15,6 +15,7 @@ from posefuse.calibration.solving.rotations import Poses, angle_between, hat, po
 from posefuse.core import InputError, Rig, ViewSequence
 from posefuse.core.arrays import SIGMA_PER_MAD, Array
 
+from .snapshots import evenly
 from .world import triangulate_linear
 
 _CAUCHY = 2.0
@@ -148,8 +149,7 @@ def _apart(t_ns: Array) -> Array:
         if last is None or t - last >= every_ns:
             chosen.append(i)
             last = t
-    places = np.unique(np.linspace(0, len(chosen) - 1, _MOST_STEPS).astype(int))
-    return np.asarray(np.array(chosen)[places])
+    return evenly(np.array(chosen), _MOST_STEPS)
 
 
 def _residual_px(rig: Rig, rows: _Rows, state: _State) -> Array:

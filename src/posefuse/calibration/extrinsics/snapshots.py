@@ -6,6 +6,7 @@ which also gives the image velocity that ties a camera's clock to the geometry.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,37 +49,18 @@ class Snapshots:
 
     def rows(self, keep: Array) -> Snapshots:
         """Only the rows of a mask; time steps and patches stay as they are."""
-        return _grouped(
-            self.t_s,
-            self.camera[keep],
-            self.time_step[keep],
-            patch=self.patch[keep],
-            corner=self.corner[keep],
-            xy=self.xy_img[keep],
-            velocity=self.velocity_px_s[keep],
-            patches=self.patches,
-        )
+        return _grouped(self.t_s, self.patches, {name: getattr(self, name)[keep] for name in _COLUMNS})
 
 
-def _grouped(
-    t_s: Array, camera: Array, time_step: Array, patch: Array, corner: Array, xy: Array, velocity: Array, patches: Array
-) -> Snapshots:
-    order = np.lexsort((corner, patch, camera, time_step))
-    keys = np.stack([time_step, camera, patch])[:, order]
-    new = np.concatenate([[0], (np.diff(keys, axis=1) != 0).any(axis=0)]) if len(order) else np.zeros(0)
-    group = np.cumsum(new).astype(np.int64)
-    return Snapshots(
-        t_s=t_s,
-        camera=camera[order],
-        time_step=time_step[order],
-        patch=patch[order],
-        corner=corner[order],
-        xy_img=xy[order],
-        velocity_px_s=velocity[order],
-        patches=patches,
-        group=group,
-        group_count=int(group[-1]) + 1 if len(group) else 0,
-    )
+_COLUMNS = ("camera", "time_step", "patch", "corner", "xy_img", "velocity_px_s")
+
+
+def _grouped(t_s: Array, patches: Array, columns: Mapping[str, Array]) -> Snapshots:
+    order = np.lexsort([columns[name] for name in ("corner", "patch", "camera", "time_step")])
+    sorted_ = {name: column[order] for name, column in columns.items()}
+    keys = np.stack([sorted_["time_step"], sorted_["camera"], sorted_["patch"]])
+    group = np.cumsum(np.append(np.zeros(min(1, len(order))), (np.diff(keys, axis=1) != 0).any(axis=0))).astype(np.int64)
+    return Snapshots(t_s=t_s, patches=patches, group=group, group_count=int(group[-1]) + 1 if len(group) else 0, **sorted_)
 
 
 def middle_ns(observations: CornerObservations) -> int:
@@ -107,13 +89,9 @@ def snapshots(observations: CornerObservations, instants_ns: Array, delay_s: Arr
         found, xy, velocity = _at(row_s[rows], observations.xy_img[rows], wanted_s, gaps_s[c])
         n = len(found)
         parts.append((np.full(n, c), found, np.full(n, patch[rows[0]]), np.full(n, observations.corner[rows[0]]), xy, velocity))
-    if not parts:
-        empty = np.zeros(0, np.int64)
-        return _grouped(
-            t_s, empty, empty, patch=empty, corner=empty, xy=np.zeros((0, 2)), velocity=np.zeros((0, 2)), patches=patches
-        )
-    camera, time_step, patch_of, corner, xy, velocity = (np.concatenate([part[i] for part in parts]) for i in range(6))
-    return _grouped(t_s, camera, time_step, patch=patch_of, corner=corner, xy=xy, velocity=velocity, patches=patches)
+    nothing = (*[np.zeros(0, np.int64)] * 4, np.zeros((0, 2)), np.zeros((0, 2)))
+    columns = (np.concatenate(column) for column in zip(nothing, *parts, strict=True))
+    return _grouped(t_s, patches, dict(zip(_COLUMNS, columns, strict=True)))
 
 
 def _longest_gap_s(stamps_s: Array) -> float:
@@ -162,6 +140,11 @@ def _slopes(track_s: Array, xy: Array, longest_gap_s: float) -> Array:
     slope[:-1] = np.where(first[:-1] & inner[1:], 2 * chord - slope[1:], slope[:-1])
     slope[1:] = np.where(final[1:] & inner[:-1], 2 * chord - slope[:-1], slope[1:])
     return np.asarray(slope)
+
+
+def evenly(items: Array, most: int) -> Array:
+    """So many of the items at most, evenly over all of them."""
+    return np.asarray(items[np.unique(np.linspace(0, len(items) - 1, min(len(items), most)).astype(np.int64))])
 
 
 def pick_time_steps(observations: CornerObservations, most: int, delay_s: Array, prefer_slow: bool) -> Array:

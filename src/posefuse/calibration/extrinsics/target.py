@@ -15,16 +15,12 @@ from posefuse.core import SE3, CalibrationError, Camera, Rig
 from posefuse.core.arrays import Array
 
 from . import self_checks as checks
-from .cause_hypotheses import HYPOTHESES
+from .bootstrap import rough_offsets
 from .causes import Trouble, base_spread_px, cause_check, likely_target_causes
-from .clocks import rough_offsets
-from .limits import LIMITS, Limits
-from .locate import aligned
 from .pipeline import Options, Solved, key_snapshots, link, solve_linked, starting_clocks, thinned
-from .self_checks import IN_STEP, check_same_video_by_corners
+from .self_checks import IN_STEP, check_same_video_by_corners, check_target_size, solution_checks, usual_distance_m
 from .snapshots import middle_ns
-from .solution_checks import check_target_size, solution_checks, usual_distance_m
-from .world import UpFromCameras, WorldRule
+from .world import UP_FROM_CAMERAS, WorldRule, aligned
 
 _UNSYNCHRONISED_S = 0.02
 # checks whose failure names its cause
@@ -87,7 +83,7 @@ def calibrate_extrinsics(
     options = options or Options()
     intrinsics = Rig(tuple(replace(camera, cam_from_world=SE3.identity()) for camera in cameras))
     _check_input(observations, intrinsics, target)
-    task = _Task(aligned(observations, intrinsics), intrinsics.cameras, target, world or UpFromCameras(), upside_down)
+    task = _Task(aligned(observations, intrinsics), intrinsics.cameras, target, world or UP_FROM_CAMERAS, upside_down)
     if options.clocks != "auto":
         return _explained(task, options, _attempt(task, options))
     first = _attempt(task, replace(options, clocks="together"))
@@ -133,16 +129,16 @@ class _Attempt:
 def _attempt(task: _Task, options: Options) -> _Attempt:
     """Solve and check as far as that goes."""
     done: list[Check] = [
-        checks.check_target_seen(task.observations), checks.check_target_moves(task.observations, options.limits),
+        checks.check_target_seen(task.observations), checks.check_target_moves(task.observations),
         checks.check_doubled(task.observations),
-        check_same_video_by_corners(task.observations), check_target_size(task.target, options.limits),
+        check_same_video_by_corners(task.observations), check_target_size(task.target),
     ]  # fmt: skip
     solved: Solved | None = None
     try:
         _stop_if_failed(done)
         solved = _solve(task.observations, task.cameras, task.target, options, done)
         done += solution_checks(task.observations, task.cameras, task.target, options, solved, done)
-        done += world_checks(_in_world(task, solved)[0], task.world.has_floor, task.upside_down, options.limits)
+        done += world_checks(_in_world(task, solved)[0], task.world.has_floor, task.upside_down)
     except RefusedCalibration as refused:
         return _Attempt(refused.report.checks, solved)
     return _Attempt(tuple(done), solved)
@@ -153,12 +149,13 @@ def _explained(task: _Task, options: Options, attempt: _Attempt) -> Calibration:
     if not attempt.failed:
         assert attempt.solved is not None
         return _calibration(task, attempt.solved, attempt.done, attempt.notes)
-    done = attempt.done
+    # what speaks for itself first: it explains the others (an image upside down, where its principal point seems to be)
+    done = tuple(sorted(attempt.done, key=lambda check: check.passed or check.name not in SAID_BY_ITSELF))
     if not any(check.name in SAID_BY_ITSELF for check in attempt.failed):
         trouble = Trouble(
             task.observations, task.cameras, task.target, options, None if attempt.solved is None else thinned(attempt.solved)
         )
-        causes = likely_target_causes(trouble, HYPOTHESES)
+        causes = likely_target_causes(trouble)
         # blur leaves few markers, which no residual shows
         sharp = checks.check_sharp(task.observations)
         named = (cause_check(causes, base_spread_px(trouble)),) if causes else () if sharp.passed else (sharp,)
@@ -243,11 +240,11 @@ def delay_against_reference(solved: Solved) -> Array:
     return np.asarray(late - late[solved.links.reference])
 
 
-def world_checks(rig: Rig, has_floor: bool, upside_down: tuple[str, ...] = (), limits: Limits = LIMITS) -> list[Check]:
+def world_checks(rig: Rig, has_floor: bool, upside_down: tuple[str, ...] = ()) -> list[Check]:
     """Checks that need the world: cameras above the floor, images upright."""
     up_cam = np.stack([camera.cam_from_world.matrix()[:, 2] for camera in rig])
     up_cam = np.where(np.isin(rig.names, upside_down)[:, None], -up_cam, up_cam)
-    done = [checks.check_upright(rig.cameras, up_cam, limits)]
+    done = [checks.check_upright(rig.cameras, up_cam)]
     if has_floor:
         height = rig.centres_world()[:, 2]
         worst = int(np.argmin(height))

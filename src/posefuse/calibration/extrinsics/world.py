@@ -2,19 +2,119 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Protocol
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Gt
 
+from posefuse.calibration.solving.projection import LENS_PARAMETERS, Lenses
+from posefuse.calibration.solving.rotations import Poses, poses_of
 from posefuse.calibration.targets.corners import CornerObservations
-from posefuse.calibration.targets.kinds import Target
-from posefuse.core import SE3, CalibrationError, Rig
+from posefuse.calibration.targets.kinds import Markers, Target, patch_corners
+from posefuse.core import SE3, CalibrationError, Camera, ConfigError, InputError, Rig
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
+from posefuse.foundation.settings import read_settings, settings
 
-from .locate import locate_static
+from .bootstrap import one_patch, planar_views, prop_track, prop_views
+from .prop_solve import Freedom, PropState, solve_prop
+from .snapshots import Snapshots, snapshots
+
+_MOST_STILL_PX = 3.0
+_MOST_STATIC_RMS_PX_PER_1000 = 4.0
+
+
+def aligned(observations: CornerObservations, rig: Rig) -> CornerObservations:
+    """Observations with the rig's cameras in the rig's order; raises CalibrationError for one the rig does not have."""
+    unknown = [name for name in observations.cameras if name not in rig.names]
+    if unknown:
+        raise CalibrationError(
+            f"observations of {', '.join(unknown)}: no such camera in the rig; there are: {', '.join(rig.names)}"
+        )
+    for name, size in zip(observations.cameras, observations.sizes_wh, strict=True):
+        if tuple(size) != rig[name].size_wh:
+            raise CalibrationError(
+                f"camera {name}: images are {size[0]}x{size[1]} px, its calibration {rig[name].size_wh}, in other proportions:"
+                " calibrate its intrinsics from images as these are"
+            )
+    place = np.array([rig.names.index(name) for name in observations.cameras], dtype=np.int64)
+    frames = dict(zip(observations.cameras, observations.frame_count, strict=True))
+    return replace(
+        observations,
+        cameras=rig.names,
+        sizes_wh=tuple(camera.size_wh for camera in rig),
+        frame_count=tuple(frames.get(name, 0) for name in rig.names),
+        camera=place[observations.camera] if len(observations) else observations.camera,
+    )
+
+
+def locate_static(rig: Rig, observations: CornerObservations, target: Target, patch: int) -> SE3:
+    """world_from_patch of a patch that lies still, from all frames of all cameras that see it.
+
+    Raises:
+        CalibrationError: no camera sees it, it moved, or the cameras disagree about where it is.
+    """
+    mine = aligned(observations, rig).of_patches([patch])
+    if len(mine) == 0:
+        raise CalibrationError(f"target {patch}: no camera sees it; seen are: {sorted(set(observations.patch.tolist()))}")
+    still = _one_frame(mine, patch)
+    world_from_patch, residual_px = _solve(rig, snapshots(still, np.zeros(1, np.int64), np.zeros((len(rig), 2))), target)
+    width = max(max(camera.size_wh) for camera in rig)
+    rms = float(np.sqrt((residual_px**2).mean()))
+    limit = _MOST_STATIC_RMS_PX_PER_1000 * width / 1000
+    if not rms <= limit:
+        raise CalibrationError(
+            f"target {patch}: cameras disagree about where it lies, {rms:.1f} px (limit {limit:.1f});"
+            " was it moved, is its side right, did a camera move?"
+        )
+    return world_from_patch[0]
+
+
+def _one_frame(mine: CornerObservations, patch: int) -> CornerObservations:
+    """The median place of every corner in every camera, as one frame at time 0."""
+    key = np.stack([mine.camera, mine.corner], axis=1)
+    pairs, place = np.unique(key, axis=0, return_inverse=True)
+    place = place.ravel()
+    middle = np.stack([np.median(mine.xy_img[place == i], axis=0) for i in range(len(pairs))])
+    off = np.abs(mine.xy_img - middle[place]).max(axis=1)
+    loose = float(np.median(off))
+    if loose > _MOST_STILL_PX:
+        raise CalibrationError(f"target {patch}: it moves in the images (by {loose:.0f} px); lay it down still")
+    n = len(pairs)
+    return replace(
+        mine, camera=pairs[:, 0], corner=pairs[:, 1], t_ns=np.zeros(n, np.int64), patch=np.full(n, patch), xy_img=middle,
+        sharpness=np.full(n, np.nan),
+    )  # fmt: skip
+
+
+def patch_track(rig: Rig, seen: Snapshots, corners: Array) -> Poses:
+    """world_from_patch (T,) of one patch as the cameras of the rig see it; NaN where none sees enough of its corners."""
+    lenses, shape = Lenses(tuple(rig)), one_patch()
+    in_images = prop_views(seen, planar_views(seen, corners, lenses), shape, corners, lenses)
+    return prop_track(seen, in_images, shape, corners, lenses, poses_of(rig))
+
+
+def rig_state(rig: Rig, track: Poses) -> PropState:
+    """The start of a solve: the cameras and clocks as in the rig, the patch along its track (T,)."""
+    nothing = np.zeros((len(rig), len(LENS_PARAMETERS)))
+    return PropState(poses_of(rig), Poses(track.R, np.nan_to_num(track.t)), Poses.identity(1), np.zeros((len(rig), 2)), nothing)
+
+
+def _solve(rig: Rig, seen: Snapshots, target: Target) -> tuple[SE3, Array]:
+    """world_from_patch (T,), and residuals (N, 2) px, predicted minus observed."""
+    corners = patch_corners(target, seen.patches)
+    track = patch_track(rig, seen, corners)
+    known = np.asarray(np.isfinite(track.t).all(axis=1))
+    if not known.any():
+        raise CalibrationError(f"target {int(seen.patches[0])}: no camera sees 4 of its corners")
+    seen = seen.rows(known[seen.time_step])
+    solution = solve_prop(seen, corners, tuple(rig), rig_state(rig, track), Freedom(reference=None, held_patches=None))
+    poses = Poses(solution.state.world_from_prop.R, np.where(known[:, None], solution.state.world_from_prop.t, np.nan))
+    return poses.se3(), solution.residual_px
+
 
 _LEAST_TRIANGLE_RAD = np.deg2rad(5)
 _FLOOR_CUT_M = 0.04
@@ -23,42 +123,28 @@ _FLOOR_ROUNDS = 20
 _STANDING_SHARE = 0.25
 
 
-class WorldRule(Protocol):
-    """How the world frame comes about."""
-
-    @property
-    def words(self) -> str:
-        """For `Rig.world_set_by`."""
-        ...
-
-    @property
-    def has_floor(self) -> bool:
-        """Whether z = 0 is the floor."""
-        ...
-
-    def new_from_old(self, rig: Rig) -> SE3:
-        """The motion that takes the rig's present world to the wanted one."""
-        ...
-
-
 @dataclass(frozen=True, eq=False)
-class FloorTile:
-    """A marker or board that lies still on the floor, face up: its frame becomes the world.
+class WorldRule:
+    """How the world frame comes about.
 
     Attributes:
+        words: for `Rig.world_set_by`. has_floor: whether z = 0 is the floor.
+        new_from_old: the motion that takes a rig's present world to the wanted one; raises CalibrationError where there is none.
+    """
+
+    words: str
+    has_floor: bool
+    new_from_old: Callable[[Rig], SE3]
+
+
+def floor_tile(observations: CornerObservations, target: Target, patch: int) -> WorldRule:
+    """A marker or board that lies still on the floor, face up: its frame becomes the world.
+
+    Args:
         observations: views of it by the cameras of the rig (any number of frames). target: its description.
         patch: its marker id, or 0 for a board.
     """
-
-    observations: CornerObservations
-    target: Target
-    patch: int
-    words: str = "tile on the floor"
-    has_floor: bool = True
-
-    def new_from_old(self, rig: Rig) -> SE3:
-        """Raises CalibrationError when no camera sees the tile, it moves, or the views disagree."""
-        return locate_static(rig, self.observations, self.target, self.patch).inverse()
+    return WorldRule("tile on the floor", True, lambda rig: locate_static(rig, observations, target, patch).inverse())
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,10 +158,13 @@ class ThreePoints:
 
     xy_img: Mapping[str, Array]
     origin_to_x_m: float | None = None
-    words: str = "three points on the floor"
-    has_floor: bool = True
 
-    def new_from_old(self, rig: Rig) -> SE3:
+    @property
+    def rule(self) -> WorldRule:
+        """The world that they set."""
+        return WorldRule("three points on the floor", True, self._new_from_old)
+
+    def _new_from_old(self, rig: Rig) -> SE3:
         """Raises CalibrationError when a point has fewer than 2 views, or the points lie on a line or at another distance."""
         unknown = sorted(set(self.xy_img) - set(rig.names))
         if unknown:
@@ -94,66 +183,31 @@ class ThreePoints:
         return frame_from_points(points)
 
 
-@dataclass(frozen=True, eq=False)
-class FloorFromFeet:
-    """The plane feet stand on, the origin below the middle of the path, X along the widest extent of the path.
-
-    Attributes:
-        feet_m: (N, 3) ankle, heel or toe points in the rig's present world.
-        head_m: (M, 3) points of heads, which determine the vertical.
-        keypoint_height_m: height of the foot keypoints above the floor while they stand.
-    """
-
-    feet_m: Array
-    head_m: Array
-    keypoint_height_m: float = 0.0
-    words: str = "floor under the feet"
-    has_floor: bool = True
-
-    def new_from_old(self, rig: Rig) -> SE3:
-        """Raises CalibrationError when the feet do not span a plane."""
-        return floor_from_feet(self.feet_m, self.head_m, self.keypoint_height_m)
-
-
-@dataclass(frozen=True, eq=False)
-class FloorUnderBody:
+def floor_under_body(feet_m: Array, head_m: Array, keypoint_height_m: float = 0.0) -> SE3:
     """For feet that stay on one line and so span no plane: up is the way from feet to heads, the floor is below the feet.
 
-    Attributes:
-        feet_m, head_m, keypoint_height_m: as in `FloorFromFeet`.
+    Raises:
+        CalibrationError: there are no feet or heads.
     """
-
-    feet_m: Array
-    head_m: Array
-    keypoint_height_m: float = 0.0
-    words: str = "up along the body, floor under the feet"
-    has_floor: bool = True
-
-    def new_from_old(self, rig: Rig) -> SE3:
-        """Raises CalibrationError when there are no feet or heads."""
-        feet, head = _feet_and_heads(self.feet_m, self.head_m)
-        middle = np.median(feet, axis=0)
-        up = np.median(head, axis=0) - middle
-        up /= np.linalg.norm(up)
-        lowest = np.quantile((feet - middle) @ up, _STANDING_SHARE)
-        along = np.linalg.svd(feet - middle, full_matrices=False)[2][0]
-        return _frame(middle + (lowest - self.keypoint_height_m) * up, along, up)
+    feet, head = _feet_and_heads(feet_m, head_m)
+    middle = np.median(feet, axis=0)
+    up = np.median(head, axis=0) - middle
+    up /= np.linalg.norm(up)
+    lowest = np.quantile((feet - middle) @ up, _STANDING_SHARE)
+    along = np.linalg.svd(feet - middle, full_matrices=False)[2][0]
+    return _frame(middle + (lowest - keypoint_height_m) * up, along, up)
 
 
-@dataclass(frozen=True)
-class UpFromCameras:
+def up_from_cameras(rig: Rig) -> SE3:
     """No floor known: up is the mean of the images' up directions, the origin is the first camera's place at height 0."""
+    up = -np.mean([camera.cam_from_world.matrix()[1] for camera in rig], axis=0)
+    if np.linalg.norm(up) < 1e-3:
+        up = -rig.cameras[0].cam_from_world.matrix()[1]
+    forward = np.mean([camera.cam_from_world.matrix()[2] for camera in rig], axis=0)
+    return _frame(rig.centres_world()[0], forward, up)
 
-    words: str = "not set; up guessed from the cameras"
-    has_floor: bool = False
 
-    def new_from_old(self, rig: Rig) -> SE3:
-        """Always answers."""
-        up = -np.mean([camera.cam_from_world.matrix()[1] for camera in rig], axis=0)
-        if np.linalg.norm(up) < 1e-3:
-            up = -rig.cameras[0].cam_from_world.matrix()[1]
-        forward = np.mean([camera.cam_from_world.matrix()[2] for camera in rig], axis=0)
-        return _frame(rig.centres_world()[0], forward, up)
+UP_FROM_CAMERAS = WorldRule("not set; up guessed from the cameras", False, up_from_cameras)
 
 
 def frame_from_points(points: Array) -> SE3:
@@ -169,6 +223,8 @@ def frame_from_points(points: Array) -> SE3:
 def floor_from_feet(feet_m: Array, head_m: Array, keypoint_height_m: float = 0.0) -> SE3:
     """new_from_old of the plane under the lowest foot points: a least-squares plane that drops what is above it.
 
+    The origin is below the middle of the path, X along its widest extent. `feet_m` (N, 3): ankles, heels or toes; `head_m` (M, 3)
+    determine the vertical; `keypoint_height_m`: of foot keypoints above the floor while they stand.
     Feet in the air lie above the floor, so points far above the plane lose their weight and those below keep it.
     """
     feet, head = _feet_and_heads(feet_m, head_m)
@@ -230,3 +286,96 @@ def linear_points(rig: Rig, norm: Array) -> Array:
     with np.errstate(divide="ignore", invalid="ignore"):
         points = solution[:, :3] / solution[:, 3:]
     return np.asarray(np.where((good.sum(axis=0) >= 2)[:, None], points, np.nan))
+
+
+# a board that gives the focal length to a per cent gives k1 and k2 to about this
+_LENS_PER_PERCENT = 0.02
+
+
+@dataclass(frozen=True)
+class FloorMarker:
+    """A marker that lies on the floor, face up, in the same recordings.
+
+    Attributes:
+        id: its number in the dictionary of the target. side_m: edge of its black square; None: as the target's markers.
+    """
+
+    id: int
+    side_m: float | None = None
+
+
+def check_floor(floor: FloorMarker | ThreePoints | None, target: Target) -> None:
+    """Raise InputError where the floor needs another target, ConfigError where the dictionary has no such marker."""
+    if isinstance(floor, FloorMarker) and not isinstance(target, Markers):
+        raise InputError("a marker on the floor needs a target of markers, of the same dictionary")
+    if isinstance(floor, FloorMarker) and isinstance(target, Markers):
+        _tile(floor, target)
+
+
+def with_floor(target: Target, floor: FloorMarker | ThreePoints | None) -> Target:
+    """What to look for in the images: the target, and the marker on the floor where the target has markers of its own only."""
+    if not isinstance(floor, FloorMarker) or not isinstance(target, Markers):
+        return target
+    if not target.ids or floor.id in target.ids:
+        return target
+    return replace(target, ids=(*target.ids, floor.id))
+
+
+def world_rule(
+    floor: FloorMarker | ThreePoints | None, observations: CornerObservations, target: Target
+) -> tuple[CornerObservations, WorldRule | None]:
+    """The observations of the moving target alone, and what sets the world; None estimates up from the cameras."""
+    if not isinstance(floor, FloorMarker) or not isinstance(target, Markers):
+        return observations, floor.rule if isinstance(floor, ThreePoints) else None
+    world = floor_tile(observations.of_patches([floor.id]), _tile(floor, target), floor.id)
+    return observations.rows(observations.patch != floor.id), world
+
+
+def _tile(floor: FloorMarker, target: Markers) -> Markers:
+    return replace(target, side_m=floor.side_m or target.side_m, ids=(floor.id,))
+
+
+def lens_sigma(percent: float | None, cameras: Sequence[Camera]) -> tuple[float, ...] | None:
+    """Standard errors of fx, fy, cx, cy (px), k1, k2 for intrinsics whose focal length is known to `percent`; None keeps them.
+
+    Raises:
+        InputError: a percentage that is not above 0.
+    """
+    if percent is None:
+        return None
+    if not percent > 0:
+        raise InputError(f"`focal_known_to_percent={percent:g}`: expected > 0 percent, got {percent:g}")
+    focal_px = percent / 100 * float(np.mean([camera.K[0, 0] for camera in cameras]))
+    return (focal_px,) * 4 + (_LENS_PER_PERCENT * percent,) * 2
+
+
+_LEAST_VIEWS = 2
+_UNSEEN = (float("nan"), float("nan"))
+
+
+@settings
+class MarkedPoints:
+    """Px (x, y) of the points one camera sees."""
+
+    origin: tuple[float, float] = _UNSEEN
+    x: tuple[float, float] = _UNSEEN
+    y: tuple[float, float] = _UNSEEN
+
+
+@settings
+class FloorPoints:
+    """The whole file, as above."""
+
+    cameras: dict[str, MarkedPoints]
+    origin_to_x_m: Annotated[float, Gt(0)] | None = None
+
+
+def read_floor_points(path: Path) -> ThreePoints:
+    """How the world is set by the file; raises ConfigError naming what is wrong in it."""
+    file = read_settings(path, FloorPoints)
+    marked = {name: np.array([points.origin, points.x, points.y]) for name, points in file.cameras.items()}
+    for i, point in enumerate(fields(MarkedPoints)):
+        views = sum(bool(np.isfinite(xy[i]).all()) for xy in marked.values())
+        if views < _LEAST_VIEWS:
+            raise ConfigError(f"{path}: {point.name}: expected to be marked in {_LEAST_VIEWS} cameras or more, got {views}")
+    return ThreePoints(marked, file.origin_to_x_m)

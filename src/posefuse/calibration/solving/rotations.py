@@ -90,3 +90,11 @@ def nearest_rotation(matrix: Array) -> Array:
     u, _, vt = np.linalg.svd(matrix)
     u[..., -1] *= np.sign(np.linalg.det(u @ vt))[..., None]
     return np.asarray(u @ vt)
+
+
+def centre_covariance_m2(cam_from_world: Poses, covariance: Array) -> Array:
+    """(..., 3, 3) of the centres of cameras, from that (..., 6, 6) of turns from the left (rad) and shifts (m) of their poses."""
+    R, t = cam_from_world.R, cam_from_world.t
+    # centre = -R^T t; a left turn w moves R, not t: d centre = -R^T (dt + [t]x w)
+    slope = -np.swapaxes(R, -1, -2) @ np.concatenate([hat(t), np.broadcast_to(np.eye(3), R.shape)], axis=-1)
+    return np.asarray(slope @ covariance @ np.swapaxes(slope, -1, -2))

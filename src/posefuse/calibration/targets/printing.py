@@ -44,10 +44,10 @@ def marker_sheets(target: Markers, ids: Sequence[int], page: str = "a4") -> list
         module = target.side_m / len(bits)
         face = target.side_m + 2 * module
         size, (left, bottom) = _placed(page, face, face)
-        squares = _squares(bits, left + module, bottom + module, module)
+        squares = _rectangles(bits, left + module, bottom + module, module)
         edge = "black edge"
         if target.inverted:
-            squares, edge = _squares(~np.pad(bits, 1), left, bottom, module), "white edge"
+            squares, edge = _rectangles(~np.pad(bits, 1), left, bottom, module), "white edge"
         caption = f"posefuse marker {marker}, {target.dictionary}, side {target.side_m * 1e3:g} mm ({edge})"
         sheets.append(Sheet(size, squares, ((left, bottom, face, face),), caption))
     return sheets
@@ -90,10 +90,6 @@ def _bits(dictionary: str, marker: int) -> Array:
         raise ConfigError(f"marker {marker}: {dictionary} has ids 0 to {len(made.bytesList) - 1}")
     count = made.markerSize + 2
     return np.asarray(cv2.aruco.generateImageMarker(made, marker, count, borderBits=1) < 128)
-
-
-def _squares(bits: Array, left: float, bottom: float, module: float) -> tuple[tuple[float, float, float, float], ...]:
-    return _rectangles(bits, left, bottom, module)
 
 
 def _rectangles(black: Array, left: float, bottom: float, scale: float) -> tuple[tuple[float, float, float, float], ...]:

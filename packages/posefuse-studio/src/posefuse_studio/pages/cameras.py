@@ -9,11 +9,9 @@ from typing import Any
 from nicegui import ui
 
 from posefuse.core import InputError
-from posefuse_studio.found import Found, found_sources
 from posefuse_studio.jobs import WATCH
-from posefuse_studio.pages.camera_tiles import camera_tiles
-from posefuse_studio.setups import DEMO, Setup, delete_setup, save_setup, setup_named, setups
-from posefuse_studio.shell import card, dialog, icon_button, light, redrawn, refusals, small, title
+from posefuse_studio.setups import DEMO, Found, Setup, delete_setup, found_sources, save_setup, setup_named, setups
+from posefuse_studio.shell import camera_tiles, card, dialog, icon_button, light, redrawn, refusals, small, title
 from posefuse_studio.state import Studio
 from posefuse_studio.workspace import check_name
 

@@ -11,18 +11,29 @@ from nicegui import ui
 from posefuse.core import InputError
 from posefuse.outputs.drawing import person_rgb
 from posefuse.realtime.config import LiveConfig
-from posefuse_studio.form import setting_fields
 from posefuse_studio.jobs import LIVE
-from posefuse_studio.pages.camera_tiles import camera_tiles
 from posefuse_studio.scene.view import VIEWS, CameraTile, RigScene, ValuePlot
 from posefuse_studio.session import SessionStatus
 from posefuse_studio.setups import DEMO, setups
-from posefuse_studio.shell import card, dialog, job_line, light, redrawn, refusals, refused, result_links, small, title, words
+from posefuse_studio.shell import (
+    camera_tiles,
+    card,
+    dialog,
+    job_line,
+    light,
+    network_field,
+    redrawn,
+    refusals,
+    refused,
+    result_links,
+    setting_fields,
+    small,
+    title,
+    words,
+)
 from posefuse_studio.state import Studio
 from posefuse_studio.workspace import check_name
 
-_NETWORKS = {"": "chosen by the speed of this machine", "blazepose_lite": "lite", "blazepose_full": "full",
-             "blazepose_heavy": "heavy", "blazepose_best": "best"}  # fmt: skip
 _PARTS = {"skeletons": "Skeleton", "ellipsoids": "Uncertainty", "trails": "Trails", "cameras": "Cameras"}
 _PLOTTED = ("left_knee flexion", "right_knee flexion")
 _MOST_ROWS = 8
@@ -58,7 +69,7 @@ def _start(studio: Studio) -> None:
         with ui.row().classes("items-end gap-4"):
             setup = ui.select(choices, value=choices[-1], label="Cameras").classes("w-56")
             people = setting_fields(LiveConfig, {"track.max_people": "People"}, {"track.max_people": 1})
-            network = ui.select(_NETWORKS, value="", label="Network").classes("w-80")
+            network = network_field("chosen by the speed of this machine")
 
         def start() -> None:
             arguments = {"setup": setup.value, "networks": network.value, "settings": people()}

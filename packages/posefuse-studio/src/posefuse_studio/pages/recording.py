@@ -3,21 +3,29 @@
 from __future__ import annotations
 
 import asyncio
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import PurePosixPath
+from typing import Any
 
 import numpy as np
 from nicegui import run, ui
 
-from posefuse.core import JointAngles, PosefuseError
+from posefuse.core import JointAngles, PosefuseError, Recording
+from posefuse.core.arrays import Array
 from posefuse.core.joint_angles import angle_labels
+from posefuse.core.palette import LEFT, MIDDLE, RIGHT
+from posefuse.foundation.parsing import plain
 from posefuse.foundation.plugins import list_plugins
+from posefuse.pipeline.edits import NO_EDITS, Edits, Exclusion, check_edits, read_edits, write_edits
 from posefuse.pipeline.reports import PAGE_FILE, report_folder
-from posefuse_studio.edit_card import EditCard
+from posefuse.pipeline.solve import edits_of
 from posefuse_studio.player import ResultPlayer, angles_of_file, open_recording
 from posefuse_studio.scene.view import VIEWS, CameraTile, RigScene
-from posefuse_studio.shell import card, file_address, icon_button, job_cards, light, refusals, small, title, words
+from posefuse_studio.shell import card, file_address, icon_button, job_cards, light, redrawn, refusals, small, title, words
 from posefuse_studio.state import Studio
-from posefuse_studio.timeline import Curve, CurveTimeline
-from posefuse_studio.workspace import recording_place
+from posefuse_studio.workspace import check_name, recording_place
 
 _POLL_S = 0.1
 _NO_VIDEOS = "No videos of this recording were found in the workspace: none were kept, they are elsewhere, or were not finished."
@@ -212,3 +220,222 @@ def _first(names: list[str]) -> list[str]:
         if found := [name for side in _SIDES if (name := f"{side}_{joint} {angle}") in names]:
             return found
     return names[:2]
+
+
+_ALL = "all cameras (a bad stretch)"
+_ALL_PEOPLE = -1
+
+
+class EditCard:
+    """The card.
+
+    Args:
+        name: of the recording in the workspace. now: where the player stands, session seconds.
+
+    Attributes:
+        edits: as they are kept.
+    """
+
+    def __init__(self, studio: Studio, name: str, recording: Recording, now: Callable[[], float]) -> None:
+        self._studio, self._name, self._recording, self._now = studio, name, recording, now
+        self._path = studio.workspace.existing(name)
+        self._from_s: float | None = None
+        self.edits = NO_EDITS
+        with refusals():
+            kept = read_edits(self._path)
+            self.edits = kept if kept != NO_EDITS else edits_of(recording)
+        with card("Corrections"):
+            small("Mark what should not count, then solve again: without new detection, and this recording stays.")
+            with ui.row().classes("pf-tools"):
+                self._camera = ui.select([_ALL, *recording.rig.names], value=_ALL, label="Leave out").props("dense outlined")
+                self._begin = ui.button("Begin here", icon="first_page", on_click=lambda: self._mark(self._now())).props(
+                    "outline"
+                )
+                self._end = ui.button("End here", icon="last_page", on_click=self._add)
+                self._end.set_enabled(False)
+            self._show = redrawn(lambda: self.edits.exclusions, self._list, classes="pf-edits")
+            self._people()
+            with ui.row().classes("pf-tools"):
+                self._out = ui.input("New name", value=recording_place(name).stem + "-edited").props("dense outlined")
+                ui.button("Solve again", icon="replay", on_click=self._start)
+
+    @property
+    def marked_s(self) -> tuple[float, float] | None:
+        """The stretch from the mark to where the player stands; None while none is marked."""
+        if self._from_s is None:
+            return None
+        return min(self._from_s, self._now()), max(self._from_s, self._now())
+
+    def _people(self) -> None:
+        names = self._names
+        with ui.row().classes("pf-tools"):
+            ui.select(
+                {_ALL_PEOPLE: "all people", **names},
+                value=_ALL_PEOPLE if self.edits.person is None else self.edits.person,
+                label="Keep",
+                on_change=lambda event: self._change(person=None if event.value == _ALL_PEOPLE else event.value),
+            ).props("dense outlined")
+            for person, name in names.items():
+                field = ui.input(f"Name of person {person}", value=name, on_change=lambda e, p=person: self._rename(p, e.value))
+                field.props("dense outlined debounce=600")
+
+    @property
+    def _names(self) -> dict[int, str]:
+        """By id."""
+        return dict(zip(self._recording.poses.person_id.tolist(), self._recording.person_names, strict=True))
+
+    def _mark(self, from_s: float | None) -> None:
+        self._from_s = from_s
+        self._begin.set_text("Begin here" if from_s is None else f"From {from_s:.2f} s")
+        self._end.set_enabled(from_s is not None)
+
+    def _add(self) -> None:
+        if self.marked_s is not None:
+            start_s, end_s = (round(t_s, 3) for t_s in self.marked_s)
+            camera = None if self._camera.value == _ALL else self._camera.value
+            self._mark(None)
+            self._change(exclusions=(*self.edits.exclusions, Exclusion(start_s=start_s, end_s=end_s, camera=camera)))
+
+    def _rename(self, person: int, name: str) -> None:
+        if name.strip():
+            known = self._names
+            names = list(self.edits.names) or [known.get(i, f"person {i}") for i in range(max(known) + 1)]
+            names += [f"person {i}" for i in range(len(names), person + 1)]
+            names[person] = name.strip()[:64]
+            self._change(names=tuple(names))
+
+    def _change(self, **changes: object) -> None:
+        with refusals():
+            edits: Edits = dataclasses.replace(self.edits, **changes)  # type: ignore[arg-type]
+            check_edits(edits, self._recording)
+            write_edits(self._path, edits)
+            self.edits = edits
+        self._show()
+
+    def _list(self, exclusions: tuple[Exclusion, ...]) -> None:
+        for one in exclusions:
+            with ui.row().classes("pf-edit"):
+                ui.icon("content_cut")
+                ui.label(f"{one.camera or 'all cameras'}, {one.start_s:.2f} to {one.end_s:.2f} s")
+                others = tuple(other for other in exclusions if other is not one)
+                icon_button("close", "Remove", lambda others=others: self._change(exclusions=others))
+
+    def _start(self) -> None:
+        workspace = self._studio.workspace
+        with refusals():
+            check_name(self._out.value)
+            parent = recording_place(self._name).parent.as_posix()
+            # without the "./" of a recording at the top
+            out = PurePosixPath(workspace.free_name(parent, self._out.value)).as_posix()
+            arguments = {"result": self._name, "out": out, "edits": plain(dataclasses.asdict(self.edits))}
+            self._studio.jobs.start("solve", f"Solve {self._name} again", arguments, page="/recordings")
+            ui.notify(f"Solving again into {out}")
+
+
+COLOURS = {"left": LEFT.on_light, "right": RIGHT.on_light, "mid": MIDDLE.on_light}
+_MOST_POINTS = 600
+# of the curves within the element; the style has the same
+_GRID = {"left": 52, "right": 12, "top": 30, "bottom": 30}
+_GREY, _FONT = "#78909c", {"color": "#78909c", "fontSize": 13}
+_ABOUT = "Timeline: arrows go frame by frame, page keys by a second, space plays and pauses"
+# the place of the pointer as a share of the width, while a button is pressed
+_POINTED = "(event) => event.buttons && emit(event.offsetX / event.currentTarget.clientWidth)"
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """Values (T,) with a name; `side`: ``left``, ``right`` or ``mid``, which gives its colour."""
+
+    name: str
+    values: Array
+    side: str = "mid"
+
+
+class CurveTimeline:
+    """The element.
+
+    Args:
+        begin_s, end_s: session seconds. seek: goes to a time. keys: what keys do while it has the focus, by name.
+    """
+
+    def __init__(
+        self, begin_s: float, end_s: float, seek: Callable[[float], object], keys: Mapping[str, Callable[[], object]]
+    ) -> None:
+        self._begin_s, self._end_s = begin_s, max(end_s, begin_s + 1e-3)
+        with ui.element("div").classes("pf-timeline-frame"), ui.element("div").classes("pf-timeline") as frame:
+            self._chart = ui.echart({})
+            with ui.element("div").classes("pf-timeline-over") as over:
+                self._bands = ui.element("div")
+                self._cursor = ui.element("div").classes("pf-cursor")
+        for pressed in ("mousedown", "mousemove"):
+            over.on(pressed, lambda event: seek(self.t_s(float(event.args))), js_handler=_POINTED, throttle=0.05)
+        frame.props(f'tabindex=0 role="slider" aria-label="{_ABOUT}" aria-valuemin={begin_s:.3f} aria-valuemax={end_s:.3f}')
+        for key, act in keys.items():
+            frame.on(f"keydown.{key}.prevent", act)
+        self._frame = frame
+
+    def t_s(self, share: float) -> float:
+        """The time at a share of the width, within the recording."""
+        return self._begin_s + min(max(share, 0.0), 1.0) * (self._end_s - self._begin_s)
+
+    def share(self, t_s: float) -> float:
+        """The other way round."""
+        return min(max((t_s - self._begin_s) / (self._end_s - self._begin_s), 0.0), 1.0)
+
+    def show(self, t_s: Array, curves: Sequence[Curve], strikes: Mapping[str, Array], unit: str, empty: str = "") -> None:
+        """Draw curves and foot strikes; see `chart_options`."""
+        self._chart.options.clear()
+        self._chart.options.update(chart_options((self._begin_s, self._end_s), t_s, curves, strikes, unit, empty))
+        self._chart.update()
+
+    def move(self, t_s: float) -> None:
+        """Place the cursor."""
+        self._cursor.style(f"left: {self.share(t_s):.3%}")
+        self._frame.props(f"aria-valuenow={t_s}")
+
+    def mark(self, exclusions: Sequence[Exclusion], marked_s: tuple[float, float] | None) -> None:
+        """Show excluded ranges, and the one that is being marked."""
+        bands = [(one.start_s, one.end_s, "pf-excluded", one.camera or "all cameras") for one in exclusions]
+        bands += [(*marked_s, "pf-marked", "")] if marked_s is not None else []
+        self._bands.clear()
+        with self._bands:
+            for start_s, end_s, kind, text in bands:
+                left, right = self.share(start_s), self.share(end_s)
+                ui.label(text).classes(f"pf-band {kind}").style(f"left: {left:.3%}; width: {right - left:.3%}")
+
+
+def chart_options(
+    span_s: tuple[float, float], t_s: Array, curves: Sequence[Curve], strikes: Mapping[str, Array], unit: str, empty: str = ""
+) -> dict[str, Any]:
+    """Curves over time with gaps where values are missing, foot strikes as ticks at the bottom.
+
+    Args:
+        span_s: from, to. t_s: (T,) session seconds. strikes: by side, session seconds. empty: the text where there is no curve.
+    """
+    known = np.concatenate([one.values[np.isfinite(one.values)] for one in curves] or [np.zeros(0)])
+    low, high = (float(known.min()), float(known.max())) if len(known) else (-1.0, 1.0)
+    room = 0.08 * (high - low) + 1e-3
+    # of a long recording every n-th value
+    every = max(1, len(t_s) // _MOST_POINTS)
+    lines: list[dict[str, Any]] = [
+        {"type": "line", "name": one.name, "showSymbol": False, "color": COLOURS[one.side],
+         "data": [[t, value if np.isfinite(value) else None]
+                  for t, value in zip(t_s[::every].tolist(), one.values[::every].tolist(), strict=True)]}
+        for one in curves
+    ]  # fmt: skip
+    ticks = [
+        {"type": "scatter", "symbol": "rect", "symbolSize": [3, 14], "color": COLOURS[side],
+         "data": [[t, low - room] for t in times.tolist()]}
+        for side, times in strikes.items()
+    ]  # fmt: skip
+    axis = {"axisLabel": _FONT, "axisLine": {"show": False}, "axisTick": {"show": False}}
+    faint = {"lineStyle": {"color": _GREY, "opacity": 0.3}}
+    return {
+        "animation": False, "grid": _GRID, "series": [*lines, *ticks],
+        "title": {"text": "" if curves else empty, "left": _GRID["left"], "textStyle": _FONT},
+        "legend": {"left": _GRID["left"], "top": 0, "data": [one.name for one in curves], "textStyle": _FONT},
+        "xAxis": {"type": "value", "min": span_s[0], "max": span_s[1], **axis, "splitLine": {"show": False},
+                  "axisLabel": {**_FONT, "formatter": "{value} s", "showMinLabel": False, "showMaxLabel": False}},
+        "yAxis": {"type": "value", "min": low - room, "max": high + room, **axis, "show": bool(curves), "splitLine": faint,
+                  "axisLabel": {**_FONT, "formatter": f"{{value}}{unit}", "showMinLabel": False, "showMaxLabel": False}},
+    }  # fmt: skip

@@ -9,9 +9,10 @@ from datetime import datetime
 from urllib.parse import urlencode
 
 from nicegui import ui
+from nicegui.binding import BindableProperty
 
 from posefuse.pipeline.catalogue import Listed, find_recordings, listed
-from posefuse_studio.shell import dialog, job_cards, light, recording_address, refusals, small, title
+from posefuse_studio.shell import dialog, job_cards, light, network_field, recording_address, refusals, small, title
 from posefuse_studio.state import Studio
 from posefuse_studio.workspace import check_name, recording_place
 
@@ -37,16 +38,19 @@ def build(studio: Studio) -> None:
 class _List:
     """The list of one visitor."""
 
+    # names of at most two to compare
+    _chosen: tuple[str, ...] = BindableProperty()  # type: ignore[assignment]
+
     def __init__(self, studio: Studio) -> None:
         self._studio = studio
         self._found: list[Listed] = []
-        self._chosen: list[str] = []
-        self._boxes: dict[str, ui.checkbox] = {}
+        self._chosen = ()
         self._most = _AT_ONCE
         title("Recordings", "Everything that was tracked or recorded live in this workspace, the newest first.")
         with ui.row().classes("pf-tools"):
             self._search = ui.input("Search", on_change=self._show).props('clearable outlined dense aria-label="Search"')
-            self._compare = ui.button("Compare two", icon="compare_arrows", on_click=self._start_compare).props("outline")
+            compare = ui.button("Compare two", icon="compare_arrows", on_click=self._start_compare).props("outline")
+            compare.bind_enabled_from(self, "_chosen", lambda chosen: len(chosen) == 2)
             ui.button("Track a study", icon="playlist_play", on_click=self._ask_study).props("outline")
             self._count = small("")
         job_cards(studio, ("compare", "batch", "solve", "simulate_walk"))
@@ -78,9 +82,7 @@ class _List:
         found = [one for one in self._found if one.matches(self._search.value or "")]
         self._count.set_text(f"{len(found)} of {len(self._found)}" if self._found else "")
         self._more.set_visibility(len(found) > self._most)
-        self._compare.set_enabled(len(self._chosen) == 2)
         self._grid.clear()
-        self._boxes.clear()
         with self._grid:
             for one in found[: self._most]:
                 self._card(one)
@@ -98,8 +100,8 @@ class _List:
             with ui.row().classes("pf-card-head"):
                 ui.link(name, recording_address(name)).classes("pf-recording-name")
                 ui.space()
-                box = ui.checkbox(value=name in self._chosen, on_change=lambda e, n=name: self._choose(n, e.value))
-                self._boxes[name] = box.props("dense")
+                box = ui.checkbox(on_change=lambda e, n=name: self._choose(n, e.value)).props("dense")
+                box.bind_value_from(self, "_chosen", lambda chosen: name in chosen)
                 box.props["aria-label"] = f"Choose {name} to compare"
             if one.problem:
                 light("bad" if not one.live else "off", one.problem.replace(f"{self._studio.workspace.root}/", ""))
@@ -109,12 +111,8 @@ class _List:
 
     def _choose(self, name: str, on: bool) -> None:
         """Two at most: a third takes the place of the first."""
-        chosen = [*(one for one in self._chosen if one != name), *([name] if on else [])]
-        self._chosen = chosen[-2:]
-        for dropped in chosen[:-2]:
-            if dropped in self._boxes:
-                self._boxes[dropped].set_value(False)
-        self._compare.set_enabled(len(self._chosen) == 2)
+        if on != (name in self._chosen):
+            self._chosen = (*(one for one in self._chosen if one != name), *([name] if on else []))[-2:]
 
     def _start_compare(self) -> None:
         a, b = self._chosen
@@ -127,12 +125,14 @@ class _List:
         def start() -> None:
             self._studio.workspace.existing(study.value)
             check_name(out.value)
-            self._studio.jobs.start("batch", f"Study {study.value}", {"study": study.value, "out": out.value}, page=PATH)
+            arguments = {"study": study.value, "out": out.value, "networks": network.value}
+            self._studio.jobs.start("batch", f"Study {study.value}", arguments, page=PATH)
 
         with dialog("Track every session below a folder", {"Track all": start}):
             small("Folders such as STUDY/P01/walk1, each with videos and a calibration.")
             study = ui.input("Folder in the workspace")
             out = ui.input("Results", value="study-results")
+            network = network_field("the usual one")
 
 
 def about(one: Listed) -> str:

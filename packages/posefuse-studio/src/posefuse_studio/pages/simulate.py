@@ -3,30 +3,22 @@
 from __future__ import annotations
 
 import asyncio
+import base64
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from html import escape
 
+import cv2
+import numpy as np
 from nicegui import events, ui
 
 import posefuse as pf
+from posefuse_sim import rig_plan
 from posefuse_sim.cameras import ImageSettings, PlacedCamera, placed_cameras
-from posefuse_sim.rig_plan import (
-    RigPlan,
-    camera_of,
-    first_plan,
-    free_camera_name,
-    listed_cameras,
-    rig_of_scene,
-    with_camera,
-    with_test_walk,
-    without_camera,
-)
 from posefuse_sim.scene import Scene, read_scene, scene_text
-from posefuse_studio.plan_view import BEST_MM, WORST_MM, RoomMap, cameras_svg, error_map_data_url, nearest_camera
-from posefuse_studio.scene.messages import setup_message
-from posefuse_studio.scene.setup import scene_setup
+from posefuse_studio.scene.messages import page_message, scene_setup
 from posefuse_studio.scene.view import RigScene
-from posefuse_studio.shell import card, job_cards, refusals, small, title
+from posefuse_studio.shell import card, job_cards, redrawn, refusals, show_summary, small, title
 from posefuse_studio.state import Studio
 from posefuse_studio.workspace import check_name
 
@@ -35,24 +27,13 @@ PLANS, SESSIONS, RESULTS = "plans", "sessions", "results"
 _COARSE_M, _FINE_M = 0.35, 0.1
 _POLL_S = 0.12
 _SIZES = {(640, 480): "640 x 480", (1280, 720): "1280 x 720", (1920, 1080): "1920 x 1080"}
-# of a camera: label, from, to, step; in the order of `_values`
+_FIELD = "dense outlined"
+# of a camera: label, from, to, step
 _FIELDS = (
     ("View, degrees", 10, 140, 1),
     *((f"{axis}, m", -50, 50, 0.1) for axis in ("x", "y", "height")),
     *((f"looks at {axis}, m", -50, 50, 0.1) for axis in ("x", "y", "z")),
 )
-
-
-def _mm(value: float) -> str:
-    return f"{value:.0f} mm" if value == value else "-"
-
-
-_FIGURES: dict[str, Callable[[RigPlan], str]] = {
-    "of the floor seen by 2 cameras": lambda plan: f"{plan.covered(2):.0%}",
-    "seen by 3": lambda plan: f"{plan.covered(3):.0%}",
-    "median error of a keypoint": lambda plan: _mm(plan.error_at(0.5)),
-    "95 % of the covered floor below": lambda plan: _mm(plan.error_at(0.95)),
-}
 
 
 def build(studio: Studio) -> None:
@@ -66,23 +47,25 @@ class _Plan:
 
     def __init__(self, studio: Studio) -> None:
         self._studio, client = studio, ui.context.client
-        self._scene: Scene = first_plan()
+        self._scene: Scene = rig_plan.first_plan()
         self._chosen = self._cameras[0].name
-        self._dragged, self._changed, self._busy, self._filling = "", True, False, True
+        self._dragged, self._changed, self._busy = "", True, False
+        # how often the fields were given other values than those that were typed
+        self._filled = 0
         name = f"plan-{client.id}"
         self._stream = studio.stream(name)
         client.on_delete(lambda: studio.drop_stream(name))
         with ui.element("div").classes("pf-split"):
             self._map_card()
             with ui.element("div").classes("pf-column"):
-                self._figures_card()
+                with card():
+                    self._expected = ui.column().classes("w-full")
                 with card("3D"), ui.element("div").classes("pf-plan-3d"):
                     RigScene(name, ellipsoids=False)
         with ui.element("div").classes("pf-split"):
             self._camera_card()
             self._walk_card()
         job_cards(studio, ("simulate_walk",))
-        self._show_camera()
         ui.timer(_POLL_S, self._follow)
 
     def _map_card(self) -> None:
@@ -97,31 +80,40 @@ class _Plan:
                 ui.element("div").classes("pf-legend").props('role="img" aria-label="yellow is exact, violet is not"')
                 small(f"{WORST_MM:.0f} mm or more; grey: fewer than two cameras see a person from ankle to head")
 
-    def _figures_card(self) -> None:
-        self._figures = []
-        with card("What to expect"), ui.row().classes("pf-figures"):
-            for about in _FIGURES:
-                with ui.column().classes("pf-figure-box"):
-                    self._figures.append(ui.label("-").classes("pf-figure"))
-                    small(about)
-
     def _camera_card(self) -> None:
         with card("Cameras") as head:
             with head:
                 ui.button("Remove", icon="delete", on_click=self._remove).props("flat dense")
-            with ui.row().classes("pf-tools"):
-                self._name = ui.select([], label="Camera", on_change=lambda event: self._choose(event.value))
-                self._size = ui.select(_SIZES, label="Image", on_change=self._edited)
-                for chooser in (self._name, self._size):
-                    chooser.props("dense outlined")
-            with ui.row().classes("pf-tools"):
-                self._fields = [self._number(*field, self._edited) for field in _FIELDS]
-            with ui.row().classes("pf-tools"):
-                self._sides = [self._number(f"room {axis}, m", 2, 40, 0.5, self._sized) for axis in ("x", "y")]
+            self._name = ui.select([], label="Camera", on_change=lambda event: self._choose(event.value)).props(_FIELD)
+            self._show_camera = redrawn(lambda: (self._chosen, self._filled), lambda _: self._fields())
 
-    def _number(self, label: str, least: float, most: float, step: float, on_change: Callable[[], None]) -> ui.number:
-        field = ui.number(label, value=0.0, min=least, max=most, step=step, format="%.4g", on_change=on_change)
-        return field.props("dense outlined").classes("pf-number")
+    def _fields(self) -> None:
+        """Of the chosen camera and the room, with the values of now."""
+        camera = rig_plan.camera_of(self._scene, self._chosen)
+        self._name.set_options([one.name for one in self._cameras], value=camera.name)
+        size_px = camera.image.size_px
+        size = ui.select(_SIZES | {size_px: "{} x {}".format(*size_px)}, value=size_px, label="Image", on_change=lambda: edited())
+        size.props(_FIELD)
+        values = (camera.image.horizontal_fov_deg, *camera.position_m, *camera.look_at_m)
+        with ui.row().classes("pf-tools"):
+            fields = [_number(*field, value, lambda: edited()) for field, value in zip(_FIELDS, values, strict=True)]
+        with ui.row().classes("pf-tools"):
+            sides = [_number(f"room {axis}, m", 2, 40, 0.5, value, lambda: sized())
+                     for axis, value in zip("xy", self._room.size_m, strict=True)]  # fmt: skip
+
+        def edited() -> None:
+            given = [field.value for field in fields]
+            if None not in given:
+                fov_deg, x, y, z, to_x, to_y, to_z = map(float, given)
+                image = replace(camera.image, size_px=tuple(size.value), horizontal_fov_deg=fov_deg)
+                moved = replace(camera, position_m=(x, y, z), look_at_m=(to_x, to_y, to_z), image=image)
+                self._try(rig_plan.with_camera, moved)
+
+        def sized() -> None:
+            if all(side.value for side in sides):
+                size_m = (float(sides[0].value), float(sides[1].value))
+                self._scene, self._changed = replace(self._scene, room=replace(self._scene.room, size_m=size_m)), True
+                self._map._props["size"] = self._room.size_px
 
     def _walk_card(self) -> None:
         """Keep the plan as a scene file, open an earlier one, render a test walk in it."""
@@ -130,7 +122,7 @@ class _Plan:
         def keep() -> str:
             check_name(name.value)
             file = workspace.free_name(PLANS, name.value, ".yaml")
-            text = scene_text(with_test_walk(self._scene, float(seconds.value or 6)))
+            text = scene_text(rig_plan.with_test_walk(self._scene, float(seconds.value or 6)))
             workspace.path(file).write_text(text, encoding="utf-8")
             ui.notify(f"Kept as {file}")
             return file
@@ -149,15 +141,14 @@ class _Plan:
         def open_earlier(file: str | None) -> None:
             with refusals():
                 if file:
-                    self._scene, self._changed = listed_cameras(read_scene(workspace.existing(file))), True
-                    self._chosen = self._cameras[0].name
-                    self._show_camera()
+                    self._scene = rig_plan.listed_cameras(read_scene(workspace.existing(file)))
+                    self._fill(self._cameras[0].name)
 
         with card("Test walk"):
             small("A person walks through the middle of the room; it is rendered, tracked and compared with the exact truth.")
             with ui.row().classes("pf-tools"):
-                name = ui.input("Name", value="test-walk").props("dense outlined")
-                seconds = ui.number("Seconds", value=6, min=1, max=120, step=1).props("dense outlined")
+                name = ui.input("Name", value="test-walk").props(_FIELD)
+                seconds = ui.number("Seconds", value=6, min=1, max=120, step=1).props(_FIELD)
                 ui.button("Render the walk", icon="directions_walk", on_click=render)
             with ui.row().classes("pf-tools"):
                 plans = [one for one in workspace.files(".yaml", ".yml") if one.startswith(f"{PLANS}/")]
@@ -182,57 +173,31 @@ class _Plan:
             self._dragged = nearest_camera(self._cameras, event.image_x, event.image_y, self._room)
             self._choose(self._dragged)
         elif self._dragged and (event.type == "mouseup" or not event.buttons):
-            self._dragged, self._changed = "", True
-            self._show_camera()
+            self._dragged = ""
+            self._fill()
         elif self._dragged:
-            camera = camera_of(self._scene, self._dragged)
+            camera = rig_plan.camera_of(self._scene, self._dragged)
             x_m, y_m = self._room.metres(event.image_x, event.image_y)
-            self._try(with_camera, replace(camera, position_m=(x_m, y_m, camera.position_m[2])))
+            self._try(rig_plan.with_camera, replace(camera, position_m=(x_m, y_m, camera.position_m[2])))
 
     def _choose(self, name: str) -> None:
-        if name and name != self._chosen and not self._filling:
-            self._chosen, self._changed = name, True
-            self._show_camera()
+        if name and name != self._chosen:
+            self._fill(name)
 
-    def _show_camera(self) -> None:
-        """Fill the fields with the chosen camera; `_edited` does not count what is filled in."""
-        camera, self._filling = camera_of(self._scene, self._chosen), True
-        self._name.set_options([one.name for one in self._cameras], value=camera.name)
-        sizes = _SIZES | {camera.image.size_px: "{} x {}".format(*camera.image.size_px)}
-        self._size.set_options(sizes, value=camera.image.size_px)
-        values = (camera.image.horizontal_fov_deg, *camera.position_m, *camera.look_at_m, *self._room.size_m)
-        for field, value in zip((*self._fields, *self._sides), values, strict=True):
-            field.set_value(value)
-        self._filling = False
-
-    def _edited(self) -> None:
-        values = [field.value for field in self._fields]
-        if self._filling or self._dragged or None in values or self._size.value is None:
-            return
-        camera = camera_of(self._scene, self._chosen)
-        fov_deg, x, y, z, to_x, to_y, to_z = map(float, values)
-        image = replace(camera.image, size_px=tuple(self._size.value), horizontal_fov_deg=fov_deg)
-        changed = replace(camera, position_m=(x, y, z), look_at_m=(to_x, to_y, to_z), image=image)
-        if changed != camera and self._name.value == camera.name:
-            self._try(with_camera, changed)
-
-    def _sized(self) -> None:
-        sides = [field.value for field in self._sides]
-        if not self._filling and all(sides):
-            size_m = (float(sides[0]), float(sides[1]))
-            self._scene, self._changed = replace(self._scene, room=replace(self._scene.room, size_m=size_m)), True
-            self._map._props["size"] = self._room.size_px
+    def _fill(self, chosen: str = "") -> None:
+        """Give the fields the values of now, of another camera where one is chosen."""
+        self._chosen, self._changed, self._filled = chosen or self._chosen, True, self._filled + 1
+        self._show_camera()
 
     def _add(self) -> None:
-        name = free_camera_name(self._scene)
+        name = rig_plan.free_camera_name(self._scene)
         at_m = (0.0, -self._room.size_m[1] / 2, 2.2)
-        self._try(with_camera, PlacedCamera(name=name, position_m=at_m, image=ImageSettings()))
+        self._try(rig_plan.with_camera, PlacedCamera(name=name, position_m=at_m, image=ImageSettings()))
         self._choose(name)
 
     def _remove(self) -> None:
-        self._try(without_camera, self._chosen)
-        self._chosen = self._cameras[0].name
-        self._show_camera()
+        self._try(rig_plan.without_camera, self._chosen)
+        self._fill(self._cameras[0].name)
 
     async def _follow(self) -> None:
         """Draw what has changed; the newest plan wins."""
@@ -241,11 +206,111 @@ class _Plan:
         self._changed, self._busy = False, True
         scene, room = self._scene, self._room
         self._map.set_content(cameras_svg(self._cameras, self._chosen, room))
-        self._stream.publish("setup", setup_message(scene_setup(rig_of_scene(scene))), keep=True)
+        self._stream.publish("setup", page_message("setup", content=scene_setup(rig_plan.rig_of_scene(scene))), keep=True)
         step_m = _COARSE_M if self._dragged else _FINE_M
         with refusals():
             plan = await asyncio.to_thread(lambda: pf.plan(scene, area_m=room.size_m, step_m=step_m))
             self._map.set_source(error_map_data_url(plan, room))
-            for label, text in zip(self._figures, _FIGURES.values(), strict=True):
-                label.set_text(text(plan))
+            self._expected.clear()
+            with self._expected:
+                show_summary(plan.summary())
         self._busy = False
+
+
+def _number(label: str, least: float, most: float, step: float, value: float, on_change: Callable[[], None]) -> ui.number:
+    field = ui.number(label, value=value, min=least, max=most, step=step, format="%.4g", on_change=on_change)
+    return field.props(_FIELD).classes("pf-number")
+
+
+WIDTH_PX = 760
+# of the colours, in mm
+BEST_MM, WORST_MM = 10.0, 60.0
+_MARGIN_M = 0.4
+_REACH_M = 1.1
+_UNSEEN_BGR = (120, 110, 105)
+
+
+@dataclass(frozen=True)
+class RoomMap:
+    """Metres of a room about the origin to pixels of the picture: x to the right, y up."""
+
+    size_m: tuple[float, float]
+
+    @property
+    def scale(self) -> float:
+        """Pixels per metre."""
+        return WIDTH_PX / (self.size_m[0] + 2 * _MARGIN_M)
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """(width, height)."""
+        return WIDTH_PX, round((self.size_m[1] + 2 * _MARGIN_M) * self.scale)
+
+    def px(self, x_m: float, y_m: float) -> tuple[float, float]:
+        """Where a place lies."""
+        width, height = self.size_px
+        return width / 2 + x_m * self.scale, height / 2 - y_m * self.scale
+
+    def metres(self, x_px: float, y_px: float) -> tuple[float, float]:
+        """The place at a pixel, within the room, to the centimetre."""
+        width, height = self.size_px
+        half_x, half_y = (size / 2 for size in self.size_m)
+        x, y = (x_px - width / 2) / self.scale, (height / 2 - y_px) / self.scale
+        return round(float(np.clip(x, -half_x, half_x)), 2), round(float(np.clip(y, -half_y, half_y)), 2)
+
+
+def error_map_data_url(plan: rig_plan.RigPlan, room: RoomMap) -> str:
+    """The expected error over the floor as a PNG, as the address of itself; grey where fewer than two cameras see."""
+    error = plan.error_map_mm
+    share = np.clip((error - BEST_MM) / (WORST_MM - BEST_MM), 0, 1)
+    colours = cv2.applyColorMap(np.nan_to_num(255 * (1 - share)).astype(np.uint8), cv2.COLORMAP_VIRIDIS)
+    colours = np.where(np.isfinite(error)[..., None], colours, np.array(_UNSEEN_BGR, np.uint8))[::-1]
+    width, height = room.size_px
+    picture = np.full((height, width, 4), 0, np.uint8)
+    left, top = (round(value) for value in room.px(-room.size_m[0] / 2, room.size_m[1] / 2))
+    right, bottom = (round(value) for value in room.px(room.size_m[0] / 2, -room.size_m[1] / 2))
+    floor = cv2.resize(colours, (right - left, bottom - top), interpolation=cv2.INTER_NEAREST)
+    picture[top:bottom, left:right] = np.dstack([floor, np.full(floor.shape[:2], 255, np.uint8)])
+    _, encoded = cv2.imencode(".png", picture)
+    return f"data:image/png;base64,{base64.b64encode(encoded.tobytes()).decode()}"
+
+
+def cameras_svg(cameras: tuple[PlacedCamera, ...], chosen: str, room: RoomMap) -> str:
+    """Overlays of the colour map: walls, cameras with their fields of view, names."""
+    left, top = room.px(-room.size_m[0] / 2, room.size_m[1] / 2)
+    width, height = (size * room.scale for size in room.size_m)
+    wall = f'<rect x="{left:.0f}" y="{top:.0f}" width="{width:.0f}" height="{height:.0f}" fill="none" stroke="#546e7a"'
+    half_x, half_y = (size / 2 for size in room.size_m)
+    grid: list[tuple[tuple[float, float], tuple[float, float]]]
+    grid = [((x, -half_y), (x, half_y)) for x in range(-int(half_x), int(half_x) + 1)]
+    grid += [((-half_x, y), (half_x, y)) for y in range(-int(half_y), int(half_y) + 1)]
+    parts = [f'{wall} stroke-width="3"/>']
+    for (x1, y1), (x2, y2) in ((room.px(*a), room.px(*b)) for a, b in grid):
+        parts.append(f'<line x1="{x1:.0f}" y1="{y1:.0f}" x2="{x2:.0f}" y2="{y2:.0f}" stroke="#fff" stroke-opacity="0.18"/>')
+    parts += [_camera(camera, camera.name == chosen, room) for camera in cameras]
+    return "".join(parts)
+
+
+def nearest_camera(cameras: tuple[PlacedCamera, ...], x_px: float, y_px: float, room: RoomMap, reach_px: float = 34) -> str:
+    """The name of the camera at a pixel; empty where none is near."""
+    away = {one.name: float(np.hypot(*np.subtract(room.px(*one.position_m[:2]), (x_px, y_px)))) for one in cameras}
+    name = min(away, key=lambda one: away[one], default="")
+    return name if name and away[name] <= reach_px else ""
+
+
+def _camera(camera: PlacedCamera, chosen: bool, room: RoomMap) -> str:
+    x, y = room.px(*camera.position_m[:2])
+    to_x, to_y = np.subtract(camera.look_at_m[:2], camera.position_m[:2])
+    angle = np.arctan2(to_y, to_x) if np.hypot(to_x, to_y) > 1e-6 else np.pi / 2
+    half = np.deg2rad(camera.image.horizontal_fov_deg / 2)
+    sides = (angle - half, angle + half)
+    ends = [room.px(*np.add(camera.position_m[:2], (_REACH_M * np.cos(one), _REACH_M * np.sin(one)))) for one in sides]
+    corners = " ".join(f"{px:.0f},{py:.0f}" for px, py in ((x, y), *ends))
+    colour = "#ffb300" if chosen else "#ffffff"
+    label_y = y - 18 if y > 40 else y + 32
+    return (
+        f'<polygon points="{corners}" fill="{colour}" fill-opacity="0.35" stroke="{colour}" stroke-width="1.5"/>'
+        f'<circle cx="{x:.0f}" cy="{y:.0f}" r="12" fill="#10222b" stroke="{colour}" stroke-width="4"/>'
+        f'<text x="{x:.0f}" y="{label_y:.0f}" font-size="18" font-weight="700" text-anchor="middle" fill="{colour}" '
+        f'stroke="#10222b" stroke-width="4" paint-order="stroke">{escape(camera.name)}</text>'
+    )

@@ -1,26 +1,13 @@
-"""Binary messages to the pages. Little-endian; every message begins with a header of 16 bytes.
+"""Binary messages to the pages: the length of a head of JSON (u32, little-endian), the head, arrays of f32, and a file.
 
-====== ====== ========================================================================================================
-offset type   header
-====== ====== ========================================================================================================
-0      2 x u8 ``PF``
-2      u8     version, 1
-3      u8     kind: 1 setup, 2 poses, 3 image, 4 values, 5 labels
-4      u32    reserved, 0
-8      f64    time in seconds that the message is for
-====== ====== ========================================================================================================
+The head has the kind, JSON values, and in ``arrays`` how many numbers each array has, in their order. Kinds:
 
-After the header:
-
-- setup (1) and labels (5): JSON, UTF-8. Setup has the constants: bones, colours, cameras, floor (see `setup_message`); labels
-  give people's names by id.
-- poses (2): u16 people N, u16 keypoints K, u32 flags (1: ellipsoids follow); per person u32 id and 4 x u8 rgba (alpha 0: the
-  colours of the bones); N*K*3 x f32 world coordinates in metres, NaN where unknown; with flag 1 N*K*9 x f32: row-major L of
-  each ellipsoid ``{x + L u : |u| <= 1}``, NaN where there is none.
-- image (3): u16 camera, width, height, detections D, people N, keypoints K, u32 reserved; per person 4 x u8 rgba; D*K*2 x f32
-  detected and N*K*2 x f32 projected keypoints in pixels of this image; the rest is a JPEG file, empty where the camera has no
-  image at this time.
-- values (4): u32 count V; V*2 x f32: value and standard deviation, in the order of the setup's plots.
+- setup: ``content`` has what stays: bones, colours, cameras, floor (see `scene_setup`). labels: people's names by id.
+- poses: ``t_s``, ``people`` N, ``keypoints`` K, ``ids``, ``rgba`` (alpha 0: the colours of the bones); arrays ``xyz``, (N, K, 3)
+  metres, NaN where unknown, and ``shapes``, (N, K, 3, 3): L of each ellipsoid ``{x + L u : |u| <= 1}``, NaN where there is none.
+- image: ``t_s``, ``camera``, ``width``, ``height``, ``detections`` D, ``people`` N, ``keypoints`` K, ``rgba``; arrays ``seen``,
+  (D, K, 2), and ``fused``, (N, K, 2), pixels of this image; the file is a JPEG, empty where the camera has no image at this time.
+- values: ``t_s``; array ``values``, (V, 2): value and standard deviation, in the order of the setup's plots.
 """
 
 from __future__ import annotations
@@ -28,33 +15,27 @@ from __future__ import annotations
 import json
 import struct
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
+from posefuse.core import Rig, Skeleton
 from posefuse.core.arrays import Array
+from posefuse.core.palette import LEFT, RIGHT
+from posefuse.outputs.drawing import bone_colours, keypoint_colours
 
-VERSION = 1
-SETUP, POSES, IMAGE, VALUES, LABELS = 1, 2, 3, 4, 5
-HEADER = struct.Struct("<2sBBId")
-_ELLIPSOIDS = 1
 # covariances of unmeasured keypoints are large by design; a ball of a metre would only hide the rest
 _LARGEST_M = 0.5
 
 
-def packed_header(kind: int, t_s: float) -> bytes:
-    """The first 16 bytes."""
-    return HEADER.pack(b"PF", VERSION, kind, 0, t_s)
-
-
-def setup_message(setup: Mapping[str, Any]) -> bytes:
-    """What stays: see `setup.scene_setup`."""
-    return packed_header(SETUP, 0.0) + json.dumps(setup, allow_nan=False).encode()
-
-
-def labels_message(names: Mapping[int, str]) -> bytes:
-    """People's names by id."""
-    return packed_header(LABELS, 0.0) + json.dumps({str(person): name for person, name in names.items()}).encode()
+def page_message(kind: str, arrays: Mapping[str, Array] = MappingProxyType({}), file: bytes = b"", **values: Any) -> bytes:
+    """One message of a kind; see the module."""
+    floats = {name: np.ascontiguousarray(one, "<f4") for name, one in arrays.items()}
+    head = json.dumps({"kind": kind, "arrays": {name: one.size for name, one in floats.items()}, **values}, allow_nan=False)
+    # a page reads arrays where they lie, which must be at a multiple of four
+    raw = head.ljust(-(-len(head) // 4) * 4).encode()
+    return b"".join([struct.pack("<I", len(raw)), raw, *(one.tobytes() for one in floats.values()), file])
 
 
 def poses_message(
@@ -67,17 +48,9 @@ def poses_message(
         rgba: (N, 4) 0..255; None: the bones' own colours.
     """
     people, keypoints = xyz_world.shape[:2]
-    colours = np.zeros((people, 4), np.uint8) if rgba is None else np.asarray(rgba, np.uint8).reshape(people, 4)
-    ids = np.ascontiguousarray(person_id, "<u4").view(np.uint8).reshape(people, 4)
-    parts = [
-        packed_header(POSES, t_s),
-        struct.pack("<HHI", people, keypoints, _ELLIPSOIDS if cov_world is not None else 0),
-        np.hstack([ids, colours]).tobytes(),
-        np.ascontiguousarray(xyz_world, "<f4").tobytes(),
-    ]
-    if cov_world is not None:
-        parts.append(np.ascontiguousarray(ellipsoid_factors(cov_world), "<f4").tobytes())
-    return b"".join(parts)
+    shapes = {} if cov_world is None else {"shapes": ellipsoid_factors(cov_world)}
+    about = {"ids": person_id.tolist(), "rgba": np.zeros((people, 4), int).tolist() if rgba is None else rgba}
+    return page_message("poses", {"xyz": xyz_world, **shapes}, t_s=t_s, people=people, keypoints=keypoints, **about)
 
 
 def ellipsoid_factors(cov: Array, sigmas: float = 2.0) -> Array:
@@ -112,15 +85,70 @@ def image_message(
         projected_px: (N, K, 2), in the colours `rgba` (N, 4).
     """
     keypoints = next((one.shape[1] for one in (detected_px, projected_px) if one is not None and len(one)), 0)
-    seen, fused = (np.zeros((0, keypoints, 2)) if one is None or not len(one) else one for one in (detected_px, projected_px))
-    counts = np.array([camera, *size_wh, len(seen), len(fused), keypoints, 0, 0], "<u2").tobytes()
-    colours = np.zeros((len(fused), 4), np.uint8)
-    colours[: len(rgba)] = np.asarray(rgba, np.uint8).reshape(-1, 4)
-    points = [np.ascontiguousarray(one, "<f4").tobytes() for one in (seen, fused)]
-    return b"".join([packed_header(IMAGE, t_s), counts, colours.tobytes(), *points, jpeg])
+    seen, fused = (np.zeros((0, keypoints, 2)) if one is None else one for one in (detected_px, projected_px))
+    sizes = {"width": size_wh[0], "height": size_wh[1], "detections": len(seen), "people": len(fused), "keypoints": keypoints}
+    return page_message("image", {"seen": seen, "fused": fused}, jpeg, t_s=t_s, camera=camera, rgba=rgba, **sizes)
 
 
-def values_message(t_s: float, values: Array, sigmas: Array) -> bytes:
-    """Values (V,) of the plots with their standard deviations, NaN where unknown."""
-    both = np.stack([values, sigmas], axis=-1)
-    return packed_header(VALUES, t_s) + struct.pack("<I", len(both)) + np.ascontiguousarray(both, "<f4").tobytes()
+# how far in front of a camera its image is drawn
+_FRUSTUM_M = 0.35
+_TRAILS = ("left_wrist", "right_wrist", "left_ankle", "right_ankle")
+
+
+def scene_setup(
+    rig: Rig | None = None,
+    skeleton: Skeleton | None = None,
+    *,
+    plots: Sequence[str] = (),
+    faulty: Sequence[str] = (),
+    centre_cov: Mapping[str, Array] | None = None,
+) -> dict[str, Any]:
+    """The setup message's content.
+
+    Args:
+        rig: cameras to draw. skeleton: of the poses to come. plots: names of the values to come. faulty: cameras drawn in red.
+        centre_cov: (3, 3) covariance of camera centres in m^2, by name; drawn as ellipsoids.
+    """
+    return {
+        "cameras": [_camera(camera, camera.name in faulty, (centre_cov or {}).get(camera.name)) for camera in rig or ()],
+        "floor": _floor(rig),
+        "plots": list(plots),
+        **(_bones(skeleton) if skeleton is not None else {"bones": [], "bone_rgb": [], "keypoint_rgb": [], "trails": []}),
+    }
+
+
+def _bones(skeleton: Skeleton) -> dict[str, Any]:
+    return {
+        "bones": skeleton.bone_indices.tolist(),
+        "bone_rgb": [list(colour) for colour in bone_colours(skeleton)],
+        "sides": {"left": LEFT.on_dark, "right": RIGHT.on_dark},
+        "keypoint_rgb": [list(colour) for colour in keypoint_colours(skeleton)],
+        "trails": [skeleton.index(name) for name in _TRAILS if name in skeleton.keypoints],
+    }
+
+
+def _camera(camera: Any, faulty: bool, cov: Array | None) -> dict[str, Any]:
+    width, height = camera.size_wh
+    corners = np.array([[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1]], float)
+    rays = np.asarray(camera.rays_world(corners), float)
+    # all corners in one plane, as far as the middle of the image
+    axis = camera.cam_from_world.matrix()[2]
+    places = camera.centre_world + rays * (_FRUSTUM_M / (rays @ axis))[:, None]
+    shape = None if cov is None else ellipsoid_factors(np.asarray(cov))
+    return {
+        "name": camera.name,
+        "centre": np.round(camera.centre_world, 4).tolist(),
+        "corners": np.round(places, 4).tolist(),
+        "faulty": faulty,
+        "ellipsoid": None if shape is None or not np.isfinite(shape).all() else shape.ravel().tolist(),
+    }
+
+
+def _floor(rig: Rig | None) -> dict[str, Any]:
+    """A square of whole metres under the cameras, and where to look."""
+    if rig is None or not len(rig):
+        return {"centre": [0.0, 0.0], "half_m": 3.0}
+    centres = rig.centres_world()
+    low, high = centres.min(axis=0), centres.max(axis=0)
+    half = float(np.ceil(np.clip(max(high[:2] - low[:2]) / 2 + 0.5, 1.5, 30.0)))
+    return {"centre": np.round((low + high)[:2] / 2, 2).tolist(), "half_m": half}

@@ -16,8 +16,7 @@ from posefuse.core import Detections2D, JointAngles, LivePreview, Pose3D, Posefu
 from posefuse.core.arrays import Array
 from posefuse.core.joint_angles import angle_labels
 from posefuse.outputs.drawing import person_rgb
-from posefuse_studio.scene.messages import image_message, labels_message, poses_message, setup_message, values_message
-from posefuse_studio.scene.setup import scene_setup
+from posefuse_studio.scene.messages import image_message, page_message, poses_message, scene_setup
 from posefuse_studio.session import CameraStatus, Host, Pace, Rates, SessionStatus, status_pace
 from posefuse_studio.setups import rig_of_setup, setup_named, sources_of_setup
 from posefuse_studio.workspace import POSES_FILE, StudioWorkspace, check_name
@@ -102,7 +101,7 @@ class _Shown:
         # the image is older than the newest pose, the more the busier the machine
         pose = nearest_pose(self._past, preview.t_ns)
         fused = None if pose is None or not len(pose.person_id) else camera.project(pose.xyz_world) * scale
-        message = image_message(
+        image = image_message(
             preview.t_ns / 1e9 - self._begun_s,
             self._places[preview.camera],
             preview.jpeg,
@@ -111,7 +110,7 @@ class _Shown:
             projected_px=fused,
             rgba=[] if pose is None or fused is None else _colours(pose.person_id),
         )
-        host.publish(f"image {preview.camera}", message)
+        host.publish(f"image {preview.camera}", image)
 
     def _publish(self, host: Host, pose: Pose3D, joints: JointAngles | None) -> None:
         t_s = pose.t_ns / 1e9 - self._begun_s
@@ -121,17 +120,17 @@ class _Shown:
         if joints is not None and len(joints.person_id):
             ids = joints.person_id.tolist()
             n = ids.index(self._person) if self._person in ids else 0
-            degrees: list[Array] = [np.degrees(one[0, n]).ravel() for one in (joints.angle_rad, joints.sigma_rad)]
-            host.publish("values", values_message(t_s, *degrees))
+            degrees = np.degrees([joints.angle_rad[0, n].ravel(), joints.sigma_rad[0, n].ravel()])
+            host.publish("values", page_message("values", {"values": degrees.T}, t_s=t_s))
 
     def _set_up(self, skeleton: Skeleton, joints: JointAngles | None) -> None:
         """The scene, again whenever a camera becomes faulty or well."""
         faulty = tuple(name for name, camera in self._session.cameras.items() if camera.state != "ok")
-        plots = plot_names(joints) if joints is not None else (self._setup_of[1] if self._setup_of else ())
+        plots = tuple(angle_labels(joints, " ")) if joints is not None else (self._setup_of[1] if self._setup_of else ())
         if self._host is not None and self._setup_of != (skeleton, plots, faulty):
             self._setup_of = skeleton, plots, faulty
             setup = scene_setup(self._rig, skeleton, plots=plots, faulty=faulty)
-            self._host.publish("setup", setup_message(setup), keep=True)
+            self._host.publish("setup", page_message("setup", content=setup), keep=True)
 
     def _status(self, pose: Pose3D | None) -> SessionStatus:
         latencies = [one.figures.get("latency_p95_ms", 0.0) for one in self._session.cameras.values()]
@@ -185,7 +184,7 @@ class _Shown:
         self._session.name_person(int(person), text[:40])
         self._names[int(person)] = text[:40].strip()
         if self._host is not None:
-            self._host.publish("labels", labels_message(self._names), keep=True)
+            self._host.publish("labels", page_message("labels", content=self._names), keep=True)
 
     def _record(self, name: str, poses: bool, videos: bool) -> None:
         """Into a new folder, which `posefuse track` takes as a session when it has videos."""
@@ -214,11 +213,6 @@ class _Shown:
 def nearest_pose(past: Sequence[Pose3D], t_ns: int) -> Pose3D | None:
     """The one whose time is nearest; None where there is none."""
     return min(past, key=lambda pose: abs(pose.t_ns - t_ns), default=None)
-
-
-def plot_names(joints: JointAngles) -> tuple[str, ...]:
-    """All angles, in the order of the values."""
-    return tuple(angle_labels(joints, " "))
 
 
 def _colours(person_id: Array) -> list[tuple[int, int, int, int]]:

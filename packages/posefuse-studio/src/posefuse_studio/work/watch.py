@@ -11,6 +11,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -24,19 +25,16 @@ from posefuse.core.arrays import Array
 from posefuse.health.cameras import CameraState
 from posefuse.outputs.drawing import jpeg_of, shrunk_wh
 from posefuse.realtime.video_keeping import read_counts
-from posefuse.realtime.watching import CameraFeed, FedFrame, image_warning
-from posefuse_studio.calibrations import SEEN, SeenTarget, Step
-from posefuse_studio.guiding import advice_for, enough_for, near_far_of, size_of
-from posefuse_studio.scene.messages import image_message, setup_message
-from posefuse_studio.scene.setup import scene_setup
+from posefuse.realtime.watching import CameraFeed, FedFrame, image_warning, watched
+from posefuse_studio.calibrations import SEEN, SeenTarget, Step, advice_for, enough_for, near_far_of, size_of, without_floor
+from posefuse_studio.scene.messages import image_message, page_message, scene_setup
 from posefuse_studio.session import CameraStatus, Host, Pace, Rates, SessionStatus, status_pace
 from posefuse_studio.setups import Setup, inputs_of_setup, setup_named
 from posefuse_studio.stored import write_stored
-from posefuse_studio.targets import without_floor
 from posefuse_studio.workspace import StudioWorkspace
 
 IMAGES_HZ = 15.0
-_JUDGE_S, _REST_S, _IDLE_S = 1.0, 0.005, 0.1
+_JUDGE_S = 1.0
 # a page that is loaded again, on a machine that is busy
 _UNSEEN_S = 20.0
 _SHOWN_PX, _QUALITY = 480, 70
@@ -56,19 +54,18 @@ def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any)
     # packets of files come in any encoding, and again from the start where a video begins again: they are encoded again
     with CameraFeed(inputs, packets=bool(record) and all(entry.kind != "video" for entry in inputs)) as feed:
         videos = workspace.folder(f"{record}/videos") if record else None
-        watched = _Watch(feed, detector, record, arguments.get("step") or "extrinsics", bool(arguments.get("lenses")))
-        progress.listens(watched.host.address)
-        feed.begin(videos)
+        shown = _Watch(feed, detector, record, arguments.get("step") or "extrinsics", bool(arguments.get("lenses")))
+        progress.listens(shown.host.address)
         # a user who has seen enough ends it: what was recorded is complete then, too
         with suppress(KeyboardInterrupt):
-            watched.run()
-        enough = watched.enough
+            shown.run(videos)
+        enough = shown.enough
         progress("finish the videos", 0, None)
     if videos is not None:
         for name, one in read_counts(videos, feed.cameras).items():
             if not one.finished:
                 raise InputError(f"{record}: the video of {name} is not complete ({one.fault}); record again")
-        write_stored(workspace.path(record) / SEEN, SeenTarget.of(watched.guidance.coverage, target=target, enough=enough))
+        write_stored(workspace.path(record) / SEEN, SeenTarget.of(shown.guidance.coverage, target=target, enough=enough))
     return {"record": record, "enough": enough}
 
 
@@ -85,7 +82,7 @@ class _Watch:
         self._sizes: dict[str, tuple[int, int]] = {}
         self._rates = Rates()
         self._begun_s = time.monotonic()
-        self.host.publish("setup", setup_message(scene_setup()), keep=True)
+        self.host.publish("setup", page_message("setup", content=scene_setup()), keep=True)
 
     @property
     def enough(self) -> bool:
@@ -96,22 +93,18 @@ class _Watch:
     def _near_far(self) -> Array | None:
         return None if self._sizes_px is None else near_far_of(self._sizes_px)
 
-    def run(self) -> None:
+    def run(self, videos: Path | None) -> None:
         """Until the sources end, enough of a target is covered, or no page shows them; an interrupt ends it, too."""
         pace, seen_s = Pace(status_pace(True)), time.monotonic()
-        while self._detector is None or not self.enough:
-            seen_s = time.monotonic() if self.host.watched or self._record else seen_s
-            # asked before the frames are taken, so that the last ones are not lost
-            over = self._feed.over or time.monotonic() - seen_s > _UNSEEN_S
-            self._feed.check()
-            for fed in self._feed.newest():
+        for frames, _ in watched(self._feed, videos):
+            for fed in frames:
                 self._take(fed)
             pace.every_s = status_pace(self.host.watched)
             if pace.due():
                 self.host.status(self._status())
-            if over:
+            seen_s = time.monotonic() if self.host.watched or self._record else seen_s
+            if time.monotonic() - seen_s > _UNSEEN_S or (self._detector is not None and self.enough):
                 return
-            time.sleep(_REST_S if self.host.watched or self._detector or self._record else _IDLE_S)
 
     def _take(self, fed: FedFrame) -> None:
         name, image = self._feed.cameras[fed.camera], fed.frame.image

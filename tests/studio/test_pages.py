@@ -1,0 +1,108 @@
+"""Pages are built and their controls act, by NiceGUI's simulated user: no browser."""
+
+import asyncio
+from collections.abc import Callable, Coroutine
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from nicegui import ui
+from nicegui.testing import User, user_simulation
+
+from posefuse.detection import named_networks
+from posefuse_sim.rig_plan import camera_of
+from posefuse_sim.scene import read_scene
+from posefuse_studio import app
+from posefuse_studio.access import Access
+from posefuse_studio.jobs import Jobs
+from posefuse_studio.pages import PAGES
+from posefuse_studio.state import Studio
+from posefuse_studio.work import recordings
+from posefuse_studio.workspace import StudioWorkspace
+
+NETWORK = "rtmpose_m"
+
+
+@pytest.fixture
+def started(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, Any]]:
+    """The jobs that pages start: work and arguments; none runs."""
+    found: list[tuple[str, Any]] = []
+    monkeypatch.setattr(Jobs, "start", lambda self, work, title, arguments, **more: found.append((work, arguments)))
+    return found
+
+
+def visited(folder: Path, path: str, use: Callable[[User], Coroutine[Any, Any, None]]) -> None:
+    """Use a page of the studio of a workspace."""
+    studio = Studio.of(StudioWorkspace(folder), Access.of("127.0.0.1", 8765))
+
+    async def main() -> None:
+        async with user_simulation() as user:
+            for page in PAGES:
+                ui.page(page.path)(app._builder(studio, page))
+            await user.open(path)
+            await use(user)
+
+    asyncio.run(main())
+
+
+def field(user: User, kind: type[Any], label: str) -> Any:
+    """The field of a page with this label."""
+    [found] = [one for one in user.find(kind).elements if one.props.get("label") == label]
+    return found
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.title)
+def test_every_page_of_a_new_workspace_is_built(tmp_path: Path, page: Any) -> None:
+    async def use(user: User) -> None:
+        await user.should_see(page.title)
+
+    visited(tmp_path, page.path, use)
+
+
+def test_a_camera_of_a_plan_is_chosen_and_moved(tmp_path: Path) -> None:
+    async def use(user: User) -> None:
+        await user.should_see("Expected of these cameras", retries=100)
+        user.find(kind=ui.button, content="Add a camera").click()
+        field(user, ui.number, "x, m").set_value(1.5)
+        user.find(kind=ui.button, content="Keep this plan").click()
+        await user.should_see("Kept as plans/test-walk.yaml")
+
+    visited(tmp_path, "/simulate", use)
+    [plan] = (tmp_path / "plans").glob("*.yaml")
+    assert camera_of(read_scene(plan), "cam04").position_m == (1.5, -3.5, 2.2)
+
+
+def test_a_live_session_has_the_network_that_was_chosen(tmp_path: Path, started: list[tuple[str, Any]]) -> None:
+    async def use(user: User) -> None:
+        user.find(kind=ui.button, content="Start").click()
+        field(user, ui.select, "Network").set_value(NETWORK)
+        user.find(kind=ui.button, content="Start").click()
+
+    visited(tmp_path, "/live", use)
+    assert [(work, arguments["networks"]) for work, arguments in started] == [("live", ""), ("live", NETWORK)]
+
+
+def test_a_study_has_the_network_that_was_chosen(
+    tmp_path: Path, started: list[tuple[str, Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "study").mkdir()
+
+    async def use(user: User) -> None:
+        user.find(kind=ui.button, content="Track a study").click()
+        user.find("Folder in the workspace").type("study")
+        field(user, ui.select, "Network").set_value(NETWORK)
+        user.find(kind=ui.button, content="Track all").click()
+
+    visited(tmp_path, "/recordings", use)
+    [(_, arguments)] = started
+    tracked: list[Any] = []
+    study = SimpleNamespace(failed={}, trials=(), page=tmp_path / "study")
+    monkeypatch.setattr(recordings.pf, "batch", lambda *_, settings, **__: [tracked.append(settings), study][1])
+    for one in (arguments, {**arguments, "networks": ""}):
+        recordings.batch_job(one, StudioWorkspace(tmp_path), lambda *_: None)
+    assert tracked == [{"detector.name": "onnx", "detector.options.card": NETWORK}, {}]
+
+
+def test_networks_are_those_that_find_keypoints() -> None:
+    assert NETWORK in named_networks() and "blazepose_best" in named_networks() and "blazepose_persons" not in named_networks()
