@@ -18,7 +18,7 @@ from posefuse.realtime.messages import KeepVideos, Ready, SessionClock, Status, 
 
 def ready_at_once(channel: Channel, plan: object) -> None:
     """A group without cameras: ready, then waiting for its end."""
-    channel.send(Ready(0, COCO17, None))
+    channel.send(Ready(COCO17, None))
     channel.wait(30.0)
 
 
@@ -56,18 +56,18 @@ TABLE = JointCentres(made_by="a test", offsets={"hip": {"up": 0.01}})
 
 def ready_with_joint_centres(channel: Channel, plan: object) -> None:
     """A group without cameras whose detector has a table."""
-    channel.send(Ready(0, COCO17, TABLE))
+    channel.send(Ready(COCO17, TABLE))
     channel.wait(30.0)
 
 
 def slow_to_finish(channel: Channel, plan: SimpleNamespace) -> None:
     """A group that was asked to keep videos, and needs longer for their end than one without progress is waited for."""
-    channel.send(Ready(0, COCO17, None))
+    channel.send(Ready(COCO17, None))
     while not isinstance(channel.receive(), Stop):
         channel.wait(30.0)
     for _ in range(30):
         time.sleep(0.1)
-        channel.send(Status(0, 0, ()))
+        channel.send(Status(0, ()))
     (plan.folder / "finished").touch()
 
 

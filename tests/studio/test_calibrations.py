@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from posefuse.api.calibration_results import RigCalibration
-from posefuse.api.rig import rig_of
+from posefuse.api.values import rig_of
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.report import CalibrationReport, Check, CheckKind, RefusedCalibration
 from posefuse.calibration.targets.coverage import ENOUGH_SHARE, ENOUGH_TOGETHER, TargetCoverage
