@@ -1,6 +1,7 @@
 """Pages are built and their controls act, by NiceGUI's simulated user: no browser."""
 
 import asyncio
+import sys
 from collections.abc import Callable, Coroutine
 from pathlib import Path
 from types import SimpleNamespace
@@ -43,7 +44,10 @@ def visited(folder: Path, path: str, use: Callable[[User], Coroutine[Any, Any, N
             await user.open(path)
             await use(user)
 
+    modules = dict(sys.modules)
     asyncio.run(main())
+    # the simulation forgets the modules of pages, which other tests have
+    sys.modules.update(modules)
 
 
 def field(user: User, kind: type[Any], label: str) -> Any:
