@@ -201,7 +201,7 @@ def test_what_can_wait_is_done_just_after_each_output(ring_rig) -> None:
         return int(clock.now)
 
     clock.now_ns = passing
-    fusion.estimator.tracker.check = lambda: done.append("what can wait")  # type: ignore[method-assign]
+    fusion.estimator.tracker.check = lambda: done.append("what can wait")
     offer = lambda message: done.append("output") if isinstance(message, LivePose) else None  # noqa: E731
     fusion.outlets = SimpleNamespace(offer=offer, poll=lambda: None, health={})
     nothing = SimpleNamespace(channels=list, messages=lambda: (), troubles=dict)
@@ -322,7 +322,7 @@ def test_judging_the_cameras_takes_no_view_that_would_make_an_output_late(ring_r
         taken.append(message)
         clock.now += 1_000_000
 
-    fusion.take = take  # type: ignore[method-assign]
+    fusion.take = take
     clock.now = T0
     fusion._judge(SimpleNamespace(messages=lambda: iter(range(128)), troubles=dict), T0, T0 + 3_000_000)
     assert len(taken) == 3

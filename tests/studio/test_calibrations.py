@@ -378,7 +378,7 @@ def test_the_graph_shows_cameras_with_common_views_and_with_enough_of_them() -> 
     shared = shared_views(names, together)
     assert shared == {("a", "b"): n, ("a", "<c>"): n - 1}
     assert graph_words(names, shared) == f"a and b {n}; a and <c> {n - 1}, too few; d shares none"
-    [drawn] = graph_options(names, shared)["series"]  # type: ignore[misc]
+    [drawn] = graph_options(names, shared)["series"]
     assert [(one["source"], one["target"], one["value"], one["lineStyle"]["type"]) for one in drawn["links"]] == [
         ("a", "b", n, "solid"), ("a", "<c>", n - 1, "dashed")
     ]  # fmt: skip
