@@ -28,8 +28,8 @@ from posefuse.sources.arriving import Arrived
 from .capture import SAMPLE_STEP, Capture, Caught, LiveInput, take_all
 from .messages import (
     NOTHING_EXPECTED,
+    CannotStart,
     Expected,
-    Failed,
     Go,
     KeepVideos,
     Ready,
@@ -142,7 +142,7 @@ def run_group(channel: Channel, plan: GroupPlan) -> None:
             group = _opened(plan, channel)
             group.run()
         except PosefuseError as error:
-            channel.send(Failed(str(error)), _SEND_S)
+            channel.send(CannotStart(str(error)), _SEND_S)
     # also when the session was killed
     if group is not None:
         group.finish()

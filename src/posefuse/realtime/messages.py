@@ -49,7 +49,7 @@ class Ready:
 
 
 @dataclass(frozen=True)
-class Failed:
+class CannotStart:
     """A process cannot start; one line with the reason."""
 
     reason: str

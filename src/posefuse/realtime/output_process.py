@@ -24,7 +24,7 @@ from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.platform import lower_priority
 from posefuse.foundation.requests_to_end import wait_while_working
 
-from .messages import Failed, RemoveOutput, Stop
+from .messages import CannotStart, RemoveOutput, Stop
 
 # at the end an output that has made no progress for so long is given up; one that has nothing left ends at once
 END_S = 5.0
@@ -88,7 +88,7 @@ def run_outputs(
                 OutputThread(name, config, start, kept, known[name], open_now=start.part == 1) for name, config in configs.items()
             ]
         except Exception as error:  # noqa: BLE001 - others' outputs may fail in any way; it is reported, not hidden
-            channel.send(Failed(words_of(error, "outputs")), 1.0)
+            channel.send(CannotStart(words_of(error, "outputs")), 1.0)
             return
         channel.send(OutputsHealth(_health(workers)), 1.0)
         _hand_out(channel, workers)

@@ -13,7 +13,7 @@ from posefuse.core.live_messages import FAILED, OK
 from posefuse.foundation.worker import Worker
 from posefuse.health.cameras import Event
 
-from .messages import Failed, RemoveOutput, SessionClock, Stop
+from .messages import CannotStart, RemoveOutput, SessionClock, Stop
 from .output_process import (
     END_S,
     HANGS,
@@ -142,7 +142,7 @@ class OutputProcess:
         message = self._worker.receive()
         if not self._worker.running:
             raise InputError(f"outputs: {self._worker.trouble} while starting")
-        if isinstance(message, Failed):
+        if isinstance(message, CannotStart):
             raise InputError(message.reason)
         self._take(message)
 
@@ -236,7 +236,7 @@ class OutputProcess:
         self._worker.start(dict(self._plan.configs), first, list(self._kept.values()), known)
 
     def _take(self, message: Any) -> None:
-        if isinstance(message, Failed):
+        if isinstance(message, CannotStart):
             self._worker.fail(message.reason)
         elif isinstance(message, OutputsHealth):
             self._ready, self._finished = True, message.final

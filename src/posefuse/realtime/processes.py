@@ -14,7 +14,7 @@ from posefuse.foundation.platform import peak_memory_mb, processor_s
 from posefuse.foundation.worker import Worker
 
 from .group import GroupPlan, run_group
-from .messages import Expected, Failed, Go, KeepVideos, Ready, SessionClock, ShowImages, Status, Stop, VideoFailed
+from .messages import CannotStart, Expected, Go, KeepVideos, Ready, SessionClock, ShowImages, Status, Stop, VideoFailed
 from .news import ProcessedImages
 from .video_keeping import FINISH_S
 
@@ -197,7 +197,7 @@ class Groups:
         message = member.worker.receive()
         if not member.worker.running:
             raise SourceError(f"{member.words}: {member.worker.trouble} while starting")
-        if isinstance(message, Failed):
+        if isinstance(message, CannotStart):
             raise SourceError(message.reason)
         if isinstance(message, Ready):
             member.marks, member.ready = message, True
@@ -212,7 +212,7 @@ class Groups:
             if isinstance(message, Ready) and self._go is not None:
                 member.ready = True
                 worker.send(self._go, 0.1)
-            elif isinstance(message, Failed):
+            elif isinstance(message, CannotStart):
                 worker.fail(message.reason)
             elif isinstance(message, VideoFailed):
                 self._notices.append(f"video {message.camera}: failed: {message.reason}")
