@@ -12,7 +12,7 @@ from posefuse.core.joint_centres import SEGMENT_ENDS
 from posefuse.core.skeleton import PAPER14, pick_keypoints
 from posefuse.evaluation.metrics import joint_errors, true_xyz_at, typical_nees
 from posefuse.kinematics import JOINT_NAMES, joints_from_poses
-from posefuse.tracking.segments import segment_lengths
+from posefuse.tracking.body_directions import segment_lengths
 
 SIDES = ("left", "right")
 JOINTS = tuple(joint for joint in PAPER14.keypoints if joint not in ("neck", "mid_hip"))

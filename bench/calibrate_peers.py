@@ -75,7 +75,7 @@ def aniposelib(session: Session, seen: CornerObservations, xy: Array) -> Rig:
     return rig_of(session.rig.cameras, placed)
 
 
-def board_poses(group, flat: Array, use: Array, frame: Array, board: Array) -> tuple[Array, Array]:  # type: ignore[no-untyped-def]
+def board_poses(group, flat: Array, use: Array, frame: Array, board: Array) -> tuple[Array, Array]:
     """(C, N, 3) rotation vectors and translations of the board in each camera, once for each corner, as aniposelib wants them."""
     rvecs, tvecs = np.full((*flat.shape[:2], 3), np.nan), np.full((*flat.shape[:2], 3), np.nan)
     for c, camera in enumerate(group.cameras):

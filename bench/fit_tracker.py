@@ -11,7 +11,7 @@ Each constant in turn is made smaller and larger; what scores better stays. The 
 output time, plus `HONESTY` times the mean square of how far the logarithm of NEES is from that of 3, over all scenes, each with
 views as late as a session of this machine has them and with views that come at once: what is uncertain about late ones is the
 motion since, about the others the noise. Prints every step on stdout, and
-what stands in `tracking/online/settings.py` when it is adopted.
+what stands in `tracking/settings.py` when it is adopted.
 """
 
 import json

@@ -27,9 +27,8 @@ from posefuse.pipeline.second_pass import poses_over_time
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import warmed_up
 from posefuse.tracking import LearntLengths, at_joint_centres
-from posefuse.tracking.body_directions import HEAD, SIDES
+from posefuse.tracking.body_directions import HEAD, SIDES, segment_lengths
 from posefuse.tracking.joint_centres import JOINTS, USUAL_S
-from posefuse.tracking.segments import segment_lengths
 
 NAMES = tuple(f"{side}_{joint}" for side in SIDES for joint in JOINTS if joint not in HEAD)
 # seconds since a person was found

@@ -15,7 +15,7 @@ from scenes import WARM_UP_S, Arrivals, Place, arriving, circle, new_tracker, ou
 from posefuse.core import Pose3D
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.realtime.config import KeypointGateSettings
-from posefuse.realtime.gate import KeypointGate
+from posefuse.realtime.estimator import KeypointGate
 
 LATENCY_S, USED = (0.05, 0.3), 0.5
 CUT_S, ALONE_EVERY_S, ALONE_S = 4.3, 6.0, 1.2

@@ -32,7 +32,7 @@ from posefuse.core.skeleton import PAPER14, pick_keypoints
 from posefuse.fusion import FuseSettings
 from posefuse.pipeline.following import PeopleFollower
 from posefuse.realtime.config import LiveConfig
-from posefuse.realtime.identity import NamedTracker
+from posefuse.realtime.estimator import NamedTracker
 from posefuse.tracking.online import LiveSettings
 
 KEPT = Path(tempfile.gettempdir()) / "posefuse_crowds"

@@ -16,7 +16,7 @@ from harness import rendered, scene_from
 from rehearsal.boxes import BoxStage
 from rehearsal.operator import RATE_HZ
 
-from posefuse.api.detector import detector
+from posefuse.api.values import detector
 from posefuse.core import Frame, LiveJointCentres, Rig
 from posefuse.detection import region_from_pose
 from posefuse.formats.rig import read_rig

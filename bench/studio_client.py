@@ -57,7 +57,7 @@ def quiet_page(base: str, token: str) -> Iterator[QuietPage]:
 async def main(base: str, token: str) -> None:
     """Until the input ends."""
     import aiohttp
-    import socketio  # type: ignore[import-untyped]
+    import socketio
 
     counts: Counter[str] = Counter()
     # by the header: it keeps no cookies of a host without a name

@@ -69,7 +69,7 @@ def repeat(video: Path, out: Path, times: int, length_ns: int) -> None:
                         container.mux(packet)
 
 
-def repeated(truth, times: int, period_ns: int) -> Recording:  # type: ignore[no-untyped-def]
+def repeated(truth, times: int, period_ns: int) -> Recording:
     """The truth as a result."""
     xyz = np.tile(truth.xyz_world, (times, 1, 1, 1))
     known = np.isfinite(xyz[..., 0])

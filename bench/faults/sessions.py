@@ -41,7 +41,7 @@ class Session:
             self.prop,
             self.target,
             motion or self.motion,
-            replace(self.faults, **faults),  # type: ignore[arg-type]
+            replace(self.faults, **faults),
         )
 
 

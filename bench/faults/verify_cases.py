@@ -39,7 +39,7 @@ def room(seed: int) -> Rig:
 def held_board(rig: Rig, seed: int, noise_px: float = 0.15, **faults: object) -> CornerObservations:
     """A board carried through the room for a minute: in less, a camera at the end of the row may hardly meet its face."""
     motion = Waving(seconds=60.0, rate_hz=10.0, seed=seed, reach_m=(0.7, 0.7, 0.5), swings_hz=0.2)
-    return observe_prop(rig, board(), TARGET, motion, Faults(noise_px=noise_px, seed=seed, **faults))  # type: ignore[arg-type]
+    return observe_prop(rig, board(), TARGET, motion, Faults(noise_px=noise_px, seed=seed, **faults))
 
 
 def answer(rig: Rig, seen: CornerObservations, wrong: bool = True) -> Answer:
@@ -60,7 +60,7 @@ def _case(name: str, cause: str, change: Callable[[Rig, int], Rig]) -> Case:
 
 
 def _one(change: Callable[[Rig, int], object]) -> Callable[[Rig, int], Rig]:
-    return lambda rig, seed: Rig(one_changed(rig.cameras, 2, change(rig, seed)))  # type: ignore[arg-type]
+    return lambda rig, seed: Rig(one_changed(rig.cameras, 2, change(rig, seed)))
 
 
 def _unseen(seed: int) -> Answer:

@@ -87,7 +87,7 @@ class Run:
         return poses_over_time(
             self.recording.views,
             self.recording.rig,
-            replace(self.config.fuse, weights=weights),  # type: ignore[arg-type]
+            replace(self.config.fuse, weights=weights),
             self.config.smooth if smoothed else None,
             self.centres if centred else None,
         )

@@ -8,7 +8,7 @@ recording.save("result/", formats=("trc", "c3d"))
 
 from typing import TYPE_CHECKING
 
-from .core.lazy_names import lazy_names
+from .core.extras import lazy_names
 
 __version__ = "0.2.0"
 
@@ -20,16 +20,15 @@ if TYPE_CHECKING:
 
     from .api.calibrate import calibrate_clocks, calibrate_extrinsics, calibrate_intrinsics, calibrate_person, verify
     from .api.compare import compare
-    from .api.detector import detector
     from .api.joint_angles import JointAngles
     from .api.live import live
     from .api.live_run import track_live
     from .api.machine import doctor, models, plugins
     from .api.record import record, resume_recording
     from .api.recording import Recording, read, recordings, view
-    from .api.rig import Rig, read_rig
     from .api.targets import print_target
     from .api.track import batch, demo_session, solve, track
+    from .api.values import Rig, detector, read_rig
     from .core import Camera, Detections2D, Observations, Pose3D, PosefuseError, PoseSequence, Progress, Skeleton
     from .fusion import triangulate
     from .pipeline.edits import Edits, Exclusion

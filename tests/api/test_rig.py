@@ -8,7 +8,7 @@ import pytest
 
 import posefuse as pf
 from posefuse import core
-from posefuse.api.rig import rig_of
+from posefuse.api.values import rig_of
 from posefuse.core import InputError
 
 

@@ -69,7 +69,7 @@ def test_intrinsics_and_rigs_of_twice_the_size_are_rescaled_and_it_is_said(lab: 
     seen, used = lab.watch(motion=replace(lab.motion, seconds=4.0)), []
 
     def solve(observations: object, cameras: object, *_: object) -> None:
-        used.extend(cameras)  # type: ignore[call-overload]
+        used.extend(cameras)
         raise RefusedCalibration(CalibrationReport("test", (Check("one", False, "is wrong"),)))
 
     monkeypatch.setattr(moving_target, "calibrate_extrinsics", solve)

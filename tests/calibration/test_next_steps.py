@@ -146,7 +146,7 @@ def test_clocks_that_were_estimated_already_are_not_advised_again() -> None:
     assert parsed is not None
     asked = Asked(step="person", inputs=("walk",), options=parsed.bound.arguments["options"])
     for kind, words in (("clocks", "posefuse record"), ("drift", "--height-m 1.8 --clocks drift")):
-        report = CalibrationReport("person", (Check("clocks", False, "differ", kind=kind),))  # type: ignore[arg-type]
+        report = CalibrationReport("person", (Check("clocks", False, "differ", kind=kind),))
         assert words in next_after(report, asked)[0]
 
 

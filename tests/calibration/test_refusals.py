@@ -46,7 +46,7 @@ def trouble_of(spread_px: float) -> Trouble:
         seen = type("Seen", (), {"camera": np.repeat([0, 1], 200)})
         solution = type("Solution", (), {"residual_px": np.random.default_rng(1).normal(0, spread_px, (400, 2))})
 
-    return Trouble(None, (), None, Options(), Solved())  # type: ignore[arg-type]
+    return Trouble(None, (), None, Options(), Solved())
 
 
 def named(*trials: CauseTrial, spread_px: float = 3.0) -> tuple[Cause, ...]:

@@ -109,9 +109,9 @@ def detected(target: Charuco, grey: np.ndarray) -> Corners:
 
 def drawn(sheet: object, px_per_m: float = 800.0) -> np.ndarray:
     """A page as an image, white where nothing is printed."""
-    width, height = (round(side * px_per_m) for side in sheet.size_m)  # type: ignore[attr-defined]
+    width, height = (round(side * px_per_m) for side in sheet.size_m)
     scale = 8
     page = np.full((height * scale // 4, width * scale // 4), 255, np.uint8)
-    for x, y, w, h in np.array(sheet.black_m) * px_per_m * scale / 4:  # type: ignore[attr-defined]
+    for x, y, w, h in np.array(sheet.black_m) * px_per_m * scale / 4:
         page[round(len(page) - y - h) : round(len(page) - y), round(x) : round(x + w)] = 0
     return cv2.resize(page, (width, height), interpolation=cv2.INTER_AREA)

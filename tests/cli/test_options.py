@@ -8,9 +8,8 @@ from typing import Any, Literal, get_args, get_origin
 
 import pytest
 
-from posefuse.cli.command_line import COMMANDS, GROUPS, STEPS, Invocation, WrongCommandLineError, application, parse
+from posefuse.cli.command_line import COMMANDS, GROUPS, STEPS, USUAL, Invocation, WrongCommandLineError, application, parse
 from posefuse.cli.main import main
-from posefuse.cli.usual import USUAL
 
 PLACES = [*(name for name in COMMANDS if name not in STEPS), *(f"{name} {step}" for name in STEPS for step in STEPS[name])]
 TRACK = "track S --out R"

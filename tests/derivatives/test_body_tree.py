@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from posefuse.kinematics.body import kernels
+from posefuse.kinematics.body import fit_kernels, tree_kernels
 
-BALL, HINGE, SLIDE = kernels.BALL, kernels.HINGE, kernels.SLIDE
+BALL, HINGE, SLIDE = tree_kernels.BALL, tree_kernels.HINGE, tree_kernels.SLIDE
 PARENT = np.array([-1, 0, 1, 2, 1])
 KIND = np.array([SLIDE, BALL, HINGE, SLIDE, HINGE])
 AXIS = np.array([1, 0, 2, 0, 1])
@@ -23,13 +23,13 @@ def state():
 
 def places(q, rot, offset, local):
     frame, origin = np.empty((5, 3, 3)), np.empty((5, 3))
-    kernels.forward_kinematics(PARENT, KIND, AXIS, offset, q, rot, frame, origin)
-    return np.stack([kernels.place(frame, origin, node, local[i]) for i, node in enumerate((3, 4))]), frame, origin
+    tree_kernels.forward_kinematics(PARENT, KIND, AXIS, offset, q, rot, frame, origin)
+    return np.stack([tree_kernels.place(frame, origin, node, local[i]) for i, node in enumerate((3, 4))]), frame, origin
 
 
 def moved(step, q, rot):
     q, rot = q.copy(), rot.copy()
-    kernels.retract(KIND, DOF, step, q, rot)
+    tree_kernels.retract(KIND, DOF, step, q, rot)
     return q, rot
 
 
@@ -38,7 +38,7 @@ def test_point_derivatives_equal_finite_differences(state):
     points, frame, origin = places(q, rot, offset, local)
     for p, node in enumerate((3, 4)):
         columns, values = np.empty(7, np.int64), np.empty((7, 3))
-        count = kernels.derivative(PARENT, KIND, AXIS, DOF, frame, node, points[p], origin, columns, values)
+        count = tree_kernels.derivative(PARENT, KIND, AXIS, DOF, frame, node, points[p], origin, columns, values)
         dense = np.zeros((7, 3))
         dense[columns[:count]] = values[:count]
         for d in range(7):
@@ -52,20 +52,20 @@ def test_exponential_and_logarithm_agree_with_scipy():
     for scale in (1e-9, 1e-4, 0.5, 3.0):
         v = rng.normal(size=3)
         v *= scale / np.linalg.norm(v)
-        r = kernels.exp3(v)
+        r = tree_kernels.exp3(v)
         np.testing.assert_allclose(r, Rotation.from_rotvec(v).as_matrix(), atol=1e-12)
-        np.testing.assert_allclose(kernels.log3(r), v, rtol=1e-6, atol=1e-12)
+        np.testing.assert_allclose(tree_kernels.log3(r), v, rtol=1e-6, atol=1e-12)
 
 
 def test_a_half_turn_has_a_logarithm():
     half = Rotation.from_rotvec(np.pi * np.array([0.6, 0.0, -0.8])).as_matrix()
-    np.testing.assert_allclose(Rotation.from_rotvec(kernels.log3(half)).as_matrix(), half, atol=1e-7)
+    np.testing.assert_allclose(Rotation.from_rotvec(tree_kernels.log3(half)).as_matrix(), half, atol=1e-7)
 
 
 def test_difference_undoes_retract(state):
     q, rot, _, _ = state
     step = np.random.default_rng(5).normal(size=7) * 0.5
-    np.testing.assert_allclose(kernels.difference(KIND, DOF, *moved(step, q, rot), q, rot), step, atol=1e-10)
+    np.testing.assert_allclose(tree_kernels.difference(KIND, DOF, *moved(step, q, rot), q, rot), step, atol=1e-10)
 
 
 def test_ray_gradient_is_that_of_the_robust_cost():
@@ -83,7 +83,7 @@ def test_ray_gradient_is_that_of_the_robust_cost():
         return total
 
     gradient, information = np.zeros(3), np.zeros((3, 3))
-    kernels.ray_information(x, projections, xy, inverse_var, robust, gradient, information)
+    fit_kernels.ray_information(x, projections, xy, inverse_var, robust, gradient, information)
     numeric = [(cost(x + h) - cost(x - h)) / 2e-6 for h in np.eye(3) * 1e-6]
     np.testing.assert_allclose(-gradient, numeric, rtol=1e-6)
     assert (np.linalg.eigvalsh(information) > 0).all()
@@ -96,7 +96,7 @@ def test_predict_spreads_the_covariance_by_its_transition(state):
     cov = cov @ cov.T
     before, velocity = cov.copy(), rng.normal(size=7)
     slack = np.array([0, 0, 0, 0, 0, 0.04, 0])
-    keep, drift, fade = kernels.predict(KIND, DOF, slack, np.zeros(7), 0.02, 0.3, 0.5, q.copy(), rot.copy(), velocity, cov)
+    keep, drift, fade = fit_kernels.predict(KIND, DOF, slack, np.zeros(7), 0.02, 0.3, 0.5, q.copy(), rot.copy(), velocity, cov)
     transition = np.block([[np.diag(keep), np.diag(drift)], [np.zeros((7, 7)), np.diag(fade)]])
     expected = transition @ before @ transition.T
     expected[5, 5] += 0.04 * (1 - keep[5] ** 2)
@@ -108,6 +108,6 @@ def test_dense_algebra_agrees_with_numpy():
     rng = np.random.default_rng(9)
     a, b = rng.normal(size=(7, 7)), rng.normal(size=(4, 7))
     spd = a @ a.T + np.eye(7)
-    np.testing.assert_allclose(kernels.solve_rows(spd, b), np.linalg.solve(spd, b.T).T, rtol=1e-10)
-    np.testing.assert_allclose(kernels.inverse(spd), np.linalg.inv(spd), rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(kernels.times_transposed(b, a), b @ a.T, rtol=1e-12)
+    np.testing.assert_allclose(tree_kernels.solve_rows(spd, b), np.linalg.solve(spd, b.T).T, rtol=1e-10)
+    np.testing.assert_allclose(tree_kernels.inverse(spd), np.linalg.inv(spd), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(tree_kernels.times_transposed(b, a), b @ a.T, rtol=1e-12)

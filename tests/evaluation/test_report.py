@@ -12,8 +12,7 @@ from posefuse import __version__
 from posefuse.core import SKELETONS, InputError
 from posefuse.evaluation.biomechanics import BiomechanicsSettings, write_biomechanics
 from posefuse.evaluation.gait_cycles import PERCENT, gait_cycles, write_gait_cycles
-from posefuse.evaluation.report import keypoint_quality, write_report
-from posefuse.evaluation.report_angles import RANGES, SOURCES, parameter_blocks, time_plots
+from posefuse.evaluation.report import RANGES, SOURCES, keypoint_quality, parameter_blocks, time_plots, write_report
 from posefuse.formats.page import MISSING
 from posefuse.kinematics import JOINTS, joints_from_poses
 from posefuse.kinematics.gait import Spread, gait_from_poses

@@ -9,8 +9,8 @@ from built import joint_angles
 from scipy.spatial.transform import Rotation
 
 from posefuse.core import SE3, InputError
-from posefuse.formats.csv_table import write_angles
 from posefuse.formats.mot import MotTable, motion_from_joints, read_mot, write_mot
+from posefuse.outputs.tables import write_angles
 
 
 @pytest.fixture

@@ -84,4 +84,4 @@ def test_the_value_itself_refuses_what_a_plug_in_may_get_wrong() -> None:
         with pytest.raises(ShapeError, match=f"{next(iter(change))}: expected finite numbers"):
             replace(TABLE, **change)
     with pytest.raises(ShapeError, match="offsets: expected an array"):
-        JointCentres(made_by="x", offsets={"knee": {"thigh": "a little"}})  # type: ignore[dict-item]
+        JointCentres(made_by="x", offsets={"knee": {"thigh": "a little"}})

@@ -3,7 +3,7 @@ import pytest
 
 from posefuse.core import SKELETONS
 from posefuse.fusion import FuseSettings
-from posefuse.fusion.weights import SEGMENT_OF, SEGMENTS, distance_weight, full_weight, score_weight, side_view
+from posefuse.fusion.triangulation import SEGMENT_OF, SEGMENTS, distance_weight, full_weight, score_weight, side_view
 
 
 def test_score_weight_is_the_square_above_the_threshold():

@@ -8,10 +8,10 @@ from built import arrays_of, view_sequence
 
 from posefuse.core import InputError, Kind, PoseSequence
 from posefuse.kinematics import JOINT_NAMES, joints_from_poses
-from posefuse.kinematics.body import BodySettings, bodies_from_poses, fit_poses, fit_views, kernels
+from posefuse.kinematics.body import BodySettings, bodies_from_poses, fit_poses, fit_views, tree_kernels
 from posefuse.kinematics.body import filter as filter_module
 from posefuse.kinematics.body.filter import BodyFilter, Measurement, guessed_state, of_points
-from posefuse.kinematics.body.packed import packed_from_body
+from posefuse.kinematics.body.model import packed_from_body
 from posefuse.kinematics.body.result import StateReader, robust_variance_factor
 from posefuse.kinematics.joints import FrameBuffers
 from posefuse.kinematics.settings import JointSettings
@@ -184,7 +184,9 @@ def test_a_recording_may_begin_with_straight_arms_held_up(posed, flexion):
     packed = packed_from_body(body, BodySettings())
     q, rot = guessed_state(body, packed, work, sequence.xyz_world[0, 0, body.keypoint])
     frame, origin = np.empty((len(body.nodes), 3, 3)), np.empty((len(body.nodes), 3))
-    kernels.forward_kinematics(packed.tree.parent, packed.tree.kind, packed.tree.axis, packed.tree.offset, q, rot, frame, origin)
+    tree_kernels.forward_kinematics(
+        packed.tree.parent, packed.tree.kind, packed.tree.axis, packed.tree.offset, q, rot, frame, origin
+    )
     for side in ("left", "right"):
         elbow = sequence.xyz_world[0, 0, sequence.skeleton.index(f"{side}_elbow")]
         assert np.linalg.norm(origin[body.node(f"{side}_carrying")] - elbow) < 0.02

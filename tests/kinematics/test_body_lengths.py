@@ -7,9 +7,9 @@ import pytest
 from built import view_sequence
 
 from posefuse.core import ViewSequence
-from posefuse.kinematics.body import BodySettings, LengthPrior, bodies_from_poses, fit_views, kernels
+from posefuse.kinematics.body import BodySettings, LengthPrior, bodies_from_poses, fit_views, tree_kernels
 from posefuse.kinematics.body.filter import guessed_state
-from posefuse.kinematics.body.packed import packed_from_body
+from posefuse.kinematics.body.model import packed_from_body
 from posefuse.kinematics.body.result import length_derivatives
 from posefuse.kinematics.body.shape import slopes_of
 from posefuse.kinematics.joints import FrameBuffers
@@ -58,9 +58,9 @@ def test_derivatives_by_lengths_equal_finite_differences(squatter) -> None:
 
     def places(offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         frame, origin = np.empty_like(state[1]), np.empty((len(body.nodes), 3))
-        kernels.forward_kinematics(packed.tree.parent, packed.tree.kind, packed.tree.axis, offset, *state, frame, origin)
+        tree_kernels.forward_kinematics(packed.tree.parent, packed.tree.kind, packed.tree.axis, offset, *state, frame, origin)
         return np.stack(
-            [kernels.place(frame, origin, n, x) for n, x in zip(packed.tree.node, packed.tree.local, strict=True)]
+            [tree_kernels.place(frame, origin, n, x) for n, x in zip(packed.tree.node, packed.tree.local, strict=True)]
         ), frame
 
     slopes = slopes_of(body, NAMES)

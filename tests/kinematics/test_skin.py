@@ -9,8 +9,7 @@ from posefuse.formats.gltf import write_gltf
 from posefuse.kinematics import joints_from_poses
 from posefuse.kinematics.animation import animation_from_joints
 from posefuse.kinematics.definitions import NOSE_BELOW_RAD
-from posefuse.kinematics.skin import skin_of
-from posefuse.kinematics.skin.mesh import length_names, template
+from posefuse.kinematics.skin import length_names, skin_of, template
 
 BENT = {
     "left_knee": (60, 0, 0), "right_knee": (20, 0, 0), "left_hip": (50, 5, 5), "right_hip": (-5, 3, 0), "left_arm": (80, -20, 10),

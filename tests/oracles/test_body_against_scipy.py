@@ -7,9 +7,9 @@ from scipy.optimize import least_squares
 
 from posefuse.core.skeleton import COCO17
 from posefuse.foundation.settings import settings_from_mapping
-from posefuse.kinematics.body import BodyModel, BodySettings, bodies_from_poses, kernels
+from posefuse.kinematics.body import BodyModel, BodySettings, bodies_from_poses, fit_kernels, tree_kernels
 from posefuse.kinematics.body.filter import guessed_state
-from posefuse.kinematics.body.packed import Packed, packed_from_body
+from posefuse.kinematics.body.model import Packed, packed_from_body
 from posefuse.kinematics.joints import FrameBuffers
 from posefuse.kinematics.settings import JointSettings
 from posefuse_sim.exact import truth_of
@@ -39,7 +39,7 @@ def someone() -> tuple[BodyModel, Packed, np.ndarray, tuple[np.ndarray, np.ndarr
 def places(p: Packed, q: np.ndarray, rot: np.ndarray) -> np.ndarray:
     """(A, 3) keypoints of a state."""
     frame, origin = np.empty((len(q), 3, 3)), np.empty((len(q), 3))
-    kernels.forward_kinematics(p.tree.parent, p.tree.kind, p.tree.axis, p.tree.offset, q, rot, frame, origin)
+    tree_kernels.forward_kinematics(p.tree.parent, p.tree.kind, p.tree.axis, p.tree.offset, q, rot, frame, origin)
     return np.stack([origin[n] + frame[n] @ local for n, local in zip(p.tree.node, p.tree.local, strict=True)])
 
 
@@ -54,7 +54,7 @@ def test_the_same_rays_and_cost_give_the_same_body(someone, ring_rig, outliers: 
 
     def moved(step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         q, rot = q0.copy(), rot0.copy()
-        kernels.retract(p.tree.kind, p.tree.dof, step, q, rot)
+        tree_kernels.retract(p.tree.kind, p.tree.dof, step, q, rot)
         return q, rot
 
     def residuals(step: np.ndarray) -> np.ndarray:
@@ -62,14 +62,14 @@ def test_the_same_rays_and_cost_give_the_same_body(someone, ring_rig, outliers: 
         seen = np.einsum("cij,aj->aci", projections, np.c_[places(p, q, rot), np.ones(len(points))])
         square = ((seen[..., :2] / seen[..., 2:] - xy) ** 2).sum(axis=-1) / SIGMA_PX**2
         student = np.sqrt((DOF + 2) * np.log1p(square / DOF))
-        return np.concatenate([student.ravel(), kernels.difference(p.tree.kind, p.tree.dof, q, rot, q0, rot0) / PRIOR_SD])
+        return np.concatenate([student.ravel(), tree_kernels.difference(p.tree.kind, p.tree.dof, q, rot, q0, rot0) / PRIOR_SD])
 
     q, rot = q0.copy(), rot0.copy()
     nothing = np.zeros((len(points), 3, 3))
-    rays = kernels.SeenKeypoints(points, nothing, projections, xy, np.full(xy.shape[:2], SIGMA_PX**-2))
+    rays = fit_kernels.SeenKeypoints(points, nothing, projections, xy, np.full(xy.shape[:2], SIGMA_PX**-2))
     free = np.full(len(body.nodes), np.inf)
-    kernels.gauss_newton(p.tree, (q0.copy(), rot0.copy()), prior, free, rays, DOF, 1.0, 60, q, rot)
-    ours = kernels.difference(p.tree.kind, p.tree.dof, q, rot, q0, rot0)
+    fit_kernels.gauss_newton(p.tree, (q0.copy(), rot0.copy()), prior, free, rays, DOF, 1.0, 60, q, rot)
+    ours = tree_kernels.difference(p.tree.kind, p.tree.dof, q, rot, q0, rot0)
     theirs = least_squares(residuals, ours, max_nfev=20)
     assert np.linalg.norm(places(p, q, rot) - places(p, *moved(theirs.x)), axis=-1).max() < 0.002
     assert (residuals(ours) ** 2).sum() < 2 * theirs.cost + 1e-2

@@ -6,9 +6,9 @@ from scipy.optimize import least_squares
 
 from posefuse.core.skeleton import COCO17
 from posefuse.foundation.settings import settings_from_mapping
-from posefuse.kinematics.body import BodySettings, LengthPrior, bodies_from_poses, kernels, with_solved_lengths
+from posefuse.kinematics.body import BodySettings, LengthPrior, bodies_from_poses, fit_kernels, tree_kernels, with_solved_lengths
 from posefuse.kinematics.body.filter import Measurement, guessed_state
-from posefuse.kinematics.body.packed import packed_from_body
+from posefuse.kinematics.body.model import packed_from_body
 from posefuse.kinematics.body.shape import slopes_of
 from posefuse.kinematics.joints import FrameBuffers
 from posefuse.kinematics.settings import JointSettings
@@ -32,7 +32,7 @@ STEPS = (3, 7)
 def places(p, offset: np.ndarray, q: np.ndarray, rot: np.ndarray) -> np.ndarray:
     """(A, 3) keypoints of a state with these offsets of the nodes."""
     frame, origin = np.empty((len(q), 3, 3)), np.empty((len(q), 3))
-    kernels.forward_kinematics(p.tree.parent, p.tree.kind, p.tree.axis, offset, q, rot, frame, origin)
+    tree_kernels.forward_kinematics(p.tree.parent, p.tree.kind, p.tree.axis, offset, q, rot, frame, origin)
     return np.stack([origin[n] + frame[n] @ local for n, local in zip(p.tree.node, p.tree.local, strict=True)])
 
 
@@ -40,9 +40,9 @@ def solved_pose(p, state, one: Measurement) -> tuple[np.ndarray, np.ndarray]:
     """Where scipy begins: its own descent in poses needs thousands of steps."""
     (q, rot), slack = state, p.slack_var > 0
     weak = np.diag(np.where(slack, 1 / np.where(slack, p.slack_var, 1.0), 1e-9))
-    rays = kernels.SeenKeypoints(one.xyz, np.zeros((len(p.tree.node), 3, 3)), one.projections, one.xy, one.inverse_var)
+    rays = fit_kernels.SeenKeypoints(one.xyz, np.zeros((len(p.tree.node), 3, 3)), one.projections, one.xy, one.inverse_var)
     expected = np.where(np.diff(p.tree.dof) == 1, 0.0, q), rot.copy()
-    kernels.gauss_newton(p.tree, expected, weak, p.preferred_sd, rays, DOF, 1.0, 60, q, rot)
+    fit_kernels.gauss_newton(p.tree, expected, weak, p.preferred_sd, rays, DOF, 1.0, 60, q, rot)
     return q, rot
 
 
@@ -82,12 +82,12 @@ def test_lengths_solved_with_poses_are_those_of_another_solver(ring_rig) -> None
         out = [(solved + longer - MEAN_M) / PRIOR_SD_M]
         for i, (one, state) in enumerate(zip(seen, states, strict=True)):
             q, rot = state[0].copy(), state[1].copy()
-            kernels.retract(p.tree.kind, p.tree.dof, x[len(NAMES) + i * size : len(NAMES) + (i + 1) * size], q, rot)
+            tree_kernels.retract(p.tree.kind, p.tree.dof, x[len(NAMES) + i * size : len(NAMES) + (i + 1) * size], q, rot)
             points = places(p, offset, q, rot)
             there = np.einsum("cij,aj->aci", projections, np.c_[points, np.ones(len(points))])
             square = ((there[..., :2] / there[..., 2:] - one.xy) ** 2).sum(axis=-1) / SIGMA_PX**2
             out.append(np.sqrt((DOF + 2) * np.log1p(square / DOF)).ravel())
-            zero = kernels.difference(p.tree.kind, p.tree.dof, q, rot, np.zeros_like(q), np.tile(np.eye(3), (len(q), 1, 1)))
+            zero = tree_kernels.difference(p.tree.kind, p.tree.dof, q, rot, np.zeros_like(q), np.tile(np.eye(3), (len(q), 1, 1)))
             sd = np.repeat(p.preferred_sd, np.diff(p.tree.dof))
             out.append(zero / np.where(slack, np.sqrt(np.where(slack, p.slack_var, 1.0)), sd))
         return np.concatenate(out)

@@ -1,10 +1,10 @@
 """Many trials: every session is found and done once, a failure stays one trial's, and what is complete is never lost."""
 
 import csv
-import subprocess
+import os
+import re
+import signal
 import sys
-import threading
-import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
@@ -15,10 +15,12 @@ import posefuse as pf
 from posefuse.cli.main import main
 from posefuse.core import InputError, Rig, silent
 from posefuse.formats.rig import write_rig
+from posefuse.foundation.channel import Channel
+from posefuse.foundation.worker import Worker
 from posefuse.pipeline.batch import find_trials, run_study
 from posefuse.pipeline.batch import study as study_module
 from posefuse.pipeline.batch.page import study_page
-from posefuse.pipeline.batch.processes import Processes, default_jobs
+from posefuse.pipeline.batch.processes import default_jobs, outcomes_here, run_trial
 from posefuse.pipeline.batch.tasks import Outcome, Task, run_task
 from posefuse.pipeline.result_folder import ResultFolder
 from posefuse.pipeline.store import unfinished_work
@@ -157,34 +159,59 @@ def test_files_of_others_are_never_replaced(folder: Path, here: list[str], tmp_p
 
 def test_processes_do_what_this_process_does(folder: Path, here: list[str], tmp_path: Path) -> None:
     task = study_module._task(find_trials(folder)[0], tmp_path / "out", ("trc",), SETTINGS, False)
-    assert Task.from_json(task.to_json()) == task
-    [outcome] = Processes().outcomes([task], jobs=2)
+    [outcome] = outcomes_here([task], jobs=2)
+    assert Outcome.from_json(outcome.to_json()) == outcome
     assert outcome.reason == ""
     assert {**outcome.figures} == {**run_task(task).figures}
 
 
-def test_a_process_that_is_killed_is_one_failed_trial(folder: Path, tmp_path: Path) -> None:
+@pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL")
+def test_a_process_that_is_killed_is_one_failed_trial(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     task = study_module._task(find_trials(folder)[0], tmp_path / "out", ("trc",), SETTINGS, False)
-    processes, outcomes = Processes(), []
-    thread = threading.Thread(target=lambda: outcomes.append(processes.run(task)))
-    thread.start()
-    while not processes._running:
-        time.sleep(0.01)
-    processes.close()
-    thread.join(60)
-    assert "was ended by" in outcomes[0].reason or "ended with status" in outcomes[0].reason
+
+    class Killed(Worker):
+        def start(self, *arguments: object) -> None:
+            super().start(*arguments)
+            os.kill(self.pid, signal.SIGKILL)
+
+    monkeypatch.setattr("posefuse.pipeline.batch.processes.Worker", Killed)
+    [outcome] = outcomes_here([task], 1)
+    assert re.fullmatch(r"process \d+ ended by signal SIGKILL \(out of memory\?\)", outcome.reason)
 
 
-def test_a_process_ends_with_the_one_that_started_it(folder: Path, tmp_path: Path) -> None:
+def fails(channel: Channel, task: Task) -> None:
+    """A trial with a bug in it."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("posefuse.pipeline.batch.processes.run_task", lambda task: 1 / 0)
+        run_trial(channel, task)
+
+
+def test_a_bug_is_the_reason_of_one_failed_trial(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     task = study_module._task(find_trials(folder)[0], tmp_path / "out", ("trc",), SETTINGS, False)
-    orphan = subprocess.run(
-        [sys.executable, "-m", "posefuse.pipeline.batch.processes"],
-        input=task.to_json() + "\n",
-        text=True,
-        timeout=60,
-        check=False,
-    )
-    assert orphan.returncode == 1
+    monkeypatch.setattr("posefuse.pipeline.batch.processes.run_trial", fails)
+    [outcome] = outcomes_here([task], 1)
+    assert outcome.reason == "ZeroDivisionError: division by zero"
+
+
+def test_processes_end_when_no_more_outcomes_are_wanted(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And a process ends by itself when the one that started it is gone: its channel is closed then."""
+    tasks = [study_module._task(trial, tmp_path / "out", ("trc",), SETTINGS, False) for trial in find_trials(folder)[:1]]
+    started: list[Worker] = []
+
+    class Noted(Worker):
+        def start(self, *arguments: object) -> None:
+            super().start(*arguments)
+            started.append(self)
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr("posefuse.pipeline.batch.processes.Worker", Noted)
+    with pytest.raises(KeyboardInterrupt):
+        next(outcomes_here(tasks, 1))
+    assert started[0]._process.returncode is not None
+    orphan = Worker(run_trial)
+    orphan.start(tasks[0])
+    orphan.channel.close()
+    orphan._process.wait(60)
     assert not (tmp_path / "out").exists()
 
 

@@ -19,7 +19,7 @@ from posefuse.evaluation.tracks import looped
 from posefuse.formats.truth import write_loop, write_truth
 from posefuse.pipeline.reports import to_compare
 from posefuse.realtime.config import LiveConfig
-from posefuse.realtime.provenance import notes_of
+from posefuse.realtime.session import notes_of
 from posefuse_ros.bags import read_clock
 from posefuse_ros.record import RecordConfig, keep_clock
 from posefuse_ros.sim_time import SimulatedClock

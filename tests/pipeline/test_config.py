@@ -85,8 +85,8 @@ def test_an_output_takes_options_by_name_and_a_wrong_one_is_refused_before_work(
     assert read(path, csv_too) == {"csv": {}, "overlay": {"width_px": 320}}
     assert read(path, {**csv_too, "outputs.overlay.height_px": 240})["overlay"] == {"width_px": 320, "height_px": 240}
     assert changed_config(TrackConfig(), {"outputs": ("trc",), "outputs.csv.x": 1}).outputs == {"trc": {}, "csv": {"x": 1}}
-    sink = build_sinks(read(path, csv_too))[1]  # type: ignore[arg-type]
-    assert sink.width_px == 320  # type: ignore[attr-defined]
+    sink = build_sinks(read(path, csv_too))[1]
+    assert sink.width_px == 320
     for wrong, line in (
         ({"overlay": {"width": 3}}, "outputs overlay: unknown key 'width'; there are:"),
         ({"hight": {}}, "no plug-in 'hight' among outputs; there are:"),

@@ -20,7 +20,7 @@ from posefuse.realtime.estimator import Centring, Estimator
 from posefuse.realtime.fusion import Fusion
 from posefuse.realtime.messages import Expected, SessionClock
 from posefuse.tracking import at_joint_centres
-from posefuse.tracking.segments import segment_lengths
+from posefuse.tracking.body_directions import segment_lengths
 
 K = len(BLAZEPOSE33)
 FULL = read_joint_centres(read_card("blazepose_full").joint_centres_file)

@@ -67,7 +67,7 @@ def watched(ring_rig, monkeypatch: pytest.MonkeyPatch):
         entry = LiveInput("cam00", "test", NoSourceConfig(), False)
         session = SessionClock.begin()
         plan = GroupPlan(
-            group=0, rig=rig, inputs=(entry,), detector=DetectorChoice(), clock=session, most_people=1, search_every_s=1e6,
+            rig=rig, inputs=(entry,), detector=DetectorChoice(), clock=session, most_people=1, search_every_s=1e6,
             preview_hz=0.0,
         )  # fmt: skip
         group = Group(plan, theirs)

@@ -6,7 +6,7 @@ import pytest
 
 from posefuse.core import SKELETONS, Kind, Pose3D
 from posefuse.realtime.config import KeypointGateSettings
-from posefuse.realtime.gate import KeypointGate, _known_to, worst_sigma_m
+from posefuse.realtime.estimator import KeypointGate, _known_to, worst_sigma_m
 
 S = 1_000_000_000
 COCO = SKELETONS["coco17"]

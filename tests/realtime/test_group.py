@@ -53,7 +53,7 @@ def group(ring_rig, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(group_module, "build_detector", SlowDetector)
     rig, (ours, theirs) = ring_rig(3, size_wh=(64, 48)), Channel.pair()
     plan = GroupPlan(
-        group=0, rig=rig, inputs=tuple(LiveInput(name, "test", NoSourceConfig(), False) for name in NAMES),
+        rig=rig, inputs=tuple(LiveInput(name, "test", NoSourceConfig(), False) for name in NAMES),
         detector=DetectorChoice(), clock=SessionClock.begin(), most_people=1, search_every_s=1e6, preview_hz=0.0,
     )  # fmt: skip
     group = Group(plan, theirs)

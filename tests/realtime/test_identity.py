@@ -6,8 +6,8 @@ import built
 import numpy as np
 
 from posefuse.core import Detections2D, Kind, Pose3D
-from posefuse.realtime.identity import NamedTracker
-from posefuse.realtime.searching import search_slot
+from posefuse.realtime.estimator import NamedTracker
+from posefuse.realtime.group import search_slot
 from posefuse.tracking.online import CameraStatistics, LiveSettings
 
 PERIOD_NS = 33_333_333

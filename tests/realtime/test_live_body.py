@@ -16,7 +16,7 @@ from posefuse.kinematics.body import LIVE_BODY, LiveBodyRules
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import warmed_up
 from posefuse.realtime.messages import SessionClock
-from posefuse.realtime.provenance import notes_of
+from posefuse.realtime.session import notes_of
 from posefuse_ros.record import RecordConfig
 from posefuse_sim.build import live_scene
 from posefuse_sim.scene import Scene

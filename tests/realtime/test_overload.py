@@ -2,11 +2,12 @@
 
 import numpy as np
 
-from posefuse.health.cameras import CameraState, Monitor, Verdict
+from posefuse.core import CameraHealth
+from posefuse.health.cameras import CameraState, Monitor
 from posefuse.health.misalignment import CommonTimeSteps
 
 S = 1_000_000_000
-ILL = {"a": Verdict("moved", "a is off by 21 mm relative to the other cameras")}
+ILL = {"a": CameraHealth("moved", "a is off by 21 mm relative to the other cameras")}
 
 
 def report_frames(monitor: Monitor, t_s: float, captured: int, used: int) -> None:

@@ -9,13 +9,14 @@ from itertools import pairwise
 from types import SimpleNamespace
 
 import pytest
+from built import admitted
 from no_outputs import NoOutputs
 
 from posefuse.cli.live import exit_code
-from posefuse.core import SKELETONS, Detections2D
+from posefuse.core import SKELETONS, CameraHealth, Detections2D
 from posefuse.foundation.channel import Channel
 from posefuse.foundation.worker import Worker
-from posefuse.health.cameras import CameraState, Monitor, Verdict
+from posefuse.health.cameras import CameraState, Monitor
 from posefuse.realtime import processes
 from posefuse.realtime.messages import SeenView, Status
 from posefuse.realtime.news import News, ProcessedImages
@@ -31,9 +32,9 @@ def state(camera: str, captured: int, used: int) -> CameraState:
 def sentences(pace: ProcessedImages, share: float, network: str = "blazepose_full", seconds: int = 60) -> list[str]:
     found = []
     for t in range(seconds):
-        for group, cameras in enumerate((("a", "b"), ("c",))):
+        for cameras in (("a", "b"), ("c",)):
             states = tuple(state(camera, 30 * t, round(share * 30 * t)) for camera in cameras)
-            found.append(pace.news(Status(group, t * S, states), float(t), network))
+            found.append(pace.news(Status(t * S, states), float(t), network))
     return [line for line in found if line]
 
 
@@ -55,7 +56,7 @@ def seen_at_zero(camera: str) -> SeenView:
 def test_a_camera_whose_frames_wait_is_not_silent() -> None:
     monitor = Monitor(("slow", "gone"))
     for name in ("slow", "gone"):
-        monitor.admit(seen_at_zero(name), 0)
+        admitted(monitor, seen_at_zero(name), 0)
     for t in range(5):
         monitor.take_state(state("slow", 30 * t, 1), t * S)
         monitor.take_state(state("gone", 1, 1), t * S)
@@ -67,7 +68,7 @@ def test_a_camera_is_not_silent_while_its_process_owes_a_report() -> None:
     """A process at work on one image reports when that is done; it is judged itself meanwhile."""
     for regular, state_at in ((True, "ok"), (False, "silent")):
         monitor = Monitor(("a",))
-        monitor.admit(seen_at_zero("a"), 0)
+        admitted(monitor, seen_at_zero("a"), 0)
         monitor.take_state(state("a", 1, 1), 0, regular=regular)
         assert monitor.judge(S * 3 // 2, {})["a"].state == state_at
         assert monitor.judge(S * 5 // 2, {})["a"].state == "silent"
@@ -78,7 +79,7 @@ def test_changes_of_a_camera_are_printed_ten_seconds_apart() -> None:
     news = News(SimpleNamespace(monitor=monitor, watch=None, outlets=NoOutputs()), 0, lines.append)
     for quarter in range(4 * 60):
         now_ns = quarter * S // 4
-        monitor.judge(now_ns, {"a": Verdict("dead", "process 1 ended")} if quarter % 2 else {"a": Verdict("ok")})
+        monitor.judge(now_ns, {"a": CameraHealth("dead", "process 1 ended")} if quarter % 2 else {"a": CameraHealth("ok")})
         news.report(now_ns)
     times = [float(line.split()[0]) for line in lines]
     assert monitor.event_count > 200 and 4 <= len(lines) <= 7
@@ -88,7 +89,7 @@ def test_changes_of_a_camera_are_printed_ten_seconds_apart() -> None:
 def test_the_first_trouble_of_a_camera_is_printed_at_once() -> None:
     monitor, lines = Monitor(("a",)), []
     news = News(SimpleNamespace(monitor=monitor, watch=None, outlets=NoOutputs()), 0, lines.append)
-    for second, verdict in enumerate((Verdict("ok"), Verdict("dead", "process 1 ended"), *[Verdict("ok")] * 20)):
+    for second, verdict in enumerate((CameraHealth("ok"), CameraHealth("dead", "process 1 ended"), *[CameraHealth("ok")] * 20)):
         monitor.judge(second * S, {"a": verdict})
         news.report(second * S)
     assert [line.split("camera a: ")[1] for line in lines] == ["ok", "dead: process 1 ended", "ok"]
@@ -129,9 +130,9 @@ def test_a_process_that_has_just_begun_has_its_trouble_until_its_cameras_are_ope
     groups = object.__new__(processes.Groups)
     member = processes._Member(plan=SimpleNamespace(inputs=()), worker=Worker(spin), ready=True)
     member.worker.trouble = "ended"
-    groups._took(member, Status(0, 0, (replace(state("a", 1, 1), state="opening"),)))
+    groups._took(member, Status(0, (replace(state("a", 1, 1), state="opening"),)))
     assert member.worker.trouble == "ended"
-    groups._took(member, Status(0, 0, (state("a", 1, 1),)))
+    groups._took(member, Status(0, (state("a", 1, 1),)))
     assert not member.worker.trouble
 
 

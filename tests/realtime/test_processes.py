@@ -18,14 +18,14 @@ from posefuse.realtime.messages import KeepVideos, Ready, SessionClock, Status, 
 
 def ready_at_once(channel: Channel, plan: object) -> None:
     """A group without cameras: ready, then waiting for its end."""
-    channel.send(Ready(0, COCO17, None))
+    channel.send(Ready(COCO17, None))
     channel.wait(30.0)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL")
 def test_a_process_that_dies_between_ready_and_begin_is_started_again(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(processes, "run_group", ready_at_once)
-    groups = processes.Groups([SimpleNamespace(inputs=(), videos=None)])  # type: ignore[list-item, arg-type]
+    groups = processes.Groups([SimpleNamespace(inputs=(), videos=None)])
     try:
         member = groups._members[0]
         while member.marks is None:
@@ -44,7 +44,7 @@ def test_one_message_has_the_joint_centres_of_all_groups(monkeypatch: pytest.Mon
     monkeypatch.setattr(processes, "run_group", ready_with_joint_centres)
     inputs = [(SimpleNamespace(camera="a"), SimpleNamespace(camera="b")), (SimpleNamespace(camera="c"),)]
     plans = [SimpleNamespace(inputs=some, videos=None, clock=SessionClock(0)) for some in inputs]
-    with processes.Groups(plans) as groups:  # type: ignore[arg-type]
+    with processes.Groups(plans) as groups:
         groups.wait_ready()
         # a topic that keeps its last message would lose those of the other groups
         (centres,) = groups.centres()
@@ -56,18 +56,18 @@ TABLE = JointCentres(made_by="a test", offsets={"hip": {"up": 0.01}})
 
 def ready_with_joint_centres(channel: Channel, plan: object) -> None:
     """A group without cameras whose detector has a table."""
-    channel.send(Ready(0, COCO17, TABLE))
+    channel.send(Ready(COCO17, TABLE))
     channel.wait(30.0)
 
 
 def slow_to_finish(channel: Channel, plan: SimpleNamespace) -> None:
     """A group that was asked to keep videos, and needs longer for their end than one without progress is waited for."""
-    channel.send(Ready(0, COCO17, None))
+    channel.send(Ready(COCO17, None))
     while not isinstance(channel.receive(), Stop):
         channel.wait(30.0)
     for _ in range(30):
         time.sleep(0.1)
-        channel.send(Status(0, 0, ()))
+        channel.send(Status(0, ()))
     (plan.folder / "finished").touch()
 
 
@@ -77,7 +77,7 @@ def test_videos_switched_on_during_a_session_are_finished_at_its_end(
 ) -> None:
     monkeypatch.setattr(processes, "run_group", slow_to_finish)
     monkeypatch.setattr(processes, "FINISH_S", 1.0)
-    groups = processes.Groups([SimpleNamespace(inputs=(), videos=None, folder=tmp_path)])  # type: ignore[list-item, arg-type]
+    groups = processes.Groups([SimpleNamespace(inputs=(), videos=None, folder=tmp_path)])
     try:
         while groups._members[0].marks is None:
             groups._hear_ready(groups._members[0])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from posefuse.realtime.searching import SearchSchedule
+from posefuse.realtime.group import SearchSchedule
 
 PERIOD_S = 1 / 30
 STEP = 12

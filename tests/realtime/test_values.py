@@ -10,12 +10,13 @@ from types import SimpleNamespace
 import built
 import numpy as np
 import pytest
+from built import admitted
 from no_outputs import NoOutputs
 
 from posefuse.api.live_run import write_latency_report
-from posefuse.core import Detections2D, Frame, Pose3D, Skeleton, SourceError
+from posefuse.core import CameraHealth, Detections2D, Frame, Pose3D, Skeleton, SourceError
 from posefuse.foundation.channel import Channel, ChannelClosed
-from posefuse.health.cameras import CameraState, Monitor, Verdict
+from posefuse.health.cameras import CameraState, Monitor
 from posefuse.realtime.capture import Capture, Caught, LiveInput, take_all
 from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.realtime.latency import Histogram, Latencies, ViewTimes
@@ -66,7 +67,9 @@ def run_frames(monitor: Monitor, cameras: dict[str, tuple[int, int]], start_ns: 
     for i in range(round(seconds * 30)):
         for name, (off_ns, still) in cameras.items():
             t_ns = start_ns + i * PERIOD_NS
-            used[name].append(monitor.admit(seen_at(name, t_ns + off_ns, t_ns + 20_000_000, still * (i + 1)), t_ns + 40_000_000))
+            used[name].append(
+                admitted(monitor, seen_at(name, t_ns + off_ns, t_ns + 20_000_000, still * (i + 1)), t_ns + 40_000_000)
+            )
     return used
 
 
@@ -74,7 +77,8 @@ def test_a_frozen_camera_is_left_out_and_named_and_comes_back() -> None:
     monitor = Monitor(("a", "b"))
     run_frames(monitor, {"a": (0, 0), "b": (0, 0)}, 100 * S, 1)
     used = run_frames(monitor, {"a": (0, 1), "b": (0, 0)}, 101 * S, 2)
-    assert [view is not None for view in used["a"]] == [i * PERIOD_NS < S // 2 for i in range(60)]
+    # it stands since the frame before
+    assert [view is not None for view in used["a"]] == [(i + 1) * PERIOD_NS < S // 2 for i in range(60)]
     assert None not in used["b"]
     verdicts = monitor.judge(103 * S, {})
     assert (verdicts["a"].state, verdicts["b"].state) == ("frozen", "ok")
@@ -118,7 +122,9 @@ def test_frames_that_are_late_for_a_moment_are_refused_and_no_clock_is_put_right
 
 def test_a_flood_is_cut_off_and_named() -> None:
     monitor = Monitor(("a",))
-    used = [monitor.admit(seen_at("a", 100 * S + i * 10_000, 100 * S + i * 10_000), 100 * S + i * 10_000) for i in range(5000)]
+    used = [
+        admitted(monitor, seen_at("a", 100 * S + i * 10_000, 100 * S + i * 10_000), 100 * S + i * 10_000) for i in range(5000)
+    ]
     assert 0 < sum(view is not None for view in used) < 500
     assert monitor.judge(100 * S + S // 10, {})["a"].state == "flood"
     assert monitor.refused("a")["flood"] == sum(view is None for view in used)
@@ -130,7 +136,7 @@ def test_silence_ends_and_dead_processes_are_named() -> None:
     monitor.take_state(
         CameraState(camera="b", state="ended", text="the source has ended", captured=30, used=30, replaced=0, missing=0), 101 * S
     )
-    verdicts = monitor.judge(103 * S, {"c": Verdict("dead", "process 1 ended by signal SIGKILL")})
+    verdicts = monitor.judge(103 * S, {"c": CameraHealth("dead", "process 1 ended by signal SIGKILL")})
     assert [verdicts[name].state for name in "abc"] == ["silent", "ended", "dead"]
     assert "SIGKILL" in verdicts["c"].text
     assert {event.name for event in monitor.events} == {"a", "b", "c"}
@@ -141,7 +147,7 @@ def test_all_that_changes_is_reported_however_long_a_session_runs() -> None:
     news = News(SimpleNamespace(monitor=monitor, watch=None, outlets=NoOutputs()), 0, said.append)
     for turn in range(1200):
         second = 11 * turn
-        monitor.judge(second * S, {"a": Verdict("dead", "process 1 ended")} if turn % 2 else {})
+        monitor.judge(second * S, {"a": CameraHealth("dead", "process 1 ended")} if turn % 2 else {})
         news.report(second * S)
     assert len(said) == monitor.event_count > len(monitor.events)
     assert said[-1] == "13189.00 s  camera a: dead: process 1 ended"
@@ -343,8 +349,8 @@ def test_only_the_newest_frame_waits(ring_rig) -> None:
 def test_what_the_rig_watch_finds_is_reported_unless_something_worse_is_wrong() -> None:
     monitor = Monitor(("a", "b", "c"))
     run_frames(monitor, {"a": (0, 0), "b": (0, 0), "c": (0, 0)}, 100 * S, 1)
-    ill = {"a": Verdict("moved", "a looks next to"), "b": Verdict("moved")}
-    verdicts = monitor.judge(101 * S, {"b": Verdict("dead", "process 1 ended")}, ill)
+    ill = {"a": CameraHealth("moved", "a looks next to"), "b": CameraHealth("moved")}
+    verdicts = monitor.judge(101 * S, {"b": CameraHealth("dead", "process 1 ended")}, ill)
     assert [verdicts[name].state for name in "abc"] == ["moved", "dead", "ok"]
     assert monitor.judge(101 * S, {}, {})["a"].state == "ok"
     assert [(event.name, event.state) for event in monitor.events if event.name == "a"][-2:] == [("a", "moved"), ("a", "ok")]

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from no_outputs import NoOutputs
 
-from posefuse.core import SKELETONS, Detections2D, JointCentres, LiveJointCentres, LivePose, Rig, Skeleton
+from posefuse.core import SKELETONS, CameraHealth, Detections2D, JointCentres, LiveJointCentres, LivePose, Rig, Skeleton
 from posefuse.core.skeleton import BLAZEPOSE33
-from posefuse.health.cameras import CameraState, Monitor, Verdict
+from posefuse.health.cameras import CameraState, Monitor
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import warmed_up
 from posefuse.realtime.fusion import Fusion
@@ -17,8 +17,7 @@ from posefuse.realtime.messages import SeenView
 from posefuse.tracking.stand_in import made_up_detections
 from posefuse_ros.camera_messages import message_from_joint_centres
 from posefuse_ros.messages import message_from_detections
-from posefuse_ros.network_views import Sample, ViewIntake
-from posefuse_ros.senders import Senders
+from posefuse_ros.network_views import Sample, Senders, ViewIntake
 from posefuse_ros.types import encode
 
 S = 1_000_000_000
@@ -202,7 +201,7 @@ def test_what_can_wait_is_done_just_after_each_output(ring_rig) -> None:
         return int(clock.now)
 
     clock.now_ns = passing
-    fusion.estimator.tracker.check = lambda: done.append("what can wait")  # type: ignore[method-assign]
+    fusion.estimator.tracker.check = lambda: done.append("what can wait")
     offer = lambda message: done.append("output") if isinstance(message, LivePose) else None  # noqa: E731
     fusion.outlets = SimpleNamespace(offer=offer, poll=lambda: None, health={})
     nothing = SimpleNamespace(channels=list, messages=lambda: (), troubles=dict)
@@ -308,8 +307,8 @@ def test_overload_of_a_remote_camera_is_called_overload(share: float, state: str
         now_ns = seen.detections.t_ns + 20_000_000
         if seen.state is not None:
             monitor.take_state(seen.state, now_ns)
-        monitor.admit(seen, now_ns)
-    assert monitor.judge(now_ns, {}, {"a": Verdict("moved", "stands elsewhere")})["a"].state == state
+        monitor.admit(seen.detections, now_ns, received_ns=seen.received_ns, still=seen.still)
+    assert monitor.judge(now_ns, {}, {"a": CameraHealth("moved", "stands elsewhere")})["a"].state == state
     assert monitor.source("a").captured == 180
 
 
@@ -323,7 +322,7 @@ def test_judging_the_cameras_takes_no_view_that_would_make_an_output_late(ring_r
         taken.append(message)
         clock.now += 1_000_000
 
-    fusion.take = take  # type: ignore[method-assign]
+    fusion.take = take
     clock.now = T0
     fusion._judge(SimpleNamespace(messages=lambda: iter(range(128)), troubles=dict), T0, T0 + 3_000_000)
     assert len(taken) == 3

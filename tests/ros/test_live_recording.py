@@ -33,7 +33,7 @@ from posefuse.pipeline.images import frame_period_ns
 from posefuse.pipeline.reading import read_result
 from posefuse.pipeline.solve import solve_again
 from posefuse.realtime.config import LiveConfig
-from posefuse.realtime.provenance import notes_of
+from posefuse.realtime.session import notes_of
 from posefuse_ros import bags, live_recording
 from posefuse_ros.bags import Recorder
 from posefuse_ros.live_recording import read as read_live_recording

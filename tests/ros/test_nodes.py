@@ -138,9 +138,9 @@ def test_strangers_are_counted_and_never_handed_on(ring_rig) -> None:
 
 
 def test_cameras_of_another_machine_look_for_people_who_are_not_sure_enough_to_be_shown(ring_rig) -> None:
-    from posefuse_ros.camera_node import CameraNode
     from posefuse_ros.dds import RosNode
     from posefuse_ros.dds_domain import Network
+    from posefuse_ros.nodes import CameraNode
 
     rig, clock, skeleton = ring_rig(3), SessionClock.begin(), SKELETONS["coco17"]
     where = {"domain_id": DOMAIN + 2, "local_only": True}

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from posefuse.api.calibration_results import RigCalibration
-from posefuse.api.rig import rig_of
+from posefuse.api.values import rig_of
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.report import CalibrationReport, Check, CheckKind, RefusedCalibration
 from posefuse.calibration.targets.coverage import ENOUGH_SHARE, ENOUGH_TOGETHER, TargetCoverage
@@ -378,7 +378,7 @@ def test_the_graph_shows_cameras_with_common_views_and_with_enough_of_them() -> 
     shared = shared_views(names, together)
     assert shared == {("a", "b"): n, ("a", "<c>"): n - 1}
     assert graph_words(names, shared) == f"a and b {n}; a and <c> {n - 1}, too few; d shares none"
-    [drawn] = graph_options(names, shared)["series"]  # type: ignore[misc]
+    [drawn] = graph_options(names, shared)["series"]
     assert [(one["source"], one["target"], one["value"], one["lineStyle"]["type"]) for one in drawn["links"]] == [
         ("a", "b", n, "solid"), ("a", "<c>", n - 1, "dashed")
     ]  # fmt: skip

@@ -79,12 +79,12 @@ def in_loop(link: LiveLink, use: Callable[[], Coroutine[Any, Any, None]]) -> Non
 
 
 def test_a_session_receives_what_pages_show(host: Host) -> None:
-    link = LiveLink(OneJob(host))  # type: ignore[arg-type]
+    link = LiveLink(OneJob(host))
 
     async def use() -> None:
         await asyncio.to_thread(until, lambda: link._connection is not None)
         assert not host.watched
-        link.stream._pages.add(Page())  # type: ignore[arg-type]
+        link.stream._pages.add(Page())
         link.stream._on_watched(len(link.stream._pages))
         await asyncio.to_thread(until, lambda: host.watched)
         host.publish("setup", b"scene", keep=True)
@@ -99,7 +99,7 @@ def test_a_session_receives_what_pages_show(host: Host) -> None:
 
 def test_the_state_of_a_session_is_pushed_to_the_pages_and_ends_with_it(host: Host) -> None:
     jobs = OneJob(host)
-    link = LiveLink(jobs)  # type: ignore[arg-type]
+    link = LiveLink(jobs)
     host.status(STATUS)
 
     async def use() -> None:
@@ -136,7 +136,7 @@ class Trap:
     ],
 )  # fmt: skip
 def test_a_damaged_message_is_noted_and_the_next_one_taken(host: Host, damaged: bytes, caplog: pytest.LogCaptureFixture) -> None:
-    link = LiveLink(OneJob(host))  # type: ignore[arg-type]
+    link = LiveLink(OneJob(host))
 
     async def use() -> None:
         await asyncio.to_thread(until, lambda: host._watchers)
@@ -160,8 +160,8 @@ def test_a_stranger_at_the_port_or_a_fault_does_not_end_the_link(host: Host, cap
             raise now
         return now
 
-    jobs.address = address  # type: ignore[method-assign]
-    link = LiveLink(jobs)  # type: ignore[arg-type]
+    jobs.address = address
+    link = LiveLink(jobs)
     host.status(STATUS)
 
     async def use() -> None:
@@ -193,7 +193,7 @@ def test_a_status_goes_through_whole(host: Host) -> None:
     camera = CameraStatus(light="good", state="ok", figures="30/s, 2 dropped", size_wh=(640, 480))
     outputs = {"osc": OutputHealth(state="failed", text="no route", where="h:1", taken=3)}
     status = SessionStatus(cameras={"a": camera}, names={3: "Ada"}, latency_p95_ms=17.5, outputs=outputs, wanted=["osc"])
-    link = LiveLink(OneJob(host))  # type: ignore[arg-type]
+    link = LiveLink(OneJob(host))
     host.status(status)
     in_loop(link, lambda: asyncio.to_thread(until, lambda: link.status == status))
 

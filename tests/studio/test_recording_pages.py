@@ -162,7 +162,7 @@ def test_a_page_of_the_workspace_can_do_nothing_to_the_studio(client: TestClient
 
 def test_the_player_shows_the_moment_that_was_asked_for_last(workspace: StudioWorkspace) -> None:
     opened, stream, sent = open_recording(workspace.path("result"), workspace.root), Stream(), []
-    stream.publish = lambda key, message, keep=False: sent.append((key, message))  # type: ignore[method-assign]
+    stream.publish = lambda key, message, keep=False: sent.append((key, message))
 
     async def use() -> None:
         player = ResultPlayer(opened, stream)
@@ -197,7 +197,7 @@ def test_a_recording_begins_where_there_are_images_and_states_where_there_are_no
             writer.write(np.full((SIZE_WH[1], SIZE_WH[0], 3), grey(1, i), np.uint8), i * PERIOD_NS)
     opened, stream = open_recording(workspace.path("result"), workspace.root), Stream()
     sent: dict[object, bytes] = {}
-    stream.publish = lambda key, message, keep=False: sent.update({key: message})  # type: ignore[method-assign]
+    stream.publish = lambda key, message, keep=False: sent.update({key: message})
 
     async def use() -> None:
         player = ResultPlayer(opened, stream)

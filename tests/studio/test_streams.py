@@ -72,5 +72,5 @@ def test_a_page_that_comes_later_gets_what_stays_and_is_counted() -> None:
 
 def test_an_image_shows_the_pose_of_its_own_time() -> None:
     past: Any = [SimpleNamespace(t_ns=t_ns) for t_ns in (10, 20, 30)]
-    assert [nearest_pose(past, t_ns).t_ns for t_ns in (0, 14, 16, 99)] == [10, 10, 20, 30]  # type: ignore[union-attr]
+    assert [nearest_pose(past, t_ns).t_ns for t_ns in (0, 14, 16, 99)] == [10, 10, 20, 30]
     assert nearest_pose([], 5) is None

@@ -55,8 +55,8 @@ class Shown:
 def watched(record: str, rounds: int, monkeypatch: pytest.MonkeyPatch) -> Feed:
     monkeypatch.setattr(watch, "_UNSEEN_S", SOON_S)
     feed = Feed()
-    one = watch._Watch(feed, None, record, "extrinsics", False)  # type: ignore[arg-type]
-    one.host = Shown(feed, rounds)  # type: ignore[assignment]
+    one = watch._Watch(feed, None, record, "extrinsics", False)
+    one.host = Shown(feed, rounds)
     one.run(None)
     return feed
 

@@ -1,7 +1,7 @@
 """Values built whole out of what a test is about: where keypoints are, and how well they are known."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,6 +23,10 @@ from posefuse.core import (
 )
 from posefuse.core.skeleton import COCO17
 from posefuse.core.values import keypoint_boxes
+
+if TYPE_CHECKING:
+    from posefuse.health.cameras import Monitor
+    from posefuse.realtime.messages import SeenView
 
 Point = tuple[float, float, float]
 # the left side of someone who faces +x, m; y to the left, z up
@@ -227,3 +231,8 @@ def white_jerk(dt: float, density: float) -> tuple[np.ndarray, np.ndarray]:
         [[dt**5 / 20, dt**4 / 8, dt**3 / 6], [dt**4 / 8, dt**3 / 3, dt**2 / 2], [dt**3 / 6, dt**2 / 2, dt]]
     )
     return step, np.linalg.cholesky(process)
+
+
+def admitted(monitor: "Monitor", seen: "SeenView", now_ns: int) -> Detections2D | None:
+    """The view of a camera group as a monitor passes it on."""
+    return monitor.admit(seen.detections, now_ns, received_ns=seen.received_ns, still=seen.still)

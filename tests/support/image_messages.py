@@ -1,6 +1,7 @@
 """Images as a driver of a camera publishes them."""
 
 import cv2
+
 from posefuse_ros.camera_messages import COMPRESSED_TYPE, IMAGE_TYPE
 from posefuse_ros.messages import header
 from posefuse_ros.types import message

@@ -39,7 +39,7 @@ class World:
     def tracker(self, **settings: object) -> Tracker:
         """With association and fusion of one time step as `app` has them."""
         of_motion = {name: settings.pop(name) for name in set(settings) & {one.name for one in fields(LiveMotion)}}
-        live, motion = LiveSettings(**settings), LiveMotion(**of_motion)  # type: ignore[arg-type]
+        live, motion = LiveSettings(**settings), LiveMotion(**of_motion)
         people = AssociateSettings(max_people=live.max_people)
 
         def solve(together: Sequence[Detections2D], previous: Pose3D | None) -> Pose3D:

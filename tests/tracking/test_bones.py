@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from posefuse.core import SKELETONS
-from posefuse.tracking import bones
-from posefuse.tracking.bones import bone_lengths
+from posefuse.tracking.smoothing import bone_lengths
+from posefuse.tracking.smoothing import hold_bones as hold_bones_in_place
 
 COCO = SKELETONS["coco17"]
 NOISE = np.diag([1.0, 4.0, 2.0]) * 1e-4
@@ -27,7 +27,7 @@ def measured(truth: np.ndarray, seed: int = 1) -> tuple[np.ndarray, np.ndarray, 
 
 def hold_bones(xyz: np.ndarray, cov: np.ndarray, *rest) -> tuple[np.ndarray, np.ndarray]:
     held, narrowed = xyz.copy(), cov.copy()
-    bones.hold_bones(held, narrowed, *rest)
+    hold_bones_in_place(held, narrowed, *rest)
     return held, narrowed
 
 

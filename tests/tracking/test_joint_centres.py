@@ -12,9 +12,8 @@ from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse.detection import read_card
 from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.tracking import LandmarksInParts, ViewsAtJointCentres, at_joint_centres, to_joint_centres
-from posefuse.tracking.body_directions import keypoint_of
+from posefuse.tracking.body_directions import keypoint_of, segment_lengths
 from posefuse.tracking.joint_centres import JOINTS, SIDES, joint_directions
-from posefuse.tracking.segments import segment_lengths
 
 T, N, K = 4, 2, len(BLAZEPOSE33)
 LEG = ("hip", "knee", "ankle", "heel", "foot_index")

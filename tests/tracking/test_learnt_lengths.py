@@ -10,7 +10,7 @@ from posefuse.core import JointCentres, Kind, Pose3D
 from posefuse.core.joint_centres import SEGMENT_ENDS
 from posefuse.core.skeleton import COCO17
 from posefuse.tracking import LearntLengths, to_joint_centres
-from posefuse.tracking.segments import lengths_at, segment_lengths
+from posefuse.tracking.body_directions import lengths_at, segment_lengths
 
 K, S = len(COCO17), len(SEGMENT_ENDS)
 _HALF = np.random.default_rng(2).normal(size=(K, 3)) * 0.2

@@ -10,7 +10,8 @@ from posefuse.association import AssociateSettings, associate
 from posefuse.core import Kind, ShapeError
 from posefuse.core.skeleton import BODY_25, COCO17
 from posefuse.fusion import FuseSettings, fuse
-from posefuse.tracking.online import LiveMotion, LiveSettings, build_tracker, kernels
+from posefuse.tracking.online import LiveMotion, LiveSettings, build_tracker
+from posefuse.tracking.online import person as of_one_person
 from posefuse.tracking.settings import LASTING_S, LASTING_SHARE
 
 LATE_S = 0.07
@@ -84,7 +85,7 @@ def test_a_view_of_a_followed_person_costs_one_step_of_the_kernels_and_no_associ
         checked.append(views)
         return scene.fuse(views)
 
-    monkeypatch.setattr(kernels, "step", lambda *given, work=kernels.step: steps.append(given) or work(*given))
+    monkeypatch.setattr(of_one_person, "step", lambda *given, work=of_one_person.step: steps.append(given) or work(*given))
     tracker = build_tracker(scene.rig, COCO17, LiveSettings(), solve, fuse_again, LiveMotion())
     for view in scene.views(3.0):
         before, followed = (len(steps), len(solved)), len(tracker.at(view.t_ns).person_id) > 0

@@ -6,7 +6,7 @@ from posefuse.core import Skeleton
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.tracking.online import LiveMotion, LiveSettings, MotionModel
 from posefuse.tracking.online.kernels.body import start_missing
-from posefuse.tracking.online.kernels.sides import exchange_person
+from posefuse.tracking.online.kernels.rays import exchange_person
 from posefuse.tracking.online.kernels.state import NEVER, parts, state_size
 from posefuse.tracking.online.kernels.updates import doubt
 from posefuse.tracking.online.person import Model, Person, View

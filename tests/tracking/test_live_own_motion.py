@@ -5,7 +5,9 @@ import pytest
 
 from posefuse.core import Skeleton
 from posefuse.core.skeleton import COCO17
-from posefuse.tracking.online import LiveSettings, kernels
+from posefuse.tracking.online import LiveSettings
+from posefuse.tracking.online.kernels.own_motion import CorrectionLimits, Prediction, Regression, correct
+from posefuse.tracking.online.kernels.state import state_size
 from posefuse.tracking.online.own_motion import HORIZON_S, OwnMotion
 from posefuse.tracking.online.person import Model
 
@@ -70,7 +72,7 @@ def test_a_movement_that_ends_is_soon_not_expected_any_more(world, standing):
 def test_without_hips_nothing_is_corrected(world):
     session = Model(world().rig, HANDS, LiveSettings()).arrays
     own = OwnMotion(HANDS, session)
-    state = np.zeros(kernels.state_size(session))
+    state = np.zeros(state_size(session))
     own.settle(state, 0)
     assert own.waits_until_ns() is None
     xyz = np.ones((len(HANDS), 3))
@@ -84,12 +86,12 @@ def test_a_correction_is_as_large_as_its_age_and_its_tests_allow():
     frame = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     features, weights = rng.normal(size=2), 0.1 * rng.normal(size=(2, 3, 3))
     weights[:, 2] *= 1e3
-    made = kernels.Prediction(frame, features, np.zeros((3, 3)), np.array([0.02, 0.02, 0.5]))
+    made = Prediction(frame, features, np.zeros((3, 3)), np.array([0.02, 0.02, 0.5]))
     tested = np.array([[2.0, 3.0], [-1.0, 2.0], [9.0, 1.0]])
-    regression = kernels.Regression(np.zeros((2, 2)), np.zeros((2, 3, 3)), weights, tested)
-    limits = kernels.CorrectionLimits(tested=1.0, oldest_s=0.15, most_m=0.2)
+    regression = Regression(np.zeros((2, 2)), np.zeros((2, 3, 3)), weights, tested)
+    limits = CorrectionLimits(tested=1.0, oldest_s=0.15, most_m=0.2)
     xyz = np.ones((3, 3))
-    kernels.correct(made, regression, 0.05, limits, xyz)
+    correct(made, regression, 0.05, limits, xyz)
     speed = np.einsum("d,dka->ka", features, weights) @ frame
     # half of what is expected counts for the first: it is tested as much as the limit says
     np.testing.assert_allclose(xyz[0], 1 + 0.07 * 0.5 * speed[0])

@@ -46,7 +46,7 @@ from posefuse.pipeline.config import CONFIG_FILE, changed_config, read_config
 
 from .arguments import checked, shown
 from .calibration_results import ClockCalibration, IntrinsicsCalibration, RigCalibration, RigVerification
-from .rig import read_rig, rig_of
+from .values import read_rig, rig_of
 
 ClockMode = Literal["auto", "together", "offset", "drift"]
 RigLike = core.Rig | str | Path

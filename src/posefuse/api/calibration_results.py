@@ -22,7 +22,7 @@ from posefuse.foundation.output_file import check_output_file, write_text
 from posefuse.foundation.summary import Block, Heading, Table
 from posefuse.pipeline.config import read_config
 
-from .rig import Rig
+from .values import Rig
 
 # a full colour of the verification images
 _FULL_PX = 3.0

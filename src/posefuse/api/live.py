@@ -27,7 +27,7 @@ from posefuse.core import (
     SourceError,
 )
 from posefuse.foundation.worker import Worker
-from posefuse.realtime.messages import AddOutput, KeepVideos, NamePerson, RemoveOutput, Request, ShowImages
+from posefuse.realtime.messages import AddOutput, KeepVideos, NamePerson, RemoveOutput, Request, ShowImages, Stop
 
 from .arguments import shown
 
@@ -198,9 +198,7 @@ class LiveSession:
     def close(self) -> None:
         """End the session; safe to call twice."""
         if self._worker is not None:
-            from posefuse.realtime.serve import StopSession
-
-            self._worker.send(StopSession(), _SEND_S)
+            self._worker.send(Stop(), _SEND_S)
             self._worker.end(_END_S)
         self._ended = True
 

@@ -17,7 +17,7 @@ from posefuse.foundation.summary import Block, Facts, Heading
 
 from .arguments import checked, html_table, shown
 from .joint_angles import JointAngles, joint_angles_of
-from .rig import Rig, rig_of
+from .values import Rig, rig_of
 
 if TYPE_CHECKING:
     import pandas as pd

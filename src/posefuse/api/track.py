@@ -101,23 +101,17 @@ def track(
         raise InputError("track: resume, replace and formats are about the folder `out`, which was not given")
     if view:
         check_viewer()
-    options = {
-        "rig": rig,
-        "associate.max_people": people,
-        "fuse.weights": weights,
-        "start_s": start_s,
-        "end_s": end_s,
-        "outputs": None if formats is None else tuple(formats),
-    }
-    changes = {key: value for key, value in options.items() if value is not None}
+    place, names = (None if out is None else Path(out)), (None if formats is None else tuple(formats))
+    options = {"rig": rig, "associate.max_people": people, "fuse.weights": weights, "start_s": start_s, "end_s": end_s}
+    changes = {key: value for key, value in (options | {"outputs": names}).items() if value is not None}
     changes |= network_settings(networks, device) | dict(settings or {})
-    chosen = session_config(folder, config, changes, outputs=out is not None)
+    chosen = session_config(folder, config, changes, outputs=place is not None)
     chosen = dataclasses.replace(chosen, detector=locked(chosen.detector, folder))
     clock = StageClock()
     with shown(progress) as report:
         found = find_session(folder, chosen)
         note = lines_of(report, "detect")
-        where = None if out is None else ResultFolder(path=Path(out), force=replace, resume=resume)
+        where = None if place is None else ResultFolder(path=place, force=replace, resume=resume)
         if where is not None:
             check_result_folder(found, chosen, where)
         for line in found.notes:
@@ -130,7 +124,6 @@ def track(
         else:
             steps = lambda done, total: report("detect", done, total)  # noqa: E731
             tracked = track_session(found, chosen, clock, steps, note, _warn, solve_interrupted=keep_partial)
-    place = None if out is None else Path(out)
     outcome = tracked_outcome(place, found, chosen.detector, tracked, clock)
     made = recording_of(tracked.recording, path=place, outcome=outcome)
     if view:

@@ -2,14 +2,13 @@
 
 from typing import TYPE_CHECKING
 
-from posefuse.core.lazy_names import lazy_names
+from posefuse.core.extras import lazy_names
 
 if TYPE_CHECKING:
     from .candidates import Assignment
-    from .hints import Hints, hints_after
     from .identity import UNNAMED, Identity, persons_at, with_persons
     from .memory import Memory
-    from .people import assign, associate
+    from .people import Hints, assign, associate, hints_after
     from .settings import AssociateSettings
     from .traits import CLOTHING_TRAITS, clothing_traits, median_clothing
 

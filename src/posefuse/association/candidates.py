@@ -94,7 +94,7 @@ def agreement(candidates: Candidates, xyz_world: Array, tolerance_m: float | Arr
     of the body. `tolerance_m` is one for all or (H,). A detection with left and right exchanged still is this person, but
     less so: of two people who face each other the one is nearly the other with left and right exchanged.
     """
-    from .kernels import agreement as kernels
+    from . import kernels
 
     size = (len(xyz_world), len(candidates))
     support, share = np.empty(size), np.empty(size)
@@ -111,7 +111,7 @@ def pair_midpoints(candidates: Candidates, pairs: Array) -> tuple[Array, Array]:
 
     NaN where a keypoint is missing, the rays are parallel, or meet behind a camera.
     """
-    from .kernels.rays import pair_midpoints as kernel
+    from .kernels import pair_midpoints as kernel
 
     size = (len(pairs), candidates.score.shape[1])
     middle, gap = np.empty((*size, 3)), np.empty(size)
@@ -132,7 +132,7 @@ def joint_points(candidates: Candidates, members: Array, tolerance_m: float) -> 
     Score-weighted least squares on the distances to the rays, re-weighted (Cauchy at the tolerance) so that a member
     that does not belong cannot pull.
     """
-    from .kernels.rays import joint_points as kernel
+    from .kernels import joint_points as kernel
 
     xyz = np.empty((candidates.score.shape[1], 3))
     kernel(candidates.direction, candidates.centre, candidates.score, members, tolerance_m, xyz)

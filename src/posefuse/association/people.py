@@ -1,9 +1,9 @@
-"""Association: detections of every camera to the same people in every camera."""
+"""Association: detections of every camera to the same people in every camera, with the labels of other programs as hints."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -11,10 +11,10 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from posefuse.core import Detections2D, Pose3D, Rig, ShapeError, Views
-from posefuse.core.arrays import Array
+from posefuse.core.arrays import Array, median_apart
 from posefuse.core.duplicates import duplicates
 from posefuse.core.errors import choices
-from posefuse.core.values import UNSEEN
+from posefuse.core.values import NO_TRACK, UNSEEN
 
 from .candidates import (
     Assignment,
@@ -25,7 +25,6 @@ from .candidates import (
     member_points,
     refined_members,
 )
-from .hints import Hints, hint_weights
 from .newcomers import newcomers
 from .settings import AssociateSettings
 
@@ -128,16 +127,10 @@ def _found_again(candidates: Candidates, members: Array, lost: list[_Known], set
     if not lost:
         return None
     pose = member_points(candidates, members, settings.tolerance_m)
-    distances = [_middle_distance_m(pose, one.xyz_world) for one in lost]
+    distances = [median_apart(pose, one.xyz_world) for one in lost]
     nearest = int(np.argmin(distances))
     reach = max(_reach_m(lost[nearest].age_s, settings), 4 * settings.tolerance_m)
     return lost[nearest] if distances[nearest] <= reach else None
-
-
-def _middle_distance_m(one: Array, other: Array) -> float:
-    apart = np.linalg.norm(one - other, axis=-1)
-    known = apart[np.isfinite(apart)]
-    return float(np.median(known)) if len(known) else np.inf
 
 
 def _reach_m(age_s: float, settings: AssociateSettings) -> float:
@@ -197,7 +190,7 @@ def _is_near(candidates: Candidates, members: Array, before: Array, reach_m: flo
         # one view without depth has no distance: it must fit the previous pose closely, size included
         _, share = agreement(candidates, before[None], settings.tolerance_m)
         return bool(share[0, members[0]] >= _ALONE_SHARE)
-    return _middle_distance_m(member_points(candidates, members, settings.tolerance_m), before) <= reach_m
+    return median_apart(member_points(candidates, members, settings.tolerance_m), before) <= reach_m
 
 
 def _assignment(cameras: int, candidates: Candidates, found: dict[int, Array]) -> Assignment:
@@ -206,3 +199,32 @@ def _assignment(cameras: int, candidates: Candidates, found: dict[int, Array]) -
     for row, person in enumerate(ids):
         place[row, candidates.camera[found[person]]] = candidates.place[found[person]]
     return Assignment(person_id=np.array(ids, np.int64), place=place)
+
+
+# by camera and the number of another tool's track: the person
+Hints = Mapping[tuple[str, int], int]
+# factor on the support of a detection for the person to whom it was recently assigned
+_HINT_WEIGHT = 1.3
+
+
+def hints_after(hints: Hints, assignment: Assignment, detections: Sequence[Detections2D]) -> Hints:
+    """Who the tracks of another tool's tracker are, after a time step: the person that they were last taken for."""
+    known = dict(hints)
+    for row, c in np.argwhere(assignment.place != UNSEEN):
+        track = int(detections[c].track_id[assignment.place[row, c]])
+        if track != NO_TRACK:
+            known[detections[c].camera, track] = int(assignment.person_id[row])
+    return known
+
+
+def hint_weights(candidates: Candidates, detections: Sequence[Detections2D], people: Sequence[int], hints: Hints) -> Array:
+    """(N, D) the support that each detection gives to each of `people`, changed by another tool's tracks."""
+    factor = np.ones((len(people), len(candidates)))
+    if not hints:
+        return factor
+    rows = {person: row for row, person in enumerate(people)}
+    for d, (c, place) in enumerate(zip(candidates.camera, candidates.place, strict=True)):
+        row = rows.get(hints.get((detections[c].camera, int(detections[c].track_id[place])), NO_TRACK))
+        if row is not None:
+            factor[row, d] = _HINT_WEIGHT
+    return factor

@@ -44,6 +44,17 @@ def _is_frozen(value: Any, dtype: DTypeLike) -> bool:
     return value is None
 
 
+def known_median(values: Array, unknown: float = float("nan")) -> float:
+    """Median of the finite values; `unknown` where there is none."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else unknown
+
+
+def median_apart(one: Array, other: Array) -> float:
+    """Median distance of points (K, 3) that both have; infinite where there is none."""
+    return known_median(np.linalg.norm(one - other, axis=-1), np.inf)
+
+
 # standard deviation of a normal distribution from its median absolute deviation
 SIGMA_PER_MAD = 1.4826
 

@@ -111,13 +111,20 @@ class LivePreview:
     size_wh: tuple[int, int]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class CameraHealth:
-    """State of one camera: ``ok`` or what is wrong (docs/live.md lists them), why, and its figures by name."""
+    """State of one camera.
+
+    Attributes:
+        state: ``ok``, ``opening``, ``ended``, ``lost``, ``dead``, ``silent``, ``frozen``, ``late``, ``clock`` or ``flood``;
+            ``overload`` (the machine is too slow for a diagnosis), or what the rig watch found: ``moved``, ``unsynchronised`` or
+            ``swapped``. docs/live.md explains them.
+        text: why. figures: by name.
+    """
 
     state: str
     text: str = ""
-    figures: Mapping[str, float] = field(default_factory=dict)
+    figures: Mapping[str, float] = field(default_factory=dict, kw_only=True)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,7 +15,6 @@ from posefuse.core.poses import point_sigma_m
 from posefuse.core.view_sequences import PartsOfViews
 from posefuse.formats.bvh import write_bvh
 from posefuse.formats.c3d import C3dData, C3dEvent, write_c3d
-from posefuse.formats.csv_table import write_angles
 from posefuse.formats.gltf import write_gltf
 from posefuse.formats.joint_centres import joint_centres_from_mapping
 from posefuse.formats.mot import motion_from_joints, write_mot
@@ -30,6 +29,7 @@ from posefuse.kinematics.opensim_scale import scaled_motion
 from posefuse.kinematics.sides import SIDES
 from posefuse.kinematics.skin import skin_of
 from posefuse.outputs.facts import duration_s, person_suffix
+from posefuse.outputs.tables import write_angles
 from posefuse.tracking import ViewsAtJointCentres
 
 from .gait_cycles import CycleAngles, gait_cycles, write_gait_cycles

@@ -124,12 +124,6 @@ def drift(path_m: Array, other_m: Array) -> tuple[Array, Array, float]:
     return walked, apart, 1000 * float(np.polyfit(walked[known], apart[known], 1)[0]) if enough else float("nan")
 
 
-def known_median(values: Array) -> float:
-    """Median of the finite values; NaN where there is none."""
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else float("nan")
-
-
 def _paired_distance_m(got: Array, wanted: Array) -> Array:
     """(T, N_true, K) distances, each true person paired with its nearest estimated one; NaN where there is none."""
     n_got, n_true = got.shape[1], wanted.shape[1]

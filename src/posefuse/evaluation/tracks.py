@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from posefuse.core import InputError, PoseSequence
-from posefuse.core.arrays import Array
+from posefuse.core.arrays import Array, known_median
 from posefuse.formats.c3d import C3dData, read_c3d
 from posefuse.formats.named_points import NamedPoints, read_mvnx, read_points_csv
 from posefuse.formats.recording import read_result_poses
@@ -18,7 +18,6 @@ from posefuse.formats.trc import read_trc
 from posefuse.formats.truth import read_loop, read_truth
 
 from .compare import Tracks
-from .metrics import known_median
 
 KINDS = "a posefuse result folder, .mcap of posefuse live, .trc, .c3d, .csv or .mvnx"
 _SYNONYMS = {"hip": "mid_hip", "hips": "mid_hip", "left_foot_index": "left_big_toe", "right_foot_index": "right_big_toe"}

@@ -19,7 +19,7 @@ from posefuse.core import InputError
 from posefuse.core.encoded import EncodedFrame, Packet
 
 from .pixels import Pixels
-from .video import TIME_BASE
+from .video import TIME_BASE, h264_stream, open_mp4, reason
 
 # The packets of a stream in the order of decoding, until the frames in them have been shown and their times are known.
 
@@ -115,7 +115,6 @@ _CONTAINER = {
     "video_track_timescale": str(TIME_BASE.denominator),
 }
 _ENCODING = {"preset": "ultrafast", "crf": "21", "threads": "1"}
-_KEYFRAME_EVERY = 60
 COPIED, ENCODED = "copied", "encoded"
 _OTHER = "the camera came back with images of another size or encoding"
 
@@ -166,12 +165,7 @@ class KeptVideo:
         self._queue = PacketQueue()
         if path.exists():
             raise InputError(f"{path} already exists; no video is written over")
-        if not path.parent.is_dir():
-            raise InputError(f"{path}: cannot be written, there is no folder {path.parent}")
-        try:
-            self._container: Any = av.open(str(path), "w", format="mp4", options=_CONTAINER)
-        except (av.error.FFmpegError, OSError) as error:
-            raise InputError(f"{path}: cannot be written ({_reason(error)})") from None
+        self._container: Any = open_mp4(path, _CONTAINER)
 
     def __enter__(self) -> KeptVideo:
         return self
@@ -192,7 +186,7 @@ class KeptVideo:
             else:
                 problem = self._encode(image, t_us) if self.how == ENCODED else _OTHER
         except (av.error.FFmpegError, OSError) as error:
-            raise InputError(f"{self.path}: cannot be written ({_reason(error)})") from None
+            raise InputError(f"{self.path}: cannot be written ({reason(error)})") from None
         if not problem:
             self._last_us = t_us
         return problem
@@ -208,22 +202,17 @@ class KeptVideo:
             self._mux(container, self._queue.rest())
             container.close()
         except (av.error.FFmpegError, OSError) as error:
-            raise InputError(f"{self.path}: cannot be finished ({_reason(error)})") from None
+            raise InputError(f"{self.path}: cannot be finished ({reason(error)})") from None
 
     def _begin(self, image: Pixels | EncodedFrame) -> None:
         if isinstance(image, EncodedFrame):
             self.how, self._header = COPIED, image.header
             with av.open(io.BytesIO(image.header), format="mp4") as template:
                 self._stream = self._container.add_stream_from_template(template.streams.video[0], opaque=True)
+            self._stream.time_base = TIME_BASE
         else:
             self.how, self._size_wh = ENCODED, image.size_wh
-            self._stream = self._container.add_stream("libx264", rate=30, options=_ENCODING)
-            self._stream.width, self._stream.height = image.size_wh
-            self._stream.pix_fmt = "yuv444p" if any(side % 2 for side in image.size_wh) else "yuv420p"
-            self._stream.codec_context.max_b_frames = 0
-            self._stream.codec_context.gop_size = _KEYFRAME_EVERY
-            self._stream.codec_context.time_base = TIME_BASE
-        self._stream.time_base = TIME_BASE
+            self._stream = h264_stream(self._container, image.size_wh, 30, _ENCODING)
 
     def _copy(self, frame: EncodedFrame, t_us: int) -> str:
         if frame.header != self._header:
@@ -251,8 +240,3 @@ class KeptVideo:
         self._container.mux(self._stream.encode(image))
         self.frames += 1
         return ""
-
-
-def _reason(error: Exception) -> str:
-    """Without the path, which the message names already."""
-    return getattr(error, "strerror", None) or str(error)

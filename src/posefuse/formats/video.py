@@ -11,6 +11,7 @@ import av
 import numpy as np
 from av.container import OutputContainer
 from av.video.reformatter import VideoReformatter
+from av.video.stream import VideoStream
 
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
@@ -21,6 +22,34 @@ TIME_BASE = Fraction(1, 1_000_000)
 # the start of a video is stored in the file's own ticks, 1000 per second unless asked otherwise
 _CONTAINER = {"movie_timescale": str(TIME_BASE.denominator)}
 _KEYFRAME_EVERY = 60
+
+
+def open_mp4(path: Path, options: dict[str, str]) -> OutputContainer:
+    """A new .mp4; raises InputError when it cannot be made."""
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: cannot be written, there is no folder {path.parent}")
+    try:
+        return av.open(str(path), "w", format="mp4", options=options)
+    except (av.error.FFmpegError, OSError) as error:
+        raise InputError(f"{path}: cannot be written ({reason(error)})") from None
+
+
+def h264_stream(
+    container: OutputContainer, size_wh: tuple[int, int], rate: Fraction | int, options: dict[str, str]
+) -> VideoStream:
+    """Its stream of H.264 without frame reordering, times in microseconds; 4:2:0 colour, or 4:4:4 where a side is odd."""
+    stream = container.add_stream("libx264", rate=rate, options=options)
+    stream.width, stream.height = size_wh
+    stream.pix_fmt = "yuv444p" if size_wh[0] % 2 or size_wh[1] % 2 else "yuv420p"
+    stream.time_base = stream.codec_context.time_base = TIME_BASE
+    stream.codec_context.max_b_frames = 0
+    stream.codec_context.gop_size = _KEYFRAME_EVERY
+    return stream
+
+
+def reason(error: Exception) -> str:
+    """Without the path, which messages name already."""
+    return getattr(error, "strerror", None) or str(error)
 
 
 class VideoWriter:
@@ -45,20 +74,11 @@ class VideoWriter:
     ) -> None:
         self._path, self._size_wh = path, size_wh
         self._last_pts = -1
-        if not path.parent.is_dir():
-            raise InputError(f"{path}: cannot be written, there is no folder {path.parent}")
-        try:
-            self._container: OutputContainer | None = av.open(str(path), "w", format="mp4", options=_CONTAINER)
-        except (av.error.FFmpegError, OSError) as error:
-            raise InputError(f"{path}: cannot be written ({error})") from None
+        container = open_mp4(path, _CONTAINER)
         options = {"crf": str(crf), "preset": preset, "threads": str(threads)}
-        stream = self._container.add_stream("libx264", rate=Fraction(rate_hz).limit_denominator(1001), options=options)
-        stream.width, stream.height = size_wh
-        stream.pix_fmt = "yuv444p" if size_wh[0] % 2 or size_wh[1] % 2 else "yuv420p"
-        stream.time_base = stream.codec_context.time_base = TIME_BASE
-        stream.codec_context.max_b_frames = 0
-        stream.codec_context.gop_size = _KEYFRAME_EVERY
-        self._stream, self._scaler = stream, VideoReformatter()
+        self._stream = h264_stream(container, size_wh, Fraction(rate_hz).limit_denominator(1001), options)
+        self._container: OutputContainer | None = container
+        self._scaler = VideoReformatter()
 
     def __enter__(self) -> VideoWriter:
         return self

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from posefuse.core.lazy_names import lazy_names
+from posefuse.core.extras import lazy_names
 
 if TYPE_CHECKING:
     from .settings import WEIGHTS, FuseSettings, Weights

@@ -9,9 +9,8 @@ from collections import deque
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from statistics import median
-from typing import Protocol
 
-from posefuse.core import Detections2D
+from posefuse.core import CameraHealth, Detections2D
 
 OK = "ok"
 _S = 1_000_000_000
@@ -56,45 +55,6 @@ class CameraState:
     used: int
     replaced: int
     missing: int
-
-
-class TimedDetections(Protocol):
-    """A frame that the detector has processed, with what shows whether it is still good.
-
-    Attributes:
-        detections: the people in it; its t_ns is mid-exposure. received_ns: when the frame reached its process.
-        still: how many frames in a row, this one included, were the same image.
-    """
-
-    @property
-    def detections(self) -> Detections2D:
-        """See the class."""
-        ...
-
-    @property
-    def received_ns(self) -> int:
-        """See the class."""
-        ...
-
-    @property
-    def still(self) -> int:
-        """See the class."""
-        ...
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """State of one camera.
-
-    Attributes:
-        state: ``ok``, ``opening``, ``ended``, ``lost``, ``dead``, ``silent``, ``frozen``, ``late``, ``clock`` or ``flood``;
-            ``overload`` (the machine is too slow for a diagnosis), or what `rig_watch` found: ``moved``, ``unsynchronised`` or
-            ``swapped``.
-        text: in words.
-    """
-
-    state: str
-    text: str = ""
 
 
 @dataclass(frozen=True)
@@ -146,13 +106,17 @@ class Monitor:
 
     def __init__(self, cameras: Iterable[str]) -> None:
         self._watches = {name: _Watch() for name in cameras}
-        self._verdicts = {name: Verdict("opening") for name in self._watches}
+        self._verdicts = {name: CameraHealth("opening") for name in self._watches}
         self.events: deque[Event] = deque(maxlen=1000)
         self.event_count = 0
 
-    def admit(self, seen: TimedDetections, now_ns: int) -> Detections2D | None:
-        """The view to use, its time put right where its clock has jumped; None when it must not be used."""
-        view = seen.detections
+    def admit(self, view: Detections2D, now_ns: int, *, received_ns: int, still: int) -> Detections2D | None:
+        """The view to use, its time put right where its clock has jumped; None when it must not be used.
+
+        Args:
+            view: the people in a frame; its t_ns is mid-exposure. received_ns: when the frame reached its process.
+            still: how many frames in a row, this one included, were the same image.
+        """
         watch = self._watches.get(view.camera)
         if watch is None:
             return None
@@ -160,11 +124,11 @@ class Monitor:
         if self._floods(watch, now_ns):
             _count(watch, "flood")
             return None
-        right_ns = self._timed(watch, view.t_ns, seen.received_ns, now_ns)
+        right_ns = self._timed(watch, view.t_ns, received_ns, now_ns)
         if right_ns is None:
             _count(watch, "late" if watch.late else "clock")
             return None
-        if self._is_frozen(watch, seen.still, right_ns):
+        if self._is_frozen(watch, still, right_ns):
             _count(watch, "frozen")
             return None
         return view if right_ns == view.t_ns else replace(view, t_ns=right_ns)
@@ -196,11 +160,11 @@ class Monitor:
         watch.source = state
 
     def judge(
-        self, now_ns: int, troubles: Mapping[str, Verdict], faulty: Mapping[str, Verdict] | None = None
-    ) -> Mapping[str, Verdict]:
+        self, now_ns: int, troubles: Mapping[str, CameraHealth], faulty: Mapping[str, CameraHealth] | None = None
+    ) -> Mapping[str, CameraHealth]:
         """Every camera's state; by camera, `troubles` are those of its process, `faulty` those of its pose and clock."""
         for name, watch in self._watches.items():
-            verdict = self._verdict(watch, now_ns, troubles.get(name), (faulty or {}).get(name, Verdict(OK)))
+            verdict = self._verdict(watch, now_ns, troubles.get(name), (faulty or {}).get(name, CameraHealth(OK)))
             if verdict.state != self._verdicts[name].state:
                 self.events.append(Event(now_ns, name, verdict.state, verdict.text))
                 self.event_count += 1
@@ -239,27 +203,27 @@ class Monitor:
         """Every source is over and will not come back."""
         return all(watch.source is not None and watch.source.state == "ended" for watch in self._watches.values())
 
-    def _verdict(self, watch: _Watch, now_ns: int, trouble: Verdict | None, otherwise: Verdict) -> Verdict:
+    def _verdict(self, watch: _Watch, now_ns: int, trouble: CameraHealth | None, otherwise: CameraHealth) -> CameraHealth:
         if trouble is not None:
             return trouble
         if watch.source is not None and watch.source.state in ("ended", "lost"):
-            return Verdict(watch.source.state, watch.source.text)
+            return CameraHealth(watch.source.state, watch.source.text)
         if now_ns - watch.flooding_ns < _S:
-            return Verdict("flood", f"{watch.flood_hz:,.0f} frames/s; only the newest are used")
+            return CameraHealth("flood", f"{watch.flood_hz:,.0f} frames/s; only the newest are used")
         if now_ns - watch.jumped_at_ns < _S or watch.strange_ns:
-            return Verdict("late" if watch.late else "clock", watch.jumped or "its time stamps jumped")
+            return CameraHealth("late" if watch.late else "clock", watch.jumped or "its time stamps jumped")
         if watch.frozen:
-            return Verdict("frozen", "delivers the same image again and again")
+            return CameraHealth("frozen", "delivers the same image again and again")
         if watch.seen_ns is None:
-            return Verdict("opening", "no frame yet")
+            return CameraHealth("opening", "no frame yet")
         if now_ns - watch.seen_ns > SILENT_NS and now_ns - watch.came_ns <= SILENT_NS:
-            return Verdict("overload", f"its frames wait: none was processed for {(now_ns - watch.seen_ns) / _S:.1f} s")
+            return CameraHealth("overload", f"its frames wait: none was processed for {(now_ns - watch.seen_ns) / _S:.1f} s")
         # a process that owes a report is judged itself, soon after
         owes = watch.reported_ns is not None and now_ns - watch.reported_ns > SILENT_NS // 2
         if now_ns - watch.seen_ns > SILENT_NS * (1 + owes):
-            return Verdict("silent", f"no frame for {(now_ns - watch.seen_ns) / _S:.1f} s")
+            return CameraHealth("silent", f"no frame for {(now_ns - watch.seen_ns) / _S:.1f} s")
         if otherwise.state != OK and watch.used_share < _OVERLOAD_SHARE:
-            return Verdict("overload", f"only {watch.used_share:.0%} of its frames are used: too few to watch the rig")
+            return CameraHealth("overload", f"only {watch.used_share:.0%} of its frames are used: too few to watch the rig")
         return otherwise
 
     def _floods(self, watch: _Watch, now_ns: int) -> bool:

@@ -14,7 +14,7 @@ from itertools import combinations
 import numpy as np
 
 from posefuse.core import Rig
-from posefuse.core.arrays import Array
+from posefuse.core.arrays import Array, known_median
 
 from .misalignment import LATE, TURN, UNKNOWNS, Sums, TriangulatedStep, instant_of, sums_of
 
@@ -294,6 +294,4 @@ def _exchanged(rig: Rig, recent: Sequence[Array], now_m: float) -> list[tuple[in
 
 
 def _misfit_over(rig: Rig, recent: Sequence[Array]) -> float:
-    misfit_m = instant_of(rig, 0, np.concatenate(recent, axis=1)).misfit_m
-    known = misfit_m[np.isfinite(misfit_m)]
-    return float(np.median(known)) if len(known) else float("inf")
+    return known_median(instant_of(rig, 0, np.concatenate(recent, axis=1)).misfit_m, np.inf)

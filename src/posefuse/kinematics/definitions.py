@@ -104,10 +104,10 @@ class Joint:
     name: str
     parent: str
     child: str
-    sequence: str
     angle_names: tuple[str, str, str]
-    sign: tuple[int, int, int]
     zero: str
+    sequence: str = "ZXY"
+    sign: tuple[int, int, int] = (1, 1, 1)
     determined: tuple[bool, bool, bool] = (True, True, True)
 
     @property
@@ -164,25 +164,20 @@ def _side_joints(side: str) -> tuple[Joint, ...]:
             child=upper_arm,
             sequence="YXY",
             angle_names=("plane_of_elevation", "elevation", "internal_rotation"),
-            sign=(1, 1, 1),
             zero="arm hanging (elevation); plane 0 is abduction, 90 degrees forward flexion",
         ),
         Joint(
             name=f"{side}_arm",
             parent="thorax",
             child=upper_arm,
-            sequence="ZXY",
             angle_names=ball,
-            sign=(1, 1, 1),
             zero="arm hanging, elbow bending forward",
         ),
         Joint(
             name=f"{side}_elbow",
             parent=upper_arm,
             child=forearm,
-            sequence="ZXY",
             angle_names=("flexion", "carrying", "pronation"),
-            sign=(1, 1, 1),
             zero="arm straight" + _PLANE,
             determined=(True, False, False),
         ),
@@ -192,15 +187,13 @@ def _side_joints(side: str) -> tuple[Joint, ...]:
             child=f"{side}_hand",
             sequence="YZX",
             angle_names=("pronation", "flexion", "ulnar_deviation"),
-            sign=(1, 1, 1),
             zero="hand in line with the forearm, palm facing the way the elbow bends",
         ),
-        Joint(name=f"{side}_hip", parent="pelvis", child=thigh, sequence="ZXY", angle_names=ball, sign=(1, 1, 1), zero=_HIP),
+        Joint(name=f"{side}_hip", parent="pelvis", child=thigh, angle_names=ball, zero=_HIP),
         Joint(
             name=f"{side}_knee",
             parent=thigh,
             child=shank,
-            sequence="ZXY",
             angle_names=ball,
             sign=(-1, 1, 1),
             zero="leg straight" + _PLANE,
@@ -210,9 +203,7 @@ def _side_joints(side: str) -> tuple[Joint, ...]:
             name=f"{side}_ankle",
             parent=shank,
             child=f"{side}_foot",
-            sequence="ZXY",
             angle_names=("dorsiflexion", "inversion", "internal_rotation"),
-            sign=(1, 1, 1),
             zero="line heel to toe normal to the shank",
         ),
     )
@@ -232,7 +223,6 @@ JOINTS = (
         name="trunk",
         parent="pelvis",
         child="thorax",
-        sequence="ZXY",
         angle_names=("flexion", "bend_right", "rotation_left"),
         sign=(-1, 1, 1),
         zero="shoulder line parallel to hip line; flexion is zero by construction",
@@ -242,7 +232,6 @@ JOINTS = (
         name="neck",
         parent="thorax",
         child="head",
-        sequence="ZXY",
         angle_names=("flexion", "bend_right", "rotation_left"),
         sign=(-1, 1, 1),
         zero="head level (nose 6.6 degrees below the ears) with the trunk upright",

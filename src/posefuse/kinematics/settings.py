@@ -1,7 +1,8 @@
-"""Settings of segment frames and joint angles."""
+"""Settings of segment frames and joint angles, and of the whole-body fit."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated
 
 from annotated_types import Ge, Gt
@@ -29,3 +30,84 @@ class JointSettings:
     sigma_limit_rad: Annotated[float, Gt(0)] = 0.6
     unknown_sigma_m: Annotated[float, Gt(0)] = 0.01
     sides_checked: bool = True
+
+
+@settings
+class BodySettings:
+    """How the skeleton may move and how far its points are trusted.
+
+    Attributes:
+        symmetric: left and right segments share one length.
+        joint_limits: keep joints inside the range of a human (softly).
+        turn_accel_rad_s15: white angular acceleration of every joint, square root of its spectral density.
+        move_accel_m_s15: the same of the pelvis position.
+        velocity_memory_s: after this time without a measurement a velocity has fallen to 1/e.
+        noise_memory_s: errors of keypoints this close in time are taken as the same error, which must not average out. Errors
+            of the default network last 0.27 s (`bench/fit_lasting_errors.py`), but by then joints have moved on: with that,
+            knees of walking people bend too little.
+        offset_sigma_m: how far a keypoint may lie from its joint for good, in each direction: no time averages that out, so it is
+            in every covariance. The default covers the errors of the default network on bodies of random seeds 7300 to 7309
+            (walking, squatting, reaching, waving, T-pose; 90 % intervals).
+        hip_sigma_m: the same of hips, which no detector sees.
+        most_sigma_m: a joint that was not measured and is less certain than this is missing, not filled in.
+        contact_sigma_m: how far a point of a standing foot may be from its place on the floor, in a recorded fit to rays; 0:
+            feet may move and sink at any time.
+        length_steps: segment lengths are solved from so many time steps, spread over the recording.
+        robust_dof: degrees of freedom of the Student-t noise; small forgives outliers.
+        iterations: Gauss-Newton steps at most per time step.
+    """
+
+    symmetric: bool = True
+    joint_limits: bool = True
+    turn_accel_rad_s15: Annotated[float, Gt(0)] = 20.0
+    move_accel_m_s15: Annotated[float, Gt(0)] = 1.5
+    velocity_memory_s: Annotated[float, Gt(0)] = 0.3
+    noise_memory_s: Annotated[float, Ge(0)] = 0.1
+    offset_sigma_m: Annotated[float, Ge(0)] = 0.005
+    hip_sigma_m: Annotated[float, Ge(0)] = 0.007
+    most_sigma_m: Annotated[float, Gt(0)] = 0.1
+    contact_sigma_m: Annotated[float, Ge(0)] = 0.004
+    length_steps: Annotated[int, Ge(1)] = 40
+    robust_dof: Annotated[float, Gt(0)] = 2.0
+    iterations: Annotated[int, Ge(1)] = 6
+
+
+@dataclass(frozen=True, kw_only=True)
+class LiveBodyRules:
+    """How a skeleton is learnt and followed live. Not settings: chosen on development scenes with `bench/live_rendered.py`.
+
+    Attributes:
+        learn_s: the first lengths come from so many seconds of tracked poses; they are refined after twice, four times ... as
+            many. learn_most_s: lengths are final after so long.
+        sample_every_s: poses for it are so far apart at least. sure_m: keypoints with a larger standard deviation do not count.
+        length_sigma_m: standard deviation of a segment's length in tracked poses; how far the prior counts.
+        length_rate_m_s: refined lengths are approached this slowly, so that no pose jumps.
+        fit_every_s: the pose is fitted to rays this often.
+        tracked_share: how much a tracked keypoint counts in that fit, as a share of its stated information: it is made of the
+            same rays, and of those before.
+        new_share: how much of the difference from the tracked keypoints is taken from the newest fit, the rest from those before.
+        far_m, far_sigmas, far_checks: a fit with a keypoint farther than both limits from robust fusion in so many checks running
+            is dropped.
+        worse_by, worse_fits: so is one whose rays are off by so much more than those of the tracked keypoints (mean squared
+            distance in standard deviations) in so many fits running.
+        fade_s: after a fit began or was dropped, the pose passes so long from the tracked to the fitted one, or back.
+    """
+
+    learn_s: float = 1.0
+    learn_most_s: float = 32.0
+    sample_every_s: float = 0.05
+    sure_m: float = 0.05
+    length_sigma_m: float = 0.01
+    length_rate_m_s: float = 0.005
+    fit_every_s: float = 0.03
+    tracked_share: float = 0.1
+    new_share: float = 0.5
+    far_m: float = 0.1
+    far_sigmas: float = 3.0
+    far_checks: int = 3
+    worse_by: float = 2.0
+    worse_fits: int = 10
+    fade_s: float = 0.2
+
+
+LIVE_BODY = LiveBodyRules()

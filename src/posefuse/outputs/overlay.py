@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -11,13 +14,44 @@ from annotated_types import Ge, Le
 
 from posefuse.core import Recording
 from posefuse.core.arrays import Array
-from posefuse.foundation.background import Background
 from posefuse.foundation.output_file import atomic_file
 from posefuse.foundation.settings import settings
 
 from .drawing import draw_legend, draw_view, empty_row, grid_for
 from .facts import rate_hz
 from .frames import Frames, FrameSink, FrameWriter, write_without_frames
+
+_WAITING = 3
+
+
+class Background:
+    """Calls a function in one other thread, in the order of the calls, a few of which may wait.
+
+    What the function raises is raised by a later `call`, or by `close`.
+    """
+
+    def __init__(self, function: Callable[..., object], name: str) -> None:
+        self._function = function
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix=name)
+        self._pending: deque[Future[object]] = deque()
+
+    def call(self, *args: Any) -> None:
+        """Do it later; waits while too many wait already."""
+        while len(self._pending) >= _WAITING:
+            self._pending.popleft().result()
+        self._pending.append(self._pool.submit(self._function, *args))
+
+    def close(self) -> None:
+        """Wait until all is done; safe to call twice. After an error, calls that have not begun are left out."""
+        try:
+            while self._pending:
+                self._pending.popleft().result()
+        finally:
+            for future in self._pending:
+                future.cancel()
+            self._pending.clear()
+            self._pool.shutdown()
+
 
 # of the encoder; the same on every machine, so that the file does not depend on the number of cores
 _THREADS = 2

@@ -18,7 +18,7 @@ from posefuse.core import ConfigError
 from posefuse.detection.build import DetectorChoice
 from posefuse.foundation.settings import read_mapping, settings, settings_from_mapping
 from posefuse.fusion.settings import FuseSettings
-from posefuse.kinematics.body.settings import BodySettings
+from posefuse.kinematics.settings import BodySettings
 from posefuse.tracking.settings import SmoothSettings
 
 T = TypeVar("T")

@@ -11,9 +11,8 @@ from posefuse.association.settings import AssociateSettings, PeopleNames
 from posefuse.detection.build import DetectorChoice
 from posefuse.foundation.settings import settings
 from posefuse.fusion.settings import FuseSettings
-from posefuse.kinematics.body.settings import BodySettings
-from posefuse.kinematics.settings import JointSettings
-from posefuse.tracking.online.settings import LiveSettings
+from posefuse.kinematics.settings import BodySettings, JointSettings
+from posefuse.tracking.settings import LiveSettings
 
 CameraInfoUse = Literal["check", "use", "ignore"]
 # 32 years

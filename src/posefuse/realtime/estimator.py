@@ -1,6 +1,9 @@
 """From views to poses, without a clock and without a process: sessions, their replay and the warm-up use the same.
 
-It joins what the stages bring: the tracker, joint centres, the whole-body fit, and the gate before the outputs.
+It joins what the stages bring: the tracker, whose tracks become persons under ids that last, joint centres, the whole-body fit,
+and the gate before the outputs, which passes keypoints that are known well enough and were measured lately enough. A robot that
+follows a frame is better off when the frame times out than when it flies. What is withheld is missing in every output alike,
+and counted.
 """
 
 from __future__ import annotations
@@ -10,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from posefuse.association import associate
+from posefuse.association import CLOTHING_TRAITS, UNNAMED, Identity, associate, median_clothing, with_persons
 from posefuse.association.settings import AssociateSettings
 from posefuse.core import Detections2D, JointCentres, Kind, LiveJointCentres, Pose3D, Rig, Skeleton, Views
 from posefuse.core.arrays import Array
@@ -21,12 +24,178 @@ from posefuse.kinematics import JointTracker
 from posefuse.kinematics.body import FEWEST_SEEN, LIVE_BODY, Length, LengthPrior, LiveBody, LiveBodyRules, LiveRays, TrackedPoints
 from posefuse.kinematics.joints import FrameBuffers
 from posefuse.tracking import LearntLengths, at_joint_centres, usual_lengths
-from posefuse.tracking.online import MOTION, Evidence, LiveMotion, Tracker, build_tracker
+from posefuse.tracking.online import MOTION, CameraStatistics, Evidence, LiveMotion, LiveSettings, Tracker, build_tracker
 from posefuse.tracking.stand_in import made_up_detections
 
 from .config import KeypointGateSettings, LiveConfig
-from .gate import KeypointGate
-from .identity import NamedTracker
+
+# poses of a track add information about the body this often
+_LEARN_NS = 30_000_000
+_MEASURED_SHARE = 0.5
+# colours that a camera saw longer ago are not those of now
+_COLOUR_NS = 200_000_000
+
+
+class NamedTracker:
+    """A tracker whose poses carry persons; implements `Tracker`.
+
+    A track that no one can be named for yet is followed, and looked for by the views, but is not in `at`. With one person
+    there is nothing to distinguish: tracks and persons are the same.
+    """
+
+    def __init__(self, tracker: Tracker, settings: LiveSettings) -> None:
+        self._tracker, self._several = tracker, settings.max_people > 1
+        self._identity = Identity(people_max=settings.max_people, lost_after_s=settings.lost_after_s)
+        # poses call a keypoint measured for `measured_s` after its last view
+        self._shown_ns = round(max(settings.shown_s - MOTION.measured_s, 0.0) * 1e9)
+        self._learnt_ns: int | None = None
+        # by track: when views last measured it, and the newest colours by camera with their times
+        self._measured_ns: dict[int, int] = {}
+        self._colours: dict[int, dict[str, tuple[int, Array]]] = {}
+
+    def add(self, detections: Detections2D) -> Array:
+        """See `Tracker.add`; tracks, not persons."""
+        tracks = self._tracker.add(detections)
+        if self._several:
+            for place in np.flatnonzero(tracks != UNNAMED):
+                colours = self._colours.setdefault(int(tracks[place]), {})
+                colours[detections.camera] = (detections.t_ns, detections.clothing_lab[place])
+        return tracks
+
+    def at(self, t_ns: int) -> Pose3D:
+        """See `Tracker.at`; person_id holds persons."""
+        pose = self._tracker.at(t_ns)
+        if not self._several:
+            return pose
+        if self._learnt_ns is None or abs(t_ns - self._learnt_ns) >= _LEARN_NS:
+            self._learnt_ns = t_ns
+            self._learn(pose)
+        return with_persons(pose, [self._person_of(track, t_ns) for track in pose.person_id.tolist()])
+
+    def looked_for(self, t_ns: int) -> Pose3D:
+        """See `Tracker.looked_for`."""
+        return self._tracker.looked_for(t_ns)
+
+    def check(self) -> None:
+        """See `Tracker.check`."""
+        self._tracker.check()
+
+    def evidence(self, t_ns: int) -> Mapping[int, Evidence]:
+        """See `Tracker.evidence`; by person."""
+        found = self._tracker.evidence(t_ns)
+        if not self._several:
+            return found
+        persons = {self._person_of(track, t_ns): one for track, one in found.items()}
+        return {person: one for person, one in persons.items() if person != UNNAMED}
+
+    @property
+    def health(self) -> Mapping[str, CameraStatistics]:
+        """See `Tracker.health`."""
+        return self._tracker.health
+
+    def _learn(self, pose: Pose3D) -> None:
+        seen = _measured(pose)
+        tracks = seen.person_id.tolist()
+        self._measured_ns |= dict.fromkeys(tracks, pose.t_ns)
+        clothing = np.array([self._clothing(track, pose.t_ns) for track in tracks]).reshape(-1, CLOTHING_TRAITS)
+        self._identity = self._identity.after(seen, clothing)
+        for kept in (self._colours, self._measured_ns):
+            for ended in set(kept) - set(pose.person_id.tolist()):
+                del kept[ended]
+
+    def _clothing(self, track: int, t_ns: int) -> Array:
+        fresh = [lab for seen_ns, lab in self._colours.get(track, {}).values() if t_ns - seen_ns <= _COLOUR_NS]
+        return median_clothing(np.array(fresh).reshape(-1, 3, 3))
+
+    def _person_of(self, track: int, t_ns: int) -> int:
+        out_of_sight_ns = t_ns - self._measured_ns.get(track, t_ns)
+        return self._identity.person_of(track) if out_of_sight_ns <= self._shown_ns else UNNAMED
+
+
+def _measured(pose: Pose3D) -> Pose3D:
+    """The tracks that views measured lately: a prediction has no information about a body."""
+    share = (pose.kind == Kind.FUSED).sum(axis=1) / pose.kind.shape[1]
+    kept = set(pose.person_id[share >= _MEASURED_SHARE].tolist())
+    return with_persons(pose, [track if track in kept else -1 for track in pose.person_id.tolist()])
+
+
+# so far below a limit rounding does not matter
+_CLEARLY = 0.99
+
+
+class KeypointGate:
+    """Passes poses on in the order of their times.
+
+    Attributes:
+        keypoints, people: how many were there, and how many of them were withheld: (all, withheld). A person is withheld when
+            no keypoint is left.
+    """
+
+    def __init__(self, rules: KeypointGateSettings) -> None:
+        self._rules = rules
+        self.keypoints = self.people = (0, 0)
+        # by person: when each keypoint was last measured
+        self._measured_ns: dict[int, Array] = {}
+
+    def passed(self, pose: Pose3D) -> Pose3D:
+        """The pose without what is withheld."""
+        if not len(pose.person_id):
+            self._measured_ns = {}
+            return pose
+        there = pose.kind != Kind.MISSING
+        good = there & _known_to(pose.cov_world, self._rules.sigma_m) & self._fresh(pose)
+        left = good.any(axis=1)
+        self.keypoints = _counted(self.keypoints, there, good)
+        self.people = _counted(self.people, there.any(axis=1), left)
+        if good.all():
+            return pose
+        return replace(
+            pose,
+            xyz_world=np.where(good[..., None], pose.xyz_world, np.nan),
+            cov_world=np.where(good[..., None, None], pose.cov_world, np.nan),
+            reproj_px=np.where(good, pose.reproj_px, np.nan),
+            n_views=np.where(good, pose.n_views, 0),
+            kind=np.where(good, pose.kind, Kind.MISSING),
+        ).people(left)
+
+    def figures(self) -> dict[str, float]:
+        """Shares of what was withheld."""
+        return {name: cut / of if of else 0.0 for name, (of, cut) in (("keypoints", self.keypoints), ("people", self.people))}
+
+    def _fresh(self, pose: Pose3D) -> Array:
+        """(N, K) bool: measured not too long ago."""
+        before, now = self._measured_ns, {}
+        for person, kind in zip(pose.person_id.tolist(), pose.kind, strict=True):
+            # who is new was measured just now
+            last = before.get(person, np.full(kind.shape, pose.t_ns))
+            now[person] = np.where((kind == Kind.PREDICTED) & (last <= pose.t_ns), last, pose.t_ns)
+        self._measured_ns = now
+        oldest_ns = pose.t_ns - round(self._rules.unmeasured_s * 1e9)
+        measured = np.array([now[person] for person in pose.person_id.tolist()]).reshape(pose.kind.shape)
+        return np.asarray(measured >= oldest_ns)
+
+
+def _known_to(cov: Array, sigma_m: float) -> Array:
+    """(...) bool: `worst_sigma_m` of covariances (..., 3, 3) is at most `sigma_m`."""
+    # no eigenvalue is larger than the root of the sum of squares: mostly there is none to be computed
+    squares = np.einsum("...ij,...ij->...", cov, cov)
+    known = np.asarray(squares < (_CLEARLY * sigma_m**2) ** 2)
+    if not known.all():
+        known[~known] = worst_sigma_m(cov[~known]) <= sigma_m
+    return known
+
+
+def worst_sigma_m(cov: Array) -> Array:
+    """(...) standard deviation along the worst known axis of covariances (..., 3, 3); infinite where NaN."""
+    known = np.asarray(np.isfinite(cov).all(axis=(-2, -1)))
+    variance = np.linalg.eigvalsh(np.where(known[..., None, None], cov, np.eye(3)))[..., -1]
+    return np.asarray(np.where(known, np.sqrt(np.maximum(variance, 0.0)), np.inf))
+
+
+def _counted(before: tuple[int, int], there: Array, good: Array) -> tuple[int, int]:
+    count = int(there.sum())
+    return before[0] + count, before[1] + count - int((there & good).sum())
+
 
 # a second: until then every kernel of the tracker has been used
 _WARM_UP_STEPS = 30

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from posefuse.core import (
 )
 from posefuse.core.arrays import Array
 from posefuse.foundation.channel import wait_any
-from posefuse.health.cameras import Monitor, Verdict
+from posefuse.health.cameras import Monitor
 from posefuse.kinematics import JointTracker
 
 from .estimator import Estimator
@@ -59,7 +60,7 @@ class Fusion:
         self.latencies = Latencies(rig.names)
         self.watch, self._joints = watch, joints
         self._reader = reader
-        self.verdicts: Mapping[str, Verdict] = {}
+        self.verdicts: Mapping[str, CameraHealth] = {}
         self.used = dict.fromkeys(rig.names, 0)
         self.seen = dict.fromkeys(rig.names, 0)
         self.poses = self.poses_with_people = 0
@@ -133,7 +134,7 @@ class Fusion:
         now_ns = self.clock.now_ns()
         if seen.state is not None:
             self.monitor.take_state(seen.state, now_ns)
-        view = self.monitor.admit(seen, now_ns)
+        view = self.monitor.admit(seen.detections, now_ns, received_ns=seen.received_ns, still=seen.still)
         if view is None:
             return
         if self.watch is not None:
@@ -189,7 +190,7 @@ class Fusion:
         self.verdicts = self.monitor.judge(now_ns, views.troubles(), self.watch.known.faulty if self.watch is not None else {})
         self.outlets.poll()
         rates = self._rates()
-        cameras = {name: CameraHealth(state=v.state, text=v.text, figures=rates[name]) for name, v in self.verdicts.items()}
+        cameras = {name: replace(verdict, figures=rates[name]) for name, verdict in self.verdicts.items()}
         self._give(LiveHealth(t_ns=now_ns, cameras=cameras, outputs=self.outlets.health))
 
     def _rates(self) -> dict[str, dict[str, float]]:

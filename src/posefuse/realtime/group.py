@@ -1,4 +1,7 @@
-"""A camera group: a process that captures from its cameras and turns their newest frames into 2D poses."""
+"""A camera group: a process that captures from its cameras and turns their newest frames into 2D poses.
+
+While no person is followed, a whole image is searched when it changes, and ever more rarely while it does not.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +13,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 from posefuse.core import Camera, Detections2D, Frame, InputError, JointCentres, LivePreview, PosefuseError, Region, Rig
+from posefuse.core.arrays import Array
 from posefuse.detection import with_clothing, with_depth
 from posefuse.detection.build import DetectorChoice, build_detector
 from posefuse.foundation.channel import Channel, ChannelClosed
@@ -23,9 +28,9 @@ from posefuse.sources.arriving import Arrived
 from .capture import SAMPLE_STEP, Capture, Caught, LiveInput, take_all
 from .messages import (
     NOTHING_EXPECTED,
+    CannotStart,
     Expected,
     Go,
-    GroupFailed,
     KeepVideos,
     Ready,
     SeenView,
@@ -35,8 +40,54 @@ from .messages import (
     Stop,
     VideoFailed,
 )
-from .searching import SearchSchedule, search_slot
 from .video_keeping import VideoKeeper, wait_for_videos
+
+# a sampled pixel has changed when a channel differs by more than this: four standard deviations of the difference of two
+# frames of a camera whose noise is 5 levels
+_CHANGED_LEVELS = 30
+# and so many pixels are a person far away, not a dead pixel
+_CHANGED_PIXELS = 4
+_FIRST_WAIT_S, _LONGEST_WAIT_S = 0.5, 10.0
+
+
+class SearchSchedule:
+    """Of one camera. No clock inside: times come as data.
+
+    Only searches in vain make the next one wait. So a person who is found is searched in every frame, until enough cameras find
+    them to follow them; one who is missed, in every frame that differs from the one before, or else after ten seconds.
+    """
+
+    def __init__(self) -> None:
+        self._in_vain: Array | None = None
+        self._next_s = self._wait_s = 0.0
+
+    def due(self, sample: Array, now_s: float) -> bool:
+        """Whether to search. sample: (h, w, 3) uint8 some of the image's pixels. now_s: the time."""
+        return self._in_vain is None or now_s >= self._next_s or _differ(sample, self._in_vain)
+
+    def searched(self, sample: Array, now_s: float, found: bool) -> None:
+        """An image was searched; `found`: for a person."""
+        if found:
+            self._in_vain = None
+            return
+        changed = self._in_vain is None or _differ(sample, self._in_vain)
+        self._wait_s = _FIRST_WAIT_S if changed else min(2 * self._wait_s, _LONGEST_WAIT_S)
+        self._next_s, self._in_vain = now_s + self._wait_s, sample
+
+
+def _differ(one: Array, other: Array) -> bool:
+    apart = cv2.absdiff(one, other) > _CHANGED_LEVELS
+    # mostly there are hardly any: not worth going through the channels
+    return int(np.count_nonzero(apart)) >= _CHANGED_PIXELS and int(apart.any(axis=-1).sum()) >= _CHANGED_PIXELS
+
+
+def search_slot(now_ns: int, every_s: float) -> int:
+    """The number of the stretch of time in which every camera searches its whole image once, at its first look.
+
+    It is the same for all cameras: a new person is found where two of them see them at about the same time.
+    """
+    return now_ns // round(every_s * 1e9)
+
 
 _LONGER_SIDE_PX = 320
 _QUALITY = 70
@@ -65,14 +116,13 @@ class GroupPlan:
     """All a group needs to know.
 
     Attributes:
-        group: its number. rig: all cameras of the session. inputs: the group's own.
+        rig: all cameras of the session. inputs: the group's own.
         detector: the detector. clock: the session's.
         most_people: while fewer are followed, whole images are searched every `search_every_s`.
         preview_hz: small images per second and camera; 0 for none.
         videos: an existing folder for the cameras' videos; None: none are kept.
     """
 
-    group: int
     rig: Rig
     inputs: tuple[LiveInput, ...]
     detector: DetectorChoice
@@ -92,7 +142,7 @@ def run_group(channel: Channel, plan: GroupPlan) -> None:
             group = _opened(plan, channel)
             group.run()
         except PosefuseError as error:
-            channel.send(GroupFailed(plan.group, str(error)), _SEND_S)
+            channel.send(CannotStart(str(error)), _SEND_S)
     # also when the session was killed
     if group is not None:
         group.finish()
@@ -103,7 +153,7 @@ def _opened(plan: GroupPlan, channel: Channel) -> Group:
 
     cv2.setNumThreads(1)
     group = Group(plan, channel)
-    channel.send(Ready(plan.group, group.detector.skeleton, group.joint_centres()), _SEND_S)
+    channel.send(Ready(group.detector.skeleton, group.joint_centres()), _SEND_S)
     return group
 
 
@@ -292,7 +342,7 @@ class Group:
         if now - self._status_s >= _STATUS_S:
             self._status_s = now
             states = tuple(capture.state() for capture in self._captures)
-            self._channel.send(Status(self._plan.group, self._plan.clock.now_ns(), states), _SEND_S)
+            self._channel.send(Status(self._plan.clock.now_ns(), states), _SEND_S)
             self._report_video_faults()
 
     def _report_video_faults(self) -> None:

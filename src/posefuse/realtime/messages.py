@@ -14,10 +14,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from posefuse.core import Detections2D, JointCentres, LiveJointCentres, LiveOutputConfig, Skeleton
+from posefuse.core import CameraHealth, Detections2D, JointCentres, LiveJointCentres, LiveOutputConfig, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.foundation.channel import Channel
-from posefuse.health.cameras import CameraState, Verdict
+from posefuse.health.cameras import CameraState
 
 
 @dataclass(frozen=True)
@@ -44,16 +44,14 @@ class SessionClock:
 class Ready:
     """A group has its detector, which marks these keypoints, and its sources; it waits for `Go`."""
 
-    group: int
     skeleton: Skeleton
     joint_centres: JointCentres | None
 
 
 @dataclass(frozen=True)
-class GroupFailed:
-    """A group cannot start; one line with the reason."""
+class CannotStart:
+    """A process cannot start; one line with the reason."""
 
-    group: int
     reason: str
 
 
@@ -118,7 +116,6 @@ class SeenView:
 class Status:
     """A group is alive."""
 
-    group: int
     t_ns: int
     cameras: tuple[CameraState, ...]
 
@@ -202,7 +199,7 @@ class ViewSource(Protocol):
         """Where cameras should look for people next; never waits."""
         ...
 
-    def troubles(self) -> Mapping[str, Verdict]:
+    def troubles(self) -> Mapping[str, CameraHealth]:
         """What is wrong with the process or machine of a camera, by camera."""
         ...
 

@@ -24,6 +24,8 @@ from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.platform import lower_priority
 from posefuse.foundation.requests_to_end import wait_while_working
 
+from .messages import CannotStart, RemoveOutput, Stop
+
 # at the end an output that has made no progress for so long is given up; one that has nothing left ends at once
 END_S = 5.0
 _QUEUE = 4000
@@ -52,30 +54,11 @@ def keep(message: LiveMessage, kept: dict[object, LiveMessage]) -> bool:
 
 
 @dataclass(frozen=True)
-class OutputsReady:
-    """All outputs are open; their health by name."""
-
-    health: Mapping[str, OutputHealth]
-
-
-@dataclass(frozen=True)
-class OutputsFailed:
-    """The process cannot start; one line with the reason."""
-
-    reason: str
-
-
-@dataclass(frozen=True)
 class OutputsHealth:
-    """How the outputs fare; the last one of a process is `final`."""
+    """How the outputs fare: the first one of a process when all are open, the last one is `final`."""
 
     health: Mapping[str, OutputHealth]
     final: bool = False
-
-
-@dataclass(frozen=True)
-class OutputsEnd:
-    """Finish and leave."""
 
 
 @dataclass(frozen=True)
@@ -86,13 +69,6 @@ class OutputAdded:
     config: LiveOutputConfig
     start: LiveStart
     kept: Sequence[LiveMessage]
-
-
-@dataclass(frozen=True)
-class OutputRemoved:
-    """Finish and close an output."""
-
-    name: str
 
 
 def run_outputs(
@@ -112,9 +88,9 @@ def run_outputs(
                 OutputThread(name, config, start, kept, known[name], open_now=start.part == 1) for name, config in configs.items()
             ]
         except Exception as error:  # noqa: BLE001 - others' outputs may fail in any way; it is reported, not hidden
-            channel.send(OutputsFailed(words_of(error, "outputs")), 1.0)
+            channel.send(CannotStart(words_of(error, "outputs")), 1.0)
             return
-        channel.send(OutputsReady(_health(workers)), 1.0)
+        channel.send(OutputsHealth(_health(workers)), 1.0)
         _hand_out(channel, workers)
     # also when the session was killed: files are finished
     for worker in workers:
@@ -136,11 +112,11 @@ def _hand_out(channel: Channel, workers: list[OutputThread]) -> None:
     while True:
         channel.wait(_WAIT_S)
         while (message := channel.receive()) is not None:
-            if isinstance(message, OutputsEnd):
+            if isinstance(message, Stop):
                 return
             if isinstance(message, OutputAdded):
                 workers.append(OutputThread(message.name, message.config, message.start, message.kept, open_now=False))
-            elif isinstance(message, OutputRemoved):
+            elif isinstance(message, RemoveOutput):
                 for worker in workers:
                     if worker.name == message.name:
                         worker.finish()

@@ -13,16 +13,12 @@ from posefuse.core.live_messages import FAILED, OK
 from posefuse.foundation.worker import Worker
 from posefuse.health.cameras import Event
 
-from .messages import SessionClock
+from .messages import CannotStart, RemoveOutput, SessionClock, Stop
 from .output_process import (
     END_S,
     HANGS,
     OutputAdded,
-    OutputRemoved,
-    OutputsEnd,
-    OutputsFailed,
     OutputsHealth,
-    OutputsReady,
     keep,
     run_outputs,
 )
@@ -53,7 +49,7 @@ class OutputPlan:
 
     Attributes:
         rig: the cameras. clock: of the session. rate_hz: output rate. configs: of the outputs, by name.
-        notes: how the session was made, see `provenance`. names: of the people, in the order of their ids.
+        notes: how the session was made, see `notes_of`. names: of the people, in the order of their ids.
         reader: the program that began the session, if any; takes messages in the session's own thread.
     """
 
@@ -117,7 +113,7 @@ class OutputProcess:
         self._batch_s = 0.0
         self._finished = self._ready = False
         # what was changed and not sent yet; outputs of which it is not known yet whether they can be opened
-        self._changes: list[OutputAdded | OutputRemoved] = []
+        self._changes: list[OutputAdded | RemoveOutput] = []
         self._opening: set[str] = set()
         self._deaths = 0
         self._worker = Worker(run_outputs)
@@ -146,7 +142,7 @@ class OutputProcess:
         message = self._worker.receive()
         if not self._worker.running:
             raise InputError(f"outputs: {self._worker.trouble} while starting")
-        if isinstance(message, OutputsFailed):
+        if isinstance(message, CannotStart):
             raise InputError(message.reason)
         self._take(message)
 
@@ -205,9 +201,9 @@ class OutputProcess:
     def remove(self, name: str) -> None:
         """Finish and close an output; it stays in `health` until that is done."""
         self._plan = replace(self._plan, configs={other: one for other, one in self._plan.configs.items() if other != name})
-        self._change(OutputRemoved(name))
+        self._change(RemoveOutput(name))
 
-    def _change(self, change: OutputAdded | OutputRemoved | None = None) -> None:
+    def _change(self, change: OutputAdded | RemoveOutput | None = None) -> None:
         """Send what was changed, and what there was no room for before."""
         if change is not None:
             self._changes.append(change)
@@ -220,7 +216,7 @@ class OutputProcess:
         self._send_batch(_END_SEND_S)
         worker, asked = self._worker, False
         while worker.running and not self._finished:
-            asked = asked or worker.send(OutputsEnd(), _END_SEND_S)
+            asked = asked or worker.send(Stop(), _END_SEND_S)
             # it reports until its files are finished, or make no progress any more
             if not worker.wait(END_S + 0.5):
                 break
@@ -240,13 +236,10 @@ class OutputProcess:
         self._worker.start(dict(self._plan.configs), first, list(self._kept.values()), known)
 
     def _take(self, message: Any) -> None:
-        if isinstance(message, OutputsFailed):
+        if isinstance(message, CannotStart):
             self._worker.fail(message.reason)
-        elif isinstance(message, OutputsReady):
-            self._ready = True
-            self._learn(message.health)
         elif isinstance(message, OutputsHealth):
-            self._finished = message.final
+            self._ready, self._finished = True, message.final
             self._learn(message.health)
             for name in [name for name in self.health if name not in message.health and name not in self._plan.configs]:
                 del self.health[name]

@@ -8,14 +8,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
-from posefuse.core import LiveJointCentres, Skeleton, SourceError
+from posefuse.core import CameraHealth, LiveJointCentres, Skeleton, SourceError
 from posefuse.foundation.channel import Channel
 from posefuse.foundation.platform import peak_memory_mb, processor_s
 from posefuse.foundation.worker import Worker
-from posefuse.health.cameras import Verdict
 
 from .group import GroupPlan, run_group
-from .messages import Expected, Go, GroupFailed, KeepVideos, Ready, SessionClock, ShowImages, Status, Stop, VideoFailed
+from .messages import CannotStart, Expected, Go, KeepVideos, Ready, SessionClock, ShowImages, Status, Stop, VideoFailed
 from .news import ProcessedImages
 from .video_keeping import FINISH_S
 
@@ -151,12 +150,12 @@ class Groups:
                 member.ready, member.used_s = False, None
                 member.worker.start(member.plan)
 
-    def troubles(self) -> dict[str, Verdict]:
+    def troubles(self) -> dict[str, CameraHealth]:
         """What is wrong with the process a camera belongs to, by camera: it is ``dead``, or too slow; only those with trouble."""
-        found: dict[str, Verdict] = {}
+        found: dict[str, CameraHealth] = {}
         for member in self._members:
             why = member.worker.trouble
-            trouble = Verdict("dead", f"{why}; starting again") if why else _silence(member)
+            trouble = CameraHealth("dead", f"{why}; starting again") if why else _silence(member)
             if trouble is not None:
                 found.update(dict.fromkeys(member.cameras, trouble))
         return found
@@ -198,7 +197,7 @@ class Groups:
         message = member.worker.receive()
         if not member.worker.running:
             raise SourceError(f"{member.words}: {member.worker.trouble} while starting")
-        if isinstance(message, GroupFailed):
+        if isinstance(message, CannotStart):
             raise SourceError(message.reason)
         if isinstance(message, Ready):
             member.marks, member.ready = message, True
@@ -213,7 +212,7 @@ class Groups:
             if isinstance(message, Ready) and self._go is not None:
                 member.ready = True
                 worker.send(self._go, 0.1)
-            elif isinstance(message, GroupFailed):
+            elif isinstance(message, CannotStart):
                 worker.fail(message.reason)
             elif isinstance(message, VideoFailed):
                 self._notices.append(f"video {message.camera}: failed: {message.reason}")
@@ -242,14 +241,14 @@ def _busy_s(member: _Member) -> float | None:
     return now_s - member.used_s
 
 
-def _silence(member: _Member) -> Verdict | None:
+def _silence(member: _Member) -> CameraHealth | None:
     silent_s = time.monotonic() - member.worker.received_s
     if silent_s <= SILENT_S:
         return None
     busy_s = _busy_s(member)
     if busy_s is not None and (busy_s >= _BUSY_S or silent_s < 2 * SILENT_S):
-        return Verdict("overload", f"process {member.worker.pid} works, but has processed nothing for {silent_s:.1f} s")
-    return Verdict("dead", f"process {member.worker.pid} has been silent for {silent_s:.1f} s")
+        return CameraHealth("overload", f"process {member.worker.pid} works, but has processed nothing for {silent_s:.1f} s")
+    return CameraHealth("dead", f"process {member.worker.pid} has been silent for {silent_s:.1f} s")
 
 
 def _hangs(member: _Member) -> bool:

@@ -14,13 +14,12 @@ from functools import cache
 
 from posefuse.calibration.clocks.paths import APART_S
 from posefuse.calibration.keypoints import MIN_SCORE, limb_keypoints
-from posefuse.core import Detections2D, Rig, Skeleton
+from posefuse.core import CameraHealth, Detections2D, Rig, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.platform import lower_priority
 from posefuse.foundation.worker import Worker
 from posefuse.health import rig_monitor as monitor
-from posefuse.health.cameras import Verdict
 from posefuse.health.clock_finding import ClockFinder
 from posefuse.health.misalignment import CommonTimeSteps
 
@@ -46,7 +45,7 @@ class Watched:
     """
 
     offset_s: Mapping[str, float] = field(default_factory=dict)
-    faulty: Mapping[str, Verdict] = field(default_factory=dict)
+    faulty: Mapping[str, CameraHealth] = field(default_factory=dict)
     miscalibrated: frozenset[str] = frozenset()
 
 
@@ -158,6 +157,6 @@ class RigWatcher:
             for t_ns, xy_img in self._time_steps.ready():
                 self._state, _ = monitor.observe(self._state, self._rig, t_ns, xy_img)
         findings = self._state.findings
-        faulty = {name: Verdict(one.kind, one.detail) for one in findings for name in one.cameras}
+        faulty = {name: CameraHealth(one.kind, one.detail) for one in findings for name in one.cameras}
         miscalibrated = frozenset(name for one in findings if one.displaced_m > _MISCALIBRATED_M for name in one.cameras)
         return Watched(self._offset_s, faulty, miscalibrated)

@@ -28,7 +28,7 @@ from posefuse.foundation.channel import Channel, ChannelClosed
 from .capture import LiveInput
 from .config import LiveConfig
 from .inputs import rig_of_inputs
-from .messages import Controls, SessionClock
+from .messages import Controls, SessionClock, Stop
 from .outputs import OutputPlan
 from .session import run_live
 
@@ -59,10 +59,6 @@ class Ended:
     """The session is over; `error` is the reason for a failure, None after a normal end."""
 
     error: PosefuseError | None
-
-
-class StopSession:
-    """End the session in an orderly way."""
 
 
 class _Reader:
@@ -115,7 +111,7 @@ def _take_requests(channel: Channel, controls: Controls) -> None:
         while True:
             channel.wait(_LOOK_S)
             while (message := channel.receive()) is not None:
-                if isinstance(message, StopSession):
+                if isinstance(message, Stop):
                     _thread.interrupt_main()
                     return
                 controls.ask(message)

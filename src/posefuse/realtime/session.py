@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from posefuse import __version__
 from posefuse.core import LiveNames, LivePose, LivePreview, Rig, Skeleton, SourceError
+from posefuse.formats.recording import rig_values
 from posefuse.foundation.compiled import compiling
 from posefuse.foundation.platform import punctual, usable_cores
 from posefuse.foundation.requests_to_end import HANG_UP, REQUESTS_TO_END, Repeats, heeded, put_off, without_terminal
@@ -30,7 +33,6 @@ from .networks import settled_network
 from .news import LEAST_CAMERAS, LEAST_SHARE, News, Say, never_waiting
 from .outputs import OutputPlan, OutputProcess
 from .processes import Groups
-from .provenance import notes_of
 from .rig_watch import watching
 
 # small images per second and camera, for viewers
@@ -249,7 +251,6 @@ def group_plans(
     by_name = {entry.camera: keeping_packets(entry) if videos else entry for entry in inputs}
     return [
         GroupPlan(
-            group=group,
             rig=rig,
             inputs=tuple(by_name[name] for name in cameras),
             detector=detector,
@@ -259,7 +260,7 @@ def group_plans(
             preview_hz=_PREVIEW_HZ if shown else 0.0,
             videos=videos,
         )
-        for group, cameras in enumerate(blocks(rig, list(by_name), count))
+        for cameras in blocks(rig, list(by_name), count)
     ]
 
 
@@ -300,3 +301,14 @@ def stop_requests() -> Iterator[list[str]]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def notes_of(rig: Rig, config: LiveConfig) -> dict[str, str]:
+    """As texts for a file."""
+    return {
+        "posefuse": __version__,
+        "cameras": json.dumps(rig.names),
+        "rig_id": rig.id,
+        "rig": json.dumps(rig_values(rig)),
+        "settings": json.dumps(asdict(config), default=str),
+    }

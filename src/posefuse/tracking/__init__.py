@@ -2,16 +2,14 @@
 
 from typing import TYPE_CHECKING
 
-from posefuse.core.lazy_names import lazy_names
+from posefuse.core.extras import lazy_names
 
 if TYPE_CHECKING:
-    from .bones import bone_lengths
-    from .centred_views import ViewsAtJointCentres
-    from .joint_centres import LandmarksInParts, LearntLengths, at_joint_centres, to_joint_centres
-    from .segments import usual_lengths
+    from .body_directions import usual_lengths
+    from .joint_centres import LandmarksInParts, LearntLengths, ViewsAtJointCentres, at_joint_centres, to_joint_centres
     from .settings import SmoothSettings
     from .sides import sides_like, steady_sides
-    from .smoothing import cutoff_hz, smooth, smooth_in_place
+    from .smoothing import bone_lengths, cutoff_hz, smooth, smooth_in_place
 
 __all__ = [
     "LandmarksInParts", "LearntLengths", "SmoothSettings", "ViewsAtJointCentres", "at_joint_centres", "bone_lengths", "cutoff_hz",

@@ -61,7 +61,7 @@ def simcc_detector(**changes: object) -> TopDownDetector:
     network = BlazePoseAsSimcc()
     network.card = replace(network.card, **changes)
     persons = PersonNetwork.compiled(read_card("blazepose_persons", PersonCard), BlazePoseConfig().fetch()[0], "f32", 1)
-    return TopDownDetector(network, SquareFinder(persons), {})  # type: ignore[arg-type]
+    return TopDownDetector(network, SquareFinder(persons), {})
 
 
 def test_it_follows_the_person_as_well_as_the_network_does(

@@ -6,7 +6,7 @@ for a pipeline (`SimulatedSource`). Does not use `kinematics`: angles come from 
 
 from typing import TYPE_CHECKING
 
-from posefuse.core.lazy_names import lazy_names
+from posefuse.core.extras import lazy_names
 
 if TYPE_CHECKING:
     from .exact import truth_of

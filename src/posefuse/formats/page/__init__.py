@@ -6,8 +6,7 @@ plotly.js (basic bundle, MIT, kept compressed in `assets`); nothing is fetched. 
 
 from posefuse.foundation.summary import MISSING, Block, Cell, Facts, Heading, Note, Table
 
-from .blocks import Cards, Details, Images, Page
-from .player import Player, Side
+from .blocks import Cards, Details, Images, Page, Player, Side
 from .plots import Band, Dots, Line, Plot, Plots, Series, Spikes, Ticks
 from .write import write_page
 

@@ -1,17 +1,19 @@
-"""What a page is made of: frozen blocks in reading order."""
+"""What a page is made of: frozen blocks in reading order, and the 3D player."""
 
 from __future__ import annotations
 
 import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.foundation.summary import Block
+
+from .plots import with_decimals
 
 _JPEG_QUALITY = 85
 _MEDIA = {b"\xff\xd8": "jpeg", b"\x89P": "png"}
@@ -87,3 +89,75 @@ def _encoded(image: Array, lossless: bool) -> bytes:
     if not done:
         raise InputError(f"page: an image of shape {image.shape} could not be encoded as {ending[1:].upper()}")
     return data.tobytes()
+
+
+Side = Literal["left", "right", "mid"]
+_MOST_HZ = 30.0
+_MOST_FRAMES = 5400
+# a millimetre and a millisecond, which no screen shows
+_DECIMALS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Player:
+    """Stick figures over time, drawn by the page itself.
+
+    Kept are at most 30 time steps per second and the first 5400 of those, positions to 1 mm.
+
+    Attributes:
+        t_s: (T,) seconds, growing. xyz_m: (T, N, K, 3) metres, Z up; NaN where missing.
+        bones: (B, 2) places of keypoints. sides: of every bone, for its colour. people: a name for each of N.
+        right_left: pairs of keypoints by which the page knows where a person faces, e.g. the hips; none: towards +x.
+    """
+
+    t_s: Array
+    xyz_m: Array
+    _: KW_ONLY
+    bones: Array
+    sides: Sequence[Side]
+    people: Sequence[str]
+    right_left: Sequence[tuple[int, int]] = ()
+    kind: ClassVar[str] = "player"
+
+    def __post_init__(self) -> None:
+        shape = np.shape(self.xyz_m)
+        if len(shape) != 4 or shape[0] != len(self.t_s) or shape[1] != len(self.people) or shape[3] != 3:
+            raise InputError(
+                f"player: expected positions ({len(self.t_s)}, {len(self.people)}, K, 3) of as many times and people, got {shape}"
+            )
+        if len(self.bones) != len(self.sides):
+            raise InputError(f"player: expected a side for each of {len(self.bones)} bones, got {len(self.sides)}")
+
+    @property
+    def kept(self) -> Array:
+        """Places (T',) of the time steps that are stored."""
+        if len(self.t_s) < 2:
+            return np.arange(len(self.t_s))
+        period_s = float(np.median(np.diff(self.t_s)))
+        step = max(1, round(1 / (_MOST_HZ * period_s))) if period_s > 0 else 1
+        return np.arange(0, len(self.t_s), step)[:_MOST_FRAMES]
+
+    @property
+    def note(self) -> str:
+        """What is left out, in words; empty if nothing is."""
+        kept = self.kept
+        if not len(kept) or kept[-1] + (kept[1] - kept[0] if len(kept) > 1 else 1) >= len(self.t_s):
+            return ""
+        return f"The first {self.t_s[kept[-1]] - self.t_s[0]:.0f} s of {self.t_s[-1] - self.t_s[0]:.0f} s."
+
+
+def player_content(player: Player) -> dict[str, Any]:
+    """A player as the page's script reads it: one array per person, keypoint and axis."""
+    kept = player.kept
+    xyz = np.asarray(player.xyz_m[kept], float)
+    t_s = np.asarray(player.t_s, float)[kept]
+    return {
+        "t": with_decimals(t_s - t_s[:1], _DECIMALS),
+        "people": [
+            {"name": name, "xyz": [[with_decimals(xyz[:, n, k, i], _DECIMALS) for i in range(3)] for k in range(xyz.shape[2])]}
+            for n, name in enumerate(player.people)
+        ],
+        "bones": np.asarray(player.bones).tolist(),
+        "sides": list(player.sides),
+        "across": [list(pair) for pair in player.right_left],
+    }

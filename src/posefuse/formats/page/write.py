@@ -13,8 +13,7 @@ from posefuse.core import palette
 from posefuse.foundation.output_file import write_text
 from posefuse.foundation.summary import Block, Heading
 
-from .blocks import Details, Page
-from .player import Player, player_content
+from .blocks import Details, Page, Player, player_content
 from .plots import Arrays, Plots, plot_content
 
 _HERE = Path(__file__).parent

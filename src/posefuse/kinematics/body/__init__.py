@@ -2,13 +2,14 @@
 
 from typing import TYPE_CHECKING
 
-from posefuse.core.lazy_names import lazy_names
+from posefuse.core.extras import lazy_names
 
 if TYPE_CHECKING:
+    from posefuse.kinematics.settings import LIVE_BODY, BodySettings, LiveBodyRules
+
     from .fit import BodyFit, fit_poses, fit_views
     from .live import LiveBody, LiveRays, TrackedPoints
     from .model import FEWEST_SEEN, BodyModel, Length, bodies_from_poses
-    from .settings import LIVE_BODY, BodySettings, LiveBodyRules
     from .shape import LengthPrior, with_solved_lengths
 
 __all__ = [

@@ -16,7 +16,7 @@ from posefuse.core.arrays import Array
 from posefuse.kinematics.definitions import POINTS, landmark_pairs
 from posefuse.kinematics.sides import SIDES
 
-from . import kernels
+from . import fit_kernels
 
 SOLE, FOOT = ("heel", "toe"), ("ankle", "heel", "toe")
 _SLOW_M_S = 0.25
@@ -124,6 +124,6 @@ class StandingFeet:
     def step(self, t_ns: int, xyz: Array) -> Array:
         """Where points that are tracked at (R, 3) are to be put."""
         elapsed_s = 0.0 if self._t_ns is None else (t_ns - self._t_ns) * 1e-9
-        kernels.stand(xyz, elapsed_s, _RULES, self._last, self._place, self._off, self._velocity, self._slow_s, self.stands)
+        fit_kernels.stand(xyz, elapsed_s, _RULES, self._last, self._place, self._off, self._velocity, self._slow_s, self.stands)
         self._t_ns = t_ns
         return np.asarray(xyz + self._off)

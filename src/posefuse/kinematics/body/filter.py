@@ -10,11 +10,10 @@ import numpy as np
 from posefuse.core.arrays import Array
 from posefuse.kinematics.definitions import SEGMENT_NAMES
 from posefuse.kinematics.joints import FrameBuffers
+from posefuse.kinematics.settings import BodySettings
 
-from . import kernels
-from .model import BodyModel
-from .packed import HABIT_S, SLACK_S, Packed, packed_from_body
-from .settings import BodySettings
+from . import fit_kernels, tree_kernels
+from .model import HABIT_S, SLACK_S, BodyModel, Packed, packed_from_body
 from .tree import BALL, NODE_SEGMENT
 
 # A first state of a body, straight from where its keypoints are.
@@ -40,7 +39,7 @@ def guessed_state(body: BodyModel, packed: Packed, workspace: FrameBuffers, xyz:
     q[:3] = points[hips].mean(axis=0)
     frame, origin = np.empty_like(rot), np.empty((len(rot), 3))
     for n, node in enumerate(body.nodes):
-        kernels.forward_kinematics(
+        tree_kernels.forward_kinematics(
             packed.tree.parent, packed.tree.kind, packed.tree.axis, packed.tree.offset, q, rot, frame, origin
         )
         segment = NODE_SEGMENT.get(node.name)
@@ -66,7 +65,7 @@ def _shortest(one: Array, other: Array) -> Array:
     sine = float(np.linalg.norm(axis))
     if sine < 1e-9:
         return np.eye(3) if cosine > 0 else np.diag([1.0, -1.0, -1.0])
-    return np.asarray(kernels.exp3(axis / sine * np.arctan2(sine, cosine)))
+    return np.asarray(tree_kernels.exp3(axis / sine * np.arctan2(sine, cosine)))
 
 
 _LOST_S = 1.0
@@ -176,7 +175,7 @@ class BodyFilter:
         first[slack, slack] = 1 / self.packed.slack_var[slack]
         hessian = self._fit(q, rot, first, seen, information, repeats=1.0, habit=1.0, steps=_FIRST_ITERATIONS)
         cov = np.zeros((2 * size, 2 * size))
-        cov[:size, :size] = kernels.inverse(hessian)
+        cov[:size, :size] = tree_kernels.inverse(hessian)
         cov[size:, size:] = np.diag(np.where(slack, 1e-12, _SPEED_SD**2))
         return FilteredStep(seen.t_ns, State(q, rot, np.zeros(size), cov), None, None)
 
@@ -184,15 +183,15 @@ class BodyFilter:
         p, s = self.packed, self.settings
         elapsed_s = (seen.t_ns - last.t_ns) * 1e-9
         q, rot, velocity, cov = (a.copy() for a in (last.state.q, last.state.rot, last.state.velocity, last.state.cov))
-        transition = kernels.predict(
+        transition = fit_kernels.predict(
             p.tree.kind, p.tree.dof, p.slack_var, p.accel, elapsed_s, s.velocity_memory_s, SLACK_S, q, rot, velocity, cov
         )
         expected = State(q.copy(), rot.copy(), velocity.copy(), cov.copy())
-        prior = kernels.inverse(np.ascontiguousarray(cov[: p.size, : p.size]))
+        prior = tree_kernels.inverse(np.ascontiguousarray(cov[: p.size, : p.size]))
         repeats = self._repeats(elapsed_s)
         hessian = self._fit(q, rot, prior, seen, information, repeats=repeats, habit=HABIT_S / elapsed_s, steps=s.iterations)
-        step = kernels.difference(p.tree.kind, p.tree.dof, q, rot, expected.q, expected.rot)
-        kernels.absorb(cov, prior, kernels.inverse(hessian), step, velocity)
+        step = tree_kernels.difference(p.tree.kind, p.tree.dof, q, rot, expected.q, expected.rot)
+        fit_kernels.absorb(cov, prior, tree_kernels.inverse(hessian), step, velocity)
         return FilteredStep(seen.t_ns, State(q, rot, velocity, cov), expected, transition)
 
     def _fit(
@@ -208,8 +207,8 @@ class BodyFilter:
         steps: int,
     ) -> Array:
         p = self.packed
-        measured = kernels.SeenKeypoints(seen.xyz, information, seen.projections, seen.xy, seen.inverse_var)
-        hessian, _ = kernels.gauss_newton(
+        measured = fit_kernels.SeenKeypoints(seen.xyz, information, seen.projections, seen.xy, seen.inverse_var)
+        hessian, _ = fit_kernels.gauss_newton(
             p.tree, (q.copy(), rot.copy()), prior, p.preferred_sd * np.sqrt(max(1.0, habit)), measured,
             self.settings.robust_dof, repeats, steps, q, rot,
         )  # fmt: skip
@@ -254,13 +253,13 @@ def _smoothed_state(packed: Packed, moment: FilteredStep | None, after: Filtered
     tree = packed.tree
     change = np.concatenate(
         [
-            kernels.difference(tree.kind, tree.dof, later.q, later.rot, after.expected.q, after.expected.rot),
+            tree_kernels.difference(tree.kind, tree.dof, later.q, later.rot, after.expected.q, after.expected.rot),
             later.velocity - after.expected.velocity,
         ]
     )
-    step, cov = kernels.smooth_step(moment.state.cov, *after.transition, after.expected.cov, later.cov, change)
+    step, cov = fit_kernels.smooth_step(moment.state.cov, *after.transition, after.expected.cov, later.cov, change)
     q, rot = moment.state.q.copy(), moment.state.rot.copy()
-    kernels.retract(tree.kind, tree.dof, step[: packed.size], q, rot)
+    tree_kernels.retract(tree.kind, tree.dof, step[: packed.size], q, rot)
     return replace(moment.state, q=q, rot=rot, velocity=moment.state.velocity + step[packed.size :], cov=cov)
 
 

@@ -11,14 +11,13 @@ from posefuse.core import JointAngles, Kind, PoseSequence, Rig, Views
 from posefuse.core.arrays import Array, give_away
 from posefuse.core.view_sequences import PartsOfViews
 from posefuse.kinematics.joints import FrameBuffers, frames_of, joints_from_poses, joints_value
-from posefuse.kinematics.settings import JointSettings
+from posefuse.kinematics.settings import BodySettings, JointSettings
 from posefuse.kinematics.sides import SIDES
 
 from .contacts import FOOT, contacts_of, foot_rows
 from .filter import BodyFilter, Measurement, of_points, smoothed
 from .model import BodyModel, bodies_from_poses
 from .result import StateReader
-from .settings import BodySettings
 from .shape import LengthPrior, nearest_in_time, with_solved_lengths, with_stand_ins
 
 # views of so many time steps are made at once: those of an hour take much memory

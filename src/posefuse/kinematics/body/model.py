@@ -1,4 +1,4 @@
-"""A person's own skeleton: segment lengths and the places of keypoints, estimated from a recording."""
+"""A person's own skeleton: segment lengths and places of keypoints, estimated from a recording, and packed for the kernels."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from posefuse.core.arrays import SIGMA_PER_MAD, Array
 from posefuse.core.skeleton import LIMB_ENDS
 from posefuse.kinematics.definitions import SEGMENT_NAMES, landmark_pairs
 from posefuse.kinematics.joints import joints_from_poses
-from posefuse.kinematics.settings import JointSettings
+from posefuse.kinematics.settings import BodySettings, JointSettings
 from posefuse.kinematics.sides import landmarks
 
-from .settings import BodySettings
-from .tree import AT_ORIGIN, BALL, NODE_SEGMENT, NODES, TEMPLATES, Node
+from . import tree_kernels
+from .tree import AT_ORIGIN, BALL, NODE_SEGMENT, NODES, SLIDE, TEMPLATES, Node
 
 # time steps in which what a skeleton is made of must have been seen
 FEWEST_SEEN = 5
@@ -274,3 +274,58 @@ def landmark_rows(body: BodyModel) -> Array:
     rows = np.array([[row.get(int(a), -1), row.get(int(b), -1)] for a, b in pairs])
     rows[(rows < 0).any(axis=1)] = -1
     return rows
+
+
+HABIT_S = 1.0  # a preference counts as one measurement in this time
+SLACK_S = 0.5
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Packed:
+    """The tree of one body, and its constants of motion, as arrays (nodes, ...) and (D, ...)."""
+
+    tree: tree_kernels.Tree
+    preferred_sd: Array
+    slack_var: Array
+    accel: Array
+
+    @property
+    def size(self) -> int:
+        """D."""
+        return int(self.tree.dof[-1])
+
+
+def packed_from_body(body: BodyModel, settings: BodySettings) -> Packed:
+    """Arrays of a body; limits and preferences from the settings."""
+    nodes = body.nodes
+    names = [node.name for node in nodes]
+    dof = degrees_of_freedom(nodes)
+    slack_var, accel = np.zeros(dof[-1]), np.full(dof[-1], settings.turn_accel_rad_s15)
+    for n, node in enumerate(nodes):
+        if node.slack:
+            slack_var[dof[n]] = node.sd**2
+        elif node.kind == SLIDE:
+            accel[dof[n]] = settings.move_accel_m_s15
+    tree = tree_kernels.Tree(
+        parent=np.array([names.index(node.parent) if node.parent else -1 for node in nodes]),
+        kind=np.array([node.kind for node in nodes]),
+        axis=np.array([node.axis for node in nodes]),
+        offset=np.ascontiguousarray(body.offset),
+        dof=dof,
+        limits=np.array([_limits(node, settings.joint_limits) for node in nodes]),
+        mirrored=np.array([node.name.startswith("left_") for node in nodes]),
+        node=body.keypoint_node,
+        local=np.ascontiguousarray(body.keypoint_local),
+    )
+    preferred_sd = np.array([np.inf if node.slack else node.sd for node in nodes])
+    return Packed(tree=tree, preferred_sd=preferred_sd, slack_var=slack_var, accel=accel)
+
+
+def _limits(node: Node, wanted: bool) -> Array:
+    """(3, 2) low and high; (1, 0) where there is none. A left hinge about X or Y turns the other way."""
+    out = np.tile([1.0, 0.0], (3, 1))
+    if wanted and node.limits:
+        out[: len(node.limits)] = node.limits
+        if node.kind != BALL and node.axis != 2 and node.name.startswith("left_"):
+            out[0] = -out[0, ::-1]
+    return out

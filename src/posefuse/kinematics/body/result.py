@@ -11,10 +11,9 @@ from posefuse.kinematics.definitions import LIMBS
 from posefuse.kinematics.joints import FrameBuffers
 from posefuse.kinematics.kernels import PLANE_SIZE, unwrap
 
-from . import kernels
+from . import fit_kernels, tree_kernels
 from .filter import BodyFilter, Measurement, State
-from .model import landmark_rows
-from .packed import Packed
+from .model import Packed, landmark_rows
 
 # What an error of the segment lengths does to the keypoints, with the pose fitted again to the same rays.
 
@@ -33,7 +32,7 @@ def length_response(p: Packed, seen: Measurement, robust: float, points: Array, 
     information = np.zeros((len(points), 3, 3))
     gradient = np.empty(3)
     for a, x in enumerate(points):
-        kernels.ray_information(x, seen.projections, seen.xy[a], seen.inverse_var[a], robust, gradient, information[a])
+        fit_kernels.ray_information(x, seen.projections, seen.xy[a], seen.inverse_var[a], robust, gradient, information[a])
     pulled = np.einsum("aid,aij->adj", by_state, information)
     slack = np.where(p.slack_var > 0, 1 / np.where(p.slack_var > 0, p.slack_var, 1.0), _WEAK)
     hessian = np.einsum("adj,aje->de", pulled, by_state) + np.diag(slack)
@@ -122,7 +121,7 @@ class StateReader:
         work.solve(self._planes(np.zeros_like(cov_state)))
         rotation = work.rotation.copy()
         work.solve(self._planes(cov_state))
-        kernels.add_point_variance(work.weights, self._rows, self._jacobians, cov_state, work.sigmas)
+        fit_kernels.add_point_variance(work.weights, self._rows, self._jacobians, cov_state, work.sigmas)
         work.drop_uncertain()
         unwrap(work.angles, self._last)
         return Fitted(
@@ -145,7 +144,7 @@ class StateReader:
 
     def _place(self, state: State) -> None:
         p = self._packed
-        kernels.keypoints(p.tree, state.q, state.rot, self._frame, self._origin, self._points, self._jacobians)
+        tree_kernels.keypoints(p.tree, state.q, state.rot, self._frame, self._origin, self._points, self._jacobians)
 
     def _planes(self, cov: Array) -> Array:
         """The limb planes as the tree itself holds them, straight or not."""

@@ -15,13 +15,12 @@ from posefuse.core import PoseSequence
 from posefuse.core.arrays import Array, give_away
 from posefuse.core.view_sequences import nearest_frames
 from posefuse.kinematics.joints import FrameBuffers
+from posefuse.kinematics.settings import BodySettings
 
-from . import kernels
+from . import fit_kernels, tree_kernels
 from .filter import Measurement, guessed_state
-from .model import FEWEST_SEEN, BodyModel, Length
-from .packed import Packed, packed_from_body
+from .model import FEWEST_SEEN, BodyModel, Length, Packed, packed_from_body
 from .result import length_derivatives
-from .settings import BodySettings
 
 # the last word of the name of a node's offset -> the segment it is as long as; half of those that lie across the body
 _ALONG = {"elbow": "upper_arm", "wrist": "forearm", "knee": "thigh", "ankle": "shank", "neck": "trunk"}
@@ -168,13 +167,13 @@ def _add_time_step(
     weak = np.diag(np.where(slack, 1 / np.where(slack, p.slack_var, 1.0), _WEAK))
     expected = np.where([node.slack for node in body.nodes], 0.0, q)
     points, jacobians = np.empty((len(p.tree.node), 3)), np.empty((len(p.tree.node), 3, p.size))
-    rays = kernels.SeenKeypoints(one.xyz, np.zeros((len(p.tree.node), 3, 3)), one.projections, one.xy, one.inverse_var)
-    hessian, _ = kernels.gauss_newton(
+    rays = fit_kernels.SeenKeypoints(one.xyz, np.zeros((len(p.tree.node), 3, 3)), one.projections, one.xy, one.inverse_var)
+    hessian, _ = fit_kernels.gauss_newton(
         p.tree, (expected, rot.copy()), weak, p.preferred_sd, rays, settings.robust_dof, 1.0, steps, q, rot
     )  # fmt: skip
     frame, origin = np.empty_like(rot), np.empty((len(rot), 3))
-    kernels.keypoints(p.tree, q, rot, frame, origin, points, jacobians)
-    kernels.length_information(
+    tree_kernels.keypoints(p.tree, q, rot, frame, origin, points, jacobians)
+    fit_kernels.length_information(
         points, jacobians, length_derivatives(p, slopes, frame), one.projections, one.xy, one.inverse_var, settings.robust_dof,
         hessian, information, slope,
     )  # fmt: skip

@@ -1,5 +1,224 @@
 """A person as a skinned mesh of their own proportions: for eyes, not for measuring."""
 
-from .mesh import skin_of
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from posefuse.core.arrays import Array
+from posefuse.formats.bvh import BvhData
+from posefuse.formats.gltf import Skin
+from posefuse.kinematics.animation import FILE_FROM_SEGMENT
+from posefuse.kinematics.definitions import NOSE_BELOW_RAD
+from posefuse.kinematics.sides import SIDES
 
 __all__ = ["skin_of"]
+
+
+# The mesh that people are drawn as: a mean body and its shapes (`tools/make_body_mesh.py`; NOTICE has the licences).
+
+# a length that the skeleton has counts as much as a shape of one standard deviation if it is this far off
+_LENGTH_SIGMA_M = 0.003
+_ROUNDS, _STEP = 4, 1e-3
+_SPANS = {
+    "upper_arm": ("{side}_shoulder", "{side}_elbow"),
+    "forearm": ("{side}_elbow", "{side}_wrist"),
+    "thigh": ("{side}_hip", "{side}_knee"),
+    "shank": ("{side}_knee", "{side}_ankle"),
+}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Template:
+    """A standing body, arms held away from it; metres, facing +X, left +Y, up +Z.
+
+    Attributes:
+        segments: S names. weights: (V, S) of each vertex; rows sum to 1. faces: (F, 3).
+        vertices, vertex_shapes: (V, 3) of the mean body, (N, V, 3) by how much a shape of size 1 moves them.
+        points, point_shapes: the same of keypoints, by name.
+    """
+
+    segments: tuple[str, ...]
+    weights: Array
+    faces: Array
+    vertices: Array
+    vertex_shapes: Array
+    points: Mapping[str, Array]
+    point_shapes: Mapping[str, Array]
+
+    def points_of(self, shape: Array) -> dict[str, Array]:
+        """Keypoints (3,) of a body of shape (N,)."""
+        return {name: mean + shape @ self.point_shapes[name] for name, mean in self.points.items()}
+
+    def shape_of(self, lengths_m: Mapping[str, float]) -> Array:
+        """(N,) the likeliest shape of a body with these lengths (`length_names`); unknown ones are left out."""
+        names = [name for name in length_names() if name in lengths_m]
+        wanted = np.array([lengths_m[name] for name in names])
+        shape = np.zeros(len(self.vertex_shapes))
+        for _ in range(_ROUNDS):
+            have = self._lengths(names, shape)
+            steps = _STEP * np.eye(len(shape))
+            slopes = np.array([(self._lengths(names, shape + step) - have) / _STEP for step in steps]).T
+            information = slopes.T @ slopes / _LENGTH_SIGMA_M**2 + np.eye(len(shape))
+            shape = shape + np.linalg.solve(information, slopes.T @ (wanted - have) / _LENGTH_SIGMA_M**2 - shape)
+        return shape
+
+    def _lengths(self, names: list[str], shape: Array) -> Array:
+        points = self.points_of(shape)
+        return np.array([np.linalg.norm(points[a] - points[b]) for a, b in (length_names()[name] for name in names)])
+
+
+@cache
+def length_names() -> dict[str, tuple[str, str]]:
+    """Name of a length -> the keypoints it is between."""
+    found = {f"{s}_{name}": (a.format(side=s), b.format(side=s)) for s in ("left", "right") for name, (a, b) in _SPANS.items()}
+    return {**found, "shoulders": ("left_shoulder", "right_shoulder"), "hips": ("left_hip", "right_hip")}
+
+
+@cache
+def template() -> Template:
+    """The body of the package."""
+    with np.load(Path(__file__).with_name("body.npz")) as file:
+        mean, shapes, weights = file["mean_m"].astype(float), file["shapes_m"].astype(float), file["weights"].astype(float)
+        count = len(weights)
+        names = file["points"].tolist()
+        return Template(
+            segments=tuple(file["segments"].tolist()),
+            weights=weights / weights.sum(axis=1, keepdims=True),
+            faces=file["faces"].astype(int),
+            vertices=mean[:count],
+            vertex_shapes=shapes[:, :count],
+            points=dict(zip(names, mean[count:], strict=True)),
+            point_shapes={name: shapes[:, count + i] for i, name in enumerate(names)},
+        )
+
+
+_FORWARD, _RIGHT = np.array([1.0, 0, 0]), np.array([0, -1.0, 0])
+# segment -> (the joint it begins at, where it ends, the segment that carries it where the skeleton lacks it)
+_LIMBS = {
+    "upper_arm": ("shoulder", "elbow", "thorax"), "forearm": ("elbow", "wrist", "upper_arm"), "hand": ("wrist", "", "forearm"),
+    "thigh": ("hip", "knee", "pelvis"), "shank": ("knee", "ankle", "thigh"), "foot": ("ankle", "", "shank"),
+}  # fmt: skip
+_NEXT = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shank", "shank": "foot"}
+_CARRIES = {"head": "thorax", "thorax": "pelvis"} | {
+    f"{side}_{name}": over if over in ("thorax", "pelvis") else f"{side}_{over}"
+    for side in SIDES
+    for name, (_, _, over) in _LIMBS.items()
+}
+_STRETCH = (0.7, 1.4)
+_MOST_JOINTS = 4
+
+
+def skin_of(skeleton: BvhData) -> Skin:
+    """A mesh of the likeliest body with this skeleton's lengths (`kinematics.animation.animation_from_joints`).
+
+    Each segment is then stretched along itself to be exactly as long as the skeleton's.
+    """
+    body = template()
+    rest = dict(zip(skeleton.names, skeleton.rest_positions(), strict=True))
+    shape = body.shape_of(_lengths(rest))
+    points = body.points_of(shape)
+    bound = {name: _bound(name, points, rest) for name in body.segments if name in rest}
+    index = {name: j for j, name in enumerate(skeleton.names)}
+    weight = np.zeros((len(body.weights), len(skeleton.names)))
+    for s, name in enumerate(body.segments):
+        weight[:, index[_carrier(name, rest)]] += body.weights[:, s]
+    joint = np.argsort(-weight, axis=1, kind="stable")[:, :_MOST_JOINTS]
+    kept = np.take_along_axis(weight, joint, axis=1)
+    matrices = np.tile(np.eye(4), (len(skeleton.names), 1, 1))
+    for name, matrix in bound.items():
+        matrices[index[name]] = matrix
+    return Skin(
+        vertices=body.vertices + np.tensordot(shape, body.vertex_shapes, 1),
+        faces=body.faces,
+        joint=joint,
+        weight=kept / kept.sum(axis=1, keepdims=True),
+        joint_from_mesh=matrices,
+    )
+
+
+def _lengths(rest: Mapping[str, Array]) -> dict[str, float]:
+    spans = {f"{s}_{name}": (f"{s}_{name}", _end(f"{s}_{_NEXT[name]}", rest)) for s in SIDES for name in _NEXT}
+    spans |= {"shoulders": ("left_upper_arm", "right_upper_arm"), "hips": ("left_thigh", "right_thigh")}
+    known = {name: (a, b) for name, (a, b) in spans.items() if a in rest and b in rest}
+    return {name: float(np.linalg.norm(rest[a] - rest[b])) for name, (a, b) in known.items()}
+
+
+def _end(segment: str, rest: Mapping[str, Array]) -> str:
+    """The joint that begins a segment; of a skeleton without it, the end of the segment before."""
+    return segment if segment in rest else f"{_CARRIES[segment]}_end"
+
+
+def _carrier(segment: str, rest: Mapping[str, Array]) -> str:
+    while segment not in rest and segment != "pelvis":
+        segment = _CARRIES[segment]
+    return segment
+
+
+def _bound(segment: str, points: Mapping[str, Array], rest: Mapping[str, Array]) -> Array:
+    """(4, 4) from the template to the axes of a joint whose segment lies along the axes of the file at rest."""
+    axes, origin, stretch = _frame(segment, points, rest)
+    matrix = np.eye(4)
+    matrix[:3, :3] = FILE_FROM_SEGMENT @ np.diag(np.clip(stretch, *_STRETCH)) @ axes.T
+    matrix[:3, 3] = -matrix[:3, :3] @ origin
+    return matrix
+
+
+def _frame(segment: str, points: Mapping[str, Array], rest: Mapping[str, Array]) -> tuple[Array, Array, Array]:
+    """Axes (3, 3) X, Y, Z of a segment of the template as `kinematics.definitions` has them, its origin, how much longer (3,)."""
+
+    def middle(name: str) -> Array:
+        return (points[f"left_{name}"] + points[f"right_{name}"]) / 2
+
+    def width(joint: str, other: str) -> float:
+        if f"left_{other}" not in rest or f"right_{other}" not in rest:
+            return 1.0
+        have = np.linalg.norm(points[f"left_{joint}"] - points[f"right_{joint}"])
+        return float(np.linalg.norm(rest[f"left_{other}"] - rest[f"right_{other}"]) / have)
+
+    hips, neck = middle("hip"), middle("shoulder")
+    if segment in ("pelvis", "thorax"):
+        ends = [rest[f"{side}_upper_arm"] for side in SIDES if f"{side}_upper_arm" in rest]
+        tall = np.linalg.norm(np.mean(ends, axis=0) - rest["pelvis"]) / np.linalg.norm(neck - hips) if ends else 1.0
+        wide = width("hip", "thigh") if segment == "pelvis" else width("shoulder", "upper_arm")
+        return _axes(Y=neck - hips, Z=_RIGHT), hips, np.array([1.0, tall, wide])
+    if segment == "head":
+        ears = middle("ear")
+        z, x = points["right_ear"] - points["left_ear"], points["nose"] - ears
+        level = Rotation.from_rotvec(NOSE_BELOW_RAD * z / np.linalg.norm(z)).apply(x)
+        return _axes(Y=np.cross(z, level), Z=z), ears, np.ones(3)
+    side, part = segment.split("_", 1)
+    at = {name.removeprefix(f"{side}_"): point for name, point in points.items() if name.startswith(side)}
+    origin = at[_LIMBS[part][0]]
+    if part == "foot":
+        along, up = (at["big_toe"] + at["small_toe"]) / 2 - at["heel"], at["ankle"] - at["heel"]
+        z = np.cross(along, up)
+        return _axes(Y=np.cross(z, along), Z=z), origin, np.ones(3)
+    if part == "hand":
+        across = at["index"] - at["pinky"]
+        return _axes(Y=origin - (at["index"] + at["pinky"]) / 2, Z=across if side == "right" else -across), origin, np.ones(3)
+    end = at[_LIMBS[part][1]]
+    begin_at, end_at = rest[segment], rest.get(_end(f"{side}_{_NEXT[part]}", rest))
+    longer = 1.0 if end_at is None else np.linalg.norm(end_at - begin_at) / np.linalg.norm(end - origin)
+    ahead = _FORWARD if part in ("thigh", "shank") else _bend(at)
+    return _axes(Y=origin - end, Z=np.cross(ahead, origin - end)), origin, np.array([1.0, longer, 1.0])
+
+
+def _bend(at: Mapping[str, Array]) -> Array:
+    """Which way an arm bends: from the line shoulder-wrist away from the elbow."""
+    along = at["wrist"] - at["shoulder"]
+    inside = at["elbow"] - at["shoulder"]
+    return np.asarray((inside @ along) / (along @ along) * along - inside)
+
+
+def _axes(*, Y: Array, Z: Array) -> Array:
+    """(3, 3) columns X, Y, Z: Y exactly, Z as near as it can be."""
+    y = Y / np.linalg.norm(Y)
+    z = Z - (Z @ y) * y
+    z /= np.linalg.norm(z)
+    return np.stack([np.cross(y, z), y, z], axis=1)

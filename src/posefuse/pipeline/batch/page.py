@@ -9,11 +9,10 @@ import numpy as np
 
 from posefuse import __version__
 from posefuse.core import InputError, PoseSequence, Recording
-from posefuse.core.arrays import Array
+from posefuse.core.arrays import Array, known_median
 from posefuse.core.palette import LEGEND
 from posefuse.core.poses import point_sigma_m
 from posefuse.evaluation.gait_cycles import CycleAngles, gait_cycles
-from posefuse.evaluation.metrics import known_median
 from posefuse.formats.page import Band, Block, Cards, Heading, Line, Note, Page, Plot, Plots, Series, Table
 from posefuse.kinematics import joints_from_poses
 from posefuse.kinematics.gait import Gait, gait_from_poses

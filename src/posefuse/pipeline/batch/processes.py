@@ -1,24 +1,18 @@
-"""A process per trial: whatever becomes of it, killed for memory included, the others continue.
-
-The process reads its task from its standard input and writes its outcome, one line of JSON, to its standard output. Its standard
-input stays open while it is needed: it ends by itself when its parent process has ended.
-"""
+"""A process per trial: whatever becomes of it, killed for memory included, the others continue."""
 
 from __future__ import annotations
 
 import os
-import signal
-import subprocess
-import sys
-import tempfile
 import threading
+from collections import deque
 from collections.abc import Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from typing import Any
 
 from posefuse import __version__
 from posefuse.core import DependencyError, InputError
+from posefuse.foundation.channel import Channel, ChannelClosed, wait_any
 from posefuse.foundation.platform import available_memory_bytes, usable_cores
+from posefuse.foundation.worker import Worker
 
 from .tasks import Outcome, Task, run_task
 
@@ -26,6 +20,7 @@ from .tasks import Outcome, Task, run_task
 MEMORY_PER_TRIAL_BYTES = 2_000_000_000
 # detection alone keeps about two cores busy
 CORES_PER_TRIAL = 2
+_LOOK_S, _END_S = 0.5, 5.0
 
 
 def default_jobs() -> int:
@@ -35,111 +30,63 @@ def default_jobs() -> int:
     return max(1, min(usable_cores() // CORES_PER_TRIAL, by_memory))
 
 
-class Processes:
-    """Runs tasks in processes of their own, some at once; `close` ends those that still run."""
+def outcomes_here(tasks: Sequence[Task], jobs: int) -> Iterator[Outcome]:
+    """The outcomes of all tasks in the order they end, `jobs` at once; a process that dies is an outcome with a reason.
 
-    def __init__(self) -> None:
-        self._running: set[subprocess.Popen[str]] = set()
-        self._lock = threading.Lock()
-        self._closed = False
-
-    def run(self, task: Task) -> Outcome:
-        """Do a task in a process and wait for it; a process that dies is an outcome with a reason."""
-        with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as log:
-            process = self._start(log.fileno())
-            try:
-                assert process.stdin is not None and process.stdout is not None
-                process.stdin.write(task.to_json() + "\n")
-                process.stdin.flush()
-                answer = process.stdout.read()
-                code = process.wait()
-            except OSError:
-                answer, code = "", process.wait()
-            finally:
-                self._end(process)
-            log.seek(0)
-            return _outcome(task, answer, code, log.read())
-
-    def outcomes(self, tasks: Sequence[Task], jobs: int) -> Iterator[Outcome]:
-        """The outcomes of all tasks in the order they end, `jobs` at once."""
-        with ThreadPoolExecutor(jobs) as pool:
-            try:
-                waiting: set[Future[Outcome]] = {pool.submit(self.run, task) for task in tasks}
-                while waiting:
-                    done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
-                    yield from (future.result() for future in done)
-            except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
-                self.close()
-                raise
-
-    def close(self) -> None:
-        """End the processes that still run."""
-        with self._lock:
-            self._closed = True
-            running = list(self._running)
-        for process in running:
-            process.kill()
-
-    def _start(self, log: int) -> subprocess.Popen[str]:
-        command = [sys.executable, "-m", "posefuse.pipeline.batch.processes"]
-        with self._lock:
-            if self._closed:
-                raise KeyboardInterrupt
-            # in a session of its own, so that Ctrl-C reaches the parent alone, which decides
-            process = subprocess.Popen(
-                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, text=True, encoding="utf-8",
-                start_new_session=sys.platform != "win32",
-            )  # fmt: skip
-            self._running.add(process)
-        return process
-
-    def _end(self, process: subprocess.Popen[str]) -> None:
-        for stream in (process.stdin, process.stdout):
-            if stream is not None:
-                stream.close()
-        with self._lock:
-            self._running.discard(process)
-
-
-def run_in_process(task_json: str) -> str:
-    """`Processes.run` of plain texts, for workers of a cluster."""
-    return Processes().run(Task.from_json(task_json)).to_json()
-
-
-def _outcome(task: Task, answer: str, code: int, log: str) -> Outcome:
+    Processes that still run when no more outcomes are wanted are ended.
+    """
+    waiting, running = deque(tasks), dict[Worker, Task]()
     try:
-        return Outcome.from_json(answer)
-    except (ValueError, TypeError, KeyError):
-        pass
-    if code < 0:
-        killed = code == -getattr(signal, "SIGKILL", 9)
-        reason = f"its process was ended by signal {-code}" + (" (out of memory?)" if killed else "")
-    else:
-        last = next((line.strip() for line in reversed(log.splitlines()) if line.strip()), "no message")
-        reason = f"its process ended with status {code}: {last}"
+        while waiting or running:
+            while waiting and len(running) < jobs:
+                worker = Worker(run_trial)
+                running[worker] = waiting.popleft()
+                worker.start(running[worker])
+            wait_any([worker.channel for worker in running if worker.running], _LOOK_S)
+            for worker, task in list(running.items()):
+                outcome = worker.receive()
+                if outcome is not None or not worker.running:
+                    del running[worker]
+                    worker.end(_END_S)
+                    yield outcome or _died(task, worker.trouble)
+    finally:
+        for worker in running:
+            worker.end(0.0)
+
+
+def _died(task: Task, trouble: str) -> Outcome:
+    reason = trouble + (" (out of memory?)" if "SIGKILL" in trouble else "")
     return Outcome(name=task.name, made_with=task.made_with, reason=reason)
 
 
-def _end_with_parent() -> None:
-    """End this process at once when its standard input is closed: the process that started it is gone."""
-    sys.stdin.buffer.read()
-    os._exit(1)
+def run_trial(channel: Channel, task: Task) -> None:
+    """Body of the process; it ends at once when the one that started it is gone."""
+    threading.Thread(target=_end_with_parent, args=(channel,), daemon=True).start()
+    # what libraries print is not for the terminal of the study
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for stream in (1, 2):
+        os.dup2(nowhere, stream)
+    try:
+        outcome = run_task(task)
+    except Exception as error:  # noqa: BLE001 - a bug, too, is the reason why one trial failed
+        reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        outcome = Outcome(name=task.name, made_with=task.made_with, reason=reason)
+    channel.send(outcome, _END_S)
 
 
-def main() -> None:
-    """Entry point of the process."""
-    task = Task.from_json(sys.stdin.readline())
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-    answer = sys.stdout
-    sys.stdout = sys.stderr
-    print(run_task(task).to_json(), file=answer, flush=True)
-    # libraries with threads of their own may hang at the end
-    os._exit(0)
+def _end_with_parent(channel: Channel) -> None:
+    try:
+        while True:
+            channel.wait(_LOOK_S)
+            channel.receive()
+    except ChannelClosed:
+        os._exit(1)
 
 
-if __name__ == "__main__":
-    main()
+def run_on_cluster(task: Task) -> Outcome:
+    """In a process of its own, which a worker of a cluster waits for."""
+    [outcome] = outcomes_here([task], 1)
+    return outcome
 
 
 # Trials on an existing Dask cluster (extra `cluster`): its workers see the same folders and have the same posefuse.
@@ -166,8 +113,7 @@ def outcomes_on_cluster(tasks: Sequence[Task], address: str) -> Iterator[Outcome
         _check_workers(client, address)
         # the scheduler forgets a task as soon as no future of it is left
         futures = [
-            client.submit(run_in_process, task.to_json(), key=f"posefuse-{task.name}-{task.made_with}", retries=_RETRIES)
-            for task in tasks
+            client.submit(run_on_cluster, task, key=f"posefuse-{task.name}-{task.made_with}", retries=_RETRIES) for task in tasks
         ]
         names = {future.key: task for future, task in zip(futures, tasks, strict=True)}
         try:
@@ -179,7 +125,8 @@ def outcomes_on_cluster(tasks: Sequence[Task], address: str) -> Iterator[Outcome
 
 def _outcome_of(task: Task, future: Any) -> Outcome:
     if future.status == "finished":
-        return Outcome.from_json(future.result())
+        outcome: Outcome = future.result()
+        return outcome
     reason = f"the cluster gave it up: {future.exception()}" if future.status == "error" else f"the cluster {future.status} it"
     return Outcome(name=task.name, made_with=task.made_with, reason=" ".join(reason.split()))
 

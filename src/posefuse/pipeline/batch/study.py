@@ -20,7 +20,7 @@ from posefuse.foundation.summary import Block, Heading, Note, Table
 from posefuse.pipeline.writing import build_sinks
 
 from .page import study_page
-from .processes import Processes, default_jobs, outcomes_on_cluster
+from .processes import default_jobs, outcomes_here, outcomes_on_cluster
 from .tasks import Outcome, Task, Trial, config_of_trial, find_trials, trial_digest
 
 COMMAND = "batch"
@@ -150,7 +150,7 @@ def _task(trial: Trial, out: Path, formats: tuple[str, ...], settings: Mapping[s
         rig=None if trial.rig is None else str(trial.rig),
         out=str(out / trial.name),
         formats=formats,
-        settings=settings,
+        settings=dict(settings),
         report=report,
         made_with=trial_digest(trial, formats, settings, report),
     )
@@ -161,7 +161,7 @@ def _run(tasks: Sequence[Task], jobs: int | None, scheduler: str | None) -> Iter
         return iter(())
     if scheduler is not None:
         return outcomes_on_cluster(tasks, scheduler)
-    return Processes().outcomes(tasks, jobs or default_jobs())
+    return outcomes_here(tasks, jobs or default_jobs())
 
 
 def _fetch(task: Task, progress: Progress) -> None:

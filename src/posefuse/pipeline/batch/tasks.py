@@ -1,4 +1,4 @@
-"""What a process does for one trial: track, save, report; and what it answers. All values are plain, so they travel as JSON."""
+"""What a process does for one trial: track, save, report; and what it answers."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Self, cast
+from typing import Any
 
 from posefuse import __version__
 from posefuse.core import InputError, PosefuseError, Progress, Recording, silent
@@ -99,22 +99,8 @@ def _rig_above(session: Path, top: Path) -> Path | None:
 REPORT_FOLDER = "biomechanics"
 
 
-class _Message:
-    """A dataclass of plain values as one line of JSON; JSON has no tuples, so lists become tuples again."""
-
-    @classmethod
-    def from_json(cls, text: str) -> Self:
-        """The value of `to_json`; raises ValueError or TypeError for any other text."""
-        values, made = json.loads(text), cast("Callable[..., Self]", cls)
-        return made(**{name: tuple(value) if isinstance(value, list) else value for name, value in values.items()})
-
-    def to_json(self) -> str:
-        """One line."""
-        return json.dumps(plain(vars(self)))
-
-
 @dataclass(frozen=True, kw_only=True)
-class Task(_Message):
+class Task:
     """One trial to be done.
 
     Attributes:
@@ -133,7 +119,7 @@ class Task(_Message):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Outcome(_Message):
+class Outcome:
     """What became of a trial.
 
     Attributes:
@@ -148,6 +134,16 @@ class Outcome(_Message):
     warnings: tuple[str, ...] = ()
     figures: Mapping[str, Any] = field(default_factory=dict)
 
+    @staticmethod
+    def from_json(text: str) -> Outcome:
+        """The value of `to_json`; raises ValueError, KeyError or TypeError for any other text."""
+        values = json.loads(text)
+        return Outcome(**{**values, "warnings": tuple(values["warnings"])})
+
+    def to_json(self) -> str:
+        """One line."""
+        return json.dumps(plain(vars(self)))
+
 
 def run_task(task: Task, progress: Progress = silent) -> Outcome:
     """Track a session, save the result and its report; an older result of posefuse in its place is replaced.
@@ -160,7 +156,7 @@ def run_task(task: Task, progress: Progress = silent) -> Outcome:
     try:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", UserWarning)
-            figures = _figures(task, lines, progress)
+            figures = plain(_figures(task, lines, progress))
     except PosefuseError as error:
         return Outcome(name=task.name, made_with=task.made_with, reason=str(error), seconds=time.monotonic() - began)
     return Outcome(

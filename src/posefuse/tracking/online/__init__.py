@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from posefuse.core.lazy_names import lazy_names
-
-from .settings import MOTION, LiveMotion, LiveSettings, MotionModel
+from posefuse.core.extras import lazy_names
+from posefuse.tracking.settings import MOTION, LiveMotion, LiveSettings, MotionModel
 
 if TYPE_CHECKING:
     from posefuse.core import Rig, Skeleton
 
     from .contract import CameraStatistics, Fuse, Solve, Tracker
-    from .evidence import Evidence
+    from .person import Evidence
 
 __all__ = [
     "MOTION",

@@ -9,17 +9,17 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from posefuse.core import Detections2D, Pose3D
-from posefuse.core.arrays import Array
+from posefuse.core.arrays import Array, median_apart
 from posefuse.core.duplicate_share import DUPLICATE_SHARE
 from posefuse.core.duplicates import duplicates
 
-from . import kernels
 from .admission import Admission
 from .contract import CameraStatistics, Fuse, Solve
 from .cross_check import CrossCheck
-from .evidence import Evidence, evidence_of
+from .kernels.rays import person_agreement
+from .kernels.step import ViewFigures
 from .optics import Optics, Rays
-from .person import Model, Person, Pose3DArrays, View
+from .person import Evidence, Model, Person, Pose3DArrays, View, evidence_of
 
 # detections used per view, the surest first
 _MOST_DETECTIONS = 16
@@ -59,7 +59,7 @@ class _Figures:
     gated: float = 0.0
     flipped: float = 0.0
 
-    def count(self, figures: kernels.ViewFigures) -> None:
+    def count(self, figures: ViewFigures) -> None:
         """Apply what was found in a view of this camera."""
         self.used += 1
         if figures.measured == 0:
@@ -190,7 +190,7 @@ class AsynchronousTracker:
         support, share = np.empty((len(self._people), len(rays))), np.empty((len(self._people), len(rays)))
         for n, person in enumerate(self._people):
             means, sigmas = person.expected(t_ns)
-            kernels.person_agreement(
+            person_agreement(
                 model.cameras[c], means, sigmas, rays.z, model.mirror, _TOLERANCE_M, support[n], share[n]
             )  # fmt: skip
         support = np.where(share >= _CLAIMED_SHARE, support, 0.0)
@@ -256,9 +256,9 @@ class AsynchronousTracker:
         there = np.isfinite(xyz[:, 0]).sum()
         if there < max(_LEAST_POINTS, _LEAST_SHARE * len(xyz)):
             return
-        if any(_apart_m(person, t_ns, xyz) < _SAME_PERSON_M for person in fresh):
+        if any(median_apart(person.expected(t_ns)[0], xyz) < _SAME_PERSON_M for person in fresh):
             return
-        stale = {_apart_m(person, t_ns, xyz): person for person in self._people if person not in fresh}
+        stale = {median_apart(person.expected(t_ns)[0], xyz): person for person in self._people if person not in fresh}
         near_m = min(stale, default=np.inf)
         if near_m < _FOUND_AGAIN_M:
             self._people.remove(stale[near_m])
@@ -273,12 +273,6 @@ class AsynchronousTracker:
         self._checks[self._people[-1]] = CrossCheck(self._model, self._fuse)
         self._people.sort(key=lambda person: person.id)
         fresh.append(next(person for person in self._people if person.id == number))
-
-
-def _apart_m(person: Person, t_ns: int, xyz: Array) -> float:
-    distances = np.linalg.norm(person.expected(t_ns)[0] - xyz, axis=-1)
-    known = distances[np.isfinite(distances)]
-    return float(np.median(known)) if len(known) else np.inf
 
 
 def _surest(detections: Detections2D) -> Array:

@@ -9,7 +9,7 @@ from typing import Protocol
 from posefuse.core import Detections2D, Pose3D, Views
 from posefuse.core.arrays import Array
 
-from .evidence import Evidence
+from .person import Evidence
 
 # one Detections2D per camera of the rig, in its order, of about one moment; and the pose before, or None -> the people in them
 Solve = Callable[[Sequence[Detections2D], Pose3D | None], Pose3D]

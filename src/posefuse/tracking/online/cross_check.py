@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from posefuse.core import Detections2D, Views
-from posefuse.core.arrays import Array
+from posefuse.core.arrays import Array, median_apart
 from posefuse.core.values import UNSEEN
 
 from .contract import Fuse
@@ -112,7 +112,7 @@ class CrossCheck:
         """(K, 3) the person in the views of one moment; None where most of it is elsewhere: another person."""
         place = np.array([[0 if len(view) else UNSEEN for view in together]])
         xyz = self._fuse(Views.of(together, together[0].t_ns, np.zeros(1, np.int64), place)).xyz_world[0]
-        return xyz if _median_apart_m(now, xyz) <= _SAME_PERSON_M else None
+        return xyz if median_apart(now, xyz) <= _SAME_PERSON_M else None
 
     def _judged(self, xyz: Array, together: list[Detections2D]) -> dict[str, Array]:
         """By camera (K,) whether it is wrong about a person at (K, 3)."""
@@ -159,9 +159,3 @@ class CrossCheck:
 def _apart(one: Array, other: Array) -> Array:
     """(K,) distances."""
     return np.asarray(np.linalg.norm(one - other, axis=-1))
-
-
-def _median_apart_m(one: Array, other: Array) -> float:
-    distances = _apart(one, other)
-    known = distances[np.isfinite(distances)]
-    return float(np.median(known)) if len(known) else np.inf

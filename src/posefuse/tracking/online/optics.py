@@ -9,9 +9,9 @@ import numpy as np
 from posefuse.core import Camera, Detections2D
 from posefuse.core.arrays import Array
 from posefuse.core.depth import keypoint_depth
+from posefuse.tracking.settings import LiveMotion
 
-from . import kernels
-from .settings import LiveMotion
+from .kernels.rays import measure
 
 # of the table of ideal points: between its knots a lens bends by less than a few hundredths of a pixel
 _SPACING_PX = 6.0
@@ -59,7 +59,7 @@ class Optics:
         xy = detections.xy_img.astype(np.float64)
         sigma = self._sigma_px(xy, detections.score, detections.sigma_px.astype(np.float64))
         z, white = np.empty(xy.shape), np.empty((*xy.shape, 2))
-        kernels.measure(self._table, self._corner, _SPACING_PX, xy, sigma, z, white)
+        measure(self._table, self._corner, _SPACING_PX, xy, sigma, z, white)
         late = self._readout_s * (np.clip(xy[..., 1] / self._rows, 0, 1) - 0.5) if self._readout_s else np.zeros(sigma.shape)
         return Rays(z, white, late, sigma, _depth(detections, z))
 

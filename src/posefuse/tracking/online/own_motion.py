@@ -18,7 +18,8 @@ import numpy as np
 from posefuse.core import Skeleton
 from posefuse.core.arrays import Array
 
-from . import kernels
+from .kernels.own_motion import CorrectionLimits, Prediction, Regression, WatchedKeypoints, anticipate, correct, learn
+from .kernels.state import SessionArrays
 
 # somewhat longer than a pose is predicted in a live session: over shorter times more of what is missed is noise
 HORIZON_S = 0.1
@@ -36,7 +37,7 @@ _RIDGE, _TESTED = 0.3, 0.05
 _MOST_M = 0.2
 # views older than this do not count in the age of what is known; corrections do not grow beyond that of a pose so old
 _NEWEST_S, _OLDEST_S = 0.15, 0.15
-_LIMITS = kernels.CorrectionLimits(tested=_TESTED, oldest_s=_OLDEST_S, most_m=_MOST_M)
+_LIMITS = CorrectionLimits(tested=_TESTED, oldest_s=_OLDEST_S, most_m=_MOST_M)
 _JOINTS = ("shoulder", "elbow", "wrist", "knee", "ankle")
 _SIDES = ("left", "right")
 _TRUNK = tuple(f"{side}_{joint}" for joint in ("hip", "shoulder") for side in _SIDES)
@@ -45,19 +46,19 @@ _TRUNK = tuple(f"{side}_{joint}" for joint in ("hip", "shoulder") for side in _S
 class OwnMotion:
     """What is learnt of one person. A skeleton without hips and shoulders has no trunk to refer to: nothing is corrected."""
 
-    def __init__(self, skeleton: Skeleton, session: kernels.SessionArrays) -> None:
+    def __init__(self, skeleton: Skeleton, session: SessionArrays) -> None:
         places = {name: i for i, name in enumerate(skeleton.keypoints)}
         self._session, self._skeleton = session, skeleton
         joints = np.array([places[f"{s}_{j}"] for s in _SIDES for j in _JOINTS if f"{s}_{j}" in places], np.intp)
         trunk = np.array([places[name] for name in _TRUNK if name in places], np.intp)
-        self._watched = kernels.WatchedKeypoints(joints, trunk)
+        self._watched = WatchedKeypoints(joints, trunk)
         size, k = 4 + 6 * len(joints), len(skeleton)
-        self._regression = kernels.Regression(
+        self._regression = Regression(
             square=np.zeros((size, size)), cross=np.zeros((size, k, 3)), weights=np.zeros((size, k, 3)), tested=np.zeros((k, 2))
         )
         self._samples = 0
         # by the time of the state they were made from
-        self._waiting: deque[tuple[int, kernels.Prediction]] = deque()
+        self._waiting: deque[tuple[int, Prediction]] = deque()
 
     def waits_until_ns(self) -> int | None:
         """Time at which the next prediction can be judged."""
@@ -70,7 +71,7 @@ class OwnMotion:
         good = np.linalg.norm(off_m, axis=-1) < _MOST_M
         age_s = (made.ages + HORIZON_S)[:, None]
         missed = np.where(good[:, None], off_m @ made.frame.T / age_s, 0.0)
-        kernels.learn(made.features, missed, good, _KEEP, _KEEP_TESTED, self._regression)
+        learn(made.features, missed, good, _KEEP, _KEEP_TESTED, self._regression)
         self._samples += 1
         if self._samples % _SOLVE_EVERY == 0:
             square, cross, weights, _ = self._regression
@@ -95,12 +96,12 @@ class OwnMotion:
             return
         made = self._predicted(state)
         if made is not None:
-            kernels.correct(made, self._regression, since_s, _LIMITS, xyz)
+            correct(made, self._regression, since_s, _LIMITS, xyz)
 
-    def _predicted(self, state: Array) -> kernels.Prediction | None:
+    def _predicted(self, state: Array) -> Prediction | None:
         if len(self._watched.trunk) < len(_TRUNK):
             return None
         k = len(self._skeleton)
-        made = kernels.Prediction(np.empty((3, 3)), np.empty(len(self._regression.square)), np.empty((k, 3)), np.empty(k))
-        known = kernels.anticipate(state, self._session, HORIZON_S, _NEWEST_S, self._watched, made)
+        made = Prediction(np.empty((3, 3)), np.empty(len(self._regression.square)), np.empty((k, 3)), np.empty(k))
+        known = anticipate(state, self._session, HORIZON_S, _NEWEST_S, self._watched, made)
         return made if known else None

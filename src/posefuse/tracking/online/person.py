@@ -1,4 +1,4 @@
-"""One tracked person: views in the order of their own times, and the state after each of them."""
+"""One tracked person: views in the order of their own times, the state after each of them, and what it rests on."""
 
 from __future__ import annotations
 
@@ -10,10 +10,14 @@ import numpy as np
 
 from posefuse.core import Kind, Pose3D, Rig, Skeleton
 from posefuse.core.arrays import Array
+from posefuse.tracking.settings import MOTION, LiveMotion, LiveSettings
 
-from . import kernels
+from .kernels.pose import PoseRow, pose, rays_of_person, where
+from .kernels.rays import exchange_groups
+from .kernels.state import GROUPS, KeypointRays, Rules, SessionArrays, born, state_size
+from .kernels.step import ViewFigures, step
+from .kernels.updates import begin_again
 from .own_motion import OwnMotion
-from .settings import MOTION, LiveMotion, LiveSettings
 
 # what a newborn's keypoint may do, one standard deviation
 _BORN_M_S = 1.5
@@ -64,7 +68,7 @@ class Model:
     @property
     def groups(self) -> int:
         """How many groups there are."""
-        return kernels.GROUPS
+        return GROUPS
 
     @cached_property
     def ends(self) -> Array:
@@ -82,11 +86,11 @@ class Model:
         return np.array([one + [-1] * (most - len(one)) for one in lists], np.int64)
 
     @cached_property
-    def arrays(self) -> kernels.SessionArrays:
+    def arrays(self) -> SessionArrays:
         """As the kernels read them."""
         values = {**vars(self.motion), "lost_after_s": self.settings.lost_after_s}
-        rules = kernels.Rules(*(float(values[name]) for name in kernels.Rules._fields))
-        return kernels.SessionArrays(
+        rules = Rules(*(float(values[name]) for name in Rules._fields))
+        return SessionArrays(
             cameras=self.cameras, mirror=self.mirror, group=self.group, neighbours=self.neighbours, ends=self.ends,
             models=self.models, rules=rules,
         )  # fmt: skip
@@ -124,12 +128,12 @@ class Person:
         self._model, self._birth_ns = model, t_ns
         # by camera; those of the birth are not distinguished
         self._measured_by_ns = {-2: t_ns, -1: t_ns}
-        state = np.empty(kernels.state_size(model.arrays))
-        kernels.born(state, model.arrays, xyz, cov, _BORN_M_S)
+        state = np.empty(state_size(model.arrays))
+        born(state, model.arrays, xyz, cov, _BORN_M_S)
         self._moments = [_Moment(t_ns, -1, None, state)]
         self._own_motion = OwnMotion(model.skeleton, model.arrays)
 
-    def add(self, view: View) -> kernels.ViewFigures | None:
+    def add(self, view: View) -> ViewFigures | None:
         """Work a view in at its own time; its figures, or None when it is older than memory."""
         if view.t_ns < self._moments[0].t_ns:
             return None
@@ -163,14 +167,14 @@ class Person:
     def begin_again(self, xyz: Array) -> None:
         """Put keypoints at world places (K, 3) in every kept state, as late views start from older ones; NaN: unchanged."""
         for moment in self._moments:
-            kernels.begin_again(moment.state, self._model.arrays, xyz)
+            begin_again(moment.state, self._model.arrays, xyz)
         if np.isfinite(xyz).any():
             self._own_motion.begin_again()
 
     def exchange(self, groups: Array) -> None:
-        """Exchange left and right of limbs (`kernels.GROUPS`,), see `Model.group`, in every kept state."""
+        """Exchange left and right of limbs (`GROUPS`,), see `Model.group`, in every kept state."""
         for moment in self._moments:
-            kernels.exchange_groups(moment.state, self._model.arrays, groups)
+            exchange_groups(moment.state, self._model.arrays, groups)
         if groups.any():
             self._own_motion.begin_again()
 
@@ -190,9 +194,9 @@ class Person:
         return list({view.camera: view for view in views if view is not None}.values())
 
     def rays_into(self, view: View, z: Array, inverse_var: Array, then_world: Array) -> None:
-        """Fill the rays of a view of this person, see `kernels.rays_of_person`."""
+        """Fill the rays of a view of this person, see `rays_of_person`."""
         before = (self._before(view.t_ns).state, self._before(view.t_ns + _ROW_NS).state)
-        kernels.rays_of_person(
+        rays_of_person(
             before, self._seconds(view.t_ns), _ROW_NS * 1e-9, _rays(view), self._model.arrays, z, inverse_var, then_world
         )  # fmt: skip
 
@@ -201,7 +205,7 @@ class Person:
         model = self._model
         k = len(model.skeleton)
         means, sigmas = np.empty((k, 3)), np.empty(k)
-        kernels.where(self._before(t_ns).state, self._seconds(t_ns), model.arrays, means, sigmas)
+        where(self._before(t_ns).state, self._seconds(t_ns), model.arrays, means, sigmas)
         return means, sigmas
 
     def pose_into(self, t_ns: int, out: Pose3DArrays, row: int) -> bool:
@@ -210,15 +214,15 @@ class Person:
             return False
         before = self._before(t_ns)
         filled = out.row(row)
-        kernels.pose(before.state, self._seconds(t_ns), self._model.arrays, _KINDS, filled)
+        pose(before.state, self._seconds(t_ns), self._model.arrays, _KINDS, filled)
         self._own_motion.correct(before.state, (t_ns - before.t_ns) * 1e-9, filled.xyz)
         return bool(filled.kind.any())
 
-    def _redone(self, place: int) -> kernels.ViewFigures:
+    def _redone(self, place: int) -> ViewFigures:
         before, now = self._moments[place - 1], self._moments[place]
         view = now.view
         assert view is not None
-        figures: kernels.ViewFigures = kernels.step(
+        figures: ViewFigures = step(
             before.state, now.state, self._seconds(now.t_ns), _rays(view), self._model.arrays, view.depth_m
         )  # fmt: skip
         return figures
@@ -230,8 +234,8 @@ class Person:
         return (t_ns - self._birth_ns) * 1e-9
 
 
-def _rays(view: View) -> kernels.KeypointRays:
-    return kernels.KeypointRays(camera=view.camera, z=view.z, white=view.white, late_s=view.late_s, sigma_px=view.sigma_px)
+def _rays(view: View) -> KeypointRays:
+    return KeypointRays(camera=view.camera, z=view.z, white=view.white, late_s=view.late_s, sigma_px=view.sigma_px)
 
 
 class Pose3DArrays:
@@ -241,9 +245,9 @@ class Pose3DArrays:
         self.xyz, self.cov, self.reproj = np.empty((n, k, 3)), np.empty((n, k, 3, 3)), np.empty((n, k))
         self.n_views, self.kind = np.zeros((n, k), np.uint8), np.zeros((n, k), np.uint8)
 
-    def row(self, n: int) -> kernels.PoseRow:
+    def row(self, n: int) -> PoseRow:
         """Of one person, to be filled."""
-        return kernels.PoseRow(self.xyz[n], self.cov[n], self.reproj[n], self.n_views[n], self.kind[n])
+        return PoseRow(self.xyz[n], self.cov[n], self.reproj[n], self.n_views[n], self.kind[n])
 
     def pose(self, t_ns: int, skeleton: Skeleton, ids: list[int]) -> Pose3D:
         """The first rows, one per id, as a value."""
@@ -258,3 +262,46 @@ class Pose3DArrays:
             n_views=self.n_views[:n],
             kind=self.kind[:n],
         )
+
+
+# older views show where the person was
+_NEWEST_NS = 150_000_000
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Evidence:
+    """Rays of one person, of the newest view of each camera (V), and the newest cross-check.
+
+    Attributes:
+        camera: (V,) places in the rig, ascending.
+        z: (V, K, 2) ideal image points, left and right as in the person; NaN where there is none or the cross-check found
+            the camera wrong.
+        inverse_var: (V, K) 1 / variance of these, 0 where there is none.
+        then_world: (V, K, 3) where the tracker has the keypoints at the times of these rays; NaN where it does not.
+        checked_ns: time of the newest cross-check that came to a result; 0: none yet.
+        away_world: (K, 3) from the tracked to the robustly fused keypoints at that time; NaN where unknown.
+    """
+
+    camera: Array
+    z: Array
+    inverse_var: Array
+    then_world: Array
+    checked_ns: int
+    away_world: Array
+
+
+def evidence_of(person: Person, model: Model, checked_ns: int, away_world: Array, t_ns: int) -> Evidence:
+    """Of views not older than 150 ms at `t_ns`, which the order of arrival does not change."""
+    views = sorted(person.newest(t_ns - _NEWEST_NS, t_ns), key=lambda view: view.camera)
+    k = len(model.skeleton)
+    z, inverse_var, then = np.empty((len(views), k, 2)), np.empty((len(views), k)), np.empty((len(views), k, 3))
+    for v, view in enumerate(views):
+        person.rays_into(view, z[v], inverse_var[v], then[v])
+    return Evidence(
+        camera=np.array([view.camera for view in views], np.intp),
+        z=z,
+        inverse_var=inverse_var,
+        then_world=then,
+        checked_ns=checked_ns,
+        away_world=away_world,
+    )

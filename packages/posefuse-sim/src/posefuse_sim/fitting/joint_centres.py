@@ -15,9 +15,8 @@ from posefuse.core.joint_centres import SEGMENT_ENDS
 from posefuse.core.skeleton import pick_keypoints
 from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.tracking import to_joint_centres
-from posefuse.tracking.body_directions import SIDES, keypoint_of
+from posefuse.tracking.body_directions import SIDES, keypoint_of, segment_lengths
 from posefuse.tracking.joint_centres import MOST_LONGER_M, joint_directions
-from posefuse.tracking.segments import segment_lengths
 
 # Directions each joint may be moved along, as found to pay by bodies left out. The hip is not moved along the spine as a whole:
 # the mesh gives 12 mm down, real footage (bench/real_footage.py) gives up; "sinking" is nothing when standing, and grows as the

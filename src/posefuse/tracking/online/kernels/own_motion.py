@@ -10,9 +10,8 @@ import numpy as np
 from posefuse.core.arrays import Array
 from posefuse.foundation.compiled import kernel
 
-from .motion import all_models
 from .pose import places
-from .state import parts
+from .state import all_models, parts
 
 # usual sizes of what is regressed on, m and m/s
 _SCALE_M, _SCALE_M_S = 0.3, 1.5

@@ -10,10 +10,8 @@ import numpy as np
 from posefuse.foundation.compiled import kernel
 
 from .body import alone, centre_body, hold_depth, learn_bones, let_go_of_strays, start_missing
-from .motion import all_models, combined, learn_liveliness, mix, predict_model
-from .rays import depth_row, expected, ray, squared, whitened
-from .sides import exchange_person, flipped_groups
-from .state import GROUPS, parts
+from .rays import depth_row, exchange_person, expected, flipped_groups, ray, squared, whitened
+from .state import GROUPS, all_models, combined, learn_liveliness, mix, parts, predict_model
 from .updates import doubt, move_body, update, update_depth
 
 _FLIP_MEMORY = 0.05  # weight of the newest view in the share of exchanged ones
@@ -125,7 +123,7 @@ def _work_in(view, t, source, person, means, spreads, session, deep=None):
     for a in range(3):
         for j in range(m):
             body[a] += share[k, j] * x[k, j, 3 + a]
-    h, slope, rows, error, row, far = np.empty(2), np.empty((2, 3)), np.empty((2, 3)), np.empty(2), np.empty(3), np.empty(m)
+    h, slope, rows, error = np.empty(2), np.empty((2, 3)), np.empty((2, 3)), np.empty(2)
     point, before_m, away = np.empty(3), np.empty(3), np.empty((m, 2))
     for i in range(k):
         o = source[i]
@@ -162,22 +160,29 @@ def _work_in(view, t, source, person, means, spreads, session, deep=None):
         for a in range(3):
             point[a] += means[i, a] - before_m[a]
         if deep is not None:
-            person.deepness[i, c] = 0.0
-            if deep[o, 1] > 0.0:
-                miss = depth_row(camera, point, deep[o], row)
-                for j in range(m):
-                    far[j] = miss
-                    for a in range(3):
-                        far[j] -= row[a] * (x[i, j, a] - means[i, a])
-                if update_depth(x[i], cov[i], share[i], row, far, spreads[k], rules):
-                    person.deepness[i, c] = 1.0 / deep[o, 1] ** 2
-                    for a in range(3):
-                        before_m[a] = means[i, a]
-                    combined(x[i], cov[i], share[i], means[i], spreads[i])
-                    for a in range(3):
-                        point[a] += means[i, a] - before_m[a]
+            person.deepness[i, c] = _depth_in(deep[o], i, person, camera, point, means[i], spreads[i], spreads[k], rules)
         if ray(camera, point, h, slope):
             whitened(white[o], slope, z[o], h, rows, error)
             person.square[i, c] = (error[0] ** 2 + error[1] ** 2) * view.sigma_px[o] ** 2
         person.precision[i, c] = 0.5 * (white[o, 0, 0] ** 2 + white[o, 0, 1] ** 2 + white[o, 1, 0] ** 2 + white[o, 1, 1] ** 2)
     return measured, gated, square
+
+
+@kernel()
+def _depth_in(measured, i, person, camera, point, mean, spread, common, rules):
+    """A measured depth (2,) into keypoint i, whose place `point` in the world moves with it; 1/variance, 0 if not used."""
+    x, cov, share = person.x[i], person.cov[i], person.share[i]
+    if not measured[1] > 0.0:
+        return 0.0
+    row, before_m, away = np.empty(3), mean.copy(), np.empty(len(share))
+    miss = depth_row(camera, point, measured, row)
+    for j in range(len(share)):
+        away[j] = miss
+        for a in range(3):
+            away[j] -= row[a] * (x[j, a] - mean[a])
+    if not update_depth(x, cov, share, row, away, common, rules):
+        return 0.0
+    combined(x, cov, share, mean, spread)
+    for a in range(3):
+        point[a] += mean[a] - before_m[a]
+    return 1.0 / measured[1] ** 2

@@ -9,9 +9,8 @@ import numpy as np
 from posefuse.foundation.compiled import kernel
 from posefuse.tracking.matrix_kernels import inverse3
 
-from .motion import combined, normalise
 from .rays import depth_row, expected, expected_depth, ray, squared, whitened
-from .state import parts
+from .state import combined, normalise, parts
 
 _DOUBT_M, _DOUBT_M_S = 0.1, 2.0  # as much is then added to what is uncertain about it
 _FOUND_M = 0.03  # of a place where rays meet

@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from posefuse.foundation.background import Background
+from posefuse.outputs.overlay import Background
 
 
 def test_calls_are_made_in_order_in_another_thread() -> None:
