@@ -1,5 +1,6 @@
 """Names of folders and files may have letters of all languages, spaces and brackets, in every command that takes them."""
 
+import shlex
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -35,6 +36,9 @@ def test_a_name_of_any_letters_works_in_every_command(
         assert main(["solve" if command == "again" else command, *map(str, words)]) == 0, (command, capsys.readouterr().err)
         shown = capsys.readouterr()
         assert name in shown.out + shown.err, command
+        for line in (one for one in (shown.out + shown.err).splitlines() if one.startswith("next: posefuse ")):
+            typed = shlex.split(line.removeprefix("next: ").partition("  (")[0])
+            assert all(Path(word).exists() for word in typed if word.startswith(str(tmp_path))), line
     assert name in (result / "biomechanics" / "report.html").read_text(encoding="utf-8").replace("&#39;", "'")
     board = tmp_path / f"{name}.pdf"
     assert main(["calibrate", "print", "--cube", "--marker-mm", "60", "--out", str(board)]) == 0 and board.is_file()

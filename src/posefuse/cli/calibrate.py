@@ -24,7 +24,7 @@ from .options import (
     settings_options,
 )
 from .stopping import session_exit_code
-from .terminal import Terminal
+from .terminal import Terminal, quoted
 
 if TYPE_CHECKING:
     from posefuse.api.calibration_results import IntrinsicsCalibration
@@ -261,7 +261,7 @@ def record(*, options: RecordOptions, ros_2: Ros2Options = Ros2Options(), termin
         command = f"posefuse calibrate intrinsics --target TARGET.toml --out lenses.toml {options.out}"
         terminal.next(command, "the intrinsics, from a board; or `calibrate extrinsics` with --intrinsics, from a moved target")
     else:
-        terminal.next(f"posefuse track {options.out} --out RESULT", "the 3D skeleton")
+        terminal.next(f"posefuse track {quoted(options.out)} --out RESULT", "the 3D skeleton")
     code = session_exit_code(done.stopped_by, endless=options.duration is None, failed=done.lost)
     return {**done.figures, "exit_code": code}
 
@@ -468,7 +468,7 @@ def calibrate_clocks(session: Path, /, *, options: ClockOptions = ClockOptions()
         found.save_report(options.report, replace=options.force)
     settings = _save_clocks(session, found, terminal)
     needed = f"add the offsets to {session / CONFIG_FILE} first" if found.clock_settings else "the clocks need no correction"
-    terminal.next(f"posefuse track {session} --out RESULT", "uses the clocks found" if settings else needed)
+    terminal.next(f"posefuse track {quoted(session)} --out RESULT", "uses the clocks found" if settings else needed)
     return {"settings": settings, **found.report.numbers}
 
 

@@ -21,7 +21,7 @@ from .options import (
     settings_options,
 )
 from .stopping import NO_PERSON_CODE, session_exit_code
-from .terminal import Terminal
+from .terminal import Terminal, quoted
 
 LIVE_SETTINGS = {
     "body": "body", "track.max_people": "people N", "names": "names A,B,...", "rate_hz": "rate HZ", "groups": "groups N",
@@ -145,7 +145,7 @@ def live(
             progress=progress,
         )
     if any(one["written"] for one in run.figures["videos"].values()):
-        terminal.next(f"posefuse track {videos} --out DIR", "the videos, solved over all of time")
+        terminal.next(f"posefuse track {quoted(videos)} --out DIR", "the videos, solved over all of time")
     _show_next(outputs, terminal, poses=run.poses)
     return {**run.figures, "exit_code": exit_code(run, timing.duration, terminal)}
 
@@ -168,7 +168,7 @@ def _show_next(outputs: OutputOptions, terminal: Terminal, *, poses: int) -> Non
     if outputs.record is None:
         terminal.next("the same with --record FILE.mcap", "keeps views and poses")
     elif poses and outputs.record.exists():
-        terminal.next(f"posefuse report {outputs.record}", "joint angles, gait, files for OpenSim and Blender, one page")
-        terminal.next(f"posefuse solve {outputs.record} --out DIR", "solves it again over all of time, more exactly")
+        terminal.next(f"posefuse report {quoted(outputs.record)}", "joint angles, gait, files for OpenSim and Blender, one page")
+        terminal.next(f"posefuse solve {quoted(outputs.record)} --out DIR", "solves it again over all of time, more exactly")
     if outputs.report:
         terminal.next(f"open {outputs.report / 'latency.html'}", "the latency per camera and stage")

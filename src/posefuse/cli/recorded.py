@@ -12,7 +12,7 @@ from posefuse.core import InputError
 from posefuse.pipeline.config import TrackConfig
 
 from .options import Figures, NetworkOptions, SettingsOptions, Shown, count, settings_options
-from .terminal import Terminal
+from .terminal import Terminal, quoted
 
 _MAKES = Group("Result", sort_key=-3)
 _SOLVED = {
@@ -121,7 +121,7 @@ def track(session: Path, /, *, options: TrackOptions, terminal: Shown) -> Figure
         )
     terminal.show(made.summary())
     _next(options.out, terminal)
-    terminal.next(f"posefuse view {options.out}", "the skeleton in the 3D viewer (extra: viewer)")
+    terminal.next(f"posefuse view {quoted(options.out)}", "the skeleton in the 3D viewer (extra: viewer)")
     return made.figures
 
 
@@ -149,7 +149,7 @@ def solve(result: Path, /, *, options: SolveOptions, terminal: Shown) -> Figures
         )
     terminal.show(made.summary())
     _next(options.out, terminal)
-    terminal.next(f"posefuse compare {options.out} {result}", "how far the earlier result was from it")
+    terminal.next(f"posefuse compare {quoted(options.out)} {quoted(result)}", "how far the earlier result was from it")
     return made.figures
 
 
@@ -160,7 +160,7 @@ def _exclusion(text: str) -> "pf.Exclusion":
 
 
 def _next(out: Path, terminal: Terminal) -> None:
-    terminal.next(f"posefuse report {out}", "joint angles, gait, files for OpenSim and Blender, one page")
+    terminal.next(f"posefuse report {quoted(out)}", "joint angles, gait, files for OpenSim and Blender, one page")
 
 
 def demo(

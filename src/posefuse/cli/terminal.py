@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -22,6 +24,11 @@ _OPTIONS = {
     "replace": "force", "rate_hz": "rate", "start_s": "start", "end_s": "end", "drift": "clocks drift", "max_offset_s": "most-s",
     "focal_known_to_percent": "refine-lenses", "camera_distance": "apart", "emergency_stop": "i-have-an-emergency-stop",
 }  # fmt: skip
+
+
+def quoted(path: Path) -> str:
+    """A path as a shell takes it."""
+    return shlex.quote(str(path))
 
 
 def in_options(text: str) -> str:

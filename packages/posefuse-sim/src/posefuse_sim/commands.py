@@ -9,6 +9,7 @@ from cyclopts import Parameter
 
 import posefuse as pf
 from posefuse.cli.options import Figures, Shown, count
+from posefuse.cli.terminal import quoted
 
 
 def simulate(
@@ -42,7 +43,7 @@ def simulate(
     if plan:
         found = pf.plan(scene)
         terminal.show(found.summary())
-        terminal.next(f"posefuse simulate {scene} --out DIR", "a test walk, rendered, with its exact truth")
+        terminal.next(f"posefuse simulate {quoted(scene)} --out DIR", "a test walk, rendered, with its exact truth")
         return found.figures
     if gazebo is not None:
         world = pf.gazebo_world(scene, gazebo, release=release, replace=force)
@@ -63,7 +64,8 @@ def simulate(
         "session": str(folder),
     }
     terminal.show([Heading("Simulated"), Facts(facts)])
-    terminal.next(f"posefuse track {folder} --out {folder.name}-result", "the 3D skeleton, compared with the truth")
+    result = quoted(Path(f"{folder.name}-result"))
+    terminal.next(f"posefuse track {quoted(folder)} --out {result}", "the 3D skeleton, compared with the truth")
     return figures
 
 
