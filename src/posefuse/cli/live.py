@@ -144,7 +144,7 @@ def live(
             on_end=lambda run: terminal.show(run.summary()),
             progress=progress,
         )
-    if any(one["written"] for one in run.figures["videos"].values()):
+    if videos and any(one["written"] for one in run.figures["videos"].values()):
         terminal.next(f"posefuse track {quoted(videos)} --out DIR", "the videos, solved over all of time")
     _show_next(outputs, terminal, poses=run.poses)
     return {**run.figures, "exit_code": exit_code(run, timing.duration, terminal)}
