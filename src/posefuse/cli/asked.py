@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
@@ -10,6 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from posefuse.core import InputError
+
+from .terminal import quoted
 
 if TYPE_CHECKING:
     from posefuse.calibration.report import CalibrationReport
@@ -34,7 +35,7 @@ class Asked:
 
     def again(self, **changed: Any) -> str:
         """The same command with other values of some options. It replaces the report that the refused one wrote."""
-        return _typed(self.step, *map(shlex.quote, self.inputs), option_words(self.options, **{"force": True, **changed}))
+        return _typed(self.step, *map(quoted, self.inputs), option_words(self.options, **{"force": True, **changed}))
 
 
 def next_after(report: CalibrationReport, asked: Asked) -> tuple[str, str]:
@@ -47,7 +48,7 @@ def next_after(report: CalibrationReport, asked: Asked) -> tuple[str, str]:
             return asked.again(clocks="drift"), "estimates the rate of each clock, too"
         case "lenses" if asked.step in ("extrinsics", "person"):
             out = asked.option("intrinsics") or "lenses.toml"
-            command = _typed("intrinsics", "SESSION --target BOARD.toml --out", shlex.quote(str(out)), "--force")
+            command = _typed("intrinsics", "SESSION --target BOARD.toml --out", quoted(out), "--force")
             return command, "the intrinsics of these cameras again, from a board shown to each of them"
         case "upside down" if asked.option("upside_down") is not None:
             named = (*asked.option("upside_down"), *check.cameras)
@@ -57,14 +58,14 @@ def next_after(report: CalibrationReport, asked: Asked) -> tuple[str, str]:
         case "rig":
             return _guide("--target CUBE.toml", asked.option("rig")), "a recording for a new calibration of the rig"
     if asked.step == "extrinsics":
-        command = _guide(f"--target {shlex.quote(str(asked.options.target))}", asked.option("intrinsics"))
+        command = _guide(f"--target {quoted(asked.options.target)}", asked.option("intrinsics"))
     else:
         command = "posefuse record --source CAMERA=KIND:WHERE ... --out SESSION"
     return command, "a new recording, with everything still; then the same command with it"
 
 
 def _guide(target: str, lenses: Any) -> str:
-    given = "" if lenses is None else f"--intrinsics {shlex.quote(str(lenses))}"
+    given = "" if lenses is None else f"--intrinsics {quoted(lenses)}"
     return _typed("guide", target, given, "--source CAMERA=KIND:WHERE ... --record SESSION")
 
 
@@ -91,10 +92,10 @@ def option_words(options: Any, **changed: Any) -> str:
 def _valued(option: str, value: Any) -> list[str]:
     """A value, several texts each with the option's name, or several values that follow it once."""
     if not isinstance(value, tuple):
-        return [option, shlex.quote(str(value))]
+        return [option, quoted(value)]
     if all(isinstance(one, str) for one in value):
-        return [word for one in value for word in (option, shlex.quote(one))]
-    return [option, *(shlex.quote(str(one)) for one in value)]
+        return [word for one in value for word in (option, quoted(one))]
+    return [option, *(quoted(one) for one in value)]
 
 
 def option_name(name: str) -> str:

@@ -258,7 +258,7 @@ def record(*, options: RecordOptions, ros_2: Ros2Options = Ros2Options(), termin
         )
     terminal.show(done.summary())
     if options.rig is None:
-        command = f"posefuse calibrate intrinsics --target TARGET.toml --out lenses.toml {options.out}"
+        command = f"posefuse calibrate intrinsics --target TARGET.toml --out lenses.toml {quoted(options.out)}"
         terminal.next(command, "the intrinsics, from a board; or `calibrate extrinsics` with --intrinsics, from a moved target")
     else:
         terminal.next(f"posefuse track {quoted(options.out)} --out RESULT", "the 3D skeleton")
@@ -289,9 +289,9 @@ def calibrate_guide(*, options: GuideOptions, ros_2: Ros2Options = Ros2Options()
     terminal.show(found.summary())
     if not found.figures["enough"]:
         terminal.note(f"not enough yet: {found.figures['next']}")
-    lenses = "" if options.intrinsics is None else f" --intrinsics {options.intrinsics}"
-    where = options.record or "SESSION"
-    command = f"posefuse calibrate extrinsics {where} --target {options.target}{lenses} --out rig.toml"
+    lenses = "" if options.intrinsics is None else f" --intrinsics {quoted(options.intrinsics)}"
+    where = quoted(options.record or "SESSION")
+    command = f"posefuse calibrate extrinsics {where} --target {quoted(options.target)}{lenses} --out rig.toml"
     terminal.next(command, "the rig from what was recorded")
     code = session_exit_code(found.stopped_by, endless=options.duration is None, failed=found.lost)
     return {**found.figures, "exit_code": code}
@@ -319,8 +319,9 @@ def calibrate_intrinsics(*inputs: CameraRecordings, options: IntrinsicsOptions, 
                 _save_intrinsics(refused.kept, options, terminal)
             raise
     _save_intrinsics(found, options, terminal)
+    lenses = f"--intrinsics {quoted(options.out)}"
     terminal.next(
-        f"posefuse calibrate guide --target CUBE.toml --intrinsics {options.out} --source CAMERA=KIND:WHERE ... --record SESSION",
+        f"posefuse calibrate guide --target CUBE.toml {lenses} --source CAMERA=KIND:WHERE ... --record SESSION",
         "move a target where two cameras see it; `calibrate extrinsics` then finds the poses of the cameras",
     )
     return {"rig": str(options.out), "cameras": {name: dict(report.numbers) for name, report in found.reports.items()}}
@@ -385,7 +386,7 @@ def calibrate_extrinsics(*inputs: CameraRecordings, options: ExtrinsicsOptions, 
     found.save(options.out, report=options.report, replace=options.force)
     settings = _save_clocks(options.out.parent, found, terminal)
     terminal.next(
-        f"posefuse calibrate verify SESSION --target BOARD.toml --rig {options.out}",
+        f"posefuse calibrate verify SESSION --target BOARD.toml --rig {quoted(options.out)}",
         "with a target that the rig was not made from",
     )
     return {
@@ -513,7 +514,7 @@ def calibrate_print(*, options: PrintOptions, terminal: Shown) -> Figures:
     settings = {"kind": "charuco", **options.changes}
     made = pf.print_target(options.out, settings, cube=options.cube, page=options.page, replace=options.force)
     terminal.note(f"{made.pdf}: {made.pages} page{'s' * (made.pages > 1)}; print at 100 % and measure the ruler")
-    terminal.note(f"{made.target}: the target's description, which the other steps take as --target {made.target}")
+    terminal.note(f"{made.target}: the target's description, which the other steps take as --target {quoted(made.target)}")
     command = "posefuse record --source cam1=usb:/dev/video0 ... --out SESSION"
     terminal.next(command, f"videos of it for `posefuse calibrate {made.step}`")
     return {"pdf": str(made.pdf), "pages": made.pages, "target": str(made.target)}

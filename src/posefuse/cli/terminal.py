@@ -8,7 +8,6 @@ import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -26,9 +25,9 @@ _OPTIONS = {
 }  # fmt: skip
 
 
-def quoted(path: Path) -> str:
-    """A path as a shell takes it."""
-    return shlex.quote(str(path))
+def quoted(value: object) -> str:
+    """A path or word as a shell takes it."""
+    return shlex.quote(str(value))
 
 
 def in_options(text: str) -> str:

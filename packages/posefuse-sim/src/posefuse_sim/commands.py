@@ -48,7 +48,7 @@ def simulate(
     if gazebo is not None:
         world = pf.gazebo_world(scene, gazebo, release=release, replace=force)
         terminal.show(world.summary())
-        terminal.next(f"{world.folder}/launch.sh", "Gazebo and the bridge to ROS 2; docs/gazebo.md continues from there")
+        terminal.next(quoted(world.folder / "launch.sh"), "Gazebo and the bridge to ROS 2; docs/gazebo.md continues from there")
         return world.figures
     assert out is not None
     began_s = time.perf_counter()
@@ -64,7 +64,7 @@ def simulate(
         "session": str(folder),
     }
     terminal.show([Heading("Simulated"), Facts(facts)])
-    result = quoted(Path(f"{folder.name}-result"))
+    result = quoted(f"{folder.name}-result")
     terminal.next(f"posefuse track {quoted(folder)} --out {result}", "the 3D skeleton, compared with the truth")
     return figures
 

@@ -25,7 +25,7 @@ from .bootstrap import PropShape, planar_views, prop_track, prop_views, rough_of
 from .lens_check import best_stretch, check_board_shape, lens_change
 from .pipeline import TIME_STEPS, Options, Solved, key_snapshots, link, solve_linked
 from .prop_solve import Freedom, PropSolution, PropState, solve_prop
-from .self_checks import check_clocks, let_lenses_free
+from .self_checks import check_clocks, let_clocks_free, let_lenses_free
 from .snapshots import middle_ns, snapshots
 
 # residuals beyond so many standard deviations count ever less
@@ -238,8 +238,7 @@ def _bend(camera: Camera) -> Array:
 
 def clocks_near(trouble: Trouble, solved: Solved) -> Iterator[CauseTrial]:
     """Each camera has a clock of its own, within what the motion of the corners extrapolates to."""
-    freedom = Freedom(reference=solved.links.reference, held_patches=solved.links.shape.held, offset=True)
-    free = near_solve(solved, trouble.cameras, solved.solution.state, freedom)
+    free = let_clocks_free(trouble.cameras, solved)
     check = check_clocks(trouble.cameras, free)
     if not check.passed:
         yield _trial(check, solved, free, len(trouble.cameras) - 1)

@@ -445,7 +445,7 @@ def solution_checks(
         quick.insert(0, check_carried(cameras, observations, solved))
     if options.clocks == "together" and [check for check in quick if not check.passed] == [determined]:
         # a camera that is late spreads the corners, and the poses with them
-        quick.append(_check_in_step(cameras, solved))
+        quick.append(check_clocks(cameras, let_clocks_free(cameras, solved)))
     CalibrationReport("extrinsics", (*before, *quick)).require()
     halves = solve_halves(observations, cameras, target, options, solved)
     done = [
@@ -456,13 +456,14 @@ def solution_checks(
     if isinstance(target, Charuco):
         done.append(check_board_shape(best_stretch(thinned(solved), cameras)))
     if options.clocks == "together":
-        done.append(_check_in_step(cameras, solved))
+        done.append(check_clocks(cameras, let_clocks_free(cameras, solved)))
     return done
 
 
-def _check_in_step(cameras: tuple[Camera, ...], solved: Solved) -> Check:
+def let_clocks_free(cameras: tuple[Camera, ...], solved: Solved) -> PropSolution:
+    """The solve again with a clock of its own for every camera."""
     freedom = Freedom(reference=solved.links.reference, held_patches=solved.links.shape.held, offset=True)
-    return check_clocks(cameras, solve_prop(solved.seen, solved.corners, cameras, solved.solution.state, freedom))
+    return solve_prop(solved.seen, solved.corners, cameras, solved.solution.state, freedom)
 
 
 def _lens_change(cameras: tuple[Camera, ...], solved: Solved, halves: Halves, options: Options) -> LensChange:
