@@ -12,20 +12,4 @@ if TYPE_CHECKING:
     from .settings import AssociateSettings
     from .traits import CLOTHING_TRAITS, clothing_traits, median_clothing
 
-__all__ = [
-    "CLOTHING_TRAITS",
-    "UNNAMED",
-    "Assignment",
-    "AssociateSettings",
-    "Hints",
-    "Identity",
-    "Memory",
-    "assign",
-    "associate",
-    "clothing_traits",
-    "hints_after",
-    "median_clothing",
-    "persons_at",
-    "with_persons",
-]
 __getattr__ = lazy_names(__name__, __file__)

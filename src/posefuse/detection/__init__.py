@@ -13,28 +13,4 @@ if TYPE_CHECKING:
     from .files import fetch, fetch_all, status
     from .oracle import OracleConfig, OracleDetector, OracleNoise, OracleViews, oracle_views
 
-__all__ = [
-    "BlazePoseConfig",
-    "BlazePoseDetector",
-    "DetectorChoice",
-    "OracleConfig",
-    "OracleDetector",
-    "OracleNoise",
-    "OracleViews",
-    "default_cards",
-    "fetch",
-    "fetch_all",
-    "fetch_networks",
-    "list_cards",
-    "named_networks",
-    "network_settings",
-    "oracle_views",
-    "read_card",
-    "region_from_keypoints",
-    "region_from_pose",
-    "status",
-    "up_angle_rad",
-    "with_clothing",
-    "with_depth",
-]
 __getattr__ = lazy_names(__name__, __file__)

@@ -9,5 +9,4 @@ if TYPE_CHECKING:
     from .truth import read_truth
     from .video import read_video
 
-__all__ = ["read_rig", "read_truth", "read_video"]
 __getattr__ = lazy_names(__name__, __file__)

@@ -13,14 +13,4 @@ if TYPE_CHECKING:
     from .progress_bars import stage_bars
     from .settings import settings_from_mapping
 
-__all__ = [
-    "atomic_file",
-    "build_plugin",
-    "earlier_kept",
-    "growing_folder",
-    "plain",
-    "settings_from_mapping",
-    "stage_bars",
-    "usable_cores",
-]
 __getattr__ = lazy_names(__name__, __file__)

@@ -9,5 +9,4 @@ if TYPE_CHECKING:
     from .time_step import fuse
     from .triangulation import Triangulated, triangulate
 
-__all__ = ["WEIGHTS", "FuseSettings", "Triangulated", "Weights", "fuse", "triangulate"]
 __getattr__ = lazy_names(__name__, __file__)

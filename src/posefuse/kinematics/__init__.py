@@ -10,8 +10,4 @@ if TYPE_CHECKING:
     from .settings import JointSettings
     from .sides import check_sides, facing_votes
 
-__all__ = [
-    "JOINTS", "JOINT_NAMES", "SEGMENTS", "SEGMENT_NAMES", "JointSettings", "JointTracker", "Reason", "check_sides",
-    "facing_votes", "joints_from_poses", "reasons_from_poses", "undefined_angles", "undefined_segments",
-]  # fmt: skip
 __getattr__ = lazy_names(__name__, __file__)

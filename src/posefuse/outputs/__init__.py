@@ -2,5 +2,3 @@
 
 from .drawing import view_tile
 from .frames import Frames, FrameSets, FrameSink, FrameWriter, write_outputs
-
-__all__ = ["FrameSets", "FrameSink", "FrameWriter", "Frames", "view_tile", "write_outputs"]

@@ -12,17 +12,4 @@ if TYPE_CHECKING:
     from .second_pass import poses_over_time
     from .session import Session, find_session
 
-__all__ = [
-    "CameraInput",
-    "Session",
-    "StageClock",
-    "TrackConfig",
-    "Tracked",
-    "build_source",
-    "changes_of",
-    "find_session",
-    "poses_over_time",
-    "read_config",
-    "track_session",
-]
 __getattr__ = lazy_names(__name__, __file__)

@@ -12,5 +12,4 @@ if TYPE_CHECKING:
     from .outputs import OutputPlan
     from .session import run_live
 
-__all__ = ["LiveConfig", "OutputPlan", "SessionClock", "ViewTimes", "inputs_from_arguments", "run_live"]
 __getattr__ = lazy_names(__name__, __file__)

@@ -11,8 +11,4 @@ if TYPE_CHECKING:
     from .sides import sides_like, steady_sides
     from .smoothing import bone_lengths, cutoff_hz, smooth, smooth_in_place
 
-__all__ = [
-    "LandmarksInParts", "LearntLengths", "SmoothSettings", "ViewsAtJointCentres", "at_joint_centres", "bone_lengths", "cutoff_hz",
-    "sides_like", "smooth", "smooth_in_place", "steady_sides", "to_joint_centres", "usual_lengths",
-]  # fmt: skip
 __getattr__ = lazy_names(__name__, __file__)

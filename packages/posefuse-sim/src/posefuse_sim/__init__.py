@@ -13,6 +13,5 @@ if TYPE_CHECKING:
     from .scene import Scene, read_scene
     from .session import SessionPaths, simulate
 
-__all__ = ["Scene", "SessionPaths", "read_scene", "simulate", "truth_of"]
 
 __getattr__ = lazy_names(__name__, __file__)

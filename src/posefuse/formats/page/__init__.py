@@ -9,28 +9,3 @@ from posefuse.foundation.summary import MISSING, Block, Cell, Facts, Heading, No
 from .blocks import Cards, Details, Images, Page, Player, Side
 from .plots import Band, Dots, Line, Plot, Plots, Series, Spikes, Ticks
 from .write import write_page
-
-__all__ = [
-    "MISSING",
-    "Band",
-    "Block",
-    "Cards",
-    "Cell",
-    "Details",
-    "Dots",
-    "Facts",
-    "Heading",
-    "Images",
-    "Line",
-    "Note",
-    "Page",
-    "Player",
-    "Plot",
-    "Plots",
-    "Series",
-    "Side",
-    "Spikes",
-    "Table",
-    "Ticks",
-    "write_page",
-]

@@ -93,9 +93,3 @@ def _fits(format: Pose2DFormat, path: Path) -> bool:
         return format.reader.fits(path)
     except _MALFORMED:
         return False
-
-
-__all__ = [
-    "FORMATS", "POSE2D_SUFFIXES", "UNTRACKED", "People2D", "Pose2DFormat", "Pose2DFrames", "read_openpose_folder", "read_pose2d",
-    "read_pose2d_of_cameras",
-]  # fmt: skip

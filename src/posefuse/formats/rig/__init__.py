@@ -2,13 +2,3 @@
 
 from .image_size import fit_camera_to_video, rescaled_cameras
 from .reading import read_placed_rig, read_rig, refusal_note, rig_warnings, write_rig
-
-__all__ = [
-    "fit_camera_to_video",
-    "read_placed_rig",
-    "read_rig",
-    "refusal_note",
-    "rescaled_cameras",
-    "rig_warnings",
-    "write_rig",
-]

@@ -12,21 +12,4 @@ if TYPE_CHECKING:
     from .model import FEWEST_SEEN, BodyModel, Length, bodies_from_poses
     from .shape import LengthPrior, with_solved_lengths
 
-__all__ = [
-    "FEWEST_SEEN",
-    "LIVE_BODY",
-    "BodyFit",
-    "BodyModel",
-    "BodySettings",
-    "Length",
-    "LengthPrior",
-    "LiveBody",
-    "LiveBodyRules",
-    "LiveRays",
-    "TrackedPoints",
-    "bodies_from_poses",
-    "fit_poses",
-    "fit_views",
-    "with_solved_lengths",
-]  # fmt: skip
 __getattr__ = lazy_names(__name__, __file__)

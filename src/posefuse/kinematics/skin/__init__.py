@@ -17,9 +17,6 @@ from posefuse.kinematics.animation import FILE_FROM_SEGMENT
 from posefuse.kinematics.definitions import NOSE_BELOW_RAD
 from posefuse.kinematics.sides import SIDES
 
-__all__ = ["skin_of"]
-
-
 # The mesh that people are drawn as: a mean body and its shapes (`tools/make_body_mesh.py`; NOTICE has the licences).
 
 # a length that the skeleton has counts as much as a shape of one standard deviation if it is this far off

@@ -3,5 +3,3 @@
 from .lsl import LslConfig
 from .udp import JsonConfig, OscConfig
 from .viewer import RerunLiveConfig
-
-__all__ = ["JsonConfig", "LslConfig", "OscConfig", "RerunLiveConfig"]

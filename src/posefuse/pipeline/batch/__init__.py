@@ -2,5 +2,3 @@
 
 from .study import Study, run_study
 from .tasks import Trial, find_trials
-
-__all__ = ["Study", "Trial", "find_trials", "run_study"]

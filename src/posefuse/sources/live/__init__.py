@@ -4,8 +4,3 @@ from .oak import OakConfig, OakSource
 from .paced import PacedVideoConfig, PacedVideoSource
 from .realsense import RealSenseConfig, RealSenseSource
 from .stream import StreamConfig, StreamSource
-
-__all__ = [
-    "OakConfig", "OakSource", "PacedVideoConfig", "PacedVideoSource", "RealSenseConfig", "RealSenseSource", "StreamConfig",
-    "StreamSource",
-]  # fmt: skip

@@ -13,18 +13,6 @@ if TYPE_CHECKING:
     from .contract import CameraStatistics, Fuse, Solve, Tracker
     from .person import Evidence
 
-__all__ = [
-    "MOTION",
-    "CameraStatistics",
-    "Evidence",
-    "Fuse",
-    "LiveMotion",
-    "LiveSettings",
-    "MotionModel",
-    "Solve",
-    "Tracker",
-    "build_tracker",
-]  # fmt: skip
 __getattr__ = lazy_names(__name__, __file__)
 
 

@@ -3,5 +3,3 @@
 from .anatomy import ANGLE_NAMES, JOINTS, SEGMENTS, rotation_of
 from .body import SimulatedBody, build_body
 from .mesh import BodyShapeSettings
-
-__all__ = ["ANGLE_NAMES", "JOINTS", "SEGMENTS", "BodyShapeSettings", "SimulatedBody", "build_body", "rotation_of"]

@@ -3,16 +3,3 @@
 from .joint_centres import Run, fit_joint_centres
 from .keypoint_noise import NoiseFit, NoiseSamples, collect, fit_noise, noise_text
 from .scenes import is_rendered, render_everyday, render_moving
-
-__all__ = [
-    "NoiseFit",
-    "NoiseSamples",
-    "Run",
-    "collect",
-    "fit_joint_centres",
-    "fit_noise",
-    "is_rendered",
-    "noise_text",
-    "render_everyday",
-    "render_moving",
-]  # fmt: skip

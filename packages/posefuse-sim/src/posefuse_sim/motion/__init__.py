@@ -1,5 +1,3 @@
 """How simulated people move: settings, and postures at any time."""
 
 from .settings import MotionSettings
-
-__all__ = ["MotionSettings"]
