@@ -1,4 +1,7 @@
-"""One thread per camera that takes frames as they come and keeps the newest only; all of them go to its video, if wanted."""
+"""One thread per camera that takes frames as they come and keeps the newest only, which bounds the latency.
+
+All of them go to its video, if wanted.
+"""
 
 from __future__ import annotations
 

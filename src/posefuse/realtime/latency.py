@@ -1,4 +1,7 @@
-"""Where the time went, per camera and stage: counts in fixed bins, so an hour costs no more memory than a second."""
+"""Latency, measured per camera and stage: counts in fixed bins, so an hour costs no more memory than a second.
+
+It is bounded in `realtime.capture`: of the frames of a camera that wait, the newest alone is kept.
+"""
 
 from __future__ import annotations
 

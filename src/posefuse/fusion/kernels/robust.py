@@ -1,6 +1,7 @@
 """Robust fusion of a group: one person at one time step, K keypoints seen by C cameras.
 
-Noise that is stated too small or too large is rescaled by the residuals of the whole group.
+A view that is an outlier by its residual is not used (`USED`). Noise that is stated too small or too large is rescaled by the
+residuals of the whole group.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Which views can be used at all: their time must be believable, new, and not one of a flood."""
+"""Which views can be used at all: their time must be believable, new, and not one of a flood.
+
+Whether a ray is an outlier is judged by its residual, in `tracking.online.kernels.updates`.
+"""
 
 from __future__ import annotations
 
