@@ -11,7 +11,9 @@ from pathlib import Path
 import network_log
 import pytest
 
+from posefuse.detection.build import DetectorChoice
 from posefuse.foundation.places import default_cache_dir
+from posefuse.realtime.networks import AUTO, fetch_networks
 from tools.studio_server import cookie, free_port, server
 
 PATIENCE_S = 300.0
@@ -52,6 +54,8 @@ class Watch:
 
 @pytest.fixture
 def watch(tmp_path: Path, models: None, monkeypatch: pytest.MonkeyPatch) -> Watch:
+    # those `live` chooses between, too: npm, which fetches one, keeps files of its own in the home
+    fetch_networks(DetectorChoice(options={"landmarks": AUTO}))
     return Watch(tmp_path, monkeypatch)
 
 
