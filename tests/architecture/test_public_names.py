@@ -12,14 +12,19 @@ from packages import PACKAGES
 ROOT = Path(__file__).resolve().parents[2]
 
 
+def _of_posefuse(module: str) -> bool:
+    return module.split(".")[0] in PACKAGES
+
+
 def public_names(code: str) -> set[str]:
-    """What the `__init__` of a package imports from posefuse or defines; what a name is fetched with later is not one of them."""
+    """What the `__init__` of a package defines or imports; one that has code imports from outside of it for its own use."""
     tree = ast.parse(code)
     lines = [inner for line in tree.body for inner in (line.body if isinstance(line, ast.If) else [line])]
+    has_code = any(isinstance(line, ast.FunctionDef | ast.ClassDef) and not line.name.startswith("_") for line in lines)
     names = {
         one.asname or one.name
         for line in lines
-        if isinstance(line, ast.ImportFrom) and line.module and (line.level or line.module.split(".")[0] in PACKAGES)
+        if isinstance(line, ast.ImportFrom) and line.module and (line.level or (_of_posefuse(line.module) and not has_code))
         for one in line.names
     }
     for line in lines:
@@ -43,8 +48,8 @@ def private_imports(code: str) -> Iterator[str]:
     """What a program imports from posefuse that is not public."""
     for node in ast.walk(ast.parse(code)):
         if isinstance(node, ast.Import):
-            yield from (one.name for one in node.names if one.name.split(".")[0] in PACKAGES and one.name != "posefuse")
-        elif isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] in PACKAGES:
+            yield from (one.name for one in node.names if _of_posefuse(one.name) and one.name != "posefuse")
+        elif isinstance(node, ast.ImportFrom) and _of_posefuse(node.module or ""):
             module = node.module or ""
             offered = set() if module.startswith(FOR_PEOPLE) else OFFERED.get(module, set())
             yield from (f"{module}.{one.name}" for one in node.names if one.name not in offered)
@@ -72,6 +77,7 @@ def test_no_public_name_is_a_module_of_its_package(package: str) -> None:
 
 def test_the_check_can_fail() -> None:
     assert public_names("from posefuse.core.extras import lazy_names\nfrom .a import b as c\n_d = e = 1\nimport f") == {"c", "e"}
+    assert public_names("from posefuse.core import Rig\nfrom .a import b\ndef f(): ...") == {"b", "f"}
     code = "import posefuse\nfrom posefuse import track\nfrom posefuse.core import Rig, frozen\nimport posefuse.core.rig"
     assert list(private_imports(code)) == ["posefuse.core.frozen", "posefuse.core.rig"]
     assert list(private_imports("from posefuse.core.rig import Rig as R")) == ["posefuse.core.rig.Rig"]

@@ -13,7 +13,7 @@ import pytest
 
 from posefuse.detection.build import DetectorChoice
 from posefuse.foundation.places import default_cache_dir
-from posefuse.realtime.networks import AUTO, fetch_networks
+from posefuse.realtime.networks import fetch_networks
 from tools.studio_server import cookie, free_port, server
 
 PATIENCE_S = 300.0
@@ -55,7 +55,7 @@ class Watch:
 @pytest.fixture
 def watch(tmp_path: Path, models: None, monkeypatch: pytest.MonkeyPatch) -> Watch:
     # those `live` chooses between, too: npm, which fetches one, keeps files of its own in the home
-    fetch_networks(DetectorChoice(options={"landmarks": AUTO}))
+    fetch_networks(DetectorChoice())
     return Watch(tmp_path, monkeypatch)
 
 
