@@ -341,8 +341,8 @@ def logs(data: Path, cache: Path) -> dict[str, tuple[Observations, Rig, SolveSet
             config = TrackConfig(outputs=(), body="off", rate_hz=60.0 if "OpenPose" in name else None)
             opened = open_session(find_session(folder, config), config, lambda line: None)
             log, _ = detect(opened, StageClock(), lambda *_: None)
-            opened.steps.close()
-            kept.write_bytes(pickle.dumps((log, opened.rig, SolveSettings.of(config, opened.steps.joint_centres))))
+            opened.close()
+            kept.write_bytes(pickle.dumps((log, opened.rig, SolveSettings.of(config, opened.joint_centres))))
         found[name] = pickle.loads(kept.read_bytes())
     return found
 

@@ -14,8 +14,7 @@ from posefuse.core.skeleton import COCO17
 from posefuse.core.values import keypoint_boxes
 from posefuse.fusion import FuseSettings
 from posefuse.pipeline.following import PeopleFollower, observations_of
-from posefuse.pipeline.images import common_timeline
-from posefuse.pipeline.time_steps import stored_steps
+from posefuse.pipeline.time_steps import common_timeline, stored_steps
 
 K = len(COCO17)
 PERIOD_NS = 33_333_333

@@ -23,9 +23,8 @@ from posefuse.health.background import background_of
 from posefuse.sources import VIDEO_SUFFIXES, VideoConfig
 
 from .config import TrackConfig
-from .opening import build_source
+from .opening import build_source, pose2d_rate_hz, read_session_poses, stated_camera
 from .person_poses import PersonSeen, person_in_videos, poses_apart, timeline_of
-from .pose2d import pose2d_rate_hz, read_session_poses, stated_camera
 from .session import LEAST_CAMERAS, Session, find_session, fitted_camera
 
 

@@ -40,9 +40,9 @@ from posefuse.detection.build import DetectorChoice, build_detector, fetch_netwo
 from posefuse.fusion import FuseSettings
 from posefuse.pipeline.config import CameraInput
 from posefuse.pipeline.following import FollowedLog, PeopleFollower
-from posefuse.pipeline.images import ImageTimeSteps, Timeline, common_timeline
 from posefuse.pipeline.second_pass import long_enough, poses_over_time
 from posefuse.pipeline.session import Input, fitted_camera
+from posefuse.pipeline.time_steps import ImageTimeSteps, Timeline, common_timeline
 from posefuse.sources import FramesAhead, RecordedSource, VideoConfig, frame_sets
 from posefuse.tracking import SmoothSettings, sides_like
 

@@ -80,8 +80,8 @@ def track_into(
     check_result_folder(session, config, out)
     with clock.stage("open"):
         opened = open_session(session, config, warn)
-    with closing(opened.steps):
-        sinks = build_sinks(config.outputs, opened.steps.skeleton)
+    with closing(opened):
+        sinks = build_sinks(config.outputs, opened.skeleton)
         return _opened_into(opened, sinks, out, clock, progress, warn, solve_interrupted=solve_interrupted)
 
 

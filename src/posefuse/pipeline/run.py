@@ -163,16 +163,16 @@ def track_opened(
         note(f"{opened.network['name']} on {opened.network['device']}: {unknown}")
     try:
         with clock.stage("compile"), compiling("tracking", note):
-            warm_up(rig, opened.steps.skeleton, config)
+            warm_up(rig, opened.skeleton, config)
         observations, interrupted = detect(opened, clock, progress, store)
         if interrupted and not solve_interrupted:
             raise KeyboardInterrupt
-        incomplete = [] if interrupted else opened.steps.incomplete()
+        incomplete = [] if interrupted else opened.incomplete()
     finally:
-        opened.steps.close()
+        opened.close()
     for line in incomplete:
         warn(line)
-    settings = SolveSettings.of(config, opened.steps.joint_centres)
+    settings = SolveSettings.of(config, opened.joint_centres)
     try:
         _check_people(observations, warn)
         recording = run_second_pass(observations, rig, settings, provenance_of(opened, settings, incomplete), clock)
@@ -215,7 +215,7 @@ def detect(
 
     What `store` has already is not detected again; what is new is given to it at once.
     """
-    skeleton, rig, config = opened.steps.skeleton, opened.rig, opened.config
+    skeleton, rig, config = opened.skeleton, opened.rig, opened.config
     stored = store.stored(skeleton, rig) if store else None
     first = len(stored.step_t_ns) if stored else 0
 
@@ -226,7 +226,7 @@ def detect(
     follower = PeopleFollower(
         skeleton=skeleton, rig=rig, associating=config.associate, fusing=config.fuse, clock=clock, keep=keep
     )  # fmt: skip
-    steps = itertools.chain(stored_steps(stored) if stored else (), opened.steps.steps(stored))
+    steps = itertools.chain(stored_steps(stored) if stored else (), opened.steps(stored))
     log, done = FollowedLog(follower, skeleton, rig), 0
     interrupted = False
     try:

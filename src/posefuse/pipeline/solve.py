@@ -27,9 +27,8 @@ from .clock import StageClock
 from .config import TrackConfig
 from .edits import NO_EDITS, Edits, check_edits, only_person, used_frames
 from .following import PeopleFollower
-from .images import Timeline, common_timeline
 from .second_pass import long_enough, poses_over_time, with_bodies
-from .time_steps import stored_steps
+from .time_steps import Timeline, common_timeline, stored_steps
 
 # Time steps for the frames of a live session: cameras that run freely, and of which not every frame was used.
 

@@ -202,7 +202,7 @@ _OVERLAY_BYTES = 40_000
 
 def estimated_result_bytes(opened: Opened, people: int) -> int:
     """About how much the result with so many people will take on disk."""
-    config, keypoints = opened.config, len(opened.steps.skeleton)
+    config, keypoints = opened.config, len(opened.skeleton)
     per_keypoint = _RECORDING_BYTES_PER_KEYPOINT + _VIEW_BYTES_PER_KEYPOINT * len(opened.rig)
     per_keypoint += sum(_BYTES_PER_KEYPOINT.get(name, 0) for name in config.outputs)
     per_step = per_keypoint * keypoints * people + _OVERLAY_BYTES * ("overlay" in config.outputs)
