@@ -22,8 +22,7 @@ from posefuse.pipeline.batch import study as study_module
 from posefuse.pipeline.batch.page import study_page
 from posefuse.pipeline.batch.processes import default_jobs, outcomes_here, run_trial
 from posefuse.pipeline.batch.tasks import Outcome, Task, run_task
-from posefuse.pipeline.result_folder import ResultFolder
-from posefuse.pipeline.store import unfinished_work
+from posefuse.pipeline.result_folder import ResultFolder, unfinished_work
 
 
 @pytest.fixture
@@ -111,7 +110,7 @@ def test_an_interrupted_trial_continues_from_its_detections(
 ) -> None:
     task = study_module._task(find_trials(folder)[0], tmp_path / "out", ("trc",), SETTINGS, False)
     with monkeypatch.context() as broken:
-        broken.setattr("posefuse.pipeline.result_folder.write_result", interrupt)
+        broken.setattr("posefuse.pipeline.track.write_result", interrupt)
         with pytest.raises(KeyboardInterrupt):
             run_task(task)
     assert unfinished_work(Path(task.out)) is not None

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +34,6 @@ from .config import CONFIG_FILE, CameraInput, TrackConfig, read_project
 from .session import LEAST_CAMERAS, Input, Session, data_entries, fitted_camera, least_cameras
 from .time_steps import ImageTimeSteps, Timeline, TimeStep, check_time_steps, common_timeline, frame_period_ns, stored_steps
 
-Say = Callable[[str], None]
 # rates that differ by less are one rate: files round what cameras deliver
 _SAME_SHARE = 0.01
 # time steps of 2D poses that are packed together: an hour of single answers fills the memory
@@ -81,8 +81,8 @@ class Opened:
             self.images.close()
 
 
-def open_session(session: Session, config: TrackConfig, warn: Say) -> Opened:
-    """Open the data of all cameras and build the detector; cameras that cannot be read are reported to `warn`.
+def open_session(session: Session, config: TrackConfig) -> Opened:
+    """Open the data of all cameras and build the detector; a camera that cannot be read is a `UserWarning`.
 
     Raises:
         PosefuseError: several kinds of data, fewer than two cameras that can be read, nothing recorded in the time asked for.
@@ -90,10 +90,10 @@ def open_session(session: Session, config: TrackConfig, warn: Say) -> Opened:
     kinds = {entry.kind for entry in session.inputs}
     if len(kinds) > 1:
         raise InputError(f"{session.folder}: expected one kind of data for all cameras, got {choices(sorted(kinds))}")
-    return _poses(session, config) if kinds == {"pose2d"} else _images(session, config, warn)
+    return _poses(session, config) if kinds == {"pose2d"} else _images(session, config)
 
 
-def _images(session: Session, config: TrackConfig, warn: Say) -> Opened:
+def _images(session: Session, config: TrackConfig) -> Opened:
     _check_rate(session, config)
     sources, cameras, failed = [], [], list[str]()
     for entry in session.inputs:
@@ -101,7 +101,7 @@ def _images(session: Session, config: TrackConfig, warn: Say) -> Opened:
             source = build_source(entry, config, len(session.inputs))
         except SourceError as error:
             failed.append(f"{entry.camera}: {error}")
-            warn(f"{error}; continues without camera {entry.camera}")
+            _warn(f"{error}; continues without camera {entry.camera}")
             continue
         sources.append(source)
         cameras.append(fitted_camera(session.rig[entry.camera], entry, source))
@@ -111,7 +111,6 @@ def _images(session: Session, config: TrackConfig, warn: Say) -> Opened:
     rig = dataclasses.replace(session.rig, cameras=tuple(cameras))
     timeline = common_timeline({one.camera: one.times_ns() for one in sources}, config.rate_hz, config.start_s, config.end_s)
     detector = build_detector(config.detector, rig)
-    lost = lambda name, error: warn(f"{error}; continues without camera {name} from here")  # noqa: E731
     return Opened(
         session=session,
         config=config,
@@ -119,10 +118,18 @@ def _images(session: Session, config: TrackConfig, warn: Say) -> Opened:
         timeline=timeline,
         skeleton=detector.skeleton,
         joint_centres=detector.joint_centres,
-        images=ImageTimeSteps(rig, sources, detector, timeline, lost),
+        images=ImageTimeSteps(rig, sources, detector, timeline, _lost),
         sources=tuple(sources),
         network=getattr(detector, "network", {}),
     )
+
+
+def _lost(camera: str, error: SourceError) -> None:
+    _warn(f"{error}; continues without camera {camera} from here")
+
+
+def _warn(line: str) -> None:
+    warnings.warn(line, UserWarning, stacklevel=2)
 
 
 def _check_rate(session: Session, config: TrackConfig) -> None:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,12 +16,11 @@ from posefuse.core import InputError, PosefuseError, Progress, Recording, silent
 from posefuse.evaluation.biomechanics import BiomechanicsSettings, write_biomechanics
 from posefuse.foundation.output_folder import output_folder
 from posefuse.foundation.parsing import plain
-from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.config import CONFIG_FILE, TrackConfig, changed_config, read_config
 from posefuse.pipeline.reading import files_of_result
-from posefuse.pipeline.result_folder import ResultFolder, track_into
+from posefuse.pipeline.result_folder import ResultFolder, unfinished_work
 from posefuse.pipeline.session import KINDS, Session, data_entries, find_session, rig_files
-from posefuse.pipeline.store import unfinished_work
+from posefuse.pipeline.track import track_session
 
 from .page import recording_figures
 
@@ -152,57 +150,49 @@ def run_task(task: Task, progress: Progress = silent) -> Outcome:
         The outcome; a known error is its reason.
     """
     began = time.monotonic()
-    lines: list[str] = []
     try:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", UserWarning)
-            figures = plain(_figures(task, lines, progress))
+            figures = plain(_figures(task, progress))
     except PosefuseError as error:
         return Outcome(name=task.name, made_with=task.made_with, reason=str(error), seconds=time.monotonic() - began)
     return Outcome(
         name=task.name,
         made_with=task.made_with,
         seconds=time.monotonic() - began,
-        warnings=(*lines, *(str(one.message) for one in caught)),
+        warnings=tuple(dict.fromkeys(str(one.message) for one in caught)),
         figures=figures,
     )
 
 
-def _figures(task: Task, lines: list[str], progress: Progress) -> dict[str, Any]:
+def _figures(task: Task, progress: Progress) -> dict[str, Any]:
     config = config_of_trial(Path(task.session), task.rig, {"outputs": task.formats, **task.settings})
-    session = find_session(Path(task.session), config)
-    lines += session.notes
-    out = Path(task.out)
-    recording = _tracked(session, config, out, lines.append, progress)
+    session, out = find_session(Path(task.session), config), Path(task.out)
+    recording = _tracked(session, config, out, progress)
     if task.report:
-        _write_report(recording, out, task.name, lines, progress)
+        _write_report(recording, out, task.name, progress)
     return recording_figures(recording)
 
 
-def _tracked(session: Session, config: TrackConfig, out: Path, warn: Callable[[str], None], progress: Progress) -> Recording:
+def _tracked(session: Session, config: TrackConfig, out: Path, progress: Progress) -> Recording:
     """Track into the result folder, from the detections of an interrupted run where it was made in the same way."""
-
-    def into(folder: ResultFolder) -> Recording:
-        return track_into(session, config, folder, StageClock(), progress, warn, solve_interrupted=False).recording
-
     if unfinished_work(out) is not None:
         try:
-            return into(ResultFolder(path=out, resume=True))
+            folder = ResultFolder(path=out, resume=True)
+            return track_session(session, config, folder, progress, solve_interrupted=False).recording
         except InputError as error:
             progress("detect", 0, None, f"starting from the beginning: {error}")
-    return into(ResultFolder(path=out, force=True))
+    folder = ResultFolder(path=out, force=True)
+    return track_session(session, config, folder, progress, solve_interrupted=False).recording
 
 
-def _write_report(recording: Recording, out: Path, title: str, lines: list[str], progress: Progress) -> None:
+def _write_report(recording: Recording, out: Path, title: str, progress: Progress) -> None:
     """A person without joint angles is no reason to lose the points."""
-    with contextlib.ExitStack() as stack:
-        folder = stack.enter_context(
-            output_folder(out / REPORT_FOLDER, command="report", inputs=files_of_result(out), replace=True)
-        )
+    with output_folder(out / REPORT_FOLDER, command="report", inputs=files_of_result(out), replace=True) as folder:
         try:
             write_biomechanics(recording, folder.folder, BiomechanicsSettings(), title=title, progress=progress)
         except InputError as error:
-            lines.append(f"no report: {error}")
+            warnings.warn(f"no report: {error}", UserWarning, stacklevel=2)
 
 
 def config_of_trial(session: Path, rig: str | None, settings: Mapping[str, Any]) -> TrackConfig:
