@@ -42,7 +42,7 @@ def tracked_outcome(out: Path | None, session: Session, detector: DetectorChoice
     path = session.folder / TRUTH_FILE
     errors = joint_errors(tracked.recording.poses, read_truth(path)) if path.is_file() else None
     figures = _tracked_figures(out, tracked, errors)
-    if session.inputs[0].kind != "pose2d":
+    if session.kind != "pose2d":
         figures["network"] = network_shown(detector)
     return RunOutcome(figures=figures, summary=_tracked_summary(figures, errors))
 

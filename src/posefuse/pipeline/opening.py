@@ -30,7 +30,7 @@ from posefuse.formats.pose2d import Pose2DFrames, read_pose2d_of_cameras
 from posefuse.foundation.platform import usable_cores
 from posefuse.sources import Coverage, DepthSource, ImagesConfig, RecordedSource, VideoConfig, incomplete_cameras
 
-from .config import CONFIG_FILE, CameraInput, TrackConfig, read_project
+from .config import CONFIG_FILE, CameraInput, TrackConfig, project_rate_hz
 from .session import LEAST_CAMERAS, Input, Session, data_entries, fitted_camera, least_cameras
 from .time_steps import ImageTimeSteps, Timeline, TimeStep, check_time_steps, common_timeline, frame_period_ns, stored_steps
 
@@ -87,10 +87,7 @@ def open_session(session: Session, config: TrackConfig) -> Opened:
     Raises:
         PosefuseError: several kinds of data, fewer than two cameras that can be read, nothing recorded in the time asked for.
     """
-    kinds = {entry.kind for entry in session.inputs}
-    if len(kinds) > 1:
-        raise InputError(f"{session.folder}: expected one kind of data for all cameras, got {choices(sorted(kinds))}")
-    return _poses(session, config) if kinds == {"pose2d"} else _images(session, config)
+    return _poses(session, config) if session.kind == "pose2d" else _images(session, config)
 
 
 def _images(session: Session, config: TrackConfig) -> Opened:
@@ -169,9 +166,8 @@ def pose2d_rate_hz(session: Session, config: TrackConfig) -> float:
     """
     if config.rate_hz is not None:
         return config.rate_hz
-    project = read_project(session.folder)
-    if project is not None and project.frame_rate_hz is not None:
-        return project.frame_rate_hz
+    if (stated_hz := project_rate_hz(session.folder)) is not None:
+        return stated_hz
     rates = dict(_video_rates(session.folder))
     if not rates:
         raise InputError(

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
-from posefuse.core import Detections2D, Detector, Frame, LookKind, Observations, Pose3D, Region, Rig, SourceError
+from posefuse.core import Detections2D, Detector, Frame, LookKind, Observations, Pose3D, Region, Rig, Source, SourceError
 from posefuse.core.arrays import Array
 from posefuse.core.duplicate_share import DUPLICATE_SHARE
 from posefuse.core.duplicates import duplicates
 from posefuse.detection import region_from_pose, with_clothing, with_depth
-from posefuse.sources import CountedSource, FramesAhead, RecordedSource, frame_sets, incomplete_cameras
+from posefuse.sources import CountedSource, FramesAhead, FrameSet, RecordedSource, frame_sets, incomplete_cameras
 
+OnLost = Callable[[str, SourceError], None]
 # of a recording: 18 hours at 30 Hz; more are those of a damaged time or a wrong rate
 _MOST_TIME_STEPS = 2_000_000
 # dropped frames leave gaps of whole periods: the smallest tenth of a camera's gaps has none
@@ -201,6 +202,22 @@ class ImageStep:
         return [region for region in made if region is not None]
 
 
+def decoded(
+    sources: Iterable[Source], start_ns: int, period_ns: int, end_ns: int, on_lost: OnLost | None = None
+) -> Generator[FrameSet]:
+    """The frames of several cameras at even time steps, decoded ahead until it is closed.
+
+    Args:
+        on_lost: called for a camera that breaks off; None: its SourceError is raised.
+    """
+    streams = {source.camera: FramesAhead(source) for source in sources}
+    try:
+        yield from frame_sets(streams, start_ns, period_ns, end_ns, on_lost=on_lost)
+    finally:
+        for stream in streams.values():
+            stream.close()
+
+
 class ImageTimeSteps:
     """Time steps of videos or image folders: decodes ahead and runs the detector on demand."""
 
@@ -210,27 +227,25 @@ class ImageTimeSteps:
         sources: Sequence[RecordedSource],
         detector: Detector,
         timeline: Timeline,
-        on_lost: Callable[[str, SourceError], None],
+        on_lost: OnLost | None = None,
     ) -> None:
         self._rig, self._detector, self._timeline, self._on_lost = rig, detector, timeline, on_lost
         self._sources = sources
         self._counted: list[CountedSource] = []
-        self._streams: list[FramesAhead] = []
+        self._sets: Generator[FrameSet] | None = None
 
     def steps(self, stored: Observations | None = None) -> Iterator[ImageStep]:
         """The time steps after those of `stored`; may be called once."""
         line, first = self._timeline, 0 if stored is None else len(stored.step_t_ns)
         self._counted = [self._from(source, first, stored) for source in self._sources]
-        self._streams = [FramesAhead(source) for source in self._counted]
-        streams = {source.camera: stream for source, stream in zip(self._counted, self._streams, strict=True)}
-        sets = frame_sets(streams, line.t_ns(first), line.period_ns, line.t_ns(line.count - 1), on_lost=self._on_lost)
-        for frame_set in sets:
+        self._sets = decoded(self._counted, line.t_ns(first), line.period_ns, line.t_ns(line.count - 1), self._on_lost)
+        for frame_set in self._sets:
             yield ImageStep(frame_set.t_ns, frame_set.frames, self._rig, self._detector)
 
     def close(self) -> None:
         """Stop decoding."""
-        for stream in self._streams:
-            stream.close()
+        if self._sets is not None:
+            self._sets.close()
         for source in self._sources:
             source.close()
 

@@ -80,7 +80,7 @@ def track_session(
         PosefuseError: anything that leaves fewer than two usable cameras, or no person to follow; the detections made so far are
             kept where another attempt can use them.
     """
-    clock, kind = StageClock(), session.inputs[0].kind
+    clock, kind = StageClock(), session.kind
     if out is not None:
         out.check(session, config)
     for line in session.notes:
@@ -218,7 +218,7 @@ def detect(
 def provenance_of(opened: Opened, incomplete: Sequence[str]) -> dict[str, Any]:
     """How a result is made, in plain values; nothing that differs between two runs of the same command."""
     session, centres = opened.session, opened.joint_centres if opened.config.joint_centres else None
-    recorded = recorded_at(session.inputs[0].path) if session.inputs[0].kind == "videos" else None
+    recorded = recorded_at(session.inputs[0].path) if session.kind == "videos" else None
     return {
         "posefuse": __version__,
         "rig_id": opened.rig.id,

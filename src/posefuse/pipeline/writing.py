@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any, Literal, Protocol, runtime_checkable
 
@@ -14,11 +15,12 @@ from posefuse.formats.recording import write_recording
 from posefuse.foundation.output_folder import OutputFolder, output_folder
 from posefuse.foundation.plugins import build_plugin
 from posefuse.outputs.frames import write_each
-from posefuse.sources import CountedSource, FramesAhead, frame_sets
+from posefuse.sources import CountedSource
 
 from .opening import Opened, build_source
 from .session import Session, find_session
 from .solve import config_of
+from .time_steps import decoded
 
 # The images a recording was made from, found again: for viewers of results that do not hold them.
 
@@ -85,16 +87,11 @@ def session_frames(
         return
     t_ns = recording.poses.t_ns
     period_ns = int(np.median(np.diff(t_ns))) if len(t_ns) > 1 else 1_000_000_000
-    sources = {entry.camera: build_source(entry, config, len(inputs)) for entry in inputs}
-    streams = {name: FramesAhead(CountedSource(source, int(t_ns[0]) - period_ns)) for name, source in sources.items()}
-    try:
-        sets = frame_sets(streams, int(t_ns[0]), period_ns, int(t_ns[-1]), on_lost=_reported_already)
+    sources = [CountedSource(build_source(entry, config, len(inputs)), int(t_ns[0]) - period_ns) for entry in inputs]
+    with closing(decoded(sources, int(t_ns[0]), period_ns, int(t_ns[-1]), _reported_already)) as sets:
         for done, one in enumerate(sets, start=1):
             yield one.t_ns, one.frames
             progress(stage, done, len(t_ns))
-    finally:
-        for stream in streams.values():
-            stream.close()
 
 
 def _reported_already(camera: str, error: SourceError) -> None:
