@@ -455,7 +455,8 @@ def tracked_right(logs: dict, sessions: int, seed: int) -> dict:
             frame_step=part.frame_step - first,
         )
         found = answered(played(part, 10.0 if number % 3 == 0 else 2.0), rig.only(part.camera_names), provenance)
-        alarms += [f"{name}, steps {first} to {last}, {part.camera_names}: {one.detail}" for one in found or []]
+        if found:
+            alarms.append(f"{name}, steps {first} to {last}, {part.camera_names}: {text([one.detail for one in found])}")
     return {"sessions": sessions, "alarms": alarms}
 
 

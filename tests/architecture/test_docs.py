@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import matplotlib
 import pytest
@@ -190,7 +191,7 @@ def test_the_link_check_can_fail(tmp_path: Path) -> None:
     assert dead_links(page) == ["nowhere.md", "#there"]
 
 
-def navigation(entry: object) -> list[str]:
+def navigation(entry: Any) -> list[str]:
     if isinstance(entry, str):
         return [entry]
     return [page for inner in (entry.values() if isinstance(entry, dict) else entry) for page in navigation(inner)]

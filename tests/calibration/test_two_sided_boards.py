@@ -15,7 +15,7 @@ from posefuse.calibration.solving.rotations import poses_of
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.detection import Corners, TargetDetector
 from posefuse.calibration.targets.kinds import Charuco, TargetDescription, described_target, sides
-from posefuse.calibration.targets.printing import board_sheets
+from posefuse.calibration.targets.printing import Sheet, board_sheets
 from posefuse.core import SE3, ConfigError, Rig
 
 OPTIONS = Options(time_steps=50, clocks="together")
@@ -107,7 +107,7 @@ def detected(target: Charuco, grey: np.ndarray) -> Corners:
     return Corners(found.patch[order], found.corner[order], found.xy_img[order])
 
 
-def drawn(sheet: object, px_per_m: float = 800.0) -> np.ndarray:
+def drawn(sheet: Sheet, px_per_m: float = 800.0) -> np.ndarray:
     """A page as an image, white where nothing is printed."""
     width, height = (round(side * px_per_m) for side in sheet.size_m)
     scale = 8
