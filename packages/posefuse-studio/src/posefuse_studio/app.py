@@ -144,7 +144,7 @@ def _listener(host: str, port: int) -> socket.socket:
 
 def _builder(studio: Studio, page: StudioPage) -> Callable[[], None]:
     def build() -> None:
-        ui.on_exception(lambda error: refused(f"this is a bug of the studio; its terminal says more ({type(error).__name__})"))
+        ui.on_exception(lambda error: refused(f"this is a bug of the studio; see its terminal ({type(error).__name__})"))
         with shell(studio, page):
             import_module(f"posefuse_studio.pages.{page.module}").build(studio)
 

@@ -105,10 +105,7 @@ def solve_prop(seen: Snapshots, corners: Array, cameras: tuple[Camera, ...], sta
     sigma_px = _spread_px(first.residual * _ROUGH_SIGMA_PX, first.weight)
     problem = _problem(seen, corners, cameras, start, freedom, sigma_px, cauchy=_CAUCHY)
     second = solve_bundle(problem, first.state)
-    residual_px = second.residual * sigma_px
-    found_px = _spread_px(residual_px, second.weight)
-    slopes = [block.jacobian * sigma_px for block in problem.linearise(second.state).blocks]
-    return _summary(second, residual_px, found_px, (found_px / sigma_px) ** 2, freedom, seen, slopes)
+    return _summary(second, problem, sigma_px, freedom, seen)
 
 
 def _spread_px(residual_px: Array, weight: Array) -> float:
@@ -118,14 +115,12 @@ def _spread_px(residual_px: Array, weight: Array) -> float:
 
 
 def _summary(
-    solution: Solution[PropState],
-    residual_px: Array,
-    sigma_px: float,
-    scale: float,
-    freedom: Freedom,
-    seen: Snapshots,
-    slopes: list[Array],
+    solution: Solution[PropState], problem: Problem[PropState], assumed_px: float, freedom: Freedom, seen: Snapshots
 ) -> PropSolution:
+    """Standard errors by the noise that was found instead of the noise that was assumed."""
+    residual_px = solution.residual * assumed_px
+    sigma_px = _spread_px(residual_px, solution.weight)
+    scale = (sigma_px / assumed_px) ** 2
     count = len(solution.state.cam_from_world)
     free = np.concatenate([mask.ravel() for mask in _free(solution.state, freedom)])
     full = np.zeros((len(free), len(free)))
@@ -137,7 +132,7 @@ def _summary(
     size, first = len(LENS_PARAMETERS), clock + 2 * count
     lenses = np.stack([full[first + size * i : first + size * (i + 1), first + size * i : first + size * (i + 1)]
                        for i in range(count)])  # fmt: skip
-    poses, _, clocks, intrinsics = slopes
+    poses, _, clocks, intrinsics = (block.jacobian * assumed_px for block in problem.linearise(solution.state).blocks)
     predicted_sigma_px = np.zeros(len(residual_px))
     for i in range(count):
         own = np.r_[6 * i : 6 * i + 6, clock + 2 * i : clock + 2 * i + 2, first + size * i : first + size * (i + 1)]
