@@ -9,6 +9,7 @@ import pytest
 
 from posefuse.api.calibrate import calibrate_extrinsics, calibrate_person, verify
 from posefuse.api.calibration_results import ClockCalibration, RigCalibration
+from posefuse.api.targets import print_target
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.extrinsics import target as moving_target
 from posefuse.calibration.extrinsics.own_intrinsics import in_a_plane, starting_cameras
@@ -16,7 +17,7 @@ from posefuse.calibration.extrinsics.world import FloorMarker
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
 from posefuse.calibration.targets.kinds import Charuco, Markers
 from posefuse.calibration.targets.recordings import paths_by_camera
-from posefuse.core import CalibrationError, InputError
+from posefuse.core import CalibrationError, ConfigError, InputError
 from posefuse.formats.rig import read_rig
 
 BOARD = Charuco(columns=5, rows=7, square_m=0.04, marker_m=0.03)
@@ -37,6 +38,13 @@ def test_what_is_wrong_is_reported_before_any_work(lab: Any, tmp_path: Path) -> 
         calibrate_extrinsics(["none.mp4"], intrinsics=lab.rig, target=Markers(0.1))
     with pytest.raises(InputError, match="do not state their frame rate"):
         calibrate_person(dict.fromkeys(lab.rig.names[:2], tmp_path), intrinsics=lab.rig, height_m=1.8)
+
+
+def test_numbers_of_a_board_are_checked_where_it_is_printed(tmp_path: Path) -> None:
+    board = {"kind": "charuco", "columns": 4.0, "rows": 3, "square_mm": 36, "marker_mm": 27}
+    assert print_target(tmp_path / "board.pdf", board).target.is_file()
+    with pytest.raises(ConfigError, match=r"target: columns: .* got 4\.5"):
+        print_target(tmp_path / "other.pdf", {**board, "columns": 4.5})
 
 
 @pytest.mark.slow

@@ -33,7 +33,7 @@ from posefuse.calibration.targets.kinds import (
     sides,
     write_target,
 )
-from posefuse.calibration.targets.printing import board_sheets, cube_sheets, write_pdf
+from posefuse.calibration.targets.printing import Sheet, board_sheets, cube_sheets, write_pdf
 from posefuse.core import SE3, CalibrationError, ConfigError, Rig
 from posefuse.formats.rig import read_rig
 from posefuse.sources import ImagesConfig

@@ -280,3 +280,16 @@ def test_the_monitor_bears_points_on_the_horizon_and_cameras_that_see_nothing(la
         assert all(np.isfinite(sums.information).all() and np.isfinite(sums.pull).all() for sums in state.sums)
         assert np.isfinite([[sums.squares, sums.count] for sums in state.sums]).all()
     assert state.findings == ()
+
+
+def test_stated_errors_of_cameras_are_those_that_they_have(lab: Any) -> None:
+    """Of a small board, far away: focal length and distance of a camera all but cancel."""
+    target, ratios = Charuco(columns=4, rows=3, square_m=0.22, marker_m=0.165), []
+    for seed in range(4):
+        motion = replace(lab.motion, seed=20 + seed)
+        seen = observe_prop(lab.rig, board(), target, motion, Faults(noise_px=0.1, seed=seed))
+        for one in verify(lab.rig, seen, target).cameras:
+            assert one.excess < 0.5
+            ratios.append((one.focal / one.focal_sigma, one.shift_m / one.shift_sigma, one.effect / one.effect_sigma))
+    off = np.sqrt(np.square(ratios).mean(axis=0))
+    assert (off > 0.4).all() and (off < 1.6).all(), off

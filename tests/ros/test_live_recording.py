@@ -32,9 +32,9 @@ from posefuse.evaluation.contracts import made_up_messages, made_up_start
 from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.formats.recording import read_recording, write_recording
 from posefuse.pipeline.config import TrackConfig
-from posefuse.pipeline.images import frame_period_ns
 from posefuse.pipeline.reading import read_result
 from posefuse.pipeline.solve import solve_again
+from posefuse.pipeline.time_steps import frame_period_ns
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.session import notes_of
 from posefuse_ros import bags, live_recording, topics
