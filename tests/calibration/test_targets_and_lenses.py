@@ -298,7 +298,7 @@ def detected(target: Charuco, grey: np.ndarray) -> Corners:
     return Corners(found.patch[order], found.corner[order], found.xy_img[order])
 
 
-def drawn_page(sheet: object, px_per_m: float = 800.0) -> np.ndarray:
+def drawn_page(sheet: Sheet, px_per_m: float = 800.0) -> np.ndarray:
     """A page as an image, white where nothing is printed."""
     width, height = (round(side * px_per_m) for side in sheet.size_m)
     scale = 8
