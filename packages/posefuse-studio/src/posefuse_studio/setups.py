@@ -43,6 +43,11 @@ def setups(workspace: StudioWorkspace) -> list[Setup]:
     return [Setup(name=DEMO), *(replace(one, name=name) for name, one in found if one is not None and one.sources)]
 
 
+def presets(workspace: StudioWorkspace) -> list[str]:
+    """Names of those that were saved."""
+    return [one.name for one in setups(workspace) if one.name != DEMO]
+
+
 def setup_named(workspace: StudioWorkspace, name: str) -> Setup:
     """A preset; raises InputError where there is none."""
     for setup in setups(workspace):

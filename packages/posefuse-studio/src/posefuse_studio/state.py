@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from multiprocessing.connection import Client, Connection
 from typing import Any
 
+from nicegui import Client as NiceguiClient
 from nicegui.binding import BindableProperty
 from pydantic import ValidationError
 
@@ -208,10 +209,9 @@ class Studio:
         for link in (self.live, self.watch):
             link.begin(asyncio.get_running_loop())
 
-    def stream(self, name: str) -> Stream:
-        """The stream of a name, made where it is missing."""
-        return self.streams.setdefault(name, Stream())
-
-    def drop_stream(self, name: str) -> None:
-        """Forget a stream that is not needed any more."""
-        self.streams.pop(name, None)
+    def page_stream(self, client: NiceguiClient) -> str:
+        """The name of a stream of one visitor's page, which goes with it."""
+        name = f"page-{client.id}"
+        self.streams[name] = Stream()
+        client.on_delete(lambda: self.streams.pop(name))
+        return name

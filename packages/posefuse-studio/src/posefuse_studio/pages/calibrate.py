@@ -35,21 +35,20 @@ from posefuse_studio.calibrations import (
     stamp,
     targets,
 )
-from posefuse_studio.jobs import WATCH, Job
+from posefuse_studio.jobs import WATCH, Job, Report
 from posefuse_studio.scene.messages import page_message, scene_setup
 from posefuse_studio.scene.view import RigScene
 from posefuse_studio.session import CameraStatus
-from posefuse_studio.setups import DEMO, Setup, save_setup, setup_named, setups
+from posefuse_studio.setups import Setup, presets, save_setup, setup_named
 from posefuse_studio.shell import (
     camera_tiles,
     card,
     dialog,
     file_address,
-    job_line,
+    job_lines,
     light,
+    number_fields,
     redrawn,
-    refusals,
-    setting_fields,
     show_summary,
     small,
     title,
@@ -73,6 +72,7 @@ _BUTTONS = {
 def build(studio: Studio) -> None:
     """Place the page."""
     title("Calibrate", "Where the cameras stand, how their lenses draw, and how far all of it can be trusted.")
+    stream = studio.page_stream(ui.context.client)
     chooser, place = ui.row().classes("items-center gap-3"), ui.column().classes("pf-column w-full")
 
     def show(name: str) -> None:
@@ -80,41 +80,37 @@ def build(studio: Studio) -> None:
         chooser.clear()
         with chooser:
             if found:
-                ui.select(sorted(found), value=name, label="Calibration", on_change=lambda event: show(event.value)).classes(
-                    "w-56"
-                )
-            ui.button("New", icon="add", on_click=lambda: _new(studio, show)).props("outline")
+                select = ui.select(sorted(found), value=name, label="Calibration", on_change=lambda event: show(event.value))
+                select.classes("w-56")
+            ui.button("New calibration", icon="add", on_click=lambda: _new(studio, show)).props("outline")
         place.clear()
         with place:
             if name not in found:
-                _welcome(studio, show)
-            elif found[name].setup not in {one.name for one in setups(studio.workspace)}:
-                _without_cameras(found[name])
+                _notice(
+                    "Choose the cameras to calibrate",
+                    "A calibration belongs to a preset of the page Cameras, and can be repeated at any time.",
+                )
+            elif (setup := found[name].setup) not in presets(studio.workspace):
+                _notice(
+                    f"The preset {setup} is missing",
+                    f"The calibration {name} belongs to these cameras. Save them under this name again on the page Cameras, or"
+                    " begin a new calibration.",
+                )
             else:
-                _Guide(studio, found[name]).build()
+                _Guide(studio, found[name], stream).build()
 
     # what was worked on last
     show(next(iter(projects(studio.workspace)), ""))
 
 
-def _welcome(studio: Studio, show: Callable[[str], None]) -> None:
+def _notice(words: str, about: str) -> None:
     with card():
-        ui.label("Choose the cameras to calibrate").classes("pf-next")
-        ui.label("A calibration belongs to a preset of the page Cameras, and can be repeated at any time.").classes("pf-about")
-        ui.button("New calibration", icon="add", on_click=lambda: _new(studio, show)).props("unelevated size=lg")
-
-
-def _without_cameras(project: Project) -> None:
-    with card():
-        ui.label(f"The preset {project.setup} is missing").classes("pf-next")
-        ui.label(
-            f"The calibration {project.name} belongs to these cameras. Save them under this name again on the page Cameras, or"
-            " begin a new calibration."
-        ).classes("pf-about")
+        ui.label(words).classes("pf-next")
+        ui.label(about).classes("pf-about")
 
 
 def _new(studio: Studio, show: Callable[[str], None]) -> None:
-    names = [one.name for one in setups(studio.workspace) if one.name != DEMO]
+    names = presets(studio.workspace)
     if not names:
         ui.notify("First name and save the cameras on the page Cameras", type="warning")
         return
@@ -135,8 +131,8 @@ def _new(studio: Studio, show: Callable[[str], None]) -> None:
 class _Guide:
     """One project as one visitor sees it."""
 
-    def __init__(self, studio: Studio, project: Project) -> None:
-        self._studio, self._project = studio, project
+    def __init__(self, studio: Studio, project: Project, stream: str) -> None:
+        self._studio, self._project, self._stream = studio, project, stream
         self._setup = setup_named(studio.workspace, project.setup)
         self._heard = ""
         self._read: tuple[object, Known] = None, Known(project=project, cameras=())
@@ -149,7 +145,8 @@ class _Guide:
                 self._sound = ui.switch("Sound", on_change=lambda: self._sound_news(again=True))
             self._words = ui.label("").classes("pf-next").props('role="status" aria-live="polite"')
             self._why = ui.label("").classes("pf-about")
-            redrawn(self._work, self._show_work, classes="w-full gap-2")
+            redrawn(lambda: (self._known, *self._jobs()), lambda _: self._show_work(), classes="w-full gap-2")
+            job_lines(self._studio, self._concerns, most=1)
         redrawn(lambda: {name: one.size_wh for name, one in self._watched().items()}, lambda _: self._show_tiles())
         redrawn(lambda: (self._known, any(self._jobs())), lambda _: self._show_known())
         redrawn(self._linked, lambda linked: graph_card(*linked) if linked[1] and len(linked[0]) > 1 else None)
@@ -178,38 +175,19 @@ class _Guide:
     def _watched(self) -> dict[str, CameraStatus]:
         return dict(self._studio.watch.status.cameras) if self._jobs()[0] else {}
 
-    def _work(self) -> tuple[object, ...]:
-        """What the buttons depend on."""
-        recording, solving = self._jobs()
-        other = self._studio.watch.job if recording is None else None
-        report = solving and self._studio.jobs.report(solving.id).without_time
-        return self._known, recording, solving, report, other if other and other.arguments.get("record") else None
+    def _concerns(self, job: Job, report: Report) -> bool:
+        """Whether it is the newest work of this project, also one that has failed, or what else needs the cameras."""
+        if self._mine(job):
+            return job.work in (WATCH, "calibrate")
+        return job.work == WATCH and bool(job.arguments.get("record")) and not report.ended
 
-    def _show_work(self, state: tuple[object, ...]) -> None:
+    def _show_work(self) -> None:
         recording, solving = self._jobs()
-        jobs = self._studio.jobs
         if recording is not None:
-            stop = ui.button("Stop recording", icon="stop", on_click=lambda: jobs.cancel(recording.id))
+            stop = ui.button("Stop recording", icon="stop", on_click=lambda: self._studio.jobs.cancel(recording.id))
             stop.props("unelevated color=negative")
-        elif solving is not None:
-            job_line(self._studio, solving, jobs.report(solving.id))
-        else:
-            known = self._known
-            self._buttons(known.next_step())
-            if fault := self._fault(known):
-                light("bad", fault)
-            if isinstance(other := state[-1], Job):
-                job_line(self._studio, other, jobs.report(other.id))
-
-    def _fault(self, known: Known) -> str:
-        """Why the newest recording or calculation did not work; empty where it did."""
-        newest = next(filter(self._mine, self._studio.jobs.all(WATCH, "calibrate")), None)
-        if newest is None:
-            return ""
-        report, recording = self._studio.jobs.report(newest.id), newest.arguments.get("record")
-        if report.state == "done" and recording and recording not in [one.recording for one in known.steps.values()]:
-            return f"{recording}: stopped before enough was seen; the earlier result stays"
-        return f"{newest.title}: {report.error}" if report.state in ("failed", "lost") else ""
+        elif solving is None:
+            self._buttons(self._known.next_step())
 
     def _instruction(self) -> tuple[str, str]:
         """What to do, in large letters, and why."""
@@ -259,8 +237,7 @@ class _Guide:
         project = self._project
         lenses = step == "extrinsics" and not project.lenses
         arguments = {"folder": project.folder, "step": step, "target": project.target(step), "lenses": lenses, **more}
-        with refusals():
-            self._studio.jobs.start(work, text, arguments, page="/calibrate")
+        self._studio.jobs.start(work, text, arguments, page="/calibrate")
 
     def _record(self, step: Step) -> None:
         name = new_recording(self._studio.workspace, self._project, step)
@@ -313,12 +290,12 @@ class _Guide:
                 result_card(self._studio, step, known)
 
     def _scene(self, rig: pf.Rig, result: StepResult) -> None:
-        name = f"rig-{self._project.name}"
         cov = {camera: np.asarray(one) * _LARGER**2 for camera, one in result.position_cov_m2.items()}
-        self._studio.stream(name).publish("setup", page_message("setup", content=scene_setup(rig, centre_cov=cov)), keep=True)
+        setup = page_message("setup", content=scene_setup(rig, centre_cov=cov))
+        self._studio.streams[self._stream].publish("setup", setup, keep=True)
         with card("The rig"):
             with ui.element("div").classes("pf-stage"):
-                RigScene(name)
+                RigScene(self._stream)
             reference = [camera for camera in rig.names if not np.any(cov.get(camera, 0.0))]
             against = f", against {', '.join(reference)}" if reference else ""
             small(f"Ellipsoids: errors of positions{against}, two standard deviations, {_LARGER:.0f} times larger.")
@@ -469,15 +446,14 @@ def print_dialog(studio: Studio, project: Project, use: Callable[[Project], None
     lenses: Step = "intrinsics" if project.lenses else "verify"
 
     async def make() -> None:
-        with refusals():
-            names = await asyncio.to_thread(print_targets, studio.workspace, cube() | board(), str(page.value), lenses)
-            for choice, step, name in zip((cubes, boards), ("extrinsics", lenses), names, strict=True):
-                choice.set_options(targets(studio.workspace, step), value=name)
-            with made:
-                for name in names:
-                    pdf = name.replace(".toml", ".pdf")
-                    ui.link(f"Open {pdf}", file_address(pdf), new_tab=True)
-                small(f"Print at 100 %, then measure the ruler on the sheet. Marker {FLOOR_ID} is for the floor.")
+        names = await asyncio.to_thread(print_targets, studio.workspace, cube() | board(), str(page.value), lenses)
+        for choice, step, name in zip((cubes, boards), ("extrinsics", lenses), names, strict=True):
+            choice.set_options(targets(studio.workspace, step), value=name)
+        with made:
+            for name in names:
+                pdf = name.replace(".toml", ".pdf")
+                ui.link(f"Open {pdf}", file_address(pdf), new_tab=True)
+            small(f"Print at 100 %, then measure the ruler on the sheet. Marker {FLOOR_ID} is for the floor.")
 
     def choose() -> None:
         if not (cubes.value and boards.value):
@@ -486,10 +462,10 @@ def print_dialog(studio: Studio, project: Project, use: Callable[[Project], None
 
     with dialog("Targets", {"Use these": choose}):
         page = ui.select(list(PAGES_M), value="a4", label="Paper").classes("w-32")
-        cube = setting_fields(TargetDescription, {"marker_mm": "Cube: black square, mm"}, {"marker_mm": 120})
+        cube = number_fields(TargetDescription, {"marker_mm": ("Cube: black square, mm", 120)})
         with ui.row().classes("items-end gap-3"):
-            labels = {"columns": "Board: squares across", "rows": "down", "square_mm": "square, mm"}
-            board = setting_fields(TargetDescription, labels, {"columns": 5, "rows": 7, "square_mm": 36})
+            sizes = {"columns": ("Board: squares across", 5), "rows": ("down", 7), "square_mm": ("square, mm", 36)}
+            board = number_fields(TargetDescription, sizes)
         made = ui.column().classes("gap-1")
         ui.button("Make PDF files", icon="picture_as_pdf", on_click=make).props("outline")
         cubes, boards = (

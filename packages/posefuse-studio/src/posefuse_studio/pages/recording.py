@@ -22,8 +22,8 @@ from posefuse.pipeline.edits import NO_EDITS, Edits, Exclusion, check_edits, rea
 from posefuse.pipeline.reports import PAGE_FILE, report_folder
 from posefuse.pipeline.solve import edits_of
 from posefuse_studio.player import ResultPlayer, angles_of_file, open_recording
-from posefuse_studio.scene.view import VIEWS, CameraTile, RigScene
-from posefuse_studio.shell import card, file_address, icon_button, job_cards, light, redrawn, refusals, small, title, words
+from posefuse_studio.scene.view import CameraTile, RigScene, first_angles
+from posefuse_studio.shell import card, file_address, icon_button, job_lines, light, recent, redrawn, refused, small, title, words
 from posefuse_studio.state import Studio
 from posefuse_studio.workspace import check_name, recording_place
 
@@ -32,7 +32,6 @@ _NO_VIDEOS = "No videos of this recording were found in the workspace: none were
 _PAGE_S = 1.0
 _SPEEDS = {0.25: "¼", 0.5: "½", 1.0: "1×", 2.0: "2×"}
 _SIDES = ("left", "right")
-_FIRST_ANGLES = (("knee", "flexion"), ("hip", "flexion"))
 _FIRST_FORMATS = ("trc", "c3d", "csv")
 
 
@@ -60,14 +59,9 @@ def build(studio: Studio, name: str) -> None:
             opened.playback.close()
             return
         waiting.delete()
-        stream = f"recording-{client.id}"
-        player = ResultPlayer(opened, studio.stream(stream))
-
-        def leave() -> None:
-            player.close()
-            studio.drop_stream(stream)
-
-        client.on_delete(leave)
+        stream = studio.page_stream(client)
+        player = ResultPlayer(opened, studio.streams[stream])
+        client.on_delete(player.close)
         with place:
             elements = _Recording(studio, name, player, stream)
         player.start()
@@ -92,22 +86,21 @@ class _Recording:
             with card("3D") as head:
                 scene = RigScene(stream, trails=False)
                 with head:
-                    for where, text in VIEWS.items():
-                        ui.button(text, on_click=lambda w=where: scene.look(w)).props("flat dense")
+                    scene.view_buttons()
         self._transport()
         self._angles()
         with ui.element("div").classes("pf-split"):
             self._edit = EditCard(studio, name, self._opened.recording, lambda: self._player.t_s)
             with ui.element("div").classes("pf-column"):
                 _output_card(studio, name)
-                job_cards(studio, ("solve", "report", "export"), about=name)
+                job_lines(studio, recent("solve", "report", "export", about=name))
         ui.timer(_POLL_S, self._follow)
 
     def _videos(self, stream: str) -> None:
         playback, tiles = self._opened.playback, list[CameraTile]()
         with card("Videos") as head:
             with head:
-                ui.switch("Overlay", value=True, on_change=lambda event: CameraTile.show(tiles, event.value))
+                CameraTile.overlay_switch(tiles)
             if not playback.has_images:
                 small(_NO_VIDEOS)
                 return
@@ -155,7 +148,7 @@ class _Recording:
         """Take the angles when they are there."""
         self._joints, self._empty = joints, ""
         names = [] if joints is None else angle_labels(joints, " ")
-        self._chosen.set_options({name: words(name) for name in names}, value=_first(names))
+        self._chosen.set_options({name: words(name) for name in names}, value=first_angles(names))
         self._redraw()
 
     def _redraw(self) -> None:
@@ -186,8 +179,7 @@ def _output_card(studio: Studio, name: str) -> None:
     formats = [one.name for one in list_plugins("outputs") if one.config is not None]
 
     def start(work: str, what: str, **more: object) -> None:
-        with refusals():
-            studio.jobs.start(work, f"{what} of {name}", {"result": name, **more}, page="/recordings")
+        studio.jobs.start(work, f"{what} of {name}", {"result": name, **more}, page="/recordings")
 
     def export() -> None:
         out = workspace.free_name("exports", recording_place(name).stem)
@@ -214,14 +206,6 @@ def _curve(joints: JointAngles, n: int, text: str) -> Curve:
     return Curve(words(text), values, side if side in _SIDES else "mid")
 
 
-def _first(names: list[str]) -> list[str]:
-    """The angles shown at first: knees, or whatever there is."""
-    for joint, angle in _FIRST_ANGLES:
-        if found := [name for side in _SIDES if (name := f"{side}_{joint} {angle}") in names]:
-            return found
-    return names[:2]
-
-
 _ALL = "all cameras (a bad stretch)"
 _ALL_PEOPLE = -1
 
@@ -241,9 +225,11 @@ class EditCard:
         self._path = studio.workspace.existing(name)
         self._from_s: float | None = None
         self.edits = NO_EDITS
-        with refusals():
+        try:
             kept = read_edits(self._path)
             self.edits = kept if kept != NO_EDITS else edits_of(recording)
+        except PosefuseError as error:
+            refused(str(error))
         with card("Corrections"):
             small("Mark what should not count, then solve again: without new detection, and this recording stays.")
             with ui.row().classes("pf-tools"):
@@ -305,11 +291,10 @@ class EditCard:
             self._change(names=tuple(names))
 
     def _change(self, **changes: object) -> None:
-        with refusals():
-            edits: Edits = dataclasses.replace(self.edits, **changes)  # type: ignore[arg-type]
-            check_edits(edits, self._recording)
-            write_edits(self._path, edits)
-            self.edits = edits
+        edits: Edits = dataclasses.replace(self.edits, **changes)  # type: ignore[arg-type]
+        check_edits(edits, self._recording)
+        write_edits(self._path, edits)
+        self.edits = edits
         self._show()
 
     def _list(self, exclusions: tuple[Exclusion, ...]) -> None:
@@ -322,14 +307,13 @@ class EditCard:
 
     def _start(self) -> None:
         workspace = self._studio.workspace
-        with refusals():
-            check_name(self._out.value)
-            parent = recording_place(self._name).parent.as_posix()
-            # without the "./" of a recording at the top
-            out = PurePosixPath(workspace.free_name(parent, self._out.value)).as_posix()
-            arguments = {"result": self._name, "out": out, "edits": plain(dataclasses.asdict(self.edits))}
-            self._studio.jobs.start("solve", f"Solve {self._name} again", arguments, page="/recordings")
-            ui.notify(f"Solving again into {out}")
+        check_name(self._out.value)
+        parent = recording_place(self._name).parent.as_posix()
+        # without the "./" of a recording at the top
+        out = PurePosixPath(workspace.free_name(parent, self._out.value)).as_posix()
+        arguments = {"result": self._name, "out": out, "edits": plain(dataclasses.asdict(self.edits))}
+        self._studio.jobs.start("solve", f"Solve {self._name} again", arguments, page="/recordings")
+        ui.notify(f"Solving again into {out}")
 
 
 COLOURS = {"left": LEFT.on_light, "right": RIGHT.on_light, "mid": MIDDLE.on_light}

@@ -60,7 +60,7 @@ def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any)
         with suppress(KeyboardInterrupt):
             shown.run(videos)
         enough = shown.enough
-        progress("finish the videos", 0, None)
+        progress("finish the videos", 0, None, "" if enough or not record else "stopped before enough was seen")
     if videos is not None:
         for name, one in read_counts(videos, feed.cameras).items():
             if not one.finished:
