@@ -125,8 +125,7 @@ def inputs_of_setup(workspace: StudioWorkspace, setup: Setup) -> tuple[LiveInput
     from posefuse.realtime.inputs import inputs_from_arguments
 
     sources, loop_s = sources_of_setup(workspace, setup)
-    inputs = inputs_from_arguments(sources, None)
-    return tuple(replace(entry, loop_s=loop_s) if entry.kind == "video" else entry for entry in inputs)
+    return tuple(replace(entry, loop_s=loop_s) for entry in inputs_from_arguments(sources, None))
 
 
 def _seconds(path: Path) -> float:

@@ -23,6 +23,7 @@ from posefuse_studio.access import is_loopback
 from posefuse_studio.jobs import LIVE, WATCH, Job, Report
 from posefuse_studio.pages import PAGES, StudioPage
 from posefuse_studio.scene.view import CameraTile
+from posefuse_studio.session import CameraStatus
 from posefuse_studio.state import LiveLink, Studio
 from posefuse_studio.workspace import recording_place
 
@@ -291,19 +292,16 @@ def camera_tiles(link: LiveLink, stream: str, *, overlay: bool = True, classes: 
 
 
 def _foot(link: LiveLink, name: str) -> None:
-    def now(what: str) -> str:
+    def draw(now: CameraStatus | None) -> None:
         # none for a moment, when the session has ended
-        return getattr(link.status.cameras.get(name), what, "")
+        if now is not None:
+            with ui.row().classes("pf-tile-foot"):
+                light(now.light, name if now.light != "bad" else f"{name}: {now.state}")
+                small(now.figures)
+            if now.text:
+                small(now.text)
 
-    def draw(state: tuple[str, str]) -> None:
-        if state[0]:
-            light(state[0], name if state[0] != "bad" else f"{name}: {state[1]}")
-
-    with ui.row().classes("pf-tile-foot"):
-        redrawn(lambda: (now("light"), now("state")), draw, classes="pf-light-place")
-        small("").bind_text_from(link, "status", lambda _: now("figures"))
-    why = small("").bind_text_from(link, "status", lambda _: now("text"))
-    why.bind_visibility_from(link, "status", lambda _: bool(now("text")))
+    redrawn(lambda: link.status.cameras.get(name), draw, classes="w-full gap-1")
 
 
 def number_fields(cls: type[Any], named: Mapping[str, tuple[str, float]]) -> Callable[[], dict[str, Any]]:
@@ -315,7 +313,7 @@ def number_fields(cls: type[Any], named: Mapping[str, tuple[str, float]]) -> Cal
     Returns:
         Gives what was set by dotted key: what ``settings=`` of the public functions takes.
     """
-    fields: dict[str, ui.number] = {}
+    fields: dict[str, tuple[type[Any], ui.number]] = {}
     for key, (label, value) in named.items():
         setting = setting_of(cls, key)
         # of a setting that may be left out, what it is otherwise
@@ -324,8 +322,9 @@ def number_fields(cls: type[Any], named: Mapping[str, tuple[str, float]]) -> Cal
         limits: dict[type, Any] = {type(one): one for one in constraints}
         least, most = limits[Ge].ge if Ge in limits else None, limits[Le].le if Le in limits else None
         field = ui.number(label, value=value, min=least, max=most, precision=0 if kind is int else None)
-        fields[key] = field.classes("pf-number").tooltip(setting.help)
-    return lambda: {key: field.value for key, field in fields.items() if field.value is not None}
+        fields[key] = kind, field.classes("pf-number").tooltip(setting.help)
+    # what is typed is a float, also in a field of whole numbers
+    return lambda: {key: kind(field.value) for key, (kind, field) in fields.items() if field.value is not None}
 
 
 def network_field(usual: str) -> ui.select:

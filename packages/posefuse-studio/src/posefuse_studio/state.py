@@ -9,7 +9,6 @@ import threading
 import time
 from collections.abc import Callable, Hashable
 from contextlib import suppress
-from dataclasses import dataclass, field
 from multiprocessing.connection import Client, Connection
 from typing import Any
 
@@ -178,7 +177,6 @@ class LiveLink:
             _log.warning("%s: %s; %d so far", self._work, line, self._troubles)
 
 
-@dataclass(kw_only=True)
 class Studio:
     """The state of one server; everything that must outlive it is in the workspace.
 
@@ -188,21 +186,11 @@ class Studio:
         phone_may_record: whether the phone page may begin and end a recording; the owner allows it, until the server ends.
     """
 
-    workspace: StudioWorkspace
-    access: Access
-    jobs: Jobs
-    live: LiveLink
-    watch: LiveLink
-    streams: dict[str, Stream] = field(default_factory=dict)
-    phone_may_record: bool = False
-
-    @classmethod
-    def of(cls, workspace: StudioWorkspace, access: Access) -> Studio:
-        """A new one."""
-        jobs = Jobs(workspace)
-        live, watch = LiveLink(jobs, LIVE), LiveLink(jobs, WATCH)
-        streams = {LIVE: live.stream, WATCH: watch.stream}
-        return cls(workspace=workspace, access=access, jobs=jobs, live=live, watch=watch, streams=streams)
+    def __init__(self, workspace: StudioWorkspace, access: Access) -> None:
+        self.workspace, self.access, self.jobs = workspace, access, Jobs(workspace)
+        self.live, self.watch = LiveLink(self.jobs, LIVE), LiveLink(self.jobs, WATCH)
+        self.streams = {LIVE: self.live.stream, WATCH: self.watch.stream}
+        self.phone_may_record = False
 
     def begin(self) -> None:
         """Look for sessions; in the event loop that serves the pages."""

@@ -11,7 +11,7 @@ from nicegui import ui
 from posefuse.core import InputError
 from posefuse_studio.jobs import WATCH
 from posefuse_studio.setups import Found, Setup, delete_setup, found_sources, presets, save_setup, setup_named
-from posefuse_studio.shell import camera_tiles, card, dialog, icon_button, job_lines, redrawn, small, title
+from posefuse_studio.shell import camera_tiles, card, dialog, icon_button, job_lines, recent, redrawn, small, title
 from posefuse_studio.state import Studio
 from posefuse_studio.workspace import check_name
 
@@ -36,12 +36,13 @@ class _Chooser:
 
     def build(self) -> None:
         """Place it."""
+        looks = recent(WATCH)
         with ui.element("div").classes("pf-split"):
             with ui.element("div").classes("pf-column"):
                 with card("Your cameras") as head:
                     self._draw = redrawn(lambda: dict(self._sources), self._rows, classes="w-full gap-2")
                     with ui.row().classes("gap-3 items-center"):
-                        redrawn(lambda: self._studio.watch.job is not None, self._look_button, classes="")
+                        ui.button("Show images", icon="visibility", on_click=self._start).props("unelevated")
                         ui.button("Save as preset", icon="save", on_click=self._save).props("flat")
                 with head:
                     self._preset = ui.select(
@@ -49,8 +50,8 @@ class _Chooser:
                     )
                     self._preset.props("dense").classes("w-44")
                 with card("Images"):
-                    # why it failed, too
-                    job_lines(self._studio, lambda job, _: job.work == WATCH and not job.arguments.get("folder"), most=1)
+                    # why it failed, too; recordings of a calibration are on its page
+                    job_lines(self._studio, lambda job, now: looks(job, now) and not job.arguments.get("folder"), most=1)
                     redrawn(self._images, self._show_images)
             with ui.element("div").classes("pf-column"):
                 self._found_card()
@@ -99,10 +100,11 @@ class _Chooser:
         self._add(Found(text=name, source=f"video:{name}", name=event.file.name.rpartition(".")[0][:40], icon="movie"))
 
     def _add(self, one: Found) -> None:
-        name, number = one.name.replace(" ", "_"), 1
+        stem, number = one.name.replace(" ", "_"), 1
+        name = stem
         while name in self._sources:
             number += 1
-            name = f"{one.name}_{number}"
+            name = f"{stem}_{number}"
         self._sources[name] = one.source
         self._draw()
 
@@ -130,20 +132,10 @@ class _Chooser:
         self._sources.pop(name, None)
         self._draw()
 
-    def _look_button(self, looking: bool) -> None:
-        if looking:
-            ui.button("Stop", icon="stop", on_click=self._end).props("outline")
-        else:
-            ui.button("Show images", icon="visibility", on_click=self._start).props("unelevated")
-
     def _start(self) -> None:
         if not self._sources:
             raise InputError("Add a camera first")
         self._studio.jobs.start(WATCH, f"Images of {len(self._sources)} cameras", {"sources": self._sources})
-
-    def _end(self) -> None:
-        for job in self._studio.jobs.running(WATCH):
-            self._studio.jobs.cancel(job.id)
 
     def _load(self, name: str | None) -> None:
         if name:

@@ -21,7 +21,7 @@ from posefuse.foundation.plugins import list_plugins
 from posefuse.pipeline.edits import NO_EDITS, Edits, Exclusion, check_edits, read_edits, write_edits
 from posefuse.pipeline.reports import PAGE_FILE, report_folder
 from posefuse.pipeline.solve import edits_of
-from posefuse_studio.player import ResultPlayer, angles_of_file, open_recording
+from posefuse_studio.player import ResultPlayer, angles_and_strikes, open_recording
 from posefuse_studio.scene.view import CameraTile, RigScene, first_angles
 from posefuse_studio.shell import card, file_address, icon_button, job_lines, light, recent, redrawn, refused, small, title, words
 from posefuse_studio.state import Studio
@@ -49,26 +49,26 @@ def build(studio: Studio, name: str) -> None:
     async def load() -> None:
         try:
             path = studio.workspace.existing(name)
-            opened = await asyncio.to_thread(open_recording, path, studio.workspace.root)
+            playback = await asyncio.to_thread(open_recording, path, studio.workspace.root)
         except PosefuseError as error:
             waiting.clear()
             with waiting:
                 light("bad", str(error).replace(f"{studio.workspace.root}/", ""))
             return
         if client.is_deleted:
-            opened.playback.close()
+            playback.close()
             return
         waiting.delete()
         stream = studio.page_stream(client)
-        player = ResultPlayer(opened, studio.streams[stream])
+        player = ResultPlayer(playback, studio.streams[stream])
         client.on_delete(player.close)
         with place:
             elements = _Recording(studio, name, player, stream)
         player.start()
         # in another process, as it compiles code, which would hold up every page
-        joints = await run.cpu_bound(angles_of_file, path)
-        if not client.is_deleted:
-            elements.show_angles(joints)
+        found = await run.cpu_bound(angles_and_strikes, path)
+        if found is not None and not client.is_deleted:
+            elements.show_angles(*found)
 
     ui.timer(0.05, load, once=True)
 
@@ -77,9 +77,10 @@ class _Recording:
     """The elements of one visitor."""
 
     def __init__(self, studio: Studio, name: str, player: ResultPlayer, stream: str) -> None:
-        self._player, self._opened = player, player.opened
+        self._player = player
         self._drawn: object = None
         self._joints: JointAngles | None = None
+        self._strikes: Sequence[Mapping[str, Array]] = ()
         self._empty = "Angles are being worked out ..."
         with ui.element("div").classes("pf-split"):
             self._videos(stream)
@@ -90,14 +91,14 @@ class _Recording:
         self._transport()
         self._angles()
         with ui.element("div").classes("pf-split"):
-            self._edit = EditCard(studio, name, self._opened.recording, lambda: self._player.t_s)
+            self._edit = EditCard(studio, name, player.recording, lambda: self._player.t_s)
             with ui.element("div").classes("pf-column"):
                 _output_card(studio, name)
                 job_lines(studio, recent("solve", "report", "export", about=name))
         ui.timer(_POLL_S, self._follow)
 
     def _videos(self, stream: str) -> None:
-        playback, tiles = self._opened.playback, list[CameraTile]()
+        playback, tiles = self._player.playback, list[CameraTile]()
         with card("Videos") as head:
             with head:
                 CameraTile.overlay_switch(tiles)
@@ -105,7 +106,7 @@ class _Recording:
                 small(_NO_VIDEOS)
                 return
             with ui.element("div").classes("pf-player-tiles"):
-                for c, camera in enumerate(self._opened.recording.rig):
+                for c, camera in enumerate(playback.recording.rig):
                     with ui.column().classes("pf-tile-box"):
                         tiles.append(CameraTile(stream, c, aspect=camera.size_wh[0] / camera.size_wh[1], name=camera.name))
                         small(": ".join(filter(None, (camera.name, playback.problems.get(camera.name)))))
@@ -125,7 +126,7 @@ class _Recording:
             speed.props('dense outlined aria-label="Speed"')
 
     def _angles(self) -> None:
-        player, people = self._player, dict(enumerate(self._opened.recording.person_names))
+        player, people = self._player, dict(enumerate(self._player.recording.person_names))
         keys = {
             "left": lambda: player.step(-1),
             "right": lambda: player.step(1),
@@ -144,19 +145,18 @@ class _Recording:
             self._timeline = CurveTimeline(player.begin_s, player.end_s, player.seek, keys)
             self._redraw()
 
-    def show_angles(self, joints: JointAngles | None) -> None:
-        """Take the angles when they are there."""
-        self._joints, self._empty = joints, ""
+    def show_angles(self, joints: JointAngles | None, strikes: Sequence[Mapping[str, Array]]) -> None:
+        """Take the angles and foot strikes when they are there."""
+        self._joints, self._strikes, self._empty = joints, strikes, ""
         names = [] if joints is None else angle_labels(joints, " ")
         self._chosen.set_options({name: words(name) for name in names}, value=first_angles(names))
         self._redraw()
 
     def _redraw(self) -> None:
-        opened, n = self._opened, self._person.value
-        gait = opened.gaits.get(n)
-        strikes = {} if gait is None else {side: times + self._player.begin_s for side, times in gait.strike_s.items()}
+        n = self._person.value
+        strikes = self._strikes[n] if self._strikes and n is not None else {}
         curves = [] if n is None or self._joints is None else [_curve(self._joints, n, text) for text in self._chosen.value]
-        self._timeline.show(opened.t_s, curves, strikes, "°", "No person was seen." if n is None else self._empty)
+        self._timeline.show(self._player.times_s, curves, strikes, "°", "No person was seen." if n is None else self._empty)
 
     def _follow(self) -> None:
         """Bring what shows the time up to date."""

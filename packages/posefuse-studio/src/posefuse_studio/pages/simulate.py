@@ -13,6 +13,7 @@ import numpy as np
 from nicegui import events, ui
 
 import posefuse as pf
+from posefuse.core.arrays import Array
 from posefuse_sim import rig_plan
 from posefuse_sim.cameras import ImageSettings, PlacedCamera, placed_cameras
 from posefuse_sim.scene import Scene, read_scene, scene_text
@@ -49,7 +50,8 @@ class _Plan:
         self._studio, self._stream = studio, studio.page_stream(ui.context.client)
         self._scene: Scene = rig_plan.first_plan()
         self._chosen = self._cameras[0].name
-        self._dragged, self._changed, self._busy = "", True, False
+        self._dragged, self._changed = "", True
+        self._floor: Array | None = None
         with ui.element("div").classes("pf-split"):
             self._map_card()
             with ui.element("div").classes("pf-column"):
@@ -191,21 +193,22 @@ class _Plan:
         self._use(rig_plan.without_camera(self._scene, self._chosen))
         self._fill(self._cameras[0].name)
 
+    def _draw_map(self) -> None:
+        self._map.set_content(room_svg(self._room, self._cameras, self._chosen, self._floor))
+
     async def _follow(self) -> None:
-        """Draw what has changed; the newest plan wins."""
-        if not self._changed or self._busy:
+        """Draw what has changed; the newest plan wins, as the timer calls this again when it has ended."""
+        if not self._changed:
             return
-        self._changed, self._busy = False, True
+        self._changed = False
         scene, room = self._scene, self._room
-        self._map.set_content(cameras_svg(self._cameras, self._chosen, room))
+        self._draw_map()
         setup = page_message("setup", content=scene_setup(rig_plan.rig_of_scene(scene)))
         self._studio.streams[self._stream].publish("setup", setup, keep=True)
         step_m = _COARSE_M if self._dragged else _FINE_M
-        try:
-            plan = await asyncio.to_thread(lambda: pf.plan(scene, area_m=room.size_m, step_m=step_m))
-        finally:
-            self._busy = False
-        self._map.set_source(error_map_data_url(plan, room))
+        plan = await asyncio.to_thread(lambda: pf.plan(scene, area_m=room.size_m, step_m=step_m))
+        self._floor = error_map(plan)
+        self._draw_map()
         self._expected.clear()
         with self._expected:
             show_summary(plan.summary())
@@ -253,36 +256,32 @@ class RoomMap:
         return round(float(np.clip(x, -half_x, half_x)), 2), round(float(np.clip(y, -half_y, half_y)), 2)
 
 
-def error_map_data_url(plan: rig_plan.RigPlan, room: RoomMap) -> str:
-    """The expected error over the floor as a PNG, as the address of itself; grey where fewer than two cameras see."""
+def error_map(plan: rig_plan.RigPlan) -> Array:
+    """The expected error over the floor in colours, BGR, a pixel a place; grey where fewer than two cameras see."""
     error = plan.error_map_mm
     share = np.clip((error - BEST_MM) / (WORST_MM - BEST_MM), 0, 1)
     colours = cv2.applyColorMap(np.nan_to_num(255 * (1 - share)).astype(np.uint8), cv2.COLORMAP_VIRIDIS)
-    colours = np.where(np.isfinite(error)[..., None], colours, np.array(_UNSEEN_BGR, np.uint8))[::-1]
-    width, height = room.size_px
-    picture = np.full((height, width, 4), 0, np.uint8)
-    left, top = (round(value) for value in room.px(-room.size_m[0] / 2, room.size_m[1] / 2))
-    right, bottom = (round(value) for value in room.px(room.size_m[0] / 2, -room.size_m[1] / 2))
-    floor = cv2.resize(colours, (right - left, bottom - top), interpolation=cv2.INTER_NEAREST)
-    picture[top:bottom, left:right] = np.dstack([floor, np.full(floor.shape[:2], 255, np.uint8)])
-    _, encoded = cv2.imencode(".png", picture)
-    return f"data:image/png;base64,{base64.b64encode(encoded.tobytes()).decode()}"
+    return np.where(np.isfinite(error)[..., None], colours, np.array(_UNSEEN_BGR, np.uint8))[::-1]
 
 
-def cameras_svg(cameras: tuple[PlacedCamera, ...], chosen: str, room: RoomMap) -> str:
-    """Overlays of the colour map: walls, cameras with their fields of view, names."""
-    left, top = room.px(-room.size_m[0] / 2, room.size_m[1] / 2)
-    width, height = (size * room.scale for size in room.size_m)
-    wall = f'<rect x="{left:.0f}" y="{top:.0f}" width="{width:.0f}" height="{height:.0f}" fill="none" stroke="#546e7a"'
-    half_x, half_y = (size / 2 for size in room.size_m)
-    grid: list[tuple[tuple[float, float], tuple[float, float]]]
-    grid = [((x, -half_y), (x, half_y)) for x in range(-int(half_x), int(half_x) + 1)]
-    grid += [((-half_x, y), (half_x, y)) for y in range(-int(half_y), int(half_y) + 1)]
-    parts = [f'{wall} stroke-width="3"/>']
-    for (x1, y1), (x2, y2) in ((room.px(*a), room.px(*b)) for a, b in grid):
-        parts.append(f'<line x1="{x1:.0f}" y1="{y1:.0f}" x2="{x2:.0f}" y2="{y2:.0f}" stroke="#fff" stroke-opacity="0.18"/>')
-    parts += [_camera(camera, camera.name == chosen, room) for camera in cameras]
-    return "".join(parts)
+def room_svg(room: RoomMap, cameras: tuple[PlacedCamera, ...], chosen: str, floor: Array | None = None) -> str:
+    """The floor in its colours, the walls, a grid of metres, and cameras with their fields of view and names."""
+    (left, top), (width, height) = room.px(-room.size_m[0] / 2, room.size_m[1] / 2), np.multiply(room.size_m, room.scale)
+    place = f'x="{left:.0f}" y="{top:.0f}" width="{width:.0f}" height="{height:.0f}"'
+    parts = []
+    if floor is not None:
+        image = base64.b64encode(cv2.imencode(".png", floor)[1].tobytes()).decode()
+        parts.append(
+            f'<image {place} preserveAspectRatio="none" style="image-rendering: pixelated" href="data:image/png;base64,{image}"/>'
+        )
+    middle_x, middle_y = room.px(0, 0)
+    parts.append(
+        f'<pattern id="metres" patternUnits="userSpaceOnUse" x="{middle_x}" y="{middle_y}" width="{room.scale}"'
+        f' height="{room.scale}"><path d="M0 {room.scale}V0H{room.scale}" fill="none" stroke="#fff" stroke-opacity="0.36"/>'
+        "</pattern>"
+        f'<rect {place} fill="url(#metres)" stroke="#546e7a" stroke-width="3"/>'
+    )
+    return "".join([*parts, *(_camera(camera, camera.name == chosen, room) for camera in cameras)])
 
 
 def nearest_camera(cameras: tuple[PlacedCamera, ...], x_px: float, y_px: float, room: RoomMap, reach_px: float = 34) -> str:
