@@ -119,6 +119,16 @@ def test_a_camera_of_a_plan_is_chosen_and_moved(tmp_path: Path) -> None:
     assert camera_of(read_scene(plan), "cam04").position_m == (1.5, -3.5, 2.2)
 
 
+def test_what_fails_within_a_page_is_shown_there(tmp_path: Path) -> None:
+    async def use(user: User) -> None:
+        with user:
+            ui.button("Fail", on_click=lambda: 1 // 0)
+        user.find(kind=ui.button, content="Fail").click()
+        await user.should_see("this is a bug of the studio")
+
+    visited(tmp_path, "/calibrate", use)
+
+
 def test_a_live_session_has_the_network_that_was_chosen(tmp_path: Path, started: list[tuple[str, Any]]) -> None:
     async def use(user: User) -> None:
         user.find(kind=ui.button, content="Start").click()

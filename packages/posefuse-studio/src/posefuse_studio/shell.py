@@ -35,6 +35,7 @@ _RECENT_S = 3600.0
 _MOST_JOBS, _MOST_IN_MENU, _SHOWN_NEWS = 4, 8, 2
 REFUSALS = (PosefuseError, OSError)
 """What cannot be done: a page shows it in one line, wherever it was raised."""
+_BUG = "this is a bug of the studio; see its terminal ({})"
 _LIGHTS = {"good": "check_circle", "bad": "error", "doubt": "warning", "off": "radio_button_unchecked"}
 
 
@@ -42,7 +43,7 @@ _LIGHTS = {"good": "check_circle", "bad": "error", "doubt": "warning", "off": "r
 def shell(studio: Studio, here: StudioPage) -> Iterator[None]:
     """The frame of a page; its own elements go into the block."""
     dark = apply_style()
-    ui.on_exception(lambda error: refused(str(error)) if isinstance(error, REFUSALS) else None)
+    ui.on_exception(lambda error: refused(str(error) if isinstance(error, REFUSALS) else _BUG.format(type(error).__name__)))
     with ui.header(elevated=False).classes("pf-header"):
         with ui.link(target="/").classes("pf-brand"):
             ui.html(_LOGO, sanitize=False)

@@ -227,7 +227,7 @@ class EditCard:
         self.edits = NO_EDITS
         try:
             kept = read_edits(self._path)
-            self.edits = kept if kept != NO_EDITS else edits_of(recording)
+            self.edits = kept if kept != NO_EDITS else edits_of(recording.provenance)
         except PosefuseError as error:
             refused(str(error))
         with card("Corrections"):
