@@ -7,9 +7,12 @@ from typing import Any
 import pytest
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def chromium() -> Iterator[Any]:
-    """A browser without a window; skipped, by name, where there is none."""
+    """A browser without a window; skipped, by name, where there is none.
+
+    Of one module: while it is there, an event loop runs in this thread, and modules without a browser begin loops of their own.
+    """
     from tools.studio_server import CHROMIUM, GRAPHICS
 
     if not Path(CHROMIUM).is_file():

@@ -196,7 +196,7 @@ def test_loopback_addresses_are_known() -> None:
 
 
 def test_a_phone_records_only_where_the_owner_allows_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    studio, asked = Studio.of(StudioWorkspace(tmp_path), OPEN), list[str]()
+    studio, asked = Studio(StudioWorkspace(tmp_path), OPEN), list[str]()
     monkeypatch.setattr(studio.live, "ask", lambda request, **values: asked.append(request))
     record_or_stop(studio)
     assert asked == []

@@ -61,7 +61,7 @@ def test_the_file_that_opens_the_browser_is_private_and_leads_to_the_page(
     page: Any, lab: tuple[Path, int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     page.context.clear_cookies()
-    studio = Studio.of(StudioWorkspace(lab[0]), Access.of("127.0.0.1", lab[1], TOKEN))
+    studio = Studio(StudioWorkspace(lab[0]), Access.of("127.0.0.1", lab[1], TOKEN))
     monkeypatch.setattr(app.webbrowser, "open", lambda address: True)
     with app._opening_page(studio):
         [file] = lab[0].rglob("open-*.html")

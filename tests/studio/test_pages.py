@@ -11,15 +11,15 @@ import pytest
 from nicegui import ui
 from nicegui.testing import User, user_simulation
 
-from posefuse.calibration.settings import TargetDescription
 from posefuse.detection import named_networks
 from posefuse_sim.rig_plan import camera_of
 from posefuse_sim.scene import read_scene
 from posefuse_studio import app
 from posefuse_studio.access import Access
+from posefuse_studio.calibrations import Project, projects, save_project
 from posefuse_studio.jobs import Jobs
 from posefuse_studio.pages import PAGES
-from posefuse_studio.shell import setting_fields
+from posefuse_studio.setups import Setup, save_setup
 from posefuse_studio.state import Studio
 from posefuse_studio.work import recordings
 from posefuse_studio.workspace import StudioWorkspace
@@ -37,7 +37,7 @@ def started(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, Any]]:
 
 def visited(folder: Path, path: str, use: Callable[[User], Coroutine[Any, Any, None]]) -> None:
     """Use a page of the studio of a workspace."""
-    studio = Studio.of(StudioWorkspace(folder), Access.of("127.0.0.1", 8765))
+    studio = Studio(StudioWorkspace(folder), Access.of("127.0.0.1", 8765))
 
     async def main() -> None:
         async with user_simulation() as user:
@@ -66,6 +66,46 @@ def test_every_page_of_a_new_workspace_is_built(tmp_path: Path, page: Any) -> No
     visited(tmp_path, page.path, use)
 
 
+@pytest.mark.parametrize(
+    ("path", "press", "why"),
+    [
+        ("/", "Show images", "Add a camera first"),
+        ("/simulate", "Render the walk", "expected a name"),
+        ("/recordings", "Track all", "not in the workspace"),
+    ],
+)
+def test_a_page_shows_what_it_cannot_do(tmp_path: Path, started: list[tuple[str, Any]], path: str, press: str, why: str) -> None:
+    async def use(user: User) -> None:
+        if press == "Track all":
+            user.find(kind=ui.button, content="Track a study").click()
+            user.find("Folder in the workspace").type("nowhere")
+        if press == "Render the walk":
+            field(user, ui.input, "Name").set_value("a/b")
+        user.find(kind=ui.button, content=press).click()
+        await user.should_see(why)
+
+    visited(tmp_path, path, use)
+    assert started == []
+
+
+def test_targets_of_typed_sizes_are_printed_and_chosen(tmp_path: Path) -> None:
+    workspace = StudioWorkspace(tmp_path)
+    save_setup(workspace, Setup(name="webcams", sources={"left": "usb:0", "right": "usb:1"}))
+    save_project(workspace, Project(name="room", setup="webcams"))
+
+    async def use(user: User) -> None:
+        user.find(kind=ui.button, content="Print targets").click()
+        # as a browser sends it
+        field(user, ui.number, "down").set_value(6.0)
+        user.find(kind=ui.button, content="Make PDF files").click()
+        await user.should_see("Print at 100 %", retries=100)
+        user.find(kind=ui.button, content="Use these").click()
+
+    visited(tmp_path, "/calibrate", use)
+    assert projects(workspace)["room"].board == "targets/board 5x6 36 mm.toml"
+    assert {path.suffix for path in (tmp_path / "targets").iterdir()} == {".pdf", ".toml"}
+
+
 def test_a_camera_of_a_plan_is_chosen_and_moved(tmp_path: Path) -> None:
     async def use(user: User) -> None:
         await user.should_see("Expected of these cameras", retries=100)
@@ -77,17 +117,6 @@ def test_a_camera_of_a_plan_is_chosen_and_moved(tmp_path: Path) -> None:
     visited(tmp_path, "/simulate", use)
     [plan] = (tmp_path / "plans").glob("*.yaml")
     assert camera_of(read_scene(plan), "cam04").position_m == (1.5, -3.5, 2.2)
-
-
-def test_a_board_is_printed_of_numbers_as_a_browser_sends_them(tmp_path: Path) -> None:
-    async def use(user: User) -> None:
-        with user:
-            given = setting_fields(TargetDescription, {"columns": "across", "square_mm": "square"})
-        field(user, ui.number, "across").set_value(4.0)
-        field(user, ui.number, "square").set_value(35.5)
-        assert repr(given()) == "{'columns': 4, 'square_mm': 35.5}"
-
-    visited(tmp_path, "/calibrate", use)
 
 
 def test_what_fails_within_a_page_is_shown_there(tmp_path: Path) -> None:

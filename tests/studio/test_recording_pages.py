@@ -31,7 +31,7 @@ from posefuse_sim.rig_plan import (
 from posefuse_sim.scene import Scene, check_scene, plain_settings, read_scene, scene_text
 from posefuse_studio.app import add_routes
 from posefuse_studio.pages.recording import Curve, chart_options
-from posefuse_studio.pages.simulate import RoomMap, cameras_svg, error_map_data_url, nearest_camera
+from posefuse_studio.pages.simulate import RoomMap, error_map, nearest_camera, room_svg
 from posefuse_studio.player import ResultPlayer, open_recording
 from posefuse_studio.state import Stream
 from posefuse_studio.work import recordings
@@ -83,14 +83,18 @@ def test_the_room_map_is_inverse_and_stays_inside() -> None:
 def test_the_map_is_brighter_where_the_rig_is_more_exact() -> None:
     scene, room = first_plan(), RoomMap((7.0, 7.0))
     plan = plan_rig(rig_of_scene(scene), room.size_m, step_m=0.5)
-    image = cv2.imdecode(
-        np.frombuffer(base64.b64decode(error_map_data_url(plan, room).partition(",")[2]), np.uint8), cv2.IMREAD_UNCHANGED
-    )
-    assert (image.shape[1], image.shape[0]) == room.size_px
-    brightness = cv2.cvtColor(image[..., :3], cv2.COLOR_BGR2GRAY)
-    at = lambda x, y: float(brightness[tuple(int(v) for v in room.px(x, y)[::-1])])  # noqa: E731
+    floor = error_map(plan)
+    # a pixel a place of the plan, which begins at the near side
+    brightness = cv2.cvtColor(floor, cv2.COLOR_BGR2GRAY)[::-1]
+    assert brightness.shape == plan.error_map_mm.shape
     best, worst = (np.unravel_index(f(plan.error_map_mm), plan.error_map_mm.shape) for f in (np.nanargmin, np.nanargmax))
-    assert at(plan.x_m[best[1]], plan.y_m[best[0]]) > at(plan.x_m[worst[1]], plan.y_m[worst[0]])
+    assert brightness[best] > brightness[worst]
+    drawn = room_svg(room, (), "", floor)
+    image = base64.b64decode(drawn.partition("base64,")[2].partition('"')[0])
+    assert np.array_equal(cv2.imdecode(np.frombuffer(image, np.uint8), cv2.IMREAD_COLOR), floor)
+    (left, top), (right, bottom) = room.px(-3.5, 3.5), room.px(3.5, -3.5)
+    place = f'x="{left:.0f}" y="{top:.0f}" width="{right - left:.0f}" height="{bottom - top:.0f}"'
+    assert f"<image {place} " in drawn and f"<rect {place} " in drawn
 
 
 def test_a_camera_is_found_where_it_is_drawn() -> None:
@@ -98,7 +102,7 @@ def test_a_camera_is_found_where_it_is_drawn() -> None:
     for camera in cameras:
         assert nearest_camera(cameras, *room.px(*camera.position_m[:2]), room) == camera.name
     assert nearest_camera(cameras, *room.px(0, 0), room) == ""
-    assert all(camera.name in cameras_svg(cameras, cameras[0].name, room) for camera in cameras)
+    assert all(camera.name in room_svg(room, cameras, cameras[0].name) for camera in cameras)
 
 
 def test_a_plan_is_changed_camera_by_camera() -> None:
@@ -222,7 +226,7 @@ def test_a_recording_begins_where_there_are_images_and_states_where_there_are_no
 def test_videos_outside_the_workspace_are_not_shown(workspace: StudioWorkspace) -> None:
     (workspace.root / "walk").rename(workspace.root.parent / "walk")
     opened = open_recording(workspace.path("result"), workspace.root)
-    assert opened.playback.moment("cam00", 0, 480) is None
+    assert opened.moment("cam00", 0, 480) is None
     assert pf.read(workspace.path("result")).provenance["session"] == "walk"
 
 

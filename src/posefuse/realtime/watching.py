@@ -148,11 +148,13 @@ class CameraNews:
     """One camera during the last second.
 
     Attributes:
-        camera: its name. rate_hz: frames that came. missing: frames that it counted and never delivered, since the beginning.
+        camera: its name. state: see `CameraState`. rate_hz: frames that came. missing: frames that it counted and never
+            delivered, since the beginning.
         warning: what is wrong, and what to do; empty where nothing is.
     """
 
     camera: str
+    state: str
     rate_hz: float
     missing: int
     warning: str
@@ -175,37 +177,45 @@ def record(
     Raises:
         SourceError: a source that fails and is not opened again. InputError: a video that cannot be made.
     """
-    found: dict[str, str] = {}
-    judged_s = dict.fromkeys(feed.cameras, -_REPORT_EVERY_S)
     begin = time.monotonic()
-    counts = [0] * len(feed.cameras)
-    for frames, since_s in watched(feed, videos, duration_s, stopped):
-        for fed in frames:
-            camera, now_s = feed.cameras[fed.camera], time.monotonic()
-            if now_s - judged_s[camera] >= _REPORT_EVERY_S:
-                judged_s[camera], found[camera] = now_s, image_warning(fed.frame.image)
-        if since_s:
-            states = feed.states()
-            report(time.monotonic() - begin, _news(states, counts, since_s, found))
-            counts = [state.captured for state in states]
+    for _, news in watched(feed, videos, duration_s, stopped, judged=True):
+        if news:
+            report(time.monotonic() - begin, news)
 
 
 def watched(
-    feed: CameraFeed, videos: Path | None, duration_s: float | None = None, stopped: Sequence[str] = ()
-) -> Iterator[tuple[list[FedFrame], float]]:
-    """The newest frames until the end, and once a second the seconds since the last report, else 0; then closes the feed."""
+    feed: CameraFeed,
+    videos: Path | None,
+    duration_s: float | None = None,
+    stopped: Sequence[str] = (),
+    *,
+    judged: bool,
+) -> Iterator[tuple[list[FedFrame], tuple[CameraNews, ...]]]:
+    """The newest frames until the end, and once a second news of each camera, else none; then closes the feed.
+
+    With `judged`, an image of each camera is judged for its news; in large images that takes tens of milliseconds.
+    """
     feed.begin(videos)
-    reported = time.monotonic()
+    found: dict[str, str] = {}
+    judged_s = dict.fromkeys(feed.cameras, -_REPORT_EVERY_S)
+    counts, reported = [0] * len(feed.cameras), time.monotonic()
     while not stopped:
         # asked before the frames are taken, so that the last ones are not lost
         over = feed.over
         feed.check()
         frames = feed.newest()
+        for fed in frames if judged else ():
+            camera, now_s = feed.cameras[fed.camera], time.monotonic()
+            if now_s - judged_s[camera] >= _REPORT_EVERY_S:
+                judged_s[camera], found[camera] = now_s, image_warning(fed.frame.image)
         since_s = time.monotonic() - reported
         over = over or (duration_s is not None and feed.seconds() >= duration_s)
-        due = since_s >= _REPORT_EVERY_S and not over
-        reported += since_s * due
-        yield frames, since_s * due
+        news: tuple[CameraNews, ...] = ()
+        if since_s >= _REPORT_EVERY_S and not over:
+            states = feed.states()
+            news = _news(states, counts, since_s, found)
+            counts, reported = [state.captured for state in states], reported + since_s
+        yield frames, news
         if over:
             break
         time.sleep(_REST_S)
@@ -220,6 +230,7 @@ def _news(
     return tuple(
         CameraNews(
             camera=state.camera,
+            state=state.state,
             rate_hz=rate_hz,
             missing=state.missing,
             warning=_state_warning(state, rate_hz, usual_hz) or found.get(state.camera, ""),
@@ -296,13 +307,13 @@ def guide(
         SourceError: a source that fails and is not opened again. InputError: a video that cannot be made.
     """
     detector, state = TargetDetector(target), new_guidance(feed.cameras)
-    for frames, since_s in watched(feed, videos, duration_s, stopped):
+    for frames, news in watched(feed, videos, duration_s, stopped, judged=False):
         for fed in frames:
             corners = detector.detect(cv2.cvtColor(fed.frame.image, cv2.COLOR_RGB2GRAY))
             state = seen(state, fed.camera, fed.t_ns, corners.xy_img, fed.frame.size_wh)
         if state.enough:
             break
-        if since_s:
+        if news:
             report(state)
     feed.close()
     report(state)

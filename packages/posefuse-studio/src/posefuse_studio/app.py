@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import html
+import logging
 import mimetypes
 import os
 import signal
@@ -28,7 +29,7 @@ try:
     # for the QR code
     import segno  # noqa: F401
     import uvicorn
-    from fastapi import FastAPI, Response, WebSocket
+    from fastapi import FastAPI, Request, Response, WebSocket
     from fastapi.responses import FileResponse
     from nicegui import app as pages_app
     from nicegui import run, ui
@@ -37,7 +38,7 @@ except ImportError as error:
 
 from .access import AccessMiddleware
 from .pages import PAGES, StudioPage
-from .shell import refused, shell
+from .shell import REFUSALS, shell
 from .state import Studio
 
 # a browser on a machine that is busy may be silent for seconds: a page that is given up too soon loads itself again
@@ -63,6 +64,8 @@ def asgi_application(studio: Studio) -> Any:
             await studio.streams[name].serve(websocket)
 
     add_routes(pages_app, studio.workspace)
+    # what a page shows to its user is no fault of the program
+    logging.getLogger("nicegui").addFilter(lambda record: not (record.exc_info and isinstance(record.exc_info[1], REFUSALS)))
     pages_app.on_startup(studio.begin)
     run.process_pool_start_method = "spawn"
     outer = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
@@ -73,26 +76,24 @@ def asgi_application(studio: Studio) -> Any:
 def add_routes(app: Any, workspace: StudioWorkspace) -> None:
     """Serve ``/studio/thumbnail?name=RECORDING`` and ``/studio/file?name=FILE``."""
 
+    def missing(request: Request, error: Exception) -> Response:
+        return Response(str(error), status_code=404, media_type="text/plain")
+
     async def small_image(name: str) -> Response:
-        try:
-            image = await asyncio.to_thread(thumbnail, workspace.existing(name), workspace.root)
-        except PosefuseError as error:
-            return Response(str(error), status_code=404, media_type="text/plain")
+        image = await asyncio.to_thread(thumbnail, workspace.existing(name), workspace.root)
         return Response(image, media_type="image/jpeg", headers={"Cache-Control": "private, max-age=60"})
 
     def file(name: str) -> Response:
-        try:
-            path = workspace.existing(name)
-            # the state of jobs is private; some disks take capital letters for small ones
-            if not path.is_file() or STATE_FOLDER in (part.lower() for part in path.parts):
-                raise InputError(f"{name}: not a file")
-        except PosefuseError as error:
-            return Response(str(error), status_code=404, media_type="text/plain")
+        path = workspace.existing(name)
+        # the state of jobs is private; some disks take capital letters for small ones
+        if not path.is_file() or STATE_FOLDER in (part.lower() for part in path.parts):
+            raise InputError(f"{name}: not a file")
         if path.suffix == ".html":
             return FileResponse(path, media_type="text/html", headers=_SANDBOX)
         kind = mimetypes.guess_type(path.name)[0] or "application/octet-stream"
         return FileResponse(path, media_type=kind, filename=path.name)
 
+    app.exception_handler(PosefuseError)(missing)
     app.get("/studio/thumbnail")(small_image)
     app.get("/studio/file")(file)
 
@@ -144,7 +145,6 @@ def _listener(host: str, port: int) -> socket.socket:
 
 def _builder(studio: Studio, page: StudioPage) -> Callable[[], None]:
     def build() -> None:
-        ui.on_exception(lambda error: refused(f"this is a bug of the studio; see its terminal ({type(error).__name__})"))
         with shell(studio, page):
             import_module(f"posefuse_studio.pages.{page.module}").build(studio)
 

@@ -72,12 +72,6 @@ class SeenTarget:
     target: str = ""
     enough: bool = True
 
-    @classmethod
-    def of(cls, found: TargetCoverage, *, target: str, enough: bool) -> SeenTarget:
-        """Of a recording that has ended."""
-        cells, together = found.cells.tolist(), found.together.tolist()
-        return cls(cameras=list(found.cameras), cells=cells, together=together, target=target, enough=enough)
-
 
 @dataclass(frozen=True, kw_only=True)
 class StepResult:
@@ -133,11 +127,6 @@ class StepState:
     def passed(self) -> bool:
         """Whether the step is done."""
         return self.current is not None and self.current.passed
-
-    @property
-    def refused(self) -> bool:
-        """Whether its newest recording was refused."""
-        return self.current is not None and not self.current.passed
 
 
 NOTHING = StepState()
@@ -204,8 +193,8 @@ class Known:
             state = self[step]
             if state.passed:
                 continue
-            if state.refused and state.result is not None:
-                _, check = state.result.failed[0]
+            if state.current is not None:
+                _, check = state.current.failed[0]
                 again = _mended_by(check, step, project)
                 why = f"Refused: {check.detail}"
                 return Next(words=check.remedy or check.detail, why=why, action="record", step=again)

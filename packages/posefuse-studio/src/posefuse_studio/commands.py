@@ -32,6 +32,6 @@ def studio(
     from posefuse_studio.state import Studio
     from posefuse_studio.workspace import StudioWorkspace
 
-    served = Studio.of(StudioWorkspace(workspace), Access.of(host, port, token))
+    served = Studio(StudioWorkspace(workspace), Access.of(host, port, token))
     run_server(served, show=open_page, say=terminal.note)
     return {"workspace": str(served.workspace.root), "address": served.access.address()}

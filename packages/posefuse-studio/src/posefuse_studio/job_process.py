@@ -53,9 +53,7 @@ class JobReporter:
 
     def note(self, message: str) -> None:
         """A line of news within the stage."""
-        with self._lock:
-            report = self._report
-            self._report = report.advanced(report.stage, report.done, report.total, message)
+        self(self._report.stage, self._report.done, self._report.total, message)
 
     def listens(self, address: SessionAddress) -> None:
         """Let servers of this user reach the session, until its end."""

@@ -18,6 +18,7 @@ from typing import Any, Literal
 
 from posefuse.core import InputError
 
+from .pages import PAGES
 from .stored import SessionAddress, address_file, read_stored, write_stored
 from .workspace import STATE_FOLDER, StudioWorkspace
 
@@ -29,6 +30,8 @@ JOBS_FOLDER = f"{STATE_FOLDER}/jobs"
 _LOST_S = 15.0
 _STARTING_S = 60.0
 _MOST_NEWS = 50
+# a job of an archive from elsewhere may name any other: a browser would run ``javascript:``
+_ADDRESSES = {page.path for page in PAGES}
 _MOST_LOG_BYTES = 20_000
 
 
@@ -143,7 +146,7 @@ class Jobs:
             job = read_stored(self._folder(job_id) / "job.json", Job)
             if job is None:
                 return None
-            self._tasks[job_id] = replace(job, id=job_id, page=job.page if _is_page(job.page) else "/")
+            self._tasks[job_id] = replace(job, id=job_id, page=job.page if job.page in _ADDRESSES else "/")
         return self._tasks[job_id]
 
     def report(self, job_id: str) -> Report:
@@ -204,8 +207,3 @@ def _last_words(folder: Path) -> str:
     except OSError:
         return ""
     return next((line.strip() for line in reversed(log.splitlines()) if line.strip()), "")
-
-
-def _is_page(address: str) -> bool:
-    """Whether it is the path of a page of the studio: a browser would run ``javascript:``, and leave with ``//`` or ``/\\``."""
-    return address.startswith("/") and address[1:2] not in ("/", "\\") and address.isprintable()

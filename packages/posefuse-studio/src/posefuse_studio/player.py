@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 import posefuse as pf
 from posefuse.core import InputError, JointAngles
 from posefuse.core.arrays import Array
-from posefuse.kinematics.gait import Gait, gait_from_poses
+from posefuse.kinematics.gait import gait_from_poses
 from posefuse.outputs.drawing import person_rgb
 from posefuse.pipeline.playback import Playback, session_with_videos
 from posefuse_studio.scene.messages import scene_setup
@@ -25,60 +25,48 @@ TILE_PX = 480
 _PLAY_HZ = 12.0
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class OpenedRecording:
-    """A recording with all that its page shows at once.
-
-    Attributes:
-        playback: its moments. gaits: by place of a person who walks.
-    """
-
-    recording: pf.Recording
-    playback: Playback
-    gaits: dict[int, Gait]
-
-    @property
-    def t_s(self) -> Array:
-        """(T,) session seconds."""
-        return self.recording.poses.t_ns / 1e9
-
-
-def open_recording(path: Path, within: Path) -> OpenedRecording:
+def open_recording(path: Path, within: Path) -> Playback:
     """Read a recording and open its videos, if they lie in the folder `within`; takes seconds for a long one.
 
     Raises:
         PosefuseError: not a recording, or damaged.
     """
     recording = pf.read(path)
-    session = session_with_videos(recording, path, within)
-    found = {n: gait_from_poses(recording.poses, n) for n in range(len(recording.poses.person_id))}
-    gaits = {n: gait for n, gait in found.items() if gait is not None}
     _ = recording.views  # kept for every moment that follows
-    return OpenedRecording(recording=recording, playback=Playback(recording, session), gaits=gaits)
+    return Playback(recording, session_with_videos(recording, path, within))
 
 
-def angles_of_file(path: Path) -> JointAngles | None:
-    """Angles of all people of a recording, straight from its points; None where there are none."""
+def angles_and_strikes(path: Path) -> tuple[JointAngles | None, Sequence[Mapping[str, Array]]]:
+    """Angles of all people of a recording, straight from its points (None where there are none), and per person N when feet land.
+
+    Strikes are by side, session seconds; none of a person who does not walk.
+    """
+    recording = pf.read(path)
+    begin_s = float(recording.poses.t_ns[0]) / 1e9 if len(recording.poses.t_ns) else 0.0
+    gaits = [gait_from_poses(recording.poses, n) for n in range(len(recording.poses.person_id))]
+    strikes = [{side: begin_s + times for side, times in gait.strike_s.items()} if gait else {} for gait in gaits]
     try:
-        return pf.read(path).joint_angles(fit="none")
+        return recording.joint_angles(fit="none"), strikes
     except InputError:
-        return None
+        return None, strikes
 
 
 class ResultPlayer:
     """Moves over a recording; the newest place asked for wins.
 
     Args:
-        opened: the recording. stream: what it draws to.
+        playback: of the recording. stream: what it draws to.
 
     Attributes:
+        recording: what is shown. times_s: (T,) its session seconds; begin_s, end_s: the first and the last.
         t_s: current position, session seconds. playing: whether playback runs. speed: of playback.
     """
 
-    def __init__(self, opened: OpenedRecording, stream: Stream) -> None:
-        self.opened, self._stream = opened, stream
-        t_s = opened.t_s
-        self.begin_s, self.end_s = (float(t_s[0]), float(t_s[-1])) if len(t_s) else (0.0, 0.0)
+    def __init__(self, playback: Playback, stream: Stream) -> None:
+        self.playback, self._stream = playback, stream
+        self.recording = playback.recording
+        self.times_s: Array = self.recording.poses.t_ns / 1e9
+        self.begin_s, self.end_s = (float(self.times_s[0]), float(self.times_s[-1])) if len(self.times_s) else (0.0, 0.0)
         self.t_s, self.playing, self.speed = self.begin_s, False, 1.0
         self._wanted: float | None = None
         self._busy = False
@@ -86,17 +74,17 @@ class ResultPlayer:
 
     def start(self) -> None:
         """Draw what stays, and the first moment; call in the event loop."""
-        recording = self.opened.recording
+        recording = self.recording
         setup = scene_setup(recording.rig, recording.poses.skeleton)
         self._stream.publish("setup", page_message("setup", content=setup), keep=True)
         names = dict(zip(recording.poses.person_id.tolist(), recording.person_names, strict=True))
         self._stream.publish("labels", page_message("labels", content=names), keep=True)
-        self.seek(self.opened.playback.begin_ns / 1e9)
+        self.seek(self.playback.begin_ns / 1e9)
 
     def seek(self, t_s: float) -> None:
         """Go to a time; the 3D view follows at once, the videos as soon as they are decoded."""
         self.t_s = self._wanted = float(np.clip(t_s, self.begin_s, self.end_s))
-        poses, i = self.opened.recording.poses, self._step
+        poses, i = self.recording.poses, self._step
         pose = poses_message(self.t_s, poses.person_id, poses.xyz_world[i], poses.cov_world[i])
         self._stream.publish("pose", pose, keep=True)
         if not self._busy:
@@ -105,8 +93,7 @@ class ResultPlayer:
 
     def step(self, count: int) -> None:
         """Move by a number of time steps."""
-        t_s = self.opened.t_s
-        self.seek(float(t_s[np.clip(self._step + count, 0, len(t_s) - 1)]))
+        self.seek(float(self.times_s[np.clip(self._step + count, 0, len(self.times_s) - 1)]))
 
     async def toggle(self) -> None:
         """Stop, or move on until this is called again or the end is there."""
@@ -124,27 +111,27 @@ class ResultPlayer:
     def close(self) -> None:
         """Stop and release the videos."""
         self.playing = False
-        self.opened.playback.close()
+        self.playback.close()
 
     @property
     def _step(self) -> int:
-        return self.opened.playback.step_at(round(self.t_s * 1e9))
+        return self.playback.step_at(round(self.t_s * 1e9))
 
     async def _show(self) -> None:
         try:
             while (t_s := self._wanted) is not None:
                 self._wanted = None
-                await asyncio.gather(*(self._show_camera(c, t_s) for c in range(len(self.opened.playback.cameras))))
+                await asyncio.gather(*(self._show_camera(c, t_s) for c in range(len(self.playback.cameras))))
         finally:
             self._busy = False
 
     async def _show_camera(self, c: int, t_s: float) -> None:
-        playback = self.opened.playback
+        playback = self.playback
         moment = await asyncio.to_thread(playback.moment, playback.cameras[c], round(t_s * 1e9), TILE_PX)
         if moment is None:
             image = image_message(t_s, c, b"", playback.shown_wh(c, TILE_PX))
         else:
-            rgba = [(*person_rgb(person), 255) for person in self.opened.recording.poses.person_id.tolist()]
+            rgba = [(*person_rgb(person), 255) for person in self.recording.poses.person_id.tolist()]
             drawn = {"detected_px": moment.detected_px, "projected_px": moment.projected_px, "rgba": rgba}
             image = image_message(moment.t_ns / 1e9, c, moment.jpeg, moment.size_wh, **drawn)  # type: ignore[arg-type]
         self._stream.publish(("image", c), image, keep=True)

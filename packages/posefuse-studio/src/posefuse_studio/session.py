@@ -201,23 +201,6 @@ class Pace:
         return True
 
 
-class Rates:
-    """Frames per second of each camera, from counts that are read now and then."""
-
-    def __init__(self) -> None:
-        self._counted: dict[str, tuple[float, float]] = {}
-        self._hz: dict[str, float] = {}
-
-    def hz(self, name: str, count: float) -> float:
-        """With the count of now; over at least a second, 0 before that."""
-        now_s = time.monotonic()
-        before_s, before = self._counted.setdefault(name, (now_s, count))
-        if now_s - before_s >= 1.0:
-            self._hz[name] = (count - before) / (now_s - before_s)
-            self._counted[name] = now_s, count
-        return self._hz.get(name, 0.0)
-
-
 def status_pace(watched: bool) -> float:
     """Seconds between two reports of the session's state."""
     return 0.25 if watched else 1.0

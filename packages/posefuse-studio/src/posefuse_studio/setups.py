@@ -43,6 +43,11 @@ def setups(workspace: StudioWorkspace) -> list[Setup]:
     return [Setup(name=DEMO), *(replace(one, name=name) for name, one in found if one is not None and one.sources)]
 
 
+def presets(workspace: StudioWorkspace) -> list[str]:
+    """Names of those that were saved."""
+    return [one.name for one in setups(workspace) if one.name != DEMO]
+
+
 def setup_named(workspace: StudioWorkspace, name: str) -> Setup:
     """A preset; raises InputError where there is none."""
     for setup in setups(workspace):
@@ -120,8 +125,7 @@ def inputs_of_setup(workspace: StudioWorkspace, setup: Setup) -> tuple[LiveInput
     from posefuse.realtime.inputs import inputs_from_arguments
 
     sources, loop_s = sources_of_setup(workspace, setup)
-    inputs = inputs_from_arguments(sources, None)
-    return tuple(replace(entry, loop_s=loop_s) if entry.kind == "video" else entry for entry in inputs)
+    return tuple(replace(entry, loop_s=loop_s) for entry in inputs_from_arguments(sources, None))
 
 
 def _seconds(path: Path) -> float:

@@ -6,9 +6,9 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
+from itertools import islice
 from pathlib import Path
-from types import NoneType
-from typing import Any, Literal, TypeVar, get_args, get_origin
+from typing import Annotated, Any, TypeVar, get_args, get_origin
 from urllib.parse import urlencode
 
 import segno
@@ -23,15 +23,19 @@ from posefuse_studio.access import is_loopback
 from posefuse_studio.jobs import LIVE, WATCH, Job, Report
 from posefuse_studio.pages import PAGES, StudioPage
 from posefuse_studio.scene.view import CameraTile
+from posefuse_studio.session import CameraStatus
 from posefuse_studio.state import LiveLink, Studio
 from posefuse_studio.workspace import recording_place
 
 T = TypeVar("T")
 _STYLE = Path(__file__).with_name("style.css")
 _REDRAW_S = 0.7
-_MOST_JOBS = 8
 # older work is in the jobs menu
-_CARDS_S, _MOST_CARDS = 3600.0, 4
+_RECENT_S = 3600.0
+_MOST_JOBS, _MOST_IN_MENU, _SHOWN_NEWS = 4, 8, 2
+REFUSALS = (PosefuseError, OSError)
+"""What cannot be done: a page shows it in one line, wherever it was raised."""
+_BUG = "this is a bug of the studio; see its terminal ({})"
 _LIGHTS = {"good": "check_circle", "bad": "error", "doubt": "warning", "off": "radio_button_unchecked"}
 
 
@@ -39,6 +43,7 @@ _LIGHTS = {"good": "check_circle", "bad": "error", "doubt": "warning", "off": "r
 def shell(studio: Studio, here: StudioPage) -> Iterator[None]:
     """The frame of a page; its own elements go into the block."""
     dark = apply_style()
+    ui.on_exception(lambda error: refused(str(error) if isinstance(error, REFUSALS) else _BUG.format(type(error).__name__)))
     with ui.header(elevated=False).classes("pf-header"):
         with ui.link(target="/").classes("pf-brand"):
             ui.html(_LOGO, sanitize=False)
@@ -125,15 +130,6 @@ def light(state: str, text: str) -> ui.row:
     return row
 
 
-@contextmanager
-def refusals() -> Iterator[None]:
-    """What cannot be done is shown in one line, and ends the block."""
-    try:
-        yield
-    except (PosefuseError, OSError) as error:
-        refused(str(error))
-
-
 def refused(text: str) -> None:
     """Show one line of what could not be done."""
     ui.notify(text, type="negative", multi_line=True, close_button="Close", timeout=0)
@@ -145,9 +141,8 @@ def dialog(heading: str, actions: Mapping[str, Callable[[], object]]) -> Iterato
     with ui.dialog(value=True) as shown, card(heading):
 
         def done(act: Callable[[], object]) -> None:
-            with refusals():
-                act()
-                shown.close()
+            act()
+            shown.close()
 
         place = ui.column().classes("gap-3")
         with ui.row().classes("w-full justify-end"):
@@ -203,55 +198,52 @@ def state_of(report: Report) -> tuple[str, str]:
     return {"done": "good", "failed": "bad", "lost": "bad", "cancelled": "off"}.get(report.state, "doubt"), report.state
 
 
-def job_line(studio: Studio, job: Job, report: Report) -> None:
-    """One job: its title, how far it is, its newest news or its error, and a button to cancel."""
-    with ui.column().classes("pf-job"):
-        with ui.row().classes("pf-job-head"):
-            light(*state_of(report))
-            ui.link(job.title, job.page).classes("pf-job-title")
-            ui.space()
-            if not report.ended:
-                icon_button("close", "Cancel", lambda: studio.jobs.cancel(job.id))
-        if not report.ended:
-            fraction = report.fraction
-            ui.linear_progress(fraction or 0.0, show_value=False).props("indeterminate" if fraction is None else "")
-        done = f"{report.stage} {report.done}" + (f" of {report.total}" if report.total else "")
-        if line := report.error or done * (bool(report.stage) and not report.ended):
-            small(line)
-
-
-def job_cards(studio: Studio, works: Iterable[str], *, about: str = "") -> None:
-    """Newest jobs of these kinds of an hour, with what they have made; `about`: only those that have this value as argument."""
+def job_lines(studio: Studio, wanted: Callable[[Job, Report], bool], *, most: int = _MOST_JOBS, otherwise: str = "") -> None:
+    """The newest jobs that are wanted, as they are now, each with what it has made; `otherwise`: words where there is none."""
 
     def newest() -> list[tuple[Job, Report]]:
-        jobs = [job for job in studio.jobs.all(*works) if abs(time.time() - job.begun_s) < _CARDS_S]
-        return _reports(studio, [job for job in jobs if not about or about in job.arguments.values()][:_MOST_CARDS])
+        found = ((job, studio.jobs.report(job.id).without_time) for job in studio.jobs.all())
+        return list(islice((one for one in found if wanted(*one)), most))
 
     def draw(found: list[tuple[Job, Report]]) -> None:
         for job, report in found:
-            with card():
-                job_line(studio, job, report)
-                if report.news and not report.error:
-                    small(report.news[-1])
-                result_links(report)
+            with ui.column().classes("pf-job"):
+                _job(studio, job, report)
+        if otherwise and not found:
+            small(otherwise)
 
-    redrawn(newest, draw, classes="pf-job-cards")
+    redrawn(newest, draw, classes="pf-job-lines")
 
 
-def result_links(report: Report) -> None:
-    """What a job has made."""
-    result = report.result if report.state == "done" else {}
+def recent(*works: str, about: str = "") -> Callable[[Job, Report], bool]:
+    """Wanted are jobs of an hour, of these kinds of work; `about`: only those that have this value as an argument."""
+    return lambda job, _: (
+        job.work in works and abs(time.time() - job.begun_s) < _RECENT_S and (not about or about in job.arguments.values())
+    )
+
+
+def _job(studio: Studio, job: Job, report: Report) -> None:
+    """Its title, how far it is, its newest news or its error, what it has made, and a button to cancel."""
+    with ui.row().classes("pf-job-head"):
+        light(*state_of(report))
+        ui.link(job.title, job.page).classes("pf-job-title")
+        ui.space()
+        if not report.ended:
+            icon_button("close", "Cancel", lambda: studio.jobs.cancel(job.id))
+    if not report.ended:
+        fraction = report.fraction
+        ui.linear_progress(fraction or 0.0, show_value=False).props("indeterminate" if fraction is None else "")
+        if report.stage:
+            small(f"{report.stage} {report.done}" + (f" of {report.total}" if report.total else ""))
+    for line in [report.error] if report.error else report.news[-_SHOWN_NEWS:]:
+        small(line)
     with ui.row():
-        if "page" in result:
-            ui.link("Open the page", file_address(result["page"]), new_tab=True)
-        for name in result.get("recordings", ()):
+        if "page" in report.result:
+            ui.link("Open the page", file_address(report.result["page"]), new_tab=True)
+        for name in report.result.get("recordings", ()):
             ui.link(f"Open {recording_place(name).name}", recording_address(name))
-        for name in result.get("files", ()):
+        for name in report.result.get("files", ()):
             ui.link(name.split("/")[-1], file_address(name)).props("download")
-
-
-def _reports(studio: Studio, jobs: Iterable[Job]) -> list[tuple[Job, Report]]:
-    return [(job, studio.jobs.report(job.id).without_time) for job in jobs]
 
 
 def _navigation(here: StudioPage) -> None:
@@ -264,24 +256,20 @@ def _navigation(here: StudioPage) -> None:
 
 
 def _jobs_menu(studio: Studio) -> None:
-    def newest() -> list[tuple[Job, Report]]:
-        # sessions have pages of their own, but none may run unseen: where there are two, a page shows one
-        found = _reports(studio, studio.jobs.all())
-        return [one for one in found if one[0].work not in (LIVE, WATCH) or not one[1].ended][:_MOST_JOBS]
-
-    def draw(found: list[tuple[Job, Report]]) -> None:
-        running = sum(not report.ended for _, report in found)
-        badge.set_text(str(running))
-        badge.set_visibility(running > 0)
-        for job, report in found:
-            job_line(studio, job, report)
-        if not found:
-            small("No work has been started in this workspace.")
+    def running(count: int) -> None:
+        if count:
+            ui.badge(str(count)).props("floating color=accent")
 
     with icon_button("bolt", "Jobs", lambda: None, color=None).classes("pf-jobs-button").tooltip("Jobs"):
-        badge = ui.badge("").props("floating color=accent")
+        redrawn(lambda: len(studio.jobs.running()), running, classes="")
         with ui.menu().classes("pf-jobs"):
-            redrawn(newest, draw, classes="pf-jobs-lines")
+            # sessions have pages of their own, but none may run unseen: where there are two, a page shows one
+            job_lines(
+                studio,
+                lambda job, report: job.work not in (LIVE, WATCH) or not report.ended,
+                most=_MOST_IN_MENU,
+                otherwise="No work has been started in this workspace.",
+            )
 
 
 _LOGO = (
@@ -305,63 +293,45 @@ def camera_tiles(link: LiveLink, stream: str, *, overlay: bool = True, classes: 
 
 
 def _foot(link: LiveLink, name: str) -> None:
-    def now(what: str) -> str:
+    def draw(now: CameraStatus | None) -> None:
         # none for a moment, when the session has ended
-        return getattr(link.status.cameras.get(name), what, "")
+        if now is not None:
+            with ui.row().classes("pf-tile-foot"):
+                light(now.light, name if now.light != "bad" else f"{name}: {now.state}")
+                small(now.figures)
+            if now.text:
+                small(now.text)
 
-    def draw(state: tuple[str, str]) -> None:
-        if state[0]:
-            light(state[0], name if state[0] != "bad" else f"{name}: {state[1]}")
-
-    with ui.row().classes("pf-tile-foot"):
-        redrawn(lambda: (now("light"), now("state")), draw, classes="pf-light-place")
-        small("").bind_text_from(link, "status", lambda _: now("figures"))
-    why = small("").bind_text_from(link, "status", lambda _: now("text"))
-    why.bind_visibility_from(link, "status", lambda _: bool(now("text")))
+    redrawn(lambda: link.status.cameras.get(name), draw, classes="w-full gap-1")
 
 
-def setting_fields(
-    cls: type[Any], named: Mapping[str, str], values: Mapping[str, Any] | None = None
-) -> Callable[[], dict[str, Any]]:
-    """Place a field for each setting named.
+def number_fields(cls: type[Any], named: Mapping[str, tuple[str, float]]) -> Callable[[], dict[str, Any]]:
+    """Place a field for each number among the settings of a class.
 
     Args:
-        named: label by dotted key. values: to begin with, where they are not the defaults.
+        named: label and first value, by dotted key.
 
     Returns:
         Gives what was set by dotted key: what ``settings=`` of the public functions takes.
     """
-    fields: dict[str, Any] = {}
-    for key, label in named.items():
+    fields: dict[str, tuple[type[Any], ui.number]] = {}
+    for key, (label, value) in named.items():
         setting = setting_of(cls, key)
-        fields[key] = _field(setting.annotated, label, (values or {}).get(key, setting.default)).tooltip(setting.help)
-    return lambda: {key: _typed(field) for key, field in fields.items() if field.value is not None}
-
-
-def _typed(field: Any) -> Any:
-    # a browser sends every number as 4.0
-    return int(field.value) if isinstance(field, ui.number) and field.precision == 0 else field.value
+        # of a setting that may be left out, what it is otherwise
+        hint = next((one for one in get_args(setting.annotated) if get_origin(one) is Annotated), setting.annotated)
+        kind, *constraints = get_args(hint)
+        limits: dict[type, Any] = {type(one): one for one in constraints}
+        least, most = limits[Ge].ge if Ge in limits else None, limits[Le].le if Le in limits else None
+        field = ui.number(label, value=value, min=least, max=most, precision=0 if kind is int else None)
+        fields[key] = kind, field.classes("pf-number").tooltip(setting.help)
+    # what is typed is a float, also in a field of whole numbers
+    return lambda: {key: kind(field.value) for key, (kind, field) in fields.items() if field.value is not None}
 
 
 def network_field(usual: str) -> ui.select:
     """Choose a 2D network by name; `usual`: what the empty name stands for. One that is not there is refused with what to do."""
     names = {"": usual, **{name: f"{name}: {about}" for name, about in named_networks().items()}}
     return ui.select(names, value="", label="Network").classes("w-80")
-
-
-def _field(hint: Any, label: str, value: Any) -> Any:
-    # of a setting that may be left out, what it is otherwise
-    [hint, *_] = [one for one in get_args(hint) if one is not NoneType] if NoneType in get_args(hint) else [hint]
-    plain, *limits = get_args(hint) if hasattr(hint, "__metadata__") else (hint,)
-    if plain is bool:
-        return ui.checkbox(label, value=value)
-    if get_origin(plain) is Literal:
-        return ui.select(list(get_args(plain)), value=value, label=label)
-    if plain in (int, float):
-        low, high = (next((getattr(one, name) for one in limits if isinstance(one, kind)), None)
-                     for kind, name in ((Ge, "ge"), (Le, "le")))  # fmt: skip
-        return ui.number(label, value=value, min=low, max=high, precision=0 if plain is int else None).classes("pf-number")
-    return ui.input(label, value=value)
 
 
 def show_summary(blocks: Iterable[Block]) -> None:

@@ -9,10 +9,10 @@ import threading
 import time
 from collections.abc import Callable, Hashable
 from contextlib import suppress
-from dataclasses import dataclass, field
 from multiprocessing.connection import Client, Connection
 from typing import Any
 
+from nicegui import Client as NiceguiClient
 from nicegui.binding import BindableProperty
 from pydantic import ValidationError
 
@@ -177,7 +177,6 @@ class LiveLink:
             _log.warning("%s: %s; %d so far", self._work, line, self._troubles)
 
 
-@dataclass(kw_only=True)
 class Studio:
     """The state of one server; everything that must outlive it is in the workspace.
 
@@ -187,31 +186,20 @@ class Studio:
         phone_may_record: whether the phone page may begin and end a recording; the owner allows it, until the server ends.
     """
 
-    workspace: StudioWorkspace
-    access: Access
-    jobs: Jobs
-    live: LiveLink
-    watch: LiveLink
-    streams: dict[str, Stream] = field(default_factory=dict)
-    phone_may_record: bool = False
-
-    @classmethod
-    def of(cls, workspace: StudioWorkspace, access: Access) -> Studio:
-        """A new one."""
-        jobs = Jobs(workspace)
-        live, watch = LiveLink(jobs, LIVE), LiveLink(jobs, WATCH)
-        streams = {LIVE: live.stream, WATCH: watch.stream}
-        return cls(workspace=workspace, access=access, jobs=jobs, live=live, watch=watch, streams=streams)
+    def __init__(self, workspace: StudioWorkspace, access: Access) -> None:
+        self.workspace, self.access, self.jobs = workspace, access, Jobs(workspace)
+        self.live, self.watch = LiveLink(self.jobs, LIVE), LiveLink(self.jobs, WATCH)
+        self.streams = {LIVE: self.live.stream, WATCH: self.watch.stream}
+        self.phone_may_record = False
 
     def begin(self) -> None:
         """Look for sessions; in the event loop that serves the pages."""
         for link in (self.live, self.watch):
             link.begin(asyncio.get_running_loop())
 
-    def stream(self, name: str) -> Stream:
-        """The stream of a name, made where it is missing."""
-        return self.streams.setdefault(name, Stream())
-
-    def drop_stream(self, name: str) -> None:
-        """Forget a stream that is not needed any more."""
-        self.streams.pop(name, None)
+    def page_stream(self, client: NiceguiClient) -> str:
+        """The name of a stream of one visitor's page, which goes with it."""
+        name = f"page-{client.id}"
+        self.streams[name] = Stream()
+        client.on_delete(lambda: self.streams.pop(name))
+        return name

@@ -35,21 +35,19 @@ from posefuse_studio.calibrations import (
     stamp,
     targets,
 )
-from posefuse_studio.jobs import WATCH, Job
+from posefuse_studio.jobs import WATCH, Job, Report
 from posefuse_studio.scene.messages import page_message, scene_setup
 from posefuse_studio.scene.view import RigScene
-from posefuse_studio.session import CameraStatus
-from posefuse_studio.setups import DEMO, Setup, save_setup, setup_named, setups
+from posefuse_studio.setups import Setup, presets, save_setup, setup_named
 from posefuse_studio.shell import (
     camera_tiles,
     card,
     dialog,
     file_address,
-    job_line,
+    job_lines,
     light,
+    number_fields,
     redrawn,
-    refusals,
-    setting_fields,
     show_summary,
     small,
     title,
@@ -73,6 +71,7 @@ _BUTTONS = {
 def build(studio: Studio) -> None:
     """Place the page."""
     title("Calibrate", "Where the cameras stand, how their lenses draw, and how far all of it can be trusted.")
+    stream = studio.page_stream(ui.context.client)
     chooser, place = ui.row().classes("items-center gap-3"), ui.column().classes("pf-column w-full")
 
     def show(name: str) -> None:
@@ -80,41 +79,37 @@ def build(studio: Studio) -> None:
         chooser.clear()
         with chooser:
             if found:
-                ui.select(sorted(found), value=name, label="Calibration", on_change=lambda event: show(event.value)).classes(
-                    "w-56"
-                )
-            ui.button("New", icon="add", on_click=lambda: _new(studio, show)).props("outline")
+                select = ui.select(sorted(found), value=name, label="Calibration", on_change=lambda event: show(event.value))
+                select.classes("w-56")
+            ui.button("New calibration", icon="add", on_click=lambda: _new(studio, show)).props("outline")
         place.clear()
         with place:
             if name not in found:
-                _welcome(studio, show)
-            elif found[name].setup not in {one.name for one in setups(studio.workspace)}:
-                _without_cameras(found[name])
+                _notice(
+                    "Choose the cameras to calibrate",
+                    "A calibration belongs to a preset of the page Cameras, and can be repeated at any time.",
+                )
+            elif (setup := found[name].setup) not in presets(studio.workspace):
+                _notice(
+                    f"The preset {setup} is missing",
+                    f"The calibration {name} belongs to these cameras. Save them under this name again on the page Cameras, or"
+                    " begin a new calibration.",
+                )
             else:
-                _Guide(studio, found[name]).build()
+                _Guide(studio, found[name], stream).build()
 
     # what was worked on last
     show(next(iter(projects(studio.workspace)), ""))
 
 
-def _welcome(studio: Studio, show: Callable[[str], None]) -> None:
+def _notice(words: str, about: str) -> None:
     with card():
-        ui.label("Choose the cameras to calibrate").classes("pf-next")
-        ui.label("A calibration belongs to a preset of the page Cameras, and can be repeated at any time.").classes("pf-about")
-        ui.button("New calibration", icon="add", on_click=lambda: _new(studio, show)).props("unelevated size=lg")
-
-
-def _without_cameras(project: Project) -> None:
-    with card():
-        ui.label(f"The preset {project.setup} is missing").classes("pf-next")
-        ui.label(
-            f"The calibration {project.name} belongs to these cameras. Save them under this name again on the page Cameras, or"
-            " begin a new calibration."
-        ).classes("pf-about")
+        ui.label(words).classes("pf-next")
+        ui.label(about).classes("pf-about")
 
 
 def _new(studio: Studio, show: Callable[[str], None]) -> None:
-    names = [one.name for one in setups(studio.workspace) if one.name != DEMO]
+    names = presets(studio.workspace)
     if not names:
         ui.notify("First name and save the cameras on the page Cameras", type="warning")
         return
@@ -135,10 +130,9 @@ def _new(studio: Studio, show: Callable[[str], None]) -> None:
 class _Guide:
     """One project as one visitor sees it."""
 
-    def __init__(self, studio: Studio, project: Project) -> None:
-        self._studio, self._project = studio, project
+    def __init__(self, studio: Studio, project: Project, stream: str) -> None:
+        self._studio, self._project, self._stream = studio, project, stream
         self._setup = setup_named(studio.workspace, project.setup)
-        self._heard = ""
         self._read: tuple[object, Known] = None, Known(project=project, cameras=())
 
     def build(self) -> None:
@@ -146,15 +140,18 @@ class _Guide:
         with card("What to do next") as head:
             with head:
                 # heard at once when it is switched on: so the user knows that it works
-                self._sound = ui.switch("Sound", on_change=lambda: self._sound_news(again=True))
+                self._sound = ui.switch("Sound", on_change=lambda: self._show_instruction(self._instruction()[0]))
             self._words = ui.label("").classes("pf-next").props('role="status" aria-live="polite"')
-            self._why = ui.label("").classes("pf-about")
-            redrawn(self._work, self._show_work, classes="w-full gap-2")
-        redrawn(lambda: {name: one.size_wh for name, one in self._watched().items()}, lambda _: self._show_tiles())
-        redrawn(lambda: (self._known, any(self._jobs())), lambda _: self._show_known())
+            redrawn(lambda: self._instruction()[1], lambda why: ui.label(why).classes("pf-about"))
+            redrawn(lambda: (self._known, *self._jobs()), lambda _: self._show_work(), classes="w-full gap-2")
+            job_lines(self._studio, self._concerns, most=1)
+        redrawn(self._sizes, self._show_tiles)
+        redrawn(lambda: self._known, lights_card)
         redrawn(self._linked, lambda linked: graph_card(*linked) if linked[1] and len(linked[0]) > 1 else None)
-        redrawn(lambda: self._known, self._show_results, classes="pf-halves")
-        redrawn(self._instruction, self._show_instruction)
+        with ui.element("div").classes("pf-halves"):
+            redrawn(lambda: self._known["extrinsics"].result, self._show_rig)
+            redrawn(lambda: (self._known, any(self._jobs())), self._show_steps, classes="pf-column")
+        redrawn(lambda: self._instruction()[0], self._show_instruction)
 
     @property
     def _known(self) -> Known:
@@ -175,41 +172,24 @@ class _Guide:
         solving = next(filter(self._mine, self._studio.jobs.running("calibrate")), None)
         return recording if self._mine(recording) else None, solving
 
-    def _watched(self) -> dict[str, CameraStatus]:
-        return dict(self._studio.watch.status.cameras) if self._jobs()[0] else {}
+    def _sizes(self) -> dict[str, object]:
+        """Of the images of the cameras that are recorded for this project."""
+        cameras = self._studio.watch.status.cameras if self._jobs()[0] else {}
+        return {name: one.size_wh for name, one in cameras.items()}
 
-    def _work(self) -> tuple[object, ...]:
-        """What the buttons depend on."""
-        recording, solving = self._jobs()
-        other = self._studio.watch.job if recording is None else None
-        report = solving and self._studio.jobs.report(solving.id).without_time
-        return self._known, recording, solving, report, other if other and other.arguments.get("record") else None
+    def _concerns(self, job: Job, report: Report) -> bool:
+        """Whether it is the newest work of this project, also one that has failed, or what else needs the cameras."""
+        if self._mine(job):
+            return job.work in (WATCH, "calibrate")
+        return job.work == WATCH and bool(job.arguments.get("record")) and not report.ended
 
-    def _show_work(self, state: tuple[object, ...]) -> None:
+    def _show_work(self) -> None:
         recording, solving = self._jobs()
-        jobs = self._studio.jobs
         if recording is not None:
-            stop = ui.button("Stop recording", icon="stop", on_click=lambda: jobs.cancel(recording.id))
+            stop = ui.button("Stop recording", icon="stop", on_click=lambda: self._studio.jobs.cancel(recording.id))
             stop.props("unelevated color=negative")
-        elif solving is not None:
-            job_line(self._studio, solving, jobs.report(solving.id))
-        else:
-            known = self._known
-            self._buttons(known.next_step())
-            if fault := self._fault(known):
-                light("bad", fault)
-            if isinstance(other := state[-1], Job):
-                job_line(self._studio, other, jobs.report(other.id))
-
-    def _fault(self, known: Known) -> str:
-        """Why the newest recording or calculation did not work; empty where it did."""
-        newest = next(filter(self._mine, self._studio.jobs.all(WATCH, "calibrate")), None)
-        if newest is None:
-            return ""
-        report, recording = self._studio.jobs.report(newest.id), newest.arguments.get("record")
-        if report.state == "done" and recording and recording not in [one.recording for one in known.steps.values()]:
-            return f"{recording}: stopped before enough was seen; the earlier result stays"
-        return f"{newest.title}: {report.error}" if report.state in ("failed", "lost") else ""
+        elif solving is None:
+            self._buttons(self._known.next_step())
 
     def _instruction(self) -> tuple[str, str]:
         """What to do, in large letters, and why."""
@@ -222,18 +202,11 @@ class _Guide:
         step = self._known.next_step()
         return step.words, step.why
 
-    def _show_instruction(self, state: tuple[str, str]) -> None:
-        text, why = state
+    def _show_instruction(self, text: str) -> None:
+        """With tones, where they are wanted."""
         self._words.set_text(text[:1].upper() + text[1:])
-        self._why.set_text(why)
-        self._sound_news()
-
-    def _sound_news(self, *, again: bool = False) -> None:
-        """Tones, where there is another instruction."""
-        text = self._words.text
-        if self._sound.value and (again or text != self._heard):
+        if self._sound.value:
             sound(good=self._studio.watch.status.enough or "verified" in text)
-        self._heard = text
 
     def _buttons(self, step: Next) -> None:
         text, icon = ("Verify", "verified") if (step.action, step.step) == ("solve", "verify") else _BUTTONS[step.action]
@@ -249,22 +222,49 @@ class _Guide:
                 ui.button("Targets", icon="print", on_click=self._print).props("flat")
 
     def _print(self) -> None:
-        def use(project: Project) -> None:
-            save_project(self._studio.workspace, project)
-            self._project = project
+        """Make or choose the targets."""
+        workspace = self._studio.workspace
+        lenses: Step = "intrinsics" if self._project.lenses else "verify"
 
-        print_dialog(self._studio, self._project, use)
+        async def make() -> None:
+            names = await asyncio.to_thread(print_targets, workspace, cube() | board(), str(page.value), lenses)
+            for choice, step, name in zip((cubes, boards), ("extrinsics", lenses), names, strict=True):
+                choice.set_options(targets(workspace, step), value=name)
+            with made:
+                for name in names:
+                    pdf = name.replace(".toml", ".pdf")
+                    ui.link(f"Open {pdf}", file_address(pdf), new_tab=True)
+                small(f"Print at 100 %, then measure the ruler on the sheet. Marker {FLOOR_ID} is for the floor.")
+
+        def use() -> None:
+            if not (cubes.value and boards.value):
+                raise InputError("Choose a cube and a board; Make PDF files makes both")
+            self._project = replace(self._project, cube=str(cubes.value), board=str(boards.value))
+            save_project(workspace, self._project)
+
+        def choice(label: str, step: Step) -> ui.select:
+            names, now = targets(workspace, step), self._project.target(step)
+            return ui.select(names, value=now if now in names else None, label=label).classes("w-72")
+
+        with dialog("Targets", {"Use these": use}):
+            page = ui.select(list(PAGES_M), value="a4", label="Paper").classes("w-32")
+            cube = number_fields(TargetDescription, {"marker_mm": ("Cube: black square, mm", 120)})
+            with ui.row().classes("items-end gap-3"):
+                sizes = {"columns": ("Board: squares across", 5), "rows": ("down", 7), "square_mm": ("square, mm", 36)}
+                board = number_fields(TargetDescription, sizes)
+            made = ui.column().classes("gap-1")
+            ui.button("Make PDF files", icon="picture_as_pdf", on_click=make).props("outline")
+            cubes, boards = choice("Cube in use", "extrinsics"), choice("Board in use", lenses)
 
     def _start(self, work: str, text: str, step: Step, **more: object) -> None:
         project = self._project
         lenses = step == "extrinsics" and not project.lenses
         arguments = {"folder": project.folder, "step": step, "target": project.target(step), "lenses": lenses, **more}
-        with refusals():
-            self._studio.jobs.start(work, text, arguments, page="/calibrate")
+        self._studio.jobs.start(work, text, arguments, page="/calibrate")
 
     def _record(self, step: Step) -> None:
         name = new_recording(self._studio.workspace, self._project, step)
-        self._start(WATCH, f"Recording {name}", step, record=name, setup=self._project.setup)
+        self._start(WATCH, f"Recording {name}", step, record=name, sources=dict(self._setup.sources))
 
     def _solve(self, step: Step) -> None:
         # unless it was pressed twice
@@ -278,17 +278,10 @@ class _Guide:
         ui.notify(f"{changed.name} uses this rig now", type="positive")
         ui.navigate.to("/live")
 
-    def _show_tiles(self) -> None:
-        if self._watched():
+    def _show_tiles(self, sizes: Mapping[str, object]) -> None:
+        if sizes:
             with card("Covered so far: red is poor, green is rich"):
                 camera_tiles(self._studio.watch, WATCH)
-
-    def _show_known(self) -> None:
-        known = self._known
-        with card("Cameras"):
-            lights_table(known)
-        if any(state.recording for state in known.steps.values()) and not any(self._jobs()):
-            steps_table(known, self._record, self._solve)
 
     def _linked(self) -> tuple[list[str], list[list[int]]]:
         """As it is now while cameras are recorded, else of the newest recording in which they must be linked."""
@@ -299,33 +292,47 @@ class _Guide:
         seen = known["extrinsics"].seen or known["verify"].seen
         return (seen.cameras, seen.together) if seen is not None else ([], [])
 
-    def _show_results(self, known: Known) -> None:
-        placed = known["extrinsics"].result
-        if placed is not None and placed.passed:
-            try:
-                rig = pf.read_rig(self._studio.workspace.existing(f"{self._project.folder}/{RIG}"))
-            except PosefuseError as error:
-                light("bad", str(error))
-            else:
-                self._scene(rig, placed)
-        with ui.element("div").classes("pf-column"):
-            for step in ("verify", "extrinsics", "intrinsics"):
-                result_card(self._studio, step, known)
-
-    def _scene(self, rig: pf.Rig, result: StepResult) -> None:
-        name = f"rig-{self._project.name}"
-        cov = {camera: np.asarray(one) * _LARGER**2 for camera, one in result.position_cov_m2.items()}
-        self._studio.stream(name).publish("setup", page_message("setup", content=scene_setup(rig, centre_cov=cov)), keep=True)
+    def _show_rig(self, placed: StepResult | None) -> None:
+        if placed is None or not placed.passed:
+            return
+        try:
+            rig = pf.read_rig(self._studio.workspace.existing(f"{self._project.folder}/{RIG}"))
+        except PosefuseError as error:
+            light("bad", str(error))
+            return
+        cov = {camera: np.asarray(one) * _LARGER**2 for camera, one in placed.position_cov_m2.items()}
+        setup = page_message("setup", content=scene_setup(rig, centre_cov=cov))
+        self._studio.streams[self._stream].publish("setup", setup, keep=True)
         with card("The rig"):
             with ui.element("div").classes("pf-stage"):
-                RigScene(name)
+                RigScene(self._stream)
             reference = [camera for camera in rig.names if not np.any(cov.get(camera, 0.0))]
             against = f", against {', '.join(reference)}" if reference else ""
             small(f"Ellipsoids: errors of positions{against}, two standard deviations, {_LARGER:.0f} times larger.")
-            if result.world:
-                light("good", f"origin and floor {result.world}")
+            if placed.world:
+                light("good", f"origin and floor {placed.world}")
             else:
                 light("doubt", _NO_FLOOR)
+
+    def _show_steps(self, state: tuple[Known, bool]) -> None:
+        known, busy = state
+        for step in known.project.steps:
+            if known[step].recording or known[step].result is not None:
+                with card(TITLES[step]) as head:
+                    show_step(step, known)
+                with head:
+                    self._step_head(step, known, busy=busy)
+
+    def _step_head(self, step: Step, known: Known, *, busy: bool) -> None:
+        """How far it is, its report, and buttons to do it again."""
+        shown, report = known.step_light(step), f"{known.project.folder}/{_REPORTS[step]}"
+        light(shown.state, shown.text)
+        if self._studio.workspace.path(report).is_file():
+            ui.link("Report", file_address(report), new_tab=True)
+        if not busy:
+            ui.button("Record again", on_click=partial(self._record, step)).props("flat dense")
+            if known[step].result is not None and known.can_solve(step):
+                ui.button("Calculate again", on_click=partial(self._solve, step)).props("flat dense")
 
 
 TITLES: Mapping[Step, str] = {"intrinsics": "Intrinsics", "extrinsics": "Extrinsics", "verify": "Verification"}
@@ -338,12 +345,12 @@ _REPORTS = {"intrinsics": "lenses.html", "extrinsics": "rig.html", "verify": "ve
 _GOOD, _DOUBT, _BAD = "#2e9e57", "#f9a825", "#e53935"
 
 
-def lights_table(known: Known) -> None:
+def lights_card(known: Known) -> None:
     """A row per camera, a light per thing that must be known."""
     rows = {camera: known.lights(camera) for camera in known.cameras}
     names = list(next(iter(rows.values()), {}))
     columns = f"auto repeat({len(names)}, minmax(max-content, 1fr))"
-    with ui.element("div").classes("pf-lights").style(f"grid-template-columns: {columns}"):
+    with card("Cameras"), ui.element("div").classes("pf-lights").style(f"grid-template-columns: {columns}"):
         for name in ("", *names):
             small(name)
         for camera, row in rows.items():
@@ -352,65 +359,40 @@ def lights_table(known: Known) -> None:
                 light(one.state, one.text)
 
 
-def steps_table(known: Known, record: Callable[[Step], None], solve: Callable[[Step], None]) -> None:
-    """A row per step: how far it is, what rests on it, and buttons to do it again."""
-    with card("Steps"):
-        for step in known.project.steps:
-            state, shown = known[step], known.step_light(step)
-            with ui.column().classes("gap-0 w-full"):
-                with ui.row().classes("items-center gap-3 w-full"):
-                    ui.label(TITLES[step]).classes("pf-h2 w-28")
-                    light(shown.state, shown.text)
-                    if state.recording or state.result is not None:
-                        ui.button("Record again", on_click=partial(record, step)).props("flat dense")
-                    if state.result is not None and known.can_solve(step):
-                        ui.button("Calculate again", on_click=partial(solve, step)).props("flat dense")
-                small(_RESTS[step])
-
-
-def result_card(studio: Studio, step: Step, known: Known) -> None:
-    """What a step has given: checks that fail first, each with cause, remedy and an image; nothing where there is none."""
+def show_step(step: Step, known: Known) -> None:
+    """What rests on a step and what it has given: checks that fail first, each with cause, remedy and an image."""
+    small(_RESTS[step])
     state = known[step]
     result = state.result
     if result is None:
         return
-    with card(TITLES[step]) as head:
-        for subject, check in result.failed:
-            with ui.column().classes("pf-refusal"):
-                light("bad", f"{subject}: {check.name}")
-                ui.label(check.detail)
-                if check.remedy:
-                    with ui.row().classes("items-start gap-2 no-wrap"):
-                        ui.icon("build").classes("text-primary")
-                        ui.label(check.remedy).classes("font-medium")
-                named = named_cameras(f"{subject} {check.detail}", tuple(result.pictures))
-                with ui.element("div").classes("pf-grid"):
-                    for camera in named:
-                        image = (
-                            ui.image(file_address(result.pictures[camera])).classes("pf-refused").props("no-spinner fit=contain")
-                        )
-                        image.props["alt"] = f"what {camera} saw, with the target as it was found"
-                if not named and state.seen is not None and state.seen.together:
-                    _graph(state.seen.cameras, state.seen.together)
-        for numbers in (report.numbers for report in result.reports):
-            if step == "verify" and "length_rms_mm" in numbers:
-                ui.label(
-                    f"{numbers['length_rms_mm']:.1f} mm rms error of {numbers['lengths']:.0f} lengths on the board;"
-                    f" they measure {numbers['scale']:.4f} of the truth"
-                )
-        good = sum(check.passed for report in result.reports for check in report.checks)
-        with ui.expansion(f"{good} checks passed", icon="checklist").classes("w-full"):
-            for report in result.reports:
-                show_summary(report.summary())
-    with head:
-        word = "passed" if result.passed else "refused"
-        if state.current is not None:
-            light("good" if result.passed else "bad", word)
-        else:
-            light("doubt", f"{word}, an earlier one")
-        report_file = f"{known.project.folder}/{_REPORTS[step]}"
-        if studio.workspace.path(report_file).is_file():
-            ui.link("Report", file_address(report_file), new_tab=True)
+    if state.current is None:
+        light("doubt", "these results are of an earlier recording, or rest on earlier lenses or positions")
+    for subject, check in result.failed:
+        with ui.column().classes("pf-refusal"):
+            light("bad", f"{subject}: {check.name}")
+            ui.label(check.detail)
+            if check.remedy:
+                with ui.row().classes("items-start gap-2 no-wrap"):
+                    ui.icon("build").classes("text-primary")
+                    ui.label(check.remedy).classes("font-medium")
+            named = named_cameras(f"{subject} {check.detail}", tuple(result.pictures))
+            with ui.element("div").classes("pf-grid"):
+                for camera in named:
+                    image = ui.image(file_address(result.pictures[camera])).classes("pf-refused").props("no-spinner fit=contain")
+                    image.props["alt"] = f"what {camera} saw, with the target as it was found"
+            if not named and state.seen is not None and state.seen.together:
+                _graph(state.seen.cameras, state.seen.together)
+    for numbers in (report.numbers for report in result.reports):
+        if step == "verify" and "length_rms_mm" in numbers:
+            ui.label(
+                f"{numbers['length_rms_mm']:.1f} mm rms error of {numbers['lengths']:.0f} lengths on the board;"
+                f" they measure {numbers['scale']:.4f} of the truth"
+            )
+    good = sum(check.passed for report in result.reports for check in report.checks)
+    with ui.expansion(f"{good} checks passed", icon="checklist").classes("w-full"):
+        for report in result.reports:
+            show_summary(report.summary())
 
 
 def graph_card(cameras: Sequence[str], together: Sequence[Sequence[int]]) -> None:
@@ -462,43 +444,6 @@ def _graph(cameras: Sequence[str], together: Sequence[Sequence[int]]) -> None:
     shared = shared_views(cameras, together)
     drawing = ui.echart(graph_options(cameras, shared)).classes("pf-graph")
     drawing.props["role"], drawing.props["aria-label"] = "img", graph_words(cameras, shared)
-
-
-def print_dialog(studio: Studio, project: Project, use: Callable[[Project], None]) -> None:
-    """Make or choose the targets; `use` takes the project with those chosen."""
-    lenses: Step = "intrinsics" if project.lenses else "verify"
-
-    async def make() -> None:
-        with refusals():
-            names = await asyncio.to_thread(print_targets, studio.workspace, cube() | board(), str(page.value), lenses)
-            for choice, step, name in zip((cubes, boards), ("extrinsics", lenses), names, strict=True):
-                choice.set_options(targets(studio.workspace, step), value=name)
-            with made:
-                for name in names:
-                    pdf = name.replace(".toml", ".pdf")
-                    ui.link(f"Open {pdf}", file_address(pdf), new_tab=True)
-                small(f"Print at 100 %, then measure the ruler on the sheet. Marker {FLOOR_ID} is for the floor.")
-
-    def choose() -> None:
-        if not (cubes.value and boards.value):
-            raise InputError("Choose a cube and a board; Make PDF files makes both")
-        use(replace(project, cube=str(cubes.value), board=str(boards.value)))
-
-    with dialog("Targets", {"Use these": choose}):
-        page = ui.select(list(PAGES_M), value="a4", label="Paper").classes("w-32")
-        cube = setting_fields(TargetDescription, {"marker_mm": "Cube: black square, mm"}, {"marker_mm": 120})
-        with ui.row().classes("items-end gap-3"):
-            labels = {"columns": "Board: squares across", "rows": "down", "square_mm": "square, mm"}
-            board = setting_fields(TargetDescription, labels, {"columns": 5, "rows": 7, "square_mm": 36})
-        made = ui.column().classes("gap-1")
-        ui.button("Make PDF files", icon="picture_as_pdf", on_click=make).props("outline")
-        cubes, boards = (
-            ui.select(names, value=now if now in names else None, label=label).classes("w-72")
-            for label, names, now in (
-                ("Cube in use", targets(studio.workspace, "extrinsics"), project.cube),
-                ("Board in use", targets(studio.workspace, lenses), project.board),
-            )
-        )
 
 
 def sound(*, good: bool) -> None:

@@ -10,8 +10,8 @@ from nicegui import ui
 
 from posefuse.core import InputError
 from posefuse_studio.jobs import WATCH
-from posefuse_studio.setups import DEMO, Found, Setup, delete_setup, found_sources, save_setup, setup_named, setups
-from posefuse_studio.shell import camera_tiles, card, dialog, icon_button, light, redrawn, refusals, small, title
+from posefuse_studio.setups import Found, Setup, delete_setup, found_sources, presets, save_setup, setup_named
+from posefuse_studio.shell import camera_tiles, card, dialog, icon_button, job_lines, recent, redrawn, small, title
 from posefuse_studio.state import Studio
 from posefuse_studio.workspace import check_name
 
@@ -36,17 +36,22 @@ class _Chooser:
 
     def build(self) -> None:
         """Place it."""
+        looks = recent(WATCH)
         with ui.element("div").classes("pf-split"):
             with ui.element("div").classes("pf-column"):
                 with card("Your cameras") as head:
                     self._draw = redrawn(lambda: dict(self._sources), self._rows, classes="w-full gap-2")
                     with ui.row().classes("gap-3 items-center"):
-                        redrawn(lambda: self._studio.watch.job is not None, self._look_button, classes="")
+                        ui.button("Show images", icon="visibility", on_click=self._start).props("unelevated")
                         ui.button("Save as preset", icon="save", on_click=self._save).props("flat")
                 with head:
-                    self._preset = ui.select(self._presets(), label="Preset", on_change=lambda event: self._load(event.value))
+                    self._preset = ui.select(
+                        presets(self._studio.workspace), label="Preset", on_change=lambda event: self._load(event.value)
+                    )
                     self._preset.props("dense").classes("w-44")
                 with card("Images"):
+                    # why it failed, too; recordings of a calibration are on its page
+                    job_lines(self._studio, lambda job, now: looks(job, now) and not job.arguments.get("folder"), most=1)
                     redrawn(self._images, self._show_images)
             with ui.element("div").classes("pf-column"):
                 self._found_card()
@@ -75,11 +80,10 @@ class _Chooser:
     def _address_card(self) -> None:
         def add() -> None:
             text = (what.value or "").strip()
-            with refusals():
-                if not text.startswith(_KINDS):
-                    raise InputError(f"Expected an address that begins with {', '.join(_KINDS)}")
-                self._add(Found(text=text, source=text, name=f"cam{len(self._sources) + 1}", icon="lan"))
-                what.set_value("")
+            if not text.startswith(_KINDS):
+                raise InputError(f"Expected an address that begins with {', '.join(_KINDS)}")
+            self._add(Found(text=text, source=text, name=f"cam{len(self._sources) + 1}", icon="lan"))
+            what.set_value("")
 
         with card("By address"):
             small("A network camera, a depth camera, a ROS topic; a phone with an RTSP app works, too.")
@@ -92,15 +96,15 @@ class _Chooser:
             )
 
     async def _uploaded(self, event: Any) -> None:
-        with refusals():
-            name = await self._studio.workspace.upload("videos", event.file.name, event.file.iterate())
-            self._add(Found(text=name, source=f"video:{name}", name=event.file.name.rpartition(".")[0][:40], icon="movie"))
+        name = await self._studio.workspace.upload("videos", event.file.name, event.file.iterate())
+        self._add(Found(text=name, source=f"video:{name}", name=event.file.name.rpartition(".")[0][:40], icon="movie"))
 
     def _add(self, one: Found) -> None:
-        name, number = one.name.replace(" ", "_"), 1
+        stem, number = one.name.replace(" ", "_"), 1
+        name = stem
         while name in self._sources:
             number += 1
-            name = f"{one.name}_{number}"
+            name = f"{stem}_{number}"
         self._sources[name] = one.source
         self._draw()
 
@@ -117,36 +121,21 @@ class _Chooser:
     def _rename(self, old: str, field: ui.input) -> None:
         new = (field.value or "").strip()
         field.set_value(old)
-        with refusals():
-            if new and new != old:
-                check_name(new)
-                if new in self._sources:
-                    raise InputError(f"{new}: there is a camera of this name already")
-                self._sources = {new if name == old else name: source for name, source in self._sources.items()}
-                self._draw()
+        if new and new != old:
+            check_name(new)
+            if new in self._sources:
+                raise InputError(f"{new}: there is a camera of this name already")
+            self._sources = {new if name == old else name: source for name, source in self._sources.items()}
+            self._draw()
 
     def _remove(self, name: str) -> None:
         self._sources.pop(name, None)
         self._draw()
 
-    def _look_button(self, looking: bool) -> None:
-        if looking:
-            ui.button("Stop", icon="stop", on_click=self._end).props("outline")
-        else:
-            ui.button("Show images", icon="visibility", on_click=self._start).props("unelevated")
-
     def _start(self) -> None:
-        with refusals():
-            if not self._sources:
-                raise InputError("Add a camera first")
-            self._studio.jobs.start(WATCH, f"Images of {len(self._sources)} cameras", {"sources": self._sources})
-
-    def _end(self) -> None:
-        for job in self._studio.jobs.running(WATCH):
-            self._studio.jobs.cancel(job.id)
-
-    def _presets(self) -> list[str]:
-        return [one.name for one in setups(self._studio.workspace) if one.name != DEMO]
+        if not self._sources:
+            raise InputError("Add a camera first")
+        self._studio.jobs.start(WATCH, f"Images of {len(self._sources)} cameras", {"sources": self._sources})
 
     def _load(self, name: str | None) -> None:
         if name:
@@ -160,12 +149,12 @@ class _Chooser:
         def save() -> None:
             save_setup(workspace, Setup(name=name.value.strip(), sources=self._sources, rig=rig.value or ""))
             ui.notify(f"Saved as {name.value.strip()}", type="positive")
-            self._preset.set_options(self._presets())
+            self._preset.set_options(presets(workspace))
 
         def delete() -> None:
             delete_setup(workspace, now)
             ui.notify(f"{now}: deleted; its videos and rig stay")
-            self._preset.set_options(self._presets())
+            self._preset.set_options(presets(workspace))
 
         with dialog("Save as preset", {"Save": save, **({f"Delete {now}": delete} if now else {})}):
             name = ui.input("Name of the preset", value=now or "room").classes("w-64")
@@ -173,25 +162,12 @@ class _Chooser:
             rig = ui.select(rigs, value=self._rig if self._rig in rigs else "", label="Rig file, if calibrated already")
             rig.classes("w-64")
 
-    def _images(self) -> tuple[bool, object, str]:
-        """Whether cameras are looked at, their images, and why the newest look at them failed."""
-        watch = self._studio.watch
-        sizes = {name: one.size_wh for name, one in watch.status.cameras.items()}
-        if watch.job is not None:
-            return True, sizes, ""
-        ended = next((job for job in self._studio.jobs.all(WATCH) if not job.arguments.get("folder")), None)
-        report = self._studio.jobs.report(ended.id) if ended is not None else None
-        return False, sizes, report.error if report is not None and report.state != "cancelled" else ""
+    def _images(self) -> dict[str, object]:
+        """Sizes of the images of the cameras that are looked at."""
+        return {name: one.size_wh for name, one in self._studio.watch.status.cameras.items()}
 
-    def _show_images(self, state: tuple[bool, object, str]) -> None:
-        running, sizes, error = state
-        if error:
-            light("bad", error)
+    def _show_images(self, sizes: Mapping[str, object]) -> None:
         if sizes:
             camera_tiles(self._studio.watch, WATCH, overlay=False, classes="pf-grid-wide")
-        elif running:
-            with ui.row().classes("items-center gap-3"):
-                ui.spinner()
-                ui.label("Opening the cameras")
         else:
-            small("No images yet: press Show images.")
+            small("No images yet: Show images opens the cameras.")

@@ -12,21 +12,19 @@ from posefuse.core import InputError
 from posefuse.outputs.drawing import person_rgb
 from posefuse.realtime.config import LiveConfig
 from posefuse_studio.jobs import LIVE
-from posefuse_studio.scene.view import VIEWS, CameraTile, RigScene, ValuePlot
+from posefuse_studio.scene.view import CameraTile, RigScene, ValuePlot, first_angles
 from posefuse_studio.session import SessionStatus
 from posefuse_studio.setups import DEMO, setups
 from posefuse_studio.shell import (
     camera_tiles,
     card,
     dialog,
-    job_line,
+    job_lines,
     light,
     network_field,
+    number_fields,
     redrawn,
-    refusals,
     refused,
-    result_links,
-    setting_fields,
     small,
     title,
     words,
@@ -35,7 +33,6 @@ from posefuse_studio.state import Studio
 from posefuse_studio.workspace import check_name
 
 _PARTS = {"skeletons": "Skeleton", "ellipsoids": "Uncertainty", "trails": "Trails", "cameras": "Cameras"}
-_PLOTTED = ("left_knee flexion", "right_knee flexion")
 _MOST_ROWS = 8
 # what can be switched on: plug-in, words, usual address
 _OUTPUTS = (
@@ -68,30 +65,27 @@ def _start(studio: Studio) -> None:
     with card("Start a session"):
         with ui.row().classes("items-end gap-4"):
             setup = ui.select(choices, value=choices[-1], label="Cameras").classes("w-56")
-            people = setting_fields(LiveConfig, {"track.max_people": "People"}, {"track.max_people": 1})
+            people = number_fields(LiveConfig, {"track.max_people": ("People", 1)})
             network = network_field("chosen by the speed of this machine")
 
         def start() -> None:
             arguments = {"setup": setup.value, "networks": network.value, "settings": people()}
-            with refusals():
-                studio.jobs.start(LIVE, f"Live session of {setup.value}", arguments, page="/live")
+            studio.jobs.start(LIVE, f"Live session of {setup.value}", arguments, page="/live")
 
         with ui.row().classes("items-center gap-3"):
             ui.button("Start", icon="play_arrow", on_click=start).props("unelevated size=lg")
             small("Cameras that are not calibrated are not in the list: see Calibrate.")
-    if ended := studio.jobs.all(LIVE)[:1]:
-        report = studio.jobs.report(ended[0].id)
+    if studio.jobs.all(LIVE):
         with card("The last session"):
-            job_line(studio, ended[0], report)
-            result_links(report)
+            job_lines(studio, lambda job, _: job.work == LIVE, most=1)
 
 
-def _starting(studio: Studio, job: str) -> None:
+def _starting(studio: Studio, session: str) -> None:
     with card():
         with ui.row().classes("items-center gap-4"):
             ui.spinner(size="lg")
             ui.label("Starting").classes("pf-next")
-        redrawn(lambda: "; ".join(studio.jobs.report(job).news[-2:]), small)
+        job_lines(studio, lambda job, _: job.id == session)
 
 
 def _session(studio: Studio) -> None:
@@ -112,8 +106,7 @@ def _scene_card() -> None:
     with card("3D") as head, ui.element("div").classes("pf-stage"):
         scene = RigScene(LIVE, ellipsoids=True, trails=True)
         with ui.row().classes("pf-stage-views"):
-            for where, text in VIEWS.items():
-                ui.button(text, on_click=lambda where=where: scene.look(where)).props("flat dense size=sm")
+            scene.view_buttons()
     with head, ui.row().classes("gap-3"):
         for name, text in _PARTS.items():
             ui.checkbox(text, value=True, on_change=lambda event, name=name: scene.show(**{name: event.value})).props("dense")
@@ -123,7 +116,7 @@ def _tiles_card(studio: Studio) -> None:
     with card("Cameras") as head:
         tiles = camera_tiles(studio.live, LIVE)
     with head:
-        ui.checkbox("Keypoints", value=True, on_change=lambda event: CameraTile.show(tiles, event.value)).props("dense")
+        CameraTile.overlay_switch(tiles)
 
 
 def _figures_card(studio: Studio) -> None:
@@ -155,11 +148,10 @@ def _record_card(studio: Studio) -> None:
     live = studio.live
 
     def begin() -> None:
-        with refusals():
-            check_name(name.value.strip())
-            if not (poses.value or videos.value):
-                raise InputError("Choose what to record: 2D and poses, videos, or both")
-            live.ask("record", name=name.value.strip(), poses=poses.value, videos=videos.value)
+        check_name(name.value.strip())
+        if not (poses.value or videos.value):
+            raise InputError("Choose what to record: 2D and poses, videos, or both")
+        live.ask("record", name=name.value.strip(), poses=poses.value, videos=videos.value)
 
     def recorded(now: SessionStatus) -> str:
         return f"● {now.recording}   {int(now.seconds // 60)}:{now.seconds % 60:04.1f}"
@@ -179,7 +171,7 @@ def _record_card(studio: Studio) -> None:
 
 def _angles_card(studio: Studio) -> None:
     names = studio.live.status.plots
-    chosen = [name for name in _PLOTTED if name in names] or names[:2]
+    chosen = first_angles(names)
     with card("Joint angles"):
         choice = ui.select({name: words(name) for name in names}, value=chosen, multiple=True)
         choice.props("dense use-chips").classes("w-full")

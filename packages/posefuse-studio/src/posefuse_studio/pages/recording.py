@@ -21,9 +21,9 @@ from posefuse.foundation.plugins import list_plugins
 from posefuse.pipeline.edits import NO_EDITS, Edits, Exclusion, check_edits, read_edits, write_edits
 from posefuse.pipeline.reports import PAGE_FILE, report_folder
 from posefuse.pipeline.solve import edits_of
-from posefuse_studio.player import ResultPlayer, angles_of_file, open_recording
-from posefuse_studio.scene.view import VIEWS, CameraTile, RigScene
-from posefuse_studio.shell import card, file_address, icon_button, job_cards, light, redrawn, refusals, small, title, words
+from posefuse_studio.player import ResultPlayer, angles_and_strikes, open_recording
+from posefuse_studio.scene.view import CameraTile, RigScene, first_angles
+from posefuse_studio.shell import card, file_address, icon_button, job_lines, light, recent, redrawn, refused, small, title, words
 from posefuse_studio.state import Studio
 from posefuse_studio.workspace import check_name, recording_place
 
@@ -32,7 +32,6 @@ _NO_VIDEOS = "No videos of this recording were found in the workspace: none were
 _PAGE_S = 1.0
 _SPEEDS = {0.25: "¼", 0.5: "½", 1.0: "1×", 2.0: "2×"}
 _SIDES = ("left", "right")
-_FIRST_ANGLES = (("knee", "flexion"), ("hip", "flexion"))
 _FIRST_FORMATS = ("trc", "c3d", "csv")
 
 
@@ -50,31 +49,26 @@ def build(studio: Studio, name: str) -> None:
     async def load() -> None:
         try:
             path = studio.workspace.existing(name)
-            opened = await asyncio.to_thread(open_recording, path, studio.workspace.root)
+            playback = await asyncio.to_thread(open_recording, path, studio.workspace.root)
         except PosefuseError as error:
             waiting.clear()
             with waiting:
                 light("bad", str(error).replace(f"{studio.workspace.root}/", ""))
             return
         if client.is_deleted:
-            opened.playback.close()
+            playback.close()
             return
         waiting.delete()
-        stream = f"recording-{client.id}"
-        player = ResultPlayer(opened, studio.stream(stream))
-
-        def leave() -> None:
-            player.close()
-            studio.drop_stream(stream)
-
-        client.on_delete(leave)
+        stream = studio.page_stream(client)
+        player = ResultPlayer(playback, studio.streams[stream])
+        client.on_delete(player.close)
         with place:
             elements = _Recording(studio, name, player, stream)
         player.start()
         # in another process, as it compiles code, which would hold up every page
-        joints = await run.cpu_bound(angles_of_file, path)
-        if not client.is_deleted:
-            elements.show_angles(joints)
+        found = await run.cpu_bound(angles_and_strikes, path)
+        if found is not None and not client.is_deleted:
+            elements.show_angles(*found)
 
     ui.timer(0.05, load, once=True)
 
@@ -83,36 +77,36 @@ class _Recording:
     """The elements of one visitor."""
 
     def __init__(self, studio: Studio, name: str, player: ResultPlayer, stream: str) -> None:
-        self._player, self._opened = player, player.opened
+        self._player = player
         self._drawn: object = None
         self._joints: JointAngles | None = None
+        self._strikes: Sequence[Mapping[str, Array]] = ()
         self._empty = "Angles are being worked out ..."
         with ui.element("div").classes("pf-split"):
             self._videos(stream)
             with card("3D") as head:
                 scene = RigScene(stream, trails=False)
                 with head:
-                    for where, text in VIEWS.items():
-                        ui.button(text, on_click=lambda w=where: scene.look(w)).props("flat dense")
+                    scene.view_buttons()
         self._transport()
         self._angles()
         with ui.element("div").classes("pf-split"):
-            self._edit = EditCard(studio, name, self._opened.recording, lambda: self._player.t_s)
+            self._edit = EditCard(studio, name, player.recording, lambda: self._player.t_s)
             with ui.element("div").classes("pf-column"):
                 _output_card(studio, name)
-                job_cards(studio, ("solve", "report", "export"), about=name)
+                job_lines(studio, recent("solve", "report", "export", about=name))
         ui.timer(_POLL_S, self._follow)
 
     def _videos(self, stream: str) -> None:
-        playback, tiles = self._opened.playback, list[CameraTile]()
+        playback, tiles = self._player.playback, list[CameraTile]()
         with card("Videos") as head:
             with head:
-                ui.switch("Overlay", value=True, on_change=lambda event: CameraTile.show(tiles, event.value))
+                CameraTile.overlay_switch(tiles)
             if not playback.has_images:
                 small(_NO_VIDEOS)
                 return
             with ui.element("div").classes("pf-player-tiles"):
-                for c, camera in enumerate(self._opened.recording.rig):
+                for c, camera in enumerate(playback.recording.rig):
                     with ui.column().classes("pf-tile-box"):
                         tiles.append(CameraTile(stream, c, aspect=camera.size_wh[0] / camera.size_wh[1], name=camera.name))
                         small(": ".join(filter(None, (camera.name, playback.problems.get(camera.name)))))
@@ -132,7 +126,7 @@ class _Recording:
             speed.props('dense outlined aria-label="Speed"')
 
     def _angles(self) -> None:
-        player, people = self._player, dict(enumerate(self._opened.recording.person_names))
+        player, people = self._player, dict(enumerate(self._player.recording.person_names))
         keys = {
             "left": lambda: player.step(-1),
             "right": lambda: player.step(1),
@@ -151,19 +145,18 @@ class _Recording:
             self._timeline = CurveTimeline(player.begin_s, player.end_s, player.seek, keys)
             self._redraw()
 
-    def show_angles(self, joints: JointAngles | None) -> None:
-        """Take the angles when they are there."""
-        self._joints, self._empty = joints, ""
+    def show_angles(self, joints: JointAngles | None, strikes: Sequence[Mapping[str, Array]]) -> None:
+        """Take the angles and foot strikes when they are there."""
+        self._joints, self._strikes, self._empty = joints, strikes, ""
         names = [] if joints is None else angle_labels(joints, " ")
-        self._chosen.set_options({name: words(name) for name in names}, value=_first(names))
+        self._chosen.set_options({name: words(name) for name in names}, value=first_angles(names))
         self._redraw()
 
     def _redraw(self) -> None:
-        opened, n = self._opened, self._person.value
-        gait = opened.gaits.get(n)
-        strikes = {} if gait is None else {side: times + self._player.begin_s for side, times in gait.strike_s.items()}
+        n = self._person.value
+        strikes = self._strikes[n] if self._strikes and n is not None else {}
         curves = [] if n is None or self._joints is None else [_curve(self._joints, n, text) for text in self._chosen.value]
-        self._timeline.show(opened.t_s, curves, strikes, "°", "No person was seen." if n is None else self._empty)
+        self._timeline.show(self._player.times_s, curves, strikes, "°", "No person was seen." if n is None else self._empty)
 
     def _follow(self) -> None:
         """Bring what shows the time up to date."""
@@ -186,8 +179,7 @@ def _output_card(studio: Studio, name: str) -> None:
     formats = [one.name for one in list_plugins("outputs") if one.config is not None]
 
     def start(work: str, what: str, **more: object) -> None:
-        with refusals():
-            studio.jobs.start(work, f"{what} of {name}", {"result": name, **more}, page="/recordings")
+        studio.jobs.start(work, f"{what} of {name}", {"result": name, **more}, page="/recordings")
 
     def export() -> None:
         out = workspace.free_name("exports", recording_place(name).stem)
@@ -214,14 +206,6 @@ def _curve(joints: JointAngles, n: int, text: str) -> Curve:
     return Curve(words(text), values, side if side in _SIDES else "mid")
 
 
-def _first(names: list[str]) -> list[str]:
-    """The angles shown at first: knees, or whatever there is."""
-    for joint, angle in _FIRST_ANGLES:
-        if found := [name for side in _SIDES if (name := f"{side}_{joint} {angle}") in names]:
-            return found
-    return names[:2]
-
-
 _ALL = "all cameras (a bad stretch)"
 _ALL_PEOPLE = -1
 
@@ -241,9 +225,11 @@ class EditCard:
         self._path = studio.workspace.existing(name)
         self._from_s: float | None = None
         self.edits = NO_EDITS
-        with refusals():
+        try:
             kept = read_edits(self._path)
             self.edits = kept if kept != NO_EDITS else edits_of(recording.provenance)
+        except PosefuseError as error:
+            refused(str(error))
         with card("Corrections"):
             small("Mark what should not count, then solve again: without new detection, and this recording stays.")
             with ui.row().classes("pf-tools"):
@@ -305,11 +291,10 @@ class EditCard:
             self._change(names=tuple(names))
 
     def _change(self, **changes: object) -> None:
-        with refusals():
-            edits: Edits = dataclasses.replace(self.edits, **changes)  # type: ignore[arg-type]
-            check_edits(edits, self._recording)
-            write_edits(self._path, edits)
-            self.edits = edits
+        edits: Edits = dataclasses.replace(self.edits, **changes)  # type: ignore[arg-type]
+        check_edits(edits, self._recording)
+        write_edits(self._path, edits)
+        self.edits = edits
         self._show()
 
     def _list(self, exclusions: tuple[Exclusion, ...]) -> None:
@@ -322,14 +307,13 @@ class EditCard:
 
     def _start(self) -> None:
         workspace = self._studio.workspace
-        with refusals():
-            check_name(self._out.value)
-            parent = recording_place(self._name).parent.as_posix()
-            # without the "./" of a recording at the top
-            out = PurePosixPath(workspace.free_name(parent, self._out.value)).as_posix()
-            arguments = {"result": self._name, "out": out, "edits": plain(dataclasses.asdict(self.edits))}
-            self._studio.jobs.start("solve", f"Solve {self._name} again", arguments, page="/recordings")
-            ui.notify(f"Solving again into {out}")
+        check_name(self._out.value)
+        parent = recording_place(self._name).parent.as_posix()
+        # without the "./" of a recording at the top
+        out = PurePosixPath(workspace.free_name(parent, self._out.value)).as_posix()
+        arguments = {"result": self._name, "out": out, "edits": plain(dataclasses.asdict(self.edits))}
+        self._studio.jobs.start("solve", f"Solve {self._name} again", arguments, page="/recordings")
+        ui.notify(f"Solving again into {out}")
 
 
 COLOURS = {"left": LEFT.on_light, "right": RIGHT.on_light, "mid": MIDDLE.on_light}

@@ -12,7 +12,7 @@ from nicegui import ui
 from nicegui.binding import BindableProperty
 
 from posefuse.pipeline.catalogue import Listed, find_recordings, listed
-from posefuse_studio.shell import dialog, job_cards, light, network_field, recording_address, refusals, small, title
+from posefuse_studio.shell import dialog, job_lines, light, network_field, recent, recording_address, small, title
 from posefuse_studio.state import Studio
 from posefuse_studio.workspace import check_name, recording_place
 
@@ -53,7 +53,7 @@ class _List:
             compare.bind_enabled_from(self, "_chosen", lambda chosen: len(chosen) == 2)
             ui.button("Track a study", icon="playlist_play", on_click=self._ask_study).props("outline")
             self._count = small("")
-        job_cards(studio, ("compare", "batch", "solve", "simulate_walk"))
+        job_lines(studio, recent("compare", "batch", "solve", "simulate_walk"))
         self._grid = ui.element("div").classes("pf-recordings")
         self._more = ui.button("Show more", on_click=self._show_more).props("flat")
         self._show()
@@ -116,10 +116,9 @@ class _List:
 
     def _start_compare(self) -> None:
         a, b = self._chosen
-        with refusals():
-            out = self._studio.workspace.free_name("comparisons", f"{recording_place(a).stem}-{recording_place(b).stem}")
-            self._studio.jobs.start("compare", f"Compare {b} with {a}", {"a": a, "b": b, "out": out}, page=PATH)
-            ui.notify("Comparing; the result appears above the list.")
+        out = self._studio.workspace.free_name("comparisons", f"{recording_place(a).stem}-{recording_place(b).stem}")
+        self._studio.jobs.start("compare", f"Compare {b} with {a}", {"a": a, "b": b, "out": out}, page=PATH)
+        ui.notify("Comparing; the result appears above the list.")
 
     def _ask_study(self) -> None:
         def start() -> None:

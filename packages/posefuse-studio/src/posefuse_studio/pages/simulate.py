@@ -13,12 +13,13 @@ import numpy as np
 from nicegui import events, ui
 
 import posefuse as pf
+from posefuse.core.arrays import Array
 from posefuse_sim import rig_plan
 from posefuse_sim.cameras import ImageSettings, PlacedCamera, placed_cameras
 from posefuse_sim.scene import Scene, read_scene, scene_text
 from posefuse_studio.scene.messages import page_message, scene_setup
 from posefuse_studio.scene.view import RigScene
-from posefuse_studio.shell import card, job_cards, redrawn, refusals, show_summary, small, title
+from posefuse_studio.shell import card, job_lines, recent, show_summary, small, title
 from posefuse_studio.state import Studio
 from posefuse_studio.workspace import check_name
 
@@ -46,26 +47,22 @@ class _Plan:
     """The plan of one visitor."""
 
     def __init__(self, studio: Studio) -> None:
-        self._studio, client = studio, ui.context.client
+        self._studio, self._stream = studio, studio.page_stream(ui.context.client)
         self._scene: Scene = rig_plan.first_plan()
         self._chosen = self._cameras[0].name
-        self._dragged, self._changed, self._busy = "", True, False
-        # how often the fields were given other values than those that were typed
-        self._filled = 0
-        name = f"plan-{client.id}"
-        self._stream = studio.stream(name)
-        client.on_delete(lambda: studio.drop_stream(name))
+        self._dragged, self._changed = "", True
+        self._floor: Array | None = None
         with ui.element("div").classes("pf-split"):
             self._map_card()
             with ui.element("div").classes("pf-column"):
                 with card():
                     self._expected = ui.column().classes("w-full")
                 with card("3D"), ui.element("div").classes("pf-plan-3d"):
-                    RigScene(name, ellipsoids=False)
+                    RigScene(self._stream, ellipsoids=False)
         with ui.element("div").classes("pf-split"):
             self._camera_card()
             self._walk_card()
-        job_cards(studio, ("simulate_walk",))
+        job_lines(studio, recent("simulate_walk"))
         ui.timer(_POLL_S, self._follow)
 
     def _map_card(self) -> None:
@@ -85,7 +82,8 @@ class _Plan:
             with head:
                 ui.button("Remove", icon="delete", on_click=self._remove).props("flat dense")
             self._name = ui.select([], label="Camera", on_change=lambda event: self._choose(event.value)).props(_FIELD)
-            self._show_camera = redrawn(lambda: (self._chosen, self._filled), lambda _: self._fields())
+            self._place = ui.column().classes("w-full")
+        self._fill()
 
     def _fields(self) -> None:
         """Of the chosen camera and the room, with the values of now."""
@@ -107,12 +105,12 @@ class _Plan:
                 fov_deg, x, y, z, to_x, to_y, to_z = map(float, given)
                 image = replace(camera.image, size_px=tuple(size.value), horizontal_fov_deg=fov_deg)
                 moved = replace(camera, position_m=(x, y, z), look_at_m=(to_x, to_y, to_z), image=image)
-                self._try(rig_plan.with_camera, moved)
+                self._use(rig_plan.with_camera(self._scene, moved))
 
         def sized() -> None:
             if all(side.value for side in sides):
                 size_m = (float(sides[0].value), float(sides[1].value))
-                self._scene, self._changed = replace(self._scene, room=replace(self._scene.room, size_m=size_m)), True
+                self._use(replace(self._scene, room=replace(self._scene.room, size_m=size_m)))
                 self._map._props["size"] = self._room.size_px
 
     def _walk_card(self) -> None:
@@ -127,22 +125,16 @@ class _Plan:
             ui.notify(f"Kept as {file}")
             return file
 
-        def try_keep() -> None:
-            with refusals():
-                keep()
-
         def render() -> None:
-            with refusals():
-                scene = keep()
-                session, out = (workspace.free_name(folder, name.value) for folder in (SESSIONS, RESULTS))
-                arguments = {"scene": scene, "session": session, "out": out}
-                self._studio.jobs.start("simulate_walk", f"Test walk {name.value}", arguments, page="/simulate")
+            scene = keep()
+            session, out = (workspace.free_name(folder, name.value) for folder in (SESSIONS, RESULTS))
+            arguments = {"scene": scene, "session": session, "out": out}
+            self._studio.jobs.start("simulate_walk", f"Test walk {name.value}", arguments, page="/simulate")
 
         def open_earlier(file: str | None) -> None:
-            with refusals():
-                if file:
-                    self._scene = rig_plan.listed_cameras(read_scene(workspace.existing(file)))
-                    self._fill(self._cameras[0].name)
+            if file:
+                self._scene = rig_plan.listed_cameras(read_scene(workspace.existing(file)))
+                self._fill(self._cameras[0].name)
 
         with card("Test walk"):
             small("A person walks through the middle of the room; it is rendered, tracked and compared with the exact truth.")
@@ -154,7 +146,7 @@ class _Plan:
                 plans = [one for one in workspace.files(".yaml", ".yml") if one.startswith(f"{PLANS}/")]
                 earlier = ui.select(plans, label="Earlier plan", on_change=lambda event: open_earlier(event.value))
                 earlier.props("dense outlined clearable").classes("w-56").set_visibility(bool(plans))
-                ui.button("Keep this plan", icon="save", on_click=try_keep).props("outline")
+                ui.button("Keep this plan", icon="save", on_click=keep).props("outline")
 
     @property
     def _room(self) -> RoomMap:
@@ -164,9 +156,8 @@ class _Plan:
     def _cameras(self) -> tuple[PlacedCamera, ...]:
         return placed_cameras(self._scene.cameras)
 
-    def _try(self, change: Callable[..., Scene], camera: PlacedCamera | str) -> None:
-        with refusals():
-            self._scene, self._changed = change(self._scene, camera), True
+    def _use(self, scene: Scene) -> None:
+        self._scene, self._changed = scene, True
 
     def _pointed(self, event: events.MouseEventArguments) -> None:
         if event.type == "mousedown":
@@ -178,7 +169,7 @@ class _Plan:
         elif self._dragged:
             camera = rig_plan.camera_of(self._scene, self._dragged)
             x_m, y_m = self._room.metres(event.image_x, event.image_y)
-            self._try(rig_plan.with_camera, replace(camera, position_m=(x_m, y_m, camera.position_m[2])))
+            self._use(rig_plan.with_camera(self._scene, replace(camera, position_m=(x_m, y_m, camera.position_m[2]))))
 
     def _choose(self, name: str) -> None:
         if name and name != self._chosen:
@@ -186,35 +177,41 @@ class _Plan:
 
     def _fill(self, chosen: str = "") -> None:
         """Give the fields the values of now, of another camera where one is chosen."""
-        self._chosen, self._changed, self._filled = chosen or self._chosen, True, self._filled + 1
-        self._show_camera()
+        self._chosen, self._changed = chosen or self._chosen, True
+        self._place.clear()
+        with self._place:
+            self._fields()
 
     def _add(self) -> None:
         name = rig_plan.free_camera_name(self._scene)
         at_m = (0.0, -self._room.size_m[1] / 2, 2.2)
-        self._try(rig_plan.with_camera, PlacedCamera(name=name, position_m=at_m, image=ImageSettings()))
+        camera = PlacedCamera(name=name, position_m=at_m, image=ImageSettings())
+        self._use(rig_plan.with_camera(self._scene, camera))
         self._choose(name)
 
     def _remove(self) -> None:
-        self._try(rig_plan.without_camera, self._chosen)
+        self._use(rig_plan.without_camera(self._scene, self._chosen))
         self._fill(self._cameras[0].name)
 
+    def _draw_map(self) -> None:
+        self._map.set_content(room_svg(self._room, self._cameras, self._chosen, self._floor))
+
     async def _follow(self) -> None:
-        """Draw what has changed; the newest plan wins."""
-        if not self._changed or self._busy:
+        """Draw what has changed; the newest plan wins, as the timer calls this again when it has ended."""
+        if not self._changed:
             return
-        self._changed, self._busy = False, True
+        self._changed = False
         scene, room = self._scene, self._room
-        self._map.set_content(cameras_svg(self._cameras, self._chosen, room))
-        self._stream.publish("setup", page_message("setup", content=scene_setup(rig_plan.rig_of_scene(scene))), keep=True)
+        self._draw_map()
+        setup = page_message("setup", content=scene_setup(rig_plan.rig_of_scene(scene)))
+        self._studio.streams[self._stream].publish("setup", setup, keep=True)
         step_m = _COARSE_M if self._dragged else _FINE_M
-        with refusals():
-            plan = await asyncio.to_thread(lambda: pf.plan(scene, area_m=room.size_m, step_m=step_m))
-            self._map.set_source(error_map_data_url(plan, room))
-            self._expected.clear()
-            with self._expected:
-                show_summary(plan.summary())
-        self._busy = False
+        plan = await asyncio.to_thread(lambda: pf.plan(scene, area_m=room.size_m, step_m=step_m))
+        self._floor = error_map(plan)
+        self._draw_map()
+        self._expected.clear()
+        with self._expected:
+            show_summary(plan.summary())
 
 
 def _number(label: str, least: float, most: float, step: float, value: float, on_change: Callable[[], None]) -> ui.number:
@@ -259,36 +256,32 @@ class RoomMap:
         return round(float(np.clip(x, -half_x, half_x)), 2), round(float(np.clip(y, -half_y, half_y)), 2)
 
 
-def error_map_data_url(plan: rig_plan.RigPlan, room: RoomMap) -> str:
-    """The expected error over the floor as a PNG, as the address of itself; grey where fewer than two cameras see."""
+def error_map(plan: rig_plan.RigPlan) -> Array:
+    """The expected error over the floor in colours, BGR, a pixel a place; grey where fewer than two cameras see."""
     error = plan.error_map_mm
     share = np.clip((error - BEST_MM) / (WORST_MM - BEST_MM), 0, 1)
     colours = cv2.applyColorMap(np.nan_to_num(255 * (1 - share)).astype(np.uint8), cv2.COLORMAP_VIRIDIS)
-    colours = np.where(np.isfinite(error)[..., None], colours, np.array(_UNSEEN_BGR, np.uint8))[::-1]
-    width, height = room.size_px
-    picture = np.full((height, width, 4), 0, np.uint8)
-    left, top = (round(value) for value in room.px(-room.size_m[0] / 2, room.size_m[1] / 2))
-    right, bottom = (round(value) for value in room.px(room.size_m[0] / 2, -room.size_m[1] / 2))
-    floor = cv2.resize(colours, (right - left, bottom - top), interpolation=cv2.INTER_NEAREST)
-    picture[top:bottom, left:right] = np.dstack([floor, np.full(floor.shape[:2], 255, np.uint8)])
-    _, encoded = cv2.imencode(".png", picture)
-    return f"data:image/png;base64,{base64.b64encode(encoded.tobytes()).decode()}"
+    return np.where(np.isfinite(error)[..., None], colours, np.array(_UNSEEN_BGR, np.uint8))[::-1]
 
 
-def cameras_svg(cameras: tuple[PlacedCamera, ...], chosen: str, room: RoomMap) -> str:
-    """Overlays of the colour map: walls, cameras with their fields of view, names."""
-    left, top = room.px(-room.size_m[0] / 2, room.size_m[1] / 2)
-    width, height = (size * room.scale for size in room.size_m)
-    wall = f'<rect x="{left:.0f}" y="{top:.0f}" width="{width:.0f}" height="{height:.0f}" fill="none" stroke="#546e7a"'
-    half_x, half_y = (size / 2 for size in room.size_m)
-    grid: list[tuple[tuple[float, float], tuple[float, float]]]
-    grid = [((x, -half_y), (x, half_y)) for x in range(-int(half_x), int(half_x) + 1)]
-    grid += [((-half_x, y), (half_x, y)) for y in range(-int(half_y), int(half_y) + 1)]
-    parts = [f'{wall} stroke-width="3"/>']
-    for (x1, y1), (x2, y2) in ((room.px(*a), room.px(*b)) for a, b in grid):
-        parts.append(f'<line x1="{x1:.0f}" y1="{y1:.0f}" x2="{x2:.0f}" y2="{y2:.0f}" stroke="#fff" stroke-opacity="0.18"/>')
-    parts += [_camera(camera, camera.name == chosen, room) for camera in cameras]
-    return "".join(parts)
+def room_svg(room: RoomMap, cameras: tuple[PlacedCamera, ...], chosen: str, floor: Array | None = None) -> str:
+    """The floor in its colours, the walls, a grid of metres, and cameras with their fields of view and names."""
+    (left, top), (width, height) = room.px(-room.size_m[0] / 2, room.size_m[1] / 2), np.multiply(room.size_m, room.scale)
+    place = f'x="{left:.0f}" y="{top:.0f}" width="{width:.0f}" height="{height:.0f}"'
+    parts = []
+    if floor is not None:
+        image = base64.b64encode(cv2.imencode(".png", floor)[1].tobytes()).decode()
+        parts.append(
+            f'<image {place} preserveAspectRatio="none" style="image-rendering: pixelated" href="data:image/png;base64,{image}"/>'
+        )
+    middle_x, middle_y = room.px(0, 0)
+    parts.append(
+        f'<pattern id="metres" patternUnits="userSpaceOnUse" x="{middle_x}" y="{middle_y}" width="{room.scale}"'
+        f' height="{room.scale}"><path d="M0 {room.scale}V0H{room.scale}" fill="none" stroke="#fff" stroke-opacity="0.36"/>'
+        "</pattern>"
+        f'<rect {place} fill="url(#metres)" stroke="#546e7a" stroke-width="3"/>'
+    )
+    return "".join([*parts, *(_camera(camera, camera.name == chosen, room) for camera in cameras)])
 
 
 def nearest_camera(cameras: tuple[PlacedCamera, ...], x_px: float, y_px: float, room: RoomMap, reach_px: float = 34) -> str:

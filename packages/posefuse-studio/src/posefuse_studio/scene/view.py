@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 # importing it registers the bundled three.js under the name that the component imports
 import nicegui.elements.scene  # noqa: F401
+from nicegui import ui
 from nicegui.element import Element
 
 from posefuse.core.palette import colour_of
 
-VIEWS = {"home": "Overview", "top": "From above", "front": "Front", "side": "Side"}
-"""Where a scene can be looked at from, see `RigScene.look`, and its words."""
+# where a scene can be looked at from, and its words
+_VIEWS = {"home": "Overview", "top": "From above", "front": "Front", "side": "Side"}
+# of the body, those that most ask for first
+_FIRST_JOINTS = ("knee", "hip")
 
 
 class RigScene(Element, component="rig_scene.js", esm={"posefuse-studio": "lib"}):
@@ -34,9 +38,10 @@ class RigScene(Element, component="rig_scene.js", esm={"posefuse-studio": "lib"}
         self._props.update(parts)
         self.update()
 
-    def look(self, where: str) -> None:
-        """One of `VIEWS`."""
-        self.run_method("look", where)
+    def view_buttons(self) -> None:
+        """Place a button for each direction from which it can be looked at."""
+        for where, text in _VIEWS.items():
+            ui.button(text, on_click=partial(self.run_method, "look", where)).props("flat dense")
 
 
 class CameraTile(Element, component="camera_tile.js", esm={"posefuse-studio": "lib"}):
@@ -53,11 +58,15 @@ class CameraTile(Element, component="camera_tile.js", esm={"posefuse-studio": "l
         self._props.update({"role": "img", "aria-label": f"camera {name or camera}"})
 
     @staticmethod
-    def show(tiles: Iterable[CameraTile], overlay: bool) -> None:
-        """Switch the overlay of some."""
-        for tile in tiles:
-            tile._props["overlay"] = overlay
-            tile.update()
+    def overlay_switch(tiles: Sequence[CameraTile]) -> None:
+        """Place the switch for the overlay of some."""
+
+        def show(on: bool) -> None:
+            for tile in tiles:
+                tile._props["overlay"] = on
+                tile.update()
+
+        ui.switch("Overlay", value=True, on_change=lambda event: show(event.value)).props("dense")
 
 
 class ValuePlot(Element, component="value_plot.js", esm={"posefuse-studio": "lib"}):
@@ -83,3 +92,11 @@ def curves(places: list[int], names: list[str]) -> dict[str, Any]:
     """Properties of a plot of these values: each has the colour of its side of the body."""
     labels = [name.replace("_", " ") for name in names]
     return {"places": places, "labels": labels, "colours": [colour_of(name).on_light for name in names]}
+
+
+def first_angles(names: Sequence[str]) -> list[str]:
+    """Those that are shown at first, of the names of angles: knees, or whatever there is."""
+    for joint in _FIRST_JOINTS:
+        if found := [name for side in ("left", "right") if (name := f"{side}_{joint} flexion") in names]:
+            return found
+    return list(names[:2])

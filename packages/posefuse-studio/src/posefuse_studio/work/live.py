@@ -17,7 +17,7 @@ from posefuse.core.arrays import Array
 from posefuse.core.joint_angles import angle_labels
 from posefuse.outputs.drawing import person_rgb
 from posefuse_studio.scene.messages import image_message, page_message, poses_message, scene_setup
-from posefuse_studio.session import CameraStatus, Host, Pace, Rates, SessionStatus, status_pace
+from posefuse_studio.session import CameraStatus, Host, Pace, SessionStatus, status_pace
 from posefuse_studio.setups import rig_of_setup, setup_named, sources_of_setup
 from posefuse_studio.workspace import POSES_FILE, StudioWorkspace, check_name
 
@@ -51,14 +51,21 @@ class _Shown:
     def __init__(self, session: LiveSession, rig: Rig, workspace: StudioWorkspace, progress: Any) -> None:
         self._session, self._rig, self._workspace, self._progress = session, rig, workspace, progress
         self._places = {name: number for number, name in enumerate(rig.names)}
-        self._host: Host | None = None
+        requests: dict[str, Callable[..., None]] = {
+            "output": self._switch, "record": self._record, "stop_recording": self._stop_recording, "name": self._name,
+            "person": self._choose,
+        }  # fmt: skip
+        self._host = Host({name: partial(self._try, do) for name, do in requests.items()}, self._watched)
         self._names: dict[int, str] = {}
         self._refused: list[str] = []
         self._person: int | None = None
         # folder of the recording that runs, and since when
         self._recording, self._since_s = "", 0.0
         self._wanted: list[str] = []
-        self._rates = Rates()
+        # frames of each camera so far, since when, and per second
+        self._counts: dict[str, float] = {}
+        self._counted_s = time.monotonic()
+        self._rates_hz: dict[str, float] = {}
         self._begun_s = time.time()
         self._setup_of: tuple[Skeleton, tuple[str, ...], tuple[str, ...]] | None = None
         self._past: tuple[Pose3D, ...] = ()
@@ -66,11 +73,7 @@ class _Shown:
 
     def run(self) -> None:
         """Pack and report until the session ends."""
-        requests: dict[str, Callable[..., None]] = {
-            "output": self._switch, "record": self._record, "stop_recording": self._stop_recording, "name": self._name,
-            "person": self._choose,
-        }  # fmt: skip
-        self._host = host = Host({name: partial(self._try, do) for name, do in requests.items()}, self._watched)
+        host = self._host
         self._progress.listens(host.address)
         pose_pace, status = Pace(1 / POSES_HZ), Pace(status_pace(False))
         t_ns = 0
@@ -82,7 +85,7 @@ class _Shown:
                 self._past = (*self._past[1 - _MOST_PAST :], newest.message.pose)
                 self._set_up(newest.message.pose.skeleton, newest.message.joints)
                 if host.watched and pose_pace.due():
-                    self._publish(host, newest.message.pose, newest.message.joints)
+                    self._publish(newest.message.pose, newest.message.joints)
             status.every_s = status_pace(host.watched)
             if status.due():
                 host.status(self._status(newest.message.pose if newest else None))
@@ -92,8 +95,7 @@ class _Shown:
 
     def image(self, preview: LivePreview, view: Detections2D | None) -> None:
         """See `LiveSession.on_image`."""
-        host = self._host
-        if host is None or not host.watched:
+        if not self._host.watched:
             return
         camera = self._rig[preview.camera]
         scale = np.divide(preview.size_wh, camera.size_wh)
@@ -110,29 +112,30 @@ class _Shown:
             projected_px=fused,
             rgba=[] if pose is None or fused is None else _colours(pose.person_id),
         )
-        host.publish(f"image {preview.camera}", image)
+        self._host.publish(f"image {preview.camera}", image)
 
-    def _publish(self, host: Host, pose: Pose3D, joints: JointAngles | None) -> None:
+    def _publish(self, pose: Pose3D, joints: JointAngles | None) -> None:
         t_s = pose.t_ns / 1e9 - self._begun_s
         several = len(pose.person_id) > 1
         rgba = _colours(pose.person_id) if several else None
-        host.publish("poses", poses_message(t_s, pose.person_id, pose.xyz_world, pose.cov_world, rgba=rgba))
+        self._host.publish("poses", poses_message(t_s, pose.person_id, pose.xyz_world, pose.cov_world, rgba=rgba))
         if joints is not None and len(joints.person_id):
             ids = joints.person_id.tolist()
             n = ids.index(self._person) if self._person in ids else 0
             degrees = np.degrees([joints.angle_rad[0, n].ravel(), joints.sigma_rad[0, n].ravel()])
-            host.publish("values", page_message("values", {"values": degrees.T}, t_s=t_s))
+            self._host.publish("values", page_message("values", {"values": degrees.T}, t_s=t_s))
 
     def _set_up(self, skeleton: Skeleton, joints: JointAngles | None) -> None:
         """The scene, again whenever a camera becomes faulty or well."""
         faulty = tuple(name for name, camera in self._session.cameras.items() if camera.state != "ok")
         plots = tuple(angle_labels(joints, " ")) if joints is not None else (self._setup_of[1] if self._setup_of else ())
-        if self._host is not None and self._setup_of != (skeleton, plots, faulty):
+        if self._setup_of != (skeleton, plots, faulty):
             self._setup_of = skeleton, plots, faulty
             setup = scene_setup(self._rig, skeleton, plots=plots, faulty=faulty)
             self._host.publish("setup", page_message("setup", content=setup), keep=True)
 
     def _status(self, pose: Pose3D | None) -> SessionStatus:
+        self._count()
         latencies = [one.figures.get("latency_p95_ms", 0.0) for one in self._session.cameras.values()]
         return SessionStatus(
             cameras={camera.name: self._camera(camera.name, camera.size_wh) for camera in self._rig},
@@ -149,12 +152,20 @@ class _Shown:
             refused=list(self._refused[-_MOST_NEWS:]),
         )
 
+    def _count(self) -> None:
+        """Frames per second of each camera, over a second or more."""
+        seconds = time.monotonic() - self._counted_s
+        if seconds >= 1.0:
+            counts = {name: one.figures.get("captured", 0.0) for name, one in self._session.cameras.items()}
+            self._rates_hz = {name: (count - self._counts.get(name, count)) / seconds for name, count in counts.items()}
+            self._counts, self._counted_s = counts, time.monotonic()
+
     def _camera(self, name: str, size_wh: tuple[int, int]) -> CameraStatus:
         health = self._session.cameras.get(name)
         if health is None:
             return CameraStatus(light="doubt", state="starting", size_wh=size_wh)
-        rate_hz, dropped = self._rates.hz(name, health.figures.get("captured", 0.0)), health.figures.get("replaced", 0.0)
-        figures = f"{rate_hz:.0f}/s" + (f", {dropped:.0f} dropped" if dropped else "")
+        dropped = health.figures.get("replaced", 0.0)
+        figures = f"{self._rates_hz.get(name, 0.0):.0f}/s" + (f", {dropped:.0f} dropped" if dropped else "")
         good = "good" if health.state == "ok" else "bad"
         return CameraStatus(light=good, state=health.state, text=health.text, figures=figures, size_wh=size_wh)  # type: ignore[arg-type]
 
@@ -183,8 +194,7 @@ class _Shown:
     def _name(self, person: int, text: str) -> None:
         self._session.name_person(int(person), text[:40])
         self._names[int(person)] = text[:40].strip()
-        if self._host is not None:
-            self._host.publish("labels", page_message("labels", content=self._names), keep=True)
+        self._host.publish("labels", page_message("labels", content=self._names), keep=True)
 
     def _record(self, name: str, poses: bool, videos: bool) -> None:
         """Into a new folder, which `posefuse track` takes as a session when it has videos."""

@@ -1,6 +1,6 @@
 """Cameras without tracking: images with what is wrong in them, and with a target also what is covered so far; videos on request.
 
-Arguments: ``setup`` (a preset) or ``sources`` (by camera name); ``target`` (a target file of the workspace; empty: none);
+Arguments: ``sources`` by camera name; ``target`` (a target file of the workspace; empty: none);
 ``record`` (a new folder of the workspace for the videos; empty: none); ``step`` of the calibration that it is for;
 ``lenses``: whether they are to come from it, too. It ends when it is cancelled, when its sources end, or, with a target, when
 enough is covered. What is neither recorded nor shown on any page gives the cameras free after a while.
@@ -22,19 +22,17 @@ from posefuse.calibration.targets.detection import TargetDetector
 from posefuse.calibration.targets.kinds import read_target
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
-from posefuse.health.cameras import CameraState
 from posefuse.outputs.drawing import jpeg_of, shrunk_wh
 from posefuse.realtime.video_keeping import read_counts
-from posefuse.realtime.watching import CameraFeed, FedFrame, image_warning, watched
+from posefuse.realtime.watching import CameraFeed, CameraNews, FedFrame, watched
 from posefuse_studio.calibrations import SEEN, SeenTarget, Step, advice_for, enough_for, near_far_of, size_of, without_floor
 from posefuse_studio.scene.messages import image_message, page_message, scene_setup
-from posefuse_studio.session import CameraStatus, Host, Pace, Rates, SessionStatus, status_pace
-from posefuse_studio.setups import Setup, inputs_of_setup, setup_named
+from posefuse_studio.session import CameraStatus, Host, Pace, SessionStatus, status_pace
+from posefuse_studio.setups import Setup, inputs_of_setup
 from posefuse_studio.stored import write_stored
 from posefuse_studio.workspace import StudioWorkspace
 
 IMAGES_HZ = 15.0
-_JUDGE_S = 1.0
 # a page that is loaded again, on a machine that is busy
 _UNSEEN_S = 20.0
 _SHOWN_PX, _QUALITY = 480, 70
@@ -43,14 +41,10 @@ _SHOWN_PX, _QUALITY = 480, 70
 def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any) -> dict[str, Any]:
     """Watch until the end; see the module."""
     target, record = str(arguments.get("target") or ""), str(arguments.get("record") or "")
-    if arguments.get("setup"):
-        setup = setup_named(workspace, str(arguments["setup"]))
-    else:
-        setup = Setup(name="cameras", sources=dict(arguments["sources"]))
     detector = TargetDetector(without_floor(read_target(workspace.existing(target)))) if target else None
     if record and workspace.path(record).exists():
         raise InputError(f"{record}: exists already; choose another name")
-    inputs = inputs_of_setup(workspace, setup)
+    inputs = inputs_of_setup(workspace, Setup(sources=dict(arguments["sources"])))
     # packets of files come in any encoding, and again from the start where a video begins again: they are encoded again
     with CameraFeed(inputs, packets=bool(record) and all(entry.kind != "video" for entry in inputs)) as feed:
         videos = workspace.folder(f"{record}/videos") if record else None
@@ -60,12 +54,15 @@ def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any)
         with suppress(KeyboardInterrupt):
             shown.run(videos)
         enough = shown.enough
-        progress("finish the videos", 0, None)
+        progress("finish the videos", 0, None, "" if enough or not record else "stopped before enough was seen")
     if videos is not None:
         for name, one in read_counts(videos, feed.cameras).items():
             if not one.finished:
                 raise InputError(f"{record}: the video of {name} is not complete ({one.fault}); record again")
-        write_stored(workspace.path(record) / SEEN, SeenTarget.of(shown.guidance.coverage, target=target, enough=enough))
+        found = shown.guidance.coverage
+        cells, together = found.cells.tolist(), found.together.tolist()
+        seen_target = SeenTarget(cameras=list(found.cameras), cells=cells, together=together, target=target, enough=enough)
+        write_stored(workspace.path(record) / SEEN, seen_target)
     return {"record": record, "enough": enough}
 
 
@@ -77,10 +74,9 @@ class _Watch:
         self.guidance: Guidance = new_guidance(feed.cameras)
         self._feed, self._detector, self._record, self._step = feed, detector, record, step
         self._sizes_px: list[list[float]] | None = [[] for _ in feed.cameras] if lenses else None
-        self._paces = [(Pace(1 / IMAGES_HZ), Pace(_JUDGE_S)) for _ in feed.cameras]
-        self._warnings: dict[str, str] = {}
+        self._paces = [Pace(1 / IMAGES_HZ) for _ in feed.cameras]
+        self._news: tuple[CameraNews, ...] = ()
         self._sizes: dict[str, tuple[int, int]] = {}
-        self._rates = Rates()
         self._begun_s = time.monotonic()
         self.host.publish("setup", page_message("setup", content=scene_setup()), keep=True)
 
@@ -96,7 +92,8 @@ class _Watch:
     def run(self, videos: Path | None) -> None:
         """Until the sources end, enough of a target is covered, or no page shows them; an interrupt ends it, too."""
         pace, seen_s = Pace(status_pace(True)), time.monotonic()
-        for frames, _ in watched(self._feed, videos):
+        for frames, news in watched(self._feed, videos, judged=True):
+            self._news = news or self._news
             for fed in frames:
                 self._take(fed)
             pace.every_s = status_pace(self.host.watched)
@@ -116,10 +113,7 @@ class _Watch:
             if self._sizes_px is not None and np.isfinite(size_px := size_of(xy, corners.patch)):
                 self._sizes_px[fed.camera].append(size_px)
             self.guidance = seen(self.guidance, fed.camera, fed.t_ns, xy, fed.frame.size_wh)
-        images, judged = self._paces[fed.camera]
-        if self.host.watched and judged.due():
-            self._warnings[name] = image_warning(image)
-        if self.host.watched and images.due():
+        if self.host.watched and self._paces[fed.camera].due():
             self.host.publish(f"image {name}", self._packed(fed, xy))
 
     def _packed(self, fed: FedFrame, xy: Array) -> bytes:
@@ -133,7 +127,7 @@ class _Watch:
     def _status(self) -> SessionStatus:
         covered = self.guidance.coverage
         return SessionStatus(
-            cameras={state.camera: self._camera(state) for state in self._feed.states()},
+            cameras={one.camera: self._camera(one) for one in self._news},
             recording=self._record,
             seconds=time.monotonic() - self._begun_s,
             target=self._detector is not None,
@@ -142,17 +136,17 @@ class _Watch:
             together=covered.together.tolist(),
         )
 
-    def _camera(self, state: CameraState) -> CameraStatus:
-        text, size_wh = state.text or self._warnings.get(state.camera, ""), self._sizes.get(state.camera)
+    def _camera(self, now: CameraNews) -> CameraStatus:
+        size_wh = self._sizes.get(now.camera)
         figures = [
             *(["x".join(map(str, size_wh))] if size_wh else []),
-            f"{self._rates.hz(state.camera, state.captured):.0f}/s",
-            *([f"{state.missing} lost"] if state.missing else []),
+            f"{now.rate_hz:.0f}/s",
+            *([f"{now.missing} lost"] if now.missing else []),
         ]
         return CameraStatus(
-            light="bad" if state.state in ("lost", "ended") else "doubt" if text else "good",
-            state=state.state,
-            text=text,
+            light="bad" if now.state in ("lost", "ended") else "doubt" if now.warning else "good",
+            state=now.state,
+            text=now.warning,
             figures=", ".join(figures),
             size_wh=size_wh,
         )
