@@ -57,7 +57,10 @@ def card_of(kind: str, folder: Path) -> Path:
     persons = graphs.bright_person(folder / "persons.onnx", (320, 256), 60.0)
     graphs.write_card(folder / "persons.toml", "detections", persons, (320, 256), rest="fill = 0\n")
     path = folder / f"{kind}.onnx"
-    if kind in ("simcc", "heatmap"):
+    if kind == "movenet":
+        size = (256, 256)
+        network = graphs.colour_one_stage(path, size, normalised, REACH, kind)
+    elif kind in ("simcc", "heatmap"):
         size = (192, 256)
         build = graphs.colour_simcc if kind == "simcc" else graphs.colour_heatmaps
         network = build(path, size, normalised, REACH)

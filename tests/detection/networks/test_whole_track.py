@@ -17,6 +17,7 @@ from posefuse.formats.rig import write_rig
 from posefuse.sources import ImagesConfig
 
 discs = pytest.importorskip("discs", reason="the package onnx is not installed")
+KINDS = ["simcc", "heatmap", "movenet", "rtmo", "yolo_pose"]
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +30,7 @@ def session(ring_rig: Callable[..., Rig], tmp_path_factory: pytest.TempPathFacto
     return folder
 
 
-@pytest.mark.parametrize("kind", ["simcc", "heatmap", "rtmo", "yolo_pose"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_the_person_is_where_the_discs_are(kind: str, session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     options = ["--networks", str(discs.card_of(kind, tmp_path)), "--outputs", "trc", "--raw", "--json"]
@@ -43,7 +44,7 @@ def test_the_person_is_where_the_discs_are(kind: str, session: Path, tmp_path: P
     assert np.isfinite(off_mm).mean() > 0.97
 
 
-@pytest.mark.parametrize("kind", ["simcc", "heatmap", "rtmo", "yolo_pose"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_the_plug_in_keeps_the_contract(kind: str, session: Path, tmp_path: Path) -> None:
     frames = [next(ImagesConfig(session / "images" / name, name, discs.RATE_HZ).build().frames()) for name in ("cam00", "cam02")]
     no_person = replace(frames[0], image=np.zeros_like(frames[0].image))
