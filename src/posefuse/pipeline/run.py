@@ -30,6 +30,7 @@ from posefuse.core import (
 from posefuse.core.duplicates import duplicates
 from posefuse.core.errors import choices
 from posefuse.core.observations import NOT_KEPT
+from posefuse.core.protocols import NOISE_NOT_FITTED
 from posefuse.foundation.compiled import compiling
 from posefuse.foundation.parsing import plain
 from posefuse.fusion import fuse
@@ -43,6 +44,7 @@ from posefuse.tracking.stand_in import made_up_detections
 from .clock import StageClock
 from .config import TrackConfig
 from .following import FollowedLog, PeopleFollower
+from .noise_scale import noise_scale
 from .opening import Opened, open_session
 from .session import LEAST_CAMERAS, Session
 from .solve import REFINED, SolveSettings, run_second_pass, with_refined_rig
@@ -175,6 +177,7 @@ def track_opened(
     settings = SolveSettings.of(config, opened.steps.joint_centres)
     try:
         _check_people(observations, warn)
+        opened, observations = _with_known_noise(opened, observations, settings, note)
         recording = run_second_pass(observations, rig, settings, provenance_of(opened, settings, incomplete), clock)
         recording = with_refined_rig(recording, settings, clock)
     except PosefuseError:
@@ -195,6 +198,20 @@ def track_opened(
     return Tracked(
         recording=dataclasses.replace(recording, provenance=about), interrupted=interrupted, joint_centres=settings.centres
     )
+
+
+def _with_known_noise(
+    opened: Opened, observations: Observations, settings: SolveSettings, note: Say
+) -> tuple[Opened, Observations]:
+    """Standard deviations of a network whose noise was not fitted, scaled as this recording shows; and what is stated of it."""
+    unknown = opened.network.get("unknown", "")
+    if NOISE_NOT_FITTED not in unknown or (scale := noise_scale(observations, opened.rig, settings)) is None:
+        return opened, observations
+    scaled = f"{NOISE_NOT_FITTED}; scaled by {scale:.2g} from this recording"
+    note(f"{opened.network['name']}: {scaled}")
+    network = {**opened.network, "unknown": unknown.replace(NOISE_NOT_FITTED, scaled)}
+    sigma_px = (observations.sigma_px * scale).astype(observations.sigma_px.dtype)
+    return dataclasses.replace(opened, network=network), dataclasses.replace(observations, sigma_px=sigma_px)
 
 
 def _notes(recording: Recording, config: TrackConfig) -> Iterator[str]:
