@@ -10,6 +10,8 @@ from posefuse.detection.build import network_plugin
 from posefuse.detection.card import PERSONS, TOP_DOWN, OnnxCard, list_cards, needed_cards, read_card
 from posefuse.detection.engines import OnnxNetwork
 from posefuse.detection.files import fetch_all
+from posefuse.detection.noise import read_keypoint_noise
+from posefuse.formats.joint_centres import read_joint_centres
 
 graphs = pytest.importorskip("graphs", reason="the package onnx is not installed")
 CARDS = {card.name: card for card in list_cards() if isinstance(card, OnnxCard)}
@@ -38,6 +40,15 @@ def test_a_card_says_where_it_comes_from_and_under_which_terms(name):
         assert card.source.member == ""
     else:
         assert len(urls) == 2, "the first address has been dead for days"
+
+
+def test_what_was_fitted_to_a_network_is_about_its_keypoints():
+    fitted = [card for card in CARDS.values() if card.noise or card.joint_centres]
+    assert [card.name for card in fitted] == ["movenet_thunder"]
+    for card in fitted:
+        known = read_keypoint_noise(card.noise_file).offset.keys()
+        assert known == {*card.skeleton.keypoints, ""}
+        assert read_joint_centres(card.joint_centres_file).made_by.startswith(card.name)
 
 
 @pytest.mark.parametrize("word", WORDS)
