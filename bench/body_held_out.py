@@ -32,7 +32,7 @@ def measured(session: Path, row: Row) -> Line:
     """Figures without and with the fit."""
     options = {"detector__options__landmarks": row.network} if row.network else {}
     off, truth = tracked(session, body="off", **options), truth_of(session)
-    return {way: figures(solve_again(off, changed_config(config_of(off), {"body": way})).poses, truth) for way in WAYS}
+    return {way: figures(solve_again(off, changed_config(config_of(off.provenance), {"body": way})).poses, truth) for way in WAYS}
 
 
 def lines_of(keep: Path, rows: list[str], seeds: list[int], changes: dict[str, float]) -> list[Line]:

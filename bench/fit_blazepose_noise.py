@@ -73,7 +73,8 @@ def collect(folder: Path, network: BlazePoseNetwork, side_px: int) -> tuple[Samp
                 continue
             region = as_in_use(region, rng)
             image = np.ascontiguousarray(cv2.imread(str(path))[..., ::-1])
-            look = landmarks_from_outputs(*network([square_crop(image, region, side_px)]), len(BODY), side_px)
+            landmarks, presence, heatmaps = network([square_crop(image, region, side_px)])
+            look = landmarks_from_outputs(landmarks, presence, heatmaps, len(BODY), side_px)
             affine = crop_from_img(region, side_px)
             errors.append(look.xy_crop[0, ours] - (xy @ affine[:, :2].T + affine[:, 2])[theirs])
             looks.append(look)

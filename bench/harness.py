@@ -35,10 +35,9 @@ from posefuse.formats.recording import read_recording, write_recording  # noqa: 
 from posefuse.formats.truth import read_truth  # noqa: E402
 from posefuse.foundation.parsing import plain  # noqa: E402
 from posefuse.foundation.settings import settings_from_mapping  # noqa: E402
-from posefuse.pipeline.clock import StageClock  # noqa: E402
 from posefuse.pipeline.config import TrackConfig, changed_config  # noqa: E402
-from posefuse.pipeline.run import track_session  # noqa: E402
 from posefuse.pipeline.session import find_session  # noqa: E402
+from posefuse.pipeline.track import track_session  # noqa: E402
 from posefuse_sim.scene import Scene  # noqa: E402
 from posefuse_sim.session import SessionPaths, simulate  # noqa: E402
 
@@ -101,8 +100,7 @@ def tracked(session: Path, **changes: Any) -> Recording:
     about = json.dumps([str(session.resolve()), _stamps(session), plain(changes), code()], default=str)
     folder = OUT / "tracked" / f"{session.name}-{hashlib.sha256(about.encode()).hexdigest()[:16]}"
     if not (folder / "done").exists():
-        silent: Callable[..., None] = lambda *_: None  # noqa: E731
-        done = track_session(find_session(session, config), config, StageClock(), silent, silent, silent)
+        done = track_session(find_session(session, config), config)
         folder.mkdir(parents=True, exist_ok=True)
         write_recording(folder, done.recording)
         (folder / "done").touch()

@@ -93,7 +93,7 @@ def compared(session: Path, seconds: float) -> dict:
     used = used_by(recording.observations, track.observations) & last
     poses = {
         "live": recording.poses,
-        "second solve": solve_again(recording, replace(config_of(recording), end_s=seconds)).poses,
+        "second solve": solve_again(recording, replace(config_of(recording.provenance), end_s=seconds)).poses,
         "track, same frames": solve_again(last_looks(track, used)).poses,
         "track, all frames": track.poses,
     }

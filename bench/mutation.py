@@ -33,7 +33,7 @@ _GUARDS = (
     "kinematics",
     "joints",
 )
-_RECORDED = ("following", "images", "run", "second_pass", "solve", "store", "time_steps")
+_RECORDED = ("following", "opening", "result_folder", "second_pass", "solve", "time_steps", "track")
 # name: files, and the tests that are about them
 PACKAGES = {
     "association": (("src/posefuse/association/**/*.py",), ("tests/association", "tests/laws/test_associate_laws.py")),

@@ -26,7 +26,7 @@ from crowds import crowd_row, person_distances
 from harness import answer, arguments, note
 from scenes import new_tracker
 
-from posefuse.association import AssociateSettings
+from posefuse.association import AssociateSettings, with_persons
 from posefuse.core import Pose3D
 from posefuse.core.skeleton import PAPER14, pick_keypoints
 from posefuse.fusion import FuseSettings
@@ -53,7 +53,13 @@ def recorded(network: Network, people: int) -> tuple[list[Pose3D], list[float]]:
         now = time.thread_time()
         spent.append(now - began - (network.spent_s - looked))
         began, looked = now, network.spent_s
-    return [one.pose for one in follower.identified(followed)], spent
+    return [_with_people(one.pose, follower) for one in followed], spent
+
+
+def _with_people(pose: Pose3D, follower: PeopleFollower) -> Pose3D:
+    """People instead of tracks, by all that is known at the end."""
+    people = follower.people_of(pose.person_id, np.full(len(pose.person_id), pose.t_ns))
+    return with_persons(pose, people.tolist())
 
 
 def live(network: Network, people: int) -> tuple[list[Pose3D], list[float]]:

@@ -38,9 +38,9 @@ from posefuse.health.rig_monitor import RigFinding
 from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.opening import open_session
-from posefuse.pipeline.run import detect
 from posefuse.pipeline.session import find_session
-from posefuse.pipeline.solve import SolveSettings, solve
+from posefuse.pipeline.solve import solve
+from posefuse.pipeline.track import detect, provenance_of
 from posefuse_sim.cameras import looking_at
 from posefuse_sim.scene import Scene
 
@@ -314,7 +314,7 @@ WRONG = (
 LASTS_S = (2.0, 10.0, 60.0)
 
 
-def logs(data: Path, cache: Path) -> dict[str, tuple[Observations, Rig, SolveSettings]]:
+def logs(data: Path, cache: Path) -> dict[str, tuple[Observations, Rig, dict]]:
     """What a detector saw in each clip, its rig, and how it is solved."""
     single, two, webcams = data / "pose2sim_single", data / "pose2sim_two", data / "caliscope" / "post_optimization"
     sessions = {
@@ -339,10 +339,10 @@ def logs(data: Path, cache: Path) -> dict[str, tuple[Observations, Rig, SolveSet
                 (folder / place).unlink(missing_ok=True)
                 (folder / place).symlink_to(path.resolve())
             config = TrackConfig(outputs=(), body="off", rate_hz=60.0 if "OpenPose" in name else None)
-            opened = open_session(find_session(folder, config), config, lambda line: None)
-            log, _ = detect(opened, StageClock(), lambda *_: None)
-            opened.steps.close()
-            kept.write_bytes(pickle.dumps((log, opened.rig, SolveSettings.of(config, opened.steps.joint_centres))))
+            opened = open_session(find_session(folder, config), config)
+            log, _ = detect(opened, StageClock())
+            opened.close()
+            kept.write_bytes(pickle.dumps((log, opened.rig, provenance_of(opened, ()))))
         found[name] = pickle.loads(kept.read_bytes())
     return found
 
@@ -405,10 +405,10 @@ def wrong_rig(rig: Rig, wrong: str, rng: np.random.Generator) -> tuple[Rig, tupl
     return rig, (rig.names[a],)
 
 
-def answered(log: Observations, rig: Rig, settings: SolveSettings) -> list[RigFinding] | None:
+def answered(log: Observations, rig: Rig, provenance: dict) -> list[RigFinding] | None:
     """The answer of `track` to the rig; None: it refuses to solve."""
     try:
-        return checked_rig(solve(log, rig, settings, {}), rig)[1]
+        return checked_rig(solve(log, rig, provenance), rig)[1]
     except InputError:
         return None
 
@@ -421,10 +421,10 @@ def tracked_wrong(logs: dict, seeds: list[int], lasts_s: list[float]) -> list[di
         row["nothing in"] = []
         kind = {"tur": monitor.MOVED, "two": monitor.SWAPPED, "ano": UNFIT}.get(wrong[:3], monitor.UNSYNCHRONISED)
         for seed, (number, name) in product(seeds, enumerate(logs)):
-            log, rig, settings = logs[name]
+            log, rig, provenance = logs[name]
             there, cameras = wrong_rig(rig, wrong, np.random.default_rng([seed, number, WRONG.index(wrong), round(seconds)]))
             late = (rig.names.index(cameras[0]), int(wrong.split()[0])) if "late" in wrong else (0, 0)
-            found = answered(played(log, seconds, late), there, settings)
+            found = answered(played(log, seconds, late), there, provenance)
             right = found is None if kind == UNFIT else False
             right |= any(one.kind == kind and set(one.cameras) & set(cameras) for one in found or [])
             right &= all(set(one.cameras) <= set(cameras) for one in found or [])
@@ -442,7 +442,7 @@ def tracked_right(logs: dict, sessions: int, seed: int) -> dict:
     alarms, rng = [], np.random.default_rng(seed)
     for number in range(sessions):
         name = list(logs)[number % len(logs)]
-        log, rig, settings = logs[name]
+        log, rig, provenance = logs[name]
         count, cameras = len(log.step_t_ns), np.sort(rng.permutation(len(rig))[: rng.integers(3, 5)])
         begin, lasts = rng.uniform(0, 0.5), rng.uniform(0.5, 1.0)
         first, last = int(begin * lasts * count), int((begin * lasts + lasts) * count)
@@ -454,8 +454,9 @@ def tracked_right(logs: dict, sessions: int, seed: int) -> dict:
             step_t_ns=log.step_t_ns[first:last],
             frame_step=part.frame_step - first,
         )
-        found = answered(played(part, 10.0 if number % 3 == 0 else 2.0), rig.only(part.camera_names), settings)
-        alarms += [f"{name}, steps {first} to {last}, {part.camera_names}: {one.detail}" for one in found or []]
+        found = answered(played(part, 10.0 if number % 3 == 0 else 2.0), rig.only(part.camera_names), provenance)
+        if found:
+            alarms.append(f"{name}, steps {first} to {last}, {part.camera_names}: {text([one.detail for one in found])}")
     return {"sessions": sessions, "alarms": alarms}
 
 

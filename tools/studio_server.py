@@ -24,7 +24,8 @@ SIZES = {"": (1280, 800), "_phone": (390, 844)}
 # WebGL on the processor, where there is no graphics card; all else of a page is drawn as the browser itself chooses then
 GRAPHICS = ("--no-sandbox", "--enable-unsafe-swiftshader")
 PATIENCE_S = 240.0
-TOKEN = secrets.token_urlsafe(24)
+# an option that begins with "-" would be taken for another one
+TOKEN = secrets.token_hex(24)
 """Of every studio that this process starts."""
 _ports: list[int] = []
 

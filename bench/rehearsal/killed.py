@@ -52,7 +52,8 @@ class Held:
     hint = "held by the bench"
 
     def __init__(self, from_s: float) -> None:
-        self._from_s, self._seq, self._first_ns = from_s, 0, None
+        self._from_s, self._seq = from_s, 0
+        self._first_ns: int | None = None
 
     def poll(self, now_ns: int, view: OperatorView | None) -> Pressed:
         self._first_ns = now_ns if self._first_ns is None and view is not None else self._first_ns

@@ -94,7 +94,7 @@ STANDS = {
 }
 
 
-def copied(robot: Robot) -> Robot:
+def copied(robot: Any) -> Any:
     """The same robot, to go another way; models and scratch data are shared."""
     other = copy(robot)
     if hasattr(robot, "joints"):

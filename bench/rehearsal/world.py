@@ -52,7 +52,8 @@ class World:
     blocked: bool = False
 
     def __post_init__(self) -> None:
-        self.robot = STANDS[self.robot_name].make(self.settings)
+        # a point, or a robot with joints and physics
+        self.robot: Any = STANDS[self.robot_name].make(self.settings)
         self.driver = Driver(self.robot, self.settings)
         self.state: RobotState | None = replace(self.driver.state, sent_ns=self.now_ns)
         self.waiting: deque[tuple[float, Order]] = deque()

@@ -17,11 +17,10 @@ from paper.scenes.scenes import CHECK_SEEDS, scene_name
 from posefuse import __version__
 from posefuse.core import JointCentres, PoseSequence, Progress, Recording, Truth
 from posefuse.evaluation import JointErrors, joint_errors
-from posefuse.formats import read_truth
+from posefuse.formats import joint_centres_from_mapping, read_truth
 from posefuse.formats.page import Page
 from posefuse.foundation import plain, stage_bars, usable_cores
 from posefuse.pipeline import (
-    StageClock,
     TrackConfig,
     changes_of,
     find_session,
@@ -107,8 +106,14 @@ def run_scene(name: str, scene: Scene, context: Context) -> Run:
     folder = rendered(name, scene, context)
     session = find_session(folder, config)
     with context.console.progress(f"tracking {name}") as advance:
-        tracked = track_session(session, config, StageClock(), advance, context.console.note, context.console.warn)
-    return Run(folder, config, tracked.recording, read_truth(folder / "truth" / "truth.npz"), tracked.joint_centres)
+
+        def report(stage: str, done: int, total: int | None, message: str = "") -> None:
+            context.console.note(message) if message else advance(done, total)
+
+        recording = track_session(session, config, progress=report).recording
+    table = recording.provenance["joint_centres"]
+    centres = joint_centres_from_mapping(table, "provenance: joint_centres") if table else None
+    return Run(folder, config, recording, read_truth(folder / "truth" / "truth.npz"), centres)
 
 
 def best_errors(name: str, scene: Scene, context: Context) -> dict[str, JointErrors]:

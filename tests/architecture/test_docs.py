@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import matplotlib
 import pytest
@@ -100,7 +101,7 @@ def test_the_plugins_of_the_page_pass_their_checks(monkeypatch: pytest.MonkeyPat
 
 @pytest.mark.usefixtures("my_package")
 def test_what_a_plugin_cannot_do_is_an_error_before_any_work(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr("posefuse.pipeline.result_folder.track_opened", lambda *_, **__: pytest.fail("work was done"))
+    monkeypatch.setattr("posefuse.pipeline.track.detect", lambda *_, **__: pytest.fail("work was done"))
     announce(monkeypatch, EntryPoint("dict", "tests.architecture.test_docs:Useless", "posefuse.detectors"))
     for settings, line in (
         ({"detector.name": "lamp"}, "skeleton lamp: no keypoint 'nose'; there are: left_wrist"),
@@ -190,7 +191,7 @@ def test_the_link_check_can_fail(tmp_path: Path) -> None:
     assert dead_links(page) == ["nowhere.md", "#there"]
 
 
-def navigation(entry: object) -> list[str]:
+def navigation(entry: Any) -> list[str]:
     if isinstance(entry, str):
         return [entry]
     return [page for inner in (entry.values() if isinstance(entry, dict) else entry) for page in navigation(inner)]

@@ -6,10 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from calibrating import differences
 
 from bench.faults.waved_props import Faults, Waving, cube, observe_prop
-from posefuse.calibration.extrinsics.self_checks import camera_differences
-from posefuse.calibration.solving.rotations import Poses, poses_of, stacked
 from posefuse.calibration.targets.corners import CornerObservations, joined
 from posefuse.calibration.targets.detection import detect_corners
 from posefuse.calibration.targets.kinds import Charuco, Markers
@@ -29,10 +28,9 @@ class Lab:
     def watch(self, faults: Faults | None = None, motion: Waving | None = None, rig: Rig | None = None) -> CornerObservations:
         return observe_prop(rig or self.rig, cube(0.3), self.target, motion or self.motion, faults or Faults())
 
-    def errors(self, found: Rig) -> tuple[np.ndarray, np.ndarray]:
-        """Distance in mm and angle in degrees of each camera from the truth, up to where the world is."""
-        true = stacked([Poses.from_se3(self.rig[name].cam_from_world) for name in found.names])
-        metres, radians = camera_differences(true, poses_of(found))
+    def errors(self, found: Rig, scaled: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        """Distance in mm and angle in degrees of each camera from the truth, as `differences`."""
+        metres, radians = differences(Rig(tuple(self.rig[name] for name in found.names)), found, scaled)
         return metres * 1e3, np.rad2deg(radians)
 
 

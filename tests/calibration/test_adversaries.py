@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from calibrating import merged
+from built import turned
+from calibrating import zoomed
 
 from bench.faults.waved_props import Faults, board, cube, observe_prop
 from posefuse.calibration.extrinsics.bootstrap import rough_offsets
@@ -78,11 +79,51 @@ def test_a_marker_with_a_wrong_id_now_and_then_does_no_harm(lab: Any, plain: Cor
     assert lab.errors(found.rig)[0].max() < 3.0
 
 
-def test_two_markers_exchanged_in_one_camera_are_refused(lab: Any, plain: CornerObservations) -> None:
-    exchanged = (plain.camera == 1) & np.isin(plain.patch, [1, 2])
-    with pytest.raises(RefusedCalibration, match="cam01"):
-        calibrate_extrinsics(replace(plain, patch=np.where(exchanged, 3 - plain.patch, plain.patch)), lab.rig.cameras,
-                             lab.target, TOGETHER)  # fmt: skip
+def merged(a: CornerObservations, b: CornerObservations) -> CornerObservations:
+    """Corners of the same cameras as one recording."""
+    names = ("camera", "t_ns", "patch", "corner", "xy_img", "sharpness")
+    return replace(a, **{name: np.concatenate([getattr(a, name), getattr(b, name)]) for name in names})
+
+
+def in_camera(seen: CornerObservations, camera: int, **changed: np.ndarray) -> CornerObservations:
+    """Other arrays for the corners that one camera sees."""
+    mine = seen.camera == camera
+    others = {name: getattr(seen, name) for name in changed}
+    return replace(seen, **{n: np.where(mine.reshape(-1, *[1] * (a.ndim - 1)), a, others[n]) for n, a in changed.items()})
+
+
+def exchanged_markers(seen: CornerObservations) -> CornerObservations:
+    return in_camera(seen, 1, patch=np.where(np.isin(seen.patch, [1, 2]), 3 - seen.patch, seen.patch))
+
+
+def one_stream_twice(seen: CornerObservations) -> CornerObservations:
+    copy = seen.rows(seen.camera == 0)
+    return merged(seen.rows(seen.camera != 1), replace(copy, camera=np.ones(len(copy), np.int64)))
+
+
+def mirrored(seen: CornerObservations) -> CornerObservations:
+    return in_camera(seen, 1, xy_img=seen.xy_img * [-1, 1] + [seen.sizes_wh[1][0] - 1, 0])
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        pytest.param(exchanged_markers, "cam01", id="two markers exchanged in one camera"),
+        pytest.param(lambda seen: replace(seen, doubled=(("cam00", 2, 81),)), "marker 2 in 81 frames of cam00", id="equal props"),
+        pytest.param(lambda seen: seen.rows(seen.camera != 3), r"not found by cam03 \(0 of 360 frames\)", id="prop never seen"),
+        pytest.param(one_stream_twice, "videos differ: cam00 and cam01 show the same video", id="one stream twice"),
+        pytest.param(mirrored, "cam01", id="a mirrored image", marks=pytest.mark.slow),
+        pytest.param(
+            lambda seen: seen.rows((seen.camera >= 2) == (seen.t_ns >= 12_000_000_000)),
+            "cam02, cam03 cannot be linked to cam00, cam01: they never see the prop at the same",
+            id="no common view",
+            marks=pytest.mark.slow,
+        ),
+    ],
+)
+def test_a_fault_of_the_recording_is_refused(lab: Any, plain: CornerObservations, fault: Any, words: str) -> None:
+    with pytest.raises(RefusedCalibration, match=words):
+        calibrate_extrinsics(fault(plain), lab.rig.cameras, lab.target, TOGETHER)
 
 
 @pytest.mark.parametrize("watching", [(2,), (0, 1, 2, 3)], ids=["one camera", "all cameras"])
@@ -102,18 +143,11 @@ def test_a_target_that_is_held_still_is_named_and_no_lens_is_blamed(lab: Any) ->
         calibrate_extrinsics(held, lab.rig.cameras, lab.target, TOGETHER)
 
 
-def test_two_equal_props_are_refused(lab: Any, plain: CornerObservations) -> None:
-    with pytest.raises(RefusedCalibration, match="marker 2 in 81 frames of cam00"):
-        calibrate_extrinsics(replace(plain, doubled=(("cam00", 2, 81),)), lab.rig.cameras, lab.target, TOGETHER)
-
-
 @pytest.mark.parametrize("by_m", [0.3, pytest.param(0.05, marks=pytest.mark.slow), pytest.param(0.01, marks=pytest.mark.slow)])
 def test_a_camera_that_is_moved_half_way_is_refused_by_name(lab: Any, plain: CornerObservations, by_m: float) -> None:
-    cameras = list(lab.rig.cameras)
-    bump = SE3.from_rotvec([0, by_m / 4.5, 0], [0, 0, 0.0])
-    cameras[2] = replace(cameras[2], cam_from_world=bump @ cameras[2].cam_from_world @ SE3([1.0, 0, 0, 0], [by_m, 0, 0]))
-    after = lab.watch(rig=Rig(tuple(cameras)))
-    middle_ns = round(lab.motion.seconds * 5e8)
+    cameras = list(turned(lab.rig, 2, [0, by_m / 4.5, 0]))
+    cameras[2] = replace(cameras[2], cam_from_world=cameras[2].cam_from_world @ SE3([1.0, 0, 0, 0], [by_m, 0, 0]))
+    after, middle_ns = lab.watch(rig=Rig(tuple(cameras))), round(lab.motion.seconds * 5e8)
     mixed = merged(
         plain.rows((plain.camera != 2) | (plain.t_ns < middle_ns)), after.rows((after.camera == 2) & (after.t_ns >= middle_ns))
     )
@@ -121,65 +155,27 @@ def test_a_camera_that_is_moved_half_way_is_refused_by_name(lab: Any, plain: Cor
         calibrate_extrinsics(mixed, lab.rig.cameras, lab.target, TOGETHER)
 
 
-def test_a_camera_that_never_sees_the_prop_is_named(lab: Any, plain: CornerObservations) -> None:
-    with pytest.raises(RefusedCalibration, match=r"not found by cam03 \(0 of 360 frames\)"):
-        calibrate_extrinsics(plain.rows(plain.camera != 3), lab.rig.cameras, lab.target, TOGETHER)
-
-
-@pytest.mark.slow
-def test_cameras_that_share_no_view_are_named_with_what_to_do(lab: Any, plain: CornerObservations) -> None:
-    late = plain.t_ns >= 12_000_000_000
-    apart = plain.rows(np.where(plain.camera >= 2, late, ~late))
-    with pytest.raises(
-        RefusedCalibration, match="cam02, cam03 cannot be linked to cam00, cam01: they never see the prop at the same"
-    ):
-        calibrate_extrinsics(apart, lab.rig.cameras, lab.target, TOGETHER)
-
-
 @pytest.mark.slow
 def test_an_image_turned_by_half_a_turn_is_named_unless_stated(lab: Any, plain: CornerObservations) -> None:
-    size = np.array(lab.rig.cameras[1].size_wh)
-    turned = replace(plain, xy_img=np.where((plain.camera == 1)[:, None], size - 1 - plain.xy_img, plain.xy_img))
+    turned = in_camera(plain, 1, xy_img=np.array(lab.rig.cameras[1].size_wh) - 1 - plain.xy_img)
     with pytest.raises(RefusedCalibration, match=r"the image of cam01 is turned by 180 deg|upside down: cam01"):
         calibrate_extrinsics(turned, lab.rig.cameras, lab.target, TOGETHER)
     found = calibrate_extrinsics(turned, lab.rig.cameras, lab.target, TOGETHER, upside_down=("cam01",))
-    centres = replace(lab, rig=found.rig).rig.centres_world()
-    true = lab.rig.centres_world()
-    assert np.linalg.norm(centres[0] - centres[1]) == pytest.approx(np.linalg.norm(true[0] - true[1]), abs=0.005)
+    apart_m = [np.linalg.norm(np.subtract(*rig.centres_world()[:2])) for rig in (found.rig, lab.rig)]
+    assert apart_m[0] == pytest.approx(apart_m[1], abs=0.005)
 
 
 @pytest.mark.slow
-def test_a_mirrored_image_is_refused(lab: Any, plain: CornerObservations) -> None:
-    width = lab.rig.cameras[1].size_wh[0]
-    flipped = plain.xy_img * [-1, 1] + [width - 1, 0]
-    with pytest.raises(RefusedCalibration, match="cam01"):
-        calibrate_extrinsics(replace(plain, xy_img=np.where((plain.camera == 1)[:, None], flipped, plain.xy_img)),
-                             lab.rig.cameras, lab.target, TOGETHER)  # fmt: skip
-
-
-def test_one_stream_given_twice_is_refused(lab: Any, plain: CornerObservations) -> None:
-    copy = plain.rows(plain.camera == 0)
-    twice = merged(plain.rows(plain.camera != 1), replace(copy, camera=np.ones(len(copy), np.int64)))
-    with pytest.raises(RefusedCalibration, match="videos differ: cam00 and cam01 show the same video"):
-        calibrate_extrinsics(twice, lab.rig.cameras, lab.target, TOGETHER)
-
-
-@pytest.mark.slow
-def test_intrinsics_of_another_zoom_are_refused(lab: Any, plain: CornerObservations) -> None:
-    cameras = list(lab.rig.cameras)
-    cameras[1] = replace(cameras[1], K=cameras[1].K * np.array([[1.08, 1, 1], [1, 1.08, 1], [1, 1, 1]]))
-    with pytest.raises(RefusedCalibration, match=r"cam01's focal length would rather be -7\.\d%"):
-        calibrate_extrinsics(plain, tuple(cameras), lab.target, TOGETHER)
-
-
-@pytest.mark.slow
-def test_a_principal_point_is_refused_by_how_far_it_moves_cameras(lab: Any, plain: CornerObservations) -> None:
-    """20 px are 2 deg, most of which the camera's rotation takes up; what is left is 40 mm."""
-    cameras = list(lab.rig.cameras)
-    cameras[1] = replace(cameras[1], K=cameras[1].K + np.array([[0, 0, 20.0], [0, 0, 0], [0, 0, 0]]))
-    words = r"cam01's principal point would rather be \d\.\d deg elsewhere .*moves a camera by \d\.\d% of the target's distance"
-    with pytest.raises(RefusedCalibration, match=words):
-        calibrate_extrinsics(plain, tuple(cameras), lab.target, TOGETHER)
+def test_wrong_intrinsics_are_refused_by_camera_and_parameter(lab: Any, plain: CornerObservations) -> None:
+    """20 px of the principal point are 2 deg, most of which the camera's rotation takes up; what is left is 40 mm."""
+    first, second, *others = lab.rig.cameras
+    beside = replace(second, K=second.K + np.array([[0, 0, 20.0], [0, 0, 0], [0, 0, 0]]))
+    for cameras, words in (
+        (zoomed(lab.rig, 1, 1.08), r"focal length would rather be -7\.\d%"),
+        ((first, beside, *others), r"principal point would rather be \d\.\d deg elsewhere .*moves a camera by \d\.\d% of the "),
+    ):
+        with pytest.raises(RefusedCalibration, match=f"cam01's {words}"):
+            calibrate_extrinsics(plain, cameras, lab.target, TOGETHER)
 
 
 @pytest.mark.slow
@@ -216,18 +212,19 @@ def test_cameras_that_are_late_in_turn_are_calibrated_with_their_clocks(lab: Any
 
 
 def test_unusable_input_is_refused_with_the_reason(lab: Any, plain: CornerObservations) -> None:
-    with pytest.raises(CalibrationError, match="looks the same from both ends"):
-        calibrate_extrinsics(plain, lab.rig.cameras, Chessboard(5, 7, 0.1))
-    with pytest.raises(CalibrationError, match="expected at least 2 cameras, got 1"):
-        calibrate_extrinsics(plain, lab.rig.cameras[:1], lab.target)
-    with pytest.raises(CalibrationError, match="no observations of camera cam03"):
-        calibrate_extrinsics(plain.of_camera("cam00"), (lab.rig.cameras[0], lab.rig.cameras[3]), lab.target)
+    first, *_, last = lab.rig.cameras
+    for seen, cameras, target, words in (
+        (plain, lab.rig.cameras, Chessboard(5, 7, 0.1), "looks the same from both ends"),
+        (plain, (first,), lab.target, "expected at least 2 cameras, got 1"),
+        (plain.of_camera("cam00"), (first, last), lab.target, "no observations of camera cam03"),
+    ):
+        with pytest.raises(CalibrationError, match=words):
+            calibrate_extrinsics(seen, cameras, target)
 
 
 @pytest.mark.slow
 def test_lenses_known_to_a_per_cent_are_refined_when_asked(lab: Any, plain: CornerObservations) -> None:
-    cameras = list(lab.rig.cameras)
-    cameras[1] = replace(cameras[1], K=cameras[1].K * np.array([[1.01, 1, 1], [1, 1.01, 1], [1, 1, 1]]))
+    cameras = zoomed(lab.rig, 1, 1.01)
     with pytest.raises(
         RefusedCalibration, match=r"cam01's focal length would rather be -1\.\d%.*`focal_known_to_percent=3`"
     ) as refused:

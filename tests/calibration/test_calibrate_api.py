@@ -9,13 +9,15 @@ import pytest
 
 from posefuse.api.calibrate import calibrate_extrinsics, calibrate_person, verify
 from posefuse.api.calibration_results import ClockCalibration, RigCalibration
+from posefuse.api.targets import print_target
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.extrinsics import target as moving_target
+from posefuse.calibration.extrinsics.own_intrinsics import in_a_plane, starting_cameras
 from posefuse.calibration.extrinsics.world import FloorMarker
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
 from posefuse.calibration.targets.kinds import Charuco, Markers
 from posefuse.calibration.targets.recordings import paths_by_camera
-from posefuse.core import CalibrationError, InputError
+from posefuse.core import CalibrationError, ConfigError, InputError
 from posefuse.formats.rig import read_rig
 
 BOARD = Charuco(columns=5, rows=7, square_m=0.04, marker_m=0.03)
@@ -34,15 +36,15 @@ def test_what_is_wrong_is_reported_before_any_work(lab: Any, tmp_path: Path) -> 
         calibrate_extrinsics(["none.mp4"], intrinsics=lab.rig, target=BOARD, floor=FloorMarker(7))
     with pytest.raises(InputError, match=r"none\.mp4: no such video"):
         calibrate_extrinsics(["none.mp4"], intrinsics=lab.rig, target=Markers(0.1))
-    with pytest.raises(InputError, match=r"no such file or folder: none\.mp4"):
-        calibrate_person(["none.mp4"], intrinsics=lab.rig, height_m=1.8)
-    (tmp_path / "a").mkdir()
-    (tmp_path / "b").mkdir()
-    films = {lab.rig.names[0]: tmp_path / "a", lab.rig.names[1]: tmp_path / "b"}
-    with pytest.raises(InputError, match="one known length"):
-        calibrate_person(films, intrinsics=lab.rig)
     with pytest.raises(InputError, match="do not state their frame rate"):
-        calibrate_person(films, intrinsics=lab.rig, height_m=1.8)
+        calibrate_person(dict.fromkeys(lab.rig.names[:2], tmp_path), intrinsics=lab.rig, height_m=1.8)
+
+
+def test_numbers_of_a_board_are_checked_where_it_is_printed(tmp_path: Path) -> None:
+    board = {"kind": "charuco", "columns": 4.0, "rows": 3, "square_mm": 36, "marker_mm": 27}
+    assert print_target(tmp_path / "board.pdf", board).target.is_file()
+    with pytest.raises(ConfigError, match=r"target: columns: .* got 4\.5"):
+        print_target(tmp_path / "other.pdf", {**board, "columns": 4.5})
 
 
 @pytest.mark.slow
@@ -99,3 +101,38 @@ def test_clock_offsets_become_settings_and_never_overwrite_them(lab: Any, tmp_pa
     assert same.save(tmp_path / "other.toml") is None and not (tmp_path / "other.toml").exists()
     rig = RigCalibration(rig=lab.rig, report=REPORT, clocks=clocks)
     assert rig.numbers["rms_px"] == 0.3 and rig.numbers[f"{lab.rig.names[1]}_offset_ms"] == pytest.approx(120)
+
+
+# --- intrinsics and extrinsics from one recording of a moving target: near the truth, or refused where it cannot carry them
+
+
+@pytest.mark.slow
+def test_one_recording_gives_intrinsics_and_poses(lab: Any) -> None:
+    seen = lab.watch()
+    start = starting_cameras(seen, lab.target)
+    assert max(abs(one.K[0, 0] / true.K[0, 0] - 1) for one, true in zip(start, lab.rig, strict=True)) < 0.12
+    found = calibrate_extrinsics(seen, target=lab.target, clocks="together")
+    for camera in lab.rig:
+        assert found.rig[camera.name].K[0, 0] == pytest.approx(camera.K[0, 0], rel=0.003)
+    millimetres, degrees = lab.errors(found.rig)
+    # with known intrinsics it is 2 mm and 0.03 deg
+    assert millimetres.max() < 25
+    assert degrees.max() < 0.25
+
+
+def test_a_recording_that_does_not_carry_them_is_refused_by_name(lab: Any) -> None:
+    here = replace(lab.motion, reach_m=(0.25, 0.25, 0.2))
+    with pytest.raises(RefusedCalibration, match=r"recording carries the intrinsics: cam00: its image is covered by \d+% "):
+        calibrate_extrinsics(lab.watch(motion=here), target=lab.target, clocks="together")
+    few = lab.watch()
+    few = few.rows((few.camera != 1) | (few.t_ns < np.unique(few.t_ns[few.camera == 1])[3]))
+    with pytest.raises(CalibrationError, match=r"camera cam01: \d+ views of the target, its intrinsics need at least 12"):
+        calibrate_extrinsics(few, target=lab.target, clocks="together")
+    with pytest.raises(InputError, match="needs `intrinsics=FILE` to refine"):
+        calibrate_extrinsics(lab.watch(), target=lab.target, focal_known_to_percent=1.0)
+
+
+def test_corners_of_one_row_of_a_board_are_no_view() -> None:
+    grid = np.array([[x, y, 0.0] for y in range(3) for x in range(4)]) * 0.054
+    assert in_a_plane(grid) and in_a_plane(grid[[0, 1, 4, 5]])
+    assert not in_a_plane(grid[:4]) and not in_a_plane(grid[[0, 5, 10]])

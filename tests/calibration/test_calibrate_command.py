@@ -9,14 +9,17 @@ import numpy as np
 import pytest
 from calibrating import run
 
+from posefuse.api import calibrate
+from posefuse.api.calibrate import target_of
 from posefuse.api.calibration_results import ClockCalibration, save_clocks
 from posefuse.calibration.clocks.sync import ClockEstimate
-from posefuse.calibration.extrinsics.world import read_floor_points
+from posefuse.calibration.extrinsics.world import FloorMarker, read_floor_points, with_floor
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
 from posefuse.calibration.result_files import calibration_page
 from posefuse.calibration.targets.coverage import coverage, coverage_sheet
-from posefuse.calibration.targets.kinds import Charuco, Markers, write_target
-from posefuse.cli.command_line import WrongCommandLineError
+from posefuse.calibration.targets.detection import TargetDetector
+from posefuse.calibration.targets.kinds import Charuco, Chessboard, Markers, Target, dictionary_of, read_target, write_target
+from posefuse.cli.command_line import WrongCommandLineError, parse
 from posefuse.core import CalibrationError, ConfigError, InputError
 from posefuse.formats.page import write_page
 from posefuse.formats.rig import read_rig, write_rig
@@ -25,10 +28,8 @@ from posefuse.pipeline.config import TrackConfig
 from posefuse.sources import ImagesConfig
 
 
-def test_printing_without_sizes_names_the_missing_ones(tmp_path: Path) -> None:
+def test_a_printed_file_is_replaced_on_request_only(tmp_path: Path) -> None:
     out = str(tmp_path / "cube.pdf")
-    with pytest.raises(InputError, match="target markers: missing `marker_mm=MM`"):
-        run("print", "--cube", "--out", out)
     assert run("print", "--cube", "--marker-mm", "120", "--out", out)["pages"] == 6
     assert (tmp_path / "cube.pdf").read_bytes().startswith(b"%PDF-1.4")
     with pytest.raises(InputError, match=r"cube\.pdf already exists; choose another name, or add `replace=True`"):
@@ -37,8 +38,6 @@ def test_printing_without_sizes_names_the_missing_ones(tmp_path: Path) -> None:
     run("print", "--cube", "--marker-mm", "100", "--out", out, "--force")
     [kept] = tmp_path.glob("cube.pdf.replaced-*")
     assert kept.read_bytes() == before != (tmp_path / "cube.pdf").read_bytes()
-    with pytest.raises(InputError, match="a plain chessboard is not offered"):
-        run("print", "--target", "chessboard", "--columns", "5", "--rows", "7", "--square-mm", "30", "--out", f"{out}.pdf")
 
 
 def test_three_marked_points_are_read_and_a_wrong_key_is_named(tmp_path: Path) -> None:
@@ -58,58 +57,49 @@ def test_three_marked_points_are_read_and_a_wrong_key_is_named(tmp_path: Path) -
         read_floor_points(path)
 
 
-def test_a_person_needs_one_length_and_one_kind_of_input(tmp_path: Path, lab: Any) -> None:
-    lenses, film = tmp_path / "lenses.toml", tmp_path / "cam00.mp4"
-    write_rig(lenses, lab.rig)
-    film.touch()
-    person, both = ("person", "--intrinsics", str(lenses), "--out", str(tmp_path / "rig.toml")), (str(film), f"cam01={film}")
-    with pytest.raises(InputError, match="expected at least 2 cameras, got 1"):
-        run(*person, "--height-m", "1.8", str(film))
-    with pytest.raises(InputError, match=r"no such file or folder: .*none\.mp4"):
-        run(*person, "--height-m", "1.8", str(film), "cam01=none.mp4")
-    with pytest.raises(InputError, match="one known length: `height_m=METRES`, or `camera_distance="):
-        run(*person, *both)
-    with pytest.raises(WrongCommandLineError, match=r'--apart: unable to convert "far" into float'):
-        run(*person, "--apart", "cam00", "cam01", "far", *both)
-    with pytest.raises(WrongCommandLineError, match="--height-m: expected a number > 0 and <= 3, got -1"):
-        run(*person, "--height-m", "-1", *both)
-    with pytest.raises(CalibrationError, match="expected a length > 0 m, got -1"):
-        run(*person, "--apart", "cam00", "cam01", "-1", *both)
-    with pytest.raises(CalibrationError, match="no camera 'cam09'"):
-        run(*person, "--apart", "cam00", "cam09", "3", *both)
-    poses = tmp_path / "poses"
-    poses.mkdir()
-    with pytest.raises(InputError, match="got both"):
-        run(*person, "--height-m", "1.8", str(film), f"cam01={poses}")
-    with pytest.raises(InputError, match="add `rate_hz=HZ`"):
-        run(*person, "--height-m", "1.8", f"cam01={poses}", f"cam02={poses}")
-    with pytest.raises(InputError, match="lies inside the input"):
-        run(*person, "--height-m", "1.8", str(film), f"cam01={tmp_path}")
+PERSON = "person --intrinsics lenses.toml --out rig.toml"
+EXTRINSICS = "extrinsics --target cube.toml --intrinsics lenses.toml --out rig.toml cam00=none.mp4"
 
 
-def test_a_folder_that_is_not_there_is_named_before_any_work(tmp_path: Path) -> None:
-    nowhere = tmp_path / "none" / "file"
-    with pytest.raises(InputError, match=r"out .*: there is no folder .*none"):
-        run("print", "--cube", "--marker-mm", "120", "--out", str(nowhere))
-    with pytest.raises(InputError, match="--report "):
-        run("intrinsics", "--target", "b.toml", "--out", str(tmp_path / "r.toml"), "--report", str(nowhere), "a.mp4")
-
-
-def test_what_is_wrong_with_the_floor_is_reported_before_any_look(tmp_path: Path, lab: Any) -> None:
-    lenses = tmp_path / "lenses.toml"
-    write_rig(lenses, lab.rig)
-    target = str(write_target(tmp_path / "cube.toml", Markers(0.12)))
-    extrinsics = ("extrinsics", "--target", target, "--intrinsics", str(lenses), "--out", str(tmp_path / "rig.toml"))
-    with pytest.raises(ConfigError, match=r"none\.toml: no such file"):
-        run(*extrinsics, "--floor-points", str(tmp_path / "none.toml"), "cam00=none.mp4")
-    with pytest.raises(InputError, match="one of the two sets the world"):
-        run(*extrinsics, "--floor-points", "a.toml", "--floor-marker", "7", "cam00=none.mp4")
-
-
-def test_inputs_that_are_not_there_are_named(tmp_path: Path) -> None:
-    board = ("--target", str(write_target(tmp_path / "b.toml", Charuco(columns=5, rows=7, square_m=0.05, marker_m=0.0375))))
-    with pytest.raises(InputError, match="no such video or folder of images"):
-        run("intrinsics", *board, "--out", str(tmp_path / "r.toml"), f"cam={tmp_path / 'none.mp4'}")
+@pytest.mark.parametrize(
+    ("words", "error", "reason"),
+    [
+        ("print --cube --out face.pdf", InputError, "target markers: missing `marker_mm=MM`"),
+        ("print --cube --marker-mm 120 --out none/cube.pdf", InputError, r"out .*: there is no folder .*none"),
+        (
+            "print --target chessboard --columns 5 --rows 7 --square-mm 30 --out a.pdf",
+            InputError,
+            "chessboard is not offered",
+        ),
+        (f"{PERSON} --height-m 1.8 cam00.mp4", InputError, "expected at least 2 cameras, got 1"),
+        (f"{PERSON} --height-m 1.8 cam00.mp4 cam01=none.mp4", InputError, r"no such file or folder: .*none\.mp4"),
+        (f"{PERSON} cam00.mp4 cam01=cam00.mp4", InputError, "one known length: `height_m=METRES`, or `camera_distance="),
+        (f"{PERSON} --apart cam00 cam01 far cam00.mp4", WrongCommandLineError, '--apart: unable to convert "far" into float'),
+        (f"{PERSON} --height-m -1 cam00.mp4", WrongCommandLineError, "--height-m: expected a number > 0 and <= 3, got -1"),
+        (f"{PERSON} --apart cam00 cam01 -1 cam00.mp4 cam01=cam00.mp4", CalibrationError, "expected a length > 0 m, got -1"),
+        (f"{PERSON} --apart cam00 cam09 3 cam00.mp4 cam01=cam00.mp4", CalibrationError, "no camera 'cam09'"),
+        (f"{PERSON} --height-m 1.8 cam00.mp4 cam01=poses", InputError, "got both"),
+        (f"{PERSON} --height-m 1.8 cam01=poses cam02=poses", InputError, "add `rate_hz=HZ`"),
+        (f"{PERSON} --height-m 1.8 cam00.mp4 cam01=.", InputError, "lies inside the input"),
+        ("intrinsics --target b.toml --out r.toml --report none/file a.mp4", InputError, "--report "),
+        ("intrinsics --target board.toml --out r.toml cam=none.mp4", InputError, "no such video or folder of images"),
+        (f"{EXTRINSICS} --floor-points none.toml", ConfigError, r"none\.toml: no such file"),
+        (f"{EXTRINSICS} --floor-points a.toml --floor-marker 7", InputError, "one of the two sets the world"),
+    ],
+)
+def test_what_is_wrong_with_a_command_is_reported_before_any_work(
+    lab: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: str, error: type[Exception], reason: str
+) -> None:
+    write_rig(tmp_path / "lenses.toml", lab.rig)
+    write_target(tmp_path / "cube.toml", Markers(0.12))
+    write_target(tmp_path / "board.toml", Charuco(columns=5, rows=7, square_m=0.05, marker_m=0.0375))
+    (tmp_path / "cam00.mp4").touch()
+    (tmp_path / "poses").mkdir()
+    before = sorted(tmp_path.iterdir())
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(error, match=reason):
+        run(*words.split())
+    assert sorted(tmp_path.iterdir()) == before
 
 
 @pytest.mark.slow
@@ -237,3 +227,101 @@ def test_a_report_shows_remedies_only_for_what_failed(read_page: Any, tmp_path: 
     assert bare.headings == ["thing: passed", "Checks"]
     with pytest.raises(RefusedCalibration, match="thing: b: broken; do this"):
         CalibrationReport("thing", (good, bad)).require()
+
+
+# --- the target file: what `print` writes is what every step takes, and what is wrong in it is named
+
+
+TARGETS: tuple[Target, ...] = (
+    Markers(0.1205, "DICT_5X5_100", (3, 4, 7), True),
+    Charuco(columns=5, rows=7, square_m=0.05, marker_m=0.0375, dictionary="DICT_4X4_100", inverted=True, legacy=True),
+    Chessboard(8, 6, 0.031),
+)
+
+
+@pytest.mark.parametrize("target", TARGETS, ids=lambda target: type(target).__name__)
+def test_a_target_file_gives_the_same_target_again(target: Target, tmp_path: Path) -> None:
+    path = tmp_path / "target.toml"
+    write_target(path, target)
+    assert read_target(path) == target == target_of(str(path)) == target_of(target)
+
+
+def test_printing_writes_the_file_and_the_other_steps_take_it(tmp_path: Path) -> None:
+    out, described = tmp_path / "board.pdf", tmp_path / "board.toml"
+    sizes = ("--columns", "5", "--rows", "7", "--square-mm", "50", "--marker-mm", "37.5")
+    assert run("print", *sizes, "--page", "a3", "--out", str(out))["target"] == str(described)
+    assert read_target(described) == Charuco(columns=5, rows=7, square_m=0.05, marker_m=0.0375)
+    with pytest.raises(InputError, match=r"board\.toml already exists"):
+        run("print", *sizes, "--page", "a3", "--out", str(tmp_path / "board.ps"))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('kind = "charuco"\ncolumns = 5\nrows = 7\nsquare_mm = 50.0\n', r"target\.toml: charuco: missing marker_mm"),
+        ('kind = "markers"\nmarker_cm = 12\n', r"target\.toml: unknown key 'marker_cm'; there are: .*marker_mm"),
+        ("[cameras]\n", r"target\.toml: not a target file: expected kind = markers, charuco"),
+        (None, r"target\.toml: no such file"),
+    ],
+)
+def test_what_is_wrong_with_a_target_file_is_named(tmp_path: Path, text: str | None, words: str) -> None:
+    path = tmp_path / "target.toml"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(ConfigError, match=words):
+        read_target(path)
+
+
+def test_a_kind_of_target_that_is_mistyped_is_named() -> None:
+    with pytest.raises(WrongCommandLineError, match=r'--target.*Did you mean "charuco"'):
+        parse(["calibrate", "print", "--target", "charuko", "--out", "a.pdf"])
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (("--cube", "--marker-mm", "120", "--ids", "48,49,50"), "markers 0 to 49, this target needs 48 to 50"),
+        (("--cube", "--marker-mm", "120", "--ids", "3,4,3"), "ids: expected each once, got 3, 4, 3"),
+        (("--columns", "12", "--rows", "12", "--square-mm", "50", "--marker-mm", "37"), "this target needs 0 to 71"),
+        (("--columns", "1", "--rows", "7", "--square-mm", "50", "--marker-mm", "37"), "columns: expected at least 2, got 1"),
+        (("--columns", "5", "--rows", "7", "--square-mm", "50", "--marker-mm", "60"), "60 mm: expected less than .* 50 mm"),
+    ],
+)
+def test_a_target_that_cannot_be_is_not_printed(words: tuple[str, ...], reason: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=reason):
+        run("print", *words, "--page", "a0", "--out", str(tmp_path / "target.pdf"))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("step", ["extrinsics", "intrinsics"])
+def test_a_target_file_is_not_replaced_by_the_result(tmp_path: Path, step: str) -> None:
+    target = write_target(tmp_path / "cube.toml", Markers(0.12))
+    before = target.read_bytes()
+    with pytest.raises(InputError, match=r"cube\.toml"):
+        run(step, "--target", str(target), "--force", "--out", str(target), f"cam={tmp_path / 'none.mp4'}")
+    assert target.read_bytes() == before
+
+
+def test_a_floor_marker_is_looked_for_where_the_target_has_ids_of_its_own(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    looked_for: list[Target] = []
+
+    def stop(sources: object, target: Target, *_: object) -> None:
+        looked_for.append(target)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(calibrate, "observe_sources", stop)
+    monkeypatch.setattr(calibrate, "open_sources", lambda inputs: [])
+    target = Markers(0.12, ids=(3, 4, 7))
+    with pytest.raises(KeyboardInterrupt):
+        calibrate.calibrate_extrinsics([], target=target, floor=FloorMarker(40))
+    with pytest.raises(KeyboardInterrupt):
+        described = str(write_target(tmp_path / "cube.toml", target))
+        run("extrinsics", "--target", described, "--floor-marker", "40", "--out", str(tmp_path / "rig.toml"), "a.mp4")
+    assert [one.ids for one in looked_for if isinstance(one, Markers)] == [(3, 4, 7, 40)] * 2
+    page = np.full((300, 300), 255, np.uint8)
+    page[50:250, 50:250] = cv2.aruco.generateImageMarker(dictionary_of("DICT_4X4_50"), 40, 200)
+    assert set(TargetDetector(with_floor(target, FloorMarker(40))).detect(page).patch) == {40}
+    with pytest.raises(ConfigError, match="markers 0 to 49, this target needs 60"):
+        calibrate.calibrate_extrinsics([], target=Markers(0.12), floor=FloorMarker(60))

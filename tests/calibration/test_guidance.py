@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
+from calibrating import marker_page
 
 from posefuse.calibration.targets.coverage import new_guidance, seen
 from posefuse.calibration.targets.kinds import Markers
@@ -66,11 +66,8 @@ class Film:
 
 
 def test_at_the_cameras_frames_are_counted_and_a_dead_one_is_named() -> None:
-    marker = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50), 3, 60)
-    page = np.full((120, 160, 3), 255, np.uint8)
-    page[30:90, 50:110] = marker[..., None]
     shown: list[str] = []
-    inputs = [LiveInput(name, "film", Film((page,), name), reopen=False) for name in ("a", "b")]
+    inputs = [LiveInput(name, "film", Film((marker_page(),), name), reopen=False) for name in ("a", "b")]
     with CameraFeed(inputs) as feed:
         found = guide(feed, Markers(0.1), lambda state: shown.append(state.words), 5.0)
     assert found.coverage.together.tolist() == [[1, 1], [1, 1]]

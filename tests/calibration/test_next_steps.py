@@ -6,10 +6,9 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, get_args
 
-import cv2
 import numpy as np
 import pytest
-from calibrating import run
+from calibrating import marker_page, run
 
 import posefuse as pf
 from posefuse.api.calibration_results import save_clocks, saved_clocks
@@ -93,14 +92,11 @@ class Room:
 
 @pytest.fixture
 def room(tmp_path: Path, ring_rig: Any, monkeypatch: pytest.MonkeyPatch) -> Room:
-    marker = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50), 3, 60)
-    page = np.full((120, 160, 3), 255, np.uint8)
-    page[30:90, 50:110] = marker[..., None]
     (tmp_path / "videos").mkdir()
     for name in "ab":
         with KeptVideo(tmp_path / "videos" / f"{name}.mp4") as video:
             for i in range(12):
-                video.write(RgbPixels(np.roll(page, 2 * i, axis=1)), i * 50_000_000)
+                video.write(RgbPixels(np.roll(marker_page(), 2 * i, axis=1)), i * 50_000_000)
     rig = Rig(tuple(replace(camera, name=name) for camera, name in zip(ring_rig(2), "ab", strict=True)))
     write_rig(tmp_path / "rig.toml", rig)
     write_rig(tmp_path / "lenses.toml", rig)

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from synthetic_walk import BODY, STATURE_M, walker
+from built import turned
+from synthetic_walk import BODY, STATURE_M, walker, watch_walker
 
 import posefuse as pf
 from bench.faults.waved_props import Faults
@@ -20,7 +21,7 @@ from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.person.solve import _floor, calibrate_from_person
 from posefuse.calibration.person.views import PersonViews
 from posefuse.calibration.report import RefusedCalibration
-from posefuse.core import SE3, Rig, Skeleton
+from posefuse.core import Rig, Skeleton
 from posefuse.formats.rig import write_rig
 from posefuse.pipeline.person_poses import timeline_of
 
@@ -29,15 +30,7 @@ T_S = np.arange(round(RATE_HZ * SECONDS)) / RATE_HZ
 
 
 def views_of(rig: Rig, seed: int = 0) -> PersonViews:
-    xy = np.stack([camera.project(walker(T_S, lap_rad_s=0.7)) for camera in rig])
-    every = np.ones(xy.shape[:-1])
-    xy = xy + np.random.default_rng(seed).normal(0, 1.5, xy.shape)
-    return PersonViews(rig.names, BODY, np.round(T_S * 1e9), xy, 0.9 * every, 1.5 * every)
-
-
-def turned(rig: Rig, camera: int, degrees: float) -> Rig:
-    pose = SE3.from_rotvec(np.deg2rad(degrees) * np.array([0, 0.8, 0.6]), np.zeros(3)) @ rig.cameras[camera].cam_from_world
-    return replace(rig, cameras=tuple(replace(c, cam_from_world=pose) if i == camera else c for i, c in enumerate(rig)))
+    return watch_walker(rig, SECONDS, RATE_HZ, 1.5, seed, lap_rad_s=0.7)
 
 
 def moved_at(rig: Rig, at_s: dict[int, float], degrees: float) -> PersonViews:
@@ -45,7 +38,7 @@ def moved_at(rig: Rig, at_s: dict[int, float], degrees: float) -> PersonViews:
     xy = views.xy_img.copy()
     for camera, at in at_s.items():
         late = at <= T_S
-        xy[camera, late] = views_of(turned(rig, camera, degrees)).xy_img[camera, late]
+        xy[camera, late] = views_of(turned(rig, camera, np.deg2rad(degrees) * np.array([0, 0.8, 0.6]))).xy_img[camera, late]
     return replace(views, xy_img=xy)
 
 

@@ -11,14 +11,12 @@ from calibrating import differences
 
 from posefuse.calibration.clocks.person_tracks import person_tracks
 from posefuse.calibration.extrinsics.pipeline import Options
-from posefuse.calibration.extrinsics.self_checks import camera_differences, scale_of
 from posefuse.calibration.extrinsics.target import Calibration, calibrate_extrinsics
 from posefuse.calibration.extrinsics.world import beside_others
 from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.person.solve import calibrate_from_person
 from posefuse.calibration.person.views import PersonViews, person_views
 from posefuse.calibration.report import RefusedCalibration
-from posefuse.calibration.solving.rotations import Poses, poses_of
 from posefuse.calibration.targets.corners import CornerObservations, joined
 from posefuse.calibration.targets.detection import TargetDetector, corners_from_frames, detect_corners
 from posefuse.calibration.targets.kinds import Charuco, Markers
@@ -76,12 +74,6 @@ def test_it_measures_the_board_better_than_the_reference_rig_does(
     assert np.rad2deg(radians.max()) < 0.8
 
 
-def after_similarity(rig: Rig, found: Rig) -> tuple[np.ndarray, np.ndarray]:
-    first, second = (poses_of(one) for one in (rig, found))
-    metres, radians = camera_differences(first, Poses(second.R, second.t * scale_of(first, second)))
-    return metres, np.rad2deg(radians)
-
-
 def openpose_views(folder: Path, rig: Rig) -> PersonViews:
     folders = {name: folder / "openpose_json" / f"{name.replace('_', '')}_json" for name in rig.names}
     return person_views(
@@ -101,8 +93,8 @@ def test_a_person_alone_gives_the_rig_roughly(shared_data: Path) -> None:
     rig = read_rig(folder / "calibration" / "Calib_qualisys.toml")
     result = calibrate_from_person(openpose_views(folder, rig), rig.cameras, KnownLength(stature_m=1.75))
     assert result.report.failed == ()
-    metres, degrees = after_similarity(rig, result.rig)
-    assert degrees.max() < 1.0
+    metres, radians = differences(rig, result.rig, scaled=True)
+    assert np.rad2deg(radians.max()) < 1.0
     assert metres.max() < 0.065
 
 
@@ -120,10 +112,10 @@ def test_a_person_in_videos_gives_positions_within_30_mm_and_shows_where_the_ref
     seen = person_in_videos(films, rig, length, DetectorChoice())
     views, cameras = person_views(seen.tracks), seen.cameras
     found = calibrate_from_person(views, cameras, length)
-    metres, degrees = after_similarity(rig, found.rig)
-    print(f"\n{metres * 1e3} mm, {degrees} deg")
+    metres, radians = differences(rig, found.rig, scaled=True)
+    print(f"\n{metres * 1e3} mm, {np.rad2deg(radians)} deg")
     assert metres.max() < 0.030
-    assert degrees.max() < 1.4
+    assert np.rad2deg(radians.max()) < 1.4
     placed = Rig(tuple(replace(camera, cam_from_world=rig[camera.name].cam_from_world) for camera in cameras))
     in_reference = [beside_px(placed, views), beside_px(rig, openpose_views(folder, rig))]
     print(f"next to in the reference: {in_reference[0].round(1).tolist()} px, OpenPose {in_reference[1].round(1).tolist()} px")

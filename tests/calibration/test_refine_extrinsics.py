@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from built import poses, turned, view_sequence
 from synthetic_walk import BODY, walker
 
 from posefuse.calibration.extrinsics.refine import refined_extrinsics
@@ -16,22 +17,23 @@ NOISE_PX, MOVED_M, TURNED_RAD = 0.5, (0.004, -0.006, 0.003), (0.003, -0.002, 0.0
 
 def views_of(rig: Rig, noise_px: float = NOISE_PX, seconds: float = 20.0) -> ViewSequence:
     """What the cameras see of the walker at 10 Hz."""
-    t_s = np.arange(round(seconds * 10)) / 10
-    xy = np.moveaxis(np.stack([camera.project(walker(t_s)) for camera in rig]), 0, 1)[:, None]
+    sequence = poses(walker(np.arange(round(seconds * 10)) / 10)[:, None], rate_hz=10)
+    xy = np.stack([camera.project(sequence.xyz_world) for camera in rig], axis=2)
     xy = xy + np.random.default_rng(3).normal(size=xy.shape) * noise_px
-    every = np.ones(xy.shape[:-1])
-    return ViewSequence(
-        t_ns=np.round(t_s * 1e9).astype(np.int64), skeleton=BODY, camera_names=rig.names, person_id=np.array([0]), xy_img=xy,
-        score=0.9 * every, sigma_px=2.0 * every,
-    )  # fmt: skip
+    return view_sequence(rig, sequence, xy, np.full(xy.shape[:-1], 0.9), 2.0)
+
+
+def repeated(once: ViewSequence) -> ViewSequence:
+    """Of a person who stands for half a minute."""
+    arrays = {name: np.repeat(getattr(once, name), 60, axis=0) for name in ("xy_img", "score", "sigma_px")}
+    return replace(once, t_ns=np.arange(60) * 500_000_000, **arrays)
 
 
 def displaced(rig: Rig, which: int) -> Rig:
     """One camera of the rig moved and turned."""
-    cameras, wrong = list(rig), rig.cameras[which]
-    R = SE3.from_rotvec(np.array(TURNED_RAD), np.zeros(3)).matrix() @ wrong.cam_from_world.matrix()
-    centre = rig.centres_world()[which] + MOVED_M
-    cameras[which] = replace(wrong, cam_from_world=SE3.from_matrix(R, -R @ centre))
+    cameras = list(turned(rig, which, TURNED_RAD))
+    R = cameras[which].cam_from_world.matrix()
+    cameras[which] = replace(cameras[which], cam_from_world=SE3.from_matrix(R, -R @ (rig.centres_world()[which] + MOVED_M)))
     return replace(rig, cameras=tuple(cameras))
 
 
@@ -112,9 +114,7 @@ def test_someone_who_stands_counts_as_one_look(ring_rig: Callable[..., Rig]) -> 
     """A network errs in the same way all the time then, here by 4 px, in each camera differently: that says little of the rig."""
     rig = ring_rig(4)
     once = views_of(rig, noise_px=4.0, seconds=0.1)
-    repeated = {name: np.repeat(getattr(once, name), 60, axis=0) for name in ("xy_img", "score", "sigma_px")}
-    long = replace(once, t_ns=np.arange(60) * 500_000_000, **repeated)
-    one, many = (refined_extrinsics(rig, views) for views in (once, long))
+    one, many = (refined_extrinsics(rig, views) for views in (once, repeated(once)))
     np.testing.assert_allclose(many.moved_m, one.moved_m, rtol=0.02)
     np.testing.assert_allclose(many.turned_rad, one.turned_rad, rtol=0.02)
 
@@ -126,8 +126,7 @@ def test_limbs_that_no_camera_sees_make_no_look_count_for_more(ring_rig: Callabl
     score = np.array(once.score)
     score[..., [name.startswith(hidden) for name in BODY.keypoints]] = 0
     once = replace(once, score=score)
-    repeated = {name: np.repeat(getattr(once, name), 60, axis=0) for name in ("xy_img", "score", "sigma_px")}
-    long = replace(once, t_ns=np.arange(60) * 500_000_000, **repeated)
+    long = repeated(once)
     one, many = (refined_extrinsics(rig, views, RefineSettings(together=1.0)) for views in (once, long))
     np.testing.assert_allclose(many.moved_m, one.moved_m, rtol=0.02)
     # and one look is one look

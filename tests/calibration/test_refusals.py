@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from built import turned
 
 from bench.faults.waved_props import Faults, Waving, board, cube, observe_prop
 from posefuse.calibration.extrinsics.causes import Cause, CauseTrial, Trouble, best_causes, cause_check
@@ -91,16 +92,18 @@ def test_a_refused_rig_is_marked_in_its_file(lab: Any, tmp_path: Path) -> None:
     assert read_rig(tmp_path / "rig.toml").refused == ""
 
 
-@pytest.mark.parametrize(("height_m", "said"), [(0.5, "got 0.5"), (178.0, "did you mean 1.78 m")])
-def test_a_height_no_person_has_is_refused(height_m: float, said: str) -> None:
-    with pytest.raises(CalibrationError, match=f"height of the person: .*{said}"):
-        KnownLength(stature_m=height_m)
+@pytest.mark.parametrize(
+    ("known", "said"),
+    [
+        ({"stature_m": 0.5}, "height of the person: .*got 0.5"),
+        ({"stature_m": 178.0}, "height of the person: .*did you mean 1.78 m"),
+        ({"cameras": ("cam00", "cam00"), "distance_m": 3.4}, "expected the distance of two cameras, got cam00 twice"),
+    ],
+)
+def test_a_length_that_cannot_be_is_refused(known: dict[str, Any], said: str) -> None:
+    with pytest.raises(CalibrationError, match=said):
+        KnownLength(**known)
     assert KnownLength(stature_m=1.2).stature_m == 1.2
-
-
-def test_the_distance_of_a_camera_to_itself_is_refused() -> None:
-    with pytest.raises(CalibrationError, match="expected the distance of two cameras, got cam00 twice"):
-        KnownLength(cameras=("cam00", "cam00"), distance_m=3.4)
 
 
 def test_intrinsics_alone_are_read_as_intrinsics_and_not_as_a_rig(lab: Any, tmp_path: Path) -> None:
@@ -129,9 +132,7 @@ def held(wall: Rig) -> Any:
 def test_the_camera_that_was_turned_is_named_with_its_turn(wall: Rig, held: Any) -> None:
     found = verify(wall, held, TARGET)
     assert [check.name for check in found.report.failed] == []
-    turn = SE3.from_rotvec([0, np.deg2rad(1.0), 0], np.zeros(3))
-    turned = replace(wall.cameras[1], cam_from_world=turn @ wall.cameras[1].cam_from_world)
-    wrong = verify(Rig((wall.cameras[0], turned, *wall.cameras[2:])), held, TARGET)
+    wrong = verify(turned(wall, 1, [0, np.deg2rad(1.0), 0]), held, TARGET)
     check = next(check for check in wrong.report.failed if check.name == "cameras are where the rig has them")
     assert check.detail.startswith("cam01 is turned by")
     assert np.rad2deg(wrong.cameras[1].turn_rad) == pytest.approx(1.0, abs=0.1)

@@ -21,9 +21,9 @@ from posefuse.formats.rig import write_rig
 from posefuse.foundation.settings import read_settings
 from posefuse.health.rig_monitor import RigFinding
 from posefuse.pipeline.config import TrackConfig
-from posefuse.pipeline.pose2d import pose2d_time_steps
-from posefuse.pipeline.run import finding_line
+from posefuse.pipeline.opening import open_session
 from posefuse.pipeline.session import find_session
+from posefuse.pipeline.track import finding_line
 
 BODY = SKELETONS["coco17"]
 SECONDS = 16.0
@@ -139,8 +139,8 @@ def test_clocks_of_a_session_are_found_written_and_read_by_track(rig: Rig, tmp_p
     config = read_settings(Path(figures["settings"]), TrackConfig)
     assert config.cameras["cam02"].offset_s == pytest.approx(0.15, abs=0.003)
     session = find_session(tmp_path, replace(config, rate_hz=rate_hz))
-    _, time_steps, _ = pose2d_time_steps(session, replace(config, rate_hz=rate_hz))
-    at = list(time_steps.steps())[100]
+    opened = open_session(session, replace(config, rate_hz=rate_hz))
+    at = list(opened.steps())[100]
     for c, seen in enumerate(at.look(LookKind.SEARCH, None)):
         true = rig.cameras[c].project(body(np.array([seen.t_ns / 1e9])))
         np.testing.assert_allclose(seen.xy_img, true, atol=1.5)

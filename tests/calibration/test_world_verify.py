@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from built import turned
 from scipy.spatial.distance import pdist
 
 from bench.faults.waved_props import Faults, Waving, board, observe_prop
@@ -19,6 +20,7 @@ from posefuse.calibration.extrinsics.world import (
     floor_under_body,
     triangulate_linear,
 )
+from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Charuco, Markers
 from posefuse.calibration.verify import point_covariance, verify
 from posefuse.core import SE3, CalibrationError, Rig
@@ -101,35 +103,38 @@ def test_without_a_floor_up_is_where_the_images_say(lab: Any) -> None:
     assert np.ptp(found.centres_world()[:, 2]) < 0.02
 
 
+BOARD = Charuco(columns=5, rows=7, square_m=0.1, marker_m=0.075)
+
+
+def board_seen(lab: Any, rig: Rig | None = None, noise_px: float = 0.2) -> CornerObservations:
+    return observe_prop(rig or lab.rig, board(), BOARD, replace(lab.motion, seed=9), Faults(noise_px=noise_px, seed=4))
+
+
 def test_verification_measures_millimetres_and_finds_a_moved_camera_and_a_wrong_scale(lab: Any) -> None:
-    target = Charuco(columns=5, rows=7, square_m=0.1, marker_m=0.075)
-    seen = observe_prop(lab.rig, board(), target, replace(lab.motion, seed=9), Faults(noise_px=0.2, seed=4))
-    true = verify(lab.rig, seen, target)
+    seen = board_seen(lab)
+    true = verify(lab.rig, seen, BOARD)
     assert true.report.failed == ()
     assert true.length_rms_m < 3e-3
     assert true.report.numbers["scale"] == pytest.approx(1, abs=2e-3)
     assert np.isfinite(true.cell_px).any(axis=(1, 2)).all()
-    cameras = list(lab.rig.cameras)
-    cameras[0] = replace(cameras[0], cam_from_world=SE3.from_rotvec([0.02, 0, 0], [0, 0, 0]) @ cameras[0].cam_from_world)
-    bumped = verify(Rig(tuple(cameras)), seen, target)
+    bumped = verify(turned(lab.rig, 0, [0.02, 0, 0]), seen, BOARD)
     assert "reprojection" in {check.name for check in bumped.report.failed}
     big = Rig(tuple(replace(c, cam_from_world=SE3(c.cam_from_world.wxyz, c.cam_from_world.xyz * 1.01)) for c in lab.rig))
-    assert "scale is right" in {check.name for check in verify(big, seen, target).report.failed}
+    assert "scale is right" in {check.name for check in verify(big, seen, BOARD).report.failed}
 
 
 @pytest.mark.parametrize(
     ("cameras", "exchanged"), [(4, (0, 1)), (4, (0, 2)), (2, (0, 1))], ids=["neighbours", "opposite", "two alone"]
 )
 def test_exchanged_cameras_are_refused_with_figures_that_are_known(lab: Any, cameras: int, exchanged: tuple[int, int]) -> None:
-    target = Charuco(columns=5, rows=7, square_m=0.1, marker_m=0.075)
     rig = Rig(lab.rig.cameras[:cameras])
-    seen = observe_prop(rig, board(), target, replace(lab.motion, seed=9), Faults(noise_px=0.2, seed=4))
+    seen = board_seen(lab, rig)
     names = list(seen.cameras)
     a, b = exchanged
     names[a], names[b] = names[b], names[a]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        report = verify(rig, replace(seen, cameras=tuple(names)), target).report
+        report = verify(rig, replace(seen, cameras=tuple(names)), BOARD).report
     details = " ".join(check.detail for check in report.checks)
     [moved] = [check for check in report.failed if check.name == "cameras are where the rig has them"]
     assert f"{rig.names[a]} and {rig.names[b]}" in moved.detail
@@ -139,13 +144,10 @@ def test_exchanged_cameras_are_refused_with_figures_that_are_known(lab: Any, cam
 
 
 def test_noise_of_the_corners_neither_refuses_a_rig_nor_changes_its_scale(lab: Any) -> None:
-    target = Charuco(columns=5, rows=7, square_m=0.1, marker_m=0.075)
-    noisy = verify(
-        lab.rig, observe_prop(lab.rig, board(), target, replace(lab.motion, seed=9), Faults(noise_px=0.8, seed=4)), target
-    )
+    noisy = verify(lab.rig, board_seen(lab, noise_px=0.8), BOARD)
     assert noisy.report.failed == ()
     # two per cent of a usual length alone would refuse it
-    assert noisy.length_rms_m > 0.02 * np.median(pdist(target.corners(0)))
+    assert noisy.length_rms_m > 0.02 * np.median(pdist(BOARD.corners(0)))
     assert noisy.report.numbers["length_noise_mm"] == pytest.approx(noisy.length_rms_m * 1e3, rel=0.25)
     assert noisy.report.numbers["scale"] == pytest.approx(1, abs=2e-3)
 
@@ -184,9 +186,7 @@ def test_the_monitor_names_what_went_wrong_within_seconds(lab: Any) -> None:
     aside = replace(lab.rig.cameras[3], cam_from_world=lab.rig.cameras[3].cam_from_world @ SE3([1.0, 0, 0, 0], [0.7, 0.3, -0.5]))
     rig = Rig((*lab.rig.cameras[:3], aside))
     assert run_monitor(rig, lambda t: rig.project(walk(np.array([t]))[0])) == []
-    cameras = list(rig.cameras)
-    cameras[2] = replace(cameras[2], cam_from_world=SE3.from_rotvec([0, 0.03, 0], [0, 0, 0]) @ cameras[2].cam_from_world)
-    after = Rig(tuple(cameras))
+    after = turned(rig, 2, [0, 0.03, 0])
     bumped = run_monitor(rig, lambda t: (rig if t < 10 else after).project(walk(np.array([t]))[0]))
     assert (bumped[0].kind, bumped[0].cameras) == ("moved", ("cam02",))
     assert 10 <= bumped[0].t_ns / 1e9 < 13
@@ -223,10 +223,7 @@ def test_a_camera_that_looks_at_another_person_is_not_called_moved(lab: Any) -> 
 @pytest.mark.parametrize(("reach_m", "turn_rad", "kinds"), [(0.0, 0.02, []), (0.0, 0.1, ["moved"]), (1.0, 0.02, ["moved"])])
 def test_a_standing_person_shows_large_displacements_only(lab: Any, reach_m: float, turn_rad: float, kinds: list[str]) -> None:
     """What a network makes up for limbs that one view does not show stays as long as a person stands; a walk tells it apart."""
-    start, still = walk(np.zeros(1))[0], [0.0, 0.0, 0.0]
-    cameras = list(lab.rig)
-    cameras[1] = replace(cameras[1], cam_from_world=SE3.from_rotvec([0.0, turn_rad, 0.0], still) @ cameras[1].cam_from_world)
-    after = Rig(tuple(cameras))
+    start, after = walk(np.zeros(1))[0], turned(lab.rig, 1, [0.0, turn_rad, 0.0])
 
     def pictures(t: float) -> np.ndarray:
         swing = 0.05 * np.sin(5 * t + np.arange(len(start)))[:, None]
@@ -236,9 +233,7 @@ def test_a_standing_person_shows_large_displacements_only(lab: Any, reach_m: flo
 
 
 def test_a_camera_that_is_put_back_is_correct_and_may_be_moved_again(lab: Any) -> None:
-    cameras = list(lab.rig.cameras)
-    cameras[1] = replace(cameras[1], cam_from_world=SE3.from_rotvec([0.02, 0, 0], [0, 0, 0]) @ cameras[1].cam_from_world)
-    after, random, state = Rig(tuple(cameras)), np.random.default_rng(4), monitor.new_monitor_state(lab.rig)
+    after, random, state = turned(lab.rig, 1, [0.02, 0, 0]), np.random.default_rng(4), monitor.new_monitor_state(lab.rig)
     findings: list[tuple[float, str]] = []
     for k in range(200):
         rig = after if 40 <= k < 80 or k >= 140 else lab.rig
@@ -285,3 +280,16 @@ def test_the_monitor_bears_points_on_the_horizon_and_cameras_that_see_nothing(la
         assert all(np.isfinite(sums.information).all() and np.isfinite(sums.pull).all() for sums in state.sums)
         assert np.isfinite([[sums.squares, sums.count] for sums in state.sums]).all()
     assert state.findings == ()
+
+
+def test_stated_errors_of_cameras_are_those_that_they_have(lab: Any) -> None:
+    """Of a small board, far away: focal length and distance of a camera all but cancel."""
+    target, ratios = Charuco(columns=4, rows=3, square_m=0.22, marker_m=0.165), []
+    for seed in range(4):
+        motion = replace(lab.motion, seed=20 + seed)
+        seen = observe_prop(lab.rig, board(), target, motion, Faults(noise_px=0.1, seed=seed))
+        for one in verify(lab.rig, seen, target).cameras:
+            assert one.excess < 0.5
+            ratios.append((one.focal / one.focal_sigma, one.shift_m / one.shift_sigma, one.effect / one.effect_sigma))
+    off = np.sqrt(np.square(ratios).mean(axis=0))
+    assert (off > 0.4).all() and (off < 1.6).all(), off

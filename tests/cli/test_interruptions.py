@@ -25,10 +25,10 @@ from posefuse.pipeline.solve import solve_again
 
 STEPS, K = 40, len(COCO17)
 AT_MOST_S = 300
-RUN, STORE, OUTPUTS = "posefuse.pipeline.run", "posefuse.pipeline.store", "posefuse.pipeline.writing"
+RUN, STORE, OUTPUTS = "posefuse.pipeline.track", "posefuse.pipeline.result_folder", "posefuse.pipeline.writing"
 DETECTING = [STORE, "DetectionStore.append", 25]
 STORING = ["posefuse.formats.detection_log", "_write_all", 25]
-SOLVING = [RUN, "run_second_pass", 1]
+SOLVING = [RUN, "solve_followed", 1]
 WRITING = [OUTPUTS, "write_recording", 1]
 EXPORTING = [OUTPUTS, "write_each", 1]
 

@@ -44,7 +44,7 @@ COMMANDS = {
     "batch": "batch {in}/study --out {out} --outputs trc --no-report --jobs 2",
     "simulate": "simulate {in}/scene.yaml --out {out} --workers 2",
     "calibrate person": "calibrate person cam00={in}/study/P01/slow/pose2d/cam00 cam01={in}/study/P01/slow/pose2d/cam01 "
-    "--intrinsics {in}/study/P01/rig.toml --rate-hz 50 --height-m 1.8 --out {out}",
+    "--intrinsics {in}/study/P01/rig.toml --rate 50 --height-m 1.8 --out {out}",
     "record": "record --source cam00=video:{demo}/videos/cam00.mp4 --out {out} --duration 4",
     "teleoperate": f"teleoperate {SIM} --deadman gesture --record {{out}}.mcap --duration 4",
     "node camera": f"node camera {SIM} {NODE} --duration 4",
@@ -109,7 +109,8 @@ def test_an_interrupted_command_ends_quietly_and_loses_nothing_and_a_next_run_wo
     began_s = time.monotonic()
     whole = started(words, inputs, tmp_path / "whole")
     expected, lasts_s = whole.wait(LIMIT_S), time.monotonic() - began_s
-    assert expected not in CODES.values(), whole.said()
+    # the person of these poses does not walk about, and a fusion node alone sees no camera
+    assert expected == (name in ("calibrate person", "node fusion")) and "--help" not in whole.said(), whole.said()
     out = tmp_path / "out"
     (tmp_path / "notes.txt").write_text("mine")
     for number, code in CODES.items():
@@ -124,7 +125,9 @@ def test_an_interrupted_command_ends_quietly_and_loses_nothing_and_a_next_run_wo
         assert out.exists() or "is unfinished" not in run.said(), f"{where}: {run.said()}"
         assert left(run.mark) == [], where
         assert tree(inputs) == before and (tmp_path / "notes.txt").read_text() == "mine", where
-        if ended == expected or "--duration" in words:
+        # it was interrupted after all had been written
+        whole_there = name == "simulate" and (out / "posefuse-folder.json").exists()
+        if ended == expected or "--duration" in words or whole_there:
             out = tmp_path / f"after {number.name}"
     again = started(words, inputs, out)
     assert again.wait(LIMIT_S) == expected, again.said()
@@ -146,7 +149,8 @@ def test_an_interrupted_job_of_the_studio_is_reported_and_the_next_one_works(
     with contextlib.suppress(ProcessLookupError):
         os.killpg(jobs._processes[job.id].pid, number)
     until(lambda: jobs.report(job.id).ended)
-    assert "Traceback" not in jobs.log(job.id), jobs.log(job.id)
+    log = (jobs._folder(job.id) / "log.txt").read_text()
+    assert "Traceback" not in log, log
     assert left(mark) == []
     assert tree(tmp_path / "study") == before
     again = jobs.start("batch", "Study", work).id

@@ -10,7 +10,7 @@ from posefuse.cli.command_line import parse
 from posefuse.cli.main import main
 from posefuse.core import InputError, SourceError
 from posefuse.pipeline.config import TrackConfig
-from posefuse.pipeline.images import common_timeline
+from posefuse.pipeline.time_steps import common_timeline
 from posefuse_sim.render import stage as backend
 
 
@@ -33,7 +33,7 @@ def test_the_number_of_time_steps_is_limited(monkeypatch: pytest.MonkeyPatch) ->
     late = times_ns | {"b": times_ns["b"] + 3 * 10**18}
     with pytest.raises(SourceError, match=r"9e\+10 time steps"):
         common_timeline(late, None, None, None)
-    monkeypatch.setattr("posefuse.pipeline.images._MOST_TIME_STEPS", 1000)
+    monkeypatch.setattr("posefuse.pipeline.time_steps._MOST_TIME_STEPS", 1000)
     with pytest.raises(SourceError, match=r"3301 time steps \(3\.301 s at 1000 Hz\); expected at most 1000: check rate_hz"):
         common_timeline(times_ns, 1000.0, None, None)
 

@@ -18,7 +18,7 @@ from posefuse.cli.main import main
 from posefuse.core import ConfigError
 from posefuse.foundation.plugins import plugin_config
 from posefuse.foundation.settings import settings_from_mapping
-from posefuse.pipeline.batch.tasks import config_of_trial
+from posefuse.pipeline.batch.tasks import Task, Trial
 from posefuse.pipeline.config import TrackConfig, read_changed
 from posefuse.realtime.config import LiveConfig
 from posefuse_teleop.settings import TeleoperationSettings
@@ -83,7 +83,8 @@ def read(*texts: str) -> dict[str, Any]:
         config = session_config(SESSION, given["options"].config, given["options"].changes)
     else:
         changes, formats = study_settings(given["options"].config, given["options"].changes)
-        config = config_of_trial(SESSION, None, {"outputs": formats, **changes})
+        trial = Trial(name="trial", session=SESSION)
+        config = Task(trial=trial, out=Path(), settings={"outputs": formats, **changes}, report=False).config
     return by_key(config)
 
 

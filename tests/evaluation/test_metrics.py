@@ -12,12 +12,10 @@ T, N = 7, 2
 K = len(ANATOMICAL23)
 
 
-def truth_of(rig, xyz: np.ndarray) -> Truth:
-    views = tuple(
-        CameraTruth(camera=n, t_ns=np.arange(T) * 10, xy_img=np.zeros((T, N, K, 2)), visible=np.ones((T, N, K), bool))
-        for n in rig.names
-    )
-    return Truth(rig=rig, t_ns=np.arange(T) * 10, skeleton=ANATOMICAL23, person_id=np.arange(N), xyz_world=xyz, views=views)
+def truth_of(rig, xyz: np.ndarray, period_ns: int = 10) -> Truth:
+    t_ns, seen = np.arange(len(xyz)) * period_ns, np.ones(xyz.shape[:-1], bool)
+    views = tuple(CameraTruth(camera=n, t_ns=t_ns, xy_img=np.zeros((*seen.shape, 2)), visible=seen) for n in rig.names)
+    return Truth(rig=rig, t_ns=t_ns, skeleton=ANATOMICAL23, person_id=range(xyz.shape[1]), xyz_world=xyz, views=views)
 
 
 def sequence(t_ns: np.ndarray, xyz: np.ndarray, skeleton=ANATOMICAL23) -> PoseSequence:
@@ -90,22 +88,16 @@ def test_statistics() -> None:
 
 def test_typical_nees_is_3_when_covariances_say_how_wrong_points_are(ring_rig) -> None:
     rng = np.random.default_rng(7)
-    t_ns, body = np.arange(400) * 10**7, ANATOMICAL23
-    shape = (len(t_ns), 1, len(body))
+    shape = (400, 1, K)
     exact = rng.normal(size=shape + (3,))
     root = rng.normal(size=shape + (3, 3)) * 0.01
     cov = root @ np.swapaxes(root, -1, -2) + np.eye(3) * 1e-5
     error = (np.linalg.cholesky(cov) @ rng.normal(size=shape + (3, 1)))[..., 0]
-    rig, times = ring_rig(3), np.zeros(0, np.int64)
-    views = tuple(
-        CameraTruth(camera=n, t_ns=times, xy_img=np.zeros((0, 1, K, 2)), visible=np.ones((0, 1, K), bool)) for n in rig.names
-    )
-    truth = Truth(rig=rig, t_ns=t_ns, skeleton=body, person_id=np.zeros(1), xyz_world=exact, views=views)
+    truth = truth_of(ring_rig(3), exact, 10**7)
 
     def stated(factor: float) -> float:
-        return typical_nees(
-            poses(exact + error, cov=cov * factor, t_ns=t_ns, skeleton=body, ids=[0]), truth, ("left_hip", "right_wrist", "nose")
-        )
+        found = poses(exact + error, cov=cov * factor, t_ns=truth.t_ns, skeleton=ANATOMICAL23)
+        return typical_nees(found, truth, ("left_hip", "right_wrist", "nose"))
 
     assert stated(1.0) == pytest.approx(3, rel=0.1)
     assert stated(0.25) == pytest.approx(12, rel=0.1)

@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from built import turned
 
 from posefuse.core import SE3, SKELETONS, ConfigError, Rig, ShapeError
 from posefuse.fusion import WEIGHTS, FuseSettings, triangulate
@@ -146,11 +147,9 @@ def test_a_rig_that_is_calibrated_badly_costs_no_more_than_plain_least_squares(r
     rig, rng = ring_rig(4), np.random.default_rng(4)
     xyz = cloud(0, 30, 17)
     xy = pixels(rig, xyz, 2.0)
-    turned = [
-        replace(camera, cam_from_world=SE3.from_rotvec(np.deg2rad(2.5) * rng.normal(size=3), [0, 0, 0]) @ camera.cam_from_world)
-        for camera in rig
-    ]
-    wrong = Rig(tuple(turned))
+    wrong = rig
+    for camera in range(len(rig)):
+        wrong = turned(wrong, camera, np.deg2rad(2.5) * rng.normal(size=3))
     found, plain = (triangulate(wrong, xy, sigma_px=np.full(xy.shape[:-1], 2.0), weights=w) for w in ("robust", "none"))
     off = [np.linalg.norm(one.xyz - xyz, axis=-1) for one in (found, plain)]
     assert np.isfinite(off[0]).all()

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from built import poses, recording_from_views
+from built import poses, recording_from_views, turned
 
-from posefuse.core import SE3, SKELETONS, Recording, Rig
+from posefuse.core import SKELETONS, Recording, Rig
 from posefuse.core.observations import NOT_KEPT
 from posefuse.health.recorded import UNFIT, checked_rig
 
@@ -52,11 +52,8 @@ def test_a_camera_that_was_turned_before_is_named_though_its_views_were_all_left
     walk: Walk, degrees: float, seconds: float
 ) -> None:
     rig, t_s, xyz, xy = walk
-    wrong = list(rig.cameras)
-    turn = SE3.from_rotvec(np.deg2rad(degrees) * np.array([0.6, 0.8, 0]), np.zeros(3))
-    wrong[1] = replace(wrong[1], cam_from_world=turn @ wrong[1].cam_from_world)
-    some = slice(0, round(20 * seconds))
-    fits, found = checked_rig(recording_of(Rig(tuple(wrong)), xyz[some], xy[some], t_s[some], [1]), Rig(tuple(wrong)))
+    wrong, some = turned(rig, 1, np.deg2rad(degrees) * np.array([0.6, 0.8, 0])), slice(0, round(20 * seconds))
+    fits, found = checked_rig(recording_of(wrong, xyz[some], xy[some], t_s[some], [1]), wrong)
     assert [(one.kind, one.cameras) for one in found] == [("moved", ("cam01",))]
     assert np.rad2deg(found[0].amount) == pytest.approx(degrees, rel=0.2)
     assert fits["cam01"].left_out == 1

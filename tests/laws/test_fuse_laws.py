@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from posefuse.core import SE3, SKELETONS, Camera, Rig
-from posefuse.fusion import WEIGHTS, FuseSettings, triangulate
+from posefuse.fusion import WEIGHTS, triangulate
 
 COCO = SKELETONS["coco17"]
 LENS = (-0.2, 0.05, 0.001, -0.002, 0.01)
@@ -70,26 +70,26 @@ def test_the_mirror_image_gives_the_mirror_pose(scene, weights):
     np.testing.assert_allclose(there.xyz[:, swap], here.xyz * [-1, 1, 1], atol=1e-6)
 
 
+def bodies_seen(ring_rig, count, sigma_px):
+    """A rig, 300 bodies, what it sees of them with noise of this size, and the random numbers that come next."""
+    rig, rng = ring_rig(count, distortion=LENS), np.random.default_rng(count)
+    xyz = rng.normal(size=(300, 17, 3)) * 0.4 + [0, 0, 1]
+    xy = np.moveaxis(rig.project(xyz), 0, 1)
+    return rig, xyz, xy + rng.normal(size=xy.shape) * sigma_px, rng
+
+
 @pytest.mark.parametrize("count", [2, 3, 4, 8])
 @pytest.mark.parametrize("weights", ["none", "robust"])
 def test_covariance_matches_the_errors(ring_rig, count, weights):
     """NEES of 3 with correct sigma, different in each camera."""
-    rig = ring_rig(count, distortion=LENS)
-    rng = np.random.default_rng(count)
-    xyz = rng.normal(size=(300, 17, 3)) * 0.4 + [0, 0, 1]
     sigma = np.broadcast_to(np.linspace(0.7, 3.0, count)[:, None], (300, count, 17))
-    xy = np.moveaxis(rig.project(xyz), 0, 1)
-    xy = xy + rng.normal(size=xy.shape) * sigma[..., None]
+    rig, xyz, xy, _ = bodies_seen(ring_rig, count, sigma[..., None])
     assert nees(triangulate(rig, xy, sigma_px=sigma, weights=weights), xyz) == pytest.approx(3.0, abs=0.3)
 
 
 @pytest.mark.parametrize(("count", "wrong"), [(4, 0.05), (8, 0.1), (16, 0.2)])
 def test_covariance_matches_the_errors_with_outliers(ring_rig, count, wrong):
-    rig = ring_rig(count, distortion=LENS)
-    rng = np.random.default_rng(count)
-    xyz = rng.normal(size=(300, 17, 3)) * 0.4 + [0, 0, 1]
-    xy = np.moveaxis(rig.project(xyz), 0, 1)
-    xy = xy + rng.normal(size=xy.shape) * 2.0
+    rig, xyz, xy, rng = bodies_seen(ring_rig, count, 2.0)
     bad = rng.random(xy.shape[:-1]) < wrong
     # at most all but three views, so that the truth can be determined
     bad &= np.cumsum(bad, axis=1) <= count - 3
@@ -99,13 +99,9 @@ def test_covariance_matches_the_errors_with_outliers(ring_rig, count, wrong):
 
 
 def test_understated_sigma_shows_in_the_covariance(ring_rig):
-    rig = ring_rig(6)
-    rng = np.random.default_rng(1)
-    xyz = rng.normal(size=(300, 17, 3)) * 0.4 + [0, 0, 1]
-    xy = np.moveaxis(rig.project(xyz), 0, 1)
-    xy = xy + rng.normal(size=xy.shape) * 4.0
-    assert nees(triangulate(rig, xy, sigma_px=np.full(xy.shape[:-1], 1.0)), xyz) < 5
-    assert nees(triangulate(rig, xy, sigma_px=np.full(xy.shape[:-1], 1.0), settings=FuseSettings(), weights="none"), xyz) < 5
+    rig, xyz, xy, _ = bodies_seen(ring_rig, 6, 4.0)
+    for weights in ("robust", "none"):
+        assert nees(triangulate(rig, xy, sigma_px=np.full(xy.shape[:-1], 1.0), weights=weights), xyz) < 5
 
 
 def nees(found, xyz):

@@ -49,16 +49,10 @@ def grey_frames() -> Callable[..., Iterator[tuple[int, list[Frame | None]]]]:
 
     def make(recording: Recording) -> Iterator[tuple[int, list[Frame | None]]]:
         for i, t_ns in enumerate(recording.poses.t_ns.tolist()):
-            frames: list[Frame | None] = [
-                Frame(
-                    camera=camera.name,
-                    seq=i,
-                    t_ns=t_ns,
-                    received_ns=t_ns,
-                    image=np.full((camera.size_wh[1], camera.size_wh[0], 3), 100 + c, np.uint8),
-                )
-                for c, camera in enumerate(recording.rig)
-            ]
+            frames: list[Frame | None] = []
+            for c, camera in enumerate(recording.rig):
+                image = np.full((camera.size_wh[1], camera.size_wh[0], 3), 100 + c, np.uint8)
+                frames.append(Frame(camera=camera.name, seq=i, t_ns=t_ns, received_ns=t_ns, image=image))
             yield t_ns, [None, *frames[1:]] if i == 1 else frames
 
     return make

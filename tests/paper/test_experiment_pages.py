@@ -225,8 +225,8 @@ def test_live_figures_are_those_of_each_camera() -> None:
     silent = LiveTimes(CAMERAS, live.camera[live.camera != 3], live.passed_s[live.camera != 3], 0.5, 100.0)
     figures = live_figures(silent, dict.fromkeys(CAMERAS, 2.0))
     assert list(figures["cameras"]) == list(CAMERAS[:3])
-    spikes = live_blocks(silent, figures)[-1].plots
-    assert [len(plot.series[0].x) > 0 for plot in spikes[:4]] == [True, True, True, False]
+    spikes: Any = live_blocks(silent, figures)[-1]
+    assert [len(plot.series[0].x) > 0 for plot in spikes.plots[:4]] == [True, True, True, False]
 
 
 @pytest.mark.realtime

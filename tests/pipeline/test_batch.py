@@ -22,8 +22,7 @@ from posefuse.pipeline.batch import study as study_module
 from posefuse.pipeline.batch.page import study_page
 from posefuse.pipeline.batch.processes import default_jobs, outcomes_here, run_trial
 from posefuse.pipeline.batch.tasks import Outcome, Task, run_task
-from posefuse.pipeline.result_folder import ResultFolder
-from posefuse.pipeline.store import unfinished_work
+from posefuse.pipeline.result_folder import ResultFolder, unfinished_work
 
 
 @pytest.fixture
@@ -49,11 +48,16 @@ def here(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
     def run(tasks: Sequence[Task], jobs: int | None, scheduler: str | None) -> Iterator[Outcome]:
         for task in tasks:
-            done.append(task.name)
+            done.append(task.trial.name)
             yield run_task(task)
 
     monkeypatch.setattr(study_module, "_run", run)
     return done
+
+
+def first_task(folder: Path, out: Path) -> Task:
+    trial = find_trials(folder)[0]
+    return Task(trial=trial, out=out / trial.name, settings={"outputs": ("trc",), **SETTINGS}, report=False)
 
 
 def run(folder: Path, out: Path, **options: object) -> study_module.Study:
@@ -109,17 +113,17 @@ def test_complete_trials_are_kept_and_others_tried_again(folder: Path, here: lis
 def test_an_interrupted_trial_continues_from_its_detections(
     folder: Path, here: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    task = study_module._task(find_trials(folder)[0], tmp_path / "out", ("trc",), SETTINGS, False)
+    task = first_task(folder, tmp_path / "out")
     with monkeypatch.context() as broken:
-        broken.setattr("posefuse.pipeline.result_folder.write_result", interrupt)
+        broken.setattr("posefuse.pipeline.track.write_result", interrupt)
         with pytest.raises(KeyboardInterrupt):
             run_task(task)
-    assert unfinished_work(Path(task.out)) is not None
+    assert unfinished_work(task.out) is not None
     monkeypatch.setattr("posefuse.pipeline.batch.tasks.ResultFolder", lambda **how: asked.append(how) or ResultFolder(**how))
     asked: list[dict[str, object]] = []
     assert run_task(task).reason == ""
     assert [how.get("resume") for how in asked] == [True]
-    assert unfinished_work(Path(task.out)) is None
+    assert unfinished_work(task.out) is None
 
 
 def interrupt(*arguments: object) -> None:
@@ -158,7 +162,7 @@ def test_files_of_others_are_never_replaced(folder: Path, here: list[str], tmp_p
 
 
 def test_processes_do_what_this_process_does(folder: Path, here: list[str], tmp_path: Path) -> None:
-    task = study_module._task(find_trials(folder)[0], tmp_path / "out", ("trc",), SETTINGS, False)
+    task = first_task(folder, tmp_path / "out")
     [outcome] = outcomes_here([task], jobs=2)
     assert Outcome.from_json(outcome.to_json()) == outcome
     assert outcome.reason == ""
@@ -167,7 +171,7 @@ def test_processes_do_what_this_process_does(folder: Path, here: list[str], tmp_
 
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL")
 def test_a_process_that_is_killed_is_one_failed_trial(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    task = study_module._task(find_trials(folder)[0], tmp_path / "out", ("trc",), SETTINGS, False)
+    task = first_task(folder, tmp_path / "out")
 
     class Killed(Worker):
         def start(self, *arguments: object) -> None:
@@ -187,7 +191,7 @@ def fails(channel: Channel, task: Task) -> None:
 
 
 def test_a_bug_is_the_reason_of_one_failed_trial(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    task = study_module._task(find_trials(folder)[0], tmp_path / "out", ("trc",), SETTINGS, False)
+    task = first_task(folder, tmp_path / "out")
     monkeypatch.setattr("posefuse.pipeline.batch.processes.run_trial", fails)
     [outcome] = outcomes_here([task], 1)
     assert outcome.reason == "ZeroDivisionError: division by zero"
@@ -195,7 +199,7 @@ def test_a_bug_is_the_reason_of_one_failed_trial(folder: Path, tmp_path: Path, m
 
 def test_processes_end_when_no_more_outcomes_are_wanted(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """And a process ends by itself when the one that started it is gone: its channel is closed then."""
-    tasks = [study_module._task(trial, tmp_path / "out", ("trc",), SETTINGS, False) for trial in find_trials(folder)[:1]]
+    tasks = [first_task(folder, tmp_path / "out")]
     started: list[Worker] = []
 
     class Noted(Worker):

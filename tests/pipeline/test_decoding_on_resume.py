@@ -10,7 +10,7 @@ import pytest
 
 from posefuse.core import DetectionBatch, Detections2D, LookKind, Observations, Rig
 from posefuse.core.skeleton import COCO17
-from posefuse.pipeline.images import ImageStep, ImageTimeSteps, common_timeline
+from posefuse.pipeline.time_steps import ImageStep, ImageTimeSteps, common_timeline
 from posefuse.sources.video import VideoConfig, VideoSource
 
 COUNT, GOP, DONE = 96, 12, 70

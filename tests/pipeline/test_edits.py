@@ -18,7 +18,7 @@ from posefuse.formats.recording import read_recording, write_recording
 from posefuse.foundation.parsing import plain
 from posefuse.pipeline.config import TrackConfig, changed_config
 from posefuse.pipeline.edits import Edits, Exclusion, edits_path, read_edits, used_frames, write_edits
-from posefuse.pipeline.solve import SolveSettings, edits_of, solve, solve_again
+from posefuse.pipeline.solve import edits_of, solve, solve_again
 
 T, K, PERIOD_NS, CAMERAS = 45, len(COCO17), 33_333_333, 5
 # the stretch in which camera 2 is wrong
@@ -56,7 +56,7 @@ CONFIG = changed_config(TrackConfig(), {"associate.max_people": 2})
 def recording(ring_rig: Callable[..., Rig]) -> Recording:
     rig = ring_rig(CAMERAS)
     about = {"session": "walk", "config": plain(dataclasses.asdict(CONFIG))}
-    return solve(noisy_log(rig), rig, SolveSettings.of(CONFIG, None), about)
+    return solve(noisy_log(rig), rig, about)
 
 
 def assert_same_poses(one: Recording, other: Recording) -> None:
@@ -91,7 +91,7 @@ def test_excluding_is_solving_without_these_observations(recording: Recording, e
     log, rig = recording.observations, recording.rig
     used = used_frames(log, exclusions)
     assert 0 < (~used).sum() < len(used)
-    without = solve(log.only(used), rig, SolveSettings.of(CONFIG, None), {})
+    without = solve(log.only(used), rig, recording.provenance)
     edited = solve_again(recording, edits=Edits(exclusions=exclusions))
     assert_same_poses(edited, without)
     rows = used[log.detection_frame]
@@ -106,7 +106,7 @@ def test_nothing_is_thrown_away_so_that_edits_can_be_taken_back(recording: Recor
     write_recording(tmp_path, edited)
     kept = read_recording(tmp_path)
     assert_same_poses(solve_again(kept), edited)
-    assert edits_of(kept).person == 1
+    assert edits_of(kept.provenance).person == 1
     back = solve_again(kept, changed_config(CONFIG, {}), edits=Edits())
     assert_same_poses(back, recording)
     assert back.provenance == recording.provenance

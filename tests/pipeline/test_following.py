@@ -1,21 +1,20 @@
 """Following people through a recording: when views have image regions, and when whole images are searched."""
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
 from built import detections, standing
 
-from posefuse.association import AssociateSettings
+from posefuse.association import AssociateSettings, with_persons
 from posefuse.core import SE3, DetectionBatch, Detections2D, LookKind, Observations, Pose3D, Rig, SourceError
 from posefuse.core.skeleton import COCO17
 from posefuse.core.values import keypoint_boxes
 from posefuse.fusion import FuseSettings
-from posefuse.pipeline.following import PeopleFollower, observations_of
-from posefuse.pipeline.images import common_timeline
-from posefuse.pipeline.time_steps import stored_steps
+from posefuse.pipeline.following import Followed, PeopleFollower, observations_of
+from posefuse.pipeline.time_steps import common_timeline, stored_steps
 
 K = len(COCO17)
 PERIOD_NS = 33_333_333
@@ -82,7 +81,17 @@ class Stage:
 
 def followed(stage: Stage, people: int = 1) -> list:
     one = follower(stage.rig, people)
-    return one.identified(list(one.follow(stage)))
+    return identified(one, one.follow(stage))
+
+
+def identified(follower: PeopleFollower, steps: Iterable[Followed]) -> list[Followed]:
+    """The time steps with people instead of tracks, by all that is known at the end."""
+    found = []
+    for one in list(steps):
+        tracks = (one.pose.person_id, *one.person_ids)
+        people, *ids = (follower.people_of(some, np.full(len(some), one.pose.t_ns)) for some in tracks)
+        found.append(dataclasses.replace(one, person_ids=tuple(ids), pose=with_persons(one.pose, people.tolist())))
+    return found
 
 
 def follower(rig: Rig, people: int) -> PeopleFollower:
@@ -145,7 +154,7 @@ def test_the_log_answers_as_the_detector_did(ring_rig, blind: tuple[int, ...]) -
     first = followed(stage, people=2)
     log, asked = observations_of(first, COCO17, stage.rig), len(stage.searches)
     second = follower(stage.rig, 2)
-    again = second.identified(list(second.follow(stored_steps(log))))
+    again = identified(second, second.follow(stored_steps(log)))
     assert len(stage.searches) == asked, "the detector is not asked again"
     for one, other in zip(first, again, strict=True):
         assert [batch.kind for batch in one.batches] == [batch.kind for batch in other.batches]

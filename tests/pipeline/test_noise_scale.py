@@ -9,13 +9,12 @@ import pytest
 
 from posefuse.core import Observations, Rig
 from posefuse.formats.recording import read_recording
+from posefuse.fusion import FuseSettings
 from posefuse.pipeline import noise_scale as module
-from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.noise_scale import noise_scale
-from posefuse.pipeline.solve import SolveSettings
 
 STATED_PX = 2.0
-SETTINGS = SolveSettings.of(TrackConfig(), None)
+SETTINGS = FuseSettings()
 
 
 def seen(rig: Rig, true_px: float, steps: int, wrong: float = 0.0) -> Observations:

@@ -6,7 +6,7 @@ from built import detections
 from posefuse.association import AssociateSettings
 from posefuse.core import DetectionBatch, Detections2D, LookKind, Observations
 from posefuse.core.skeleton import COCO17
-from posefuse.pipeline.run import others_line, others_seen
+from posefuse.pipeline.track import others_line, others_seen
 
 K = len(COCO17)
 BODY = np.random.default_rng(4).uniform([0, 0], [60, 200], (K, 2))

@@ -12,8 +12,8 @@ from synthetic_walk import BODY, walker
 from posefuse.core import SE3, Recording, Rig
 from posefuse.foundation.parsing import plain
 from posefuse.pipeline.config import TrackConfig
-from posefuse.pipeline.run import refined_line
-from posefuse.pipeline.solve import REFINED, SolveSettings, solve, solve_again
+from posefuse.pipeline.solve import REFINED, solve, solve_again
+from posefuse.pipeline.track import refined_line
 
 STEPS, NOISE_PX = 90, 0.5
 CONFIG = TrackConfig(refine_rig=True)
@@ -35,8 +35,7 @@ def observed(ring_rig: Callable[..., Rig]) -> Recording:
 def solved(observed: Recording, config: TrackConfig) -> Recording:
     """As `posefuse track` would leave it."""
     provenance = {"config": plain(dataclasses.asdict(config))}
-    plainly = solve(observed.observations, observed.rig, SolveSettings.of(replace(config, refine_rig=False), None), provenance)
-    return solve_again(plainly)
+    return solve_again(solve(observed.observations, observed.rig, provenance))
 
 
 def error_m(recording: Recording) -> float:

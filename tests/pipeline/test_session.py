@@ -12,8 +12,8 @@ from posefuse.core.skeleton import COCO17
 from posefuse.formats.rig import write_rig
 from posefuse.pipeline.config import CameraInput, TrackConfig
 from posefuse.pipeline.opening import build_source, open_session
-from posefuse.pipeline.run import _check_people
 from posefuse.pipeline.session import find_session
+from posefuse.pipeline.track import _check_people
 
 
 @pytest.fixture
@@ -55,13 +55,12 @@ def test_images_and_pose_folders(session: Path) -> None:
     assert [entry.path.name for entry in poses.inputs] == ["cam_01_json", "cam_02_json", "cam_10_json"]
 
 
-def test_the_rate_of_images_is_asked_for_in_one_line(session: Path) -> None:
+def test_the_rate_of_images_is_asked_for_in_one_line(session: Path, recwarn: pytest.WarningsRecorder) -> None:
     for name in ("cam_01", "cam_02", "cam_10"):
         touch(session / "images" / name, ["0001.jpg", "0002.jpg"])
-    said: list[str] = []
     with pytest.raises(InputError, match=r"images of cam_01, cam_02, cam_10 do not state their frame rate; add `rate_hz=HZ`"):
-        open_session(find_session(session, TrackConfig()), TrackConfig(), said.append)
-    assert said == []
+        open_session(find_session(session, TrackConfig()), TrackConfig())
+    assert not recwarn.list
 
 
 def test_a_calibrated_camera_without_data_is_left_aside_and_said(session: Path) -> None:
@@ -115,15 +114,16 @@ def detections_of(found: dict[str, int], depth: bool) -> Observations:
 
 
 @pytest.mark.parametrize(("depth", "seeing", "enough"), [(False, 2, True), (False, 1, False), (True, 1, True), (True, 0, False)])
-def test_a_person_in_too_few_cameras_is_refused_with_their_number(depth: bool, seeing: int, enough: bool) -> None:
+def test_a_person_in_too_few_cameras_is_refused_with_their_number(
+    depth: bool, seeing: int, enough: bool, recwarn: pytest.WarningsRecorder
+) -> None:
     found = {f"cam{c}": int(c < seeing) for c in range(3)}
-    said: list[str] = []
     if enough:
-        _check_people(detections_of(found, depth), said.append)
+        _check_people(detections_of(found, depth))
     else:
         with pytest.raises(InputError, match=rf"a person was found in {seeing} of 3 cameras.*no person in: .*cam2"):
-            _check_people(detections_of(found, depth), said.append)
-    assert [line.split(":")[0] for line in said] == [f"camera cam{c}" for c in range(seeing, 3)]
+            _check_people(detections_of(found, depth))
+    assert [str(one.message).split(":")[0] for one in recwarn] == [f"camera cam{c}" for c in range(seeing, 3)]
 
 
 @pytest.mark.parametrize(("cameras", "own_threads"), [(1, True), (4, True), (5, False), (9, False)])

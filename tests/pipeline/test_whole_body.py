@@ -16,7 +16,7 @@ from posefuse.kinematics.body import BodySettings, fit_views
 from posefuse.pipeline import second_pass
 from posefuse.pipeline.config import TrackConfig, changed_config
 from posefuse.pipeline.second_pass import hidden_people, with_bodies
-from posefuse.pipeline.solve import SolveSettings
+from posefuse.pipeline.solve import fits_bodies
 from posefuse_sim.exact import truth_of
 from posefuse_sim.scene import Scene
 
@@ -150,9 +150,7 @@ def test_a_person_without_hips_keeps_their_poses(walker, ring_rig) -> None:
 )
 def test_a_body_is_fitted_if_asked_for_and_with_auto_where_it_is_known_to_help(changes: dict, fitted: bool, wanted: bool) -> None:
     table = read_joint_centres(read_card("blazepose_full").joint_centres_file) if fitted else None
-    settings = SolveSettings.of(changed_config(TrackConfig(), changes), table)
-    assert (settings.body is not None) == wanted
-    assert settings.only_hidden == (changes.get("body", "auto") == "auto")
+    assert fits_bodies(changed_config(TrackConfig(), changes), table) == wanted
 
 
 def two_people(recording: Recording, second: np.ndarray) -> Recording:

@@ -1,5 +1,6 @@
 """Clock offsets of cameras on several machines, from what the oracle sees of a walking person."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from posefuse.health.clock_finding import ClockFinder
 
 MACHINES_S = np.array([0.0, 0.05, 0.0, 0.05])
 RATE_HZ = 30.0
+Offsets = np.ndarray | Callable[[float], np.ndarray]
 
 
 @pytest.fixture(scope="module")
@@ -26,15 +28,26 @@ def views(truth: Truth) -> OracleViews:
     return oracle_views(truth, OracleNoise(sigma_px=1.2, bias_px=4.0, outlier_share=0.03), seed=4)
 
 
-def fed(truth: Truth, views: OracleViews, offset_s: np.ndarray, rate_hz: float, seconds: float, seed: int) -> dict[str, float]:
-    """What is found after some seconds of the clip, played again and again from any moment, with frames lost at random."""
+def fed(
+    truth: Truth,
+    views: OracleViews,
+    offset_s: np.ndarray | Callable[[float], np.ndarray],
+    rate_hz: float,
+    seconds: float,
+    seed: int,
+) -> dict[str, float]:
+    """What is found after some seconds of the clip, played again and again from any moment, with frames lost at random.
+
+    Offsets in s, or what they are at a time in s.
+    """
     finder, limbs, rng = ClockFinder(truth.rig), limb_keypoints(truth.skeleton.keypoints), np.random.default_rng(seed)
     frames, found = len(truth.t_ns), {}
     begin = int(rng.integers(frames))
     for step in range(round(seconds * RATE_HZ)):
         for c, name in enumerate(truth.rig.names):
             if rng.random() < rate_hz / RATE_HZ:
-                f, t_s = (begin + step) % frames, step / RATE_HZ + offset_s[c]
+                f, t_s = (begin + step) % frames, step / RATE_HZ
+                t_s += (offset_s(t_s) if callable(offset_s) else offset_s)[c]
                 finder.add(name, 10**15 + round(t_s * 1e9), views.xy_img[f, 0, c][limbs], views.score[f, 0, c][limbs])
         if step % 30 == 29:
             found = finder.find() or found
@@ -70,15 +83,6 @@ def test_what_cannot_be_known_is_not_reported(truth: Truth, views: OracleViews) 
 
 
 def test_a_clock_that_is_set_is_followed(truth: Truth, views: OracleViews) -> None:
-    finder, limbs = ClockFinder(truth.rig), limb_keypoints(truth.skeleton.keypoints)
-    found: dict[str, float] = {}
-    for step in range(50 * 30):
-        for c, name in enumerate(truth.rig.names):
-            late_s = 0.03 if c == 2 and step > 20 * 30 else 0.0
-            f = step % len(truth.t_ns)
-            t_ns = 10**15 + round((step / RATE_HZ + late_s) * 1e9)
-            finder.add(name, t_ns, views.xy_img[f, 0, c][limbs], views.score[f, 0, c][limbs])
-        if step % 30 == 29:
-            found = finder.find() or found
+    found = fed(truth, views, lambda t_s: 0.03 * np.eye(4)[2] * (t_s > 20), RATE_HZ, 50.0, 0)
     late_s = np.array([found[name] for name in truth.rig.names])
     assert late_s[2] - late_s[[0, 1, 3]].mean() == pytest.approx(0.03, abs=0.012)

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from live_session import until
-from no_source import NoSourceConfig
+from no_outputs import NoOutputs
 
 from posefuse.core import Detections2D, Frame, Rig
 from posefuse.core.skeleton import PAPER14
@@ -19,8 +21,11 @@ from posefuse.foundation.channel import Channel
 from posefuse.realtime import capture as capture_module
 from posefuse.realtime import group as group_module
 from posefuse.realtime.capture import Capture, Caught, LiveInput
+from posefuse.realtime.config import LiveConfig
+from posefuse.realtime.estimator import warmed_up
+from posefuse.realtime.fusion import Fusion
 from posefuse.realtime.group import Group, GroupPlan
-from posefuse.realtime.messages import Expected, SessionClock, VideoFailed
+from posefuse.realtime.messages import Expected, SeenView, SessionClock, VideoFailed
 from posefuse.sources.arriving import Arrived
 
 PERIOD_NS = 1_000_000_000 // 30
@@ -47,16 +52,34 @@ class SlowDetector:
             capture.put(Caught(Arrived.of(frame), 0))
 
 
+@dataclass(frozen=True)
+class NoSource:
+    """Of 64 x 48 px, never read: a test puts the frames there itself."""
+
+    camera, size_wh = "cam00", (64, 48)
+
+    def build(self) -> NoSource:
+        return self
+
+    def frames(self) -> Iterator[Frame]:
+        return iter(())
+
+    def close(self) -> None: ...
+
+
+def plan_of(rig: Rig, clock: SessionClock, cameras: tuple[str, ...]) -> GroupPlan:
+    inputs = tuple(LiveInput(name, "test", NoSource(), False) for name in cameras)
+    return GroupPlan(
+        rig=rig, inputs=inputs, detector=DetectorChoice(), clock=clock, most_people=1, search_every_s=1e6, preview_hz=0.0
+    )
+
+
 @pytest.fixture
 def group(ring_rig, monkeypatch: pytest.MonkeyPatch):
     """(group of three cameras, the end of the channel where its messages come)."""
     monkeypatch.setattr(group_module, "build_detector", SlowDetector)
     rig, (ours, theirs) = ring_rig(3, size_wh=(64, 48)), Channel.pair()
-    plan = GroupPlan(
-        rig=rig, inputs=tuple(LiveInput(name, "test", NoSourceConfig(), False) for name in NAMES),
-        detector=DetectorChoice(), clock=SessionClock.begin(), most_people=1, search_every_s=1e6, preview_hz=0.0,
-    )  # fmt: skip
-    group = Group(plan, theirs)
+    group = Group(plan_of(rig, SessionClock.begin(), NAMES), theirs)
     group._shift_ns = dict.fromkeys(NAMES, 0)
     group.detector.group = group
     group.detector.show_next()
@@ -124,3 +147,127 @@ def test_a_source_that_raises_anything_is_named_and_opened_again(monkeypatch: py
         assert (capture.state().state, capture.state().text) == ("lost", "KeyError: 'exposure'")
     finally:
         capture.close()
+
+
+# --- frames that come while no person is followed: not converted, and few of them sent
+
+
+S = 1_000_000_000
+
+
+class CountedPixels:
+    """An empty room, which counts how often its image is asked for."""
+
+    size_wh = (64, 48)
+
+    def __init__(self) -> None:
+        self.asked = 0
+
+    def rgb(self) -> np.ndarray:
+        self.asked += 1
+        return np.full((48, 64, 3), 90, np.uint8)
+
+    def sample(self, step: int) -> np.ndarray:
+        return np.full((4, 6, 3), 90, np.uint8)
+
+    def fingerprint(self, step: int) -> bytes:
+        return b"same"
+
+
+class SeesNoPerson:
+    """In place of a detector."""
+
+    def __init__(self, choice: DetectorChoice, rig: Rig) -> None:
+        self.skeleton, self.searched = SKELETON, 0
+
+    def detect(self, frames: list[Frame], regions: list) -> list[Detections2D]:
+        self.searched += sum(one is None for one in regions)
+        return [Detections2D.empty(frame.camera, frame.t_ns, SKELETON) for frame in frames]
+
+
+@pytest.fixture
+def watched(ring_rig, monkeypatch: pytest.MonkeyPatch):
+    """Lets a group look at `count` frames of one camera, and gives (messages, images asked for, searches)."""
+    rig, clock_s = ring_rig(3, size_wh=(64, 48)), itertools.count(1000.0, 1 / 30)
+    monkeypatch.setattr(group_module, "build_detector", SeesNoPerson)
+
+    def look(count: int, people: int = 0) -> tuple[list[SeenView], int, int]:
+        ours, theirs = Channel.pair()
+        session = SessionClock.begin()
+        group = Group(plan_of(rig, session, NAMES[:1]), theirs)
+        group._shift_ns["cam00"] = 0
+        pixels = [CountedPixels() for _ in range(count)]
+        for i, one in enumerate(pixels):
+            if people:
+                far = np.full((people, len(SKELETON), 3), 1e6)
+                group._expected = Expected(session.now_ns(), far, np.zeros_like(far))
+            now_s = next(clock_s)
+            monkeypatch.setattr(group_module.time, "monotonic", lambda now_s=now_s: now_s)
+            t_ns = 100 * S + i * PERIOD_NS
+            arrived = Arrived(camera="cam00", seq=i, t_ns=t_ns, received_ns=t_ns + 20_000_000, pixels=one)
+            group._look(group._captures[0], Caught(arrived, 0), group._expected)
+        monkeypatch.undo()
+        messages = list(iter(ours.receive, None))
+        ours.close()
+        theirs.close()
+        return messages, sum(one.asked > 0 for one in pixels), group.detector.searched
+
+    return look
+
+
+def fusion_of(ring_rig, clock) -> Fusion:
+    rig = ring_rig(3, size_wh=(64, 48))
+    return Fusion(rig, warmed_up(rig, SKELETON, LiveConfig(joint_centres=False)), lambda _: None, clock, NoOutputs())
+
+
+def test_frames_without_an_expected_person_are_counted_and_five_a_second_reported(watched, ring_rig) -> None:
+    messages, converted, searched = watched(90)
+    assert 13 <= len(messages) <= 18
+    # those of the last fifth of a second have yet to be counted
+    counted = len(messages) + sum(one.skipped for one in messages)
+    assert 84 <= counted <= 90
+    # at once, after half a second, and a second later
+    assert searched == converted == 3
+    fusion = fusion_of(ring_rig, SimpleNamespace(now_ns=lambda: 103 * S))
+    for one in messages:
+        fusion.take(one)
+    assert fusion.used["cam00"] == counted
+
+
+def test_with_a_person_every_frame_is_reported(watched) -> None:
+    messages, _, _ = watched(30, people=1)
+    assert len(messages) == 30 and not any(one.skipped for one in messages)
+
+
+def test_views_that_would_make_the_next_output_late_wait(watched, ring_rig) -> None:
+    messages, _, _ = watched(5, people=1)
+
+    class Clock:
+        """Every look at it takes a tenth of a millisecond: so does a view, which looks several times."""
+
+        now = 101 * S
+
+        def now_ns(self) -> int:
+            self.now += 100_000
+            return self.now
+
+    class Intake:
+        def __init__(self) -> None:
+            self.left = list(messages)
+
+        def channels(self) -> list[Channel]:
+            return []
+
+        def messages(self):
+            while self.left:
+                yield self.left.pop(0)
+
+    clock, intake = Clock(), Intake()
+    fusion = fusion_of(ring_rig, clock)
+    due_ns = clock.now + 800_000
+    fusion._listen(intake, due_ns)
+    assert 0 < len(intake.left) < 4
+    assert due_ns <= clock.now < due_ns + 500_000
+    fusion._listen(intake, clock.now + 50_000_000)
+    assert not intake.left
+    assert fusion.used["cam00"] == 5

@@ -5,13 +5,15 @@ import shutil
 import signal
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 import pytest
+from live_session import until
 
 from posefuse.core import InputError, LiveHealth, LiveJointCentres, LiveMessage, LiveNames, LivePose, LiveStart
 from posefuse.core.live_messages import FAILED, OK
@@ -32,12 +34,13 @@ CENTRES = next(message for message in MESSAGES if isinstance(message, LiveJointC
 PATIENCE_S = 60.0
 
 
-def until(condition: Callable[[], bool], work: Callable[[], None] = lambda: None) -> None:
-    end_s = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < end_s, "waited in vain"
-        work()
-        time.sleep(0.005)
+@contextmanager
+def running(config: "Scripted") -> Iterator[OutputThread]:
+    """The output in its thread, finished at the end."""
+    worker = OutputThread("scripted", config, made_up_start(1))
+    yield worker
+    worker.finish()
+    worker.join(PATIENCE_S)
 
 
 @dataclass(frozen=True)
@@ -82,15 +85,13 @@ class ScriptedOutput:
 
 def test_an_output_that_raises_an_error_is_reported_closed_and_reopened(capfd) -> None:
     config = Scripted(fails=lambda count: ValueError("two\nlines") if count == 2 else None)
-    worker = OutputThread("scripted", config, made_up_start(1))
-    worker.put(CENTRES)
-    until(lambda: worker.health().failures == 1, lambda: worker.put(POSE))
-    failed = worker.health()
-    assert (failed.state, failed.text) == (FAILED, "part 1: ValueError: two lines")
-    until(lambda: worker.health().state == OK, lambda: worker.put(POSE))
-    until(lambda: config.log[-1] == ("pose", "part 2"), lambda: worker.put(POSE))
-    worker.finish()
-    worker.join(PATIENCE_S)
+    with running(config) as worker:
+        worker.put(CENTRES)
+        until(lambda: worker.health().failures == 1, lambda: worker.put(POSE))
+        failed = worker.health()
+        assert (failed.state, failed.text) == (FAILED, "part 1: ValueError: two lines")
+        until(lambda: worker.health().state == OK, lambda: worker.put(POSE))
+        until(lambda: config.log[-1] == ("pose", "part 2"), lambda: worker.put(POSE))
     health = worker.health()
     assert (health.failures, health.fault, health.text, health.where) == (1, failed.text, "continues in part 2", "part 2")
     first, second = config.log[:6], config.log[6:9]
@@ -115,20 +116,15 @@ def test_repeated_failures_to_reopen_count_as_one_failure_and_one_part(monkeypat
         return InputError("still full") if 1 < len(tries) < 6 else None
 
     config = Scripted(fails=lambda count: OSError(28, "No space left on device") if count == 0 else None, open_fails=busy)
-    worker = OutputThread("scripted", config, made_up_start(1))
-    until(lambda: worker.health().taken > 0, lambda: worker.put(POSE))
-    assert tries == [1, 2, 2, 2, 2, 2]
-    assert worker.health().failures == 1
-    worker.finish()
-    worker.join(PATIENCE_S)
+    with running(config) as worker:
+        until(lambda: worker.health().taken > 0, lambda: worker.put(POSE))
+        assert tries == [1, 2, 2, 2, 2, 2]
+        assert worker.health().failures == 1
 
 
 def test_an_error_during_closing_counts_as_a_failure_without_a_traceback(capfd) -> None:
-    config = Scripted(close_fails=True)
-    worker = OutputThread("scripted", config, made_up_start(1))
-    worker.put(POSE)
-    worker.finish()
-    worker.join(PATIENCE_S)
+    with running(Scripted(close_fails=True)) as worker:
+        worker.put(POSE)
     health = worker.health()
     assert (health.state, health.failures, health.taken) == (FAILED, 1, 1)
     assert health.fault == "not finished: part 1: No space left on device"
@@ -137,13 +133,11 @@ def test_an_error_during_closing_counts_as_a_failure_without_a_traceback(capfd) 
 
 def test_an_output_that_hangs_is_reported(monkeypatch) -> None:
     monkeypatch.setattr("posefuse.realtime.output_process._HANGS_S", 0.05)
-    worker = OutputThread("scripted", Scripted(waits_s=0.5), made_up_start(1))
-    worker.put(POSE)
-    until(lambda: worker.health().state == HANGS)
-    until(lambda: worker.health().state == OK)
-    assert worker.health().failures == 0
-    worker.finish()
-    worker.join(PATIENCE_S)
+    with running(Scripted(waits_s=0.5)) as worker:
+        worker.put(POSE)
+        until(lambda: worker.health().state == HANGS)
+        until(lambda: worker.health().state == OK)
+        assert worker.health().failures == 0
 
 
 def test_an_output_that_hangs_while_it_is_opened_again_is_reported(monkeypatch) -> None:
@@ -154,22 +148,18 @@ def test_an_output_that_hangs_while_it_is_opened_again_is_reported(monkeypatch) 
         fails=lambda count: OSError(5, "unplugged"),
         open_fails=lambda part: opened.wait(PATIENCE_S) and None if part > 1 else None,
     )
-    worker = OutputThread("scripted", config, made_up_start(1))
-    until(lambda: worker.health().state == HANGS, lambda: worker.put(POSE))
-    assert worker.health().text == "has been opening for more than 0.05 s"
-    opened.set()
-    until(lambda: worker.health().state == FAILED)
-    worker.finish()
-    worker.join(PATIENCE_S)
+    with running(config) as worker:
+        until(lambda: worker.health().state == HANGS, lambda: worker.put(POSE))
+        assert worker.health().text == "has been opening for more than 0.05 s"
+        opened.set()
+        until(lambda: worker.health().state == FAILED)
 
 
 def test_an_output_receives_only_the_messages_it_accepts() -> None:
     config = Scripted()
-    worker = OutputThread("scripted", config, made_up_start(1))
-    for message in MESSAGES:
-        worker.put(message)
-    worker.finish()
-    worker.join(PATIENCE_S)
+    with running(config) as worker:
+        for message in MESSAGES:
+            worker.put(message)
     assert {what for what, _ in config.log} == {"start", "jointcentres", "pose", "close"}
     assert worker.health().dropped == 0
 
@@ -216,6 +206,12 @@ class Fed:
         self.outputs.offer(replace(POSE, pose=pose))
         self.outputs.poll()
 
+    def kill(self, number: int = signal.SIGKILL) -> int:
+        """Its process, by this signal."""
+        pid = int(self.outputs.whereabouts().split()[-1])
+        os.kill(pid, number)
+        return pid
+
     def state(self) -> str:
         return self.outputs.health["record"].state
 
@@ -237,8 +233,7 @@ def test_a_killed_process_is_reported_and_restarted_and_recording_continues(fed:
     first, second, third = (tmp_path / name for name in ("live.mcap", "live.2.mcap", "live.3.mcap"))
     second.write_text("another person's")
     until(lambda: first.stat().st_size > 400_000, fed.feed)
-    pid = int(fed.outputs.whereabouts().split()[-1])
-    os.kill(pid, signal.SIGKILL)
+    pid = fed.kill()
     until(lambda: fed.outputs.failed, fed.feed)
     assert fed.events() == [("process", FAILED)]
     assert f"process {pid} ended by signal SIGKILL; starting again" in fed.outputs.events[0].text
@@ -271,7 +266,7 @@ def test_after_a_restart_an_output_that_cannot_be_opened_keeps_no_other_closed(f
     fed.outputs.add("second", RecordConfig(path=gone / "second.mcap"))
     until(lambda: fed.outputs.health["second"].taken > 5, fed.feed)
     shutil.rmtree(gone)
-    os.kill(int(fed.outputs.whereabouts().split()[-1]), signal.SIGKILL)
+    fed.kill()
     until(lambda: fed.outputs.failed, fed.feed)
     taken = fed.taken()
     until(lambda: fed.taken() > taken + 20, fed.feed)
@@ -315,7 +310,7 @@ def test_a_recording_that_makes_progress_is_finished_at_the_end(fed: Fed, tmp_pa
 
 def test_a_process_that_exits_early_is_a_failure(fed: Fed) -> None:
     until(lambda: fed.taken() > 0, fed.feed)
-    os.kill(int(fed.outputs.whereabouts().split()[-1]), signal.SIGSTOP)
+    fed.kill(signal.SIGSTOP)
     fed.outputs.close()
     assert fed.outputs.failed
     assert "ended before the outputs had finished" in fed.outputs.events[-1].text

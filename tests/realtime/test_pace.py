@@ -6,34 +6,32 @@ import sys
 import time
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from built import admitted
+from built import admitted, camera_state
 from no_outputs import NoOutputs
 
 from posefuse.cli.live import exit_code
-from posefuse.core import SKELETONS, CameraHealth, Detections2D
+from posefuse.core import SKELETONS, CameraHealth, Detections2D, JointCentres
+from posefuse.core.skeleton import COCO17
 from posefuse.foundation.channel import Channel
 from posefuse.foundation.worker import Worker
-from posefuse.health.cameras import CameraState, Monitor
+from posefuse.health.cameras import Monitor
 from posefuse.realtime import processes
-from posefuse.realtime.messages import SeenView, Status
+from posefuse.realtime.messages import KeepVideos, Ready, SeenView, SessionClock, Status, Stop
 from posefuse.realtime.news import News, ProcessedImages
 from posefuse.realtime.session import closing_lines
 
 S = 1_000_000_000
 
 
-def state(camera: str, captured: int, used: int) -> CameraState:
-    return CameraState(camera=camera, state="running", text="", captured=captured, used=used, replaced=captured - used, missing=0)
-
-
 def sentences(pace: ProcessedImages, share: float, network: str = "blazepose_full", seconds: int = 60) -> list[str]:
     found = []
     for t in range(seconds):
         for cameras in (("a", "b"), ("c",)):
-            states = tuple(state(camera, 30 * t, round(share * 30 * t)) for camera in cameras)
+            states = tuple(camera_state(camera, 30 * t, round(share * 30 * t)) for camera in cameras)
             found.append(pace.news(Status(t * S, states), float(t), network))
     return [line for line in found if line]
 
@@ -58,8 +56,8 @@ def test_a_camera_whose_frames_wait_is_not_silent() -> None:
     for name in ("slow", "gone"):
         admitted(monitor, seen_at_zero(name), 0)
     for t in range(5):
-        monitor.take_state(state("slow", 30 * t, 1), t * S)
-        monitor.take_state(state("gone", 1, 1), t * S)
+        monitor.take_state(camera_state("slow", 30 * t, 1), t * S)
+        monitor.take_state(camera_state("gone", 1, 1), t * S)
     verdicts = monitor.judge(4 * S, {})
     assert (verdicts["slow"].state, verdicts["gone"].state) == ("overload", "silent")
 
@@ -69,7 +67,7 @@ def test_a_camera_is_not_silent_while_its_process_owes_a_report() -> None:
     for regular, state_at in ((True, "ok"), (False, "silent")):
         monitor = Monitor(("a",))
         admitted(monitor, seen_at_zero("a"), 0)
-        monitor.take_state(state("a", 1, 1), 0, regular=regular)
+        monitor.take_state(camera_state("a", 1, 1), 0, regular=regular)
         assert monitor.judge(S * 3 // 2, {})["a"].state == state_at
         assert monitor.judge(S * 5 // 2, {})["a"].state == "silent"
 
@@ -130,9 +128,9 @@ def test_a_process_that_has_just_begun_has_its_trouble_until_its_cameras_are_ope
     groups = object.__new__(processes.Groups)
     member = processes._Member(plan=SimpleNamespace(inputs=()), worker=Worker(spin), ready=True)
     member.worker.trouble = "ended"
-    groups._took(member, Status(0, (replace(state("a", 1, 1), state="opening"),)))
+    groups._took(member, Status(0, (replace(camera_state("a", 1, 1), state="opening"),)))
     assert member.worker.trouble == "ended"
-    groups._took(member, Status(0, (state("a", 1, 1),)))
+    groups._took(member, Status(0, (camera_state("a", 1, 1),)))
     assert not member.worker.trouble
 
 
@@ -150,7 +148,7 @@ def test_a_session_without_a_person_names_the_reason(came: int, used: int, seen:
     names = ("a", "b", "c")
     monitor = Monitor(names)
     for name in names:
-        monitor.take_state(state(name, came // 3, used), 0)
+        monitor.take_state(camera_state(name, came // 3, used), 0)
     fusion = SimpleNamespace(
         rig=SimpleNamespace(names=names), monitor=monitor, used=dict.fromkeys(names, used),
         seen=dict(zip(names, seen, strict=True)), poses_with_people=0,
@@ -174,3 +172,79 @@ def test_a_session_without_a_person_has_an_exit_code_of_its_own(poses: int, stop
     run = SimpleNamespace(stopped_by=stopped_by, failed=failed, people=bool(poses))
     assert exit_code(run, 10.0, SimpleNamespace(note=print)) == code
     assert any(line.startswith("no person was tracked: ") for line in closing_lines(fusion)) == (not poses)
+
+
+# --- camera processes that die at the wrong moment
+
+
+def ready_at_once(channel: Channel, plan: object) -> None:
+    """A group without cameras: ready, then waiting for its end."""
+    channel.send(Ready(COCO17, None))
+    channel.wait(30.0)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL")
+def test_a_process_that_dies_between_ready_and_begin_is_started_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(processes, "run_group", ready_at_once)
+    groups = processes.Groups([SimpleNamespace(inputs=(), videos=None)])
+    try:
+        member = groups._members[0]
+        while member.marks is None:
+            groups._hear_ready(member)
+        os.kill(member.worker.pid, signal.SIGKILL)
+        member.worker._process.wait(10.0)
+        groups.begin(time.monotonic_ns())
+        assert "SIGKILL" in member.worker.trouble
+        while groups.restarts == 0:
+            assert not list(groups.messages())
+    finally:
+        groups.stop()
+
+
+def test_one_message_has_the_joint_centres_of_all_groups(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(processes, "run_group", ready_with_joint_centres)
+    inputs = [(SimpleNamespace(camera="a"), SimpleNamespace(camera="b")), (SimpleNamespace(camera="c"),)]
+    plans = [SimpleNamespace(inputs=some, videos=None, clock=SessionClock(0)) for some in inputs]
+    with processes.Groups(plans) as groups:
+        groups.wait_ready()
+        # a topic that keeps its last message would lose those of the other groups
+        (centres,) = groups.centres()
+    assert centres.cameras == ("a", "b", "c") and centres.table == TABLE
+
+
+TABLE = JointCentres(made_by="a test", offsets={"hip": {"up": 0.01}})
+
+
+def ready_with_joint_centres(channel: Channel, plan: object) -> None:
+    """A group without cameras whose detector has a table."""
+    channel.send(Ready(COCO17, TABLE))
+    channel.wait(30.0)
+
+
+def slow_to_finish(channel: Channel, plan: SimpleNamespace) -> None:
+    """A group that was asked to keep videos, and needs longer for their end than one without progress is waited for."""
+    channel.send(Ready(COCO17, None))
+    while not isinstance(channel.receive(), Stop):
+        channel.wait(30.0)
+    for _ in range(30):
+        time.sleep(0.1)
+        channel.send(Status(0, ()))
+    (plan.folder / "finished").touch()
+
+
+@pytest.mark.parametrize("stopped_before", [False, True])
+def test_videos_switched_on_during_a_session_are_finished_at_its_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stopped_before: bool
+) -> None:
+    monkeypatch.setattr(processes, "run_group", slow_to_finish)
+    monkeypatch.setattr(processes, "FINISH_S", 1.0)
+    groups = processes.Groups([SimpleNamespace(inputs=(), videos=None, folder=tmp_path)])
+    try:
+        while groups._members[0].marks is None:
+            groups._hear_ready(groups._members[0])
+        groups.control(KeepVideos(tmp_path))
+        if stopped_before:
+            groups.control(KeepVideos(None))
+    finally:
+        groups.stop()
+    assert (tmp_path / "finished").exists()

@@ -3,14 +3,14 @@
 import os
 import signal
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from built import turned
 
 from posefuse.calibration.keypoints import limb_keypoints
-from posefuse.core import SE3, Detections2D, Rig, Truth
+from posefuse.core import Detections2D, Rig, Truth
 from posefuse.formats.truth import read_truth
 from posefuse.health.misalignment import CommonTimeSteps
 from posefuse.realtime.capture import LOOP_PAUSE_S
@@ -100,9 +100,7 @@ def fed(watcher: RigWatcher, truth: Truth, rig: Rig, begin_s: float, seconds: fl
 def test_a_moved_camera_is_found_among_cameras_that_do_not_wait_for_each_other(truth: Truth) -> None:
     rig, watcher = truth.rig, RigWatcher(truth.rig, clocks=False)
     assert fed(watcher, truth, rig, 0.0, 5.0) == {}
-    cameras = list(rig.cameras)
-    cameras[2] = replace(cameras[2], cam_from_world=SE3.from_rotvec([0.02, 0.01, 0.0], np.zeros(3)) @ cameras[2].cam_from_world)
-    assert fed(watcher, truth, Rig(tuple(cameras)), 5.0, 5.0) == {rig.names[2]: "moved"}
+    assert fed(watcher, truth, turned(rig, 2, [0.02, 0.01, 0.0]), 5.0, 5.0) == {rig.names[2]: "moved"}
     assert fed(watcher, truth, rig, 10.0, 6.0) == {}
 
 
@@ -132,8 +130,7 @@ def test_two_cameras_are_not_watched(truth: Truth) -> None:
     two = Rig(truth.rig.cameras[:2])
     with watching(two, clocks=False) as watch:
         assert watch is None
-    turned = replace(two.cameras[0], cam_from_world=SE3.from_rotvec([0.0, 0.1, 0.1], np.zeros(3)) @ two.cameras[0].cam_from_world)
-    assert fed(RigWatcher(two, clocks=False), truth, Rig((turned, two.cameras[1])), 0.0, 4.0) == {}
+    assert fed(RigWatcher(two, clocks=False), truth, turned(two, 0, [0.0, 0.1, 0.1]), 0.0, 4.0) == {}
 
 
 def test_a_watch_that_is_killed_is_reported_and_ends_nothing(truth: Truth) -> None:

@@ -41,18 +41,12 @@ def test_a_room_in_which_nothing_changes_is_searched_every_ten_seconds() -> None
     assert waits == pytest.approx([10] * len(waits), abs=2 * PERIOD_S)
 
 
-def test_a_person_too_faint_to_be_noticed_at_once_is_searched_within_ten_seconds() -> None:
+@pytest.mark.parametrize(("height", "contrast", "within_s"), [(4, 100.0, PERIOD_S), (8, 20.0, 10 + 2 * PERIOD_S)])
+def test_a_person_who_comes_in_is_searched_at_once_and_one_too_faint_within_ten_seconds(height, contrast, within_s) -> None:
     rng = np.random.default_rng(4)
-    empty, faint = [[room(rng, person, contrast=20) for _ in range(7)] for person in (0, 8)]
-    done = searches(120, lambda t_s: of(faint if t_s >= 47.3 else empty)(t_s))
-    assert min(t_s for t_s in done if t_s >= 47.3) < 47.3 + 10 + 2 * PERIOD_S
-
-
-def test_a_person_who_comes_in_is_searched_at_once() -> None:
-    rng = np.random.default_rng(2)
-    empty, there = [[room(rng, person) for _ in range(7)] for person in (0, 4)]
+    empty, there = [[room(rng, person, contrast) for _ in range(7)] for person in (0, height)]
     done = searches(60, lambda t_s: of(there if t_s >= 47.3 else empty)(t_s))
-    assert min(t_s for t_s in done if t_s >= 47.3) < 47.3 + PERIOD_S
+    assert min(t_s for t_s in done if t_s >= 47.3) < 47.3 + within_s
 
 
 def test_every_frame_is_searched_while_people_move_or_are_found() -> None:

@@ -8,15 +8,15 @@ import socket
 import subprocess
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from live_session import Live, command, until
+from built import turned
+from live_session import Live, command, fill, until
 from replaying import difference_m, read_provenance, replay, replayed
 
-from posefuse.core import SE3, Pose3D
+from posefuse.core import Pose3D
 from posefuse.core.skeleton import PAPER14, pick_keypoints
 from posefuse.evaluation.metrics import true_xyz_at
 from posefuse.formats.rig import read_rig, write_rig
@@ -211,9 +211,7 @@ def test_faulty_cameras_are_named_while_the_others_carry_on(demo_session: Path) 
 
 def test_a_moved_camera_is_named_and_left_out_and_killing_the_watch_ends_nothing(demo_session: Path, tmp_path: Path) -> None:
     rig = read_rig(demo_session / "rig.toml")
-    turned = SE3.from_rotvec(np.deg2rad([0.3, 1.4, 0.3]), np.zeros(3)) @ rig["cam01"].cam_from_world
-    moved = replace(rig, cameras=tuple(replace(one, cam_from_world=turned) if one.name == "cam01" else one for one in rig))
-    write_rig(tmp_path / "before.toml", moved)
+    write_rig(tmp_path / "before.toml", turned(rig, rig.names.index("cam01"), np.deg2rad([0.3, 1.4, 0.3])))
     live = Live(command(demo_session, "--loop", "10", rig=tmp_path / "before.toml"))
     watch = int(live.wait_for(r"rig watched in process (\d+)")[1])
     live.wait_for(r"cam01: moved: cam01 is off by \d+ mm")
@@ -258,3 +256,52 @@ def test_what_cannot_be_opened_is_one_line(
     assert done.returncode == 1
     assert "Traceback" not in done.stderr
     assert all(word in done.stderr for word in words)
+
+
+# --- outputs of a whole live session that fail: reported at once, the recording continues, and the session ends with 1
+
+
+def test_killed_outputs_are_reported_and_recording_continues_and_the_session_ends_with_1(
+    demo_session: Path, tmp_path: Path
+) -> None:
+    recording, report = tmp_path / "a.mcap", tmp_path / "report"
+    live = Live(command(demo_session, "--loop", "10", "--record", str(recording), "--report", str(report)))
+    outputs = int(live.wait_for(r"outputs record in process (\d+)")[1])
+    live.wait_for("cam03: ok")
+    until(lambda: recording.stat().st_size > 100_000)
+    os.kill(outputs, signal.SIGKILL)
+    live.wait_for(f"outputs: failed: process {outputs} ended by signal SIGKILL; starting again")
+    live.wait_for(f"output record: ok: continues in {tmp_path / 'a.2.mcap'}")
+    until(lambda: (tmp_path / "a.2.mcap").stat().st_size > 100_000)
+    live.process.send_signal(signal.SIGINT)
+    figures, _ = live.ended(1)
+    assert figures["failed"] == ["record"]
+    assert figures["outputs_lost"] > 0
+    assert [(event["output"], event["state"]) for event in figures["output_events"]] == [("process", "failed"), ("record", "ok")]
+    assert json.loads((report / "latency.json").read_text())["output_events"] == figures["output_events"]
+    diagnostics = [entry.msg for entry in read_mcap(tmp_path / "a.2.mcap", {topics.DIAGNOSTICS.name})]
+    [line] = [status for status in diagnostics[-1].status if status.name.endswith("output record")]
+    assert "continues after 1 failures" in line.message and "SIGKILL" in line.message
+    said: list[str] = []
+    first = list(read_poses(recording, warn=said.append))
+    second = list(read_poses(tmp_path / "a.2.mcap", warn=said.append))
+    assert first and second and len(said) == 1
+    # a replay takes what was cut off, too
+    assert replay(recording, read_rig(demo_session / "rig.toml"), said.append) == (len(first), len(first))
+    assert len(said) == 2 and "was cut off" in said[-1]
+
+
+def test_a_full_disk_ends_the_videos_which_is_reported_at_once_and_the_session_ends_with_1(
+    demo_session: Path, small_disk: Callable[[int], Path]
+) -> None:
+    disk = small_disk(4)
+    live = Live(command(demo_session, "--loop", "10", "--videos", str(disk / "videos")))
+    live.wait_for("cam03: ok")
+    fill(disk / "filler")
+    live.wait_for(r"video cam0\d: failed: .*cam0\d\.mp4: cannot be written \(No space left on device\)")
+    (disk / "filler").unlink()
+    live.process.send_signal(signal.SIGINT)
+    figures, _ = live.ended(1)
+    faults = [video["fault"] for video in figures["videos"].values()]
+    assert any("No space left on device" in fault for fault in faults)
+    assert (disk / "videos" / "rig.toml").is_file()

@@ -10,13 +10,14 @@ from types import SimpleNamespace
 import built
 import numpy as np
 import pytest
-from built import admitted
+from built import admitted, camera_state
 from no_outputs import NoOutputs
 
 from posefuse.api.live_run import write_latency_report
 from posefuse.core import CameraHealth, Detections2D, Frame, Pose3D, Skeleton, SourceError
 from posefuse.foundation.channel import Channel, ChannelClosed
-from posefuse.health.cameras import CameraState, Monitor
+from posefuse.health.cameras import Monitor
+from posefuse.health.misalignment import CommonTimeSteps
 from posefuse.realtime.capture import Capture, Caught, LiveInput, take_all
 from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.realtime.latency import Histogram, Latencies, ViewTimes
@@ -133,9 +134,7 @@ def test_a_flood_is_cut_off_and_named() -> None:
 def test_silence_ends_and_dead_processes_are_named() -> None:
     monitor = Monitor(("a", "b", "c"))
     run_frames(monitor, {"a": (0, 0), "b": (0, 0), "c": (0, 0)}, 100 * S, 1)
-    monitor.take_state(
-        CameraState(camera="b", state="ended", text="the source has ended", captured=30, used=30, replaced=0, missing=0), 101 * S
-    )
+    monitor.take_state(camera_state("b", 30, 30, state="ended", text="the source has ended"), 101 * S)
     verdicts = monitor.judge(103 * S, {"c": CameraHealth("dead", "process 1 ended by signal SIGKILL")})
     assert [verdicts[name].state for name in "abc"] == ["silent", "ended", "dead"]
     assert "SIGKILL" in verdicts["c"].text
@@ -156,10 +155,7 @@ def test_all_that_changes_is_reported_however_long_a_session_runs() -> None:
 def test_counts_continue_when_a_process_was_restarted() -> None:
     monitor = Monitor(("a",))
     for captured in (10, 40, 5, 9):
-        monitor.take_state(
-            CameraState(camera="a", state="running", text="", captured=captured, used=captured, replaced=1, missing=0),
-            captured * S,
-        )
+        monitor.take_state(camera_state("a", captured, captured, replaced=1), captured * S)
     source = monitor.source("a")
     assert source is not None
     assert (source.captured, source.replaced) == (49, 2)
@@ -312,7 +308,7 @@ def test_sources_are_named_per_camera(ring_rig, demo_session) -> None:
         (["cam9=video:x.mp4"], ("cam9", "cam00, cam01")),
         (["cam00=webcam:0"], ("webcam", "usb")),
         (["video:x.mp4"], ("CAMERA=KIND:WHERE",)),
-        (["cam00=video:x.mp4", "cam00=video:y.mp4"], ("already",)),
+        (["cam00=video:x.mp4", "cam00=video:y.mp4"], ("has a source already",)),
     ],
 )
 def test_an_impossible_source_is_refused_with_a_list_of_sources(ring_rig, arguments: list[str], words: tuple[str, ...]) -> None:
@@ -413,3 +409,43 @@ def test_the_clock_of_a_session_continues_when_that_of_the_machine_is_set(monkey
     assert abs(before_ns - real()) < 600 * S
     monkeypatch.setattr(time, "time_ns", lambda: real() + jump_s * S)
     assert 0 <= clock.now_ns() - before_ns < 600 * S
+
+
+# --- where the machine is too slow to watch the rig, that is said, and not that cameras were moved or are late
+
+
+ILL = {"a": CameraHealth("moved", "a is off by 21 mm relative to the other cameras")}
+
+
+def report_frames(monitor: Monitor, t_s: float, captured: int, used: int) -> None:
+    monitor.take_state(built.camera_state("a", captured, used), round(t_s * S))
+
+
+def test_overload_is_reported_instead_of_a_finding() -> None:
+    monitor = Monitor(("a", "b"))
+    for t_s in range(1, 9):
+        report_frames(monitor, t_s, 30 * t_s, 15 * t_s)
+        monitor._watches["a"].seen_ns = t_s * S
+    verdict = monitor.judge(8 * S, {}, ILL)["a"]
+    assert verdict.state == "overload" and "only 50% of its frames are used" in verdict.text
+    assert monitor.overloaded("a") and not monitor.overloaded("b")
+    # as long as nothing seems to be wrong there is nothing to say
+    assert monitor.judge(8 * S, {}, {})["a"].state == "ok"
+
+
+def test_a_finding_stands_where_frames_are_used() -> None:
+    monitor = Monitor(("a", "b"))
+    for t_s in range(1, 9):
+        report_frames(monitor, t_s, 30 * t_s, 28 * t_s)
+        monitor._watches["a"].seen_ns = t_s * S
+    assert monitor.judge(8 * S, {}, ILL)["a"] == ILL["a"]
+
+
+def test_views_far_apart_are_not_read_between() -> None:
+    for apart_s, there in ((0.1, True), (0.2, False)):
+        time_steps, read = CommonTimeSteps(("a", "b")), []
+        for i in range(60):
+            for name in "ab":
+                time_steps.add(name, round((i * apart_s + 0.03 * (name == "b")) * S), np.full((2, 2), float(i)), np.ones(2, bool))
+            read += list(time_steps.ready())
+        assert (len(read) > 10) == there

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from built import detections
 from ros1_master import alone, ros1_python  # noqa: F401
 
 from posefuse.core import SKELETONS, Detections2D, Skeleton
@@ -16,21 +17,14 @@ def some_detections() -> Callable[..., Detections2D]:
         people: int = 3, skeleton: Skeleton = SKELETONS["blazepose33"], seed: int = 0, t_ns: int = 1_700_000_000_123_456_789
     ):
         rng = np.random.default_rng(seed)
-        k = len(skeleton)
-        xy = rng.uniform(0, 600, (people, k, 2))
-        score, sigma = rng.uniform(0, 1, (people, k)), rng.uniform(1, 9, (people, k))
-        lost = rng.random((people, k)) < 0.2
-        xy[lost], score[lost], sigma[lost] = np.nan, 0, np.nan
-        return Detections2D(
-            camera="cam 3/left",
-            t_ns=t_ns,
-            skeleton=skeleton,
-            xy_img=xy,
-            score=score,
-            sigma_px=sigma,
-            box_img=rng.uniform(0, 600, (people, 4)),
-            clothing_lab=np.where(rng.random((people, 3, 3)) < 0.2, np.nan, rng.uniform(-50, 99, (people, 3, 3))),
-        )
+        shape = (people, len(skeleton))
+        xy = rng.uniform(0, 600, (*shape, 2))
+        known = {"score": rng.uniform(0, 1, shape), "sigma_px": rng.uniform(1, 9, shape)}
+        lost = rng.random(shape) < 0.2
+        xy[lost], known["score"][lost], known["sigma_px"][lost] = np.nan, 0, np.nan
+        known["box_img"] = rng.uniform(0, 600, (people, 4))
+        clothing_lab = np.where(rng.random((people, 3, 3)) < 0.2, np.nan, rng.uniform(-50, 99, (people, 3, 3)))
+        return detections("cam 3/left", xy, t_ns, skeleton=skeleton, clothing_lab=clothing_lab, **known)
 
     return make
 

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from live_session import until
 from own_domain import own_domain
 from running import Running
 
@@ -176,14 +177,10 @@ def test_topics_of_others_with_their_types(local):
     network = local()
     with RosNode("self", network) as node:
         node.writer(topics.POSE)
-        end = time.monotonic() + 5
-        while not node.topics() and time.monotonic() < end:
-            time.sleep(0.05)
+        until(node.topics)
         assert node.topics() == {"/posefuse/pose": {"posefuse_msgs/msg/Pose3D"}}
         node.forget("/posefuse/pose")
-        while node.topics() and time.monotonic() < end:
-            time.sleep(0.05)
-        assert node.topics() == {}
+        until(lambda: not node.topics())
 
 
 def test_an_interface_that_is_not_there_is_reported():

@@ -5,11 +5,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from built import camera_state
 from no_outputs import NoOutputs
 
 from posefuse.core import SKELETONS, CameraHealth, Detections2D, JointCentres, LiveJointCentres, LivePose, Rig, Skeleton
 from posefuse.core.skeleton import BLAZEPOSE33
-from posefuse.health.cameras import CameraState, Monitor
+from posefuse.health.cameras import Monitor
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import warmed_up
 from posefuse.realtime.fusion import Fusion
@@ -293,8 +294,7 @@ def views_of(used_share: float) -> list[SeenView]:
     views.view(sample(message_from_detections(no_person("a"), {}), "node"), T0)
     for i in range(1, 181):
         t_ns = T0 + i * S // 30
-        used = int(used_share * i)
-        counts = CameraState(camera="a", state="running", text="", captured=i, used=used, replaced=i - used, missing=0)
+        counts = camera_state("a", i, int(used_share * i))
         msg = message_from_detections(no_person("a", t_ns), {"received": t_ns + 5_000_000}, counts)
         seen += views.view(sample(msg, "node"), t_ns + 10_000_000)
     return [one for one in seen if isinstance(one, SeenView)]

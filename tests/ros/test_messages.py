@@ -2,9 +2,9 @@ import dataclasses
 
 import numpy as np
 import pytest
+from built import camera_state
 
 from posefuse.core import MessageError, Skeleton
-from posefuse.health.cameras import CameraState
 from posefuse_ros import messages
 from posefuse_ros.types import Intake, decode, encode
 
@@ -153,9 +153,7 @@ def test_a_list_of_impossible_length_is_refused_immediately():
 
 
 def test_counts_of_the_source_arrive_and_absurd_ones_are_refused(some_detections):
-    counts = CameraState(
-        camera="cam 3/left", state="running", text="", captured=900, used=300, replaced=600, missing=0
-    )  # fmt: skip
+    counts = camera_state("cam 3/left", 900, 300)
     msg = over_the_wire(messages.message_from_detections(some_detections(), {}, counts))
     assert messages.state_from_message(msg) == counts
     unknown = over_the_wire(messages.message_from_detections(some_detections(), {}))

@@ -3,17 +3,23 @@
 import json
 import signal
 import sys
+import threading
 import time
 from collections.abc import Callable
+from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
 
 import built
 import numpy as np
 import pytest
+from live_session import until
 from no_outputs import NoOutputs
 from own_domain import own_domain
 from running import Running
+
+pytest.importorskip("cyclonedds")
 
 from posefuse.core import (
     SKELETONS,
@@ -26,19 +32,33 @@ from posefuse.core import (
     LiveStart,
     Pose3D,
     Skeleton,
+    SourceError,
 )
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import Centring, Estimator
 from posefuse.realtime.fusion import Fusion
 from posefuse.realtime.messages import SeenView, SessionClock
 from posefuse.tracking.online import CameraStatistics
+from posefuse_ros import topics
+from posefuse_ros.camera_messages import info_from_camera, message_from_joint_centres
+from posefuse_ros.dds import RosNode
+from posefuse_ros.dds_domain import Network
 from posefuse_ros.live_output import Ros2Config
+from posefuse_ros.messages import (
+    DETECTIONS_TYPE,
+    POSE_TYPE,
+    detections_from_message,
+    message_from_detections,
+    pose_from_message,
+)
 from posefuse_ros.network_views import NetworkViews
+from posefuse_ros.node_cameras import publish_intrinsics, rig_of_nodes
+from posefuse_ros.nodes import CameraNode
+from posefuse_ros.types import Intake
 
 pytestmark = pytest.mark.realtime
-
-pytest.importorskip("cyclonedds")
 DOMAIN = own_domain()
+NETWORK = Network(domain_id=DOMAIN, local_only=True)
 PATIENCE_S = 120.0
 # all nodes show their videos from then on
 ZERO_S = time.time()
@@ -60,14 +80,8 @@ def stopped(running: Running) -> dict:
 
 def wait_until_received(views: dict[str, int], poses: int) -> None:
     """Listen next to the nodes until so many views of each camera, and poses with a person in them, have come."""
-    from posefuse_ros import topics
-    from posefuse_ros.dds import RosNode
-    from posefuse_ros.dds_domain import Network
-    from posefuse_ros.messages import DETECTIONS_TYPE, POSE_TYPE, detections_from_message, pose_from_message
-    from posefuse_ros.types import Intake
-
     end = time.monotonic() + PATIENCE_S
-    with RosNode("listener", Network(domain_id=DOMAIN, local_only=True)) as listener:
+    with RosNode("listener", NETWORK) as listener:
         seen, made = listener.reader(topics.DETECTIONS), listener.reader(topics.POSE)
         view_intake, pose_intake = Intake(DETECTIONS_TYPE, detections_from_message), Intake(POSE_TYPE, pose_from_message)
         while max(poses, *views.values()) > 0:
@@ -101,17 +115,11 @@ def test_two_camera_nodes_and_a_fusion_node_make_poses(demo_session: Path) -> No
 
 
 def test_strangers_are_counted_and_never_handed_on(ring_rig) -> None:
-    from posefuse_ros import topics
-    from posefuse_ros.camera_messages import message_from_joint_centres
-    from posefuse_ros.dds import RosNode
-    from posefuse_ros.dds_domain import Network
-    from posefuse_ros.messages import message_from_detections
-
     skeleton = SKELETONS["coco17"]
     network = Network(domain_id=DOMAIN + 1, local_only=True)
     intake = NetworkViews(ring_rig(2), network, SessionClock.begin(), LiveConfig())
     counts, strangers = intake.views.intake.counts, intake.views.senders.strangers
-    try:
+    with closing(intake):
         with RosNode("stranger", network) as stranger:
             offsets = JointCentres(made_by="a test", offsets={"hip": {"up": 0.01}})
             table = LiveJointCentres(t_ns=time.time_ns(), cameras=("cam00",), table=offsets)
@@ -128,8 +136,6 @@ def test_strangers_are_counted_and_never_handed_on(ring_rig) -> None:
             assert writer.readers() > 0
         known_skeleton = intake.first_skeleton(1.0)
         got = [*intake.messages()]
-    finally:
-        intake.close()
     assert "elsewhere" in strangers
     assert "scores in 0..1" in counts.last_refusal
     assert known_skeleton == skeleton
@@ -138,10 +144,6 @@ def test_strangers_are_counted_and_never_handed_on(ring_rig) -> None:
 
 
 def test_cameras_of_another_machine_look_for_people_who_are_not_sure_enough_to_be_shown(ring_rig) -> None:
-    from posefuse_ros.dds import RosNode
-    from posefuse_ros.dds_domain import Network
-    from posefuse_ros.nodes import CameraNode
-
     rig, clock, skeleton = ring_rig(3), SessionClock.begin(), SKELETONS["coco17"]
     where = {"domain_id": DOMAIN + 2, "local_only": True}
     output, groups = Ros2Config(**where).build(), NoGroups()
@@ -208,32 +210,88 @@ class NoGroups:
 
 
 def test_a_second_participant_does_not_get_a_camera_while_the_first_pauses(ring_rig) -> None:
-    from posefuse_ros import topics
-    from posefuse_ros.dds import RosNode
-    from posefuse_ros.dds_domain import Network
-    from posefuse_ros.messages import message_from_detections
-
     skeleton, network = SKELETONS["coco17"], Network(domain_id=DOMAIN + 2, local_only=True)
     intake = NetworkViews(ring_rig(2), network, SessionClock.begin(), LiveConfig())
     senders = intake.views.senders
 
-    def send(node: RosNode, wanted: Callable[[], bool]) -> bool:
-        end_s = time.monotonic() + 20
-        while not wanted() and time.monotonic() < end_s:
+    def send(node: RosNode, wanted: Callable[[], bool]) -> None:
+        def view_of_no_person() -> None:
             view = Detections2D.empty("cam00", time.time_ns(), skeleton)
             node.publish(topics.DETECTIONS, message_from_detections(view, {}), view.t_ns)
             time.sleep(0.05)
-        return wanted()
 
-    try:
-        with RosNode("second", network) as second:
-            with RosNode("first", network) as first:
-                assert send(first, lambda: bool(senders.sender("cam00")))
-                name = senders.sender("cam00")
-                time.sleep(1.5)
-                assert send(second, lambda: any("a second sender" in line for line in senders.refused))
-                assert senders.sender("cam00") == name
-            # the first one has left the network
-            assert send(second, lambda: senders.sender("cam00") not in ("", None, name))
-    finally:
-        intake.close()
+        until(wanted, view_of_no_person)
+
+    with closing(intake), RosNode("second", network) as second:
+        with RosNode("first", network) as first:
+            send(first, lambda: bool(senders.sender("cam00")))
+            name = senders.sender("cam00")
+            time.sleep(1.5)
+            send(second, lambda: any("a second sender" in line for line in senders.refused))
+            assert senders.sender("cam00") == name
+        # the first one has left the network
+        send(second, lambda: senders.sender("cam00") not in ("", None, name))
+
+
+# --- intrinsics that camera nodes send to the fusion node
+
+
+def longer(rig, by):
+    """The rig with all focal lengths longer."""
+    K = np.diag([by, by, 1.0])
+    return replace(rig, cameras=tuple(replace(camera, K=camera.K @ K) for camera in rig))
+
+
+def test_the_fusion_works_with_the_intrinsics_of_the_nodes(ring_rig):
+    rig = ring_rig(2)
+    theirs, said = longer(rig, 1.05), []
+    with RosNode("cameras_a", NETWORK) as a, RosNode("cameras_b", NETWORK) as b:
+        publish_intrinsics(a, theirs, ["cam00"], time.time_ns())
+        small = replace(rig["cam01"], size_wh=(320, 200))
+        b.publish(topics.node_camera_info("cam01"), info_from_camera(small, 0), 0)
+        # what cannot be used is waited past
+        timer = threading.Timer(2.0, publish_intrinsics, (b, theirs, ["cam01"], time.time_ns()))
+        timer.start()
+        found = rig_of_nodes(rig, NETWORK, said.append, 30.0)
+        timer.join(30.0)
+    for camera in found:
+        np.testing.assert_array_equal(camera.K, theirs[camera.name].K)
+        np.testing.assert_array_equal(camera.cam_from_world.matrix4(), rig[camera.name].cam_from_world.matrix4())
+    assert said == ["intrinsics of cam00, cam01 are those that their nodes work with"]
+
+
+def test_a_camera_that_no_node_sends_is_named(ring_rig):
+    rig = ring_rig(2)
+    with RosNode("cameras_a", NETWORK) as a:
+        publish_intrinsics(a, rig, ["cam00"], 0)
+        with pytest.raises(SourceError, match=r"intrinsics of cam01 were not received from any camera node within 1 s"):
+            rig_of_nodes(rig, NETWORK, lambda line: None, 1.0)
+
+
+def test_a_node_with_other_intrinsics_is_reported(ring_rig):
+    rig = ring_rig(2)
+    intake, found = NetworkViews(rig, NETWORK, SessionClock.begin(), LiveConfig()), []
+    with closing(intake), RosNode("cameras_a", NETWORK) as a:
+        publish_intrinsics(a, longer(rig, 1.05), ["cam01"], 0)
+        publish_intrinsics(a, rig, ["cam00"], 0)
+        until(lambda: found, lambda: found.extend(intake.notices()))
+    assert len(found) == 1 and found[0].startswith("camera cam01: its node works with other intrinsics than the rig here (up to")
+
+
+def test_a_network_that_cannot_be_read_for_a_while_is_reported_once_and_read_again(ring_rig, monkeypatch):
+    intake, rig = NetworkViews(ring_rig(2), NETWORK, SessionClock.begin(), LiveConfig()), ring_rig(2)
+    failures = iter([SourceError("no buffer space"), ValueError("no buffer space")] * 2)
+    hand_on = NetworkViews._hand_on
+
+    def failing(self):
+        if (error := next(failures, None)) is not None:
+            raise error
+        hand_on(self)
+
+    monkeypatch.setattr(NetworkViews, "_hand_on", failing)
+    found: list[str] = []
+    with closing(intake), RosNode("cameras_a", NETWORK) as a:
+        publish_intrinsics(a, longer(rig, 1.05), ["cam01"], 0)
+        until(lambda: len(found) >= 3, lambda: found.extend(intake.notices()))
+    assert found[:2] == [f"the network cannot be read ({kind}: no buffer space)" for kind in ("SourceError", "ValueError")]
+    assert found[2].startswith("camera cam01: its node works with other intrinsics")

@@ -133,20 +133,14 @@ def test_camera_info_lies_next_to_the_image(image, info):
 
 
 def test_the_network_reaches_the_sources(ring_rig):
-    ros = {"domain_id": 7, "local_only": False, "interface": "eth9", "peers": ("10.0.0.2",), "sim_time": True}
-    [entry] = inputs_from_arguments(["cam01=ros:/a/image_raw"], ring_rig(2), ros)
-    network = entry.config.network
-    assert (network.domain_id, network.interface, network.peers, entry.config.sim_time) == (7, "eth9", ("10.0.0.2",), True)
-
-
-def test_the_network_is_reported_in_python_too(ring_rig):
     import posefuse as pf
 
-    ros = {"domain_id": 7, "peers": ["10.0.0.2"], "interface": "eth9"}
+    ros = {"domain_id": 7, "local_only": False, "peers": ["10.0.0.2"], "interface": "eth9", "sim_time": True}
     session = pf.live(ring_rig(2), {"cam00": "ros:/a/image_raw", "cam01": "ros:/b/image_raw"}, ros=ros)
     for entry in session._plan.inputs:
         network = entry.config.network
         assert (network.domain_id, network.interface, network.peers) == (7, "eth9", ("10.0.0.2",))
+        assert not network.local_only and entry.config.sim_time
     for wrong in ({"domain": 7}, {"peers": "10.0.0.2"}):
         with pytest.raises(ConfigError, match=r"^ros: "):
             pf.live(ring_rig(2), {"cam00": "ros:/a/image_raw"}, ros=wrong)

@@ -3,20 +3,30 @@
 import dataclasses
 import subprocess
 import sys
+from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
 
-from posefuse.core import SE3, DependencyError
+from posefuse.core import SE3, DependencyError, Frame
+from posefuse.core.depth import MM_PER_M
+from posefuse.core.ideal_image import optics_of
+from posefuse.core.skeleton import ANATOMICAL23, pick_keypoints
+from posefuse.detection.blazepose import BlazePoseConfig
 from posefuse_sim import build
+from posefuse_sim.body import BodyShapeSettings
 from posefuse_sim.build import live_scene
-from posefuse_sim.cameras import ImageSettings, ListedCameras, PlacedCamera, SensorSettings
+from posefuse_sim.cameras import DepthSettings, ImageSettings, ListedCameras, PlacedCamera, RingCameras, SensorSettings
 from posefuse_sim.exact import seen_points
+from posefuse_sim.motion.settings import StandSettings
 from posefuse_sim.props import CharucoBoard, StillPath
 from posefuse_sim.render import stage as backends
-from posefuse_sim.render.shot import moments_of
-from posefuse_sim.scene import Scene
+from posefuse_sim.render.model import render_model
+from posefuse_sim.render.shot import CameraShooter, measured_depth, moments_of, noise_of
+from posefuse_sim.render.stage import RenderStage
+from posefuse_sim.scene import PersonSettings, Scene
+from posefuse_sim.source import shot_image
 from posefuse_sim.surroundings import RoomSettings
 
 _SPEED_MPS = 3.0
@@ -156,3 +166,111 @@ def test_two_stages_of_one_process_do_not_disturb_each_other(shoot):
     first = shoot(_scene(1))[1]
     shoot(dataclasses.replace(_scene(2), props=()))
     np.testing.assert_array_equal(shoot(_scene(1))[1], first)
+
+
+# --- the depth that simulated cameras measure: in the right place, with the noise that they state
+
+
+EXACT = DepthSettings(disparity_sigma_px=0, step_px=0, floor_m=0, lateral_px=0, edge_loss=0)
+
+
+@pytest.mark.parametrize("depth_m", [1.0, 2.5, 4.0])
+def test_noise_is_as_large_as_stated_and_alike_within_a_block(depth_m: float) -> None:
+    settings = DepthSettings(lateral_px=0.0)
+    image = measured_depth(np.full((240, 320), depth_m, np.float32), settings, [1])
+    error_m = image.values / MM_PER_M - depth_m
+    noise = noise_of(settings)
+    # a step of the disparity adds the spread of one step
+    step_m = depth_m**2 / (noise.focal_px * noise.baseline_m) * noise.step_px
+    stated = np.hypot(float(noise.sigma_m(np.array(depth_m))), step_m / np.sqrt(12))
+    assert error_m.std() == pytest.approx(stated, rel=0.05)
+    assert abs(error_m.mean()) < 0.1 * stated
+    if depth_m > 2:
+        beside = np.corrcoef(error_m[:, :-1].ravel(), error_m[:, 1:].ravel())[0, 1]
+        apart = np.corrcoef(error_m[:, :-20].ravel(), error_m[:, 20:].ravel())[0, 1]
+        assert beside > 0.7
+        assert abs(apart) < 0.1
+
+
+def test_a_disparity_has_steps() -> None:
+    settings = replace(EXACT, step_px=1 / 8)
+    ramp = np.tile(np.linspace(3, 4, 320, dtype=np.float32), (4, 1))
+    values = measured_depth(ramp, settings, [1]).values
+    disparity = settings.focal_px * settings.baseline_m / (values / MM_PER_M)
+    assert np.abs(disparity * 8 - np.rint(disparity * 8)).max() < 0.03
+    assert len(np.unique(values)) < 20
+
+
+def test_edges_lose_pixels_and_are_ragged_and_the_far_is_unknown() -> None:
+    true_m = np.full((200, 200), 3.0, np.float32)
+    true_m[:, :100] = 1.5
+    true_m[:20] = 30.0
+    plain = measured_depth(true_m, EXACT, [1]).values
+    np.testing.assert_array_equal(plain[20:], np.where(true_m[20:] == 1.5, 1500, 3000))
+    assert (plain[:20] == 0).all()
+    torn = measured_depth(true_m, replace(EXACT, lateral_px=0.8, edge_loss=0.5), [1]).values[40:]
+    assert 0.3 < (torn[:, 98:102] == 0).mean() < 0.7
+    assert (torn[:, 110:] == 3000).all()
+    column = torn[:, 99]
+    assert 0.05 < (column[column > 0] == 3000).mean() < 0.5
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("distortion", [(), (-0.28, 0.09, 0.002, -0.003, -0.01)], ids=["ideal", "bent"])
+def test_depth_lies_under_the_projected_pixels(distortion: tuple[float, ...], backend: str) -> None:
+    image = ImageSettings(size_px=(320, 240), distortion=distortion)
+    camera = PlacedCamera(
+        name="eye", position_m=(1.1, -1.4, 1.9), look_at_m=(0.1, 0.1, 1.0), roll_deg=25, image=image,
+        sensor=SensorSettings(depth=EXACT),
+    )  # fmt: skip
+    path = StillPath(kind="still", position_m=(0.0, 0.0, 1.0), yaw_deg=30, pitch_deg=8, roll_deg=55)
+    board = CharucoBoard(kind="charuco_board", square_m=0.13, marker_m=0.06, path=path)
+    live = live_scene(Scene(duration_s=0.2, cameras=ListedCameras(kind="list", cameras=(camera,)), props=(board,)))
+    eye = live.rig.cameras[0]
+    view = optics_of(eye).view
+    stage = RenderStage(render_model(live, (view.width, view.height), backend), backend)
+    shot = shot_image(live, 0, 0, CameraShooter(eye, live.placed[0].sensor, stage))
+    stage.close()
+    chess = live.prop_poses(np.zeros(1))[0][0] @ live.props[0].chess_prop
+    assert shot.depth is not None
+    column, row = np.rint(eye.project(chess)).astype(int).T
+    found_m = shot.depth.values[row, column] * shot.depth.unit_m
+    # half a pixel on a slanted board, and millimetres
+    np.testing.assert_allclose(found_m, (eye.cam_from_world @ chess)[:, 2], atol=0.006)
+
+
+# --- are the pictures good enough? The real network looks at a simulated person from every side
+
+
+_LIMBS = tuple(
+    f"{side}_{joint}" for side in ("left", "right") for joint in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
+)
+
+
+@pytest.fixture(scope="module")
+def network(models):
+    return BlazePoseConfig(streams=1).build()
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("sex", ["female", "male"])
+def test_the_network_finds_the_person_from_every_side(sex, network, backend):
+    person = PersonSettings(body=BodyShapeSettings(sex=sex), motion=StandSettings(kind="wave", heading_deg=15))
+    ring = RingCameras(kind="ring", count=8, radius_m=4.0, image=ImageSettings(size_px=(640, 480)))
+    live = live_scene(Scene(duration_s=0.1, cameras=ring, people=(person,)))
+    stage = RenderStage(render_model(live, (640, 480), backend), backend)
+    frames, truth = [], []
+    for c, camera in enumerate(live.rig):
+        shot = shot_image(live, c, 0, CameraShooter(camera, live.placed[c].sensor, stage))
+        image, visible = shot.image, shot.visible
+        frames.append(Frame(camera=camera.name, seq=0, t_ns=0, received_ns=0, image=image))
+        truth.append(np.where(visible[:, None], seen_points(live, c, slice(0, 1)).xy_img[0], np.nan))
+    stage.close()
+    found = network.detect(frames, [None] * 8)
+    assert [len(one) for one in found] == [1] * 8
+    expected = pick_keypoints(np.stack(truth), ANATOMICAL23, _LIMBS)
+    seen = pick_keypoints(np.stack([one.xy_img[0] for one in found]), network.skeleton, _LIMBS)
+    error_px = np.linalg.norm(seen - expected, axis=-1)
+    # the person is some 250 px tall: a left for a right would be off by more than 20 px
+    assert np.nanmedian(error_px) < 6
+    assert np.nanquantile(error_px, 0.9) < 15

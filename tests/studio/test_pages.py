@@ -11,6 +11,7 @@ import pytest
 from nicegui import ui
 from nicegui.testing import User, user_simulation
 
+from posefuse.calibration.settings import TargetDescription
 from posefuse.detection import named_networks
 from posefuse_sim.rig_plan import camera_of
 from posefuse_sim.scene import read_scene
@@ -18,6 +19,7 @@ from posefuse_studio import app
 from posefuse_studio.access import Access
 from posefuse_studio.jobs import Jobs
 from posefuse_studio.pages import PAGES
+from posefuse_studio.shell import setting_fields
 from posefuse_studio.state import Studio
 from posefuse_studio.work import recordings
 from posefuse_studio.workspace import StudioWorkspace
@@ -75,6 +77,27 @@ def test_a_camera_of_a_plan_is_chosen_and_moved(tmp_path: Path) -> None:
     visited(tmp_path, "/simulate", use)
     [plan] = (tmp_path / "plans").glob("*.yaml")
     assert camera_of(read_scene(plan), "cam04").position_m == (1.5, -3.5, 2.2)
+
+
+def test_a_board_is_printed_of_numbers_as_a_browser_sends_them(tmp_path: Path) -> None:
+    async def use(user: User) -> None:
+        with user:
+            given = setting_fields(TargetDescription, {"columns": "across", "square_mm": "square"})
+        field(user, ui.number, "across").set_value(4.0)
+        field(user, ui.number, "square").set_value(35.5)
+        assert repr(given()) == "{'columns': 4, 'square_mm': 35.5}"
+
+    visited(tmp_path, "/calibrate", use)
+
+
+def test_what_fails_within_a_page_is_shown_there(tmp_path: Path) -> None:
+    async def use(user: User) -> None:
+        with user:
+            ui.button("Fail", on_click=lambda: 1 // 0)
+        user.find(kind=ui.button, content="Fail").click()
+        await user.should_see("this is a bug of the studio")
+
+    visited(tmp_path, "/calibrate", use)
 
 
 def test_a_live_session_has_the_network_that_was_chosen(tmp_path: Path, started: list[tuple[str, Any]]) -> None:

@@ -1,6 +1,7 @@
 """Values built whole out of what a test is about: where keypoints are, and how well they are known."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,7 +26,7 @@ from posefuse.core.skeleton import COCO17
 from posefuse.core.values import keypoint_boxes
 
 if TYPE_CHECKING:
-    from posefuse.health.cameras import Monitor
+    from posefuse.health.cameras import CameraState, Monitor
     from posefuse.realtime.messages import SeenView
 
 Point = tuple[float, float, float]
@@ -139,6 +140,14 @@ def joint_angles(angle_rad: np.ndarray, *, joints: Sequence[str], **others: Any)
     return JointAngles(angle_rad=angle_rad, joints=joints, **(stated | others))
 
 
+def turned(rig: Rig, camera: int, rotvec_rad: Sequence[float] | np.ndarray) -> Rig:
+    """The rig with one camera turned about its own centre, by a rotation vector in its own axes."""
+    cameras = list(rig)
+    turn = SE3.from_rotvec(np.array(rotvec_rad, float), np.zeros(3))
+    cameras[camera] = replace(cameras[camera], cam_from_world=turn @ cameras[camera].cam_from_world)
+    return replace(rig, cameras=tuple(cameras))
+
+
 def views(rig: Rig, xyz: np.ndarray, sigma_px: float = 1.0, seed: int | None = None, skeleton: Skeleton = COCO17) -> Views:
     """What a rig sees of (N, K, 3) people; exact without a seed."""
     xy = np.moveaxis(rig.project(xyz), 0, 1)
@@ -231,6 +240,14 @@ def white_jerk(dt: float, density: float) -> tuple[np.ndarray, np.ndarray]:
         [[dt**5 / 20, dt**4 / 8, dt**3 / 6], [dt**4 / 8, dt**3 / 3, dt**2 / 2], [dt**3 / 6, dt**2 / 2, dt]]
     )
     return step, np.linalg.cholesky(process)
+
+
+def camera_state(camera: str, captured: int, used: int, **others: Any) -> "CameraState":
+    """Of a camera that runs; frames that were not used were replaced by newer ones."""
+    from posefuse.health.cameras import CameraState
+
+    stated = {"state": "running", "text": "", "replaced": captured - used, "missing": 0}
+    return CameraState(camera=camera, captured=captured, used=used, **(stated | others))
 
 
 def admitted(monitor: "Monitor", seen: "SeenView", now_ns: int) -> Detections2D | None:

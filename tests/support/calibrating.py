@@ -1,16 +1,17 @@
-"""What several tests of the calibration do: run its commands, compare rigs, put recordings of a target together."""
+"""What several tests of the calibration do: run its commands, compare rigs."""
 
 from dataclasses import replace
 from typing import Any
 
+import cv2
 import numpy as np
 
-from posefuse.calibration.extrinsics.self_checks import camera_differences
-from posefuse.calibration.solving.rotations import poses_of
-from posefuse.calibration.targets.corners import CornerObservations
+from posefuse.calibration.extrinsics.self_checks import camera_differences, scale_of
+from posefuse.calibration.solving.rotations import Poses, poses_of
+from posefuse.calibration.targets.kinds import dictionary_of
 from posefuse.cli.command_line import parse
 from posefuse.cli.terminal import Terminal
-from posefuse.core import Rig
+from posefuse.core import Camera, Rig
 
 
 def run(*words: str) -> dict[str, Any]:
@@ -20,12 +21,21 @@ def run(*words: str) -> dict[str, Any]:
     return dict(found.run(Terminal(as_json=True)))
 
 
-def differences(a: Rig, b: Rig) -> tuple[np.ndarray, np.ndarray]:
-    """Distance (C,) in m and angle (C,) in rad of each camera, up to where the world is."""
-    return camera_differences(poses_of(a), poses_of(b))
+def marker_page() -> np.ndarray:
+    """(120, 160, 3) a white page with marker 3."""
+    page = np.full((120, 160, 3), 255, np.uint8)
+    page[30:90, 50:110] = cv2.aruco.generateImageMarker(dictionary_of("DICT_4X4_50"), 3, 60)[..., None]
+    return page
 
 
-def merged(a: CornerObservations, b: CornerObservations) -> CornerObservations:
-    """Corners of the same cameras as one recording."""
-    names = ("camera", "t_ns", "patch", "corner", "xy_img", "sharpness")
-    return replace(a, **{name: np.concatenate([getattr(a, name), getattr(b, name)]) for name in names})
+def differences(a: Rig, b: Rig, scaled: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """Distance (C,) in m and angle (C,) in rad of each camera, up to where the world is, and up to scale on request."""
+    one, other = poses_of(a), poses_of(b)
+    return camera_differences(one, Poses(other.R, other.t * scale_of(one, other)) if scaled else other)
+
+
+def zoomed(rig: Rig, camera: int, factor: float) -> tuple[Camera, ...]:
+    """Cameras of the rig, one of them with other focal lengths."""
+    cameras, wrong = list(rig), rig.cameras[camera]
+    cameras[camera] = replace(wrong, K=wrong.K * np.array([[factor, 1, 1], [1, factor, 1], [1, 1, 1]]))
+    return tuple(cameras)

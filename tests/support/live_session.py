@@ -53,11 +53,14 @@ class Live:
         return self.ended()[0]
 
 
-def until(condition: Callable[[], bool]) -> None:
+def until(condition: Callable[[], bool], work: Callable[[], object] | None = None) -> None:
+    """Wait, doing this meanwhile."""
     end = time.monotonic() + PATIENCE_S
     while not condition():
         assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.05)
+        if work is not None:
+            work()
+        time.sleep(0.005 if work else 0.05)
 
 
 def fill(path: Path) -> None:

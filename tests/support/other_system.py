@@ -130,8 +130,8 @@ def install():
         there.__dict__["_seen_by_posefuse"] = names
         there.__class__ = _Seen
     if SYSTEM == "win32":
-        ctypes.WinDLL = _AnyLibrary
-        socket.socket.share = _share
+        vars(ctypes)["WinDLL"] = _AnyLibrary
+        setattr(socket.socket, "share", _share)  # noqa: B010
         seen["socket"]["fromshare"] = _from_share
     original = builtins.__import__
 

@@ -52,6 +52,11 @@ class Run:
     def phase(self):
         return self.operator.gate.phase
 
+    def pressed_again(self):
+        """Let go, then pressed."""
+        self.tick(20, held=False)
+        return self.tick(10)
+
     def engaged(self):
         assert self.tick(30, held=False) is Phase.READY
         assert self.tick(10) is Phase.ENGAGED
@@ -107,8 +112,7 @@ def test_more_than_half_a_second_needs_a_new_press(cause):
     run = Run().engaged()
     run.tick(70, **CAUSES[cause])
     assert run.tick(60) is Phase.IDLE
-    run.tick(20, held=False)
-    assert run.tick(10) is Phase.ENGAGED
+    assert run.pressed_again() is Phase.ENGAGED
 
 
 def with_trunk(shoulders, hips):
@@ -132,8 +136,7 @@ def test_another_body_or_hand_ends_the_engagement_even_for_one_pose(cause):
     assert run.tick(1, **ENDS[cause]) is Phase.IDLE
     assert run.order.speed_mps == 0.0 and run.operator.gate.reason
     assert run.tick(60) is Phase.IDLE
-    run.tick(20, held=False)
-    assert run.tick(10) is Phase.ENGAGED
+    assert run.pressed_again() is Phase.ENGAGED
 
 
 @pytest.mark.parametrize("cause", ENDS)
@@ -191,8 +194,7 @@ def test_faults_and_the_emergency_stop_are_left_by_a_reset_only():
         assert run.tick(5, change=lambda news: replace(news, reset=True)) is Phase.STOPPED  # held
         run.tick(20, held=False)
         assert run.tick(held=False, change=lambda news: replace(news, reset=True)) is Phase.IDLE
-        run.tick(20, held=False)
-        assert run.tick(10) is Phase.ENGAGED
+        assert run.pressed_again() is Phase.ENGAGED
 
 
 def test_the_robot_must_stand_before_it_engages():

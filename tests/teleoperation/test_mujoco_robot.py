@@ -9,13 +9,15 @@ from commanded import commanded, order
 pytest.importorskip("mujoco")
 pytest.importorskip("daqp")
 
+import mujoco
+
 from posefuse.core import ConfigError
 from posefuse_teleop.follower import Driver
 from posefuse_teleop.mujoco_robot import MujocoRobot, mobile_manipulator, mujoco_model, placed
-from posefuse_teleop.settings import LimitSettings, TeleoperationSettings
+from posefuse_teleop.settings import LimitSettings, RobotSettings, TeleoperationSettings
 
 LIMITS = LimitSettings()
-DT_S = 0.01
+DT_S, TICK_NS = 0.01, 10_000_000
 
 
 def robot(hands=("right",), place=None):
@@ -91,7 +93,7 @@ def test_what_cannot_be_reached_is_reported_and_joint_limits_are_kept():
     driver, chain, now_ns = Driver(made, TeleoperationSettings()), made.joints.chain, 10**12
     start, state = made.state(), replace(driver.state, sent_ns=now_ns)
     for k in range(400):
-        now_ns += 10_000_000
+        now_ns += TICK_NS
         target = start.xyz_world + [[0, 0, min(0.003 * k, 0.9)]]
         near = driver.follower.xyz + np.clip(target - driver.follower.xyz, -0.1, 0.1)
         state = driver.step([order(k, now_ns, near, start.wxyz)], now_ns)
@@ -132,8 +134,6 @@ def test_two_arms_share_a_base():
 
 
 def test_spheres_cover_every_geom():
-    import mujoco
-
     made = robot()
     spheres, model, data = made.state().spheres_world, made.model, made.data
     rng = np.random.default_rng(0)
@@ -178,3 +178,264 @@ def test_a_base_that_floats_is_refused(tmp_path):
     file.write_text(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
     with pytest.raises(ConfigError, match="free base"):
         MujocoRobot(mujoco_model(file, ("right",)), ["right_hand"], LIMITS)
+
+
+# --- what is commanded to the joints keeps every limit, whatever is ordered; judged by MuJoCo's own kinematics, apart from ours
+
+
+def driven(hands, wishes, limits=LIMITS, model=None):
+    """(T, J) joints and (T, H, 3) end effectors of what is commanded while the targets are `wishes` from the start position.
+
+    A wish is (H, 3) metres from the start, or None: no order comes.
+    """
+    settings = TeleoperationSettings(hands=hands, limits=limits, robot=RobotSettings(shared=False))
+    robot = MujocoRobot(model or mujoco_model(None, hands), [f"{side}_hand" for side in hands], limits)
+    driver, now_ns, q = Driver(robot, settings), 10**12, []
+    start, turned = driver.state.xyz_world, driver.state.wxyz
+    for seq, wish in enumerate(wishes):
+        now_ns += TICK_NS
+        orders = []
+        if wish is not None:
+            target = driver.follower.xyz + np.clip(start + wish - driver.follower.xyz, -0.15, 0.15)
+            orders = [order(seq, now_ns, target, turned, speed_mps=LIMITS.speed_mps)]
+        driver.step(orders, now_ns)
+        q.append(driver.state.q_rad)
+    return robot, np.array(q), ends_of(robot, np.array(q))
+
+
+def ends_of(robot, q):
+    chain, data = robot.joints.chain, mujoco.MjData(robot.model)
+    sites, found = [robot.model.site(f"{side}_hand").id for side in ("right", "left")[: chain.hands]], []
+    for one in q:
+        data.qpos[chain.qpos] = one
+        mujoco.mj_kinematics(robot.model, data)
+        found.append(data.site_xpos[sites].copy())
+    return np.array(found)
+
+
+def random_wishes(rng, hands, steps=400):
+    """Targets that jump to places within and out of reach, and times without any order."""
+    wish, found = np.zeros((hands, 3)), []
+    for _ in range(steps):
+        if rng.random() < 0.02:
+            wish = rng.normal(size=(hands, 3)) * rng.choice([0.05, 0.3, 1.5])
+        found.append(wish)
+    for _ in range(3):
+        begin = rng.integers(0, steps - 60)
+        found[begin : begin + 40] = [None] * 40
+    return found
+
+
+def most(vectors):
+    return float(np.linalg.norm(vectors, axis=-1).max())
+
+
+@pytest.mark.parametrize("hands", (("right",), ("right", "left")), ids=len)
+@pytest.mark.parametrize("seed", range(3))
+def test_joints_and_end_effectors_keep_every_limit(hands, seed):
+    robot, q, xyz = driven(hands, random_wishes(np.random.default_rng([seed, 5]), len(hands)))
+    chain, arm = robot.joints.chain, robot.joints.chain.arm
+    speed, acceleration = np.diff(q, axis=0) / DT_S, np.diff(q, n=2, axis=0) / DT_S**2
+    assert np.abs(speed[:, arm]).max() <= LIMITS.joint_speed_radps * (1 + 1e-9)
+    assert np.abs(speed[:, ~arm]).max() <= LIMITS.base_speed_mps * (1 + 1e-9)
+    assert np.abs(acceleration[:, arm]).max() <= LIMITS.joint_acceleration_radps2 * (1 + 1e-9)
+    assert np.abs(acceleration[:, ~arm]).max() <= LIMITS.base_acceleration_mps2 * (1 + 1e-9)
+    margin = np.where(arm, LIMITS.joint_margin_rad, 0.0)
+    assert (q >= chain.low + margin - 1e-9).all() and (q <= chain.high - margin + 1e-9).all()
+    assert most(np.diff(xyz, axis=0)) / DT_S <= LIMITS.speed_mps * (1 + 1e-9)
+    assert most(np.diff(xyz, n=2, axis=0)) / DT_S**2 <= LIMITS.acceleration_mps2 * (1 + 1e-9)
+    assert np.ptp(xyz, axis=0).max() > 0.2  # it does move
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_no_limit_depends_on_what_the_inverse_kinematics_finds(seed):
+    """One that minds nothing but the joints' own speed and acceleration, and drives them anywhere."""
+    rng, robot = (
+        np.random.default_rng(seed),
+        MujocoRobot(mujoco_model(None, ("right", "left")), ["right_hand", "left_hand"], LIMITS),
+    )
+    joints, way = robot.joints, np.zeros(17)
+
+    def anywhere(q, last, xyz, wxyz, dt_s):
+        change = joints.ik.acceleration * dt_s**2
+        return np.clip(
+            np.clip(way * joints.ik.speed * dt_s, last - change, last + change), *(dt_s * joints.ik.speed * [[-1], [1]])
+        )
+
+    joints.ik.step, q = anywhere, []
+    for k in range(300):
+        way = rng.uniform(-1, 1, size=17) if k % 60 == 0 else way
+        joints.move(robot.state().xyz_world, robot.state().wxyz, DT_S)
+        q.append(joints.q)
+    xyz, arm = ends_of(robot, np.array(q)), joints.chain.arm
+    assert least_m(robot, q, joints.chain.home)[0].min() >= LIMITS.collision_m - 1e-8
+    assert most(np.diff(xyz, axis=0)) / DT_S <= LIMITS.speed_mps * (1 + 1e-9)
+    assert most(np.diff(xyz, n=2, axis=0)) / DT_S**2 <= LIMITS.acceleration_mps2 * (1 + 1e-9)
+    assert (np.array(q)[:, arm] <= joints.ik.high[arm] + 1e-9).all() and (np.array(q)[:, arm] >= joints.ik.low[arm] - 1e-9).all()
+    assert np.ptp(q, axis=0).max() > 0.2
+
+
+def at_speed(rng):
+    """Joints of our robot that move as fast as they may."""
+    robot = MujocoRobot(mujoco_model(None, ("right",)), ["right_hand"], LIMITS)
+    start, way = robot.state(), rng.normal(size=3)
+    for k in range(40):
+        robot.joints.move(start.xyz_world + 0.005 * k * way / np.linalg.norm(way), start.wxyz, DT_S)
+    return robot
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_late_process_stops_as_soon_and_within_the_limits(seed):
+    """Steps that were left out are not made up for: the velocity of the stop falls for them, too."""
+    calls = {}
+    for left_out in (0, 1):
+        robot = at_speed(np.random.default_rng(seed))
+        q = [robot.joints.q - robot.joints.step, robot.joints.q]
+        while np.abs(robot.joints.step).max() > 0:
+            # late at first only, then in time
+            robot.joints.brake(DT_S, left_out if len(q) < 6 else 0)
+            q.append(robot.joints.q)
+        calls[left_out] = len(q)
+        change = np.diff(ends_of(robot, np.array(q)), n=2, axis=0)
+        assert most(change[6:]) / DT_S**2 <= LIMITS.acceleration_mps2
+    assert calls[1] <= calls[0] - 3
+
+
+def test_where_a_stop_ends_is_known_before_it():
+    """What a trajectory over ROS leads to, in case it is the last."""
+    robot = at_speed(np.random.default_rng(3))
+    end, steps = robot.joints.resting()
+    for _ in range(steps):
+        robot.joints.brake(DT_S, 0)
+    assert steps > 3
+    np.testing.assert_allclose(robot.joints.q, end, atol=1e-12)
+
+
+def test_no_step_is_taken_after_which_stopping_takes_longer_than_promised():
+    """Joints that brake slowly move slowly: the robot stands 0.35 s after the last order, the watchdog included."""
+    limits = replace(LIMITS, joint_acceleration_radps2=1.0, base_acceleration_mps2=0.2)
+    robot = MujocoRobot(mujoco_model(None, ("right",)), ["right_hand"], limits)
+    start, longest = robot.state(), 0
+    for k in range(300):
+        robot.joints.move(start.xyz_world + 0.005 * min(k, 60), start.wxyz, DT_S)
+        longest = max(longest, robot.joints.resting()[1])
+    assert 0.1 < longest * DT_S <= 0.28
+
+
+def test_each_joint_may_have_its_own_limits():
+    speeds, accelerations = (2.0, 0.4, 2.0, 0.5, 2.0, 0.6, 2.0), (8.0, 2.0, 8.0, 3.0, 8.0, 2.5, 8.0)
+    limits = replace(LIMITS, joint_speed_radps=speeds, joint_acceleration_radps2=accelerations)
+    robot, q, _ = driven(("right",), random_wishes(np.random.default_rng(11), 1), limits)
+    arm = robot.joints.chain.arm
+    speed, acceleration = np.abs(np.diff(q[:, arm], axis=0)) / DT_S, np.abs(np.diff(q[:, arm], n=2, axis=0)) / DT_S**2
+    assert (speed.max(axis=0) <= np.array(speeds) * (1 + 1e-9)).all() and speed.max(axis=0)[3] > 0.49
+    assert (acceleration.max(axis=0) <= np.array(accelerations) * (1 + 1e-9)).all()
+    with pytest.raises(ConfigError, match="expected one value, or 7 for the joints"):
+        MujocoRobot(mujoco_model(None, ("right",)), ["right_hand"], replace(limits, joint_speed_radps=(1.0, 2.0)))
+
+
+def least_m(robot, q, home):
+    """Least distance of any two bodies of the robot that do not touch by construction, and of any and the floor, over (T, J)."""
+    model, chain = robot.model, robot.joints.chain
+    data, pairs = mujoco.MjData(model), []
+    own = [g for g in range(model.ngeom) if model.geom_bodyid[g] in chain.bodies and model.geom_contype[g]]
+    candidates = [(a, b) for i, a in enumerate(own) for b in own[i + 1 :]] + [(model.geom("floor").id, g) for g in own]
+
+    def at(one):
+        data.qpos[chain.qpos] = one
+        mujoco.mj_kinematics(model, data)
+
+    at(home)
+    pairs = [pair for pair in candidates if mujoco.mj_geomDistance(model, data, *pair, 1.0, None) > LIMITS.collision_m]
+    found = []
+    for one in q:
+        at(one)
+        found.append([mujoco.mj_geomDistance(model, data, *pair, 1.0, None) for pair in pairs])
+    names = [{model.geom(g).name for g in pair} for pair in pairs]
+    return np.array(found), names
+
+
+ARMS_AT = {
+    "each other": ([0.0, 0.4, 0.0], [0.0, -0.4, 0.0]),
+    "each other across": ([0.1, 0.5, -0.1], [-0.1, -0.5, 0.1]),
+    "the floor": ([0.1, 0.0, -0.7], [0.1, 0.0, -0.7]),
+    "the base": ([-0.6, 0.0, -0.5], [-0.6, 0.0, -0.5]),
+}
+
+
+@pytest.mark.parametrize("way", ARMS_AT)
+def test_two_arms_driven_at_something_keep_their_distance(way):
+    limits = replace(LIMITS, box_low_m=(-9, -9, -9))
+    robot, q, _ = driven(("right", "left"), [np.array(ARMS_AT[way])] * 300, limits)
+    found, names = least_m(robot, q, robot.joints.chain.home)
+    assert found.min() >= LIMITS.collision_m - 1e-8
+    # it does get near, so that this is the guard's work
+    assert found.min() < 0.06
+    if way.startswith("each other"):
+        crossed = [
+            i for i, pair in enumerate(names) if any("right" in one for one in pair) and any("left" in one for one in pair)
+        ]
+        assert found[:, crossed].min() < 0.06
+
+
+FIXED_ARMS = """<mujoco><compiler angle="radian"/><worldbody><geom name="floor" type="plane" size="3 3 .1"/>
+<body name="torso"><geom name="torso" type="box" size=".1 .2 .5" pos="0 0 .5"/>{}{}</body></worldbody>
+<actuator>{}</actuator></mujoco>"""
+
+
+def fixed_arms():
+    """Two arms of three joints on a torso that stands in the world."""
+    arms, drives = [], ""
+    for side, y in (("right", -0.35), ("left", 0.35)):
+        text = f'<site name="{side}_hand" pos=".3 0 0"/>'
+        for i, axis in reversed(list(enumerate(("0 0 1", "0 1 0", "0 1 0")))):
+            place = f"0 {y} 1" if i == 0 else ".3 0 0"
+            shape = f'<geom name="{side}{i}" type="capsule" size=".05" fromto="0 0 0 .3 0 0"/>'
+            joint = f'<joint name="{side}{i}" type="hinge" axis="{axis}" range="-2.5 2.5" limited="true"/>'
+            text = f'<body name="{side}{i}" pos="{place}">{joint}{shape}{text}</body>'
+            drives += f'<position name="{side}{i}" joint="{side}{i}" kp="1000"/>'
+        arms.append(text)
+    return mujoco_model(None, ("right", "left"), FIXED_ARMS.format(*arms, drives))
+
+
+def test_both_arms_of_a_robot_that_stands_fixed_are_watched_whole():
+    model = fixed_arms()
+    robot = MujocoRobot(model, ["right_hand", "left_hand"], LIMITS)
+    chain = robot.joints.chain
+    names = [{model.geom(int(g)).name for g in pair} for pair in chain.pairs]
+    # all arm-to-arm pairs; every link and the torso, the floor
+    assert sum(any("right" in a for a in pair) and any("left" in a for a in pair) for pair in names) == 9
+    assert sum("torso" in pair for pair in names) == 6 and sum("floor" in pair for pair in names) == 6
+    spheres = robot.state().spheres_world
+    assert spheres[:, 1].min() < -0.3 and spheres[:, 1].max() > 0.3 and (np.abs(spheres[:, :2]) < 0.2).all(axis=1).any()
+
+
+def test_geoms_whose_masks_keep_them_from_touching_are_not_watched():
+    model = fixed_arms()
+    [first, *_] = [g for g in range(model.ngeom) if "right" in model.geom(g).name]
+    model.geom_contype[first], model.geom_conaffinity[first] = 2, 4
+    pairs = MujocoRobot(model, ["right_hand", "left_hand"], LIMITS).joints.chain.pairs
+    assert len(pairs) and first not in pairs
+
+
+def test_every_pair_of_our_own_robot_is_watched():
+    chain = MujocoRobot(mujoco_model(None, ("right", "left")), ["right_hand", "left_hand"], LIMITS).joints.chain
+    model = chain.model
+    names = [{model.geom(int(g)).name for g in pair} for pair in chain.pairs]
+    assert sum(any("right" in a for a in pair) and any("left" in a for a in pair) for pair in names) == 64
+    assert sum("floor" in pair for pair in names) == 16
+
+
+def test_a_pair_that_overlaps_does_not_come_nearer():
+    """Where the robot starts overlapping, e.g. by a wrong model, the pair keeps its constraint."""
+    robot = MujocoRobot(fixed_arms(), ["right_hand", "left_hand"], LIMITS)
+    chain = robot.joints.chain
+    robot.joints.begin(np.array([1.4, 0.0, 0.0, -1.4, 0.0, 0.0]))
+    chain.place(robot.joints.q)
+    before = chain.distances(1.0)
+    assert before.min() < 0
+    for _ in range(50):
+        robot.joints.move(robot.state().xyz_world + [[0, 0.1, 0], [0, -0.1, 0]], robot.state().wxyz, DT_S)
+        chain.place(robot.joints.q)
+    overlapping = before < 0
+    assert (chain.distances(1.0)[overlapping] >= before[overlapping] - 1e-6).all()

@@ -14,7 +14,7 @@ pytest.importorskip("mujoco")
 pytest.importorskip("daqp")
 
 from posefuse.core import SE3, ConfigError
-from posefuse_ros.body_messages import quaternion, vector
+from posefuse_ros.body_messages import transform
 from posefuse_ros.dds_domain import Network
 from posefuse_ros.messages import header
 from posefuse_ros.topics import TF, Topic
@@ -30,15 +30,6 @@ SETTINGS = TeleoperationSettings(robot=RobotSettings(position_xy_m=(2.0, 0.0), h
 JOINTS = [f"right_j{i}" for i in range(1, 8)]
 
 
-def transform(parent, child, place):
-    return message(
-        "geometry_msgs/msg/TransformStamped",
-        header=header(time.time_ns(), parent),
-        child_frame_id=child,
-        transform=message("geometry_msgs/msg/Transform", translation=vector(place.xyz), rotation=quaternion(place.wxyz)),
-    )
-
-
 def joint_state(q):
     empty = np.zeros(0)
     state = header(time.time_ns(), "")
@@ -50,10 +41,8 @@ def robot_node():
     import threading
 
     node, ended = PLAN.node("robot"), threading.Event()
-    places = [
-        transform("base_link", "elbow", SE3.from_rotvec([0, 0, 0.3], [0.3, 0, 0.5])),
-        transform("elbow", "tool", SE3.identity()),
-    ]
+    bent = SE3.from_rotvec([0, 0, 0.3], [0.3, 0, 0.5])
+    places = [transform(time.time_ns(), "base_link", "elbow", bent), transform(time.time_ns(), "elbow", "tool", SE3.identity())]
 
     def publish():
         while not ended.wait(0.02):

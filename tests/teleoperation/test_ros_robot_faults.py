@@ -12,7 +12,7 @@ pytest.importorskip("rosbags")
 
 from posefuse.core import SE3
 from posefuse.foundation.requests_to_end import REQUESTS_TO_END
-from posefuse_ros.body_messages import quaternion, vector
+from posefuse_ros.body_messages import transform
 from posefuse_ros.dds import Sample
 from posefuse_ros.messages import header
 from posefuse_ros.topics import TF, TF_STATIC
@@ -66,16 +66,7 @@ def clock(monkeypatch):
 
 def tf_message(t_s, *transforms):
     """(parent, child, place) at a time; 0: no stamp."""
-    found = [
-        message(
-            "geometry_msgs/msg/TransformStamped",
-            header=header(round(t_s * 1e9), parent),
-            child_frame_id=child,
-            transform=message("geometry_msgs/msg/Transform", translation=vector(place.xyz), rotation=quaternion(place.wxyz)),
-        )
-        for parent, child, place in transforms
-    ]
-    return message("tf2_msgs/msg/TFMessage", transforms=found)
+    return message("tf2_msgs/msg/TFMessage", transforms=[transform(round(t_s * 1e9), *one) for one in transforms])
 
 
 def arm(x=0.5, turned_rad=0.0):

@@ -1,6 +1,6 @@
 """A person of 17 points who moves as wanted, seen by cameras that do not wait for each other."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -46,6 +46,13 @@ class World:
             return fuse(associate(together, self.rig, people, previous), self.rig, FuseSettings(), previous)
 
         return build_tracker(self.rig, COCO17, live, solve, self.fuse, motion)
+
+    def fed(self, views: Iterable[Detections2D], **settings: object) -> Tracker:
+        """A tracker that was given these views."""
+        tracker = self.tracker(**settings)
+        for view in views:
+            tracker.add(view)
+        return tracker
 
     def fuse(self, views: Views) -> Pose3D:
         """Fusion of one time step as `app` has it."""

@@ -44,10 +44,7 @@ def followed(world, views, seconds):
 def test_one_camera_with_depth_follows_a_walker_within_its_sigma(world):
     alone, rng = world(1), np.random.default_rng(0)
     plain = alone.views(2.5)
-    tracker = alone.tracker()
-    for view in plain:
-        tracker.add(view)
-    assert not len(tracker.at(plain[-1].t_ns).person_id)
+    assert not len(alone.fed(plain).at(plain[-1].t_ns).person_id)
     errors, squares = followed(alone, [with_depth(alone, view, rng) for view in plain], 0.5)
     assert len(errors) > 50
     assert np.median(errors) < 0.04
@@ -77,13 +74,9 @@ def test_a_camera_alone_is_left_to_its_depth(world):
     """The others are lost after a second: without depth the person is dropped, with it followed to the end."""
     four, rng = world(4), np.random.default_rng(0)
     views = [view for view in four.views(4.0) if view.camera == four.rig.names[0] or view.t_ns < 1e9]
-    trackers = four.tracker(), four.tracker()
-    for view in views:
-        trackers[0].add(view)
-        trackers[1].add(with_depth(four, view, rng))
-    t_ns = views[-1].t_ns
-    assert not len(trackers[0].at(t_ns).person_id)
-    assert np.median(four.error_m(trackers[1].at(t_ns))) < 0.08
+    without, deep = (four.fed(some).at(views[-1].t_ns) for some in (views, [with_depth(four, view, rng) for view in views]))
+    assert not len(without.person_id)
+    assert np.median(four.error_m(deep)) < 0.08
 
 
 def test_the_row_of_depth_is_its_derivative(ring_rig):

@@ -1,9 +1,11 @@
 """Kernels of the live tracker, one at a time."""
 
 import numpy as np
+import pytest
 
 from posefuse.core import Skeleton
 from posefuse.core.skeleton import ANATOMICAL23
+from posefuse.tracking.matrix_kernels import inverse3
 from posefuse.tracking.online import LiveMotion, LiveSettings, MotionModel
 from posefuse.tracking.online.kernels.body import start_missing
 from posefuse.tracking.online.kernels.rays import exchange_person
@@ -74,3 +76,16 @@ def test_a_view_that_exchanges_a_limb_is_put_in_order(ring_rig) -> None:
     np.testing.assert_allclose(inverse_var[known], sigma[known] ** -2.0)
     np.testing.assert_allclose(then, xyz, atol=1e-12)
     assert np.isnan(z[hidden]).all() and inverse_var[hidden] == 0
+
+
+# --- small compiled matrices
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_inverse_is_numpys_and_of_a_symmetric_matrix_symmetric(seed: int) -> None:
+    any_matrix = np.random.default_rng(seed).normal(size=(3, 3))
+    for matrix in (any_matrix, any_matrix @ any_matrix.T):
+        out = np.empty((3, 3))
+        assert inverse3(matrix, out) == pytest.approx(np.linalg.det(matrix))
+        np.testing.assert_allclose(out @ matrix, np.eye(3), atol=1e-9)
+    np.testing.assert_array_equal(out, out.T)

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from posefuse.core import SE3, Detections2D
 from posefuse.core.skeleton import COCO17
@@ -34,21 +35,14 @@ def test_the_order_of_arrival_does_not_matter_within_the_buffer(world):
     rest = [v for v in views if v.t_ns >= 4e8]
     late = sorted(rest, key=lambda v: v.t_ns + rng.uniform(0, 2e8))
     assert [v.t_ns for v in late] != [v.t_ns for v in rest]
-    trackers = [w.tracker(), w.tracker()]
-    for tracker, order in zip(trackers, (first + rest, first + late), strict=True):
-        for view in order:
-            tracker.add(view)
-    one, two = (tracker.at(1_560_000_000) for tracker in trackers)
-    same(one, two, tolerance=1e-9)
-    assert all(figures.late == 0 for figures in trackers[1].health.values())
+    one, two = (w.fed(order) for order in (first + rest, first + late))
+    same(one.at(1_560_000_000), two.at(1_560_000_000), tolerance=1e-9)
+    assert all(figures.late == 0 for figures in two.health.values())
 
 
 def test_views_older_than_the_buffer_are_counted_and_change_nothing(world):
     w = world()
-    tracker = w.tracker()
-    views = w.views(1.0)
-    for view in views:
-        tracker.add(view)
+    tracker = w.fed(w.views(1.0))
     before = tracker.at(1_050_000_000)
     tracker.add(replace(w.view(0, 0.40001, np.random.default_rng(1)), camera="cam00"))
     assert tracker.health["cam00"].late == 1
@@ -59,11 +53,7 @@ def test_moving_the_world_moves_the_people(world):
     w = world()
     turn = SE3(np.array([0.9, 0.1, -0.2, 0.3]) / np.linalg.norm([0.9, 0.1, -0.2, 0.3]), np.array([3.0, -2.0, 0.5]))
     moved = type(w)(w.rig.moved(turn), lambda t_s: turn @ w.place(t_s))
-    plain, other = w.tracker(), moved.tracker()
-    for view in w.views(1.2):
-        plain.add(view)
-        other.add(view)
-    here, there = plain.at(1_250_000_000), other.at(1_250_000_000)
+    here, there = (one.fed(w.views(1.2)).at(1_250_000_000) for one in (w, moved))
     np.testing.assert_allclose(turn @ here.xyz_world, there.xyz_world, atol=1e-5)
     rotation = turn.matrix()
     np.testing.assert_allclose(rotation @ here.cov_world @ rotation.T, there.cov_world, atol=1e-6)
@@ -71,27 +61,25 @@ def test_moving_the_world_moves_the_people(world):
 
 def test_a_clock_that_jumps_an_hour_is_ignored_and_named(world):
     w = world()
-    clean, tracker = w.tracker(), w.tracker()
-    for view in w.views(1.5):
-        jumps = view.camera == "cam03" and view.t_ns > 5e8
-        tracker.add(replace(view, t_ns=view.t_ns + HOUR_NS) if jumps else view)
-        if not jumps:
-            clean.add(view)
-    same(tracker.at(1_550_000_000), clean.at(1_550_000_000))
-    assert tracker.health["cam03"].ahead == 30
-    assert tracker.health["cam03"].age_s > 0.9
-    back = w.tracker()
-    for view in w.views(1.5):
-        back.add(replace(view, t_ns=view.t_ns - HOUR_NS) if view.camera == "cam03" and view.t_ns > 5e8 else view)
+
+    def jumps(view):
+        return view.camera == "cam03" and view.t_ns > 5e8
+
+    clean = w.fed(view for view in w.views(1.5) if not jumps(view))
+    ahead, back = (
+        w.fed(replace(view, t_ns=view.t_ns + hours * HOUR_NS) if jumps(view) else view for view in w.views(1.5))
+        for hours in (1, -1)
+    )
+    same(ahead.at(1_550_000_000), clean.at(1_550_000_000))
+    assert ahead.health["cam03"].ahead == 30
+    assert ahead.health["cam03"].age_s > 0.9
     same(back.at(1_550_000_000), clean.at(1_550_000_000))
     assert back.health["cam03"].late == 30
 
 
 def test_a_first_camera_an_hour_ahead_is_outvoted(world):
     w = world()
-    tracker = w.tracker()
-    for view in w.views(1.0):
-        tracker.add(replace(view, t_ns=view.t_ns + HOUR_NS) if view.camera == "cam00" else view)
+    tracker = w.fed(replace(v, t_ns=v.t_ns + HOUR_NS) if v.camera == "cam00" else v for v in w.views(1.0))
     pose = tracker.at(1_000_000_000)
     assert pose.person_id.tolist() == [0]
     assert np.nanmax(w.error_m(pose)) < 0.15
@@ -101,11 +89,7 @@ def test_a_first_camera_an_hour_ahead_is_outvoted(world):
 
 def test_a_common_jump_of_all_cameras_is_a_jump_of_time(world):
     w = world(motion="stand")
-    tracker = w.tracker()
-    for view in w.views(0.6):
-        tracker.add(view)
-    for view in w.views(0.6):
-        tracker.add(replace(view, t_ns=view.t_ns + HOUR_NS))
+    tracker = w.fed([*w.views(0.6), *(replace(view, t_ns=view.t_ns + HOUR_NS) for view in w.views(0.6))])
     pose = tracker.at(HOUR_NS + 650_000_000)
     assert pose.person_id.tolist() == [0]
     assert np.nanmax(np.linalg.norm(pose.xyz_world[0] - w.place(0), axis=-1)) < 0.1
@@ -113,23 +97,14 @@ def test_a_common_jump_of_all_cameras_is_a_jump_of_time(world):
 
 def test_the_same_moment_twice_counts_once(world):
     w = world()
-    once, twice = w.tracker(), w.tracker()
-    for view in w.views(0.8):
-        once.add(view)
-        twice.add(view)
-        twice.add(view)
+    once, twice = w.fed(w.views(0.8)), w.fed(view for view in w.views(0.8) for _ in range(2))
     same(once.at(850_000_000), twice.at(850_000_000))
     assert sum(one.repeated for one in twice.health.values()) == len(w.views(0.8))
 
 
 def test_a_flood_is_refused_and_memory_stays_bounded(world):
     w = world()
-    tracker = w.tracker()
-    for view in w.views(0.8):
-        tracker.add(view)
-    flood = [w.view(1, 0.8 + i * 1e-5) for i in range(3000)]
-    for view in flood:
-        tracker.add(view)
+    tracker = w.fed([*w.views(0.8), *(w.view(1, 0.8 + i * 1e-5) for i in range(3000))])
     assert tracker.health["cam01"].crowded > 2900
     assert len(tracker.at(840_000_000).person_id) == 1
 
@@ -164,9 +139,7 @@ def test_missing_keypoints_are_missing_and_come_when_they_are_seen(world):
 
 def test_a_view_without_stated_noise_is_used(world):
     w = world(motion="stand")
-    tracker = w.tracker()
-    for view in w.views(1.0):
-        tracker.add(replace(view, sigma_px=np.full((1, len(COCO17)), np.nan)))
+    tracker = w.fed(replace(view, sigma_px=np.full((1, len(COCO17)), np.nan)) for view in w.views(1.0))
     assert np.nanmax(w.error_m(tracker.at(1_000_000_000))) < 0.1
 
 
@@ -176,9 +149,7 @@ def test_a_rolling_shutter_is_known(world):
     rolling = type(w)(replace(w.rig, cameras=tuple(replace(camera, readout_s=0.03) for camera in w.rig)), w.place)
     errors = {}
     for name, rig in (("known", rolling), ("unknown", w)):
-        tracker = rig.tracker()
-        for view in w.views(1.4, seed=None):
-            tracker.add(_rolled(w, view, 0.03))
+        tracker = rig.fed(_rolled(w, view, 0.03) for view in w.views(1.4, seed=None))
         errors[name] = np.nanmean(w.error_m(tracker.at(1_400_000_000)))
     assert errors["known"] < 0.4 * errors["unknown"]
 
@@ -191,3 +162,27 @@ def _rolled(w, view, readout_s):
         after_s = readout_s * (xy[:, 1] / (camera.size_wh[1] - 1) - 0.5)
         xy = np.array([camera.project(w.place(view.t_ns / 1e9 + after)[i]) for i, after in enumerate(after_s)])
     return replace(view, xy_img=xy[None])
+
+
+# --- too few views: what is not known is let go, and no person runs away along the rays of one camera
+
+
+def test_whom_one_camera_alone_sees_is_let_go_in_time_and_found_again(world):
+    w = world(motion="stand")
+    tracker, here = w.tracker(alone_s=1.0), {}
+    for view in (view for view in w.views(4.0) if view.camera == "cam00" or not 1e9 < view.t_ns < 3e9):
+        tracker.add(view)
+        here[view.t_ns / 1e9] = len(tracker.at(view.t_ns).person_id)
+    times, people = np.array(list(here)), np.array(list(here.values()))
+    assert (people[(times > 0.3) & (times < 1.95)] == 1).all()
+    assert (people[(times > 2.05) & (times < 3.0)] == 0).all()
+    assert (people[times > 3.2] == 1).all()
+    assert np.nanmedian(w.error_m(tracker.at(3_950_000_000))) < 0.05
+
+
+@pytest.mark.parametrize(("speed_m_s", "followed"), [(8.0, True), (25.0, False)])
+def test_what_is_faster_than_any_runner_is_let_go(world, speed_m_s, followed):
+    still = world(motion="stand").place
+    w = world(motion=lambda t_s: still(t_s) + (speed_m_s * (t_s - 0.15), 0.0, 0.0))
+    tracker = w.fed(w.views(0.3, rate_hz=60.0, seed=None))
+    assert (len(tracker.at(295_000_000).person_id) == 1) == followed

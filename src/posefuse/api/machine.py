@@ -185,12 +185,12 @@ def _tracking() -> MachineCheck:
     cure = "see what to do in the first line marked MISSING above; if there is none, please report this line"
     try:
         from posefuse.detection import BlazePoseConfig
-        from posefuse.pipeline import run
+        from posefuse.pipeline import track
 
         cache_dir = default_cache_dir()
         states = {status(card, cache_dir) for card in default_cards()}
         if "damaged" in states:
-            return MachineCheck("tracking", False, True, f"{run.__name__} works; its networks are damaged", "posefuse models")
+            return MachineCheck("tracking", False, True, f"{track.__name__} works; its networks are damaged", "posefuse models")
         if "missing" in states:
             return MachineCheck("tracking", True, True, "ready after the first download, which the first run begins (35 MB)")
         detector = BlazePoseConfig().build()

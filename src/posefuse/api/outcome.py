@@ -16,9 +16,8 @@ from posefuse.foundation.summary import Block, Facts, Heading, Table
 
 if TYPE_CHECKING:
     from posefuse.detection.build import DetectorChoice
-    from posefuse.pipeline.clock import StageClock
-    from posefuse.pipeline.run import Tracked
     from posefuse.pipeline.session import Session
+    from posefuse.pipeline.track import Tracked
 
 TRUTH_FILE = Path("truth") / "truth.npz"
 # stages that last the same however long the recording
@@ -38,14 +37,12 @@ class RunOutcome:
     summary: tuple[Block, ...]
 
 
-def tracked_outcome(
-    out: Path | None, session: Session, detector: DetectorChoice, tracked: Tracked, clock: StageClock
-) -> RunOutcome:
+def tracked_outcome(out: Path | None, session: Session, detector: DetectorChoice, tracked: Tracked) -> RunOutcome:
     """Of a session that was tracked; with the errors against the truth where the session has it."""
     path = session.folder / TRUTH_FILE
     errors = joint_errors(tracked.recording.poses, read_truth(path)) if path.is_file() else None
-    figures = _tracked_figures(out, tracked, clock, errors)
-    if session.inputs[0].kind != "pose2d":
+    figures = _tracked_figures(out, tracked, errors)
+    if session.kind != "pose2d":
         figures["network"] = network_shown(detector)
     return RunOutcome(figures=figures, summary=_tracked_summary(figures, errors))
 
@@ -56,8 +53,8 @@ def network_shown(detector: DetectorChoice) -> str:
     return str(next((getattr(config, key) for key in ("card", "landmarks") if hasattr(config, key)), detector.name))
 
 
-def _tracked_figures(out: Path | None, tracked: Tracked, clock: StageClock, errors: JointErrors | None) -> dict[str, Any]:
-    recording = tracked.recording
+def _tracked_figures(out: Path | None, tracked: Tracked, errors: JointErrors | None) -> dict[str, Any]:
+    recording, clock = tracked.recording, tracked.clock
     time_steps = len(recording.poses)
     start_up_s = sum(clock.seconds.get(stage, 0.0) for stage in _START_UP)
     figures: dict[str, Any] = {

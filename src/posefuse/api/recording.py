@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -171,7 +170,7 @@ class Recording(core.Recording):
             changes["raw"] = True
         if people is not None:
             changes["associate.max_people"] = people
-        return recording_of(solve_again(self, changed_config(config_of(self), changes), edits=edits))
+        return recording_of(solve_again(self, changed_config(config_of(self.provenance), changes), edits=edits))
 
     @checked
     def save(
@@ -201,7 +200,7 @@ class Recording(core.Recording):
         from posefuse.pipeline.solve import config_of
         from posefuse.pipeline.writing import export_recording
 
-        found = None if session is None else find_session(Path(session), config_of(self))
+        found = None if session is None else find_session(Path(session), config_of(self.provenance))
         inputs = () if found is None else (found.folder,)
         with shown(progress) as report:
             files, _ = export_recording(
@@ -238,10 +237,7 @@ class Recording(core.Recording):
         inputs = [] if self.path is None else files_of_result(self.path)
         found = self._session(session, within)
         with shown(progress) as report:
-            made = Written(*export_recording(self, Path(path), formats, found, replace=True, progress=report, inputs=inputs))
-        for name, reason in made.failed.items():
-            warnings.warn(f"output {name}: not written ({reason})", UserWarning, stacklevel=2)
-        return made
+            return Written(*export_recording(self, Path(path), formats, found, replace=True, progress=report, inputs=inputs))
 
     def _session(self, folder: str | Path | None, within: str | Path | None = None) -> Session | None:
         """The session that it was made from, where that is named or near."""
@@ -348,8 +344,7 @@ class Recording(core.Recording):
             if found is None and self.path is not None:
                 name = self.provenance.get("session", "unnamed")
                 report("images", 0, None, f"shown without images: no session {name} near {self.path} or here")
-            steps = lambda done, total: report("images", done, total)  # noqa: E731
-            rerun.show_recording(self, None if found is None else session_frames(self, found, steps))
+            rerun.show_recording(self, None if found is None else session_frames(self, found, report, "images"))
         return self.path
 
 

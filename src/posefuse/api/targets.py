@@ -13,6 +13,7 @@ from posefuse.calibration.targets.kinds import Chessboard, Markers, Target, desc
 from posefuse.calibration.targets.printing import board_sheets, cube_sheets, marker_sheets, write_pdf
 from posefuse.core import InputError
 from posefuse.foundation.output_file import atomic_file, check_output_file, keep_copy
+from posefuse.foundation.settings import settings_from_mapping
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +42,8 @@ def print_target(
         replace: files that exist are kept as ``NAME.replaced-TIME``.
 
     Raises:
-        InputError: a size is missing, or a file exists. ConfigError: a target that cannot be, or does not fit on the page.
+        InputError: a size is missing, or a file exists. ConfigError: a setting of another type, a target that cannot be, or does
+            not fit on the page.
 
     Examples:
         >>> import posefuse as pf
@@ -68,7 +70,7 @@ def print_target(
 
 
 def _described(settings: Mapping[str, Any]) -> Target:
-    described = TargetDescription(**settings)
+    described = settings_from_mapping(settings, TargetDescription, where="target")
 
     def missing(names: Any) -> InputError:
         return InputError(f"target {described.kind}: missing {', '.join(f'`{name}=MM`' for name in names)}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import warnings
+import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -86,13 +86,12 @@ def track(
         >>> recording = pf.track("examples/demo", end_s=0.5)  # doctest: +SKIP
         >>> recording.save("RESULT", formats=("trc", "c3d"))  # doctest: +SKIP
     """
-    from posefuse.detection.build import fetch_networks, locked, network_settings
+    from posefuse.detection.build import locked, network_settings
     from posefuse.outputs.rerun_scene import check_viewer
-    from posefuse.pipeline.clock import StageClock
     from posefuse.pipeline.reading import is_live
-    from posefuse.pipeline.result_folder import ResultFolder, check_result_folder, track_into
-    from posefuse.pipeline.run import track_session
+    from posefuse.pipeline.result_folder import ResultFolder
     from posefuse.pipeline.session import find_session
+    from posefuse.pipeline.track import track_session
 
     folder = Path(session)
     if is_live(folder):
@@ -101,31 +100,19 @@ def track(
         raise InputError("track: resume, replace and formats are about the folder `out`, which was not given")
     if view:
         check_viewer()
-    place, names = (None if out is None else Path(out)), (None if formats is None else tuple(formats))
+    names = None if formats is None else tuple(formats)
     options = {"rig": rig, "associate.max_people": people, "fuse.weights": weights, "start_s": start_s, "end_s": end_s}
     changes = {key: value for key, value in (options | {"outputs": names}).items() if value is not None}
     changes |= network_settings(networks, device) | dict(settings or {})
-    chosen = session_config(folder, config, changes, outputs=place is not None)
+    chosen = session_config(folder, config, changes, outputs=out is not None)
     chosen = dataclasses.replace(chosen, detector=locked(chosen.detector, folder))
-    clock = StageClock()
+    found, where = find_session(folder, chosen), None
+    if out is not None:
+        where = ResultFolder(path=Path(out), force=replace, resume=resume)
     with shown(progress) as report:
-        found = find_session(folder, chosen)
-        note = lines_of(report, "detect")
-        where = None if place is None else ResultFolder(path=place, force=replace, resume=resume)
-        if where is not None:
-            check_result_folder(found, chosen, where)
-        for line in found.notes:
-            _warn(line)
-        note(f"{len(found.inputs)} cameras from {found.rig_path} ({found.inputs[0].kind})")
-        if found.inputs[0].kind != "pose2d":
-            fetch_networks(chosen.detector, report)
-        if where is not None:
-            tracked = track_into(found, chosen, where, clock, report, _warn, solve_interrupted=keep_partial)
-        else:
-            steps = lambda done, total: report("detect", done, total)  # noqa: E731
-            tracked = track_session(found, chosen, clock, steps, note, _warn, solve_interrupted=keep_partial)
-    outcome = tracked_outcome(place, found, chosen.detector, tracked, clock)
-    made = recording_of(tracked.recording, path=place, outcome=outcome)
+        tracked = track_session(found, chosen, where, report, solve_interrupted=keep_partial)
+    place = None if where is None else where.path
+    made = recording_of(tracked.recording, path=place, outcome=tracked_outcome(place, found, chosen.detector, tracked))
     if view:
         made.view(session=None if "rerun" in chosen.outputs else folder)
     return made
@@ -148,10 +135,6 @@ def session_config(folder: Path, config: str | Path | None, changes: Mapping[str
     if "rig" in given:
         given["rig"] = str(given["rig"])
     return read_config(path if config is not None or path.is_file() else None, given, {} if outputs else {"outputs": ()})
-
-
-def _warn(line: str) -> None:
-    warnings.warn(line, UserWarning, stacklevel=2)
 
 
 def demo_session() -> Path:
@@ -213,22 +196,20 @@ def solve(
     from posefuse.foundation.output_folder import check_replaceable, output_folder
     from posefuse.foundation.places import check_outside_inputs
     from posefuse.outputs.rerun_scene import check_viewer
-    from posefuse.pipeline.clock import StageClock
     from posefuse.pipeline.reading import files_of_result, read_result
-    from posefuse.pipeline.run import refined_line
     from posefuse.pipeline.solve import REFINED, solve_again
-    from posefuse.pipeline.writing import build_sinks, nearby_session, session_frames, write_result
+    from posefuse.pipeline.track import refined_line
+    from posefuse.pipeline.writing import build_sinks, nearby_session, warn_of_failures, write_result
 
     path, place, changes = Path(result), Path(out), dict(settings or {})
     if about := [key for key in ("rig", "input") if key in changes]:
         raise InputError(f"{about[0]}: is for sessions of videos, {path} is a recording of detections")
     if view:
         check_viewer()
-    clock, inputs = StageClock(), files_of_result(path)
+    began_s, inputs = time.perf_counter(), files_of_result(path)
     check_outside_inputs(place, inputs)
     check_replaceable(place, command="track", replace=replace)
-    with clock.stage("read"):
-        earlier = read_result(path, start_s=changes.get("start_s"), end_s=changes.get("end_s"))
+    earlier = read_result(path, start_s=changes.get("start_s"), end_s=changes.get("end_s"))
     session = None if earlier.is_live else nearby_session(earlier, path)
     chosen = _solve_config(earlier, config, changes, images=session is not None)
     # an hour of them takes much memory, and only observations are solved again
@@ -238,18 +219,13 @@ def solve(
         used = _edits(path, earlier, edits, exclude, keep_person, note)
         sinks = build_sinks(chosen.outputs, earlier.poses.skeleton)
         with output_folder(place, command="track", inputs=inputs, replace=replace) as folder, compiling("tracking", note):
-            recording = solve_again(earlier, chosen, clock, used)
+            recording = solve_again(earlier, chosen, used)
             if REFINED in recording.provenance:
                 note(refined_line(recording.provenance[REFINED]))
-            with clock.stage("write"):
-                steps = lambda done, total: report("write", done, total)  # noqa: E731
-                frames = () if session is None else session_frames(recording, session, steps)
-                files, failed = write_result(recording, frames, sinks, folder)
-    for name, reason in failed.items():
-        _warn(f"output {name}: not written ({reason})")
-    outcome = solved_outcome(
-        place, earlier, recording, files=files, failed=failed, seconds=clock.total_s, excluded=len(used.exclusions)
-    )
+            files, failed = write_result(recording, session, sinks, folder, report)
+    warn_of_failures(failed)
+    excluded, seconds = len(used.exclusions), time.perf_counter() - began_s
+    outcome = solved_outcome(place, earlier, recording, files=files, failed=failed, seconds=seconds, excluded=excluded)
     made = recording_of(recording, path=place, outcome=outcome)
     if view:
         made.view()
@@ -281,7 +257,7 @@ def _edits(
     if edits is None and (kept := read_edits(path)) != NO_EDITS:
         count = len(kept.exclusions)
         note(f"{edits_path(path)}: what is marked there is left out ({count} stretches); `no_edits=True` uses everything")
-    base = edits if edits is not None else kept if kept != NO_EDITS else edits_of(earlier)
+    base = edits if edits is not None else kept if kept != NO_EDITS else edits_of(earlier.provenance)
     return dataclasses.replace(
         base,
         exclusions=(*base.exclusions, *exclude),

@@ -22,14 +22,14 @@ from posefuse.core.arrays import Array
 from .report import CalibrationReport, Check
 
 # time steps that are measured: of all cameras, and of each at least
-_MOST_VIEWS, _LEAST_VIEWS, _ONE_OTHER = 80, 25, 4.0
+_MOST_VIEWS, _LEAST_VIEWS = 80, 25
 # intrinsics besides the focal length are taken as given (px, and distortion coefficients)
 _HELD_PX, _HELD_BEND, _FREE_FOCAL = 0.01, 1e-6, 0.2
 
 
 @dataclass(frozen=True)
 class VerifyLimits:
-    """What refuses a camera in verification; each also needs `sigma` standard errors.
+    """What refuses a camera in verification.
 
     Attributes:
         turn_rad, shift_m: of the pose: 0.2 deg is 14 mm at 4 m. focal_share: of the focal length. late_s: of the clock.
@@ -37,7 +37,8 @@ class VerifyLimits:
         effect_px_per_1000: and what the errors together do to the image, per 1000 px of width: 1.5 is about 0.1 deg. Errors that
             cancel in the image (a longer focal length from farther away) hardly show at a person. Judgement; a real rig of
             four webcams has 0.7.
-        sigma: standard errors. views: least views shared with other cameras.
+        sigma: standard errors of that effect, which is known where single errors are not (they may cancel). views: least views
+            shared with other cameras.
     """
 
     turn_rad: float = float(np.deg2rad(0.2))
@@ -58,9 +59,10 @@ class CameraError:
     """One camera against the others, with standard errors; NaN where it shares too few views.
 
     Attributes:
-        name, views: shared with other cameras. others: cameras it is measured against.
+        name, views: shared with other cameras.
         turn_rad, shift_m: of its pose. focal: share of its focal length. late_s: of its clock.
         effect: what they do together to the image, in px (rms) per 1000 px of width.
+        effect_sigma: its standard error.
         noise_px: spread of a corner coordinate that is left.
         unlikely: how badly all cameras fit while this one is free: mean negative log-likelihood of a corner (Cauchy).
         odd: the others agree without it alone, though by its own error alone it would pass.
@@ -68,7 +70,6 @@ class CameraError:
 
     name: str
     views: int
-    others: int = 0
     turn_rad: float = np.nan
     turn_sigma: float = np.nan
     shift_m: float = np.nan
@@ -78,6 +79,7 @@ class CameraError:
     late_s: float = np.nan
     late_sigma: float = np.nan
     effect: float = np.nan
+    effect_sigma: float = np.nan
     noise_px: float = np.nan
     unlikely: float = np.nan
     odd: bool = False
@@ -87,13 +89,12 @@ class CameraError:
         """The largest error over its limit; more than 1 is wrong, NaN is not known."""
         limits = VERIFY_LIMITS
         pairs = (
-            (self.turn_rad, self.turn_sigma, limits.turn_rad), (self.shift_m, self.shift_sigma, limits.shift_m),
-            (self.focal, self.focal_sigma, limits.focal_share), (self.late_s, self.late_sigma, limits.late_s),
+            (self.turn_rad, limits.turn_rad), (self.shift_m, limits.shift_m), (self.focal, limits.focal_share),
+            (self.late_s, limits.late_s),
         )  # fmt: skip
-        # one camera alone knows the target's distance badly, and in ways that standard errors do not show
-        alone = _ONE_OTHER if self.others == 1 else 1.0
-        single = max(abs(value) / (alone * max(least, limits.sigma * sigma)) for value, sigma, least in pairs)
-        return max(min(single, self.effect / limits.effect_px_per_1000), _JUST_WRONG if self.odd else 0.0)
+        single = max(abs(value) / most for value, most in pairs)
+        effect = self.effect / max(limits.effect_px_per_1000, limits.sigma * self.effect_sigma)
+        return max(min(single, effect), _JUST_WRONG if self.odd else 0.0)
 
     @property
     def words(self) -> str:
@@ -102,7 +103,7 @@ class CameraError:
             f"{self.name} is turned by {np.rad2deg(self.turn_rad):.2f} ± {np.rad2deg(self.turn_sigma):.2f} deg, shifted by"
             f" {self.shift_m * 1e3:.1f} ± {self.shift_sigma * 1e3:.1f} mm, its focal length off by {self.focal:+.2%} ±"
             f" {self.focal_sigma:.2%}, its clock {self.late_s * 1e3:+.1f} ± {self.late_sigma * 1e3:.1f} ms late:"
-            f" {self.effect:.1f} px per 1000"
+            f" {self.effect:.1f} ± {self.effect_sigma:.1f} px per 1000"
         )
 
 
@@ -159,7 +160,7 @@ def _against(rig: Rig, views: Snapshots, target: Target, c: int, others: Iterabl
     return (
         CameraError(name=rig.names[c], views=count)
         if freed is None
-        else _error(rig, freed[0], freed[1], target=target, c=c, count=count, others=len(trusted))
+        else _error(rig, freed[0], freed[1], target=target, c=c, count=count)
     )
 
 
@@ -181,8 +182,9 @@ def _freed(rig: Rig, seen: Snapshots, target: Target, c: int) -> tuple[PropSolut
     ), seen
 
 
-def _effect(rig: Rig, solution: PropSolution, seen: Snapshots, target: Target, c: int) -> float:
-    """How far the camera as it is sees points from where the camera of the rig would, px (rms) per 1000 px of width."""
+def _effect(rig: Rig, solution: PropSolution, seen: Snapshots, target: Target, c: int) -> tuple[float, float]:
+    """How far the camera as it is sees points from where the camera of the rig would, px (rms) per 1000 px of width; and the
+    standard error."""
     mine = seen.rows(seen.camera == c)
     corners = patch_corners(target, mine.patches)[mine.patch, mine.corner]
     xyz = solution.state.world_from_prop[mine.time_step].move(corners)
@@ -193,20 +195,22 @@ def _effect(rig: Rig, solution: PropSolution, seen: Snapshots, target: Target, c
         - mine.velocity_px_s * late_s
         - Lenses(tuple(rig)).px(mine.camera, before)
     )
-    return float(np.sqrt(np.nanmean((apart**2).sum(axis=1)))) * 1000 / max(rig.cameras[c].size_wh)
+    squares = np.nanmean((apart**2).sum(axis=1)), np.nanmean(solution.predicted_sigma_px[seen.camera == c] ** 2)
+    effect, sigma = np.sqrt(squares) * 1000 / max(rig.cameras[c].size_wh)
+    return float(effect), float(sigma)
 
 
-def _error(rig: Rig, solution: PropSolution, seen: Snapshots, target: Target, c: int, count: int, others: int) -> CameraError:
+def _error(rig: Rig, solution: PropSolution, seen: Snapshots, target: Target, c: int, count: int) -> CameraError:
     before, after = rig.cameras[c].cam_from_world, solution.state.cam_from_world
     covariance = solution.camera_covariance[c]
     turn = float(angle_between(after.R[c][None], before.matrix()[None])[0])
     shift = float(np.linalg.norm(after.inverse().t[c] - rig.cameras[c].centre_world))
     mean = np.array([0.5, 0.5, 0, 0, 0, 0]) / rig.cameras[c].K[0, 0]
     off_px = np.linalg.norm(solution.residual_px, axis=1)
+    effect, effect_sigma = _effect(rig, solution, seen, target, c)
     return CameraError(
         name=rig.names[c],
         views=count,
-        others=others,
         turn_rad=turn,
         turn_sigma=float(np.sqrt(np.trace(covariance[:3, :3]))),
         shift_m=shift,
@@ -215,7 +219,8 @@ def _error(rig: Rig, solution: PropSolution, seen: Snapshots, target: Target, c:
         focal_sigma=float(np.sqrt(mean @ solution.lens_covariance[c] @ mean)),
         late_s=float(solution.state.delay_s[c, 0]),
         late_sigma=float(solution.delay_sigma_s[c, 0]),
-        effect=_effect(rig, solution, seen, target, c),
+        effect=effect,
+        effect_sigma=effect_sigma,
         noise_px=solution.sigma_px,
         unlikely=float(np.log(solution.sigma_px) + np.log1p((off_px / solution.sigma_px) ** 2).mean()),
     )

@@ -26,6 +26,7 @@ class LookKind(IntEnum):
     EXPECTED = 0  # at the regions in which the people of earlier time steps are expected
     SEARCH = 1  # at whole images
     SECOND = 2  # at the regions of the people that the search found in other views
+    STATED = 3  # it did not: another tool has detected them, and this is the answer to every look
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

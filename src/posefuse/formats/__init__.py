@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from posefuse.core.extras import lazy_names
 
 if TYPE_CHECKING:
+    from .joint_centres import joint_centres_from_mapping
     from .rig import read_rig
     from .truth import read_truth
     from .video import read_video

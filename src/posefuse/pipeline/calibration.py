@@ -23,9 +23,8 @@ from posefuse.health.background import background_of
 from posefuse.sources import VIDEO_SUFFIXES, VideoConfig
 
 from .config import TrackConfig
-from .opening import build_source
+from .opening import build_source, pose2d_rate_hz, read_session_poses, stated_camera
 from .person_poses import PersonSeen, person_in_videos, poses_apart, timeline_of
-from .pose2d import pose2d_rate_hz, read_session_poses, stated_camera
 from .session import LEAST_CAMERAS, Session, find_session, fitted_camera
 
 
@@ -151,10 +150,7 @@ def person_in_session(folder: Path, config: TrackConfig, seconds: float, progres
     session = find_session(folder, config)
     # the order of the cameras in the rig file is of no account
     session = replace(session, inputs=tuple(sorted(session.inputs, key=lambda entry: entry.camera)))
-    kinds = {entry.kind for entry in session.inputs}
-    if len(kinds) > 1:
-        raise InputError(f"{session.folder}: expected one kind of data for all cameras, got {', '.join(sorted(kinds))}")
-    if kinds == {"pose2d"}:
+    if session.kind == "pose2d":
         return _from_files(session, config, seconds)
     return _from_images(session, config, seconds, progress)
 

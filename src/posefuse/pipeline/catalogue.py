@@ -18,7 +18,6 @@ import numpy as np
 from posefuse.core import PosefuseError
 from posefuse.formats.recording import ABOUT_FILE, ARRAYS_FILE, read_result_poses
 from posefuse.foundation.output_file import atomic_file
-from posefuse.foundation.parsing import plain
 from posefuse.foundation.places import default_cache_dir
 from posefuse.outputs.facts import recorded_utc
 
@@ -32,7 +31,7 @@ _DEEPEST = 5
 _MOST_LIVE_BYTES = 200_000_000
 _PICTURE_WH = (320, 180)
 _JPEG_QUALITY = 82
-_VERSION = 1
+_VERSION = 2
 # when a recording is marked in a list, so that it is looked at first; a choice by eye, not a verdict
 _COVERAGE_GOOD, _COVERAGE_BAD = 0.9, 0.5
 _SIGMA_GOOD_MM, _SIGMA_BAD_MM = 20.0, 50.0
@@ -92,11 +91,12 @@ def listed(path: Path) -> Listed:
     place = _place(path, "json")
     if place.is_file():
         try:
-            return _from_plain(json.loads(place.read_text(encoding="utf-8")), path)
+            known = json.loads(place.read_text(encoding="utf-8"))
+            return Listed(**{**known, "path": path, "people": tuple(known["people"])})
         except (OSError, ValueError, TypeError, KeyError):
             pass  # not as this version writes it: made again
     one = _looked_at(path)
-    _keep(place, json.dumps(plain({**asdict(one), "path": ""})).encode())
+    _keep(place, json.dumps({**asdict(one), "path": ""}).encode())
     return one
 
 
@@ -202,12 +202,6 @@ def _looked_at(path: Path) -> Listed:
         reprojection_px=figures["median_reprojection_px"],
         edited=bool(made.get("edits")),
     )
-
-
-def _from_plain(content: dict[str, Any], path: Path) -> Listed:
-    numbers = ("modified_s", "duration_s", "coverage", "sigma_mm", "reprojection_px")
-    known = {name: float("nan") if content[name] is None else content[name] for name in numbers}
-    return Listed(**{**content, **known, "path": path, "people": tuple(content["people"])})
 
 
 def _picture(path: Path, within: Path | None) -> bytes:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Literal, TypeVar
@@ -227,54 +227,23 @@ def _put(content: dict[str, Any], keys: Sequence[str], value: Any) -> None:
     content[keys[-1]] = value
 
 
-# What the ``Config.toml`` of a Pose2Sim project states that a session needs.
+# What the ``Config.toml`` of a Pose2Sim project states that a session needs: the frame rate of its files.
 
 PROJECT_FILE = "Config.toml"
-# names of its pose models -> our keypoint sets
-POSE_MODELS = {
-    "body": "coco17",
-    "coco_17": "coco17",
-    "body_with_feet": "halpe_26",
-    "halpe_26": "halpe_26",
-    "whole_body": "coco_wholebody_133",
-    "coco_133": "coco_wholebody_133",
-    "body_25": "body_25",
-    "body_25b": "body_25b",
-    "blazepose": "blazepose33",
-}
 
 
-@dataclass(frozen=True)
-class Pose2SimProject:
-    """Facts of a project.
-
-    Attributes:
-        frame_rate_hz: None where it is ``auto`` or missing.
-        skeleton: name of the keypoint set of its pose files; None where it is not known.
-    """
-
-    frame_rate_hz: float | None
-    skeleton: str | None
-
-
-def read_project(folder: Path) -> Pose2SimProject | None:
-    """The project a session folder is, or is a trial of; None where there is no ``Config.toml``.
+def project_rate_hz(folder: Path) -> float | None:
+    """The frame rate that the project states which a session folder is, or is a trial of; None where it is ``auto`` or missing.
 
     Raises:
         ConfigError: a file that cannot be read.
     """
     files = [place / PROJECT_FILE for place in (folder, folder.absolute().parent) if (place / PROJECT_FILE).is_file()]
-    if not files:
-        return None
     # a trial's file has only the differences from the session's file above it
-    contents = [read_mapping(file) for file in files]
-    rate = next((value for content in contents if (value := _entry(content, "project", "frame_rate")) is not None), None)
-    model = next((value for content in contents if (value := _entry(content, "pose", "pose_model")) is not None), None)
-    if rate is not None and rate != "auto" and not (isinstance(rate, int | float) and rate > 0):
+    projects = [content["project"] for file in files if isinstance((content := read_mapping(file)).get("project"), Mapping)]
+    rate = next((project["frame_rate"] for project in projects if project.get("frame_rate") is not None), None)
+    if rate in (None, "auto"):
+        return None
+    if not (isinstance(rate, int | float) and rate > 0):
         raise ConfigError(f"{files[0]}: project.frame_rate: expected a number or 'auto', got {rate!r}")
-    return Pose2SimProject(None if rate in (None, "auto") else float(rate), POSE_MODELS.get(str(model).lower()))
-
-
-def _entry(content: Mapping[str, Any], table: str, key: str) -> Any:
-    inside = content.get(table)
-    return inside.get(key) if isinstance(inside, Mapping) else None
+    return float(rate)

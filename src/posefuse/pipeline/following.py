@@ -41,7 +41,7 @@ _MOST_BLIND, _IN_IMAGE = 2, 0.7
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Followed:
-    """The result of one time step. Ids are tracks, until `PeopleFollower.identified` gives people.
+    """The result of one time step. Ids are tracks; `PeopleFollower.people_of` gives their people.
 
     Attributes:
         batches: every look that the detector took, in order. chosen: index of the one that the people are taken from.
@@ -111,20 +111,9 @@ class PeopleFollower:
                 return
             yield self._step(i, step)
 
-    def identified(self, followed: Sequence[Followed]) -> list[Followed]:
-        """The same time steps with people instead of tracks, by all that is known at the end."""
-        return [self._with_people(one) for one in followed]
-
     def people_of(self, tracks: Array, t_ns: Array) -> Array:
         """(R,) the people of tracks (R,) at these times (R,), by all that is known at the end."""
         return persons_at(self._identity.names, tracks, t_ns)
-
-    def _with_people(self, one: Followed) -> Followed:
-        def people(tracks: Array) -> Array:
-            return self.people_of(tracks, np.full(len(tracks), one.pose.t_ns))
-
-        pose = with_persons(one.pose, people(one.pose.person_id).tolist())
-        return replace(one, person_ids=tuple(map(people, one.person_ids)), pose=pose)
 
     def _step(self, i: int, step: TimeStep) -> Followed:
         self._batches = []

@@ -6,15 +6,18 @@ of freedom. Here it is a median over joints and time steps whose views agree. Er
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 from scipy.special import gammaincinv
 
 from posefuse.calibration.keypoints import limb_keypoints
 from posefuse.core import Observations, Recording, Rig
+from posefuse.foundation.parsing import plain
+from posefuse.fusion import FuseSettings
 
-from .solve import SolveSettings, run_second_pass
+from .config import TrackConfig
+from .solve import solve_followed
 
 # fewer joints in a time step, seen by enough cameras, say nothing; and beyond these limits it is not the noise that is wrong
 _LEAST_SEEN = 200
@@ -23,7 +26,7 @@ _LIMITS = (0.5, 3.0)
 _TIME_STEPS = 1000
 
 
-def noise_scale(observations: Observations, rig: Rig, settings: SolveSettings) -> float | None:
+def noise_scale(observations: Observations, rig: Rig, fuse: FuseSettings) -> float | None:
     """By what the stated standard deviations are to be multiplied, from 0.5 to 3; None where too little is seen.
 
     Raises:
@@ -32,8 +35,8 @@ def noise_scale(observations: Observations, rig: Rig, settings: SolveSettings) -
     every = max(1, len(observations.step_t_ns) // _TIME_STEPS)
     some = observations.only(observations.frame_step % every == 0)
     some = replace(some, step_t_ns=some.step_t_ns[::every], frame_step=some.frame_step // every)
-    fused = run_second_pass(some, rig, replace(settings, smooth=None, centres=None, body=None), {})
-    return _birge_ratio(fused, settings.fuse.score_min)
+    config = TrackConfig(fuse=fuse, raw=True, joint_centres=False, body="off")
+    return _birge_ratio(solve_followed(some, rig, {"config": plain(asdict(config))}), fuse.score_min)
 
 
 def _birge_ratio(fused: Recording, score_min: float) -> float | None:

@@ -1,94 +1,96 @@
-"""A session made ready for tracking: sources opened, the detector built, the time steps known."""
+"""A session made ready for tracking: sources and detector opened, or what another tool detected read; the time steps known."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping
-from typing import Any, Protocol
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 
-from posefuse.core import InputError, JointCentres, Observations, Rig, Skeleton, SourceError
-from posefuse.core.arrays import Array
+from posefuse.core import (
+    Camera,
+    DetectionBatch,
+    Detections2D,
+    InputError,
+    JointCentres,
+    LookKind,
+    Observations,
+    Rig,
+    Skeleton,
+    SourceError,
+)
 from posefuse.core.errors import choices
+from posefuse.detection import default_cards
+from posefuse.detection.build import build_detector
+from posefuse.formats.frame_times import TIMES_FILE
+from posefuse.formats.joint_centres import read_joint_centres
+from posefuse.formats.pose2d import Pose2DFrames, read_pose2d_of_cameras
 from posefuse.foundation.platform import usable_cores
-from posefuse.sources import RecordedSource
+from posefuse.sources import Coverage, DepthSource, ImagesConfig, RecordedSource, VideoConfig, incomplete_cameras
 
-from .config import CONFIG_FILE, TrackConfig
-from .images import ImageTimeSteps, Timeline, common_timeline
-from .session import LEAST_CAMERAS, Input, Session, fitted_camera, least_cameras
-from .time_steps import TimeStep
+from .config import CONFIG_FILE, CameraInput, TrackConfig, project_rate_hz
+from .session import LEAST_CAMERAS, Input, Session, data_entries, fitted_camera, least_cameras
+from .time_steps import ImageTimeSteps, Timeline, TimeStep, check_time_steps, common_timeline, frame_period_ns, stored_steps
 
-Say = Callable[[str], None]
-
-
-class TimeSteps(Protocol):
-    """The time steps of an opened session."""
-
-    @property
-    def skeleton(self) -> Skeleton:
-        """The detector's keypoints."""
-        ...
-
-    @property
-    def joint_centres(self) -> JointCentres | None:
-        """Where joint centres lie relative to the keypoints; None where that is not known."""
-        ...
-
-    def steps(self, stored: Observations | None = None) -> Iterator[TimeStep]:
-        """The time steps after those of `stored`; may be called once."""
-        ...
-
-    def incomplete(self) -> list[str]:
-        """One line for each camera of which part cannot be read, or that ends before the others; after all steps."""
-        ...
-
-    def close(self) -> None:
-        """Stop decoding and release files."""
-        ...
+# rates that differ by less are one rate: files round what cameras deliver
+_SAME_SHARE = 0.01
+# time steps of 2D poses that are packed together: an hour of single answers fills the memory
+_PART_STEPS = 300
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Opened:
-    """A session that can be tracked.
+    """A session that can be tracked; to be closed.
 
     Attributes:
-        session, config: as given. rig: the cameras as they apply to the images. steps: the time steps, to be closed.
-        timeline: the times that they are expected at. sources: of images; empty for 2D poses.
-        network: what looks at images, and what is not known of it, by name; empty for 2D poses.
+        session, config: as given. rig: the cameras as they apply to the images. timeline: the times of its time steps.
+        skeleton: of all detections. joint_centres: where they lie relative to its keypoints; None where that is not known.
+        images: videos or images with the detector that looks at them; None for 2D poses.
+        stated: 2D poses that another tool has detected; None for images. gaps: one line for each camera that lacks some.
+        sources: of images. network: what looks at images, and what is not known of it, by name; empty for 2D poses.
     """
 
     session: Session
     config: TrackConfig
     rig: Rig
-    steps: TimeSteps
     timeline: Timeline
+    skeleton: Skeleton
+    joint_centres: JointCentres | None
+    images: ImageTimeSteps | None = None
+    stated: Observations | None = None
+    gaps: Sequence[str] = ()
     sources: tuple[RecordedSource, ...] = ()
     network: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
+    def steps(self, stored: Observations | None = None) -> Iterator[TimeStep]:
+        """The time steps after those of `stored`; may be called once."""
+        if self.images is not None:
+            return self.images.steps(stored)
+        assert self.stated is not None
+        return stored_steps(self.stated, 0 if stored is None else len(stored.step_t_ns))
 
-def open_session(session: Session, config: TrackConfig, warn: Say) -> Opened:
-    """Open the data of all cameras and build the detector; cameras that cannot be read are reported to `warn`.
+    def incomplete(self) -> Sequence[str]:
+        """One line for each camera of which part cannot be read, or that ends before the others; after all steps."""
+        return self.gaps if self.images is None else self.images.incomplete()
+
+    def close(self) -> None:
+        """Stop decoding and release files."""
+        if self.images is not None:
+            self.images.close()
+
+
+def open_session(session: Session, config: TrackConfig) -> Opened:
+    """Open the data of all cameras and build the detector; a camera that cannot be read is a `UserWarning`.
 
     Raises:
         PosefuseError: several kinds of data, fewer than two cameras that can be read, nothing recorded in the time asked for.
     """
-    kinds = {entry.kind for entry in session.inputs}
-    if len(kinds) > 1:
-        raise InputError(f"{session.folder}: expected one kind of data for all cameras, got {choices(sorted(kinds))}")
-    steps: TimeSteps
-    if kinds == {"pose2d"}:
-        from .pose2d import pose2d_time_steps
-
-        rig, steps, timeline = pose2d_time_steps(session, config)
-    else:
-        return _images(session, config, warn)
-    return Opened(session=session, config=config, rig=rig, steps=steps, timeline=timeline)
+    return _poses(session, config) if session.kind == "pose2d" else _images(session, config)
 
 
-def _images(session: Session, config: TrackConfig, warn: Say) -> Opened:
-    from posefuse.detection.build import build_detector
-
+def _images(session: Session, config: TrackConfig) -> Opened:
     _check_rate(session, config)
     sources, cameras, failed = [], [], list[str]()
     for entry in session.inputs:
@@ -96,7 +98,7 @@ def _images(session: Session, config: TrackConfig, warn: Say) -> Opened:
             source = build_source(entry, config, len(session.inputs))
         except SourceError as error:
             failed.append(f"{entry.camera}: {error}")
-            warn(f"{error}; continues without camera {entry.camera}")
+            _warn(f"{error}; continues without camera {entry.camera}")
             continue
         sources.append(source)
         cameras.append(fitted_camera(session.rig[entry.camera], entry, source))
@@ -104,24 +106,31 @@ def _images(session: Session, config: TrackConfig, warn: Say) -> Opened:
         expected = f"{session.folder}: expected at least {LEAST_CAMERAS} cameras that can be read, got {len(sources)}"
         raise SourceError("; ".join([expected, *failed]))
     rig = dataclasses.replace(session.rig, cameras=tuple(cameras))
-    timeline = common_timeline({s.camera: _times(s) for s in sources}, config.rate_hz, config.start_s, config.end_s)
+    timeline = common_timeline({one.camera: one.times_ns() for one in sources}, config.rate_hz, config.start_s, config.end_s)
     detector = build_detector(config.detector, rig)
-    lost = lambda name, error: warn(f"{error}; continues without camera {name} from here")  # noqa: E731
     return Opened(
         session=session,
         config=config,
         rig=rig,
-        steps=ImageTimeSteps(rig, sources, detector, timeline, lost),
         timeline=timeline,
+        skeleton=detector.skeleton,
+        joint_centres=detector.joint_centres,
+        images=ImageTimeSteps(rig, sources, detector, timeline, _lost),
         sources=tuple(sources),
         network=getattr(detector, "network", {}),
     )
 
 
+def _lost(camera: str, error: SourceError) -> None:
+    _warn(f"{error}; continues without camera {camera} from here")
+
+
+def _warn(line: str) -> None:
+    warnings.warn(line, UserWarning, stacklevel=2)
+
+
 def _check_rate(session: Session, config: TrackConfig) -> None:
     """Raise InputError for images without any time of capture."""
-    from posefuse.formats.frame_times import TIMES_FILE
-
     untimed = [one.camera for one in session.inputs if one.kind == "images" and not (one.path / TIMES_FILE).is_file()]
     if untimed and config.rate_hz is None:
         raise InputError(
@@ -132,8 +141,6 @@ def _check_rate(session: Session, config: TrackConfig) -> None:
 
 def build_source(entry: Input, config: TrackConfig, cameras: int = 1) -> RecordedSource:
     """Open the videos or images of one camera, of so many that are decoded at the same time."""
-    from posefuse.sources import DepthSource, ImagesConfig, VideoConfig
-
     offset_s, drift_ppm = entry.settings.offset_s, entry.settings.drift_ppm
     source: RecordedSource
     if entry.kind == "videos":
@@ -145,5 +152,134 @@ def build_source(entry: Input, config: TrackConfig, cameras: int = 1) -> Recorde
     return DepthSource(source, entry.depth, offset_s, drift_ppm) if entry.depth else source
 
 
-def _times(source: Any) -> Array:
-    return np.asarray(source.times_ns())
+# 2D poses in files of other tools. Their frame rate: as set, as the project or the videos next to them state it.
+
+
+def pose2d_rate_hz(session: Session, config: TrackConfig) -> float:
+    """Frames per second of a session's 2D poses.
+
+    The first of these that is known: ``rate_hz`` of the config (``--rate``), the ``Config.toml`` of a Pose2Sim project, the
+    videos in the session's folder.
+
+    Raises:
+        InputError: none of them is known, or two videos have different rates.
+    """
+    if config.rate_hz is not None:
+        return config.rate_hz
+    if (stated_hz := project_rate_hz(session.folder)) is not None:
+        return stated_hz
+    rates = dict(_video_rates(session.folder))
+    if not rates:
+        raise InputError(
+            f"{session.folder}: the 2D poses do not state their frame rate, and no video lies next to them; add `rate_hz=HZ`, "
+            f"or rate_hz = HZ to {session.folder / 'posefuse.toml'}"
+        )
+    if max(rates.values()) > min(rates.values()) * (1 + _SAME_SHARE):
+        different = ", ".join(f"{name} {rate:g} Hz" for name, rate in rates.items())
+        raise InputError(f"{session.folder}: expected one frame rate, got {different}; add `rate_hz=HZ`")
+    return float(np.median(list(rates.values())))
+
+
+def _video_rates(folder: Path) -> Iterator[tuple[str, float]]:
+    """Name and frame rate of each video of the session that can be read."""
+    for path in data_entries(folder, "videos"):
+        try:
+            times = VideoConfig(path, path.stem).build().times_ns()
+        except SourceError:
+            continue
+        if (period_ns := frame_period_ns(times)) is not None:
+            yield path.name, 1e9 / period_ns
+
+
+def _poses(session: Session, config: TrackConfig) -> Opened:
+    """2D poses, all read at once; frames of one number belong together, and each camera gives the one nearest to a time step."""
+    folders = read_session_poses(session, config.keypoints)
+    _check_one_skeleton(folders)
+    first, timeline = _numbered(session, folders, config)
+    cameras = tuple(stated_camera(session.rig[entry.camera], entry) for entry in session.inputs)
+    skeleton = folders[0].skeleton
+    return Opened(
+        session=session,
+        config=config,
+        rig=dataclasses.replace(session.rig, cameras=cameras),
+        timeline=timeline,
+        skeleton=skeleton,
+        joint_centres=_joint_centres_of_set(skeleton),
+        stated=_stated(folders, [entry.settings for entry in session.inputs], timeline, first),
+        gaps=incomplete_cameras([_coverage(folder, timeline, first) for folder in folders]),
+    )
+
+
+def _numbered(session: Session, folders: Sequence[Pose2DFrames], config: TrackConfig) -> tuple[int, Timeline]:
+    """The number of the first frame to use, and the time steps of it and those that follow at the rate of `pose2d_rate_hz`.
+
+    Raises:
+        InputError: no frame between start_s and end_s, or a frame rate that is not known. SourceError: too many time steps.
+    """
+    rate_hz = pose2d_rate_hz(session, config)
+    period_ns = round(1e9 / rate_hz)
+    first = min(folder.numbers[0] for folder in folders)
+    last = max(folder.numbers[-1] for folder in folders)
+    skip = 0 if config.start_s is None else max(0, -(-round(config.start_s * 1e9) // period_ns))
+    count = last - first + 1 if config.end_s is None else min(last - first, round(config.end_s * rate_hz)) + 1
+    if count - skip < 1:
+        raise InputError(
+            f"{session.folder}: no 2D pose from {config.start_s} to {config.end_s} s; "
+            f"there are {last - first + 1} at {rate_hz:g} Hz"
+        )
+    check_time_steps(count - skip, rate_hz, f"{session.folder}: 2D poses with frame numbers {first} to {last}")
+    return first + skip, Timeline(skip * period_ns, period_ns, count - skip)
+
+
+def _stated(folders: Sequence[Pose2DFrames], settings: Sequence[CameraInput], line: Timeline, first: int) -> Observations:
+    """All people in the files of these time steps; `first` is the frame number of the first one."""
+    zero_ns = first * line.period_ns - line.start_ns
+
+    def detected(folder: Pose2DFrames, camera: CameraInput, t_ns: int) -> Detections2D:
+        offset_ns, period_ns = round(camera.offset_s * 1e9), line.period_ns * (1 + 1e-6 * camera.drift_ppm)
+        number = round((t_ns + zero_ns - offset_ns) / period_ns)
+        return folder.frame(number, round(number * period_ns) + offset_ns - zero_ns)
+
+    def part(begin: int) -> Observations:
+        batches = []
+        for i in range(begin, min(begin + _PART_STEPS, line.count)):
+            found = tuple(detected(folder, one, line.t_ns(i)) for folder, one in zip(folders, settings, strict=True))
+            batches.append(DetectionBatch(step=i - begin, t_ns=line.t_ns(i), kind=LookKind.STATED, detections=found))
+        return Observations.from_batches(folders[0].skeleton, [folder.camera for folder in folders], batches)
+
+    return Observations.concatenate([part(begin) for begin in range(0, line.count, _PART_STEPS)])
+
+
+def _coverage(folder: Pose2DFrames, line: Timeline, first: int) -> Coverage:
+    wanted = range(first, first + line.count)
+    there = [number for number in folder.numbers if number in wanted]
+    expected = min(folder.numbers[-1], wanted[-1]) - max(folder.numbers[0], first) + 1
+    end_ns = line.t_ns(there[-1] - first) if there else None
+    return Coverage(folder.camera, max(0, expected), len(there), end_ns, line.period_ns)
+
+
+def read_session_poses(session: Session, keypoints: str) -> list[Pose2DFrames]:
+    """2D poses of all cameras of a session, see `read_pose2d_of_cameras`."""
+    paths = {entry.camera: entry.path for entry in session.inputs}
+    return read_pose2d_of_cameras(paths, keypoints)
+
+
+def _joint_centres_of_set(skeleton: Skeleton) -> JointCentres | None:
+    """Joint centres for files that name no network: MediaPipe's keypoints are of the networks that come with us."""
+    if skeleton.name == "blazepose33":
+        file = default_cards()[-1].joint_centres_file
+        return read_joint_centres(file) if file else None
+    return None
+
+
+def _check_one_skeleton(folders: list[Pose2DFrames]) -> None:
+    kinds: dict[Skeleton, str] = {folder.skeleton: folder.camera for folder in folders}
+    if len(kinds) > 1:
+        named = [f"{skeleton.name} (camera {camera})" for skeleton, camera in kinds.items()]
+        raise InputError(f"2D pose folders: expected one skeleton for all cameras, got {choices(named)}")
+
+
+def stated_camera(camera: Camera, entry: Input) -> Camera:
+    """A stated crop moves the image; the size of the images is not in these files."""
+    crop = entry.settings.crop
+    return camera.cropped(*crop, camera.size_wh) if crop else camera

@@ -7,9 +7,9 @@ as `posefuse track` does, so that the second pass misses no frame and takes no o
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn
 
 import numpy as np
 
@@ -28,7 +28,6 @@ from posefuse.core import (
     Region,
     Rig,
     Source,
-    SourceError,
     silent,
     views_over_time,
 )
@@ -40,10 +39,10 @@ from posefuse.detection.build import DetectorChoice, build_detector, fetch_netwo
 from posefuse.fusion import FuseSettings
 from posefuse.pipeline.config import CameraInput
 from posefuse.pipeline.following import FollowedLog, PeopleFollower
-from posefuse.pipeline.images import ImageTimeSteps, Timeline, common_timeline
 from posefuse.pipeline.second_pass import long_enough, poses_over_time
 from posefuse.pipeline.session import Input, fitted_camera
-from posefuse.sources import FramesAhead, RecordedSource, VideoConfig, frame_sets
+from posefuse.pipeline.time_steps import ImageTimeSteps, Timeline, common_timeline, decoded
+from posefuse.sources import RecordedSource, VideoConfig
 from posefuse.tracking import SmoothSettings, sides_like
 
 # of a recording, from its middle; errors of neighbouring frames are correlated, so more frames add little
@@ -124,19 +123,15 @@ def poses_apart(
     sources: Sequence[Source], detector: Detector, timeline: Timeline, progress: Progress = silent
 ) -> dict[str, list[Detections2D]]:
     """The people of each camera at the time steps of the timeline, followed from frame to frame."""
-    streams = {source.camera: FramesAhead(source) for source in sources}
     followed = {source.camera: _Followed() for source in sources}
-    end_ns = timeline.start_ns + (timeline.count - 1) * timeline.period_ns
-    try:
-        for done, one in enumerate(frame_sets(streams, timeline.start_ns, timeline.period_ns, end_ns), start=1):
+    end_ns = timeline.t_ns(timeline.count - 1)
+    with closing(decoded(sources, timeline.start_ns, timeline.period_ns, end_ns)) as sets:
+        for done, one in enumerate(sets, start=1):
             frames = [frame for frame in one.frames if frame is not None and followed[frame.camera].wants()]
             regions = [followed[frame.camera].regions() for frame in frames]
             for frame, found in zip(frames, detector.detect(frames, regions), strict=True):
                 followed[frame.camera].take(found)
             progress(_APART, done, timeline.count)
-    finally:
-        for stream in streams.values():
-            stream.close()
     return {name: one.poses for name, one in followed.items()}
 
 
@@ -191,7 +186,7 @@ def poses_together(
     Raises:
         InputError: no person could be followed. SourceError: a video breaks off.
     """
-    images = ImageTimeSteps(rig, sources, detector, timeline, _raise)
+    images = ImageTimeSteps(rig, sources, detector, timeline)
     follower = PeopleFollower(
         skeleton=detector.skeleton, rig=rig, associating=AssociateSettings(max_people=people), fusing=FuseSettings()
     )
@@ -219,7 +214,3 @@ def _nearest_person(t_ns: Array, xy_img: Array, alone: PersonViews) -> int:
     shared = np.isfinite(away).sum(axis=(0, 2, 3))
     usual = [float(np.nanmedian(away[:, n])) if shared[n] else np.inf for n in range(away.shape[1])]
     return int(np.argmin(usual))
-
-
-def _raise(camera: str, error: SourceError) -> NoReturn:
-    raise error

@@ -42,7 +42,7 @@ def session_with_videos(recording: Recording, path: Path, within: Path | None = 
 def _kept(recording: Recording, folder: Path, within: Path | None) -> Session | None:
     """The videos in a folder, if they were kept while the recording was made; each with the offset to its time."""
     try:
-        session = find_session(folder, config_of(recording))
+        session = find_session(folder, config_of(recording.provenance))
     except PosefuseError:
         return None
     inputs = tuple(_in_time(recording, session))
@@ -191,7 +191,7 @@ def _tile_wh(size_wh: tuple[int, int], width_px: int) -> tuple[int, int]:
 
 
 def _opened(recording: Recording, session: Session, problems: dict[str, str]) -> Mapping[str, Seeker]:
-    config, seekers = config_of(recording), {}
+    config, seekers = config_of(recording.provenance), {}
     # cameras are decoded side by side: threads of their own help only where there are more cores than cameras
     threads = usable_cores() > len(session.inputs)
     for entry in session.inputs:

@@ -1,31 +1,36 @@
-"""A session tracked into a result folder: the detections are on disk as soon as they exist, the outputs follow."""
+"""The folder of a result, and the detections that a run keeps in it while they are made, so that no end of it loses them."""
 
 from __future__ import annotations
 
+import dataclasses
+import hashlib
+import json
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
-from posefuse.core import InputError, Progress, Sink
-from posefuse.formats.detection_log import LOG_FILE
-from posefuse.foundation.output_folder import check_replaceable, output_folder
-from posefuse.foundation.places import check_outside_inputs, check_space
+from posefuse import __version__
+from posefuse.core import DetectionBatch, InputError, Observations, Progress
+from posefuse.formats.detection_log import LOG_FILE, ObservationLog, is_in_use, read_log
+from posefuse.formats.recording import rig_values
+from posefuse.foundation.output_folder import MARK_FILE, OutputFolder, check_replaceable, find_unfinished, output_folder
+from posefuse.foundation.parsing import plain
+from posefuse.foundation.places import check_outside_inputs
 
-from .clock import StageClock
 from .config import TrackConfig
-from .opening import Opened, open_session
-from .run import Tracked, track_opened
+from .opening import Opened
 from .session import Session
-from .store import DetectionStore, keep_log_only, remove_unfinished, unfinished_work
-from .writing import build_sinks, estimated_result_bytes, session_frames, write_result
+from .writing import build_sinks, estimated_result_bytes
 
-Warn = Callable[[str], None]
 KEPT = "the detections made so far are kept; the same again with `resume=True` continues from them"
+# settings that detections depend on: what the detector is, what it sees, and how people are followed from frame to frame
+_SETTINGS = ("detector", "associate", "fuse", "start_s", "end_s", "rate_hz")
+_OF_CAMERA = ("offset_s", "drift_ppm", "crop", "scale")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class ResultFolder:
     """The folder of a result, and what may happen to existing files in it.
 
@@ -43,114 +48,156 @@ class ResultFolder:
         """Whether an older result may be replaced: a result that Ctrl-C cut short has its detections with it."""
         return self.force or (self.resume and (self.path / LOG_FILE).is_file())
 
+    def check(self, session: Session, config: TrackConfig) -> None:
+        """Check the outputs and everything about the folder before any work is done.
 
-def check_result_folder(session: Session, config: TrackConfig, out: ResultFolder) -> None:
-    """Check the outputs and everything about the folder before any work is done.
+        Raises:
+            ConfigError: an output that does not exist, or an option that it does not take.
+            InputError: the folder holds anything that may not be replaced, overlaps the session, holds interrupted work and
+                neither `resume` nor `force` was given, or holds none and `resume` was.
+        """
+        build_sinks(config.outputs)
+        check_outside_inputs(self.path, session.files)
+        check_replaceable(self.path, command="track", replace=self.replace)
+        self._unfinished()
+
+    @contextmanager
+    def made(self, opened: Opened, progress: Progress) -> Iterator[tuple[OutputFolder, DetectionStore]]:
+        """The folder to fill, and the store of its detections; these are kept when the block ends early, for whatever reason.
+
+        Raises:
+            InputError: as `check`; or the detections to continue were made from other inputs or with other settings.
+        """
+        unfinished = self._unfinished()
+        try:
+            with output_folder(
+                self.path,
+                command="track",
+                inputs=opened.session.files,
+                replace=self.replace,
+                estimated_bytes=estimated_result_bytes(opened, 1),
+                keep_unfinished=True,
+                unfinished=unfinished,
+            ) as folder:
+                if self.resume and unfinished is None and self.replace:
+                    shutil.copyfile(self.path / LOG_FILE, folder.folder / LOG_FILE)
+                with closing(DetectionStore(folder.folder, opened)) as store:
+                    yield folder, store
+        except BaseException:
+            if unfinished_work(self.path) is not None:
+                progress("detect", 0, None, KEPT)
+            raise
+
+    def _unfinished(self) -> Path | None:
+        """The folder to continue in; None where none is asked for, and where a result that was cut short has its detections."""
+        found = unfinished_work(self.path)
+        if self.force:
+            for folder in find_unfinished(self.path):
+                shutil.rmtree(folder, ignore_errors=True)
+            return None
+        if found is not None and not self.resume:
+            raise InputError(
+                f"{self.path}: an earlier run was interrupted; `resume=True` continues it, `replace=True` starts from the "
+                "beginning"
+            )
+        if found is None and self.resume and not (self.path / LOG_FILE).is_file():
+            raise InputError(f"{self.path}: nothing to resume: no interrupted work is there; is it the right folder?")
+        return found
+
+
+def unfinished_work(out: Path) -> Path | None:
+    """The newest staging folder with detections that a run left when it was interrupted while it made `out`.
 
     Raises:
-        ConfigError: an output that does not exist, or an option that it does not take.
-        InputError: the folder holds anything that may not be replaced, overlaps the session, holds interrupted work and
-            neither `resume` nor `force` was given, or holds none and `resume` was.
+        InputError: another process is at work for `out` now.
     """
-    build_sinks(config.outputs)
-    check_outside_inputs(out.path, session.files)
-    check_replaceable(out.path, command="track", replace=out.replace)
-    _unfinished(out)
+    found = [folder for folder in find_unfinished(out) if (folder / LOG_FILE).is_file()]
+    for folder in found:
+        if is_in_use(folder / LOG_FILE):
+            raise InputError(f"{out}: another run is making these results now, in {folder}; wait for it to end")
+    return found[-1] if found else None
 
 
-def track_into(
-    session: Session,
-    config: TrackConfig,
-    out: ResultFolder,
-    clock: StageClock,
-    progress: Progress,
-    warn: Warn,
-    *,
-    solve_interrupted: bool = True,
-) -> Tracked:
-    """Detect, solve and write; reports the stages ``detect`` and ``write``.
+class DetectionStore:
+    """The detections of a run in the folder of its results.
 
     Args:
-        solve_interrupted: on Ctrl-C solve and write what was detected; otherwise keep the detections and raise.
+        folder: with the log of an earlier run that did not end, of whose files only the log stays, or without.
+        opened: the session to be tracked.
+
+    Attributes:
+        stored: the time steps that the earlier run finished, after which the log continues; None: it finished none.
 
     Raises:
-        KeyboardInterrupt: Ctrl-C, when nothing can or should be solved.
-        PosefuseError: anything that leaves no result; the detections made so far are kept where another attempt can use them.
+        InputError: the earlier run had other inputs or settings; names the first of them.
     """
-    check_result_folder(session, config, out)
-    with clock.stage("open"):
-        opened = open_session(session, config, warn)
-    with closing(opened.steps):
-        sinks = build_sinks(config.outputs, opened.steps.skeleton)
-        return _opened_into(opened, sinks, out, clock, progress, warn, solve_interrupted=solve_interrupted)
+
+    def __init__(self, folder: Path, opened: Opened) -> None:
+        self._path, made_with = folder / LOG_FILE, detection_dependencies(opened)
+        earlier = read_log(self._path) if self._path.exists() else None
+        if earlier is not None:
+            _check_same(earlier.made_with, made_with)
+        batches, keep = earlier.whole_steps() if earlier is not None else ((), 0)
+        names = opened.rig.names
+        self._log = ObservationLog(
+            self._path, skeleton=opened.skeleton, camera_names=names, made_with=made_with, keep=keep
+        )  # fmt: skip
+        self.stored = Observations.from_batches(opened.skeleton, names, batches) if batches else None
+        for entry in folder.iterdir():
+            if entry.is_dir() and not entry.is_symlink():
+                shutil.rmtree(entry)
+            elif entry.name not in (LOG_FILE, MARK_FILE):
+                entry.unlink()
+
+    def append(self, batch: DetectionBatch) -> None:
+        """Keep one more answer, unless it is stored; raises InputError when the disk does not take it."""
+        if self.stored is None or batch.step >= len(self.stored.step_t_ns):
+            self._log.append(batch)
+
+    def close(self) -> None:
+        """Close the log, which stays."""
+        self._log.close()
+
+    def discard(self) -> None:
+        """Remove the log: its detections are part of a finished result, or can give none."""
+        self.close()
+        self._path.unlink(missing_ok=True)
 
 
-def _opened_into(
-    opened: Opened,
-    sinks: Sequence[Sink],
-    out: ResultFolder,
-    clock: StageClock,
-    progress: Progress,
-    warn: Warn,
-    *,
-    solve_interrupted: bool,
-) -> Tracked:
-    note = lambda line: progress("detect", 0, None, line)  # noqa: E731
-    unfinished, session = _unfinished(out), opened.session
-    with (
-        _kept(out, note),
-        output_folder(
-            out.path,
-            command="track",
-            inputs=session.files,
-            replace=out.replace,
-            estimated_bytes=estimated_result_bytes(opened, 1),
-            keep_unfinished=True,
-            unfinished=unfinished,
-        ) as folder,
-    ):
-        if out.resume and unfinished is None and out.replace:
-            shutil.copyfile(out.path / LOG_FILE, folder.folder / LOG_FILE)
-        with closing(DetectionStore(folder.folder, opened)) as store:
-            keep_log_only(folder.folder)
-            detected = lambda done, total: progress("detect", done, total)  # noqa: E731
-            tracked = track_opened(opened, clock, detected, note, warn, store, solve_interrupted=solve_interrupted)
-            recording = tracked.recording
-            if tracked.interrupted:
-                steps = len(recording.poses)
-                warn(f"stopped early; the first {steps} time steps are finished and kept; `resume=True` continues from them")
-            check_space(folder.folder, estimated_result_bytes(opened, len(recording.poses.person_id)))
-            with clock.stage("write"):
-                frames = session_frames(recording, session, lambda done, total: progress("write", done, total), opened.config)
-                files, failed = write_result(recording, frames, sinks, folder)
-            for name, reason in failed.items():
-                warn(f"output {name}: not written ({reason})")
-            if not tracked.interrupted:
-                store.discard()
-            return replace(tracked, files=files, failed=failed)
+def detection_dependencies(opened: Opened) -> dict[str, Any]:
+    """What the detections of a session depend on, by name, as plain values."""
+    config, session = dataclasses.asdict(opened.config), opened.session
+    rig = hashlib.sha256(json.dumps(rig_values(opened.rig)).encode()).hexdigest()
+    values: dict[str, Any] = {"version of posefuse": __version__, "rig": rig}
+    for entry in session.inputs:
+        if entry.camera not in opened.rig.names:
+            continue
+        values[f"data of camera {entry.camera}"] = _content_of(entry.path)
+        if entry.depth is not None:
+            values[f"depth of camera {entry.camera}"] = _content_of(entry.depth)
+        values |= {f"setting cameras.{entry.camera}.{name}": getattr(entry.settings, name) for name in _OF_CAMERA}
+    for name in _SETTINGS:
+        value = config[name]
+        parts = {f"{name}.{key}": inner for key, inner in value.items()} if isinstance(value, dict) else {name: value}
+        values |= {f"setting {part}": inner for part, inner in parts.items()}
+    settled: dict[str, Any] = plain(values)
+    return settled
 
 
-def _unfinished(out: ResultFolder) -> Path | None:
-    """The folder to continue in; None where none is asked for, and where a result that was cut short has its detections."""
-    found = unfinished_work(out.path)
-    if out.force:
-        remove_unfinished(out.path)
-        return None
-    if found is not None and not out.resume:
+def _content_of(path: Path) -> str:
+    """Name, size and date: enough to notice another file without reading hours of video."""
+    files = sorted(path.iterdir()) if path.is_dir() else [path]
+    about = [file.stat() for file in files]
+    newest_ns = max((one.st_mtime_ns for one in about), default=0)
+    return f"{path.name}, {len(files)} files, {sum(one.st_size for one in about)} bytes, changed {newest_ns}"
+
+
+def _check_same(before: Mapping[str, Any], now: Mapping[str, Any]) -> None:
+    changed = [name for name in {**before, **now} if before.get(name) != now.get(name)]
+    if changed:
+        name = changed[0]
+        more = f" ({len(changed) - 1} more changed)" if len(changed) > 1 else ""
         raise InputError(
-            f"{out.path}: an earlier run was interrupted; `resume=True` continues it, `replace=True` starts from the beginning"
+            f"`resume=True`: {name} has changed since the detections were made: {before.get(name)}, now {now.get(name)}{more}; "
+            "use what was used then, or `replace=True` to start from the beginning"
         )
-    if found is None and out.resume and not (out.path / LOG_FILE).is_file():
-        raise InputError(f"{out.path}: nothing to resume: no interrupted work is there; is it the right folder?")
-    return found
-
-
-@contextmanager
-def _kept(out: ResultFolder, note: Warn) -> Iterator[None]:
-    """Report what is kept when the work stops before its end, for whatever reason."""
-    try:
-        yield
-    except BaseException:
-        if unfinished_work(out.path) is not None:
-            note(KEPT)
-        raise

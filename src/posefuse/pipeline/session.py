@@ -80,6 +80,14 @@ class Session:
     notes: tuple[str, ...] = ()
 
     @property
+    def kind(self) -> str:
+        """One of `KINDS`; raises InputError where cameras have several kinds of data."""
+        kinds = sorted({entry.kind for entry in self.inputs})
+        if len(kinds) > 1:
+            raise InputError(f"{self.folder}: expected one kind of data for all cameras, got {choices(kinds)}")
+        return kinds[0]
+
+    @property
     def files(self) -> tuple[Path, ...]:
         """The files and folders that it is made of, its own first."""
         return (self.folder, self.rig_path, *(entry.path for entry in self.inputs))
@@ -108,23 +116,16 @@ def find_session(folder: Path, config: TrackConfig) -> Session:
         raise CalibrationError(f"config: no camera {choices(unknown)} in {rig_path}; there are: {choices(rig.names)}")
     kind, found = _data(folder, config)
     named = _named_inputs(folder, config)
-    matched = _match(found, rig, named, folder)
-    inputs = tuple(
-        Input(
-            name,
-            *(named.get(name) or (kind, matched[name])),
-            config.cameras.get(name, CameraInput()),
-            _depth_folder(folder, name, config.cameras.get(name, CameraInput())),
-        )
-        for name in rig.names
-        if (name in named or name in matched) and not config.cameras.get(name, CameraInput()).skip
-    )
+    matched = {name: (kind, path) for name, path in _match(found, rig, named, folder).items()}
+    settings = {name: config.cameras.get(name, CameraInput()) for name in rig.names}
+    data = matched | named
+    used = [name for name in rig.names if name in data and not settings[name].skip]
+    inputs = tuple(Input(name, *data[name], settings[name], _depth_folder(folder, name, settings[name])) for name in used)
     if len(inputs) < least_cameras(inputs):
         raise CalibrationError(
             f"{folder}: expected data of at least {LEAST_CAMERAS} calibrated cameras, got {len(inputs)}; "
             f"the rig has: {choices(rig.names)}; found {kind}: {choices(path.name for path in found)}"
         )
-    used = {entry.camera for entry in inputs}
     notes = tuple(f"camera {name}: calibrated, but no {kind} found; left aside" for name in rig.names if name not in used)
     return Session(folder, rig_path, rig.only(entry.camera for entry in inputs), inputs, (*notes, *rig_warnings(rig_path, rig)))
 

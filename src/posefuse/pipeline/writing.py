@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any, Literal, Protocol, runtime_checkable
 
@@ -12,13 +14,13 @@ from posefuse.core import Frame, InputError, PosefuseError, Progress, Recording,
 from posefuse.formats.recording import write_recording
 from posefuse.foundation.output_folder import OutputFolder, output_folder
 from posefuse.foundation.plugins import build_plugin
-from posefuse.outputs.frames import FrameSets, write_each
-from posefuse.sources import CountedSource, FramesAhead, frame_sets
+from posefuse.outputs.frames import write_each
+from posefuse.sources import CountedSource
 
-from .config import TrackConfig
 from .opening import Opened, build_source
 from .session import Session, find_session
 from .solve import config_of
+from .time_steps import decoded
 
 # The images a recording was made from, found again: for viewers of results that do not hold them.
 
@@ -35,7 +37,7 @@ def session_of_recording(recording: Recording, folder: Path) -> Session:
         InputError: the files of its cameras have other names than those of the recording. PosefuseError: no session there.
     """
     made_from = dict(recording.provenance.get("inputs") or {})
-    session = find_session(folder, config_of(recording))
+    session = find_session(folder, config_of(recording.provenance))
     found = {entry.camera: entry.path.name for entry in session.inputs}
     other = sorted(camera for camera in recording.rig.names if made_from.get(camera) != found.get(camera))
     if other:
@@ -72,30 +74,24 @@ def lies_in(session: Session, folder: Path) -> bool:
 
 
 def session_frames(
-    recording: Recording, session: Session, progress: Callable[[int, int], None], config: TrackConfig | None = None
+    recording: Recording, session: Session, progress: Progress, stage: str = "write"
 ) -> Iterator[tuple[int, tuple[Frame | None, ...]]]:
     """The session's frames at the recording's time steps, decoded again; nothing where the session has no images.
 
     Args:
-        recording: a result. session: it was made from. config: it was made with; None: the one of its provenance.
-        progress: called with time steps done and in all.
+        recording: a result. session: it was made from. progress: of this stage, called with time steps done and in all.
     """
-    config = config or config_of(recording)
+    config = config_of(recording.provenance)
     inputs = [entry for entry in session.inputs if entry.camera in recording.rig.names and entry.kind != "pose2d"]
     if not inputs:
         return
     t_ns = recording.poses.t_ns
     period_ns = int(np.median(np.diff(t_ns))) if len(t_ns) > 1 else 1_000_000_000
-    sources = {entry.camera: build_source(entry, config, len(inputs)) for entry in inputs}
-    streams = {name: FramesAhead(CountedSource(source, int(t_ns[0]) - period_ns)) for name, source in sources.items()}
-    try:
-        sets = frame_sets(streams, int(t_ns[0]), period_ns, int(t_ns[-1]), on_lost=_reported_already)
+    sources = [CountedSource(build_source(entry, config, len(inputs)), int(t_ns[0]) - period_ns) for entry in inputs]
+    with closing(decoded(sources, int(t_ns[0]), period_ns, int(t_ns[-1]), _reported_already)) as sets:
         for done, one in enumerate(sets, start=1):
             yield one.t_ns, one.frames
-            progress(done, len(t_ns))
-    finally:
-        for stream in streams.values():
-            stream.close()
+            progress(stage, done, len(t_ns))
 
 
 def _reported_already(camera: str, error: SourceError) -> None:
@@ -130,12 +126,19 @@ def build_sinks(outputs: Sequence[str] | Mapping[str, Mapping[str, Any]], skelet
 
 
 def write_result(
-    recording: Recording, frame_sets: FrameSets, sinks: Sequence[Sink], out: OutputFolder, *, outputs_alone: bool = False
+    recording: Recording,
+    session: Session | None,
+    sinks: Sequence[Sink],
+    out: OutputFolder,
+    progress: Progress,
+    *,
+    outputs_alone: bool = False,
 ) -> tuple[list[Path], dict[str, str]]:
     """Write the recording, then every output; returns the files where they lie at the end, and why outputs failed, by name.
 
     Args:
-        frame_sets: images to draw on; may be empty. outputs_alone: without the recording.
+        session: whose images are drawn on; None: without images. progress: of the stage ``write``.
+        outputs_alone: without the recording.
 
     Raises:
         InputError: the recording itself cannot be written.
@@ -144,9 +147,15 @@ def write_result(
         written = [] if outputs_alone else write_recording(out.folder, recording)
     except OSError as error:
         raise InputError(f"{out.target}: the recording cannot be written ({error.strerror or error})") from None
-    outcome = write_each(sinks, recording, out.folder, frame_sets)
+    outcome = write_each(sinks, recording, out.folder, session_frames(recording, session, progress) if session else ())
     files = [out.final(path) for path in (*written, *outcome.files)]
     return files, {name: _reason(error) for name, error in outcome.failed.items()}
+
+
+def warn_of_failures(failed: Mapping[str, str]) -> None:
+    """One `UserWarning` for each output that was not written."""
+    for name, reason in failed.items():
+        warnings.warn(f"output {name}: not written ({reason})", UserWarning, stacklevel=3)
 
 
 def export_recording(
@@ -174,17 +183,11 @@ def export_recording(
     """
     sinks, alone = build_sinks(formats, recording.poses.skeleton), command == "export"
     with output_folder(path, command=command, inputs=inputs, replace=replace) as out:
-        report = lambda done, total: progress("write", done, total)  # noqa: E731
-        frames = () if session is None else session_frames(recording, session, report)
-        files, failed = write_result(recording, frames, sinks, out, outputs_alone=alone)
+        files, failed = write_result(recording, session, sinks, out, progress, outputs_alone=alone)
         if failed and not (alone and files):
-            raise InputError(failures(failed))
+            raise InputError("; ".join(f"{name}: {reason}" for name, reason in failed.items()))
+        warn_of_failures(failed)
         return files, failed
-
-
-def failures(failed: Mapping[str, str]) -> str:
-    """Outputs that failed and why, in one line."""
-    return "; ".join(f"{name}: {reason}" for name, reason in failed.items())
 
 
 def _reason(error: Exception) -> str:
@@ -202,7 +205,7 @@ _OVERLAY_BYTES = 40_000
 
 def estimated_result_bytes(opened: Opened, people: int) -> int:
     """About how much the result with so many people will take on disk."""
-    config, keypoints = opened.config, len(opened.steps.skeleton)
+    config, keypoints = opened.config, len(opened.skeleton)
     per_keypoint = _RECORDING_BYTES_PER_KEYPOINT + _VIEW_BYTES_PER_KEYPOINT * len(opened.rig)
     per_keypoint += sum(_BYTES_PER_KEYPOINT.get(name, 0) for name in config.outputs)
     per_step = per_keypoint * keypoints * people + _OVERLAY_BYTES * ("overlay" in config.outputs)

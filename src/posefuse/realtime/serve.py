@@ -85,9 +85,10 @@ def serve(channel: Channel, plan: ServePlan) -> None:
     """Body of the process: run the session until it ends, it is stopped (it interrupts itself), or no one listens any more."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
     controls = Controls()
-    threading.Thread(target=_take_requests, args=(channel, controls), daemon=True).start()
     error: PosefuseError | None = None
     try:
+        # it may interrupt at once
+        threading.Thread(target=_take_requests, args=(channel, controls), daemon=True).start()
 
         def say(line: str) -> None:
             with suppress(ChannelClosed):

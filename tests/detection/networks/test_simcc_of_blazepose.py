@@ -16,10 +16,9 @@ from posefuse.detection.networks import TopDownDetector
 from posefuse.detection.search import PersonNetwork, SquareFinder
 from posefuse.evaluation.metrics import joint_errors, true_xyz_at
 from posefuse.formats.truth import read_truth
-from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.config import TrackConfig
-from posefuse.pipeline.run import track_session
 from posefuse.pipeline.session import find_session
+from posefuse.pipeline.track import track_session
 from posefuse_sim.fitting import collect, fit_noise, noise_text, render_everyday
 
 SIDE, CELLS, BINS = 256, 64, 512
@@ -54,7 +53,7 @@ def silent(*_: object) -> None: ...
 
 
 def tracked(session: Path, config: TrackConfig) -> Recording:
-    return track_session(find_session(session, config), config, StageClock(), silent, silent, silent).recording
+    return track_session(find_session(session, config), config).recording
 
 
 def simcc_detector(**changes: object) -> TopDownDetector:

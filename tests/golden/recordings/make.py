@@ -40,7 +40,7 @@ STOPPED = """
 import sys
 from interrupting import interrupt
 from posefuse.cli.main import main
-interrupt("posefuse.pipeline.store", "DetectionStore.append", 6, "SIGINT")
+interrupt("posefuse.pipeline.result_folder", "DetectionStore.append", 6, "SIGINT")
 sys.exit(main(sys.argv[1:]))
 """
 

@@ -4,19 +4,37 @@ import dataclasses
 import os
 import subprocess
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 import yaml
-from gazebo_camera import camera_from_gazebo
 
-from posefuse.core import SE3, ConfigError, InputError
-from posefuse.core.ideal_image import drawn_camera
+from posefuse.core import SE3, Camera, ConfigError, InputError
+from posefuse.core.ideal_image import drawn_camera, optics_of
 from posefuse.formats.rig import read_rig
 from posefuse.formats.truth import read_loop, read_truth
-from posefuse_sim.cameras import rig_from_cameras
+from posefuse_ros.camera_info import RigLens
+from posefuse_sim.cameras import SensorSettings, rig_from_cameras
 from posefuse_sim.gazebo import export_world
-from posefuse_sim.gazebo.world import pose_text, world_from_link
+from posefuse_sim.gazebo.world import CAM_FROM_LINK, CENTRE_PX, pose_text, world_from_link
+from posefuse_sim.render.model import render_model
+from posefuse_sim.render.shot import CameraShooter
+from posefuse_sim.render.stage import RenderStage
+from posefuse_sim.session import body_poses
+
+
+def camera_from_gazebo(read: dict) -> Camera:
+    """The camera that one of Gazebo, as `libsdformat` lists it, is in our conventions."""
+    (fx, fy), (cx, cy) = read["f"], read["c"]
+    rotation = CAM_FROM_LINK @ SE3(np.array(read["wxyz"]), np.array(read["xyz"])).inverse().matrix()
+    return Camera(
+        name=read["name"],
+        size_wh=tuple(read["size"]),
+        K=np.array([[fx, 0, cx - CENTRE_PX], [0, fy, cy - CENTRE_PX], [0, 0, 1]]),
+        cam_from_world=SE3.from_matrix(rotation, -rotation @ np.array(read["xyz"])),
+    )
 
 
 def test_libsdformat_reads_the_cameras_of_the_rig(written, libsdformat):
@@ -178,3 +196,63 @@ def test_what_cannot_be_is_refused_in_one_line(scene, tmp_path):
         export_world(scene, tmp_path / "mine", replace_older=True)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["mine"]
     assert (tmp_path / "mine" / "notes.txt").read_text() == "precious"
+
+
+# --- our renderer, driven by the cameras that libsdformat reads from the world, draws the pictures of the scene
+
+
+@pytest.fixture(scope="module")
+def draw(written, backend):
+    live = written.live
+    sizes = [optics_of(camera).view for camera in live.rig]
+    stage = RenderStage(render_model(live, (max(v.width for v in sizes), max(v.height for v in sizes)), backend), backend)
+
+    def draw_(camera, t_s=0.4):
+        poses = body_poses(live, np.array([t_s]))
+        shooter = CameraShooter(camera, SensorSettings(), stage)
+        return shooter.shoot(poses, np.zeros((0, 3)), np.zeros(0, bool), np.zeros(0), [0]).image
+
+    yield draw_
+    stage.close()
+
+
+@pytest.fixture(scope="module")
+def read_cameras(written, libsdformat):
+    return {one["name"]: camera_from_gazebo(one) for one in libsdformat(written.sdf)["cameras"]}
+
+
+def _shift_px(one, other):
+    grey = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32) for image in (one, other)]
+    return np.abs(cv2.phaseCorrelate(*grey, cv2.createHanningWindow(grey[0].shape[::-1], cv2.CV_32F))[0]).max()
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("name", ["plain", "above"])
+def test_cameras_read_from_the_world_draw_the_same_picture(name, written, draw, read_cameras):
+    ours, theirs = draw(written.live.rig[name]), draw(read_cameras[name])
+    assert np.abs(ours.astype(int) - theirs).mean() < 0.05 and _shift_px(ours, theirs) < 0.01
+    # half a pixel, as much as the two conventions differ by, would be seen
+    K = read_cameras[name].K + np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
+    moved = draw(replace(read_cameras[name], K=K))
+    assert np.abs(ours.astype(int) - moved).mean() > 0.5 and _shift_px(ours, moved) > 0.3
+
+
+@pytest.mark.gl
+def test_the_lens_at_intake_makes_our_picture_of_an_ideal_one(written, draw, read_cameras):
+    camera, ideal = written.live.rig["bent"], draw(read_cameras["bent"])
+    assert ideal.shape[:2][::-1] == drawn_camera(camera).size_wh != camera.size_wh
+    ours, taken_in = draw(camera), RigLens(camera)(ideal)
+    assert taken_in.shape == ours.shape
+    assert np.abs(ours.astype(int) - taken_in).mean() < 0.3 and _shift_px(ours, taken_in) < 0.05
+    # and where the board is seen, its corners are where the rig's lens puts them
+    expected = _corners(written, camera)
+    grey = cv2.cvtColor(taken_in, cv2.COLOR_RGB2GRAY)
+    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-3)
+    found = cv2.cornerSubPix(grey, expected.astype(np.float32).reshape(-1, 1, 2).copy(), (2, 2), (-1, -1), stop)[:, 0]
+    assert np.linalg.norm((found - expected).mean(axis=0)) < 0.2
+
+
+def _corners(written, camera):
+    prop = next(one for one in written.live.props if one.kind == "charuco_board")
+    place = written.live.props.index(prop)
+    return camera.project(written.live.prop_poses(np.zeros(1))[place][0] @ prop.chess_prop)

@@ -16,10 +16,9 @@ from posefuse.formats.joint_centres import joint_centres_text
 from posefuse.formats.truth import read_truth
 from posefuse.foundation.output_file import write_text
 from posefuse.foundation.summary import Block, Facts, Heading
-from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.config import CameraInput, TrackConfig
-from posefuse.pipeline.run import track_session
 from posefuse.pipeline.session import find_session
+from posefuse.pipeline.track import track_session
 from posefuse_sim.fitting import (
     NoiseFit,
     Run,
@@ -123,8 +122,5 @@ def _tracked(folder: Path, choice: DetectorChoice) -> Run:
     inputs = {name: CameraInput(images=f"videos/{name}") for name in truth.rig.names}
     rate_hz = 1e9 / float(truth.views[0].t_ns[1] - truth.views[0].t_ns[0])
     config = TrackConfig(detector=choice, raw=True, joint_centres=False, rate_hz=rate_hz, cameras=inputs)
-
-    def silent(*_: object) -> None: ...
-
-    done = track_session(find_session(folder, config), config, StageClock(), silent, silent, silent)
+    done = track_session(find_session(folder, config), config)
     return done.recording.poses, truth

@@ -37,7 +37,7 @@ except ImportError as error:
 
 from .access import AccessMiddleware
 from .pages import PAGES, StudioPage
-from .shell import shell
+from .shell import refused, shell
 from .state import Studio
 
 # a browser on a machine that is busy may be silent for seconds: a page that is given up too soon loads itself again
@@ -144,6 +144,7 @@ def _listener(host: str, port: int) -> socket.socket:
 
 def _builder(studio: Studio, page: StudioPage) -> Callable[[], None]:
     def build() -> None:
+        ui.on_exception(lambda error: refused(f"this is a bug of the studio; see its terminal ({type(error).__name__})"))
         with shell(studio, page):
             import_module(f"posefuse_studio.pages.{page.module}").build(studio)
 

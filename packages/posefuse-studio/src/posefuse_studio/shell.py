@@ -335,7 +335,12 @@ def setting_fields(
     for key, label in named.items():
         setting = setting_of(cls, key)
         fields[key] = _field(setting.annotated, label, (values or {}).get(key, setting.default)).tooltip(setting.help)
-    return lambda: {key: field.value for key, field in fields.items() if field.value is not None}
+    return lambda: {key: _typed(field) for key, field in fields.items() if field.value is not None}
+
+
+def _typed(field: Any) -> Any:
+    # a browser sends every number as 4.0
+    return int(field.value) if isinstance(field, ui.number) and field.precision == 0 else field.value
 
 
 def network_field(usual: str) -> ui.select:

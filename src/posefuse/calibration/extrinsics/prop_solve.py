@@ -75,6 +75,7 @@ class PropSolution:
             like all standard errors here at least the scatter between parts of the recording.
         delay_sigma_s: (C, 2) standard errors of the clocks; 0 where held.
         lens_covariance: (C, 6, 6) of `LENS_PARAMETERS`; 0 where held.
+        predicted_sigma_px: (N,) standard error of where the camera as found sees a point, by its pose, clock and intrinsics.
         iterations: steps tried.
     """
 
@@ -85,6 +86,7 @@ class PropSolution:
     camera_covariance: Array
     delay_sigma_s: Array
     lens_covariance: Array
+    predicted_sigma_px: Array
     iterations: int
 
     @property
@@ -101,10 +103,9 @@ def solve_prop(seen: Snapshots, corners: Array, cameras: tuple[Camera, ...], sta
     """
     first = solve_bundle(_problem(seen, corners, cameras, start, freedom, _ROUGH_SIGMA_PX, cauchy=1.0), start)
     sigma_px = _spread_px(first.residual * _ROUGH_SIGMA_PX, first.weight)
-    second = solve_bundle(_problem(seen, corners, cameras, start, freedom, sigma_px, cauchy=_CAUCHY), first.state)
-    residual_px = second.residual * sigma_px
-    found_px = _spread_px(residual_px, second.weight)
-    return _summary(second, residual_px, found_px, (found_px / sigma_px) ** 2, freedom, seen.t_s)
+    problem = _problem(seen, corners, cameras, start, freedom, sigma_px, cauchy=_CAUCHY)
+    second = solve_bundle(problem, first.state)
+    return _summary(second, problem, sigma_px, freedom, seen)
 
 
 def _spread_px(residual_px: Array, weight: Array) -> float:
@@ -114,12 +115,16 @@ def _spread_px(residual_px: Array, weight: Array) -> float:
 
 
 def _summary(
-    solution: Solution[PropState], residual_px: Array, sigma_px: float, scale: float, freedom: Freedom, t_s: Array
+    solution: Solution[PropState], problem: Problem[PropState], assumed_px: float, freedom: Freedom, seen: Snapshots
 ) -> PropSolution:
+    """Standard errors by the noise that was found instead of the noise that was assumed."""
+    residual_px = solution.residual * assumed_px
+    sigma_px = _spread_px(residual_px, solution.weight)
+    scale = (sigma_px / assumed_px) ** 2
     count = len(solution.state.cam_from_world)
     free = np.concatenate([mask.ravel() for mask in _free(solution.state, freedom)])
     full = np.zeros((len(free), len(free)))
-    covariance = clustered_covariance(solution.covariance * scale, solution.scores / scale, _time_block(t_s))
+    covariance = clustered_covariance(solution.covariance * scale, solution.scores / scale, _time_block(seen.t_s))
     full[np.ix_(free, free)] = covariance
     cameras = np.stack([full[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] for i in range(count)])
     clock = 6 * count + 6 * len(solution.state.prop_from_patch)
@@ -127,6 +132,14 @@ def _summary(
     size, first = len(LENS_PARAMETERS), clock + 2 * count
     lenses = np.stack([full[first + size * i : first + size * (i + 1), first + size * i : first + size * (i + 1)]
                        for i in range(count)])  # fmt: skip
+    poses, _, clocks, intrinsics = (block.jacobian * assumed_px for block in problem.linearise(solution.state).blocks)
+    predicted_sigma_px = np.zeros(len(residual_px))
+    for i in range(count):
+        own = np.r_[6 * i : 6 * i + 6, clock + 2 * i : clock + 2 * i + 2, first + size * i : first + size * (i + 1)]
+        mine = seen.camera == i
+        slope = np.concatenate([poses[mine], clocks[mine], intrinsics[mine]], axis=2)
+        variance_px2 = np.einsum("nai,ij,naj->n", slope, full[np.ix_(own, own)], slope)
+        predicted_sigma_px[mine] = np.sqrt(np.maximum(variance_px2, 0.0))
     return PropSolution(
         state=solution.state,
         sigma_px=sigma_px,
@@ -135,6 +148,7 @@ def _summary(
         camera_covariance=cameras,
         delay_sigma_s=np.sqrt(variance) * _DELAY_SCALE_S,
         lens_covariance=lenses,
+        predicted_sigma_px=predicted_sigma_px,
         iterations=solution.iterations,
     )
 

@@ -225,7 +225,9 @@ class _System:
         # a local block nothing observes any more stays where it is
         damped = self._C + np.eye(q) * (damping * diagonal + 1e-12 * diagonal.max(initial=1.0))[:, None, :]
         inverse = np.linalg.inv(damped)
-        A = self._A + np.diag(damping * np.diag(self._A) + 1e-12 * np.diag(self._A).max(initial=1.0))
+        # relative to each unknown's own: one that is all but held must not hold the others, which have other units
+        own = np.diag(self._A)
+        A = self._A + np.diag(damping * own + 1e-12 * np.where(own > 0, own, own.max(initial=1.0)))
         through = self._B @ inverse
         flat_shape = (self._B.shape[1], self._B.shape[0] * q)
         flat_B = self._B.transpose(1, 0, 2).reshape(flat_shape)
@@ -258,9 +260,10 @@ class _System:
         schur, _, _ = self._reduced(0.0)
         if len(schur) == 0:
             return schur
-        values, vectors = np.linalg.eigh((schur + schur.T) / 2)
-        floor = 1e-11 * max(values.max(initial=0.0), 1e-300)
-        return np.asarray((vectors / np.maximum(values, floor)) @ vectors.T)
+        # in units in which each unknown alone has unit information
+        unit = np.sqrt(np.maximum(np.diag(schur), 1e-300))
+        values, vectors = np.linalg.eigh((schur + schur.T) / 2 / np.outer(unit, unit))
+        return np.asarray((vectors / np.maximum(values, 1e-11 * values.max())) @ vectors.T) / np.outer(unit, unit)
 
 
 def _outer(left: Array, right: Array) -> Array:

@@ -12,7 +12,8 @@ from posefuse.core import InputError, PoseSequence, Recording
 from posefuse.core.arrays import Array, known_median
 from posefuse.core.palette import LEGEND
 from posefuse.core.poses import point_sigma_m
-from posefuse.evaluation.gait_cycles import CycleAngles, gait_cycles
+from posefuse.evaluation.gait_cycles import PERCENT, gait_cycles
+from posefuse.evaluation.report import RANGES
 from posefuse.formats.page import Band, Block, Cards, Heading, Line, Note, Page, Plot, Plots, Series, Table
 from posefuse.kinematics import joints_from_poses
 from posefuse.kinematics.gait import Gait, gait_from_poses
@@ -20,8 +21,6 @@ from posefuse.outputs.facts import duration_s
 
 # The figures of a trial for the table of a study.
 
-# the angles whose range and mean cycle are compared between participants
-ANGLES = (("hip", "flexion"), ("knee", "flexion"), ("ankle", "dorsiflexion"))
 SIDES = ("left", "right")
 
 
@@ -67,17 +66,12 @@ def _angle_figures(recording: Recording, gait: Gait) -> dict[str, Any]:
     except InputError:
         return {}
     found: dict[str, Any] = {}
-    for side in SIDES:
-        for joint, angle in ANGLES:
-            one = _cycle(cycles, side, joint, angle)
-            if one is not None:
-                found[f"range_{side}_{joint}_{angle}_deg"] = float(np.degrees(one.ranges_rad.mean()))
-                found[f"cycle_{side}_{joint}_{angle}_deg"] = np.degrees(one.mean_rad).round(2).tolist()
+    for one in cycles:
+        joint = one.joint.removeprefix(f"{one.side}_")
+        if (joint, one.angle) in RANGES:
+            found[f"range_{one.side}_{joint}_{one.angle}_deg"] = float(np.degrees(one.ranges_rad.mean()))
+            found[f"cycle_{one.side}_{joint}_{one.angle}_deg"] = np.degrees(one.mean_rad).round(2).tolist()
     return found
-
-
-def _cycle(cycles: list[CycleAngles], side: str, joint: str, angle: str) -> CycleAngles | None:
-    return next((one for one in cycles if (one.side, one.joint, one.angle) == (side, f"{side}_{joint}", angle)), None)
 
 
 Rows = Sequence[Mapping[str, Any]]
@@ -90,12 +84,11 @@ PARAMETERS = {
     "stance_right_share": ("stance right, %", 100.0, 0),
     **{
         f"range_{side}_{joint}_{angle}_deg": (f"{side} {joint} {angle} range, °", 1.0, 0)
-        for joint, angle in ANGLES
+        for joint, angle in RANGES
         for side in SIDES
     },
     "median_sigma_mm": ("median standard deviation of a keypoint, mm", 1.0, 1),
 }
-_PERCENT = np.linspace(0.0, 100.0, 101)
 
 
 def study_page(title: str, rows: Rows) -> Page:
@@ -135,7 +128,7 @@ def _parameters(participants: Sequence[str], rows: Rows) -> list[Block]:
 
 
 def _cycles(participants: Sequence[str], rows: Rows) -> list[Block]:
-    plots = [plot for joint, angle in ANGLES if (plot := _cycle_plot(joint, angle, participants, rows)) is not None]
+    plots = [plot for joint, angle in RANGES if (plot := _cycle_plot(joint, angle, participants, rows)) is not None]
     if not plots:
         return []
     note = (
@@ -156,9 +149,9 @@ def _cycle_plot(joint: str, angle: str, participants: Sequence[str], rows: Rows)
             continue
         every = np.stack(list(curves.values()))
         mean, sd = every.mean(axis=0), every.std(axis=0)
-        series += [Line(f"{side} {who}", _PERCENT, curve, colour=side, faint=True) for who, curve in curves.items()]
-        series.append(Band(f"{side} ± sd", _PERCENT, mean - sd, mean + sd, colour=side))
-        series.append(Line(f"{side}, mean of {len(curves)}", _PERCENT, mean, colour=side))
+        series += [Line(f"{side} {who}", PERCENT, curve, colour=side, faint=True) for who, curve in curves.items()]
+        series.append(Band(f"{side} ± sd", PERCENT, mean - sd, mean + sd, colour=side))
+        series.append(Line(f"{side}, mean of {len(curves)}", PERCENT, mean, colour=side))
     if not series:
         return None
     return Plot(f"{joint} {angle}".capitalize(), series, x_label="% of the gait cycle", y_label="degrees", legend=False)

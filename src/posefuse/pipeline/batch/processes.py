@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import threading
 from collections import deque
@@ -55,8 +56,7 @@ def outcomes_here(tasks: Sequence[Task], jobs: int) -> Iterator[Outcome]:
 
 
 def _died(task: Task, trouble: str) -> Outcome:
-    reason = trouble + (" (out of memory?)" if "SIGKILL" in trouble else "")
-    return Outcome(name=task.name, made_with=task.made_with, reason=reason)
+    return task.outcome(reason=trouble + (" (out of memory?)" if "SIGKILL" in trouble else ""))
 
 
 def run_trial(channel: Channel, task: Task) -> None:
@@ -70,7 +70,7 @@ def run_trial(channel: Channel, task: Task) -> None:
         outcome = run_task(task)
     except Exception as error:  # noqa: BLE001 - a bug, too, is the reason why one trial failed
         reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
-        outcome = Outcome(name=task.name, made_with=task.made_with, reason=reason)
+        outcome = task.outcome(reason=reason)
     channel.send(outcome, _END_S)
 
 
@@ -104,7 +104,10 @@ def outcomes_on_cluster(tasks: Sequence[Task], address: str) -> Iterator[Outcome
     Raises:
         DependencyError: no ``distributed`` here. InputError: no scheduler or no worker at `address`, or another version there.
     """
-    distributed = _distributed()
+    try:
+        distributed: Any = importlib.import_module("distributed")
+    except ImportError:
+        raise DependencyError("a scheduler needs Dask: pip install 'posefuse[cluster]'") from None
     try:
         client = distributed.Client(address, timeout=_CONNECT_S, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
@@ -112,13 +115,11 @@ def outcomes_on_cluster(tasks: Sequence[Task], address: str) -> Iterator[Outcome
     with client:
         _check_workers(client, address)
         # the scheduler forgets a task as soon as no future of it is left
-        futures = [
-            client.submit(run_on_cluster, task, key=f"posefuse-{task.name}-{task.made_with}", retries=_RETRIES) for task in tasks
-        ]
-        names = {future.key: task for future, task in zip(futures, tasks, strict=True)}
+        by_key = {f"posefuse-{task.trial.name}-{task.made_with}": task for task in tasks}
+        futures = [client.submit(run_on_cluster, task, key=key, retries=_RETRIES) for key, task in by_key.items()]
         try:
             for future in distributed.as_completed(futures, loop=client.loop):
-                yield _outcome_of(names[future.key], future)
+                yield _outcome_of(by_key[future.key], future)
         finally:
             client.cancel(futures)
 
@@ -128,7 +129,7 @@ def _outcome_of(task: Task, future: Any) -> Outcome:
         outcome: Outcome = future.result()
         return outcome
     reason = f"the cluster gave it up: {future.exception()}" if future.status == "error" else f"the cluster {future.status} it"
-    return Outcome(name=task.name, made_with=task.made_with, reason=" ".join(reason.split()))
+    return task.outcome(reason=" ".join(reason.split()))
 
 
 def _check_workers(client: Any, address: str) -> None:
@@ -146,11 +147,3 @@ def _check_workers(client: Any, address: str) -> None:
 def posefuse_version() -> str:
     """Of this worker."""
     return __version__
-
-
-def _distributed() -> Any:
-    try:
-        import distributed
-    except ImportError:
-        raise DependencyError("a scheduler needs Dask: pip install 'posefuse[cluster]'") from None
-    return distributed

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import csv
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from posefuse.core import DiskFullError, InputError, Progress, silent
 from posefuse.detection.build import fetch_networks
@@ -21,7 +22,7 @@ from posefuse.pipeline.writing import build_sinks
 
 from .page import study_page
 from .processes import default_jobs, outcomes_here, outcomes_on_cluster
-from .tasks import Outcome, Task, Trial, config_of_trial, find_trials, trial_digest
+from .tasks import Outcome, Task, Trial, find_trials
 
 COMMAND = "batch"
 TABLE_FILE, PAGE_FILE = "study.csv", "study.html"
@@ -74,7 +75,18 @@ class Study:
 
     def rows(self) -> list[dict[str, Any]]:
         """The table: one row per trial."""
-        return [_row(trial, outcome) for trial, outcome in zip(self.trials, self.outcomes, strict=True)]
+        return [
+            {
+                "participant": trial.participant,
+                "trial": trial.label,
+                "status": "failed" if outcome.reason else "complete",
+                "reason": outcome.reason,
+                "seconds": round(outcome.seconds, 1),
+                "warnings": "; ".join(outcome.warnings),
+                **outcome.figures,
+            }
+            for trial, outcome in zip(self.trials, self.outcomes, strict=True)
+        ]
 
 
 def run_study(
@@ -107,31 +119,30 @@ def run_study(
     build_sinks(formats)
     trials = find_trials(study)
     check_outside_inputs(out, [study])
-    folder = growing_folder(out, command=COMMAND, names=[TABLE_FILE, PAGE_FILE, *(_outcome_file(trial) for trial in trials)])
-    tasks = [_task(trial, folder, tuple(formats), settings, report) for trial in trials]
-    done = _complete(folder, tasks, replace)
-    open_tasks = [task for task in tasks if task.name not in done]
-    _check_results(open_tasks)
-    progress("trials", len(done), len(tasks), f"{len(tasks)} trials, {len(done)} of them complete from an earlier run")
-    outcomes = dict(done)
-    if open_tasks:
-        _fetch(open_tasks[0], progress)
-    for outcome in _run(open_tasks, jobs, scheduler):
+    folder = growing_folder(out, command=COMMAND, names=[TABLE_FILE, PAGE_FILE, *(f"{trial.name}.json" for trial in trials)])
+    changes = {"outputs": tuple(formats), **settings}
+    tasks = {trial.name: Task(trial=trial, out=folder / trial.name, settings=changes, report=report) for trial in trials}
+    outcomes = _complete(folder, tasks, replace)
+    kept, to_do = tuple(sorted(outcomes)), [task for name, task in tasks.items() if name not in outcomes]
+    for task in to_do:
+        check_replaceable(task.out, command="track", replace=True)
+    progress("trials", len(kept), len(tasks), f"{len(tasks)} trials, {len(kept)} of them complete from an earlier run")
+    if to_do:
+        # once and here: every process would do it for itself
+        config = to_do[0].config
+        build_sinks(config.outputs)
+        fetch_networks(config.detector, progress)
+    for outcome in _run(to_do, jobs, scheduler):
         outcomes[outcome.name] = outcome
         with _naming_what_is_kept():
             _write_outcome(folder, outcome)
         message = f"{outcome.name}: {'failed: ' + outcome.reason if outcome.reason else f'complete in {outcome.seconds:.0f} s'}"
         progress("trials", len(outcomes), len(tasks), message)
-    result = Study(
-        out=folder,
-        trials=tuple(trials),
-        outcomes=tuple(outcomes[trial.name] for trial in trials),
-        kept=tuple(sorted(done)),
-    )
+    result = Study(out=folder, trials=tuple(trials), outcomes=tuple(outcomes[name] for name in tasks), kept=kept)
     with _naming_what_is_kept():
         _write_table(result)
-        with earlier_kept(folder / PAGE_FILE):
-            write_page(folder / PAGE_FILE, study_page(study.resolve().name, result.rows()))
+        with earlier_kept(result.page):
+            write_page(result.page, study_page(study.resolve().name, result.rows()))
     return result
 
 
@@ -143,19 +154,6 @@ def _naming_what_is_kept() -> Iterator[None]:
         raise DiskFullError(f"{error}; complete trials are kept, and the same command continues with the others") from None
 
 
-def _task(trial: Trial, out: Path, formats: tuple[str, ...], settings: Mapping[str, Any], report: bool) -> Task:
-    return Task(
-        name=trial.name,
-        session=str(trial.session),
-        rig=None if trial.rig is None else str(trial.rig),
-        out=str(out / trial.name),
-        formats=formats,
-        settings=dict(settings),
-        report=report,
-        made_with=trial_digest(trial, formats, settings, report),
-    )
-
-
 def _run(tasks: Sequence[Task], jobs: int | None, scheduler: str | None) -> Iterator[Outcome]:
     if not tasks:
         return iter(())
@@ -164,22 +162,15 @@ def _run(tasks: Sequence[Task], jobs: int | None, scheduler: str | None) -> Iter
     return outcomes_here(tasks, jobs or default_jobs())
 
 
-def _fetch(task: Task, progress: Progress) -> None:
-    """Download networks once and here: every process would do it for itself. Raises ConfigError for a wrong setting."""
-    config = config_of_trial(Path(task.session), task.rig, {"outputs": task.formats, **task.settings})
-    build_sinks(config.outputs)
-    fetch_networks(config.detector, progress)
-
-
-def _complete(out: Path, tasks: Sequence[Task], replace: bool) -> dict[str, Outcome]:
+def _complete(out: Path, tasks: Mapping[str, Task], replace: bool) -> dict[str, Outcome]:
     """Outcomes of an earlier run that need not be made again, by name.
 
     Raises:
         InputError: complete ones that were made in another way, without `replace`.
     """
-    earlier = {task.name: outcome for task in tasks if (outcome := _read_outcome(out / f"{task.name}.json")) is not None}
-    found = {name: outcome for name, outcome in earlier.items() if not outcome.reason and (out / name).is_dir()}
-    same = {task.name: found[task.name] for task in tasks if task.name in found and found[task.name].made_with == task.made_with}
+    earlier = {name: outcome for name in tasks if (outcome := _read_outcome(out / f"{name}.json")) is not None}
+    found = {name: outcome for name, outcome in earlier.items() if not outcome.reason and tasks[name].out.is_dir()}
+    same = {name: outcome for name, outcome in found.items() if outcome.made_with == tasks[name].made_with}
     others = sorted(set(found) - set(same))
     if others and not replace:
         raise InputError(
@@ -187,16 +178,6 @@ def _complete(out: Path, tasks: Sequence[Task], replace: bool) -> dict[str, Outc
             "settings, files or another version; `replace=True` makes them again, or choose another folder"
         )
     return same
-
-
-def _check_results(tasks: Sequence[Task]) -> None:
-    """Raise InputError before any work where the result of a trial has no place."""
-    for task in tasks:
-        check_replaceable(Path(task.out), command="track", replace=True)
-
-
-def _outcome_file(trial: Trial) -> str:
-    return f"{trial.name}.json"
 
 
 def _read_outcome(path: Path) -> Outcome | None:
@@ -217,31 +198,17 @@ def _write_outcome(folder: Path, outcome: Outcome) -> None:
         raise InputError(f"{path}: cannot be written ({error.strerror})") from None
 
 
-def _row(trial: Trial, outcome: Outcome) -> dict[str, Any]:
-    return {
-        "participant": trial.participant,
-        "trial": trial.label,
-        "status": "failed" if outcome.reason else "complete",
-        "reason": outcome.reason,
-        "seconds": round(outcome.seconds, 1),
-        "warnings": "; ".join(outcome.warnings),
-        **outcome.figures,
-    }
-
-
 def _write_table(study: Study) -> None:
-    rows = study.rows()
-    names = dict.fromkeys(name for row in rows for name, value in row.items() if not isinstance(value, list))
-    columns = [*_FIRST_COLUMNS, *(name for name in names if name not in _FIRST_COLUMNS)]
-    path = study.out / TABLE_FILE
-    with earlier_kept(path), atomic_file(path) as new, new.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, columns, restval="", extrasaction="ignore")
+    """Floats to six digits; what is not known is empty."""
+    rows = [{name: value for name, value in row.items() if not isinstance(value, list)} for row in study.rows()]
+    columns = dict.fromkeys([*_FIRST_COLUMNS, *(name for row in rows for name in row)])
+    with earlier_kept(study.table), atomic_file(study.table) as new, new.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, columns, restval="")
         writer.writeheader()
-        writer.writerows({name: _text(value) for name, value in row.items()} for row in rows)
+        writer.writerows({name: _cell(value) for name, value in row.items()} for row in rows)
 
 
-def _text(value: Any) -> Any:
-    """A cell: floats to six digits, what is not known empty."""
+def _cell(value: Any) -> Any:
     if isinstance(value, float):
-        return "" if value != value else f"{value:.6g}"
-    return value if not isinstance(value, list) else json.dumps(value)
+        return "" if np.isnan(value) else f"{value:.6g}"
+    return value

@@ -5,24 +5,26 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import os
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from posefuse import __version__
-from posefuse.core import InputError, PosefuseError, Progress, Recording, silent
+from posefuse.core import InputError, PosefuseError, Recording
 from posefuse.evaluation.biomechanics import BiomechanicsSettings, write_biomechanics
 from posefuse.foundation.output_folder import output_folder
 from posefuse.foundation.parsing import plain
-from posefuse.pipeline.clock import StageClock
 from posefuse.pipeline.config import CONFIG_FILE, TrackConfig, changed_config, read_config
 from posefuse.pipeline.reading import files_of_result
-from posefuse.pipeline.result_folder import ResultFolder, track_into
-from posefuse.pipeline.session import KINDS, Session, data_entries, find_session, rig_files
-from posefuse.pipeline.store import unfinished_work
+from posefuse.pipeline.reports import report_folder
+from posefuse.pipeline.result_folder import ResultFolder, unfinished_work
+from posefuse.pipeline.session import KINDS, data_entries, find_session, rig_files
+from posefuse.pipeline.track import track_session
 
 from .page import recording_figures
 
@@ -96,26 +98,39 @@ def _rig_above(session: Path, top: Path) -> Path | None:
     return next((found[0] for folder in above if (found := rig_files(folder))), None)
 
 
-REPORT_FOLDER = "biomechanics"
-
-
 @dataclass(frozen=True, kw_only=True)
 class Task:
     """One trial to be done.
 
     Attributes:
-        name, session, rig: of the trial. out: result folder. formats: outputs. settings: changes by dotted key.
-        report: write the report, too. made_with: what the result depends on, see `trial_digest`.
+        trial: of the study. out: result folder. settings: changes by dotted key, ``outputs`` among them.
+        report: write the report, too.
     """
 
-    name: str
-    session: str
-    rig: str | None
-    out: str
-    formats: tuple[str, ...]
+    trial: Trial
+    out: Path
     settings: Mapping[str, Any]
     report: bool
-    made_with: str
+
+    @property
+    def config(self) -> TrackConfig:
+        """The settings file of the session with the study's changes on top; raises ConfigError for a wrong one."""
+        path = self.trial.session / CONFIG_FILE
+        rig = {} if self.trial.rig is None else {"rig": str(self.trial.rig)}
+        return changed_config(read_config(path if path.is_file() else None), {**rig, **self.settings})
+
+    @cached_property
+    def made_with(self) -> str:
+        """A digest of what the result depends on: version, settings, and name, size and date of every file of the session."""
+        session, rig = self.trial.session, self.trial.rig
+        files = [*sorted(path for path in session.rglob("*") if path.is_file()), *([] if rig is None else [rig])]
+        listed = [[os.path.relpath(path, session), path.stat().st_size, path.stat().st_mtime_ns] for path in files]
+        about = json.dumps(plain([__version__, listed, dict(sorted(self.settings.items())), self.report]))
+        return hashlib.sha256(about.encode()).hexdigest()[:16]
+
+    def outcome(self, **found: Any) -> Outcome:
+        """What became of it."""
+        return Outcome(name=self.trial.name, made_with=self.made_with, **found)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,77 +160,43 @@ class Outcome:
         return json.dumps(plain(vars(self)))
 
 
-def run_task(task: Task, progress: Progress = silent) -> Outcome:
+def run_task(task: Task) -> Outcome:
     """Track a session, save the result and its report; an older result of posefuse in its place is replaced.
 
     Returns:
         The outcome; a known error is its reason.
     """
     began = time.monotonic()
-    lines: list[str] = []
+    found: dict[str, Any]
     try:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", UserWarning)
-            figures = plain(_figures(task, lines, progress))
+            recording = _tracked(task)
+            if task.report:
+                _write_report(recording, task)
+            found = {"figures": plain(recording_figures(recording))}
+        found["warnings"] = tuple(dict.fromkeys(str(one.message) for one in caught))
     except PosefuseError as error:
-        return Outcome(name=task.name, made_with=task.made_with, reason=str(error), seconds=time.monotonic() - began)
-    return Outcome(
-        name=task.name,
-        made_with=task.made_with,
-        seconds=time.monotonic() - began,
-        warnings=(*lines, *(str(one.message) for one in caught)),
-        figures=figures,
-    )
+        found = {"reason": str(error)}
+    return task.outcome(seconds=time.monotonic() - began, **found)
 
 
-def _figures(task: Task, lines: list[str], progress: Progress) -> dict[str, Any]:
-    config = config_of_trial(Path(task.session), task.rig, {"outputs": task.formats, **task.settings})
-    session = find_session(Path(task.session), config)
-    lines += session.notes
-    out = Path(task.out)
-    recording = _tracked(session, config, out, lines.append, progress)
-    if task.report:
-        _write_report(recording, out, task.name, lines, progress)
-    return recording_figures(recording)
-
-
-def _tracked(session: Session, config: TrackConfig, out: Path, warn: Callable[[str], None], progress: Progress) -> Recording:
+def _tracked(task: Task) -> Recording:
     """Track into the result folder, from the detections of an interrupted run where it was made in the same way."""
-
-    def into(folder: ResultFolder) -> Recording:
-        return track_into(session, config, folder, StageClock(), progress, warn, solve_interrupted=False).recording
-
+    config, out = task.config, task.out
+    session = find_session(task.trial.session, config)
     if unfinished_work(out) is not None:
-        try:
-            return into(ResultFolder(path=out, resume=True))
-        except InputError as error:
-            progress("detect", 0, None, f"starting from the beginning: {error}")
-    return into(ResultFolder(path=out, force=True))
+        # made in another way: from the beginning
+        with contextlib.suppress(InputError):
+            return track_session(session, config, ResultFolder(path=out, resume=True), solve_interrupted=False).recording
+    return track_session(session, config, ResultFolder(path=out, force=True), solve_interrupted=False).recording
 
 
-def _write_report(recording: Recording, out: Path, title: str, lines: list[str], progress: Progress) -> None:
+def _write_report(recording: Recording, task: Task) -> None:
     """A person without joint angles is no reason to lose the points."""
-    with contextlib.ExitStack() as stack:
-        folder = stack.enter_context(
-            output_folder(out / REPORT_FOLDER, command="report", inputs=files_of_result(out), replace=True)
-        )
+    folder, inputs = report_folder(task.out), files_of_result(task.out)
+    with output_folder(folder, command="report", inputs=inputs, replace=True) as place:
         try:
-            write_biomechanics(recording, folder.folder, BiomechanicsSettings(), title=title, progress=progress)
+            write_biomechanics(recording, place.folder, BiomechanicsSettings(), title=task.trial.name)
         except InputError as error:
-            lines.append(f"no report: {error}")
-
-
-def config_of_trial(session: Path, rig: str | None, settings: Mapping[str, Any]) -> TrackConfig:
-    """The settings file of a session with the study's changes on top; raises ConfigError for a wrong one."""
-    path = session / CONFIG_FILE
-    named = {} if rig is None else {"rig": rig}
-    return changed_config(read_config(path if path.is_file() else None), {**named, **settings})
-
-
-def trial_digest(trial: Trial, formats: tuple[str, ...], settings: Mapping[str, Any], report: bool) -> str:
-    """A digest of what a result depends on: version, settings, and name, size and date of every file of the session."""
-    files = sorted(path for path in trial.session.rglob("*") if path.is_file())
-    listed = [[path.relative_to(trial.session).as_posix(), path.stat().st_size, path.stat().st_mtime_ns] for path in files]
-    rig = [] if trial.rig is None else [str(trial.rig), trial.rig.stat().st_mtime_ns]
-    about = json.dumps(plain([__version__, listed, rig, sorted(formats), dict(sorted(settings.items())), report]))
-    return hashlib.sha256(about.encode()).hexdigest()[:16]
+            warnings.warn(f"no report: {error}", UserWarning, stacklevel=2)

@@ -243,7 +243,7 @@ class EditCard:
         self.edits = NO_EDITS
         with refusals():
             kept = read_edits(self._path)
-            self.edits = kept if kept != NO_EDITS else edits_of(recording)
+            self.edits = kept if kept != NO_EDITS else edits_of(recording.provenance)
         with card("Corrections"):
             small("Mark what should not count, then solve again: without new detection, and this recording stays.")
             with ui.row().classes("pf-tools"):

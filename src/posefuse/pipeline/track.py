@@ -1,0 +1,336 @@
+"""The main job: a session folder to a Recording, in two steps: detect, then solve; and into a result folder."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import warnings
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from posefuse import __version__
+from posefuse.association import AssociateSettings, associate
+from posefuse.calibration.person.scale import size_doubt
+from posefuse.core import InputError, LookKind, Observations, Pose3D, PosefuseError, PoseSequence, Progress, Recording, silent
+from posefuse.core.duplicates import duplicates
+from posefuse.core.errors import choices
+from posefuse.core.observations import NOT_KEPT
+from posefuse.core.protocols import NOISE_NOT_FITTED
+from posefuse.detection.build import fetch_networks
+from posefuse.foundation.compiled import compiling
+from posefuse.foundation.parsing import plain
+from posefuse.foundation.places import check_space
+from posefuse.fusion import fuse
+from posefuse.health.background import background_of
+from posefuse.health.recorded import checked_rig
+from posefuse.health.rig_monitor import UNSYNCHRONISED, RigFinding
+from posefuse.sources.video import recorded_at
+from posefuse.tracking import smooth
+from posefuse.tracking.stand_in import made_up_detections
+
+from .clock import StageClock
+from .config import TrackConfig
+from .following import FollowedLog, PeopleFollower
+from .noise_scale import noise_scale
+from .opening import Opened, open_session
+from .result_folder import DetectionStore, ResultFolder
+from .session import LEAST_CAMERAS, Session
+from .solve import REFINED, solve_followed, with_refined_rig
+from .time_steps import stored_steps
+from .writing import build_sinks, estimated_result_bytes, warn_of_failures, write_result
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Tracked:
+    """A recording and how the run went.
+
+    Attributes:
+        recording: the result; its provenance has how well each camera fits (``camera_fits``) and what is wrong with the rig
+            (``rig_warnings``). interrupted: Ctrl-C ended it early. clock: seconds of its stages.
+        files: written, where they lie at the end. failed: why outputs were not written, by name.
+    """
+
+    recording: Recording
+    interrupted: bool
+    clock: StageClock
+    files: Sequence[Path] = ()
+    failed: Mapping[str, str] = dataclasses.field(default_factory=dict)
+
+
+def track_session(
+    session: Session,
+    config: TrackConfig,
+    out: ResultFolder | None = None,
+    progress: Progress = silent,
+    *,
+    solve_interrupted: bool = True,
+) -> Tracked:
+    """Detect, solve and write; a problem that does not stop the work is a `UserWarning`.
+
+    Args:
+        out: where the result is written, and the detections are kept while they are made; None: nothing is kept on disk.
+        progress: of the stages ``detect`` and ``write``.
+        solve_interrupted: on Ctrl-C solve and write what was detected; otherwise keep the detections and raise.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C, when nothing can or should be solved.
+        PosefuseError: anything that leaves fewer than two usable cameras, or no person to follow; the detections made so far are
+            kept where another attempt can use them.
+    """
+    clock, kind = StageClock(), session.kind
+    if out is not None:
+        out.check(session, config)
+    for line in session.notes:
+        _warn(line)
+    progress("detect", 0, None, f"{len(session.inputs)} cameras from {session.rig_path} ({kind})")
+    if kind != "pose2d":
+        fetch_networks(config.detector, progress)
+    with clock.stage("open"):
+        opened = open_session(session, config)
+    with closing(opened):
+        sinks = [] if out is None else build_sinks(config.outputs, opened.skeleton)
+        moved = _moved_cameras(opened, clock, progress)
+        with clock.stage("compile"), compiling("tracking", lambda line: progress("detect", 0, None, line)):
+            warm_up(opened)
+        if out is None:
+            return _tracked(opened, moved, clock, progress, None, solve_interrupted=solve_interrupted)
+        with out.made(opened, progress) as (folder, store):
+            tracked = _tracked(opened, moved, clock, progress, store, solve_interrupted=solve_interrupted)
+            recording = tracked.recording
+            if tracked.interrupted:
+                steps = len(recording.poses)
+                _warn(f"stopped early; the first {steps} time steps are finished and kept; `resume=True` continues from them")
+            check_space(folder.folder, estimated_result_bytes(opened, len(recording.poses.person_id)))
+            with clock.stage("write"):
+                files, failed = write_result(recording, session, sinks, folder, progress)
+            warn_of_failures(failed)
+            if not tracked.interrupted:
+                store.discard()
+            return dataclasses.replace(tracked, files=files, failed=failed)
+
+
+def _tracked(
+    opened: Opened,
+    moved: Sequence[str],
+    clock: StageClock,
+    progress: Progress,
+    store: DetectionStore | None,
+    *,
+    solve_interrupted: bool,
+) -> Tracked:
+    """Detect, then solve; `moved` is what is wrong with the rig already."""
+    session = opened.session
+    observations, interrupted = detect(opened, clock, progress, store)
+    if interrupted and not solve_interrupted:
+        raise KeyboardInterrupt
+    incomplete = [] if interrupted else opened.incomplete()
+    # decoded frames are not needed any more, and an hour to be solved takes much memory
+    opened.close()
+    for line in incomplete:
+        _warn(line)
+    try:
+        _check_people(observations)
+        with clock.stage("smooth"):
+            opened, observations = _with_known_noise(opened, observations, progress)
+            recording = with_refined_rig(solve_followed(observations, opened.rig, provenance_of(opened, incomplete)))
+    except PosefuseError:
+        if store is not None and not (observations.score > 0).any():
+            store.discard()
+        raise
+    for line in _notes(recording, opened.config):
+        progress("detect", 0, None, line)
+    if doubt := size_doubt(recording.poses.skeleton, recording.poses.xyz_world):
+        _warn(f"{session.rig_path.name}: {doubt}")
+    with clock.stage("watch"):
+        cameras, findings = checked_rig(recording, opened.rig)
+    lines = [finding_line(one, session.folder) for one in findings]
+    for line in lines:
+        _warn(line)
+    fits = {name: dataclasses.asdict(one) for name, one in cameras.items()}
+    about = {**recording.provenance, "camera_fits": plain(fits), "rig_warnings": [*moved, *lines]}
+    return Tracked(recording=dataclasses.replace(recording, provenance=about), interrupted=interrupted, clock=clock)
+
+
+def _with_known_noise(opened: Opened, observations: Observations, progress: Progress) -> tuple[Opened, Observations]:
+    """Standard deviations of a network whose noise was not fitted, scaled as this recording shows; and what is stated of it."""
+    unknown = opened.network.get("unknown", "")
+    if NOISE_NOT_FITTED not in unknown or (scale := noise_scale(observations, opened.rig, opened.config.fuse)) is None:
+        return opened, observations
+    scaled = f"{NOISE_NOT_FITTED}; scaled by {scale:.2g} from this recording"
+    progress("detect", 0, None, f"{opened.network['name']}: {scaled}")
+    network = {**opened.network, "unknown": unknown.replace(NOISE_NOT_FITTED, scaled)}
+    sigma_px = (observations.sigma_px * scale).astype(observations.sigma_px.dtype)
+    return dataclasses.replace(opened, network=network), dataclasses.replace(observations, sigma_px=sigma_px)
+
+
+def _moved_cameras(opened: Opened, clock: StageClock, progress: Progress) -> list[str]:
+    """What the background shows: one line for each camera that moved; what else there is to know is reported."""
+    with clock.stage("watch"):
+        background = background_of(opened.sources, opened.rig.cameras, opened.timeline)
+    moved = [finding_line(one, opened.session.folder) for one in background.moved]
+    for line in moved:
+        _warn(line)
+    for line in background.lines:
+        progress("detect", 0, None, line)
+    if unknown := opened.network.get("unknown"):
+        progress("detect", 0, None, f"{opened.network['name']} on {opened.network['device']}: {unknown}")
+    return moved
+
+
+# Compile the numeric kernels before the clock of the real work runs; they are kept on disk, so only the first run waits.
+
+_TIME_STEPS = 12
+
+
+def warm_up(opened: Opened) -> None:
+    """Run association, fusion and smoothing once on a made-up person in front of the cameras."""
+    rig, config = opened.rig, opened.config
+    poses: list[Pose3D] = []
+    for detections in made_up_detections(rig, opened.skeleton, _TIME_STEPS):
+        before = poses[-1] if poses else None
+        poses.append(fuse(associate(detections, rig, config.associate, before), rig, config.fuse, before))
+    people = [pose for pose in poses if len(pose.person_id) == len(poses[-1].person_id)]
+    if len(people) > 2 and len(people[0].person_id):
+        smooth(PoseSequence.from_poses(people), config.smooth)
+
+
+def detect(
+    opened: Opened, clock: StageClock, progress: Progress = silent, store: DetectionStore | None = None
+) -> tuple[Observations, bool]:
+    """All detections with the people that the online pass followed, and whether Ctrl-C ended it early.
+
+    What `store` has already is not detected again; what is new is given to it at once.
+    """
+    skeleton, rig, config = opened.skeleton, opened.rig, opened.config
+    stored = store.stored if store else None
+    follower = PeopleFollower(
+        skeleton=skeleton,
+        rig=rig,
+        associating=config.associate,
+        fusing=config.fuse,
+        clock=clock,
+        keep=store.append if store else None,
+    )
+    steps = itertools.chain(stored_steps(stored) if stored else (), opened.steps(stored))
+    log, done = FollowedLog(follower, skeleton, rig), 0
+    interrupted = False
+    try:
+        for done, one in enumerate(follower.follow(steps), start=1):
+            log.add(one)
+            progress("detect", done, opened.timeline.count)
+    except KeyboardInterrupt:
+        if done < 2:
+            raise
+        interrupted = True
+    return log.observations(), interrupted
+
+
+def provenance_of(opened: Opened, incomplete: Sequence[str]) -> dict[str, Any]:
+    """How a result is made, in plain values; nothing that differs between two runs of the same command."""
+    session, centres = opened.session, opened.joint_centres if opened.config.joint_centres else None
+    recorded = recorded_at(session.inputs[0].path) if session.kind == "videos" else None
+    return {
+        "posefuse": __version__,
+        "rig_id": opened.rig.id,
+        "rig_file": session.rig_path.name,
+        "session": session.folder.name,
+        **({} if recorded is None else {"recorded": recorded}),
+        "inputs": {entry.camera: entry.path.name for entry in session.inputs},
+        "config": plain(dataclasses.asdict(opened.config)),
+        **({"network": dict(opened.network)} if opened.network else {}),
+        "joint_centres": plain(dataclasses.asdict(centres)) if centres else None,
+        "incomplete_cameras": list(incomplete),
+    }
+
+
+def _check_people(observations: Observations) -> None:
+    """Name the cause where it happens: cameras in which no person was ever found."""
+    steps, names = len(observations.step_t_ns), observations.camera_names
+    if not steps:
+        raise InputError("no frame could be read from any camera")
+    detected = (observations.score > 0).any(axis=1)
+    followed = detected & (observations.person_id != NOT_KEPT)
+    cameras = observations.frame_camera[observations.detection_frame]
+    # frames of each camera with a person, and how often that person is where the other cameras see one
+    seen = [len(np.unique(observations.detection_frame[detected & (cameras == c)])) for c in range(len(names))]
+    agreed = [int((followed & (cameras == c)).sum()) for c in range(len(names))]
+    empty = [name for name, frames in zip(names, seen, strict=True) if not frames]
+    for name in empty:
+        _warn(f"camera {name}: no person found in {steps} of {steps} frames")
+    least = 1 if observations.depth_m is not None else LEAST_CAMERAS
+    if len(names) - len(empty) < least:
+        raise InputError(
+            f"a person was found in {len(names) - len(empty)} of {len(names)} cameras; two are needed "
+            f"(no person in: {choices(empty)}); can the network see people in these images? "
+            "Of a network of your own, check channels, mean, std and layout in its card"
+        )
+    if sum(map(bool, agreed)) < least:
+        counts = ", ".join(f"{frames} frames of {name}" for name, frames in zip(names, seen, strict=True) if frames)
+        raise InputError(f"a person was found in {counts}, but no two agree: is the calibration the one of these videos?")
+
+
+def _notes(recording: Recording, config: TrackConfig) -> Iterator[str]:
+    """What a user may want to know of a result: people left out, names without a person, a refined rig."""
+    people = recording.poses.person_id
+    if others := others_line(others_seen(recording.observations, config.associate), len(people)):
+        yield others
+    if unused := config.names[int(people.max(initial=-1)) + 1 :]:
+        yield f"{len(people)} {'person' if len(people) == 1 else 'people'} found: no one has the name {choices(unused)}"
+    if REFINED in recording.provenance:
+        yield refined_line(recording.provenance[REFINED])
+
+
+# People who were seen but not asked for: how many, and in which cameras.
+
+# a person seen by one camera alone may be a poster on the wall
+_LEAST_CAMERAS = 2
+
+
+def others_seen(observations: Observations, settings: AssociateSettings) -> dict[str, int]:
+    """By camera, the most people that one search of a whole image found besides those of the result; none: left out."""
+    most: dict[str, int] = {}
+    frame = observations.detection_frame[observations.person_id != NOT_KEPT]
+    kept = Counter(zip(observations.frame_step[frame].tolist(), observations.frame_camera[frame].tolist(), strict=True))
+    for i in np.flatnonzero(observations.frame_look == LookKind.SEARCH).tolist():
+        found = observations.detections(i)
+        bodies = ~duplicates(found, settings.duplicate_share) & (found.score > 0).any(axis=1)
+        more = int(bodies.sum()) - kept[int(observations.frame_step[i]), int(observations.frame_camera[i])]
+        if more > 0:
+            most[found.camera] = max(most.get(found.camera, 0), more)
+    return most
+
+
+def others_line(seen: dict[str, int], followed: int) -> str | None:
+    """One line about them; None where there is nothing to report."""
+    if len(seen) < _LEAST_CAMERAS:
+        return None
+    where = ", ".join(f"{camera} ({count})" for camera, count in seen.items())
+    count = max(seen.values())
+    more = "1 more person was" if count == 1 else f"up to {count} more people were"
+    return f"{more} seen than the {followed} followed: {where}; `people=N` follows more"
+
+
+def refined_line(about: Mapping[str, Any]) -> str:
+    """What refining the extrinsics has changed, by the recording's provenance."""
+    cameras = about["cameras"]
+    worst = max(cameras, key=lambda name: float(cameras[name]["moved_m"]))
+    moved_mm, turned_deg = 1000 * cameras[worst]["moved_m"], np.rad2deg(cameras[worst]["turned_rad"])
+    return (
+        f"extrinsics refined from the people: keypoints are {about['before_px']:.2f} -> {about['after_px']:.2f} px off;"
+        f" {worst} changed most, by {moved_mm:.1f} mm and {turned_deg:.2f} deg"
+    )
+
+
+def finding_line(finding: RigFinding, session: Path) -> str:
+    """When it shows, what is wrong with a camera, and what to do about it."""
+    remedy = f"; `posefuse calibrate clocks {session}` finds its offset" if finding.kind == UNSYNCHRONISED else ""
+    return f"at {finding.t_ns / 1e9:.1f} s: {finding.detail}{remedy}"
+
+
+def _warn(line: str) -> None:
+    warnings.warn(line, UserWarning, stacklevel=2)
