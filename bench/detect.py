@@ -14,6 +14,8 @@ from harness import answer, arguments
 
 from posefuse.core import Frame, Region
 from posefuse.detection import BlazePoseConfig
+from posefuse.detection.build import network_plugin
+from posefuse.foundation.plugins import plugin_config
 
 VIEWS = 4
 SIZES_WH = ((640, 480), (1920, 1080))
@@ -22,7 +24,8 @@ CORES = len(os.sched_getaffinity(0))
 
 
 def measure(landmarks: str, streams: int, size_wh: tuple[int, int], known: bool, repeat: int) -> dict[str, str | float]:
-    detector = BlazePoseConfig(landmarks=landmarks, streams=streams).build()
+    plugin, options = network_plugin(landmarks)
+    detector = plugin_config("detectors", plugin, {**options, "streams": streams}).build()
     rng = np.random.default_rng(0)
     shape = (size_wh[1], size_wh[0], 3)
     frames = [

@@ -44,6 +44,12 @@ def keypoint(marker: str) -> str:
     return SIDES[marker[0]] + words.removeprefix("_")
 
 
+def limbs_of(data: Path) -> np.ndarray:
+    """(T, 12, 3) m: the limb joints of the reference."""
+    reference = read_trc(data / REFERENCE)
+    return reference.xyz_world[:, [tuple(map(keypoint, reference.names)).index(name) for name in LIMBS]]
+
+
 def man_found(recording: Recording, xyz: np.ndarray) -> dict[str, int]:
     """Per camera, frames in which the keypoints seen are those of the man of the reference, whichever side is called left."""
     found = {}
@@ -84,7 +90,7 @@ def main() -> None:
         return
     reference = read_trc(args.data / REFERENCE)
     every = tuple(keypoint(name) for name in reference.names)
-    limbs = reference.xyz_world[:, [every.index(name) for name in LIMBS]]
+    limbs = limbs_of(args.data)
     rows, others = [], []
     for name, changes in SETTINGS.items():
         recording = tracked(args.data, **changes)

@@ -97,6 +97,25 @@ def test_a_hand_changes_sides_with_its_arm(name):
     assert not any(skeleton.keypoints[i].startswith(("left_jaw", "left_brow")) for limb in (*arms, *legs) for i in limb)
 
 
+# markers of SynthPose in the order of its model card, and what they are called here
+SYNTHPOSE = {
+    "sternum": "sternum", "rshoulder": "right_shoulder_marker", "lshoulder": "left_shoulder_marker",
+    "r_lelbow": "right_elbow_lateral", "l_lelbow": "left_elbow_lateral", "r_melbow": "right_elbow_medial",
+    "l_melbow": "left_elbow_medial", "r_lwrist": "right_wrist_lateral", "l_lwrist": "left_wrist_lateral",
+    "r_mwrist": "right_wrist_medial", "l_mwrist": "left_wrist_medial", "r_ASIS": "right_asis", "l_ASIS": "left_asis",
+    "r_PSIS": "right_psis", "l_PSIS": "left_psis", "r_knee": "right_knee_lateral", "l_knee": "left_knee_lateral",
+    "r_mknee": "right_knee_medial", "l_mknee": "left_knee_medial", "r_ankle": "right_ankle_lateral",
+    "l_ankle": "left_ankle_lateral", "r_mankle": "right_ankle_medial", "l_mankle": "left_ankle_medial",
+    "r_5meta": "right_fifth_metatarsal", "l_5meta": "left_fifth_metatarsal", "r_toe": "right_toe_marker",
+    "l_toe": "left_toe_marker", "r_big_toe": "right_big_toe", "l_big_toe": "left_big_toe", "l_calc": "left_heel",
+    "r_calc": "right_heel", "C7": "c7", "L2": "l2", "T11": "t11", "T6": "t6",
+}  # fmt: skip
+
+
+def test_the_markers_of_synthpose_are_in_the_order_of_its_model_card() -> None:
+    assert SKELETONS["synthpose_52"].keypoints == (*COCO17.keypoints, *SYNTHPOSE.values())
+
+
 def test_keypoints_are_picked_by_name_synonym_or_midpoint() -> None:
     xyz = np.random.default_rng(0).normal(size=(4, K, 3))
     picked = pick_keypoints(xyz, COCO17, ["left_knee", "neck", "left_heel"])

@@ -13,7 +13,7 @@ from posefuse.realtime.estimator import warmed_up
 PERIOD_NS, STAGGER_NS, SPEED_M_S = 33_333_333, 3_000_000, 0.3
 
 
-@pytest.mark.parametrize("name", ["coco17", "halpe_26", "coco_wholebody_133"])
+@pytest.mark.parametrize("name", ["coco17", "halpe_26", "synthpose_52", "coco_wholebody_133"])
 def test_all_keypoints_of_a_set_are_followed(name: str, ring_rig: Callable[..., Rig]) -> None:
     rig, skeleton = ring_rig(4), SKELETONS[name]
     tracker = warmed_up(rig, skeleton, LiveConfig()).tracker

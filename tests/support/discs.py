@@ -57,7 +57,14 @@ def card_of(kind: str, folder: Path) -> Path:
     persons = graphs.bright_person(folder / "persons.onnx", (320, 256), 60.0)
     graphs.write_card(folder / "persons.toml", "detections", persons, (320, 256), rest="fill = 0\n")
     path = folder / f"{kind}.onnx"
-    if kind in ("simcc", "heatmap"):
+    if kind == "movenet":
+        size = (256, 256)
+        network = graphs.colour_one_stage(path, size, normalised, REACH, kind)
+    elif kind == "synthpose":
+        # each disc stands for several of its keypoints
+        size, top = (192, 256), top.replace("coco17", "synthpose_52")
+        network = graphs.colour_heatmaps(path, size, np.resize(normalised, (len(SKELETONS["synthpose_52"]), 3)), REACH)
+    elif kind in ("simcc", "heatmap"):
         size = (192, 256)
         build = graphs.colour_simcc if kind == "simcc" else graphs.colour_heatmaps
         network = build(path, size, normalised, REACH)
@@ -66,4 +73,5 @@ def card_of(kind: str, folder: Path) -> Path:
         network = graphs.colour_one_stage(path, size, normalised, REACH, kind)
         if kind == "yolo_pose":
             rest += 'letterbox = "centre"\n'
-    return graphs.write_card(folder / f"{kind}.toml", kind, network, size, top, rest)
+    layout = "heatmap" if kind == "synthpose" else kind
+    return graphs.write_card(folder / f"{kind}.toml", layout, network, size, top, rest)

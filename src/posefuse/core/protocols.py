@@ -42,6 +42,10 @@ class Source(Protocol):
         ...
 
 
+# what a detector states under "unknown" in its `network` where its standard deviations are a rule of thumb
+NOISE_NOT_FITTED = "noise not fitted"
+
+
 @runtime_checkable
 class Detector(Protocol):
     """Images to 2D keypoints."""

@@ -14,9 +14,15 @@ from .errors import ConfigError, choices
 
 # without side, and without the number of a point along a finger
 _LIMB_PARTS = (
-    ("shoulder", "elbow", "wrist", "hand_root", "thumb", "index", "middle", "ring", "pinky"),
-    ("hip", "knee", "ankle", "heel", "foot_index", "big_toe", "small_toe"),
-)
+    (
+        "shoulder", "elbow", "wrist", "hand_root", "thumb", "index", "middle", "ring", "pinky", "shoulder_marker",
+        "elbow_lateral", "elbow_medial", "wrist_lateral", "wrist_medial",
+    ),
+    (
+        "hip", "knee", "ankle", "heel", "foot_index", "big_toe", "small_toe", "asis", "psis", "knee_lateral", "knee_medial",
+        "ankle_lateral", "ankle_medial", "fifth_metatarsal", "toe_marker",
+    ),
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -234,6 +240,27 @@ HALPE_136 = Skeleton(
     HALPE_26.bones + tuple(bone for bone in COCO_WHOLEBODY_133.bones if bone not in ANATOMICAL23.bones),
 )  # fmt: skip
 
+# COCO-17 and 35 markers as laboratories place them (Gozlan et al. 2024, "OpenCapBench"), in the order of SynthPose's model card.
+# "rshoulder" and "r_toe" have "marker" in their names here, as shoulders are joints and toes are tips; "r_calc" is the heel
+SYNTHPOSE_52 = Skeleton(
+    "synthpose_52",
+    (
+        *COCO17.keypoints, "sternum", "right_shoulder_marker", "left_shoulder_marker",
+        *(
+            f"{side}_{marker}"
+            for marker in (
+                "elbow_lateral", "elbow_medial", "wrist_lateral", "wrist_medial", "asis", "psis", "knee_lateral", "knee_medial",
+                "ankle_lateral", "ankle_medial", "fifth_metatarsal", "toe_marker", "big_toe",
+            )
+            for side in ("right", "left")
+        ),
+        "left_heel", "right_heel", "c7", "l2", "t11", "t6",
+    ),
+    COCO17.bones + (("c7", "t6"), ("t6", "t11"), ("t11", "l2"), ("left_asis", "right_asis"), ("left_psis", "right_psis"))
+    + _both([(f"{joint}_lateral", f"{joint}_medial") for joint in ("elbow", "wrist", "knee", "ankle")])
+    + _both([("asis", "psis"), ("ankle", "heel"), ("heel", "big_toe"), ("big_toe", "fifth_metatarsal")]),
+)  # fmt: skip
+
 # the 14 joints of the paper's tables; neck and mid_hip are midpoints
 PAPER14 = Skeleton(
     "paper14",
@@ -245,8 +272,11 @@ PAPER14 = Skeleton(
 )  # fmt: skip
 
 SKELETONS = {
-    s.name: s for s in (BLAZEPOSE33, COCO17, ANATOMICAL23, BODY_25, BODY_25B, HALPE_26, COCO_WHOLEBODY_133, HALPE_136, PAPER14)
-}
+    s.name: s
+    for s in (
+        BLAZEPOSE33, COCO17, ANATOMICAL23, BODY_25, BODY_25B, HALPE_26, SYNTHPOSE_52, COCO_WHOLEBODY_133, HALPE_136, PAPER14,
+    )
+}  # fmt: skip
 
 _MIDPOINTS = {"neck": ("left_shoulder", "right_shoulder"), "mid_hip": ("left_hip", "right_hip")}
 _SYNONYMS = {

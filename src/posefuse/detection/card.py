@@ -15,13 +15,13 @@ from posefuse.core import SKELETONS, ConfigError, ModelError, Skeleton
 from posefuse.core.errors import choices
 from posefuse.foundation.settings import read_mapping, settings, settings_from_mapping
 
-from .archives import Source, UrlSource
+from .archives import NpmSource, Source, UrlSource
 
 CARDS_FOLDER = Path(__file__).parent / "cards"
 _BESIDE_SUFFIXES = (".noise.toml", ".joint_centres.toml")
 
-Layout = Literal["simcc", "heatmap", "rtmo", "yolo_pose", "yolox", "detections"]
-TOP_DOWN: tuple[Layout, ...] = ("simcc", "heatmap")
+Layout = Literal["simcc", "heatmap", "movenet", "rtmo", "yolo_pose", "yolox", "detections"]
+TOP_DOWN: tuple[Layout, ...] = ("simcc", "heatmap", "movenet")
 ONE_STAGE: tuple[Layout, ...] = ("rtmo", "yolo_pose")
 PERSONS: tuple[Layout, ...] = ("yolox", "detections")
 LAYOUTS = (*TOP_DOWN, *ONE_STAGE, *PERSONS)
@@ -178,7 +178,8 @@ class NetworkCard(Card):
         file: the network next to the card; "" where it is fetched from `source`.
         source: where it is published; None for a local file.
         size_bytes: of the network's file; an archive is never unpacked beyond it.
-        sha256: of the network's file; "" where no source states it: then the file that is fetched first is kept to (`files`).
+        sha256: of the network's file, as it is kept; "" where no source states it: then the file that is fetched first is kept to
+            (`files`).
         licence, published: under which terms, and where the maker publishes it; for people.
         terms: what is to be read and accepted before it is fetched; None: nothing beyond the licence.
         keypoints: name of the keypoint set in `core.SKELETONS`; "" for a person detector.
@@ -205,7 +206,9 @@ class NetworkCard(Card):
         if isinstance(self.source, UrlSource):
             # what is in archives is called alike; cards of the same archive share the file
             return f"{PurePosixPath(self.source.file_pattern).stem if self.source.member else self.name}.onnx"
-        return PurePosixPath(self.source.member).name
+        member = PurePosixPath(self.source.member)
+        # of a graph model of TensorFlow.js, what is made of it
+        return member.with_suffix(".pb").name if isinstance(self.source, NpmSource) and self.source.weights else member.name
 
     @property
     def skeleton(self) -> Skeleton:
@@ -236,7 +239,7 @@ class LandmarkCard(NetworkCard):
 
 @settings
 class OnnxCard(NetworkCard):
-    """A network in an ONNX file, of one of `LAYOUTS`.
+    """A network in an ONNX file or a frozen TensorFlow graph (.pb), of one of `LAYOUTS`.
 
     Attributes:
         persons: top-down: card that finds people, a TOML file or ``blazepose_persons``.

@@ -12,6 +12,7 @@ from annotated_types import Ge
 
 from posefuse.core import ConfigError, Detections2D, Frame, JointCentres, Region, Skeleton
 from posefuse.core.arrays import Array
+from posefuse.core.protocols import NOISE_NOT_FITTED
 from posefuse.core.values import keypoint_boxes
 from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.foundation.places import default_cache_dir
@@ -157,7 +158,7 @@ class _Networked:
     def network(self) -> dict[str, str]:
         """Which network it is, where it runs, under which terms, and what was not fitted to it; for people."""
         card, table = self._network.card, self._joint_centres
-        noise = None if card.noise_file else "noise not fitted"
+        noise = None if card.noise_file else NOISE_NOT_FITTED
         centres = None if table else "keypoints as the network marks them, not joint centres"
         unknown = ", ".join(filter(None, (noise, centres)))
         return {

@@ -36,15 +36,18 @@ SEGMENTS: dict[str, tuple[str, str]] = {"trunk": ("mid_hip", "neck")} | {
 }
 
 _MEMBERS = {
-    "forearm": ("wrist", "pinky", "index", "thumb"),
-    "upper_arm": ("elbow",),
-    "shank": ("ankle", "heel", "foot_index", "big_toe", "small_toe"),
-    "thigh": ("knee",),
-}
+    "forearm": ("wrist", "wrist_lateral", "wrist_medial", "pinky", "index", "thumb"),
+    "upper_arm": ("elbow", "elbow_lateral", "elbow_medial"),
+    "shank": (
+        "ankle", "ankle_lateral", "ankle_medial", "heel", "foot_index", "big_toe", "small_toe", "fifth_metatarsal", "toe_marker",
+    ),
+    "thigh": ("knee", "knee_lateral", "knee_medial"),
+}  # fmt: skip
+_OF_TRUNK = ("shoulder", "shoulder_marker", "hip", "asis", "psis")
 
 # keypoint -> segment
 SEGMENT_OF: dict[str, str] = dict.fromkeys(
-    ("neck", "mid_hip", "left_shoulder", "right_shoulder", "left_hip", "right_hip"), "trunk"
+    ("neck", "mid_hip", "sternum", "c7", "t6", "t11", "l2", *(f"{side}_{part}" for side in _SIDES for part in _OF_TRUNK)), "trunk"
 ) | {f"{side}_{member}": f"{side}_{limb}" for side in _SIDES for limb, members in _MEMBERS.items() for member in members}
 
 

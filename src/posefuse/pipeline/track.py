@@ -20,6 +20,7 @@ from posefuse.core import InputError, LookKind, Observations, Pose3D, PosefuseEr
 from posefuse.core.duplicates import duplicates
 from posefuse.core.errors import choices
 from posefuse.core.observations import NOT_KEPT
+from posefuse.core.protocols import NOISE_NOT_FITTED
 from posefuse.detection.build import fetch_networks
 from posefuse.foundation.compiled import compiling
 from posefuse.foundation.parsing import plain
@@ -35,6 +36,7 @@ from posefuse.tracking.stand_in import made_up_detections
 from .clock import StageClock
 from .config import TrackConfig
 from .following import FollowedLog, PeopleFollower
+from .noise_scale import noise_scale
 from .opening import Opened, open_session
 from .result_folder import DetectionStore, ResultFolder
 from .session import LEAST_CAMERAS, Session
@@ -134,6 +136,7 @@ def _tracked(
     try:
         _check_people(observations)
         with clock.stage("smooth"):
+            opened, observations = _with_known_noise(opened, observations, progress)
             recording = with_refined_rig(solve_followed(observations, opened.rig, provenance_of(opened, incomplete)))
     except PosefuseError:
         if store is not None and not (observations.score > 0).any():
@@ -151,6 +154,18 @@ def _tracked(
     fits = {name: dataclasses.asdict(one) for name, one in cameras.items()}
     about = {**recording.provenance, "camera_fits": plain(fits), "rig_warnings": [*moved, *lines]}
     return Tracked(recording=dataclasses.replace(recording, provenance=about), interrupted=interrupted, clock=clock)
+
+
+def _with_known_noise(opened: Opened, observations: Observations, progress: Progress) -> tuple[Opened, Observations]:
+    """Standard deviations of a network whose noise was not fitted, scaled as this recording shows; and what is stated of it."""
+    unknown = opened.network.get("unknown", "")
+    if NOISE_NOT_FITTED not in unknown or (scale := noise_scale(observations, opened.rig, opened.config.fuse)) is None:
+        return opened, observations
+    scaled = f"{NOISE_NOT_FITTED}; scaled by {scale:.2g} from this recording"
+    progress("detect", 0, None, f"{opened.network['name']}: {scaled}")
+    network = {**opened.network, "unknown": unknown.replace(NOISE_NOT_FITTED, scaled)}
+    sigma_px = (observations.sigma_px * scale).astype(observations.sigma_px.dtype)
+    return dataclasses.replace(opened, network=network), dataclasses.replace(observations, sigma_px=sigma_px)
 
 
 def _moved_cameras(opened: Opened, clock: StageClock, progress: Progress) -> list[str]:

@@ -173,7 +173,8 @@ def test_visibilities_of_annotations_become_scores(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("count", "name"), [(26, "halpe_26"), (133, "coco_wholebody_133"), (136, "halpe_136"), (33, "blazepose33")]
+    ("count", "name"),
+    [(26, "halpe_26"), (52, "synthpose_52"), (133, "coco_wholebody_133"), (136, "halpe_136"), (33, "blazepose33")],
 )
 def test_larger_keypoint_sets_are_recognised_by_their_number(count: int, name: str, tmp_path: Path) -> None:
     people = [{"pose_keypoints_2d": np.ones((count, 3)).ravel().tolist()}]

@@ -23,6 +23,7 @@ COUNTS = {
     25: "body_25",
     26: "halpe_26",
     33: "blazepose33",
+    52: "synthpose_52",
     133: "coco_wholebody_133",
     136: "halpe_136",
 }
