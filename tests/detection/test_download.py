@@ -106,7 +106,7 @@ def test_a_file_that_never_comes_is_one_line_with_each_address_and_reason(server
 
 
 def test_an_address_that_gives_nothing_leaves_nothing(get, tmp_path):
-    with pytest.raises(ModelError, match=r"refused.*posefuse models --from PATH"):
+    with pytest.raises(ModelError, match=r"refused.*posefuse models NAME --from PATH"):
         get("http://127.0.0.1:9/n.onnx")
     assert not list(tmp_path.iterdir())
 

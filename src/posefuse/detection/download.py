@@ -58,7 +58,8 @@ def downloaded(
         raise ModelError(f"{part}: cannot be written ({error.strerror})") from None
     if not whole:
         raise ModelError(
-            f"{target.name}: cannot be downloaded ({'; '.join(reasons)}); bring it from elsewhere: posefuse models --from PATH"
+            f"{target.name}: cannot be downloaded ({'; '.join(reasons)}); bring it from elsewhere:"
+            " posefuse models NAME --from PATH"
         )
     return target
 
