@@ -307,7 +307,7 @@ def test_two_cameras_agree_before_one_alone_proposes(ring_rig) -> None:
 
 
 def test_a_person_whom_one_camera_follows_is_held_against_its_depth(ring_rig) -> None:
-    """Without depth one view fits a person at any distance; with it somebody of another size behind them does not."""
+    """Without depth one view fits a person at any distance; with it a person of another size behind them does not."""
     rig = ring_rig(1)
     camera = rig.cameras[0]
     before = fuse(associate([seen(camera, standing())], rig, AssociateSettings()), rig, FuseSettings())

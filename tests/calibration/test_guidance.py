@@ -46,13 +46,13 @@ def test_it_is_enough_when_all_images_are_covered_and_all_cameras_hang_together(
 
 
 @dataclass(frozen=True)
-class Film:
+class FakeVideo:
     """Frames from memory, as a live source; None fails."""
 
     images: tuple[Any, ...] | None
     camera: str
 
-    def build(self) -> "Film":
+    def build(self) -> "FakeVideo":
         return self
 
     def close(self) -> None:
@@ -67,11 +67,11 @@ class Film:
 
 def test_at_the_cameras_frames_are_counted_and_a_dead_one_is_named() -> None:
     shown: list[str] = []
-    inputs = [LiveInput(name, "film", Film((marker_page(),), name), reopen=False) for name in ("a", "b")]
+    inputs = [LiveInput(name, "fake", FakeVideo((marker_page(),), name), reopen=False) for name in ("a", "b")]
     with CameraFeed(inputs) as feed:
         found = guide(feed, Markers(0.1), lambda state: shown.append(state.words), 5.0)
     assert found.coverage.together.tolist() == [[1, 1], [1, 1]]
     assert shown == ["show the target to a and to b at the same time"]
-    broken = LiveInput("b", "film", Film(None, "b"), reopen=False)
+    broken = LiveInput("b", "fake", FakeVideo(None, "b"), reopen=False)
     with CameraFeed([inputs[0], broken]) as feed, pytest.raises(SourceError, match="camera b: unplugged"):
         guide(feed, Markers(0.1), lambda state: None, 5.0)

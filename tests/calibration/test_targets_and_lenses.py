@@ -244,7 +244,7 @@ def test_the_back_of_a_board_links_cameras_that_face_each_other(facing: Rig) -> 
 
 @pytest.mark.slow
 def test_a_back_that_is_glued_on_badly_does_no_harm(facing: Rig) -> None:
-    """It is glued on 3 mm and 0.5 deg beside where its thickness says, which the solve finds out."""
+    """It is glued on 3 mm and 0.5 deg off the place that its thickness states, which the solve finds out."""
     glued = SE3.from_rotvec(np.deg2rad([0.0, 0.2, 0.5]), np.array([0.003, -0.001, 0.002]))
     seen = two_sided(facing, glued)
     found = calibrate_extrinsics(seen, facing.cameras, TWO_SIDED, OPTIONS)

@@ -117,8 +117,8 @@ def test_verification_measures_millimetres_and_finds_a_moved_camera_and_a_wrong_
     assert true.length_rms_m < 3e-3
     assert true.report.numbers["scale"] == pytest.approx(1, abs=2e-3)
     assert np.isfinite(true.cell_px).any(axis=(1, 2)).all()
-    bumped = verify(turned(lab.rig, 0, [0.02, 0, 0]), seen, BOARD)
-    assert "reprojection" in {check.name for check in bumped.report.failed}
+    moved_rig = verify(turned(lab.rig, 0, [0.02, 0, 0]), seen, BOARD)
+    assert "reprojection" in {check.name for check in moved_rig.report.failed}
     big = Rig(tuple(replace(c, cam_from_world=SE3(c.cam_from_world.wxyz, c.cam_from_world.xyz * 1.01)) for c in lab.rig))
     assert "scale is right" in {check.name for check in verify(big, seen, BOARD).report.failed}
 
@@ -187,9 +187,9 @@ def test_the_monitor_names_what_went_wrong_within_seconds(lab: Any) -> None:
     rig = Rig((*lab.rig.cameras[:3], aside))
     assert run_monitor(rig, lambda t: rig.project(walk(np.array([t]))[0])) == []
     after = turned(rig, 2, [0, 0.03, 0])
-    bumped = run_monitor(rig, lambda t: (rig if t < 10 else after).project(walk(np.array([t]))[0]))
-    assert (bumped[0].kind, bumped[0].cameras) == ("moved", ("cam02",))
-    assert 10 <= bumped[0].t_ns / 1e9 < 13
+    moved_rig = run_monitor(rig, lambda t: (rig if t < 10 else after).project(walk(np.array([t]))[0]))
+    assert (moved_rig[0].kind, moved_rig[0].cameras) == ("moved", ("cam02",))
+    assert 10 <= moved_rig[0].t_ns / 1e9 < 13
 
     def exchanged(t: float) -> np.ndarray:
         xy = rig.project(walk(np.array([t]))[0])

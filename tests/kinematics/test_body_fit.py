@@ -339,7 +339,7 @@ def squat(t: float) -> dict:
 
 @pytest.fixture(scope="module")
 def squatter(posed):
-    """Exact keypoints of somebody whose lengths are all different, and of no usual proportions."""
+    """Exact keypoints of a person whose lengths are all different, and of no usual proportions."""
     return posed([squat(i / LENGTHS_RATE_HZ) for i in range(STEPS)], "coco17", sigma_m=0.005, rate_hz=LENGTHS_RATE_HZ)
 
 

@@ -330,7 +330,7 @@ def test_a_video_that_still_makes_progress_is_finished_and_one_that_does_not_is_
 
 def test_of_two_videos_of_a_camera_both_are_finished_at_the_end(tmp_path: Path) -> None:
     """Stop, then End at once: the one that was switched off is not finished yet."""
-    capture = Capture(LiveInput("cam", "film", None, reopen=False), None, threading.Condition())
+    capture = Capture(LiveInput("cam", "fake", None, reopen=False), None, threading.Condition())
     for name in ("first", "second"):
         (tmp_path / name).mkdir()
         capture.exchange_keeper(VideoKeeper(tmp_path / name, "cam"))

@@ -103,9 +103,8 @@ def solve_prop(seen: Snapshots, corners: Array, cameras: tuple[Camera, ...], sta
     """
     first = solve_bundle(_problem(seen, corners, cameras, start, freedom, _ROUGH_SIGMA_PX, cauchy=1.0), start)
     sigma_px = _spread_px(first.residual * _ROUGH_SIGMA_PX, first.weight)
-    problem = _problem(seen, corners, cameras, start, freedom, sigma_px, cauchy=_CAUCHY)
-    second = solve_bundle(problem, first.state)
-    return _summary(second, problem, sigma_px, freedom, seen)
+    second = solve_bundle(_problem(seen, corners, cameras, start, freedom, sigma_px, cauchy=_CAUCHY), first.state)
+    return _summary(second, sigma_px, freedom, seen)
 
 
 def _spread_px(residual_px: Array, weight: Array) -> float:
@@ -114,9 +113,7 @@ def _spread_px(residual_px: Array, weight: Array) -> float:
     return max(float(SIGMA_PER_MAD * np.median(np.abs(usable))), _LEAST_SIGMA_PX) if len(usable) else _ROUGH_SIGMA_PX
 
 
-def _summary(
-    solution: Solution[PropState], problem: Problem[PropState], assumed_px: float, freedom: Freedom, seen: Snapshots
-) -> PropSolution:
+def _summary(solution: Solution[PropState], assumed_px: float, freedom: Freedom, seen: Snapshots) -> PropSolution:
     """Standard errors by the noise that was found instead of the noise that was assumed."""
     residual_px = solution.residual * assumed_px
     sigma_px = _spread_px(residual_px, solution.weight)
@@ -126,29 +123,25 @@ def _summary(
     full = np.zeros((len(free), len(free)))
     covariance = clustered_covariance(solution.covariance * scale, solution.scores / scale, _time_block(seen.t_s))
     full[np.ix_(free, free)] = covariance
-    cameras = np.stack([full[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] for i in range(count)])
-    clock = 6 * count + 6 * len(solution.state.prop_from_patch)
-    variance = np.diag(full)[clock : clock + 2 * count].reshape(count, 2)
-    size, first = len(LENS_PARAMETERS), clock + 2 * count
-    lenses = np.stack([full[first + size * i : first + size * (i + 1), first + size * i : first + size * (i + 1)]
-                       for i in range(count)])  # fmt: skip
-    poses, _, clocks, intrinsics = (block.jacobian * assumed_px for block in problem.linearise(solution.state).blocks)
-    predicted_sigma_px = np.zeros(len(residual_px))
+    # pose, clock and intrinsics of each camera
+    clocks = 6 * count + 6 * len(solution.state.prop_from_patch)
+    begins = ((0, 6), (clocks, 2), (clocks + 2 * count, len(LENS_PARAMETERS)))
+    own = [np.concatenate([begin + size * i + np.arange(size) for begin, size in begins]) for i in range(count)]
+    joint = np.stack([full[np.ix_(one, one)] for one in own])
+    poses, _, late, intrinsics = (block.jacobian * assumed_px for block in solution.linear.blocks)
+    slope, predicted_px2 = np.concatenate([poses, late, intrinsics], axis=2), np.zeros(len(residual_px))
     for i in range(count):
-        own = np.r_[6 * i : 6 * i + 6, clock + 2 * i : clock + 2 * i + 2, first + size * i : first + size * (i + 1)]
-        mine = seen.camera == i
-        slope = np.concatenate([poses[mine], clocks[mine], intrinsics[mine]], axis=2)
-        variance_px2 = np.einsum("nai,ij,naj->n", slope, full[np.ix_(own, own)], slope)
-        predicted_sigma_px[mine] = np.sqrt(np.maximum(variance_px2, 0.0))
+        mine = slope[seen.camera == i]
+        predicted_px2[seen.camera == i] = np.einsum("nai,ij,naj->n", mine, joint[i], mine)
     return PropSolution(
         state=solution.state,
         sigma_px=sigma_px,
         residual_px=residual_px,
         weight=solution.weight,
-        camera_covariance=cameras,
-        delay_sigma_s=np.sqrt(variance) * _DELAY_SCALE_S,
-        lens_covariance=lenses,
-        predicted_sigma_px=predicted_sigma_px,
+        camera_covariance=joint[:, :6, :6],
+        delay_sigma_s=np.sqrt(np.diagonal(joint[:, 6:8, 6:8], axis1=1, axis2=2)) * _DELAY_SCALE_S,
+        lens_covariance=joint[:, 8:, 8:],
+        predicted_sigma_px=np.sqrt(np.maximum(predicted_px2, 0.0)),
         iterations=solution.iterations,
     )
 

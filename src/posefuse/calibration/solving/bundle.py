@@ -83,7 +83,7 @@ class Solution(Generic[State]):
     """Where the solver stopped.
 
     Attributes:
-        state: the unknowns. residual: (N, 2) there. weight: (N,) robust weights there.
+        state: the unknowns. residual: (N, 2) there. weight: (N,) robust weights there. linear: the problem about it.
         covariance: (G, G) of the free global unknowns, in the order of the blocks, for unit observation noise.
         scores: (L, G) pull of the observations of each local unknown on the free global ones; their sum is about 0.
         iterations: steps tried.
@@ -92,6 +92,7 @@ class Solution(Generic[State]):
     state: State
     residual: Array
     weight: Array
+    linear: Linearised
     covariance: Array
     scores: Array
     iterations: int
@@ -133,6 +134,7 @@ def solve_bundle(problem: Problem[State], start: State, most_iterations: int = _
         state=state,
         residual=residual,
         weight=weight,
+        linear=linear,
         covariance=system.covariance(),
         scores=system.scores(linear, weight),
         iterations=iteration,
