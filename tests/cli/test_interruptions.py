@@ -177,7 +177,7 @@ def test_a_run_that_is_interrupted_repeatedly_can_be_completed(
 ) -> None:
     out = tmp_path / "result"
     for options in ((), ("--resume",)):
-        assert track(session, out, *options, at=([*DETECTING[:2], 10, "SIGKILL"],)).returncode == -signal.SIGKILL
+        assert track(session, out, *options, at=([*STORING[:2], 10, "SIGKILL"],)).returncode == -signal.SIGKILL
     [left] = find_unfinished(out)
     assert 10 < len({batch.step for batch in read_log(left / LOG_FILE).batches}) < STEPS
     check_resumed(track, session, out, whole)
