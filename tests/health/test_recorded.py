@@ -84,3 +84,10 @@ def test_two_cameras_cannot_distinguish_and_report_nothing(walk: Walk) -> None:
     rig, t_s, xyz, xy = walk
     two = Rig(rig.cameras[:2])
     assert checked_rig(recording_of(two, xyz, xy[:, :2] + [0, 50.0], t_s), two)[1] == []
+
+
+@pytest.mark.parametrize("off_px", [20.0, 40.0, 80.0])
+def test_half_a_second_on_another_person_is_no_moved_camera(walk: Walk, off_px: float) -> None:
+    rig, t_s, xyz, xy = walk
+    mixed = np.where((abs(t_s - 5) < 0.25)[:, None, None, None] & (np.arange(4)[:, None, None] == 2), xy + [off_px, 5.0], xy)
+    assert checked_rig(recording_of(rig, xyz, mixed, t_s), rig)[1] == []

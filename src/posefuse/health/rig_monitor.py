@@ -73,14 +73,15 @@ class MonitorState:
     """State of the monitor.
 
     Attributes:
-        sums: one per memory. before: up to two time steps, the newer last. recent: points of the newest time steps, (C, P, 2)
-            each.
+        sums: one per memory. steps: what each time step of the longest memory adds to them, and when. before: up to two time
+            steps, the newer last. recent: points of the newest time steps, (C, P, 2) each.
         finding: the present one; None while the rig is healthy. well_ns: since when it seems to be over.
         doubt: kind and cameras that are reported if it lasts, since `since_ns`.
         others: state of the cameras that are not reported, while some are.
     """
 
     sums: tuple[Sums, ...]
+    steps: tuple[tuple[int, Sums], ...] = ()
     before: tuple[TriangulatedStep, ...] = ()
     recent: tuple[Array, ...] = ()
     finding: RigFinding | None = None
@@ -116,7 +117,8 @@ def observe(state: MonitorState, rig: Rig, t_ns: int, xy_img: Array) -> tuple[Mo
     older, middle = state.before
     new = sums_of(rig, middle, (now.xyz_world - older.xyz_world) / apart_s[0])
     sums = tuple(old.decayed(float(np.exp(-apart_s[1] / m)), new) for old, m in zip(state.sums, MEMORIES_S, strict=True))
-    state = replace(state, sums=sums, before=(middle, now), recent=recent)
+    steps = tuple(one for one in (*state.steps, (t_ns, new)) if t_ns - one[0] < MEMORIES_S[-1] * 1e9)
+    state = replace(state, sums=sums, steps=steps, before=(middle, now), recent=recent)
     return _judged(state, rig, t_ns) if state.finding is None else _gone_on(state, state.finding, rig, t_ns, xy_img)
 
 
@@ -125,17 +127,22 @@ class Suspect:
     """What would be wrong with a camera, if anything is.
 
     Attributes:
-        kind: ``moved`` or ``unsynchronised``. camera: its index. amount: rotation in rad, or delay in s.
+        kind: ``moved`` or ``unsynchronised``. camera: its index. unknowns: rotation (3,) in rad, or delay (1,) in s.
         displaced_m: by how much that displaces the person in its views, at the person.
         gain: squared residuals it explains. sure: the same in units of the residual variance per degree of freedom.
     """
 
     kind: str
     camera: int
-    amount: float
+    unknowns: Array
     displaced_m: float
     gain: float
     sure: float
+
+    @property
+    def amount(self) -> float:
+        """Rotation in rad, or delay in s with its sign."""
+        return float(self.unknowns[0]) if self.kind == UNSYNCHRONISED else float(np.linalg.norm(self.unknowns))
 
 
 def suspects(sums: Sums) -> list[Suspect]:
@@ -143,13 +150,13 @@ def suspects(sums: Sums) -> list[Suspect]:
     found = []
     # whatever all rotations explain is taken away from what a delay may explain
     for kind, unknowns, left in ((MOVED, TURN, sums), (UNSYNCHRONISED, LATE, sums.without(TURN))):
-        amount, displaced_m, gain = _explained(left, unknowns)
+        solved, displaced_m, gain = _explained(left, unknowns)
         sure = gain / np.maximum(left.squares - gain, 1e-12) * sums.count
         found += [
             Suspect(
                 kind=kind,
                 camera=c,
-                amount=float(amount[c]),
+                unknowns=solved[c],
                 displaced_m=float(displaced_m[c]),
                 gain=float(gain[c]),
                 sure=float(sure[c]),
@@ -159,15 +166,19 @@ def suspects(sums: Sums) -> list[Suspect]:
     return found
 
 
+def _places(unknowns: slice, cameras: int) -> Array:
+    """(C, 3) or (C, 1) where each camera's rotation or delay stands among the unknowns of all."""
+    return np.arange(cameras)[:, None] * UNKNOWNS + np.arange(UNKNOWNS)[unknowns]
+
+
 def _explained(sums: Sums, unknowns: slice) -> tuple[Array, Array, Array]:
-    """Rotation in rad or delay in s, the displacement it causes in m, and the squared residuals it explains; (C,) each."""
-    cameras = len(sums.points)
-    own = np.arange(cameras)[:, None] * UNKNOWNS + np.arange(UNKNOWNS)[unknowns]
+    """Rotation (C, 3) in rad or delay (C, 1) in s, the displacement (C,) it causes in m, and the squared residuals (C,) it
+    explains."""
+    own = _places(unknowns, len(sums.points))
     information, pull = sums.information[own[:, :, None], own[:, None, :]], sums.pull[own]
     found = np.linalg.solve(information + 1e-6 * np.eye(own.shape[1]), pull[..., None])[..., 0]
-    amount = found[:, 0] if own.shape[1] == 1 else np.linalg.norm(found, axis=1)
     squares = np.einsum("cu,cuv,cv->c", found, sums.own[:, unknowns, unknowns], found)
-    return amount, np.sqrt(squares / np.maximum(sums.points, 1e-9)), (pull * found).sum(axis=1)
+    return found, np.sqrt(squares / np.maximum(sums.points, 1e-9)), (pull * found).sum(axis=1)
 
 
 def _judged(state: MonitorState, rig: Rig, t_ns: int) -> tuple[MonitorState, list[RigFinding]]:
@@ -190,14 +201,15 @@ def _suspected(state: MonitorState, rig: Rig) -> RigFinding | None:
     apart_m = _misfit_over(rig, state.recent) if _misfit_m(short) > _MAY_BE_SWAPPED_M else 0.0
     if apart_m > _MAY_BE_SWAPPED_M and (pairs := _exchanged(rig, state.recent, apart_m)):
         return _swapped(rig, pairs, apart_m)
-    worst = [_worst(sums, memory) for memory, sums in enumerate(state.sums)]
+    worst = [_worst(state, memory) for memory in range(len(MEMORIES_S))]
     sure = [one for one in worst if one is not None]
     return _named(rig, max(sure, key=lambda one: one[0])[1]) if sure else None
 
 
-def _worst(sums: Sums, memory: int) -> tuple[float, Suspect] | None:
+def _worst(state: MonitorState, memory: int) -> tuple[float, Suspect] | None:
     """The best explanation of the residuals and how far it exceeds its threshold; None where it does not, or another camera
     explains about as much."""
+    sums = state.sums[memory]
     found = suspects(sums)
     for kind in (UNSYNCHRONISED, MOVED):
         second, worst = sorted((one for one in found if one.kind == kind), key=lambda one: one.sure)[-2:]
@@ -210,9 +222,23 @@ def _worst(sums: Sums, memory: int) -> tuple[float, Suspect] | None:
             and sums.count <= most_left * (sums.count + worst.sure)
             # no rotation explains a camera that looks at another person; a large one is not quite linear
             and worst.gain <= worst.sure * max(_GROSS_M, _NOT_LINEAR * worst.displaced_m) ** 2
+            and (kind == UNSYNCHRONISED or _lasts(worst, state.steps, MEMORIES_S[memory]))
         ):
             return worst.sure / needed, worst
     return None
+
+
+def _lasts(suspect: Suspect, steps: Sequence[tuple[int, Sums]], memory_s: float) -> bool:
+    """Whether most time steps of the last seconds show a rotation by themselves, each counting by what it could show.
+
+    A camera that was moved shows it in all of them; one that takes another person for this one, for some tenths of a second.
+    """
+    own, shown = _places(TURN, len(steps[0][1].points))[suspect.camera], 0.0
+    for t_ns, sums in steps:
+        if steps[-1][0] - t_ns < memory_s * 1e9:
+            could = suspect.unknowns @ sums.information[np.ix_(own, own)] @ suspect.unknowns
+            shown += min(2 * sums.pull[own] @ suspect.unknowns - could, could)
+    return shown > 0
 
 
 def _misfit_m(sums: Sums) -> float:
