@@ -156,12 +156,12 @@ def test_a_camera_that_is_moved_half_way_is_refused_by_name(lab: Any, plain: Cor
 
 
 def test_a_camera_that_turns_slowly_is_refused_by_name(lab: Any, plain: CornerObservations) -> None:
-    """Half a degree in all, in eight steps; corners spread less than by a usual difference of lenses."""
+    """Half a degree in all, in eight steps: in one rig corners spread hardly more than in one for each half."""
     mixed, end_ns = plain.rows(plain.camera != 2), int(plain.t_ns.max()) + 1
     for k in range(8):
-        seen = lab.watch(rig=Rig(turned(lab.rig, 2, np.deg2rad([0, 0.5 * k / 7, 0]))))
+        seen = lab.watch(rig=Rig(turned(lab.rig, 2, np.deg2rad([0, 0, 0.5 * k / 7]))))
         mixed = merged(mixed, seen.rows((seen.camera == 2) & (seen.t_ns * 8 // end_ns == k)))
-    with pytest.raises(RefusedCalibration, match=r"cause: cam02 was moved slowly: it turned by 0\.[45]\d deg"):
+    with pytest.raises(RefusedCalibration, match=r"cause: cam02 was moved slowly: it turned by 0\.[4-6]\d deg"):
         calibrate_extrinsics(mixed, lab.rig.cameras, lab.target, TOGETHER)
 
 
