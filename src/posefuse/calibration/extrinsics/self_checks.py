@@ -374,10 +374,15 @@ def turn_excess(free: PropSolution, solved: Solved) -> Array:
 
 
 def turned_by(free: PropSolution, solved: Solved) -> tuple[Array, Array]:
-    """(C,) rad by which each camera turns over the recording, and (C,) how many standard errors that is."""
+    """(C,) rad by which each camera turns over the recording, and (C,) how many standard errors its own turn is.
+
+    Against the median: cameras in a row hardly determine a turn that all share about that row, and it moves none against another.
+    """
     rate = free.state.turn_rad_s
+    world = np.einsum("cji,cj->ci", free.state.cam_from_world.R, rate)
     square = (rate * np.linalg.solve(free.turn_covariance, rate[..., None])[..., 0]).sum(axis=1)
-    return np.linalg.norm(rate, axis=1) * np.ptp(solved.seen.t_s), np.sqrt(np.maximum(square, 0.0))
+    apart = np.linalg.norm(world - np.median(world, axis=0), axis=1)
+    return apart * np.ptp(solved.seen.t_s), np.sqrt(np.maximum(square, 0.0))
 
 
 def _shared(sigma: Array) -> Array:
