@@ -155,6 +155,16 @@ def test_a_camera_that_is_moved_half_way_is_refused_by_name(lab: Any, plain: Cor
         calibrate_extrinsics(mixed, lab.rig.cameras, lab.target, TOGETHER)
 
 
+def test_a_camera_that_turns_slowly_is_refused_by_name(lab: Any, plain: CornerObservations) -> None:
+    """Half a degree in all, in eight steps: in one rig corners spread hardly more than in one for each half."""
+    mixed, end_ns = plain.rows(plain.camera != 2), int(plain.t_ns.max()) + 1
+    for k in range(8):
+        seen = lab.watch(rig=Rig(turned(lab.rig, 2, np.deg2rad([0, 0, 0.5 * k / 7]))))
+        mixed = merged(mixed, seen.rows((seen.camera == 2) & (seen.t_ns * 8 // end_ns == k)))
+    with pytest.raises(RefusedCalibration, match=r"cause: cam02 was moved slowly: it turned by 0\.[4-6]\d deg"):
+        calibrate_extrinsics(mixed, lab.rig.cameras, lab.target, TOGETHER)
+
+
 @pytest.mark.slow
 def test_an_image_turned_by_half_a_turn_is_named_unless_stated(lab: Any, plain: CornerObservations) -> None:
     turned = in_camera(plain, 1, xy_img=np.array(lab.rig.cameras[1].size_wh) - 1 - plain.xy_img)

@@ -139,15 +139,18 @@ def test_a_long_recording_is_cut_and_not_sampled_coarsely() -> None:
         def times_ns(self) -> np.ndarray:
             return self._t_ns
 
-    def timeline(seconds: float, rate_hz: float) -> Any:
+    def timeline(seconds: float, rate_hz: float, **more: float) -> Any:
         sources: list[Any] = [Recorded("a", seconds, rate_hz), Recorded("b", seconds, rate_hz)]
-        return timeline_of(sources)
+        return timeline_of(sources, **more)
 
     long = timeline(150.0, 30.0)
     assert 1e9 / long.period_ns == pytest.approx(15, rel=0.01)
     assert long.count * long.period_ns / 1e9 == pytest.approx(60, abs=0.2)
     assert (long.start_ns + long.count * long.period_ns / 2) / 1e9 == pytest.approx(75, abs=0.2)
     assert timeline(20.0, 10.0).count == 200
+    # a short one has its frames, in whole steps: 1.5 s of 60 Hz, and every second frame of 20 s
+    assert [timeline(seconds, 60.0, steps=900).count for seconds in (1.5, 20.0)] == [90, 600]
+    assert 1e9 / timeline(150.0, 60.0, steps=900).period_ns == pytest.approx(15, rel=0.01)
 
 
 def test_the_floor_lies_under_the_soles(lab: Any) -> None:

@@ -17,7 +17,7 @@ from calibrating import differences
 from scipy.optimize import least_squares
 from scipy.sparse import coo_array
 
-from posefuse.calibration.extrinsics.pipeline import Options, key_snapshots, link, solve_linked, starting_clocks
+from posefuse.calibration.extrinsics.pipeline import Options, Solved, key_snapshots, link, solve_linked, starting_clocks
 from posefuse.calibration.extrinsics.snapshots import snapshots
 from posefuse.calibration.extrinsics.target import Calibration, calibrate_extrinsics
 from posefuse.calibration.extrinsics.world import triangulate_linear
@@ -81,19 +81,21 @@ def test_one_webcam_exposes_on_a_tick_of_its_own_that_its_stamps_do_not_show(
     assert np.diff(stamps) == pytest.approx(FRAME_S, abs=0.016)
 
 
-def test_stamps_on_that_tick_halve_the_residual_and_leave_the_cameras_where_they_are(
-    found: Calibration, board_views: CornerObservations, reference: Rig, board: Charuco
+def test_stamps_on_that_tick_halve_its_residual_and_leave_the_cameras_where_they_are(
+    board_views: CornerObservations, reference: Rig, board: Charuco
 ) -> None:
     late_ms = np.array([-33, 0, -67])[frames_of(board_views) % 3]
     mine = board_views.camera == board_views.index("cam_1")
     stamped = replace(board_views, t_ns=board_views.t_ns + np.where(mine, late_ms * 1_000_000, 0))
-    again = calibrate_extrinsics(stamped, reference.cameras, board, Options(clocks="offset"))
-    left_px = [one.report.numbers["residual_px"] for one in (again, found)]
-    metres, radians = differences(again.rig, found.rig)
-    print(
-        f"\non the output tick {left_px[0]:.2f} px are left, before {left_px[1]:.2f} px; {said(metres, radians)} between the rigs"
-    )
-    assert left_px[0] < 0.6 * left_px[1]
+    again, before = (solved_freely(views, reference, board) for views in (stamped, board_views))
+    left_px = np.array([usual_residual_px(solved, len(reference)) for solved in (again, before)])
+    metres, radians = differences(*(with_poses(reference, solved.solution.state.cam_from_world) for solved in (again, before)))
+    print(f"\nby camera, on the output tick {left_px[0].round(2)} px are left, before {left_px[1].round(2)} px")
+    print(f"{said(metres, radians)} between the rigs")
+    one = reference.names.index("cam_1")
+    assert left_px[0, one] < 0.55 * left_px[1, one]
+    assert (left_px[0] < 1.05 * left_px[1]).all()
+    assert left_px[0].max() < 0.42
     assert metres.max() < 0.002
     assert np.rad2deg(radians.max()) < 0.05
 
@@ -121,9 +123,9 @@ def test_frames_the_rig_has_not_seen_measure_better_than_in_the_reference_which_
     fold = frames_of(board_views) * FOLDS // 57
     ours, theirs = [], []
     for out in range(FOLDS):
-        rig, late_s = solved_freely(board_views.rows(fold != out), reference, board)
-        left_out = board_views.rows(fold == out)
-        ours.append(verify(rig, left_out, board, late_s).length_error_m)
+        state = solved_freely(board_views.rows(fold != out), reference, board).solution.state
+        rig, left_out = with_poses(reference, state.cam_from_world), board_views.rows(fold == out)
+        ours.append(verify(rig, left_out, board, state.delay_s[:, 0]).length_error_m)
         theirs.append(verify(reference, left_out, board).length_error_m)
     print(f"\nframes left out measure to {rms(ours) * 1e3:.2f} mm rms in ours, {rms(theirs) * 1e3:.2f} mm in the reference")
     assert rms(ours) < 1.0e-3 < rms(theirs)
@@ -168,14 +170,19 @@ def with_poses(cameras: Rig, poses: Poses) -> Rig:
     return Rig(tuple(replace(camera, cam_from_world=pose[i]) for i, camera in enumerate(cameras)))
 
 
-def solved_freely(views: CornerObservations, lenses: Rig, board: Charuco) -> tuple[Rig, np.ndarray]:
+def usual_residual_px(solved: Solved, cameras: int) -> np.ndarray:
+    """(C,) median over all corners of a camera, those that disagree included: what counts as agreeing depends on the solve."""
+    size = np.linalg.norm(solved.solution.residual_px, axis=1)
+    return np.array([np.median(size[solved.seen.camera == c]) for c in range(cameras)])
+
+
+def solved_freely(views: CornerObservations, lenses: Rig, board: Charuco) -> Solved:
     """The solve without its checks, which would refuse some of the shortened recordings."""
     options, cameras = Options(clocks="offset"), lenses.cameras
     delay_s = starting_clocks(views, cameras, board, options)
     seen = key_snapshots(views, options, delay_s)
     links = link(cameras, board, seen)
-    state = solve_linked(views, cameras, board, options, links, delay_s).solution.state
-    return with_poses(lenses, state.cam_from_world), state.delay_s[:, 0]
+    return solve_linked(views, cameras, board, options, links, delay_s)
 
 
 def free_points_in_step(views: CornerObservations, start: Rig) -> tuple[Rig, float]:

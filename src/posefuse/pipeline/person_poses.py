@@ -6,6 +6,7 @@ as `posefuse track` does, so that the second pass misses no frame and takes no o
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
@@ -45,8 +46,10 @@ from posefuse.pipeline.time_steps import ImageTimeSteps, Timeline, common_timeli
 from posefuse.sources import RecordedSource, VideoConfig
 from posefuse.tracking import SmoothSettings, sides_like
 
-# of a recording, from its middle; errors of neighbouring frames are correlated, so more frames add little
-_MOST_S, _MOST_HZ = 60.0, 15.0
+# of a recording, from its middle; errors of neighbouring frames are correlated, so more frames add little to a minute
+_MOST_S, _USUAL_HZ = 60.0, 15.0
+# a shorter walk gives a rig by as many, where it has the frames: what it lacks in time to average errors it gets in frames
+_WALK_STEPS = _MOST_S * _USUAL_HZ
 # frames between two searches of whole images: for a lost person, and for further people
 _SEARCH_EVERY, _LOOK_ROUND_EVERY = 5, 15
 _MOST_PEOPLE = 3
@@ -92,7 +95,7 @@ def person_in_videos(
         fitted_camera(lenses[source.camera], Input(source.camera, "videos", path, CameraInput()), source)
         for source, path in zip(sources, paths.values(), strict=True)
     )
-    timeline = timeline_of(sources)
+    timeline = timeline_of(sources, steps=_WALK_STEPS)
     fetch_networks(choice, progress)
     detector = build_detector(choice, Rig(cameras))
     chosen = choose_person(poses_apart(sources, detector, timeline, progress), cameras)
@@ -101,7 +104,7 @@ def person_in_videos(
     if found is not None:
         progress(_APART, timeline.count, timeline.count, "the cameras are not synchronised; continuing with the offsets found")
         sources = [VideoConfig(path, name, *found.correction(c)).build() for c, (name, path) in enumerate(paths.items())]
-        timeline = timeline_of(sources)
+        timeline = timeline_of(sources, steps=_WALK_STEPS)
     alone = person_views(apart, found)
     rig = rough_rig(alone, cameras, length)
     people = _MOST_PEOPLE if chosen.several_in else 1
@@ -109,13 +112,18 @@ def person_in_videos(
     return PersonSeen(tracks=views.tracks(), cameras=cameras, clocks=found, several_in=chosen.several_in)
 
 
-def timeline_of(sources: Sequence[RecordedSource], seconds: float = _MOST_S, most_hz: float = _MOST_HZ) -> Timeline:
-    """Time steps at the cameras' own rate or less, in `seconds` from the middle of the recordings."""
+def timeline_of(sources: Sequence[RecordedSource], seconds: float = _MOST_S, steps: float = 1.0) -> Timeline:
+    """Time steps in `seconds` from the middle of the recordings, at the cameras' own rate or less.
+
+    Less is 15 a second, or every n-th frame where that gives more, and `steps` at most.
+    """
     times_ns = {source.camera: np.asarray(source.times_ns()) for source in sources}
     fastest_hz = max(1e9 / float(np.median(np.diff(t))) for t in times_ns.values())
     first_s, last_s = (float(np.median([t[i] for t in times_ns.values()])) / 1e9 for i in (0, -1))
     spare_s = max(0.0, (last_s - first_s - seconds) / 2)
     cut = (first_s + spare_s, last_s - spare_s) if spare_s else (None, None)
+    every = max(math.ceil(fastest_hz * (last_s - first_s - 2 * spare_s) / steps), 1)
+    most_hz = max(_USUAL_HZ, fastest_hz / every)
     return common_timeline(times_ns, min(fastest_hz, most_hz), *cut)
 
 

@@ -25,7 +25,7 @@ from .bootstrap import PropShape, planar_views, prop_track, prop_views, rough_of
 from .lens_check import best_stretch, check_board_shape, lens_change
 from .pipeline import TIME_STEPS, Options, Solved, key_snapshots, link, solve_linked
 from .prop_solve import Freedom, PropSolution, PropState, solve_prop
-from .self_checks import check_clocks, let_clocks_free, let_lenses_free
+from .self_checks import check_clocks, check_turning, let_cameras_turn, let_clocks_free, let_lenses_free, turn_excess
 from .snapshots import middle_ns, snapshots
 
 # residuals beyond so many standard deviations count ever less
@@ -368,7 +368,11 @@ def _split(trouble: Trouble, solved: Solved, c: int, step: int) -> CauseTrial:
     seen = replace(seen, camera=np.where((seen.camera == c) & (seen.t_s[seen.time_step] >= t_s), count, seen.camera))
     apart = replace(solved, seen=seen.rows(np.ones(len(seen.camera), bool)))
     start = replace(
-        state, cam_from_world=state.cam_from_world[every], delay_s=state.delay_s[every], lens_delta=state.lens_delta[every]
+        state,
+        cam_from_world=state.cam_from_world[every],
+        delay_s=state.delay_s[every],
+        lens_delta=state.lens_delta[every],
+        turn_rad_s=state.turn_rad_s[every],
     )
     solution = near_solve(apart, tuple(trouble.cameras[i] for i in every), start)
     pose = solution.state.cam_from_world
@@ -378,6 +382,16 @@ def _split(trouble: Trouble, solved: Solved, c: int, step: int) -> CauseTrial:
     words = f"{trouble.cameras[c].name} was moved at {at_s:.0f} s by {shift_m * 1e3:.0f} mm and {turn_deg:.2f} deg"
     camera = np.where(apart.seen.camera == count, c, apart.seen.camera)
     return CauseTrial(words, "calibrate again, or use the part before or after", camera, solution.residual_px, 0, 7)
+
+
+def turning_camera(trouble: Trouble, solved: Solved) -> Iterator[CauseTrial]:
+    """The camera that seems to turn most turns at a constant rate."""
+    free = let_cameras_turn(trouble.cameras, solved, trouble.options.clocks != "together")
+    check = check_turning(trouble.cameras, free, solved)
+    if not check.passed:
+        worst = int(np.argmax(turn_excess(free, solved)))
+        one = Freedom(reference=solved.links.reference, held_patches=solved.links.shape.held, turning=(worst,))
+        yield _trial(check, solved, near_solve(solved, trouble.cameras, solved.solution.state, one), 3)
 
 
 _LEAST_FRAMES, _MOST_FRAMES = 24, 600
@@ -546,4 +560,4 @@ def _moved(path_s: Array, path: Poses, t_s: Array, xyz_prop: Array) -> Array:
 
 
 # near ones start from the solution at hand, and so take little time
-_NEAR: tuple[Hypothesis, ...] = (intrinsics_wrong, moved_camera, wrong_stamps, board_stretched, clocks_near)
+_NEAR: tuple[Hypothesis, ...] = (intrinsics_wrong, moved_camera, turning_camera, wrong_stamps, board_stretched, clocks_near)

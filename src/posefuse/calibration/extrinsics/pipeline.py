@@ -155,7 +155,12 @@ def solve_linked(
     }
     patch = stacked([placed.get(i, Poses(np.eye(3), np.zeros(3))) for i in range(len(seen.patches))])
     state = PropState(
-        cam_from_world, Poses(track.R, np.nan_to_num(track.t)), patch, delay_s, np.zeros((len(cameras), len(LENS_PARAMETERS)))
+        cam_from_world,
+        Poses(track.R, np.nan_to_num(track.t)),
+        patch,
+        delay_s,
+        np.zeros((len(cameras), len(LENS_PARAMETERS))),
+        np.zeros((len(cameras), 3)),
     )
     lens_sigma = None if options.lens_sigma is None else np.array(options.lens_sigma)
     freedom = Freedom(

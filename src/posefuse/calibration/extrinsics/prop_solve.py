@@ -21,6 +21,7 @@ from .snapshots import Snapshots
 _ROUGH_SIGMA_PX, _LEAST_SIGMA_PX = 2.0, 0.05
 _CAUCHY = 3.0
 _DELAY_SCALE_S = np.array([1e-3, 1e-5])
+_TURN_SCALE_RAD_S = 1e-3
 # stretches of a recording whose scatter the standard errors answer for
 _TIME_BLOCKS = 16
 
@@ -33,6 +34,7 @@ class PropState:
         cam_from_world: (C,). world_from_prop: (T,), each of one prop. prop_from_patch: (M,).
         delay_s: (C, 2) clock offset in s and drift in s/s, as in `snapshots`.
         lens_delta: (C, 6) correction of `LENS_PARAMETERS`.
+        turn_rad_s: (C, 3) rate at which a camera turns about its own axes; the pose is that of the middle of the recording.
     """
 
     cam_from_world: Poses
@@ -40,6 +42,7 @@ class PropState:
     prop_from_patch: Poses
     delay_s: Array
     lens_delta: Array
+    turn_rad_s: Array
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -53,6 +56,7 @@ class Freedom:
         lens_sigma: (6,) standard errors of the given intrinsics, 0 holds one of them, None holds all.
         lens_of: cameras whose intrinsics move, None for all.
         moving: cameras whose poses and clocks move, instead of all but the reference.
+        turning: cameras that may turn at a constant rate; as all places stay, the reference camera's is determined, too.
     """
 
     reference: int | None
@@ -62,6 +66,7 @@ class Freedom:
     lens_sigma: Array | None = None
     lens_of: tuple[int, ...] | None = None
     moving: tuple[int, ...] | None = None
+    turning: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -75,6 +80,7 @@ class PropSolution:
             like all standard errors here at least the scatter between parts of the recording.
         delay_sigma_s: (C, 2) standard errors of the clocks; 0 where held.
         lens_covariance: (C, 6, 6) of `LENS_PARAMETERS`; 0 where held.
+        turn_covariance: (C, 3, 3) of `turn_rad_s`; 0 where held.
         predicted_sigma_px: (N,) standard error of where the camera as found sees a point, by its pose, clock and intrinsics.
         iterations: steps tried.
     """
@@ -86,6 +92,7 @@ class PropSolution:
     camera_covariance: Array
     delay_sigma_s: Array
     lens_covariance: Array
+    turn_covariance: Array
     predicted_sigma_px: Array
     iterations: int
 
@@ -125,11 +132,11 @@ def _summary(solution: Solution[PropState], assumed_px: float, freedom: Freedom,
     full[np.ix_(free, free)] = covariance
     # pose, clock and intrinsics of each camera
     clocks = 6 * count + 6 * len(solution.state.prop_from_patch)
-    begins = ((0, 6), (clocks, 2), (clocks + 2 * count, len(LENS_PARAMETERS)))
+    begins = ((0, 6), (clocks, 2), (clocks + 2 * count, len(LENS_PARAMETERS)), (clocks + 8 * count, 3))
     own = [np.concatenate([begin + size * i + np.arange(size) for begin, size in begins]) for i in range(count)]
     joint = np.stack([full[np.ix_(one, one)] for one in own])
-    poses, _, late, intrinsics = (block.jacobian * assumed_px for block in solution.linear.blocks)
-    slope, predicted_px2 = np.concatenate([poses, late, intrinsics], axis=2), np.zeros(len(residual_px))
+    poses, _, *others = (block.jacobian * assumed_px for block in solution.linear.blocks)
+    slope, predicted_px2 = np.concatenate([poses, *others], axis=2), np.zeros(len(residual_px))
     for i in range(count):
         mine = slope[seen.camera == i]
         predicted_px2[seen.camera == i] = np.einsum("nai,ij,naj->n", mine, joint[i], mine)
@@ -140,7 +147,8 @@ def _summary(solution: Solution[PropState], assumed_px: float, freedom: Freedom,
         weight=solution.weight,
         camera_covariance=joint[:, :6, :6],
         delay_sigma_s=np.sqrt(np.diagonal(joint[:, 6:8, 6:8], axis1=1, axis2=2)) * _DELAY_SCALE_S,
-        lens_covariance=joint[:, 8:, 8:],
+        lens_covariance=joint[:, 8:14, 8:14],
+        turn_covariance=joint[:, 14:, 14:] * _TURN_SCALE_RAD_S**2,
         predicted_sigma_px=np.sqrt(np.maximum(predicted_px2, 0.0)),
         iterations=solution.iterations,
     )
@@ -153,7 +161,7 @@ def _time_block(t_s: Array) -> Array:
 
 
 def _free(state: PropState, freedom: Freedom) -> tuple[Array, ...]:
-    cameras, clocks = np.zeros((len(state.cam_from_world), 6), bool), np.zeros((len(state.cam_from_world), 2), bool)
+    cameras, clocks, turns = (np.zeros((len(state.cam_from_world), n), bool) for n in (6, 2, 3))
     patches = np.zeros((len(state.prop_from_patch), 6), bool)
     if freedom.moving is not None or freedom.reference is not None:
         others = np.arange(len(cameras)) != freedom.reference
@@ -167,7 +175,8 @@ def _free(state: PropState, freedom: Freedom) -> tuple[Array, ...]:
         lens[:] = freedom.lens_sigma > 0
     if freedom.lens_of is not None:
         lens &= np.isin(np.arange(len(cameras)), freedom.lens_of)[:, None]
-    return cameras, patches, clocks, lens
+    turns[list(freedom.turning)] = True
+    return cameras, patches, clocks, lens, turns
 
 
 def _problem(
@@ -212,13 +221,14 @@ class _Model:
         return float((self._lens_prior * state.lens_delta**2).sum())
 
     def step(self, state: PropState, blocks: list[Array], local: Array) -> PropState:
-        camera, patch, clock, lens = blocks
+        camera, patch, clock, lens, turn = blocks
         return replace(
             state,
             cam_from_world=state.cam_from_world.stepped(camera),
             prop_from_patch=state.prop_from_patch.stepped(patch),
             delay_s=state.delay_s + clock * _DELAY_SCALE_S,
             lens_delta=state.lens_delta + lens,
+            turn_rad_s=state.turn_rad_s + turn * _TURN_SCALE_RAD_S,
             world_from_prop=state.world_from_prop.stepped(local),
         )
 
@@ -227,7 +237,9 @@ class _Model:
         seen = self._seen
         prop = state.prop_from_patch[seen.patch].move(self._xyz_patch)
         world = state.world_from_prop[seen.time_step].move(prop)
-        return prop, world, state.cam_from_world[seen.camera].move(world), Lenses(self._cameras, state.lens_delta)
+        cam = state.cam_from_world[seen.camera].move(world)
+        turned_rad = state.turn_rad_s[seen.camera] * seen.t_s[seen.time_step][:, None]
+        return prop, world, cam + np.cross(turned_rad, cam), Lenses(self._cameras, state.lens_delta)
 
     def _residual(self, state: PropState, cam: Array, lenses: Lenses) -> Array:
         seen = self._seen
@@ -251,6 +263,7 @@ class _Model:
             ResidualBlock(_pose_jacobian(d_prop, turned_prop), seen.patch, len(state.prop_from_patch)),
             ResidualBlock(self._clock_jacobian(), seen.camera, len(state.cam_from_world)),
             self._lens_block(state, lenses, cam),
+            ResidualBlock(self._turn_jacobian(d_cam, cam), seen.camera, len(state.cam_from_world)),
         )
         return Linearised(residual, blocks, _pose_jacobian(d_world, turned_world), seen.time_step)
 
@@ -258,6 +271,9 @@ class _Model:
         per_offset = -self._seen.velocity_px_s / self._sigma_px
         per_drift = per_offset * self._seen.t_s[self._seen.time_step][:, None]
         return np.asarray(np.stack([per_offset, per_drift], axis=-1) * _DELAY_SCALE_S)
+
+    def _turn_jacobian(self, d_cam: Array, cam: Array) -> Array:
+        return np.asarray(-d_cam @ hat(cam) * (self._seen.t_s[self._seen.time_step] * _TURN_SCALE_RAD_S)[:, None, None])
 
     def _lens_block(self, state: PropState, lenses: Lenses, cam: Array) -> ResidualBlock:
         count = len(state.cam_from_world)

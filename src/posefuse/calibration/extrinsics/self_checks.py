@@ -320,7 +320,7 @@ def solve_halves(
     return Halves((), story, nothing, nothing)
 
 
-def check_one_place(cameras: Sequence[Camera], halves: Halves, distance_m: float) -> Check:
+def check_one_place(cameras: Sequence[Camera], halves: Halves) -> Check:
     """One rig fits both halves as well as each fits its own, or the difference is none of the poses.
 
     Larger residuals alone refuse nothing: uneven time stamps, or a lens model that fits one region better, also cause them.
@@ -338,9 +338,7 @@ def check_one_place(cameras: Sequence[Camera], halves: Halves, distance_m: float
     sigma_rad = np.sqrt(sum(np.trace(one.camera_covariance[:, :3, :3], axis1=1, axis2=2) for one in (first, second)))
     sigma_m, sigma_rad = _shared(sigma_m), _shared(sigma_rad)
     sigmas = np.maximum(apart_m / np.maximum(sigma_m, 1e-12), turned_rad / np.maximum(sigma_rad, 1e-12))
-    # a camera that turns all the time makes stretches scatter, and standard errors large with them
-    share = np.maximum(apart_m / distance_m, turned_rad)
-    wrong = (ratio > LIMITS.spread_ratio) & ((sigmas > LIMITS.moved_sigma) | (share > LIMITS.moved_share))
+    wrong = (ratio > LIMITS.spread_ratio) & (sigmas > LIMITS.moved_sigma)
     c = int(np.argmax(np.where(wrong, 1e3, 1.0) * ratio))
     return Check(
         "one place per camera", not wrong.any(),
@@ -350,6 +348,41 @@ def check_one_place(cameras: Sequence[Camera], halves: Halves, distance_m: float
         f" {np.rad2deg(turned_rad[c]):.2f} ± {np.rad2deg(sigma_rad[c]):.2f} deg",
         "it was moved or refocused during the recording: calibrate again, or use the part before or after",
     )  # fmt: skip
+
+
+def check_turning(cameras: Sequence[Camera], free: PropSolution, solved: Solved) -> Check:
+    """No camera turns all the time: its rate, when it is let free with the intrinsics, is none.
+
+    The halves show that badly: each scatters by half of the turn, and their standard errors grow with it.
+    """
+    angle_rad, sigmas = turned_by(free, solved)
+    excess = turn_excess(free, solved)
+    c = int(np.argmax(excess))
+    words = f"{cameras[c].name} turns most, by" if excess[c] <= 1 else f"{cameras[c].name} was moved slowly: it turned by"
+    return Check(
+        "no camera turns", bool(excess[c] <= 1),
+        f"{words} {np.rad2deg(angle_rad[c]):.2f} deg over the recording, {sigmas[c]:.1f} standard errors (limits"
+        f" {np.rad2deg(LIMITS.turned_rad):.2f} deg and {LIMITS.lens_sigma:.0f})",
+        "fasten it, and calibrate again",
+    )  # fmt: skip
+
+
+def turn_excess(free: PropSolution, solved: Solved) -> Array:
+    """(C,) how far each camera's turn is over its limits: more than 1 is wrong."""
+    angle_rad, sigmas = turned_by(free, solved)
+    return np.minimum(angle_rad / LIMITS.turned_rad, sigmas / LIMITS.lens_sigma)
+
+
+def turned_by(free: PropSolution, solved: Solved) -> tuple[Array, Array]:
+    """(C,) rad by which each camera turns over the recording, and (C,) how many standard errors its own turn is.
+
+    Against the median: cameras in a row hardly determine a turn that all share about that row, and it moves none against another.
+    """
+    rate = free.state.turn_rad_s
+    world = np.einsum("cji,cj->ci", free.state.cam_from_world.R, rate)
+    square = (rate * np.linalg.solve(free.turn_covariance, rate[..., None])[..., 0]).sum(axis=1)
+    apart = np.linalg.norm(world - np.median(world, axis=0), axis=1)
+    return apart * np.ptp(solved.seen.t_s), np.sqrt(np.maximum(square, 0.0))
 
 
 def _shared(sigma: Array) -> Array:
@@ -450,7 +483,8 @@ def solution_checks(
     halves = solve_halves(observations, cameras, target, options, solved)
     done = [
         *quick,
-        check_one_place(cameras, halves, distance_m),
+        check_one_place(cameras, halves),
+        check_turning(cameras, let_cameras_turn(cameras, solved, options.clocks != "together"), solved),
         check_lenses(cameras, _lens_change(cameras, solved, halves, options)),
     ]
     if isinstance(target, Charuco):
@@ -476,7 +510,18 @@ def _change_of(cameras: tuple[Camera, ...], solved: Solved, offset: bool) -> Len
     return lens_change(cameras, solved.solution, free, solved.seen)
 
 
-def let_lenses_free(cameras: tuple[Camera, ...], solved: Solved, offset: bool, of: tuple[int, ...] | None = None) -> PropSolution:
+def let_cameras_turn(cameras: tuple[Camera, ...], solved: Solved, offset: bool) -> PropSolution:
+    """The solve again with nearly free intrinsics, which a turn must not stand for, and with cameras that may turn."""
+    return let_lenses_free(cameras, solved, offset, turning=tuple(range(len(cameras))))
+
+
+def let_lenses_free(
+    cameras: tuple[Camera, ...],
+    solved: Solved,
+    offset: bool,
+    of: tuple[int, ...] | None = None,
+    turning: tuple[int, ...] = (),
+) -> PropSolution:
     """The solve again with nearly free intrinsics, of all cameras or of some."""
     focal_px = _FREE_FOCAL * float(focal_lengths_px(cameras).mean())
     sigma = np.array([focal_px, focal_px, *_FREE_LENS])
@@ -487,6 +532,7 @@ def let_lenses_free(cameras: tuple[Camera, ...], solved: Solved, offset: bool, o
         drift=False,
         lens_sigma=sigma,
         lens_of=of,
+        turning=turning,
     )
     return solve_prop(solved.seen, solved.corners, cameras, solved.solution.state, freedom)
 

@@ -100,7 +100,14 @@ def patch_track(rig: Rig, seen: Snapshots, corners: Array) -> Poses:
 def rig_state(rig: Rig, track: Poses) -> PropState:
     """The start of a solve: the cameras and clocks as in the rig, the patch along its track (T,)."""
     nothing = np.zeros((len(rig), len(LENS_PARAMETERS)))
-    return PropState(poses_of(rig), Poses(track.R, np.nan_to_num(track.t)), Poses.identity(1), np.zeros((len(rig), 2)), nothing)
+    return PropState(
+        poses_of(rig),
+        Poses(track.R, np.nan_to_num(track.t)),
+        Poses.identity(1),
+        np.zeros((len(rig), 2)),
+        nothing,
+        np.zeros((len(rig), 3)),
+    )
 
 
 def _solve(rig: Rig, seen: Snapshots, target: Target) -> tuple[SE3, Array]:
