@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -10,7 +9,7 @@ from typing import Any, Self
 
 from posefuse.core import CameraHealth, LiveJointCentres, Skeleton, SourceError
 from posefuse.foundation.channel import Channel
-from posefuse.foundation.platform import peak_memory_mb, processor_s
+from posefuse.foundation.platform import processor_s
 from posefuse.foundation.worker import Worker
 
 from .group import GroupPlan, run_group
@@ -86,9 +85,10 @@ class Groups:
         """How often a process had to be started again."""
         return sum(member.worker.starts - 1 for member in self._members)
 
-    def memory_mb(self) -> float:
-        """Most memory this process and those of the groups have held, added up, see `peak_memory_mb`."""
-        return peak_memory_mb([os.getpid(), *(member.worker.pid for member in self._members)])
+    @property
+    def pids(self) -> list[int]:
+        """Of the newest process of each group."""
+        return [member.worker.pid for member in self._members]
 
     def wait_ready(self, stopped: Sequence[str] = (), timeout_s: float = START_S) -> Skeleton:
         """Wait for every group's sources and network.

@@ -18,7 +18,7 @@ from posefuse import __version__
 from posefuse.core import LiveNames, LivePose, LivePreview, Rig, Skeleton, SourceError
 from posefuse.formats.recording import rig_values
 from posefuse.foundation.compiled import compiling
-from posefuse.foundation.platform import punctual, usable_cores
+from posefuse.foundation.platform import peak_memory_mb, punctual, usable_cores
 from posefuse.foundation.requests_to_end import HANG_UP, REQUESTS_TO_END, Repeats, heeded, put_off, without_terminal
 from posefuse.health.cameras import Event
 from posefuse.kinematics import JointTracker
@@ -178,7 +178,7 @@ def run_session(
             with punctual():
                 over = _until(plan.duration_s, zero_ns, fusion, news, stopped)
                 fusion.run(views, config.rate_hz, over if controls is None else _controlled(over, controls, views, outputs))
-            restarts, memory_mb = views.restarts, views.memory_mb()
+            restarts, memory_mb = views.restarts, peak_memory_mb([os.getpid(), *views.pids])
             known_s = watch.known.offset_s if watch is not None and plan.remote else {}
     finally:
         outputs.close()
