@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from posefuse import __version__
-from posefuse.core import LiveNames, LivePose, LivePreview, Rig, Skeleton, SourceError
+from posefuse.core import LiveNames, LiveOutputConfig, LivePose, LivePreview, Rig, Skeleton, SourceError
 from posefuse.formats.recording import rig_values
 from posefuse.foundation.compiled import compiling
 from posefuse.foundation.platform import peak_memory_mb, punctual, usable_cores
@@ -84,6 +84,22 @@ class SessionPlan:
     config: LiveConfig
     duration_s: float | None
     remote: bool
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LivePlan:
+    """A session with cameras of this machine, as it was asked for; all of it is checked.
+
+    Attributes:
+        rig: all calibrated cameras. inputs: sources of those that take part. outputs: configs by name.
+        duration_s: as of `SessionPlan`.
+    """
+
+    rig: Rig
+    inputs: tuple[LiveInput, ...]
+    config: LiveConfig
+    outputs: Mapping[str, LiveOutputConfig]
+    duration_s: float | None
 
 
 def closing_lines(fusion: Fusion) -> Iterator[str]:

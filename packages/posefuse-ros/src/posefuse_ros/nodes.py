@@ -10,7 +10,7 @@ from typing import Any
 
 from posefuse import core
 from posefuse.api.arguments import lines_of, shown
-from posefuse.api.live_run import LivePlan, LiveRun, finished_run
+from posefuse.api.live_run import LiveRun, finished_run, live_plan
 from posefuse.core import LiveHealth, LivePreview, Pose3D, Progress, Rig, Skeleton
 from posefuse.foundation.channel import wait_any
 from posefuse.foundation.output_folder import check_replaceable
@@ -142,7 +142,7 @@ def camera_node(
         >>> import posefuse as pf
         >>> pf.camera_node("rig.toml", {"cam1": "usb:0"}, name="left").figures  # doctest: +SKIP
     """
-    whole = LivePlan.of(
+    whole = live_plan(
         rig, sources, config=config, settings=settings, ros=ros, duration_s=duration_s, loop_s=loop_s
     )  # fmt: skip
     check_any(whole.inputs)
@@ -198,7 +198,7 @@ def fusion_node(
         check_replaceable(Path(report), command="live", replace=False)
     # views that came from ROS are not sent back there
     also = {**(outputs or {}), "ros2": {**(outputs or {}).get("ros2", {}), "detections": False}}
-    given = LivePlan.of(rig, [], config=config, settings=settings, outputs=also, ros=ros, axes=axes, duration_s=duration_s)
+    given = live_plan(rig, [], config=config, settings=settings, outputs=also, ros=ros, axes=axes, duration_s=duration_s)
     cameras, chosen, network = given.rig, given.config, network_of(ros)
     with shown(progress) as news:
         note = lines_of(news, "live")
