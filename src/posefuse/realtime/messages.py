@@ -8,7 +8,7 @@ from __future__ import annotations
 import queue
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -114,18 +114,11 @@ class SeenView:
 
 @dataclass(frozen=True)
 class Status:
-    """A group is alive."""
+    """A group is alive. `video_faults`: why videos ended early, or could not be made, by camera."""
 
     t_ns: int
     cameras: tuple[CameraState, ...]
-
-
-@dataclass(frozen=True)
-class VideoFailed:
-    """A camera's video ended early; one line with the reason."""
-
-    camera: str
-    reason: str
+    video_faults: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
