@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import queue
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -159,22 +159,8 @@ class NamePerson:
 
 
 Request = ShowImages | KeepVideos | AddOutput | RemoveOutput | NamePerson
-
-
-class Controls:
-    """A queue of requests."""
-
-    def __init__(self) -> None:
-        self._requests: queue.SimpleQueue[Request] = queue.SimpleQueue()
-
-    def ask(self, request: Request) -> None:
-        """From any thread; returns at once."""
-        self._requests.put(request)
-
-    def asked(self) -> Iterator[Request]:
-        """What was asked for since the last call."""
-        while not self._requests.empty():
-            yield self._requests.get_nowait()
+Requests = queue.SimpleQueue[Request]
+"""From any thread to the session's."""
 
 
 class ViewSource(Protocol):

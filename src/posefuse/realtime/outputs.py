@@ -105,9 +105,8 @@ class OutputProcess:
         self._batch: list[LiveMessage] = []
         self._batch_s = 0.0
         self._finished = self._ready = False
-        # what was changed and not sent yet; outputs of which it is not known yet whether they can be opened
+        # what was changed and not sent yet
         self._changes: list[OutputAdded | RemoveOutput] = []
-        self._opening: set[str] = set()
         self._deaths = 0
         self._worker = Worker(run_outputs)
         if plan.configs:
@@ -189,7 +188,6 @@ class OutputProcess:
         self.health[name] = OutputHealth(state=OPENING)
         # a process that is started for it opens all there are
         if self._worker.running:
-            self._opening.add(name)
             self._change(OutputAdded(name, config, self._plan.start(), list(self._kept.values())))
 
     def remove(self, name: str) -> None:
@@ -224,8 +222,7 @@ class OutputProcess:
         self._note_death()
         self._first = self._first or self._plan.start()
         first = replace(self._first, part=1 + max((health.failures for health in self.health.values()), default=0))
-        self._ready, self._opening = False, set(self._plan.configs)
-        kept = list(self._kept.values())
+        self._ready, kept = False, list(self._kept.values())
         self._changes = [OutputAdded(name, one, first, kept, self.health[name]) for name, one in self._plan.configs.items()]
         self._worker.start()
 
@@ -239,19 +236,15 @@ class OutputProcess:
 
     def _learn(self, health: Mapping[str, OutputHealth]) -> None:
         for name, now in health.items():
-            if name not in self.health or (name in self._opening and now.state == OPENING):
+            # one that is opened again has failed until then
+            if (known := self.health.get(name)) is None or now.state == OPENING:
                 continue
-            first = name in self._opening
-            self._opening.discard(name)
-            known, new = self.health[name], now
-            self.health[name] = new
-            if new.failures > known.failures and new.state == OK:
-                self._event(name, FAILED, new.fault)
-            if first and new.state == OK:
-                new = self.health[name] = replace(new, text=new.text or new.where)
-            changed = first or (new.state, new.failures) != (known.state, known.failures)
-            if changed and (known.state, new.state) != (OPENING, OK):
-                self._event(name, new.state, new.text)
+            self.health[name] = now
+            if now.failures > known.failures and now.state == OK:
+                self._event(name, FAILED, now.fault)
+            changed = (now.state, now.failures, now.fault) != (known.state, known.failures, known.fault)
+            if changed and (known.state, now.state) != (OPENING, OK):
+                self._event(name, now.state, now.text)
 
     def _note_death(self, again: bool = True) -> None:
         if self._worker.deaths == self._deaths:

@@ -15,7 +15,7 @@ from posefuse.core import LiveDetections, LiveHealth, LiveMessage, LivePose, Liv
 from posefuse.foundation.channel import Channel, ChannelClosed
 
 from .inputs import rig_of_inputs
-from .messages import Controls, SessionClock, Stop
+from .messages import Requests, SessionClock, Stop
 from .outputs import OutputPlan
 from .session import LivePlan, run_live
 
@@ -62,11 +62,11 @@ def serve(channel: Channel, plan: LivePlan, images: bool) -> None:
     `images`: send the cameras' small images, too, each after its detections.
     """
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    controls = Controls()
+    requests = Requests()
     error: PosefuseError | None = None
     try:
         # it may interrupt at once
-        threading.Thread(target=_take_requests, args=(channel, controls), daemon=True).start()
+        threading.Thread(target=_take_requests, args=(channel, requests), daemon=True).start()
 
         def say(line: str) -> None:
             with suppress(ChannelClosed):
@@ -75,7 +75,7 @@ def serve(channel: Channel, plan: LivePlan, images: bool) -> None:
         rig = rig_of_inputs(plan.rig, plan.inputs, plan.config.camera_info, say)
         reader = _Reader(channel, images)
         outputs = OutputPlan(rig=rig, clock=SessionClock.begin(), configs=plan.outputs, reader=reader)
-        run_live(rig, plan.inputs, plan.config, outputs, plan.duration_s, say, controls=controls)
+        run_live(rig, plan.inputs, plan.config, outputs, plan.duration_s, say, requests=requests)
     except PosefuseError as problem:
         error = problem
     except KeyboardInterrupt:
@@ -84,7 +84,7 @@ def serve(channel: Channel, plan: LivePlan, images: bool) -> None:
         channel.send(Ended(error), _END_SEND_S)
 
 
-def _take_requests(channel: Channel, controls: Controls) -> None:
+def _take_requests(channel: Channel, requests: Requests) -> None:
     # it also ends when the program that wanted the poses has ended
     with suppress(ChannelClosed):
         while True:
@@ -93,5 +93,5 @@ def _take_requests(channel: Channel, controls: Controls) -> None:
                 if isinstance(message, Stop):
                     _thread.interrupt_main()
                     return
-                controls.ask(message)
+                requests.put(message)
     _thread.interrupt_main()

@@ -24,7 +24,7 @@ from posefuse.realtime.networks import fetch_networks, settled_network
 from posefuse.realtime.news import never_waiting
 from posefuse.realtime.outputs import OutputPlan
 from posefuse.realtime.processes import Groups
-from posefuse.realtime.session import SessionPlan, group_plans, notes_of, run_session, stop_requests
+from posefuse.realtime.session import group_plans, notes_of, run_session, stop_requests
 
 from . import topics
 from .camera_messages import message_from_joint_centres
@@ -209,11 +209,10 @@ def fusion_node(
             rig=cameras, clock=clock, rate_hz=chosen.rate_hz, configs=given.outputs, notes=notes_of(cameras, chosen),
             names=chosen.names,
         )  # fmt: skip
-        whole = SessionPlan(outputs=plan, config=chosen, duration_s=given.duration_s, remote=True)
         note(f"waiting for views of {', '.join(cameras.names)} in domain {network.domain_id}")
         with never_waiting(note) as say:
             views = NetworkViews(cameras, network, clock, chosen, duration_s=given.duration_s, say=say)
-            done = run_session(whole, lambda: views, say)
+            done = run_session(plan, chosen, lambda: views, say, duration_s=given.duration_s, remote=True)
     counts, senders = views.views.intake.counts, views.views.senders
     offsets_ms = {camera: 1000 * offset for camera, offset in done.clock_offset_s.items()}
     more = {
