@@ -43,7 +43,7 @@ class OutputPlan:
     Attributes:
         rig: the cameras. clock: of the session. rate_hz: output rate. configs: of the outputs, by name.
         notes: how the session was made, see `notes_of`. names: of the people, in the order of their ids.
-        reader: the program that began the session, if any; takes messages in the session's own thread.
+        reader: the program that began the session, if any; takes messages in the session's own thread, the first one at once.
     """
 
     rig: Rig
@@ -83,7 +83,7 @@ def check_live_outputs(configs: Mapping[str, LiveOutputConfig]) -> None:
 
 
 class OutputProcess:
-    """Offers messages to the process of the outputs and never waits for it; while there are no outputs there is no process.
+    """Offers messages to the reader and the process of the outputs, and never waits; without outputs there is no process.
 
     Attributes:
         lost: messages the process had no room for, or that came while there was no process.
@@ -97,8 +97,7 @@ class OutputProcess:
         self.health: dict[str, OutputHealth] = {name: OutputHealth(state=OPENING) for name in plan.configs}
         self.events: deque[Event] = deque(maxlen=1000)
         self.event_count = 0
-        # the reader is given its messages by the session itself
-        self._plan = replace(plan, reader=None)
+        self._plan = plan
         self._first: LiveStart | None = None
         self._kept: dict[object, LiveMessage] = {}
         # messages that were not sent yet, and since when there are any
@@ -109,6 +108,8 @@ class OutputProcess:
         self._changes: list[OutputAdded | RemoveOutput] = []
         self._deaths = 0
         self._worker = Worker(run_outputs)
+        if plan.reader is not None:
+            plan.reader.take(plan.start())
         if plan.configs:
             self._begin()
 
@@ -141,11 +142,15 @@ class OutputProcess:
         self.events.clear()
 
     def offer(self, message: LiveMessage) -> None:
-        """Hand a message on, if any output takes such, or one that is opened later must have it.
+        """Hand a message on, if the reader or any output takes such, or an output that is opened later must have it.
 
-        It goes with others, soon; a pose at once where an output wants the newest.
+        To the outputs it goes with others, soon; a pose at once where an output wants the newest.
         """
-        if not (keep(message, self._kept) or self._plan.wants(type(message))) or not self.health:
+        reader = self._plan.reader
+        if reader is not None and isinstance(message, reader.takes):
+            reader.take(message)
+        wanted = any(isinstance(message, config.takes) for config in self._plan.configs.values())
+        if not (keep(message, self._kept) or wanted) or not self.health:
             return
         if not self._ready:
             self.lost += 1

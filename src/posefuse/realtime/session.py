@@ -172,10 +172,7 @@ def run_session(
             with compiling("live tracking", say):
                 estimator = warmed_up(rig, skeleton, config)
             joints = JointTracker(skeleton, config.joints) if plan.wants(LivePose) else None
-            reader = plan.reader
-            fusion = Fusion(rig, estimator, views.expect, clock, outputs, watch=watch, joints=joints, reader=reader)
-            if reader is not None:
-                reader.take(plan.start())
+            fusion = Fusion(rig, estimator, views.expect, clock, outputs, watch=watch, joints=joints)
             for centres in views.centres():
                 fusion.take(centres)
             zero_ns = views.start(clock)
