@@ -20,7 +20,7 @@ from posefuse.core.live_messages import FAILED, OK
 from posefuse.evaluation.contracts import made_up_messages, made_up_rig, made_up_start
 from posefuse.realtime import outputs as outputs_module
 from posefuse.realtime.messages import SessionClock
-from posefuse.realtime.output_process import HANGS, OutputThread
+from posefuse.realtime.output_process import HANGS, OutputAdded, OutputThread
 from posefuse.realtime.outputs import OutputPlan, OutputProcess
 from posefuse_ros import record, topics
 from posefuse_ros.bags import read_mcap, read_notes, read_poses
@@ -37,7 +37,7 @@ PATIENCE_S = 60.0
 @contextmanager
 def running(config: "Scripted") -> Iterator[OutputThread]:
     """The output in its thread, finished at the end."""
-    worker = OutputThread("scripted", config, made_up_start(1))
+    worker = OutputThread(OutputAdded("scripted", config, made_up_start(1)))
     yield worker
     worker.finish()
     worker.join(PATIENCE_S)

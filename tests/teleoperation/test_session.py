@@ -23,15 +23,19 @@ STILL = RobotState(
 
 
 class NoPoses:
-    ended = False
+    """A live session without people that ends when the robot has answered."""
 
-    def wait(self, timeout_s):
+    def __init__(self, robot):
+        self._robot = robot
+
+    @property
+    def ended(self):
+        return not self._robot.left
+
+    def wait_newer(self, t_ns, timeout_s):
         pass
 
     def newest(self):
-        return None
-
-    def cameras(self):
         return None
 
 
@@ -61,9 +65,7 @@ class Answers:
 
 def latencies(*states):
     robot = Answers(*states)
-    return list(
-        run_control_loop(NoPoses(), NeverPressed(), robot, TeleoperationSettings(), until=lambda: not robot.left).latency_ms
-    )
+    return list(run_control_loop(NoPoses(robot), NeverPressed(), robot, TeleoperationSettings()).latency_ms)
 
 
 def state(sent_ms, image_ms, limited=""):

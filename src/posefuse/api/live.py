@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -32,7 +32,7 @@ from posefuse.realtime.messages import AddOutput, KeepVideos, NamePerson, Remove
 from .arguments import shown
 
 if TYPE_CHECKING:
-    from posefuse.realtime.serve import ServePlan
+    from posefuse.realtime.session import LivePlan
 
 _START_S = 180.0
 # its files are finished as long as they make progress
@@ -68,7 +68,7 @@ class LiveSession:
             a thread of the session and must return quickly.
     """
 
-    def __init__(self, plan: ServePlan, progress: Progress | bool | None = None) -> None:
+    def __init__(self, plan: LivePlan, progress: Progress | bool | None = None) -> None:
         self._plan, self._progress = plan, progress
         self.angles: JointAngles | None = None
         self.cameras: Mapping[str, CameraHealth] = {}
@@ -98,7 +98,7 @@ class LiveSession:
         with shown(self._progress) as report:
             fetch_networks(self._plan.config.detector, report)
         self._worker = Worker(serve)
-        self._worker.start(replace(self._plan, images=self.on_image is not None))
+        self._worker.start(self._plan, self.on_image is not None)
         threading.Thread(target=self._hear, args=(self._worker,), daemon=True).start()
         try:
             self._wait(_START_S)
@@ -303,9 +303,8 @@ def live(
         ...         print(pose.t_ns, pose.xyz_world)
     """
     from posefuse.detection.build import network_settings
-    from posefuse.realtime.serve import ServePlan
 
-    from .live_run import LivePlan
+    from .live_run import live_plan
 
     options = {"track.max_people": people, "rate_hz": rate_hz}
     changes = {key: value for key, value in options.items() if value is not None}
@@ -313,10 +312,7 @@ def live(
     chosen: dict[str, Mapping[str, Any]] = dict(outputs or {})
     if record is not None:
         chosen["record"] = {**chosen.get("record", {}), "path": record}
-    plan = LivePlan.of(
+    plan = live_plan(
         rig, sources, config=config, settings=changes, outputs=chosen, ros=ros, duration_s=duration_s, loop_s=loop_s
     )  # fmt: skip
-    served = ServePlan(
-        rig=plan.rig, inputs=plan.inputs, config=plan.config, outputs=dict(plan.outputs), duration_s=plan.duration_s
-    )  # fmt: skip
-    return LiveSession(served, progress)
+    return LiveSession(plan, progress)

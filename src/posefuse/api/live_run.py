@@ -25,7 +25,6 @@ from posefuse.foundation.plugins import plugin_config
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.foundation.summary import MISSING, Block, Facts, Heading, Note, Table
 from posefuse.pipeline.config import read_changed
-from posefuse.realtime.capture import LiveInput
 from posefuse.realtime.config import LiveConfig, RunOptions
 from posefuse.realtime.fusion import Fusion
 from posefuse.realtime.inputs import inputs_from_arguments, rig_of_inputs
@@ -33,7 +32,7 @@ from posefuse.realtime.latency import STAGES
 from posefuse.realtime.messages import SessionClock
 from posefuse.realtime.networks import fetch_networks
 from posefuse.realtime.outputs import OutputPlan, check_live_outputs
-from posefuse.realtime.session import Finished, check_enough, closing_lines, run_live
+from posefuse.realtime.session import Finished, LivePlan, check_enough, closing_lines, run_live
 from posefuse.realtime.video_keeping import read_counts
 
 from .arguments import lines_of, shown
@@ -43,53 +42,37 @@ _TOP_OF_P95 = 2.0
 JSON_FILE, PAGE_FILE = "latency.json", "latency.html"
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class LivePlan:
-    """What a live session is to do: cameras, sources, settings, outputs; all of it checked.
+def live_plan(
+    rig: core.Rig | str | Path,
+    sources: Mapping[str, str] | Sequence[str],
+    *,
+    config: str | Path | None = None,
+    settings: Mapping[str, Any] | None = None,
+    outputs: Mapping[str, Mapping[str, Any]] | None = None,
+    ros: Mapping[str, Any] | None = None,
+    axes: str | None = None,
+    duration_s: float | None = None,
+    loop_s: float | None = None,
+) -> LivePlan:
+    """What `posefuse.live` and others are asked for, checked; what is odd about the rig is a `UserWarning`.
 
-    Attributes:
-        rig: all calibrated cameras. inputs: sources of those that take part. outputs: configs by name.
+    Raises:
+        PosefuseError: settings, sources or outputs that cannot be.
     """
-
-    rig: core.Rig
-    inputs: tuple[LiveInput, ...]
-    config: LiveConfig
-    outputs: Mapping[str, LiveOutputConfig]
-    duration_s: float | None = None
-
-    @classmethod
-    def of(
-        cls,
-        rig: core.Rig | str | Path,
-        sources: Mapping[str, str] | Sequence[str],
-        *,
-        config: str | Path | None = None,
-        settings: Mapping[str, Any] | None = None,
-        outputs: Mapping[str, Mapping[str, Any]] | None = None,
-        ros: Mapping[str, Any] | None = None,
-        axes: str | None = None,
-        duration_s: float | None = None,
-        loop_s: float | None = None,
-    ) -> LivePlan:
-        """See `posefuse.live`; what is odd about the rig is a `UserWarning`.
-
-        Raises:
-            PosefuseError: settings, sources or outputs that cannot be.
-        """
-        run = settings_from_mapping({"duration_s": duration_s, "loop_s": loop_s}, RunOptions, where="options")
-        cameras = rig if isinstance(rig, core.Rig) else read_placed_rig(Path(rig))
-        for note in rig_warnings("live" if isinstance(rig, core.Rig) else rig, cameras):
-            warnings.warn(note, UserWarning, stacklevel=3)
-        chosen = read_changed(None if config is None else Path(config), settings or {}, LiveConfig)
-        configs = output_configs(chosen, outputs or {}, {**(ros or {}), **({"axes": axes} if axes else {})})
-        check_live_outputs(configs)
-        return cls(
-            rig=cameras,
-            inputs=tuple(replace(entry, loop_s=run.loop_s) for entry in inputs_from_arguments(sources, cameras, ros)),
-            config=chosen,
-            outputs=configs,
-            duration_s=run.duration_s,
-        )
+    run = settings_from_mapping({"duration_s": duration_s, "loop_s": loop_s}, RunOptions, where="options")
+    cameras = rig if isinstance(rig, core.Rig) else read_placed_rig(Path(rig))
+    for note in rig_warnings("live" if isinstance(rig, core.Rig) else rig, cameras):
+        warnings.warn(note, UserWarning, stacklevel=3)
+    chosen = read_changed(None if config is None else Path(config), settings or {}, LiveConfig)
+    configs = output_configs(chosen, outputs or {}, {**(ros or {}), **({"axes": axes} if axes else {})})
+    check_live_outputs(configs)
+    return LivePlan(
+        rig=cameras,
+        inputs=tuple(replace(entry, loop_s=run.loop_s) for entry in inputs_from_arguments(sources, cameras, ros)),
+        config=chosen,
+        outputs=configs,
+        duration_s=run.duration_s,
+    )
 
 
 def output_configs(
@@ -199,7 +182,7 @@ def track_live(
     recorded = (outputs or {}).get("record", {}).get("path")
     if videos is not None:
         _check_videos(Path(videos), None if recorded is None else Path(recorded))
-    plan = LivePlan.of(
+    plan = live_plan(
         rig, sources, config=config, settings=settings, outputs=outputs, ros=ros, axes=axes, duration_s=duration_s, loop_s=loop_s
     )  # fmt: skip
     check_enough(plan.inputs)

@@ -21,8 +21,7 @@ from posefuse.realtime.capture import LiveInput
 from posefuse.realtime.inputs import check_any, inputs_from_arguments
 from posefuse.realtime.session import stop_requests
 from posefuse.realtime.video_keeping import KeptCounts, read_counts, write_found_counts
-from posefuse.realtime.watching import CameraFeed, CameraNews, guide
-from posefuse.realtime.watching import record as record_frames
+from posefuse.realtime.watching import CameraFeed, Watched, guide, watched
 
 from .arguments import checked, shown
 
@@ -214,7 +213,7 @@ def record(
         elif videos is not None:
             end = "Ctrl-C ends" if duration_s is None else f"{duration_s:g} s"
             report("record", 0, None, f"recording {', '.join(names)}; {end}")
-            record_frames(feed, videos, _reporter(report), duration_s=duration_s, stopped=stopped)
+            _report_news(watched(feed, videos, duration_s, stopped, judged=True), report)
         counts = {} if videos is None else read_counts(videos, names)
         if videos is not None:
             _check_recorded(videos, counts, stopped)
@@ -235,24 +234,23 @@ def resume_recording(folder: str | Path) -> RecordedVideos:
     return RecordedVideos(folder=place, videos=video_figures(_completed_recording(place)))
 
 
-def _reporter(report: Progress) -> Callable[[float, tuple[CameraNews, ...]], None]:
-    """Report the rates now and then, and every warning once."""
+def _report_news(watch: Watched, report: Progress) -> None:
+    """Report the rates now and then, and every warning once, until it ends."""
     known: set[tuple[str, str]] = set()
-
-    def take(seconds: float, news: tuple[CameraNews, ...]) -> None:
+    begin_s = time.monotonic()
+    for _, news in watch:
         for one in news:
             # without its numbers, which change every second
             kind = "".join("#" if c.isdigit() else c for c in one.warning)
             if one.warning and (one.camera, kind) not in known:
                 known.add((one.camera, kind))
                 warnings.warn(f"{one.camera}: {one.warning}", UserWarning, stacklevel=2)
-        if round(seconds) % _SAY_EVERY == 0:
+        seconds = time.monotonic() - begin_s
+        if news and round(seconds) % _SAY_EVERY == 0:
             rates = ", ".join(
                 f"{one.camera} {one.rate_hz:.1f}" + (f" ({one.missing} lost)" if one.missing else "") for one in news
             )
             report("record", 0, None, f"{seconds:.0f} s, frames/s: {rates}")
-
-    return take
 
 
 def video_figures(counts: Mapping[str, KeptCounts]) -> dict[str, Any]:

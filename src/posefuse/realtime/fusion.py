@@ -15,7 +15,6 @@ from posefuse.core import (
     LiveExpected,
     LiveHealth,
     LiveJointCentres,
-    LiveMessage,
     LivePose,
     LivePreview,
     Pose3D,
@@ -29,7 +28,7 @@ from posefuse.kinematics import JointTracker
 from .estimator import Estimator
 from .latency import Latencies, ViewTimes
 from .messages import Expected, SeenView, SessionClock, Status, ViewSource
-from .outputs import OutputProcess, SessionReader
+from .outputs import OutputProcess
 from .rig_watch import RigWatch
 
 _S = 1_000_000_000
@@ -53,13 +52,11 @@ class Fusion:
         outlets: OutputProcess,
         watch: RigWatch | None = None,
         joints: JointTracker | None = None,
-        reader: SessionReader | None = None,
     ) -> None:
         self.rig, self.estimator, self._expect, self.clock, self.outlets = rig, estimator, expect, clock, outlets
         self.monitor = Monitor(rig.names)
         self.latencies = Latencies(rig.names)
         self.watch, self._joints = watch, joints
-        self._reader = reader
         self.verdicts: Mapping[str, CameraHealth] = {}
         self.used = dict.fromkeys(rig.names, 0)
         self.seen = dict.fromkeys(rig.names, 0)
@@ -99,18 +96,12 @@ class Fusion:
             self._see(message)
         elif isinstance(message, LiveJointCentres):
             self.estimator.centring.learn(message)
-            self._give(message)
+            self.outlets.offer(message)
         elif isinstance(message, Status):
             for state in message.cameras:
                 self.monitor.take_state(state, message.t_ns, regular=True)
         elif isinstance(message, LivePreview):
-            self._give(message)
-
-    def _give(self, message: LiveMessage) -> None:
-        """To the outputs, and to the program that reads the session."""
-        self.outlets.offer(message)
-        if self._reader is not None and isinstance(message, self._reader.takes):
-            self._reader.take(message)
+            self.outlets.offer(message)
 
     def tick(self, due_ns: int, period_ns: int) -> None:
         """One pose, for the time it is due."""
@@ -120,7 +111,7 @@ class Fusion:
         stages = {"exposed": newest, "output": output_ns} if newest else {"output": output_ns}
         shown = self.estimator.shown(landmarks)
         joints = self._joints.step(shown) if self._joints is not None else None
-        self._give(LivePose(pose=shown, joints=joints, stages_ns=stages))
+        self.outlets.offer(LivePose(pose=shown, joints=joints, stages_ns=stages))
         self.latencies.tick_out(due_ns, output_ns, period_ns)
         for way in self._waiting:
             self.latencies.view_out(way, output_ns)
@@ -151,7 +142,7 @@ class Fusion:
         stages = {
             "received": way.received_ns, "started": way.started_ns, "detected": way.detected_ns, "fused": fused_ns
         }  # fmt: skip
-        self._give(LiveDetections(detections=view, stages_ns=stages))
+        self.outlets.offer(LiveDetections(detections=view, stages_ns=stages))
 
     def _listen(self, views: ViewSource, due_ns: int) -> None:
         channels = views.channels()
@@ -177,7 +168,7 @@ class Fusion:
         shown = pose if known.all() else pose.people(known)
         self._expect(Expected(shown.t_ns, shown.xyz_world, velocity_between(before, shown)))
         self._last_published = shown
-        self._give(LiveExpected(pose=shown))
+        self.outlets.offer(LiveExpected(pose=shown))
 
     def _judge(self, views: ViewSource, now_ns: int, until_ns: int) -> None:
         if now_ns - self._judged_ns < _JUDGE_NS:
@@ -191,7 +182,7 @@ class Fusion:
         self.outlets.poll()
         rates = self._rates()
         cameras = {name: replace(verdict, figures=rates[name]) for name, verdict in self.verdicts.items()}
-        self._give(LiveHealth(t_ns=now_ns, cameras=cameras, outputs=self.outlets.health))
+        self.outlets.offer(LiveHealth(t_ns=now_ns, cameras=cameras, outputs=self.outlets.health))
 
     def _rates(self) -> dict[str, dict[str, float]]:
         health = self.estimator.tracker.health

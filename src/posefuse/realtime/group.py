@@ -38,7 +38,6 @@ from .messages import (
     ShowImages,
     Status,
     Stop,
-    VideoFailed,
 )
 from .video_keeping import VideoKeeper, wait_for_videos
 
@@ -180,7 +179,6 @@ class Group:
         self._searches = {entry.camera: SearchSchedule() for entry in plan.inputs}
         self._status_s = 0.0
         self._shift_ns: dict[str, int] = {}
-        self._video_faults = dict.fromkeys(self._looked_s, "")
 
     def run(self) -> None:
         """Wait for Go, then look at frames until Stop."""
@@ -342,16 +340,9 @@ class Group:
         if now - self._status_s >= _STATUS_S:
             self._status_s = now
             states = tuple(capture.state() for capture in self._captures)
-            self._channel.send(Status(self._plan.clock.now_ns(), states), _SEND_S)
-            self._report_video_faults()
-
-    def _report_video_faults(self) -> None:
-        for capture in self._captures:
-            name = capture.entry.camera
-            fault = self._not_made[name] or capture.video_fault()
-            # a report there is no room for is sent again
-            if fault != self._video_faults[name] and (not fault or self._channel.send(VideoFailed(name, fault))):
-                self._video_faults[name] = fault
+            faults = {c.entry.camera: self._not_made[c.entry.camera] or c.video_fault() for c in self._captures}
+            known = {camera: fault for camera, fault in faults.items() if fault}
+            self._channel.send(Status(self._plan.clock.now_ns(), states, known), _SEND_S)
 
 
 def _in_session(found: Detections2D, shift_ns: int) -> Detections2D:

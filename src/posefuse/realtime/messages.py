@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import queue
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -114,18 +114,11 @@ class SeenView:
 
 @dataclass(frozen=True)
 class Status:
-    """A group is alive."""
+    """A group is alive. `video_faults`: why videos ended early, or could not be made, by camera."""
 
     t_ns: int
     cameras: tuple[CameraState, ...]
-
-
-@dataclass(frozen=True)
-class VideoFailed:
-    """A camera's video ended early; one line with the reason."""
-
-    camera: str
-    reason: str
+    video_faults: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -166,26 +159,12 @@ class NamePerson:
 
 
 Request = ShowImages | KeepVideos | AddOutput | RemoveOutput | NamePerson
-
-
-class Controls:
-    """A queue of requests."""
-
-    def __init__(self) -> None:
-        self._requests: queue.SimpleQueue[Request] = queue.SimpleQueue()
-
-    def ask(self, request: Request) -> None:
-        """From any thread; returns at once."""
-        self._requests.put(request)
-
-    def asked(self) -> Iterator[Request]:
-        """What was asked for since the last call."""
-        while not self._requests.empty():
-            yield self._requests.get_nowait()
+Requests = queue.SimpleQueue[Request]
+"""From any thread to the session's."""
 
 
 class ViewSource(Protocol):
-    """Where the views of a session come from: camera groups of this machine, or a network."""
+    """Where the views of a session come from: camera groups of this machine, or a network, which has no processes here."""
 
     def channels(self) -> list[Channel]:
         """For `select`."""
@@ -196,17 +175,22 @@ class ViewSource(Protocol):
         ...
 
     def expect(self, expected: Expected) -> None:
-        """Where cameras should look for people next; never waits."""
-        ...
+        """Where cameras should look for people next; never waits. Those of other machines take it from the outputs."""
+        return
 
     def troubles(self) -> Mapping[str, CameraHealth]:
-        """What is wrong with the process or machine of a camera, by camera."""
-        ...
+        """What is wrong with the process of a camera, by camera."""
+        return {}
 
     @property
     def restarts(self) -> int:
         """How often a process had to be started again."""
-        ...
+        return 0
+
+    @property
+    def pids(self) -> Sequence[int]:
+        """Processes of the cameras."""
+        return ()
 
     def wait_ready(self, stopped: Sequence[str]) -> Skeleton:
         """Wait for the first sign of all that is needed; gives up when `stopped` has an entry.
@@ -219,24 +203,20 @@ class ViewSource(Protocol):
 
     def whereabouts(self) -> list[str]:
         """Which work is done in which process, in words."""
-        ...
+        return []
 
     def notices(self) -> list[str]:
         """Notes about the sources of views, each line once."""
         ...
 
     def centres(self) -> list[LiveJointCentres]:
-        """What is known of joint centres by now."""
-        ...
+        """What is known of joint centres by now; more may come with the views."""
+        return []
 
     def start(self, clock: SessionClock) -> int:
         """Let views come; session time of the session's 0 s."""
         ...
 
     def control(self, request: ShowImages | KeepVideos) -> None:
-        """Change what cameras give besides views."""
-        ...
-
-    def memory_mb(self) -> float:
-        """Most memory this process and those of the cameras have held, added up."""
-        ...
+        """Change what cameras give besides views; options of their own nodes do so for cameras of other machines."""
+        return

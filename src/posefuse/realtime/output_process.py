@@ -24,7 +24,7 @@ from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.platform import lower_priority
 from posefuse.foundation.requests_to_end import wait_while_working
 
-from .messages import CannotStart, RemoveOutput, Stop
+from .messages import RemoveOutput, Stop
 
 # at the end an output that has made no progress for so long is given up; one that has nothing left ends at once
 END_S = 5.0
@@ -38,7 +38,7 @@ _LONGEST_RETRY_S = 10.0
 # after so long without a failure the next one is tried again soon
 _SETTLED_S = 30.0
 _HANGS_S = 2.0
-HANGS = "hangs"
+OPENING, HANGS = "opening", "hangs"
 NOTHING_YET = OutputHealth()
 
 
@@ -55,7 +55,7 @@ def keep(message: LiveMessage, kept: dict[object, LiveMessage]) -> bool:
 
 @dataclass(frozen=True)
 class OutputsHealth:
-    """How the outputs fare: the first one of a process when all are open, the last one is `final`."""
+    """How the outputs fare: the first one of a process has none, the last one is `final`."""
 
     health: Mapping[str, OutputHealth]
     final: bool = False
@@ -63,34 +63,26 @@ class OutputsHealth:
 
 @dataclass(frozen=True)
 class OutputAdded:
-    """Open another output; `start` is its first message, `kept` are those it must have seen before all others."""
+    """Open an output.
+
+    Attributes:
+        start: its first message. kept: those it must have seen before all others.
+        known: what it took and dropped, and how often it failed, in former processes.
+    """
 
     name: str
     config: LiveOutputConfig
     start: LiveStart
-    kept: Sequence[LiveMessage]
+    kept: Sequence[LiveMessage] = ()
+    known: OutputHealth = NOTHING_YET
 
 
-def run_outputs(
-    channel: Channel,
-    configs: Mapping[str, LiveOutputConfig],
-    start: LiveStart,
-    kept: Sequence[LiveMessage],
-    known: Mapping[str, OutputHealth],
-) -> None:
-    """Body of the process; `kept`: messages before all others. `known`: what former processes took, dropped and failed."""
+def run_outputs(channel: Channel) -> None:
+    """Body of the process; its outputs are added to it."""
     lower_priority(2)
     workers: list[OutputThread] = []
     with contextlib.suppress(ChannelClosed):
-        try:
-            # in a process that was started again each opens when it can, and keeps no other waiting
-            workers += [
-                OutputThread(name, config, start, kept, known[name], open_now=start.part == 1) for name, config in configs.items()
-            ]
-        except Exception as error:  # noqa: BLE001 - others' outputs may fail in any way; it is reported, not hidden
-            channel.send(CannotStart(words_of(error, "outputs")), 1.0)
-            return
-        channel.send(OutputsHealth(_health(workers)), 1.0)
+        channel.send(OutputsHealth({}), 1.0)
         _hand_out(channel, workers)
     # also when the session was killed: files are finished
     for worker in workers:
@@ -115,7 +107,7 @@ def _hand_out(channel: Channel, workers: list[OutputThread]) -> None:
             if isinstance(message, Stop):
                 return
             if isinstance(message, OutputAdded):
-                workers.append(OutputThread(message.name, message.config, message.start, message.kept, open_now=False))
+                workers.append(OutputThread(message))
             elif isinstance(message, RemoveOutput):
                 for worker in workers:
                     if worker.name == message.name:
@@ -140,39 +132,21 @@ def _states(workers: Sequence[OutputThread]) -> list[tuple[str, int]]:
 
 
 class OutputThread:
-    """An output's thread and its queue: one that keeps all is given what it has room for, another the newest.
+    """An output's thread, which opens it, and its queue: one that keeps all is given what it has room for, another the newest."""
 
-    Args:
-        start, kept: its first messages. known: its health in a former process.
-        open_now: open it before returning; else its own thread does, and what keeps it from that is in its health.
-
-    Raises:
-        PosefuseError: the output cannot be opened at the start.
-    """
-
-    def __init__(
-        self,
-        name: str,
-        config: LiveOutputConfig,
-        start: LiveStart,
-        kept: Sequence[LiveMessage] = (),
-        known: OutputHealth = NOTHING_YET,
-        *,
-        open_now: bool = True,
-    ) -> None:
-        self.name, self._config, self._start = name, config, start
-        self._queue: queue.Queue[LiveMessage | None] = queue.Queue(_QUEUE if config.keeps_all else _LIVE_QUEUE)
+    def __init__(self, added: OutputAdded) -> None:
+        self.name, self._config, self._start = added.name, added.config, added.start
+        self._queue: queue.Queue[LiveMessage | None] = queue.Queue(_QUEUE if added.config.keeps_all else _LIVE_QUEUE)
         self._kept: dict[object, LiveMessage] = {}
-        for message in kept:
+        for message in added.kept:
             keep(message, self._kept)
-        self._part, self._retry_s, self._again_s = start.part, _FIRST_RETRY_S, 0.0
+        self._part, self._retry_s, self._again_s = added.start.part, _FIRST_RETRY_S, 0.0
         self._failed_s = self._busy_s = 0.0
-        self._output: LiveOutput | None = self._opened() if open_now else None
-        state, where = (OK, self._output.where) if self._output else ("opening", known.where)
-        self._now = replace(known, state=state, text="", where=where)
+        self._output: LiveOutput | None = None
+        self._now = replace(added.known, state=OPENING, text="")
         self._ending = False
-        self._dropped = known.dropped
-        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._dropped = added.known.dropped
+        self._thread = threading.Thread(target=self._run, name=added.name, daemon=True)
         self._thread.start()
 
     @property
@@ -223,10 +197,13 @@ class OutputThread:
             self._fail(f"not finished, and no progress for {END_S:g} s; what it wrote last may be missing")
 
     def _run(self) -> None:
+        self._busy_s = time.monotonic()
+        self._open()
+        self._busy_s = 0.0
         while (message := self._queue.get()) is not None:
             keep(message, self._kept)
             self._busy_s = time.monotonic()
-            if self._output is None and not self._open_again():
+            if self._output is None and not self._open():
                 self._dropped += 1
             elif self._output is not None:
                 self._take(self._output, message)
@@ -253,8 +230,8 @@ class OutputThread:
             raise
         return output
 
-    def _open_again(self) -> bool:
-        """Whether it is open now."""
+    def _open(self) -> bool:
+        """Whether it is open now; not tried before it is time to try again."""
         if time.monotonic() < self._again_s:
             return False
         try:
@@ -263,7 +240,9 @@ class OutputThread:
             self._again_later(words_of(error, self.name), counts=False)
             return False
         where = self._output.where
-        self._now = replace(self._now, state=OK, text=f"continues in {where}" if where else "continues", where=where)
+        first = self._part == 1 and self._now.state == OPENING
+        text = "" if first else f"continues in {where}" if where else "continues"
+        self._now = replace(self._now, state=OK, text=text, where=where)
         return True
 
     def _again_later(self, why: str, counts: bool = True) -> None:

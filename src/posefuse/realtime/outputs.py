@@ -13,15 +13,8 @@ from posefuse.core.live_messages import FAILED, OK
 from posefuse.foundation.worker import Worker
 from posefuse.health.cameras import Event
 
-from .messages import CannotStart, RemoveOutput, SessionClock, Stop
-from .output_process import (
-    END_S,
-    HANGS,
-    OutputAdded,
-    OutputsHealth,
-    keep,
-    run_outputs,
-)
+from .messages import RemoveOutput, SessionClock, Stop
+from .output_process import END_S, HANGS, OPENING, OutputAdded, OutputsHealth, keep, run_outputs
 
 PROCESS = "process"
 _START_S = 60.0
@@ -50,7 +43,7 @@ class OutputPlan:
     Attributes:
         rig: the cameras. clock: of the session. rate_hz: output rate. configs: of the outputs, by name.
         notes: how the session was made, see `notes_of`. names: of the people, in the order of their ids.
-        reader: the program that began the session, if any; takes messages in the session's own thread.
+        reader: the program that began the session, if any; takes messages in the session's own thread, the first one at once.
     """
 
     rig: Rig
@@ -90,7 +83,7 @@ def check_live_outputs(configs: Mapping[str, LiveOutputConfig]) -> None:
 
 
 class OutputProcess:
-    """Offers messages to the process of the outputs and never waits for it; while there are no outputs there is no process.
+    """Offers messages to the reader and the process of the outputs, and never waits; without outputs there is no process.
 
     Attributes:
         lost: messages the process had no room for, or that came while there was no process.
@@ -101,22 +94,22 @@ class OutputProcess:
 
     def __init__(self, plan: OutputPlan) -> None:
         self.lost = 0
-        self.health: dict[str, OutputHealth] = {name: OutputHealth(state="opening") for name in plan.configs}
+        self.health: dict[str, OutputHealth] = {name: OutputHealth(state=OPENING) for name in plan.configs}
         self.events: deque[Event] = deque(maxlen=1000)
         self.event_count = 0
-        # the reader is given its messages by the session itself
-        self._plan = replace(plan, reader=None)
+        self._plan = plan
         self._first: LiveStart | None = None
         self._kept: dict[object, LiveMessage] = {}
         # messages that were not sent yet, and since when there are any
         self._batch: list[LiveMessage] = []
         self._batch_s = 0.0
         self._finished = self._ready = False
-        # what was changed and not sent yet; outputs of which it is not known yet whether they can be opened
+        # what was changed and not sent yet
         self._changes: list[OutputAdded | RemoveOutput] = []
-        self._opening: set[str] = set()
         self._deaths = 0
         self._worker = Worker(run_outputs)
+        if plan.reader is not None:
+            plan.reader.take(plan.start())
         if plan.configs:
             self._begin()
 
@@ -135,23 +128,29 @@ class OutputProcess:
 
     def wait_ready(self) -> None:
         """Wait until everything is open; raises InputError in the words of what could not be opened."""
-        if not self._plan.configs:
-            return
-        if not self._worker.wait(_START_S):
-            raise InputError(f"outputs: not ready within {_START_S:g} s")
-        message = self._worker.receive()
-        if not self._worker.running:
-            raise InputError(f"outputs: {self._worker.trouble} while starting")
-        if isinstance(message, CannotStart):
-            raise InputError(message.reason)
-        self._take(message)
+        until_s = time.monotonic() + _START_S
+        while any(health.state != OK for health in self.health.values()):
+            if not self._worker.wait(max(until_s - time.monotonic(), 0.0)):
+                raise InputError(f"outputs: not ready within {_START_S:g} s")
+            self._take(self._worker.receive())
+            if not self._worker.running:
+                raise InputError(f"outputs: {self._worker.trouble} while starting")
+            for health in self.health.values():
+                if health.state == FAILED:
+                    raise InputError(health.text)
+        # one that opened slowly is no news
+        self.events.clear()
 
     def offer(self, message: LiveMessage) -> None:
-        """Hand a message on, if any output takes such, or one that is opened later must have it.
+        """Hand a message on, if the reader or any output takes such, or an output that is opened later must have it.
 
-        It goes with others, soon; a pose at once where an output wants the newest.
+        To the outputs it goes with others, soon; a pose at once where an output wants the newest.
         """
-        if not (keep(message, self._kept) or self._plan.wants(type(message))) or not self.health:
+        reader = self._plan.reader
+        if reader is not None and isinstance(message, reader.takes):
+            reader.take(message)
+        wanted = any(isinstance(message, config.takes) for config in self._plan.configs.values())
+        if not (keep(message, self._kept) or wanted) or not self.health:
             return
         if not self._ready:
             self.lost += 1
@@ -191,12 +190,10 @@ class OutputProcess:
         if name in self._plan.configs:
             return
         self._plan = replace(self._plan, configs={**self._plan.configs, name: config})
-        self.health[name] = OutputHealth(state="opening")
-        if len(self._plan.configs) == 1 and not self._worker.running:
-            self._begin()
-            return
-        self._opening.add(name)
-        self._change(OutputAdded(name, config, self._plan.start(), list(self._kept.values())))
+        self.health[name] = OutputHealth(state=OPENING)
+        # a process that is started for it opens all there are
+        if self._worker.running:
+            self._change(OutputAdded(name, config, self._plan.start(), list(self._kept.values())))
 
     def remove(self, name: str) -> None:
         """Finish and close an output; it stays in `health` until that is done."""
@@ -230,35 +227,29 @@ class OutputProcess:
         self._note_death()
         self._first = self._first or self._plan.start()
         first = replace(self._first, part=1 + max((health.failures for health in self.health.values()), default=0))
-        # it is given all outputs that are open by now
-        self._changes, self._ready, self._opening = [], False, set(self._plan.configs)
-        known = {name: self.health[name] for name in self._plan.configs}
-        self._worker.start(dict(self._plan.configs), first, list(self._kept.values()), known)
+        self._ready, kept = False, list(self._kept.values())
+        self._changes = [OutputAdded(name, one, first, kept, self.health[name]) for name, one in self._plan.configs.items()]
+        self._worker.start()
 
-    def _take(self, message: Any) -> None:
-        if isinstance(message, CannotStart):
-            self._worker.fail(message.reason)
-        elif isinstance(message, OutputsHealth):
+    def _take(self, message: OutputsHealth | None) -> None:
+        if message is not None:
             self._ready, self._finished = True, message.final
+            self._change()
             self._learn(message.health)
             for name in [name for name in self.health if name not in message.health and name not in self._plan.configs]:
                 del self.health[name]
 
     def _learn(self, health: Mapping[str, OutputHealth]) -> None:
         for name, now in health.items():
-            if name not in self.health or (name in self._opening and now.state == "opening"):
+            # one that is opened again has failed until then
+            if (known := self.health.get(name)) is None or now.state == OPENING:
                 continue
-            first = name in self._opening
-            self._opening.discard(name)
-            known, new = self.health[name], now
-            self.health[name] = new
-            if new.failures > known.failures and new.state == OK:
-                self._event(name, FAILED, new.fault)
-            if first and new.state == OK:
-                new = self.health[name] = replace(new, text=new.text or new.where)
-            changed = first or (new.state, new.failures) != (known.state, known.failures)
-            if changed and (known.state, new.state) != ("opening", OK):
-                self._event(name, new.state, new.text)
+            self.health[name] = now
+            if now.failures > known.failures and now.state == OK:
+                self._event(name, FAILED, now.fault)
+            changed = (now.state, now.failures, now.fault) != (known.state, known.failures, known.fault)
+            if changed and (known.state, now.state) != (OPENING, OK):
+                self._event(name, now.state, now.text)
 
     def _note_death(self, again: bool = True) -> None:
         if self._worker.deaths == self._deaths:

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import os
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 from posefuse.core import CameraHealth, LiveJointCentres, Skeleton, SourceError
 from posefuse.foundation.channel import Channel
-from posefuse.foundation.platform import peak_memory_mb, processor_s
+from posefuse.foundation.platform import processor_s
 from posefuse.foundation.worker import Worker
 
 from .group import GroupPlan, run_group
-from .messages import CannotStart, Expected, Go, KeepVideos, Ready, SessionClock, ShowImages, Status, Stop, VideoFailed
+from .messages import CannotStart, Expected, Go, KeepVideos, Ready, SessionClock, ShowImages, Status, Stop
 from .news import ProcessedImages
 from .video_keeping import FINISH_S
 
@@ -35,6 +34,7 @@ class _Member:
 
     Attributes:
         ready: whether it waits for `Go`, or works. used_s: its processor time when it had been silent for a while.
+        video_faults: of its newest status.
     """
 
     plan: GroupPlan
@@ -42,6 +42,7 @@ class _Member:
     marks: Ready | None = None
     ready: bool = False
     used_s: float | None = None
+    video_faults: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def cameras(self) -> list[str]:
@@ -86,9 +87,10 @@ class Groups:
         """How often a process had to be started again."""
         return sum(member.worker.starts - 1 for member in self._members)
 
-    def memory_mb(self) -> float:
-        """Most memory this process and those of the groups have held, added up, see `peak_memory_mb`."""
-        return peak_memory_mb([os.getpid(), *(member.worker.pid for member in self._members)])
+    @property
+    def pids(self) -> list[int]:
+        """Of the newest process of each group."""
+        return [member.worker.pid for member in self._members]
 
     def wait_ready(self, stopped: Sequence[str] = (), timeout_s: float = START_S) -> Skeleton:
         """Wait for every group's sources and network.
@@ -214,10 +216,11 @@ class Groups:
                 worker.send(self._go, 0.1)
             elif isinstance(message, CannotStart):
                 worker.fail(message.reason)
-            elif isinstance(message, VideoFailed):
-                self._notices.append(f"video {message.camera}: failed: {message.reason}")
             else:
                 if isinstance(message, Status):
+                    new = message.video_faults.items() - member.video_faults.items()
+                    self._notices += [f"video {camera}: failed: {fault}" for camera, fault in sorted(new)]
+                    member.video_faults = message.video_faults
                     network = str(member.plan.detector.options.get("landmarks", ""))
                     self._notices += filter(None, [self._processed.news(message, worker.received_s, network)])
                 yield message

@@ -8,43 +8,18 @@ from __future__ import annotations
 import _thread
 import signal
 import threading
-from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
-from posefuse.core import (
-    LiveDetections,
-    LiveHealth,
-    LiveMessage,
-    LiveOutputConfig,
-    LivePose,
-    LivePreview,
-    LiveStart,
-    PosefuseError,
-    Rig,
-)  # fmt: skip
+from posefuse.core import LiveDetections, LiveHealth, LiveMessage, LivePose, LivePreview, LiveStart, PosefuseError
 from posefuse.foundation.channel import Channel, ChannelClosed
 
-from .capture import LiveInput
-from .config import LiveConfig
 from .inputs import rig_of_inputs
-from .messages import Controls, SessionClock, Stop
+from .messages import Requests, SessionClock, Stop
 from .outputs import OutputPlan
-from .session import run_live
+from .session import LivePlan, run_live
 
 _SEND_S, _LOOK_S, _END_SEND_S = 1.0, 0.2, 30.0
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ServePlan:
-    """What the session is to do; see `run_live`. images: send the cameras' small images, too, each after its detections."""
-
-    rig: Rig
-    inputs: Sequence[LiveInput]
-    config: LiveConfig
-    outputs: Mapping[str, LiveOutputConfig]
-    duration_s: float | None
-    images: bool = False
 
 
 @dataclass(frozen=True)
@@ -81,23 +56,26 @@ class _Reader:
             self._channel.send(message)
 
 
-def serve(channel: Channel, plan: ServePlan) -> None:
-    """Body of the process: run the session until it ends, it is stopped (it interrupts itself), or no one listens any more."""
+def serve(channel: Channel, plan: LivePlan, images: bool) -> None:
+    """Body of the process: run the session until it ends, it is stopped (it interrupts itself), or no one listens any more.
+
+    `images`: send the cameras' small images, too, each after its detections.
+    """
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    controls = Controls()
+    requests = Requests()
     error: PosefuseError | None = None
     try:
         # it may interrupt at once
-        threading.Thread(target=_take_requests, args=(channel, controls), daemon=True).start()
+        threading.Thread(target=_take_requests, args=(channel, requests), daemon=True).start()
 
         def say(line: str) -> None:
             with suppress(ChannelClosed):
                 channel.send(NewsLine(line), _SEND_S)
 
         rig = rig_of_inputs(plan.rig, plan.inputs, plan.config.camera_info, say)
-        reader = _Reader(channel, plan.images)
+        reader = _Reader(channel, images)
         outputs = OutputPlan(rig=rig, clock=SessionClock.begin(), configs=plan.outputs, reader=reader)
-        run_live(rig, plan.inputs, plan.config, outputs, plan.duration_s, say, controls=controls)
+        run_live(rig, plan.inputs, plan.config, outputs, plan.duration_s, say, requests=requests)
     except PosefuseError as problem:
         error = problem
     except KeyboardInterrupt:
@@ -106,7 +84,7 @@ def serve(channel: Channel, plan: ServePlan) -> None:
         channel.send(Ended(error), _END_SEND_S)
 
 
-def _take_requests(channel: Channel, controls: Controls) -> None:
+def _take_requests(channel: Channel, requests: Requests) -> None:
     # it also ends when the program that wanted the poses has ended
     with suppress(ChannelClosed):
         while True:
@@ -115,5 +93,5 @@ def _take_requests(channel: Channel, controls: Controls) -> None:
                 if isinstance(message, Stop):
                     _thread.interrupt_main()
                     return
-                controls.ask(message)
+                requests.put(message)
     _thread.interrupt_main()

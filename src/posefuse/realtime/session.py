@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from posefuse import __version__
-from posefuse.core import LiveNames, LivePose, LivePreview, Rig, Skeleton, SourceError
+from posefuse.core import LiveNames, LiveOutputConfig, LivePose, LivePreview, Rig, Skeleton, SourceError
 from posefuse.formats.recording import rig_values
 from posefuse.foundation.compiled import compiling
-from posefuse.foundation.platform import punctual, usable_cores
+from posefuse.foundation.platform import peak_memory_mb, punctual, usable_cores
 from posefuse.foundation.requests_to_end import HANG_UP, REQUESTS_TO_END, Repeats, heeded, put_off, without_terminal
 from posefuse.health.cameras import Event
 from posefuse.kinematics import JointTracker
@@ -28,7 +28,7 @@ from .config import LiveConfig
 from .estimator import warmed_up
 from .fusion import Fusion
 from .group import GroupPlan
-from .messages import AddOutput, Controls, KeepVideos, NamePerson, RemoveOutput, ShowImages, ViewSource
+from .messages import AddOutput, KeepVideos, NamePerson, RemoveOutput, Requests, ShowImages, ViewSource
 from .networks import settled_network
 from .news import LEAST_CAMERAS, LEAST_SHARE, News, Say, never_waiting
 from .outputs import OutputPlan, OutputProcess
@@ -70,20 +70,20 @@ class Finished:
     clock_offset_s: Mapping[str, float]
 
 
-@dataclass(frozen=True, kw_only=True)
-class SessionPlan:
-    """What a session is to do, wherever its views come from.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LivePlan:
+    """A session with cameras of this machine, as it was asked for; all of it is checked.
 
     Attributes:
-        outputs: where results go, with the cameras and the clock. config: all settings.
+        rig: all calibrated cameras. inputs: sources of those that take part. outputs: configs by name.
         duration_s: the session ends after this time; None: no limit.
-        remote: views come from other machines, whose clocks are compared on the way.
     """
 
-    outputs: OutputPlan
+    rig: Rig
+    inputs: tuple[LiveInput, ...]
     config: LiveConfig
+    outputs: Mapping[str, LiveOutputConfig]
     duration_s: float | None
-    remote: bool
 
 
 def closing_lines(fusion: Fusion) -> Iterator[str]:
@@ -117,11 +117,11 @@ def run_live(
     say: Say,
     *,
     videos: Path | None = None,
-    controls: Controls | None = None,
+    requests: Requests | None = None,
 ) -> Finished:
     """A session with cameras of this machine: until the time is over, all sources have ended, or Ctrl-C.
 
-    `videos`: an existing folder that takes every camera's video; None: none are kept. `controls`: what is changed on the way.
+    `videos`: an existing folder that takes every camera's video; None: none are kept. `requests`: what is changed on the way.
 
     Raises:
         SourceError: fewer than two cameras, or one that cannot be opened.
@@ -133,8 +133,7 @@ def run_live(
         config = replace(config, detector=settled_network(config.detector, len(inputs), say_soon))
         plan = replace(plan, rig=rig, rate_hz=config.rate_hz, notes=notes_of(rig, config), names=config.names)
         plans = group_plans(rig, inputs, config, plan, videos)
-        whole = SessionPlan(outputs=plan, config=config, duration_s=duration_s, remote=False)
-        return run_session(whole, lambda: Groups(plans), say_soon, controls)
+        return run_session(plan, config, lambda: Groups(plans), say_soon, duration_s=duration_s, requests=requests)
 
 
 def check_enough(inputs: Sequence[LiveInput]) -> None:
@@ -144,31 +143,36 @@ def check_enough(inputs: Sequence[LiveInput]) -> None:
 
 
 def run_session(
-    plan: SessionPlan,
+    plan: OutputPlan,
+    config: LiveConfig,
     open_views: Callable[[], AbstractContextManager[ViewSource]],
     say: Say,
-    controls: Controls | None = None,
+    *,
+    duration_s: float | None,
+    remote: bool = False,
+    requests: Requests | None = None,
 ) -> Finished:
     """Outputs, tracker, joint centres, rig watch and fusion around the views that `open_views()` brings.
+
+    Args:
+        plan: where results go, with the cameras and the clock. config: all settings.
+        duration_s: the session ends after this time; None: no limit. requests: what is changed on the way.
+        remote: views come from other machines, whose clocks are compared on the way.
 
     Raises:
         SourceError: views that cannot come.
         InputError: an output that cannot be opened.
     """
-    rig, clock, config = plan.outputs.rig, plan.outputs.clock, plan.config
-    outputs = OutputProcess(plan.outputs)
+    rig, clock, outputs = plan.rig, plan.clock, OutputProcess(plan)
     try:
-        with stop_requests() as stopped, open_views() as views, watching(rig, clocks=plan.remote) as watch:
+        with stop_requests() as stopped, open_views() as views, watching(rig, clocks=remote) as watch:
             outputs.wait_ready()
             skeleton = views.wait_ready(stopped)
             say("; ".join(filter(None, [*views.whereabouts(), watch.whereabouts() if watch else "", outputs.whereabouts()])))
             with compiling("live tracking", say):
                 estimator = warmed_up(rig, skeleton, config)
-            joints = JointTracker(skeleton, config.joints) if plan.outputs.wants(LivePose) else None
-            reader = plan.outputs.reader
-            fusion = Fusion(rig, estimator, views.expect, clock, outputs, watch=watch, joints=joints, reader=reader)
-            if reader is not None:
-                reader.take(plan.outputs.start())
+            joints = JointTracker(skeleton, config.joints) if plan.wants(LivePose) else None
+            fusion = Fusion(rig, estimator, views.expect, clock, outputs, watch=watch, joints=joints)
             for centres in views.centres():
                 fusion.take(centres)
             zero_ns = views.start(clock)
@@ -176,10 +180,10 @@ def run_session(
             begun = os.times()
             news = News(fusion, zero_ns, say, views.notices)
             with punctual():
-                over = _until(plan.duration_s, zero_ns, fusion, news, stopped)
-                fusion.run(views, config.rate_hz, over if controls is None else _controlled(over, controls, views, outputs))
-            restarts, memory_mb = views.restarts, views.memory_mb()
-            known_s = watch.known.offset_s if watch is not None and plan.remote else {}
+                over = _until(duration_s, zero_ns, fusion, news, stopped)
+                fusion.run(views, config.rate_hz, over if requests is None else _controlled(over, requests, views, outputs))
+            restarts, memory_mb = views.restarts, peak_memory_mb([os.getpid(), *views.pids])
+            known_s = watch.known.offset_s if watch is not None and remote else {}
     finally:
         outputs.close()
     news.report(clock.now_ns())
@@ -197,7 +201,7 @@ def run_session(
         restarts=restarts,
         cpu_s=(times.user + times.system - begun.user - begun.system, times.children_user + times.children_system),
         memory_mb=memory_mb,
-        clock_offset_s={name: known_s.get(name, float("nan")) for name in rig.names} if plan.remote else {},
+        clock_offset_s={name: known_s.get(name, float("nan")) for name in rig.names} if remote else {},
     )
 
 
@@ -213,15 +217,15 @@ def _until(duration_s: float | None, zero_ns: int, fusion: Fusion, news: News, s
 
 
 def _controlled(
-    over: Callable[[int], bool], controls: Controls, views: ViewSource, outputs: OutputProcess
+    over: Callable[[int], bool], requests: Requests, views: ViewSource, outputs: OutputProcess
 ) -> Callable[[int], bool]:
     """`over`, which does what was asked for since the last tick first."""
     names: dict[int, str] = {}
 
     def until(now_ns: int) -> bool:
-        for request in controls.asked():
-            match request:
-                case ShowImages() | KeepVideos():
+        while not requests.empty():
+            match requests.get_nowait():
+                case ShowImages() | KeepVideos() as request:
                     views.control(request)
                 case AddOutput(name, config):
                     outputs.add(name, config)

@@ -160,27 +160,7 @@ class CameraNews:
     warning: str
 
 
-def record(
-    feed: CameraFeed,
-    videos: Path,
-    report: Callable[[float, tuple[CameraNews, ...]], None],
-    *,
-    duration_s: float | None = None,
-    stopped: Sequence[str] = (),
-) -> None:
-    """Keep every frame until the sources end, `stopped` has an entry, or for `duration_s` with all cameras; closes the feed.
-
-    Args:
-        feed: open cameras that have not begun. videos: an existing folder.
-        report: is called once a second with the seconds since the beginning.
-
-    Raises:
-        SourceError: a source that fails and is not opened again. InputError: a video that cannot be made.
-    """
-    begin = time.monotonic()
-    for _, news in watched(feed, videos, duration_s, stopped, judged=True):
-        if news:
-            report(time.monotonic() - begin, news)
+Watched = Iterator[tuple[list[FedFrame], tuple[CameraNews, ...]]]
 
 
 def watched(
@@ -190,10 +170,17 @@ def watched(
     stopped: Sequence[str] = (),
     *,
     judged: bool,
-) -> Iterator[tuple[list[FedFrame], tuple[CameraNews, ...]]]:
-    """The newest frames until the end, and once a second news of each camera, else none; then closes the feed.
+) -> Watched:
+    """The newest frames, and once a second news of each camera, else none.
 
-    With `judged`, an image of each camera is judged for its news; in large images that takes tens of milliseconds.
+    It ends when the sources do, `stopped` has an entry, or `duration_s` with all cameras is over; then it closes the feed.
+
+    Args:
+        feed: open cameras that have not begun. videos: an existing folder that keeps every frame; None: none are kept.
+        judged: an image of each camera is judged for its news; in large images that takes tens of milliseconds.
+
+    Raises:
+        SourceError: a source that fails and is not opened again. InputError: a video that cannot be made.
     """
     feed.begin(videos)
     found: dict[str, str] = {}

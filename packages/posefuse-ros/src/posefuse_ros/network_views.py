@@ -5,7 +5,6 @@ Who sent first keeps a camera; the session's skeleton only, and no floods.
 
 from __future__ import annotations
 
-import os
 import threading
 import time
 from collections import Counter
@@ -13,14 +12,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from posefuse.core import CameraHealth, Detections2D, LiveJointCentres, Rig, Skeleton, SourceError
+from posefuse.core import Detections2D, LiveJointCentres, Rig, Skeleton, SourceError
 from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse.foundation.channel import Channel, ChannelClosed
-from posefuse.foundation.platform import peak_memory_mb
 from posefuse.health.cameras import CameraState
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import warmed_up
-from posefuse.realtime.messages import Expected, KeepVideos, SeenView, SessionClock, ShowImages
+from posefuse.realtime.messages import SeenView, SessionClock, ViewSource
 from posefuse.realtime.news import Say
 
 from . import topics
@@ -217,8 +215,8 @@ class ViewIntake:
         return [seen]
 
 
-class NetworkViews:
-    """Views of other machines for a session (`ViewSource`): topics are read in a thread. A context manager that closes them.
+class NetworkViews(ViewSource):
+    """Views of other machines for a session: topics are read in a thread. A context manager that closes them.
 
     Args:
         rig: its cameras are taken. clock: of the session.
@@ -227,8 +225,6 @@ class NetworkViews:
     Attributes:
         views: what is made of the messages. dropped: messages the fusion had no room for.
     """
-
-    restarts = 0
 
     def __init__(
         self,
@@ -274,10 +270,6 @@ class NetworkViews:
                 return
             yield received
 
-    def troubles(self) -> Mapping[str, CameraHealth]:
-        """Nothing is known of processes on other machines; their silence is seen by the monitor."""
-        return {}
-
     def notices(self) -> list[str]:
         """Why messages are refused, each reason once; and camera nodes that work with other intrinsics."""
         senders, intrinsics = self.views.senders, self._intrinsics
@@ -301,27 +293,9 @@ class NetworkViews:
         self._say(f"first view after {self._waited_s():.1f} s")
         return skeleton
 
-    def whereabouts(self) -> list[str]:
-        """In no process of this machine."""
-        return []
-
-    def centres(self) -> list[LiveJointCentres]:
-        """They come with the views."""
-        return []
-
     def start(self, clock: SessionClock) -> int:
         """They come already; the session counts from when it began to wait for them."""
         return self._begun_ns
-
-    def expect(self, expected: Expected) -> None:
-        """Nothing to do: camera nodes take the predictions that the output sends."""
-
-    def control(self, request: ShowImages | KeepVideos) -> None:
-        """Cameras of other machines take no requests: images and videos are switched by their own nodes' options."""
-
-    def memory_mb(self) -> float:
-        """Most memory this process has held."""
-        return peak_memory_mb([os.getpid()])
 
     def close(self) -> None:
         """Leave the network."""

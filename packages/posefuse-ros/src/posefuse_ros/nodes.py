@@ -10,7 +10,7 @@ from typing import Any
 
 from posefuse import core
 from posefuse.api.arguments import lines_of, shown
-from posefuse.api.live_run import LivePlan, LiveRun, finished_run
+from posefuse.api.live_run import LiveRun, finished_run, live_plan
 from posefuse.core import LiveHealth, LivePreview, Pose3D, Progress, Rig, Skeleton
 from posefuse.foundation.channel import wait_any
 from posefuse.foundation.output_folder import check_replaceable
@@ -24,7 +24,7 @@ from posefuse.realtime.networks import fetch_networks, settled_network
 from posefuse.realtime.news import never_waiting
 from posefuse.realtime.outputs import OutputPlan
 from posefuse.realtime.processes import Groups
-from posefuse.realtime.session import SessionPlan, group_plans, notes_of, run_session, stop_requests
+from posefuse.realtime.session import group_plans, notes_of, run_session, stop_requests
 
 from . import topics
 from .camera_messages import message_from_joint_centres
@@ -142,7 +142,7 @@ def camera_node(
         >>> import posefuse as pf
         >>> pf.camera_node("rig.toml", {"cam1": "usb:0"}, name="left").figures  # doctest: +SKIP
     """
-    whole = LivePlan.of(
+    whole = live_plan(
         rig, sources, config=config, settings=settings, ros=ros, duration_s=duration_s, loop_s=loop_s
     )  # fmt: skip
     check_any(whole.inputs)
@@ -198,7 +198,7 @@ def fusion_node(
         check_replaceable(Path(report), command="live", replace=False)
     # views that came from ROS are not sent back there
     also = {**(outputs or {}), "ros2": {**(outputs or {}).get("ros2", {}), "detections": False}}
-    given = LivePlan.of(rig, [], config=config, settings=settings, outputs=also, ros=ros, axes=axes, duration_s=duration_s)
+    given = live_plan(rig, [], config=config, settings=settings, outputs=also, ros=ros, axes=axes, duration_s=duration_s)
     cameras, chosen, network = given.rig, given.config, network_of(ros)
     with shown(progress) as news:
         note = lines_of(news, "live")
@@ -209,11 +209,10 @@ def fusion_node(
             rig=cameras, clock=clock, rate_hz=chosen.rate_hz, configs=given.outputs, notes=notes_of(cameras, chosen),
             names=chosen.names,
         )  # fmt: skip
-        whole = SessionPlan(outputs=plan, config=chosen, duration_s=given.duration_s, remote=True)
         note(f"waiting for views of {', '.join(cameras.names)} in domain {network.domain_id}")
         with never_waiting(note) as say:
             views = NetworkViews(cameras, network, clock, chosen, duration_s=given.duration_s, say=say)
-            done = run_session(whole, lambda: views, say)
+            done = run_session(plan, chosen, lambda: views, say, duration_s=given.duration_s, remote=True)
     counts, senders = views.views.intake.counts, views.views.senders
     offsets_ms = {camera: 1000 * offset for camera, offset in done.clock_offset_s.items()}
     more = {

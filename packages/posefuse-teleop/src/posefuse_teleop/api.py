@@ -9,45 +9,14 @@ from typing import TYPE_CHECKING
 
 from posefuse.api.arguments import shown
 from posefuse.api.live import LiveSession
-from posefuse.core import ConfigError, LivePose, Progress
+from posefuse.core import ConfigError, Progress
 
 if TYPE_CHECKING:
     from posefuse_teleop.ros_plan import RosPlan
     from posefuse_teleop.session import Operator, Summary
     from posefuse_teleop.settings import TeleoperationSettings
     from posefuse_teleop.switches import DeadMan
-    from posefuse_teleop.values import CameraReport, Order
-
-
-class SessionFeed:
-    """Poses of a live session for teleoperation (`teleoperation.session.Feed`)."""
-
-    def __init__(self, session: LiveSession) -> None:
-        self._session, self._used_ns = session, -1
-
-    @property
-    def ended(self) -> bool:
-        """Whether the session is over."""
-        return self._session.ended
-
-    def wait(self, timeout_s: float) -> None:
-        """Until there is a new pose, at most so long."""
-        self._session.wait_newer(self._used_ns, timeout_s)
-
-    def newest(self) -> tuple[LivePose, int, int] | None:
-        """See `Feed`."""
-        found = self._session.newest()
-        if found is None:
-            return None
-        self._used_ns = found.message.pose.t_ns
-        return found.message, found.t_ns, found.measured_ns
-
-    def cameras(self) -> CameraReport | None:
-        """See `Feed`."""
-        from posefuse_teleop.session import camera_report
-
-        found = self._session.newest()
-        return camera_report(dict(found.cameras), found.cameras_ns) if found is not None and found.cameras else None
+    from posefuse_teleop.values import Order
 
 
 def teleoperate(
@@ -125,10 +94,10 @@ def teleoperate(
         link = RobotLink(plan)
         stack.callback(link.close)
         link.wait_ready()
-        feed = SessionFeed(stack.enter_context(session))
+        stack.enter_context(session)
         with shown(progress) as report:
             report("teleoperation", 0, None, switch.hint)
-        return run_control_loop(feed, switch, link, settings, until=lambda: False, watch=_each(watches))
+        return run_control_loop(session, switch, link, settings, watch=_each(watches))
 
 
 def _each(watches: Sequence[Callable[[Operator, Order | None], None]]) -> Callable[[Operator, Order | None], None] | None:

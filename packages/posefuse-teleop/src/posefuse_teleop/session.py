@@ -6,11 +6,11 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posefuse.core import CameraHealth, LivePose, PosefuseError
+from posefuse.core import PosefuseError
 from posefuse.core.live_messages import OK
 
 from .gate import Beat, Gate, Heartbeats, Seen, speed_mps, step_gate
@@ -21,6 +21,8 @@ from .settings import TeleoperationSettings
 from .values import CameraReport, OperatorView, Order, Phase, RobotState
 
 if TYPE_CHECKING:
+    from posefuse.api.live import LiveSession, Newest
+
     from .process import RobotLink
     from .switches import DeadMan, Pressed
 
@@ -152,27 +154,6 @@ def _order(operator: Operator, settings: TeleoperationSettings, now_ns: int) -> 
     return moves if moves.usable else replace(order, phase=Phase.HOLD)
 
 
-class Feed(Protocol):
-    """Where poses come from."""
-
-    def wait(self, timeout_s: float) -> None:
-        """Until there is a new pose, at most so long."""
-        ...
-
-    def newest(self) -> tuple[LivePose, int, int] | None:
-        """Newest pose, and on the monotonic clock: what time it is for, and mid-exposure of the newest image in it."""
-        ...
-
-    def cameras(self) -> CameraReport | None:
-        """Newest report of the cameras."""
-        ...
-
-    @property
-    def ended(self) -> bool:
-        """Whether no more poses will come."""
-        ...
-
-
 @dataclass(eq=False, kw_only=True)
 class Summary:
     """What a session did.
@@ -193,26 +174,25 @@ class Summary:
 
 
 def run_control_loop(
-    feed: Feed,
+    session: LiveSession,
     deadman: DeadMan,
     robot: RobotLink,
     settings: TeleoperationSettings,
     *,
-    until: Callable[[], bool],
     watch: Callable[[Operator, Order | None], None] | None = None,
 ) -> Summary:
-    """Teleoperate until `until` is true, the poses end or the robot's process has ended. watch: called with every step."""
+    """Teleoperate until the session or the robot's process has ended. watch: called with every step."""
     period_s = 1.0 / settings.robot.rate_hz
     operator, summary, begun_s = Operator(), Summary(), time.monotonic()
     used_ns: int | None = None
-    image_ns = 0
+    image_ns, found = 0, None
     try:
-        while not until() and not feed.ended:
-            feed.wait(period_s)
-            now_ns = time.monotonic_ns()
-            view = _view(feed, operator, settings)
+        while not session.ended:
+            session.wait_newer(-1 if found is None else found.message.pose.t_ns, period_s)
+            now_ns, found = time.monotonic_ns(), session.newest()
+            view = None if found is None else _view(found, operator, settings)
             pressed = deadman.poll(now_ns, view)
-            news = _news(view if view is not None and view.t_ns != used_ns else None, pressed, feed, robot)
+            news = _news(view if view is not None and view.t_ns != used_ns else None, pressed, found, robot)
             operator, order = step_operator(operator, news, now_ns, settings)
             used_ns = operator.view.t_ns if operator.view is not None else None
             if order is not None:
@@ -226,20 +206,17 @@ def run_control_loop(
     return summary
 
 
-def _view(feed: Feed, operator: Operator, settings: TeleoperationSettings) -> OperatorView | None:
-    found = feed.newest()
-    if found is None:
-        return None
-    live, t_ns, measured_ns = found
-    view = operator_view(live.pose, settings.hands, operator.gate.person_id, measured_ns, live.joints)
-    return replace(view, t_ns=t_ns)
+def _view(found: Newest, operator: Operator, settings: TeleoperationSettings) -> OperatorView:
+    live = found.message
+    view = operator_view(live.pose, settings.hands, operator.gate.person_id, found.measured_ns, live.joints)
+    return replace(view, t_ns=found.t_ns)
 
 
-def _news(view: OperatorView | None, pressed: Pressed, feed: Feed, robot: RobotLink) -> OperatorNews:
+def _news(view: OperatorView | None, pressed: Pressed, found: Newest | None, robot: RobotLink) -> OperatorNews:
     return OperatorNews(
         view=view,
         heartbeats=pressed.heartbeats,
-        cameras=feed.cameras(),
+        cameras=_camera_report(found) if found is not None and found.cameras else None,
         robot=robot.poll(),
         emergency=pressed.emergency,
         reset=pressed.reset,
@@ -263,6 +240,7 @@ def _count(summary: Summary, operator: Operator, robot: RobotLink, image_ns: int
     return max(image_ns, state.order_measured_ns)
 
 
-def camera_report(cameras: dict[str, CameraHealth], t_ns: int) -> CameraReport:
+def _camera_report(found: Newest) -> CameraReport:
     """How many of the session's cameras are well."""
-    return CameraReport(t_ns=t_ns, healthy=sum(camera.state == OK for camera in cameras.values()), total=len(cameras))
+    healthy = sum(camera.state == OK for camera in found.cameras.values())
+    return CameraReport(t_ns=found.cameras_ns, healthy=healthy, total=len(found.cameras))
