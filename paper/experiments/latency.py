@@ -26,10 +26,10 @@ from posefuse.formats.page import Block, Facts, Heading, Line, Page, Plot, Plots
 from posefuse.foundation import usable_cores
 from posefuse.outputs.live import JsonConfig
 from posefuse.realtime import LiveConfig, OutputPlan, SessionClock, ViewTimes, inputs_from_arguments, run_live
-from posefuse_sim import SessionPaths
+from posefuse_sim import Scene, SessionPaths
 from tools.page_marks import processor
 
-from .runs import Context, Outcome, rendered
+from .runs import Context, Outcome, is_rendered, rendered
 
 _QUICK_S, _FULL_S = 2.0, 60.0
 # on a busy machine seconds pass before the first pose goes out
@@ -42,7 +42,7 @@ _NAMED_S = 20.0
 
 def run(context: Context) -> Outcome:
     """The walking session, live at the pace of the clock, on each processor."""
-    scene = walking_scene(1, _QUICK_S if context.quick else _FULL_S)
+    scene = _scene(context)
     folder = rendered("walking-1", scene, context)
     seconds = _QUICK_LIVE_S if context.quick else _LIVE_S
     found: dict[str, Mapping[str, Any]] = {}
@@ -53,6 +53,14 @@ def run(context: Context) -> Outcome:
         found[device] = {"processor": processor_of(device), **live_figures(live, alone_ms)}
         blocks += live_blocks(live, found[device], device)
     return Outcome({"live": found}, Page("Latency", [*processor_blocks(found), *blocks]))
+
+
+def _scene(context: Context) -> Scene:
+    """What is played; all of the walk only where another experiment has rendered it."""
+    walk = walking_scene(1, _FULL_S)
+    if not context.quick and is_rendered("walking-1", walk, context):
+        return walk
+    return walking_scene(1, _QUICK_S if context.quick else _LIVE_S)
 
 
 def processor_of(device: str) -> str:

@@ -150,10 +150,15 @@ def other_bodies(name: str, scene_of: Callable[[int], Scene], context: Context) 
 def rendered(name: str, scene: Scene, context: Context) -> Path:
     """The session of a scene; rendered where it is not there yet, finished where an earlier run broke off."""
     folder = context.sessions / scene_name(name, scene)
-    if not (folder / "truth" / "truth.npz").is_file():
+    if not is_rendered(name, scene, context):
         with context.console.progress(f"rendering {name}") as advance:
             simulate(scene, folder, advance, context.workers)
     return folder
+
+
+def is_rendered(name: str, scene: Scene, context: Context) -> bool:
+    """Whether the session of a scene is complete."""
+    return (context.sessions / scene_name(name, scene) / "truth" / "truth.npz").is_file()
 
 
 def about(context: Context) -> dict[str, Any]:
