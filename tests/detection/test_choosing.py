@@ -26,6 +26,14 @@ def test_the_first_that_keeps_up_is_chosen_and_the_cheapest_where_none_does(came
     assert best_sustained(COSTS, cameras, rate_hz).name == expected
 
 
+def test_where_none_keeps_up_the_default_networks_go_before_a_cheaper_one():
+    lite, full = NetworkCost("blazepose_lite", "cpu", 0.02), NetworkCost("blazepose_full", "cpu", 0.03)
+    other = NetworkCost("movenet_lightning", "cpu", 0.016)
+    assert best_sustained([full, lite, other], 4, 30.0) is lite
+    assert best_sustained([full, lite, other], 1, 30.0) is lite
+    assert best_sustained([full, lite, NetworkCost("movenet_lightning", "cpu", 0.004)], 4, 30.0).name == "movenet_lightning"
+
+
 def test_more_cameras_never_choose_a_more_expensive_network():
     chosen = [COSTS.index(best_sustained(COSTS, cameras, 30.0)) for cameras in range(1, 40)]
     assert all(later >= earlier for earlier, later in itertools.pairwise(chosen))

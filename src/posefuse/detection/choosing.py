@@ -89,14 +89,17 @@ def measured_costs(
 
 
 def best_sustained(costs: Sequence[NetworkCost], cameras: int, rate_hz: float) -> NetworkCost:
-    """The first network with which every frame of every camera is processed; the cheapest where none keeps up.
+    """The first network with which every frame of every camera is processed.
+
+    Where none keeps up, the cheapest, of BlazePose if that runs: a machine that is busy meanwhile takes no worse network.
 
     Args:
         costs: in the order of preference.
         cameras, rate_hz: how many, and frames per second of each.
     """
     keeping_up = [cost for cost in costs if cost.sustains(cameras, rate_hz)]
-    return keeping_up[0] if keeping_up else min(costs, key=lambda cost: cost.image_s)
+    default = [cost for cost in costs if cost.name in BLAZEPOSE]
+    return keeping_up[0] if keeping_up else min(default or costs, key=lambda cost: cost.image_s)
 
 
 def _measured(name: str, choice: DetectorChoice, clock_s: Callable[[], float]) -> NetworkCost:
