@@ -1,6 +1,6 @@
 """2D networks side by side: on rendered people who are used in no fit and no choice, on real footage, and their time per image.
 
-    python bench/networks.py --keep DIR [--networks blazepose_full movenet_thunder] [--bodies 4] [--seconds 2] [--seeds 1,2]
+    python bench/networks.py --keep DIR [--networks blazepose_full movenet_thunder ...] [--bodies 4] [--seconds 2] [--seeds 1,2]
 
 One body per seed, in several motions. The first run draws the seeds by chance and keeps them in DIR with the rendered scenes, so
 work can be stopped and continued: run the same command again. Networks are fetched before (`posefuse models`). Tables on stderr,
@@ -22,6 +22,7 @@ from real_footage import LIMBS, limbs_of, row
 from posefuse.detection.build import network_settings
 from posefuse.evaluation.metrics import joint_errors, typical_nees
 
+NETWORKS = ("blazepose_full", "movenet_thunder", "movenet_lightning")
 MOTIONS = ("walk", "reach", "squat")
 
 
@@ -55,7 +56,7 @@ def on_footage(network: str, data: Path) -> Row:
 
 def main() -> None:
     args = arguments(
-        __doc__, keep=OUT / "networks", networks=("blazepose_full", "movenet_thunder"), bodies=4, seconds=2.0, seeds="",
+        __doc__, keep=OUT / "networks", networks=NETWORKS, bodies=4, seconds=2.0, seeds="",
         data=DATA / "pose2sim_single", repeat=50,
     )  # fmt: skip
     sessions = []

@@ -11,10 +11,10 @@ from dataclasses import replace
 from datetime import date
 from pathlib import Path
 
-from paper.experiments.runs import Console, Context, about
+from paper.experiments.runs import DEVICE, Console, Context, about
 from paper.experiments.summary import FILE as SUMMARY_FILE
 from paper.experiments.summary import write_summary
-from posefuse.core import PosefuseError
+from posefuse.core import ConfigError, PosefuseError
 from posefuse.detection import fetch_networks, network_settings
 from posefuse.formats.page import Facts, Heading, write_page
 from posefuse.foundation import atomic_file, build_plugin, earlier_kept, growing_folder, plain
@@ -33,13 +33,17 @@ def main(words: Sequence[str] | None = None) -> int:
     add("--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE",
         help="any setting of `posefuse track`, in place of its default, e.g. detector.name=NAME; take another --out")  # fmt: skip
     add("--networks", action="append", default=[], metavar="NAME", help="2D network, as in `posefuse track --help`")
+    add("--device", dest="devices", action="append", default=[], metavar="WORD",
+        help="processor of the network, e.g. cpu or cuda; latency: may be given several times, one session on each")  # fmt: skip
     add("--workers", type=int, metavar="N", help="processes that render; default: one per core")
     add("--json", action="store_true", help="figures as one JSON object on stdout")
     args = parser.parse_args(words)
     console = Console(as_json=args.json)
     try:
+        if len(args.devices) > 1 and args.name != "latency":
+            raise ConfigError(f"expected one --device for {args.name}, got {len(args.devices)}; latency takes several")
         networks = [f"{key}={value}" for name in args.networks for key, value in network_settings(name).items()]
-        args.overrides = [*networks, *args.overrides]
+        args.overrides = [*networks, *(f"{DEVICE}={word}" for word in args.devices[:1]), *args.overrides]
         console.figures({"files": experiments(args, console)})
     except PosefuseError as error:
         print(f"paper {args.name}: {error}", file=sys.stderr)
@@ -52,13 +56,16 @@ def experiments(args: argparse.Namespace, console: Console) -> list[Path]:
     wanted = EXPERIMENTS if args.name == "all" else (args.name,)
     names = [f"{name}{ending}" for name in wanted for ending in (".html", ".json")] + ([] if args.quick else [SUMMARY_FILE])
     folder = growing_folder(args.out, command="experiment", names=names)
-    options = (" --quick" if args.quick else "") + "".join(f" --set {override}" for override in args.overrides)
+    shown = [f" --device {word}" for word in args.devices]
+    shown += [f" --set {override}" for override in args.overrides if not override.startswith(f"{DEVICE}=")]
+    options = (" --quick" if args.quick else "") + "".join(shown)
     sessions, written = args.sessions or args.out / "sessions", list[Path]()
     for name in wanted:
         command = f"python -m paper {name}{options}"
-        context = Context(sessions, args.quick, args.workers, command, console, tuple(args.overrides))
+        context = Context(sessions, args.quick, args.workers, command, console, tuple(args.overrides), tuple(args.devices))
         if name != "scaling":
-            _check_detector(context)
+            for one in context.each_device().values():
+                _check_detector(one)
         written += _one(name, context, folder)
     if not args.quick:
         written.append(write_summary(folder))

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import itertools
 import json
+import re
+import shutil
 import socket
+import subprocess
 import threading
 import time
 from collections.abc import Mapping
@@ -20,27 +23,53 @@ from paper.scenes.scenes import walking_scene
 from posefuse.core import Array, SourceError
 from posefuse.formats import read_rig, read_video
 from posefuse.formats.page import Block, Facts, Heading, Line, Page, Plot, Plots, Spikes, Table
+from posefuse.foundation import usable_cores
 from posefuse.outputs.live import JsonConfig
 from posefuse.realtime import LiveConfig, OutputPlan, SessionClock, ViewTimes, inputs_from_arguments, run_live
-from posefuse_sim import SessionPaths
+from posefuse_sim import Scene, SessionPaths
+from tools.page_marks import processor
 
-from .runs import Context, Outcome, rendered
+from .runs import Context, Outcome, is_rendered, rendered
 
 _QUICK_S, _FULL_S = 2.0, 60.0
 # on a busy machine seconds pass before the first pose goes out
 _QUICK_LIVE_S, _LIVE_S = 8.0, 20.0
 _DECODED = 60
 _SPIKES_S = 1.0
+# of the program that names graphics cards
+_NAMED_S = 20.0
 
 
 def run(context: Context) -> Outcome:
-    """The walking session, live at the pace of the clock."""
-    scene = walking_scene(1, _QUICK_S if context.quick else _FULL_S)
+    """The walking session, live at the pace of the clock, on each processor."""
+    scene = _scene(context)
     folder = rendered("walking-1", scene, context)
-    live = live_times(folder, context, _QUICK_LIVE_S if context.quick else _LIVE_S, scene.duration_s)
-    alone_ms = {name: decode_ms(SessionPaths(folder).video(name)) for name in live.cameras}
-    figures = {"live": live_figures(live, alone_ms)}
-    return Outcome(figures, Page("Latency", live_blocks(live, figures["live"])))
+    seconds = _QUICK_LIVE_S if context.quick else _LIVE_S
+    found: dict[str, Mapping[str, Any]] = {}
+    blocks: list[Block] = []
+    for device, one in context.each_device().items():
+        live = live_times(folder, one, seconds, scene.duration_s)
+        alone_ms = {name: decode_ms(SessionPaths(folder).video(name)) for name in live.cameras}
+        found[device] = {"processor": processor_of(device), **live_figures(live, alone_ms)}
+        blocks += live_blocks(live, found[device], device)
+    return Outcome({"live": found}, Page("Latency", [*processor_blocks(found), *blocks]))
+
+
+def _scene(context: Context) -> Scene:
+    """What is played; all of the walk only where another experiment has rendered it."""
+    walk = walking_scene(1, _FULL_S)
+    if not context.quick and is_rendered("walking-1", walk, context):
+        return walk
+    return walking_scene(1, _QUICK_S if context.quick else _LIVE_S)
+
+
+def processor_of(device: str) -> str:
+    """What a device is, for people: the graphics card by NVIDIA's own program, else the CPU of this machine."""
+    card = re.fullmatch(r"(?:cuda|tensorrt)(?::(\d+))?", device)
+    query = ["nvidia-smi", "--query-gpu=name", "--format=csv,noheader", f"--id={card[1] or 0}"] if card else []
+    if not query or shutil.which(query[0]) is None:
+        return f"{processor()}, {usable_cores()} cores"
+    return subprocess.run(query, capture_output=True, text=True, timeout=_NAMED_S, check=False).stdout.strip() or device
 
 
 def decode_ms(film: Path) -> float:
@@ -177,6 +206,28 @@ def passages(
     return np.array(camera, np.int64), (passed_ns - zero_ns) / 1e9
 
 
+def processor_rows(figures: Mapping[str, Mapping[str, Any]]) -> tuple[list[str], list[list[Any]]]:
+    """Columns and rows of the processors, mean ms of all cameras, and of those of the paper."""
+    rows = []
+    for device, one in figures.items():
+        ms = one["all_cameras_ms"]
+        means = [ms[stage]["mean"] for stage in ("2D", "fuse, track", "total")]
+        rows.append([device, one["processor"], *means, ms["total"]["p95"], 100 * one["used_share"]])
+    theirs = [
+        ["paper", f"the {which} of three GPUs", ms, paper.TRIANGULATE_MS, None, None, None]
+        for which, ms in zip(("fastest", "slowest"), paper.DETECT_MS, strict=True)
+    ]
+    return ["device", "processor", "2D", "fuse, track", "end to end", "p95", "% of frames used"], [*rows, *theirs]
+
+
+def processor_blocks(figures: Mapping[str, Mapping[str, Any]]) -> list[Block]:
+    """The processors next to each other."""
+    return [
+        Heading("By processor, mean ms", "Of all cameras; the paper states 2D per frame and triangulation."),
+        Table(*processor_rows(figures)),
+    ]
+
+
 _TEXT = (
     "The video of every camera, played in real time into `posefuse live`; every view is stamped on one clock. capture: from "
     "mid-exposure until the decoded image is in its process (decoding included; a real camera adds readout and transport). "
@@ -207,7 +258,7 @@ def live_figures(live: LiveTimes, alone_ms: Mapping[str, float]) -> dict[str, An
     return {"used_share": live.used_share, "output_hz": live.output_hz, "all_cameras_ms": together, "cameras": cameras}
 
 
-def live_blocks(live: LiveTimes, figures: Mapping[str, Any]) -> list[Block]:
+def live_blocks(live: LiveTimes, figures: Mapping[str, Any], device: str) -> list[Block]:
     """Averages per camera as a table with those of the paper, spikes over time."""
     cameras = figures["cameras"]
     theirs = [
@@ -215,7 +266,7 @@ def live_blocks(live: LiveTimes, figures: Mapping[str, Any]) -> list[Block]:
         for name, ms in zip(("best", "slowest"), paper.DETECT_MS, strict=True)
     ]
     return [
-        Heading("Live: from exposure to another program, averages per camera", _TEXT),
+        Heading(f"Live, {device}: from exposure to another program, averages per camera", _TEXT),
         Table(
             ["mean ms", *STAGES, "end to end", "p95", "most", "views", "decoding alone"],
             [
@@ -235,7 +286,7 @@ def live_blocks(live: LiveTimes, figures: Mapping[str, Any]) -> list[Block]:
             }
         ),
         Heading(
-            "Live: spikes over time",
+            f"Live, {device}: spikes over time",
             "One spike per view, at its exposure and as high as its latency, its stages on top of each other; one second in the "
             "middle.",
         ),

@@ -32,6 +32,7 @@ from posefuse_sim import Scene, simulate
 from tools.page_marks import processor
 
 BEST_NETWORKS, BEST_S = "blazepose_best", 20.0
+DEVICE = "detector.options.device"
 _PACKAGES = ("numpy", "openvino", "mujoco", "anny", "opencv-python-headless")
 
 
@@ -43,6 +44,7 @@ class Context:
         sessions: rendered sessions are kept and found here. quick: seconds of everything instead of the paper's length.
         workers: processes that render; None takes one per core. command: as typed, for the reports.
         overrides: ``KEY=VALUE`` settings of the pipeline in place of its defaults, as `posefuse track --set` takes them.
+        devices: processors to compare, as `posefuse track --device` takes them; none: that of the settings.
     """
 
     sessions: Path
@@ -51,6 +53,13 @@ class Context:
     command: str
     console: Console
     overrides: tuple[str, ...] = ()
+    devices: tuple[str, ...] = ()
+
+    def each_device(self) -> dict[str, Context]:
+        """By device, the same with its network there; "as set" where none is to be compared."""
+        if not self.devices:
+            return {"as set": self}
+        return {word: replace(self, overrides=(*self.overrides, f"{DEVICE}={word}")) for word in self.devices}
 
     @property
     def config(self) -> TrackConfig:
@@ -141,10 +150,15 @@ def other_bodies(name: str, scene_of: Callable[[int], Scene], context: Context) 
 def rendered(name: str, scene: Scene, context: Context) -> Path:
     """The session of a scene; rendered where it is not there yet, finished where an earlier run broke off."""
     folder = context.sessions / scene_name(name, scene)
-    if not (folder / "truth" / "truth.npz").is_file():
+    if not is_rendered(name, scene, context):
         with context.console.progress(f"rendering {name}") as advance:
             simulate(scene, folder, advance, context.workers)
     return folder
+
+
+def is_rendered(name: str, scene: Scene, context: Context) -> bool:
+    """Whether the session of a scene is complete."""
+    return (context.sessions / scene_name(name, scene) / "truth" / "truth.npz").is_file()
 
 
 def about(context: Context) -> dict[str, Any]:

@@ -6,10 +6,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from posefuse.cli.main import main
 from posefuse.core import ConfigError, DependencyError, ModelError
+from posefuse.detection.build import DetectorChoice, build_detector, fetch_networks
 from posefuse.detection.card import OnnxCard, read_card
 from posefuse.detection.device import device_of, openvino_device
 from posefuse.detection.engines import OnnxNetwork
+from posefuse.formats.rig import write_rig
+from posefuse.foundation import plugins
+from posefuse.foundation.settings import settings
 
 graphs = pytest.importorskip("graphs", reason="the package onnx is not installed")
 
@@ -114,7 +119,21 @@ def test_images_go_in_batches_of_few_sizes_and_come_back_in_order(network):
     assert all(one[0].shape == (1, 2, 5) for one in outputs)
 
 
-@pytest.mark.parametrize("word", ["gpu", "cuda:", "cuda:x", "cpu:1", "coreml:0", "CUDA", "", "openvino:tpu"])
+def test_images_in_one_call_give_what_each_gives_alone(tmp_path, monkeypatch):
+    discs = pytest.importorskip("discs")
+    runtime = graphs.ListsCuda()
+    monkeypatch.setitem(sys.modules, "onnxruntime", runtime)
+    card = read_card(discs.card_of("simcc", tmp_path), OnnxCard)
+    network = OnnxNetwork(card, tmp_path / card.file, "cuda:1", "f32", 1)
+    crops = list(np.random.default_rng(0).integers(0, 256, (5, 256, 192, 3), dtype=np.uint8))
+    together, alone = network(crops), [network([crop])[0] for crop in crops]
+    assert runtime.cards == [1] and runtime.batches == [8, 1, 1, 1, 1, 1]
+    for one, other in zip(together, alone, strict=True):
+        for a, b in zip(one, other, strict=True):
+            np.testing.assert_allclose(a, b, atol=1e-5)
+
+
+@pytest.mark.parametrize("word", ["gpu", "cuda:", "cuda:x", "cpu:1", "cuda:0,cuda:1", "coreml:0", "CUDA", "", "openvino:tpu"])
 def test_another_word_is_refused_with_those_there_are(word):
     with pytest.raises(ConfigError, match=r"device: expected one of .*cuda\[:N\].*got "):
         device_of(word)
@@ -129,3 +148,41 @@ def test_openvino_names_what_it_has():
 def test_a_processor_that_openvino_lacks_is_refused(network):
     with pytest.raises(ModelError, match=r"openvino:npu: OpenVINO has .*CPU"):
         network("openvino:npu", None)
+
+
+# --- plug-ins of other packages
+
+
+@settings
+class TakesDevice:
+    device: str = "auto"
+
+    def build(self):
+        return SimpleNamespace(skeleton=None, joint_centres=None, detect=None, device=self.device)
+
+
+@settings
+class TakesNone:
+    def build(self):
+        raise AssertionError("work began")
+
+
+def test_a_plug_in_gets_the_device_or_it_is_refused_before_any_work(monkeypatch, ring_rig, tmp_path, capsys):
+    real = plugins.entry_points
+    entries = [
+        SimpleNamespace(name=name, dist=SimpleNamespace(name="lab"), load=lambda config=config: config)
+        for name, config in (("takes", TakesDevice), ("lacks", TakesNone))
+    ]
+    monkeypatch.setattr(
+        plugins, "entry_points", lambda group: entries if group == plugins.GROUPS["detectors"] else real(group=group)
+    )
+    assert build_detector(DetectorChoice(name="takes", options={"device": "mps"}), ring_rig(2)).device == "mps"
+    with pytest.raises(ConfigError, match=r"detector lacks \(lab\) takes no device"):
+        fetch_networks(DetectorChoice(name="lacks", options={"device": "mps"}))
+    session, out = tmp_path / "session", tmp_path / "out"
+    (session / "videos").mkdir(parents=True)
+    write_rig(session / "rig.toml", ring_rig(2))
+    for camera in ring_rig(2).names:
+        (session / "videos" / f"{camera}.mp4").touch()
+    assert main(["track", str(session), "--out", str(out), "--set", "detector.name=lacks", "--device", "cuda"]) == 1
+    assert "detector lacks (lab) takes no device" in capsys.readouterr().err and not list(out.glob("*"))

@@ -48,7 +48,7 @@ CAMERAS = ("cam00", "cam01", "cam02", "cam03")
 HEADINGS = {
     "static": ("What is measured", "No occlusion", "Occluded by walls, boxes and clutter"),
     "walking": ("Error per joint", "Trajectories against the truth", "Six moments"),
-    "latency": ("Live: from exposure to another program", "Live: spikes over time"),
+    "latency": ("By processor", "Live, as set: from exposure to another program", "Live, as set: spikes over time"),
     "drift": ("The suit", "circle", "back forth", "sideways", "Summary"),
     "occlusion": ("What is measured", "No occlusion", "Screens hide the left half", "Screens, and false arms", "Summary"),
     "scaling": ("Oracle detections", "radius of the circle"),
@@ -225,8 +225,37 @@ def test_live_figures_are_those_of_each_camera() -> None:
     silent = LiveTimes(CAMERAS, live.camera[live.camera != 3], live.passed_s[live.camera != 3], 0.5, 100.0)
     figures = live_figures(silent, dict.fromkeys(CAMERAS, 2.0))
     assert list(figures["cameras"]) == list(CAMERAS[:3])
-    spikes: Any = live_blocks(silent, figures)[-1]
+    spikes: Any = live_blocks(silent, figures, "cpu")[-1]
     assert [len(plot.series[0].x) > 0 for plot in spikes.plots[:4]] == [True, True, True, False]
+
+
+@pytest.mark.usefixtures("on_the_clip", "models")
+def test_latency_is_measured_on_each_device(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, read_page: Callable) -> None:
+    used = []
+
+    def played(folder: Path, context: Context, *_: float) -> LiveTimes:
+        used.append(context.config.detector.options["device"])
+        return some_times()
+
+    monkeypatch.setattr(latency, "live_times", played)
+    monkeypatch.setattr("paper.__main__._check_detector", lambda _: None)
+    assert main(["latency", "--quick", "--device", "cpu", "--device", "openvino:gpu", "--out", str(tmp_path)]) == 0
+    content = json.loads((tmp_path / "latency.json").read_text())
+    assert used == list(content["figures"]["live"]) == ["cpu", "openvino:gpu"]
+    assert content["command"] == "python -m paper latency --quick --device cpu --device openvino:gpu"
+    rows = read_page(tmp_path / "latency.html").tables[0]
+    assert [row[0] for row in rows[1:]] == ["cpu", "openvino:gpu", "paper", "paper"]
+    assert main(["static", "--quick", "--device", "cpu", "--device", "cuda", "--out", str(tmp_path / "other")]) == 1
+
+
+def test_a_graphics_card_is_named_by_the_program_of_its_maker(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert "cores" in latency.processor_of("cuda:1")
+    program = tmp_path / "nvidia-smi"
+    program.write_text('#!/bin/sh\necho "card $3"\n')
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:/bin:/usr/bin")
+    assert latency.processor_of("cuda:1") == "card --id=1" and latency.processor_of("tensorrt") == "card --id=0"
+    assert "cores" in latency.processor_of("cpu")
 
 
 @pytest.mark.realtime
@@ -254,7 +283,7 @@ def test_the_summary_has_the_papers_tables(on_the_clip: Path, done: Run, tmp_pat
     all_figures = {
         "static": {"free": columns, "occluded": columns, "check": {"free": means, "occluded": means}},
         "walking": {"columns": columns, "check": check, "nees": {"smoothed": 3.0}},
-        "latency": {"live": live_figures(some_times(), dict.fromkeys(CAMERAS, 2.0))},
+        "latency": {"live": {"cpu": {"processor": "two cores", **live_figures(some_times(), dict.fromkeys(CAMERAS, 2.0))}}},
     }
     for name, figures in all_figures.items():
         content = {"length": "full", "command": f"python -m paper {name}", "date": "2026-01-01", "machine": "m"}
@@ -264,6 +293,8 @@ def test_the_summary_has_the_papers_tables(on_the_clip: Path, done: Run, tmp_pat
     assert text.count("| right wrist | ") == 3 and text.count(" ± ") >= 3 * 14 * 5
     assert "| joint (mm) | none | score | all | robust | default | paper: none | paper: score | paper: all |" in text
     assert "| cam02 | 1.0 | 1.0 | 12.0 | 1.0 | 1.0 | 1.0 | 17.0 | 17.0 | 2.0 |" in text
+    assert "| cpu | two cores | 11.5 | 1.0 | 16.5 | 18.0 | 50.0 |" in text
+    assert "| paper | the slowest of three GPUs | 125.0 | 1.0 | – | – | – |" in text
     assert "25.83" in text and "Drift" not in text
 
 

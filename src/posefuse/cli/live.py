@@ -100,7 +100,7 @@ class LiveOptions(SettingsOptions, NetworkOptions):
     """How the session works.
 
     Attributes:
-        networks: 2D network: auto (default: the largest that processes every frame on this machine, measured at the start),
+        networks: 2D network: auto (default: the best installed one that processes every frame, measured at the start),
             blazepose_lite, blazepose_full, blazepose_heavy, blazepose_best, or your own model card (see docs/networks.md).
     """
 

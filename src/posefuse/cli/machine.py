@@ -38,6 +38,8 @@ def models(
     source: Annotated[Path | None, Parameter(name="--from", metavar="PATH", help=_FROM_HELP)] = None,
     accept_licence: bool = False,
     locked: bool = False,
+    measure: Annotated[tuple[int, float] | None, Parameter(metavar="CAMERAS RATE")] = None,
+    device: Annotated[str, Parameter(metavar="WORD")] = "auto",
     terminal: Shown,
 ) -> Figures:
     """Download the neural networks into the user's cache and verify them.
@@ -47,10 +49,13 @@ def models(
         check: Only verify what is there; exit code 1 where a network is missing or damaged.
         accept_licence: Accept the terms of the networks named.
         locked: Only networks whose sha256 is known, from the card or from an earlier download.
+        measure: Download nothing; measure which networks keep up with so many cameras of this rate (default: all installed).
+        device: Processor to measure on, e.g. cpu or cuda:1.
     """
     with terminal.stages() as progress:
         found = pf.models(
-            names, check=check, source=source, accept_licence=accept_licence, locked=locked, progress=progress
+            names, check=check, source=source, accept_licence=accept_licence, locked=locked, measure=measure, device=device,
+            progress=progress,
         )  # fmt: skip
     terminal.show(found.summary())
     return found.figures

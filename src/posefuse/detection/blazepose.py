@@ -132,12 +132,17 @@ class BlazePoseConfig:
     streams: Annotated[int, Ge(0)] = 0
     up_rad: dict[str, float] = field(default_factory=dict)
 
+    def cards(self) -> list[NetworkCard]:
+        """Of the networks that it needs."""
+        persons, _, members = self._cards()
+        return [persons, *members]
+
     def fetch(
         self, progress: Callable[[str], None] | None = None, advance: Callable[[int, int], None] | None = None
     ) -> list[Path]:
         """The network files, fetched where they are missing; see `fetch_all` for what is reported and raised."""
-        persons, _, members = self._cards()
-        return fetch_all([persons, *members], default_cache_dir(), None, progress, advance)
+        openvino_device(self.device)
+        return fetch_all(self.cards(), default_cache_dir(), None, progress, advance)
 
     def build(self) -> BlazePoseDetector:
         """Fetch what is missing, compile, and be ready; raises ModelError when a network cannot be had."""

@@ -33,9 +33,21 @@ def build_detector(choice: DetectorChoice, rig: Rig) -> Detector:
 
     from . import up_angle_rad
 
+    check_device(choice)
     known = {"up_rad": {camera.name: up_angle_rad(camera) for camera in rig}}
     detector: Detector = build_plugin("detectors", choice.name, choice.options, known)
     return detector
+
+
+def check_device(choice: DetectorChoice) -> None:
+    """Raise ConfigError where a device was chosen for a plug-in without an option `device`."""
+    from posefuse.foundation.plugins import list_plugins, option_names
+
+    if "device" not in choice.options:
+        return
+    for plugin in list_plugins("detectors"):
+        if plugin.name == choice.name and plugin.config is not None and "device" not in option_names(plugin):
+            raise ConfigError(f"detector {choice.name} ({plugin.package}) takes no device; leave it out")
 
 
 def network_plugin(network: str) -> tuple[str, dict[str, Any]]:
@@ -54,6 +66,13 @@ def network_plugin(network: str) -> tuple[str, dict[str, Any]]:
     # a name that no card has is refused where the detector is built
     kind = parse_toml(network, read_text(path, ConfigError), ConfigError).get("kind") if own or path.is_file() else ""
     return "onnx" if kind in LAYOUTS else "blazepose", {"card" if kind in LAYOUTS else "landmarks": str(path) if own else network}
+
+
+def with_network(choice: DetectorChoice, network: str) -> DetectorChoice:
+    """The detector of a network, on the device and with the other options of `choice`; see `network_plugin`."""
+    plugin, named = network_plugin(network)
+    kept = {key: value for key, value in choice.options.items() if key not in ("landmarks", "card")}
+    return DetectorChoice(name=plugin, options={**kept, **named})
 
 
 def device_word(device: str | int) -> str:
@@ -90,10 +109,11 @@ def fetch_networks(choice: DetectorChoice, progress: Progress = silent) -> None:
     """Download the networks that the detector needs and does not have.
 
     Raises:
-        ModelError: a network cannot be downloaded.
+        ConfigError: options that the detector does not take. ModelError: a network cannot be downloaded.
     """
     from posefuse.foundation.plugins import plugin_config
 
+    check_device(choice)
     config = plugin_config("detectors", choice.name, choice.options)
     if hasattr(config, "fetch"):
         config.fetch(lambda text: progress(STAGE, 0, None, text), lambda done, total: progress(STAGE, done, total))

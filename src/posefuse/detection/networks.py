@@ -23,7 +23,7 @@ from .boxes import keypoints_of, people_from_outputs
 from .card import PERSONS, OnnxCard, PersonCard, persons_card, read_card
 from .crops import check_regions, img_from_input, input_crop_from_img, letterbox_from_img, region_from_keypoints, warp_to_input
 from .decode import Keypoints, People
-from .device import Precision
+from .device import Precision, device_of
 from .engines import OnnxNetwork
 from .files import fetch_all
 from .lock import Trust
@@ -59,7 +59,8 @@ class OnnxConfig:
         self, progress: Callable[[str], None] | None = None, advance: Callable[[int, int], None] | None = None
     ) -> list[Path]:
         """The files of the network and of its person detector, those with a source fetched; see `fetch_all`."""
-        return fetch_all(self._cards(), default_cache_dir(), None, progress, advance, self._trust)
+        device_of(self.device)
+        return fetch_all(self.cards(), default_cache_dir(), None, progress, advance, self._trust)
 
     def build(self) -> TopDownDetector | OneStageDetector:
         """Read the cards, check and compile their files.
@@ -68,14 +69,14 @@ class OnnxConfig:
             ConfigError: an invalid card. ModelError: a network that is missing or differs from its card.
             DependencyError: the device needs ONNX Runtime, and that is not installed.
         """
-        card, *persons = self._cards()
+        card, *persons = self.cards()
         path, *persons_path = self.fetch()
         network = self._network(card, path)
         if not persons:
             return OneStageDetector(network, self.up_rad)
         return TopDownDetector(network, self._finder(card, persons[0], persons_path[0]), self.up_rad)
 
-    def _cards(self) -> tuple[OnnxCard] | tuple[OnnxCard, OnnxCard | PersonCard]:
+    def cards(self) -> tuple[OnnxCard] | tuple[OnnxCard, OnnxCard | PersonCard]:
         """Of the network, and of the one that finds people for it."""
         card = read_card(self.card, OnnxCard)
         if card.kind in PERSONS:

@@ -117,6 +117,7 @@ class GroupPlan:
     Attributes:
         rig: all cameras of the session. inputs: the group's own.
         detector: the detector. clock: the session's.
+        together: all waiting frames go to the detector in one call.
         most_people: while fewer are followed, whole images are searched every `search_every_s`.
         preview_hz: small images per second and camera; 0 for none.
         videos: an existing folder for the cameras' videos; None: none are kept.
@@ -125,11 +126,29 @@ class GroupPlan:
     rig: Rig
     inputs: tuple[LiveInput, ...]
     detector: DetectorChoice
+    together: bool = False
     clock: SessionClock
     most_people: int
     search_every_s: float
     preview_hz: float
     videos: Path | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """A frame that is looked at: what is added to its times for those of the session, when, and where people may be."""
+
+    capture: Capture
+    caught: Caught
+    shift_ns: int
+    started_ns: int
+    now_s: float
+    regions: Sequence[Region] | None
+
+    @property
+    def camera(self) -> str:
+        """Its name."""
+        return self.capture.entry.camera
 
 
 def run_group(channel: Channel, plan: GroupPlan) -> None:
@@ -240,17 +259,17 @@ class Group:
         self._take_messages()
         with self._news:
             chosen = self._chosen(self._expected)
-        for capture, caught in chosen:
+        for frames in [chosen] if self._plan.together else [[one] for one in chosen]:
             self._take_messages()
-            self._look(capture, caught, self._expected)
+            self._look(frames, self._expected)
 
     def _chosen(self, expected: Expected) -> list[tuple[Capture, Caught]]:
-        """The frame of the camera that has waited longest. While no person is followed, the frames of all cameras.
+        """The frame of the camera that has waited longest; those of all cameras in one call, or while no person is followed.
 
         A search of a whole image takes longer than a frame period, and a new person is placed by views of one time: frames
         taken one after another would be apart by as much as the person walks meanwhile.
         """
-        if not self._followed(expected):
+        if self._plan.together or not self._followed(expected):
             return take_all(self._captures)
         waiting = [capture for capture in self._captures if capture.waiting() is not None]
         return take_all(sorted(waiting, key=lambda capture: self._looked_s[capture.entry.camera])[:1])
@@ -269,46 +288,66 @@ class Group:
             if isinstance(message, Go):
                 return message
 
-    def _look(self, capture: Capture, caught: Caught, expected: Expected) -> None:
+    def _look(self, frames: Sequence[tuple[Capture, Caught]], expected: Expected) -> None:
+        """Find people in frames of different cameras, in one call, and send what was found."""
+        asked = [look for capture, caught in frames if (look := self._asked(capture, caught, expected))]
+        for look, found in zip(asked, self._detected(asked), strict=True):
+            self._send(look, found)
+
+    def _asked(self, capture: Capture, caught: Caught, expected: Expected) -> _Look | None:
+        """What to look for in a frame; None for one that is neither searched nor reported."""
         name, arrived = capture.entry.camera, caught.arrived
-        camera = self._plan.rig[name]
-        shift_ns, clock = self._shift_ns[name] + caught.later_ns, self._plan.clock
-        started_ns, now_s = clock.now_ns(), time.monotonic()
+        shift_ns = self._shift_ns[name] + caught.later_ns
+        started_ns, now_s = self._plan.clock.now_ns(), time.monotonic()
         self._looked_s[name] = now_s
-        t_ns, received_ns = arrived.t_ns + shift_ns, arrived.received_ns + shift_ns
+        t_ns = arrived.t_ns + shift_ns
         followed = self._followed(expected)
+        camera = self._plan.rig[name]
         regions = self._regions(camera, t_ns, expected, started_ns) if followed else self._search_or_nothing(caught, now_s)
         if not followed and regions is not None and now_s - self._sent_s[name] < _EMPTY_S:
             self._skipped[name] += 1
             self._preview(arrived, t_ns)
-            return
-        found = self._detected(camera, caught, regions)
-        shown = _in_session(found, shift_ns)
-        if regions is None:
+            return None
+        return _Look(capture, caught, shift_ns, started_ns, now_s, regions)
+
+    def _detected(self, asked: Sequence[_Look]) -> list[Detections2D]:
+        """Of each frame, in its own time; one without regions is not converted."""
+        frames = {i: look.caught.arrived.frame() for i, look in enumerate(asked) if look.regions is None or look.regions}
+        found = dict(zip(frames, self._found(list(frames.values()), [asked[i].regions for i in frames]), strict=True))
+        skeleton = self.detector.skeleton
+        return [
+            found[i] if i in found else Detections2D.empty(look.camera, look.caught.arrived.t_ns, skeleton)
+            for i, look in enumerate(asked)
+        ]
+
+    def _found(self, frames: Sequence[Frame], regions: Sequence[Sequence[Region] | None]) -> list[Detections2D]:
+        if not frames:
+            return []
+        found = [with_depth(one, frame.depth) for one, frame in zip(self.detector.detect(frames, regions), frames, strict=True)]
+        if self._plan.most_people == 1:
+            return found
+        return [with_clothing(one, frame.image) for one, frame in zip(found, frames, strict=True)]
+
+    def _send(self, look: _Look, found: Detections2D) -> None:
+        name, arrived = look.camera, look.caught.arrived
+        shown = _in_session(found, look.shift_ns)
+        if look.regions is None:
             sample = arrived.pixels.sample(SAMPLE_STEP)
-            self._searches[name].searched(sample, now_s, found=len(shown) > 0)
+            self._searches[name].searched(sample, look.now_s, found=len(shown) > 0)
         seen = SeenView(
             detections=shown,
-            state=capture.state(),
-            received_ns=received_ns,
-            started_ns=started_ns,
-            detected_ns=clock.now_ns(),
-            still=caught.still,
-            searched=regions is None,
+            state=look.capture.state(),
+            received_ns=arrived.received_ns + look.shift_ns,
+            started_ns=look.started_ns,
+            detected_ns=self._plan.clock.now_ns(),
+            still=look.caught.still,
+            searched=look.regions is None,
             skipped=self._skipped[name],
         )
         self._channel.send(seen, _SEND_S)
-        self._sent_s[name] = now_s
+        self._sent_s[name] = look.now_s
         self._skipped[name] = 0
         self._preview(arrived, shown.t_ns)
-
-    def _detected(self, camera: Camera, caught: Caught, regions: Sequence[Region] | None) -> Detections2D:
-        if regions is not None and not regions:
-            return Detections2D.empty(camera.name, caught.arrived.t_ns, self.detector.skeleton)
-        frame = caught.arrived.frame()
-        [found] = self.detector.detect([frame], [regions])
-        found = with_depth(found, frame.depth)
-        return with_clothing(found, frame.image) if self._plan.most_people > 1 else found
 
     def _search_or_nothing(self, caught: Caught, now_s: float) -> Sequence[Region] | None:
         """Where to look while no person is followed: None asks for a search of the whole image."""

@@ -29,7 +29,7 @@ from .estimator import warmed_up
 from .fusion import Fusion
 from .group import GroupPlan
 from .messages import AddOutput, KeepVideos, NamePerson, RemoveOutput, Requests, ShowImages, ViewSource
-from .networks import settled_network
+from .networks import devices_of, on_device, settled_network
 from .news import LEAST_CAMERAS, LEAST_SHARE, News, Say, never_waiting
 from .outputs import OutputPlan, OutputProcess
 from .processes import Groups
@@ -242,11 +242,14 @@ def _controlled(
 def group_plans(
     rig: Rig, inputs: Sequence[LiveInput], config: LiveConfig, plan: OutputPlan, videos: Path | None = None
 ) -> list[GroupPlan]:
-    """Neighbouring cameras share a group: whichever is lost, the others still look from different directions."""
-    cores = usable_cores()
-    count = config.groups or max(1, min(cores, len(inputs) // 2))
+    """Neighbouring cameras share a group: whichever is lost, the others still look from different directions.
+
+    On a graphics card one group looks at all waiting images in one call: its cameras share one copy of the network there.
+    """
+    cores, devices, detector = usable_cores(), devices_of(config.detector), config.detector
+    together = devices not in (["auto"], ["cpu"])
+    count = config.groups or (len(devices) if together else max(1, min(cores, len(inputs) // 2)))
     count = min(count, len(inputs))
-    detector = config.detector
     if detector.name in ("blazepose", "onnx"):
         streams = max(1, cores // count)
         detector = replace(detector, options={"streams": streams, **detector.options})
@@ -257,14 +260,15 @@ def group_plans(
         GroupPlan(
             rig=rig,
             inputs=tuple(by_name[name] for name in cameras),
-            detector=detector,
+            detector=on_device(detector, devices[i % len(devices)]) if together else detector,
+            together=together,
             clock=plan.clock,
             most_people=config.track.max_people,
             search_every_s=config.search_every_s,
             preview_hz=_PREVIEW_HZ if shown else 0.0,
             videos=videos,
         )
-        for cameras in blocks(rig, list(by_name), count)
+        for i, cameras in enumerate(blocks(rig, list(by_name), count))
     ]
 
 

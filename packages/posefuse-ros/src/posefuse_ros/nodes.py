@@ -12,6 +12,7 @@ from posefuse import core
 from posefuse.api.arguments import lines_of, shown
 from posefuse.api.live_run import LiveRun, finished_run, live_plan
 from posefuse.core import LiveHealth, LivePreview, Pose3D, Progress, Rig, Skeleton
+from posefuse.detection.choosing import BLAZEPOSE
 from posefuse.foundation.channel import wait_any
 from posefuse.foundation.output_folder import check_replaceable
 from posefuse.foundation.parsing import ros_name
@@ -150,7 +151,9 @@ def camera_node(
         say = lines_of(news, "live")
         cameras = rig_of_inputs(whole.rig, whole.inputs, whole.config.camera_info, say)
         fetch_networks(whole.config.detector, news)
-        chosen = replace(whole.config, detector=settled_network(whole.config.detector, len(whole.inputs), say))
+        # all nodes of a session need the same keypoints
+        detector = settled_network(whole.config.detector, len(whole.inputs), say, tuple(reversed(BLAZEPOSE)))
+        chosen = replace(whole.config, detector=detector)
         clock = SessionClock.begin()
         plan = OutputPlan(rig=cameras, clock=clock, configs={"ros2": Ros2Config()})
         names = [entry.camera for entry in whole.inputs]
