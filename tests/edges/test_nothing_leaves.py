@@ -6,6 +6,7 @@ import subprocess
 import sys
 import urllib.request
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 
 import network_log
@@ -83,6 +84,14 @@ def test_the_watch_sees_what_a_process_asks_for(watch: Watch, program: str) -> N
 def test_demo_and_report(watch: Watch, tmp_path: Path) -> None:
     watch.posefuse("demo", "--out", str(tmp_path / "result"))
     watch.posefuse("report", str(tmp_path / "result"))
+    watch.assert_quiet()
+
+
+def test_doctor(watch: Watch) -> None:
+    # importing it here would write into the home, too
+    if find_spec("onnxruntime") is None:
+        pytest.skip("the extra onnx is not installed")
+    watch.posefuse("doctor")
     watch.assert_quiet()
 
 
