@@ -6,6 +6,7 @@ import subprocess
 import sys
 import urllib.request
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 
 import network_log
@@ -86,6 +87,14 @@ def test_demo_and_report(watch: Watch, tmp_path: Path) -> None:
     watch.assert_quiet()
 
 
+def test_doctor(watch: Watch) -> None:
+    # importing it here would write into the home, too
+    if find_spec("onnxruntime") is None:
+        pytest.skip("the extra onnx is not installed")
+    watch.posefuse("doctor")
+    watch.assert_quiet()
+
+
 def test_live(watch: Watch, demo_session: Path) -> None:
     watch.posefuse(*live(demo_session))
     watch.assert_quiet()
@@ -105,11 +114,15 @@ def test_simulate(watch: Watch, demo_session: Path, tmp_path: Path) -> None:
     watch.assert_quiet()
 
 
-def test_studio(watch: Watch, tmp_path: Path) -> None:
+def test_studio(watch: Watch, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("nicegui", reason="the extra studio is not installed")
-    port = free_port()
-    with server(tmp_path, port):
+    # what a laboratory may have set for its own programs: FastAPI would send every address that is opened, or warn that it cannot
+    monkeypatch.setenv("FASTAPI_OTEL_AUTO_CONFIGURE", "true")
+    monkeypatch.setenv("OTEL_EXPORTER_OTLP_ENDPOINT", "http://192.0.2.1:4318")
+    port, log = free_port(), tmp_path / "printed.txt"
+    with server(tmp_path, port, log=log):
         known = "; ".join(f"{name}={token}" for name, token in cookie(port).items())
         page = urllib.request.Request(f"http://127.0.0.1:{port}", headers={"Cookie": known})
         assert b"posefuse" in urllib.request.urlopen(page, timeout=PATIENCE_S).read()
     watch.assert_quiet()
+    assert "telemetry" not in log.read_text(encoding="utf-8")

@@ -247,12 +247,13 @@ def test_quality_counts_what_was_measured(ring_rig):
     assert rows["nose"].found == 0 and rows["nose"].longest_gap_s == pytest.approx(239 / 60, abs=1e-6)
 
 
-def test_a_side_that_takes_longer_steps_is_stated(read_page, tmp_path, ring_rig):
+@pytest.mark.parametrize(("left_m", "right_m", "stated"), [(0.66, 0.54, "+20"), (0.54, 0.66, "-20"), (0.599, 0.6, "+0")])
+def test_a_side_that_takes_longer_steps_is_stated(read_page, tmp_path, ring_rig, left_m, right_m, stated):
     xyz, t_ns = walker()
     gait = gait_from_poses(recording_of(ring_rig, xyz, t_ns).poses)
-    longer = replace(gait, step_length_m={**gait.step_length_m, "left": Spread(0.66, 0.0, 3), "right": Spread(0.54, 0.0, 3)})
+    longer = replace(gait, step_length_m={**gait.step_length_m, "left": Spread(left_m, 0.0, 3), "right": Spread(right_m, 0.0, 3)})
     rows = {row[0]: row for row in parameter_blocks(longer, [])[0].rows}
-    assert rows["Asymmetry of the step length"][2] == "+20\N{NO-BREAK SPACE}%"
+    assert rows["Asymmetry of the step length"][2] == f"{stated}\N{NO-BREAK SPACE}%"
     unknown = replace(gait, step_length_m={**gait.step_length_m, "left": Spread.of([])})
     assert {row[0]: row for row in parameter_blocks(unknown, [])[0].rows}["Asymmetry of the step length"][2] == MISSING
 

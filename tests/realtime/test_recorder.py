@@ -1,5 +1,6 @@
 """`posefuse record` and `guide --record`: every frame at its own time, warnings, and nothing left of a failed start."""
 
+import itertools
 import json
 import os
 import signal
@@ -280,6 +281,28 @@ def test_packets_of_frames_that_were_left_out_are_kept_too(demo_session: Path, t
     [counts] = read_counts(tmp_path, ["cam"]).values()
     assert (counts.written, counts.lost) == (len(made), {})
     np.testing.assert_allclose(VideoConfig(tmp_path / "cam.mp4", "cam").build().times_ns(), source.times_ns(), atol=1_000)
+
+
+@dataclass(frozen=True)
+class Hurried(Clip):
+    """Delivers two frames as packets of the next one, as a camera does whose images come faster than they are decoded."""
+
+    made: tuple[Frame, ...] = ()
+
+    def frames(self) -> Any:
+        late = with_earlier(Arrived.of(self.made[5]), [(one.t_ns, one.encoded) for one in self.made[3:5]])
+        yield from (*self.made[:3], replace(self.made[5], encoded=late), *self.made[6:])
+
+
+def test_frames_that_come_as_packets_of_the_next_one_are_not_lost(demo_session: Path, tmp_path: Path) -> None:
+    made = VideoConfig(demo_session / "videos" / "cam00.mp4", "cam00", keep_encoded=True, threads=False).build().frames()
+    source = Hurried("cam00", GOOD, size_wh=(640, 480), made=tuple(itertools.islice(made, 30)))
+    with CameraFeed([LiveInput("cam00", "clip", source, reopen=False)]) as feed:
+        feed.begin(tmp_path)
+        until(lambda: feed.over)
+        [state] = feed.states()
+    [counts] = read_counts(tmp_path, ["cam00"]).values()
+    assert (counts.written, counts.dropped, state.missing) == (30, 0, 0)
 
 
 def test_a_slow_disk_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

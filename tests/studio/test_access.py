@@ -1,12 +1,15 @@
 """Tokens, hosts and origins: checked before the application sees a request or a websocket."""
 
 import asyncio
+import signal
 import threading
+import time
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
+from marked import ON_LINUX
 
 from posefuse.core import InputError
 from posefuse_studio import access as rules
@@ -15,7 +18,7 @@ from posefuse_studio.pages.phone import record_or_stop
 from posefuse_studio.session import SessionStatus
 from posefuse_studio.state import Studio
 from posefuse_studio.workspace import StudioWorkspace
-from tools.studio_server import TOKEN, free_port, server
+from tools.studio_server import PATIENCE_S, TOKEN, free_port, server
 
 OWN, LOOK = "owner-of-the-tests", "viewer-of-the-tests"
 LOCAL = Access(host="127.0.0.1", port=8765, token=OWN, viewer_token=LOOK, names=Access.of("127.0.0.1", 8765).names)
@@ -229,6 +232,20 @@ def test_beyond_this_machine_a_token_is_demanded_and_host_and_origin_are_checked
         assert client.get(f"{base}/simulate", headers={"origin": "http://evil.example"}).status_code == 403
         # loopback, too, is no way around the token
         assert httpx.get(f"http://127.0.0.1:{port}/").status_code == 403
+
+
+@ON_LINUX
+def test_ctrl_c_twice_ends_the_server_without_a_trace(tmp_path: Path) -> None:
+    port, log = free_port(), tmp_path / "printed.txt"
+    with server(tmp_path, port, log=log) as process:
+        assert httpx.get(f"http://127.0.0.1:{port}", timeout=PATIENCE_S).status_code == 403
+        process.send_signal(signal.SIGINT)
+        # within the time that the server gives to its connections
+        time.sleep(0.05)
+        process.send_signal(signal.SIGINT)
+        process.wait(PATIENCE_S)
+    printed = log.read_text(encoding="utf-8")
+    assert "stopped by Ctrl-C" in printed and "Traceback" not in printed, printed
 
 
 def outward_address() -> str:

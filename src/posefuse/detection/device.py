@@ -6,6 +6,7 @@ that is named is either used or refused, and `auto` takes a graphics card only a
 
 from __future__ import annotations
 
+import os
 import re
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -80,14 +81,18 @@ def openvino_device(word: str) -> Device:
 
 
 def onnxruntime() -> Any:
-    """The module `onnxruntime`; raises DependencyError with the extra that brings it."""
+    """The module `onnxruntime`; raises DependencyError with the extra that brings it.
+
+    Its import, with 1.31 on Linux too, would send events to its makers and write an identity into the home of the user.
+    """
+    os.environ["ORT_DISABLE_TELEMETRY"] = "1"
     try:
         import onnxruntime as ort
     except ImportError:
         raise DependencyError(
             "ONNX Runtime is not installed: pip install 'posefuse[onnx]', or 'posefuse[gpu]' for NVIDIA"
         ) from None
-    # of its builds for Windows
+    # of earlier builds for Windows, which know no such variable
     ort.disable_telemetry_events()
     return ort
 

@@ -489,7 +489,7 @@ def _asymmetry(sides: Mapping[str, Spread]) -> str:
     """Left minus right, in per cent of their mean; a dash where one is not known."""
     left, right = (sides[side].mean for side in _SIDES)
     share = 100 * (left - right) / ((left + right) / 2)
-    return f"{share:+.0f}{_KEPT}%" if np.isfinite(share) else MISSING
+    return f"{share:+z.0f}{_KEPT}%" if np.isfinite(share) else MISSING
 
 
 def _ranges(cycles: list[CycleAngles]) -> list[list[Any]]:

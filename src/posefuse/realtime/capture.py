@@ -195,14 +195,15 @@ class Capture:
                 now = frame.pixels.fingerprint(SAMPLE_STEP)
                 still = still + 1 if now == before else 0
                 before = now
-                missing = max(0, frame.seq - seq - 1) if seq is not None else 0
+                # those that come as packets of the next one are not missing
+                due = frame.seq - (len(frame.encoded.earlier) if frame.encoded else 0)
+                missing = max(0, due - seq - 1) if seq is not None else 0
                 self._missing += missing
                 seq = frame.seq
                 self._state, self._text = "running", ""
                 # another thread may exchange it
                 if (keeper := self._keeper) is not None:
-                    # those that come with the next one are not missing
-                    keeper.miss(missing - (len(frame.encoded.earlier) if frame.encoded else 0))
+                    keeper.miss(missing)
                     keeper.offer(frame.encoded or frame.pixels, frame.t_ns + later_ns - self._zero_ns)
                 self.put(Caught(frame, still, later_ns))
         finally:

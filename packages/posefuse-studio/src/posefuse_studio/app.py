@@ -26,6 +26,8 @@ from .workspace import STATE_FOLDER, StudioWorkspace
 try:
     # it keeps nothing, but would make a folder where it is started
     os.environ.setdefault("NICEGUI_STORAGE_PATH", str(private_folder() / "nicegui"))
+    # FastAPI would send every address that is opened to where variables for other programs point
+    os.environ["OTEL_SDK_DISABLED"] = "true"
     # for the QR code
     import segno  # noqa: F401
     import uvicorn
@@ -164,3 +166,9 @@ class _Server(uvicorn.Server):
             finally:
                 for number, handler in before.items():
                     signal.signal(number, handler)
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """See uvicorn, which after a second Ctrl-C leaves the application running: its cancellation would print a trace."""
+        await super().shutdown(sockets)
+        if self.force_exit:
+            await self.lifespan.shutdown()
