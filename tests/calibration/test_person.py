@@ -279,6 +279,7 @@ def test_the_rig_from_one_of_two_people_is_as_good_as_from_one_alone(lab: Any) -
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("error:overflow")
 def test_the_largest_person_of_each_camera_alone_would_be_refused(lab: Any) -> None:
     """Shows that the choice is needed: in this scene the largest person is not the same in all cameras."""
     seen = all_watched(lab.rig, [(0, 1)] * 4)

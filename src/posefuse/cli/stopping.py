@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-from posefuse.foundation.requests_to_end import HANG_UP, REQUESTS_TO_END, Repeats, heeded, put_off, without_terminal
+from posefuse.foundation.requests_to_end import HANG_UP, REQUESTS_TO_END, Repeats, handling, heeded, put_off, without_terminal
 
 FAILED_CODE = 1
 INTERRUPTED_CODE = 130
@@ -84,9 +84,5 @@ def terminate_on_signals() -> Iterator[StopRequests]:
     if threading.current_thread() is not threading.main_thread():
         yield requests
         return
-    before = {number: signal.signal(number, requests.end) for number in heeded((signal.SIGINT, *REQUESTS_TO_END))}
-    try:
+    with handling(heeded((signal.SIGINT, *REQUESTS_TO_END)), requests.end):
         yield requests
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

@@ -10,7 +10,7 @@ import stat
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from types import FrameType
 from typing import Any
@@ -76,6 +76,17 @@ def without_terminal() -> None:
 
 
 @contextmanager
+def handling(numbers: Iterable[int], handler: Any) -> Iterator[Mapping[int, Any]]:
+    """Within, `handler` takes these signals; gives the handlers that were there before, which return at the end."""
+    before = {number: signal.signal(number, handler) for number in numbers}
+    try:
+        yield before
+    finally:
+        for number, earlier in before.items():
+            signal.signal(number, earlier)
+
+
+@contextmanager
 def children_ignore_requests() -> Iterator[None]:
     """Processes started within ignore Ctrl-C and hang-ups from their first moment on; `leave_requests_to_parent` keeps it so.
 
@@ -83,12 +94,8 @@ def children_ignore_requests() -> Iterator[None]:
     """
     main = threading.current_thread() is threading.main_thread()
     ignored = [signal.SIGINT, *([] if HANG_UP is None else [HANG_UP])] if main else []
-    before = {number: signal.signal(number, signal.SIG_IGN) for number in ignored}
-    try:
+    with handling(ignored, signal.SIG_IGN):
         yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def leave_requests_to_parent() -> None:

@@ -19,7 +19,7 @@ from posefuse.core import LiveNames, LiveOutputConfig, LivePose, LivePreview, Ri
 from posefuse.formats.recording import rig_values
 from posefuse.foundation.compiled import compiling
 from posefuse.foundation.platform import peak_memory_mb, punctual, usable_cores
-from posefuse.foundation.requests_to_end import HANG_UP, REQUESTS_TO_END, Repeats, heeded, put_off, without_terminal
+from posefuse.foundation.requests_to_end import HANG_UP, REQUESTS_TO_END, Repeats, handling, heeded, put_off, without_terminal
 from posefuse.health.cameras import Event
 from posefuse.kinematics import JointTracker
 
@@ -298,17 +298,14 @@ def stop_requests() -> Iterator[list[str]]:
         if number == HANG_UP:
             without_terminal()
 
-    before = {number: signal.signal(number, note) for number in heeded((signal.SIGINT, *REQUESTS_TO_END))}
-    try:
-        yield stopped
-    except KeyboardInterrupt:
-        earlier = before[signal.Signals[stopped[0]]] if stopped else None
-        if callable(earlier):
-            earlier(signal.Signals[stopped[0]], None)
-        raise
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    with handling(heeded((signal.SIGINT, *REQUESTS_TO_END)), note) as before:
+        try:
+            yield stopped
+        except KeyboardInterrupt:
+            earlier = before[signal.Signals[stopped[0]]] if stopped else None
+            if callable(earlier):
+                earlier(signal.Signals[stopped[0]], None)
+            raise
 
 
 def notes_of(rig: Rig, config: LiveConfig) -> dict[str, str]:

@@ -8,7 +8,6 @@ import html
 import logging
 import mimetypes
 import os
-import signal
 import socket
 import threading
 import webbrowser
@@ -17,7 +16,7 @@ from importlib import import_module
 from typing import Any
 
 from posefuse.core import DependencyError, InputError, PosefuseError
-from posefuse.foundation.requests_to_end import HANG_UP, heeded
+from posefuse.foundation.requests_to_end import HANG_UP, handling, heeded
 from posefuse.pipeline.catalogue import thumbnail
 
 from .stored import private_folder, write_private
@@ -159,13 +158,8 @@ class _Server(uvicorn.Server):
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
         """See uvicorn."""
-        with super().capture_signals():
-            before = {number: signal.signal(number, self.handle_exit) for number in heeded([HANG_UP] if HANG_UP else [])}
-            try:
-                yield
-            finally:
-                for number, handler in before.items():
-                    signal.signal(number, handler)
+        with super().capture_signals(), handling(heeded([HANG_UP] if HANG_UP else []), self.handle_exit):
+            yield
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """See uvicorn, which after a second Ctrl-C leaves the application running: its cancellation would print a trace."""

@@ -228,13 +228,17 @@ class _System:
         damped = self._C + np.eye(q) * (damping * diagonal + 1e-12 * diagonal.max(initial=1.0))[:, None, :]
         inverse = np.linalg.inv(damped)
         # relative to each unknown's own: one that is all but held must not hold the others, which have other units
-        own = np.diag(self._A)
-        A = self._A + np.diag(damping * own + 1e-12 * np.where(own > 0, own, own.max(initial=1.0)))
+        A = self._A + np.diag(damping * np.diag(self._A) + self._least())
         through = self._B @ inverse
         flat_shape = (self._B.shape[1], self._B.shape[0] * q)
         flat_B = self._B.transpose(1, 0, 2).reshape(flat_shape)
         flat_through = through.transpose(1, 0, 2).reshape(flat_shape)
         return A - flat_through @ flat_B.T, self._g - flat_through @ self._h.ravel(), inverse
+
+    def _least(self) -> Array:
+        """(G,) information below which rounding errors leave nothing of each unknown's own."""
+        own = np.diag(self._A)
+        return np.asarray(1e-12 * np.where(own > 0, own, own.max(initial=1.0)))
 
     def steps(self, damping: float) -> tuple[list[Array], Array]:
         """Steps of every global block (count, p) and of the local unknowns (L, q)."""
@@ -263,7 +267,7 @@ class _System:
         if len(schur) == 0:
             return schur
         # in units in which each unknown alone has unit information
-        unit = np.sqrt(np.maximum(np.diag(schur), 1e-300))
+        unit = np.sqrt(np.maximum(np.diag(schur), self._least()))
         values, vectors = np.linalg.eigh((schur + schur.T) / 2 / np.outer(unit, unit))
         return np.asarray((vectors / np.maximum(values, 1e-11 * values.max())) @ vectors.T) / np.outer(unit, unit)
 
