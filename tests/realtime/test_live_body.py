@@ -6,6 +6,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+import pytest
 from built import detections
 from replaying import difference_m, replayed
 
@@ -136,6 +137,11 @@ def test_a_covariance_is_the_tracked_one_or_larger_in_all_directions() -> None:
     np.testing.assert_allclose(body[known], factor[known][:, None, None] * plain[known], rtol=1e-9)
     assert factor[known].min() >= 1 - 1e-12
     assert np.median(factor[known]) < 1.01, "where views agree it is the same"
+
+
+def test_kernels_are_not_compiled_to_the_end_for_a_session_that_was_stopped() -> None:
+    with pytest.raises(KeyboardInterrupt):
+        warmed_up(walk().rig, ANATOMICAL23, OFF, ["SIGTERM"])
 
 
 def test_off_there_is_nothing() -> None:

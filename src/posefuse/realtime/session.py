@@ -170,7 +170,7 @@ def run_session(
             skeleton = views.wait_ready(stopped)
             say("; ".join(filter(None, [*views.whereabouts(), watch.whereabouts() if watch else "", outputs.whereabouts()])))
             with compiling("live tracking", say):
-                estimator = warmed_up(rig, skeleton, config)
+                estimator = warmed_up(rig, skeleton, config, stopped)
             joints = JointTracker(skeleton, config.joints) if plan.wants(LivePose) else None
             fusion = Fusion(rig, estimator, views.expect, clock, outputs, watch=watch, joints=joints)
             for centres in views.centres():

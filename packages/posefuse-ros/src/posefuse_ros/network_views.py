@@ -286,7 +286,7 @@ class NetworkViews(ViewSource):
     def wait_ready(self, stopped: Sequence[str]) -> Skeleton:
         """The skeleton of the first view."""
         # compiled for any skeleton, before a view is there to be waited for
-        warmed_up(self._rig, BLAZEPOSE33, self._config)
+        warmed_up(self._rig, BLAZEPOSE33, self._config, stopped)
         while (skeleton := self.first_skeleton(_FIRST_VIEW_S)) is None:
             if stopped or (self._duration_s is not None and self._waited_s() >= self._duration_s):
                 raise SourceError(self._nothing_came())
