@@ -24,7 +24,7 @@ def views_of(rig: Rig, noise_px: float = NOISE_PX, seconds: float = 20.0) -> Vie
 
 
 def repeated(once: ViewSequence) -> ViewSequence:
-    """Of a person who stands for 30 s."""
+    """Of a standing person, 30 s."""
     arrays = {name: np.repeat(getattr(once, name), 60, axis=0) for name in ("xy_img", "score", "sigma_px")}
     return replace(once, t_ns=np.arange(60) * 500_000_000, **arrays)
 

@@ -25,7 +25,7 @@ from .bootstrap import PropShape, planar_views, prop_track, prop_views, rough_of
 from .lens_check import best_stretch, check_board_shape, lens_change
 from .pipeline import TIME_STEPS, Options, Solved, key_snapshots, link, solve_linked
 from .prop_solve import Freedom, PropSolution, PropState, solve_prop
-from .self_checks import check_clocks, check_turning, let_cameras_turn, let_clocks_free, let_lenses_free, turn_excess
+from .self_checks import check_clocks, check_turning, let_cameras_turn, let_clocks_free, let_lenses_free, most_turned
 from .snapshots import middle_ns, snapshots
 
 # residuals beyond so many standard deviations count ever less
@@ -389,7 +389,7 @@ def turning_camera(trouble: Trouble, solved: Solved) -> Iterator[CauseTrial]:
     free = let_cameras_turn(trouble.cameras, solved, trouble.options.clocks != "together")
     check = check_turning(trouble.cameras, free, solved)
     if not check.passed:
-        worst = int(np.argmax(turn_excess(free, solved)))
+        worst, _, _ = most_turned(free, solved)
         one = Freedom(reference=solved.links.reference, held_patches=solved.links.shape.held, turning=(worst,))
         yield _trial(check, solved, near_solve(solved, trouble.cameras, solved.solution.state, one), 3)
 

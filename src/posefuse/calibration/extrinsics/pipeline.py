@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posefuse.calibration.solving.projection import LENS_PARAMETERS, Lenses
+from posefuse.calibration.solving.projection import Lenses
 from posefuse.calibration.solving.rotations import Poses, stacked
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Target, patch_corners
@@ -154,14 +154,7 @@ def solve_linked(
         if i not in placed
     }
     patch = stacked([placed.get(i, Poses(np.eye(3), np.zeros(3))) for i in range(len(seen.patches))])
-    state = PropState(
-        cam_from_world,
-        Poses(track.R, np.nan_to_num(track.t)),
-        patch,
-        delay_s,
-        np.zeros((len(cameras), len(LENS_PARAMETERS))),
-        np.zeros((len(cameras), 3)),
-    )
+    state = PropState.starting(cam_from_world, track, patch, delay_s)
     lens_sigma = None if options.lens_sigma is None else np.array(options.lens_sigma)
     freedom = Freedom(
         reference=links.reference,

@@ -44,6 +44,13 @@ class PropState:
     lens_delta: Array
     turn_rad_s: Array
 
+    @classmethod
+    def starting(cls, cam_from_world: Poses, track: Poses, prop_from_patch: Poses, delay_s: Array) -> PropState:
+        """Where a solve starts: the prop along its `track`, NaN where that is unknown, intrinsics as given, no camera turning."""
+        count, world_from_prop = len(cam_from_world), Poses(track.R, np.nan_to_num(track.t))
+        nothing = np.zeros((count, len(LENS_PARAMETERS))), np.zeros((count, 3))
+        return cls(cam_from_world, world_from_prop, prop_from_patch, delay_s, *nothing)
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Freedom:
@@ -238,8 +245,9 @@ class _Model:
         prop = state.prop_from_patch[seen.patch].move(self._xyz_patch)
         world = state.world_from_prop[seen.time_step].move(prop)
         cam = state.cam_from_world[seen.camera].move(world)
-        turned_rad = state.turn_rad_s[seen.camera] * seen.t_s[seen.time_step][:, None]
-        return prop, world, cam + np.cross(turned_rad, cam), Lenses(self._cameras, state.lens_delta)
+        if state.turn_rad_s.any():
+            cam = cam + np.cross(state.turn_rad_s[seen.camera] * seen.t_s[seen.time_step][:, None], cam)
+        return prop, world, cam, Lenses(self._cameras, state.lens_delta)
 
     def _residual(self, state: PropState, cam: Array, lenses: Lenses) -> Array:
         seen = self._seen
@@ -273,6 +281,8 @@ class _Model:
         return np.asarray(np.stack([per_offset, per_drift], axis=-1) * _DELAY_SCALE_S)
 
     def _turn_jacobian(self, d_cam: Array, cam: Array) -> Array:
+        if not self._freedom.turning:
+            return np.zeros((len(cam), 2, 3))
         return np.asarray(-d_cam @ hat(cam) * (self._seen.t_s[self._seen.time_step] * _TURN_SCALE_RAD_S)[:, None, None])
 
     def _lens_block(self, state: PropState, lenses: Lenses, cam: Array) -> ResidualBlock:

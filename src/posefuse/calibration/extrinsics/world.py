@@ -10,7 +10,7 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Gt
 
-from posefuse.calibration.solving.projection import LENS_PARAMETERS, Lenses
+from posefuse.calibration.solving.projection import Lenses
 from posefuse.calibration.solving.rotations import Poses, poses_of
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Markers, Target, patch_corners
@@ -99,15 +99,7 @@ def patch_track(rig: Rig, seen: Snapshots, corners: Array) -> Poses:
 
 def rig_state(rig: Rig, track: Poses) -> PropState:
     """The start of a solve: the cameras and clocks as in the rig, the patch along its track (T,)."""
-    nothing = np.zeros((len(rig), len(LENS_PARAMETERS)))
-    return PropState(
-        poses_of(rig),
-        Poses(track.R, np.nan_to_num(track.t)),
-        Poses.identity(1),
-        np.zeros((len(rig), 2)),
-        nothing,
-        np.zeros((len(rig), 3)),
-    )
+    return PropState.starting(poses_of(rig), track, Poses.identity(1), np.zeros((len(rig), 2)))
 
 
 def _solve(rig: Rig, seen: Snapshots, target: Target) -> tuple[SE3, Array]:
