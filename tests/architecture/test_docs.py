@@ -35,6 +35,7 @@ DOCS = ROOT / "docs"
 PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
 # streams of Lab Streaming Layer are called `posefuse keypoints` and `posefuse joint angles`
 NO_COMMANDS = {"keypoints", "joint"}
+CODE = ("src", "packages", "bench", "paper", "tests", "tools", "docs", "examples")
 GENERATED = {"reference/api.md", "reference/commands.md", "reference/settings.md"}
 
 
@@ -189,6 +190,24 @@ def test_the_link_check_can_fail(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text("# Here\n[a](nowhere.md) [b](#here) [c](#there)", encoding="utf-8")
     assert dead_links(page) == ["nowhere.md", "#there"]
+
+
+def missing_files(page: Path) -> list[str]:
+    """Files of Python that a page names by folder and name, and that are nowhere in the repository."""
+    named = set(re.findall(r"`([\w.-]+/[\w./-]+\.py)", page.read_text(encoding="utf-8")))
+    known = [f"/{path.relative_to(ROOT).as_posix()}" for folder in CODE for path in (ROOT / folder).rglob("*.py")]
+    return sorted(name for name in named if not any(path.endswith(f"/{name}") for path in known))
+
+
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "CONTRIBUTING.md"], ids=name_of)
+def test_files_named_in_the_docs_exist(page: Path) -> None:
+    assert not missing_files(page)
+
+
+def test_the_check_of_named_files_can_fail(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("`core/se3.py` `core/se4.py` `bench/live.py --seconds 3`", encoding="utf-8")
+    assert missing_files(page) == ["core/se4.py"]
 
 
 def navigation(entry: Any) -> list[str]:
