@@ -76,6 +76,19 @@ def test_cameras_unsynchronised_agree_once_brought_to_common_time_steps(ring_rig
     assert worst_mm(brought) < 0.3
 
 
+@pytest.mark.parametrize("steps", [15, 20, 39])
+def test_a_long_recording_is_solved_in_blocks_as_if_it_were_whole(ring_rig, monkeypatch: pytest.MonkeyPatch, steps: int) -> None:
+    rig = ring_rig(4)
+    views = views_of(seen_by(rig, LATE_NS, without={20: (0, 1, 2)}))
+    whole = poses_over_time(views, rig, FUSE, SmoothSettings())
+    monkeypatch.setattr("posefuse.pipeline.second_pass._BLOCK_STEPS", steps)
+    monkeypatch.setattr("posefuse.pipeline.second_pass._OVERLAP_STEPS", 10)
+    blocks = poses_over_time(views, rig, FUSE, SmoothSettings())
+    assert blocks.t_ns.tolist() == whole.t_ns.tolist() and np.isfinite(whole.xyz_world).all()
+    np.testing.assert_allclose(blocks.xyz_world, whole.xyz_world, atol=1e-4)
+    assert (blocks.kind == whole.kind).all() and (blocks.n_views == whole.n_views).all()
+
+
 def test_cameras_synchronised_are_left_as_they_are(ring_rig) -> None:
     rig = ring_rig(4)
     seen = seen_by(rig, np.array([0, 50_000, -80_000, 0]))

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from posefuse.core import InputError, JointCentres, Kind, Observations, PoseSequence, Recording, Rig, ViewSequence
 from posefuse.core.arrays import Array, give_away
 from posefuse.core.joint_centres import SEGMENT_ENDS
-from posefuse.core.view_sequences import ViewsInParts, people_in
+from posefuse.core.view_sequences import PartsOfViews, ViewsInParts, people_in
 from posefuse.fusion import FuseSettings, fuse
 from posefuse.kinematics import facing_votes
 from posefuse.kinematics.body import BodySettings, LengthPrior, fit_views
@@ -30,6 +30,15 @@ _LEAST_STEPS = 5
 # rounds of naming sides at most: most recordings settle after two or three, and one that alternates must come to an end
 _NAMING_ROUNDS = 10
 _PLANES = ("xyz_world", "cov_world", "reproj_px", "n_views", "kind")
+# a longer recording is solved in blocks of so many time steps (11 min at 30 Hz), with so many more before and after each: what
+# is neither observation nor result does not grow with the length
+_BLOCK_STEPS, _OVERLAP_STEPS = 20_000, 300
+
+
+class _Views(PartsOfViews, Protocol):
+    """Views in parts whose times (T,) are known."""
+
+    t_ns: Array
 
 
 def long_enough(observations: Observations) -> list[int]:
@@ -47,7 +56,7 @@ def long_enough(observations: Observations) -> list[int]:
 
 
 def poses_over_time(
-    views: ViewSequence | ViewsInParts,
+    views: _Views,
     rig: Rig,
     fusing: FuseSettings,
     smoothing: SmoothSettings | None,
@@ -58,8 +67,37 @@ def poses_over_time(
 
     With ``robust`` weights the recording is first steadied over time and then every view's limbs are named left and right as
     the steadied recording has them: when legs pass each other, several views confuse them at once and no single time step can
-    show it.
+    show it. A long recording is solved in blocks that overlap: equal to the whole within 0.1 mm.
     """
+    count = len(views.t_ns)
+    if count <= _BLOCK_STEPS:
+        return _block_over_time(views, rig, fusing, smoothing, centres)
+    planes: dict[str, Any] = {}
+    for begin in range(0, count, _BLOCK_STEPS):
+        first = max(begin - _OVERLAP_STEPS, 0)
+        around = _Section(views, slice(first, min(begin + _BLOCK_STEPS + _OVERLAP_STEPS, count)))
+        poses = _block_over_time(around, rig, fusing, smoothing, centres)
+        for name in _PLANES:
+            value = getattr(poses, name)[begin - first :][:_BLOCK_STEPS]
+            planes.setdefault(name, np.empty((count, *value.shape[1:]), value.dtype))[begin:][: len(value)] = value
+    give_away(*planes.values())
+    return PoseSequence(t_ns=views.t_ns, skeleton=poses.skeleton, person_id=poses.person_id, **planes)
+
+
+class _Section:
+    """The views of some of the time steps, made when a part of them is asked for."""
+
+    def __init__(self, views: _Views, steps: slice) -> None:
+        self._views, self._first, self.t_ns = views, steps.start, views.t_ns[steps]
+
+    def part(self, steps: slice) -> ViewSequence:
+        """These time steps, counted from the first of the section."""
+        return self._views.part(slice(self._first + steps.start, self._first + min(steps.stop, len(self.t_ns))))
+
+
+def _block_over_time(
+    views: _Views, rig: Rig, fusing: FuseSettings, smoothing: SmoothSettings | None, centres: JointCentres | None
+) -> PoseSequence:
     if fusing.weights == "robust":
         fused = _fused_with_sides_corrected(views, rig, fusing, smoothing or SmoothSettings())
     else:
@@ -68,7 +106,7 @@ def poses_over_time(
     return smooth(fused, smoothing) if smoothing else fused
 
 
-def _fused_over_time(views: ViewSequence | ViewsInParts, rig: Rig, fusing: FuseSettings) -> PoseSequence:
+def _fused_over_time(views: _Views, rig: Rig, fusing: FuseSettings) -> PoseSequence:
     planes: dict[str, Any] = {}
     last = None
     for part in parts_of_steps(len(views.t_ns)):
@@ -83,9 +121,7 @@ def _fused_over_time(views: ViewSequence | ViewsInParts, rig: Rig, fusing: FuseS
     return PoseSequence(t_ns=views.t_ns, skeleton=last.skeleton, person_id=last.person_id, **planes)
 
 
-def _fused_with_sides_corrected(
-    views: ViewSequence | ViewsInParts, rig: Rig, fusing: FuseSettings, smoothing: SmoothSettings
-) -> PoseSequence:
+def _fused_with_sides_corrected(views: _Views, rig: Rig, fusing: FuseSettings, smoothing: SmoothSettings) -> PoseSequence:
     """Time steps fused, then again from views whose limbs are named left and right as the recording steadied over time has them.
 
     Where the first reference was still wrong, a better one names more views right: repeated until no view changes.
@@ -104,7 +140,7 @@ def _fused_again(
     fused: PoseSequence,
     reference: Array,
     exchanged: list[Array],
-    views: ViewSequence | ViewsInParts,
+    views: _Views,
     rig: Rig,
     fusing: FuseSettings,
 ) -> dict[str, Any]:
