@@ -101,7 +101,6 @@ class PlanarViews:
     Attributes:
         camera, time step, patch: (D,).
         cam_from_patch: (D, 2), the better solution first; NaN where the second is ruled out by its error.
-        error_norm: (D, 2) rms on the ideal image plane; inf where ruled out.
         rows: (D, 2) first and last + 1 row in the snapshots.
     """
 
@@ -109,7 +108,6 @@ class PlanarViews:
     time_step: Array
     patch: Array
     cam_from_patch: Poses
-    error_norm: Array
     rows: Array
 
 
@@ -130,10 +128,10 @@ def planar_views(seen: Snapshots, corners: Array, lenses: Lenses) -> PlanarViews
                 R[d, h], t[d, h], error[d, h] = rotation, shift, off
     t -= (R @ middle[:, None, :, None])[..., 0]
     clear = error[:, 1] > _CLEAR_RATIO * error[:, 0]
-    R[clear, 1], t[clear, 1], error[clear, 1] = np.nan, np.nan, np.inf
+    R[clear, 1], t[clear, 1] = np.nan, np.nan
     good = np.isfinite(error[:, 0])
     return PlanarViews(
-        seen.camera[starts][good], seen.time_step[starts][good], seen.patch[starts][good], Poses(R[good], t[good]), error[good],
+        seen.camera[starts][good], seen.time_step[starts][good], seen.patch[starts][good], Poses(R[good], t[good]),
         np.stack([starts, ends], axis=1)[good],
     )  # fmt: skip
 
