@@ -76,10 +76,10 @@ sys.exit(done.returncode)
 
 
 def measured(command: list[str]) -> tuple[float, float]:
-    """Processor seconds and megabytes of a command."""
+    """Processor seconds and MiB of a command."""
     words = [sys.executable, "-c", _MEASURE, *POSEFUSE, *command]
-    cpu_s, memory_mb = subprocess.run(words, check=True, stdout=subprocess.PIPE, text=True).stdout.split()
-    return float(cpu_s), float(memory_mb)
+    cpu_s, memory_mib = subprocess.run(words, check=True, stdout=subprocess.PIPE, text=True).stdout.split()
+    return float(cpu_s), float(memory_mib)
 
 
 def main() -> None:
@@ -91,7 +91,7 @@ def main() -> None:
         only=dict.fromkeys(COMMANDS),
     )
     rows: dict[str, dict] = {name: {"command": name} for name in args.only}
-    used_mb: dict[str, list[float]] = {name: [] for name in args.only}
+    used_mib: dict[str, list[float]] = {name: [] for name in args.only}
     is_result = (args.session / ABOUT_FILE).is_file()
     recording = read_recording(args.session) if is_result else tracked(args.session)
     with tempfile.TemporaryDirectory() as scratch:
@@ -107,15 +107,15 @@ def main() -> None:
             long.mkdir()
             write_recording(long, there_and_back(recording, minutes))
             for name in args.only:
-                cpu_s, memory_mb = measured(commands[name])
-                rows[name][f"{minutes:g} min"] = f"{cpu_s:.0f} s, {memory_mb:.0f} MB"
-                used_mb[name].append(memory_mb)
-                note(f"{name} {minutes:g} min: {cpu_s:.0f} s, {memory_mb:.0f} MB")
+                cpu_s, memory_mib = measured(commands[name])
+                rows[name][f"{minutes:g} min"] = f"{cpu_s:.0f} s, {memory_mib:.0f} MiB"
+                used_mib[name].append(memory_mib)
+                note(f"{name} {minutes:g} min: {cpu_s:.0f} s, {memory_mib:.0f} MiB")
                 shutil.rmtree(out, ignore_errors=True)
             shutil.rmtree(long)
-    for name, memory_mb in used_mb.items():
-        slope_mb = (memory_mb[-1] - memory_mb[-2]) / (args.minutes[-1] - args.minutes[-2])
-        rows[name]["an hour"] = f"{memory_mb[-1] + slope_mb * (60 - args.minutes[-1]):.0f} MB"
+    for name, memory_mib in used_mib.items():
+        slope_mib = (memory_mib[-1] - memory_mib[-2]) / (args.minutes[-1] - args.minutes[-2])
+        rows[name]["an hour"] = f"{memory_mib[-1] + slope_mib * (60 - args.minutes[-1]):.0f} MiB"
     if args.write:
         written = [row for row in table_between_marks(args.write, "length") if list(row) == list(rows[args.only[0]])]
         rows = {row["command"]: row for row in written} | rows
