@@ -178,14 +178,6 @@ def test_a_time_that_cannot_be_is_of_no_running_job(workspace: StudioWorkspace, 
     assert [job.id for job in Jobs(workspace).running()] == ["one"]
 
 
-def test_files_of_another_user_are_no_jobs(workspace: StudioWorkspace, monkeypatch: pytest.MonkeyPatch) -> None:
-    mine = ended(workspace, 1)
-    assert Jobs(workspace).report(mine).state == "done"
-    monkeypatch.setattr("os.geteuid", lambda: workspace.root.stat().st_uid + 1, raising=False)
-    jobs = Jobs(workspace)
-    assert jobs.all() == [] and jobs.report(mine).state == "lost"
-
-
 @pytest.mark.skipif(not hasattr(os, "O_NOFOLLOW"), reason="this system follows links")
 def test_a_link_is_no_state_file(workspace: StudioWorkspace) -> None:
     mine = ended(workspace, 1)
