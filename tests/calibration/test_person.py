@@ -212,14 +212,7 @@ def frames_of(camera: Camera, people: Sequence[np.ndarray], seed: int) -> list[D
     seen = seen + random.normal(0, 1.0, seen.shape)
     for t_s, xy in zip(T_S, seen, strict=True):
         order = random.permutation(len(people))
-        score = np.full((len(people), len(BODY)), 0.9)
-        box = np.concatenate([xy.min(axis=1), xy.max(axis=1)], axis=-1)
-        frames.append(
-            Detections2D(
-                camera=camera.name, t_ns=round(t_s * 1e9), skeleton=BODY, xy_img=xy[order], score=score, sigma_px=0 * score + 1,
-                box_img=box[order],
-            )
-        )  # fmt: skip
+        frames.append(detections(camera.name, xy[order], round(t_s * 1e9), sigma_px=1.0))
     return frames
 
 

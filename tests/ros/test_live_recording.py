@@ -86,14 +86,13 @@ def poses_of(count: int, people: int = 1, absent: Sequence[int] = ()) -> list[Po
         t_ns, n = BEGIN_NS + i * 10_000_000, 0 if i in absent else people
         xyz = np.stack([body(t_ns - 40_000_000) + j * OTHER for j in range(n)]) if n else np.zeros((0, K, 3))
         cov = np.einsum("nkij,nklj->nkil", *[rng.normal(size=(n, K, 3, 3)) * 0.01] * 2)
-        planes = {
-            "xyz_world": xyz,
-            "cov_world": (cov + cov.swapaxes(-1, -2)) / 2,
+        known = {
             "reproj_px": rng.normal(size=(n, K)) ** 2,
             "n_views": rng.integers(2, 5, (n, K)),
             "kind": rng.integers(1, 5, (n, K)),
         }
-        made.append(Pose3D(t_ns=t_ns, skeleton=BLAZEPOSE33, person_id=np.arange(n) + 4, **planes))
+        cov = (cov + cov.swapaxes(-1, -2)) / 2
+        made.append(built.pose(xyz, np.arange(n) + 4, t_ns, skeleton=BLAZEPOSE33, cov=cov, **known))
     return made
 
 
