@@ -2,12 +2,12 @@
 
 import os
 import signal
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 from built import turned
+from live_session import until
 
 from posefuse.calibration.keypoints import limb_keypoints
 from posefuse.core import Detections2D, Rig, Truth
@@ -140,11 +140,12 @@ def test_a_watch_that_is_killed_is_reported_and_ends_nothing(truth: Truth) -> No
         assert watch.timed(view, 1) is view
         assert watch.trouble == ""
         os.kill(pid, signal.SIGKILL)
-        end_s = time.monotonic() + 20
-        while not watch.trouble and time.monotonic() < end_s:
+
+        def use() -> None:
             assert watch.timed(view, 1).t_ns == view.t_ns
             watch.receive()
-            time.sleep(0.02)
+
+        until(lambda: bool(watch.trouble), use)
     assert f"process {pid} ended" in watch.trouble
     with RigWatch(truth.rig, clocks=False) as watch:
         pid = int(watch.whereabouts().split()[-1])
