@@ -101,7 +101,9 @@ def test_a_moved_camera_is_found_among_cameras_that_do_not_wait_for_each_other(t
     rig, watcher = truth.rig, RigWatcher(truth.rig, clocks=False)
     assert fed(watcher, truth, rig, 0.0, 5.0) == {}
     assert fed(watcher, truth, turned(rig, 2, [0.02, 0.01, 0.0]), 5.0, 5.0) == {rig.names[2]: "moved"}
+    # put back it is correct, and may be moved again
     assert fed(watcher, truth, rig, 10.0, 6.0) == {}
+    assert fed(watcher, truth, turned(rig, 2, [0.02, 0.01, 0.0]), 16.0, 5.0) == {rig.names[2]: "moved"}
 
 
 def found_in_a_loop(truth: Truth, pause_s: float) -> set[str]:
