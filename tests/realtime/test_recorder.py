@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from calibrating import marker_page
 from live_session import until
+from memory_source import Clip
 
 import posefuse as pf
 from posefuse.api import record as recording
@@ -41,31 +42,16 @@ from posefuse.sources.arriving import Arrived, with_earlier
 from posefuse.sources.video import VideoConfig
 
 GOOD = np.linspace(20, 230, 48 * 64, dtype=np.uint8).reshape(48, 64, 1).repeat(3, axis=2)
-STAMPS_NS = np.array([0, 33, 67, 180, 210]) * 1_000_000
+STAMPS_NS = (0, 33_000_000, 67_000_000, 180_000_000, 210_000_000)
 
 
-@dataclass(frozen=True)
-class Clip:
-    """Frames from memory at uneven times that count from the session's zero."""
-
-    camera: str
-    image: Any
-    zero_ns: int | None = None
-    size_wh: tuple[int, int] = (64, 48)
-
-    def build(self) -> "Clip":
-        return self
-
-    def close(self) -> None:
-        pass
-
-    def frames(self) -> Any:
-        for i, t_ns in enumerate(STAMPS_NS.tolist()):
-            yield Frame(camera=self.camera, seq=i, t_ns=t_ns, received_ns=t_ns, image=self.image)
+def clip(name: str) -> Clip:
+    """At uneven times."""
+    return Clip(name, GOOD, STAMPS_NS)
 
 
 def test_every_frame_is_kept_at_its_own_time(tmp_path: Path) -> None:
-    inputs = [LiveInput(name, "clip", Clip(name, GOOD), reopen=False) for name in ("a", "b")]
+    inputs = [LiveInput(name, "clip", clip(name), reopen=False) for name in ("a", "b")]
     with CameraFeed(inputs) as feed:
         for _ in watched(feed, tmp_path, duration_s=20.0, judged=True):
             pass
@@ -141,7 +127,7 @@ def test_a_recording_stopped_before_its_first_frame_leaves_nothing_and_claims_no
 def test_a_camera_without_frames_and_lost_frames_end_in_an_error_that_names_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
-    sources = {"a": Clip("a", GOOD), "b": Silent("b", GOOD), "c": Gap("c", GOOD)}
+    sources = {"a": clip("a"), "b": Silent("b", GOOD), "c": Gap("c", GOOD, STAMPS_NS)}
     assert run(["--out", str(tmp_path / "s")], sources, monkeypatch) == 1
     printed = capsys.readouterr()
     assert "b: no frame came" in printed.err
