@@ -418,6 +418,14 @@ def test_geoms_whose_masks_keep_them_from_touching_are_not_watched():
     assert len(pairs) and first not in pairs
 
 
+def test_every_pair_of_our_own_robot_is_watched():
+    chain = MujocoRobot(mujoco_model(None, ("right", "left")), ["right_hand", "left_hand"], LIMITS).joints.chain
+    model = chain.model
+    names = [{model.geom(int(g)).name for g in pair} for pair in chain.pairs]
+    assert sum(any("right" in a for a in pair) and any("left" in a for a in pair) for pair in names) == 64
+    assert sum("floor" in pair for pair in names) == 16
+
+
 def test_a_pair_that_overlaps_does_not_come_nearer():
     """Where the robot starts overlapping, e.g. by a wrong model, the pair keeps its constraint."""
     robot = MujocoRobot(fixed_arms(), ["right_hand", "left_hand"], LIMITS)
