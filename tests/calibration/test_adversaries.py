@@ -8,13 +8,13 @@ import pytest
 from built import turned
 from calibrating import zoomed
 
-from bench.faults.waved_props import Faults, cube, observe_prop
+from bench.faults.waved_props import Faults, board, cube, observe_prop
 from posefuse.calibration.extrinsics.bootstrap import rough_offsets
 from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.target import Calibration, calibrate_extrinsics
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.targets.corners import CornerObservations
-from posefuse.calibration.targets.kinds import Chessboard, Markers
+from posefuse.calibration.targets.kinds import Charuco, Chessboard, Markers
 from posefuse.core import SE3, CalibrationError, Rig
 
 TOGETHER = Options(time_steps=100, clocks="together")
@@ -60,6 +60,16 @@ def test_a_marker_too_small_to_decide_is_refused(lab: Any, ring_rig: Any) -> Non
     seen = observe_prop(far, {0: SE3.identity()}, small, lab.motion, Faults(noise_px=0.4))
     with pytest.raises(RefusedCalibration, match=r"too small to show their slant|cannot be linked"):
         calibrate_extrinsics(seen, far.cameras, small, TOGETHER)
+
+
+@pytest.mark.slow
+def test_a_mirrored_board_is_refused_by_name(lab: Any) -> None:
+    target = Charuco(columns=5, rows=7, square_m=0.12, marker_m=0.09)
+    seen = observe_prop(lab.rig, board(), target, lab.motion, Faults())
+    assert calibrate_extrinsics(seen, lab.rig.cameras, target, TOGETHER).report.failed == ()
+    mirrored = replace(seen, corner=(seen.corner // 4) * 4 + 3 - seen.corner % 4)
+    with pytest.raises(RefusedCalibration, match=r"mirrored: 0% of cam\d\d's views see the printed face"):
+        calibrate_extrinsics(mirrored, lab.rig.cameras, target, TOGETHER)
 
 
 def test_a_marker_with_a_wrong_id_now_and_then_does_no_harm(lab: Any, plain: CornerObservations) -> None:
