@@ -101,10 +101,6 @@ def one_stream_twice(seen: CornerObservations) -> CornerObservations:
     return merged(seen.rows(seen.camera != 1), replace(copy, camera=np.ones(len(copy), np.int64)))
 
 
-def mirrored(seen: CornerObservations) -> CornerObservations:
-    return in_camera(seen, 1, xy_img=seen.xy_img * [-1, 1] + [seen.sizes_wh[1][0] - 1, 0])
-
-
 @pytest.mark.parametrize(
     ("fault", "words"),
     [
@@ -112,13 +108,6 @@ def mirrored(seen: CornerObservations) -> CornerObservations:
         pytest.param(lambda seen: replace(seen, doubled=(("cam00", 2, 81),)), "marker 2 in 81 frames of cam00", id="equal props"),
         pytest.param(lambda seen: seen.rows(seen.camera != 3), r"not found by cam03 \(0 of 360 frames\)", id="prop never seen"),
         pytest.param(one_stream_twice, "videos differ: cam00 and cam01 show the same video", id="one stream twice"),
-        pytest.param(mirrored, "cam01", id="a mirrored image", marks=pytest.mark.slow),
-        pytest.param(
-            lambda seen: seen.rows((seen.camera >= 2) == (seen.t_ns >= 12_000_000_000)),
-            "cam02, cam03 cannot be linked to cam00, cam01: they never see the prop at the same",
-            id="no common view",
-            marks=pytest.mark.slow,
-        ),
     ],
 )
 def test_a_fault_of_the_recording_is_refused(lab: Any, plain: CornerObservations, fault: Any, words: str) -> None:
@@ -143,8 +132,8 @@ def test_a_target_that_is_held_still_is_named_and_no_lens_is_blamed(lab: Any) ->
         calibrate_extrinsics(held, lab.rig.cameras, lab.target, TOGETHER)
 
 
-@pytest.mark.parametrize("by_m", [0.3, pytest.param(0.05, marks=pytest.mark.slow), pytest.param(0.01, marks=pytest.mark.slow)])
-def test_a_camera_that_is_moved_half_way_is_refused_by_name(lab: Any, plain: CornerObservations, by_m: float) -> None:
+def test_a_camera_that_is_moved_half_way_is_refused_by_name(lab: Any, plain: CornerObservations) -> None:
+    by_m = 0.3
     cameras = list(turned(lab.rig, 2, [0, by_m / 4.5, 0]))
     cameras[2] = replace(cameras[2], cam_from_world=cameras[2].cam_from_world @ SE3([1.0, 0, 0, 0], [by_m, 0, 0]))
     after, middle_ns = lab.watch(rig=Rig(tuple(cameras))), round(lab.motion.seconds * 5e8)
@@ -166,41 +155,11 @@ def test_a_camera_that_turns_slowly_is_refused_by_name(lab: Any, plain: CornerOb
 
 
 @pytest.mark.slow
-def test_an_image_turned_by_half_a_turn_is_named_unless_stated(lab: Any, plain: CornerObservations) -> None:
+def test_an_image_that_is_stated_to_be_upside_down_does_no_harm(lab: Any, plain: CornerObservations) -> None:
     turned = in_camera(plain, 1, xy_img=np.array(lab.rig.cameras[1].size_wh) - 1 - plain.xy_img)
-    with pytest.raises(RefusedCalibration, match=r"the image of cam01 is turned by 180 deg|upside down: cam01"):
-        calibrate_extrinsics(turned, lab.rig.cameras, lab.target, TOGETHER)
     found = calibrate_extrinsics(turned, lab.rig.cameras, lab.target, TOGETHER, upside_down=("cam01",))
     apart_m = [np.linalg.norm(np.subtract(*rig.centres_world()[:2])) for rig in (found.rig, lab.rig)]
     assert apart_m[0] == pytest.approx(apart_m[1], abs=0.005)
-
-
-@pytest.mark.slow
-def test_wrong_intrinsics_are_refused_by_camera_and_parameter(lab: Any, plain: CornerObservations) -> None:
-    """20 px of the principal point are 2 deg, most of which the camera's rotation takes up; what is left is 40 mm."""
-    first, second, *others = lab.rig.cameras
-    off_centre = replace(second, K=second.K + np.array([[0, 0, 20.0], [0, 0, 0], [0, 0, 0]]))
-    for cameras, words in (
-        (zoomed(lab.rig, 1, 1.08), r"focal length would rather be -7\.\d%"),
-        (
-            (first, off_centre, *others),
-            r"principal point would rather be \d\.\d deg elsewhere \(standard error \d\.\d deg, limit 1\.0\)",
-        ),
-    ):
-        with pytest.raises(RefusedCalibration, match=f"cam01's {words}"):
-            calibrate_extrinsics(plain, cameras, lab.target, TOGETHER)
-
-
-@pytest.mark.slow
-def test_synchronised_is_not_taken_on_trust_and_offsets_are_found(lab: Any) -> None:
-    late_s = (0.0, 0.1, -0.05, 0.2)
-    seen = lab.watch(Faults(delay_s=late_s))
-    with pytest.raises(RefusedCalibration, match=r"clocks"):
-        calibrate_extrinsics(seen, lab.rig.cameras, lab.target, TOGETHER)
-    found = calibrate_extrinsics(seen, lab.rig.cameras, lab.target, replace(TOGETHER, clocks="offset"))
-    late = found.delay_s[:, 0] - found.delay_s[0, 0]
-    np.testing.assert_allclose(late, late_s, atol=2e-3)
-    assert lab.errors(found.rig)[0].max() < 5.0
 
 
 @pytest.mark.parametrize("late_s", [(0.3, -0.3, 0.3, -0.3), (0.0, 1.2, -0.6, 0.35)])

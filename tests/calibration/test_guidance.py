@@ -1,15 +1,15 @@
 """Guidance while waving: counts, words, and when it is enough; and at cameras that are videos in memory."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pytest
 from calibrating import marker_page
+from memory_source import Clip
 
 from posefuse.calibration.targets.coverage import new_guidance, seen
 from posefuse.calibration.targets.kinds import Markers
-from posefuse.core import Frame, SourceError
+from posefuse.core import SourceError
 from posefuse.realtime.capture import LiveInput
 from posefuse.realtime.watching import CameraFeed, guide
 
@@ -45,33 +45,18 @@ def test_it_is_enough_when_all_images_are_covered_and_all_cameras_hang_together(
     assert seen(poor, 0, 99, np.zeros((0, 2)), SIZE) is poor
 
 
-@dataclass(frozen=True)
-class FakeVideo:
-    """Frames from memory, as a live source; None fails."""
-
-    images: tuple[Any, ...] | None
-    camera: str
-
-    def build(self) -> "FakeVideo":
-        return self
-
-    def close(self) -> None:
-        pass
-
+class Unplugged(Clip):
     def frames(self) -> Any:
-        if self.images is None:
-            raise SourceError(f"camera {self.camera}: unplugged")
-        for i, image in enumerate(self.images):
-            yield Frame(camera=self.camera, seq=i, t_ns=i, received_ns=i, image=image)
+        raise SourceError(f"camera {self.camera}: unplugged")
 
 
 def test_at_the_cameras_frames_are_counted_and_a_dead_one_is_named() -> None:
     shown: list[str] = []
-    inputs = [LiveInput(name, "fake", FakeVideo((marker_page(),), name), reopen=False) for name in ("a", "b")]
+    inputs = [LiveInput(name, "fake", Clip(name, marker_page(), (0,)), reopen=False) for name in ("a", "b")]
     with CameraFeed(inputs) as feed:
         found = guide(feed, Markers(0.1), lambda state: shown.append(state.words), 5.0)
     assert found.coverage.together.tolist() == [[1, 1], [1, 1]]
     assert shown == ["show the target to a and to b at the same time"]
-    broken = LiveInput("b", "fake", FakeVideo(None, "b"), reopen=False)
+    broken = LiveInput("b", "fake", Unplugged("b"), reopen=False)
     with CameraFeed([inputs[0], broken]) as feed, pytest.raises(SourceError, match="camera b: unplugged"):
         guide(feed, Markers(0.1), lambda state: None, 5.0)

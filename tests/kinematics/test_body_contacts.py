@@ -24,13 +24,7 @@ def walker():
     scene = {
         "duration_s": 2.5,
         "rate_hz": RATE_HZ,
-        "cameras": {
-            "kind": "ring",
-            "count": 2,
-            "radius_m": 4.0,
-            "height_m": 2.0,
-            "image": {"size_px": [64, 48], "horizontal_fov_deg": 60},
-        },
+        "cameras": {"kind": "ring", "count": 2},
         "people": [{"motion": {"kind": "walk", "path": {"shape": "line", "start_m": [-2, 0], "end_m": [2, 0.4]}}}],
     }
     return truth_of(settings_from_mapping(scene, Scene, where="walker")).xyz_world

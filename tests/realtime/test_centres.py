@@ -2,16 +2,13 @@
 
 from dataclasses import replace
 
-import built
 import numpy as np
 import pytest
+from no_outputs import KeptOutputs, StillPerson
 
 from posefuse.core import (
     JointCentres,
     LiveJointCentres,
-    LiveMessage,
-    LivePose,
-    Pose3D,
 )
 from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse.detection import read_card
@@ -32,31 +29,8 @@ def centres(cameras: tuple[str, ...], table: JointCentres | None) -> LiveJointCe
     return LiveJointCentres(t_ns=BEGIN_NS, cameras=cameras, table=table)
 
 
-class Kept:
-    """Outlets that keep what they are offered."""
-
-    def __init__(self) -> None:
-        self.offered: list[LiveMessage] = []
-
-    def offer(self, message: LiveMessage) -> None:
-        self.offered.append(message)
-
-
-class Still:
-    """A tracker of a person who stands still."""
-
-    health: dict = {}  # noqa: RUF012 - never written
-
-    def __init__(self, xyz: np.ndarray) -> None:
-        self._xyz = xyz
-
-    def at(self, t_ns: int) -> Pose3D:
-        return built.pose(self._xyz[None], t_ns=t_ns, skeleton=BLAZEPOSE33)
-
-    looked_for = at
-
-    def check(self) -> None:
-        """Nothing can wait."""
+def still(xyz: np.ndarray) -> StillPerson:
+    return StillPerson(xyz, BLAZEPOSE33)
 
 
 @pytest.fixture
@@ -66,13 +40,13 @@ def standing_person() -> np.ndarray:
 
 @pytest.mark.parametrize("wanted", [True, False])
 def test_the_output_is_at_joint_centres_and_the_views_get_landmarks(ring_rig, standing_person, wanted) -> None:
-    rig, kept, tracker = ring_rig(3), Kept(), Still(standing_person)
+    rig, kept, tracker = ring_rig(3), KeptOutputs(), still(standing_person)
     expected_by_cameras: list[Expected] = []
     fusion = Fusion(rig, Estimator(tracker, Centring(rig.names, wanted)), expected_by_cameras.append, SessionClock.begin(), kept)
     fusion.tick(BEGIN_NS, PERIOD_NS)
     fusion.take(centres(rig.names, FULL))
     fusion.tick(BEGIN_NS + 5 * PERIOD_NS, PERIOD_NS)
-    before, after = (message.pose for message in kept.offered if isinstance(message, LivePose))
+    before, after = kept.poses()
     expected = at_joint_centres(before, FULL, FULL.usual).xyz_world if wanted else before.xyz_world
     np.testing.assert_array_equal(before.xyz_world[0], standing_person)
     np.testing.assert_array_equal(after.xyz_world, expected)
@@ -85,7 +59,7 @@ def test_the_output_is_at_joint_centres_and_the_views_get_landmarks(ring_rig, st
 
 
 def test_where_networks_differ_the_first_camera_with_a_table_counts(standing_person) -> None:
-    pose, other = Still(standing_person).at(0), JointCentres(made_by="another", offsets={"hip": {"up": 0.05}})
+    pose, other = still(standing_person).at(0), JointCentres(made_by="another", offsets={"hip": {"up": 0.05}})
     centring = Centring("abc", wanted=True)
     centring.learn(centres(("c", "stranger"), FULL))
     np.testing.assert_array_equal(centring.moved(pose).xyz_world, at_joint_centres(pose, FULL, FULL.usual).xyz_world)
@@ -97,7 +71,7 @@ def test_where_networks_differ_the_first_camera_with_a_table_counts(standing_per
 
 def test_the_table_of_one_who_is_followed_for_long_counts_by_length(standing_person) -> None:
     """The same table sent again does not make any person a stranger; another one does."""
-    centring, tracker = Centring("ab", wanted=True), Still(standing_person)
+    centring, tracker = Centring("ab", wanted=True), still(standing_person)
     centring.learn(centres(("a",), FULL))
     shown = [centring.moved(tracker.at(i * PERIOD_NS)).xyz_world for i in range(3000)]
     usual = at_joint_centres(tracker.at(0), FULL, FULL.usual).xyz_world

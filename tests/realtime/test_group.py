@@ -7,13 +7,14 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
 from live_session import until
+from memory_source import Clip
 from no_outputs import NoOutputs
 
 from posefuse.core import Detections2D, Frame, Rig
@@ -57,24 +58,8 @@ class SlowDetector:
             capture.put(Caught(Arrived.of(frame), 0))
 
 
-@dataclass(frozen=True)
-class NoSource:
-    """Never read: a test puts the frames there itself."""
-
-    camera: str = "cam00"
-    size_wh: tuple[int, int] = (64, 48)
-
-    def build(self) -> NoSource:
-        return self
-
-    def frames(self) -> Iterator[Frame]:
-        return iter(())
-
-    def close(self) -> None: ...
-
-
 def plan_of(rig: Rig, clock: SessionClock, cameras: tuple[str, ...]) -> GroupPlan:
-    inputs = tuple(LiveInput(name, "test", NoSource(), False) for name in cameras)
+    inputs = tuple(LiveInput(name, "test", Clip(), False) for name in cameras)
     return GroupPlan(
         rig=rig, inputs=inputs, detector=DetectorChoice(), clock=clock, most_people=1, search_every_s=1e6, preview_hz=0.0
     )
@@ -152,7 +137,7 @@ def on_card(ring_rig, tmp_path, monkeypatch: pytest.MonkeyPatch):
 
 def plans_on(rig: Rig, device: str, choice: DetectorChoice, clock: SessionClock, groups: int | None = None) -> list[GroupPlan]:
     """Plans of groups on a device, of cameras that a test feeds itself."""
-    inputs = [LiveInput(name, "test", NoSource(name, rig[name].size_wh), False) for name in rig.names]
+    inputs = [LiveInput(name, "test", Clip(name, size_wh=rig[name].size_wh), False) for name in rig.names]
     config = LiveConfig(detector=on_device(choice, device), groups=groups)
     return group_plans(rig, inputs, config, OutputPlan(rig=rig, clock=clock, configs={}))
 
@@ -199,20 +184,11 @@ def test_a_video_that_cannot_be_made_when_it_is_switched_on_is_reported(group, t
     group.finish()
 
 
-@dataclass(frozen=True)
-class Raises:
+class Raises(Clip):
     """A source of a plug-in that fails in a way of its own."""
-
-    size_wh = (64, 48)
-
-    def build(self) -> Raises:
-        return self
 
     def frames(self) -> Iterator[Frame]:
         raise KeyError("exposure")
-        yield
-
-    def close(self) -> None: ...
 
 
 def test_a_source_that_raises_anything_is_named_and_opened_again(monkeypatch: pytest.MonkeyPatch) -> None:

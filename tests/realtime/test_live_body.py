@@ -10,7 +10,7 @@ import pytest
 from built import detections
 from replaying import difference_m, replayed
 
-from posefuse.core import SE3, Detections2D, LiveDetections, LivePose, LiveStart, Pose3D, Rig
+from posefuse.core import SE3, SKELETONS, Detections2D, LiveDetections, LivePose, LiveStart, Pose3D, Rig
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.foundation.settings import settings_from_mapping
 from posefuse.kinematics.body import LIVE_BODY, LiveBodyRules
@@ -226,3 +226,28 @@ def test_a_replay_fits_as_the_session_did(tmp_path: Path) -> None:
     sink.close()
     assert max(difference_m(pose, again) for pose, again in replayed(path, rig, ON)) == 0.0
     assert max(difference_m(pose, again) for pose, again in replayed(path, rig, OFF)) > 0.001
+
+
+# --- every keypoint set of users' networks through the live tracker, hands and face included
+
+
+FRAME_NS = 33_333_333
+
+
+@pytest.mark.parametrize("name", ["coco17", "halpe_26", "synthpose_52", "coco_wholebody_133"])
+def test_all_keypoints_of_a_set_are_followed(name: str, ring_rig: Callable[..., Rig]) -> None:
+    rig, skeleton = ring_rig(4), SKELETONS[name]
+    tracker = warmed_up(rig, skeleton, LiveConfig()).tracker
+    rest = np.random.default_rng(0).normal(size=(len(skeleton), 3)) * [0.3, 0.3, 0.5] + [0, 0, 1]
+
+    def xyz_at(t_ns: int) -> np.ndarray:
+        return rest + [0.3 * (t_ns - 10**9) * 1e-9, 0, 0]
+
+    for i in range(60):
+        for c, camera in enumerate(rig):
+            t_ns = 10**9 + i * FRAME_NS + c * 3_000_000
+            tracker.add(detections(camera.name, camera.project(xyz_at(t_ns))[None], t_ns, sigma_px=1.8, skeleton=skeleton))
+    pose = tracker.at(t_ns + 3_000_000)
+    assert pose.skeleton == skeleton and len(pose.person_id) == 1
+    off_m = np.linalg.norm(pose.xyz_world[0] - xyz_at(t_ns + 3_000_000), axis=-1)
+    assert off_m.max() < 0.01

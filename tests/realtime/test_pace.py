@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+import threading
 import time
 from dataclasses import replace
 from itertools import pairwise
@@ -11,6 +12,7 @@ from types import SimpleNamespace
 
 import pytest
 from built import admitted, camera_state
+from live_session import until
 from no_outputs import NoOutputs
 
 from posefuse.cli.live import exit_code
@@ -19,9 +21,9 @@ from posefuse.core.skeleton import COCO17
 from posefuse.foundation.channel import Channel
 from posefuse.foundation.worker import Worker
 from posefuse.health.cameras import Monitor
-from posefuse.realtime import processes
+from posefuse.realtime import news, processes
 from posefuse.realtime.messages import KeepVideos, Ready, SeenView, SessionClock, Status, Stop
-from posefuse.realtime.news import News, ProcessedImages
+from posefuse.realtime.news import News, ProcessedImages, never_waiting
 from posefuse.realtime.session import closing_lines
 
 S = 1_000_000_000
@@ -248,3 +250,35 @@ def test_videos_switched_on_during_a_session_are_finished_at_its_end(
     finally:
         groups.stop()
     assert (tmp_path / "finished").exists()
+
+
+# --- news of a session whose reader has stopped, or has gone
+
+
+def test_a_reader_that_has_stopped_keeps_no_one_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(news, "_END_S", 0.1)
+    goes_on = threading.Event()
+    with never_waiting(lambda line: goes_on.wait(60)) as say:
+        for i in range(5000):
+            say(f"line {i}")
+    goes_on.set()
+
+
+def test_every_line_comes_in_its_order() -> None:
+    lines: list[str] = []
+    with never_waiting(lines.append) as say:
+        for i in range(100):
+            say(str(i))
+    assert lines == [str(i) for i in range(100)]
+
+
+def test_a_reader_that_has_gone_ends_what_speaks_to_it() -> None:
+    def gone(line: str) -> None:
+        raise BrokenPipeError
+
+    def speak_until_it_fails() -> bool:
+        say("still there?")
+        return False
+
+    with pytest.raises(BrokenPipeError), never_waiting(gone) as say:
+        until(speak_until_it_fails)

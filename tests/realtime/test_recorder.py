@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import av
 import numpy as np
 import pytest
 from calibrating import marker_page
 from live_session import until
+from memory_source import Clip
 
 import posefuse as pf
 from posefuse.api import record as recording
@@ -42,31 +42,16 @@ from posefuse.sources.arriving import Arrived, with_earlier
 from posefuse.sources.video import VideoConfig
 
 GOOD = np.linspace(20, 230, 48 * 64, dtype=np.uint8).reshape(48, 64, 1).repeat(3, axis=2)
-STAMPS_NS = np.array([0, 33, 67, 180, 210]) * 1_000_000
+STAMPS_NS = (0, 33_000_000, 67_000_000, 180_000_000, 210_000_000)
 
 
-@dataclass(frozen=True)
-class Clip:
-    """Frames from memory at uneven times that count from the session's zero."""
-
-    camera: str
-    image: Any
-    zero_ns: int | None = None
-    size_wh: tuple[int, int] = (64, 48)
-
-    def build(self) -> "Clip":
-        return self
-
-    def close(self) -> None:
-        pass
-
-    def frames(self) -> Any:
-        for i, t_ns in enumerate(STAMPS_NS.tolist()):
-            yield Frame(camera=self.camera, seq=i, t_ns=t_ns, received_ns=t_ns, image=self.image)
+def clip(name: str) -> Clip:
+    """At uneven times."""
+    return Clip(name, GOOD, STAMPS_NS)
 
 
 def test_every_frame_is_kept_at_its_own_time(tmp_path: Path) -> None:
-    inputs = [LiveInput(name, "clip", Clip(name, GOOD), reopen=False) for name in ("a", "b")]
+    inputs = [LiveInput(name, "clip", clip(name), reopen=False) for name in ("a", "b")]
     with CameraFeed(inputs) as feed:
         for _ in watched(feed, tmp_path, duration_s=20.0, judged=True):
             pass
@@ -142,7 +127,7 @@ def test_a_recording_stopped_before_its_first_frame_leaves_nothing_and_claims_no
 def test_a_camera_without_frames_and_lost_frames_end_in_an_error_that_names_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
-    sources = {"a": Clip("a", GOOD), "b": Silent("b", GOOD), "c": Gap("c", GOOD)}
+    sources = {"a": clip("a"), "b": Silent("b", GOOD), "c": Gap("c", GOOD, STAMPS_NS)}
     assert run(["--out", str(tmp_path / "s")], sources, monkeypatch) == 1
     printed = capsys.readouterr()
     assert "b: no frame came" in printed.err
@@ -211,22 +196,6 @@ def test_a_source_that_cannot_be_opened_leaves_nothing(tmp_path: Path) -> None:
 
 
 @pytest.mark.realtime
-def test_a_source_with_reordered_frames_is_recorded_completely(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    with av.open(str(tmp_path / "made.mp4"), "w") as made:
-        stream = made.add_stream("libx264", rate=30, options={"bf": "3", "b-adapt": "0"})
-        stream.width, stream.height = 64, 48
-        for _ in range(50):
-            made.mux(stream.encode(av.VideoFrame.from_ndarray(GOOD)))
-        made.mux(stream.encode(None))
-    sources = [word for name in "abcd" for word in ("--source", f"{name}=video:{tmp_path / 'made.mp4'}")]
-    assert main(["record", *sources, "--out", str(tmp_path / "s"), "--json"]) == 0
-    videos = json.loads(capsys.readouterr().out)["videos"]
-    assert {name: (one["written"], one["dropped"], one["how"]) for name, one in videos.items()} == dict.fromkeys(
-        "abcd", (50, 0, "copied")
-    )
-
-
-@pytest.mark.realtime
 def test_what_guide_has_seen_is_a_session(tmp_path: Path) -> None:
     for name in ("a", "b"):
         with KeptVideo(tmp_path / f"{name}.mp4") as video:
@@ -269,20 +238,6 @@ def test_all_frames_after_the_session_began_are_kept(tmp_path: Path) -> None:
     np.testing.assert_allclose(VideoConfig(tmp_path / "cam.mp4", "cam").build().times_ns(), np.arange(20) * 10_000_000, atol=1000)
 
 
-def test_packets_of_frames_that_were_left_out_are_kept_too(demo_session: Path, tmp_path: Path) -> None:
-    source = VideoConfig(demo_session / "videos" / "cam00.mp4", "cam00", keep_encoded=True, threads=False).build()
-    made = list(source.frames())
-    late = with_earlier(Arrived.of(made[5]), [(one.t_ns, one.encoded) for one in made[3:5]])
-    keeper = VideoKeeper(tmp_path, "cam")
-    for one, encoded in [*((one, one.encoded) for one in made[:3]), (made[5], late), *((one, one.encoded) for one in made[6:])]:
-        assert encoded is not None
-        keeper.offer(encoded, one.t_ns)
-    finished(keeper)
-    [counts] = read_counts(tmp_path, ["cam"]).values()
-    assert (counts.written, counts.lost) == (len(made), {})
-    np.testing.assert_allclose(VideoConfig(tmp_path / "cam.mp4", "cam").build().times_ns(), source.times_ns(), atol=1_000)
-
-
 @dataclass(frozen=True)
 class Hurried(Clip):
     """Delivers two frames as packets of the next one, as a camera does whose images come faster than they are decoded."""
@@ -295,14 +250,16 @@ class Hurried(Clip):
 
 
 def test_frames_that_come_as_packets_of_the_next_one_are_not_lost(demo_session: Path, tmp_path: Path) -> None:
-    made = VideoConfig(demo_session / "videos" / "cam00.mp4", "cam00", keep_encoded=True, threads=False).build().frames()
-    source = Hurried("cam00", GOOD, size_wh=(640, 480), made=tuple(itertools.islice(made, 30)))
+    video = VideoConfig(demo_session / "videos" / "cam00.mp4", "cam00", keep_encoded=True, threads=False).build()
+    source = Hurried("cam00", GOOD, size_wh=(640, 480), made=tuple(itertools.islice(video.frames(), 30)))
     with CameraFeed([LiveInput("cam00", "clip", source, reopen=False)]) as feed:
         feed.begin(tmp_path)
         until(lambda: feed.over)
         [state] = feed.states()
     [counts] = read_counts(tmp_path, ["cam00"]).values()
-    assert (counts.written, counts.dropped, state.missing) == (30, 0, 0)
+    assert (counts.written, counts.dropped, counts.lost, state.missing) == (30, 0, {}, 0)
+    kept_ns = VideoConfig(tmp_path / "cam00.mp4", "cam00").build().times_ns()
+    np.testing.assert_allclose(kept_ns, video.times_ns()[:30], atol=1_000)
 
 
 def test_a_slow_disk_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

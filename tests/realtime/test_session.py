@@ -138,35 +138,20 @@ def test_a_recording_states_how_it_was_made(killed: tuple[dict, Path, list[int]]
     assert made.config.detector.options["noise"] == {"sigma_px": 1.0}
 
 
-def test_sigterm_is_143_and_leaves_a_recording_that_replays_without_settings(demo_session: Path, tmp_path: Path) -> None:
-    recording = tmp_path / "x.mcap"
-    options = ("--record", str(recording), "--duration", "600", "--loop", "10", "--set", "track.lag_s=0.2")
-    live = Live(command(demo_session, *options))
-    live.wait_for("cam03: ok")
-    until(lambda: recording.stat().st_size > 200_000)
-    live.process.send_signal(signal.SIGTERM)
-    _, err = live.ended(143)
-    assert "stopped by SIGTERM before 600 s were over" in err
-    said: list[str] = []
-    assert list(read_poses(recording, warn=said.append)) and not said
-    poses, equal = replay(recording, read_rig(demo_session / "rig.toml"))
-    assert equal == poses > 50
-
-
-@pytest.mark.parametrize("request_", ["SIGTERM", "SIGHUP"])
-def test_a_request_to_end_that_every_process_gets_ends_the_session_in_order(
-    request_: str, demo_session: Path, tmp_path: Path
+@pytest.mark.parametrize(("request_", "by_all"), [("SIGTERM", False), ("SIGTERM", True), ("SIGHUP", True)])
+def test_a_request_to_end_that_one_or_every_process_gets_ends_the_session_in_order_and_it_replays_without_settings(
+    request_: str, by_all: bool, demo_session: Path, tmp_path: Path
 ) -> None:
     """A closed terminal sends SIGHUP to all of its processes; services, containers and `timeout` do so with SIGTERM."""
     number = getattr(signal, request_, None) or pytest.skip(f"this system has no {request_}")
     recording, videos = tmp_path / "x.mcap", tmp_path / "videos"
     options = ("--record", str(recording), "--videos", str(videos), "--duration", "600", "--loop", "10")
-    live = Live(command(demo_session, *options))
+    live = Live(command(demo_session, *options, "--set", "track.lag_s=0.2"))
     children = re.findall(r"in process (\d+)", live.wait_for(r"cameras .* in process .*")[0])
     assert len(children) >= 3
     live.wait_for("cam03: ok")
     until(lambda: recording.stat().st_size > 200_000)
-    for pid in (*map(int, children), live.process.pid, live.process.pid):
+    for pid in (*map(int, children), live.process.pid, live.process.pid) if by_all else (live.process.pid,):
         os.kill(pid, number)
     figures, err = live.ended(128 + number)
     assert f"stopped by {request_} before 600 s were over" in err
@@ -174,6 +159,8 @@ def test_a_request_to_end_that_every_process_gets_ends_the_session_in_order(
     assert all(video["finished"] and video["written"] > 10 for video in figures["videos"].values())
     said: list[str] = []
     assert list(read_poses(recording, warn=said.append)) and not said
+    poses, equal = replay(recording, read_rig(demo_session / "rig.toml"))
+    assert equal == poses > 50
 
 
 def test_the_report_states_the_latency_of_each_stage(killed: tuple[dict, Path, list[int]], read_page: Callable) -> None:

@@ -1,22 +1,26 @@
 """Ten minutes of sabotage of one live session with all its outputs: it continues to the end, and nothing recorded is lost."""
 
 import contextlib
+import json
 import os
 import random
 import re
 import shutil
 import signal
 import socket
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from live_session import PATIENCE_S, Live, command, fill
+from live_session import FAULTY, PATIENCE_S, Live, command, fill
 from marked import ON_LINUX, left, marked, new_mark
 from running import Running
 
+from bench import two_machines
 from posefuse.cli.stopping import NO_PERSON_CODE
 from posefuse_ros.bags import read_poses
 
@@ -141,3 +145,19 @@ def test_sessions_and_nodes_continue_when_the_clock_of_the_machine_is_set(demo_s
             # on a busy machine a person may not be tracked, and frames come seconds late, as if their clock was off by that
             assert run.process.returncode in (0, NO_PERSON_CODE) and "Traceback" not in err, err
             assert all(abs(float(off_s)) < 60 for off_s in re.findall(r"its clock is (\S+) s off", err)), err
+
+
+def test_a_cut_link_and_a_clock_that_is_off_are_survived_and_found() -> None:
+    if reason := two_machines.why_not():
+        pytest.skip(reason)
+    program = str(FAULTY.with_name("live_faults.py"))
+    command = [sys.executable, program, "--detector", "oracle", "--only", "link: cut", "link: clock"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    assert done.returncode == 0, done.stderr
+    cut, clock = json.loads(done.stdout)["cases"]
+    assert cut["named"] == "silent"
+    assert cut["named_s"] is not None and cut["back_s"] is not None
+    assert cut["blamed_wrongly"] == []
+    assert cut["unused_s"] > 9
+    assert cut["shown_share"] > 0.99
+    assert clock["clock_ms"] == pytest.approx(50, abs=5)

@@ -421,24 +421,17 @@ def report_frames(monitor: Monitor, t_s: float, captured: int, used: int) -> Non
     monitor.take_state(built.camera_state("a", captured, used), round(t_s * S))
 
 
-def test_overload_is_reported_instead_of_a_finding() -> None:
+@pytest.mark.parametrize(("used", "state"), [(15, "overload"), (28, "moved")])
+def test_a_finding_stands_where_frames_are_used_and_else_overload_is_reported(used: int, state: str) -> None:
     monitor = Monitor(("a", "b"))
     for t_s in range(1, 9):
-        report_frames(monitor, t_s, 30 * t_s, 15 * t_s)
+        report_frames(monitor, t_s, 30 * t_s, used * t_s)
         monitor._watches["a"].seen_ns = t_s * S
     verdict = monitor.judge(8 * S, {}, ILL)["a"]
-    assert verdict.state == "overload" and "only 50% of its frames are used" in verdict.text
-    assert monitor.overloaded("a") and not monitor.overloaded("b")
+    assert verdict == ILL["a"] if state == "moved" else "only 50% of its frames are used" in verdict.text
+    assert verdict.state == state and monitor.overloaded("a") == (state == "overload") and not monitor.overloaded("b")
     # as long as nothing seems to be wrong there is nothing to say
     assert monitor.judge(8 * S, {}, {})["a"].state == "ok"
-
-
-def test_a_finding_stands_where_frames_are_used() -> None:
-    monitor = Monitor(("a", "b"))
-    for t_s in range(1, 9):
-        report_frames(monitor, t_s, 30 * t_s, 28 * t_s)
-        monitor._watches["a"].seen_ns = t_s * S
-    assert monitor.judge(8 * S, {}, ILL)["a"] == ILL["a"]
 
 
 def test_views_far_apart_are_not_read_between() -> None:

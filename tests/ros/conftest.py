@@ -1,14 +1,20 @@
-"""Random but valid values, every axis a different size; and two machines on one."""
+"""Random but valid values, every axis a different size; cameras of another process, and two machines on one."""
 
+import pickle
+import sys
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from built import detections
+from own_domain import own_domain
 from ros1_master import alone, ros1_python  # noqa: F401
+from running import Running
 
-from posefuse.core import SKELETONS, Detections2D, Skeleton
+from posefuse.core import SKELETONS, Camera, Detections2D, Skeleton
 
 
 @pytest.fixture
@@ -54,6 +60,18 @@ class Kept:
 @pytest.fixture
 def kept() -> Kept:
     return Kept()
+
+
+@pytest.fixture(scope="module")
+def sender(ring_rig, tmp_path_factory) -> Camera:
+    """`support/image_sender.py` with cameras of `ring_rig(4)`, cam01 with another lens, which this is; cam03 is silent."""
+    path, first, second, third = tmp_path_factory.mktemp("sender") / "cameras.pickle", *ring_rig(4).cameras[:3]
+    other = replace(second, K=second.K * np.array([[1.05, 1, 1], [1, 1.05, 1], [1, 1, 1]]))
+    path.write_bytes(pickle.dumps([first, other, third]))
+    program = Path(__file__).parents[1] / "support" / "image_sender.py"
+    with Running([sys.executable, str(program), str(own_domain()), str(path)]) as running:
+        running.out.wait_for("sending")
+        yield other
 
 
 @pytest.fixture

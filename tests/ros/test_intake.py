@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from absurd import absurd_message
 from built import camera_state
 from no_outputs import NoOutputs
 
@@ -212,26 +213,9 @@ def test_what_can_wait_is_done_just_after_each_output(ring_rig) -> None:
 
 def absurd(rng: np.random.Generator, cameras: tuple[str, ...], near_ns: int | None = None) -> Sample:
     """A message whose bytes are fine and whose content is not, or bytes that are cut, changed or made up."""
-    people = int(rng.integers(0, 5))
-    skeleton = BLAZE if rng.random() < 0.8 else COCO
-    shape = (people, len(skeleton))
-    scale = 10.0 ** rng.integers(-30, 30)
-    xy = rng.normal(size=(*shape, 2)) * scale
-    score, sigma = rng.uniform(0, 1, shape), 10.0 ** rng.uniform(-30, 30, shape)
-    if rng.random() < 0.3:
-        xy, score = np.full_like(xy, np.nan), np.zeros_like(score)
     t_ns = T0 + int(rng.normal() * 10 ** rng.integers(3, 18)) % (10**17)
-    view = Detections2D(
-        camera=str(rng.choice([*cameras, "elsewhere"])), t_ns=t_ns if near_ns is None else near_ns + t_ns % 10**8,
-        skeleton=skeleton, xy_img=xy, score=score, sigma_px=sigma, box_img=rng.normal(size=(people, 4)) * scale,
-    )  # fmt: skip
     received_ns = int(rng.integers(-(2**60), 2**60)) if near_ns is None else near_ns
-    msg = message_from_detections(view, {"received": received_ns, "started": 0, "detected": 2**60})
-    if rng.random() < 0.3:
-        msg.people = int(rng.integers(0, 2**32))
-    if rng.random() < 0.1:
-        msg.keypoints = ["", *msg.keypoints[1:]]
-    raw = encode(msg)
+    raw = absurd_message(rng, cameras, t_ns if near_ns is None else near_ns + t_ns % 10**8, received_ns)
     what = rng.random()
     if what < 0.2:
         raw = raw[: rng.integers(0, len(raw))]

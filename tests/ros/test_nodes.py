@@ -9,13 +9,12 @@ from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import ClassVar
 
 import built
 import numpy as np
 import pytest
 from live_session import until
-from no_outputs import NoOutputs
+from no_outputs import KeptOutputs, StillPerson
 from own_domain import own_domain
 from running import Running
 
@@ -26,19 +25,13 @@ from posefuse.core import (
     Detections2D,
     JointCentres,
     LiveJointCentres,
-    LiveMessage,
-    LiveOutput,
-    LivePose,
     LiveStart,
-    Pose3D,
-    Skeleton,
     SourceError,
 )
 from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import Centring, Estimator
 from posefuse.realtime.fusion import Fusion
 from posefuse.realtime.messages import SeenView, SessionClock
-from posefuse.tracking.online import CameraStatistics
 from posefuse_ros import topics
 from posefuse_ros.camera_messages import info_from_camera, message_from_joint_centres
 from posefuse_ros.dds import RosNode
@@ -148,48 +141,14 @@ def test_cameras_of_another_machine_look_for_people_who_are_not_sure_enough_to_b
     where = {"domain_id": DOMAIN + 2, "local_only": True}
     output, groups = Ros2Config(**where).build(), NoGroups()
     output.take(LiveStart(t_ns=clock.now_ns(), rig=rig, rate_hz=100.0, clock_offset_ns=0))
-    outlets = Given(output)
-    fusion = Fusion(rig, Estimator(OneUnsurePerson(skeleton), Centring(rig.names, False)), lambda _: None, clock, outlets)
-    end = time.monotonic() + PATIENCE_S
+    outlets, unsure = KeptOutputs(output), StillPerson(np.ones((len(skeleton), 3)), skeleton, sigma_m=0.5)
+    fusion = Fusion(rig, Estimator(unsure, Centring(rig.names, False)), lambda _: None, clock, outlets)
     with RosNode("camera", Network(**where)) as node:
         cameras = CameraNode(rig, rig.names, node, clock, skeleton)
-        while not groups.expected and time.monotonic() < end:
-            fusion.tick(clock.now_ns(), 10_000_000)
-            cameras.step(groups)
-            time.sleep(0.03)
+        until(lambda: groups.expected, lambda: (fusion.tick(clock.now_ns(), 10_000_000), cameras.step(groups)))
     output.close()
-    assert all(len(message.pose.person_id) == 0 for message in outlets.messages if isinstance(message, LivePose))
+    assert all(len(pose.person_id) == 0 for pose in outlets.poses())
     assert np.allclose(groups.expected[-1].xyz_world, 1.0)
-
-
-class OneUnsurePerson:
-    """A tracker of one person who is known to 0.5 m."""
-
-    health: ClassVar[dict[str, CameraStatistics]] = {}
-
-    def __init__(self, skeleton: Skeleton) -> None:
-        self._skeleton = skeleton
-
-    def at(self, t_ns: int) -> Pose3D:
-        cov = 0.25 * np.eye(3)
-        return built.pose(np.ones((1, len(self._skeleton), 3)), t_ns=t_ns, skeleton=self._skeleton, cov=cov)
-
-    looked_for = at
-
-    def evidence(self, t_ns: int) -> dict:
-        return {}
-
-
-class Given(NoOutputs):
-    """Hands all messages that it takes to one output, at once."""
-
-    def __init__(self, output: LiveOutput) -> None:
-        super().__init__()
-        self.messages, self._output = [], output
-
-    def offer(self, message: LiveMessage) -> None:
-        self.messages.append(message)
-        self._output.take(message)
 
 
 class NoGroups:

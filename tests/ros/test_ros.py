@@ -1,18 +1,14 @@
 """A ROS 2 image topic, sent by another process on loopback."""
 
-import sys
-import textwrap
 import threading
 import time
 from contextlib import nullcontext
 from itertools import islice, takewhile
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from own_domain import own_domain
-from running import Running
 
 pytest.importorskip("cyclonedds", reason="the extra `ros` is not installed")
 
@@ -24,44 +20,7 @@ from posefuse_ros.dds_domain import Network
 from posefuse_ros.source import RosConfig, RosSource
 from posefuse_ros.topics import Topic
 
-DOMAIN, SUPPORT = own_domain(), Path(__file__).parents[1] / "support"
-SENDER = textwrap.dedent(
-    """
-    import sys, time
-    sys.path.append(sys.argv[2])
-    import numpy as np
-    from image_messages import jpeg_image, raw_image
-    from posefuse_ros.camera_messages import COMPRESSED_TYPE, IMAGE_TYPE
-    from posefuse_ros.dds import RosNode
-    from posefuse_ros.dds_domain import Network
-    from posefuse_ros.topics import Topic
-    from posefuse_ros.types import message
-    image = np.zeros((12, 16, 3), np.uint8); image[:, :8] = 200
-    topics = [Topic("/cam/image_raw", IMAGE_TYPE), Topic("/cam/image_raw/compressed", COMPRESSED_TYPE),
-              Topic("/chatter", "std_msgs/msg/String")]
-    odd = np.zeros((6, 8, 3), np.uint8)
-    with RosNode("sender", Network(domain_id=int(sys.argv[1]), local_only=True)) as node:
-        for i in range(6000):
-            t_ns = 1_700_000_000_000_000_000 + i * 10_000_000
-            node.publish(topics[0], raw_image(image, t_ns), 0)
-            if i % 5 == 1:
-                node.publish(topics[0], raw_image(image, t_ns - 50_000_000), 0)
-            if i % 5 == 2:
-                node.publish(topics[0], raw_image(odd, t_ns + 1), 0)
-            node.publish(topics[1], jpeg_image(image, t_ns), 0)
-            node.publish(topics[2], message("std_msgs/msg/String", data="x"), 0)
-            if i == 0:
-                print("sending", flush=True)
-            time.sleep(0.01)
-    """
-)
-
-
-@pytest.fixture
-def sender():
-    with Running([sys.executable, "-c", SENDER, str(DOMAIN), str(SUPPORT)]) as running:
-        running.out.wait_for("sending")
-        yield running.process
+DOMAIN = own_domain()
 
 
 def config(topic, wait_s=60.0, **more):

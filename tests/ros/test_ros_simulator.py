@@ -1,15 +1,10 @@
 """Cameras of a simulator: stamps in simulated time, CameraInfo next to the images; sent by another process on loopback."""
 
-import sys
-import textwrap
 import time
-from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from own_domain import own_domain
-from running import Running
 
 pytest.importorskip("cyclonedds", reason="the extra `ros` is not installed")
 
@@ -19,61 +14,10 @@ from posefuse_ros.camera_info import apart_px, camera_of_info, info_topic
 from posefuse_ros.camera_messages import info_from_camera
 from posefuse_ros.source import RosConfig
 
-DOMAIN, SUPPORT = own_domain(), Path(__file__).parents[1] / "support"
-# half as fast as real time; cam00 as calibrated, cam01 with another lens, cam02 uncalibrated, cam03 silent
-SENDER = textwrap.dedent(
-    """
-    import pickle, sys, time
-    sys.path.append(sys.argv[2])
-    import numpy as np
-    from image_messages import raw_image
-    from posefuse_ros.camera_messages import CAMERA_INFO_TYPE, IMAGE_TYPE, info_from_camera
-    from posefuse_ros.dds import RosNode
-    from posefuse_ros.dds_domain import Network
-    from posefuse_ros.messages import time_from_ns
-    from posefuse_ros.topics import CLOCK, Topic
-    from posefuse_ros.types import message
-    cameras = pickle.load(sys.stdin.buffer)
-    image = np.zeros((12, 16, 3), np.uint8)
-    with RosNode("simulator", Network(domain_id=int(sys.argv[1]), local_only=True)) as node:
-        begun = time.time()
-        for i in range(6000):
-            sim_ns = round((time.time() - begun) * 0.5e9)
-            node.publish(CLOCK, message(CLOCK.type_name, clock=time_from_ns(sim_ns)), 0)
-            if i % 5 == 0:
-                node.publish(Topic("/cam00/image_raw", IMAGE_TYPE), raw_image(image, sim_ns), 0)
-                for camera in cameras:
-                    info = info_from_camera(camera, sim_ns)
-                    if camera.name == "cam02":
-                        info.k = np.zeros(9)
-                    node.publish(Topic(f"/{camera.name}/camera_info", CAMERA_INFO_TYPE), info, 0)
-            if i == 0:
-                print("sending", flush=True)
-            time.sleep(0.01)
-    """
-)
+DOMAIN = own_domain()
 
 
-@pytest.fixture
-def cameras(ring_rig):
-    rig = ring_rig(4)
-    other = replace(rig.cameras[1], K=rig.cameras[1].K * np.array([[1.05, 1, 1], [1, 1.05, 1], [1, 1, 1]]))
-    return rig, [rig.cameras[0], other, rig.cameras[2]]
-
-
-@pytest.fixture
-def simulator(cameras, tmp_path):
-    import pickle
-
-    path = tmp_path / "cameras.pickle"
-    path.write_bytes(pickle.dumps(cameras[1]))
-    program = SENDER.replace("sys.stdin.buffer", f"open({str(path)!r}, 'rb')")
-    with Running([sys.executable, "-c", program, str(DOMAIN), str(SUPPORT)]) as running:
-        running.out.wait_for("sending")
-        yield
-
-
-def test_simulated_stamps_come_as_times_of_this_machine(simulator):
+def test_simulated_stamps_come_as_times_of_this_machine(sender):
     config = RosConfig(topic="/cam00/image_raw", camera="cam00", domain_id=DOMAIN, local_only=True, wait_s=60, sim_time=True)
     source = config.build()
     frames = source.frames()
@@ -85,8 +29,8 @@ def test_simulated_stamps_come_as_times_of_this_machine(simulator):
     assert abs(got[-1].t_ns - time.time_ns()) < 2_000_000_000
 
 
-def test_camera_infos_are_compared_with_the_rig_or_taken(simulator, cameras):
-    rig, (_, other, _) = cameras
+def test_camera_infos_are_compared_with_the_rig_or_taken(sender, ring_rig):
+    rig = ring_rig(4)
     ros = {"domain_id": DOMAIN, "local_only": True}
     inputs = inputs_from_arguments([f"{name}=ros:/{name}/image_raw" for name in rig.names], rig, ros)
     said: list[str] = []
@@ -103,7 +47,7 @@ def test_camera_infos_are_compared_with_the_rig_or_taken(simulator, cameras):
     with pytest.raises(SourceError, match="camera cam02: its intrinsics are wanted from /cam02/camera_info, but it holds no"):
         rig_of_inputs(rig, inputs[1:3], "use", said.append)
     taken = rig_of_inputs(rig, inputs[:2], "use", said.append)
-    np.testing.assert_array_equal(taken["cam01"].K, other.K)
+    np.testing.assert_array_equal(taken["cam01"].K, sender.K)
     assert taken["cam01"].cam_from_world is rig["cam01"].cam_from_world
     assert taken.names == rig.names
     assert rig_of_inputs(rig, inputs, "ignore", said.append) is rig

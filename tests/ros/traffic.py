@@ -7,10 +7,14 @@ traffic.py hear DOMAIN PEER SECONDS        prints one JSON list per message: its
 import json
 import sys
 import time
+from pathlib import Path
 
+sys.path.append(str(Path(__file__).parents[1] / "support"))
+
+import built
 import numpy as np
 
-from posefuse.core import SKELETONS, Pose3D
+from posefuse.core import SKELETONS
 from posefuse_ros import topics
 from posefuse_ros.dds import RosNode
 from posefuse_ros.dds_domain import Network
@@ -21,18 +25,7 @@ SKELETON = SKELETONS["blazepose33"]
 
 
 def pose(number):
-    k = len(SKELETON)
-    xyz = np.full((1, k, 3), float(number))
-    return Pose3D(
-        t_ns=time.time_ns(),
-        skeleton=SKELETON,
-        person_id=[number],
-        xyz_world=xyz,
-        cov_world=np.tile(np.eye(3), (1, k, 1, 1)),
-        reproj_px=np.ones((1, k)),
-        n_views=np.ones((1, k)),
-        kind=np.ones((1, k)),
-    )
+    return built.pose(np.full((1, len(SKELETON), 3), float(number)), [number], time.time_ns(), skeleton=SKELETON)
 
 
 def send(node, count):

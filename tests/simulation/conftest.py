@@ -1,9 +1,8 @@
-"""Draw one frame; skip, by name, what cannot be drawn here."""
+"""Draw a frame; skip, by name, what cannot be drawn here."""
 
 import importlib.util
 from collections.abc import Callable
 
-import numpy as np
 import pytest
 
 from posefuse.core import DependencyError
@@ -11,7 +10,7 @@ from posefuse.core.ideal_image import optics_of
 from posefuse_sim import Scene
 from posefuse_sim.build import LiveScene, live_scene
 from posefuse_sim.render.model import render_model
-from posefuse_sim.render.shot import CameraShooter
+from posefuse_sim.render.shot import CameraShooter, Shot
 from posefuse_sim.render.stage import RenderStage
 from posefuse_sim.source import shot_image
 
@@ -30,18 +29,18 @@ def backend() -> str:
 
 
 @pytest.fixture(scope="session")
-def shoot(backend) -> Callable[..., tuple[LiveScene, np.ndarray, np.ndarray]]:
-    """Draw one frame of the first camera here: the live scene, the image (H, W, 3), what is visible (Q,)."""
+def shots(backend) -> Callable[..., tuple[LiveScene, list[Shot]]]:
+    """Draw one frame of every camera here: the live scene, and what each camera took."""
 
-    def shoot_(scene: Scene, frame: int = 0) -> tuple[LiveScene, np.ndarray, np.ndarray]:
+    def shots_(scene: Scene, frame: int = 0) -> tuple[LiveScene, list[Shot]]:
         live = live_scene(scene)
-        view = optics_of(live.rig.cameras[0]).view
-        stage = RenderStage(render_model(live, (view.width, view.height), backend), backend)
+        views = [optics_of(camera).view for camera in live.rig]
+        size_px = max(view.width for view in views), max(view.height for view in views)
+        stage = RenderStage(render_model(live, size_px, backend), backend)
         try:
-            shooter = CameraShooter(live.rig.cameras[0], live.placed[0].sensor, stage)
-            shot = shot_image(live, 0, frame, shooter)
-            return live, shot.image, shot.visible
+            shooters = [CameraShooter(camera, placed.sensor, stage) for camera, placed in zip(live.rig, live.placed, strict=True)]
+            return live, [shot_image(live, c, frame, shooter) for c, shooter in enumerate(shooters)]
         finally:
             stage.close()
 
-    return shoot_
+    return shots_

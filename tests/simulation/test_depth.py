@@ -1,20 +1,16 @@
 """The depth that simulated cameras measure: in the right place, with the noise that they state."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from posefuse.core.depth import MM_PER_M
-from posefuse.core.ideal_image import optics_of
-from posefuse_sim.build import live_scene
 from posefuse_sim.cameras import DepthSettings, ImageSettings, ListedCameras, PlacedCamera, SensorSettings
 from posefuse_sim.props import CharucoBoard, StillPath
-from posefuse_sim.render.model import render_model
-from posefuse_sim.render.shot import CameraShooter, measured_depth, noise_of
-from posefuse_sim.render.stage import RenderStage
+from posefuse_sim.render.shot import measured_depth, noise_of
 from posefuse_sim.scene import Scene
-from posefuse_sim.source import shot_image
 
 EXACT = DepthSettings(disparity_sigma_px=0, step_px=0, floor_m=0, lateral_px=0, edge_loss=0)
 
@@ -62,7 +58,7 @@ def test_edges_lose_pixels_and_are_ragged_and_the_far_is_unknown() -> None:
 
 @pytest.mark.gl
 @pytest.mark.parametrize("distortion", [(), (-0.28, 0.09, 0.002, -0.003, -0.01)], ids=["ideal", "bent"])
-def test_depth_lies_under_the_projected_pixels(distortion: tuple[float, ...], backend: str) -> None:
+def test_depth_lies_under_the_projected_pixels(distortion: tuple[float, ...], shots: Callable) -> None:
     image = ImageSettings(size_px=(320, 240), distortion=distortion)
     camera = PlacedCamera(
         name="eye", position_m=(1.1, -1.4, 1.9), look_at_m=(0.1, 0.1, 1.0), roll_deg=25, image=image,
@@ -70,12 +66,8 @@ def test_depth_lies_under_the_projected_pixels(distortion: tuple[float, ...], ba
     )  # fmt: skip
     path = StillPath(kind="still", position_m=(0.0, 0.0, 1.0), yaw_deg=30, pitch_deg=8, roll_deg=55)
     board = CharucoBoard(kind="charuco_board", square_m=0.13, marker_m=0.06, path=path)
-    live = live_scene(Scene(duration_s=0.2, cameras=ListedCameras(kind="list", cameras=(camera,)), props=(board,)))
+    live, [shot] = shots(Scene(duration_s=0.2, cameras=ListedCameras(kind="list", cameras=(camera,)), props=(board,)))
     eye = live.rig.cameras[0]
-    view = optics_of(eye).view
-    stage = RenderStage(render_model(live, (view.width, view.height), backend), backend)
-    shot = shot_image(live, 0, 0, CameraShooter(eye, live.placed[0].sensor, stage))
-    stage.close()
     chess = live.prop_poses(np.zeros(1))[0][0] @ live.props[0].chess_prop
     assert shot.depth is not None
     column, row = np.rint(eye.project(chess)).astype(int).T

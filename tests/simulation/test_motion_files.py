@@ -8,6 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from posefuse.core import SKELETONS, InputError, Recording
+from posefuse.formats.bvh import BvhData, write_bvh
 from posefuse.formats.recording import write_recording
 from posefuse.formats.trc import TrcData, write_trc
 from posefuse.foundation.settings import settings_from_mapping
@@ -35,28 +36,23 @@ DIRECTIONS = [
 ]  # fmt: skip
 
 
-def bvh_text(frames: np.ndarray, names: dict[str, str] | None = None) -> str:
+def bvh_file(folder: Path, frames: np.ndarray, names: dict[str, str] | None = None) -> str:
     """A BVH file of the joints above: frames (T, 3 + 3 J) of root position and ZXY degrees."""
-    renamed = names or {}
-    lines = ["HIERARCHY"]
-
-    def block(name: str, depth: int) -> None:
-        pad = "  " * depth
-        _, parent, offset = next(j for j in JOINTS if j[0] == name)
-        lines.append(f"{pad}{'JOINT' if parent else 'ROOT'} {renamed.get(name, name)}")
-        place = "" if parent else "Xposition Yposition Zposition "
-        lines.extend([f"{pad}{{", f"{pad}  OFFSET {offset[0]} {offset[1]} {offset[2]}"])
-        lines.append(f"{pad}  CHANNELS {3 if parent else 6} {place}Zrotation Xrotation Yrotation")
-        children = [j[0] for j in JOINTS if j[1] == name]
-        for child in children:
-            block(child, depth + 1)
-        if not children:
-            lines.extend([f"{pad}  End Site", f"{pad}  {{", f"{pad}    OFFSET 0 1 0", f"{pad}  }}"])
-        lines.append(f"{pad}}}")
-
-    block("Hips", 0)
-    lines += ["MOTION", f"Frames: {len(frames)}", "Frame Time: 0.02"]
-    return "\n".join(lines + [" ".join(f"{v:.6f}" for v in frame) for frame in frames]) + "\n"
+    parents = [parent for _, parent, _ in JOINTS]
+    ends = [(f"{name}_end", name, (0, 1, 0)) for name, _, _ in JOINTS if name not in parents]
+    order, offset = [name for name, _, _ in [*JOINTS, *ends]], np.array([offset for *_, offset in [*JOINTS, *ends]], float)
+    turns = [Rotation.from_euler("ZXY", frames[:, 3 * j + 3 : 3 * j + 6], degrees=True).as_matrix() for j in range(len(JOINTS))]
+    still = [np.tile(np.eye(3), (len(frames), 1, 1))] * len(ends)
+    data = BvhData(
+        names=tuple((names or {}).get(name, name) for name in order),
+        parent=np.array([order.index(parent) if parent else -1 for _, parent, _ in [*JOINTS, *ends]]),
+        offset=offset,
+        frame_s=0.02,
+        rotation=turns + still,
+        position=[frames[:, :3], *(np.tile(one, (len(frames), 1)) for one in offset[1:])],
+    )
+    write_bvh(folder / "motion.bvh", data)
+    return str(folder / "motion.bvh")
 
 
 def frames(count: int = 40, size_deg: float = 25.0) -> np.ndarray:
@@ -77,14 +73,8 @@ def person(body: SimulatedBody, **content: object) -> MovingPerson:
     return build_person(body, settings_from_mapping(content, MotionSettings, "scene.yaml"), 1)
 
 
-def written(folder: Path, text: str) -> str:
-    path = folder / "motion.bvh"
-    path.write_text(text)
-    return str(path)
-
-
 def test_bvh_keeps_segment_directions(tmp_path: Path, body: SimulatedBody) -> None:
-    file = written(tmp_path, bvh_text(frames()))
+    file = bvh_file(tmp_path, frames())
     data = read_bvh(file)
     times = np.arange(len(data)) * data.frame_s
     state = person(body, kind="bvh", file=file).at(times)
@@ -99,7 +89,7 @@ def test_bvh_keeps_segment_directions(tmp_path: Path, body: SimulatedBody) -> No
 
 
 def test_bvh_path_is_scaled_by_leg_length(tmp_path: Path, body: SimulatedBody) -> None:
-    file = written(tmp_path, bvh_text(frames()))
+    file = bvh_file(tmp_path, frames())
     data = read_bvh(file)
     state = person(body, kind="bvh", file=file, position_m=(2.0, -1.0)).at([0.0, 0.78])
     hips = state.keypoints_world[:, KEYPOINTS.indices(["left_hip", "right_hip"])].mean(axis=1)
@@ -118,7 +108,7 @@ def test_bvh_rest_pose_stands_upright(tmp_path: Path, body: SimulatedBody, rest:
     still[:, 1] = 95
     if rest == "askew":
         still[:, 5] = 30.0
-    state = person(body, kind="bvh", file=written(tmp_path, bvh_text(still)), heading_deg=90).at([0.0])
+    state = person(body, kind="bvh", file=bvh_file(tmp_path, still), heading_deg=90).at([0.0])
     rotation = state.world_from_segment.matrix()[0]
     for segment in ("pelvis", "thorax", "head"):
         assert np.allclose(rotation[SEGMENTS.index(segment)], [[0, 0, 1], [1, 0, 0], [0, 1, 0]], atol=1e-9), segment
@@ -127,7 +117,7 @@ def test_bvh_rest_pose_stands_upright(tmp_path: Path, body: SimulatedBody, rest:
 
 @pytest.mark.parametrize("start", [0.0, 0.4])
 def test_bvh_start_and_end(tmp_path: Path, body: SimulatedBody, start: float) -> None:
-    file = written(tmp_path, bvh_text(frames()))
+    file = bvh_file(tmp_path, frames())
     plain = person(body, kind="bvh", file=file).at([start, 0.78, 0.0])
     later = person(body, kind="bvh", file=file, start_s=start).at([0.0, 30.0, -30.0])
     assert np.allclose(plain.keypoints_world[[0, 1, 2]], later.keypoints_world, atol=1e-9)
@@ -136,7 +126,7 @@ def test_bvh_start_and_end(tmp_path: Path, body: SimulatedBody, start: float) ->
 
 
 def test_bvh_feet_stay_above_the_floor(tmp_path: Path, body: SimulatedBody) -> None:
-    state = person(body, kind="bvh", file=written(tmp_path, bvh_text(frames(80, 18.0)))).at(np.arange(0, 1.6, 0.05))
+    state = person(body, kind="bvh", file=bvh_file(tmp_path, frames(80, 18.0))).at(np.arange(0, 1.6, 0.05))
     assert body.vertices(state.world_from_bone)[..., 2].min() > -5e-3
 
 
@@ -158,7 +148,7 @@ def test_cmu_file(shared_data: Path, body: SimulatedBody) -> None:
     ],
 )
 def test_bvh_with_unusable_joints(tmp_path: Path, body: SimulatedBody, names: dict[str, str], text: str) -> None:
-    file = written(tmp_path, bvh_text(frames(), names))
+    file = bvh_file(tmp_path, frames(), names)
     with pytest.raises(InputError, match=f"motion.bvh: {text}"):
         person(body, kind="bvh", file=file)
 
@@ -166,8 +156,8 @@ def test_bvh_with_unusable_joints(tmp_path: Path, body: SimulatedBody, names: di
 @pytest.mark.parametrize(("style", "prefix"), [("mixamo", "mixamorig:"), ("spaced", "figure: ")])
 def test_bvh_name_prefixes(tmp_path: Path, body: SimulatedBody, style: str, prefix: str) -> None:
     renamed = {name: prefix.strip() + name for name, *_ in JOINTS}
-    plain = person(body, kind="bvh", file=written(tmp_path, bvh_text(frames()))).at([0.3])
-    other = person(body, kind="bvh", file=written(tmp_path, bvh_text(frames(), renamed))).at([0.3])
+    plain = person(body, kind="bvh", file=bvh_file(tmp_path, frames())).at([0.3])
+    other = person(body, kind="bvh", file=bvh_file(tmp_path, frames(), renamed)).at([0.3])
     assert np.array_equal(plain.world_from_bone, other.world_from_bone), style
 
 
@@ -253,6 +243,6 @@ def test_turns_between_frames_are_the_shortest(tmp_path: Path, body: SimulatedBo
     two = np.zeros((2, 3 + 3 * len(JOINTS)))
     two[:, 1] = 95
     two[1, 3 + 3] = 40.0
-    state = person(body, kind="bvh", file=written(tmp_path, bvh_text(two))).at([0.0, 0.01, 0.02])
+    state = person(body, kind="bvh", file=bvh_file(tmp_path, two)).at([0.0, 0.01, 0.02])
     thigh = Rotation.from_matrix(state.world_from_segment.matrix()[:, SEGMENTS.index("left_thigh")])
     assert np.rad2deg((thigh[0].inv() * thigh[1]).magnitude()) == pytest.approx(20.0, abs=1e-4)

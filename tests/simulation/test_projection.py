@@ -37,16 +37,14 @@ def _refined(grey: np.ndarray, guess: np.ndarray) -> np.ndarray:
 
 @pytest.mark.gl
 @pytest.mark.parametrize("lens", LENSES)
-def test_chessboard_corners_are_at_their_projections(lens, shoot):
+def test_chessboard_corners_are_at_their_projections(lens, shots):
     path = StillPath(kind="still", position_m=(0.0, 0.0, 1.0), yaw_deg=30, pitch_deg=8, roll_deg=55)
-    live, image, visible = shoot(
-        _scene(LENSES[lens], CharucoBoard(kind="charuco_board", square_m=0.13, marker_m=0.06, path=path))
-    )
+    live, [shot] = shots(_scene(LENSES[lens], CharucoBoard(kind="charuco_board", square_m=0.13, marker_m=0.06, path=path)))
     prop, camera = live.props[0], live.rig.cameras[0]
     chess = live.prop_poses(np.zeros(1))[0][0] @ prop.chess_prop
     expected = camera.project(chess)
-    assert visible[-len(chess) :].all()
-    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    assert shot.visible[-len(chess) :].all()
+    grey = cv2.cvtColor(shot.image, cv2.COLOR_RGB2GRAY)
     error = _refined(grey, expected) - expected
     # a shift of half a pixel, or a lens that bends the wrong way, is far outside this
     assert np.abs(error).max() < 0.2
@@ -64,15 +62,15 @@ def test_chessboard_corners_are_at_their_projections(lens, shoot):
     ],
     ids=["cube", "tile"],
 )
-def test_markers_are_found_by_opencv_with_their_ids_and_corner_order(prop, shoot):
-    live, image, visible = shoot(_scene(LENSES["bent"], prop))
+def test_markers_are_found_by_opencv_with_their_ids_and_corner_order(prop, shots):
+    live, [shot] = shots(_scene(LENSES["bent"], prop))
     made, camera = live.props[0], live.rig.cameras[0]
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, made.dictionary))
     search = cv2.aruco.DetectorParameters()
     search.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    corners, ids, _ = cv2.aruco.ArucoDetector(dictionary, search).detectMarkers(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
+    corners, ids, _ = cv2.aruco.ArucoDetector(dictionary, search).detectMarkers(cv2.cvtColor(shot.image, cv2.COLOR_RGB2GRAY))
     expected = camera.project(live.prop_poses(np.zeros(1))[0][0] @ made.points_prop).reshape(-1, 4, 2)
-    shown = visible.reshape(-1, 4).all(axis=1)
+    shown = shot.visible.reshape(-1, 4).all(axis=1)
     assert set(ids.ravel()) == set(made.marker_id[shown])
     for found, marker in zip(corners, ids.ravel(), strict=True):
         assert np.abs(found[0] - expected[list(made.marker_id).index(marker)]).max() < 0.5

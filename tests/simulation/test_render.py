@@ -19,11 +19,8 @@ from posefuse_sim.exact import seen_points
 from posefuse_sim.motion.settings import StandSettings
 from posefuse_sim.props import CharucoBoard, StillPath
 from posefuse_sim.render import stage as backends
-from posefuse_sim.render.model import render_model
-from posefuse_sim.render.shot import CameraShooter, moments_of
-from posefuse_sim.render.stage import RenderStage
+from posefuse_sim.render.shot import moments_of
 from posefuse_sim.scene import PersonSettings, Scene
-from posefuse_sim.source import shot_image
 from posefuse_sim.surroundings import RoomSettings
 
 _SPEED_MPS = 3.0
@@ -61,29 +58,29 @@ def _refined(image: np.ndarray, guess: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.gl
-def test_a_rolling_shutter_shears_moving_parts_as_the_truth_states(shoot):
+def test_a_rolling_shutter_shears_moving_parts_as_the_truth_states(shots):
     rolling = _scene(readout_s=0.03, shutter_bands=60)
     frame = 10
-    live, image, _ = shoot(rolling, frame)
+    live, [shot] = shots(rolling, frame)
     chess = slice(-len(live.props[0].chess_prop), None)
     expected = seen_points(live, 0, slice(frame, frame + 1)).xy_img[0, chess]
     frozen = seen_points(live_scene(_scene()), 0, slice(frame, frame + 1)).xy_img[0, chess]
     # the top and the bottom of the picture are seen at different moments
     assert np.ptp((expected - frozen)[:, 0]) > 8
-    error = _refined(image, expected) - expected
+    error = _refined(shot.image, expected) - expected
     assert np.abs(error).max() < 0.5
     assert np.linalg.norm(error.mean(axis=0)) < 0.1
 
 
 @pytest.mark.gl
-def test_exposure_smears_along_the_motion_only(shoot):
-    live, sharp, _ = shoot(_scene(), 10)
-    _, smeared, _ = shoot(_scene(exposure_s=0.03, blur_samples=9), 10)
+def test_exposure_smears_along_the_motion_only(shots):
+    live, [sharp] = shots(_scene(), 10)
+    _, [smeared] = shots(_scene(exposure_s=0.03, blur_samples=9), 10)
     corners = seen_points(live, 0, slice(10, 11)).xy_img[0]
     (left, top), (right, bottom) = corners.min(axis=0).astype(int), corners.max(axis=0).astype(int)
     board = (slice(top, bottom), slice(left + 20, right - 20))
     along, across = (
-        [np.square(np.diff(image[board].astype(float).mean(axis=2), axis=axis)).mean() for image in (sharp, smeared)]
+        [np.square(np.diff(shot.image[board].astype(float).mean(axis=2), axis=axis)).mean() for shot in (sharp, smeared)]
         for axis in (1, 0)
     )
     assert along[1] / along[0] < 0.6 * across[1] / across[0]
@@ -91,9 +88,9 @@ def test_exposure_smears_along_the_motion_only(shoot):
 
 
 @pytest.mark.gl
-def test_noise_has_its_size_and_its_seed(shoot):
-    images = [shoot(_scene(seed, noise_dn=4.0))[1] for seed in (1, 1, 2)]
-    clean = shoot(_scene(1))[1]
+def test_noise_has_its_size_and_its_seed(shots):
+    images = [shots(_scene(seed, noise_dn=4.0))[1][0].image for seed in (1, 1, 2)]
+    clean = shots(_scene(1))[1][0].image
     np.testing.assert_array_equal(images[0], images[1])
     assert not np.array_equal(images[0], images[2])
     inner = (clean > 30) & (clean < 220)
@@ -159,10 +156,10 @@ def test_without_opengl_or_the_extra_the_error_names_what_is_missing(monkeypatch
 
 
 @pytest.mark.gl
-def test_two_stages_of_one_process_do_not_disturb_each_other(shoot):
-    first = shoot(_scene(1))[1]
-    shoot(dataclasses.replace(_scene(2), props=()))
-    np.testing.assert_array_equal(shoot(_scene(1))[1], first)
+def test_two_stages_of_one_process_do_not_disturb_each_other(shots):
+    _, [first] = shots(_scene(1))
+    shots(dataclasses.replace(_scene(2), props=()))
+    np.testing.assert_array_equal(shots(_scene(1))[1][0].image, first.image)
 
 
 # --- are the pictures good enough? The real network looks at a simulated person from every side
@@ -180,18 +177,14 @@ def network(models):
 
 @pytest.mark.gl
 @pytest.mark.parametrize("sex", ["female", "male"])
-def test_the_network_finds_the_person_from_every_side(sex, network, backend):
+def test_the_network_finds_the_person_from_every_side(sex, network, shots):
     person = PersonSettings(body=BodyShapeSettings(sex=sex), motion=StandSettings(kind="wave", heading_deg=15))
     ring = RingCameras(kind="ring", count=8, radius_m=4.0, image=ImageSettings(size_px=(640, 480)))
-    live = live_scene(Scene(duration_s=0.1, cameras=ring, people=(person,)))
-    stage = RenderStage(render_model(live, (640, 480), backend), backend)
+    live, taken = shots(Scene(duration_s=0.1, cameras=ring, people=(person,)))
     frames, truth = [], []
-    for c, camera in enumerate(live.rig):
-        shot = shot_image(live, c, 0, CameraShooter(camera, live.placed[c].sensor, stage))
-        image, visible = shot.image, shot.visible
-        frames.append(Frame(camera=camera.name, seq=0, t_ns=0, received_ns=0, image=image))
-        truth.append(np.where(visible[:, None], seen_points(live, c, slice(0, 1)).xy_img[0], np.nan))
-    stage.close()
+    for c, (camera, shot) in enumerate(zip(live.rig, taken, strict=True)):
+        frames.append(Frame(camera=camera.name, seq=0, t_ns=0, received_ns=0, image=shot.image))
+        truth.append(np.where(shot.visible[:, None], seen_points(live, c, slice(0, 1)).xy_img[0], np.nan))
     found = network.detect(frames, [None] * 8)
     assert [len(one) for one in found] == [1] * 8
     expected = pick_keypoints(np.stack(truth), ANATOMICAL23, _LIMBS)

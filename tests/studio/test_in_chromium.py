@@ -1,31 +1,13 @@
 """What only a browser can show, on a studio with a stand-in for a live session."""
 
-from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
-from small_session import saved_session
 
-from posefuse.core import Rig
-from tools.studio_server import free_port, server, stand_in
+from posefuse_studio.workspace import StudioWorkspace
+from tools.studio_server import stand_in
 
 pytestmark = pytest.mark.slow
-
-
-@pytest.fixture(scope="module")
-def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Its folder."""
-    return tmp_path_factory.mktemp("lab")
-
-
-@pytest.fixture(scope="module")
-def base(workspace: Path, ring_rig: Callable[..., Rig]) -> Iterator[str]:
-    """The address of a studio whose live page shows four cameras, and which has the recording ``result``."""
-    saved_session(workspace, ring_rig)
-    port = free_port()
-    with server(workspace, port), stand_in(workspace, 4):
-        yield f"http://127.0.0.1:{port}"
 
 
 def drawn(page: Any, what: str) -> int:
@@ -39,9 +21,9 @@ def drawn_more(page: Any, what: str, count: int) -> None:
     page.wait_for_function(f"window.posefuseDrawn.{what} > {drawn(page, what) + count}")
 
 
-def test_a_second_session_is_listed_and_can_be_ended(page: Any, workspace: Path, base: str) -> None:
-    with stand_in(workspace, 1):
-        page.goto(f"{base}/live")
+def test_a_second_session_is_listed_and_can_be_ended(page: Any, lab: tuple[StudioWorkspace, str]) -> None:
+    with stand_in(lab[0].root, 1):
+        page.goto(f"{lab[1]}/live")
         page.get_by_role("button", name="Jobs").click()
         sessions = page.locator(".pf-jobs .pf-job", has_text="Bench")
         page.wait_for_function("document.querySelectorAll('.pf-jobs .pf-job').length === 2")
@@ -49,9 +31,9 @@ def test_a_second_session_is_listed_and_can_be_ended(page: Any, workspace: Path,
         page.wait_for_function("document.querySelectorAll('.pf-jobs .pf-job').length === 1")
 
 
-def test_what_is_scrolled_out_of_the_window_is_not_drawn(page: Any, base: str) -> None:
+def test_what_is_scrolled_out_of_the_window_is_not_drawn(page: Any, lab: tuple[StudioWorkspace, str]) -> None:
     page.set_viewport_size({"width": 1280, "height": 320})
-    page.goto(f"{base}/live")
+    page.goto(f"{lab[1]}/live")
     drawn_more(page, "scene", 10)
     assert drawn(page, "tile") == 0
     page.locator(".pf-tile").last.scroll_into_view_if_needed()
@@ -63,8 +45,8 @@ def test_what_is_scrolled_out_of_the_window_is_not_drawn(page: Any, base: str) -
     drawn_more(page, "scene", 10)
 
 
-def test_the_overlay_of_a_recording_is_switched_where_it_stands(page: Any, base: str) -> None:
-    page.goto(f"{base}/recordings?open=result")
+def test_the_overlay_of_a_recording_is_switched_where_it_stands(page: Any, lab: tuple[StudioWorkspace, str]) -> None:
+    page.goto(f"{lab[1]}/recordings?open=result")
     tile = page.locator(".pf-tile").first
     cameras = 3
     tile.wait_for()

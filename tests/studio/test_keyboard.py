@@ -1,18 +1,12 @@
 """Every control of every page by keyboard alone, in Chromium; and the sound of the next step."""
 
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from small_session import saved_session
 
-from posefuse.core import Rig
-from posefuse_studio.calibrations import Project, save_project
-from posefuse_studio.setups import Setup, save_setup
 from posefuse_studio.stored import write_stored
 from posefuse_studio.workspace import StudioWorkspace
-from tools.studio_server import free_port, server, stand_in
 
 pytestmark = pytest.mark.slow
 # pages, and what is shown when all of a page is there
@@ -57,20 +51,6 @@ window.starts = 0;
 const start = OscillatorNode.prototype.start;
 OscillatorNode.prototype.start = function (...rest) { window.starts++; return start.apply(this, rest); };
 """
-
-
-@pytest.fixture(scope="module")
-def lab(tmp_path_factory: pytest.TempPathFactory, ring_rig: Callable[..., Rig]) -> Iterator[tuple[StudioWorkspace, str]]:
-    """A workspace with a recording, a calibration that was begun and a live session, and the address of its studio."""
-    workspace = StudioWorkspace(tmp_path_factory.mktemp("lab"))
-    saved_session(workspace.root, ring_rig)
-    videos = {f"cam0{c}": f"video:walk/videos/cam0{c}.mp4" for c in range(3)}
-    save_setup(workspace, Setup(name="webcams", sources=videos))
-    write_stored(workspace.folder("targets") / "made.json", {})
-    save_project(workspace, Project(name="room", setup="webcams", cube="a.toml", board="b.toml", lenses=False))
-    port = free_port()
-    with server(workspace.root, port), stand_in(workspace.root, 2):
-        yield workspace, f"http://127.0.0.1:{port}"
 
 
 def open_page(page: Any, address: str, shown: str) -> None:

@@ -3,18 +3,16 @@
 import asyncio
 import os
 import pickle
-import time
 from collections.abc import Callable, Coroutine
 from multiprocessing.connection import Client
-from pathlib import Path
 from socket import SHUT_RDWR, socket
 from typing import Any, ClassVar
 
 import pytest
+from live_session import until
 from nicegui.binding import bind_from
 
 from posefuse.core import OutputHealth
-from posefuse_studio import session, state
 from posefuse_studio.jobs import Job
 from posefuse_studio.session import CameraStatus, Host, SessionStatus
 from posefuse_studio.state import LiveLink
@@ -48,21 +46,6 @@ class Bound:
     """Stands for a label."""
 
     text = ""
-
-
-async def until_there(condition: Callable[[], object]) -> None:
-    """As `until`, in the event loop."""
-    end_s = time.monotonic() + 60
-    while not condition():
-        assert time.monotonic() < end_s
-        await asyncio.sleep(0.01)
-
-
-def until(condition: Callable[[], object]) -> None:
-    end_s = time.monotonic() + 60
-    while not condition():
-        assert time.monotonic() < end_s
-        time.sleep(0.01)
 
 
 @pytest.fixture
@@ -107,12 +90,12 @@ def test_the_state_of_a_session_is_pushed_to_the_pages_and_ends_with_it(host: Ho
         bind_from(label, "text", link, "status", lambda now: str(now.people))
         assert (link.job, link.status, label.text) == (None, SessionStatus(), "[]")
         link.begin(asyncio.get_running_loop())
-        await until_there(lambda: label.text == "[3]")
+        await asyncio.to_thread(until, lambda: label.text == "[3]")
         assert link.job is not None
         jobs.over = True
         with socket(fileno=os.dup(host._watchers[0]._connection.fileno())) as ended:
             ended.shutdown(SHUT_RDWR)
-        await until_there(lambda: link.status == SessionStatus() and link.job is None)
+        await asyncio.to_thread(until, lambda: link.status == SessionStatus() and link.job is None)
         assert label.text == "[]"
 
     asyncio.run(use())
@@ -196,10 +179,3 @@ def test_a_status_goes_through_whole(host: Host) -> None:
     link = LiveLink(OneJob(host))
     host.status(status)
     in_loop(link, lambda: asyncio.to_thread(until, lambda: link.status == status))
-
-
-def test_nothing_between_session_and_server_is_pickled() -> None:
-    """Only bytes go over the connection: `send` and `recv` of it are pickles."""
-    for module in (session, state):
-        source = Path(module.__file__ or "").read_text(encoding="utf-8")
-        assert "send_bytes(" in source and ".send(" not in source and ".recv(" not in source and "pickle" not in source

@@ -4,11 +4,10 @@ from dataclasses import replace
 
 import pytest
 
-from bench.rehearsal.faults import FAULTS, engaged_world, run_many, run_sequence, tick
+from bench.rehearsal.faults import engaged_world, run_many, run_sequence
 from bench.rehearsal.robots import STANDS
 from bench.rehearsal.world import settings_for
 from posefuse_teleop import gate
-from posefuse_teleop.values import Phase
 
 SETTINGS = settings_for("point", roomy=False)
 # the full number is a bench: python bench/teleoperation.py faults --robot NAME
@@ -41,20 +40,16 @@ GUARDS = {
 }
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("guard", GUARDS)
+QUICK = {"velocity", "acceleration", "box"}
+
+
+@pytest.mark.parametrize("guard", [pytest.param(one, marks=() if one in QUICK else pytest.mark.slow) for one in GUARDS])
 def test_a_guard_that_is_taken_away_is_missed(guard, monkeypatch):
     if guard == "exchange":
         monkeypatch.setattr(gate, "FOREARM_SHARE", 1e3)
         monkeypatch.setattr(gate, "TRUNK_SHARE", 1e3)
-    done = run_many(0, 250, settings=replace(SETTINGS, **GUARDS[guard]), limits=SETTINGS)
+    done = run_many(0, 12 if guard in QUICK else 250, settings=replace(SETTINGS, **GUARDS[guard]), limits=SETTINGS)
     assert guard in {breach.what.split()[0].rstrip(":") for breach in done.breaches}
-
-
-def test_the_judge_sees_limits_that_are_too_wide():
-    for guard in ("velocity", "acceleration", "box"):
-        done = run_many(0, 12, settings=replace(SETTINGS, **GUARDS[guard]), limits=SETTINGS)
-        assert guard in {breach.what.split()[0] for breach in done.breaches}, guard
 
 
 JOINT_GUARDS = {
@@ -75,25 +70,3 @@ def test_the_judge_sees_joints_that_are_not_limited(guard):
     narrow = replace(roomy, limits=replace(roomy.limits, **JOINT_GUARDS[guard]))
     done = run_many(0, 12, "own", roomy, narrow)
     assert any(breach.what.startswith(guard) for breach in done.breaches)
-
-
-# these leave enough that is good to continue now and then
-SOMETIMES = {"late network", "order not finite", "robot process late", "late heartbeats", "repeated heartbeats"}
-# these concern robots with joints, or limbs that do not drive the robot
-OTHERS = {"robot blocked", "hidden limbs", "operator reaches"}
-
-
-@pytest.mark.parametrize("fault", sorted({*FAULTS} - SOMETIMES - OTHERS))
-def test_every_fault_that_lasts_ends_engagement(fault):
-    world = engaged_world(SETTINGS, 0)
-    assert world.operator.gate.phase is Phase.ENGAGED
-    phases = set()
-    for _ in range(100 if "operator" in fault else 40):
-        if fault == "gate clock jumps":
-            world.clock_ns += 10**10
-        tick(world, {fault})
-        phases.add(world.operator.gate.phase)
-    if fault in ("lost network", "gate stalls"):
-        assert world.driver.follower.stands
-    else:
-        assert phases != {Phase.ENGAGED}

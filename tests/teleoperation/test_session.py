@@ -2,24 +2,13 @@
 
 from dataclasses import replace
 
-import numpy as np
-
+from bench.rehearsal.robots import ExactRobot
 from posefuse_teleop.session import run_control_loop
 from posefuse_teleop.settings import TeleoperationSettings
 from posefuse_teleop.switches import Pressed
-from posefuse_teleop.values import RobotState
 
 MS = 1_000_000
-STILL = RobotState(
-    sent_ns=0,
-    xyz_world=np.zeros((1, 3)),
-    wxyz=np.array([[1.0, 0, 0, 0]]),
-    velocity_world=np.zeros((1, 3)),
-    turn_rate_world=np.zeros((1, 3)),
-    measured_xyz_world=np.zeros((1, 3)),
-    q_rad=np.zeros(7),
-    spheres_world=np.zeros((1, 4)),
-)
+STILL = ExactRobot([0.0, 0.0, 0.0]).state()
 
 
 class NoPoses:

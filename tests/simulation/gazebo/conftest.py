@@ -1,6 +1,5 @@
 """One small world with everything in it, and other people's readers of it; skipped by name where they are not installed."""
 
-import ctypes.util
 import json
 import re
 import shutil
@@ -10,14 +9,15 @@ from pathlib import Path
 
 import pytest
 
+import posefuse as pf
 from posefuse_sim import Scene
 from posefuse_sim.build import LiveScene, live_scene
 from posefuse_sim.cameras import ImageSettings, ListedCameras, PlacedCamera, SensorSettings
-from posefuse_sim.gazebo import GazeboWorld, export_world
+from posefuse_sim.gazebo import GazeboWorld
 from posefuse_sim.gazebo.export import shown_scene
 from posefuse_sim.motion.settings import CirclePath, WalkSettings
 from posefuse_sim.props import ArucoCube, CharucoBoard, GroundTile, StillPath, WavedPath
-from posefuse_sim.scene import PersonSettings
+from posefuse_sim.scene import PersonSettings, write_scene
 from posefuse_sim.surroundings import BoxOccluder, RoomSettings
 
 _HERE = Path(__file__).parent
@@ -75,8 +75,9 @@ def scene() -> Scene:
 
 @pytest.fixture(scope="session")
 def written(tmp_path_factory) -> Written:
-    folder = tmp_path_factory.mktemp("gazebo") / "world"
-    world = export_world(SCENE, folder)
+    folder = tmp_path_factory.mktemp("gazebo")
+    write_scene(SCENE, folder)
+    world = pf.gazebo_world(folder / "scene.yaml", folder / "world")
     return Written(world, live_scene(shown_scene(SCENE)[0]))
 
 
@@ -119,16 +120,6 @@ def gazebo_reader(tmp_path_factory):
         return facts, poses, skin
 
     return read
-
-
-@pytest.fixture(scope="session")
-def sdformat_check():
-    """libsdformat's own check of a file: whether it is valid."""
-    library = ctypes.util.find_library("sdformat12")
-    if library is None:
-        pytest.skip("libsdformat12 is not installed (Debian: libsdformat12-12)")
-    check = ctypes.CDLL(library).cmdCheck
-    return lambda path: check(str(path).encode()) == 0
 
 
 @pytest.fixture(scope="session")

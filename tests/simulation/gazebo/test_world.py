@@ -51,12 +51,11 @@ def test_libsdformat_reads_the_cameras_of_the_rig(written, libsdformat):
     assert [one["noise"] for one in read["cameras"]] == pytest.approx([0, 2 / 255, 0])
 
 
-def test_the_camera_check_sees_what_the_parser_lets_pass(written, libsdformat, sdformat_check, tmp_path):
+def test_the_camera_check_sees_what_the_parser_lets_pass(written, libsdformat, tmp_path):
     # a missing focal length is valid SDF: it becomes another one
     text = written.sdf.read_text()
     broken = tmp_path / "world.sdf"
     broken.write_text(text.replace("<fx>260</fx>", ""))
-    assert sdformat_check(written.sdf) and sdformat_check(broken)
     assert libsdformat(written.sdf)["cameras"][0]["f"] == [260, 290]
     assert libsdformat(broken)["cameras"][0]["f"] != [260, 290]
 
@@ -174,14 +173,14 @@ def test_the_bridge_brings_clock_images_and_camera_info(written):
     assert missing.returncode == 1 and "gz: not found" in missing.stderr
 
 
-def test_fortress_has_names_of_its_own(scene, tmp_path, sdformat_check):
+def test_fortress_has_names_of_its_own(scene, tmp_path, libsdformat):
     scene = dataclasses.replace(scene, people=(), props=())
     for release, prefix in (("fortress", "ignition"), ("harmonic", "gz"), ("jetty", "gz")):
         world = export_world(scene, tmp_path / release, release=release)
         text = (world.folder / "world.sdf").read_text()
         assert f'name="{prefix}::' in text and f'filename="{prefix}-' in text
         assert f"{prefix}.msgs.Image" in (world.folder / "bridge.yaml").read_text()
-        assert sdformat_check(world.folder / "world.sdf")
+        assert libsdformat(world.folder / "world.sdf") is not None
 
 
 def test_what_cannot_be_is_refused_in_one_line(scene, tmp_path):
