@@ -136,16 +136,20 @@ def test_lenses_and_places_from_real_footage(shared_data: Path, tmp_path: Path, 
     assert "extrinsics: refused: cause" in refused.with_suffix(".html").read_text()
 
 
-def test_clocks_reach_the_settings_of_track_and_never_overwrite_them(lab: Any, tmp_path: Path) -> None:
-    late_s = (0.0, 0.12, -0.05, 0.031)
-    found = ClockEstimate.known(np.array(late_s), 0.0)
-    path = save_clocks(tmp_path / "posefuse.toml", lab.rig.names, found)
-    assert path is not None
+@pytest.mark.parametrize(("late_s", "settings"), [((0.0, 0.0, 0.0, 0.0), False), ((0.0, 0.12, -0.05, 0.031), True)])
+def test_clocks_reach_the_settings_of_track_and_never_overwrite_them(
+    lab: Any, tmp_path: Path, late_s: tuple[float, ...], settings: bool
+) -> None:
+    found, settings_file = ClockEstimate.known(np.array(late_s), 0.0), tmp_path / "posefuse.toml"
+    path = save_clocks(settings_file, lab.rig.names, found)
+    assert (path is not None) == settings
+    if path is None:
+        return
     read = read_settings(path, TrackConfig)
     assert [read.cameras[name].offset_s for name in lab.rig.names] == [-s for s in late_s]
     path.write_text("raw = true\n")
     with pytest.warns(UserWarning, match="offset_s = -0.120000"):
-        assert save_clocks(path, lab.rig.names, found) is None
+        assert save_clocks(settings_file, lab.rig.names, found) is None
     assert path.read_text() == "raw = true\n"
 
 

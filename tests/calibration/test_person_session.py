@@ -12,6 +12,8 @@ from built import turned
 from synthetic_walk import BODY, STATURE_M, walker, watch_walker
 
 import posefuse as pf
+from bench.faults.waved_props import Faults
+from posefuse.calibration.extrinsics.target import calibrate_extrinsics
 from posefuse.calibration.extrinsics.world import floor_from_feet
 from posefuse.calibration.person.bundle import solve_person_bundle
 from posefuse.calibration.person.checks import check_standing
@@ -99,7 +101,7 @@ def test_the_order_of_the_cameras_changes_nothing(lab: Any, tmp_path: Path) -> N
 
 
 @pytest.mark.slow
-def test_the_order_of_the_cameras_does_not_change_clocks(lab: Any, tmp_path: Path) -> None:
+def test_the_order_of_the_cameras_does_not_change_clocks_nor_extrinsics_from_a_target(lab: Any, tmp_path: Path) -> None:
     found = []
     for order in ((0, 1, 2, 3), (2, 3, 0, 1)):
         folder = tmp_path / str(order[0])
@@ -110,6 +112,15 @@ def test_the_order_of_the_cameras_does_not_change_clocks(lab: Any, tmp_path: Pat
         one = pf.calibrate_clocks(folder, rate_hz=RATE_HZ, max_offset_s=1.0)
         found.append(dict(zip(one.rig.names, one.clocks.offset_s, strict=True)))
     assert found[0] == pytest.approx(found[1], abs=1e-3)
+    seen, rigs = lab.watch(Faults(delay_s=(0.0, 0.05, -0.05, 0.1))), []
+    for order in ((0, 1, 2, 3), (2, 3, 0, 1)):
+        permuted = replace(
+            seen, cameras=tuple(seen.cameras[i] for i in order), sizes_wh=tuple(seen.sizes_wh[i] for i in order),
+            frame_count=tuple(seen.frame_count[i] for i in order), camera=np.argsort(order)[seen.camera],
+        )  # fmt: skip
+        rigs.append(calibrate_extrinsics(permuted, lab.rig.cameras, lab.target).rig)
+    apart = [np.linalg.norm(rig["cam00"].centre_world - rig["cam03"].centre_world) for rig in rigs]
+    assert apart[0] == pytest.approx(apart[1], abs=5e-4)
 
 
 def test_a_long_recording_is_cut_and_not_sampled_coarsely() -> None:

@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import pytest
 
-from bench.rehearsal.faults import engaged_world, run_many, run_sequence
+from bench.rehearsal.faults import FAULTS, engaged_world, run_many, run_sequence, tick
 from bench.rehearsal.robots import STANDS
 from bench.rehearsal.world import settings_for
 from posefuse_teleop import gate
+from posefuse_teleop.values import Phase
 
 SETTINGS = settings_for("point", roomy=False)
 # the full number is a bench: python bench/teleoperation.py faults --robot NAME
@@ -70,3 +71,25 @@ def test_the_judge_sees_joints_that_are_not_limited(guard):
     narrow = replace(roomy, limits=replace(roomy.limits, **JOINT_GUARDS[guard]))
     done = run_many(0, 12, "own", roomy, narrow)
     assert any(breach.what.startswith(guard) for breach in done.breaches)
+
+
+# these leave enough that is good to continue now and then
+SOMETIMES = {"late network", "order not finite", "robot process late", "late heartbeats", "repeated heartbeats"}
+# these concern robots with joints, or limbs that do not drive the robot
+OTHERS = {"robot blocked", "hidden limbs", "operator reaches"}
+
+
+@pytest.mark.parametrize("fault", sorted({*FAULTS} - SOMETIMES - OTHERS))
+def test_every_fault_that_lasts_ends_engagement(fault):
+    world = engaged_world(SETTINGS, 0)
+    assert world.operator.gate.phase is Phase.ENGAGED
+    phases = set()
+    for _ in range(100 if "operator" in fault else 40):
+        if fault == "gate clock jumps":
+            world.clock_ns += 10**10
+        tick(world, {fault})
+        phases.add(world.operator.gate.phase)
+    if fault in ("lost network", "gate stalls"):
+        assert world.driver.follower.stands
+    else:
+        assert phases != {Phase.ENGAGED}
