@@ -141,14 +141,6 @@ def test_another_body_or_hand_ends_the_engagement_even_for_one_pose_and_a_press_
     assert press.tick(60) is Phase.IDLE
 
 
-@pytest.mark.parametrize("cause", ENDS)
-def test_another_body_or_hand_while_the_robot_holds_needs_a_new_press(cause):
-    run = Run().engaged()
-    assert run.tick(5, **CAUSES["unsure"]) is Phase.HOLD
-    assert run.tick(1, **ENDS[cause]) is Phase.IDLE
-    assert run.tick(60) is Phase.IDLE
-
-
 def test_what_stops_coming_holds_when_it_is_too_old():
     for missing, longest in (("view", 13), ("cameras", 101), ("robot", 11)):
         run = Run().engaged()
