@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import pytest
+from checks import refusal
 
 import posefuse as pf
 from posefuse import core
@@ -30,5 +30,4 @@ def test_what_is_made_of_it_stays_a_handle(demo_session: Path) -> None:
 def test_it_is_saved_once_and_not_over_anything(demo_session: Path, tmp_path: Path) -> None:
     rig = pf.read_rig(demo_session / "rig.toml")
     assert pf.read_rig(rig.save(tmp_path / "rig.toml")).id == rig.id
-    with pytest.raises(InputError, match=r"rig\.toml"):
-        rig.save(tmp_path / "rig.toml")
+    refusal(InputError, r"rig\.toml", rig.save, tmp_path / "rig.toml")

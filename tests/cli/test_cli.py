@@ -15,6 +15,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from checks import refusal
 
 import posefuse
 from posefuse import __version__
@@ -279,8 +280,7 @@ def test_a_plugin_that_cannot_be_imported_is_listed_with_its_reason(monkeypatch:
     listed = json.loads(run(capsys, "plugins", "--json")[1])["plugins"]
     assert listed[0]["name"] == "broken"
     assert "posefuse_nowhere" in listed[0]["reason"]
-    with pytest.raises(DependencyError, match="posefuse_nowhere"):
-        plugins.build_plugin("outputs", "broken", {})
+    refusal(DependencyError, "posefuse_nowhere", plugins.build_plugin, "outputs", "broken", {})
 
 
 def test_help_and_version_work_as_a_program() -> None:

@@ -7,6 +7,7 @@ import built
 import numpy as np
 import pytest
 from built import recording_from_views
+from checks import refusal
 
 from posefuse.core import Detections2D, Frame, Kind, LivePose, LiveStart, Recording, SourceError
 from posefuse.core.skeleton import COCO17
@@ -99,8 +100,7 @@ def test_the_source_check_can_fail() -> None:
         (Scripted(size_wh=(9, 6)), "stated size"),
         (object(), "lacks a member"),
     ):
-        with pytest.raises(ContractError, match=rule):
-            check_source(broken)
+        refusal(ContractError, rule, check_source, broken)
 
 
 class Guesser:
@@ -256,7 +256,5 @@ def test_the_live_output_check_can_fail(tmp_path: Path) -> None:
 
 def test_a_live_config_that_cannot_be_sent_is_reported() -> None:
     broken = Notebook(lambda: None)
-    with pytest.raises(ContractError, match="comes out of pickle"):
-        check_live_output(broken, Path())
-    with pytest.raises(ContractError, match="lacks a member"):
-        check_live_output(object(), Path())
+    refusal(ContractError, "comes out of pickle", check_live_output, broken, Path())
+    refusal(ContractError, "lacks a member", lambda: check_live_output(object(), Path()))

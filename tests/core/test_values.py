@@ -7,6 +7,7 @@ import built
 import numpy as np
 import pytest
 from built import recording_from_views
+from checks import refusal
 
 from posefuse.core import Detections2D, Frame, Pose3D, PoseSequence, Region, ShapeError, Views
 from posefuse.core.skeleton import BODY_25, COCO17, PAPER14, SKELETONS, Skeleton, mirror_name, pick_keypoints
@@ -52,8 +53,7 @@ def test_arrays_are_copied_and_read_only() -> None:
     ],
 )
 def test_what_does_not_fit_is_refused(make, message: str) -> None:
-    with pytest.raises(ShapeError, match=message):
-        make()
+    refusal(ShapeError, message, make)
 
 
 def test_a_sequence_is_its_poses() -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 import ezc3d
 import numpy as np
 import pytest
+from checks import refusal
 
 from posefuse.core import InputError, ShapeError
 from posefuse.formats import c3d
@@ -123,10 +124,8 @@ def test_a_gait_labs_file(shared_data: Path) -> None:
 
 def test_bad_input(tmp_path: Path) -> None:
     (tmp_path / "a.c3d").write_bytes(b"not a c3d file" * 100)
-    with pytest.raises(InputError, match=r"a\.c3d: cannot be read as C3D"):
-        read_c3d(tmp_path / "a.c3d")
-    with pytest.raises(InputError, match=r"none\.c3d: cannot be read"):
-        read_c3d(tmp_path / "none.c3d")
+    refusal(InputError, r"a\.c3d: cannot be read as C3D", read_c3d, tmp_path / "a.c3d")
+    refusal(InputError, r"none\.c3d: cannot be read", read_c3d, tmp_path / "none.c3d")
     with pytest.raises(InputError, match="must be unique"):
         write_c3d(
             tmp_path / "b.c3d", C3dData(names=("a", "a"), xyz_world=np.ones((2, 2, 3)), sigma_m=np.ones((2, 2)), rate_hz=50.0)
@@ -138,8 +137,7 @@ def test_bad_input(tmp_path: Path) -> None:
                 names=("a",), xyz_world=np.ones((2, 1, 3)), sigma_m=np.ones((2, 1)), rate_hz=50.0, about={"CONFIG": "x" * 10**5}
             ),
         )
-    with pytest.raises(ShapeError, match="1 names"):
-        C3dData(names=("a",), xyz_world=np.ones((2, 2, 3)), sigma_m=np.ones((2, 2)), rate_hz=50.0)
+    refusal(ShapeError, "1 names", C3dData, names=("a",), xyz_world=np.ones((2, 2, 3)), sigma_m=np.ones((2, 2)), rate_hz=50.0)
     with pytest.raises(ShapeError, match="rate_hz: expected > 0"):
         C3dData(names=("a",), xyz_world=np.ones((2, 1, 3)), sigma_m=np.ones((2, 1)), rate_hz=0.0)
     assert not (tmp_path / "b.c3d").exists()
@@ -152,8 +150,7 @@ def test_units_that_are_unknown(tmp_path: Path) -> None:
     file["parameters"]["POINT"]["UNITS"]["value"] = ["inch"]
     file["data"]["points"] = np.ones((4, 1, 3))
     file.write(str(tmp_path / "a.c3d"))
-    with pytest.raises(InputError, match="POINT:UNITS: expected one of mm, cm, m, got 'inch'"):
-        read_c3d(tmp_path / "a.c3d")
+    refusal(InputError, "POINT:UNITS: expected one of mm, cm, m, got 'inch'", read_c3d, tmp_path / "a.c3d")
 
 
 def blocks_like_the_library(path: Path) -> None:
@@ -194,6 +191,4 @@ def test_a_damaged_header_is_one_line(tmp_path: Path, place: int, value: bytes, 
     write_c3d(path, some_points())
     content = path.read_bytes()
     path.write_bytes(content[:place] + value + content[place + len(value) :])
-    with pytest.raises(InputError, match=problem) as caught:
-        read_c3d(path)
-    assert "\n" not in str(caught.value)
+    refusal(InputError, problem, read_c3d, path)

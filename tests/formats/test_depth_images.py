@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from checks import refusal
 
 from posefuse.core import Frame, InputError, SourceError
 from posefuse.core.depth import DepthImage, DepthNoise
@@ -42,19 +43,15 @@ def test_every_bit_comes_back_with_unit_and_noise(folder: Path) -> None:
 
 
 def test_what_is_no_depth_is_one_line(folder: Path) -> None:
-    with pytest.raises(InputError, match="16x12 px, the colour image has 32x24"):
-        DepthFolder(folder).at(0, (32, 24))
+    refusal(InputError, "16x12 px, the colour image has 32x24", lambda: DepthFolder(folder).at(0, (32, 24)))
     (folder / depth_name(0)).write_bytes(b"no image")
-    with pytest.raises(InputError, match="expected a depth image"):
-        DepthFolder(folder).at(0, (16, 12))
+    refusal(InputError, "expected a depth image", lambda: DepthFolder(folder).at(0, (16, 12)))
     for wrong in ({"unit_m": 0}, {"unit_m": 0.001, "noise": {"focus": 1}}, {"unit_m": 0.001, "noise": {"focal_px": -1}}, [1]):
         (folder / ABOUT_FILE).write_text(json.dumps(wrong))
-        with pytest.raises(InputError, match=r"depth\.json: "):
-            DepthFolder(folder)
+        refusal(InputError, r"depth\.json: ", DepthFolder, folder)
     (folder / ABOUT_FILE).unlink()
     (folder / "left.png").write_bytes(b"")
-    with pytest.raises(InputError, match=r"named by their time in microseconds, got left\.png"):
-        DepthFolder(folder)
+    refusal(InputError, r"named by their time in microseconds, got left\.png", DepthFolder, folder)
 
 
 class Film:
@@ -90,8 +87,7 @@ def test_frames_get_the_depth_of_their_own_time_in_the_file(folder: Path) -> Non
 def test_a_wrong_folder_names_the_camera(tmp_path: Path, folder: Path) -> None:
     empty = tmp_path / "empty"
     empty.mkdir()
-    with pytest.raises(SourceError, match=r"camera left: .*got none"):
-        DepthSource(Film(), empty)
+    refusal(SourceError, r"camera left: .*got none", lambda: DepthSource(Film(), empty))
     (folder / depth_name(0)).write_bytes(b"no image")
     with pytest.raises(SourceError, match=r"camera left: .*expected a depth image"):
         list(DepthSource(Film(), folder, offset_s=0.5, drift_ppm=50).frames())

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from checks import refusal
 
 from posefuse.core import DetectionBatch, Detections2D, InputError, LookKind
 from posefuse.core.skeleton import COCO17
@@ -106,21 +107,16 @@ def test_two_writers_do_not_share_a_log(log: Path) -> None:
     pytest.importorskip("fcntl")
     writer = opened(log, len(log.read_bytes()))
     assert is_in_use(log)
-    with pytest.raises(InputError, match="another posefuse is writing to it"):
-        opened(log, 10)
+    refusal(InputError, "another posefuse is writing to it", opened, log, 10)
     writer.close()
     assert not is_in_use(log)
 
 
 def test_what_is_no_log_is_reported(tmp_path: Path, log: Path) -> None:
     other = tmp_path / "other.log"
-    with pytest.raises(InputError, match="cannot be read"):
-        read_log(other)
+    refusal(InputError, "cannot be read", read_log, other)
     other.write_bytes(b"something else")
-    with pytest.raises(InputError, match="not a log of detections"):
-        read_log(other)
+    refusal(InputError, "not a log of detections", read_log, other)
     other.write_bytes(log.read_bytes()[:40])
-    with pytest.raises(InputError, match="header is cut off"):
-        read_log(other)
-    with pytest.raises(InputError, match=r"detections cannot be stored \(File exists\)"):
-        opened(log)
+    refusal(InputError, "header is cut off", read_log, other)
+    refusal(InputError, r"detections cannot be stored \(File exists\)", opened, log)

@@ -11,6 +11,7 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
+from checks import refusal
 
 from posefuse.core import Frame, InputError, SourceError
 from posefuse.core.encoded import EncodedFrame
@@ -235,10 +236,8 @@ def test_no_video_is_written_over_and_what_does_not_fit_is_named(demo_session: P
         assert not video.write(kept(first), 5_000_000)
         assert "not later" in video.write(kept(second), 5_000_000)
         assert "another size or encoding" in video.write(RgbPixels(np.zeros((4, 4, 3), np.uint8)), 6_000_000)
-    with pytest.raises(InputError, match="no video is written over"):
-        KeptVideo(tmp_path / "a.mp4")
-    with pytest.raises(InputError, match="cannot be written"):
-        KeptVideo(tmp_path / "missing" / "a.mp4")
+    refusal(InputError, "no video is written over", KeptVideo, tmp_path / "a.mp4")
+    refusal(InputError, "cannot be written", KeptVideo, tmp_path / "missing" / "a.mp4")
 
 
 def served(path: Path, listener: socket.socket) -> None:

@@ -6,6 +6,7 @@ import re
 import cv2
 import numpy as np
 import pytest
+from checks import refusal
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -218,13 +219,11 @@ def test_a_long_recording_is_cut_and_it_is_reported():
     ],
 )
 def test_blocks_that_do_not_fit_together_are_refused(build, said):
-    with pytest.raises(InputError, match=said):
-        build()
+    refusal(InputError, said, build)
 
 
 def test_a_page_that_cannot_be_written_leaves_nothing(tmp_path):
-    with pytest.raises(InputError, match="no folder"):
-        write_page(tmp_path / "nowhere" / "page.html", Page("t", []))
+    refusal(InputError, "no folder", lambda: write_page(tmp_path / "nowhere" / "page.html", Page("t", [])))
 
 
 def test_the_bundle_of_plotly_has_the_version_of_its_name():

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from built import recording_from_views
+from checks import refusal
 
 from posefuse.core import SE3, InputError, PoseSequence, Recording, Rig, Skeleton
 from posefuse.core.observations import OBSERVATION_ARRAYS
@@ -100,16 +101,13 @@ def test_every_bit_comes_back(tmp_path: Path, recording: Recording) -> None:
 
 
 def test_folders_that_are_no_result(tmp_path: Path, recording: Recording, ring_rig: Callable[..., Rig]) -> None:
-    with pytest.raises(InputError, match=r"not a posefuse result: there is no recording\.json"):
-        read_recording(tmp_path)
+    refusal(InputError, r"not a posefuse result: there is no recording\.json", read_recording, tmp_path)
     write_recording(tmp_path, recording)
     about = json.loads((tmp_path / "recording.json").read_text())
 
     def problem(changed: dict) -> str:
         (tmp_path / "recording.json").write_text(json.dumps(changed))
-        with pytest.raises(InputError) as caught:
-            read_recording(tmp_path)
-        return str(caught.value)
+        return refusal(InputError, "", read_recording, tmp_path)
 
     assert "format version: expected 3 or 4, got 5" in problem(about | {"format_version": 5})
     assert "the result is incomplete: 'depth_m' is missing" in problem(about | {"format_version": 4})
@@ -119,17 +117,14 @@ def test_folders_that_are_no_result(tmp_path: Path, recording: Recording, ring_r
     assert "does not fit together" in problem(about | {"skeleton": about["skeleton"] | {"keypoints": ["a"], "bones": []}})
     assert "incomplete" in problem(about | {"skeleton": {"name": "three"}})
     (tmp_path / "recording.json").write_text("{")
-    with pytest.raises(InputError, match="cannot be parsed as JSON"):
-        read_recording(tmp_path)
+    refusal(InputError, "cannot be parsed as JSON", read_recording, tmp_path)
     (tmp_path / "recording.json").write_text(json.dumps(about))
     assert read_recording(tmp_path).rig.id == recording.rig.id
     write_rig(tmp_path / "rig.toml", ring_rig(4, radius_m=3.0))
-    with pytest.raises(InputError, match=r"rig\.toml is rig .*, the result was made with rig"):
-        read_recording(tmp_path)
+    refusal(InputError, r"rig\.toml is rig .*, the result was made with rig", read_recording, tmp_path)
     write_rig(tmp_path / "rig.toml", recording.rig)
     (tmp_path / "recording.npz").write_bytes(b"PK broken")
-    with pytest.raises(InputError, match=r"recording\.npz: not an .npz file"):
-        read_recording(tmp_path)
+    refusal(InputError, r"recording\.npz: not an .npz file", read_recording, tmp_path)
 
 
 def test_provenance_must_be_plain(tmp_path: Path, recording: Recording) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from checks import refusal
 
 import posefuse as pf
 from posefuse.core import DependencyError, InputError, Recording
@@ -94,8 +95,7 @@ def test_viewing_shows_the_recording_or_makes_one(tmp_path: Path, make_recording
     [path] = RerunSink().write(recording, tmp_path)
     assert pf.view(tmp_path) == path
     assert shown[1] == (path, True)
-    with pytest.raises(InputError, match="no such file or folder"):
-        pf.view(tmp_path / "nothing")
+    refusal(InputError, "no such file or folder", pf.view, tmp_path / "nothing")
 
 
 @needs_rerun
@@ -112,8 +112,7 @@ def test_without_rerun(tmp_path: Path, make_recording: Make, monkeypatch: pytest
     monkeypatch.setattr(importlib.util, "find_spec", lambda name, *rest: None if name == "rerun" else found(name, *rest))
     monkeypatch.setattr(builtins, "__import__", _import_without_rerun(builtins.__import__))
     for use in (RerunSink().build, lambda: RerunSink().write(make_recording(), tmp_path), lambda: pf.view(tmp_path)):
-        with pytest.raises(DependencyError, match=r"pip install 'posefuse\[viewer\]'"):
-            use()
+        refusal(DependencyError, r"pip install 'posefuse\[viewer\]'", use)
     assert list(tmp_path.iterdir()) == []
 
 

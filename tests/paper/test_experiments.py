@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from checks import refusal
 
 from posefuse.cli.main import main
 from posefuse.core import InputError
@@ -86,8 +87,7 @@ def test_mvnx_segments_become_joints(tmp_path: Path) -> None:
     np.testing.assert_allclose(tracks.t_s, [0, 0.01, 0.02])
     np.testing.assert_allclose(tracks.xyz_m[1, 1], [4, 5, 6])
     path.write_text("<mvnx>")
-    with pytest.raises(InputError, match=r"suit\.mvnx: not an MVNX file"):
-        read_tracks(path)
+    refusal(InputError, r"suit\.mvnx: not an MVNX file", read_tracks, path)
 
 
 def test_what_cannot_be_compared_is_reported_in_one_line(trc: Path, capsys: pytest.CaptureFixture[str]) -> None:

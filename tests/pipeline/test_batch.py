@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import pytest
+from checks import refusal
 from studies import FRAMES, SETTINGS, write_session
 
 import posefuse as pf
@@ -74,8 +75,7 @@ def test_sessions_are_found_with_the_nearest_calibration(folder: Path) -> None:
 
 @pytest.mark.parametrize(("name", "problem"), [("P01/slow", "is a session itself"), (".hidden", "no session"), ("no", "no such")])
 def test_a_folder_that_is_no_study_is_refused(folder: Path, name: str, problem: str) -> None:
-    with pytest.raises(InputError, match=problem):
-        find_trials(folder / name)
+    refusal(InputError, problem, find_trials, folder / name)
 
 
 def test_a_failure_is_named_and_the_rest_is_finished(folder: Path, here: list[str], tmp_path: Path) -> None:
@@ -133,8 +133,7 @@ def interrupt(*arguments: object) -> None:
 def test_other_settings_replace_results_only_when_asked(folder: Path, here: list[str], tmp_path: Path) -> None:
     run(folder, tmp_path / "out")
     here.clear()
-    with pytest.raises(InputError, match="made with other settings"):
-        run(folder, tmp_path / "out", settings={**SETTINGS, "raw": True})
+    refusal(InputError, "made with other settings", run, folder, tmp_path / "out", settings={**SETTINGS, "raw": True})
     assert here == []
     study = run(folder, tmp_path / "out", settings={**SETTINGS, "raw": True}, replace=True)
     assert here == [trial.name for trial in study.trials]
@@ -143,22 +142,18 @@ def test_other_settings_replace_results_only_when_asked(folder: Path, here: list
 def test_a_changed_session_is_noticed(folder: Path, here: list[str], tmp_path: Path) -> None:
     run(folder, tmp_path / "out")
     write_session(folder / "P02" / "slow" / "more", pf.read_rig(folder / "P01" / "rig.toml"))
-    with pytest.raises(InputError, match="P02/slow that were made with other"):
-        run(folder, tmp_path / "out")
+    refusal(InputError, "P02/slow that were made with other", run, folder, tmp_path / "out")
 
 
 def test_files_of_others_are_never_replaced(folder: Path, here: list[str], tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "study.csv").write_text("mine")
-    with pytest.raises(InputError, match=r"study\.csv, which posefuse did not write"):
-        run(folder, tmp_path / "out")
+    refusal(InputError, r"study\.csv, which posefuse did not write", run, folder, tmp_path / "out")
     (tmp_path / "other" / "P02" / "slow").mkdir(parents=True)
     (tmp_path / "other" / "P02" / "slow" / "thesis.txt").write_text("mine")
-    with pytest.raises(InputError, match=r"thesis\.txt"):
-        run(folder, tmp_path / "other")
+    refusal(InputError, r"thesis\.txt", run, folder, tmp_path / "other")
     assert here == []
-    with pytest.raises(InputError):
-        run(folder, folder / "out")
+    refusal(InputError, "", run, folder, folder / "out")
 
 
 def test_processes_do_what_this_process_does(folder: Path, here: list[str], tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from built import detections
+from checks import refusal
 
 from posefuse.api.recording import recording_of
 from posefuse.cli.main import main
@@ -148,8 +149,7 @@ def test_the_person_kept_is_that_of_the_earlier_result(recording: Recording, per
     ],
 )
 def test_edits_about_what_is_not_there_are_refused(recording: Recording, edits: Edits, words: str) -> None:
-    with pytest.raises(InputError, match=words):
-        solve_again(recording, edits=edits)
+    refusal(InputError, words, solve_again, recording, edits=edits)
 
 
 def test_a_person_who_is_excluded_altogether_is_named(recording: Recording) -> None:
@@ -174,12 +174,10 @@ def test_kept_edits_belong_to_the_result(recording: Recording, tmp_path: Path) -
 def test_another_file_of_this_name_is_never_written_over(recording: Recording, tmp_path: Path) -> None:
     result = saved(recording, tmp_path / "result")
     edits_path(result).write_text(json.dumps({"mine": 1}))
-    with pytest.raises(InputError, match="not edits of posefuse"):
-        write_edits(result, Edits(person=0))
+    refusal(InputError, "not edits of posefuse", lambda: write_edits(result, Edits(person=0)))
     assert json.loads(edits_path(result).read_text()) == {"mine": 1}
     edits_path(result).write_text(json.dumps({"format": "posefuse edits", "person": -2}))
-    with pytest.raises(ConfigError, match="person"):
-        read_edits(result)
+    refusal(ConfigError, "person", read_edits, result)
 
 
 def test_edits_of_a_live_session_lie_next_to_it(tmp_path: Path) -> None:

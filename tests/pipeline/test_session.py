@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from built import detections
+from checks import refusal
 
 from posefuse.core import CalibrationError, DetectionBatch, InputError, LookKind, Observations
 from posefuse.core.skeleton import COCO17
@@ -79,10 +80,7 @@ def test_the_config_names_skips_and_overrules(session: Path) -> None:
 
 
 def refused(session: Path, config: TrackConfig = TrackConfig()) -> str:  # noqa: B008 - a frozen value
-    with pytest.raises((InputError, CalibrationError)) as caught:
-        find_session(session, config)
-    assert "\n" not in str(caught.value)
-    return str(caught.value)
+    return refusal((InputError, CalibrationError), "", find_session, session, config)
 
 
 def test_what_is_wrong_is_named(session: Path, tmp_path: Path) -> None:
