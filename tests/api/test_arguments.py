@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from checks import refusal
+from commands import oracle
 
 import posefuse as pf
 from posefuse.api import calibrate, compare, recording, track
@@ -84,6 +85,5 @@ def test_the_outputs_of_the_settings_file_are_written_unless_others_are_named(
 ) -> None:
     own = Path(shutil.copytree(demo_session, tmp_path / "session"))
     (own / "posefuse.toml").write_text('outputs = ["trc"]\n')
-    oracle = {"detector.name": "oracle", "detector.options": {"truth": str(own / "truth" / "truth.npz")}}
-    pf.track(own, out=tmp_path / "result", formats=formats, end_s=0.3, settings=oracle)
+    pf.track(own, out=tmp_path / "result", formats=formats, end_s=0.3, settings=oracle())
     assert {path.name for path in (tmp_path / "result").glob("pose.*") if path.suffix != ".json"} == written

@@ -7,30 +7,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from checks import refusal
+from checks import assert_same, refusal
 
 import posefuse as pf
+from posefuse import core
+from posefuse.api.values import rig_of
 from posefuse.core import DependencyError, InputError
 
 Make = Callable[..., pf.Recording]
-
-
-def assert_same_poses(one: pf.PoseSequence, other: pf.PoseSequence) -> None:
-    assert one.skeleton == other.skeleton
-    for name in ("t_ns", "person_id", "xyz_world", "cov_world", "reproj_px", "n_views", "kind"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
 
 
 def test_its_repr_is_a_few_lines(make_recording: Make) -> None:
     lines = repr(make_recording()).splitlines()
     assert 3 <= len(lines) <= 8
     assert max(map(len, lines)) < 120
-
-
-def test_its_cameras_triangulate(make_recording: Make) -> None:
-    recording = make_recording()
-    xyz, _, _ = recording.rig.triangulate(recording.views.xy_img[4, 0])
-    np.testing.assert_allclose(xyz, recording.poses.xyz_world[4, 0], atol=1e-6)
 
 
 def test_labelled_arrays_have_named_axes_units_and_provenance(make_recording: Make) -> None:
@@ -97,8 +87,7 @@ def test_what_is_saved_is_read_to_the_last_bit(make_recording: Make, tmp_path: P
     assert {path.name for path in written} >= {"recording.npz", "pose.csv"}
     again = pf.read(tmp_path / "result")
     assert isinstance(again, pf.Recording)
-    assert_same_poses(again.poses, recording.poses)
-    assert again.provenance == recording.provenance
+    assert_same((again.poses, again.provenance), (recording.poses, recording.provenance))
 
 
 def test_saving_does_not_touch_what_is_there(make_recording: Make, tmp_path: Path) -> None:
@@ -155,3 +144,27 @@ def test_notebooks_show_tables(make_recording: Make) -> None:
     assert (
         f"<td>left_knee</td><td>flexion</td><td>{np.nanmin(knee):.1f}</td><td>{np.nanmax(knee):.1f}</td>" in angles._repr_html_()
     )
+
+
+# --- a rig in the hand triangulates what it projects
+
+
+def test_it_finds_the_points_it_projected(ring_rig: Callable[..., core.Rig]) -> None:
+    rig = rig_of(ring_rig(5))
+    xyz = np.array([[0.1, -0.2, 1.0], [0.4, 0.3, 1.6], [-0.3, 0.2, 0.1]])
+    found, cov, reproj = rig.triangulate(rig.project(xyz))
+    np.testing.assert_allclose(found, xyz, atol=1e-9)
+    assert cov.shape == (3, 3, 3)
+    assert (reproj < 1e-6).all()
+
+
+def test_what_is_made_of_it_stays_a_handle(demo_session: Path) -> None:
+    rig = pf.read_rig(demo_session / "rig.toml")
+    assert isinstance(rig.only(["cam02", "cam00"]), pf.Rig)
+    assert "cam00" in repr(rig)
+
+
+def test_it_is_saved_once_and_not_over_anything(demo_session: Path, tmp_path: Path) -> None:
+    rig = pf.read_rig(demo_session / "rig.toml")
+    assert pf.read_rig(rig.save(tmp_path / "rig.toml")).id == rig.id
+    refusal(InputError, r"rig\.toml", rig.save, tmp_path / "rig.toml")

@@ -20,9 +20,11 @@ def changes_of(*words: str) -> dict[str, Any]:
     return changes
 
 
-def test_a_name_chooses_a_bundled_network() -> None:
-    config = read_changed(None, changes_of("--networks", "blazepose_lite"), TrackConfig)
-    assert (config.detector.name, config.detector.options) == ("blazepose", {"landmarks": "blazepose_lite"})
+def test_a_name_or_an_ensemble_stays_with_the_default_detector_and_does_not_come_back(tmp_path: Path) -> None:
+    (tmp_path / "both.toml").write_text('kind = "landmark_ensemble"\n')
+    for name in ("blazepose_lite", str(tmp_path / "both.toml")):
+        assert changes_of("--networks", name) == {"detector.options.landmarks": name}
+    assert changes_of() == {}
 
 
 def test_a_card_of_the_user_chooses_the_plug_in_for_it(tmp_path: Path) -> None:
@@ -39,17 +41,6 @@ def test_the_result_names_the_network_that_was_used() -> None:
     assert shown == ["blazepose_full", "blazepose_lite"]
     assert network_shown(DetectorChoice(name="onnx", options={"card": "mine.toml"})) == "mine.toml"
     assert network_shown(DetectorChoice(name="oracle", options={"truth": "truth.npz"})) == "oracle"
-
-
-def test_an_ensemble_stays_with_the_default_detector(tmp_path: Path) -> None:
-    card = tmp_path / "both.toml"
-    card.write_text('kind = "landmark_ensemble"\n')
-    assert changes_of("--networks", str(card)) == {"detector.options.landmarks": str(card)}
-
-
-def test_what_was_parsed_before_does_not_come_back() -> None:
-    assert changes_of("--networks", "a") == {"detector.options.landmarks": "a"}
-    assert changes_of() == {}
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from commands import DEMO, as_options, error, oracle, tracked
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
@@ -29,30 +30,35 @@ def tree(folder: Path) -> dict[str, bytes | None]:
     return {path.relative_to(folder).as_posix(): path.read_bytes() if path.is_file() else None for path in folder.rglob("*")}
 
 
-def track(session: Path, out: Path, *options: str) -> int:
-    """Track a third of a second with the truth in place of a network."""
-    truth = Path(__file__).resolve().parents[2] / "examples" / "demo" / "truth" / "truth.npz"
-    fixed = ("--set", "detector.name=oracle", "--set", f"detector.options.truth={truth}", "--end", "0.3", "--outputs", "")
-    return main(["track", str(session), "--out", str(out), *fixed, *options])
-
-
 @pytest.fixture(scope="module")
 def results(demo_session: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a result, R."""
-    folder = tmp_path_factory.mktemp("results")
-    assert track(demo_session, folder / "R") == 0
-    return folder
+    return tracked(demo_session, tmp_path_factory.mktemp("results") / "R").parent
 
 
-def test_tracking_a_session_into_itself_is_refused(demo_session: Path, tmp_path: Path, capsys) -> None:
+@pytest.mark.parametrize(
+    ("out", "reason"),
+    [(".", "is the input"), ("../link", "is the input"), ("videos", "lies inside the input"), ("..", "contains the input")],
+)
+def test_a_session_is_not_tracked_into_itself(demo_session: Path, tmp_path: Path, capsys, out: str, reason: str) -> None:
     session = Path(shutil.copytree(demo_session, tmp_path / "S"))
     (tmp_path / "link").symlink_to(session)
-    before = tree(session)
-    for out, reason in ((session, "is the input"), (tmp_path / "link", "is the input"), (session / "videos", "lies inside"),
-                        (tmp_path, "contains the input")):  # fmt: skip
-        assert track(session, out, "--force") == 1
-        assert reason in capsys.readouterr().err
-    assert tree(session) == before
+    before = tree(tmp_path)
+    assert reason in error(capsys, "track", session, "--out", session / out, "--force")
+    assert tree(tmp_path) == before
+
+
+@pytest.mark.parametrize(("scene", "reason"), [("p/scene.yaml", "contains the input"), ("scene.yaml", "raw.bin")])
+@pytest.mark.parametrize("force", [[], ["--force"]])
+def test_a_scene_is_not_simulated_over_files_of_the_user(
+    tmp_path: Path, capsys, force: list[str], scene: str, reason: str
+) -> None:
+    (tmp_path / "p").mkdir()
+    (tmp_path / "p" / "raw.bin").write_text("the user's")
+    (tmp_path / scene).write_text("duration_s: 1\ncameras: {kind: ring}\n")
+    before = tree(tmp_path)
+    assert reason in error(capsys, "simulate", tmp_path / scene, "--out", tmp_path / "p", *force)
+    assert tree(tmp_path) == before
 
 
 def test_a_second_report_keeps_the_first_with_the_users_notes(results: Path, tmp_path: Path, capsys) -> None:
@@ -65,21 +71,6 @@ def test_a_second_report_keeps_the_first_with_the_users_notes(results: Path, tmp
     assert tree(aside) == before
     assert f"the earlier results are kept in {aside}" in " ".join(capsys.readouterr().err.split())
     assert not (result / "biomechanics" / "notes.txt").exists()
-
-
-@pytest.mark.parametrize("force", [[], ["--force"]])
-def test_simulating_a_scene_into_its_own_folder_is_refused(tmp_path: Path, capsys, force: list[str]) -> None:
-    (tmp_path / "p").mkdir()
-    (tmp_path / "p" / "scene.yaml").write_text("duration_s: 1\ncameras: {kind: ring}\n")
-    (tmp_path / "p" / "raw.bin").write_text("the user's")
-    before = tree(tmp_path)
-    assert main(["simulate", str(tmp_path / "p" / "scene.yaml"), "--out", str(tmp_path / "p"), *force]) == 1
-    assert "contains the input" in capsys.readouterr().err
-    shutil.copy(tmp_path / "p" / "scene.yaml", tmp_path / "scene.yaml")
-    assert main(["simulate", str(tmp_path / "scene.yaml"), "--out", str(tmp_path / "p"), *force]) == 1
-    assert "raw.bin" in capsys.readouterr().err
-    (tmp_path / "scene.yaml").unlink()
-    assert tree(tmp_path) == before
 
 
 MODEL_FILE = "pose_landmark_full.tflite"
@@ -149,8 +140,8 @@ def test_a_disk_that_becomes_full_keeps_what_was_computed_until_then(
     assert (left / finished).stat().st_size > 100
 
 
-def tracked(results: Path, out: Path, force: bool) -> int:
-    return track(Path(__file__).resolve().parents[2] / "examples" / "demo", out, *(["--force"] if force else []))
+def tracked_again(results: Path, out: Path, force: bool) -> int:
+    return main(["track", str(DEMO), "--out", str(out), *as_options(oracle()), "--end", "0.3", *(["--force"] if force else [])])
 
 
 def reported(results: Path, out: Path, force: bool) -> int:
@@ -275,13 +266,13 @@ def simulated(results: Path, out: Path, force: bool) -> int:
     return 0
 
 
-COMMANDS = [tracked, reported, compared, printed, live_reported, experimented, calibrated, models_fetched, simulated]
+COMMANDS = [tracked_again, reported, compared, printed, live_reported, experimented, calibrated, models_fetched, simulated]
 
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_foreign_files_are_unchanged_after_every_command(command: Callable[[Path, Path, bool], int], results: Path) -> None:
     # each example of the first two is a second of work
-    count = 8 if command in (tracked, reported) else 25
+    count = 8 if command in (tracked_again, reported) else 25
 
     @settings(max_examples=count, deadline=None, database=None, derandomize=True, suppress_health_check=list(HealthCheck))
     @example({"thesis [final].docx": b"x", "report.html": b"x"}, ".", False, True)
@@ -324,25 +315,6 @@ def test_the_check_detects_the_old_rule_that_deleted_files(monkeypatch: pytest.M
             check_nothing_is_lost(write, files, "out", again=False, force=False)
     with pytest.raises((AssertionError, FileNotFoundError)):
         check_nothing_is_lost(write, {"out/notes.txt": b"x"}, "out", again=True, force=False)
-
-
-@pytest.mark.parametrize("name", ["take [final]", "x[/b]", "[red]"])
-def test_square_brackets_are_printed_unchanged(
-    name: str, demo_session: Path, tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # wide enough for one line
-    monkeypatch.setenv("COLUMNS", "400")
-    tmp_path = tmp_path / "here"
-    tmp_path.mkdir()
-    out = tmp_path / name
-    assert track(demo_session, out) == 0
-    assert name in capsys.readouterr().out
-    assert main(["report", str(out), "--fit", "none"]) == 0
-    assert f"{name}/biomechanics/report.html" in capsys.readouterr().out
-    assert main(["compare", str(out), str(out), "--out", str(tmp_path / f"{name} compared")]) == 0
-    assert f"{name} compared" in capsys.readouterr().err
-    assert track(demo_session, out) == 1
-    assert name in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("text", ["take [final]", "x[/b]", "posefuse[biomech]"])

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from built import recording_from_views
 from checks import refusal
+from videos import ScriptedSource
 
 from posefuse.core import Detections2D, Frame, Kind, LivePose, LiveStart, Recording, SourceError
 from posefuse.core.skeleton import COCO17
@@ -71,33 +72,16 @@ def test_the_oracle_detector(demo_session: Path) -> None:
     oracle = build_plugin("detectors", "oracle", {"truth": path, "seed": 3})
     view = read_truth(path).views[1]
     image = np.zeros((480, 640, 3), np.uint8)
-    check_detector(oracle, [Frame(camera=view.camera, seq=i, t_ns=int(view.t_ns[i]), received_ns=0, image=image) for i in (0, 7)])
-
-
-@dataclass
-class Scripted:
-    """A source that may break one rule."""
-
-    times_ns: tuple[int, ...] = (0, 10, 20)
-    camera: str = "a"
-    frame_camera: str = "a"
-    size_wh: tuple[int, int] = (8, 6)
-
-    def frames(self):
-        for seq, t_ns in enumerate(self.times_ns):
-            yield Frame(camera=self.frame_camera, seq=seq, t_ns=t_ns, received_ns=t_ns, image=np.zeros((6, 8, 3), np.uint8))
-
-    def close(self) -> None:
-        pass
+    check_detector(oracle, [built.frame(view.camera, int(view.t_ns[i]), image, seq=i) for i in (0, 7)])
 
 
 def test_the_source_check_can_fail() -> None:
-    check_source(Scripted())
+    check_source(ScriptedSource("a", (0, 10, 20)))
     for broken, rule in (
-        (Scripted(times_ns=()), "at least one frame"),
-        (Scripted(times_ns=(0, 0)), "t_ns increases"),
-        (Scripted(frame_camera="b"), "camera is the source's"),
-        (Scripted(size_wh=(9, 6)), "stated size"),
+        (ScriptedSource("a", ()), "at least one frame"),
+        (ScriptedSource("a", (0, 0)), "t_ns increases"),
+        (ScriptedSource("a", (0,), of="b"), "camera is the source's"),
+        (ScriptedSource("a", (0,), shown_wh=(9, 6)), "stated size"),
         (object(), "lacks a member"),
     ):
         refusal(ContractError, rule, check_source, broken)
@@ -131,10 +115,7 @@ class Guesser:
 
 
 def test_the_detector_check_can_fail() -> None:
-    frames = [
-        Frame(camera="a", seq=0, t_ns=5, received_ns=5, image=np.zeros((6, 8, 3), np.uint8)),
-        Frame(camera="b", seq=0, t_ns=6, received_ns=6, image=np.zeros((6, 8, 3), np.uint8)),
-    ]
+    frames = [built.frame("a", 5), built.frame("b", 6)]
     check_detector(Guesser(), frames)
     for fault, rule in (
         ("short", "one answer per frame"),

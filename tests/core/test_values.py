@@ -9,7 +9,7 @@ import pytest
 from built import recording_from_views
 from checks import refusal
 
-from posefuse.core import Detections2D, Frame, Pose3D, PoseSequence, Region, ShapeError, Views
+from posefuse.core import Frame, Pose3D, PoseSequence, Region, ShapeError, Views
 from posefuse.core.skeleton import BODY_25, COCO17, PAPER14, SKELETONS, Skeleton, mirror_name, pick_keypoints
 
 N, C, K = 2, 3, len(COCO17)
@@ -75,10 +75,6 @@ def test_a_recording_fits_its_rig(ring_rig) -> None:
         replace(made, poses=PoseSequence.from_poses([pose(5)]))
 
 
-def test_no_person_is_an_empty_detection() -> None:
-    assert len(Detections2D.empty("a", 0, COCO17)) == 0
-
-
 @pytest.mark.parametrize("skeleton", SKELETONS.values(), ids=lambda s: s.name)
 def test_mirroring_twice_is_nothing_and_swaps_sides(skeleton: Skeleton) -> None:
     assert np.array_equal(skeleton.mirror[skeleton.mirror], np.arange(len(skeleton)))
@@ -125,11 +121,6 @@ def test_keypoints_are_picked_by_name_synonym_or_midpoint() -> None:
     toe = pick_keypoints(np.arange(33 * 3.0).reshape(33, 3), SKELETONS["blazepose33"], ["left_big_toe"])
     assert np.array_equal(toe[0], [93, 94, 95])
     assert set(PAPER14.keypoints) <= {*BODY_25.keypoints}
-
-
-def test_an_empty_pose_has_no_person_and_its_own_time() -> None:
-    no_person = Pose3D.empty(9, COCO17)
-    assert (no_person.t_ns, no_person.person_id.shape, no_person.cov_world.shape) == (9, (0,), (0, K, 3, 3))
 
 
 def test_people_are_picked_by_mask_or_by_place() -> None:

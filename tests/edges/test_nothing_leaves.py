@@ -43,9 +43,10 @@ class Watch:
         return subprocess.run([sys.executable, *words], capture_output=True, text=True, timeout=PATIENCE_S, check=False)
 
     def posefuse(self, *words: str) -> None:
-        """Run a command that succeeds."""
+        """Run a command that succeeds, and is quiet."""
         done = self.python("-m", "posefuse", *words)
         assert done.returncode == 0, done.stderr
+        self.assert_quiet()
 
     def assert_quiet(self) -> None:
         """Nothing was asked for, nothing was written."""
@@ -84,7 +85,6 @@ def test_the_watch_sees_what_a_process_asks_for(watch: Watch, program: str) -> N
 def test_demo_and_report(watch: Watch, tmp_path: Path) -> None:
     watch.posefuse("demo", "--out", str(tmp_path / "result"))
     watch.posefuse("report", str(tmp_path / "result"))
-    watch.assert_quiet()
 
 
 def test_doctor(watch: Watch) -> None:
@@ -92,18 +92,15 @@ def test_doctor(watch: Watch) -> None:
     if find_spec("onnxruntime") is None:
         pytest.skip("the extra onnx is not installed")
     watch.posefuse("doctor")
-    watch.assert_quiet()
 
 
 def test_live(watch: Watch, demo_session: Path) -> None:
     watch.posefuse(*live(demo_session))
-    watch.assert_quiet()
 
 
 def test_batch(watch: Watch, demo_session: Path, tmp_path: Path) -> None:
     shutil.copytree(demo_session, tmp_path / "study" / "P01" / "walk1", ignore=shutil.ignore_patterns("truth"))
     watch.posefuse("batch", str(tmp_path / "study"), "--out", str(tmp_path / "results"), "--set", "end_s=0.2")
-    watch.assert_quiet()
 
 
 def test_simulate(watch: Watch, demo_session: Path, tmp_path: Path) -> None:
@@ -111,7 +108,6 @@ def test_simulate(watch: Watch, demo_session: Path, tmp_path: Path) -> None:
     scene = (demo_session / "scene.yaml").read_text(encoding="utf-8").replace("duration_s: 10.0", "duration_s: 0.1")
     (tmp_path / "scene.yaml").write_text(scene.replace("- 640", "- 64").replace("- 480", "- 48"), encoding="utf-8")
     watch.posefuse("simulate", str(tmp_path / "scene.yaml"), "--out", str(tmp_path / "made"))
-    watch.assert_quiet()
 
 
 def test_studio(watch: Watch, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -132,20 +132,8 @@ def test_stages_are_reported_as_they_begin(recording, tmp_path):
     reported = []
     report = lambda *report: reported.append(report)  # noqa: E731
     write_biomechanics(recording, tmp_path, BiomechanicsSettings(fit="points"), title="Trial 7", progress=report)
-    assert reported == [
-        (
-            *("report", 0, 3),
-            "joint angles of 24 time steps, of one skeleton of constant segment lengths per person, fitted to the points of the "
-            "result, which smooths them; `posefuse report --fit none` takes them straight from the 3D points",
-        ),
-        (
-            *("report", 1, 3),
-            "no angles of left_wrist, right_wrist: anatomical23 has no left_index, right_index, left_pinky, right_pinky",
-        ),
-        ("report", 1, 3, "tables and files for other programs"),
-        ("report", 2, 3, "gait cycles and the page"),
-        ("report", 3, 3),
-    ]
+    assert [one[:3] for one in reported] == [("report", done, 3) for done in (0, 1, 1, 2, 3)]
+    assert "fitted to the points" in reported[0][3] and "no angles of left_wrist, right_wrist: " in reported[1][3]
     assert "<h1>Trial 7</h1>" in (tmp_path / "report.html").read_text()
 
 

@@ -1,6 +1,5 @@
 """The Rerun recording, read back by Rerun's own tools; the viewer without a display."""
 
-import builtins
 import importlib.util
 import subprocess
 import sys
@@ -105,21 +104,3 @@ def test_without_a_display(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(DependencyError, match=r"posefuse\[viewer\].* needs a display .*rerun --web-viewer recording\.rrd"):
         open_in_viewer(tmp_path / "a.rrd")
-
-
-def test_without_rerun(tmp_path: Path, make_recording: Make, monkeypatch: pytest.MonkeyPatch) -> None:
-    found = importlib.util.find_spec
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *rest: None if name == "rerun" else found(name, *rest))
-    monkeypatch.setattr(builtins, "__import__", _import_without_rerun(builtins.__import__))
-    for use in (RerunSink().build, lambda: RerunSink().write(make_recording(), tmp_path), lambda: pf.view(tmp_path)):
-        refusal(DependencyError, r"pip install 'posefuse\[viewer\]'", use)
-    assert list(tmp_path.iterdir()) == []
-
-
-def _import_without_rerun(real: Callable) -> Callable:
-    def imported(name: str, *rest: object, **more: object) -> object:
-        if name.split(".")[0] == "rerun":
-            raise ImportError(name)
-        return real(name, *rest, **more)
-
-    return imported

@@ -4,7 +4,8 @@ import shutil
 from pathlib import Path
 
 import pytest
-from remuxed import remuxed
+from commands import oracle
+from videos import remuxed
 
 import posefuse as pf
 
@@ -14,9 +15,7 @@ def test_the_date_of_the_first_video_is_that_of_the_recording(demo_session: Path
     session = Path(shutil.copytree(demo_session, tmp_path / "session"))
     if stated is not None:
         remuxed(demo_session / "videos" / "cam00.mp4", session / "videos" / "cam00.mp4", stated=stated)
-    truth = demo_session / "truth" / "truth.npz"
-    oracle = {"detector.name": "oracle", "detector.options.truth": str(truth)}
-    about = pf.track(session, end_s=0.2, settings=oracle).provenance
+    about = pf.track(session, end_s=0.2, settings=oracle()).provenance
     assert about.get("recorded") == stated
     assert (about["session"], about["inputs"]["cam00"]) == ("session", "cam00.mp4")
     assert about["config"]["end_s"] == 0.2

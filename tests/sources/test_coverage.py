@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from remuxed import remuxed
 
 from posefuse.formats.video import VideoWriter
 from posefuse.sources import CountedSource, Coverage, VideoConfig, incomplete_cameras
@@ -44,22 +43,6 @@ def test_a_few_missing_frames_at_the_end_are_not_mentioned() -> None:
 def test_a_camera_with_a_shorter_video_is_named_with_its_end() -> None:
     [line] = incomplete_cameras([whole("a"), whole("b", 25)])
     assert line == "camera b: it stops at 0.96 s, the recording at 1.96 s"
-
-
-def test_a_truncated_video_is_named_with_its_missing_share(video: Path) -> None:
-    """The index lists every frame; the bytes of the later half are not there."""
-    # its index at the start, as cameras for the web write it
-    path = remuxed(video, video.with_name("moved.mp4"), options={"movflags": "faststart"})
-    content = path.read_bytes()
-    path.write_bytes(content[: (content.index(b"mdat") + len(content)) // 2])
-    coverage = read(path)
-    assert coverage.expected == FRAMES and 0.3 * FRAMES < coverage.read < 0.7 * FRAMES
-    assert coverage.end_ns is not None
-    [line] = incomplete_cameras([whole("cam00"), coverage])
-    assert line == (
-        f"camera cam01: {coverage.missing / FRAMES:.0%} of its frames cannot be read ({coverage.missing} of {FRAMES}); "
-        f"it stops at {coverage.end_ns / 1e9:.2f} s, the recording at 1.96 s"
-    )
 
 
 def test_metadata_of_a_video_that_is_not_utf8_is_ignored(video: Path) -> None:

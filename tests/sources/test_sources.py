@@ -4,12 +4,11 @@ import itertools
 from fractions import Fraction
 from pathlib import Path
 
-import av
 import cv2
 import numpy as np
 import pytest
 from checks import refusal
-from remuxed import remuxed
+from videos import ScriptedSource, remuxed, write_video
 
 from posefuse.core import Frame, Source, SourceError
 from posefuse.formats.video import VideoWriter
@@ -19,20 +18,11 @@ from posefuse.sources.seeking import ImagesSeeker, VideoSeeker, nearest
 SIZE_WH = (64, 48)
 
 
-def write_video(path: Path, times_s: list[float], size_wh: tuple[int, int] = SIZE_WH) -> Path:
+def write_clip(path: Path, times_s: list[float]) -> Path:
     """A clip whose frame i has brightness 10 * i % 250, at exactly these times."""
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream("libx264", rate=30)
-        stream.width, stream.height = size_wh
-        stream.pix_fmt = "yuv420p"
-        stream.time_base = stream.codec_context.time_base = Fraction(1, 90_000)
-        stream.codec_context.options = {"crf": "10"}
-        for i, time_s in enumerate(times_s):
-            frame = av.VideoFrame.from_ndarray(np.full((size_wh[1], size_wh[0], 3), 10 * i % 250, np.uint8), format="rgb24")
-            frame.pts, frame.time_base = round(time_s * 90_000), stream.time_base
-            container.mux(stream.encode(frame))
-        container.mux(stream.encode())
-    return path
+    images = [np.full((SIZE_WH[1], SIZE_WH[0], 3), 10 * i % 250, np.uint8) for i in range(len(times_s))]
+    pts = [round(time_s * 90_000) for time_s in times_s]
+    return write_video(path, images, base=Fraction(1, 90_000), pts=pts, options={"crf": "10"})
 
 
 def brightness(frame: Frame) -> float:
@@ -41,7 +31,7 @@ def brightness(frame: Frame) -> float:
 
 def test_presentation_times_are_kept_with_variable_rate_and_offset(tmp_path: Path) -> None:
     times_s = [0.02, 0.05, 0.09, 0.10, 0.21]
-    source = VideoConfig(write_video(tmp_path / "a.mp4", times_s), "cam", offset_s=0.5).build()
+    source = VideoConfig(write_clip(tmp_path / "a.mp4", times_s), "cam", offset_s=0.5).build()
     assert isinstance(source, Source)
     frames = list(source.frames())
     assert source.size_wh == SIZE_WH
@@ -53,14 +43,14 @@ def test_presentation_times_are_kept_with_variable_rate_and_offset(tmp_path: Pat
 
 
 def test_transport_stream_counts_from_its_first_frame(tmp_path: Path) -> None:
-    source = VideoConfig(write_video(tmp_path / "a.ts", [i / 25 for i in range(40)]), "cam").build()
+    source = VideoConfig(write_clip(tmp_path / "a.ts", [i / 25 for i in range(40)]), "cam").build()
     times_ns = [f.t_ns for f in source.frames()]
     assert times_ns[0] == 0
     assert np.array_equal(source.times_ns()[: len(times_ns)], times_ns)
 
 
 def test_broken_bytes_cost_only_some_frames(tmp_path: Path) -> None:
-    path = write_video(tmp_path / "a.mp4", [i / 30 for i in range(25)])
+    path = write_clip(tmp_path / "a.mp4", [i / 30 for i in range(25)])
     content = bytearray(path.read_bytes())
     middle = content.index(b"mdat") + 900
     content[middle : middle + 40] = bytes(40)
@@ -116,23 +106,8 @@ def test_a_broken_image_is_counted_and_an_empty_folder_named(tmp_path: Path) -> 
     refusal(SourceError, "no readable image", lambda: ImagesConfig(tmp_path / "empty", "cam").build())
 
 
-class Scripted:
-    """A source of blank frames at given times that fails after the last on request."""
-
-    def __init__(self, camera: str, times_ms: list[int], fails: bool = False) -> None:
-        self.camera, self.size_wh, self.closed = camera, SIZE_WH, False
-        self._times_ms, self._fails = times_ms, fails
-
-    def frames(self):
-        for seq, time_ms in enumerate(self._times_ms):
-            yield Frame(
-                camera=self.camera, seq=seq, t_ns=time_ms * 1_000_000, received_ns=0, image=np.zeros((48, 64, 3), np.uint8)
-            )
-        if self._fails:
-            raise SourceError(f"camera {self.camera}: unplugged")
-
-    def close(self) -> None:
-        self.closed = True
+def ms(*times_ms: int) -> list[int]:
+    return [1_000_000 * one for one in times_ms]
 
 
 def grouped_ms(sets) -> list[tuple[int | None, ...]]:
@@ -140,7 +115,7 @@ def grouped_ms(sets) -> list[tuple[int | None, ...]]:
 
 
 def test_frames_go_to_the_nearest_time_step_and_none_is_used_twice() -> None:
-    streams = {"a": Scripted("a", [0, 10, 20, 30]).frames(), "b": Scripted("b", [4, 13, 33, 41]).frames()}
+    streams = {"a": ScriptedSource("a", ms(0, 10, 20, 30)).frames(), "b": ScriptedSource("b", ms(4, 13, 33, 41)).frames()}
     sets = list(frame_sets(streams, start_ns=0, period_ns=10_000_000))
     assert grouped_ms(sets) == [(0, 4), (10, 13), (20, None), (30, 33), (None, 41)]
     assert [s.t_ns // 1_000_000 for s in sets] == [0, 10, 20, 30, 40]
@@ -148,17 +123,18 @@ def test_frames_go_to_the_nearest_time_step_and_none_is_used_twice() -> None:
 
 def test_a_failing_camera_is_reported_and_the_rest_continues() -> None:
     lost: list[str] = []
-    streams = {"a": Scripted("a", [0, 10], fails=True).frames(), "b": Scripted("b", [0, 10, 20, 30]).frames()}
+    streams = {"a": ScriptedSource("a", ms(0, 10), fails=True).frames(), "b": ScriptedSource("b", ms(0, 10, 20, 30)).frames()}
     sets = list(frame_sets(streams, 0, 10_000_000, on_lost=lambda name, error: lost.append(f"{name}: {error}")))
     assert grouped_ms(sets) == [(0, 0), (10, 10), (None, 20), (None, 30)]
     assert lost == ["a: camera a: unplugged"]
-    refusal(SourceError, "unplugged", lambda: list(frame_sets({"a": Scripted("a", [0], fails=True).frames()}, 0, 10_000_000)))
+    alone = {"a": ScriptedSource("a", ms(0), fails=True).frames()}
+    refusal(SourceError, "unplugged", list, frame_sets(alone, 0, 10_000_000))
 
 
 def test_reading_ahead_keeps_order_hands_on_errors_and_stops() -> None:
-    assert [f.seq for f in FramesAhead(Scripted("a", list(range(50))), depth=3)] == list(range(50))
-    refusal(SourceError, "unplugged", lambda: list(FramesAhead(Scripted("a", [0, 1], fails=True))))
-    endless = Scripted("a", list(range(10_000)))
+    assert [f.seq for f in FramesAhead(ScriptedSource("a", range(50)), depth=3)] == list(range(50))
+    refusal(SourceError, "unplugged", lambda: list(FramesAhead(ScriptedSource("a", ms(0, 1), fails=True))))
+    endless = ScriptedSource("a", range(10_000))
     ahead = FramesAhead(endless, depth=2)
     assert next(iter(ahead)).seq == 0
     ahead.close()
@@ -190,16 +166,9 @@ def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def reordered(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """As phones write them: frames stored in another order than they are shown, few key frames, an arbitrary start."""
+    options = {"bf": "3", "g": "50", "preset": "veryfast"}
     path = tmp_path_factory.mktemp("video") / "phone.ts"
-    with av.open(str(path), "w", format="mpegts") as container:
-        stream = container.add_stream("libx264", rate=30, options={"bf": "3", "g": "50", "preset": "veryfast"})
-        stream.width, stream.height, stream.pix_fmt = *SIZE_WH, "yuv420p"
-        for i in range(COUNT):
-            frame = av.VideoFrame.from_ndarray(image_of(i), format="rgb24")
-            frame.pts, frame.time_base = i, Fraction(1, 30)
-            container.mux(stream.encode(frame))
-        container.mux(stream.encode(None))
-    return path
+    return write_video(path, [image_of(i) for i in range(COUNT)], options=options, format="mpegts")
 
 
 @pytest.mark.parametrize("name", ["video", "reordered"])

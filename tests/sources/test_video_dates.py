@@ -2,25 +2,13 @@
 
 from pathlib import Path
 
-import av
 import numpy as np
 import pytest
+from videos import write_video
 
 from posefuse.sources.video import recorded_at
 
-
-def write(path: Path, stated: str | None) -> Path:
-    with av.open(str(path), "w") as container:
-        if stated is not None:
-            container.metadata["creation_time"] = stated
-        stream = container.add_stream("mpeg4", rate=10)
-        stream.width = stream.height = 32
-        stream.pix_fmt = "yuv420p"
-        for packet in stream.encode(av.VideoFrame.from_ndarray(np.zeros((32, 32, 3), np.uint8))):
-            container.mux(packet)
-        for packet in stream.encode():
-            container.mux(packet)
-    return path
+BLACK = [np.zeros((32, 32, 3), np.uint8)]
 
 
 @pytest.mark.parametrize(
@@ -32,10 +20,10 @@ def write(path: Path, stated: str | None) -> Path:
     ],
 )
 def test_the_stated_time_in_utc(tmp_path: Path, stated: str | None, when: str | None) -> None:
-    assert recorded_at(write(tmp_path / "a.mp4", stated)) == when
+    assert recorded_at(write_video(tmp_path / "a.mp4", BLACK, "mpeg4", stated=stated or "")) == when
 
 
 def test_a_clock_that_was_never_set_and_a_damaged_file_state_nothing(tmp_path: Path) -> None:
-    assert recorded_at(write(tmp_path / "a.mp4", "1970-01-01T00:00:00.000000Z")) is None
+    assert recorded_at(write_video(tmp_path / "a.mp4", BLACK, "mpeg4", stated="1970-01-01T00:00:00.000000Z")) is None
     (tmp_path / "b.mp4").write_bytes(b"not a video")
     assert recorded_at(tmp_path / "b.mp4") is None

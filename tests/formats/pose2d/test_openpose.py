@@ -6,6 +6,7 @@ import warnings
 import numpy as np
 import pytest
 from checks import refusal
+from studies import write_openpose
 
 from posefuse.core import SKELETONS, InputError
 from posefuse.formats.pose2d import read_openpose_folder, read_pose2d_of_cameras
@@ -15,16 +16,8 @@ def person(skeleton_name: str, seed: int = 0) -> np.ndarray:
     """(K, 3) a person standing, in the order of a skeleton."""
     skeleton = SKELETONS[skeleton_name]
     heights = {
-        "ankle": 400,
-        "heel": 410,
-        "toe": 410,
-        "knee": 320,
-        "hip": 230,
-        "wrist": 240,
-        "elbow": 170,
-        "shoulder": 100,
-        "neck": 90,
-    }
+        "ankle": 400, "heel": 410, "toe": 410, "knee": 320, "hip": 230, "wrist": 240, "elbow": 170, "shoulder": 100, "neck": 90,
+    }  # fmt: skip
     rng = np.random.default_rng(seed)
     rows = []
     for name in skeleton.keypoints:
@@ -35,9 +28,7 @@ def person(skeleton_name: str, seed: int = 0) -> np.ndarray:
 
 
 def write(folder, number, people):
-    folder.mkdir(exist_ok=True)
-    content = {"version": 1.3, "people": [{"pose_keypoints_2d": np.ravel(p).tolist()} for p in people]}
-    (folder / f"cam1_{number:012d}_keypoints.json").write_text(json.dumps(content))
+    write_openpose(folder, {number: np.array(people) if people else np.zeros((0, 25, 3))})
 
 
 @pytest.mark.parametrize("name", ["body_25", "body_25b", "coco17"])
@@ -95,10 +86,10 @@ def test_a_frame_without_a_file_shows_no_person(tmp_path):
 def test_broken_files_are_named(tmp_path):
     good = tmp_path / "good"
     write(good, 0, [person("body_25")])
-    (good / "cam1_000000000001_keypoints.json").write_text('{"people": [')
+    (good / "cam_000000000001_keypoints.json").write_text('{"people": [')
     folder = read_openpose_folder(good, "cam1", SKELETONS["body_25"])
     refusal(InputError, r"000000000001_keypoints\.json: cannot be parsed as JSON", folder.frame, 1, 0)
-    (good / "cam1_000000000001_keypoints.json").write_text('{"persons": []}')
+    (good / "cam_000000000001_keypoints.json").write_text('{"persons": []}')
     refusal(InputError, "expected people", folder.frame, 1, 0)
     write(good, 1, [person("coco17")])
     refusal(InputError, r"expected 25 keypoints \(body_25\), got a person with 17", folder.frame, 1, 0)
