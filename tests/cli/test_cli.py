@@ -4,7 +4,6 @@ import json
 import os
 import re
 import signal
-import subprocess
 import sys
 import threading
 import time
@@ -15,6 +14,7 @@ from types import SimpleNamespace
 
 import pytest
 from checks import refusal
+from running import python
 
 import posefuse
 from posefuse import __version__
@@ -240,7 +240,7 @@ def test_ctrl_c_while_importing_is_one_line() -> None:
         "builtins.__import__ = stopped\n"
         "sys.exit(cli.main(['plugins']))\n"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=False)
+    done = python("-c", script)
     assert done.returncode == 130
     assert len(done.stderr.splitlines()) == 1 and "stopped by Ctrl-C" in done.stderr
 
@@ -259,12 +259,9 @@ def test_a_plugin_that_cannot_be_imported_is_listed_with_its_reason(monkeypatch:
 
 
 def test_help_and_version_work_as_a_program() -> None:
-    shown = {}
-    for word in ("--help", "--version"):
-        command = [sys.executable, "-m", "posefuse", word]
-        shown[word] = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120).stdout
-    assert all(command in shown["--help"] for command in cli.COMMANDS)
-    assert shown["--version"].strip() == f"posefuse {__version__}"
+    shown = python("-m", "posefuse", "--help").stdout
+    assert all(command in shown for command in cli.COMMANDS)
+    assert python("-m", "posefuse", "--version").stdout.strip() == f"posefuse {__version__}"
 
 
 def test_a_table_that_is_too_wide_has_narrow_cells_before_broken_words(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
@@ -350,11 +347,8 @@ with terminate_on_signals():
 def test_a_request_to_end_that_comes_while_a_compiled_kernel_is_loaded_does_not_crash(tmp_path: Path) -> None:
     """LLVM asks Python for the machine code; an exception there leaves it without, and it would jump to nowhere."""
     (tmp_path / "kernel.py").write_text(KERNEL)
-    environment = {**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"}
     for code in ("import kernel; kernel.twice(2.0)", LOAD):
-        done = subprocess.run(
-            [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=120, check=False
-        )
+        done = python("-c", code, PYTHONPATH=f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
         assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.splitlines()[-1] == "stopped"
 

@@ -2,13 +2,12 @@
 
 import json
 import shutil
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from commands import error, tracked
+from running import python
 
 import posefuse as pf
 from posefuse.cli.main import main
@@ -102,8 +101,9 @@ def images_shown(result: Path, session: Path | None, monkeypatch: pytest.MonkeyP
     listing: list[str] = []
 
     def listed(path: Path) -> None:
-        command = [sys.executable, "-m", "rerun", "rrd", "print", "-vvv", str(path)]
-        listing.append(subprocess.run(command, capture_output=True, text=True, check=True, timeout=120).stdout)
+        done = python("-m", "rerun", "rrd", "print", "-vvv", str(path))
+        assert done.returncode == 0, done.stderr
+        listing.append(done.stdout)
 
     monkeypatch.setattr("posefuse.outputs.rerun.open_in_viewer", listed)
     assert main(["view", str(result), *([] if session is None else ["--session", str(session)])]) == 0

@@ -2,8 +2,6 @@
 
 import os
 import shutil
-import subprocess
-import sys
 import urllib.request
 from collections.abc import Sequence
 from importlib.util import find_spec
@@ -11,6 +9,7 @@ from pathlib import Path
 
 import network_log
 import pytest
+from running import python
 
 from posefuse.detection.build import DetectorChoice
 from posefuse.foundation.places import default_cache_dir
@@ -38,13 +37,9 @@ class Watch:
         for name in [name for name in os.environ if name.startswith("XDG_") or name in {"CI", "TF_BUILD", "JENKINS_URL"}]:
             monkeypatch.delenv(name)
 
-    def python(self, *words: str) -> subprocess.CompletedProcess[str]:
-        """Run Python to its end."""
-        return subprocess.run([sys.executable, *words], capture_output=True, text=True, timeout=PATIENCE_S, check=False)
-
     def posefuse(self, *words: str) -> None:
         """Run a command that succeeds, and is quiet."""
-        done = self.python("-m", "posefuse", *words)
+        done = python("-m", "posefuse", *words, limit_s=PATIENCE_S)
         assert done.returncode == 0, done.stderr
         self.assert_quiet()
 
@@ -77,7 +72,7 @@ def live(session: Path) -> Sequence[str]:
     ],
 )
 def test_the_watch_sees_what_a_process_asks_for(watch: Watch, program: str) -> None:
-    watch.python("-c", program)
+    python("-c", program)
     with pytest.raises(AssertionError):
         watch.assert_quiet()
 

@@ -48,6 +48,12 @@ def axes(*series, **more):
     return Plot("p", series, **{"x_label": "s", "y_label": "mm", **more})
 
 
+def player(t_s, xyz, bones=((),), **more):
+    """Of one person without bones."""
+    bones = np.array(bones, int).reshape(-1, 2)
+    return Player(t_s, xyz, bones=bones, **{"sides": (), "people": ("a",), **more})
+
+
 def shown(read_page, tmp_path, *blocks, **more):
     return read_page(write_page(tmp_path / "page.html", Page("title", blocks, **more)))
 
@@ -123,7 +129,7 @@ def test_missing_values_are_dashes_and_gaps(read_page, tmp_path):
 
 
 def test_empty_blocks_make_a_whole_page(read_page, tmp_path):
-    nothing = Player(np.zeros(0), np.zeros((0, 0, 5, 3)), bones=np.zeros((0, 2), int), sides=(), people=())
+    nothing = player(np.zeros(0), np.zeros((0, 0, 5, 3)), people=())
     blocks = (Cards({}), Facts({}), Table(["a"], []), Images({}), Details("d", []), Plots([]), nothing)
     page = shown(read_page, tmp_path, *blocks)
     assert page.headings == ["title"] and page.images == []
@@ -192,19 +198,19 @@ def test_the_player_keeps_positions_to_a_millimetre(read_page, tmp_path):
     xyz = rng.normal(size=(90, 2, 4, 3)).cumsum(axis=0) * 0.01
     xyz[10:20, 1, 2] = np.nan
     t_s = np.arange(90) / 60
-    player = Player(t_s, xyz, bones=np.array([[0, 1], [2, 3]]), sides=("left", "mid"), people=("a", NASTY), right_left=[(0, 1)])
-    [content] = shown(read_page, tmp_path, player).data["players"]
+    block = player(t_s, xyz, [(0, 1), (2, 3)], sides=("left", "mid"), people=("a", NASTY), right_left=[(0, 1)])
+    [content] = shown(read_page, tmp_path, block).data["players"]
     np.testing.assert_allclose(content["t"], t_s[::2], atol=6e-4)
     for n, person in enumerate(content["people"]):
         for k, positions in enumerate(person["xyz"]):
             np.testing.assert_allclose(np.array(positions, float).T, xyz[::2, n, k], atol=5.1e-4)
-    assert content["people"][1]["name"] == NASTY and content["across"] == [[0, 1]] and player.note == ""
+    assert content["people"][1]["name"] == NASTY and content["across"] == [[0, 1]] and block.note == ""
 
 
 def test_a_long_recording_is_cut_and_it_is_reported():
     t_s = np.arange(12_000) / 30
-    player = Player(t_s, np.zeros((12_000, 1, 1, 3)), bones=np.zeros((0, 2), int), sides=(), people=("a",))
-    assert len(player.kept) == 5400 and player.note == "The first 180 s of 400 s."
+    block = player(t_s, np.zeros((12_000, 1, 1, 3)))
+    assert len(block.kept) == 5400 and block.note == "The first 180 s of 400 s."
 
 
 @pytest.mark.parametrize(
@@ -213,14 +219,8 @@ def test_a_long_recording_is_cut_and_it_is_reported():
         (lambda: Line("l", X, X[:3]), "line: expected arrays of one length"),
         (lambda: Spikes("l", X, X, X, colour="pink"), "unknown colour 'pink'"),
         (lambda: Table(["a", "b"], [["only one"]]), "expected rows of 2 cells"),
-        (
-            lambda: Player(X, np.zeros((3, 1, 1, 3)), bones=np.zeros((0, 2)), sides=(), people=("a",)),
-            r"expected positions \(7, 1",
-        ),
-        (
-            lambda: Player(X, np.zeros((7, 1, 1, 3)), bones=np.zeros((1, 2)), sides=(), people=("a",)),
-            "a side for each of 1 bones",
-        ),
+        (lambda: player(X, np.zeros((3, 1, 1, 3))), r"expected positions \(7, 1"),
+        (lambda: player(X, np.zeros((7, 1, 1, 3)), [(0, 0)]), "a side for each of 1 bones"),
     ],
 )
 def test_blocks_that_do_not_fit_together_are_refused(build, said):
@@ -294,8 +294,8 @@ def seen(tmp_path_factory):
         Plot("all", series, x_label="s", y_label="mm"),
         Plot("nothing", [Line("none", X, X * np.nan)], x_label="s", y_label="mm", equal=True),
     ]
-    player = Player(np.arange(900) / 10, xyz, bones=np.array([[0, 1]]), sides=("left",), people=("a",), right_left=[(0, 1)])
-    path = write_page(tmp_path_factory.mktemp("page") / "page.html", Page("title", [Plots(plots), player]))
+    block = player(np.arange(900) / 10, xyz, [(0, 1)], sides=("left",), right_left=[(0, 1)])
+    path = write_page(tmp_path_factory.mktemp("page") / "page.html", Page("title", [Plots(plots), block]))
     path.write_text(path.read_text(encoding="utf-8").replace("<head>", f"<head>{PROBE}"), encoding="utf-8")
     flags = (
         "--headless",

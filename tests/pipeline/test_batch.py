@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import pytest
 from checks import refusal
@@ -219,7 +220,7 @@ def test_means_are_of_participants_and_not_of_trials() -> None:
     done = {"status": "complete", "reason": "", "seconds": 1.0, "warnings": ""}
     speeds = [("A", 1.0), ("A", 1.0), ("A", 1.0), ("B", 2.0)]
     rows = [done | {"participant": who, "trial": str(i), "speed_m_s": speed} for i, (who, speed) in enumerate(speeds)]
-    table = next(block for block in study_page("study", rows).blocks if getattr(block, "columns", ("",))[0] == "parameter")
+    table: Any = next(block for block in study_page("study", rows).blocks if getattr(block, "columns", ("",))[0] == "parameter")
     assert table.rows[0][1].startswith("1.50 ± 0.71 (2)")
     assert table.rows[0][2].startswith("1.00 ± 0.00 (3)")
 
