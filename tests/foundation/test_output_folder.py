@@ -265,10 +265,14 @@ def test_the_old_result_is_restored_when_the_new_one_cannot_be_moved_there(
     assert tree(path) == before
 
 
-def test_a_result_has_the_permissions_of_the_users_other_folders(tmp_path: Path) -> None:
+def test_folders_and_files_have_the_permissions_of_the_users_others(tmp_path: Path) -> None:
     (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "file").touch()
     make(tmp_path / "result")
-    assert (tmp_path / "result").stat().st_mode == (tmp_path / "other").stat().st_mode
+    with atomic_file(tmp_path / "a") as temporary:
+        temporary.write_text("x")
+    for made, others in (("result", "other"), ("a", "other/file")):
+        assert (tmp_path / made).stat().st_mode == (tmp_path / others).stat().st_mode
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EFBIG])
@@ -373,13 +377,6 @@ def test_no_other_file_is_touched_and_two_writers_do_not_meet(tmp_path: Path) ->
     assert path.read_text() == "one"  # the block that ends last
     assert foreign.read_text() == "the user's"
     assert sorted(tmp_path.iterdir()) == sorted([foreign, path])
-
-
-def test_a_file_has_the_permissions_of_the_users_other_files(tmp_path: Path) -> None:
-    (tmp_path / "other").touch()
-    with atomic_file(tmp_path / "a") as temporary:
-        temporary.write_text("x")
-    assert (tmp_path / "a").stat().st_mode == (tmp_path / "other").stat().st_mode
 
 
 def test_impossible_paths_are_refused(tmp_path: Path) -> None:
