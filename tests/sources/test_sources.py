@@ -14,6 +14,7 @@ from posefuse.core import Frame, Source, SourceError
 from posefuse.formats.video import VideoWriter
 from posefuse.sources import FramesAhead, ImagesConfig, VideoConfig, frame_sets
 from posefuse.sources.seeking import ImagesSeeker, VideoSeeker, nearest
+from posefuse.sources.video import recorded_at
 
 SIZE_WH = (64, 48)
 
@@ -224,3 +225,27 @@ def test_a_file_that_ends_early_gives_what_there_is(video: Path, tmp_path: Path)
     assert 0 < len(seeker.times_ns) <= COUNT
     seeker.at(0)
     refusal(SourceError, "no such video", lambda: VideoSeeker(VideoConfig(tmp_path / "none.mp4", "cam")))
+
+
+# --- the date of a recording is what its camera wrote, and nothing else
+
+
+BLACK = [np.zeros((32, 32, 3), np.uint8)]
+
+
+@pytest.mark.parametrize(
+    ("stated", "when"),
+    [
+        ("2026-03-01T09:30:00.000000Z", "2026-03-01T09:30:00Z"),
+        ("2026-03-01T10:30:00+01:00", "2026-03-01T09:30:00Z"),
+        (None, None),
+    ],
+)
+def test_the_stated_time_in_utc(tmp_path: Path, stated: str | None, when: str | None) -> None:
+    assert recorded_at(write_video(tmp_path / "a.mp4", BLACK, "mpeg4", stated=stated or "")) == when
+
+
+def test_a_clock_that_was_never_set_and_a_damaged_file_state_nothing(tmp_path: Path) -> None:
+    assert recorded_at(write_video(tmp_path / "a.mp4", BLACK, "mpeg4", stated="1970-01-01T00:00:00.000000Z")) is None
+    (tmp_path / "b.mp4").write_bytes(b"not a video")
+    assert recorded_at(tmp_path / "b.mp4") is None
