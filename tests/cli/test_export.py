@@ -23,7 +23,7 @@ BEGIN_NS = 1_700_000_000_000_000_000
 
 @pytest.fixture(scope="module")
 def result(demo_session: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tracked(demo_session, tmp_path_factory.mktemp("export") / "result", "--outputs", "trc,c3d")
+    return tracked(demo_session, tmp_path_factory.mktemp("export") / "result", "trc,c3d")
 
 
 @pytest.fixture

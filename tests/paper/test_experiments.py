@@ -58,7 +58,7 @@ def test_a_file_compared_with_its_delayed_copy_of_another_kind(
 def test_a_result_is_the_same_as_each_of_its_files(
     demo_session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    result = tracked(demo_session, tmp_path / "result", "--end", "1.0", "--outputs", "trc,c3d,csv")
+    result = tracked(demo_session, tmp_path / "result", "trc,c3d,csv", 1.0)
     for kind in ("trc", "c3d", "csv"):
         [file] = result.glob(f"*.{kind}")
         found = figures(capsys, "compare", result, file)

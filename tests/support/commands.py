@@ -19,9 +19,9 @@ def as_options(settings: dict[str, Any]) -> list[str]:
     return [word for key, value in settings.items() for word in ("--set", f"{key}={value}")]
 
 
-def tracked(session: Path, out: Path, *options: str) -> Path:
-    """The result of a third of a second of a session of the bundled clip, seen by the oracle."""
-    words = ["track", str(session), "--out", str(out), *as_options(oracle()), "--end", "0.3", "--outputs", "", *options]
+def tracked(session: Path, out: Path, outputs: str = "", end_s: float = 0.3) -> Path:
+    """The result of the beginning of a session of the bundled clip, seen by the oracle."""
+    words = ["track", str(session), "--out", str(out), *as_options(oracle()), "--end", str(end_s), "--outputs", outputs]
     assert main(words) == 0
     return out
 
