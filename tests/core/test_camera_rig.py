@@ -43,6 +43,12 @@ def test_crop_shifts_and_scale_keeps_corners() -> None:
     assert np.allclose(half.project(POINTS), (px + 0.5) * [1 / 2, 1 / 3] - 0.5)
 
 
+def test_moving_the_world_moves_the_cameras_with_it() -> None:
+    rig = Rig((CAMERA, replace(CAMERA, name="b", cam_from_world=SE3.from_rotvec([0, 0.4, 0], [0, 0, 3.0]))))
+    new_from_old = SE3.from_rotvec([0.3, 0.2, -0.5], [1.0, 2.0, 3.0])
+    assert np.allclose(rig.moved(new_from_old).project(new_from_old @ POINTS), rig.project(POINTS), atol=1e-8)
+
+
 def test_rig_id_follows_what_changes_a_projection() -> None:
     rig = Rig((CAMERA,))
     assert rig.id == Rig((replace(CAMERA),), world_set_by="else", residual_px=0.3).id

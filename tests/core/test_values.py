@@ -123,6 +123,11 @@ def test_keypoints_are_picked_by_name_synonym_or_midpoint() -> None:
     assert set(PAPER14.keypoints) <= {*BODY_25.keypoints}
 
 
+def test_an_empty_pose_has_no_person_and_its_own_time() -> None:
+    no_person = Pose3D.empty(9, COCO17)
+    assert (no_person.t_ns, no_person.person_id.shape, no_person.cov_world.shape) == (9, (0,), (0, K, 3, 3))
+
+
 def test_people_are_picked_by_mask_or_by_place() -> None:
     three = replace(pose(people=3), xyz_world=np.arange(3)[:, None, None] * np.ones((3, K, 3)))
     assert three.people(np.array([True, False, True])).person_id.tolist() == [0, 2]
