@@ -101,3 +101,8 @@ def test_without_a_display(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(DependencyError, match=r"posefuse\[viewer\].* needs a display .*rerun --web-viewer recording\.rrd"):
         open_in_viewer(tmp_path / "a.rrd")
+
+
+def test_without_rerun_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    refusal(DependencyError, r"pip install 'posefuse\[viewer\]'", RerunSink().build)

@@ -60,3 +60,5 @@ def test_a_camera_without_any_frame_is_named() -> None:
 def test_gaps_between_start_and_end_are_counted() -> None:
     [line] = incomplete_cameras([whole("a"), Coverage("b", 50, 40, 49 * PERIOD_NS, PERIOD_NS)])
     assert line == "camera b: 20% of its frames cannot be read (10 of 50)"
+    [line] = incomplete_cameras([whole("a"), Coverage("b", 50, 20, 19 * PERIOD_NS, PERIOD_NS)])
+    assert line == "camera b: 60% of its frames cannot be read (30 of 50); it stops at 0.76 s, the recording at 1.96 s"
