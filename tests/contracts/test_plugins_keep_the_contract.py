@@ -7,7 +7,7 @@ import built
 import numpy as np
 import pytest
 from built import recording_from_views
-from checks import refusal
+from checks import assert_same, refusal
 from videos import ScriptedSource
 
 from posefuse.core import Detections2D, Frame, Kind, LivePose, LiveStart, Recording, SourceError
@@ -239,3 +239,27 @@ def test_a_live_config_that_cannot_be_sent_is_reported() -> None:
     broken = Notebook(lambda: None)
     refusal(ContractError, "comes out of pickle", check_live_output, broken, Path())
     refusal(ContractError, "lacks a member", lambda: check_live_output(object(), Path()))
+
+
+def raised(text: str) -> None:
+    raise ValueError(text)
+
+
+def test_the_checks_that_tests_share_can_fail() -> None:
+    one = built.pose(np.zeros((1, K, 3)))
+    assert_same(one, built.pose(np.zeros((1, K, 3))))
+    bit, gap = one.xyz_world + 1e-300, np.where(np.arange(K)[:, None] == 3, np.nan, one.xyz_world)
+    others = [
+        replace(one, t_ns=1),
+        replace(one, xyz_world=bit),
+        replace(one, xyz_world=gap),
+        built.pose(np.zeros((2, K, 3))),
+        None,
+    ]
+    for other in others:
+        with pytest.raises(AssertionError):
+            assert_same([one], [other])
+    for text in ("two\nlines", "another word"):
+        with pytest.raises(AssertionError):
+            refusal(ValueError, "lines", raised, text)
+    assert refusal(ValueError, "l.ne", raised, "one line") == "one line"
