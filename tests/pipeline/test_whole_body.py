@@ -12,7 +12,8 @@ from posefuse.core.skeleton import COCO17
 from posefuse.detection.card import read_card
 from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.foundation.settings import settings_from_mapping
-from posefuse.kinematics.body import BodySettings
+from posefuse.kinematics.body import BodySettings, fit_views
+from posefuse.pipeline import second_pass
 from posefuse.pipeline.config import TrackConfig, changed_config
 from posefuse.pipeline.second_pass import hidden_people, with_bodies
 from posefuse.pipeline.solve import fits_bodies
@@ -103,6 +104,17 @@ def test_a_shoulder_without_3d_is_no_obstacle(walker, ring_rig) -> None:
     assert np.mean(error) < 0.03
 
 
+def test_a_stand_in_that_no_camera_sees_is_not_invented(walker, ring_rig) -> None:
+    recording = seen_by(ring_rig(4), walker, hidden_from=0)
+    arm = [COCO17.index(f"left_{joint}") for joint in ("shoulder", "elbow", "wrist")]
+    score = np.array(recording.views.score)
+    score[..., arm] = 0
+    poses = without_3d(recording.poses, arm)
+    settings = BodySettings(most_sigma_m=0.02)
+    fitted = with_bodies(replace(recording, poses=poses), replace(recording.views, score=score), settings, None).poses
+    assert np.isnan(fitted.xyz_world[:, 0, arm]).all()
+
+
 def test_what_is_not_seen_and_not_certain_stays_missing(walker, ring_rig) -> None:
     recording = seen_by(ring_rig(4), walker, hidden_from=4)
     for most_m in (0.02, 0.5):
@@ -185,11 +197,18 @@ def test_a_mirrored_person_does_not_cost_the_others_their_fit(walker, ring_rig) 
     assert fitted.provenance["fitted_people"] == [0]
 
 
-def test_a_fit_of_one_person_is_the_same_next_to_others_and_leaves_them_out(walker, ring_rig) -> None:
+def test_a_fit_of_one_person_is_the_same_next_to_others_and_leaves_them_out(walker, ring_rig, monkeypatch) -> None:
     recording = two_people(seen_by(ring_rig(4), walker, hidden_from=3), np.full((STEPS, len(COCO17)), Kind.SMOOTHED))
     everybody = with_bodies(recording, recording.views, BodySettings(), None)
+    fitted: list[int] = []
+
+    def spied(poses, *rest, **options):
+        fitted.extend(poses.person_id.tolist())
+        return fit_views(poses, *rest, **options)
+
+    monkeypatch.setattr(second_pass, "fit_views", spied)
     alone = with_bodies(recording, recording.views, BodySettings(), None, only_hidden=True)
-    assert alone.provenance["fitted_people"] == [0]
+    assert fitted == alone.provenance["fitted_people"] == [0]
     for name in ("xyz_world", "cov_world", "kind"):
         found = getattr(alone.poses, name)
         np.testing.assert_array_equal(found[:, 0], getattr(everybody.poses, name)[:, 0])
