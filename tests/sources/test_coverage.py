@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from videos import ScriptedSource
 
 from posefuse.formats.video import VideoWriter
 from posefuse.sources import CountedSource, Coverage, VideoConfig, incomplete_cameras
@@ -43,6 +44,14 @@ def test_a_few_missing_frames_at_the_end_are_not_mentioned() -> None:
 def test_a_camera_with_a_shorter_video_is_named_with_its_end() -> None:
     [line] = incomplete_cameras([whole("a"), whole("b", 25)])
     assert line == "camera b: it stops at 0.96 s, the recording at 1.96 s"
+
+
+def test_frames_that_a_video_states_and_no_longer_holds_are_missing_at_its_end() -> None:
+    source = ScriptedSource("b", [i * PERIOD_NS for i in range(20)])
+    source.stated_frames = FRAMES
+    counted = CountedSource(source, 0)
+    list(counted.frames())
+    assert counted.coverage(0, (FRAMES - 1) * PERIOD_NS) == Coverage("b", FRAMES, 20, 19 * PERIOD_NS, PERIOD_NS)
 
 
 def test_metadata_of_a_video_that_is_not_utf8_is_ignored(video: Path) -> None:
