@@ -82,5 +82,8 @@ class ScriptedSource:
         if self._fails:
             raise SourceError(f"camera {self.camera}: unplugged")
 
+    def frames_from(self, begin_ns: int) -> Iterator[Frame]:
+        return (frame for frame in self.frames() if frame.t_ns >= begin_ns)
+
     def close(self) -> None:
         self.closed = True
