@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from checks import refusal
+from commands import oracle
 
 import posefuse as pf
 from posefuse.api import calibrate, compare, recording, track
@@ -61,8 +63,7 @@ def example(
     ],
 )  # fmt: skip
 def test_a_value_of_another_kind_is_refused_by_name(given: dict[str, Any], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        example("a", **given)
+    refusal(InputError, message, example, "a", **given)
 
 
 def test_what_fits_passes_and_other_errors_are_those_of_python() -> None:
@@ -75,8 +76,7 @@ def test_what_fits_passes_and_other_errors_are_those_of_python() -> None:
 def test_a_result_is_not_taken_for_a_session(make_recording: Callable[..., pf.Recording], tmp_path: Path) -> None:
     """Its overlay.mp4 was taken for a camera."""
     make_recording().save(tmp_path / "result")
-    with pytest.raises(InputError, match=r"holds a result, not a session; .*pf\.read\(RESULT\)\.solve\(\)"):
-        pf.track(tmp_path / "result")
+    refusal(InputError, r"holds a result, not a session; .*pf\.read\(RESULT\)\.solve\(\)", pf.track, tmp_path / "result")
 
 
 @pytest.mark.parametrize(("formats", "written"), [(None, {"pose.trc"}), (("csv",), {"pose.csv"}), ((), set())])
@@ -85,6 +85,5 @@ def test_the_outputs_of_the_settings_file_are_written_unless_others_are_named(
 ) -> None:
     own = Path(shutil.copytree(demo_session, tmp_path / "session"))
     (own / "posefuse.toml").write_text('outputs = ["trc"]\n')
-    oracle = {"detector.name": "oracle", "detector.options": {"truth": str(own / "truth" / "truth.npz")}}
-    pf.track(own, out=tmp_path / "result", formats=formats, end_s=0.3, settings=oracle)
+    pf.track(own, out=tmp_path / "result", formats=formats, end_s=0.3, settings=oracle())
     assert {path.name for path in (tmp_path / "result").glob("pose.*") if path.suffix != ".json"} == written

@@ -1,10 +1,9 @@
 """`import posefuse` shows what it offers, stays light, and everything it names exists and is documented."""
 
 import inspect
-import subprocess
-import sys
 
 import pytest
+from running import python
 
 import posefuse as pf
 from posefuse.core import SKELETONS
@@ -27,8 +26,7 @@ def test_a_name_that_is_not_there_is_an_attribute_error() -> None:
 
 def test_functions_are_found_whatever_was_imported_before() -> None:
     code = "import posefuse.tracking, posefuse_sim, posefuse.evaluation.compare, posefuse as pf; print(callable(pf.track))"
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120)
-    assert run.stdout.strip() == "True"
+    assert python("-c", code).stdout.strip() == "True"
 
 
 def test_the_package_is_typed_for_its_users() -> None:

@@ -7,29 +7,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from checks import assert_same, refusal
 
 import posefuse as pf
+from posefuse import core
+from posefuse.api.values import rig_of
 from posefuse.core import DependencyError, InputError
 
 Make = Callable[..., pf.Recording]
-
-
-def assert_same_poses(one: pf.PoseSequence, other: pf.PoseSequence) -> None:
-    assert one.skeleton == other.skeleton
-    for name in ("t_ns", "person_id", "xyz_world", "cov_world", "reproj_px", "n_views", "kind"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
 
 
 def test_its_repr_is_a_few_lines(make_recording: Make) -> None:
     lines = repr(make_recording()).splitlines()
     assert 3 <= len(lines) <= 8
     assert max(map(len, lines)) < 120
-
-
-def test_its_cameras_triangulate(make_recording: Make) -> None:
-    recording = make_recording()
-    xyz, _, _ = recording.rig.triangulate(recording.views.xy_img[4, 0])
-    np.testing.assert_allclose(xyz, recording.poses.xyz_world[4, 0], atol=1e-6)
 
 
 def test_labelled_arrays_have_named_axes_units_and_provenance(make_recording: Make) -> None:
@@ -73,8 +64,7 @@ def test_plots_draw_the_values_and_return_their_axes(make_recording: Make) -> No
 
 def test_several_people_must_be_distinguished(make_recording: Make) -> None:
     recording = make_recording(people=(7, 3))
-    with pytest.raises(InputError, match="choose one of several; there are: 7, 3"):
-        recording.plot("nose")
+    refusal(InputError, "choose one of several; there are: 7, 3", recording.plot, "nose")
     recording.plot("nose", person=3)
     with pytest.raises(InputError, match=r"choose one with \.of"):
         recording.joint_angles(fit="none")["left_knee", "flexion"]
@@ -97,21 +87,18 @@ def test_what_is_saved_is_read_to_the_last_bit(make_recording: Make, tmp_path: P
     assert {path.name for path in written} >= {"recording.npz", "pose.csv"}
     again = pf.read(tmp_path / "result")
     assert isinstance(again, pf.Recording)
-    assert_same_poses(again.poses, recording.poses)
-    assert again.provenance == recording.provenance
+    assert_same((again.poses, again.provenance), (recording.poses, recording.provenance))
 
 
 def test_saving_does_not_touch_what_is_there(make_recording: Make, tmp_path: Path) -> None:
     (tmp_path / "result").mkdir()
     (tmp_path / "result" / "thesis.txt").write_text("years of work")
-    with pytest.raises(InputError, match=r"thesis\.txt"):
-        make_recording().save(tmp_path / "result", replace=True)
+    refusal(InputError, r"thesis\.txt", lambda: make_recording().save(tmp_path / "result", replace=True))
     assert (tmp_path / "result" / "thesis.txt").read_text() == "years of work"
 
 
 def test_one_without_settings_cannot_be_solved_again(make_recording: Make) -> None:
-    with pytest.raises(InputError, match="provenance has no settings"):
-        make_recording().solve()
+    refusal(InputError, "provenance has no settings", lambda: make_recording().solve())
 
 
 def test_comparing_a_recording_with_itself_moved_finds_nothing(make_recording: Make, tmp_path: Path) -> None:
@@ -143,8 +130,7 @@ def test_tables_and_curves_name_their_extra(make_recording: Make, monkeypatch: p
     recording = make_recording()
     angles = recording.joint_angles(fit="none")
     for call in (recording.to_xarray, recording.to_dataframe, lambda: recording.plot("nose"), angles.to_xarray):
-        with pytest.raises(DependencyError, match=r"install it with: pip install 'posefuse\[data\]'"):
-            call()
+        refusal(DependencyError, r"install it with: pip install 'posefuse\[data\]'", call)
 
 
 def test_notebooks_show_tables(make_recording: Make) -> None:
@@ -158,3 +144,27 @@ def test_notebooks_show_tables(make_recording: Make) -> None:
     assert (
         f"<td>left_knee</td><td>flexion</td><td>{np.nanmin(knee):.1f}</td><td>{np.nanmax(knee):.1f}</td>" in angles._repr_html_()
     )
+
+
+# --- a rig in the hand triangulates what it projects
+
+
+def test_it_finds_the_points_it_projected(ring_rig: Callable[..., core.Rig]) -> None:
+    rig = rig_of(ring_rig(5))
+    xyz = np.array([[0.1, -0.2, 1.0], [0.4, 0.3, 1.6], [-0.3, 0.2, 0.1]])
+    found, cov, reproj = rig.triangulate(rig.project(xyz))
+    np.testing.assert_allclose(found, xyz, atol=1e-9)
+    assert cov.shape == (3, 3, 3)
+    assert (reproj < 1e-6).all()
+
+
+def test_what_is_made_of_it_stays_a_handle(demo_session: Path) -> None:
+    rig = pf.read_rig(demo_session / "rig.toml")
+    assert isinstance(rig.only(["cam02", "cam00"]), pf.Rig)
+    assert "cam00" in repr(rig)
+
+
+def test_it_is_saved_once_and_not_over_anything(demo_session: Path, tmp_path: Path) -> None:
+    rig = pf.read_rig(demo_session / "rig.toml")
+    assert pf.read_rig(rig.save(tmp_path / "rig.toml")).id == rig.id
+    refusal(InputError, r"rig\.toml", rig.save, tmp_path / "rig.toml")

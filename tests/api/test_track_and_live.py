@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from checks import refusal
 
 import posefuse as pf
 from posefuse.core import ConfigError, InputError, SourceError
@@ -16,55 +17,15 @@ def tracked(demo_session: Path, models: None) -> pf.Recording:
     return pf.track(demo_session, end_s=1.0)
 
 
-def test_a_session_becomes_a_recording_that_solves_to_the_same_bits(tracked: pf.Recording, tmp_path: Path) -> None:
-    assert len(tracked.poses) == 31
-    tracked.save(tmp_path / "result")
-    again = pf.read(tmp_path / "result").solve()
-    np.testing.assert_array_equal(again.poses.xyz_world, tracked.poses.xyz_world)
-    np.testing.assert_array_equal(again.poses.cov_world, tracked.poses.cov_world)
-    assert again.provenance == tracked.provenance
-
-
-def test_an_interrupted_call_keeps_its_detections_and_continues(demo_session: Path, models: None, tmp_path: Path) -> None:
-    out, whole = tmp_path / "result", pf.track(demo_session, end_s=1.0)
-
-    def stop(stage: str, done: int, total: int | None, message: str = "") -> None:
-        if stage == "detect" and done == 12:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        pf.track(demo_session, end_s=1.0, out=out, progress=stop)
-    assert not out.exists()
-    with pytest.raises(InputError, match="interrupted"):
-        pf.track(demo_session, end_s=1.0, out=out)
-
-    steps: list[int] = []
-    again = pf.track(
-        demo_session,
-        end_s=1.0,
-        out=out,
-        formats=("trc",),
-        resume=True,
-        progress=lambda stage, done, total, message="": steps.append(done) if stage == "detect" and total else None,
-    )
-    np.testing.assert_array_equal(again.poses.xyz_world, whole.poses.xyz_world)
-    np.testing.assert_array_equal(pf.read(out).poses.xyz_world, whole.poses.xyz_world)
-    assert list(out.glob("*.trc"))
-    with pytest.raises(InputError):
-        pf.track(demo_session, end_s=1.0, out=out)
-
-
 def test_arguments_about_the_folder_need_the_folder(demo_session: Path) -> None:
-    with pytest.raises(InputError, match="out"):
-        pf.track(demo_session, resume=True)
+    refusal(InputError, "out", pf.track, demo_session, resume=True)
 
 
 def test_other_settings_are_used_and_remembered(tracked: pf.Recording) -> None:
     raw = tracked.solve(smooth=False, settings={"fuse.weights": "score"})
     assert raw.provenance["config"]["fuse"]["weights"] == "score"
     assert not np.array_equal(raw.poses.xyz_world, tracked.poses.xyz_world)
-    with pytest.raises(ConfigError, match="wieghts"):
-        tracked.solve(settings={"fuse.wieghts": "score"})
+    refusal(ConfigError, "wieghts", tracked.solve, settings={"fuse.wieghts": "score"})
 
 
 def test_progress_is_reported_in_order(demo_session: Path, models: None) -> None:
@@ -83,11 +44,6 @@ def test_a_detector_takes_plain_images(demo_session: Path, models: None) -> None
     found, no_person = detect([image, np.zeros_like(image)])
     assert (len(found), len(no_person)) == (1, 0)
     assert found.xy_img.shape == (1, len(detect.skeleton), 2)
-
-
-def test_a_session_that_is_not_there_is_one_clear_error(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no such session folder"):
-        pf.track(tmp_path / "nowhere")
 
 
 @pytest.mark.realtime

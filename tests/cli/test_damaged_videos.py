@@ -5,7 +5,8 @@ import shutil
 from pathlib import Path
 
 import pytest
-from remuxed import remuxed
+from commands import as_options, oracle
+from videos import remuxed
 
 from posefuse.cli.main import main
 
@@ -22,14 +23,6 @@ def session(demo_session: Path, tmp_path: Path) -> Path:
         source, target = (place / "videos" / f"{camera}.mp4" for place in (demo_session, folder))
         remuxed(source, target, frames=30, options={"movflags": "faststart"})
     return folder
-
-
-def track(session: Path, truth: Path, capsys: pytest.CaptureFixture[str]) -> tuple[dict, str]:
-    options = ("--set", "detector.name=oracle", "--set", f"detector.options.truth={truth}", "--outputs", "", "--json")
-    code = main(["track", str(session), "--out", str(session.with_name("result")), *options])
-    said = capsys.readouterr()
-    assert code == 0, said.err
-    return json.loads(said.out), said.err
 
 
 def frames_start(video: bytes) -> int:
@@ -53,7 +46,10 @@ def test_a_camera_with_a_damaged_video_is_named_with_its_missing_share(
 ) -> None:
     video = session / "videos" / f"{CAMERA}.mp4"
     video.write_bytes(damage(video.read_bytes()))
-    figures, said = track(session, demo_session / "truth" / "truth.npz", capsys)
+    words = ["track", str(session), "--out", str(session.with_name("result")), *as_options(oracle()), "--outputs", "", "--json"]
+    assert main(words) == 0
+    shown = capsys.readouterr()
+    figures, said = json.loads(shown.out), shown.err
     [line] = [line for line in said.splitlines() if line.startswith("warning: ") and "cannot be read" in line]
     assert line.startswith(f"warning: camera {CAMERA}: ") and "% of its frames cannot be read (" in line
     assert "it stops at " in line

@@ -1,15 +1,21 @@
 """`posefuse export`: files of other programs from a result and from a live session; one output that fails costs no other."""
 
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from commands import error, tracked
+from running import python
 
 import posefuse as pf
 from posefuse.cli.main import main
-from posefuse.core import Rig
+from posefuse.core import InputError, Rig
 from posefuse.core.live_messages import LivePose, LiveStart
+from posefuse.formats.recording import read_recording
+from posefuse.outputs.rerun import FILE
+from posefuse.pipeline.writing import nearby_session, session_of_recording
 from posefuse_ros.record import RecordConfig
 
 BEGIN_NS = 1_700_000_000_000_000_000
@@ -17,11 +23,7 @@ BEGIN_NS = 1_700_000_000_000_000_000
 
 @pytest.fixture(scope="module")
 def result(demo_session: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("export") / "result"
-    truth = demo_session / "truth" / "truth.npz"
-    oracle = ("--set", "detector.name=oracle", "--set", f"detector.options.truth={truth}")
-    assert main(["track", str(demo_session), "--out", str(out), *oracle, "--end", "0.3", "--outputs", "trc,c3d"]) == 0
-    return out
+    return tracked(demo_session, tmp_path_factory.mktemp("export") / "result", "trc,c3d")
 
 
 @pytest.fixture
@@ -51,7 +53,7 @@ def test_the_files_are_those_of_track_and_an_earlier_export_is_replaced(result: 
 
 def test_a_result_is_never_written_over(result: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = {path: path.read_bytes() for path in result.iterdir()}
-    assert main(["export", str(result), "--out", str(result)]) == 1
+    error(capsys, "export", result, "--out", result)
     assert {path: path.read_bytes() for path in result.iterdir()} == before
 
 
@@ -74,8 +76,72 @@ def test_a_live_session_gives_files_and_an_output_that_fails_is_named(
 def test_an_export_of_which_nothing_can_be_written_leaves_no_folder(
     live: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["export", str(live), "--out", str(tmp_path / "files"), "--outputs", "c3d"]) == 1
-    assert "evenly spaced" in capsys.readouterr().err
+    assert "evenly spaced" in error(capsys, "export", live, "--out", tmp_path / "files", "--outputs", "c3d")
     assert not (tmp_path / "files").exists()
-    assert main(["export", str(live), "--out", str(tmp_path / "files"), "--outputs", "trc,nothing"]) == 1
-    assert "no plug-in 'nothing'" in capsys.readouterr().err
+    assert "no plug-in 'nothing'" in error(capsys, "export", live, "--out", tmp_path / "files", "--outputs", "trc,nothing")
+
+
+# --- `posefuse view` shows the session's images where the result does not hold them, and says so where they are not found
+
+
+@pytest.fixture(scope="module")
+def study(demo_session: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a session ``demo`` and results of a third of a second of it, one next to it and one two folders down."""
+    pytest.importorskip("rerun", reason="the extra `viewer` is not installed")
+    folder = tmp_path_factory.mktemp("study")
+    shutil.copytree(demo_session, folder / "demo")
+    tracked(folder / "demo", folder / "result")
+    (folder / "out").mkdir()
+    shutil.copytree(folder / "result", folder / "out" / "deeper")
+    return folder
+
+
+def images_shown(result: Path, session: Path | None, monkeypatch: pytest.MonkeyPatch) -> bool:
+    """Whether the viewer is given images."""
+    listing: list[str] = []
+
+    def listed(path: Path) -> None:
+        done = python("-m", "rerun", "rrd", "print", "-vvv", str(path))
+        assert done.returncode == 0, done.stderr
+        listing.append(done.stdout)
+
+    monkeypatch.setattr("posefuse.outputs.rerun.open_in_viewer", listed)
+    assert main(["view", str(result), *([] if session is None else ["--session", str(session)])]) == 0
+    return "EncodedImage:blob" in listing[0]
+
+
+@pytest.mark.parametrize("result", ["result", "out/deeper"])
+def test_images_of_a_session_near_the_result_are_shown(study: Path, result: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert nearby_session(read_recording(study / result), study / result).folder == study / "demo"
+    assert images_shown(study / result, None, monkeypatch)
+
+
+def test_a_session_elsewhere_is_named_or_missed(
+    study: Path, demo_session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    result = Path(shutil.copytree(study / "result", tmp_path / "alone"))
+    monkeypatch.chdir(tmp_path)
+    assert not images_shown(result, None, monkeypatch)
+    assert "without images: no session demo" in " ".join(capsys.readouterr().err.split())
+    assert images_shown(result, demo_session, monkeypatch)
+
+
+def test_another_session_is_refused(study: Path, tmp_path: Path) -> None:
+    other = Path(shutil.copytree(study / "demo", tmp_path / "demo"))
+    videos = other / "videos"
+    (videos / "cam00.mp4").rename(videos / "cam00_again.mp4")
+    recording = read_recording(study / "result")
+    with pytest.raises(
+        InputError, match=r"not the session of this result: camera cam00 was made from cam00\.mp4, here .*cam00_ag"
+    ):
+        session_of_recording(recording, other)
+    assert nearby_session(recording, tmp_path / "result") is None
+
+
+def test_a_stored_view_is_shown_as_it_is(study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    result = Path(shutil.copytree(study / "result", tmp_path / "stored"))
+    (result / FILE).write_bytes(b"made before")
+    shown: list[bytes] = []
+    monkeypatch.setattr("posefuse.outputs.rerun.open_in_viewer", lambda path: shown.append(path.read_bytes()))
+    assert main(["view", str(result)]) == 0
+    assert shown == [b"made before"]

@@ -9,13 +9,15 @@ import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from subprocess import CompletedProcess
 
 import numpy as np
 import pytest
+from checks import assert_same
 from running import Running
+from studies import write_openpose
 
 from posefuse.core import SE3, Rig
-from posefuse.core.observations import OBSERVATION_ARRAYS
 from posefuse.core.skeleton import COCO17
 from posefuse.formats.detection_log import LOG_FILE, read_log
 from posefuse.formats.recording import read_recording
@@ -39,13 +41,9 @@ def session(ring_rig: Callable[..., Rig], tmp_path_factory: pytest.TempPathFacto
     folder, rig, rng = tmp_path_factory.mktemp("interrupted") / "session", ring_rig(3), np.random.default_rng(3)
     body = rng.normal(size=(K, 3)) * [0.2, 0.2, 0.4] + [-0.5, 0.3, 1.0]
     for camera in rig:
-        place = folder / "openpose_json" / f"{camera.name}_json"
-        place.mkdir(parents=True)
-        for i in range(STEPS):
-            xy = camera.project(body + [0.03 * i, 0, 0]) + rng.normal(0, 1, (K, 2))
-            points = np.concatenate([xy, np.full((K, 1), 0.9)], axis=1)
-            people = [] if 12 <= i < 16 else [{"pose_keypoints_2d": points.ravel().tolist()}]
-            (place / f"{camera.name}_{i:06d}.json").write_text(json.dumps({"people": people}))
+        seen = [camera.project(body + [0.03 * i, 0, 0])[None] + rng.normal(0, 1, (K, 2)) for i in range(STEPS)]
+        frames = {i: xy[:0] if 12 <= i < 16 else xy for i, xy in enumerate(seen)}
+        write_openpose(folder / "openpose_json" / f"{camera.name}_json", frames)
     write_rig(folder / "rig.toml", rig)
     return folder
 
@@ -57,26 +55,28 @@ class Tracker:
     """
 
     def __init__(self, session: Path, folder: Path) -> None:
-        self._folder, self.whole = folder, folder / "whole"
+        self._folder, self.session = folder, session
         script = Path(__file__).with_name("interrupting.py")
-        self._running = Running([sys.executable, str(script), *_arguments(session, self.whole)], stdin=subprocess.PIPE)
+        self._running = Running([sys.executable, str(script), *_arguments(session, folder / "whole")], stdin=subprocess.PIPE)
 
     def __enter__(self) -> "Tracker":
         self._running.__enter__()
         assert self._status() == 0
+        self.whole = results(self._folder / "whole")
         return self
 
     def __exit__(self, *error: object) -> None:
         self._running.__exit__(*error)
 
-    def __call__(self, session: Path, out: Path, *options: str, at: tuple[list, ...] = ()) -> subprocess.CompletedProcess[str]:
-        arguments, said = [*_arguments(session, out), *options], [self._folder / "stdout", self._folder / "stderr"]
+    def __call__(self, out: Path, *options: str, at: tuple[list, ...] = (), session: Path | None = None) -> CompletedProcess[str]:
+        arguments = [*_arguments(session or self.session, out), *options]
+        said = [self._folder / "stdout", self._folder / "stderr"]
         for path in said:
             path.unlink(missing_ok=True)
         asked = json.dumps([at, arguments, *map(str, said), AT_MOST_S])
         self._running.process.stdin.write(asked + "\n")
         self._running.process.stdin.flush()
-        return subprocess.CompletedProcess(arguments, self._status(), *(path.read_text() for path in said))
+        return CompletedProcess(arguments, self._status(), *(path.read_text() for path in said))
 
     def _status(self) -> int:
         return int(self._running.out.wait_for(r"^-?\d+$", AT_MOST_S)[0])
@@ -96,29 +96,21 @@ def track(session: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[T
         yield tracker
 
 
-@pytest.fixture(scope="module")
-def whole(track: Tracker) -> dict[str, bytes]:
-    return results(track.whole)
-
-
-def check_resumed(track: Tracker, session: Path, out: Path, whole: dict[str, bytes]) -> None:
-    done = track(session, out, "--resume")
+def check_completed(track: Tracker, out: Path, how: str = "--resume") -> None:
+    done = track(out, how)
     assert done.returncode == 0, done.stderr
-    assert results(out) == whole
+    assert results(out) == track.whole
     assert not find_unfinished(out)
 
 
-def test_a_stored_result_solves_again_to_the_last_bit(session: Path, whole: dict[str, bytes], tmp_path: Path) -> None:
-    for name, content in whole.items():
+def test_a_stored_result_solves_again_to_the_last_bit(track: Tracker, tmp_path: Path) -> None:
+    for name, content in track.whole.items():
         (tmp_path / name).write_bytes(content)
     recording = read_recording(tmp_path)
     again = solve_again(recording)
     recorded, exported = {"observations.npz", "recording.json", "recording.npz", "rig.toml"}, {"pose.trc", "pose.csv"}
-    assert set(whole) == recorded | exported | {"pose.csv-metadata.json"}
-    for name in OBSERVATION_ARRAYS:
-        np.testing.assert_array_equal(getattr(again.observations, name), getattr(recording.observations, name))
-    for name in ("t_ns", "person_id", "xyz_world", "cov_world", "reproj_px", "n_views", "kind"):
-        np.testing.assert_array_equal(getattr(again.poses, name), getattr(recording.poses, name))
+    assert set(track.whole) == recorded | exported | {"pose.csv-metadata.json"}
+    assert_same((again.observations, again.poses), (recording.observations, recording.poses))
     assert (recording.observations.frame_look > 0).any(), "searches are part of what is replayed"
 
 
@@ -136,11 +128,9 @@ def test_a_stored_result_solves_again_to_the_last_bit(session: Path, whole: dict
         pytest.param([[*EXPORTING, "SIGKILL"]], id="killed while exporting", marks=pytest.mark.slow),
     ],
 )
-def test_detections_are_kept_and_resume_gives_the_same_bytes(
-    track: Tracker, session: Path, whole: dict[str, bytes], tmp_path: Path, points: list[list]
-) -> None:
+def test_detections_are_kept_and_resume_gives_the_same_bytes(track: Tracker, tmp_path: Path, points: list[list]) -> None:
     out = tmp_path / "result"
-    ended = track(session, out, at=tuple(points))
+    ended = track(out, at=tuple(points))
     assert ended.returncode != 0
     assert not out.exists()
     [left] = find_unfinished(out)
@@ -150,76 +140,68 @@ def test_detections_are_kept_and_resume_gives_the_same_bytes(
         assert ended.returncode == (1 if "full" in str(points) else 143 if "SIGTERM" in str(points) else 130)
     if "full" in str(points):
         assert "No space left on device" in ended.stderr.splitlines()[-1] and "Traceback" not in ended.stderr
-    refused = track(session, out)
+    refused = track(out)
     assert refused.returncode == 1
     assert refused.stderr.strip().endswith(
         "an earlier run was interrupted; --resume continues it, --force starts from the beginning"
     )
-    check_resumed(track, session, out, whole)
+    check_completed(track, out)
 
 
 @pytest.mark.parametrize(("request_", "code"), [("SIGINT", 130), pytest.param("SIGTERM", 143, marks=pytest.mark.slow)])
 def test_the_first_ctrl_c_or_sigterm_writes_the_part_so_far_and_resume_completes_it(
-    track: Tracker, session: Path, whole: dict[str, bytes], tmp_path: Path, request_: str, code: int
+    track: Tracker, tmp_path: Path, request_: str, code: int
 ) -> None:
     out = tmp_path / "result"
-    ended = track(session, out, "--json", at=([*DETECTING, request_],))
+    ended = track(out, "--json", at=([*DETECTING, request_],))
     assert ended.returncode == code, ended.stderr
     assert json.loads(ended.stdout)["interrupted"] is True
     part = read_recording(out)
     assert 2 <= len(part.poses) < STEPS
-    check_resumed(track, session, out, whole)
+    check_completed(track, out)
 
 
 @pytest.mark.slow
-def test_a_run_that_is_interrupted_repeatedly_can_be_completed(
-    track: Tracker, session: Path, whole: dict[str, bytes], tmp_path: Path
-) -> None:
+def test_a_run_that_is_interrupted_repeatedly_can_be_completed(track: Tracker, tmp_path: Path) -> None:
     out = tmp_path / "result"
     for options in ((), ("--resume",)):
-        assert track(session, out, *options, at=([*STORING[:2], 10, "SIGKILL"],)).returncode == -signal.SIGKILL
+        assert track(out, *options, at=([*STORING[:2], 10, "SIGKILL"],)).returncode == -signal.SIGKILL
     [left] = find_unfinished(out)
     assert 10 < len({batch.step for batch in read_log(left / LOG_FILE).batches}) < STEPS
-    check_resumed(track, session, out, whole)
+    check_completed(track, out)
 
 
-def test_frames_whose_detections_never_reached_the_disk_are_detected_again(
-    track: Tracker, session: Path, whole: dict[str, bytes], tmp_path: Path
-) -> None:
+def test_frames_whose_detections_never_reached_the_disk_are_detected_again(track: Tracker, tmp_path: Path) -> None:
     out = tmp_path / "result"
-    track(session, out, at=([*DETECTING, "SIGKILL"],))
+    track(out, at=([*DETECTING, "SIGKILL"],))
     [left] = find_unfinished(out)
     log = left / LOG_FILE
     log.write_bytes(log.read_bytes()[:-7] + bytes(3))
-    check_resumed(track, session, out, whole)
+    check_completed(track, out)
 
 
-def test_resume_where_nothing_was_interrupted_is_refused(track: Tracker, session: Path, tmp_path: Path) -> None:
-    done = track(session, tmp_path / "resutl", "--resume")
+def test_resume_where_nothing_was_interrupted_is_refused(track: Tracker, tmp_path: Path) -> None:
+    done = track(tmp_path / "resutl", "--resume")
     assert done.returncode == 1
     assert "resutl: nothing to resume: no interrupted work is there; is it the right folder?" in done.stderr.splitlines()[-1]
     assert not (tmp_path / "resutl").exists()
 
 
-def test_interrupted_work_is_found_after_its_parent_folder_was_renamed(
-    track: Tracker, session: Path, whole: dict[str, bytes], tmp_path: Path
-) -> None:
+def test_interrupted_work_is_found_after_its_parent_folder_was_renamed(track: Tracker, tmp_path: Path) -> None:
     (tmp_path / "before").mkdir()
-    track(session, tmp_path / "before" / "result", at=([*DETECTING, "SIGKILL"],))
+    track(tmp_path / "before" / "result", at=([*DETECTING, "SIGKILL"],))
     (tmp_path / "before").rename(tmp_path / "after")
-    check_resumed(track, session, tmp_path / "after" / "result", whole)
+    check_completed(track, tmp_path / "after" / "result")
 
 
-def test_of_a_calibration_that_fits_no_pair_of_cameras_the_detections_are_kept(
-    track: Tracker, session: Path, tmp_path: Path
-) -> None:
+def test_of_a_calibration_that_fits_no_pair_of_cameras_the_detections_are_kept(track: Tracker, tmp_path: Path) -> None:
     """Each camera sees the person; no two see them in one place."""
-    own = Path(shutil.copytree(session, tmp_path / "session"))
+    own = Path(shutil.copytree(track.session, tmp_path / "session"))
     rig = read_rig(own / "rig.toml")
     tilts = [SE3.from_rotvec([0.3 * c - 0.3, 0, 0], np.zeros(3)) for c in range(len(rig))]
     cameras = [replace(one, cam_from_world=tilt @ one.cam_from_world) for one, tilt in zip(rig, tilts, strict=True)]
     write_rig(own / "rig.toml", replace(rig, cameras=tuple(cameras)))
-    done = track(own, tmp_path / "result")
+    done = track(tmp_path / "result", session=own)
     assert done.returncode == 1
     assert re.search(
         r"a person was found in \d+ frames of cam00, .* but no two agree: is the calibration the one of these videos\?$",
@@ -231,13 +213,10 @@ def test_of_a_calibration_that_fits_no_pair_of_cameras_the_detections_are_kept(
 
 
 @pytest.mark.slow
-def test_force_starts_from_the_beginning(track: Tracker, session: Path, whole: dict[str, bytes], tmp_path: Path) -> None:
+def test_force_starts_from_the_beginning(track: Tracker, tmp_path: Path) -> None:
     out = tmp_path / "result"
-    track(session, out, at=([*DETECTING, "SIGKILL"],))
-    done = track(session, out, "--force")
-    assert done.returncode == 0, done.stderr
-    assert results(out) == whole
-    assert not find_unfinished(out)
+    track(out, at=([*DETECTING, "SIGKILL"],))
+    check_completed(track, out, "--force")
 
 
 @pytest.mark.parametrize(
@@ -250,16 +229,16 @@ def test_force_starts_from_the_beginning(track: Tracker, session: Path, whole: d
     ],
 )
 def test_resume_with_other_inputs_or_settings_is_refused_by_name(
-    track: Tracker, session: Path, tmp_path: Path, change: tuple[str, ...] | str, named: str
+    track: Tracker, tmp_path: Path, change: tuple[str, ...] | str, named: str
 ) -> None:
-    out, own = tmp_path / "result", Path(shutil.copytree(session, tmp_path / "session"))
-    assert track(own, out, at=([*DETECTING, "SIGKILL"],)).returncode == -signal.SIGKILL
+    out, own = tmp_path / "result", Path(shutil.copytree(track.session, tmp_path / "session"))
+    assert track(out, at=([*DETECTING, "SIGKILL"],), session=own).returncode == -signal.SIGKILL
     if change == "rig":
         write_rig(own / "rig.toml", read_rig(own / "rig.toml").moved(SE3(np.array([1.0, 0, 0, 0]), np.array([0, 0, 1e-6]))))
     if change == "data":
         with next((own / "openpose_json" / "cam01_json").iterdir()).open("a") as file:
             file.write(" ")
-    done = track(own, out, "--resume", *(change if isinstance(change, tuple) else ()))
+    done = track(out, "--resume", *(change if isinstance(change, tuple) else ()), session=own)
     assert done.returncode == 1
     assert f"--resume: {named} has changed since the detections were made" in done.stderr.splitlines()[-1]
     assert "more changed" not in done.stderr
@@ -267,42 +246,36 @@ def test_resume_with_other_inputs_or_settings_is_refused_by_name(
     assert read_log(left / LOG_FILE).batches
 
 
-def test_a_failed_output_is_named_and_the_others_are_written(
-    track: Tracker, session: Path, whole: dict[str, bytes], tmp_path: Path
-) -> None:
+def test_a_failed_output_is_named_and_the_others_are_written(track: Tracker, tmp_path: Path) -> None:
     for what, reason in (("full", "No space left on device"), ("bug", "ValueError: not thought of")):
         out = tmp_path / what
-        done = track(session, out, "--json", at=(["posefuse.outputs.trc", "write_trc", 1, what],))
+        done = track(out, "--json", at=(["posefuse.outputs.trc", "write_trc", 1, what],))
         assert done.returncode == 1, done.stderr
         assert f"output trc: not written ({reason})" in done.stderr
         assert json.loads(done.stdout)["failed"] == {"trc": reason}
-        assert results(out) == {name: content for name, content in whole.items() if name != "pose.trc"}
+        assert results(out) == {name: content for name, content in track.whole.items() if name != "pose.trc"}
 
 
-def test_space_is_asked_for_the_people_there_are(
-    track: Tracker, session: Path, whole: dict[str, bytes], small_disk: Callable[[int], Path]
-) -> None:
+def test_space_is_asked_for_the_people_there_are(track: Tracker, small_disk: Callable[[int], Path]) -> None:
     """As many as may be followed would take some 20 MB; the one who is there takes less than one."""
-    done = track(session, small_disk(8) / "result", "--set", "associate.max_people=64")
+    done = track(small_disk(8) / "result", "--set", "associate.max_people=64")
     assert done.returncode == 0, done.stderr
 
 
-def test_a_full_disk_is_reported_before_the_work_or_loses_no_detection(
-    track: Tracker, session: Path, whole: dict[str, bytes], small_disk: Callable[[int], Path]
-) -> None:
+def test_a_full_disk_is_reported_before_the_work_or_loses_no_detection(track: Tracker, small_disk: Callable[[int], Path]) -> None:
     disk = small_disk(8)
     out, filler = disk / "result", disk / "filler"
     free = shutil.disk_usage(disk).free
     filler.write_bytes(bytes(free - 40_000))
-    refused = track(session, out)
+    refused = track(out)
     assert refused.returncode == 1
     assert "MB will be written" in refused.stderr.splitlines()[-1]
     assert [path.name for path in disk.iterdir()] == ["filler"]
     filler.unlink()
-    ended = track(session, out, at=([*DETECTING[:2], 20, "SIGKILL"],))
+    ended = track(out, at=([*DETECTING[:2], 20, "SIGKILL"],))
     assert ended.returncode == -signal.SIGKILL
     filler.write_bytes(bytes(shutil.disk_usage(disk).free - 4096))
-    full = track(session, out, "--resume")
+    full = track(out, "--resume")
     assert full.returncode == 1
     filler.unlink()
-    check_resumed(track, session, out, whole)
+    check_completed(track, out)

@@ -4,35 +4,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from checks import refusal
+from studies import write_openpose
 
-from posefuse.api.track import session_config
-from posefuse.cli.command_line import parse
 from posefuse.cli.main import main
 from posefuse.core import InputError, SourceError
-from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.time_steps import common_timeline
 from posefuse_sim.render import stage as backend
-
-
-def config_of(*words: str) -> TrackConfig:
-    found = parse(["track", "here", "--out", "there", *words])
-    assert found is not None
-    options = found.bound.arguments["options"]
-    return session_config(Path("here"), options.config, options.changes)
-
-
-def test_options_change_the_settings() -> None:
-    config = config_of("--start=1", "--person=2,3", "--weights=none", "--raw", "--outputs=trc,c3d", "--set", "end_s=5")
-    assert (config.start_s, config.end_s, config.raw, config.outputs) == (1.0, 5.0, True, {"trc": {}, "c3d": {}})
-    assert (config.associate.near_xy_m, config.fuse.weights) == ((2.0, 3.0), "none")
 
 
 def test_the_number_of_time_steps_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
     times_ns = {"a": np.arange(100) * 33_333_333, "b": np.arange(100) * 33_333_333}
     assert common_timeline(times_ns, 1000.0, None, None).count > 3000
     late = times_ns | {"b": times_ns["b"] + 3 * 10**18}
-    with pytest.raises(SourceError, match=r"9e\+10 time steps"):
-        common_timeline(late, None, None, None)
+    refusal(SourceError, r"9e\+10 time steps", common_timeline, late, None, None, None)
     monkeypatch.setattr("posefuse.pipeline.time_steps._MOST_TIME_STEPS", 1000)
     with pytest.raises(SourceError, match=r"3301 time steps \(3\.301 s at 1000 Hz\); expected at most 1000: check rate_hz"):
         common_timeline(times_ns, 1000.0, None, None)
@@ -41,8 +26,7 @@ def test_the_number_of_time_steps_is_limited(monkeypatch: pytest.MonkeyPatch) ->
 def test_an_image_larger_than_the_framebuffer_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(backend, "_largest_side_px", lambda _: 4096)
     backend.check_framebuffer("egl", 4096)
-    with pytest.raises(InputError, match=r"side of 5000 px .* expected at most 4096 px"):
-        backend.check_framebuffer("egl", 5000)
+    refusal(InputError, r"side of 5000 px .* expected at most 4096 px", backend.check_framebuffer, "egl", 5000)
 
 
 @pytest.mark.parametrize(
@@ -56,12 +40,8 @@ def test_an_image_larger_than_the_framebuffer_is_refused(monkeypatch: pytest.Mon
 def test_what_the_numbers_of_openpose_files_show_is_named(
     frames: dict, words: str, demo_session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    people = '{"people": [{"pose_keypoints_2d": [' + ", ".join(["300, 200, 0.5"] * 17) + "]}]}"
     for camera, numbers in frames.items():
-        folder = tmp_path / "session" / "pose2d" / camera
-        folder.mkdir(parents=True)
-        for number in numbers:
-            (folder / f"{number:04d}_keypoints.json").write_text(people)
+        write_openpose(tmp_path / "session" / "pose2d" / camera, dict.fromkeys(numbers, np.full((1, 17, 2), [300.0, 200.0])))
     (tmp_path / "session" / "rig.toml").write_bytes((demo_session / "rig.toml").read_bytes())
     main(["track", str(tmp_path / "session"), "--out", str(tmp_path / "out"), "--outputs", "", "--rate", "30"])
     assert words in capsys.readouterr().err

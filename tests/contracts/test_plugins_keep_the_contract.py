@@ -7,6 +7,8 @@ import built
 import numpy as np
 import pytest
 from built import recording_from_views
+from checks import assert_same, refusal
+from videos import ScriptedSource
 
 from posefuse.core import Detections2D, Frame, Kind, LivePose, LiveStart, Recording, SourceError
 from posefuse.core.skeleton import COCO17
@@ -70,37 +72,19 @@ def test_the_oracle_detector(demo_session: Path) -> None:
     oracle = build_plugin("detectors", "oracle", {"truth": path, "seed": 3})
     view = read_truth(path).views[1]
     image = np.zeros((480, 640, 3), np.uint8)
-    check_detector(oracle, [Frame(camera=view.camera, seq=i, t_ns=int(view.t_ns[i]), received_ns=0, image=image) for i in (0, 7)])
-
-
-@dataclass
-class Scripted:
-    """A source that may break one rule."""
-
-    times_ns: tuple[int, ...] = (0, 10, 20)
-    camera: str = "a"
-    frame_camera: str = "a"
-    size_wh: tuple[int, int] = (8, 6)
-
-    def frames(self):
-        for seq, t_ns in enumerate(self.times_ns):
-            yield Frame(camera=self.frame_camera, seq=seq, t_ns=t_ns, received_ns=t_ns, image=np.zeros((6, 8, 3), np.uint8))
-
-    def close(self) -> None:
-        pass
+    check_detector(oracle, [built.frame(view.camera, int(view.t_ns[i]), image, seq=i) for i in (0, 7)])
 
 
 def test_the_source_check_can_fail() -> None:
-    check_source(Scripted())
+    check_source(ScriptedSource("a", (0, 10, 20)))
     for broken, rule in (
-        (Scripted(times_ns=()), "at least one frame"),
-        (Scripted(times_ns=(0, 0)), "t_ns increases"),
-        (Scripted(frame_camera="b"), "camera is the source's"),
-        (Scripted(size_wh=(9, 6)), "stated size"),
+        (ScriptedSource("a", ()), "at least one frame"),
+        (ScriptedSource("a", (0, 0)), "t_ns increases"),
+        (ScriptedSource("a", (0,), of="b"), "camera is the source's"),
+        (ScriptedSource("a", (0,), shown_wh=(9, 6)), "stated size"),
         (object(), "lacks a member"),
     ):
-        with pytest.raises(ContractError, match=rule):
-            check_source(broken)
+        refusal(ContractError, rule, check_source, broken)
 
 
 class Guesser:
@@ -131,10 +115,7 @@ class Guesser:
 
 
 def test_the_detector_check_can_fail() -> None:
-    frames = [
-        Frame(camera="a", seq=0, t_ns=5, received_ns=5, image=np.zeros((6, 8, 3), np.uint8)),
-        Frame(camera="b", seq=0, t_ns=6, received_ns=6, image=np.zeros((6, 8, 3), np.uint8)),
-    ]
+    frames = [built.frame("a", 5), built.frame("b", 6)]
     check_detector(Guesser(), frames)
     for fault, rule in (
         ("short", "one answer per frame"),
@@ -256,7 +237,29 @@ def test_the_live_output_check_can_fail(tmp_path: Path) -> None:
 
 def test_a_live_config_that_cannot_be_sent_is_reported() -> None:
     broken = Notebook(lambda: None)
-    with pytest.raises(ContractError, match="comes out of pickle"):
-        check_live_output(broken, Path())
-    with pytest.raises(ContractError, match="lacks a member"):
-        check_live_output(object(), Path())
+    refusal(ContractError, "comes out of pickle", check_live_output, broken, Path())
+    refusal(ContractError, "lacks a member", lambda: check_live_output(object(), Path()))
+
+
+def raised(text: str) -> None:
+    raise ValueError(text)
+
+
+def test_the_checks_that_tests_share_can_fail() -> None:
+    one = built.pose(np.zeros((1, K, 3)))
+    assert_same(one, built.pose(np.zeros((1, K, 3))))
+    bit, gap = one.xyz_world + 1e-300, np.where(np.arange(K)[:, None] == 3, np.nan, one.xyz_world)
+    others = [
+        replace(one, t_ns=1),
+        replace(one, xyz_world=bit),
+        replace(one, xyz_world=gap),
+        built.pose(np.zeros((2, K, 3))),
+        None,
+    ]
+    for other in others:
+        with pytest.raises(AssertionError):
+            assert_same([one], [other])
+    for text in ("two\nlines", "another word"):
+        with pytest.raises(AssertionError):
+            refusal(ValueError, "lines", raised, text)
+    assert refusal(ValueError, "l.ne", raised, "one line") == "one line"

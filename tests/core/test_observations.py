@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from built import observations_from_views
+from checks import assert_same, refusal
 
 from posefuse.core import DetectionBatch, Detections2D, LookKind, Observations, ShapeError, ViewSequence
-from posefuse.core.observations import OBSERVATION_ARRAYS
 from posefuse.core.skeleton import COCO17
 from posefuse.core.view_sequences import ViewsInParts, people_in, views_over_time
 
@@ -32,20 +32,12 @@ def detections(rng: np.random.Generator, camera: str, t_ns: int, people: int) ->
     return Detections2D(camera=camera, t_ns=t_ns, skeleton=COCO17, xy_img=xy, score=score, sigma_px=sigma, box_img=box, **cues)
 
 
-def same(one: Observations, other: Observations) -> bool:
-    return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in OBSERVATION_ARRAYS)
-
-
 def test_every_detection_comes_back_as_it_was_made() -> None:
     made = batches(9)
     log = Observations.from_batches(COCO17, NAMES, made)
     wanted = [one for batch in made for one in batch.detections]
     assert len(log) == sum(map(len, wanted))
-    for i, one in enumerate(wanted):
-        got = log.detections(i)
-        assert (got.camera, got.t_ns) == (one.camera, one.t_ns)
-        for name in ("xy_img", "score", "sigma_px", "box_img"):
-            np.testing.assert_array_equal(getattr(got, name), getattr(one, name))
+    assert_same([log.detections(i) for i in range(len(wanted))], wanted)
     assert repr(log) == f"Observations({len(log)} detections in {len(wanted)} frames of 3 cameras, coco17, 9 time steps)"
 
 
@@ -56,11 +48,10 @@ def test_the_parts_of_a_log_are_the_log() -> None:
     joined = Observations.from_batches(COCO17, NAMES, [*whole, *later])
     second = Observations.from_batches(COCO17, NAMES, tail)
     second = replace(second, step_t_ns=second.step_t_ns + 800)
-    assert same(Observations.concatenate([first, second]), joined)
+    assert_same(Observations.concatenate([first, second]), joined)
     assert len(joined) == sum(len(joined.of(name)) for name in NAMES)
     assert joined.of("right").camera_names == ("right",)
-    with pytest.raises(ShapeError, match="no camera 'up'; there are: left, middle, right"):
-        joined.of("up")
+    refusal(ShapeError, "no camera 'up'; there are: left, middle, right", joined.of, "up")
 
 
 def test_views_of_cameras_synchronised_are_what_was_seen() -> None:
@@ -72,8 +63,7 @@ def test_views_of_cameras_synchronised_are_what_was_seen() -> None:
     about = {"t_ns": np.arange(6) * 10, "skeleton": COCO17, "camera_names": NAMES, "person_id": [7, 3]}
     views = ViewSequence(**about, xy_img=xy, score=score.astype(np.float32), sigma_px=sigma)
     back = views_over_time(observations_from_views(views), [7, 3])
-    for name in ("t_ns", "person_id", "xy_img", "score", "sigma_px"):
-        np.testing.assert_array_equal(getattr(back, name), getattr(views, name))
+    assert_same(back, views)
     ids, counts = people_in(observations_from_views(views))
     assert (ids.tolist(), counts.tolist()) == ([3, 7], [4, 6])
 
@@ -89,8 +79,7 @@ def test_views_in_parts_are_the_views(times: str) -> None:
     whole, parts = views_over_time(log, [1, 0], t_ns, 250_000_000), ViewsInParts(log, [1, 0], t_ns, 250_000_000)
     assert (whole.score > 0).any(axis=(1, 3)).sum() > 20
     for part in (slice(0, 23), slice(0, 1), slice(5, 12), slice(22, 30), slice(30, 40)):
-        for name in ("t_ns", "xy_img", "score", "sigma_px"):
-            np.testing.assert_array_equal(getattr(parts.part(part), name), getattr(whole.part(part), name))
+        assert_same(parts.part(part), whole.part(part))
 
 
 @pytest.mark.parametrize(
@@ -107,10 +96,8 @@ def test_views_in_parts_are_the_views(times: str) -> None:
 )
 def test_what_does_not_fit_is_refused(change: dict, message: str) -> None:
     log = Observations.from_batches(COCO17, NAMES, batches(9))
-    with pytest.raises(ShapeError, match=message):
-        replace(log, **{name: make(log) for name, make in change.items()})
+    refusal(ShapeError, message, lambda: replace(log, **{name: make(log) for name, make in change.items()}))
 
 
 def test_a_time_step_that_was_never_looked_at_is_refused() -> None:
-    with pytest.raises(ShapeError, match="a batch for every time step"):
-        Observations.from_batches(COCO17, NAMES, batches(9)[5:])
+    refusal(ShapeError, "a batch for every time step", lambda: Observations.from_batches(COCO17, NAMES, batches(9)[5:]))

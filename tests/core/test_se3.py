@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from checks import refusal
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -65,16 +66,11 @@ def test_missing_poses_are_nan_and_stay_nan() -> None:
 
 
 def test_guards() -> None:
-    with pytest.raises(ShapeError, match="length 0"):
-        SE3(np.zeros(4), np.zeros(3))
-    with pytest.raises(ShapeError, match="infinity"):
-        SE3(np.array([1.0, 0, 0, 0]), np.array([np.inf, 0, 0]))
-    with pytest.raises(ShapeError, match="expected wxyz"):
-        SE3(np.ones((2, 4)), np.ones((3, 3)))
-    with pytest.raises(ShapeError, match="points"):
-        SE3.identity() @ np.zeros(4)
-    with pytest.raises(ShapeError, match="no axis"):
-        SE3.identity()[0]
+    refusal(ShapeError, "length 0", SE3, np.zeros(4), np.zeros(3))
+    refusal(ShapeError, "infinity", SE3, np.array([1.0, 0, 0, 0]), np.array([np.inf, 0, 0]))
+    refusal(ShapeError, "expected wxyz", SE3, np.ones((2, 4)), np.ones((3, 3)))
+    refusal(ShapeError, "points", lambda: SE3.identity() @ np.zeros(4))
+    refusal(ShapeError, "no axis", lambda: SE3.identity()[0])
     with pytest.raises(ValueError, match="read-only"):
         SE3.identity().xyz[0] = 1.0
 

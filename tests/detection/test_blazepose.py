@@ -1,8 +1,10 @@
 """The default estimator on real images; skipped, by name, where its networks were never fetched."""
 
 import av
+import built
 import numpy as np
 import pytest
+from checks import refusal
 
 from posefuse.core import ConfigError, Detector, Frame, ModelError, Region, ShapeError
 from posefuse.detection import BlazePoseConfig, region_from_keypoints
@@ -22,7 +24,7 @@ def detector(models):
 def frame(shared_data) -> Frame:
     with av.open(str(shared_data / "pose2sim_single" / "videos" / f"{CAMERA}.mp4")) as container:
         image = next(container.decode(video=0)).to_ndarray(format="rgb24")
-    return Frame(camera=CAMERA, seq=0, t_ns=0, received_ns=0, image=image)
+    return built.frame(CAMERA, image=image)
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +49,7 @@ def test_a_followed_person_costs_one_inference_and_no_search(detector, demo_sess
     """What the speed of live rests on: a count of what goes through which network, so it holds on every machine."""
     with av.open(str(demo_session / "videos" / "cam01.mp4")) as container:
         image = next(container.decode(video=0)).to_ndarray(format="rgb24")
-    frame = Frame(camera="cam01", seq=0, t_ns=0, received_ns=0, image=image)
+    frame = built.frame("cam01", image=image)
     (seen,) = detector.detect([frame], [None])
     there = region_from_keypoints(seen.xy_img[0], detector.skeleton)
     asked: list[int] = []
@@ -77,14 +79,14 @@ def test_a_region_gives_the_same_man_and_an_empty_one_no_person(detector, frame,
 
 
 def test_frames_in_one_call_do_not_disturb_each_other(detector, frame, seen):
-    blank = Frame(camera="other", seq=0, t_ns=0, received_ns=0, image=np.full((240, 320, 3), 90, np.uint8))
+    blank = built.frame("other", image=np.full((240, 320, 3), 90, np.uint8))
     no_person, again, none_asked = detector.detect([blank, frame, frame], [None, None, []])
     assert len(no_person) == 0 and len(none_asked) == 0
     assert np.array_equal(again.xy_img, seen.xy_img)
 
 
 def test_an_image_on_its_side_is_searched_turned(detector, frame, seen):
-    turned = Frame(camera=CAMERA, seq=0, t_ns=0, received_ns=0, image=np.ascontiguousarray(np.rot90(frame.image)))
+    turned = built.frame(CAMERA, image=np.ascontiguousarray(np.rot90(frame.image)))
     (found,) = detector.detect([turned], [None])
     assert len(found) >= 1
     width = frame.image.shape[1]
@@ -95,7 +97,7 @@ def test_an_image_on_its_side_is_searched_turned(detector, frame, seen):
 def seen_in_the_mirror(detector, frame, there):
     """Px (K, 2) and sigma (K,) of the first person that the detector finds in the mirrored image, mirrored back."""
     width = frame.image.shape[1]
-    mirrored = Frame(camera=CAMERA, seq=0, t_ns=0, received_ns=0, image=np.ascontiguousarray(frame.image[:, ::-1]))
+    mirrored = built.frame(CAMERA, image=np.ascontiguousarray(frame.image[:, ::-1]))
     region = Region(
         centre_img=np.array([width - 1 - there.centre_img[0], there.centre_img[1]]),
         side_px=there.side_px,
@@ -147,17 +149,12 @@ def test_looks_are_averaged_by_their_certainty_and_disagreement_is_doubt():
 def test_an_ensemble_is_not_a_network(tmp_path):
     card = tmp_path / "both.toml"
     card.write_text('kind = "landmark_ensemble"\nsummary = ""\nmembers = []\nmirrored = true\n')
-    with pytest.raises(ConfigError, match="members"):
-        read_card(card, Card)
+    refusal(ConfigError, "members", read_card, card, Card)
     card.write_text(card.read_text().replace("[]", '["blazepose_full", "blazepose_persons"]'))
-    with pytest.raises(ModelError, match="expected one network, got landmark_ensemble"):
-        read_card(card)
-    with pytest.raises(ModelError, match="expected kind heatmap_landmarks, got person_ssd"):
-        BlazePoseConfig(landmarks=str(card)).build()
+    refusal(ModelError, "expected one network, got landmark_ensemble", read_card, card)
+    refusal(ModelError, "expected kind heatmap_landmarks, got person_ssd", lambda: BlazePoseConfig(landmarks=str(card)).build())
 
 
 def test_misuse_is_an_error(detector, frame):
-    with pytest.raises(ShapeError, match="regions for each of 1 frames"):
-        detector.detect([frame], [])
-    with pytest.raises(ModelError, match="expected kind person_ssd"):
-        read_card("blazepose_full", PersonCard)
+    refusal(ShapeError, "regions for each of 1 frames", detector.detect, [frame], [])
+    refusal(ModelError, "expected kind person_ssd", read_card, "blazepose_full", PersonCard)

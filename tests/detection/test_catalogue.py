@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from checks import refusal
 
 from posefuse.core import ModelError
 from posefuse.detection.archives import NpmSource, UrlSource
@@ -71,14 +72,12 @@ def test_a_network_of_the_layout_it_names_can_be_read(tmp_path, name):
     if card.kind in TOP_DOWN:
         outputs["o0"] = outputs["o0"][:, 1:]
         other = graphs.constant_network(tmp_path / "other.onnx", card.input.size_wh, outputs)
-        with pytest.raises(ModelError, match="expected outputs of layout"):
-            OnnxNetwork(card, other, "cpu", "f32", 1)
+        refusal(ModelError, "expected outputs of layout", OnnxNetwork, card, other, "cpu", "f32", 1)
 
 
 @pytest.mark.parametrize("name", CARDS)
 def test_nothing_is_fetched_before_its_terms_are_accepted(tmp_path, name):
-    with pytest.raises(ModelError, match=rf"{name}: Apache-2.0.*posefuse models --accept-licence {name}"):
-        fetch_all([CARDS[name]], tmp_path)
+    refusal(ModelError, rf"{name}: Apache-2.0.*posefuse models --accept-licence {name}", fetch_all, [CARDS[name]], tmp_path)
     assert not list(tmp_path.iterdir())
 
 

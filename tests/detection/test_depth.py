@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from built import detections
+from checks import refusal
 
 from posefuse.core import Detections2D, Frame, ShapeError
 from posefuse.core.depth import DepthImage, DepthNoise
@@ -88,8 +89,7 @@ def test_a_keypoint_that_may_be_hidden_has_no_depth() -> None:
 
 
 def test_a_depth_image_of_another_size_or_type_is_refused() -> None:
-    with pytest.raises(ShapeError, match="uint16"):
-        DepthImage(values=np.zeros((4, 4), np.float32))
+    refusal(ShapeError, "uint16", DepthImage, values=np.zeros((4, 4), np.float32))
     with pytest.raises(ShapeError, match="depth of the image's size"):
         Frame(
             camera="c", seq=0, t_ns=0, received_ns=0, image=np.zeros((4, 6, 3), np.uint8),

@@ -12,6 +12,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import numpy as np
 import pytest
+from checks import refusal
 
 from posefuse.core import ModelError
 from posefuse.detection.archives import UrlSource
@@ -106,8 +107,7 @@ def test_a_file_that_never_comes_is_one_line_with_each_address_and_reason(server
 
 
 def test_an_address_that_gives_nothing_leaves_nothing(get, tmp_path):
-    with pytest.raises(ModelError, match=r"refused.*posefuse models NAME --from PATH"):
-        get("http://127.0.0.1:9/n.onnx")
+    refusal(ModelError, r"refused.*posefuse models NAME --from PATH", get, "http://127.0.0.1:9/n.onnx")
     assert not list(tmp_path.iterdir())
 
 
@@ -129,14 +129,12 @@ def test_a_beginning_of_another_file_is_thrown_away(server, get, tmp_path):
 
 def test_more_than_the_card_states_is_not_received(server, get, tmp_path):
     server.files["n.onnx"] = CONTENT
-    with pytest.raises(ModelError, match="expected at most 1000 bytes, got 3000000"):
-        get(server.url("n.onnx"), most=1000)
+    refusal(ModelError, "expected at most 1000 bytes, got 3000000", lambda: get(server.url("n.onnx"), most=1000))
 
 
 def test_a_server_in_trouble_is_asked_again(server, get):
     server.files["n.onnx"], server.status = CONTENT, 503
-    with pytest.raises(ModelError, match="Service Unavailable"):
-        get(server.url("n.onnx"))
+    refusal(ModelError, "Service Unavailable", lambda: get(server.url("n.onnx")))
     assert len(server.asked) == 4
 
 
@@ -198,14 +196,12 @@ def test_an_archive_gives_its_network_and_nothing_else(server, card, tmp_path):
 def test_two_networks_of_that_name_in_one_archive_are_none(server, card, tmp_path):
     server.files["m.zip"] = archive(a__end2end_onnx=b"1", b__end2end_onnx=b"2")
     card = replace(card, source=replace(card.source, archive_sha256=""))
-    with pytest.raises(ModelError, match=r"holds no end2end\.onnx"):
-        fetch_all([card], tmp_path, trust=ACCEPTED)
+    refusal(ModelError, r"holds no end2end\.onnx", fetch_all, [card], tmp_path, trust=ACCEPTED)
 
 
 def test_an_archive_from_elsewhere_is_held_to_the_hash(card, tmp_path):
     (tmp_path / "m.zip").write_bytes(archive(end2end_onnx=b"another"))
-    with pytest.raises(ModelError, match="expected sha256"):
-        fetch_all([card], tmp_path / "cache", tmp_path / "m.zip", trust=ACCEPTED)
+    refusal(ModelError, "expected sha256", fetch_all, [card], tmp_path / "cache", tmp_path / "m.zip", trust=ACCEPTED)
 
 
 def test_an_archive_is_for_the_cards_that_name_it(card, tmp_path):
@@ -225,14 +221,12 @@ def test_the_file_that_came_first_is_kept_to(server, card, tmp_path):
     model_path(card, tmp_path).write_bytes(b"changed")
     assert status(card, tmp_path) == "damaged"
     server.files["m.zip"] = archive(end2end_onnx=b"another")
-    with pytest.raises(ModelError, match=f"expected sha256 {SHA}"):
-        fetch_all([card], tmp_path, trust=ACCEPTED)
+    refusal(ModelError, f"expected sha256 {SHA}", fetch_all, [card], tmp_path, trust=ACCEPTED)
 
 
 def test_locked_means_that_only_known_files_are_fetched(server, card, tmp_path):
     unknown = replace(card, source=replace(card.source, archive_sha256=""))
-    with pytest.raises(ModelError, match="refused as locked"):
-        fetch_all([unknown], tmp_path, trust=Trust(terms=True, locked=True))
+    refusal(ModelError, "refused as locked", lambda: fetch_all([unknown], tmp_path, trust=Trust(terms=True, locked=True)))
     assert not server.asked
     fetch_all([card], tmp_path, trust=Trust(terms=True, locked=True))
 

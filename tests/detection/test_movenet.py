@@ -1,12 +1,11 @@
 """MoveNet as it is published: what TensorFlow.js computes, and a person followed by its name. Skipped where it cannot be had."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import figures
 
-from posefuse.cli.main import main
 from posefuse.core import ModelError, Region
 from posefuse.core.skeleton import mirror_name
 from posefuse.detection.boxes import keypoints_of
@@ -76,11 +75,9 @@ def test_its_name_is_all_that_track_needs(
     name: str, models: None, demo_session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     fetched(name)
-    options = ["--networks", name, "--end", "1.0", "--outputs", "trc", "--json"]
-    assert main(["track", str(demo_session), "--out", str(tmp_path / "out"), *options]) == 0
-    figures = json.loads(capsys.readouterr().out)
-    assert figures["network"] == name
-    assert figures["mpjpe_mm"] < 35
+    options = ["--networks", name, "--end", "1.0", "--outputs", "trc"]
+    found = figures(capsys, "track", demo_session, "--out", tmp_path / "out", *options)
+    assert found["network"] == name and found["mpjpe_mm"] < 35
 
 
 @pytest.mark.slow

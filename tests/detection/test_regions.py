@@ -104,13 +104,6 @@ def test_a_crop_shows_a_spot_at_its_mapped_position(side_px, angle_rad):
     assert np.allclose(img_from_crop(region, 256, seen), spot, atol=0.15 * max(1, side_px / 256))
 
 
-def test_crops_agree_with_opencv_warps():
-    image = cv2.GaussianBlur(np.random.default_rng(8).integers(0, 255, (240, 320, 3), dtype=np.uint8), (0, 0), 3)
-    region = Region(centre_img=np.array([150.0, 120.0]), side_px=200.0, angle_rad=0.4)
-    expected = cv2.warpAffine(image, crop_from_img(region, 128), (128, 128))
-    assert np.array_equal(square_crop(image, region, 128), expected)
-
-
 def test_outside_the_image_is_black():
     image = np.full((100, 120, 3), 200, np.uint8)
     assert not square_crop(image, Region(centre_img=np.array([-500.0, 50.0]), side_px=300.0), 256).any()

@@ -2,8 +2,6 @@
 
 import os
 import shutil
-import subprocess
-import sys
 import urllib.request
 from collections.abc import Sequence
 from importlib.util import find_spec
@@ -11,6 +9,7 @@ from pathlib import Path
 
 import network_log
 import pytest
+from running import python
 
 from posefuse.detection.build import DetectorChoice
 from posefuse.foundation.places import default_cache_dir
@@ -38,14 +37,11 @@ class Watch:
         for name in [name for name in os.environ if name.startswith("XDG_") or name in {"CI", "TF_BUILD", "JENKINS_URL"}]:
             monkeypatch.delenv(name)
 
-    def python(self, *words: str) -> subprocess.CompletedProcess[str]:
-        """Run Python to its end."""
-        return subprocess.run([sys.executable, *words], capture_output=True, text=True, timeout=PATIENCE_S, check=False)
-
     def posefuse(self, *words: str) -> None:
-        """Run a command that succeeds."""
-        done = self.python("-m", "posefuse", *words)
+        """Run a command that succeeds, and is quiet."""
+        done = python("-m", "posefuse", *words, limit_s=PATIENCE_S)
         assert done.returncode == 0, done.stderr
+        self.assert_quiet()
 
     def assert_quiet(self) -> None:
         """Nothing was asked for, nothing was written."""
@@ -76,7 +72,7 @@ def live(session: Path) -> Sequence[str]:
     ],
 )
 def test_the_watch_sees_what_a_process_asks_for(watch: Watch, program: str) -> None:
-    watch.python("-c", program)
+    python("-c", program)
     with pytest.raises(AssertionError):
         watch.assert_quiet()
 
@@ -84,7 +80,6 @@ def test_the_watch_sees_what_a_process_asks_for(watch: Watch, program: str) -> N
 def test_demo_and_report(watch: Watch, tmp_path: Path) -> None:
     watch.posefuse("demo", "--out", str(tmp_path / "result"))
     watch.posefuse("report", str(tmp_path / "result"))
-    watch.assert_quiet()
 
 
 def test_doctor(watch: Watch) -> None:
@@ -92,18 +87,15 @@ def test_doctor(watch: Watch) -> None:
     if find_spec("onnxruntime") is None:
         pytest.skip("the extra onnx is not installed")
     watch.posefuse("doctor")
-    watch.assert_quiet()
 
 
 def test_live(watch: Watch, demo_session: Path) -> None:
     watch.posefuse(*live(demo_session))
-    watch.assert_quiet()
 
 
 def test_batch(watch: Watch, demo_session: Path, tmp_path: Path) -> None:
     shutil.copytree(demo_session, tmp_path / "study" / "P01" / "walk1", ignore=shutil.ignore_patterns("truth"))
     watch.posefuse("batch", str(tmp_path / "study"), "--out", str(tmp_path / "results"), "--set", "end_s=0.2")
-    watch.assert_quiet()
 
 
 def test_simulate(watch: Watch, demo_session: Path, tmp_path: Path) -> None:
@@ -111,7 +103,6 @@ def test_simulate(watch: Watch, demo_session: Path, tmp_path: Path) -> None:
     scene = (demo_session / "scene.yaml").read_text(encoding="utf-8").replace("duration_s: 10.0", "duration_s: 0.1")
     (tmp_path / "scene.yaml").write_text(scene.replace("- 640", "- 64").replace("- 480", "- 48"), encoding="utf-8")
     watch.posefuse("simulate", str(tmp_path / "scene.yaml"), "--out", str(tmp_path / "made"))
-    watch.assert_quiet()
 
 
 def test_studio(watch: Watch, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

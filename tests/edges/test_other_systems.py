@@ -4,11 +4,12 @@ import json
 import os
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import other_system
 import pytest
+from commands import as_options, oracle
+from running import python
 
 SYSTEMS = ("win32", "darwin")
 PATIENCE_S = 180.0
@@ -24,20 +25,12 @@ def disguise(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def run(disguise: Path, system: str, *arguments: str) -> subprocess.CompletedProcess[str]:
     paths = [str(disguise), *filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))]
-    environ = {**os.environ, "POSEFUSE_TEST_SYSTEM": system, "PYTHONPATH": os.pathsep.join(paths)}
-    return subprocess.run(
-        [sys.executable, *arguments], capture_output=True, text=True, env=environ, timeout=PATIENCE_S, check=False
-    )  # fmt: skip
+    return python(*arguments, limit_s=PATIENCE_S, POSEFUSE_TEST_SYSTEM=system, PYTHONPATH=os.pathsep.join(paths))
 
 
 def figures(done: subprocess.CompletedProcess[str]) -> dict:
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
-
-
-def oracle(session: Path) -> list[str]:
-    truth = session / "truth" / "truth.npz"
-    return ["--set", "detector.name=oracle", "--set", f"detector.options.truth={truth.as_posix()}"]
 
 
 def test_the_lists_of_removed_names_match_the_python_documentation() -> None:
@@ -66,7 +59,7 @@ def test_a_module_that_needs_linux_is_found(disguise: Path) -> None:
 
 @pytest.mark.parametrize("system", SYSTEMS)
 def test_a_recording_is_tracked(disguise: Path, demo_session: Path, tmp_path: Path, system: str) -> None:
-    options = ["--end", "0.4", "--outputs", "trc,csv", "--json", *oracle(demo_session)]
+    options = ["--end", "0.4", "--outputs", "trc,csv", "--json", *as_options(oracle())]
     command = ["-m", "posefuse.cli.main", "track", str(demo_session), "--out", str(tmp_path / "result"), *options]
     got = figures(run(disguise, system, *command))
     assert got["time_steps"] == 13 and got["people"] == 1
@@ -83,7 +76,7 @@ def test_people_are_detected_in_images(disguise: Path, demo_session: Path, tmp_p
 @pytest.mark.parametrize("system", [SYSTEMS[0], *(pytest.param(one, marks=pytest.mark.slow) for one in SYSTEMS[1:])])
 def test_a_live_session_runs_from_files(disguise: Path, demo_session: Path, system: str) -> None:
     sources = [f"--source=cam0{i}=video:{demo_session / 'videos' / f'cam0{i}.mp4'}" for i in range(4)]
-    options = ["--duration", "4", "--loop", "10", "--json-udp", "127.0.0.1:9", "--groups", "2", "--json", *oracle(demo_session)]
+    options = ["--duration", "4", "--loop", "10", "--json-udp", "127.0.0.1:9", "--groups", "2", "--json", *as_options(oracle())]
     command = ["-m", "posefuse.cli.main", "live", str(demo_session / "rig.toml"), *sources, *options]
     got = figures(run(disguise, system, *command))
     assert got["poses"] > 100 and got["restarts"] == 0

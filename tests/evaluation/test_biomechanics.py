@@ -7,6 +7,7 @@ import sys
 import built
 import numpy as np
 import pytest
+from checks import refusal
 from figure import sequence_of
 
 from bench.angle_errors import angle_errors, joints_from_lab, poses_from_lab
@@ -131,20 +132,8 @@ def test_stages_are_reported_as_they_begin(recording, tmp_path):
     reported = []
     report = lambda *report: reported.append(report)  # noqa: E731
     write_biomechanics(recording, tmp_path, BiomechanicsSettings(fit="points"), title="Trial 7", progress=report)
-    assert reported == [
-        (
-            *("report", 0, 3),
-            "joint angles of 24 time steps, of one skeleton of constant segment lengths per person, fitted to the points of the "
-            "result, which smooths them; `posefuse report --fit none` takes them straight from the 3D points",
-        ),
-        (
-            *("report", 1, 3),
-            "no angles of left_wrist, right_wrist: anatomical23 has no left_index, right_index, left_pinky, right_pinky",
-        ),
-        ("report", 1, 3, "tables and files for other programs"),
-        ("report", 2, 3, "gait cycles and the page"),
-        ("report", 3, 3),
-    ]
+    assert [one[:3] for one in reported] == [("report", done, 3) for done in (0, 1, 1, 2, 3)]
+    assert "fitted to the points" in reported[0][3] and "no angles of left_wrist, right_wrist: " in reported[1][3]
     assert "<h1>Trial 7</h1>" in (tmp_path / "report.html").read_text()
 
 
@@ -174,8 +163,7 @@ def test_time_steps_are_matched_by_time():
     every_second = made_joints(truth[::2], step_ns=20_000_000)
     assert angle_errors(every_second, made_joints(truth))[0].rmse_deg == pytest.approx(0, abs=1e-9)
     later = dataclasses.replace(every_second, t_ns=every_second.t_ns + 10**12)
-    with pytest.raises(InputError, match="no time step in common"):
-        angle_errors(later, made_joints(truth))
+    refusal(InputError, "no time step in common", lambda: angle_errors(later, made_joints(truth)))
 
 
 def test_other_joints_and_people_are_refused():
@@ -204,7 +192,5 @@ def test_a_file_without_the_points_is_refused_with_a_list_of_its_points(tmp_path
         tmp_path / "a.c3d",
         C3dData(names=("RKNE", "LKNE"), xyz_world=np.zeros((4, 2, 3)), sigma_m=np.zeros((4, 2)), rate_hz=100.0),
     )
-    with pytest.raises(InputError, match=r"no point PELP; there are: RKNE, LKNE"):
-        poses_from_lab(tmp_path / "a.c3d")
-    with pytest.raises(InputError, match="no angles LHipAngles"):
-        joints_from_lab(tmp_path / "a.c3d")
+    refusal(InputError, r"no point PELP; there are: RKNE, LKNE", poses_from_lab, tmp_path / "a.c3d")
+    refusal(InputError, "no angles LHipAngles", joints_from_lab, tmp_path / "a.c3d")

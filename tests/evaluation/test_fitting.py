@@ -1,14 +1,12 @@
 """Fits to people known exactly: laws are recovered, sets get what they can tell, and the command writes what it fitted."""
 
-import json
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import figures
 
-from posefuse.cli.main import main
 from posefuse.core import SKELETONS, CameraTruth, Rig, Truth
 from posefuse.detection.card import read_card
 from posefuse.detection.noise import FEATURES, read_keypoint_noise
@@ -68,18 +66,10 @@ def test_sets_without_hands_and_feet_are_fitted_along_directions_they_determine(
     assert coco["knee"] == whole["knee"]
 
 
-@pytest.fixture
-def discs(monkeypatch):
-    """The session of coloured discs, and the networks that see them."""
-    pytest.importorskip("onnx", reason="the package onnx is not installed")
-    monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "detection" / "networks"))
-    import discs
-
-    yield discs
-    sys.modules.pop("discs", None)
+discs = pytest.importorskip("discs", reason="the package onnx is not installed")
 
 
-def scene(folder: Path, rig: Rig, discs, turned_rad: float) -> None:
+def scene(folder: Path, rig: Rig, turned_rad: float) -> None:
     """A finished scene: discs where a detector marks people who hold their wrists 40 mm further out, and the truth."""
     xyz = discs.true_xyz(turned_rad)
     discs.draw(rig, xyz, folder / "videos")
@@ -105,16 +95,14 @@ def scene(folder: Path, rig: Rig, discs, turned_rad: float) -> None:
 
 
 def test_the_command_fits_a_card_on_scenes_that_are_there(
-    discs, ring_rig: Callable[..., Rig], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ring_rig: Callable[..., Rig], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     rig = ring_rig(4, size_wh=(720, 560))
     for place, turned_rad in (("everyday", 0.0), ("moving", 1.0)):
-        scene(tmp_path / "scenes" / place / "scene00", rig, discs, turned_rad)
+        scene(tmp_path / "scenes" / place / "scene00", rig, turned_rad)
     card = discs.card_of("simcc", tmp_path)
-    command = ["fit-noise", str(card), "--scenes-in", str(tmp_path / "scenes"), "--scenes", "1", "--moving", "1", "--json"]
-    assert main(command) == 0
-    figures = json.loads(capsys.readouterr().out)
-    assert figures["crops"] == 4 * discs.FRAMES
+    options = ["--scenes-in", tmp_path / "scenes", "--scenes", "1", "--moving", "1"]
+    assert figures(capsys, "fit-noise", card, *options)["crops"] == 4 * discs.FRAMES
     noise = read_keypoint_noise(tmp_path / "simcc.noise.toml")
     assert noise.offset["left_wrist"] > noise.offset["left_shoulder"] + 1, "marks that are off make a keypoint less sure"
     table = read_joint_centres(tmp_path / "simcc.joint_centres.toml")

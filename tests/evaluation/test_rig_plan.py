@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from checks import refusal
 
 import posefuse as pf
 from posefuse.core import SE3, InputError, Rig
@@ -43,20 +44,6 @@ def test_measured_points_are_off_by_what_it_states(ring_rig: Callable[..., Rig])
     assert -4 * np.sqrt(6 / square.size) < square.mean() - 3 < 0.3
 
 
-def test_moving_the_world_turns_the_covariance_along(ring_rig: Callable[..., Rig]) -> None:
-    rig, new_from_old = ring_rig(4), SE3.from_rotvec([0.3, -0.2, 1.1], np.array([2.0, -1.0, 0.5]))
-    turn = new_from_old.matrix()
-    np.testing.assert_allclose(
-        stated(rig.moved(new_from_old), new_from_old @ POINTS), turn @ stated(rig, POINTS) @ turn.T, rtol=1e-5, atol=1e-12
-    )
-
-
-def test_one_more_camera_never_makes_it_worse(ring_rig: Callable[..., Rig]) -> None:
-    rig = ring_rig(6)
-    errors = [np.trace(stated(rig.only(rig.names[:count]), POINTS), axis1=-2, axis2=-1) for count in (3, 4, 5, 6)]
-    assert (np.diff(errors, axis=0) < 0).all()
-
-
 def test_where_fewer_than_two_cameras_see_nothing_is_stated(ring_rig: Callable[..., Rig]) -> None:
     rig = ring_rig(3)
     wall = Box(np.array([0.05, 5.0, 3.0]), SE3.from_rotvec([0, 0, 0], np.array([1.5, 0.0, 0.0])), (0.5, 0.5, 0.5))
@@ -78,8 +65,7 @@ def test_a_detector_errs_by_a_share_of_the_person(ring_rig: Callable[..., Rig]) 
 
 
 def test_too_many_points_are_refused_with_a_remedy(ring_rig: Callable[..., Rig]) -> None:
-    with pytest.raises(InputError, match="larger step"):
-        plan_rig(ring_rig(2), (50.0, 50.0), step_m=0.01)
+    refusal(InputError, "larger step", lambda: plan_rig(ring_rig(2), (50.0, 50.0), step_m=0.01))
 
 
 def test_a_scene_file_is_planned_without_rendering(tmp_path, capsys) -> None:

@@ -5,8 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from checks import refusal
+from videos import ScriptedSource
 
-from posefuse.core import Frame, InputError, SourceError
+from posefuse.core import InputError, SourceError
 from posefuse.core.depth import DepthImage, DepthNoise
 from posefuse.formats.depth_images import ABOUT_FILE, DepthFolder, depth_name, write_depth
 from posefuse.sources import DepthSource
@@ -42,56 +44,39 @@ def test_every_bit_comes_back_with_unit_and_noise(folder: Path) -> None:
 
 
 def test_what_is_no_depth_is_one_line(folder: Path) -> None:
-    with pytest.raises(InputError, match="16x12 px, the colour image has 32x24"):
-        DepthFolder(folder).at(0, (32, 24))
+    refusal(InputError, "16x12 px, the colour image has 32x24", lambda: DepthFolder(folder).at(0, (32, 24)))
     (folder / depth_name(0)).write_bytes(b"no image")
-    with pytest.raises(InputError, match="expected a depth image"):
-        DepthFolder(folder).at(0, (16, 12))
+    refusal(InputError, "expected a depth image", lambda: DepthFolder(folder).at(0, (16, 12)))
     for wrong in ({"unit_m": 0}, {"unit_m": 0.001, "noise": {"focus": 1}}, {"unit_m": 0.001, "noise": {"focal_px": -1}}, [1]):
         (folder / ABOUT_FILE).write_text(json.dumps(wrong))
-        with pytest.raises(InputError, match=r"depth\.json: "):
-            DepthFolder(folder)
+        refusal(InputError, r"depth\.json: ", DepthFolder, folder)
     (folder / ABOUT_FILE).unlink()
     (folder / "left.png").write_bytes(b"")
-    with pytest.raises(InputError, match=r"named by their time in microseconds, got left\.png"):
-        DepthFolder(folder)
+    refusal(InputError, r"named by their time in microseconds, got left\.png", DepthFolder, folder)
 
 
-class Film:
-    """Four frames of 30 Hz whose clock is half a second late and drifts; implements `RecordedSource`."""
-
-    camera, size_wh, stated_frames = "left", (16, 12), 4
-    closed = False
-
-    def times_ns(self) -> np.ndarray:
-        return np.array([round(i * 33_333_333 * (1 + 50e-6)) + 500_000_000 for i in range(4)])
-
-    def frames(self):
-        for i, t_ns in enumerate(self.times_ns().tolist()):
-            yield Frame(camera="left", seq=i, t_ns=t_ns, received_ns=t_ns, image=np.zeros((12, 16, 3), np.uint8))
-
-    def close(self) -> None:
-        self.closed = True
+def late() -> ScriptedSource:
+    """Four frames of 30 Hz whose clock is half a second late and drifts."""
+    return ScriptedSource("left", [round(i * 33_333_333 * (1 + 50e-6)) + 500_000_000 for i in range(4)], (16, 12))
 
 
 def test_frames_get_the_depth_of_their_own_time_in_the_file(folder: Path) -> None:
     (folder / depth_name(2 * 33_333_333)).unlink()
-    film = Film()
-    source = DepthSource(film, folder, offset_s=0.5, drift_ppm=50)
+    recorded = late()
+    source = DepthSource(recorded, folder, offset_s=0.5, drift_ppm=50)
     frames = list(source.frames())
     assert [frame.depth is not None for frame in frames] == [True, True, False, True]
     assert frames[3].depth is not None
     np.testing.assert_array_equal(frames[3].depth.values, image(3).values)
     assert (source.camera, source.size_wh, source.stated_frames, len(source.times_ns())) == ("left", (16, 12), 4, 4)
     source.close()
-    assert film.closed
+    assert recorded.closed
 
 
 def test_a_wrong_folder_names_the_camera(tmp_path: Path, folder: Path) -> None:
     empty = tmp_path / "empty"
     empty.mkdir()
-    with pytest.raises(SourceError, match=r"camera left: .*got none"):
-        DepthSource(Film(), empty)
+    refusal(SourceError, r"camera left: .*got none", lambda: DepthSource(late(), empty))
     (folder / depth_name(0)).write_bytes(b"no image")
     with pytest.raises(SourceError, match=r"camera left: .*expected a depth image"):
-        list(DepthSource(Film(), folder, offset_s=0.5, drift_ppm=50).frames())
+        list(DepthSource(late(), folder, offset_s=0.5, drift_ppm=50).frames())

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from checks import assert_same, refusal
 
 from posefuse.core import DetectionBatch, Detections2D, InputError, LookKind
 from posefuse.core.skeleton import COCO17
-from posefuse.core.values import DETECTION_ARRAYS
 from posefuse.formats.detection_log import ObservationLog, is_in_use, read_log
 
 K, NAMES = len(COCO17), ("cam00", "cam01")
@@ -46,11 +46,7 @@ def test_every_record_comes_back(log: Path) -> None:
     got = read_log(log)
     assert (got.skeleton, got.camera_names, got.made_with, got.cut) == (COCO17, NAMES, {"rig": "abc"}, 0)
     assert [(one.step, one.kind) for one in got.batches] == [*((i, 0) for i in range(6)), (5, 1)]
-    for one in got.batches[:6]:
-        for found, wanted in zip(one.detections, batch(one.step).detections, strict=True):
-            assert (found.camera, found.t_ns) == (wanted.camera, wanted.t_ns)
-            for name in DETECTION_ARRAYS:
-                np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name))
+    assert_same(got.batches[:6], tuple(batch(i) for i in range(6)))
 
 
 def test_depth_of_some_cameras_comes_back_and_the_others_cost_nothing(tmp_path: Path, log: Path) -> None:
@@ -106,21 +102,16 @@ def test_two_writers_do_not_share_a_log(log: Path) -> None:
     pytest.importorskip("fcntl")
     writer = opened(log, len(log.read_bytes()))
     assert is_in_use(log)
-    with pytest.raises(InputError, match="another posefuse is writing to it"):
-        opened(log, 10)
+    refusal(InputError, "another posefuse is writing to it", opened, log, 10)
     writer.close()
     assert not is_in_use(log)
 
 
 def test_what_is_no_log_is_reported(tmp_path: Path, log: Path) -> None:
     other = tmp_path / "other.log"
-    with pytest.raises(InputError, match="cannot be read"):
-        read_log(other)
+    refusal(InputError, "cannot be read", read_log, other)
     other.write_bytes(b"something else")
-    with pytest.raises(InputError, match="not a log of detections"):
-        read_log(other)
+    refusal(InputError, "not a log of detections", read_log, other)
     other.write_bytes(log.read_bytes()[:40])
-    with pytest.raises(InputError, match="header is cut off"):
-        read_log(other)
-    with pytest.raises(InputError, match=r"detections cannot be stored \(File exists\)"):
-        opened(log)
+    refusal(InputError, "header is cut off", read_log, other)
+    refusal(InputError, r"detections cannot be stored \(File exists\)", opened, log)

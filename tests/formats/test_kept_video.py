@@ -11,6 +11,8 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
+from checks import refusal
+from videos import write_video
 
 from posefuse.core import Frame, InputError, SourceError
 from posefuse.core.encoded import EncodedFrame
@@ -69,20 +71,16 @@ def made_stream(path: Path, name: str) -> None:
     codec, options, container, rate, first, _ = STREAMS[name]
     if codec not in av.codecs_available:
         pytest.skip(f"this PyAV has no {codec}")
-    base = Fraction(1, rate)
-    with av.open(str(path), "w", format=container) as made:
-        stream = made.add_stream(codec, rate=30, options=options)
-        stream.width, stream.height, stream.pix_fmt = 160, 120, "yuvj420p" if codec == "mjpeg" else "yuv420p"
-        stream.time_base = stream.codec_context.time_base = base
-        for i in range(COUNT):
-            image = av.VideoFrame.from_ndarray(np.full((120, 160, 3), grey(i), np.uint8))
-            image.pts, image.time_base = first + round((i / 30 + 0.4 * (i > 20)) * rate), base
-            made.mux(stream.encode(image))
-        made.mux(stream.encode(None))
+    pts = [first + round((i / 30 + 0.4 * (i > 20)) * rate) for i in range(COUNT)]
+    pix_fmt = "yuvj420p" if codec == "mjpeg" else "yuv420p"
+    write_video(path, GREYS, codec, Fraction(1, rate), pts, pix_fmt=pix_fmt, options=options, format=container)
 
 
 def grey(i: int) -> int:
     return 20 + 67 * i % 200
+
+
+GREYS = [np.full((120, 160, 3), grey(i), np.uint8) for i in range(COUNT)]
 
 
 @pytest.mark.parametrize("name", STREAMS)
@@ -126,12 +124,8 @@ def test_frames_from_a_time_on_are_those_of_the_whole_and_little_before_is_decod
 
 def test_intra_refresh_marks_frames_that_do_not_show_all_and_is_decoded_from_the_start(tmp_path: Path) -> None:
     texture = np.random.default_rng(0).integers(0, 255, (120, 160, 3), np.uint8)
-    with av.open(str(tmp_path / "made.ts"), "w", format="mpegts") as made:
-        stream = made.add_stream("libx264", rate=30, options={"intra-refresh": "1", "g": "30", "bf": "0"})
-        stream.width, stream.height, stream.pix_fmt = 160, 120, "yuv420p"
-        for i in range(100):
-            made.mux(stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(np.roll(texture, i, axis=1)))))
-        made.mux(stream.encode(None))
+    rolled = [np.roll(texture, i, axis=1) for i in range(100)]
+    write_video(tmp_path / "made.ts", rolled, options={"intra-refresh": "1", "g": "30", "bf": "0"}, format="mpegts")
     source = VideoConfig(tmp_path / "made.ts", "cam00").build()
     # frames 60 to 67 are not decoded from the mark at 60
     whole = list(source.frames())[62:]
@@ -187,12 +181,7 @@ def test_a_camera_that_sets_its_clock_back_loses_no_frame(tmp_path: Path) -> Non
 
 
 def test_a_stream_without_presentation_times_is_encoded(tmp_path: Path) -> None:
-    with av.open(str(tmp_path / "a.h264"), "w", format="h264") as made:
-        stream = made.add_stream("libx264", rate=30, options=B_FRAMES)
-        stream.width, stream.height = 160, 120
-        for i in range(10):
-            made.mux(stream.encode(av.VideoFrame.from_ndarray(np.full((120, 160, 3), grey(i), np.uint8))))
-        made.mux(stream.encode(None))
+    write_video(tmp_path / "a.h264", GREYS[:10], options=B_FRAMES, format="h264")
     with av.open(str(tmp_path / "a.h264")) as container:
         found = [encoded for _, encoded in decoded_with_packets(container, container.streams.video[0], True)]
     assert found == [None] * 10
@@ -235,10 +224,8 @@ def test_no_video_is_written_over_and_what_does_not_fit_is_named(demo_session: P
         assert not video.write(kept(first), 5_000_000)
         assert "not later" in video.write(kept(second), 5_000_000)
         assert "another size or encoding" in video.write(RgbPixels(np.zeros((4, 4, 3), np.uint8)), 6_000_000)
-    with pytest.raises(InputError, match="no video is written over"):
-        KeptVideo(tmp_path / "a.mp4")
-    with pytest.raises(InputError, match="cannot be written"):
-        KeptVideo(tmp_path / "missing" / "a.mp4")
+    refusal(InputError, "no video is written over", KeptVideo, tmp_path / "a.mp4")
+    refusal(InputError, "cannot be written", KeptVideo, tmp_path / "missing" / "a.mp4")
 
 
 def served(path: Path, listener: socket.socket) -> None:

@@ -1,11 +1,17 @@
 """Pages: one file that stands alone, shows its input and nothing else, and survives names, gaps and emptiness."""
 
+import csv
 import gzip
+import html
+import json
 import re
+import shutil
+import subprocess
 
 import cv2
 import numpy as np
 import pytest
+from checks import refusal
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -40,6 +46,12 @@ X = np.arange(7) * 0.1
 
 def axes(*series, **more):
     return Plot("p", series, **{"x_label": "s", "y_label": "mm", **more})
+
+
+def player(t_s, xyz, bones=((),), **more):
+    """Of one person without bones."""
+    bones = np.array(bones, int).reshape(-1, 2)
+    return Player(t_s, xyz, bones=bones, **{"sides": (), "people": ("a",), **more})
 
 
 def shown(read_page, tmp_path, *blocks, **more):
@@ -117,7 +129,7 @@ def test_missing_values_are_dashes_and_gaps(read_page, tmp_path):
 
 
 def test_empty_blocks_make_a_whole_page(read_page, tmp_path):
-    nothing = Player(np.zeros(0), np.zeros((0, 0, 5, 3)), bones=np.zeros((0, 2), int), sides=(), people=())
+    nothing = player(np.zeros(0), np.zeros((0, 0, 5, 3)), people=())
     blocks = (Cards({}), Facts({}), Table(["a"], []), Images({}), Details("d", []), Plots([]), nothing)
     page = shown(read_page, tmp_path, *blocks)
     assert page.headings == ["title"] and page.images == []
@@ -186,19 +198,19 @@ def test_the_player_keeps_positions_to_a_millimetre(read_page, tmp_path):
     xyz = rng.normal(size=(90, 2, 4, 3)).cumsum(axis=0) * 0.01
     xyz[10:20, 1, 2] = np.nan
     t_s = np.arange(90) / 60
-    player = Player(t_s, xyz, bones=np.array([[0, 1], [2, 3]]), sides=("left", "mid"), people=("a", NASTY), right_left=[(0, 1)])
-    [content] = shown(read_page, tmp_path, player).data["players"]
+    block = player(t_s, xyz, [(0, 1), (2, 3)], sides=("left", "mid"), people=("a", NASTY), right_left=[(0, 1)])
+    [content] = shown(read_page, tmp_path, block).data["players"]
     np.testing.assert_allclose(content["t"], t_s[::2], atol=6e-4)
     for n, person in enumerate(content["people"]):
         for k, positions in enumerate(person["xyz"]):
             np.testing.assert_allclose(np.array(positions, float).T, xyz[::2, n, k], atol=5.1e-4)
-    assert content["people"][1]["name"] == NASTY and content["across"] == [[0, 1]] and player.note == ""
+    assert content["people"][1]["name"] == NASTY and content["across"] == [[0, 1]] and block.note == ""
 
 
 def test_a_long_recording_is_cut_and_it_is_reported():
     t_s = np.arange(12_000) / 30
-    player = Player(t_s, np.zeros((12_000, 1, 1, 3)), bones=np.zeros((0, 2), int), sides=(), people=("a",))
-    assert len(player.kept) == 5400 and player.note == "The first 180 s of 400 s."
+    block = player(t_s, np.zeros((12_000, 1, 1, 3)))
+    assert len(block.kept) == 5400 and block.note == "The first 180 s of 400 s."
 
 
 @pytest.mark.parametrize(
@@ -207,24 +219,16 @@ def test_a_long_recording_is_cut_and_it_is_reported():
         (lambda: Line("l", X, X[:3]), "line: expected arrays of one length"),
         (lambda: Spikes("l", X, X, X, colour="pink"), "unknown colour 'pink'"),
         (lambda: Table(["a", "b"], [["only one"]]), "expected rows of 2 cells"),
-        (
-            lambda: Player(X, np.zeros((3, 1, 1, 3)), bones=np.zeros((0, 2)), sides=(), people=("a",)),
-            r"expected positions \(7, 1",
-        ),
-        (
-            lambda: Player(X, np.zeros((7, 1, 1, 3)), bones=np.zeros((1, 2)), sides=(), people=("a",)),
-            "a side for each of 1 bones",
-        ),
+        (lambda: player(X, np.zeros((3, 1, 1, 3))), r"expected positions \(7, 1"),
+        (lambda: player(X, np.zeros((7, 1, 1, 3)), [(0, 0)]), "a side for each of 1 bones"),
     ],
 )
 def test_blocks_that_do_not_fit_together_are_refused(build, said):
-    with pytest.raises(InputError, match=said):
-        build()
+    refusal(InputError, said, build)
 
 
 def test_a_page_that_cannot_be_written_leaves_nothing(tmp_path):
-    with pytest.raises(InputError, match="no folder"):
-        write_page(tmp_path / "nowhere" / "page.html", Page("t", []))
+    refusal(InputError, "no folder", lambda: write_page(tmp_path / "nowhere" / "page.html", Page("t", [])))
 
 
 def test_the_bundle_of_plotly_has_the_version_of_its_name():
@@ -233,3 +237,115 @@ def test_the_bundle_of_plotly_has_the_version_of_its_name():
         ".min.js.gz"
     )
     assert "MIT" in head and "MIT License" in PLOTLY.with_name("plotly-LICENSE.txt").read_text()
+
+
+# --- a page in a real browser: its script draws what it was given, saves it, plays it, and reports no error. Needs Chromium
+
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+
+ODD_NAME = '<b>[x]</b> & "y", %{z}'
+Y = np.array([0.0, 1.5, np.nan, np.nan, 3, 4.25, 2])
+# waits until everything is drawn, plays, saves a plot's data, and leaves what it saw in the title
+PROBE = """
+<script>
+const errors = [], saved = [];
+addEventListener("error", event => errors.push(event.message));
+addEventListener("unhandledrejection", event => errors.push(String(event.reason)));
+URL.createObjectURL = blob => { saved.push(blob.text()); return "data:,"; };
+// frames come by the browser's own clock, which is not that of the machine
+requestAnimationFrame = draw => setTimeout(() => draw(performance.now()), 16);
+const wait = ms => new Promise(done => setTimeout(done, ms));
+const until = async met => { for (let i = 0; i < 150 && !met(); i++) await wait(50); };
+addEventListener("load", async () => {
+  const axes = [...document.querySelectorAll(".axes")], find = text => document.querySelector(text);
+  await until(() => axes.every(one => one.data && one.querySelector(".main-svg")));
+  const time = find(".time"), button = find(".play");
+  button.click();
+  await until(() => Number(time.value) > 0);
+  button.click();
+  find('[data-title="Save the data as CSV"]').click();
+  const seen = trace => ({ name: trace.name, x: [...trace.x], y: [...trace.y] });
+  const canvas = find(".player canvas"), ink = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+  const blue = ink.filter((red, at) => at % 4 == 0 && ink[at + 3] > 128 && ink[at + 2] > red + 80).length;
+  const report = { errors, blue, played: Number(time.value), csv: await saved[0], shown: find(".legendtext").textContent,
+                   drawn: axes.map(one => one.data.map(seen)) };
+  document.body.innerHTML = "";
+  document.body.append(Object.assign(document.createElement("pre"), { id: "report", textContent: JSON.stringify(report) }));
+});
+</script>
+"""
+
+
+@pytest.fixture(scope="module")
+def seen(tmp_path_factory):
+    """What the browser made of a page of every kind of series and a player."""
+    if BROWSER is None:
+        pytest.skip("needs Chromium")
+    series = [
+        Line(ODD_NAME, X, Y),
+        Band("band", X, Y - 1, Y + 1),
+        Dots("dots", X, Y),
+        Spikes("spikes", X, Y * 0, Y),
+        Ticks("ticks", X[:2]),
+    ]
+    xyz = np.random.default_rng(0).normal(size=(900, 1, 4, 3))
+    plots = [
+        Plot("all", series, x_label="s", y_label="mm"),
+        Plot("nothing", [Line("none", X, X * np.nan)], x_label="s", y_label="mm", equal=True),
+    ]
+    block = player(np.arange(900) / 10, xyz, [(0, 1)], sides=("left",), right_left=[(0, 1)])
+    path = write_page(tmp_path_factory.mktemp("page") / "page.html", Page("title", [Plots(plots), block]))
+    path.write_text(path.read_text(encoding="utf-8").replace("<head>", f"<head>{PROBE}"), encoding="utf-8")
+    flags = (
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--window-size=1000,2400",
+        "--virtual-time-budget=15000",
+        "--dump-dom",
+    )
+    run = subprocess.run([BROWSER, *flags, path.as_uri()], capture_output=True, text=True, timeout=120)
+    found = re.search(r'<pre id="report">(.*?)</pre>', run.stdout, re.DOTALL)
+    assert found, run.stdout[-500:]
+    return json.loads(html.unescape(found[1]))
+
+
+def values(column):
+    return np.array([np.nan if value is None else value for value in column], float)
+
+
+def test_the_script_runs_without_errors_and_the_player_plays(seen):
+    assert seen["errors"] == []
+    assert 0 < seen["played"] < 900
+
+
+def test_the_player_names_the_colours_of_the_sides(seen):
+    """Its one bone is a left one: only the word of the legend is blue."""
+    assert seen["blue"] > 8
+
+
+def test_what_is_drawn_is_what_was_given(seen):
+    line, band, dots, spikes, ticks = seen["drawn"][0]
+    for one in (line, dots):
+        np.testing.assert_allclose(values(one["x"]), X, atol=2e-3)
+        np.testing.assert_allclose(values(one["y"]), Y, atol=2e-3)
+    known = Y[np.isfinite(Y)]
+    assert sum(value is None for value in band["x"]) == 1
+    assert (min(values(band["y"])[np.isfinite(values(band["y"]))]), np.nanmax(values(band["y"]))) == pytest.approx(
+        (known.min() - 1, known.max() + 1), abs=2e-3
+    )
+    np.testing.assert_allclose(values(spikes["y"])[1::3], Y, atol=2e-3)
+    np.testing.assert_allclose(values(ticks["x"]), X[:2])
+
+
+def test_names_stand_as_they_are(seen):
+    assert seen["shown"] == ODD_NAME
+
+
+def test_the_data_of_a_plot_can_be_saved(seen):
+    head, *rows = csv.reader(seen["csv"].splitlines())
+    assert head == ["s", ODD_NAME, "band low", "band high", "dots", "spikes low", "spikes high", "ticks, s"]
+    table = np.array([[float(cell or "nan") for cell in row] for row in rows])
+    expected = [X, Y, Y - 1, Y + 1, Y, Y * 0, Y, np.pad(X[:2], (0, 5), constant_values=np.nan)]
+    np.testing.assert_allclose(table.T, expected, atol=2e-3)

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from checks import refusal
 
 from posefuse.core import InputError
 from posefuse.evaluation.tracks import read_tracks
@@ -60,12 +61,9 @@ def test_long_tables(tmp_path: Path, text: str) -> None:
 )
 def test_what_is_wrong_is_named(tmp_path: Path, text: str, problem: str) -> None:
     (tmp_path / "a.csv").write_text(text)
-    with pytest.raises(InputError, match=problem) as caught:
-        read_points_csv(tmp_path / "a.csv", 5 if text == LONG else None)
-    assert "\n" not in str(caught.value)
+    refusal(InputError, problem, read_points_csv, tmp_path / "a.csv", 5 if text == LONG else None)
 
 
 def test_tracks_without_any_point_are_refused(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("t_s,a_x,a_y,a_z\n0,,,\n1,,,\n")
-    with pytest.raises(InputError, match="no point is known at any time"):
-        read_tracks(tmp_path / "a.csv")
+    refusal(InputError, "no point is known at any time", read_tracks, tmp_path / "a.csv")

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from checks import assert_same, refusal
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
@@ -29,11 +30,7 @@ def test_round_trip(tmp_path_factory: pytest.TempPathFactory, times: int, marker
     data = some_points(times, markers, seed)
     path = tmp_path_factory.mktemp("trc") / "a.trc"
     write_trc(path, data, units)
-    back = read_trc(path)
-    assert back.names == data.names
-    assert back.rate_hz == data.rate_hz
-    np.testing.assert_allclose(back.t_s, data.t_s, atol=1e-6)
-    np.testing.assert_allclose(back.xyz_world, data.xyz_world, atol=1e-7)
+    assert_same(read_trc(path), data, atol=1e-6)
 
 
 def test_axes_are_turned_at_the_door(tmp_path: Path) -> None:
@@ -115,24 +112,17 @@ def test_bad_files(tmp_path: Path, old: str, new: str, message: str) -> None:
     text = path.read_text()
     assert old in text
     path.write_text(text.replace(old, new, 1))
-    with pytest.raises(InputError, match=message) as caught:
-        read_trc(path)
-    assert str(path) in str(caught.value)
+    line = refusal(InputError, message, read_trc, path)
+    assert str(path) in line
 
 
-def test_units_that_cannot_be(tmp_path: Path) -> None:
-    path = tmp_path / "a.trc"
-    data = some_points()
-    write_trc(path, data, "mm")
-    text = path.read_text()
-    path.write_text(text.replace("\tmm\t", "\tm\t", 1))
-    with pytest.raises(InputError, match=r"units 'm' .*units='mm'"):
-        read_trc(path)
-    np.testing.assert_allclose(read_trc(path, units="mm").xyz_world, data.xyz_world, atol=1e-7)
-    write_trc(path, data, "m")
-    path.write_text(path.read_text().replace("\tm\t", "\tmm\t", 1))
-    with pytest.raises(InputError, match=r"units 'mm' .*units='m'"):
-        read_trc(path)
+@pytest.mark.parametrize(("true", "stated"), [("mm", "m"), ("m", "mm")])
+def test_units_that_cannot_be(tmp_path: Path, true: str, stated: str) -> None:
+    path, data = tmp_path / "a.trc", some_points()
+    write_trc(path, data, true)
+    path.write_text(path.read_text().replace(f"\t{true}\t", f"\t{stated}\t", 1))
+    refusal(InputError, rf"units '{stated}' .*units='{true}'", read_trc, path)
+    assert_same(read_trc(path, units=true), data, atol=1e-6)
 
 
 def test_names_and_shapes(tmp_path: Path) -> None:

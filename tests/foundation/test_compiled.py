@@ -2,12 +2,11 @@
 
 import os
 import re
-import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
+from running import python
 
 import posefuse
 from posefuse.foundation import compiled
@@ -24,12 +23,8 @@ assert np.allclose(np.diag(out), [1.0, 0.5, 0.25])
 
 
 def use(cache: Path) -> None:
-    subprocess.run(
-        [sys.executable, "-c", USE],
-        check=True,
-        env={"POSEFUSE_CACHE": str(cache), "PYTHONPATH": str(PACKAGE.parent)},
-        timeout=120,
-    )
+    done = python("-c", USE, POSEFUSE_CACHE=str(cache), PYTHONPATH=str(PACKAGE.parent))
+    assert done.returncode == 0, done.stderr
 
 
 def test_kernels_stand_only_where_their_changes_are_noticed() -> None:

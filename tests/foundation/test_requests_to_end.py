@@ -8,6 +8,7 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 
 import pytest
+from running import python
 
 from posefuse.foundation import requests_to_end
 from posefuse.foundation.requests_to_end import HANG_UP, REQUESTS_TO_END, children_ignore_requests, heeded
@@ -64,7 +65,7 @@ def test_a_child_outlives_a_request_for_its_parent_but_not_for_ever() -> None:
         "print('alive', flush=True)\n"
         "time.sleep(600)\n"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+    done = python("-c", script)
     assert (done.returncode, done.stdout) == (143, "alive\n"), done.stderr
     assert requests_to_end._GRACE_S > 10
 

@@ -10,6 +10,7 @@ import ezc3d
 import numpy as np
 import pytest
 from built import arrays_of
+from checks import refusal
 
 from posefuse import __version__
 from posefuse.core import InputError, Recording
@@ -52,8 +53,7 @@ def test_c3d_refuses_uneven_times(tmp_path: Path, make_recording: Make) -> None:
     t_ns[3:] += 20_000_000
     poses, observations = replace(recording.poses, t_ns=t_ns), replace(recording.observations, step_t_ns=t_ns)
     uneven = replace(recording, poses=poses, observations=observations)
-    with pytest.raises(InputError, match=r"evenly spaced .* 0\.5 periods off 25 Hz: set rate_hz"):
-        C3dSink().write(uneven, tmp_path)
+    refusal(InputError, r"evenly spaced .* 0\.5 periods off 25 Hz: set rate_hz", lambda: C3dSink().write(uneven, tmp_path))
     assert not list(tmp_path.iterdir())
 
 

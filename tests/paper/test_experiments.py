@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from checks import refusal
+from commands import error, figures, tracked
 
-from posefuse.cli.main import main
 from posefuse.core import InputError
 from posefuse.evaluation.tracks import plain_name, read_tracks
 from posefuse.formats.trc import TrcData, write_trc
@@ -44,11 +45,10 @@ def test_a_file_compared_with_its_delayed_copy_of_another_kind(
     lines = ["t_s," + ",".join(f"{name}_{axis}" for name in NAMES for axis in "xyz")]
     lines += [f"{t + 0.1:.6f}," + ",".join(f"{v:.7f}" for v in row[:4].ravel()) for t, row in zip(a.t_s, a.xyz_m, strict=True)]
     csv.write_text("\n".join(lines) + "\n")
-    assert main(["compare", str(trc), str(csv), "--json", "--out", str(trc.parent / "out")]) == 0
-    figures = json.loads(capsys.readouterr().out)
-    assert figures["offset_s"] == pytest.approx(-0.1, abs=5e-4)
-    assert figures["mean_mm"] < 0.5
-    assert json.loads((trc.parent / "out" / "compare.json").read_text())["mean_mm"] == figures["mean_mm"]
+    found = figures(capsys, "compare", trc, csv, "--out", trc.parent / "out")
+    assert found["offset_s"] == pytest.approx(-0.1, abs=5e-4)
+    assert found["mean_mm"] < 0.5
+    assert json.loads((trc.parent / "out" / "compare.json").read_text())["mean_mm"] == found["mean_mm"]
     page = read_page(trc.parent / "out" / "compare.html")
     assert page.headings[0] == "b.csv compared with a.trc" and "right shoulder" in page.tables[1][-1] + page.tables[1][1]
     [one, other] = page.plot("right shoulder, x")["series"]
@@ -58,16 +58,11 @@ def test_a_file_compared_with_its_delayed_copy_of_another_kind(
 def test_a_result_is_the_same_as_each_of_its_files(
     demo_session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    result = tmp_path / "result"
-    options = ["detector.name=oracle", f"detector.options.truth={demo_session / 'truth' / 'truth.npz'}", "end_s=1.0"]
-    track = ["track", str(demo_session), "--out", str(result), "--outputs", "trc,c3d,csv"]
-    assert main([*track, *(part for option in options for part in ("--set", option))]) == 0
+    result = tracked(demo_session, tmp_path / "result", "trc,c3d,csv", 1.0)
     for kind in ("trc", "c3d", "csv"):
-        capsys.readouterr()
         [file] = result.glob(f"*.{kind}")
-        assert main(["compare", str(result), str(file), "--json"]) == 0
-        figures = json.loads(capsys.readouterr().out)
-        assert figures["mean_mm"] < 0.01 and abs(figures["offset_s"]) < 1e-4 and len(figures["points"]) > 12
+        found = figures(capsys, "compare", result, file)
+        assert found["mean_mm"] < 0.01 and abs(found["offset_s"]) < 1e-4 and len(found["points"]) > 12
 
 
 def test_mvnx_segments_become_joints(tmp_path: Path) -> None:
@@ -86,14 +81,11 @@ def test_mvnx_segments_become_joints(tmp_path: Path) -> None:
     np.testing.assert_allclose(tracks.t_s, [0, 0.01, 0.02])
     np.testing.assert_allclose(tracks.xyz_m[1, 1], [4, 5, 6])
     path.write_text("<mvnx>")
-    with pytest.raises(InputError, match=r"suit\.mvnx: not an MVNX file"):
-        read_tracks(path)
+    refusal(InputError, r"suit\.mvnx: not an MVNX file", read_tracks, path)
 
 
 def test_what_cannot_be_compared_is_reported_in_one_line(trc: Path, capsys: pytest.CaptureFixture[str]) -> None:
     other = trc.with_suffix(".xyz")
     other.write_text("?")
-    assert main(["compare", str(trc), str(other)]) == 1
-    assert "expected a posefuse result folder" in capsys.readouterr().err
-    assert main(["compare", str(trc), str(trc.with_name("none.trc"))]) == 1
-    assert "no such file" in capsys.readouterr().err
+    assert "expected a posefuse result folder" in error(capsys, "compare", trc, other)
+    assert "no such file" in error(capsys, "compare", trc, trc.with_name("none.trc"))

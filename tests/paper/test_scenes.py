@@ -9,7 +9,7 @@ import pytest
 from paper.experiments.runs import Console, Context, run_scene
 from paper.scenes import paper
 from paper.scenes.inertial import SuitNoise, drift, standing_point, suit_joints
-from paper.scenes.scaling import STUDIES, Setup, _errors, measure, run_study
+from paper.scenes.scaling import Setup, _errors, measure, run_study
 from paper.scenes.scenes import (
     CHECK_SEEDS,
     HALF_HIDDEN,
@@ -137,10 +137,6 @@ def test_weights_are_compared_on_the_points_that_both_give() -> None:
     assert errors.robust_mm == pytest.approx(32.5)
     assert (errors.robust_same_mm, errors.score_same_mm) == (10.0, 12.0)
     assert (errors.robust_found, errors.score_found) == (1.0, 0.75)
-
-
-def test_studies_cover_what_can_go_wrong() -> None:
-    assert set(STUDIES) >= {"cameras", "radius", "resolution", "rotation", "offset", "dropped", "outliers"}
 
 
 def test_paths_are_as_long_and_as_fine_as_asked() -> None:

@@ -4,15 +4,20 @@ import csv
 import os
 import re
 import signal
+import socket
+import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import pytest
+from checks import refusal
+from commands import as_options, error
 from studies import FRAMES, SETTINGS, write_session
 
 import posefuse as pf
-from posefuse.cli.main import main
 from posefuse.core import InputError, Rig, silent
 from posefuse.formats.rig import write_rig
 from posefuse.foundation.channel import Channel
@@ -74,8 +79,7 @@ def test_sessions_are_found_with_the_nearest_calibration(folder: Path) -> None:
 
 @pytest.mark.parametrize(("name", "problem"), [("P01/slow", "is a session itself"), (".hidden", "no session"), ("no", "no such")])
 def test_a_folder_that_is_no_study_is_refused(folder: Path, name: str, problem: str) -> None:
-    with pytest.raises(InputError, match=problem):
-        find_trials(folder / name)
+    refusal(InputError, problem, find_trials, folder / name)
 
 
 def test_a_failure_is_named_and_the_rest_is_finished(folder: Path, here: list[str], tmp_path: Path) -> None:
@@ -94,9 +98,7 @@ def test_a_failure_is_named_and_the_rest_is_finished(folder: Path, here: list[st
 def test_the_command_shows_the_reason_of_a_failure_once(
     folder: Path, here: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    settings = [word for key, value in SETTINGS.items() for word in ("--set", f"{key}={value}")]
-    assert main(["batch", str(folder), "--out", str(tmp_path / "out"), "--outputs", "trc", "--no-report", *settings]) == 1
-    shown = capsys.readouterr().err
+    shown = error(capsys, "batch", folder, "--out", tmp_path / "out", "--outputs", "trc", "--no-report", *as_options(SETTINGS))
     assert shown.count("P02/broken: failed: ") == 1 and "1 of 4 trials failed; the reasons are above and in" in shown
 
 
@@ -133,8 +135,7 @@ def interrupt(*arguments: object) -> None:
 def test_other_settings_replace_results_only_when_asked(folder: Path, here: list[str], tmp_path: Path) -> None:
     run(folder, tmp_path / "out")
     here.clear()
-    with pytest.raises(InputError, match="made with other settings"):
-        run(folder, tmp_path / "out", settings={**SETTINGS, "raw": True})
+    refusal(InputError, "made with other settings", run, folder, tmp_path / "out", settings={**SETTINGS, "raw": True})
     assert here == []
     study = run(folder, tmp_path / "out", settings={**SETTINGS, "raw": True}, replace=True)
     assert here == [trial.name for trial in study.trials]
@@ -143,22 +144,18 @@ def test_other_settings_replace_results_only_when_asked(folder: Path, here: list
 def test_a_changed_session_is_noticed(folder: Path, here: list[str], tmp_path: Path) -> None:
     run(folder, tmp_path / "out")
     write_session(folder / "P02" / "slow" / "more", pf.read_rig(folder / "P01" / "rig.toml"))
-    with pytest.raises(InputError, match="P02/slow that were made with other"):
-        run(folder, tmp_path / "out")
+    refusal(InputError, "P02/slow that were made with other", run, folder, tmp_path / "out")
 
 
 def test_files_of_others_are_never_replaced(folder: Path, here: list[str], tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "study.csv").write_text("mine")
-    with pytest.raises(InputError, match=r"study\.csv, which posefuse did not write"):
-        run(folder, tmp_path / "out")
+    refusal(InputError, r"study\.csv, which posefuse did not write", run, folder, tmp_path / "out")
     (tmp_path / "other" / "P02" / "slow").mkdir(parents=True)
     (tmp_path / "other" / "P02" / "slow" / "thesis.txt").write_text("mine")
-    with pytest.raises(InputError, match=r"thesis\.txt"):
-        run(folder, tmp_path / "other")
+    refusal(InputError, r"thesis\.txt", run, folder, tmp_path / "other")
     assert here == []
-    with pytest.raises(InputError):
-        run(folder, folder / "out")
+    refusal(InputError, "", run, folder, folder / "out")
 
 
 def test_processes_do_what_this_process_does(folder: Path, here: list[str], tmp_path: Path) -> None:
@@ -220,19 +217,10 @@ def test_processes_end_when_no_more_outcomes_are_wanted(folder: Path, tmp_path: 
 
 
 def test_means_are_of_participants_and_not_of_trials() -> None:
-    rows = [
-        {
-            "participant": who,
-            "trial": str(i),
-            "status": "complete",
-            "reason": "",
-            "seconds": 1.0,
-            "warnings": "",
-            "speed_m_s": speed,
-        }
-        for i, (who, speed) in enumerate([("A", 1.0), ("A", 1.0), ("A", 1.0), ("B", 2.0)])
-    ]
-    table = next(block for block in study_page("study", rows).blocks if getattr(block, "columns", ("",))[0] == "parameter")
+    done = {"status": "complete", "reason": "", "seconds": 1.0, "warnings": ""}
+    speeds = [("A", 1.0), ("A", 1.0), ("A", 1.0), ("B", 2.0)]
+    rows = [done | {"participant": who, "trial": str(i), "speed_m_s": speed} for i, (who, speed) in enumerate(speeds)]
+    table: Any = next(block for block in study_page("study", rows).blocks if getattr(block, "columns", ("",))[0] == "parameter")
     assert table.rows[0][1].startswith("1.50 ± 0.71 (2)")
     assert table.rows[0][2].startswith("1.00 ± 0.00 (3)")
 
@@ -253,3 +241,59 @@ def test_without_a_scheduler_one_line_reports_it(folder: Path, tmp_path: Path, m
     monkeypatch.setattr(processes, "_CONNECT_S", 0.5)
     with pytest.raises(InputError, match="no Dask scheduler answers there"):
         run(folder, tmp_path / "out", scheduler="tcp://127.0.0.1:9", progress=silent)
+
+
+# --- a study on a Dask cluster: a real scheduler and two workers on the loopback, one of which is killed in the middle
+
+
+TRIALS = 6
+
+
+@pytest.fixture
+def address(tmp_path: Path) -> Iterator[str]:
+    pytest.importorskip("distributed")
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    place = f"tcp://127.0.0.1:{port}"
+    scheduler = ["scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard"]
+    worker = ["worker", place, "--no-nanny", "--nthreads", "1", "--no-dashboard", "--local-directory", str(tmp_path)]
+    with ExitStack() as stack, (tmp_path / "dask.log").open("w") as log:
+        for arguments in (scheduler, worker, worker):
+            command = [sys.executable, "-c", "import sys; from dask.__main__ import main; sys.exit(main())", *arguments]
+            process = stack.enter_context(subprocess.Popen(command, stdout=log, stderr=log))
+            stack.callback(process.kill)
+        from distributed import Client
+
+        with Client(place, timeout=60, set_as_default=False) as client:
+            client.wait_for_workers(2, timeout=60)
+        yield place
+
+
+@pytest.mark.slow
+def test_a_killed_worker_loses_nothing(address: str, ring_rig: Callable[..., Rig], tmp_path: Path) -> None:
+    study, rig = tmp_path / "study", ring_rig(3)
+    for i in range(TRIALS):
+        write_session(study / f"P{i}" / "walk", rig)
+    write_rig(study / "rig.toml", rig)
+    killed: list[int] = []
+
+    from distributed import Client
+
+    with Client(address, timeout=60, set_as_default=False) as watcher:
+        pids = watcher.run(os.getpid)
+
+        def kill_one(stage: str, done: int, total: int | None, message: str = "") -> None:
+            if stage == "trials" and done >= 1 and not killed:
+                busy = [worker for worker, tasks in watcher.processing().items() if tasks]
+                killed.append(pids[busy[0]])
+                os.kill(killed[0], signal.SIGKILL)
+
+        found = pf.batch(
+            study, tmp_path / "out", formats=("trc",), report=False, scheduler=address, settings=SETTINGS, progress=kill_one
+        )
+        assert len(watcher.scheduler_info()["workers"]) == 1
+    assert killed
+    assert not found.failed
+    assert len(found.rows()) == TRIALS
+    assert all(len(pf.read(tmp_path / "out" / f"P{i}" / "walk").poses) for i in range(TRIALS))

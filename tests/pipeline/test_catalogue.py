@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from checks import refusal
 
 import posefuse as pf
 from posefuse.core import InputError
@@ -85,8 +86,7 @@ def test_all_below_a_folder_the_newest_first(saved_walk: Saved, tmp_path: Path) 
     names = [one.path.name for one in pf.recordings(study, search="p01 ADA")]
     assert names == ["walk2", "walk1"]
     assert pf.recordings(study, search="nobody else") == []
-    with pytest.raises(InputError, match="no such folder"):
-        pf.recordings(study / "nowhere")
+    refusal(InputError, "no such folder", pf.recordings, study / "nowhere")
 
 
 def test_later_parts_of_a_live_session_are_not_recordings_of_their_own(tmp_path: Path) -> None:

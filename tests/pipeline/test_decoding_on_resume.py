@@ -4,9 +4,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import av
 import numpy as np
 import pytest
+from videos import write_video
 
 from posefuse.core import DetectionBatch, Detections2D, LookKind, Observations, Rig
 from posefuse.core.skeleton import COCO17
@@ -14,15 +14,6 @@ from posefuse.pipeline.time_steps import ImageStep, ImageTimeSteps, common_timel
 from posefuse.sources.video import VideoConfig, VideoSource
 
 COUNT, GOP, DONE = 96, 12, 70
-
-
-def write_video(path: Path) -> None:
-    with av.open(str(path), "w") as made:
-        stream = made.add_stream("mpeg4", rate=30, options={"g": str(GOP)})
-        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
-        for i in range(COUNT):
-            made.mux(stream.encode(av.VideoFrame.from_ndarray(np.full((48, 64, 3), 2 * i, np.uint8))))
-        made.mux(stream.encode(None))
 
 
 def log_of(steps: list[ImageStep], rig: Rig) -> Observations:
@@ -46,7 +37,8 @@ def test_few_frames_before_the_first_missing_one_are_decoded(
             decoded[0] += 1
             yield one
 
-    write_video(tmp_path / "a.mp4")
+    images = [np.full((48, 64, 3), 2 * i, np.uint8) for i in range(COUNT)]
+    write_video(tmp_path / "a.mp4", images, "mpeg4", options={"g": str(GOP)})
     sources = [VideoConfig(tmp_path / "a.mp4", name).build() for name in rig.names]
     images = ImageTimeSteps(
         rig, sources, None, common_timeline({one.camera: one.times_ns() for one in sources}, None, None, None), None

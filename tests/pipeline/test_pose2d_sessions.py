@@ -1,7 +1,6 @@
 """Sessions of other tools' 2D poses: a whole Pose2Sim project by one command, and no frame rate out of thin air."""
 
 import csv
-import json
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,6 +10,7 @@ import ezc3d
 import numpy as np
 import pytest
 from built import of_sides
+from studies import write_openpose
 
 from posefuse.cli.main import main
 from posefuse.core import SE3, SKELETONS, Rig, Skeleton
@@ -47,12 +47,7 @@ def project(ring_rig: Callable[..., Rig], tmp_path: Path) -> Path:
 def write_poses(folder: Path, rig: Rig, xyz: np.ndarray) -> None:
     """OpenPose's form of 3D points (T, K, 3) as each camera sees them."""
     for camera in rig:
-        place = folder / "pose" / f"{camera.name}_json"
-        place.mkdir(parents=True, exist_ok=True)
-        for i, xy in enumerate(camera.project(xyz)):
-            points = np.concatenate([xy, np.full((xyz.shape[1], 1), 0.9)], axis=-1)
-            people = [{"person_id": [-1], "pose_keypoints_2d": points.ravel().tolist()}]
-            (place / f"{camera.name}_{i:06d}.json").write_text(json.dumps({"version": 1.3, "people": people}))
+        write_openpose(folder / "pose" / f"{camera.name}_json", dict(enumerate(camera.project(xyz)[:, None])))
 
 
 def track(folder: Path, out: Path, *more: str, outputs: str = "trc") -> int:
@@ -89,7 +84,7 @@ def test_a_trial_of_a_session_uses_the_calibration_above_it(project: Path, tmp_p
 def test_without_a_frame_rate_it_asks_for_one(project: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (project / "Config.toml").write_text('[project]\nframe_rate = "auto"\n')
     assert track(project, tmp_path / "out") == 1
-    error = capsys.readouterr().err.strip().splitlines()[-1]
+    error = capsys.readouterr().err
     assert "--rate" in error and "rate_hz" in error and "posefuse.toml" in error
     assert track(project, tmp_path / "out", "--rate", "25") == 0
     assert set(np.diff(read_recording(tmp_path / "out").poses.t_ns)) == {40_000_000}

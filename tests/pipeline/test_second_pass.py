@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from built import detections, of_sides
+from checks import refusal
 
 from posefuse.core import (
     DetectionBatch,
@@ -13,11 +14,13 @@ from posefuse.core import (
     Observations,
     PoseSequence,
     Recording,
+    Rig,
     ViewSequence,
     views_over_time,
 )
 from posefuse.core.skeleton import BLAZEPOSE33, COCO17
 from posefuse.fusion import FuseSettings
+from posefuse.pipeline import second_pass
 from posefuse.pipeline.second_pass import long_enough, poses_over_time
 from posefuse.tracking import SmoothSettings
 
@@ -115,8 +118,7 @@ def test_any_person_was_seen_for_a_moment_only_is_left_out(ring_rig) -> None:
     kept = seen.keeping(long_enough(seen))
     assert len(kept) == len(seen)
     assert set(kept.person_id.tolist()) == {0, -1}
-    with pytest.raises(InputError, match="no person could be followed"):
-        long_enough(seen.keeping([]))
+    refusal(InputError, "no person could be followed", lambda: long_enough(seen.keeping([])))
 
 
 def test_a_recording_can_be_fused_again_from_what_it_keeps(ring_rig) -> None:
@@ -176,3 +178,64 @@ def test_limbs_that_all_cameras_exchange_until_out_of_sight_are_named_by_where_f
     found = poses.xyz_world[np.r_[0:10, 14:T]][:, 0, limbs]
     assert np.allclose(found, xyz[limbs], atol=1e-3, equal_nan=True)
     assert np.isfinite(found).any(axis=(0, 2)).sum() >= 14
+
+
+# --- views that confuse the legs while they pass each other: what one round of naming leaves wrong, the next ones put right
+
+
+STRIDES = 90
+LEFT = COCO17.indices(["left_hip", "left_knee", "left_ankle"])
+LEGS, MIRRORED = [*LEFT, *COCO17.mirror[LEFT]], [*COCO17.mirror[LEFT], *LEFT]
+T_S = np.arange(STRIDES) / 30
+CROSSINGS = (17, 33, 50, 67)
+
+
+def walker() -> np.ndarray:
+    """(T, K, 3) m: legs that swing past each other at 0.9 Hz, walking 1 m/s."""
+    xyz = np.tile(np.random.default_rng(5).normal(size=(1, K, 3)) * 0.05 + [-1.5, 0, 1], (STRIDES, 1, 1))
+    xyz[..., 0] += T_S[:, None]
+    swing = 0.3 * np.sin(2 * np.pi * 0.9 * T_S)[:, None] * [0.1, 0.6, 1.0]
+    for limb, sign in ((LEFT, 1), (COCO17.mirror[LEFT], -1)):
+        xyz[:, limb, 0] += sign * swing
+        xyz[:, limb, 1] += sign * 0.1
+    return xyz
+
+
+def confused_views(rig: Rig, xyz: np.ndarray, seed: int) -> ViewSequence:
+    """Four in ten views have the legs exchanged, each for its own time, whenever they cross; noise of 2 px."""
+    rng = np.random.default_rng(seed)
+    xy = np.stack([camera.project(xyz) for camera in rig], axis=1) + rng.normal(size=(STRIDES, len(rig), K, 2)) * 2
+    for crossing in CROSSINGS:
+        for c in np.flatnonzero(rng.uniform(size=len(rig)) < 0.4):
+            length = rng.integers(4, 16)
+            first = crossing - rng.integers(0, length + 1)
+            seen = xy[max(first, 0) : first + length, c]
+            seen[:, LEGS] = seen[:, MIRRORED]
+    return ViewSequence(
+        t_ns=(T_S * 1e9).astype(np.int64), skeleton=COCO17, camera_names=rig.names, person_id=np.array([0]), xy_img=xy[:, None],
+        score=np.ones((STRIDES, 1, len(rig), K)), sigma_px=np.full((STRIDES, 1, len(rig), K), 2.0),
+    )  # fmt: skip
+
+
+def worst_leg_mm(rig: Rig, seed: int) -> float:
+    xyz = walker()
+    found = poses_over_time(confused_views(rig, xyz, seed), rig, FuseSettings(), None).xyz_world[:, 0]
+    return float(1000 * np.nanmax(np.linalg.norm(found - xyz, axis=-1)[:, LEGS]))
+
+
+# drawn first to last, none left out; in 16 of them one was not mended, where nearly all views were confused at once
+SEEDS = range(10)
+
+
+def test_legs_that_several_views_confuse_at_once_are_named_right(ring_rig) -> None:
+    rig = ring_rig(4)
+    assert max(worst_leg_mm(rig, seed) for seed in SEEDS) < 100
+
+
+def test_one_or_two_rounds_would_not_do(ring_rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = ring_rig(4)
+    wrong = []
+    for rounds in (1, 2):
+        monkeypatch.setattr(second_pass, "_NAMING_ROUNDS", rounds)
+        wrong.append(sum(worst_leg_mm(rig, seed) > 100 for seed in SEEDS))
+    assert wrong[0] > wrong[1] > 0

@@ -1,12 +1,17 @@
 """A session folder is understood by convention, and what cannot be distinguished is an error that says what to do."""
 
+import shutil
 from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from built import detections
+from checks import refusal
+from commands import oracle
+from videos import remuxed
 
+import posefuse as pf
 from posefuse.core import CalibrationError, DetectionBatch, InputError, LookKind, Observations
 from posefuse.core.skeleton import COCO17
 from posefuse.formats.rig import write_rig
@@ -79,10 +84,7 @@ def test_the_config_names_skips_and_overrules(session: Path) -> None:
 
 
 def refused(session: Path, config: TrackConfig = TrackConfig()) -> str:  # noqa: B008 - a frozen value
-    with pytest.raises((InputError, CalibrationError)) as caught:
-        find_session(session, config)
-    assert "\n" not in str(caught.value)
-    return str(caught.value)
+    return refusal((InputError, CalibrationError), "", find_session, session, config)
 
 
 def test_what_is_wrong_is_named(session: Path, tmp_path: Path) -> None:
@@ -133,3 +135,17 @@ def test_videos_have_decoding_threads_of_their_own_only_where_cameras_leave_core
     monkeypatch.setattr("posefuse.pipeline.opening.usable_cores", lambda: 5)
     entry = find_session(demo_session, TrackConfig()).inputs[0]
     assert build_source(entry, TrackConfig(), cameras)._config.threads == own_threads
+
+
+# --- how a result was made is written in it, with the date that the camera wrote into its video
+
+
+@pytest.mark.parametrize("stated", ["2026-03-01T09:30:00Z", None])
+def test_the_date_of_the_first_video_is_that_of_the_recording(demo_session: Path, tmp_path: Path, stated: str | None) -> None:
+    session = Path(shutil.copytree(demo_session, tmp_path / "session"))
+    if stated is not None:
+        remuxed(demo_session / "videos" / "cam00.mp4", session / "videos" / "cam00.mp4", stated=stated)
+    about = pf.track(session, end_s=0.2, settings=oracle()).provenance
+    assert about.get("recorded") == stated
+    assert (about["session"], about["inputs"]["cam00"]) == ("session", "cam00.mp4")
+    assert about["config"]["end_s"] == 0.2

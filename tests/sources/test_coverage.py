@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from remuxed import remuxed
+from videos import ScriptedSource
 
 from posefuse.formats.video import VideoWriter
 from posefuse.sources import CountedSource, Coverage, VideoConfig, incomplete_cameras
@@ -46,20 +46,12 @@ def test_a_camera_with_a_shorter_video_is_named_with_its_end() -> None:
     assert line == "camera b: it stops at 0.96 s, the recording at 1.96 s"
 
 
-def test_a_truncated_video_is_named_with_its_missing_share(video: Path) -> None:
-    """The index lists every frame; the bytes of the later half are not there."""
-    # its index at the start, as cameras for the web write it
-    path = remuxed(video, video.with_name("moved.mp4"), options={"movflags": "faststart"})
-    content = path.read_bytes()
-    path.write_bytes(content[: (content.index(b"mdat") + len(content)) // 2])
-    coverage = read(path)
-    assert coverage.expected == FRAMES and 0.3 * FRAMES < coverage.read < 0.7 * FRAMES
-    assert coverage.end_ns is not None
-    [line] = incomplete_cameras([whole("cam00"), coverage])
-    assert line == (
-        f"camera cam01: {coverage.missing / FRAMES:.0%} of its frames cannot be read ({coverage.missing} of {FRAMES}); "
-        f"it stops at {coverage.end_ns / 1e9:.2f} s, the recording at 1.96 s"
-    )
+def test_frames_that_a_video_states_and_no_longer_holds_are_missing_at_its_end() -> None:
+    source = ScriptedSource("b", [i * PERIOD_NS for i in range(20)])
+    source.stated_frames = FRAMES
+    counted = CountedSource(source, 0)
+    list(counted.frames())
+    assert counted.coverage(0, (FRAMES - 1) * PERIOD_NS) == Coverage("b", FRAMES, 20, 19 * PERIOD_NS, PERIOD_NS)
 
 
 def test_metadata_of_a_video_that_is_not_utf8_is_ignored(video: Path) -> None:
@@ -77,3 +69,5 @@ def test_a_camera_without_any_frame_is_named() -> None:
 def test_gaps_between_start_and_end_are_counted() -> None:
     [line] = incomplete_cameras([whole("a"), Coverage("b", 50, 40, 49 * PERIOD_NS, PERIOD_NS)])
     assert line == "camera b: 20% of its frames cannot be read (10 of 50)"
+    [line] = incomplete_cameras([whole("a"), Coverage("b", 50, 20, 19 * PERIOD_NS, PERIOD_NS)])
+    assert line == "camera b: 60% of its frames cannot be read (30 of 50); it stops at 0.76 s, the recording at 1.96 s"

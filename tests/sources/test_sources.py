@@ -4,34 +4,26 @@ import itertools
 from fractions import Fraction
 from pathlib import Path
 
-import av
 import cv2
 import numpy as np
 import pytest
-from remuxed import remuxed
+from checks import refusal
+from videos import ScriptedSource, remuxed, write_video
 
 from posefuse.core import Frame, Source, SourceError
 from posefuse.formats.video import VideoWriter
 from posefuse.sources import FramesAhead, ImagesConfig, VideoConfig, frame_sets
 from posefuse.sources.seeking import ImagesSeeker, VideoSeeker, nearest
+from posefuse.sources.video import recorded_at
 
 SIZE_WH = (64, 48)
 
 
-def write_video(path: Path, times_s: list[float], size_wh: tuple[int, int] = SIZE_WH) -> Path:
+def write_clip(path: Path, times_s: list[float]) -> Path:
     """A clip whose frame i has brightness 10 * i % 250, at exactly these times."""
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream("libx264", rate=30)
-        stream.width, stream.height = size_wh
-        stream.pix_fmt = "yuv420p"
-        stream.time_base = stream.codec_context.time_base = Fraction(1, 90_000)
-        stream.codec_context.options = {"crf": "10"}
-        for i, time_s in enumerate(times_s):
-            frame = av.VideoFrame.from_ndarray(np.full((size_wh[1], size_wh[0], 3), 10 * i % 250, np.uint8), format="rgb24")
-            frame.pts, frame.time_base = round(time_s * 90_000), stream.time_base
-            container.mux(stream.encode(frame))
-        container.mux(stream.encode())
-    return path
+    images = [np.full((SIZE_WH[1], SIZE_WH[0], 3), 10 * i % 250, np.uint8) for i in range(len(times_s))]
+    pts = [round(time_s * 90_000) for time_s in times_s]
+    return write_video(path, images, base=Fraction(1, 90_000), pts=pts, options={"crf": "10"})
 
 
 def brightness(frame: Frame) -> float:
@@ -40,7 +32,7 @@ def brightness(frame: Frame) -> float:
 
 def test_presentation_times_are_kept_with_variable_rate_and_offset(tmp_path: Path) -> None:
     times_s = [0.02, 0.05, 0.09, 0.10, 0.21]
-    source = VideoConfig(write_video(tmp_path / "a.mp4", times_s), "cam", offset_s=0.5).build()
+    source = VideoConfig(write_clip(tmp_path / "a.mp4", times_s), "cam", offset_s=0.5).build()
     assert isinstance(source, Source)
     frames = list(source.frames())
     assert source.size_wh == SIZE_WH
@@ -52,14 +44,14 @@ def test_presentation_times_are_kept_with_variable_rate_and_offset(tmp_path: Pat
 
 
 def test_transport_stream_counts_from_its_first_frame(tmp_path: Path) -> None:
-    source = VideoConfig(write_video(tmp_path / "a.ts", [i / 25 for i in range(40)]), "cam").build()
+    source = VideoConfig(write_clip(tmp_path / "a.ts", [i / 25 for i in range(40)]), "cam").build()
     times_ns = [f.t_ns for f in source.frames()]
     assert times_ns[0] == 0
     assert np.array_equal(source.times_ns()[: len(times_ns)], times_ns)
 
 
 def test_broken_bytes_cost_only_some_frames(tmp_path: Path) -> None:
-    path = write_video(tmp_path / "a.mp4", [i / 30 for i in range(25)])
+    path = write_clip(tmp_path / "a.mp4", [i / 30 for i in range(25)])
     content = bytearray(path.read_bytes())
     middle = content.index(b"mdat") + 900
     content[middle : middle + 40] = bytes(40)
@@ -75,11 +67,8 @@ def test_broken_bytes_cost_only_some_frames(tmp_path: Path) -> None:
 def test_unreadable_video_is_one_line_with_file_and_camera(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "bad.mp4"
     path.write_bytes(content)
-    with pytest.raises(SourceError, match=r"bad\.mp4: camera left:") as caught:
-        VideoConfig(path, "left").build()
-    assert "\n" not in str(caught.value)
-    with pytest.raises(SourceError, match="no such video file"):
-        VideoConfig(tmp_path / "none.mp4", "left").build()
+    refusal(SourceError, r"bad\.mp4: camera left:", lambda: VideoConfig(path, "left").build())
+    refusal(SourceError, "no such video file", lambda: VideoConfig(tmp_path / "none.mp4", "left").build())
 
 
 def write_images(folder: Path, count: int) -> Path:
@@ -100,11 +89,9 @@ def test_images_are_rgb_in_order_with_rate_or_times_file(tmp_path: Path) -> None
     timed = ImagesConfig(folder, "cam").build()
     assert [(f.t_ns, f.image[0, 0, 0]) for f in timed.frames()] == [(100_000_000, 20), (250_000_000, 10)]
     (folder / "timestamps.csv").write_text("file,t_s\n002.png,0.3\n001.png,0.25\n")
-    with pytest.raises(SourceError, match="strictly increasing"):
-        ImagesConfig(folder, "cam").build()
+    refusal(SourceError, "strictly increasing", lambda: ImagesConfig(folder, "cam").build())
     (folder / "timestamps.csv").write_text("name,seconds\n002.png,0.3\n")
-    with pytest.raises(SourceError, match="expected columns file, t_s"):
-        ImagesConfig(folder, "cam").build()
+    refusal(SourceError, "expected columns file, t_s", lambda: ImagesConfig(folder, "cam").build())
     (folder / "timestamps.csv").unlink()
     with pytest.raises(SourceError, match=r"do not state their frame rate; add `rate_hz=HZ`, .* or timestamps\.csv"):
         ImagesConfig(folder, "cam").build()
@@ -117,27 +104,11 @@ def test_a_broken_image_is_counted_and_an_empty_folder_named(tmp_path: Path) -> 
     assert [f.seq for f in source.frames()] == [0, 2]
     assert source.broken_frames == 1
     (tmp_path / "empty").mkdir()
-    with pytest.raises(SourceError, match="no readable image"):
-        ImagesConfig(tmp_path / "empty", "cam").build()
+    refusal(SourceError, "no readable image", lambda: ImagesConfig(tmp_path / "empty", "cam").build())
 
 
-class Scripted:
-    """A source of blank frames at given times that fails after the last on request."""
-
-    def __init__(self, camera: str, times_ms: list[int], fails: bool = False) -> None:
-        self.camera, self.size_wh, self.closed = camera, SIZE_WH, False
-        self._times_ms, self._fails = times_ms, fails
-
-    def frames(self):
-        for seq, time_ms in enumerate(self._times_ms):
-            yield Frame(
-                camera=self.camera, seq=seq, t_ns=time_ms * 1_000_000, received_ns=0, image=np.zeros((48, 64, 3), np.uint8)
-            )
-        if self._fails:
-            raise SourceError(f"camera {self.camera}: unplugged")
-
-    def close(self) -> None:
-        self.closed = True
+def ms(*times_ms: int) -> list[int]:
+    return [1_000_000 * one for one in times_ms]
 
 
 def grouped_ms(sets) -> list[tuple[int | None, ...]]:
@@ -145,7 +116,7 @@ def grouped_ms(sets) -> list[tuple[int | None, ...]]:
 
 
 def test_frames_go_to_the_nearest_time_step_and_none_is_used_twice() -> None:
-    streams = {"a": Scripted("a", [0, 10, 20, 30]).frames(), "b": Scripted("b", [4, 13, 33, 41]).frames()}
+    streams = {"a": ScriptedSource("a", ms(0, 10, 20, 30)).frames(), "b": ScriptedSource("b", ms(4, 13, 33, 41)).frames()}
     sets = list(frame_sets(streams, start_ns=0, period_ns=10_000_000))
     assert grouped_ms(sets) == [(0, 4), (10, 13), (20, None), (30, 33), (None, 41)]
     assert [s.t_ns // 1_000_000 for s in sets] == [0, 10, 20, 30, 40]
@@ -153,19 +124,18 @@ def test_frames_go_to_the_nearest_time_step_and_none_is_used_twice() -> None:
 
 def test_a_failing_camera_is_reported_and_the_rest_continues() -> None:
     lost: list[str] = []
-    streams = {"a": Scripted("a", [0, 10], fails=True).frames(), "b": Scripted("b", [0, 10, 20, 30]).frames()}
+    streams = {"a": ScriptedSource("a", ms(0, 10), fails=True).frames(), "b": ScriptedSource("b", ms(0, 10, 20, 30)).frames()}
     sets = list(frame_sets(streams, 0, 10_000_000, on_lost=lambda name, error: lost.append(f"{name}: {error}")))
     assert grouped_ms(sets) == [(0, 0), (10, 10), (None, 20), (None, 30)]
     assert lost == ["a: camera a: unplugged"]
-    with pytest.raises(SourceError, match="unplugged"):
-        list(frame_sets({"a": Scripted("a", [0], fails=True).frames()}, 0, 10_000_000))
+    alone = {"a": ScriptedSource("a", ms(0), fails=True).frames()}
+    refusal(SourceError, "unplugged", list, frame_sets(alone, 0, 10_000_000))
 
 
 def test_reading_ahead_keeps_order_hands_on_errors_and_stops() -> None:
-    assert [f.seq for f in FramesAhead(Scripted("a", list(range(50))), depth=3)] == list(range(50))
-    with pytest.raises(SourceError, match="unplugged"):
-        list(FramesAhead(Scripted("a", [0, 1], fails=True)))
-    endless = Scripted("a", list(range(10_000)))
+    assert [f.seq for f in FramesAhead(ScriptedSource("a", range(50)), depth=3)] == list(range(50))
+    refusal(SourceError, "unplugged", lambda: list(FramesAhead(ScriptedSource("a", ms(0, 1), fails=True))))
+    endless = ScriptedSource("a", range(10_000))
     ahead = FramesAhead(endless, depth=2)
     assert next(iter(ahead)).seq == 0
     ahead.close()
@@ -197,16 +167,9 @@ def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def reordered(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """As phones write them: frames stored in another order than they are shown, few key frames, an arbitrary start."""
+    options = {"bf": "3", "g": "50", "preset": "veryfast"}
     path = tmp_path_factory.mktemp("video") / "phone.ts"
-    with av.open(str(path), "w", format="mpegts") as container:
-        stream = container.add_stream("libx264", rate=30, options={"bf": "3", "g": "50", "preset": "veryfast"})
-        stream.width, stream.height, stream.pix_fmt = *SIZE_WH, "yuv420p"
-        for i in range(COUNT):
-            frame = av.VideoFrame.from_ndarray(image_of(i), format="rgb24")
-            frame.pts, frame.time_base = i, Fraction(1, 30)
-            container.mux(stream.encode(frame))
-        container.mux(stream.encode(None))
-    return path
+    return write_video(path, [image_of(i) for i in range(COUNT)], options=options, format="mpegts")
 
 
 @pytest.mark.parametrize("name", ["video", "reordered"])
@@ -247,8 +210,7 @@ def test_images_are_found_by_their_times(tmp_path: Path) -> None:
     np.testing.assert_array_equal(seeker.at(3).image, image_of(3))
     assert seeker.at(3).t_ns == 1_300_000_000
     (tmp_path / "2.png").write_bytes(b"no image")
-    with pytest.raises(SourceError, match=r"2\.png"):
-        seeker.at(2)
+    refusal(SourceError, r"2\.png", seeker.at, 2)
 
 
 @pytest.mark.parametrize(("t_ns", "place"), [(-5, 0), (0, 0), (14, 1), (15, 1), (16, 2), (99, 2)])
@@ -262,5 +224,28 @@ def test_a_file_that_ends_early_gives_what_there_is(video: Path, tmp_path: Path)
     seeker = VideoSeeker(VideoConfig(cut, "cam"))
     assert 0 < len(seeker.times_ns) <= COUNT
     seeker.at(0)
-    with pytest.raises(SourceError, match="no such video"):
-        VideoSeeker(VideoConfig(tmp_path / "none.mp4", "cam"))
+    refusal(SourceError, "no such video", lambda: VideoSeeker(VideoConfig(tmp_path / "none.mp4", "cam")))
+
+
+# --- the date of a recording is what its camera wrote, and nothing else
+
+
+BLACK = [np.zeros((32, 32, 3), np.uint8)]
+
+
+@pytest.mark.parametrize(
+    ("stated", "when"),
+    [
+        ("2026-03-01T09:30:00.000000Z", "2026-03-01T09:30:00Z"),
+        ("2026-03-01T10:30:00+01:00", "2026-03-01T09:30:00Z"),
+        (None, None),
+    ],
+)
+def test_the_stated_time_in_utc(tmp_path: Path, stated: str | None, when: str | None) -> None:
+    assert recorded_at(write_video(tmp_path / "a.mp4", BLACK, "mpeg4", stated=stated or "")) == when
+
+
+def test_a_clock_that_was_never_set_and_a_damaged_file_state_nothing(tmp_path: Path) -> None:
+    assert recorded_at(write_video(tmp_path / "a.mp4", BLACK, "mpeg4", stated="1970-01-01T00:00:00.000000Z")) is None
+    (tmp_path / "b.mp4").write_bytes(b"not a video")
+    assert recorded_at(tmp_path / "b.mp4") is None

@@ -10,6 +10,7 @@ from posefuse.core import (
     SE3,
     DetectionBatch,
     Detections2D,
+    Frame,
     JointAngles,
     Kind,
     LookKind,
@@ -102,6 +103,12 @@ def _measured(xyz: np.ndarray, cov: np.ndarray) -> dict[str, Any]:
         "n_views": np.where(seen, 4, 0),
         "kind": np.where(seen, Kind.FUSED, Kind.MISSING),
     }
+
+
+def frame(camera: str = "a", t_ns: int = 0, image: np.ndarray | None = None, **others: Any) -> Frame:
+    """Of a camera, black without an image, and received when it was exposed."""
+    image = np.zeros((6, 8, 3), np.uint8) if image is None else image
+    return Frame(camera=camera, t_ns=t_ns, image=image, **({"seq": 0, "received_ns": t_ns} | others))
 
 
 def detections(

@@ -5,6 +5,7 @@ from pathlib import Path
 import cv2
 import graphs
 import numpy as np
+from built import of_sides
 
 from posefuse.core import SKELETONS, Rig
 
@@ -16,18 +17,15 @@ COLOURS = np.array([(r, g, b) for r in _VALUES for g in _VALUES for b in _VALUES
 MEAN, STD = np.array([30.0, 40.0, 50.0]), 50.0
 REACH = 30.0 / STD
 RATE_HZ, FRAMES, DISC_PX = 25.0, 16, 3.0
-BODY = {
-    "nose": (0.10, 0, 1.62), "left_eye": (0.06, 0.08, 1.70), "right_eye": (0.06, -0.08, 1.70), "left_ear": (-0.04, 0.12, 1.64),
-    "right_ear": (-0.04, -0.12, 1.64), "left_shoulder": (0, 0.20, 1.42), "right_shoulder": (0, -0.20, 1.42),
-    "left_elbow": (0.08, 0.45, 1.30), "right_elbow": (0.08, -0.45, 1.30), "left_wrist": (0.2, 0.62, 1.12),
-    "right_wrist": (0.2, -0.62, 1.12), "left_hip": (0, 0.14, 0.92), "right_hip": (0, -0.14, 0.92), "left_knee": (0.06, 0.17, 0.5),
-    "right_knee": (0.06, -0.17, 0.5), "left_ankle": (-0.04, 0.2, 0.09), "right_ankle": (-0.04, -0.2, 0.09),
+LEFT = {
+    "eye": (0.06, 0.08, 1.70), "ear": (-0.04, 0.12, 1.64), "shoulder": (0, 0.20, 1.42), "elbow": (0.08, 0.45, 1.30),
+    "wrist": (0.2, 0.62, 1.12), "hip": (0, 0.14, 0.92), "knee": (0.06, 0.17, 0.5), "ankle": (-0.04, 0.2, 0.09),
 }  # fmt: skip
 
 
 def true_xyz(turned_rad: float = 0.0) -> np.ndarray:
     """(T, K, 3): a person who glides and turns, beginning at an angle."""
-    rest = np.array([BODY[name] for name in SKELETON.keypoints])
+    rest = of_sides(SKELETON, LEFT, nose=(0.10, 0, 1.62))
     t = np.arange(FRAMES) / RATE_HZ
     turn = turned_rad + 0.6 * t
     c, s = np.cos(turn), np.sin(turn)

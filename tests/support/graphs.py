@@ -106,17 +106,25 @@ def _similarity(graph: Graph, colours: np.ndarray, reach: float) -> str:
     return graph.add("Exp", graph.add("Conv", both, kernel, graph.floats(-(colours**2).sum(1) / reach**2)))
 
 
-def _profile(graph: Graph, similarity: str, axis: int, count: int, bins: int, sigma: float) -> str:
-    """(1, K, bins) Gaussian of height 1 at the mean position of the similarity along an axis, every keypoint its own."""
+def _mean(graph: Graph, similarity: str, axis: int, count: int) -> tuple[str, str]:
+    """(1, K, 1) mean position of the similarity along an axis, every keypoint its own, and how much of it there is."""
     mass = graph.add("ReduceSum", similarity, graph.integers(axis), keepdims=0)
     total = graph.add("Add", graph.add("ReduceSum", mass, graph.integers(2), keepdims=1), graph.floats(1e-6))
     at = graph.add("ReduceSum", graph.add("Mul", mass, graph.floats(np.arange(count))), graph.integers(2), keepdims=1)
-    mean = graph.add("Div", at, total)
+    return graph.add("Div", at, total), total
+
+
+def _there(graph: Graph, total: str) -> str:
+    """Of score 0 where there is nothing of this colour."""
+    return graph.add("Div", total, graph.add("Add", total, graph.floats(4.0)))
+
+
+def _profile(graph: Graph, similarity: str, axis: int, count: int, bins: int, sigma: float) -> str:
+    """(1, K, bins) Gaussian of height 1 at the mean position of the similarity along an axis."""
+    mean, total = _mean(graph, similarity, axis, count)
     away = graph.add("Sub", graph.floats(np.arange(bins) * count / bins), mean)
     shape = graph.add("Exp", graph.add("Div", graph.add("Mul", away, away), graph.floats(-2 * sigma**2)))
-    # nothing of this colour: nothing to say
-    there = graph.add("Div", total, graph.add("Add", total, graph.floats(4.0)))
-    return graph.add("Mul", shape, there)
+    return graph.add("Mul", shape, _there(graph, total))
 
 
 def colour_simcc(path: Path, size_wh: tuple[int, int], colours: np.ndarray, reach: float, sigma_px: float = 2.0) -> Path:
@@ -145,14 +153,8 @@ def colour_one_stage(path: Path, size_wh: tuple[int, int], colours: np.ndarray, 
     """One person per image from the same marks, as MoveNet, RTMO or a YOLO-pose head gives them."""
     graph = Graph(size_wh)
     similar = _similarity(graph, colours, reach)
-    points, totals = [], []
-    for axis, count in ((2, size_wh[0]), (3, size_wh[1])):
-        mass = graph.add("ReduceSum", similar, graph.integers(axis), keepdims=0)
-        total = graph.add("Add", graph.add("ReduceSum", mass, graph.integers(2), keepdims=1), graph.floats(1e-6))
-        at = graph.add("ReduceSum", graph.add("Mul", mass, graph.floats(np.arange(count))), graph.integers(2), keepdims=1)
-        points.append(graph.add("Div", at, total))
-        totals.append(total)
-    there = graph.add("Div", totals[0], graph.add("Add", totals[0], graph.floats(4.0)))
+    (x, total), (y, _) = _mean(graph, similar, 2, size_wh[0]), _mean(graph, similar, 3, size_wh[1])
+    points, there = (x, y), _there(graph, total)
     marks = graph.add("Concat", *points, there, axis=2)  # (1, K, 3)
     if layout == "movenet":
         # shares of the input as MoveNet counts, y first

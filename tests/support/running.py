@@ -1,8 +1,10 @@
 """A process of a test whose output is read as it comes; no wait is without a limit, not even inside a read."""
 
+import os
 import queue
 import re
 import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -11,6 +13,12 @@ from typing import IO, Any, TypeVar
 T = TypeVar("T")
 PATIENCE_S = 60.0
 _LOOK_S = 0.5
+
+
+def python(*words: str, limit_s: float = 2 * PATIENCE_S, **environment: str) -> subprocess.CompletedProcess[str]:
+    """A run of Python to its end, with what it printed; its environment is that of this process, and these variables."""
+    environ = {**os.environ, **environment}
+    return subprocess.run([sys.executable, *words], capture_output=True, text=True, timeout=limit_s, env=environ, check=False)
 
 
 class Lines:
