@@ -74,7 +74,7 @@ def test_a_camera_is_not_silent_while_its_process_owes_a_report() -> None:
 
 def test_changes_of_a_camera_are_printed_ten_seconds_apart() -> None:
     monitor, lines = Monitor(("a",)), []
-    news = News(SimpleNamespace(monitor=monitor, watch=None, outlets=NoOutputs()), 0, lines.append)
+    news = News(SimpleNamespace(monitor=monitor, watch=None, noise_scale=None, outlets=NoOutputs()), 0, lines.append)
     for quarter in range(4 * 60):
         now_ns = quarter * S // 4
         monitor.judge(now_ns, {"a": CameraHealth("dead", "process 1 ended")} if quarter % 2 else {"a": CameraHealth("ok")})
@@ -86,7 +86,7 @@ def test_changes_of_a_camera_are_printed_ten_seconds_apart() -> None:
 
 def test_the_first_trouble_of_a_camera_is_printed_at_once() -> None:
     monitor, lines = Monitor(("a",)), []
-    news = News(SimpleNamespace(monitor=monitor, watch=None, outlets=NoOutputs()), 0, lines.append)
+    news = News(SimpleNamespace(monitor=monitor, watch=None, noise_scale=None, outlets=NoOutputs()), 0, lines.append)
     for second, verdict in enumerate((CameraHealth("ok"), CameraHealth("dead", "process 1 ended"), *[CameraHealth("ok")] * 20)):
         monitor.judge(second * S, {"a": verdict})
         news.report(second * S)

@@ -247,6 +247,7 @@ def live_figures(done: Finished) -> dict[str, Any]:
         "withheld": fusion.estimator.gate.figures(),
         "poses_per_s": fusion.latencies.rate_hz,
         "joint_centres": fusion.estimator.centring.made_by,
+        "noise_scale": fusion.noise_scale,
         "segment_lengths": _lengths(fusion),
         "used_share": sum(fusion.used.values()) / captured if captured else float("nan"),
         # a session that is stopped while it starts has not begun
@@ -305,6 +306,8 @@ def live_summary(figures: Mapping[str, Any]) -> list[Block]:
         facts["withheld"] = f"{cut['keypoints']:.1%} of keypoints, {cut['people']:.1%} of people: too unsure, or not measured"
     if figures["joint_centres"]:
         facts["joint centres"] = "; ".join(f"offsets of {table}" for table in sorted(set(figures["joint_centres"].values())))
+    if figures["noise_scale"] is not None:
+        facts["noise"] = f"not fitted; scaled by {figures['noise_scale']:.2g} from this session"
     if math.isfinite(figures["used_share"]):
         facts["frames used"] = f"{figures['used_share']:.0%}"
     if figures["restarts"]:

@@ -18,6 +18,7 @@ import numpy as np
 
 from posefuse.core import Camera, Detections2D, Frame, InputError, JointCentres, LivePreview, PosefuseError, Region, Rig
 from posefuse.core.arrays import Array
+from posefuse.core.protocols import NOISE_NOT_FITTED
 from posefuse.detection import with_clothing, with_depth
 from posefuse.detection.build import DetectorChoice, build_detector
 from posefuse.foundation.channel import Channel, ChannelClosed
@@ -171,7 +172,8 @@ def _opened(plan: GroupPlan, channel: Channel) -> Group:
 
     cv2.setNumThreads(1)
     group = Group(plan, channel)
-    channel.send(Ready(group.detector.skeleton, group.joint_centres()), _SEND_S)
+    fitted = NOISE_NOT_FITTED not in getattr(group.detector, "network", {}).get("unknown", "")
+    channel.send(Ready(group.detector.skeleton, group.joint_centres(), fitted), _SEND_S)
     return group
 
 

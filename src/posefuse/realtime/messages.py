@@ -42,10 +42,15 @@ class SessionClock:
 
 @dataclass(frozen=True)
 class Ready:
-    """A group has its detector, which marks these keypoints, and its sources; it waits for `Go`."""
+    """A group has its detector, which marks these keypoints, and its sources; it waits for `Go`.
+
+    Attributes:
+        noise_fitted: False where the standard deviations of the detector are a rule of thumb.
+    """
 
     skeleton: Skeleton
     joint_centres: JointCentres | None
+    noise_fitted: bool = True
 
 
 @dataclass(frozen=True)
@@ -212,6 +217,11 @@ class ViewSource(Protocol):
     def centres(self) -> list[LiveJointCentres]:
         """What is known of joint centres by now; more may come with the views."""
         return []
+
+    @property
+    def noise_fitted(self) -> bool:
+        """False where standard deviations are a rule of thumb; nodes of other machines do not send that."""
+        return True
 
     def start(self, clock: SessionClock) -> int:
         """Let views come; session time of the session's 0 s."""

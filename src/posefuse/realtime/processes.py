@@ -122,6 +122,11 @@ class Groups:
         table = first.marks.joint_centres if first.marks is not None else None
         return [LiveJointCentres(t_ns=first.plan.clock.now_ns(), cameras=cameras, table=table)]
 
+    @property
+    def noise_fitted(self) -> bool:
+        """False where the standard deviations of the detector, which all groups have, are a rule of thumb."""
+        return all(member.marks.noise_fitted for member in self._members if member.marks is not None)
+
     def start(self, clock: SessionClock) -> int:
         """Recorded sources show their time 0 a moment from now, when all groups know it."""
         zero_ns = time.monotonic_ns() + _LEAD_NS

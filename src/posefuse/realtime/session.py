@@ -7,7 +7,7 @@ import math
 import os
 import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -165,9 +165,11 @@ def run_session(
     """
     rig, clock, outputs = plan.rig, plan.clock, OutputProcess(plan)
     try:
-        with stop_requests() as stopped, open_views() as views, watching(rig, clocks=remote) as watch:
+        with ExitStack() as stack:
+            stopped, views = stack.enter_context(stop_requests()), stack.enter_context(open_views())
             outputs.wait_ready()
             skeleton = views.wait_ready(stopped)
+            watch = stack.enter_context(watching(rig, clocks=remote, noise=not views.noise_fitted))
             say("; ".join(filter(None, [*views.whereabouts(), watch.whereabouts() if watch else "", outputs.whereabouts()])))
             with compiling("live tracking", say):
                 estimator = warmed_up(rig, skeleton, config, stopped)
