@@ -24,7 +24,7 @@ from .device import Device, Precision, openvino_device
 from .engines import BlazePoseNetwork
 from .files import fetch_all
 from .noise import NoiseModel, read_noise
-from .search import PersonNetwork, regions_from_outputs, stages
+from .search import PersonNetwork, stages
 
 # of a crop that shows a person; below it the keypoints carry no information
 _LEAST_PRESENCE = 0.5
@@ -238,13 +238,8 @@ class BlazePoseDetector:
                 found[i].append(look)
 
     def _candidates(self, frames: Sequence[Frame], looks: Sequence[tuple[int, Region]]) -> list[tuple[int, Region]]:
-        side = self._persons.network.side_px
-        boxes, logits = self._persons.network(Crops([(frames[i].image, square) for i, square in looks], side))
-        scored = [
-            (score, i, region)
-            for (i, square), box, logit in zip(looks, boxes, logits, strict=True)
-            for score, region in regions_from_outputs(box, logit, self._persons.decoding, square, side)
-        ]
+        found = self._persons.scored([(frames[i], square) for i, square in looks])
+        scored = [(score, i, region) for (i, _), people in zip(looks, found, strict=True) for score, region in people]
         return [(i, region) for _, i, region in sorted(scored, key=lambda entry: -entry[0])]
 
     def _look(self, people: Sequence[tuple[Frame, Region]], thoroughly: bool = True) -> list[Look]:

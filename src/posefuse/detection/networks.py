@@ -232,20 +232,23 @@ class TopDownDetector(_Networked):
         self._finder = finder
 
     def _found(self, frames: Sequence[Frame]) -> list[list[_Person]]:
-        return [self._search(frame) for frame in frames]
+        """Stage by stage, all frames in which no person was found so far together."""
+        found: list[list[_Person]] = [[] for _ in frames]
+        plans = [self._finder.stages(frame.size_wh, self._up_rad.get(frame.camera, 0.0)) for frame in frames]
+        while due := {i: parts for i, plan in enumerate(plans) if not found[i] and (parts := next(plan, None))}:
+            regions = self._finder.people([(frames[i], parts) for i, parts in due.items()])
+            asked = [(frames[i], some[: 2 * _MOST_PEOPLE]) for i, some in zip(due, regions, strict=True)]
+            for i, people in zip(due, self._given(asked), strict=True):
+                found[i] = self._each_once(people)
+        return found
 
-    def _search(self, frame: Frame) -> list[_Person]:
-        people: list[_Person] = []
-        taken: list[Region] = []
-        for regions in self._finder.stages(frame, self._up_rad.get(frame.camera, 0.0)):
-            for person in self._look([(frame, region) for region in regions[: 2 * _MOST_PEOPLE]]):
-                region = region_from_keypoints(person.xy, self.skeleton)
-                if region is not None and not _known(region, taken) and len(people) < _MOST_PEOPLE:
-                    people.append(person)
-                    taken.append(region)
-            if people:
-                break
-        return people
+    def _each_once(self, people: Sequence[_Person]) -> list[_Person]:
+        once: dict[int, Region] = {}
+        for n, person in enumerate(people):
+            region = region_from_keypoints(person.xy, self.skeleton)
+            if region is not None and not _known(region, list(once.values())) and len(once) < _MOST_PEOPLE:
+                once[n] = region
+        return [people[n] for n in once]
 
     def _given(self, asked: Sequence[tuple[Frame, Sequence[Region]]]) -> list[list[_Person]]:
         looked = iter(self._look([(frame, region) for frame, regions in asked for region in regions]))
