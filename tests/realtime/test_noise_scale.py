@@ -1,7 +1,6 @@
 """Noise that was not fitted to a network has one scale per live session, found from the session's own views."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from types import SimpleNamespace
 
 import built
