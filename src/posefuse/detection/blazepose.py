@@ -17,7 +17,7 @@ from posefuse.foundation.places import default_cache_dir
 from posefuse.foundation.platform import usable_cores
 from posefuse.foundation.settings import settings
 
-from .card import Card, EnsembleCard, LandmarkCard, NetworkCard, PersonCard, read_card
+from .card import BLAZEPOSE_PERSONS, Card, EnsembleCard, LandmarkCard, NetworkCard, PersonCard, read_card
 from .crops import Crops, check_regions, img_from_crop, region_from_keypoints
 from .decode import landmarks_from_outputs
 from .device import Device, Precision, openvino_device
@@ -108,7 +108,6 @@ def averaged(looks: Sequence[Look]) -> Look:
 _SAME_PERSON = 0.12
 
 
-_PERSONS = "blazepose_persons"
 # looked for per image when no regions are given
 _MOST_PEOPLE = 16
 
@@ -164,13 +163,13 @@ class BlazePoseConfig:
         """Of the person network, of what was chosen for landmarks, and of the landmark networks in it."""
         chosen = read_card(self.landmarks, Card)
         members = chosen.member_cards() if isinstance(chosen, EnsembleCard) else [read_card(self.landmarks, LandmarkCard)]
-        return read_card(_PERSONS, PersonCard), chosen, members
+        return read_card(BLAZEPOSE_PERSONS, PersonCard), chosen, members
 
 
 def default_cards() -> list[NetworkCard]:
     """The networks used when no one chooses others."""
     chosen = BlazePoseConfig()
-    return [read_card(_PERSONS), read_card(chosen.landmarks)]
+    return [read_card(BLAZEPOSE_PERSONS), read_card(chosen.landmarks)]
 
 
 class BlazePoseDetector:

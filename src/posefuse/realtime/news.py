@@ -89,8 +89,11 @@ class ProcessedImages:
         self._since: tuple[float, int, int] | None = None
         self._reported = False
 
-    def news(self, status: Status, now_s: float, network: str) -> str:
-        """Take in what a process reports at a time: the sentence about a machine that is too slow, once; else empty."""
+    def news(self, status: Status, now_s: float, smaller_network: Callable[[], str]) -> str:
+        """Take in what a process reports at a time: the sentence about a machine that is too slow, once; else empty.
+
+        `smaller_network`: names one that is installed, for that sentence; empty where there is none.
+        """
         for state in status.cameras:
             captured, used = self._last.get(state.camera, (0, 0))
             self._came += state.captured - captured if state.captured >= captured else state.captured
@@ -107,7 +110,7 @@ class ProcessedImages:
         if not slow or self._reported:
             return ""
         self._reported = True
-        smaller = "" if network.endswith("lite") else "`networks=blazepose_lite`, "
+        smaller = f"`networks={name}`, " if (name := smaller_network()) else ""
         return f"this computer processes {share:.0%} of the images: use {smaller}fewer cameras, or cameras at a lower frame rate"
 
 

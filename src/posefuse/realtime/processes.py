@@ -5,9 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, Self
 
 from posefuse.core import CameraHealth, LiveJointCentres, Skeleton, SourceError
+from posefuse.detection.choosing import smaller_network
 from posefuse.foundation.channel import Channel
 from posefuse.foundation.platform import processor_s
 from posefuse.foundation.worker import Worker
@@ -226,8 +228,9 @@ class Groups:
                     new = message.video_faults.items() - member.video_faults.items()
                     self._notices += [f"video {camera}: failed: {fault}" for camera, fault in sorted(new)]
                     member.video_faults = message.video_faults
-                    network = str(member.plan.detector.options.get("landmarks", ""))
-                    self._notices += filter(None, [self._processed.news(message, worker.received_s, network)])
+                    options = member.plan.detector.options
+                    smaller = partial(smaller_network, str(options.get("landmarks", options.get("card", ""))))
+                    self._notices += filter(None, [self._processed.news(message, worker.received_s, smaller)])
                 yield message
         # loading modules and networks takes a slow machine as long as it takes; ended for that, it would never begin
         if worker.running and _hangs(member):

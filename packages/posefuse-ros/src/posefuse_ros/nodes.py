@@ -226,5 +226,5 @@ def fusion_node(
         "clock_offset_ms": offsets_ms,
     }
     run = finished_run(done, report=None if report is None else Path(report), more=more)
-    clocks = Facts({camera: f"{ms:+.1f}" for camera, ms in offsets_ms.items()})
+    clocks = Facts({camera: f"{ms:+z.1f}" for camera, ms in offsets_ms.items()})
     return replace(run, blocks=(*run.blocks, Heading("Clocks, ms after the mean"), clocks))
