@@ -11,25 +11,26 @@ from scipy.special import gammaincinv
 
 from posefuse.core import Rig
 from posefuse.core.arrays import Array
+from posefuse.fusion import FuseSettings, triangulate
 
 # fewer joints in a time step, seen by enough cameras, say nothing; and beyond these limits it is not the noise that is wrong
 _LEAST_SEEN = 200
 _LIMITS = (0.5, 3.0)
 
 
-def chi2_shares(rig: Rig, xy_img: Array, sigma_px: Array, xyz_world: Array, n_views: Array) -> Array:
+def disagreement(rig: Rig, xy_img: Array, score: Array, sigma_px: Array, fusing: FuseSettings) -> Array:
     """(R,) of every point whose views all agree: chi-square of its residuals over the median that is expected.
 
     Args:
-        xy_img: (..., C, K, 2) views of the points, NaN where they do not count. sigma_px: (..., C, K).
-        xyz_world: (..., K, 3) the points, fused robustly from these views. n_views: (..., K) how many agreed.
+        xy_img: (..., C, K, 2) views of the points. score, sigma_px: (..., C, K).
     """
-    off = (xy_img - np.moveaxis(rig.project(xyz_world), 0, -3)) / sigma_px[..., None]
-    used: Array = np.asarray(np.isfinite(off).all(axis=-1))
+    solved = triangulate(rig, xy_img, score, sigma_px, settings=fusing)
+    off = (xy_img - np.moveaxis(rig.project(solved.xyz), 0, -3)) / sigma_px[..., None]
+    used: Array = np.isfinite(off).all(axis=-1) & (score >= fusing.score_min)
     count = used.sum(axis=-2)
     # coordinates that were seen less those of the point
     freedom = 2 * count - 3
-    known = (freedom > 0) & (count == n_views)
+    known = (freedom > 0) & (count == solved.n_views)
     chi2 = (np.where(used[..., None], off, 0.0) ** 2).sum(axis=(-3, -1))[known]
     return np.asarray(chi2 / (2 * gammaincinv(freedom[known] / 2, 0.5)))
 

@@ -33,13 +33,14 @@ from posefuse.core.duplicates import duplicates
 from posefuse.core.errors import choices
 from posefuse.core.observations import NOT_KEPT
 from posefuse.core.protocols import NOISE_NOT_FITTED
+from posefuse.core.view_sequences import people_in, views_over_time
 from posefuse.detection.build import fetch_networks
 from posefuse.foundation.compiled import compiling
 from posefuse.foundation.parsing import plain
 from posefuse.foundation.places import check_space
 from posefuse.fusion import FuseSettings, fuse
 from posefuse.health.background import background_of
-from posefuse.health.noise_scale import chi2_shares, noise_scale
+from posefuse.health.noise_scale import disagreement, noise_scale
 from posefuse.health.recorded import checked_rig
 from posefuse.health.rig_monitor import UNSYNCHRONISED, RigFinding
 from posefuse.sources.video import recorded_at
@@ -184,22 +185,14 @@ def _with_known_noise(opened: Opened, observations: Observations, progress: Prog
 _NOISE_TIME_STEPS = 1000
 
 
-def recorded_noise_scale(observations: Observations, rig: Rig, fuse_settings: FuseSettings) -> float | None:
-    """Of the limb joints of a recording, see `health.noise_scale`; None where too little is seen.
-
-    Raises:
-        InputError: no person could be followed.
-    """
+def recorded_noise_scale(observations: Observations, rig: Rig, fusing: FuseSettings) -> float | None:
+    """Of the limb joints of a recording, see `health.noise_scale`; None where too little is seen."""
     every = max(1, len(observations.step_t_ns) // _NOISE_TIME_STEPS)
     some = observations.only(observations.frame_step % every == 0)
     some = dataclasses.replace(some, step_t_ns=some.step_t_ns[::every], frame_step=some.frame_step // every)
-    config = TrackConfig(fuse=fuse_settings, raw=True, joint_centres=False, body="off")
-    fused = solve_followed(some, rig, {"config": plain(dataclasses.asdict(config))})
-    views, poses = fused.views, fused.poses
-    xy = np.where((views.score >= fuse_settings.score_min)[..., None], views.xy_img, np.nan)
-    limbs = limb_keypoints(poses.skeleton.keypoints)
-    xy, sigma_px = xy[..., limbs, :], views.sigma_px[..., limbs]
-    return noise_scale(chi2_shares(rig, xy, sigma_px, poses.xyz_world[..., limbs, :], poses.n_views[..., limbs]))
+    views, limbs = views_over_time(some, people_in(some)[0].tolist()), limb_keypoints(some.skeleton.keypoints)
+    seen = views.xy_img[..., limbs, :], views.score[..., limbs], views.sigma_px[..., limbs]
+    return noise_scale(disagreement(rig, *seen, fusing))
 
 
 def _moved_cameras(opened: Opened, clock: StageClock, progress: Progress) -> list[str]:

@@ -21,11 +21,11 @@ from posefuse.core.arrays import Array
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.foundation.platform import lower_priority
 from posefuse.foundation.worker import Worker
-from posefuse.fusion import triangulate
+from posefuse.fusion import FuseSettings
 from posefuse.health import rig_monitor as monitor
 from posefuse.health.clock_finding import ClockFinder
 from posefuse.health.misalignment import CommonTimeSteps
-from posefuse.health.noise_scale import chi2_shares, noise_scale
+from posefuse.health.noise_scale import disagreement, noise_scale
 from posefuse.tracking.settings import LASTING_S, LASTING_SHARE
 
 _S = 1e9
@@ -174,15 +174,11 @@ class RigWatcher:
             if len(self._rig) >= monitor.LEAST_CAMERAS:
                 self._state, _ = monitor.observe(self._state, self._rig, t_ns, seen[..., :2])
             if self._noise and len(self._shares) < _NOISE_POINTS:
-                self._shares = np.append(self._shares, self._disagreement(seen))
+                xy, sigma_px = seen[..., :2], seen[..., 2] * _EVENED
+                known = np.isfinite(sigma_px).astype(np.float64)
+                self._shares = np.append(self._shares, disagreement(self._rig, xy, known, sigma_px, FuseSettings()))
         findings = self._state.findings
         faulty = {name: CameraHealth(one.kind, one.detail) for one in findings for name in one.cameras}
         miscalibrated = frozenset(name for one in findings if one.displaced_m > _MISCALIBRATED_M for name in one.cameras)
         settled = len(self._shares) >= _NOISE_POINTS
         return Watched(self._offset_s, faulty, miscalibrated, noise_scale(self._shares) if settled else None)
-
-    def _disagreement(self, seen: Array) -> Array:
-        """See `chi2_shares`, of points (C, P, 3) with their standard deviations."""
-        xy, sigma_px = seen[..., :2], seen[..., 2] * _EVENED
-        solved = triangulate(self._rig, xy, sigma_px=sigma_px)
-        return chi2_shares(self._rig, xy, sigma_px, solved.xyz, solved.n_views)
