@@ -10,7 +10,7 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Ge
 
-from posefuse.core import Detections2D, Frame, JointCentres, Region, Skeleton
+from posefuse.core import ConfigError, Detections2D, Frame, JointCentres, Region, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.foundation.places import default_cache_dir
@@ -23,7 +23,7 @@ from .decode import landmarks_from_outputs
 from .device import Device, Precision, openvino_device
 from .engines import BlazePoseNetwork
 from .files import fetch_all
-from .noise import NoiseModel, read_noise
+from .noise import NoiseModel, landmark_noise_features, read_noise
 from .search import PersonNetwork, stages
 
 # of a crop that shows a person; below it the keypoints carry no information
@@ -61,13 +61,15 @@ class LandmarkNetwork:
         decoding = card.decoding
         outputs = (decoding.landmarks, decoding.presence, decoding.heatmaps)
         network = BlazePoseNetwork(file, outputs, card.input, precision, streams, device)
+        if card.noise_file is None:
+            raise ConfigError(f"{card.name}: a network of BlazePose's layout needs a noise model: `noise = FILE` in its card")
         return cls(network, read_noise(card.noise_file), card.skeleton)
 
     def look(self, crops: Sequence[Array]) -> list[Look]:
         """One look at each crop (side, side, 3) uint8."""
         landmarks, presence, heatmaps = self.network(crops)
         seen = landmarks_from_outputs(landmarks, presence, heatmaps, len(self.skeleton), self.network.side_px)
-        sigma = self.noise.sigma_px(seen, self.skeleton.keypoints)
+        sigma = self.noise.sigma(landmark_noise_features(seen), self.skeleton.keypoints)
         return [
             Look(float(presence), seen.xy_crop[b], seen.visibility[b] * presence, sigma[b])
             for b, presence in enumerate(seen.presence)

@@ -27,7 +27,7 @@ from .device import Precision, device_of
 from .engines import OnnxNetwork
 from .files import fetch_all
 from .lock import Trust
-from .noise import KeypointNoise, read_keypoint_noise
+from .noise import keypoint_noise_features, read_noise
 from .search import BoxFinder, PersonFinder, PersonNetwork, SquareFinder, upright_first
 
 # looked for per image when no regions are given
@@ -141,7 +141,7 @@ class _Networked:
 
     def __init__(self, network: OnnxNetwork, up_rad: Mapping[str, float]) -> None:
         self._network, self._up_rad = network, up_rad
-        self._noise: KeypointNoise = read_keypoint_noise(network.card.noise_file)
+        self._noise = read_noise(network.card.noise_file)
         table = network.card.joint_centres_file
         self._joint_centres = read_joint_centres(table) if table else None
 
@@ -194,7 +194,8 @@ class _Networked:
         score = seen.keypoints.score[0]
         if score.mean() < self._network.card.least_keypoint_score:
             return self._no_person()
-        both = self._noise.sigma(seen.keypoints, self.skeleton.keypoints, seen.height_px)[0]
+        features = keypoint_noise_features(seen.keypoints, seen.height_px)
+        both = seen.height_px * self._noise.sigma(features, self.skeleton.keypoints)[0]
         # one number for both axes of the image: the crop may be turned
         sigma = np.sqrt((both**2).mean(-1) / abs(np.linalg.det(seen.input_from_img[:, :2])))
         return _Person(img_from_input(seen.input_from_img, seen.keypoints.xy[0]), score, np.where(score > 0, sigma, np.nan))
