@@ -257,18 +257,10 @@ class BlazePoseDetector:
 
     def _result(self, frame: Frame, people: Sequence[Look], keep_all: bool) -> Detections2D:
         shown = [look for look in people if keep_all or look.presence >= _LEAST_PRESENCE]
-        if not shown:
-            return Detections2D.empty(frame.camera, frame.t_ns, self._skeleton)
-        xy = np.stack([look.xy for look in shown])
-        score = np.stack([look.score for look in shown])
-        sigma = np.stack([look.sigma_px for look in shown])
-        absent = np.array([look.presence < _LEAST_PRESENCE for look in shown])
+        absent = np.array([look.presence < _LEAST_PRESENCE for look in shown], np.bool_)
+        xy, score, sigma = (np.array([getattr(look, name) for look in shown]) for name in ("xy", "score", "sigma_px"))
         xy[absent], score[absent], sigma[absent] = np.nan, 0.0, np.nan
-        box = np.full((len(shown), 4), np.nan)
-        box[~absent] = np.concatenate([xy[~absent].min(1), xy[~absent].max(1)], axis=-1)
-        return Detections2D(
-            camera=frame.camera, t_ns=frame.t_ns, skeleton=self._skeleton, xy_img=xy, score=score, sigma_px=sigma, box_img=box
-        )
+        return Detections2D.of(frame.camera, frame.t_ns, self._skeleton, xy, score, sigma)
 
 
 def _in_image(look: Look, region: Region, side_px: int) -> Look:

@@ -13,7 +13,6 @@ from annotated_types import Ge
 from posefuse.core import ConfigError, Detections2D, Frame, JointCentres, Region, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.core.protocols import NOISE_NOT_FITTED
-from posefuse.core.values import keypoint_boxes
 from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.foundation.places import default_cache_dir
 from posefuse.foundation.platform import usable_cores
@@ -205,19 +204,8 @@ class _Networked:
         return _Person(np.full((k, 2), np.nan), np.zeros(k), np.full(k, np.nan))
 
     def _result(self, frame: Frame, people: Sequence[_Person]) -> Detections2D:
-        if not people:
-            return Detections2D.empty(frame.camera, frame.t_ns, self.skeleton)
-        xy = np.stack([person.xy for person in people])
-        score, sigma = (np.stack([getattr(person, name) for person in people]) for name in ("score", "sigma_px"))
-        return Detections2D(
-            camera=frame.camera,
-            t_ns=frame.t_ns,
-            skeleton=self.skeleton,
-            xy_img=xy,
-            score=score,
-            sigma_px=sigma,
-            box_img=keypoint_boxes(xy, score),
-        )
+        parts = ([getattr(person, name) for person in people] for name in ("xy", "score", "sigma_px"))
+        return Detections2D.of(frame.camera, frame.t_ns, self.skeleton, *parts)
 
 
 class TopDownDetector(_Networked):

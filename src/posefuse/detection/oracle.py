@@ -16,7 +16,6 @@ from annotated_types import Ge, Gt, Le
 from posefuse.core import CameraTruth, Detections2D, Frame, InputError, Region, Skeleton, Truth
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
-from posefuse.core.values import keypoint_boxes
 from posefuse.core.view_sequences import ViewSequence
 from posefuse.formats.truth import read_truth
 from posefuse.foundation.settings import settings
@@ -112,17 +111,7 @@ class OracleDetector:
         else:
             seen = (score > 0).any(-1)
             xy, score, sigma = xy[seen], score[seen], sigma[seen]
-        if not len(xy):
-            return Detections2D.empty(camera, t_ns, self.skeleton)
-        return Detections2D(
-            camera=camera,
-            t_ns=t_ns,
-            skeleton=self.skeleton,
-            xy_img=xy,
-            score=score,
-            sigma_px=sigma,
-            box_img=keypoint_boxes(xy, score),
-        )
+        return Detections2D.of(camera, t_ns, self.skeleton, xy, score, sigma)
 
 
 def oracle_views(truth: Truth, noise: OracleNoise, seed: int = 0) -> ViewSequence:
