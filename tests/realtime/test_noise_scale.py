@@ -159,8 +159,8 @@ def test_the_first_scale_holds(ring_rig: Callable[..., Rig]) -> None:
 
 @pytest.mark.parametrize("network", [{}, {"unknown": "noise not fitted, keypoints"}, {"unknown": "keypoints"}])
 def test_a_group_states_whether_the_noise_of_its_network_was_fitted(network: dict, monkeypatch: pytest.MonkeyPatch) -> None:
-    detector = SimpleNamespace(skeleton=COCO17, network=network)
-    group = SimpleNamespace(detector=detector, joint_centres=lambda: None)
+    detector = SimpleNamespace(skeleton=COCO17, joint_centres=None, network=network)
+    group = SimpleNamespace(detector=detector)
     monkeypatch.setattr(group_module, "Group", lambda plan, channel: group)
     sent: list[Ready] = []
     group_module._opened(None, SimpleNamespace(send=lambda message, wait_s: sent.append(message)))

@@ -16,7 +16,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from posefuse.core import Camera, Detections2D, Frame, InputError, JointCentres, LivePreview, PosefuseError, Region, Rig
+from posefuse.core import Camera, Detections2D, Frame, InputError, LivePreview, PosefuseError, Region, Rig
 from posefuse.core.arrays import Array
 from posefuse.core.protocols import NOISE_NOT_FITTED
 from posefuse.detection import with_clothing, with_depth
@@ -172,8 +172,9 @@ def _opened(plan: GroupPlan, channel: Channel) -> Group:
 
     cv2.setNumThreads(1)
     group = Group(plan, channel)
-    fitted = NOISE_NOT_FITTED not in getattr(group.detector, "network", {}).get("unknown", "")
-    channel.send(Ready(group.detector.skeleton, group.joint_centres(), fitted), _SEND_S)
+    detector = group.detector
+    fitted = NOISE_NOT_FITTED not in getattr(detector, "network", {}).get("unknown", "")
+    channel.send(Ready(detector.skeleton, detector.joint_centres, fitted), _SEND_S)
     return group
 
 
@@ -237,10 +238,6 @@ class Group:
         except InputError as error:
             self._not_made[camera] = str(error)
             return None
-
-    def joint_centres(self) -> JointCentres | None:
-        """Offsets of joint centres from what the detector marks; None: they are the same, or not known."""
-        return self.detector.joint_centres
 
     def _take_messages(self) -> None:
         """Of the session: where to look, and what is changed."""
@@ -343,7 +340,6 @@ class Group:
             started_ns=look.started_ns,
             detected_ns=self._plan.clock.now_ns(),
             still=look.caught.still,
-            searched=look.regions is None,
             skipped=self._skipped[name],
         )
         self._channel.send(seen, _SEND_S)

@@ -103,7 +103,6 @@ class SeenView:
         state: status of its camera; None where another machine does not send it.
         received_ns: the frame reached its process. started_ns: the detector began. detected_ns: it had finished.
         still: how many frames in a row, this one included, were the same image to the last sampled pixel.
-        searched: the whole image was searched for people.
         skipped: the camera's frames since the view before, which came while no person was followed and nothing changed.
     """
 
@@ -113,7 +112,6 @@ class SeenView:
     started_ns: int
     detected_ns: int
     still: int = 0
-    searched: bool = False
     skipped: int = 0
 
 
