@@ -170,8 +170,7 @@ class BlazePoseConfig:
 
 def default_cards() -> list[NetworkCard]:
     """The networks used when no one chooses others."""
-    chosen = BlazePoseConfig()
-    return [read_card(BLAZEPOSE_PERSONS), read_card(chosen.landmarks)]
+    return BlazePoseConfig().cards()
 
 
 class BlazePoseDetector:

@@ -127,8 +127,7 @@ def _measured(name: str, choice: DetectorChoice, clock_s: Callable[[], float]) -
 
 def _installed_bytes(name: str) -> int:
     """Of all files that a network needs; 0 where one is missing or damaged."""
-    chosen, cache = with_network(DetectorChoice(), name), default_cache_dir()
-    cards = plugin_config("detectors", chosen.name, chosen.options).cards()
+    cards, cache = needed_cards(name), default_cache_dir()
     ready = all(status(card, cache) == "ready" for card in cards)
     return sum(model_path(card, cache).stat().st_size for card in cards) if ready else 0
 

@@ -104,8 +104,6 @@ _NICENESS = 5
 
 def preview_jpeg(frame: Frame, t_ns: int) -> LivePreview:
     """The frame as a small JPEG."""
-    import cv2
-
     size = shrunk_wh(frame.size_wh, _LONGER_SIDE_PX)
     small: Any = cv2.resize(frame.image, size, interpolation=cv2.INTER_AREA)
     return LivePreview(camera=frame.camera, t_ns=t_ns, jpeg=jpeg_of(small, _QUALITY), size_wh=size)
@@ -168,8 +166,6 @@ def run_group(channel: Channel, plan: GroupPlan) -> None:
 
 
 def _opened(plan: GroupPlan, channel: Channel) -> Group:
-    import cv2
-
     cv2.setNumThreads(1)
     group = Group(plan, channel)
     detector = group.detector
