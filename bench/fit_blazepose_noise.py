@@ -119,8 +119,8 @@ def model_text(data: Samples, features: Sequence[str], scenes: int) -> str:
     lines = [
         f'made_by = "bench/fit_blazepose_noise.py: {scenes} rendered scenes, {len(data.score)} crops, '
         f'errors against mesh keypoints counted up to {MOST_ERROR_PX:g} crop px"',
-        f"least_px = {LEAST_PX}",
-        f"most_px = {MOST_PX}",
+        f"least = {LEAST_PX}",
+        f"most = {MOST_PX}",
         "",
         "[weights]",
         *(f"{name} = {value:.4f}" for name, value in zip(features, weight, strict=True)),

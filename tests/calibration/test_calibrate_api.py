@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from posefuse.api.calibrate import calibrate_extrinsics, calibrate_person, verify
-from posefuse.api.calibration_results import ClockCalibration, RigCalibration
+from posefuse.api.calibration_results import ClockCalibration, RigCalibration, clock_blocks
 from posefuse.api.targets import print_target
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.extrinsics import target as moving_target
@@ -19,6 +19,7 @@ from posefuse.calibration.targets.kinds import Charuco, Markers
 from posefuse.calibration.targets.recordings import paths_by_camera
 from posefuse.core import CalibrationError, ConfigError, InputError
 from posefuse.formats.rig import read_rig
+from posefuse.foundation.summary import Table, column_texts
 
 BOARD = Charuco(columns=5, rows=7, square_m=0.04, marker_m=0.03)
 REPORT = CalibrationReport("extrinsics", (Check("halves agree", True, "fine"),), numbers={"rms_px": 0.3})
@@ -136,3 +137,12 @@ def test_corners_of_one_row_of_a_board_are_no_view() -> None:
     grid = np.array([[x, y, 0.0] for y in range(3) for x in range(4)]) * 0.054
     assert in_a_plane(grid) and in_a_plane(grid[[0, 1, 4, 5]])
     assert not in_a_plane(grid[:4]) and not in_a_plane(grid[[0, 5, 10]])
+
+
+def test_a_clock_that_is_right_is_not_stated_with_a_negative_zero() -> None:
+    clocks = ClockEstimate.known(np.array([0.0, -1e-6, -0.012]), 0.0)
+    table = next(block for block in clock_blocks(["a", "b", "c"], clocks, [1 / 30] * 3) if isinstance(block, Table))
+    assert [row[1:] for row in table.rows] == [
+        ["+0.0 ± 0.0", "+0.00 ± 0.00"], ["+0.0 ± 0.0", "+0.00 ± 0.00"], ["-12.0 ± 0.0", "-0.36 ± 0.00"],
+    ]  # fmt: skip
+    assert column_texts([-0.0001, 12.3]) == ["0.0", "12.3"]

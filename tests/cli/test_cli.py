@@ -290,9 +290,9 @@ def test_a_session_that_was_stopped_before_it_began_has_no_figures_of_nothing(ca
     }
     figures = {
         "latency": latency, "cameras": {"cam00": {"state": "opening", "captured": 0, "used_share": nan}}, "poses": 0,
-        "poses_per_s": nan, "poses_with_people": 0, "withheld": {}, "joint_centres": {}, "used_share": nan, "restarts": 0,
-        "outputs": {}, "outputs_lost": 0, "rig_watch_trouble": "", "cpu_fusion_share": nan, "cpu_children_share": nan,
-        "memory_mb": nan,
+        "poses_per_s": nan, "poses_with_people": 0, "withheld": {}, "joint_centres": {}, "noise_scale": None, "used_share": nan,
+        "restarts": 0, "outputs": {}, "outputs_lost": 0, "rig_watch_trouble": "", "cpu_fusion_share": nan,
+        "cpu_children_share": nan, "memory_mb": nan,
     }  # fmt: skip
     Terminal(as_json=False).show(live_summary(figures))
     out = capsys.readouterr().out

@@ -11,7 +11,7 @@ from posefuse.detection.build import network_plugin
 from posefuse.detection.card import PERSONS, TOP_DOWN, OnnxCard, list_cards, needed_cards, read_card
 from posefuse.detection.engines import OnnxNetwork
 from posefuse.detection.files import fetch_all
-from posefuse.detection.noise import read_keypoint_noise
+from posefuse.detection.noise import read_noise
 from posefuse.formats.joint_centres import read_joint_centres
 
 graphs = pytest.importorskip("graphs", reason="the package onnx is not installed")
@@ -47,7 +47,7 @@ def test_what_was_fitted_to_a_network_is_about_its_keypoints():
     fitted = [card for card in CARDS.values() if card.noise or card.joint_centres]
     assert [card.name for card in fitted] == ["movenet_lightning", "movenet_thunder"]
     for card in fitted:
-        known = read_keypoint_noise(card.noise_file).offset.keys()
+        known = read_noise(card.noise_file).offset.keys()
         assert known == {*card.skeleton.keypoints, ""}
         assert read_joint_centres(card.joint_centres_file).made_by.startswith(card.name)
 

@@ -1,6 +1,7 @@
 """The processor that is named is used or refused; `auto` takes a graphics card only after a network ran on it."""
 
 import sys
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,9 +14,11 @@ from posefuse.detection.build import DetectorChoice, build_detector, fetch_netwo
 from posefuse.detection.card import OnnxCard, read_card
 from posefuse.detection.device import device_of, openvino_device
 from posefuse.detection.engines import OnnxNetwork
+from posefuse.detection.networks import OnnxConfig
 from posefuse.formats.rig import write_rig
 from posefuse.foundation import plugins
 from posefuse.foundation.settings import settings
+from posefuse.sources import ImagesConfig
 
 graphs = pytest.importorskip("graphs", reason="the package onnx is not installed")
 
@@ -114,6 +117,25 @@ def test_images_go_in_batches_of_few_sizes_and_give_what_each_gives_alone(tmp_pa
     together, alone = network(crops), [network([crop])[0] for crop in crops]
     assert runtime.cards == [1] and runtime.batches == [8, 4] + [1] * 11
     assert_same(together, alone, atol=1e-5)
+
+
+def test_people_are_searched_for_in_the_images_of_all_cameras_in_one_call(tmp_path, monkeypatch, ring_rig):
+    discs = pytest.importorskip("discs")
+    runtime = graphs.ListsCuda()
+    monkeypatch.setitem(sys.modules, "onnxruntime", runtime)
+    discs.draw(rig := ring_rig(4, size_wh=(720, 560)), discs.true_xyz()[:1], tmp_path / "images")
+    frames = [next(ImagesConfig(tmp_path / "images" / name, name, 25.0).build().frames()) for name in rig.names]
+    empty = replace(frames[0], camera="empty", image=np.zeros_like(frames[0].image))
+    detector = OnnxConfig(card=str(discs.card_of("simcc", tmp_path)), device="cuda", up_rad={"empty": 1.0}).build()
+    runtime.batches.clear()
+    together = detector.detect([*frames, empty], [None] * 5)
+    # where people may be, who they are; and again where no person was found, the other way up
+    assert runtime.batches == [8, 4, 1]
+    for frame, found in zip([*frames, empty], together, strict=True):
+        (alone,) = detector.detect([frame], [None])
+        assert len(alone) == len(found) == (frame is not empty)
+        for name in ("xy_img", "score", "sigma_px", "box_img"):
+            np.testing.assert_allclose(getattr(found, name), getattr(alone, name), atol=1e-5)
 
 
 @pytest.mark.parametrize("word", ["gpu", "cuda:", "cuda:x", "cpu:1", "cuda:0,cuda:1", "coreml:0", "CUDA", "", "openvino:tpu"])

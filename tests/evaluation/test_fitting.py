@@ -9,7 +9,7 @@ from commands import figures
 
 from posefuse.core import SKELETONS, CameraTruth, Rig, Truth
 from posefuse.detection.card import read_card
-from posefuse.detection.noise import FEATURES, read_keypoint_noise
+from posefuse.detection.noise import FEATURES, read_noise
 from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.formats.rig import write_rig
 from posefuse.formats.truth import write_truth
@@ -45,7 +45,7 @@ def test_a_noise_model_is_right_about_scenes_it_was_not_fitted_to(tmp_path):
     assert set(fit.ratio_of) == set(NAMES)
     path = tmp_path / "x.noise.toml"
     path.write_text(noise_text(fit.noise))
-    again = read_keypoint_noise(path)
+    again = read_noise(path)
     assert again.weights == pytest.approx(fit.noise.weights, abs=1e-4) and again.offset == pytest.approx(
         fit.noise.offset, abs=1e-4
     )
@@ -103,7 +103,7 @@ def test_the_command_fits_a_card_on_scenes_that_are_there(
     card = discs.card_of("simcc", tmp_path)
     options = ["--scenes-in", tmp_path / "scenes", "--scenes", "1", "--moving", "1"]
     assert figures(capsys, "fit-noise", card, *options)["crops"] == 4 * discs.FRAMES
-    noise = read_keypoint_noise(tmp_path / "simcc.noise.toml")
+    noise = read_noise(tmp_path / "simcc.noise.toml")
     assert noise.offset["left_wrist"] > noise.offset["left_shoulder"] + 1, "marks that are off make a keypoint less sure"
     table = read_joint_centres(tmp_path / "simcc.joint_centres.toml")
     assert table.offsets["wrist"]["forearm"] == pytest.approx(0.04, abs=0.003)

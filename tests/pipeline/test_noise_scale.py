@@ -10,8 +10,9 @@ import pytest
 from posefuse.core import Observations, Rig
 from posefuse.formats.recording import read_recording
 from posefuse.fusion import FuseSettings
-from posefuse.pipeline import noise_scale as module
-from posefuse.pipeline.noise_scale import noise_scale
+from posefuse.health import noise_scale as module
+from posefuse.pipeline import track
+from posefuse.pipeline.track import recorded_noise_scale
 
 STATED_PX = 2.0
 SETTINGS = FuseSettings()
@@ -35,22 +36,22 @@ def seen(rig: Rig, true_px: float, steps: int, wrong: float = 0.0) -> Observatio
 @pytest.mark.parametrize("factor", [0.7, 1.0, 2.0])
 def test_the_true_factor_is_found(factor: float, cameras: int, wrong: float, ring_rig: Callable[..., Rig]) -> None:
     rig = ring_rig(cameras)
-    assert noise_scale(seen(rig, factor * STATED_PX, 150, wrong), rig, SETTINGS) == pytest.approx(factor, rel=0.1)
+    assert recorded_noise_scale(seen(rig, factor * STATED_PX, 150, wrong), rig, SETTINGS) == pytest.approx(factor, rel=0.1)
 
 
 def test_a_long_recording_is_judged_by_a_part_of_it(ring_rig: Callable[..., Rig], monkeypatch: pytest.MonkeyPatch) -> None:
     rig = ring_rig(4)
-    monkeypatch.setattr(module, "_TIME_STEPS", 50)
-    assert noise_scale(seen(rig, 2 * STATED_PX, 151), rig, SETTINGS) == pytest.approx(2.0, rel=0.1)
+    monkeypatch.setattr(track, "_NOISE_TIME_STEPS", 50)
+    assert recorded_noise_scale(seen(rig, 2 * STATED_PX, 151), rig, SETTINGS) == pytest.approx(2.0, rel=0.1)
 
 
 def test_it_is_bounded_and_unknown_where_too_little_is_seen(ring_rig: Callable[..., Rig]) -> None:
     rig = ring_rig(4)
-    assert noise_scale(seen(rig, 20.0, 60), rig, SETTINGS) == 3.0
-    assert noise_scale(seen(rig, 0.1, 60), rig, SETTINGS) == 0.5
+    assert recorded_noise_scale(seen(rig, 20.0, 60), rig, SETTINGS) == 3.0
+    assert recorded_noise_scale(seen(rig, 0.1, 60), rig, SETTINGS) == 0.5
     # 12 limb joints
-    assert noise_scale(seen(rig, 2.0, 16), rig, SETTINGS) is None
-    assert noise_scale(seen(rig, 2.0, 17), rig, SETTINGS) is not None
+    assert recorded_noise_scale(seen(rig, 2.0, 16), rig, SETTINGS) is None
+    assert recorded_noise_scale(seen(rig, 2.0, 17), rig, SETTINGS) is not None
 
 
 def test_track_scales_and_states_it(ring_rig: Callable[..., Rig], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

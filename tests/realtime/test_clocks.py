@@ -1,6 +1,7 @@
 """Clock offsets of cameras on several machines, from what the oracle sees of a walking person."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,8 @@ import pytest
 
 from posefuse.calibration.keypoints import limb_keypoints
 from posefuse.core import Truth
-from posefuse.detection import OracleNoise, OracleViews, oracle_views
+from posefuse.core.view_sequences import ViewSequence
+from posefuse.detection import OracleNoise, oracle_views
 from posefuse.formats.truth import read_truth
 from posefuse.health.clock_finding import ClockFinder
 
@@ -23,14 +25,14 @@ def truth(demo_session: Path) -> Truth:
 
 
 @pytest.fixture(scope="module")
-def views(truth: Truth) -> OracleViews:
+def views(truth: Truth) -> ViewSequence:
     """As the default network errs: 1.2 px again in every frame, 4 px that stay with a camera and keypoint; and some wild ones."""
     return oracle_views(truth, OracleNoise(sigma_px=1.2, bias_px=4.0, outlier_share=0.03), seed=4)
 
 
 def fed(
     truth: Truth,
-    views: OracleViews,
+    views: ViewSequence,
     offset_s: np.ndarray | Callable[[float], np.ndarray],
     rate_hz: float,
     seconds: float,
@@ -55,7 +57,7 @@ def fed(
 
 
 @pytest.mark.parametrize("rate_hz", [30.0, 8.0])
-def test_two_machines_clocks_are_found_even_when_most_frames_are_lost(truth: Truth, views: OracleViews, rate_hz: float) -> None:
+def test_two_machines_clocks_are_found_even_when_most_frames_are_lost(truth: Truth, views: ViewSequence, rate_hz: float) -> None:
     off_ms = []
     for seed in range(3):
         found = fed(truth, views, MACHINES_S, rate_hz, 16.0, seed)
@@ -64,7 +66,7 @@ def test_two_machines_clocks_are_found_even_when_most_frames_are_lost(truth: Tru
     assert np.abs(off_ms).max() < 5.0
 
 
-def test_every_camera_has_its_own_and_their_mean_is_zero(truth: Truth, views: OracleViews) -> None:
+def test_every_camera_has_its_own_and_their_mean_is_zero(truth: Truth, views: ViewSequence) -> None:
     offset_s = np.array([0.0, 0.25, -0.02, 0.13])
     found = fed(truth, views, offset_s, RATE_HZ, 16.0, 0)
     late_s = np.array([found[name] for name in truth.rig.names])
@@ -72,9 +74,10 @@ def test_every_camera_has_its_own_and_their_mean_is_zero(truth: Truth, views: Or
     assert abs(late_s.mean()) < 1e-6
 
 
-def test_what_cannot_be_known_is_not_reported(truth: Truth, views: OracleViews) -> None:
+def test_what_cannot_be_known_is_not_reported(truth: Truth, views: ViewSequence) -> None:
     assert fed(truth, views, MACHINES_S, RATE_HZ, 2.0, 0) == {}
-    still = OracleViews(*(np.broadcast_to(a[:1], a.shape) for a in (views.xy_img, views.score, views.sigma_px)))
+    planes = ("xy_img", "score", "sigma_px")
+    still = replace(views, **{name: np.broadcast_to(getattr(views, name)[:1], getattr(views, name).shape) for name in planes})
     assert fed(truth, still, MACHINES_S, RATE_HZ, 8.0, 0) == {}
     alone = ClockFinder(truth.rig)
     for i in range(100):
@@ -82,7 +85,7 @@ def test_what_cannot_be_known_is_not_reported(truth: Truth, views: OracleViews) 
     assert alone.find() is None
 
 
-def test_a_clock_that_is_set_is_followed(truth: Truth, views: OracleViews) -> None:
+def test_a_clock_that_is_set_is_followed(truth: Truth, views: ViewSequence) -> None:
     found = fed(truth, views, lambda t_s: 0.03 * np.eye(4)[2] * (t_s > 20), RATE_HZ, 50.0, 0)
     late_s = np.array([found[name] for name in truth.rig.names])
     assert late_s[2] - late_s[[0, 1, 3]].mean() == pytest.approx(0.03, abs=0.012)

@@ -29,20 +29,20 @@ from posefuse.realtime.session import closing_lines
 S = 1_000_000_000
 
 
-def sentences(pace: ProcessedImages, share: float, network: str = "blazepose_full", seconds: int = 60) -> list[str]:
+def sentences(pace: ProcessedImages, share: float, smaller: str = "", seconds: int = 60) -> list[str]:
     found = []
     for t in range(seconds):
         for cameras in (("a", "b"), ("c",)):
             states = tuple(camera_state(camera, 30 * t, round(share * 30 * t)) for camera in cameras)
-            found.append(pace.news(Status(t * S, states), float(t), network))
+            found.append(pace.news(Status(t * S, states), float(t), lambda: smaller))
     return [line for line in found if line]
 
 
 def test_a_slow_machine_is_reported_once_with_what_helps() -> None:
-    assert sentences(ProcessedImages(), 0.09) == [
-        "this computer processes 9% of the images: use `networks=blazepose_lite`, fewer cameras, or cameras at a lower frame rate"
+    assert sentences(ProcessedImages(), 0.09, "rtmpose_s") == [
+        "this computer processes 9% of the images: use `networks=rtmpose_s`, fewer cameras, or cameras at a lower frame rate"
     ]
-    assert sentences(ProcessedImages(), 0.09, "blazepose_lite") == [
+    assert sentences(ProcessedImages(), 0.09) == [
         "this computer processes 9% of the images: use fewer cameras, or cameras at a lower frame rate"
     ]
     assert not sentences(ProcessedImages(), 0.7)
@@ -76,7 +76,7 @@ def test_a_camera_is_not_silent_while_its_process_owes_a_report() -> None:
 
 def test_changes_of_a_camera_are_printed_ten_seconds_apart() -> None:
     monitor, lines = Monitor(("a",)), []
-    news = News(SimpleNamespace(monitor=monitor, watch=None, outlets=NoOutputs()), 0, lines.append)
+    news = News(SimpleNamespace(monitor=monitor, watch=None, noise_scale=None, outlets=NoOutputs()), 0, lines.append)
     for quarter in range(4 * 60):
         now_ns = quarter * S // 4
         monitor.judge(now_ns, {"a": CameraHealth("dead", "process 1 ended")} if quarter % 2 else {"a": CameraHealth("ok")})
@@ -88,7 +88,7 @@ def test_changes_of_a_camera_are_printed_ten_seconds_apart() -> None:
 
 def test_the_first_trouble_of_a_camera_is_printed_at_once() -> None:
     monitor, lines = Monitor(("a",)), []
-    news = News(SimpleNamespace(monitor=monitor, watch=None, outlets=NoOutputs()), 0, lines.append)
+    news = News(SimpleNamespace(monitor=monitor, watch=None, noise_scale=None, outlets=NoOutputs()), 0, lines.append)
     for second, verdict in enumerate((CameraHealth("ok"), CameraHealth("dead", "process 1 ended"), *[CameraHealth("ok")] * 20)):
         monitor.judge(second * S, {"a": verdict})
         news.report(second * S)

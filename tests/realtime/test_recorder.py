@@ -255,11 +255,13 @@ def test_frames_that_come_as_packets_of_the_next_one_are_not_lost(demo_session: 
     with CameraFeed([LiveInput("cam00", "clip", source, reopen=False)]) as feed:
         feed.begin(tmp_path)
         until(lambda: feed.over)
-        [state] = feed.states()
+        [state], came = feed.states(), feed.came()
     [counts] = read_counts(tmp_path, ["cam00"]).values()
     assert (counts.written, counts.dropped, counts.lost, state.missing) == (30, 0, {}, 0)
     kept_ns = VideoConfig(tmp_path / "cam00.mp4", "cam00").build().times_ns()
     np.testing.assert_allclose(kept_ns, video.times_ns()[:30], atol=1_000)
+    # of which two were not decoded; the rate that is shown is that of all
+    assert (state.captured, came) == (28, [30])
 
 
 def test_a_slow_disk_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -130,7 +130,7 @@ def test_the_pause_of_a_looped_source_is_what_keeps_healthy_cameras_from_being_b
 
 def test_two_cameras_are_not_watched(truth: Truth) -> None:
     two = Rig(truth.rig.cameras[:2])
-    with watching(two, clocks=False) as watch:
+    with watching(two, clocks=False, noise=False) as watch:
         assert watch is None
     assert fed(RigWatcher(two, clocks=False), truth, turned(two, 0, [0.0, 0.1, 0.1]), 0.0, 4.0) == {}
 
@@ -139,12 +139,12 @@ def test_a_watch_that_is_killed_is_reported_and_ends_nothing(truth: Truth) -> No
     view = Detections2D.empty("cam00", 5 * S, truth.skeleton)
     with RigWatch(truth.rig, clocks=True) as watch:
         pid = int(watch.whereabouts().split()[-1])
-        assert watch.timed(view, 1) is view
+        assert watch.corrected(view, 1) is view
         assert watch.trouble == ""
         os.kill(pid, signal.SIGKILL)
 
         def use() -> None:
-            assert watch.timed(view, 1).t_ns == view.t_ns
+            assert watch.corrected(view, 1).t_ns == view.t_ns
             watch.receive()
 
         until(lambda: bool(watch.trouble), use)

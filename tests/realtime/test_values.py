@@ -143,7 +143,7 @@ def test_silence_ends_and_dead_processes_are_named() -> None:
 
 def test_all_that_changes_is_reported_however_long_a_session_runs() -> None:
     monitor, said = Monitor(("a",)), []
-    news = News(SimpleNamespace(monitor=monitor, watch=None, outlets=NoOutputs()), 0, said.append)
+    news = News(SimpleNamespace(monitor=monitor, watch=None, noise_scale=None, outlets=NoOutputs()), 0, said.append)
     for turn in range(1200):
         second = 11 * turn
         monitor.judge(second * S, {"a": CameraHealth("dead", "process 1 ended")} if turn % 2 else {})

@@ -222,7 +222,7 @@ def clock_blocks(names: Sequence[str], clocks: ClockEstimate | None, period_s: S
 
 
 def _both(value: float, sigma: float, digits: int) -> str:
-    return f"{value:+.{digits}f} ± {sigma:.{digits}f}"
+    return f"{value:+z.{digits}f} ± {sigma:.{digits}f}"
 
 
 def save_clocks(path: Path, names: Sequence[str], clocks: ClockEstimate | None) -> Path | None:

@@ -134,7 +134,7 @@ def finished_run(done: Finished, *, report: Path | None, more: Mapping[str, Any]
     return LiveRun(
         figures=figures,
         stopped_by=done.stopped_by,
-        failed=failed or done.outputs_failed,
+        failed=failed or done.fusion.outlets.failed,
         people=bool(done.fusion.poses_with_people),
         poses=done.fusion.poses,
         blocks=(*problems, *live_summary(figures)),
@@ -218,7 +218,7 @@ def _lengths(fusion: Fusion) -> dict[int, dict[str, dict[str, float]]]:
 
 def live_figures(done: Finished) -> dict[str, Any]:
     """Everything as plain values."""
-    fusion = done.fusion
+    fusion, outputs = done.fusion, done.fusion.outlets.figures()
     cameras: dict[str, dict[str, Any]] = {}
     for name in fusion.rig.names:
         source = fusion.monitor.source(name)
@@ -247,6 +247,7 @@ def live_figures(done: Finished) -> dict[str, Any]:
         "withheld": fusion.estimator.gate.figures(),
         "poses_per_s": fusion.latencies.rate_hz,
         "joint_centres": fusion.estimator.centring.made_by,
+        "noise_scale": fusion.noise_scale,
         "segment_lengths": _lengths(fusion),
         "used_share": sum(fusion.used.values()) / captured if captured else float("nan"),
         # a session that is stopped while it starts has not begun
@@ -254,13 +255,13 @@ def live_figures(done: Finished) -> dict[str, Any]:
         "cpu_children_share": done.cpu_s[1] / done.seconds if done.seconds > 0 else float("nan"),
         "memory_mb": done.memory_mb,
         "restarts": done.restarts,
-        "outputs": done.outputs,
-        "outputs_lost": done.lost,
+        "outputs": outputs,
+        "outputs_lost": fusion.outlets.lost,
         "output_events": [
             {"t_s": (event.t_ns - done.zero_ns) / 1e9, "output": event.name, "state": event.state, "text": event.text}
-            for event in done.output_events
+            for event in fusion.outlets.events
         ],
-        "failed": [name for name, output in done.outputs.items() if output["failures"]],
+        "failed": [name for name, output in outputs.items() if output["failures"]],
         "rig_watch_trouble": fusion.watch.trouble if fusion.watch is not None else "",
         "cameras": cameras,
         "events": [
@@ -305,6 +306,8 @@ def live_summary(figures: Mapping[str, Any]) -> list[Block]:
         facts["withheld"] = f"{cut['keypoints']:.1%} of keypoints, {cut['people']:.1%} of people: too unsure, or not measured"
     if figures["joint_centres"]:
         facts["joint centres"] = "; ".join(f"offsets of {table}" for table in sorted(set(figures["joint_centres"].values())))
+    if figures["noise_scale"] is not None:
+        facts["noise"] = f"not fitted; scaled by {figures['noise_scale']:.2g} from this session"
     if math.isfinite(figures["used_share"]):
         facts["frames used"] = f"{figures['used_share']:.0%}"
     if figures["restarts"]:

@@ -374,7 +374,9 @@ def _wanted(names: Sequence[str], source: Path | None) -> list[NetworkCard]:
     if source is not None and not source.exists():
         raise ModelError(f"{source}: no such archive, model file or folder")
     if names:
-        return list({needed.name: needed for name in names for needed in needed_cards(name)}.values())
+        needed = {card.name: card for name in names for card in needed_cards(name)}.values()
+        # an archive of one network seldom has what finds people for it, which is fetched by itself
+        return [card for card in needed if source is None or card.keypoints or card.name in names or holds(source, card)]
     held = [card for card in list_cards() if source is not None and holds(source, card)]
     return held or default_cards()
 

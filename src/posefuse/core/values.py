@@ -185,18 +185,23 @@ class Detections2D:
         return replace(self, depth_m=depth_m, **{name: getattr(self, name)[rows] for name in DETECTION_ARRAYS})
 
     @staticmethod
-    def empty(camera: str, t_ns: int, skeleton: Skeleton) -> Detections2D:
-        """No person seen."""
-        k = len(skeleton)
+    def of(camera: str, t_ns: int, skeleton: Skeleton, xy_img: Any, score: Any, sigma_px: Any) -> Detections2D:
+        """People (P, K) with boxes about what is seen of them; P may be 0."""
+        xy, score = np.reshape(xy_img, (-1, len(skeleton), 2)), np.reshape(score, (-1, len(skeleton)))
         return Detections2D(
             camera=camera,
             t_ns=t_ns,
             skeleton=skeleton,
-            xy_img=np.zeros((0, k, 2)),
-            score=np.zeros((0, k)),
-            sigma_px=np.zeros((0, k)),
-            box_img=np.zeros((0, 4)),
+            xy_img=xy,
+            score=score,
+            sigma_px=np.reshape(sigma_px, score.shape),
+            box_img=keypoint_boxes(xy, score) if len(xy) else np.zeros((0, 4)),
         )
+
+    @staticmethod
+    def empty(camera: str, t_ns: int, skeleton: Skeleton) -> Detections2D:
+        """No person seen."""
+        return Detections2D.of(camera, t_ns, skeleton, (), (), ())
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

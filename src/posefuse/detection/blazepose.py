@@ -10,21 +10,21 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Ge
 
-from posefuse.core import Detections2D, Frame, JointCentres, Region, Skeleton
+from posefuse.core import ConfigError, Detections2D, Frame, JointCentres, Region, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.foundation.places import default_cache_dir
 from posefuse.foundation.platform import usable_cores
 from posefuse.foundation.settings import settings
 
-from .card import Card, EnsembleCard, LandmarkCard, NetworkCard, PersonCard, read_card
+from .card import BLAZEPOSE_PERSONS, Card, EnsembleCard, LandmarkCard, NetworkCard, PersonCard, read_card
 from .crops import Crops, check_regions, img_from_crop, region_from_keypoints
 from .decode import landmarks_from_outputs
 from .device import Device, Precision, openvino_device
 from .engines import BlazePoseNetwork
 from .files import fetch_all
-from .noise import NoiseModel, read_noise
-from .search import PersonNetwork, regions_from_outputs, stages
+from .noise import NoiseModel, landmark_noise_features, read_noise
+from .search import PersonNetwork, stages
 
 # of a crop that shows a person; below it the keypoints carry no information
 _LEAST_PRESENCE = 0.5
@@ -61,13 +61,15 @@ class LandmarkNetwork:
         decoding = card.decoding
         outputs = (decoding.landmarks, decoding.presence, decoding.heatmaps)
         network = BlazePoseNetwork(file, outputs, card.input, precision, streams, device)
+        if card.noise_file is None:
+            raise ConfigError(f"{card.name}: a network of BlazePose's layout needs a noise model: `noise = FILE` in its card")
         return cls(network, read_noise(card.noise_file), card.skeleton)
 
     def look(self, crops: Sequence[Array]) -> list[Look]:
         """One look at each crop (side, side, 3) uint8."""
         landmarks, presence, heatmaps = self.network(crops)
         seen = landmarks_from_outputs(landmarks, presence, heatmaps, len(self.skeleton), self.network.side_px)
-        sigma = self.noise.sigma_px(seen, self.skeleton.keypoints)
+        sigma = self.noise.sigma(landmark_noise_features(seen), self.skeleton.keypoints)
         return [
             Look(float(presence), seen.xy_crop[b], seen.visibility[b] * presence, sigma[b])
             for b, presence in enumerate(seen.presence)
@@ -108,7 +110,6 @@ def averaged(looks: Sequence[Look]) -> Look:
 _SAME_PERSON = 0.12
 
 
-_PERSONS = "blazepose_persons"
 # looked for per image when no regions are given
 _MOST_PEOPLE = 16
 
@@ -164,13 +165,12 @@ class BlazePoseConfig:
         """Of the person network, of what was chosen for landmarks, and of the landmark networks in it."""
         chosen = read_card(self.landmarks, Card)
         members = chosen.member_cards() if isinstance(chosen, EnsembleCard) else [read_card(self.landmarks, LandmarkCard)]
-        return read_card(_PERSONS, PersonCard), chosen, members
+        return read_card(BLAZEPOSE_PERSONS, PersonCard), chosen, members
 
 
 def default_cards() -> list[NetworkCard]:
     """The networks used when no one chooses others."""
-    chosen = BlazePoseConfig()
-    return [read_card(_PERSONS), read_card(chosen.landmarks)]
+    return BlazePoseConfig().cards()
 
 
 class BlazePoseDetector:
@@ -238,13 +238,8 @@ class BlazePoseDetector:
                 found[i].append(look)
 
     def _candidates(self, frames: Sequence[Frame], looks: Sequence[tuple[int, Region]]) -> list[tuple[int, Region]]:
-        side = self._persons.network.side_px
-        boxes, logits = self._persons.network(Crops([(frames[i].image, square) for i, square in looks], side))
-        scored = [
-            (score, i, region)
-            for (i, square), box, logit in zip(looks, boxes, logits, strict=True)
-            for score, region in regions_from_outputs(box, logit, self._persons.decoding, square, side)
-        ]
+        found = self._persons.scored([(frames[i], square) for i, square in looks])
+        scored = [(score, i, region) for (i, _), people in zip(looks, found, strict=True) for score, region in people]
         return [(i, region) for _, i, region in sorted(scored, key=lambda entry: -entry[0])]
 
     def _look(self, people: Sequence[tuple[Frame, Region]], thoroughly: bool = True) -> list[Look]:
@@ -261,18 +256,10 @@ class BlazePoseDetector:
 
     def _result(self, frame: Frame, people: Sequence[Look], keep_all: bool) -> Detections2D:
         shown = [look for look in people if keep_all or look.presence >= _LEAST_PRESENCE]
-        if not shown:
-            return Detections2D.empty(frame.camera, frame.t_ns, self._skeleton)
-        xy = np.stack([look.xy for look in shown])
-        score = np.stack([look.score for look in shown])
-        sigma = np.stack([look.sigma_px for look in shown])
-        absent = np.array([look.presence < _LEAST_PRESENCE for look in shown])
+        absent = np.array([look.presence < _LEAST_PRESENCE for look in shown], np.bool_)
+        xy, score, sigma = (np.array([getattr(look, name) for look in shown]) for name in ("xy", "score", "sigma_px"))
         xy[absent], score[absent], sigma[absent] = np.nan, 0.0, np.nan
-        box = np.full((len(shown), 4), np.nan)
-        box[~absent] = np.concatenate([xy[~absent].min(1), xy[~absent].max(1)], axis=-1)
-        return Detections2D(
-            camera=frame.camera, t_ns=frame.t_ns, skeleton=self._skeleton, xy_img=xy, score=score, sigma_px=sigma, box_img=box
-        )
+        return Detections2D.of(frame.camera, frame.t_ns, self._skeleton, xy, score, sigma)
 
 
 def _in_image(look: Look, region: Region, side_px: int) -> Look:

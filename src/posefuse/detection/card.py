@@ -5,7 +5,6 @@ No weights come with this package. A card names the network's file next to it, o
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -24,6 +23,7 @@ Layout = Literal["simcc", "heatmap", "movenet", "rtmo", "yolo_pose", "yolox", "d
 TOP_DOWN: tuple[Layout, ...] = ("simcc", "heatmap", "movenet")
 ONE_STAGE: tuple[Layout, ...] = ("rtmo", "yolo_pose")
 PERSONS: tuple[Layout, ...] = ("yolox", "detections")
+BLAZEPOSE_PERSONS = "blazepose_persons"
 LAYOUTS = (*TOP_DOWN, *ONE_STAGE, *PERSONS)
 Positive = Annotated[float, Gt(0)]
 Share = Annotated[float, Ge(0), Le(1)]
@@ -248,13 +248,18 @@ class OnnxCard(NetworkCard):
     """
 
     kind: Layout
-    persons: str = "blazepose_persons"
+    persons: str = BLAZEPOSE_PERSONS
     decoding: Decoding = Decoding()
     least_keypoint_score: Share = 0.3
 
 
 C = TypeVar("C", bound=Card)
 _CLASSES: dict[str, type[Card]] = {"person_ssd": PersonCard, "heatmap_landmarks": LandmarkCard, "landmark_ensemble": EnsembleCard}
+
+
+def card_names() -> list[str]:
+    """Of all cards that come with the package; none is read."""
+    return [path.stem for path in _card_files()]
 
 
 def list_cards() -> list[NetworkCard]:
@@ -282,7 +287,7 @@ def read_card(name: str | Path, expected: type[C] = NetworkCard) -> C:  # type: 
     if path.suffix != ".toml":
         path = CARDS_FOLDER / f"{name}.toml"
         if not path.is_file():
-            raise ModelError(f"no model card {str(name)!r}; there are: {choices(file.stem for file in _card_files())}")
+            raise ModelError(f"no model card {str(name)!r}; there are: {choices(card_names())}")
     content: dict[str, Any] = {"name": path.stem, "folder": path.parent, **read_mapping(path)}
     card = settings_from_mapping(content, _CLASSES.get(str(content.get("kind")), OnnxCard), where=str(path))
     if not isinstance(card, expected):
@@ -292,21 +297,24 @@ def read_card(name: str | Path, expected: type[C] = NetworkCard) -> C:  # type: 
     return card
 
 
-def persons_card(card: OnnxCard) -> NetworkCard | None:
-    """The network that finds people for a top-down one; None for the others."""
-    if card.kind not in TOP_DOWN:
+def persons_card(card: NetworkCard) -> NetworkCard | None:
+    """The network that finds people for one that looks at one person at a time; None for the others."""
+    if isinstance(card, LandmarkCard):
+        return read_card(BLAZEPOSE_PERSONS)
+    if not isinstance(card, OnnxCard) or card.kind not in TOP_DOWN:
         return None
     own = card.folder / card.persons
     return read_card(own if own.is_file() else card.persons)
 
 
-def needed_cards(name: str | Path) -> Sequence[NetworkCard]:
-    """The networks that work together under a name: an ensemble's members, a network and the one that finds people for it."""
+def needed_cards(name: str | Path) -> list[NetworkCard]:
+    """The networks that work together under a name: a network, or the members of an ensemble, and what finds people for it."""
     card = read_card(name, Card)
+    found: list[NetworkCard] = [card] if isinstance(card, NetworkCard) else []
     if isinstance(card, EnsembleCard):
-        return card.member_cards()
-    persons = persons_card(card) if isinstance(card, OnnxCard) else None
-    return [one for one in (card, persons) if isinstance(one, NetworkCard)]
+        found = [*card.member_cards()]
+    persons = persons_card(found[0])
+    return found if persons is None else [*found, persons]
 
 
 def _card_files() -> list[Path]:

@@ -14,7 +14,7 @@ from posefuse.foundation.platform import usable_cores
 from posefuse.foundation.plugins import plugin_config
 
 from .build import DetectorChoice, with_network
-from .card import named_networks
+from .card import card_names, named_networks, needed_cards
 from .files import model_path, status
 
 # the default networks, from the smallest to the largest
@@ -55,6 +55,18 @@ def installed_networks() -> list[str]:
     sizes = {name: size for name in named_networks() if (size := _installed_bytes(name))}
     others = sorted(sizes.keys() - set(BLAZEPOSE), key=lambda name: (-sizes[name], name))
     return [*(name for name in reversed(BLAZEPOSE) if name in sizes), *others]
+
+
+def smaller_network(network: str) -> str:
+    """The next smaller installed network of those whose names begin alike; "" where there is none. Hashes are not checked."""
+    family, cache = network.rpartition("_")[0], default_cache_dir()
+    sizes = {}
+    for name in (name for name in card_names() if family and name.rpartition("_")[0] == family):
+        files = [model_path(card, cache) for card in needed_cards(name) if card.keypoints]
+        if files and all(file.is_file() for file in files):
+            sizes[name] = sum(file.stat().st_size for file in files)
+    smaller = [name for name, size in sizes.items() if size < sizes.get(network, 0)]
+    return max(smaller, key=sizes.__getitem__, default="")
 
 
 def measured_costs(
@@ -115,8 +127,7 @@ def _measured(name: str, choice: DetectorChoice, clock_s: Callable[[], float]) -
 
 def _installed_bytes(name: str) -> int:
     """Of all files that a network needs; 0 where one is missing or damaged."""
-    chosen, cache = with_network(DetectorChoice(), name), default_cache_dir()
-    cards = plugin_config("detectors", chosen.name, chosen.options).cards()
+    cards, cache = needed_cards(name), default_cache_dir()
     ready = all(status(card, cache) == "ready" for card in cards)
     return sum(model_path(card, cache).stat().st_size for card in cards) if ready else 0
 

@@ -13,7 +13,6 @@ from annotated_types import Ge
 from posefuse.core import ConfigError, Detections2D, Frame, JointCentres, Region, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.core.protocols import NOISE_NOT_FITTED
-from posefuse.core.values import keypoint_boxes
 from posefuse.formats.joint_centres import read_joint_centres
 from posefuse.foundation.places import default_cache_dir
 from posefuse.foundation.platform import usable_cores
@@ -27,7 +26,7 @@ from .device import Precision, device_of
 from .engines import OnnxNetwork
 from .files import fetch_all
 from .lock import Trust
-from .noise import KeypointNoise, read_keypoint_noise
+from .noise import keypoint_noise_features, read_noise
 from .search import BoxFinder, PersonFinder, PersonNetwork, SquareFinder, upright_first
 
 # looked for per image when no regions are given
@@ -141,7 +140,7 @@ class _Networked:
 
     def __init__(self, network: OnnxNetwork, up_rad: Mapping[str, float]) -> None:
         self._network, self._up_rad = network, up_rad
-        self._noise: KeypointNoise = read_keypoint_noise(network.card.noise_file)
+        self._noise = read_noise(network.card.noise_file)
         table = network.card.joint_centres_file
         self._joint_centres = read_joint_centres(table) if table else None
 
@@ -194,7 +193,8 @@ class _Networked:
         score = seen.keypoints.score[0]
         if score.mean() < self._network.card.least_keypoint_score:
             return self._no_person()
-        both = self._noise.sigma(seen.keypoints, self.skeleton.keypoints, seen.height_px)[0]
+        features = keypoint_noise_features(seen.keypoints, seen.height_px)
+        both = seen.height_px * self._noise.sigma(features, self.skeleton.keypoints)[0]
         # one number for both axes of the image: the crop may be turned
         sigma = np.sqrt((both**2).mean(-1) / abs(np.linalg.det(seen.input_from_img[:, :2])))
         return _Person(img_from_input(seen.input_from_img, seen.keypoints.xy[0]), score, np.where(score > 0, sigma, np.nan))
@@ -204,19 +204,8 @@ class _Networked:
         return _Person(np.full((k, 2), np.nan), np.zeros(k), np.full(k, np.nan))
 
     def _result(self, frame: Frame, people: Sequence[_Person]) -> Detections2D:
-        if not people:
-            return Detections2D.empty(frame.camera, frame.t_ns, self.skeleton)
-        xy = np.stack([person.xy for person in people])
-        score, sigma = (np.stack([getattr(person, name) for person in people]) for name in ("score", "sigma_px"))
-        return Detections2D(
-            camera=frame.camera,
-            t_ns=frame.t_ns,
-            skeleton=self.skeleton,
-            xy_img=xy,
-            score=score,
-            sigma_px=sigma,
-            box_img=keypoint_boxes(xy, score),
-        )
+        parts = ([getattr(person, name) for person in people] for name in ("xy", "score", "sigma_px"))
+        return Detections2D.of(frame.camera, frame.t_ns, self.skeleton, *parts)
 
 
 class TopDownDetector(_Networked):
@@ -232,20 +221,23 @@ class TopDownDetector(_Networked):
         self._finder = finder
 
     def _found(self, frames: Sequence[Frame]) -> list[list[_Person]]:
-        return [self._search(frame) for frame in frames]
+        """Stage by stage, all frames in which no person was found so far together."""
+        found: list[list[_Person]] = [[] for _ in frames]
+        plans = [self._finder.stages(frame.size_wh, self._up_rad.get(frame.camera, 0.0)) for frame in frames]
+        while due := {i: parts for i, plan in enumerate(plans) if not found[i] and (parts := next(plan, None))}:
+            regions = self._finder.people([(frames[i], parts) for i, parts in due.items()])
+            asked = [(frames[i], some[: 2 * _MOST_PEOPLE]) for i, some in zip(due, regions, strict=True)]
+            for i, people in zip(due, self._given(asked), strict=True):
+                found[i] = self._each_once(people)
+        return found
 
-    def _search(self, frame: Frame) -> list[_Person]:
-        people: list[_Person] = []
-        taken: list[Region] = []
-        for regions in self._finder.stages(frame, self._up_rad.get(frame.camera, 0.0)):
-            for person in self._look([(frame, region) for region in regions[: 2 * _MOST_PEOPLE]]):
-                region = region_from_keypoints(person.xy, self.skeleton)
-                if region is not None and not _known(region, taken) and len(people) < _MOST_PEOPLE:
-                    people.append(person)
-                    taken.append(region)
-            if people:
-                break
-        return people
+    def _each_once(self, people: Sequence[_Person]) -> list[_Person]:
+        once: dict[int, Region] = {}
+        for n, person in enumerate(people):
+            region = region_from_keypoints(person.xy, self.skeleton)
+            if region is not None and not _known(region, list(once.values())) and len(once) < _MOST_PEOPLE:
+                once[n] = region
+        return [people[n] for n in once]
 
     def _given(self, asked: Sequence[tuple[Frame, Sequence[Region]]]) -> list[list[_Person]]:
         looked = iter(self._look([(frame, region) for frame, regions in asked for region in regions]))

@@ -1,7 +1,7 @@
 """The likely error of a keypoint, from the outputs of the network.
 
-BlazePose: log sigma = offset[k] + weights . features,   sigma in px of the crop's own 256 px, per image coordinate
-cards of users: the same for each image axis,            sigma in shares of the height of the crop
+log sigma = offset[k] + weights . features, per image coordinate, in px of the crop's own 256 px for BlazePose, and in shares of
+the height of the crop, for each image axis, for cards of users.
 
 Coefficients and how they were fitted stand in a TOML file next to the model card (`posefuse fit-noise` for those of users);
 without a fit a rule of thumb applies.
@@ -9,6 +9,7 @@ without a fit a rule of thumb applies.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import field
 from pathlib import Path
 from typing import Annotated
@@ -16,37 +17,46 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Gt
 
-from posefuse.core import ConfigError
 from posefuse.core.arrays import Array
 from posefuse.foundation.settings import read_settings, settings
 
 from .decode import Keypoints, Landmarks
 
+# at score 1, as for 2D files that state nothing but a score; about 1.5 px of a crop of 256
+_RULE_SIGMA = 0.006
+
 
 @settings
 class NoiseModel:
-    """Fitted coefficients.
+    """Coefficients.
 
     Attributes:
         made_by: command, data and date of the fit, for people.
-        weights: of the features, by name: see `landmark_noise_features`.
-        offset: of each keypoint, by name.
-        least_px, most_px: limits of sigma, crop px.
+        weights: of the features, by name: see `landmark_noise_features` and `keypoint_noise_features`.
+        offset: of each keypoint, by name; "" for all that are not named.
+        least, most: limits of sigma.
     """
 
     made_by: str
     weights: dict[str, float]
-    offset: dict[str, float]
-    least_px: Annotated[float, Gt(0)]
-    most_px: Annotated[float, Gt(0)]
+    offset: dict[str, float] = field(default_factory=dict)
+    least: Annotated[float, Gt(0)] = 0.002
+    most: Annotated[float, Gt(0)] = 0.15
 
-    def sigma_px(self, seen: Landmarks, keypoints: tuple[str, ...]) -> Array:
-        """(B, K) standard deviation of each coordinate in crop px."""
-        values = landmark_noise_features(seen)
-        log_sigma = np.array([self.offset[name] for name in keypoints]) + sum(
-            weight * values[name] for name, weight in self.weights.items()
-        )
-        return np.asarray(np.exp(np.clip(log_sigma, np.log(self.least_px), np.log(self.most_px))))
+    def sigma(self, features: Mapping[str, Array], names: tuple[str, ...]) -> Array:
+        """(B, K, ...) standard deviation of each coordinate, of features (B, K, ...), in the unit of the coefficients."""
+        offset = np.array([self.offset.get(name, self.offset.get("", np.log(_RULE_SIGMA))) for name in names])
+        parts = sum(weight * features[name] for name, weight in self.weights.items())
+        log_sigma = offset.reshape(-1, *[1] * (np.ndim(parts) - 2)) + parts
+        return np.asarray(np.exp(np.clip(log_sigma, np.log(self.least), np.log(self.most))))
+
+
+RULE_OF_THUMB = NoiseModel(made_by="rule of thumb: not fitted to this network", weights={"doubt": 1.0, "spread": 1.0})
+
+
+def read_noise(path: Path | None) -> NoiseModel:
+    """Fitted coefficients, or the rule of thumb; raises ConfigError naming the file and key."""
+    return RULE_OF_THUMB if path is None else read_settings(path, NoiseModel)
 
 
 def landmark_noise_features(seen: Landmarks) -> dict[str, Array]:
@@ -59,46 +69,9 @@ def landmark_noise_features(seen: Landmarks) -> dict[str, Array]:
     }
 
 
-def read_noise(path: Path | None) -> NoiseModel:
-    """Read fitted coefficients; raises ConfigError naming the file and key, or that a card names none."""
-    if path is None:
-        raise ConfigError("a network of BlazePose's layout needs a noise model: `noise = FILE` in its card")
-    return read_settings(path, NoiseModel)
-
-
 # a distribution this wide, as a share of the crop's height, counts as usual: that of the labels networks are trained with
 _USUAL_SPREAD = 0.011
 FEATURES = ("doubt", "spread", "rival")
-
-
-@settings
-class KeypointNoise:
-    """Coefficients.
-
-    Attributes:
-        made_by: command and data of the fit, for people.
-        weights: of the features, by name: see `keypoint_noise_features`.
-        offset: of each keypoint, by name; "" for all that are not named.
-        least, most: limits of sigma, shares of the crop's height.
-    """
-
-    made_by: str
-    weights: dict[str, float]
-    offset: dict[str, float] = field(default_factory=dict)
-    least: Annotated[float, Gt(0)] = 0.002
-    most: Annotated[float, Gt(0)] = 0.15
-
-    def sigma(self, seen: Keypoints, names: tuple[str, ...], height_px: float) -> Array:
-        """(B, K, 2) standard deviation along x and y in the units of `height_px`, which is the height of the crop."""
-        values = keypoint_noise_features(seen, height_px)
-        offset = np.array([self.offset.get(name, self.offset.get("", np.log(_RULE_SIGMA))) for name in names])
-        log_sigma = offset[:, None] + sum(weight * values[name] for name, weight in self.weights.items())
-        return np.asarray(height_px * np.exp(np.clip(log_sigma, np.log(self.least), np.log(self.most))))
-
-
-# at score 1, as for 2D files that state nothing but a score; about 1.5 px of a crop of 256
-_RULE_SIGMA = 0.006
-RULE_OF_THUMB = KeypointNoise(made_by="rule of thumb: not fitted to this network", weights={"doubt": 1.0, "spread": 1.0})
 
 
 def keypoint_noise_features(seen: Keypoints, height_px: float) -> dict[str, Array]:
@@ -111,8 +84,3 @@ def keypoint_noise_features(seen: Keypoints, height_px: float) -> dict[str, Arra
         "spread": np.nan_to_num(spread),
         "rival": np.stack([seen.rival, seen.rival], axis=-1),
     }
-
-
-def read_keypoint_noise(path: Path | None) -> KeypointNoise:
-    """Fitted coefficients, or the rule of thumb; raises ConfigError naming the file and key."""
-    return RULE_OF_THUMB if path is None else read_settings(path, KeypointNoise)

@@ -6,18 +6,17 @@ the order of questions, so a replay gives the same numbers.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
 
-from posefuse.core import CameraTruth, Detections2D, Frame, InputError, Region, ShapeError, Skeleton, Truth
+from posefuse.core import CameraTruth, Detections2D, Frame, InputError, Region, Skeleton, Truth
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
-from posefuse.core.values import keypoint_boxes
+from posefuse.core.view_sequences import ViewSequence
 from posefuse.formats.truth import read_truth
 from posefuse.foundation.settings import settings
 
@@ -69,19 +68,6 @@ class OracleConfig:
         return OracleDetector(read_truth(self.truth), self.noise, self.seed)
 
 
-@dataclass(frozen=True, eq=False)
-class OracleViews:
-    """The oracle's detections of all frames together.
-
-    Attributes:
-        xy_img: (T, N, C, K, 2); NaN where missed or behind the camera. score, sigma_px: (T, N, C, K).
-    """
-
-    xy_img: Array
-    score: Array
-    sigma_px: Array
-
-
 class OracleDetector:
     """Implements `core.Detector` from a `Truth`; images are not looked at.
 
@@ -119,37 +105,23 @@ class OracleDetector:
             raise InputError(f"oracle: no camera {camera!r} in the truth; there are: {choices(self._place)}")
         c = self._place[camera]
         frame = _frame_at(self._truth.views[c], t_ns)
-        xy, score, sigma = _erring_view(self._truth, c, slice(frame, frame + 1), self._noise, self._seed)
-        xy, score, sigma = xy[0], score[0], sigma[0]
+        xy, score, sigma = _erring_view(self._truth, c, frame, self._noise, self._seed)
         if given is not None:
             xy, score, sigma = _in_regions(xy, score, sigma, given)
         else:
             seen = (score > 0).any(-1)
             xy, score, sigma = xy[seen], score[seen], sigma[seen]
-        if not len(xy):
-            return Detections2D.empty(camera, t_ns, self.skeleton)
-        return Detections2D(
-            camera=camera,
-            t_ns=t_ns,
-            skeleton=self.skeleton,
-            xy_img=xy,
-            score=score,
-            sigma_px=sigma,
-            box_img=keypoint_boxes(xy, score),
-        )
+        return Detections2D.of(camera, t_ns, self.skeleton, xy, score, sigma)
 
 
-def oracle_views(truth: Truth, noise: OracleNoise, seed: int = 0) -> OracleViews:
-    """The detections of `OracleDetector` for every frame as arrays; the same numbers, computed together.
-
-    Raises:
-        ShapeError: cameras with different numbers of frames.
-    """
-    counts = {view.camera: len(view.t_ns) for view in truth.views}
-    if len(set(counts.values())) > 1:
-        raise ShapeError(f"oracle_views: expected as many frames from every camera, got {counts}")
-    parts = [_erring_view(truth, c, slice(None), noise, seed) for c in range(len(truth.views))]
-    return OracleViews(*(np.stack([part[i] for part in parts], axis=2) for i in range(3)))
+def oracle_views(truth: Truth, noise: OracleNoise, seed: int = 0) -> ViewSequence:
+    """The detections of `OracleDetector` for every frame together, of cameras with as many frames as there are true poses."""
+    parts = [[_erring_view(truth, c, f, noise, seed) for c in range(len(truth.views))] for f in range(len(truth.t_ns))]
+    xy, score, sigma = (np.array([np.stack([view[i] for view in frame], axis=1) for frame in parts]) for i in range(3))
+    return ViewSequence(
+        t_ns=truth.t_ns, skeleton=truth.skeleton, camera_names=truth.rig.names, person_id=truth.person_id, xy_img=xy, score=score,
+        sigma_px=sigma,
+    )  # fmt: skip
 
 
 def _frame_at(view: CameraTruth, t_ns: int) -> int:
@@ -162,35 +134,25 @@ def _frame_at(view: CameraTruth, t_ns: int) -> int:
     return frame
 
 
-def _erring_view(truth: Truth, c: int, frames: slice, noise: OracleNoise, seed: int) -> tuple[Array, Array, Array]:
-    """xy (F, N, K, 2), score (F, N, K), sigma (F, N, K) of one camera's frames; drawn per frame, so slices agree."""
-    view = truth.views[c]
-    people, keypoints = view.visible.shape[1:]
-    numbers = range(*frames.indices(len(view.t_ns)))
-    bias = np.random.default_rng([seed, c]).normal(0, noise.bias_px, (keypoints, 2))
-    drawn = [np.random.default_rng([seed, c, frame]) for frame in numbers]
-    normal = _each(drawn, lambda rng: rng.standard_normal((people, keypoints, 2)), (people, keypoints, 2))
-    outlier = _each(drawn, lambda rng: rng.random((people, keypoints)), (people, keypoints)) < noise.outlier_share
-    far = _each(drawn, lambda rng: rng.uniform(-1, 1, (people, keypoints, 2)), (people, keypoints, 2)) * noise.outlier_px
-    lucky = _each(drawn, lambda rng: rng.uniform(*_OUTLIER_SCORES, (people, keypoints)), (people, keypoints))
-    swapped = _each(drawn, lambda rng: rng.random((people,)), (people,)) < noise.swap_share
-    missed = _each(drawn, lambda rng: rng.random((people,)), (people,)) < noise.miss_share
-    visible, exact = view.visible[frames], view.xy_img[frames]
+def _erring_view(truth: Truth, c: int, frame: int, noise: OracleNoise, seed: int) -> tuple[Array, Array, Array]:
+    """xy (N, K, 2), score (N, K), sigma (N, K) of one camera's frame."""
+    visible, exact = truth.views[c].visible[frame], truth.views[c].xy_img[frame]
+    bias = np.random.default_rng([seed, c]).normal(0, noise.bias_px, exact.shape[1:])
+    rng = np.random.default_rng([seed, c, frame])
+    normal = rng.standard_normal(exact.shape)
+    outlier = rng.random(visible.shape) < noise.outlier_share
+    far = rng.uniform(-1, 1, exact.shape) * noise.outlier_px
+    lucky = rng.uniform(*_OUTLIER_SCORES, visible.shape)
+    swapped, missed = (rng.random(len(visible)) < share for share in (noise.swap_share, noise.miss_share))
     sigma = np.where(visible, noise.sigma_px, noise.sigma_px * noise.hidden_factor)
     xy = exact + bias + np.where(outlier[..., None], far, normal * sigma[..., None])
     score = np.where(outlier, lucky, np.where(visible, _VISIBLE_SCORE, noise.hidden_score))
     # a network that swaps sides is as sure of itself as ever: points and scores travel together
     turn = truth.skeleton.mirror
-    xy = np.where(swapped[..., None, None], xy[:, :, turn], xy)
-    score, sigma = (np.where(swapped[..., None], a[:, :, turn], a) for a in (score, sigma))
-    gone = missed[..., None] | ~np.isfinite(xy).all(-1)
+    xy = np.where(swapped[:, None, None], xy[:, turn], xy)
+    score, sigma = (np.where(swapped[:, None], a[:, turn], a) for a in (score, sigma))
+    gone = missed[:, None] | ~np.isfinite(xy).all(-1)
     return np.where(gone[..., None], np.nan, xy), np.where(gone, 0.0, score), np.where(gone, np.nan, sigma)
-
-
-def _each(
-    drawn: Sequence[np.random.Generator], draw: Callable[[np.random.Generator], Array | float], shape: tuple[int, ...]
-) -> Array:
-    return np.stack([draw(rng) for rng in drawn]) if drawn else np.zeros((0, *shape))
 
 
 def _in_regions(xy: Array, score: Array, sigma: Array, regions: Sequence[Region]) -> tuple[Array, Array, Array]:

@@ -20,7 +20,7 @@ from posefuse.core.arrays import Array
 
 from .boxes import people_from_outputs
 from .card import PersonCard, PersonDecoding
-from .crops import img_from_crop, img_from_input, letterbox_from_img, overlap, region_of_box, square_crop, warp_to_input
+from .crops import Crops, img_from_crop, img_from_input, letterbox_from_img, overlap, region_of_box, warp_to_input
 from .device import CPU, Device, Precision
 from .engines import BlazePoseNetwork, OnnxNetwork
 
@@ -89,6 +89,13 @@ class PersonNetwork:
         outputs = (card.decoding.boxes, card.decoding.scores)
         return cls(BlazePoseNetwork(file, outputs, card.input, precision, streams, device), card.decoding)
 
+    def scored(self, squares: Sequence[tuple[Frame, Region]]) -> Iterator[list[tuple[float, Region]]]:
+        """For each square of an image its people with their scores, see `regions_from_outputs`."""
+        side = self.network.side_px
+        boxes, logits = self.network(Crops([(frame.image, square) for frame, square in squares], side))
+        for (_, square), box, logit in zip(squares, boxes, logits, strict=True):
+            yield regions_from_outputs(box, logit, self.decoding, square, side)
+
 
 def regions_from_outputs(
     boxes: Array, logits: Array, decoding: PersonDecoding, looked_at: Region, side_px: int, least_score: float = _LEAST_SCORE
@@ -154,8 +161,12 @@ def _groups(corners: Array) -> list[Array]:
 class PersonFinder(Protocol):
     """Finds people in whole images."""
 
-    def stages(self, frame: Frame, up_rad: float) -> Iterator[list[Region]]:
-        """Regions that may hold a person, best first, stage by stage until one is confirmed."""
+    def stages(self, size_wh: tuple[int, int], up_rad: float) -> Iterator[list[Region]]:
+        """Parts of an image of this size to look at, stage by stage until a person is confirmed; see `stages`."""
+        ...
+
+    def people(self, looks: Sequence[tuple[Frame, Sequence[Region]]]) -> list[list[Region]]:
+        """For each frame the regions that may hold a person, best first, in these parts of it; all are looked at in one call."""
         ...
 
 
@@ -170,13 +181,20 @@ class BoxFinder:
     def __init__(self, network: OnnxNetwork, size_wh: tuple[int, int], padding: float) -> None:
         self._network, self._size_wh, self._padding = network, size_wh, padding
 
-    def stages(self, frame: Frame, up_rad: float) -> Iterator[list[Region]]:
+    def stages(self, size_wh: tuple[int, int], up_rad: float) -> Iterator[list[Region]]:
         """See `PersonFinder`."""
-        for angle in upright_first(up_rad):
-            takes = self._network.card.input
-            affine = letterbox_from_img(frame.size_wh, takes, angle)
-            (outputs,) = self._network([warp_to_input(frame.image, affine, takes, takes.fill)])
-            yield [self._region(affine, box, angle) for box in people_from_outputs(self._network.card, outputs).box]
+        return ([_whole(size_wh, angle)] for angle in upright_first(up_rad))
+
+    def people(self, looks: Sequence[tuple[Frame, Sequence[Region]]]) -> list[list[Region]]:
+        """See `PersonFinder`."""
+        takes = self._network.card.input
+        whole = [(frame, part.angle_rad) for frame, parts in looks for part in parts]
+        affines = [letterbox_from_img(frame.size_wh, takes, angle) for frame, angle in whole]
+        inputs = [warp_to_input(one.image, affine, takes, takes.fill) for (one, _), affine in zip(whole, affines, strict=True)]
+        return [
+            [self._region(affine, box, angle) for box in people_from_outputs(self._network.card, outputs).box]
+            for outputs, affine, (_, angle) in zip(self._network(inputs), affines, whole, strict=True)
+        ]
 
     def _region(self, input_from_img: Array, box: Array, up_rad: float) -> Region:
         made = region_of_box(box, self._size_wh, self._padding)
@@ -190,17 +208,15 @@ class SquareFinder:
     def __init__(self, network: PersonNetwork) -> None:
         self._persons = network
 
-    def stages(self, frame: Frame, up_rad: float) -> Iterator[list[Region]]:
+    def stages(self, size_wh: tuple[int, int], up_rad: float) -> Iterator[list[Region]]:
         """See `PersonFinder`."""
-        side = self._persons.network.side_px
-        for squares in stages(frame.size_wh, up_rad):
-            boxes, logits = self._persons.network([square_crop(frame.image, square, side) for square in squares])
-            found = [
-                scored
-                for square, box, logit in zip(squares, boxes, logits, strict=True)
-                for scored in regions_from_outputs(box, logit, self._persons.decoding, square, side)
-            ]
-            yield [region for _, region in sorted(found, key=lambda entry: -entry[0])]
+        return stages(size_wh, up_rad)
+
+    def people(self, looks: Sequence[tuple[Frame, Sequence[Region]]]) -> list[list[Region]]:
+        """See `PersonFinder`."""
+        scored = self._persons.scored([(frame, square) for frame, squares in looks for square in squares])
+        found = [[entry for _ in squares for entry in next(scored)] for _, squares in looks]
+        return [[region for _, region in sorted(one, key=lambda entry: -entry[0])] for one in found]
 
 
 def upright_first(up_rad: float) -> Sequence[float]:

@@ -182,7 +182,7 @@ _BEGIN_NS = 1_700_000_000_000_000_000
 _PERIOD_NS = 10_000_000
 _PEOPLE_PER_TICK = (0, 1, 2, 2, 1, 0, 0, 2)
 _K = len(BLAZEPOSE33)
-_FIGURES = ("captured", "used", "replaced", "latency_p95_ms", "innovation_sigmas", "age_ms")
+_FIGURES = ("captured", "used", "replaced", "latency_p95_ms", "innovation_sigmas", "age_ms", "noise_scale")
 
 
 def made_up_rig() -> Rig:

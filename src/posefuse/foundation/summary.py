@@ -114,7 +114,7 @@ def _text(value: Any, digits: int) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if _is_float(value):
-        return f"{value:,.{digits}f}"
+        return f"{value:z,.{digits}f}"
     return f"{value:,}" if isinstance(value, numbers.Integral) else str(value)
 
 

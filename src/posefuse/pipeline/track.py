@@ -15,18 +15,32 @@ import numpy as np
 
 from posefuse import __version__
 from posefuse.association import AssociateSettings, associate
+from posefuse.calibration.keypoints import limb_keypoints
 from posefuse.calibration.person.scale import size_doubt
-from posefuse.core import InputError, LookKind, Observations, Pose3D, PosefuseError, PoseSequence, Progress, Recording, silent
+from posefuse.core import (
+    InputError,
+    LookKind,
+    Observations,
+    Pose3D,
+    PosefuseError,
+    PoseSequence,
+    Progress,
+    Recording,
+    Rig,
+    silent,
+)
 from posefuse.core.duplicates import duplicates
 from posefuse.core.errors import choices
 from posefuse.core.observations import NOT_KEPT
 from posefuse.core.protocols import NOISE_NOT_FITTED
+from posefuse.core.view_sequences import people_in, views_over_time
 from posefuse.detection.build import fetch_networks
 from posefuse.foundation.compiled import compiling
 from posefuse.foundation.parsing import plain
 from posefuse.foundation.places import check_space
-from posefuse.fusion import fuse
+from posefuse.fusion import FuseSettings, fuse
 from posefuse.health.background import background_of
+from posefuse.health.noise_scale import disagreement, noise_scale
 from posefuse.health.recorded import checked_rig
 from posefuse.health.rig_monitor import UNSYNCHRONISED, RigFinding
 from posefuse.sources.video import recorded_at
@@ -36,7 +50,6 @@ from posefuse.tracking.stand_in import made_up_detections
 from .clock import StageClock
 from .config import TrackConfig
 from .following import FollowedLog, PeopleFollower
-from .noise_scale import noise_scale
 from .opening import Opened, open_session
 from .result_folder import DetectionStore, ResultFolder
 from .session import LEAST_CAMERAS, Session
@@ -159,13 +172,27 @@ def _tracked(
 def _with_known_noise(opened: Opened, observations: Observations, progress: Progress) -> tuple[Opened, Observations]:
     """Standard deviations of a network whose noise was not fitted, scaled as this recording shows; and what is stated of it."""
     unknown = opened.network.get("unknown", "")
-    if NOISE_NOT_FITTED not in unknown or (scale := noise_scale(observations, opened.rig, opened.config.fuse)) is None:
+    if NOISE_NOT_FITTED not in unknown or (scale := recorded_noise_scale(observations, opened.rig, opened.config.fuse)) is None:
         return opened, observations
     scaled = f"{NOISE_NOT_FITTED}; scaled by {scale:.2g} from this recording"
     progress("detect", 0, None, f"{opened.network['name']}: {scaled}")
     network = {**opened.network, "unknown": unknown.replace(NOISE_NOT_FITTED, scaled)}
     sigma_px = (observations.sigma_px * scale).astype(observations.sigma_px.dtype)
     return dataclasses.replace(opened, network=network), dataclasses.replace(observations, sigma_px=sigma_px)
+
+
+# more add nothing
+_NOISE_TIME_STEPS = 1000
+
+
+def recorded_noise_scale(observations: Observations, rig: Rig, fusing: FuseSettings) -> float | None:
+    """Of the limb joints of a recording, see `health.noise_scale`; None where too little is seen."""
+    every = max(1, len(observations.step_t_ns) // _NOISE_TIME_STEPS)
+    some = observations.only(observations.frame_step % every == 0)
+    some = dataclasses.replace(some, step_t_ns=some.step_t_ns[::every], frame_step=some.frame_step // every)
+    views, limbs = views_over_time(some, people_in(some)[0].tolist()), limb_keypoints(some.skeleton.keypoints)
+    seen = views.xy_img[..., limbs, :], views.score[..., limbs], views.sigma_px[..., limbs]
+    return noise_scale(disagreement(rig, *seen, fusing))
 
 
 def _moved_cameras(opened: Opened, clock: StageClock, progress: Progress) -> list[str]:

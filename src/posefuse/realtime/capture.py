@@ -88,7 +88,7 @@ class Capture:
         self._source: Source | None = None
         self._stop = threading.Event()
         self._state, self._text = "opening", ""
-        self._captured = self._used = self._replaced = self._missing = 0
+        self._captured = self._earlier = self._used = self._replaced = self._missing = 0
         self._thread: threading.Thread | None = None
 
     def open(self) -> None:
@@ -143,6 +143,11 @@ class Capture:
             missing=self._missing,
         )
 
+    @property
+    def came(self) -> int:
+        """Frames that reached the process, with those that came as packets alone, for a video."""
+        return self._captured + self._earlier
+
     def video_fault(self) -> str:
         """Why its video ended early; empty while all is well, or none is kept."""
         return "" if self._keeper is None else self._keeper.counts().fault
@@ -196,9 +201,9 @@ class Capture:
                 still = still + 1 if now == before else 0
                 before = now
                 # those that come as packets of the next one are not missing
-                due = frame.seq - (len(frame.encoded.earlier) if frame.encoded else 0)
-                missing = max(0, due - seq - 1) if seq is not None else 0
-                self._missing += missing
+                earlier = len(frame.encoded.earlier) if frame.encoded else 0
+                missing = max(0, frame.seq - earlier - seq - 1) if seq is not None else 0
+                self._missing, self._earlier = self._missing + missing, self._earlier + earlier
                 seq = frame.seq
                 self._state, self._text = "running", ""
                 # another thread may exchange it

@@ -121,6 +121,11 @@ class Fusion:
         self.poses_with_people += self._followed > 0
         self._publish_prediction(due_ns)
 
+    @property
+    def noise_scale(self) -> float | None:
+        """By what standard deviations of the views, which were not fitted, are multiplied; None: not, or not yet."""
+        return None if self.watch is None else self.watch.known.noise_scale
+
     def _see(self, seen: SeenView) -> None:
         now_ns = self.clock.now_ns()
         if seen.state is not None:
@@ -129,7 +134,7 @@ class Fusion:
         if view is None:
             return
         if self.watch is not None:
-            view = self.watch.timed(view, self._followed)
+            view = self.watch.corrected(view, self._followed)
             miscalibrated = view.camera in self.watch.known.miscalibrated and not self.monitor.overloaded(view.camera)
             if miscalibrated and self.monitor.does_without(view.camera):
                 return
@@ -197,6 +202,7 @@ class Fusion:
                 "latency_p95_ms": total.quantile_ms(0.95),
                 "innovation_sigmas": health[name].innovation_sigmas,
                 "age_ms": health[name].age_s * 1000,
+                "noise_scale": self.noise_scale or 1.0,
             }
         return found
 

@@ -16,8 +16,9 @@ from typing import Any
 import cv2
 import numpy as np
 
-from posefuse.core import Camera, Detections2D, Frame, InputError, JointCentres, LivePreview, PosefuseError, Region, Rig
+from posefuse.core import Camera, Detections2D, Frame, InputError, LivePreview, PosefuseError, Region, Rig
 from posefuse.core.arrays import Array
+from posefuse.core.protocols import NOISE_NOT_FITTED
 from posefuse.detection import with_clothing, with_depth
 from posefuse.detection.build import DetectorChoice, build_detector
 from posefuse.foundation.channel import Channel, ChannelClosed
@@ -103,8 +104,6 @@ _NICENESS = 5
 
 def preview_jpeg(frame: Frame, t_ns: int) -> LivePreview:
     """The frame as a small JPEG."""
-    import cv2
-
     size = shrunk_wh(frame.size_wh, _LONGER_SIDE_PX)
     small: Any = cv2.resize(frame.image, size, interpolation=cv2.INTER_AREA)
     return LivePreview(camera=frame.camera, t_ns=t_ns, jpeg=jpeg_of(small, _QUALITY), size_wh=size)
@@ -167,11 +166,11 @@ def run_group(channel: Channel, plan: GroupPlan) -> None:
 
 
 def _opened(plan: GroupPlan, channel: Channel) -> Group:
-    import cv2
-
     cv2.setNumThreads(1)
     group = Group(plan, channel)
-    channel.send(Ready(group.detector.skeleton, group.joint_centres()), _SEND_S)
+    detector = group.detector
+    fitted = NOISE_NOT_FITTED not in getattr(detector, "network", {}).get("unknown", "")
+    channel.send(Ready(detector.skeleton, detector.joint_centres, fitted), _SEND_S)
     return group
 
 
@@ -235,10 +234,6 @@ class Group:
         except InputError as error:
             self._not_made[camera] = str(error)
             return None
-
-    def joint_centres(self) -> JointCentres | None:
-        """Offsets of joint centres from what the detector marks; None: they are the same, or not known."""
-        return self.detector.joint_centres
 
     def _take_messages(self) -> None:
         """Of the session: where to look, and what is changed."""
@@ -341,7 +336,6 @@ class Group:
             started_ns=look.started_ns,
             detected_ns=self._plan.clock.now_ns(),
             still=look.caught.still,
-            searched=look.regions is None,
             skipped=self._skipped[name],
         )
         self._channel.send(seen, _SEND_S)

@@ -42,10 +42,15 @@ class SessionClock:
 
 @dataclass(frozen=True)
 class Ready:
-    """A group has its detector, which marks these keypoints, and its sources; it waits for `Go`."""
+    """A group has its detector, which marks these keypoints, and its sources; it waits for `Go`.
+
+    Attributes:
+        noise_fitted: False where the standard deviations of the detector are a rule of thumb.
+    """
 
     skeleton: Skeleton
     joint_centres: JointCentres | None
+    noise_fitted: bool = True
 
 
 @dataclass(frozen=True)
@@ -98,7 +103,6 @@ class SeenView:
         state: status of its camera; None where another machine does not send it.
         received_ns: the frame reached its process. started_ns: the detector began. detected_ns: it had finished.
         still: how many frames in a row, this one included, were the same image to the last sampled pixel.
-        searched: the whole image was searched for people.
         skipped: the camera's frames since the view before, which came while no person was followed and nothing changed.
     """
 
@@ -108,7 +112,6 @@ class SeenView:
     started_ns: int
     detected_ns: int
     still: int = 0
-    searched: bool = False
     skipped: int = 0
 
 
@@ -212,6 +215,11 @@ class ViewSource(Protocol):
     def centres(self) -> list[LiveJointCentres]:
         """What is known of joint centres by now; more may come with the views."""
         return []
+
+    @property
+    def noise_fitted(self) -> bool:
+        """False where standard deviations are a rule of thumb; nodes of other machines do not send that."""
+        return True
 
     def start(self, clock: SessionClock) -> int:
         """Let views come; session time of the session's 0 s."""

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from typing import TypeVar
 
+from posefuse.core.protocols import NOISE_NOT_FITTED
 from posefuse.health.cameras import OK, Event
 
 from .fusion import Fusion
@@ -33,6 +34,7 @@ class News:
         self._fusion, self._zero_ns, self._say, self._notices = fusion, zero_ns, say, notices
         self._cameras_said = self._outputs_said = 0
         self._trouble = ""
+        self._noise_scale: float | None = None
         self._camera_said: dict[str, Event] = {}
         self._camera_waits: dict[str, Event] = {}
         # the first trouble of a camera is reported at once, however short ago the camera began
@@ -53,6 +55,9 @@ class News:
         if watch is not None and watch.trouble != self._trouble:
             self._trouble = watch.trouble
             self._say_at(now_ns, "rig watch", watch.trouble)
+        if (scale := self._fusion.noise_scale) is not None and self._noise_scale is None:
+            self._noise_scale = scale
+            self._say_at(now_ns, f"{NOISE_NOT_FITTED}; scaled by {scale:.2g} from this session", "")
 
     def _report_cameras(self, now_ns: int) -> None:
         for name, event in list(self._camera_waits.items()):
@@ -84,8 +89,11 @@ class ProcessedImages:
         self._since: tuple[float, int, int] | None = None
         self._reported = False
 
-    def news(self, status: Status, now_s: float, network: str) -> str:
-        """Take in what a process reports at a time: the sentence about a machine that is too slow, once; else empty."""
+    def news(self, status: Status, now_s: float, smaller_network: Callable[[], str]) -> str:
+        """Take in what a process reports at a time: the sentence about a machine that is too slow, once; else empty.
+
+        `smaller_network`: names one that is installed, for that sentence; empty where there is none.
+        """
         for state in status.cameras:
             captured, used = self._last.get(state.camera, (0, 0))
             self._came += state.captured - captured if state.captured >= captured else state.captured
@@ -102,7 +110,7 @@ class ProcessedImages:
         if not slow or self._reported:
             return ""
         self._reported = True
-        smaller = "" if network.endswith("lite") else "`networks=blazepose_lite`, "
+        smaller = f"`networks={name}`, " if (name := smaller_network()) else ""
         return f"this computer processes {share:.0%} of the images: use {smaller}fewer cameras, or cameras at a lower frame rate"
 
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, Self
 
 from posefuse.core import CameraHealth, LiveJointCentres, Skeleton, SourceError
+from posefuse.detection.choosing import smaller_network
 from posefuse.foundation.channel import Channel
 from posefuse.foundation.platform import processor_s
 from posefuse.foundation.worker import Worker
@@ -122,6 +124,11 @@ class Groups:
         table = first.marks.joint_centres if first.marks is not None else None
         return [LiveJointCentres(t_ns=first.plan.clock.now_ns(), cameras=cameras, table=table)]
 
+    @property
+    def noise_fitted(self) -> bool:
+        """False where the standard deviations of the detector, which all groups have, are a rule of thumb."""
+        return all(member.marks.noise_fitted for member in self._members if member.marks is not None)
+
     def start(self, clock: SessionClock) -> int:
         """Recorded sources show their time 0 a moment from now, when all groups know it."""
         zero_ns = time.monotonic_ns() + _LEAD_NS
@@ -221,8 +228,9 @@ class Groups:
                     new = message.video_faults.items() - member.video_faults.items()
                     self._notices += [f"video {camera}: failed: {fault}" for camera, fault in sorted(new)]
                     member.video_faults = message.video_faults
-                    network = str(member.plan.detector.options.get("landmarks", ""))
-                    self._notices += filter(None, [self._processed.news(message, worker.received_s, network)])
+                    options = member.plan.detector.options
+                    smaller = partial(smaller_network, str(options.get("landmarks", options.get("card", ""))))
+                    self._notices += filter(None, [self._processed.news(message, worker.received_s, smaller)])
                 yield message
         # loading modules and networks takes a slow machine as long as it takes; ended for that, it would never begin
         if worker.running and _hangs(member):

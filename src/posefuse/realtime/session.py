@@ -7,7 +7,7 @@ import math
 import os
 import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,12 +15,11 @@ from typing import Any
 import numpy as np
 
 from posefuse import __version__
-from posefuse.core import LiveNames, LiveOutputConfig, LivePose, LivePreview, Rig, Skeleton, SourceError
+from posefuse.core import LiveNames, LiveOutputConfig, LivePose, LivePreview, Rig, SourceError
 from posefuse.formats.recording import rig_values
 from posefuse.foundation.compiled import compiling
 from posefuse.foundation.platform import peak_memory_mb, punctual, usable_cores
 from posefuse.foundation.requests_to_end import HANG_UP, REQUESTS_TO_END, Repeats, handling, heeded, put_off, without_terminal
-from posefuse.health.cameras import Event
 from posefuse.kinematics import JointTracker
 
 from .capture import LiveInput, keeping_packets
@@ -44,30 +43,21 @@ class Finished:
     """What a session leaves behind: figures for tables and reports.
 
     Attributes:
-        fusion: with its latencies and monitor. skeleton: of the detections.
+        fusion: with its latencies and monitor, and its outputs as they ended.
         zero_ns: session time of its 0 s: recorded sources show their time 0 then, or the wait for other machines began.
         seconds: how long it ran. stopped_by: name of the signal that ended it; empty when none did.
-        outputs: per output, what happened to what it was given. output_events: what changed.
-        outputs_failed: whether any output failed at any time. lost: messages the outputs' process never got.
         restarts: of camera processes.
         cpu_s: processor time of the fusion process during the session, and of all its children, their start included.
         memory_mb: most memory of this process and its camera processes, added up.
-        clock_offset_s: by camera, on several machines only; NaN while it is not known.
     """
 
     fusion: Fusion
-    skeleton: Skeleton
     zero_ns: int
     seconds: float
     stopped_by: str
-    outputs: Mapping[str, Mapping[str, Any]]
-    output_events: Sequence[Event]
-    outputs_failed: bool
-    lost: int
     restarts: int
     cpu_s: tuple[float, float]
     memory_mb: float
-    clock_offset_s: Mapping[str, float]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -165,9 +155,11 @@ def run_session(
     """
     rig, clock, outputs = plan.rig, plan.clock, OutputProcess(plan)
     try:
-        with stop_requests() as stopped, open_views() as views, watching(rig, clocks=remote) as watch:
+        with ExitStack() as stack:
+            stopped, views = stack.enter_context(stop_requests()), stack.enter_context(open_views())
             outputs.wait_ready()
             skeleton = views.wait_ready(stopped)
+            watch = stack.enter_context(watching(rig, clocks=remote, noise=not views.noise_fitted))
             say("; ".join(filter(None, [*views.whereabouts(), watch.whereabouts() if watch else "", outputs.whereabouts()])))
             with compiling("live tracking", say):
                 estimator = warmed_up(rig, skeleton, config, stopped)
@@ -183,25 +175,18 @@ def run_session(
                 over = _until(duration_s, zero_ns, fusion, news, stopped)
                 fusion.run(views, config.rate_hz, over if requests is None else _controlled(over, requests, views, outputs))
             restarts, memory_mb = views.restarts, peak_memory_mb([os.getpid(), *views.pids])
-            known_s = watch.known.offset_s if watch is not None and remote else {}
     finally:
         outputs.close()
     news.report(clock.now_ns())
     times = os.times()
     return Finished(
         fusion=fusion,
-        skeleton=skeleton,
         zero_ns=zero_ns,
         seconds=(clock.now_ns() - zero_ns) / 1e9,
         stopped_by=stopped[0] if stopped else "",
-        outputs=outputs.figures(),
-        output_events=tuple(outputs.events),
-        outputs_failed=outputs.failed,
-        lost=outputs.lost,
         restarts=restarts,
         cpu_s=(times.user + times.system - begun.user - begun.system, times.children_user + times.children_system),
         memory_mb=memory_mb,
-        clock_offset_s={name: known_s.get(name, float("nan")) for name in rig.names} if remote else {},
     )
 
 

@@ -123,6 +123,10 @@ class CameraFeed:
         """Status of each camera."""
         return tuple(capture.state() for capture in self._captures)
 
+    def came(self) -> list[int]:
+        """Frames of each camera so far, those that are kept without being decoded included."""
+        return [capture.came for capture in self._captures]
+
     def seconds(self) -> float:
         """Since the first frame of the last camera; one that has sent none for half a minute is not waited for."""
         now_s = time.monotonic()
@@ -199,9 +203,9 @@ def watched(
         over = over or (duration_s is not None and feed.seconds() >= duration_s)
         news: tuple[CameraNews, ...] = ()
         if since_s >= _REPORT_EVERY_S and not over:
-            states = feed.states()
-            news = _news(states, counts, since_s, found)
-            counts, reported = [state.captured for state in states], reported + since_s
+            before, counts, reported = counts, feed.came(), reported + since_s
+            rates = [(now - then) / since_s for now, then in zip(counts, before, strict=True)]
+            news = _news(feed.states(), rates, found)
         yield frames, news
         if over:
             break
@@ -209,10 +213,7 @@ def watched(
     feed.close()
 
 
-def _news(
-    states: Sequence[CameraState], counts: Sequence[int], seconds: float, found: Mapping[str, str]
-) -> tuple[CameraNews, ...]:
-    rates = [(state.captured - count) / seconds for state, count in zip(states, counts, strict=True)]
+def _news(states: Sequence[CameraState], rates: Sequence[float], found: Mapping[str, str]) -> tuple[CameraNews, ...]:
     usual_hz = float(np.median(rates))
     return tuple(
         CameraNews(

@@ -214,7 +214,7 @@ def test_person_detectors(tmp_path, layout):
     kind = "detections" if layout == "detections" else "yolox"
     card = read_card(graphs.write_card(tmp_path / "card.toml", kind, network, size, rest=rest), OnnxCard)
     finder = BoxFinder(OnnxNetwork(card, card.folder / card.file, "cpu", "f32", 1), (192, 256), 1.25)
-    (region,) = next(finder.stages(frame(), 0.0))
+    ((region,),) = finder.people([(frame(), next(finder.stages(frame().size_wh, 0.0)))])
     expected = region_of_box(box, (192, 256), 1.25)
     assert np.abs(region.centre_img - expected.centre_img).max() < TOLERANCE_PX
     assert region.side_px == pytest.approx(1.25 * 314.0, abs=TOLERANCE_PX)

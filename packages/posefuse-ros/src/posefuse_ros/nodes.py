@@ -217,7 +217,8 @@ def fusion_node(
             views = NetworkViews(cameras, network, clock, chosen, duration_s=given.duration_s, say=say)
             done = run_session(plan, chosen, lambda: views, say, duration_s=given.duration_s, remote=True)
     counts, senders = views.views.intake.counts, views.views.senders
-    offsets_ms = {camera: 1000 * offset for camera, offset in done.clock_offset_s.items()}
+    offset_s = done.fusion.watch.known.offset_s if done.fusion.watch is not None else {}
+    offsets_ms = {camera: 1000 * offset_s.get(camera, float("nan")) for camera in cameras.names}
     more = {
         "messages": {"accepted": counts.accepted, "refused": counts.refused},
         "last_refusal": counts.last_refusal,
@@ -226,5 +227,5 @@ def fusion_node(
         "clock_offset_ms": offsets_ms,
     }
     run = finished_run(done, report=None if report is None else Path(report), more=more)
-    clocks = Facts({camera: f"{ms:+.1f}" for camera, ms in offsets_ms.items()})
+    clocks = Facts({camera: f"{ms:+z.1f}" for camera, ms in offsets_ms.items()})
     return replace(run, blocks=(*run.blocks, Heading("Clocks, ms after the mean"), clocks))

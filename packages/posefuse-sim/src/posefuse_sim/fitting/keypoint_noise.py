@@ -15,7 +15,7 @@ from posefuse.core.arrays import Array
 from posefuse.core.skeleton import mirror_name
 from posefuse.detection import region_from_keypoints
 from posefuse.detection.networks import OneStageDetector, TopDownDetector
-from posefuse.detection.noise import FEATURES, KeypointNoise, keypoint_noise_features
+from posefuse.detection.noise import FEATURES, NoiseModel, keypoint_noise_features
 from posefuse.formats.truth import read_truth
 
 # errors count up to this share of the crop's height: what is further off is a confusion
@@ -49,7 +49,7 @@ class NoiseFit:
         ratio_of: the same by keypoint.
     """
 
-    noise: KeypointNoise
+    noise: NoiseModel
     samples: int
     ratio: float
     ratio_of: dict[str, float]
@@ -106,8 +106,8 @@ def fit_noise(scenes: Sequence[NoiseSamples], made_by: str, parts: int = 4) -> N
     )
 
 
-def noise_text(noise: KeypointNoise) -> str:
-    """The model as TOML, as `read_keypoint_noise` reads it."""
+def noise_text(noise: NoiseModel) -> str:
+    """The model as TOML, as `read_noise` reads it."""
     lines = [f'made_by = "{noise.made_by}"', f"least = {noise.least}", f"most = {noise.most}", "", "[weights]"]
     lines += [f"{name} = {value:.4f}" for name, value in noise.weights.items()]
     lines += ["", '# keypoints that the simulated people do not have take the value of ""', "[offset]"]
@@ -133,7 +133,7 @@ def _stacked(scenes: Sequence[NoiseSamples]) -> NoiseSamples:
     return NoiseSamples(scenes[0].names, np.concatenate([one.error for one in scenes]), values)
 
 
-def _model(data: NoiseSamples, made_by: str) -> KeypointNoise:
+def _model(data: NoiseSamples, made_by: str) -> NoiseModel:
     # both axes are samples of one law; detections without a keypoint take its average
     square = np.minimum(data.error**2, MOST_ERROR**2)
     square = np.where(np.isfinite(square), square, np.nanmean(square, axis=(0, 2), keepdims=True))
@@ -142,15 +142,12 @@ def _model(data: NoiseSamples, made_by: str) -> KeypointNoise:
     other_side = [data.names.index(mirror_name(name)) for name in data.names]
     offset, weight = fit_log_sigma(flat, design, other_side)
     offsets = dict(zip(data.names, offset.tolist(), strict=True)) | {"": float(offset.mean())}
-    return KeypointNoise(made_by=made_by, weights=dict(zip(FEATURES, weight.tolist(), strict=True)), offset=offsets)
+    return NoiseModel(made_by=made_by, weights=dict(zip(FEATURES, weight.tolist(), strict=True)), offset=offsets)
 
 
-def _ratio(data: NoiseSamples, noise: KeypointNoise) -> Array:
+def _ratio(data: NoiseSamples, noise: NoiseModel) -> Array:
     """(M, n, 2) of (error / sigma)^2, errors counted up to `MOST_ERROR`."""
-    offset = np.array([noise.offset[name] for name in data.names])
-    log_sigma = offset[:, None] + sum(weight * data.values[name] for name, weight in noise.weights.items())
-    sigma = np.exp(np.clip(log_sigma, np.log(noise.least), np.log(noise.most)))
-    return np.asarray(np.minimum(data.error**2, MOST_ERROR**2) / sigma**2)
+    return np.asarray(np.minimum(data.error**2, MOST_ERROR**2) / noise.sigma(data.values, data.names) ** 2)
 
 
 def fit_log_sigma(square: Array, design: Array, other_side: Sequence[int]) -> tuple[Array, Array]:
