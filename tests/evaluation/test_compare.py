@@ -95,6 +95,14 @@ def test_whole_gait_cycles_are_distinguished_by_positions_where_speeds_repeat(la
     assert compare(a, b, space=False).alignment.offset_s == pytest.approx(-late_s, abs=2e-3)
 
 
+@pytest.mark.parametrize("space", [True, False])
+def test_a_few_points_that_are_metres_wrong_do_not_shift_the_offset(space: bool) -> None:
+    a, b, rng = mover(30), mover(30), np.random.default_rng(0)
+    xyz = b.xyz_m + rng.normal(0, 0.004, b.xyz_m.shape)
+    xyz[rng.uniform(size=xyz.shape[:2]) < 0.004] += [3.0, 0.0, -2.0]
+    assert compare(a, Tracks("b", NAMES, b.t_s - 0.9, xyz), space=space).alignment.offset_s == pytest.approx(0.9, abs=0.1 / 30)
+
+
 def exhaustive_costs(a: Tracks, b: Tracks, rate_hz: float) -> dict[int, float]:
     """Mean absolute difference of speeds at every shift, one after the other: an answer that shares no code."""
     tables = []

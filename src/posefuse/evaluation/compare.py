@@ -262,7 +262,7 @@ def similarity(moving: Array, fixed: Array, scale: bool) -> tuple[Array, Array, 
 
 
 def _fitted(a_m: Array, b_m: Array, space: bool, scale: bool) -> tuple[tuple[Array, Array, float], float]:
-    """The similarity of b (T, K, 3) onto a where both are, and the rms distance it leaves; inf where too little is."""
+    """The similarity of b (T, K, 3) onto a where both are, and the mean distance it leaves; inf where too little is."""
     both = np.asarray(np.isfinite(a_m).all(axis=-1) & np.isfinite(b_m).all(axis=-1))
     onto = (np.eye(3), np.zeros(3), 1.0)
     if both.any(axis=1).sum() < _LEAST_TIME_STEPS:
@@ -270,7 +270,8 @@ def _fitted(a_m: Array, b_m: Array, space: bool, scale: bool) -> tuple[tuple[Arr
     if space:
         onto = similarity(b_m[both], a_m[both], scale)
     left = onto[2] * b_m[both] @ onto[0].T + onto[1] - a_m[both]
-    return onto, float(np.sqrt((left**2).sum(axis=-1).mean()))
+    # not rms: between two samples a false jump is halved, so the squares of a few such jumps would draw the offset there
+    return onto, float(np.linalg.norm(left, axis=-1).mean())
 
 
 def _offset(a: Tracks, b: Tracks, space: bool, scale: bool) -> float:
