@@ -154,7 +154,7 @@ class Trial:
     def poses(self, config: LiveConfig, motion: LiveMotion = MOTION) -> Iterator[Pose3D]:
         """At joint centres, at 100 Hz, after the warm-up."""
         rig, skeleton = self.recording.rig, self.recording.observations.skeleton
-        estimator = warmed_up(rig, skeleton, config, motion)
+        estimator = warmed_up(rig, skeleton, config, motion=motion)
         estimator.centring.learn(LiveJointCentres(t_ns=0, cameras=rig.names, table=table_of(self.recording)))
         first_ns = int(self.truth.t_ns[0])
         ticks = np.arange(first_ns, int(self.truth.t_ns[-1]), round(1e9 / OUTPUT_HZ)).tolist()

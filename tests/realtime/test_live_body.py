@@ -18,6 +18,7 @@ from posefuse.realtime.config import LiveConfig
 from posefuse.realtime.estimator import warmed_up
 from posefuse.realtime.messages import SessionClock
 from posefuse.realtime.session import notes_of
+from posefuse.tracking.online import MOTION
 from posefuse_ros.record import RecordConfig
 from posefuse_sim.build import live_scene
 from posefuse_sim.scene import Scene
@@ -142,6 +143,17 @@ def test_a_covariance_is_the_tracked_one_or_larger_in_all_directions() -> None:
 def test_kernels_are_not_compiled_to_the_end_for_a_session_that_was_stopped() -> None:
     with pytest.raises(KeyboardInterrupt):
         warmed_up(walk().rig, ANATOMICAL23, OFF, ["SIGTERM"])
+
+
+def test_a_tracker_of_other_motion_follows_otherwise() -> None:
+    """The benches that fit the constants of motion reach the tracker through this."""
+    rig, found = walk().rig, []
+    for motion in (MOTION, replace(MOTION, new_share=1.0)):
+        estimator = warmed_up(rig, ANATOMICAL23, OFF, motion=motion)
+        for _, view in walk().come[:100]:
+            estimator.add(view)
+        found.append(estimator.tracker.at(walk().come[100][0]))
+    assert difference_m(*found) > 0.001
 
 
 def test_off_there_is_nothing() -> None:

@@ -24,7 +24,7 @@ from posefuse.kinematics import JointTracker
 from posefuse.kinematics.body import FEWEST_SEEN, LIVE_BODY, Length, LengthPrior, LiveBody, LiveBodyRules, LiveRays, TrackedPoints
 from posefuse.kinematics.joints import FrameBuffers
 from posefuse.tracking import LearntLengths, at_joint_centres, usual_lengths
-from posefuse.tracking.online import MOTION, CameraStatistics, Evidence, LiveSettings, Tracker, build_tracker
+from posefuse.tracking.online import MOTION, CameraStatistics, Evidence, LiveMotion, LiveSettings, Tracker, build_tracker
 from posefuse.tracking.stand_in import made_up_detections
 
 from .config import KeypointGateSettings, LiveConfig
@@ -343,7 +343,13 @@ class Estimator:
 
 
 def warmed_up(
-    rig: Rig, skeleton: Skeleton, config: LiveConfig, stopped: Sequence[str] = (), rules: LiveBodyRules = LIVE_BODY
+    rig: Rig,
+    skeleton: Skeleton,
+    config: LiveConfig,
+    stopped: Sequence[str] = (),
+    *,
+    motion: LiveMotion = MOTION,
+    rules: LiveBodyRules = LIVE_BODY,
 ) -> Estimator:
     """A new estimator whose kernels are compiled: one made for the purpose has followed a made-up person.
 
@@ -351,7 +357,7 @@ def warmed_up(
         KeyboardInterrupt: `stopped` has an entry; on a new machine kernels take more than a minute.
     """
     at_once = replace(LIVE_BODY, learn_s=LIVE_BODY.sample_every_s * FEWEST_SEEN)
-    made_up = _new(rig, skeleton, replace(config, body="off" if config.body == "off" else "on"), at_once)
+    made_up = _new(rig, skeleton, replace(config, body="off" if config.body == "off" else "on"), MOTION, at_once)
     for detections in made_up_detections(rig, skeleton, _WARM_UP_STEPS, start_ns=10**15):
         for view in detections:
             if stopped:
@@ -361,12 +367,12 @@ def warmed_up(
     no_offsets = JointCentres(made_by="", offsets={})
     at_joint_centres(pose, no_offsets, no_offsets.usual)
     JointTracker(skeleton, config.joints).step(pose)
-    return _new(rig, skeleton, config, rules)
+    return _new(rig, skeleton, config, motion, rules)
 
 
-def _new(rig: Rig, skeleton: Skeleton, config: LiveConfig, rules: LiveBodyRules) -> Estimator:
+def _new(rig: Rig, skeleton: Skeleton, config: LiveConfig, motion: LiveMotion, rules: LiveBodyRules) -> Estimator:
     associating = replace(config.associate, max_people=config.track.max_people)
-    motion = replace(MOTION, score_min=config.fuse.score_min, sigma_share=config.fuse.sigma_share)
+    motion = replace(motion, score_min=config.fuse.score_min, sigma_share=config.fuse.sigma_share)
 
     solve, fuse_views = build_solve(rig, associating, config.fuse), build_fuse(rig, config.fuse)
     tracker = build_tracker(rig, skeleton, config.track, solve, fuse_views, motion)

@@ -32,8 +32,6 @@ _BIRTH_WAIT_NS = 20_000_000
 # who was not measured for so long may be found again within this distance
 _STALE_NS, _FOUND_AGAIN_M = 200_000_000, 1.0
 _SAME_PERSON_M = 0.3
-# a person measured by some view within this time is in sight; the support of others counts this much
-_IN_SIGHT_NS, _GUESS_WEIGHT = 150_000_000, 0.5
 # chosen, not fitted: least keypoints of a newcomer, and least share of the skeleton; from 17 keypoints on the share asks for more
 _LEAST_POINTS, _LEAST_SHARE = 5, 0.3
 # how fast a person may move during the views a birth is made from
@@ -194,9 +192,6 @@ class AsynchronousTracker:
                 model.cameras[c], means, sigmas, rays.z, model.mirror, _TOLERANCE_M, support[n], share[n]
             )  # fmt: skip
         support = np.where(share >= _CLAIMED_SHARE, support, 0.0)
-        # the place of one out of sight is a guess, which is wide and fits many: it counts less
-        in_sight = np.array([t_ns - person.measured_ns <= _IN_SIGHT_NS for person in self._people])
-        support[~in_sight] *= _GUESS_WEIGHT
         rows, places = linear_sum_assignment(-support) if support.size > 1 else ([0], [0])
         return [(self._people[n], int(p)) for n, p in zip(rows, places, strict=True) if support[n, p] > 0]
 
