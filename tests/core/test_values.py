@@ -147,3 +147,10 @@ def test_skeletons_are_the_same_one_after_a_journey_between_processes() -> None:
     # of a known name, but another
     same_name = Skeleton(COCO17.name, COCO17.keypoints[:5])
     assert pickle.loads(pickle.dumps(same_name)) == same_name != COCO17
+
+
+def test_the_message_of_an_error_is_one_line_whatever_a_damaged_file_is_called() -> None:
+    error = ShapeError(f"camera {'x' * 10_000}\n\x1b[31m\x00 Käthe: expected a name")
+    assert str(error).isprintable() and len(str(error)) < 2100
+    assert str(error).startswith("camera xxx") and str(error).endswith(r"\n\x1b[31m\x00 Käthe: expected a name")
+    assert str(pickle.loads(pickle.dumps(error))) == str(error)

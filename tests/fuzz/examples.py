@@ -243,7 +243,7 @@ EXAMPLES: dict[str, Example] = {
     "report, recording": Example("recording.npz", _recording),
     "report, rig": Example("rig.toml", _recording),
     "export, observations": Example("observations.npz", _recording),
-    "track, result": Example("observations.npz", _recording),
+    "solve, result": Example("observations.npz", _recording),
     "track, OpenPose": Example("pose2d/cam01_json/frame_000000000003_keypoints.json", openpose_session),
     "track, rig": Example("rig.toml", openpose_session),
     "track, settings": Example("posefuse.toml", openpose_session),

@@ -133,10 +133,8 @@ def _command(kind: str, path: Path, folder: Path) -> list[str]:
     if kind.startswith("options"):
         return [word.replace("FOLDER", str(folder)) for word in shlex.split(path.read_text())]
     out = ["--out", str(folder.with_name("out"))]
-    if kind.startswith(("report", "export")):
+    if kind.startswith(("report", "export", "solve")):
         return [kind.partition(",")[0], str(folder), *out]
-    if kind == "track, result":
-        return ["track", str(folder), *out]
     command = ["track", str(folder), *out, "--set", "raw=true", "--outputs", "csv"]
     if kind == "track, MP4":
         command += ["--set", "detector.name=oracle", "--set", f"detector.options.truth={DEMO / 'truth' / 'truth.npz'}"]

@@ -129,11 +129,9 @@ def session_config(folder: Path, config: str | Path | None, changes: Mapping[str
 
     path = folder / CONFIG_FILE if config is None else Path(config)
     given = dict(changes)
-    if "rig" in given and Path(given["rig"]).exists():
+    if isinstance(rig := given.get("rig"), (str, Path)):
         # relative to here; a name in a settings file is relative to the session
-        given["rig"] = Path(given["rig"]).absolute()
-    if "rig" in given:
-        given["rig"] = str(given["rig"])
+        given["rig"] = str(Path(rig).absolute() if Path(rig).exists() else rig)
     return read_config(path if config is not None or path.is_file() else None, given, {} if outputs else {"outputs": ()})
 
 

@@ -6,11 +6,16 @@ Anything else that escapes is a bug: the command line prints a trace and exits 2
 
 from collections.abc import Iterable
 
-_LONGEST_NAME = 100
+_LONGEST_LINE = 2000
 
 
 class PosefuseError(Exception):
-    """Base of every error a user can cause or cure."""
+    """Base of every error a user can cause or cure; its message is one line, whatever names a damaged file has."""
+
+    def __init__(self, message: str = "") -> None:
+        line = "".join(c if c.isprintable() else repr(c)[1:-1] for c in message)
+        middle = _LONGEST_LINE // 2
+        super().__init__(line if len(line) <= _LONGEST_LINE else f"{line[:middle]} ... {line[-middle:]}")
 
 
 class InputError(PosefuseError):
@@ -50,5 +55,5 @@ class ShapeError(PosefuseError, ValueError):
 
 
 def choices(names: Iterable[str]) -> str:
-    """The names that do exist, for the end of a message: ``"a, b, c"``, or ``"none"``; names of damaged files are cut."""
-    return ", ".join(name if len(name) <= _LONGEST_NAME else f"{name[:_LONGEST_NAME]}..." for name in names) or "none"
+    """The names that do exist, for the end of a message: ``"a, b, c"``, or ``"none"``."""
+    return ", ".join(names) or "none"
