@@ -67,6 +67,7 @@ def test_missing_poses_are_nan_and_stay_nan() -> None:
 
 def test_guards() -> None:
     refusal(ShapeError, "length 0", SE3, np.zeros(4), np.zeros(3))
+    refusal(ShapeError, "too large", SE3, np.array([1e200, 0, 0, 0]), np.zeros(3))
     refusal(ShapeError, "infinity", SE3, np.array([1.0, 0, 0, 0]), np.array([np.inf, 0, 0]))
     refusal(ShapeError, "expected wxyz", SE3, np.ones((2, 4)), np.ones((3, 3)))
     refusal(ShapeError, "points", lambda: SE3.identity() @ np.zeros(4))

@@ -13,6 +13,8 @@ from .errors import ShapeError
 
 _SMALL_ANGLE_RAD = 1e-8
 _ROUNDING = 4 * np.finfo(np.float64).eps
+# of a quaternion: the square of more could overflow
+_LARGEST = 1e100
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,8 +38,9 @@ class SE3:
         xyz = frozen(self.xyz, np.float64, "SE3.xyz")
         if wxyz.shape[-1:] != (4,) or xyz.shape[-1:] != (3,) or wxyz.shape[:-1] != xyz.shape[:-1]:
             raise ShapeError(f"SE3: expected wxyz (..., 4) and xyz (..., 3), got {wxyz.shape} and {xyz.shape}")
-        if np.isinf(wxyz).any() or np.isinf(xyz).any():
-            raise ShapeError("SE3: expected finite values (or NaN for missing), got infinity")
+        # infinity, too; NaN is not larger
+        if (np.abs(wxyz) > _LARGEST).any() or np.isinf(xyz).any():
+            raise ShapeError("SE3: expected finite values (or NaN for missing), got infinity or a quaternion that is too large")
         # as `np.linalg.norm`, whose care for other cases costs more
         norm = np.sqrt(np.add.reduce(wxyz * wxyz, axis=-1, keepdims=True))
         # a quaternion of length 1 is unchanged, so that a transform is read back from a file to the last bit
