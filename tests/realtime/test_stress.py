@@ -154,7 +154,7 @@ def test_a_cut_link_and_a_clock_that_is_off_are_survived_and_found() -> None:
     command = [sys.executable, program, "--detector", "oracle", "--only", "link: cut", "link: clock"]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
     assert done.returncode == 0, done.stderr
-    cut, clock = json.loads(done.stdout)["cases"]
+    cut, clock = json.loads(done.stdout)["Faults"]
     assert cut["named"] == "silent"
     assert cut["named_s"] is not None and cut["back_s"] is not None
     assert cut["blamed_wrongly"] == []
