@@ -9,13 +9,12 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import av
 import numpy as np
 
-from posefuse.core import InputError
+from posefuse.core import Closing, InputError
 from posefuse.core.encoded import EncodedFrame, Packet
 
 from .pixels import Pixels
@@ -142,7 +141,7 @@ def read_kept_times(video: Path) -> KeptTimes | None:
         return None
 
 
-class KeptVideo:
+class KeptVideo(Closing):
     """One camera's frames to an .mp4, each with its own presentation time to the microsecond; a context manager.
 
     Whether packets are copied or images encoded is decided by the first frame. Packets are copied in the order of decoding,
@@ -166,12 +165,6 @@ class KeptVideo:
         if path.exists():
             raise InputError(f"{path} already exists; no video is written over")
         self._container: Any = open_mp4(path, _CONTAINER)
-
-    def __enter__(self) -> KeptVideo:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self.close()
 
     def write(self, image: Pixels | EncodedFrame, t_ns: int) -> str:
         """Add a frame of time `t_ns` (from 0 on), to be encoded or as its camera encoded it; "", or why it does not fit."""

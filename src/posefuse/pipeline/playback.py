@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import TracebackType
 
 import numpy as np
 
-from posefuse.core import PosefuseError, Recording, SourceError
+from posefuse.core import Closing, PosefuseError, Recording, SourceError
 from posefuse.core.arrays import Array
 from posefuse.formats.kept_video import VIDEOS_FOLDER, read_kept_times
 from posefuse.foundation.platform import usable_cores
@@ -82,7 +81,7 @@ class PlaybackStep:
     projected_px: Array
 
 
-class Playback:
+class Playback(Closing):
     """The moments of a recording; a context manager. May be asked from several threads.
 
     Args:
@@ -96,12 +95,6 @@ class Playback:
         self.recording = recording
         self.problems: dict[str, str] = {}
         self._seekers = _opened(recording, session, self.problems) if session is not None else {}
-
-    def __enter__(self) -> Playback:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self.close()
 
     @property
     def cameras(self) -> tuple[str, ...]:

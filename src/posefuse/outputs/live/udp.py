@@ -9,13 +9,12 @@ import json
 import socket
 import struct
 from collections.abc import Callable, Iterator, Sequence
-from types import TracebackType
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from annotated_types import MinLen
 
-from posefuse.core import ConfigError, JointAngles, LiveMessage, LiveOutput, LivePose, LiveStart, Pose3D
+from posefuse.core import Closing, ConfigError, JointAngles, LiveMessage, LiveOutput, LivePose, LiveStart, Pose3D
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.core.poses import point_sigma_m
@@ -136,7 +135,7 @@ def _text(value: str) -> bytes:
     return raw + bytes(-len(raw) % 4)
 
 
-class UdpStream:
+class UdpStream(Closing):
     """Sends datagrams to fixed addresses; never waits, and continues when a listener or the network is away.
 
     Attributes:
@@ -171,12 +170,6 @@ class UdpStream:
         """Safe to call twice."""
         for opened in self._sockets.values():
             opened.close()
-
-    def __enter__(self) -> UdpStream:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self.close()
 
 
 def _resolved(address: str) -> tuple[int, tuple[object, ...]]:
