@@ -188,8 +188,8 @@ Packets = Callable[[Pose3D, JointAngles | None, str, tuple[str, ...]], list[byte
 
 
 @settings
-class OscConfig:
-    """Poses as OSC bundles over UDP.
+class _Listeners:
+    """Where datagrams go.
 
     Attributes:
         to: ``host:port``, one or several. axes: of the receiving tool.
@@ -199,6 +199,11 @@ class OscConfig:
     axes: Axes = "z_up"
     takes: ClassVar[tuple[type[LiveMessage], ...]] = (LivePose,)
     keeps_all: ClassVar[bool] = False
+
+
+@settings
+class OscConfig(_Listeners):
+    """Poses as OSC bundles over UDP."""
 
     def build(self) -> LiveOutput:
         """Not yet opened."""
@@ -206,17 +211,8 @@ class OscConfig:
 
 
 @settings
-class JsonConfig:
-    """Poses as JSON datagrams over UDP, one per person.
-
-    Attributes:
-        to: ``host:port``, one or several. axes: of the receiving tool.
-    """
-
-    to: Annotated[tuple[str, ...], MinLen(1)]
-    axes: Axes = "z_up"
-    takes: ClassVar[tuple[type[LiveMessage], ...]] = (LivePose,)
-    keeps_all: ClassVar[bool] = False
+class JsonConfig(_Listeners):
+    """Poses as JSON datagrams over UDP, one per person."""
 
     def build(self) -> LiveOutput:
         """Not yet opened."""
