@@ -73,7 +73,6 @@ class FileOptions:
     force: bool = False
 
 
-@Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class ReportOptions(FileOptions):
     """What a step writes.
@@ -85,7 +84,6 @@ class ReportOptions(FileOptions):
     report: OptionalFile = None
 
 
-@Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class RigOptions(ReportOptions):
     """What a step writes.
@@ -97,7 +95,6 @@ class RigOptions(ReportOptions):
     out: File
 
 
-@Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class IntrinsicsOptions(RigOptions):
     """From what the intrinsics are found."""
@@ -106,7 +103,6 @@ class IntrinsicsOptions(RigOptions):
     every: Every = 1
 
 
-@Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class ExtrinsicsOptions(IntrinsicsOptions):
     """How the camera poses are found.
@@ -132,7 +128,6 @@ class ExtrinsicsOptions(IntrinsicsOptions):
     upside_down: UpsideDown = ()
 
 
-@Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class PersonOptions(RigOptions, NetworkOptions):
     """How the camera poses are found from a person.
@@ -153,7 +148,6 @@ class PersonOptions(RigOptions, NetworkOptions):
     upside_down: UpsideDown = ()
 
 
-@Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class ClockOptions(ReportOptions, NetworkOptions):
     """How the clock offsets are found.
@@ -174,7 +168,6 @@ class ClockOptions(ReportOptions, NetworkOptions):
     most_s: MostSeconds = 10.0
 
 
-@Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class VerifyOptions(ReportOptions):
     """What is verified.
@@ -307,7 +300,7 @@ def calibrate_intrinsics(*inputs: CameraRecordings, options: IntrinsicsOptions, 
 
     from .asked import Asked, check_files, recordings_of, reported
 
-    check_files((*inputs, options.target), (("--out", options.out), ("--report", options.report)), force=options.force)
+    check_files(options, inputs)
     with reported(options.report, Asked(step="intrinsics", inputs=inputs, options=options)):
         try:
             with terminal.stages() as progress:
@@ -347,14 +340,13 @@ def calibrate_extrinsics(*inputs: CameraRecordings, options: ExtrinsicsOptions, 
     from posefuse.calibration.extrinsics.world import with_floor
     from posefuse.calibration.result_files import coverage_path, write_coverage
     from posefuse.calibration.targets.recordings import open_sources, require_target_seen
+    from posefuse.foundation.output_file import check_output_file
 
     from .asked import Asked, check_files, recordings_of, reported
 
-    picture = coverage_path(options.out)
-    read = (*inputs, options.target, options.intrinsics, options.floor_points)
-    check_files(read, (("--out", options.out), ("--report", options.report)), force=options.force)
+    picture, read = coverage_path(options.out), check_files(options, inputs)
     # a refused run leaves the image, and must not stop the next one; an older image is kept as a copy
-    check_files(read, (("--out", picture),), force=True)
+    check_output_file(picture, option="--out", inputs=read, replace=True)
     # everything that may be wrong with the command line, before minutes of work
     kind, lenses = target_of(options.target), None if options.intrinsics is None else pf.read_rig(options.intrinsics)
     world = floor_of(kind, marker=options.floor_marker, side_mm=options.floor_side_mm, points=options.floor_points)
@@ -418,8 +410,7 @@ def calibrate_person(*inputs: CameraRecordings, options: PersonOptions, terminal
     """
     from .asked import Asked, check_files, recordings_of, reported
 
-    outputs = (("--out", options.out), ("--report", options.report))
-    check_files((*inputs, options.intrinsics), outputs, force=options.force)
+    check_files(options, inputs)
     asked = Asked(step="person", inputs=inputs, options=options)
     with reported(options.report, asked), terminal.stages() as progress:
         found = pf.calibrate_person(
@@ -450,7 +441,7 @@ def calibrate_clocks(session: Path, /, *, options: ClockOptions = ClockOptions()
 
     from .asked import Asked, check_files, reported
 
-    check_files((options.rig,), (("--report", options.report),), force=options.force)
+    check_files(options)
     chosen = {} if options.input is None else {"input": options.input}
     asked = Asked(step="clocks", inputs=(str(session),), options=options)
     with reported(options.report, asked), terminal.stages() as progress:
@@ -485,7 +476,7 @@ def calibrate_verify(*inputs: CameraRecordings, options: VerifyOptions, terminal
 
     from .asked import Asked, check_files, clock_offsets_s, recordings_of, reported
 
-    check_files((*inputs, options.target, options.rig), (("--report", options.report),), force=options.force)
+    check_files(options, inputs)
     rig, settings = read_placed_rig(options.rig), options.rig.with_name(CONFIG_FILE)
     late_s = clock_offsets_s(options.offset_ms, rig) if options.offset_ms else saved_clocks(settings, rig)
     if late_s and not options.offset_ms:

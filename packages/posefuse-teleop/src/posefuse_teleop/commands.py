@@ -10,12 +10,12 @@ from cyclopts import Group, Parameter
 import posefuse as pf
 from posefuse.cli.live import LIVE_SETTINGS, LiveOptions, SourceOptions, TimingOptions
 from posefuse.cli.options import (
+    ONE_WORD,
     OUTPUTS,
     Figures,
     NamedSettings,
     Ros2Options,
     Shown,
-    comma_numbers,
     positive,
     settings_options,
 )
@@ -30,6 +30,24 @@ if TYPE_CHECKING:
     from posefuse_teleop.values import Order
 
 HAND, ROBOT, ROBOT_ROS = map(Group.create_ordered, ("Hand", "Robot", "Robot over ROS"))
+
+
+def comma_numbers(form: str) -> Parameter:
+    """So many numbers separated by commas or spaces, as in ``X,Y,DEG``."""
+
+    def convert(_: Any, tokens: Any) -> tuple[float, ...]:
+        text = tokens[0].value
+        try:
+            found = tuple(float(part) for part in text.replace(",", " ").split())
+        except ValueError:
+            found = ()
+        if len(found) != len(form.split(",")) or not all(abs(one) < 1e6 for one in found):
+            raise ValueError(f"expected {form}, got {text!r}")
+        return found
+
+    return Parameter(metavar=form, converter=convert, **ONE_WORD)
+
+
 Place, Box = comma_numbers("X,Y,DEG"), comma_numbers("X0,Y0,Z0,X1,Y1,Z1")
 
 
