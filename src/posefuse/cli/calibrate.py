@@ -28,6 +28,7 @@ from .terminal import Terminal, quoted
 
 if TYPE_CHECKING:
     from posefuse.api.calibration_results import IntrinsicsCalibration
+    from posefuse.calibration.targets.corners import CornerObservations
     from posefuse.calibration.targets.coverage import Guidance
 
 CameraRecordings = Annotated[str, Parameter(metavar="SESSION|NAME=PATH", required=True)]
@@ -335,11 +336,9 @@ def calibrate_extrinsics(*inputs: CameraRecordings, options: ExtrinsicsOptions, 
     Args:
         inputs: Video or folder of images per camera; NAME defaults to the file's name.
     """
-    from posefuse.api.calibrate import observe_target, target_of
+    from posefuse.api.calibrate import target_of
     from posefuse.api.targets import floor_of
-    from posefuse.calibration.extrinsics.world import with_floor
     from posefuse.calibration.result_files import coverage_path, write_coverage
-    from posefuse.calibration.targets.recordings import open_sources, require_target_seen
     from posefuse.foundation.output_file import check_output_file
 
     from .asked import Asked, check_files, recordings_of, reported
@@ -347,29 +346,25 @@ def calibrate_extrinsics(*inputs: CameraRecordings, options: ExtrinsicsOptions, 
     picture, read = coverage_path(options.out), check_files(options, inputs)
     # a refused run leaves the image, and must not stop the next one; an older image is kept as a copy
     check_output_file(picture, option="--out", inputs=read, replace=True)
-    # everything that may be wrong with the command line, before minutes of work
-    kind, lenses = target_of(options.target), None if options.intrinsics is None else pf.read_rig(options.intrinsics)
-    world = floor_of(kind, marker=options.floor_marker, side_mm=options.floor_side_mm, points=options.floor_points)
-    recordings = recordings_of(inputs)
-    if lenses is not None:
-        for name in recordings:
-            lenses[name]
-    with terminal.stages() as progress:
-        seen = observe_target(recordings, target=with_floor(kind, world), every=options.every, progress=progress)
-    # before the solve: it is needed most when that refuses
-    terminal.note(f"{picture}: {write_coverage(picture, seen).advice()}")
-    require_target_seen(seen, open_sources(recordings), kind)
-    with reported(options.report, Asked(step="extrinsics", inputs=inputs, options=options)):
+    kind, asked = target_of(options.target), Asked(step="extrinsics", inputs=inputs, options=options)
+
+    def show_coverage(seen: "CornerObservations") -> None:
+        terminal.note(f"{picture}: {write_coverage(picture, seen).advice()}")
+
+    with reported(options.report, asked), terminal.stages() as progress:
         found = pf.calibrate_extrinsics(
-            seen,
-            intrinsics=lenses,
+            recordings_of(inputs),
+            intrinsics=options.intrinsics,
             target=kind,
+            every=options.every,
             clocks=options.clocks,
-            floor=world,
+            floor=floor_of(kind, marker=options.floor_marker, side_mm=options.floor_side_mm, points=options.floor_points),
             focal_known_to_percent=options.refine_lenses,
             upside_down=options.upside_down,
             any_size=options.any_size,
             keep_refused=options.keep_refused,
+            on_seen=show_coverage,
+            progress=progress,
         )
     if found.report.failed:
         failed = ", ".join(check.name for check in found.report.failed)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Group, Parameter
 
 import posefuse as pf
-from posefuse.cli.live import LIVE_SETTINGS, LiveOptions, SourceOptions, TimingOptions
+from posefuse.cli.live import LIVE_SETTINGS, LiveOptions, TimingOptions
 from posefuse.cli.options import (
     ONE_WORD,
     OUTPUTS,
@@ -16,6 +16,7 @@ from posefuse.cli.options import (
     NamedSettings,
     Ros2Options,
     Shown,
+    Sources,
     positive,
     settings_options,
 )
@@ -140,7 +141,7 @@ def teleoperate(
     rig: Path,
     /,
     *,
-    sources: SourceOptions = SourceOptions(),
+    source: Sources = (),
     timing: TimingOptions = TimingOptions(),
     robot: RobotOptions = RobotOptions(),
     ros: RosRobotOptions = RosRobotOptions(),
@@ -162,11 +163,11 @@ def teleoperate(
         raise ConfigError(f"--command {ros.command}: needs --ros or --ros1")
     if ros.ros and ros.ros1:
         raise ConfigError("--ros --ros1: expected one of them")
-    if not sources.source:
+    if not source:
         raise ConfigError("--source: expected one per camera, e.g. --source cam1=usb:0, or --source sim:SCENE.yaml")
     session = pf.live(
         rig,
-        sources.source,
+        source,
         config=settings.config,
         settings=settings.changes,
         record=robot.record,
