@@ -264,7 +264,7 @@ def test_the_check_detects_the_old_rule_that_deleted_files(monkeypatch: pytest.M
         partial = path.with_name(path.name + ".partial")
         shutil.rmtree(partial, ignore_errors=True)
         partial.mkdir(parents=True)
-        yield OutputFolder(folder=partial, target=path, command="compare")
+        yield OutputFolder(folder=partial, target=path)
         if path.exists():
             names = {entry.name for entry in path.iterdir()}
             if names and not names & {entry.name for entry in partial.iterdir()}:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from posefuse import __version__
-from posefuse.core import LiveNames, LiveOutputConfig, LivePose, LivePreview, Rig, Skeleton, SourceError
+from posefuse.core import LiveNames, LiveOutputConfig, LivePose, LivePreview, Rig, SourceError
 from posefuse.formats.recording import rig_values
 from posefuse.foundation.compiled import compiling
 from posefuse.foundation.platform import peak_memory_mb, punctual, usable_cores
@@ -44,7 +44,7 @@ class Finished:
     """What a session leaves behind: figures for tables and reports.
 
     Attributes:
-        fusion: with its latencies and monitor. skeleton: of the detections.
+        fusion: with its latencies and monitor.
         zero_ns: session time of its 0 s: recorded sources show their time 0 then, or the wait for other machines began.
         seconds: how long it ran. stopped_by: name of the signal that ended it; empty when none did.
         outputs: per output, what happened to what it was given. output_events: what changed.
@@ -56,7 +56,6 @@ class Finished:
     """
 
     fusion: Fusion
-    skeleton: Skeleton
     zero_ns: int
     seconds: float
     stopped_by: str
@@ -190,7 +189,6 @@ def run_session(
     times = os.times()
     return Finished(
         fusion=fusion,
-        skeleton=skeleton,
         zero_ns=zero_ns,
         seconds=(clock.now_ns() - zero_ns) / 1e9,
         stopped_by=stopped[0] if stopped else "",
