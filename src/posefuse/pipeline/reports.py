@@ -68,7 +68,7 @@ def compared(
     scale: bool = False,
     start_s: float | None = None,
 ) -> Comparison:
-    """Read two recordings and compare them, without an alignment where there is nothing to align; see `evaluation.compare.compare`.
+    """Read two recordings and compare them by `evaluation.compare`, without an alignment where there is nothing to align.
 
     Where the first is a simulated scene, its truth at the simulated times of the second is taken, in its world. Positions of one
     calibration are compared as they are: a person who walks to and fro looks much the same turned by half a turn. An alignment in
