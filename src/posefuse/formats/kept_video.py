@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import heapq
 import io
-import json
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -116,29 +115,6 @@ _CONTAINER = {
 _ENCODING = {"preset": "ultrafast", "crf": "21", "threads": "1"}
 COPIED, ENCODED = "copied", "encoded"
 _OTHER = "the camera came back with images of another size or encoding"
-
-
-@dataclass(frozen=True, kw_only=True)
-class KeptTimes:
-    """Attributes:
-    zero_ns: time 0 of the video on the session's clock. first_ns, last_ns: its first and last frame, from there.
-    """
-
-    zero_ns: int
-    first_ns: int
-    last_ns: int
-
-
-def read_kept_times(video: Path) -> KeptTimes | None:
-    """When a video was kept, from the ``CAMERA.json`` next to it; None where that is missing, or the video was not finished."""
-    try:
-        content = json.loads(video.with_suffix(".json").read_text(encoding="utf-8"))
-        if not (content["finished"] and content["written"] and content["zero_ns"]):
-            return None
-        first_ns, last_ns = (round(1e9 * float(content[name])) for name in ("first_s", "last_s"))
-        return KeptTimes(zero_ns=int(content["zero_ns"]), first_ns=first_ns, last_ns=last_ns)
-    except (OSError, ValueError, TypeError, KeyError, OverflowError):
-        return None
 
 
 class KeptVideo(Closing):
