@@ -28,7 +28,6 @@ from .terminal import Terminal, quoted
 
 if TYPE_CHECKING:
     from posefuse.api.calibration_results import IntrinsicsCalibration
-    from posefuse.calibration.targets.corners import CornerObservations
     from posefuse.calibration.targets.coverage import Guidance
 
 CameraRecordings = Annotated[str, Parameter(metavar="SESSION|NAME=PATH", required=True)]
@@ -347,10 +346,6 @@ def calibrate_extrinsics(*inputs: CameraRecordings, options: ExtrinsicsOptions, 
     # a refused run leaves the image, and must not stop the next one; an older image is kept as a copy
     check_output_file(picture, option="--out", inputs=read, replace=True)
     kind, asked = target_of(options.target), Asked(step="extrinsics", inputs=inputs, options=options)
-
-    def show_coverage(seen: "CornerObservations") -> None:
-        terminal.note(f"{picture}: {write_coverage(picture, seen).advice()}")
-
     with reported(options.report, asked), terminal.stages() as progress:
         found = pf.calibrate_extrinsics(
             recordings_of(inputs),
@@ -363,7 +358,7 @@ def calibrate_extrinsics(*inputs: CameraRecordings, options: ExtrinsicsOptions, 
             upside_down=options.upside_down,
             any_size=options.any_size,
             keep_refused=options.keep_refused,
-            on_seen=show_coverage,
+            on_seen=lambda seen: terminal.note(f"{picture}: {write_coverage(picture, seen).advice()}"),
             progress=progress,
         )
     if found.report.failed:

@@ -100,27 +100,23 @@ class VideoWriter(Closing):
         frame.pts, frame.time_base = pts, TIME_BASE
         return frame
 
-    def encode(self, frame: av.VideoFrame) -> None:
-        """The second half of `write`: add a frame that `converted` returned."""
-        self._mux(frame)
+    def encode(self, frame: av.VideoFrame | None) -> None:
+        """The second half of `write`: add a frame that `converted` returned; None adds what the encoder still holds."""
+        if self._container is None:
+            raise InputError(f"{self._path}: cannot be written, the file is closed")
+        try:
+            for packet in self._stream.encode(frame):
+                self._container.mux(packet)
+        except (av.error.FFmpegError, OSError) as error:
+            raise InputError(f"{self._path}: cannot be written ({error})") from None
 
     def close(self) -> None:
         """Finish the file; safe to call twice."""
         if self._container is not None:
             if self._last_pts >= 0:
-                self._mux(None)
+                self.encode(None)
             self._container.close()
             self._container = None
-
-    def _mux(self, frame: av.VideoFrame | None) -> None:
-        container = self._container
-        if container is None:
-            raise InputError(f"{self._path}: cannot be written, the file is closed")
-        try:
-            for packet in self._stream.encode(frame):
-                container.mux(packet)
-        except (av.error.FFmpegError, OSError) as error:
-            raise InputError(f"{self._path}: cannot be written ({error})") from None
 
 
 def read_video(path: Path) -> Iterator[tuple[int, Array]]:
