@@ -25,12 +25,13 @@ from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.report import CalibrationReport
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.cli.asked import check_files
+from posefuse.cli.calibrate import RigOptions
 from posefuse.cli.main import main
 from posefuse.core import InputError, PosefuseError
 from posefuse.detection.card import read_card
 from posefuse.detection.files import fetch
 from posefuse.formats.rig import read_rig
-from posefuse.foundation.output_file import earlier_kept
+from posefuse.foundation.output_file import check_output_file, earlier_kept
 from posefuse.foundation.output_folder import MARK_FILE, OutputFolder, check_replaceable, growing_folder, output_folder
 from posefuse.pipeline.config import CONFIG_FILE
 
@@ -194,7 +195,8 @@ def calibrated(results: Path, out: Path, force: bool) -> None:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(str(error)) from None
-    check_files((), [("--out", path), ("--out", coverage), ("--report", report)], force=force)
+    check_files(RigOptions(out=path, report=report, force=force))
+    check_output_file(coverage, option="--out", replace=force)
     result_files.write_coverage(coverage, seen)
     result_files.write_rig_file(path, rig)
     result_files.write_calibration_report(report, CalibrationReport("rig", ()), {}, rig)
