@@ -23,8 +23,8 @@ from posefuse.core import Camera, DetectionBatch, Detections2D, Kind, LookKind, 
 from posefuse.core.values import keypoint_boxes
 from posefuse.foundation.parsing import plain
 from posefuse.pipeline.config import TrackConfig
-from posefuse.pipeline.playback import Playback
 from posefuse.pipeline.writing import session_of_recording
+from posefuse_studio.playback import Playback
 
 TILE_PX = 480
 

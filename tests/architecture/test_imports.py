@@ -39,7 +39,6 @@ SLOW = ("cv2", "numba", "openvino", "scipy", "ezc3d", "jinja2")
 
 # settings classes, from which options are made; then what calibrations still take from below
 BESIDES_API = {
-    "posefuse.calibration.extrinsics.world",
     "posefuse.calibration.report",
     "posefuse.calibration.result_files",
     "posefuse.calibration.settings",

@@ -25,12 +25,13 @@ from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.report import CalibrationReport
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.cli.asked import check_files
+from posefuse.cli.calibrate import RigOptions
 from posefuse.cli.main import main
 from posefuse.core import InputError, PosefuseError
 from posefuse.detection.card import read_card
 from posefuse.detection.files import fetch
 from posefuse.formats.rig import read_rig
-from posefuse.foundation.output_file import earlier_kept
+from posefuse.foundation.output_file import check_output_file, earlier_kept
 from posefuse.foundation.output_folder import MARK_FILE, OutputFolder, check_replaceable, growing_folder, output_folder
 from posefuse.pipeline.config import CONFIG_FILE
 
@@ -194,7 +195,8 @@ def calibrated(results: Path, out: Path, force: bool) -> None:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(str(error)) from None
-    check_files((), [("--out", path), ("--out", coverage), ("--report", report)], force=force)
+    check_files(RigOptions(out=path, report=report, force=force))
+    check_output_file(coverage, option="--out", replace=force)
     result_files.write_coverage(coverage, seen)
     result_files.write_rig_file(path, rig)
     result_files.write_calibration_report(report, CalibrationReport("rig", ()), {}, rig)
@@ -264,7 +266,7 @@ def test_the_check_detects_the_old_rule_that_deleted_files(monkeypatch: pytest.M
         partial = path.with_name(path.name + ".partial")
         shutil.rmtree(partial, ignore_errors=True)
         partial.mkdir(parents=True)
-        yield OutputFolder(folder=partial, target=path, command="compare")
+        yield OutputFolder(folder=partial, target=path)
         if path.exists():
             names = {entry.name for entry in path.iterdir()}
             if names and not names & {entry.name for entry in partial.iterdir()}:

@@ -76,7 +76,7 @@ def test_a_place_left_of_the_origin_is_no_option(place: str, form: str) -> None:
 
 def test_options_that_are_repeated_are_all_kept() -> None:
     found = parsed("live rig.toml --source a=usb:0 --source b=usb:1 --peer one --set a=1 --peer two --set b=2").bound.arguments
-    assert found["sources"].source == ("a=usb:0", "b=usb:1")
+    assert found["source"] == ("a=usb:0", "b=usb:1")
     assert found["ros_2"].peer == ("one", "two")
     assert found["settings"].changes == {"a": 1, "b": 2}
 

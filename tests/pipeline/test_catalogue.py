@@ -13,7 +13,8 @@ from checks import refusal
 import posefuse as pf
 from posefuse.core import InputError
 from posefuse.pipeline import catalogue
-from posefuse.pipeline.catalogue import find_recordings, listed, thumbnail
+from posefuse.pipeline.catalogue import find_recordings, listed
+from posefuse_studio.playback import thumbnail
 
 Saved = tuple[Path, Path]
 

@@ -13,9 +13,9 @@ from posefuse.api.recording import recording_of
 from posefuse.core.observations import observations_from_frames
 from posefuse.formats.pixels import RgbPixels
 from posefuse.formats.rig import write_rig
-from posefuse.pipeline.playback import Playback, session_with_videos
 from posefuse.pipeline.writing import nearby_session, session_of_recording
 from posefuse.realtime.video_keeping import VideoKeeper, wait_for_videos
+from posefuse_studio.playback import Playback, session_with_videos
 
 Saved = tuple[Path, Path]
 

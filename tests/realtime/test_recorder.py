@@ -31,7 +31,6 @@ from posefuse.formats.kept_video import KeptVideo
 from posefuse.formats.pixels import Pixels, RgbPixels
 from posefuse.foundation.output_folder import MARK_FILE
 from posefuse.pipeline.config import TrackConfig
-from posefuse.pipeline.playback import session_with_videos
 from posefuse.pipeline.session import find_session
 from posefuse.realtime import video_keeping
 from posefuse.realtime.capture import Capture, LiveInput
@@ -40,6 +39,7 @@ from posefuse.realtime.video_keeping import VideoKeeper, read_counts, wait_for_v
 from posefuse.realtime.watching import CameraFeed, exposure_warning, watched
 from posefuse.sources.arriving import Arrived, with_earlier
 from posefuse.sources.video import VideoConfig
+from posefuse_studio.playback import session_with_videos
 
 GOOD = np.linspace(20, 230, 48 * 64, dtype=np.uint8).reshape(48, 64, 1).repeat(3, axis=2)
 STAMPS_NS = (0, 33_000_000, 67_000_000, 180_000_000, 210_000_000)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -149,6 +149,7 @@ def calibrate_extrinsics(
     upside_down: Sequence[str] = (),
     any_size: bool = False,
     keep_refused: bool = False,
+    on_seen: Callable[[CornerObservations], None] | None = None,
     progress: Progress | bool | None = None,
 ) -> RigCalibration:
     """Find the poses of the cameras from a target that is moved in front of them.
@@ -166,6 +167,7 @@ def calibrate_extrinsics(
         upside_down: cameras that are mounted upside down.
         any_size: also accept a rig that is far smaller or larger than a room.
         keep_refused: return a refused calibration too. Its rig is marked as refused, and `report.failed` states why.
+        on_seen: is given what was found in the recordings before anything is solved, which may be refused.
 
     Raises:
         RefusedCalibration: a check fails; `report` names it and the next step.
@@ -191,6 +193,8 @@ def calibrate_extrinsics(
                 lenses[source.camera]
         with shown(progress) as report:
             seen = observe_sources(sources, with_floor(kind, floor), every, report)
+        if on_seen is not None:
+            on_seen(seen)
         require_target_seen(seen, sources, kind)
         seen = replace(seen, recordings=tuple(paths_by_camera(inputs).items()))
     observations, world = world_rule(floor, seen, kind)

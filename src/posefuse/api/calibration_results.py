@@ -58,7 +58,32 @@ class IntrinsicsCalibration:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class RigCalibration:
+class _WithClocks:
+    """A calibration that may have found clock offsets.
+
+    Attributes:
+        rig: the cameras. report: checks, notes and numbers.
+        clocks: clock offsets of the cameras in seconds; None where they are synchronised, or were taken so.
+        frame_period_s: seconds between two frames, per camera; empty where no clocks were found.
+    """
+
+    rig: Rig
+    report: CalibrationReport
+    clocks: ClockEstimate | None = None
+    frame_period_s: tuple[float, ...] = ()
+
+    def summary(self) -> list[Block]:
+        """Checks, notes and clocks, for people."""
+        return [*self.report.summary(), *clock_blocks(self.rig.names, self.clocks, self.frame_period_s)]
+
+    @property
+    def clock_settings(self) -> str:
+        """The clock offsets as settings of `posefuse track` (TOML); empty where there is nothing to correct."""
+        return "" if self.clocks is None else clock_settings(self.rig.names, self.clocks)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RigCalibration(_WithClocks):
     """A rig that passed its checks.
 
     Attributes:
@@ -70,10 +95,6 @@ class RigCalibration:
             camera name; empty without a target.
     """
 
-    rig: Rig
-    report: CalibrationReport
-    clocks: ClockEstimate | None = None
-    frame_period_s: tuple[float, ...] = ()
     cells: Mapping[str, Array] = field(default_factory=dict)
     position_cov_m2: Mapping[str, Array] = field(default_factory=dict)
 
@@ -81,15 +102,6 @@ class RigCalibration:
     def numbers(self) -> dict[str, float]:
         """Measured figures with their units in the names, those of the clocks included."""
         return {**self.report.numbers, **({} if self.clocks is None else clock_figures(self.rig.names, self.clocks))}
-
-    def summary(self) -> list[Block]:
-        """Checks, notes and clocks, for people."""
-        return [*self.report.summary(), *clock_blocks(self.rig.names, self.clocks, self.frame_period_s)]
-
-    @property
-    def clock_settings(self) -> str:
-        """The clock offsets as settings of `posefuse track` (TOML); empty where there is nothing to correct."""
-        return "" if self.clocks is None else clock_settings(self.rig.names, self.clocks)
 
     def save(self, path: str | Path, *, report: str | Path | None = None, replace: bool = False) -> Path:
         """Write the rig file (TOML), and with `report` the HTML report; returns the rig file's path.
@@ -108,7 +120,7 @@ class RigCalibration:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ClockCalibration:
+class ClockCalibration(_WithClocks):
     """Clock offsets that passed their checks.
 
     Attributes:
@@ -116,19 +128,8 @@ class ClockCalibration:
         frame_period_s: seconds between two frames, per camera.
     """
 
-    rig: Rig
     clocks: ClockEstimate
-    report: CalibrationReport
     frame_period_s: tuple[float, ...]
-
-    def summary(self) -> list[Block]:
-        """Checks, notes and clocks, for people."""
-        return [*self.report.summary(), *clock_blocks(self.rig.names, self.clocks, self.frame_period_s)]
-
-    @property
-    def clock_settings(self) -> str:
-        """The clock offsets as settings of `posefuse track` (TOML); empty where there is nothing to correct."""
-        return clock_settings(self.rig.names, self.clocks)
 
     def save(self, path: str | Path) -> Path | None:
         """Write the settings file of a session (``SESSION/posefuse.toml``).

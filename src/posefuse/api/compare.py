@@ -47,10 +47,10 @@ def compare(
         >>> found = pf.compare("RESULT", "markers.c3d")  # doctest: +SKIP
         >>> found.errors.mpjpe_mm, dict(zip(found.points, found.errors.mean_mm))  # doctest: +SKIP
     """
-    from posefuse.pipeline.reports import to_compare
+    from posefuse.pipeline.reports import compared
 
-    pair = to_compare(_named(a, "a"), _named(b, "b"), person)
-    return pair.compared(time=align_time, space=align_space, scale=scale, start_s=align_first_s)
+    one, two = _named(a, "a"), _named(b, "b")
+    return compared(one, two, person, time=align_time, space=align_space, scale=scale, start_s=align_first_s)
 
 
 def _named(value: core.Recording | str | Path, name: str) -> Path | tuple[Path, core.Recording]:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Self
 from posefuse import core
 from posefuse.core import (
     CameraHealth,
+    Closing,
     Detections2D,
     InputError,
     JointAngles,
@@ -56,7 +57,7 @@ class Newest:
     cameras_ns: int
 
 
-class LiveSession:
+class LiveSession(Closing):
     """A running live session; made by `live`. Use as a context manager and iterate over it: the newest pose wins.
 
     A slow program skips poses and gets the newest one next; it never delays the session.
@@ -106,9 +107,6 @@ class LiveSession:
             self.close()
             raise
         return self
-
-    def __exit__(self, *problem: object) -> None:
-        self.close()
 
     def __iter__(self) -> Iterator[Pose3D]:
         """The newest pose, whenever there is one that was not given yet; ends with the session.

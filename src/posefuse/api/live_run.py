@@ -23,7 +23,8 @@ from posefuse.foundation.parsing import plain
 from posefuse.foundation.places import real_path
 from posefuse.foundation.plugins import plugin_config
 from posefuse.foundation.settings import settings_from_mapping
-from posefuse.foundation.summary import MISSING, Block, Facts, Heading, Note, Table
+from posefuse.foundation.summary import MISSING, Block, Facts, Heading, Note, Table, number_text
+from posefuse.health.cameras import Event
 from posefuse.pipeline.config import read_changed
 from posefuse.realtime.config import LiveConfig, RunOptions
 from posefuse.realtime.fusion import Fusion
@@ -257,19 +258,18 @@ def live_figures(done: Finished) -> dict[str, Any]:
         "restarts": done.restarts,
         "outputs": outputs,
         "outputs_lost": fusion.outlets.lost,
-        "output_events": [
-            {"t_s": (event.t_ns - done.zero_ns) / 1e9, "output": event.name, "state": event.state, "text": event.text}
-            for event in fusion.outlets.events
-        ],
+        "output_events": _events(fusion.outlets.events, done.zero_ns, "output"),
         "failed": [name for name, output in outputs.items() if output["failures"]],
         "rig_watch_trouble": fusion.watch.trouble if fusion.watch is not None else "",
         "cameras": cameras,
-        "events": [
-            {"t_s": (event.t_ns - done.zero_ns) / 1e9, "camera": event.name, "state": event.state, "text": event.text}
-            for event in fusion.monitor.events
-        ],
+        "events": _events(fusion.monitor.events, done.zero_ns, "camera"),
         "latency": fusion.latencies.figures(),
     }
+
+
+def _events(events: Sequence[Event], zero_ns: int, what: str) -> list[dict[str, Any]]:
+    """What happened to a camera or an output (`what`), and when."""
+    return [{"t_s": (one.t_ns - zero_ns) / 1e9, what: one.name, "state": one.state, "text": one.text} for one in events]
 
 
 def live_summary(figures: Mapping[str, Any]) -> list[Block]:
@@ -278,22 +278,21 @@ def live_summary(figures: Mapping[str, Any]) -> list[Block]:
     rows = [
         [
             name, camera["state"], f"{camera['used_share']:.0%}" if camera["captured"] else MISSING,
-            *(_number(latency["cameras_ms"][name][stage]["p50"], 1) for stage in STAGES),
-            *(_number(latency["cameras_ms"][name]["total"][share], 0) for share in ("p95", "p99")),
+            *(number_text(latency["cameras_ms"][name][stage]["p50"], 1) for stage in STAGES),
+            *(number_text(latency["cameras_ms"][name]["total"][share], 0) for share in ("p95", "p99")),
         ]
         for name, camera in figures["cameras"].items()
     ]  # fmt: skip
     stages = Table(("camera", "state", "used", *STAGES, "p95", "p99"), rows, text=True)
     whole, ticks = latency["all_cameras_total_ms"], latency["output"]
-    facts = {
-        "poses": f"{figures['poses']} ({_number(figures['poses_per_s'], 1)}/s), with a person in {figures['poses_with_people']}"
-    }
+    rate = number_text(figures["poses_per_s"], 1)
+    facts = {"poses": f"{figures['poses']} ({rate}/s), with a person in {figures['poses_with_people']}"}
     if figures["poses"]:
         facts |= {
-            "exposure to output": ", ".join(f"{p} {_number(whole[p], 1)}" for p in ("p50", "p95", "p99")) + " ms",
+            "exposure to output": ", ".join(f"{p} {number_text(whole[p], 1)}" for p in ("p50", "p95", "p99")) + " ms",
             "output rate": (
-                f"p99 {_number(ticks['behind_due_ms']['p99'], 2)} ms behind due, "
-                f"{_number(ticks['period_deviation_ms']['p99'], 2)} ms off the period, {ticks['skipped']} skipped"
+                f"p99 {number_text(ticks['behind_due_ms']['p99'], 2)} ms behind due, "
+                f"{number_text(ticks['period_deviation_ms']['p99'], 2)} ms off the period, {ticks['skipped']} skipped"
             ),
             "processor": (
                 f"fusion {figures['cpu_fusion_share']:.0%} of a core, "
@@ -328,10 +327,6 @@ def live_summary(figures: Mapping[str, Any]) -> list[Block]:
         Heading("Session"),
         Facts(facts),
     ]
-
-
-def _number(value: float, digits: int) -> str:
-    return MISSING if math.isnan(value) else f"{value:.{digits}f}"
 
 
 def write_latency_report(folder: Path, done: Finished, figures: Mapping[str, Any]) -> None:

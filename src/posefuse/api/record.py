@@ -82,27 +82,6 @@ def kept_videos(
             raise
 
 
-def _completed_recording(folder: Path) -> dict[str, KeptCounts]:
-    """Complete the videos of a program that was killed while it recorded to `folder`; what each camera's video holds, by name.
-
-    Raises:
-        InputError: there are none, they are still being written, or they cannot be moved to `folder`.
-    """
-    left = _interrupted(folder)
-    if not left:
-        raise InputError(f"{folder}: no recording of this name was interrupted; nothing to resume")
-    staging = left[-1]
-    videos, mark = staging / VIDEOS_FOLDER, read_mark(staging)
-    assert mark is not None
-    made = _written(videos)
-    if any(abs(time.time() - path.stat().st_mtime) < _IN_USE_S for path in made):
-        raise InputError(f"{folder}: {staging} was written to within the last {_IN_USE_S} s; is it still being recorded?")
-    with output_folder(folder, command=mark.command, keep_unfinished=True, unfinished=staging):
-        for path in made:
-            write_found_counts(path)
-        return read_counts(videos, [path.stem for path in made])
-
-
 def _check_recorded(videos: Path, counts: Mapping[str, KeptCounts], stopped: Sequence[str] = ()) -> None:
     """Where no camera delivered a frame raise SourceError, or KeyboardInterrupt after a request to stop."""
     if any(one.written or not (videos / f"{name}.json").is_file() for name, one in counts.items()):
@@ -231,7 +210,20 @@ def resume_recording(folder: str | Path) -> RecordedVideos:
         >>> pf.resume_recording("SESSION").videos  # doctest: +SKIP
     """
     place = Path(folder)
-    return RecordedVideos(folder=place, videos=video_figures(_completed_recording(place)))
+    left = _interrupted(place)
+    if not left:
+        raise InputError(f"{place}: no recording of this name was interrupted; nothing to resume")
+    staging = left[-1]
+    videos, mark = staging / VIDEOS_FOLDER, read_mark(staging)
+    assert mark is not None
+    made = _written(videos)
+    if any(abs(time.time() - path.stat().st_mtime) < _IN_USE_S for path in made):
+        raise InputError(f"{place}: {staging} was written to within the last {_IN_USE_S} s; is it still being recorded?")
+    with output_folder(place, command=mark.command, keep_unfinished=True, unfinished=staging):
+        for path in made:
+            write_found_counts(path)
+        counts = read_counts(videos, [path.stem for path in made])
+    return RecordedVideos(folder=place, videos=video_figures(counts))
 
 
 def _report_news(watch: Watched, report: Progress) -> None:

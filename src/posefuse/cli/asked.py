@@ -133,19 +133,23 @@ def clock_offsets_s(offsets: Sequence[str], rig: Rig) -> dict[str, float]:
     return found
 
 
-def check_files(inputs: Sequence[str | Path | None], outputs: Sequence[tuple[str, Path | None]], *, force: bool) -> None:
+def check_files(options: Any, inputs: Sequence[str] = ()) -> list[Path]:
     """Raise InputError before any work where a file that the step will write cannot be, or exists without --force.
 
     Args:
-        inputs: what is read: ``NAME=PATH`` texts and paths. outputs: option and file.
+        options: of the step. inputs: ``NAME=PATH`` texts of recordings.
+
+    Returns:
+        What the step reads: the recordings, and the files that its options name.
     """
     from posefuse.foundation.output_file import check_output_file
 
-    texts = [text for text in inputs if isinstance(text, str)]
-    read = [*recordings_of(texts).values(), *(path for path in inputs if isinstance(path, Path))]
-    for option, path in outputs:
-        if path is not None:
-            check_output_file(path, option=option, inputs=read, replace=force)
+    named = [getattr(options, name, None) for name in ("target", "intrinsics", "rig", "floor_points")]
+    read = [*recordings_of(inputs).values(), *(path for path in named if path is not None)]
+    for name in ("out", "report"):
+        if (path := getattr(options, name, None)) is not None:
+            check_output_file(path, option=option_name(name), inputs=read, replace=options.force)
+    return read
 
 
 @contextmanager

@@ -73,7 +73,6 @@ class FileOptions:
     force: bool = False
 
 
-@Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class ReportOptions(FileOptions):
     """What a step writes.
@@ -85,7 +84,6 @@ class ReportOptions(FileOptions):
     report: OptionalFile = None
 
 
-@Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class RigOptions(ReportOptions):
     """What a step writes.
@@ -97,7 +95,6 @@ class RigOptions(ReportOptions):
     out: File
 
 
-@Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class IntrinsicsOptions(RigOptions):
     """From what the intrinsics are found."""
@@ -106,7 +103,6 @@ class IntrinsicsOptions(RigOptions):
     every: Every = 1
 
 
-@Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class ExtrinsicsOptions(IntrinsicsOptions):
     """How the camera poses are found.
@@ -132,7 +128,6 @@ class ExtrinsicsOptions(IntrinsicsOptions):
     upside_down: UpsideDown = ()
 
 
-@Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class PersonOptions(RigOptions, NetworkOptions):
     """How the camera poses are found from a person.
@@ -153,7 +148,6 @@ class PersonOptions(RigOptions, NetworkOptions):
     upside_down: UpsideDown = ()
 
 
-@Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class ClockOptions(ReportOptions, NetworkOptions):
     """How the clock offsets are found.
@@ -174,7 +168,6 @@ class ClockOptions(ReportOptions, NetworkOptions):
     most_s: MostSeconds = 10.0
 
 
-@Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class VerifyOptions(ReportOptions):
     """What is verified.
@@ -307,7 +300,7 @@ def calibrate_intrinsics(*inputs: CameraRecordings, options: IntrinsicsOptions, 
 
     from .asked import Asked, check_files, recordings_of, reported
 
-    check_files((*inputs, options.target), (("--out", options.out), ("--report", options.report)), force=options.force)
+    check_files(options, inputs)
     with reported(options.report, Asked(step="intrinsics", inputs=inputs, options=options)):
         try:
             with terminal.stages() as progress:
@@ -342,42 +335,31 @@ def calibrate_extrinsics(*inputs: CameraRecordings, options: ExtrinsicsOptions, 
     Args:
         inputs: Video or folder of images per camera; NAME defaults to the file's name.
     """
-    from posefuse.api.calibrate import observe_target, target_of
+    from posefuse.api.calibrate import target_of
     from posefuse.api.targets import floor_of
-    from posefuse.calibration.extrinsics.world import with_floor
     from posefuse.calibration.result_files import coverage_path, write_coverage
-    from posefuse.calibration.targets.recordings import open_sources, require_target_seen
+    from posefuse.foundation.output_file import check_output_file
 
     from .asked import Asked, check_files, recordings_of, reported
 
-    picture = coverage_path(options.out)
-    read = (*inputs, options.target, options.intrinsics, options.floor_points)
-    check_files(read, (("--out", options.out), ("--report", options.report)), force=options.force)
+    picture, read = coverage_path(options.out), check_files(options, inputs)
     # a refused run leaves the image, and must not stop the next one; an older image is kept as a copy
-    check_files(read, (("--out", picture),), force=True)
-    # everything that may be wrong with the command line, before minutes of work
-    kind, lenses = target_of(options.target), None if options.intrinsics is None else pf.read_rig(options.intrinsics)
-    world = floor_of(kind, marker=options.floor_marker, side_mm=options.floor_side_mm, points=options.floor_points)
-    recordings = recordings_of(inputs)
-    if lenses is not None:
-        for name in recordings:
-            lenses[name]
-    with terminal.stages() as progress:
-        seen = observe_target(recordings, target=with_floor(kind, world), every=options.every, progress=progress)
-    # before the solve: it is needed most when that refuses
-    terminal.note(f"{picture}: {write_coverage(picture, seen).advice()}")
-    require_target_seen(seen, open_sources(recordings), kind)
-    with reported(options.report, Asked(step="extrinsics", inputs=inputs, options=options)):
+    check_output_file(picture, option="--out", inputs=read, replace=True)
+    kind, asked = target_of(options.target), Asked(step="extrinsics", inputs=inputs, options=options)
+    with reported(options.report, asked), terminal.stages() as progress:
         found = pf.calibrate_extrinsics(
-            seen,
-            intrinsics=lenses,
+            recordings_of(inputs),
+            intrinsics=options.intrinsics,
             target=kind,
+            every=options.every,
             clocks=options.clocks,
-            floor=world,
+            floor=floor_of(kind, marker=options.floor_marker, side_mm=options.floor_side_mm, points=options.floor_points),
             focal_known_to_percent=options.refine_lenses,
             upside_down=options.upside_down,
             any_size=options.any_size,
             keep_refused=options.keep_refused,
+            on_seen=lambda seen: terminal.note(f"{picture}: {write_coverage(picture, seen).advice()}"),
+            progress=progress,
         )
     if found.report.failed:
         failed = ", ".join(check.name for check in found.report.failed)
@@ -418,8 +400,7 @@ def calibrate_person(*inputs: CameraRecordings, options: PersonOptions, terminal
     """
     from .asked import Asked, check_files, recordings_of, reported
 
-    outputs = (("--out", options.out), ("--report", options.report))
-    check_files((*inputs, options.intrinsics), outputs, force=options.force)
+    check_files(options, inputs)
     asked = Asked(step="person", inputs=inputs, options=options)
     with reported(options.report, asked), terminal.stages() as progress:
         found = pf.calibrate_person(
@@ -450,7 +431,7 @@ def calibrate_clocks(session: Path, /, *, options: ClockOptions = ClockOptions()
 
     from .asked import Asked, check_files, reported
 
-    check_files((options.rig,), (("--report", options.report),), force=options.force)
+    check_files(options)
     chosen = {} if options.input is None else {"input": options.input}
     asked = Asked(step="clocks", inputs=(str(session),), options=options)
     with reported(options.report, asked), terminal.stages() as progress:
@@ -485,7 +466,7 @@ def calibrate_verify(*inputs: CameraRecordings, options: VerifyOptions, terminal
 
     from .asked import Asked, check_files, clock_offsets_s, recordings_of, reported
 
-    check_files((*inputs, options.target, options.rig), (("--report", options.report),), force=options.force)
+    check_files(options, inputs)
     rig, settings = read_placed_rig(options.rig), options.rig.with_name(CONFIG_FILE)
     late_s = clock_offsets_s(options.offset_ms, rig) if options.offset_ms else saved_clocks(settings, rig)
     if late_s and not options.offset_ms:

@@ -29,14 +29,6 @@ LIVE_SETTINGS = {
 }  # fmt: skip
 
 
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class SourceOptions:
-    """Where the images come from."""
-
-    source: Sources = ()
-
-
 @Parameter(name="*", group=TIMING)
 @dataclass(frozen=True, kw_only=True)
 class TimingOptions:
@@ -112,7 +104,7 @@ def live(
     rig: Path,
     /,
     *,
-    sources: SourceOptions = SourceOptions(),
+    source: Sources = (),
     timing: TimingOptions = TimingOptions(),
     outputs: OutputOptions = OutputOptions(),
     ros_2: Ros2Options = Ros2Options(),
@@ -131,7 +123,7 @@ def live(
     with terminal.stages() as progress:
         run = pf.track_live(
             rig,
-            sources.source,
+            source,
             config=settings.config,
             settings=settings.changes,
             outputs=outputs.chosen,

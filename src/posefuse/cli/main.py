@@ -26,49 +26,46 @@ def main(argv: Sequence[str] | None = None) -> int:
         0 complete, 1 a known error in one line, 2 a bug with its trace, 130 stopped by Ctrl-C, 143 by SIGTERM, 129 by SIGHUP;
         the last three also where what was finished until then is kept.
     """
+    name = "posefuse"
     with terminate_on_signals() as requests:
         try:
             invocation = parse(sys.argv[1:] if argv is None else argv)
             if invocation is None:
                 return 0
+            name = invocation.name
+            return _run(invocation, requests)
         except WrongCommandLineError as error:
             print(error, file=sys.stderr)
             return 1
         except KeyboardInterrupt:
-            return _stopped("posefuse", requests)
+            print(f"{name}: stopped by {requests.cause}", file=sys.stderr)
+            return requests.exit_code
         except BrokenPipeError:
             return 0
-        return _run(invocation, requests)
+        except Exception:  # noqa: BLE001 - the one place where a bug ends the program
+            traceback.print_exc()
+            print(f"{name}: this is a bug in posefuse {__version__}; please report the lines above", file=sys.stderr)
+            return 2
 
 
 def _run(invocation: Invocation, requests: StopRequests) -> int:
-    name = invocation.name
+    """The exit code of a command; raises what is no known error."""
+    # imports numpy and more: Ctrl-C meanwhile is one line, too
+    from posefuse.core import PosefuseError
+    from posefuse.foundation.output_file import is_disk_full
+
     try:
-        # imports numpy and more: Ctrl-C meanwhile is one line, too
-        from posefuse.core import PosefuseError
-        from posefuse.foundation.output_file import is_disk_full
+        interrupted, code = _command(invocation)
+        return requests.exit_code if interrupted else code
+    except PosefuseError as error:
+        from .terminal import in_options
 
-        try:
-            interrupted, code = _command(invocation)
-        except PosefuseError as error:
-            from .terminal import in_options
-
-            print(in_options("\n".join((f"{name}: {error}", *getattr(error, "__notes__", ())))), file=sys.stderr)
-            return 1
-        except OSError as error:
-            if not is_disk_full(error):
-                raise
-            print(f"{name}: {error.filename or 'the output'}: cannot be written ({error.strerror})", file=sys.stderr)
-            return 1
-    except KeyboardInterrupt:
-        return _stopped(name, requests)
-    except BrokenPipeError:
-        return 0
-    except Exception:  # noqa: BLE001 - the one place where a bug ends the program
-        traceback.print_exc()
-        print(f"{name}: this is a bug in posefuse {__version__}; please report the lines above", file=sys.stderr)
-        return 2
-    return requests.exit_code if interrupted else code
+        print(in_options("\n".join((f"{invocation.name}: {error}", *getattr(error, "__notes__", ())))), file=sys.stderr)
+    except OSError as error:
+        if not is_disk_full(error):
+            raise
+        print(f"{invocation.name}: {error.filename or 'the output'}: cannot be written ({error.strerror})", file=sys.stderr)
+    return 1
 
 
 def _command(invocation: Invocation) -> tuple[bool, int]:
@@ -97,11 +94,6 @@ def _shown_by(terminal: Terminal) -> Callable[..., None]:
             usual(message, category, *rest, **more)
 
     return show
-
-
-def _stopped(name: str, requests: StopRequests) -> int:
-    print(f"{name}: stopped by {requests.cause}", file=sys.stderr)
-    return requests.exit_code
 
 
 if __name__ == "__main__":

@@ -169,22 +169,6 @@ def _is_list(hint: Any) -> bool:
     return get_origin(hint) in (tuple, dict) or any(_is_list(one) for one in get_args(hint) if get_origin(hint) is not Literal)
 
 
-def comma_numbers(form: str) -> Parameter:
-    """So many numbers separated by commas or spaces, as in ``X,Y,DEG``."""
-
-    def convert(_: Any, tokens: Any) -> tuple[float, ...]:
-        text = tokens[0].value
-        try:
-            found = tuple(float(part) for part in text.replace(",", " ").split())
-        except ValueError:
-            found = ()
-        if len(found) != len(form.split(",")) or not all(abs(one) < 1e6 for one in found):
-            raise ValueError(f"expected {form}, got {text!r}")
-        return found
-
-    return Parameter(metavar=form, converter=convert, **ONE_WORD)
-
-
 def positive(most: float) -> Parameter:
     """A number above 0 and at most `most`; NaN and infinity are refused."""
 

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     )
     from .observations import DetectionBatch, LookKind, Observations
     from .poses import Kind, Pose3D, PoseSequence
-    from .protocols import Detector, LiveOutput, LiveOutputConfig, Progress, Sink, Source, silent
+    from .protocols import Closing, Detector, LiveOutput, LiveOutputConfig, Progress, Sink, Source, silent
     from .recording import Recording
     from .rig import Rig
     from .se3 import SE3

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, ClassVar, Protocol, Self, runtime_checkable
 
 # the help of a command needs `Progress` and none of these
 if TYPE_CHECKING:
@@ -84,6 +85,20 @@ class Sink(Protocol):
     def write(self, recording: Recording, folder: Path) -> list[Path]:
         """Write into an existing folder; returns the files made."""
         ...
+
+
+class Closing(ABC):
+    """A context manager that is closed where its block ends."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *problem: object) -> None:
+        self.close()
+
+    @abstractmethod
+    def close(self) -> None:
+        """End the work and release what is held."""
 
 
 @runtime_checkable

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field
 from pathlib import Path
 from typing import Literal
 
@@ -19,9 +18,9 @@ from posefuse.formats.gltf import write_gltf
 from posefuse.formats.joint_centres import joint_centres_from_mapping
 from posefuse.formats.mot import motion_from_joints, write_mot
 from posefuse.foundation.settings import settings
-from posefuse.kinematics import JointSettings, joints_from_poses, undefined_segments
+from posefuse.kinematics import joints_from_poses, undefined_segments
 from posefuse.kinematics.animation import animation_from_joints, animation_gap
-from posefuse.kinematics.body import BodySettings, bodies_from_poses, fit_poses, fit_views
+from posefuse.kinematics.body import bodies_from_poses, fit_poses, fit_views
 from posefuse.kinematics.definitions import joints_without_points
 from posefuse.kinematics.gait import Gait, gait_from_poses
 from posefuse.kinematics.opensim_path import opensim_library, opensim_motion
@@ -50,14 +49,11 @@ class BiomechanicsSettings:
         opensim: run OpenSim's inverse kinematics as well; needs the extra ``biomech``.
         opensim_model: an .osim of the user's own to scale to each person and to run inverse kinematics on; needs the extra
             ``biomech``.
-        joints, body: see `JointSettings`, `BodySettings`.
     """
 
     fit: Literal["none", "points", "rays"] = "points"
     opensim: bool = False
     opensim_model: Path | None = None
-    joints: JointSettings = field(default_factory=JointSettings)
-    body: BodySettings = field(default_factory=BodySettings)
 
 
 def joints_of(recording: Recording, chosen: BiomechanicsSettings) -> tuple[PoseSequence, JointAngles]:
@@ -67,12 +63,12 @@ def joints_of(recording: Recording, chosen: BiomechanicsSettings) -> tuple[PoseS
         InputError: left and right are swapped, or no person was seen well enough to have a skeleton.
     """
     if not _is_fitted(recording.poses.skeleton, chosen):
-        return recording.poses, joints_from_poses(recording.poses, chosen.joints)
+        return recording.poses, joints_from_poses(recording.poses)
     if chosen.fit == "points":
-        fit = fit_poses(recording.poses, chosen.body, joint_settings=chosen.joints)
+        fit = fit_poses(recording.poses)
     else:
         views = rays_at_joint_centres(recording)
-        fit = fit_views(recording.poses, recording.rig, views, chosen.body, joint_settings=chosen.joints)
+        fit = fit_views(recording.poses, recording.rig, views)
     return fit.poses, fit.joints
 
 
@@ -208,7 +204,7 @@ def _c3d_angles(joints: JointAngles, n: int) -> tuple[tuple[str, ...], Array]:
 
 def _opensim_files(poses: PoseSequence, n: int, folder: Path, chosen: BiomechanicsSettings) -> list[Path]:
     folder.mkdir(exist_ok=True)
-    body = bodies_from_poses(poses, chosen.body)[int(poses.person_id[n])]
+    body = bodies_from_poses(poses)[int(poses.person_id[n])]
     if chosen.opensim:
         opensim_motion(poses, folder, n, body)
     if chosen.opensim_model:

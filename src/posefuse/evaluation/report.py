@@ -38,6 +38,7 @@ from posefuse.formats.page import (
     write_page,
 )
 from posefuse.formats.rig import refusal_note
+from posefuse.foundation.summary import number_text
 from posefuse.kinematics.gait import Gait, Spread, gait_from_poses
 from posefuse.outputs.facts import duration_s, recorded_utc
 
@@ -97,8 +98,8 @@ def quality_rows(recording: Recording, person: int) -> list[list[Any]]:
     return [
         [
             Cell(k.keypoint.replace("_", " "), "" if k.found > 0.5 else "bad"),
-            f"{100 * k.found:.0f} %", f"{100 * k.filled:.0f} %", _digits(k.views, 0), _digits(k.reproj_px, 1),
-            _digits(k.sigma_mm, 1), _digits(k.longest_gap_s, 2),
+            f"{100 * k.found:.0f} %", f"{100 * k.filled:.0f} %", number_text(k.views, 0), number_text(k.reproj_px, 1),
+            number_text(k.sigma_mm, 1), number_text(k.longest_gap_s, 2),
         ]
         for k in keypoint_quality(recording, person)
     ]  # fmt: skip
@@ -120,10 +121,6 @@ def views_picture(recording: Recording, person: int) -> Array:
     low = none + (few - none) * np.clip(share * 2, 0, 1)[..., None]
     picture = low + (all_ - few) * np.clip(share * 2 - 1, 0, 1)[..., None]
     return np.asarray(np.clip(picture, 0, 255).astype(np.uint8))
-
-
-def _digits(value: float, digits: int) -> str:
-    return f"{value:.{digits}f}" if np.isfinite(value) else "–"
 
 
 def _share(mask: Array) -> float:
@@ -150,7 +147,6 @@ def write_report(
     recording: Recording,
     joints: JointAngles,
     out: Path,
-    images: Mapping[str, bytes] | None = None,
     title: str = TITLE,
     angles: str = "",
 ) -> Path:
@@ -160,19 +156,17 @@ def write_report(
         recording: the result to report on.
         joints: its angles, over the same time steps and people.
         out: the file to write, e.g. ``report.html``.
-        images: captions to JPEG images shown at the top, e.g. overlays.
         title: on top of the page. angles: how they were made, in words.
 
     Raises:
         InputError: joints of other time steps or people, or a place that cannot be written to.
     """
-    return write_page(out, report_page(recording, joints, images, title, angles))
+    return write_page(out, report_page(recording, joints, title, angles))
 
 
 def report_page(
     recording: Recording,
     joints: JointAngles,
-    images: Mapping[str, bytes] | None = None,
     title: str = TITLE,
     angles: str = "",
 ) -> Page:
@@ -189,8 +183,6 @@ def report_page(
         blocks.append(Note(refusal, warning=True))
     for name in ("incomplete_cameras", "rig_warnings"):
         blocks += [Note(str(line), warning=True) for line in recording.provenance.get(name) or ()]
-    if images:
-        blocks.append(Images(images))
     if len(poses) and np.isfinite(poses.xyz_world).any():
         blocks += [Heading("The recording in 3D"), _player(recording)]
     for n in range(len(poses.person_id)):

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import heapq
 import io
-import json
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import av
 import numpy as np
 
-from posefuse.core import InputError
+from posefuse.core import Closing, InputError
 from posefuse.core.encoded import EncodedFrame, Packet
 
 from .pixels import Pixels
@@ -119,30 +117,7 @@ COPIED, ENCODED = "copied", "encoded"
 _OTHER = "the camera came back with images of another size or encoding"
 
 
-@dataclass(frozen=True, kw_only=True)
-class KeptTimes:
-    """Attributes:
-    zero_ns: time 0 of the video on the session's clock. first_ns, last_ns: its first and last frame, from there.
-    """
-
-    zero_ns: int
-    first_ns: int
-    last_ns: int
-
-
-def read_kept_times(video: Path) -> KeptTimes | None:
-    """When a video was kept, from the ``CAMERA.json`` next to it; None where that is missing, or the video was not finished."""
-    try:
-        content = json.loads(video.with_suffix(".json").read_text(encoding="utf-8"))
-        if not (content["finished"] and content["written"] and content["zero_ns"]):
-            return None
-        first_ns, last_ns = (round(1e9 * float(content[name])) for name in ("first_s", "last_s"))
-        return KeptTimes(zero_ns=int(content["zero_ns"]), first_ns=first_ns, last_ns=last_ns)
-    except (OSError, ValueError, TypeError, KeyError, OverflowError):
-        return None
-
-
-class KeptVideo:
+class KeptVideo(Closing):
     """One camera's frames to an .mp4, each with its own presentation time to the microsecond; a context manager.
 
     Whether packets are copied or images encoded is decided by the first frame. Packets are copied in the order of decoding,
@@ -166,12 +141,6 @@ class KeptVideo:
         if path.exists():
             raise InputError(f"{path} already exists; no video is written over")
         self._container: Any = open_mp4(path, _CONTAINER)
-
-    def __enter__(self) -> KeptVideo:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self.close()
 
     def write(self, image: Pixels | EncodedFrame, t_ns: int) -> str:
         """Add a frame of time `t_ns` (from 0 on), to be encoded or as its camera encoded it; "", or why it does not fit."""

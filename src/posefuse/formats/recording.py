@@ -31,39 +31,43 @@ from .rig import read_rig, write_rig
 
 def rig_values(rig: Rig) -> dict[str, Any]:
     """Plain values; `rig_from_values` gives the same rig back."""
-    cameras = [
-        {
-            "name": camera.name,
-            "size_wh": list(camera.size_wh),
-            "K": camera.K.tolist(),
-            "wxyz": camera.cam_from_world.wxyz.tolist(),
-            "xyz": camera.cam_from_world.xyz.tolist(),
-            "distortion": camera.distortion.tolist(),
-            "model": camera.model,
-            "readout_s": camera.readout_s,
-        }
-        for camera in rig
-    ]
+    cameras = [camera_values(camera) for camera in rig]
     residual_px = None if math.isnan(rig.residual_px) else rig.residual_px
     return {"cameras": cameras, "world_set_by": rig.world_set_by, "residual_px": residual_px, "refused": rig.refused}
 
 
 def rig_from_values(content: Mapping[str, Any]) -> Rig:
     """The rig of `rig_values`; raises KeyError, TypeError, ValueError or PosefuseError for anything else."""
-    cameras = tuple(
-        Camera(
-            name=one["name"],
-            size_wh=tuple(one["size_wh"]),
-            K=one["K"],
-            cam_from_world=SE3(one["wxyz"], one["xyz"]),
-            distortion=one["distortion"],
-            model=one["model"],
-            readout_s=one["readout_s"],
-        )
-        for one in content["cameras"]
-    )
+    cameras = tuple(map(camera_from_values, content["cameras"]))
     residual_px = math.nan if content["residual_px"] is None else content["residual_px"]
     return Rig(cameras, content["world_set_by"], residual_px, content.get("refused", ""))
+
+
+def camera_values(camera: Camera) -> dict[str, Any]:
+    """Plain values of one camera."""
+    return {
+        "name": camera.name,
+        "size_wh": list(camera.size_wh),
+        "K": camera.K.tolist(),
+        "wxyz": camera.cam_from_world.wxyz.tolist(),
+        "xyz": camera.cam_from_world.xyz.tolist(),
+        "distortion": camera.distortion.tolist(),
+        "model": camera.model,
+        "readout_s": camera.readout_s,
+    }
+
+
+def camera_from_values(content: Mapping[str, Any]) -> Camera:
+    """The camera of `camera_values`; raises as `rig_from_values` does."""
+    return Camera(
+        name=content["name"],
+        size_wh=tuple(content["size_wh"]),
+        K=content["K"],
+        cam_from_world=SE3(content["wxyz"], content["xyz"]),
+        distortion=content["distortion"],
+        model=content["model"],
+        readout_s=content["readout_s"],
+    )
 
 
 ARRAYS_FILE = "recording.npz"

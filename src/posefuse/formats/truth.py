@@ -14,12 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from posefuse.core import SE3, SKELETONS, Camera, CameraTruth, InputError, JointAngles, PosefuseError, Rig, Truth
+from posefuse.core import SE3, SKELETONS, CameraTruth, InputError, JointAngles, PosefuseError, Rig, Truth
 from posefuse.core.arrays import Array
 from posefuse.foundation.output_file import atomic_file
 from posefuse.foundation.parsing import one_line, parse_json, short
 
 from .npz import DAMAGED, read_arrays
+from .recording import camera_from_values, camera_values
 
 LOOP_FILE = "loop.json"
 _FORMAT = "posefuse truth 1"
@@ -35,7 +36,7 @@ def write_truth(path: Path, truth: Truth) -> None:
         "format": _FORMAT,
         "skeleton": truth.skeleton.name,
         "world_set_by": truth.rig.world_set_by,
-        "cameras": [_camera_description(camera) for camera in truth.rig],
+        "cameras": [camera_values(camera) for camera in truth.rig],
     }
     if truth.joints is not None:
         joints = truth.joints
@@ -54,7 +55,7 @@ def read_truth(path: Path) -> Truth:
         description = parse_json(f"{path}: description", arrays["description"].tobytes())
         if description["format"] != _FORMAT:
             raise InputError(f"{path}: expected a file of format {_FORMAT!r}, got {short(description['format'])}")
-        rig = Rig(tuple(_camera(one) for one in description["cameras"]), description["world_set_by"], 0.0)
+        rig = Rig(tuple(map(camera_from_values, description["cameras"])), description["world_set_by"], 0.0)
         views = tuple(
             CameraTruth(
                 camera=name, t_ns=arrays[f"view{i}_t_ns"], xy_img=arrays[f"view{i}_xy_img"], visible=arrays[f"view{i}_visible"]
@@ -106,33 +107,6 @@ def write_arrays(path: Path, arrays: dict[str, Array]) -> None:
                 archive.writestr(entry, buffer.getvalue())
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error})") from None
-
-
-def _camera_description(camera: Camera) -> dict[str, Any]:
-    return {
-        "name": camera.name,
-        "size_wh": camera.size_wh,
-        "K": camera.K.tolist(),
-        "distortion": camera.distortion.tolist(),
-        "model": camera.model,
-        "readout_s": camera.readout_s,
-        "wxyz": camera.cam_from_world.wxyz.tolist(),
-        "xyz": camera.cam_from_world.xyz.tolist(),
-    }
-
-
-def _camera(one: dict[str, Any]) -> Camera:
-    pose = SE3(np.array(one["wxyz"]), np.array(one["xyz"]))
-    size = (one["size_wh"][0], one["size_wh"][1])
-    return Camera(
-        name=one["name"],
-        size_wh=size,
-        K=np.array(one["K"]),
-        cam_from_world=pose,
-        distortion=np.array(one["distortion"]),
-        model=one["model"],
-        readout_s=one["readout_s"],
-    )
 
 
 def _joints(arrays: dict[str, Array], names: dict[str, Any]) -> JointAngles:

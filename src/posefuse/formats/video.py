@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
-from types import TracebackType
 
 import av
 import numpy as np
@@ -13,7 +12,7 @@ from av.container import OutputContainer
 from av.video.reformatter import VideoReformatter
 from av.video.stream import VideoStream
 
-from posefuse.core import InputError
+from posefuse.core import Closing, InputError
 from posefuse.core.arrays import Array
 
 from .pixels import PixelConverter
@@ -52,7 +51,7 @@ def reason(error: Exception) -> str:
     return getattr(error, "strerror", None) or str(error)
 
 
-class VideoWriter:
+class VideoWriter(Closing):
     """Frames to one .mp4 (H.264, no frame reordering), each with its own presentation time to the microsecond.
 
     4:2:0 colour, or 4:4:4 where a side is odd. Use as a context manager; the file is complete after `close`.
@@ -80,12 +79,6 @@ class VideoWriter:
         self._container: OutputContainer | None = container
         self._scaler = VideoReformatter()
 
-    def __enter__(self) -> VideoWriter:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self.close()
-
     def write(self, image: Array, t_ns: int) -> None:
         """Add one RGB uint8 frame (H, W, 3); raises InputError for a wrong size or a time not after the last one's."""
         self.encode(self.converted(image, t_ns))
@@ -107,27 +100,23 @@ class VideoWriter:
         frame.pts, frame.time_base = pts, TIME_BASE
         return frame
 
-    def encode(self, frame: av.VideoFrame) -> None:
-        """The second half of `write`: add a frame that `converted` returned."""
-        self._mux(frame)
+    def encode(self, frame: av.VideoFrame | None) -> None:
+        """The second half of `write`: add a frame that `converted` returned; None adds what the encoder still holds."""
+        if self._container is None:
+            raise InputError(f"{self._path}: cannot be written, the file is closed")
+        try:
+            for packet in self._stream.encode(frame):
+                self._container.mux(packet)
+        except (av.error.FFmpegError, OSError) as error:
+            raise InputError(f"{self._path}: cannot be written ({error})") from None
 
     def close(self) -> None:
         """Finish the file; safe to call twice."""
         if self._container is not None:
             if self._last_pts >= 0:
-                self._mux(None)
+                self.encode(None)
             self._container.close()
             self._container = None
-
-    def _mux(self, frame: av.VideoFrame | None) -> None:
-        container = self._container
-        if container is None:
-            raise InputError(f"{self._path}: cannot be written, the file is closed")
-        try:
-            for packet in self._stream.encode(frame):
-                container.mux(packet)
-        except (av.error.FFmpegError, OSError) as error:
-            raise InputError(f"{self._path}: cannot be written ({error})") from None
 
 
 def read_video(path: Path) -> Iterator[tuple[int, Array]]:

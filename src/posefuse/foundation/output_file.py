@@ -18,8 +18,6 @@ from .places import check_outside_inputs, name_aside
 
 # A file appears whole or not at all: written under another name in the same folder and renamed at the end.
 
-_ATTEMPTS = 100
-
 
 def is_disk_full(error: OSError) -> bool:
     """Whether there was no room to write: on the disk, within a quota, or within the largest size of a file."""
@@ -80,14 +78,9 @@ def new_file(path: Path) -> Path:
     Raises:
         OSError: it cannot be made.
     """
-    for _ in range(_ATTEMPTS):
-        new = path.with_name(f".{secrets.token_hex(8)}{path.suffix}")
-        try:
-            new.touch(exist_ok=False)
-        except FileExistsError:
-            continue
-        return new
-    raise FileExistsError(f"no free name in {path.parent}")
+    new = path.with_name(f".{secrets.token_hex(8)}{path.suffix}")
+    new.touch(exist_ok=False)
+    return new
 
 
 def new_folder(parent: Path, prefix: str, suffix: str) -> Path:
@@ -98,14 +91,9 @@ def new_folder(parent: Path, prefix: str, suffix: str) -> Path:
     Raises:
         OSError: it cannot be made.
     """
-    for _ in range(_ATTEMPTS):
-        new = parent / f"{prefix}{secrets.token_hex(4)}{suffix}"
-        try:
-            new.mkdir()
-        except FileExistsError:
-            continue
-        return new
-    raise FileExistsError(f"no free name in {parent}")
+    new = parent / f"{prefix}{secrets.token_hex(4)}{suffix}"
+    new.mkdir()
+    return new
 
 
 def check_output_file(path: Path, *, option: str, inputs: Sequence[Path] = (), replace: bool | None = None) -> None:

@@ -72,12 +72,11 @@ class OutputFolder:
     """A folder of results in the making.
 
     Attributes:
-        folder: staging folder to write to. target: absolute path it takes at the end. command: such as ``track``.
+        folder: staging folder to write to. target: absolute path it takes at the end.
     """
 
     folder: Path
     target: Path
-    command: str
 
     def final(self, path: Path) -> Path:
         """Where a file of the staging folder lies at the end."""
@@ -127,7 +126,7 @@ def output_folder(
     try:
         check_space(target.parent, estimated_bytes)
         staging = unfinished or _new_staging(path, target, command)
-        yield OutputFolder(folder=staging, target=target, command=command)
+        yield OutputFolder(folder=staging, target=target)
     except BaseException as error:
         full = isinstance(error, DiskFullError) or (isinstance(error, OSError) and is_disk_full(error))
         kept = staging is not None and (keep_unfinished or full) and _holds_work(staging)

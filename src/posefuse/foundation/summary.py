@@ -108,6 +108,11 @@ def column_texts(values: Sequence[Any]) -> list[str]:
     return [_text(value, digits) for value in values]
 
 
+def number_text(value: float, digits: int) -> str:
+    """A number with so many digits after the point; a dash where it is not finite."""
+    return f"{value:.{digits}f}" if math.isfinite(value) else MISSING
+
+
 def _text(value: Any, digits: int) -> str:
     if value is None or (_is_float(value) and not math.isfinite(value)):
         return MISSING

@@ -233,6 +233,14 @@ def draw_view(
         draw_text(tile, word, line + 1, ALARM_RGB if word != words[-1] or not gone else NOTE_RGB)
 
 
+def draw_views(picture: Array, grid: Grid, recording: Recording, i: int, images: Sequence[Array | None]) -> None:
+    """Every camera's view at time step i into its tile of an image (H, W, 3); None where it has none."""
+    width, height = grid.tile_wh
+    for c, image in enumerate(images):
+        left, top = grid.corner(c)
+        draw_view(picture[top : top + height, left : left + width], recording, i, c, image)
+
+
 def shrunk_wh(size_wh: tuple[int, int], longest_px: int) -> tuple[int, int]:
     """The size of an image whose longer side is made at most so long."""
     factor = min(1.0, longest_px / max(size_wh))

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -122,9 +122,31 @@ def _add(writers: dict[int, FrameWriter], failed: dict[int, Exception], place: i
         del writers[place]
 
 
-def write_without_frames(sink: FrameSink, recording: Recording, folder: Path) -> list[Path]:
-    """The `write` of every frame sink."""
-    return write_outputs([sink], recording, folder)
+class ImageOutput:
+    """What our outputs that show images have in common; a `FrameSink` with the method `writer`."""
+
+    def build(self: FrameSink) -> FrameSink:
+        """This output, ready."""
+        return self
+
+    def write(self: FrameSink, recording: Recording, folder: Path) -> list[Path]:
+        """Write without images; returns the files made."""
+        return write_outputs([self], recording, folder)
+
+
+class OneFileWriter:
+    """A `FrameWriter` of one file; what its stack holds ends with it."""
+
+    def __init__(self, recording: Recording, path: Path) -> None:
+        self._recording, self._path, self._whole = recording, path, ExitStack()
+
+    def __exit__(self, *problem: Any) -> None:
+        self._whole.__exit__(*problem)
+
+    @property
+    def files(self) -> list[Path]:
+        """The file made, once it has ended."""
+        return [self._path]
 
 
 def every_time_step(recording: Recording, frame_sets: FrameSets) -> Iterator[tuple[int, Frames]]:

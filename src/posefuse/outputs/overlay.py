@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
@@ -17,9 +16,9 @@ from posefuse.core.arrays import Array
 from posefuse.foundation.output_file import atomic_file
 from posefuse.foundation.settings import settings
 
-from .drawing import draw_legend, draw_view, empty_row, grid_for
+from .drawing import draw_legend, draw_views, empty_row, grid_for
 from .facts import rate_hz
-from .frames import Frames, FrameSink, FrameWriter, write_without_frames
+from .frames import Frames, FrameWriter, ImageOutput, OneFileWriter
 
 _WAITING = 3
 
@@ -62,7 +61,7 @@ _LEGEND_LINE = 4
 
 
 @settings
-class OverlaySink:
+class OverlaySink(ImageOutput):
     """``overlay.mp4``: every view with the fused skeleton (left orange, right blue) and its raw detections (crosses).
 
     Attributes:
@@ -73,23 +72,14 @@ class OverlaySink:
     height_px: Annotated[int, Ge(64), Le(4320)] = 960
     name: ClassVar[str] = "overlay"
 
-    def build(self) -> FrameSink:
-        """This output, ready."""
-        return self
-
-    def write(self, recording: Recording, folder: Path) -> list[Path]:
-        """Write ``overlay.mp4`` on plain ground; returns the file made."""
-        return write_without_frames(self, recording, folder)
-
     def writer(self, recording: Recording, folder: Path) -> FrameWriter:
         """Begin ``overlay.mp4``; frames come one set at a time."""
         return _OverlayWriter(recording, folder / "overlay.mp4", self)
 
 
-class _OverlayWriter:
+class _OverlayWriter(OneFileWriter):
     def __init__(self, recording: Recording, path: Path, config: OverlaySink) -> None:
-        self._recording, self._path = recording, path
-        self._whole = ExitStack()
+        super().__init__(recording, path)
         self._grid = grid_for([camera.size_wh for camera in recording.rig], (config.width_px, config.height_px))
 
     def __enter__(self) -> _OverlayWriter:
@@ -105,24 +95,12 @@ class _OverlayWriter:
         self._whole.callback(self._converting.close)
         return self
 
-    def __exit__(self, *problem: Any) -> None:
-        self._whole.__exit__(*problem)
-
-    @property
-    def files(self) -> list[Path]:
-        return [self._path]
-
     def add(self, i: int, frames: Frames) -> None:
         width, height = self._grid.size_wh
         picture = np.empty((height, width, 3), np.uint8)
         picture[:] = empty_row(width)
-        tile_width, tile_height = self._grid.tile_wh
-        for c, frame in enumerate(frames):
-            left, top = self._grid.corner(c)
-            tile = picture[top : top + tile_height, left : left + tile_width]
-            draw_view(tile, self._recording, i, c, None if frame is None else frame.image)
-            if c == 0:
-                draw_legend(tile, _LEGEND_LINE)
+        draw_views(picture, self._grid, self._recording, i, [None if frame is None else frame.image for frame in frames])
+        draw_legend(picture[: self._grid.tile_wh[1], : self._grid.tile_wh[0]], _LEGEND_LINE)
         t_ns = self._recording.poses.t_ns
         self._converting.call(picture, int(t_ns[i] - t_ns[0]))
 

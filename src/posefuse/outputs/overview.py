@@ -14,8 +14,8 @@ from posefuse.core.arrays import Array
 from posefuse.foundation.output_file import atomic_file
 from posefuse.foundation.settings import settings
 
-from .drawing import EMPTY_RGB, draw_legend, draw_name, draw_skeleton, draw_text, grid_for, keypoint_colours, view_tile
-from .frames import Frames, FrameSink, FrameWriter, write_without_frames
+from .drawing import EMPTY_RGB, draw_legend, draw_name, draw_skeleton, draw_text, draw_views, grid_for, keypoint_colours
+from .frames import Frames, FrameWriter, ImageOutput, OneFileWriter
 
 _GROUND_RGB = (70, 74, 84)
 _CAMERA_RGB = (200, 205, 215)
@@ -151,7 +151,7 @@ def _lines(picture: Array, view: Camera, xyz_world: Array, colour: tuple[int, ..
 
 
 @settings
-class OverviewSink:
+class OverviewSink(ImageOutput):
     """``overview.png``: the best seen time step near the middle in every view, and the scene in 3D next to them.
 
     Attributes:
@@ -162,22 +162,14 @@ class OverviewSink:
     height_px: Annotated[int, Ge(64), Le(4320)] = 720
     name: ClassVar[str] = "overview"
 
-    def build(self) -> FrameSink:
-        """This output, ready."""
-        return self
-
-    def write(self, recording: Recording, folder: Path) -> list[Path]:
-        """Write ``overview.png`` on plain ground; returns the file made."""
-        return write_without_frames(self, recording, folder)
-
     def writer(self, recording: Recording, folder: Path) -> FrameWriter:
         """Begin; the frames of one time step are kept."""
         return _OverviewWriter(recording, folder / "overview.png", self)
 
 
-class _OverviewWriter:
+class _OverviewWriter(OneFileWriter):
     def __init__(self, recording: Recording, path: Path, config: OverviewSink) -> None:
-        self._recording, self._path = recording, path
+        super().__init__(recording, path)
         self._most_wh = (config.width_px, config.height_px)
         self._time_step = best_time_step(recording)
         self._images: list[Array | None] = [None] * len(recording.rig)
@@ -189,10 +181,6 @@ class _OverviewWriter:
         if problem[0] is None:
             write_png(self._path, self._picture())
 
-    @property
-    def files(self) -> list[Path]:
-        return [self._path]
-
     def add(self, i: int, frames: Frames) -> None:
         if i == self._time_step:
             self._images = [None if frame is None else frame.image for frame in frames]
@@ -202,10 +190,7 @@ class _OverviewWriter:
         width, height = grid.size_wh
         stage_width = max(320, min(height, width))
         picture = np.full((height, width + stage_width, 3), EMPTY_RGB, np.uint8)
-        for c, image in enumerate(self._images):
-            left, top = grid.corner(c)
-            tile = view_tile(self._recording, self._time_step, c, image, grid.tile_wh)
-            picture[top : top + grid.tile_wh[1], left : left + grid.tile_wh[0]] = tile
+        draw_views(picture, grid, self._recording, self._time_step, self._images)
         picture[:, width:] = stage_picture(self._recording, self._time_step, (stage_width, height))
         return picture
 

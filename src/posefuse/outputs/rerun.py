@@ -6,7 +6,6 @@ import json
 import subprocess
 import sys
 import tempfile
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
@@ -21,7 +20,7 @@ from posefuse.foundation.settings import settings
 
 from .drawing import DETECTION_RGB, jpeg_of, shrunk_wh
 from .facts import provenance
-from .frames import Frames, FrameSets, FrameSink, FrameWriter, write_outputs, write_without_frames
+from .frames import Frames, FrameSets, FrameSink, FrameWriter, ImageOutput, OneFileWriter, write_outputs
 from .rerun_scene import (
     TIMELINE,
     camera_path,
@@ -40,7 +39,7 @@ _JPEG_QUALITY = 75
 
 
 @settings
-class RerunSink:
+class RerunSink(ImageOutput):
     """``recording.rrd``, opens with ``rerun recording.rrd`` or ``posefuse view DIR``.
 
     Attributes:
@@ -54,10 +53,6 @@ class RerunSink:
         """This output, ready; raises DependencyError without the Rerun SDK."""
         check_rerun()
         return self
-
-    def write(self, recording: Recording, folder: Path) -> list[Path]:
-        """Write ``recording.rrd`` without images; returns the file made."""
-        return write_without_frames(self, recording, folder)
 
     def writer(self, recording: Recording, folder: Path) -> FrameWriter:
         """Begin ``recording.rrd``; frames come one set at a time."""
@@ -89,33 +84,26 @@ def show_recording(recording: Recording, frame_sets: FrameSets | None = None) ->
         open_in_viewer(path)
 
 
-class _RerunWriter:
+class _RerunWriter(OneFileWriter):
     """Logs what never changes at once, plots as whole columns, and the rest step by step."""
 
     def __init__(self, recording: Recording, path: Path, config: RerunSink) -> None:
         import rerun as rr
 
-        self._recording, self._path, self._config = recording, path, config
-        self._whole = ExitStack()
+        super().__init__(recording, path)
+        self._config = config
         self._cameras = [_shown(camera, config.image_px) for camera in recording.rig]
         identity = f"{recording.rig.id}-{recording.poses.t_ns[0]}-{len(recording.poses)}"
         self._stream = rr.RecordingStream("posefuse", recording_id=identity)
 
     def __enter__(self) -> _RerunWriter:
         temporary = self._whole.enter_context(atomic_file(self._path))
+        self._whole.callback(self._stream.disconnect)
         self._stream.save(temporary, default_blueprint=session_blueprint(self._recording.rig.names, _below()))
         log_cameras(self._stream, self._cameras)
         self._log_about()
         self._log_plots()
         return self
-
-    def __exit__(self, *problem: Any) -> None:
-        self._stream.disconnect()
-        self._whole.__exit__(*problem)
-
-    @property
-    def files(self) -> list[Path]:
-        return [self._path]
 
     def add(self, i: int, frames: Frames) -> None:
         poses = self._recording.poses

@@ -1,6 +1,6 @@
-"""The recordings below a folder with how good each is at a glance, and a small image of each.
+"""The recordings below a folder with how good each is at a glance.
 
-Figures and images are kept in posefuse's cache folder, by content of the files that they are about, never among the recordings.
+Figures are kept in posefuse's cache folder, by content of the files that they are about, never among the recordings.
 """
 
 from __future__ import annotations
@@ -29,8 +29,6 @@ CACHE_FOLDER = "recordings"
 _DEEPEST = 5
 # a live session of more is listed without figures, which would take long to read
 _MOST_LIVE_BYTES = 200_000_000
-_PICTURE_WH = (320, 180)
-_JPEG_QUALITY = 82
 _VERSION = 2
 # when a recording is marked in a list, so that it is looked at first; a choice by eye, not a verdict
 _COVERAGE_GOOD, _COVERAGE_BAD = 0.9, 0.5
@@ -88,7 +86,7 @@ def find_recordings(folder: Path, most: int = 2000) -> list[Path]:
 
 def listed(path: Path) -> Listed:
     """A recording at a glance, from the cache where its files have not changed; one that cannot be read has a `problem`."""
-    place = _place(path, "json")
+    place = cache_place(path, "json")
     if place.is_file():
         try:
             known = json.loads(place.read_text(encoding="utf-8"))
@@ -96,25 +94,8 @@ def listed(path: Path) -> Listed:
         except (OSError, ValueError, TypeError, KeyError):
             pass  # not as this version writes it: made again
     one = _looked_at(path)
-    _keep(place, json.dumps({**asdict(one), "path": ""}).encode())
+    keep_cached(place, json.dumps({**asdict(one), "path": ""}).encode())
     return one
-
-
-def thumbnail(path: Path, within: Path | None = None) -> bytes:
-    """A small JPEG of a recording: its best seen view with the skeleton on top, from the cache where there is one.
-
-    Args:
-        within: a folder that its videos must lie in; None: anywhere.
-
-    Raises:
-        PosefuseError: the recording cannot be read.
-    """
-    place = _place(path, "jpg")
-    if place.is_file():
-        return place.read_bytes()
-    made = _picture(path, within)
-    _keep(place, made)
-    return made
 
 
 def _found(folder: Path, depth: int) -> Iterator[Path]:
@@ -152,7 +133,7 @@ def _modified_s(path: Path) -> float:
         return 0.0
 
 
-def _place(path: Path, suffix: str) -> Path:
+def cache_place(path: Path, suffix: str) -> Path:
     """Where what is known of the recording is kept: by place, size and time of its files."""
     parts = [str(path.resolve()), str(_VERSION)]
     for file in (_main_file(path), path / ARRAYS_FILE):
@@ -163,7 +144,7 @@ def _place(path: Path, suffix: str) -> Path:
     return default_cache_dir() / CACHE_FOLDER / f"{name}.{suffix}"
 
 
-def _keep(place: Path, content: bytes) -> None:
+def keep_cached(place: Path, content: bytes) -> None:
     """Into the cache; where it cannot be written, everything is made again the next time."""
     try:
         place.parent.mkdir(parents=True, exist_ok=True)
@@ -202,20 +183,3 @@ def _looked_at(path: Path) -> Listed:
         reprojection_px=figures["median_reprojection_px"],
         edited=bool(made.get("edits")),
     )
-
-
-def _picture(path: Path, within: Path | None) -> bytes:
-    from posefuse.outputs.drawing import jpeg_of
-    from posefuse.outputs.overview import best_time_step, stage_picture
-
-    from .playback import Playback, session_with_videos
-
-    recording = read_result(path, lambda line: None)
-    i = best_time_step(recording)
-    session = session_with_videos(recording, path, within)
-    if session is None:
-        return jpeg_of(stage_picture(recording, i, _PICTURE_WH), _JPEG_QUALITY)
-    seen = (recording.views.score[i] > 0).sum(axis=(0, 2))
-    camera = recording.rig.names[int(np.argmax(seen))]
-    with Playback(recording, session) as playback:
-        return playback.tile_jpeg(camera, int(recording.poses.t_ns[i]), _PICTURE_WH[0], quality=_JPEG_QUALITY)

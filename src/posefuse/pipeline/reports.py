@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -58,40 +58,21 @@ def write_report_folder(
 Source = Path | tuple[Path, Recording]
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ToCompare:
-    """Tracks of two recordings.
+def compared(
+    a: Source,
+    b: Source,
+    person: int | None,
+    *,
+    time: bool = True,
+    space: bool = True,
+    scale: bool = False,
+    start_s: float | None = None,
+) -> Comparison:
+    """Read two recordings and compare them by `evaluation.compare`, without an alignment where there is nothing to align.
 
-    Attributes:
-        a, b: the tracks. inputs: what they were read from.
-        exact: the first is the truth of a simulation, at the times and in the world of the second.
-        one_world: both have the coordinates of one calibration.
-    """
-
-    a: Tracks
-    b: Tracks
-    inputs: tuple[Path, ...]
-    exact: bool
-    one_world: bool
-
-    def compared(self, *, time: bool = True, space: bool = True, scale: bool = False, start_s: float | None = None) -> Comparison:
-        """As `evaluation.compare.compare`, without an alignment where there is nothing to align.
-
-        Positions of one calibration are compared as they are: a person who walks to and fro looks much the same turned by half
-        a turn. An alignment in space that is asked for by `scale` or `start_s` is done all the same.
-        """
-        apart = not self.one_world or scale or start_s is not None
-        found = compare(self.a, self.b, time=time and not self.exact, space=space and apart, scale=scale, start_s=start_s)
-        notes = []
-        if self.exact:
-            notes.append(f"{self.a.name} is the truth of a simulation: nothing is aligned, times and world are its own")
-        elif space and not apart:
-            notes.append("both have the coordinates of one calibration: they are not aligned in space")
-        return replace(found, inputs=self.inputs, notes=tuple(notes))
-
-
-def to_compare(a: Source, b: Source, person: int | None) -> ToCompare:
-    """Read two recordings; where the first is a simulated scene, its truth at the simulated times of the second.
+    Where the first is a simulated scene, its truth at the simulated times of the second is taken, in its world. Positions of one
+    calibration are compared as they are: a person who walks to and fro looks much the same turned by half a turn. An alignment in
+    space that is asked for by `scale` or `start_s` is done all the same.
 
     Args:
         a, b: a path, or a recording with the path it is known by.
@@ -101,13 +82,17 @@ def to_compare(a: Source, b: Source, person: int | None) -> ToCompare:
         InputError, SourceError: a file that cannot be read, or nothing in common.
     """
     exact = isinstance(a, Path) and is_simulated(a)
-    inputs = tuple(one for one in (a, b) if isinstance(one, Path))
     tracks_b, rig_b = _read(b, person, simulated=exact)
-    if isinstance(a, Path) and exact:
-        return ToCompare(a=truth_tracks(a, tracks_b), b=tracks_b, inputs=inputs, exact=True, one_world=True)
-    tracks_a, rig_a = _read(a, person, simulated=False)
-    one_world = rig_a is not None and rig_b is not None and _share_a_world(rig_a, rig_b)
-    return ToCompare(a=tracks_a, b=tracks_b, inputs=inputs, exact=False, one_world=one_world)
+    tracks_a, rig_a = (truth_tracks(a, tracks_b), None) if isinstance(a, Path) and exact else _read(a, person, simulated=False)
+    one_world = exact or (rig_a is not None and rig_b is not None and _share_a_world(rig_a, rig_b))
+    apart = not one_world or scale or start_s is not None
+    found = compare(tracks_a, tracks_b, time=time and not exact, space=space and apart, scale=scale, start_s=start_s)
+    notes = []
+    if exact:
+        notes.append(f"{tracks_a.name} is the truth of a simulation: nothing is aligned, times and world are its own")
+    elif space and not apart:
+        notes.append("both have the coordinates of one calibration: they are not aligned in space")
+    return replace(found, inputs=tuple(one for one in (a, b) if isinstance(one, Path)), notes=tuple(notes))
 
 
 def _share_a_world(one: Rig, two: Rig) -> bool:

@@ -36,9 +36,12 @@ _BLOCK_STEPS, _OVERLAP_STEPS = 20_000, 300
 
 
 class _Views(PartsOfViews, Protocol):
-    """Views in parts whose times (T,) are known."""
+    """Views in parts whose times are known."""
 
-    t_ns: Array
+    @property
+    def t_ns(self) -> Array:
+        """(T,) session clock."""
+        ...
 
 
 def long_enough(observations: Observations) -> list[int]:

@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 
 import cv2
 import numpy as np
@@ -15,7 +14,7 @@ import numpy as np
 from posefuse.calibration.targets.coverage import Guidance, new_guidance, seen
 from posefuse.calibration.targets.detection import TargetDetector
 from posefuse.calibration.targets.kinds import Target
-from posefuse.core import Frame, Rig, SourceError
+from posefuse.core import Closing, Frame, Rig, SourceError
 from posefuse.core.arrays import Array
 from posefuse.health.cameras import CameraState
 
@@ -53,7 +52,7 @@ class FedFrame:
     frame: Frame
 
 
-class CameraFeed:
+class CameraFeed(Closing):
     """Cameras that are open inside the block and deliver from `begin` on; a context manager.
 
     Args:
@@ -83,9 +82,6 @@ class CameraFeed:
             self.close()
             raise
         return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self.close()
 
     def begin(self, videos: Path | None = None) -> None:
         """Let frames come. With `videos`, an existing folder, all go to ``CAMERA.mp4`` there, each at its own time.

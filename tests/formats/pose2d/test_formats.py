@@ -195,7 +195,7 @@ def test_other_names_of_keypoints() -> None:
 def test_what_is_no_known_format_lists_what_was_looked_for(tmp_path: Path) -> None:
     path = save(tmp_path / "odd.json", {"skeletons": []})
     message = refusal(InputError, "", read_pose2d, path, "cam")
-    assert all(format.name in message for format in FORMATS)
+    assert all(format.NAME in message for format in FORMATS)
     refusal(InputError, "no such file", read_pose2d, tmp_path / "absent.json", "cam")
     (tmp_path / "half.json").write_text("[{")
     refusal(InputError, "cannot be parsed as JSON", read_pose2d, tmp_path / "half.json", "cam")

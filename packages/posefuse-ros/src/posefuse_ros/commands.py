@@ -7,12 +7,11 @@ from posefuse.cli.live import (
     LIVE_SETTINGS,
     LiveOptions,
     OutputOptions,
-    SourceOptions,
     TimingOptions,
     exit_code,
     how_it_ended,
 )
-from posefuse.cli.options import Figures, Ros2Options, Shown, settings_options
+from posefuse.cli.options import Figures, Ros2Options, Shown, Sources, settings_options
 from posefuse.realtime.config import LiveConfig
 
 
@@ -21,7 +20,7 @@ def node_camera(
     rig: Path,
     /,
     *,
-    sources: SourceOptions = SourceOptions(),
+    source: Sources = (),
     timing: TimingOptions = TimingOptions(),
     ros_2: Ros2Options = Ros2Options(),
     settings: LiveOptions = LiveOptions(),
@@ -37,7 +36,7 @@ def node_camera(
     with terminal.stages() as progress:
         run = pf.camera_node(
             rig,
-            sources.source,
+            source,
             name=name,
             config=settings.config,
             settings=settings.changes,

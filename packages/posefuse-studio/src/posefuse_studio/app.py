@@ -17,8 +17,8 @@ from typing import Any
 
 from posefuse.core import DependencyError, InputError, PosefuseError
 from posefuse.foundation.requests_to_end import HANG_UP, handling, heeded
-from posefuse.pipeline.catalogue import thumbnail
 
+from .playback import thumbnail
 from .stored import private_folder, write_private
 from .workspace import STATE_FOLDER, StudioWorkspace
 

@@ -14,10 +14,10 @@ from posefuse.core import InputError, JointAngles
 from posefuse.core.arrays import Array
 from posefuse.kinematics.gait import gait_from_poses
 from posefuse.outputs.drawing import person_rgb
-from posefuse.pipeline.playback import Playback, session_with_videos
 from posefuse_studio.scene.messages import scene_setup
 from posefuse_studio.state import Stream
 
+from .playback import Playback, session_with_videos
 from .scene.messages import image_message, page_message, poses_message
 
 TILE_PX = 480

@@ -8,14 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Group, Parameter
 
 import posefuse as pf
-from posefuse.cli.live import LIVE_SETTINGS, LiveOptions, SourceOptions, TimingOptions
+from posefuse.cli.live import LIVE_SETTINGS, LiveOptions, TimingOptions
 from posefuse.cli.options import (
+    ONE_WORD,
     OUTPUTS,
     Figures,
     NamedSettings,
     Ros2Options,
     Shown,
-    comma_numbers,
+    Sources,
     positive,
     settings_options,
 )
@@ -30,6 +31,24 @@ if TYPE_CHECKING:
     from posefuse_teleop.values import Order
 
 HAND, ROBOT, ROBOT_ROS = map(Group.create_ordered, ("Hand", "Robot", "Robot over ROS"))
+
+
+def comma_numbers(form: str) -> Parameter:
+    """So many numbers separated by commas or spaces, as in ``X,Y,DEG``."""
+
+    def convert(_: Any, tokens: Any) -> tuple[float, ...]:
+        text = tokens[0].value
+        try:
+            found = tuple(float(part) for part in text.replace(",", " ").split())
+        except ValueError:
+            found = ()
+        if len(found) != len(form.split(",")) or not all(abs(one) < 1e6 for one in found):
+            raise ValueError(f"expected {form}, got {text!r}")
+        return found
+
+    return Parameter(metavar=form, converter=convert, **ONE_WORD)
+
+
 Place, Box = comma_numbers("X,Y,DEG"), comma_numbers("X0,Y0,Z0,X1,Y1,Z1")
 
 
@@ -122,7 +141,7 @@ def teleoperate(
     rig: Path,
     /,
     *,
-    sources: SourceOptions = SourceOptions(),
+    source: Sources = (),
     timing: TimingOptions = TimingOptions(),
     robot: RobotOptions = RobotOptions(),
     ros: RosRobotOptions = RosRobotOptions(),
@@ -144,11 +163,11 @@ def teleoperate(
         raise ConfigError(f"--command {ros.command}: needs --ros or --ros1")
     if ros.ros and ros.ros1:
         raise ConfigError("--ros --ros1: expected one of them")
-    if not sources.source:
+    if not source:
         raise ConfigError("--source: expected one per camera, e.g. --source cam1=usb:0, or --source sim:SCENE.yaml")
     session = pf.live(
         rig,
-        sources.source,
+        source,
         config=settings.config,
         settings=settings.changes,
         record=robot.record,

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from types import ModuleType
 
 from posefuse.core import SKELETONS, InputError, Skeleton
 from posefuse.core.errors import choices
@@ -21,29 +20,9 @@ _MALFORMED = (KeyError, TypeError, ValueError, IndexError, AttributeError, Overf
 POSE2D_SUFFIXES = (".json", ".csv", ".h5", ".hdf5")
 
 
-class _Reader(Protocol):
-    def fits(self, path: Path) -> bool: ...
-
-    def read(self, path: Path, camera: str, skeleton: Skeleton | None = None) -> Pose2DFrames: ...
-
-
-@dataclass(frozen=True)
-class Pose2DFormat:
-    """A format: its name, what is looked for to recognise it, and its module."""
-
-    name: str
-    looks_for: str
-    reader: _Reader
-
-
 # in the order they are tried: AlphaPose's list is like COCO's, with something of its own
-FORMATS = (
-    Pose2DFormat("openpose", "a folder of JSON files with people[].pose_keypoints_2d (OpenPose, Pose2Sim)", openpose),
-    Pose2DFormat("alphapose", "alphapose-results.json, or a JSON list with idx or image names", alphapose),
-    Pose2DFormat("mmpose", "JSON with frame_id and instances, or a folder of JSON lists with keypoint_scores", mmpose),
-    Pose2DFormat("coco", "a JSON list with image_id and keypoints", coco),
-    Pose2DFormat("deeplabcut", "csv that begins with scorer, or h5 with df_with_missing", deeplabcut),
-)
+FORMATS: tuple[ModuleType, ...] = (openpose, alphapose, mmpose, coco, deeplabcut)
+"""One module per format: its NAME, what it LOOKS_FOR to recognise it, `fits` and `read`."""
 
 
 def read_pose2d(path: Path, camera: str, *, skeleton: Skeleton | None = None) -> Pose2DFrames:
@@ -63,12 +42,13 @@ def read_pose2d(path: Path, camera: str, *, skeleton: Skeleton | None = None) ->
     for format in FORMATS:
         if _fits(format, path):
             try:
-                return format.reader.read(path, camera, skeleton)
+                found: Pose2DFrames = format.read(path, camera, skeleton)
+                return found
             except _MALFORMED as error:
-                raise InputError(f"{path}: camera {camera}: damaged {format.name} data ({short(error)})") from None
+                raise InputError(f"{path}: camera {camera}: damaged {format.NAME} data ({short(error)})") from None
             finally:
                 parsed_json.cache_clear()
-    looked = "; ".join(f"{format.name}: {format.looks_for}" for format in FORMATS)
+    looked = "; ".join(f"{format.NAME}: {format.LOOKS_FOR}" for format in FORMATS)
     raise InputError(f"{path}: camera {camera}: no format of 2D poses recognised; looked for {looked}")
 
 
@@ -88,8 +68,8 @@ def read_pose2d_of_cameras(paths: Mapping[str, Path], keypoints: str = "") -> li
     return [read_pose2d(path, name, skeleton=order if openpose.fits(path) else stated) for name, path in paths.items()]
 
 
-def _fits(format: Pose2DFormat, path: Path) -> bool:
+def _fits(format: ModuleType, path: Path) -> bool:
     try:
-        return format.reader.fits(path)
+        return bool(format.fits(path))
     except _MALFORMED:
         return False

@@ -14,6 +14,7 @@ from .keypoint_sets import agreed_skeleton, in_coco17_order, points_of
 from .openpose import keypoints_of_people
 
 NAME = "alphapose"
+LOOKS_FOR = "alphapose-results.json, or a JSON list with idx or image names"
 RESULTS_FILE = "alphapose-results.json"
 
 

@@ -72,6 +72,7 @@ def _track_id(value: Any) -> int:
 
 
 NAME = "coco"
+LOOKS_FOR = "a JSON list with image_id and keypoints"
 
 
 def fits(path: Path) -> bool:

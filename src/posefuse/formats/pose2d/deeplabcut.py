@@ -87,6 +87,7 @@ def frames_of_table(
 
 
 NAME = "deeplabcut"
+LOOKS_FOR = "csv that begins with scorer, or h5 with df_with_missing"
 _KEY = "df_with_missing"
 _HEADER = ("scorer", "individuals", "bodyparts", "coords")
 

@@ -14,6 +14,7 @@ from .frames import UNTRACKED, People2D, Pose2DFrames, frame_number, frames_from
 from .keypoint_sets import agreed_skeleton, skeleton_of_names
 
 NAME = "mmpose"
+LOOKS_FOR = "JSON with frame_id and instances, or a folder of JSON lists with keypoint_scores"
 
 
 def fits(path: Path) -> bool:

@@ -17,6 +17,7 @@ from .frames import People2D, Pose2DFrames, check_distance, frame_number, read_j
 from .keypoint_sets import BODY_POINTS, in_coco17_order, skeleton_of_count
 
 NAME = "openpose"
+LOOKS_FOR = "a folder of JSON files with people[].pose_keypoints_2d (OpenPose, Pose2Sim)"
 # of a person's size in the image: mid_hip is nearer to the middle of the hips, an elbow farther from what BODY_25B has there
 _MOST_OFFSET = 0.08
 _ENOUGH_PEOPLE = 200

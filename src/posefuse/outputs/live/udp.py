@@ -9,13 +9,12 @@ import json
 import socket
 import struct
 from collections.abc import Callable, Iterator, Sequence
-from types import TracebackType
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from annotated_types import MinLen
 
-from posefuse.core import ConfigError, JointAngles, LiveMessage, LiveOutput, LivePose, LiveStart, Pose3D
+from posefuse.core import Closing, ConfigError, JointAngles, LiveMessage, LiveOutput, LivePose, LiveStart, Pose3D
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.core.poses import point_sigma_m
@@ -136,7 +135,7 @@ def _text(value: str) -> bytes:
     return raw + bytes(-len(raw) % 4)
 
 
-class UdpStream:
+class UdpStream(Closing):
     """Sends datagrams to fixed addresses; never waits, and continues when a listener or the network is away.
 
     Attributes:
@@ -172,12 +171,6 @@ class UdpStream:
         for opened in self._sockets.values():
             opened.close()
 
-    def __enter__(self) -> UdpStream:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self.close()
-
 
 def _resolved(address: str) -> tuple[int, tuple[object, ...]]:
     host, _, port = address.rpartition(":")
@@ -195,8 +188,8 @@ Packets = Callable[[Pose3D, JointAngles | None, str, tuple[str, ...]], list[byte
 
 
 @settings
-class OscConfig:
-    """Poses as OSC bundles over UDP.
+class _Listeners:
+    """Where datagrams go.
 
     Attributes:
         to: ``host:port``, one or several. axes: of the receiving tool.
@@ -206,6 +199,11 @@ class OscConfig:
     axes: Axes = "z_up"
     takes: ClassVar[tuple[type[LiveMessage], ...]] = (LivePose,)
     keeps_all: ClassVar[bool] = False
+
+
+@settings
+class OscConfig(_Listeners):
+    """Poses as OSC bundles over UDP."""
 
     def build(self) -> LiveOutput:
         """Not yet opened."""
@@ -213,17 +211,8 @@ class OscConfig:
 
 
 @settings
-class JsonConfig:
-    """Poses as JSON datagrams over UDP, one per person.
-
-    Attributes:
-        to: ``host:port``, one or several. axes: of the receiving tool.
-    """
-
-    to: Annotated[tuple[str, ...], MinLen(1)]
-    axes: Axes = "z_up"
-    takes: ClassVar[tuple[type[LiveMessage], ...]] = (LivePose,)
-    keeps_all: ClassVar[bool] = False
+class JsonConfig(_Listeners):
+    """Poses as JSON datagrams over UDP, one per person."""
 
     def build(self) -> LiveOutput:
         """Not yet opened."""

@@ -16,12 +16,9 @@ from typing import Any
 
 from posefuse import __version__
 from posefuse.core import InputError, PosefuseError, Recording
-from posefuse.evaluation.biomechanics import BiomechanicsSettings, write_biomechanics
-from posefuse.foundation.output_folder import output_folder
 from posefuse.foundation.parsing import plain
 from posefuse.pipeline.config import CONFIG_FILE, TrackConfig, changed_config, read_config
-from posefuse.pipeline.reading import files_of_result
-from posefuse.pipeline.reports import report_folder
+from posefuse.pipeline.reports import report_folder, write_report_folder
 from posefuse.pipeline.result_folder import ResultFolder, unfinished_work
 from posefuse.pipeline.session import KINDS, data_entries, find_session, rig_files
 from posefuse.pipeline.track import track_session
@@ -194,9 +191,7 @@ def _tracked(task: Task) -> Recording:
 
 def _write_report(recording: Recording, task: Task) -> None:
     """A person without joint angles is no reason to lose the points."""
-    folder, inputs = report_folder(task.out), files_of_result(task.out)
-    with output_folder(folder, command="report", inputs=inputs, replace=True) as place:
-        try:
-            write_biomechanics(recording, place.folder, BiomechanicsSettings(), title=task.trial.name)
-        except InputError as error:
-            warnings.warn(f"no report: {error}", UserWarning, stacklevel=2)
+    try:
+        write_report_folder(recording, task.out, report_folder(task.out), title=task.trial.name)
+    except InputError as error:
+        warnings.warn(f"no report: {error}", UserWarning, stacklevel=2)

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import TracebackType
 
 import numpy as np
 
-from posefuse.core import PosefuseError, Recording, SourceError
+from posefuse.core import Closing, PosefuseError, Recording, SourceError
 from posefuse.core.arrays import Array
-from posefuse.formats.kept_video import VIDEOS_FOLDER, read_kept_times
+from posefuse.formats.kept_video import VIDEOS_FOLDER
 from posefuse.foundation.platform import usable_cores
 from posefuse.outputs.drawing import image_tile, jpeg_of, view_tile
+from posefuse.outputs.overview import best_time_step, stage_picture
+from posefuse.pipeline.catalogue import cache_place, keep_cached
+from posefuse.pipeline.config import TrackConfig
+from posefuse.pipeline.reading import read_result
+from posefuse.pipeline.session import Input, Session, find_session
+from posefuse.pipeline.solve import config_of
+from posefuse.pipeline.writing import lies_in, nearby_session
 from posefuse.sources import ImagesConfig, ImagesSeeker, Seeker, VideoConfig, VideoSeeker, nearest
-
-from .config import TrackConfig
-from .session import Input, Session, find_session
-from .solve import config_of
-from .writing import lies_in, nearby_session
 
 # The videos that were kept during a live session, on the time of its recording.
 
@@ -63,6 +65,29 @@ def _in_time(recording: Recording, session: Session) -> Iterator[Input]:
             yield replace(entry, settings=replace(entry.settings, offset_s=offset_ns / 1e9, drift_ppm=0.0))
 
 
+@dataclass(frozen=True, kw_only=True)
+class KeptTimes:
+    """Attributes:
+    zero_ns: time 0 of the video on the session's clock. first_ns, last_ns: its first and last frame, from there.
+    """
+
+    zero_ns: int
+    first_ns: int
+    last_ns: int
+
+
+def read_kept_times(video: Path) -> KeptTimes | None:
+    """When a video was kept, from the ``CAMERA.json`` next to it; None where that is missing, or the video was not finished."""
+    try:
+        content = json.loads(video.with_suffix(".json").read_text(encoding="utf-8"))
+        if not (content["finished"] and content["written"] and content["zero_ns"]):
+            return None
+        first_ns, last_ns = (round(1e9 * float(content[name])) for name in ("first_s", "last_s"))
+        return KeptTimes(zero_ns=int(content["zero_ns"]), first_ns=first_ns, last_ns=last_ns)
+    except (OSError, ValueError, TypeError, KeyError, OverflowError):
+        return None
+
+
 JPEG_QUALITY = 75
 
 
@@ -82,7 +107,7 @@ class PlaybackStep:
     projected_px: Array
 
 
-class Playback:
+class Playback(Closing):
     """The moments of a recording; a context manager. May be asked from several threads.
 
     Args:
@@ -96,12 +121,6 @@ class Playback:
         self.recording = recording
         self.problems: dict[str, str] = {}
         self._seekers = _opened(recording, session, self.problems) if session is not None else {}
-
-    def __enter__(self) -> Playback:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self.close()
 
     @property
     def cameras(self) -> tuple[str, ...]:
@@ -209,3 +228,38 @@ def _seeker(entry: Input, config: TrackConfig, *, threads: bool) -> Seeker:
     if entry.kind == "videos":
         return VideoSeeker(VideoConfig(entry.path, entry.camera, offset_s, drift_ppm, threads=threads))
     return ImagesSeeker(ImagesConfig(entry.path, entry.camera, config.rate_hz, offset_s, drift_ppm).build())
+
+
+# A small image of a recording, for lists; kept in the cache folder, as figures of it are.
+
+_PICTURE_WH = (320, 180)
+_SMALL_QUALITY = 82
+
+
+def thumbnail(path: Path, within: Path | None = None) -> bytes:
+    """A small JPEG of a recording: its best seen view with the skeleton on top, from the cache where there is one.
+
+    Args:
+        within: a folder that its videos must lie in; None: anywhere.
+
+    Raises:
+        PosefuseError: the recording cannot be read.
+    """
+    place = cache_place(path, "jpg")
+    if place.is_file():
+        return place.read_bytes()
+    made = _picture(path, within)
+    keep_cached(place, made)
+    return made
+
+
+def _picture(path: Path, within: Path | None) -> bytes:
+    recording = read_result(path, lambda line: None)
+    i = best_time_step(recording)
+    session = session_with_videos(recording, path, within)
+    if session is None:
+        return jpeg_of(stage_picture(recording, i, _PICTURE_WH), _SMALL_QUALITY)
+    seen = (recording.views.score[i] > 0).sum(axis=(0, 2))
+    camera = recording.rig.names[int(np.argmax(seen))]
+    with Playback(recording, session) as playback:
+        return playback.tile_jpeg(camera, int(recording.poses.t_ns[i]), _PICTURE_WH[0], quality=_SMALL_QUALITY)
