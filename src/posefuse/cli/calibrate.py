@@ -342,9 +342,9 @@ def calibrate_extrinsics(*inputs: CameraRecordings, options: ExtrinsicsOptions, 
 
     from .asked import Asked, check_files, recordings_of, reported
 
-    picture, read = coverage_path(options.out), check_files(options, inputs)
+    coverage, read = coverage_path(options.out), check_files(options, inputs)
     # a refused run leaves the image, and must not stop the next one; an older image is kept as a copy
-    check_output_file(picture, option="--out", inputs=read, replace=True)
+    check_output_file(coverage, option="--out", inputs=read, replace=True)
     kind, asked = target_of(options.target), Asked(step="extrinsics", inputs=inputs, options=options)
     with reported(options.report, asked), terminal.stages() as progress:
         found = pf.calibrate_extrinsics(
@@ -358,7 +358,7 @@ def calibrate_extrinsics(*inputs: CameraRecordings, options: ExtrinsicsOptions, 
             upside_down=options.upside_down,
             any_size=options.any_size,
             keep_refused=options.keep_refused,
-            on_seen=lambda seen: terminal.note(f"{picture}: {write_coverage(picture, seen).advice()}"),
+            on_seen=lambda seen: terminal.note(f"{coverage}: {write_coverage(coverage, seen).advice()}"),
             progress=progress,
         )
     if found.report.failed:
@@ -373,7 +373,7 @@ def calibrate_extrinsics(*inputs: CameraRecordings, options: ExtrinsicsOptions, 
     )
     return {
         "rig": str(options.out),
-        "coverage": str(picture),
+        "coverage": str(coverage),
         "settings": settings,
         **found.report.numbers,
         "notes": list(found.report.notes),

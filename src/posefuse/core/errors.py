@@ -13,7 +13,7 @@ class PosefuseError(Exception):
     """Base of every error a user can cause or cure; its message is one line, whatever names a damaged file has."""
 
     def __init__(self, message: str = "") -> None:
-        line = "".join(c if c.isprintable() else repr(c)[1:-1] for c in message)
+        line = "".join(" " if c in "\n\r\t" else c if c.isprintable() else repr(c)[1:-1] for c in message)
         middle = _LONGEST_LINE // 2
         super().__init__(line if len(line) <= _LONGEST_LINE else f"{line[:middle]} ... {line[-middle:]}")
 

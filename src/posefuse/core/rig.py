@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -98,6 +98,10 @@ class Rig:
     def only(self, names: Iterable[str]) -> Rig:
         """The rig of these cameras, in this order; raises CalibrationError for a name that is not there."""
         return replace(self, cameras=tuple(self[name] for name in names))
+
+    def renamed(self, names: Mapping[str, str]) -> Rig:
+        """The rig with cameras renamed old -> new; those not mentioned keep their name."""
+        return replace(self, cameras=tuple(replace(c, name=names.get(c.name, c.name)) for c in self.cameras))
 
     def moved(self, new_from_old: SE3) -> Rig:
         """The same cameras described in another world frame."""
