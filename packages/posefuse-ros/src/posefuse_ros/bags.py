@@ -11,12 +11,11 @@ import struct
 import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Any, NamedTuple
 
 import numpy as np
 
-from posefuse.core import SE3, Detections2D, InputError, MessageError, Pose3D, Rig, SourceError
+from posefuse.core import SE3, Closing, Detections2D, InputError, MessageError, Pose3D, Rig, SourceError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 
@@ -121,7 +120,7 @@ Warn = Callable[[str], None]
 """Takes the one line about what is missing of a recording that was cut off; `warnings.warn` where none is given."""
 
 
-class Recorder:
+class Recorder(Closing):
     """Writes messages to one .mcap file as they come (`topics.Outlet`).
 
     The file is whole after `close`; cut off before that it still holds all but the last part of a second or so.
@@ -199,12 +198,6 @@ class Recorder:
                 self._file.close()
             self.path.unlink(missing_ok=True)
             raise InputError(f"{self.path}: cannot be written ({error.strerror})") from None
-
-    def __enter__(self) -> Recorder:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self.close()
 
     def _register(self, topic: Topic) -> int:
         schema = self._schemas.get(topic.type_name)

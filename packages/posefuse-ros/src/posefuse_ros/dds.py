@@ -10,12 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from types import TracebackType
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from posefuse.core import SourceError
+from posefuse.core import Closing, SourceError
 
 from .dds_domain import Network, open_domain, require_tested_cyclonedds
 from .topics import Topic
@@ -107,7 +106,7 @@ class Writer:
 
 
 @dataclass
-class RosNode:
+class RosNode(Closing):
     """One ROS 2 node. Several of one process may share a domain id if they agree on the network.
 
     Attributes:
@@ -204,12 +203,6 @@ class RosNode:
         self._writers.clear()
         # a caller that waits in another thread still holds the set it waits on
         self._waitset = self._graph_writer = self._participant = self._domain = None
-
-    def __enter__(self) -> RosNode:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self.close()
 
     def _open_writer(self, topic: Topic) -> Writer:
         from cyclonedds.pub import DataWriter

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from posefuse.core import Detections2D, LiveJointCentres, Rig, Skeleton, SourceError
+from posefuse.core import Closing, Detections2D, LiveJointCentres, Rig, Skeleton, SourceError
 from posefuse.core.skeleton import BLAZEPOSE33
 from posefuse.foundation.channel import Channel, ChannelClosed
 from posefuse.health.cameras import CameraState
@@ -215,7 +215,7 @@ class ViewIntake:
         return [seen]
 
 
-class NetworkViews(ViewSource):
+class NetworkViews(Closing, ViewSource):
     """Views of other machines for a session: topics are read in a thread. A context manager that closes them.
 
     Args:
@@ -251,12 +251,6 @@ class NetworkViews(ViewSource):
         self._chosen = threading.Event()
         self._thread = threading.Thread(target=self._run, name="views from the network", daemon=True)
         self._thread.start()
-
-    def __enter__(self) -> NetworkViews:
-        return self
-
-    def __exit__(self, *problem: object) -> None:
-        self.close()
 
     def channels(self) -> list[Channel]:
         """For `select`."""

@@ -9,10 +9,9 @@ from __future__ import annotations
 import os
 import threading
 from collections import deque
-from types import TracebackType
 from typing import Any
 
-from posefuse.core import DependencyError
+from posefuse.core import Closing, DependencyError
 
 from .dds import Sample
 from .topics import Topic
@@ -49,7 +48,7 @@ class RclpyReader:
         self._samples.append(Sample(raw, int(info["source_timestamp"]), ""))
 
 
-class RclpyNode:
+class RclpyNode(Closing):
     """Publishes as an rclpy node (`topics.Outlet`), and reads in a thread of its own.
 
     Attributes:
@@ -113,12 +112,6 @@ class RclpyNode:
             self._context.try_shutdown()
             self._thread.join(1.0)
         self._node = None
-
-    def __enter__(self) -> RclpyNode:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self.close()
 
     def _publisher(self, topic: Topic) -> Any:
         """None where the type is not installed."""

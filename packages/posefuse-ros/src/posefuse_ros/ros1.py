@@ -8,10 +8,9 @@ import threading
 import time
 from collections import deque
 from functools import cache
-from types import TracebackType
 from typing import Any
 
-from posefuse.core import DependencyError, MessageError, SourceError
+from posefuse.core import Closing, DependencyError, MessageError, SourceError
 
 from .dds import Sample
 from .topics import Topic
@@ -107,7 +106,7 @@ class Ros1Reader:
             self._kept.append(Sample(raw, time.time_ns(), carrier._connection_header.get("callerid", "")))
 
 
-class Ros1Node:
+class Ros1Node(Closing):
     """Publishes to the ROS master that the environment names (`topics.Outlet`), and subscribes there.
 
     A process is one node for rospy: further ones of the process share its name, and the last to close leaves the master.
@@ -177,9 +176,3 @@ class Ros1Node:
         self._publishers, self._readers = {}, {}
         if not _OPEN:
             self._rospy.signal_shutdown("posefuse ends")
-
-    def __enter__(self) -> Ros1Node:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self.close()
