@@ -1,4 +1,4 @@
-"""Stand-ins of a session: no outputs, outputs that keep what they are offered, and a tracker of one person who stands still."""
+"""Stand-ins of a session: no outputs, outputs that keep what they are offered, and a tracker of one motionless person."""
 
 from typing import Any
 

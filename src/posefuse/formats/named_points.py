@@ -14,7 +14,7 @@ import numpy as np
 from posefuse.core import InputError, ShapeError
 from posefuse.core.arrays import Array, check_fields, freeze_fields
 from posefuse.core.errors import choices
-from posefuse.foundation.parsing import read_any_text, short
+from posefuse.foundation.parsing import one_line, read_any_text, short
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -167,7 +167,7 @@ def read_mvnx(path: Path) -> NamedPoints:
                     positions.append([float(number) for number in text.split()])
                 element.clear()
     except (ET.ParseError, ValueError, OSError, RecursionError) as error:
-        raise InputError(f"{path}: not an MVNX file ({' '.join(str(error).split())})") from None
+        raise InputError(f"{path}: not an MVNX file ({one_line(error)})") from None
     if not positions or {len(row) for row in positions} != {3 * len(labels)}:
         raise InputError(f"{path}: expected frames with a position of each of {len(labels)} segments")
     known = [(i, _JOINTS[label.lower()]) for i, label in enumerate(labels) if label.lower() in _JOINTS]

@@ -23,6 +23,7 @@ from posefuse.core import DependencyError, InputError, PoseSequence
 from posefuse.core.arrays import Array
 from posefuse.formats.mot import MotTable, read_mot
 from posefuse.formats.trc import TrcData, write_trc
+from posefuse.foundation.parsing import one_line
 
 from .body.model import BodyModel, bodies_from_poses
 
@@ -121,7 +122,7 @@ def logged_opensim(folder: Path) -> Iterator[Any]:
     try:
         yield osim
     except RuntimeError as error:
-        raise InputError(f"{folder}: OpenSim failed ({' '.join(str(error).split())[:300]}); see {log}") from None
+        raise InputError(f"{folder}: OpenSim failed ({one_line(error)}); see {log}") from None
     finally:
         osim.Logger.removeFileSink()
 

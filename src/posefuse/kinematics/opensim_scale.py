@@ -22,6 +22,7 @@ import numpy as np
 from posefuse.core import InputError, PoseSequence
 from posefuse.core.arrays import Array
 from posefuse.formats.mot import MotTable
+from posefuse.foundation.parsing import one_line
 
 from .body.model import BodyModel, bodies_from_poses
 from .opensim_path import inverse_kinematics, logged_opensim, opensim_library
@@ -190,7 +191,7 @@ def _opened(osim: Any, path: Path) -> tuple[Any, Any]:
         model = osim.Model(str(path))
         return model, model.initSystem()
     except RuntimeError as error:
-        raise InputError(f"{path}: expected an OpenSim model ({' '.join(str(error).split())[:200]})") from None
+        raise InputError(f"{path}: expected an OpenSim model ({one_line(error)})") from None
 
 
 def _joints(model: Any) -> dict[str, Any]:

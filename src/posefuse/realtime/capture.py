@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from posefuse.core import Camera, PosefuseError, Source, SourceError
+from posefuse.foundation.parsing import one_line
 from posefuse.health.cameras import CameraState
 from posefuse.sources.arriving import Arrived, arriving
 
@@ -171,7 +172,7 @@ class Capture:
                 self._state, self._text = "ended", "the source has ended"
             except Exception as error:  # noqa: BLE001 - others' sources may fail in any way; it is reported, not hidden
                 known = isinstance(error, (PosefuseError, OSError))
-                words = str(error) if known else f"{type(error).__name__}: {' '.join(str(error).split())}"
+                words = str(error) if known else f"{type(error).__name__}: {one_line(error)}"
                 self._state, self._text = "lost", words
             if not self.entry.reopen:
                 return

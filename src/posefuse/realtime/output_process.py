@@ -21,6 +21,7 @@ from posefuse.core import (
 )
 from posefuse.core.live_messages import FAILED, OK
 from posefuse.foundation.channel import Channel, ChannelClosed
+from posefuse.foundation.parsing import one_line
 from posefuse.foundation.platform import lower_priority
 from posefuse.foundation.requests_to_end import wait_while_working
 
@@ -277,4 +278,4 @@ def words_of(error: Exception, where: str) -> str:
         return str(error)
     if isinstance(error, OSError):
         return f"{where}: {error.strerror or error}"
-    return f"{where}: {type(error).__name__}: {' '.join(str(error).split())}"
+    return f"{where}: {type(error).__name__}: {one_line(error)}"

@@ -10,6 +10,7 @@ import numpy as np
 from posefuse.core import SE3, Camera, ConfigError, Frame, JointCentres, LiveJointCentres, MessageError, PosefuseError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
+from posefuse.foundation.parsing import one_line
 
 from .messages import header, ns_from_time, optical_frame
 from .types import message
@@ -131,7 +132,7 @@ def _decompressed(msg: Any) -> Array:
     try:
         image = cv2.imdecode(np.asarray(msg.data, np.uint8), cv2.IMREAD_COLOR_RGB)
     except cv2.error as error:
-        raise MessageError(f"{where}: cannot be decoded ({' '.join(str(error).split())})") from None
+        raise MessageError(f"{where}: cannot be decoded ({one_line(error)})") from None
     if image is None:
         raise MessageError(f"{where}: {len(msg.data)} bytes of format {msg.format!r} cannot be decoded")
     if image.shape[0] * image.shape[1] > MAX_IMAGE_PX:

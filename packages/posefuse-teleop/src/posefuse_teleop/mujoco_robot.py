@@ -15,6 +15,7 @@ import numpy as np
 
 from posefuse.core import SE3, ConfigError, DependencyError
 from posefuse.core.arrays import Array
+from posefuse.foundation.parsing import one_line
 
 from .follower import Follower
 from .joints import Joints
@@ -131,7 +132,7 @@ def mujoco_model(file: Path | None, hands: Sequence[str], text: str | None = Non
             return mujoco.MjSpec.from_file(str(file)).compile()
         return mujoco.MjSpec.from_string(text or mobile_manipulator(hands)).compile()
     except (ValueError, OSError) as error:
-        raise ConfigError(f"{file or 'robot'}: not a usable MJCF model ({' '.join(str(error).split())})") from None
+        raise ConfigError(f"{file or 'robot'}: not a usable MJCF model ({one_line(error)})") from None
 
 
 def placed(position_xy_m: tuple[float, float], heading_deg: float) -> SE3:

@@ -12,7 +12,7 @@ import yaml
 
 from posefuse.core import CalibrationError, Rig
 from posefuse.foundation.output_file import write_text
-from posefuse.foundation.parsing import parse_json, parse_toml, parse_yaml, read_text
+from posefuse.foundation.parsing import one_line, parse_json, parse_toml, parse_yaml, read_text
 
 from . import anipose_toml, caliscope_toml, opencv_storage, parts, qualisys, ros_camera_info
 from .plausible import doubts, require_placed
@@ -66,7 +66,7 @@ def _xml(path: Path, text: str) -> ET.Element:
     try:
         return ET.fromstring(re.sub(r"\A\s*<\?xml.*?\?>", "", text))
     except (ET.ParseError, ValueError) as error:
-        raise CalibrationError(f"{path}: cannot be parsed as XML ({' '.join(str(error).split())})") from None
+        raise CalibrationError(f"{path}: cannot be parsed as XML ({one_line(error)})") from None
 
 
 def _matrices(where: str, value: Any) -> Any:

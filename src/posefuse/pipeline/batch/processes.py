@@ -12,6 +12,7 @@ from typing import Any
 from posefuse import __version__
 from posefuse.core import DependencyError, InputError
 from posefuse.foundation.channel import Channel, ChannelClosed, wait_any
+from posefuse.foundation.parsing import one_line
 from posefuse.foundation.platform import available_memory_bytes, usable_cores
 from posefuse.foundation.worker import Worker
 
@@ -69,7 +70,7 @@ def run_trial(channel: Channel, task: Task) -> None:
     try:
         outcome = run_task(task)
     except Exception as error:  # noqa: BLE001 - a bug, too, is the reason why one trial failed
-        reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        reason = f"{type(error).__name__}: {one_line(error)}"
         outcome = task.outcome(reason=reason)
     channel.send(outcome, _END_S)
 
