@@ -15,7 +15,7 @@ from commands import oracle
 import posefuse as pf
 from posefuse.api import calibrate, compare, recording, track
 from posefuse.api.arguments import checked
-from posefuse.core import InputError
+from posefuse.core import ConfigError, InputError
 
 KINDS = ("bool", "Sequence[str]", "Mapping[str, Any]")
 
@@ -77,6 +77,10 @@ def test_a_result_is_not_taken_for_a_session(make_recording: Callable[..., pf.Re
     """Its overlay.mp4 was taken for a camera."""
     make_recording().save(tmp_path / "result")
     refusal(InputError, r"holds a result, not a session; .*pf\.read\(RESULT\)\.solve\(\)", pf.track, tmp_path / "result")
+
+
+def test_a_rig_that_is_no_path_is_refused(demo_session: Path) -> None:
+    refusal(ConfigError, "rig: .*got 5", pf.track, demo_session, settings={"rig": 5})
 
 
 @pytest.mark.parametrize(("formats", "written"), [(None, {"pose.trc"}), (("csv",), {"pose.csv"}), ((), set())])
