@@ -49,11 +49,11 @@ def downloaded(
                 return target if target.is_file() else downloaded(urls, target, sha256, most_bytes, pause)
             whole = any(_received(url, file, sha256, most_bytes, pause, reasons) for url in urls)
         # a file that is open cannot be renamed on Windows; another process that waited for it may have been first
-        if whole:
-            with suppress(FileNotFoundError):
+        with suppress(FileNotFoundError):
+            if whole:
                 part.replace(target)
-        elif not part.stat().st_size:
-            part.unlink()
+            elif not part.stat().st_size:
+                part.unlink()
     except OSError as error:
         raise ModelError(f"{part}: cannot be written ({error.strerror})") from None
     if not whole:
@@ -77,7 +77,10 @@ def _alone(part: Path) -> Iterator[BufferedRandom]:
 
 
 def _is_at(file: BufferedRandom, path: Path) -> bool:
-    return path.is_file() and os.path.samestat(path.stat(), os.fstat(file.fileno()))
+    try:
+        return os.path.samestat(path.stat(), os.fstat(file.fileno()))
+    except FileNotFoundError:
+        return False
 
 
 def _received(
