@@ -47,9 +47,7 @@ PACKAGES = {
         (
             "tests/pipeline/test_following.py",
             "tests/pipeline/test_second_pass.py",
-            "tests/pipeline/test_others.py",
             "tests/pipeline/test_session.py",
-            "tests/pipeline/test_provenance.py",
             "tests/pipeline/test_edits.py",
             "tests/ros/test_live_recording.py",
             "tests/pipeline/test_whole_body.py",
@@ -59,9 +57,14 @@ PACKAGES = {
     ),
     "teleoperation": (
         tuple(f"packages/posefuse-teleop/src/posefuse_teleop/{name}.py" for name in _GUARDS),
-        tuple(
-            f"tests/teleoperation/test_{name}.py"
-            for name in ("gate", "limits", "follower", "separation", "mapping", "joint_limits", "mujoco_robot", "faults")
+        (
+            "tests/teleoperation/test_faults.py",
+            "tests/teleoperation/test_follower.py",
+            "tests/teleoperation/test_gate.py",
+            "tests/teleoperation/test_limits.py",
+            "tests/teleoperation/test_mapping.py",
+            "tests/teleoperation/test_mujoco_robot.py",
+            "tests/teleoperation/test_separation.py",
         ),
     ),
     "tracking": (("src/posefuse/tracking/**/*.py",), ("tests/tracking", "tests/laws/test_smooth_laws.py")),

@@ -92,6 +92,18 @@ def test_a_wrong_script_and_a_wrong_option_are_seen() -> None:
     assert wrong_names(text) == ["bench/gone.py", "bench/fuse.py --turns"]
 
 
+def missing_tests(text: str) -> list[str]:
+    """Tests that a script or the Makefile names, and that do not exist."""
+    return [name for name in re.findall(r"(?<![\w/])tests/[\w/]+\.py", text) if not (ROOT / name).is_file()]
+
+
+def test_tests_that_scripts_and_the_makefile_name_exist() -> None:
+    files = [*(ROOT / "bench").glob("*.py"), *(ROOT / "tools").glob("*"), ROOT / "Makefile"]
+    named = {path.name: missing_tests(path.read_text(encoding="utf-8")) for path in files if path.is_file()}
+    assert {name: missing for name, missing in named.items() if missing} == {}
+    assert missing_tests('"tests/fusion/test_gone.py", "tests/architecture/test_benches.py"') == ["tests/fusion/test_gone.py"]
+
+
 def test_every_table_between_marks_has_a_script_that_writes_it() -> None:
     marks = {(page.name, mark) for page in PAGES for mark in MARK.findall(page.read_text(encoding="utf-8"))}
     assert len(marks) >= 5

@@ -6,6 +6,7 @@ from built import turned
 
 from posefuse.core import SE3, SKELETONS, ConfigError, Rig, ShapeError
 from posefuse.fusion import WEIGHTS, FuseSettings, triangulate
+from posefuse.fusion.kernels.robust import middle_residual
 
 LENSES = {
     0: (),
@@ -128,6 +129,16 @@ def test_robust_is_not_pulled_by_wrong_views(ring_rig, count, bad):
     # a point lost to two wrong views that happen to agree is the exception
     assert np.quantile(off, 0.98) < 5 * np.median(best)
     assert np.median(pulled) > 10 * np.median(off)
+
+
+def test_the_middle_residual_is_that_of_good_views_when_half_of_eight_are_wrong():
+    """As large as the good ones are (1: two degrees of freedom, of eight residuals), whatever the others."""
+    rng = np.random.default_rng(12)
+    squares = rng.chisquare(2, (400, 8))
+    good = np.median([middle_residual(one.copy(), 8) for one in squares])
+    squares[:, :4] += 1e4
+    half = np.median([middle_residual(one.copy(), 8) for one in squares])
+    assert 0.7 < good < 1.5 and half < 5 * good
 
 
 def test_a_stated_sigma_that_is_far_too_small_is_seen_through(ring_rig):
