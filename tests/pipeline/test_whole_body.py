@@ -1,6 +1,7 @@
 """When a solve fits skeletons, what stays missing, and what that does for a limb that only one camera sees."""
 
 from dataclasses import replace
+from typing import Any
 
 import built
 import numpy as np
@@ -15,7 +16,7 @@ from posefuse.foundation.settings import settings_from_mapping
 from posefuse.kinematics.body import BodySettings, fit_views
 from posefuse.pipeline import second_pass
 from posefuse.pipeline.config import TrackConfig, changed_config
-from posefuse.pipeline.second_pass import hidden_people, with_bodies
+from posefuse.pipeline.second_pass import fit_bodies_in_place, hidden_people
 from posefuse.pipeline.solve import fits_bodies
 from posefuse_sim.exact import truth_of
 from posefuse_sim.scene import Scene
@@ -51,6 +52,12 @@ def seen_by(rig, xyz: np.ndarray, hidden_from: int) -> Recording:
     t_ns, kind = np.arange(len(xyz)) * 33_333_333, np.where(there, Kind.SMOOTHED, Kind.MISSING)
     poses = built.poses(noisy, SIGMA_M, t_ns=t_ns, n_views=there * len(rig), kind=kind)
     return recording_from_views(rig, poses, xy, score, np.where(score > 0, SIGMA_PX, np.nan))
+
+
+def with_bodies(recording: Recording, *arguments: Any, **options: Any) -> Recording:
+    """`fit_bodies_in_place` of a copy."""
+    copied = replace(recording.poses, **arrays_of(recording.poses, np.array))
+    return fit_bodies_in_place(replace(recording, poses=copied), *arguments, **options)
 
 
 def test_a_forearm_in_one_view_is_found_with_its_uncertainty(walker, ring_rig) -> None:
@@ -185,7 +192,7 @@ def test_only_people_with_hidden_limbs_are_fitted_if_asked_for(walker, ring_rig)
     in_view = seen_by(ring_rig(4), walker, hidden_from=0)
     poses = replace(in_view.poses, xyz_world=walker, kind=np.full(walker.shape[:-1], Kind.SMOOTHED))
     in_view = replace(in_view, poses=poses)
-    assert with_bodies(in_view, in_view.views, BodySettings(), None, only_hidden=True) is in_view
+    assert fit_bodies_in_place(in_view, in_view.views, BodySettings(), None, only_hidden=True) is in_view
     assert with_bodies(in_view, in_view.views, BodySettings(), None) is not in_view
 
 

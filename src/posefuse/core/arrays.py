@@ -35,6 +35,14 @@ def give_away(*arrays: Array) -> None:
             give_away(array.base)
 
 
+def take_back(*arrays: Array) -> None:
+    """Make arrays that were given away writeable again, once no value is read any more that has them."""
+    for array in arrays:
+        if type(array.base) is np.ndarray:
+            take_back(array.base)
+        array.setflags(write=True)
+
+
 def _is_frozen(value: Any, dtype: DTypeLike) -> bool:
     if type(value) is not np.ndarray or value.dtype != dtype or not value.flags.c_contiguous:
         return False

@@ -106,6 +106,8 @@ class ViewsInParts:
 
     def people(self, which: Array | slice) -> ViewsInParts:
         """These people only: `which` is (N,) bool, or their places on axis N in the order wanted."""
+        if np.array_equal(self._ids[which], self._ids):
+            return self
         return ViewsInParts(self._seen, self._ids[which], *self._times)
 
     def part(self, steps: slice) -> ViewSequence:

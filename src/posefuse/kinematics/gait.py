@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.signal import find_peaks, savgol_filter
 
 from posefuse.core import PoseSequence
 from posefuse.core.arrays import Array
@@ -123,6 +122,9 @@ def _bridged(xyz: Array) -> Array:
 
 def _peaks(signal: Array, moving: Array, rate_hz: float) -> Array:
     """Indices of the maximum of each swing while walking; not at the very ends, where it may be a cut."""
+    # not with the other imports: every summary of a run would take a third of a second and 28 MiB for it
+    from scipy.signal import find_peaks
+
     if not np.isfinite(signal).all():
         return np.zeros(0, np.intp)
     smooth = _smooth(signal, rate_hz)
@@ -131,6 +133,8 @@ def _peaks(signal: Array, moving: Array, rate_hz: float) -> Array:
 
 
 def _smooth(signal: Array, rate_hz: float) -> Array:
+    from scipy.signal import savgol_filter
+
     window = max(5, 2 * int(_SMOOTH_S * rate_hz / 2) + 1)
     return np.asarray(savgol_filter(signal, min(window, len(signal) - 1 + len(signal) % 2), 2))
 

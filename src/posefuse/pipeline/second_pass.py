@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from posefuse.core import InputError, JointCentres, Kind, Observations, PoseSequence, Recording, Rig, ViewSequence
-from posefuse.core.arrays import Array, give_away
+from posefuse.core.arrays import Array, give_away, take_back
 from posefuse.core.joint_centres import SEGMENT_ENDS
 from posefuse.core.view_sequences import PartsOfViews, ViewsInParts, people_in
 from posefuse.fusion import FuseSettings, fuse
@@ -200,7 +200,7 @@ def hidden_people(poses: PoseSequence) -> set[int]:
     return found
 
 
-def with_bodies(
+def fit_bodies_in_place(
     recording: Recording,
     views: ViewSequence | ViewsInParts,
     settings: BodySettings,
@@ -211,15 +211,14 @@ def with_bodies(
     """The recording with the poses of fitted skeletons; with `only_hidden` of those people whose limbs were hidden.
 
     Segment lengths and poses are solved from `views`, so that a joint in one view alone still counts; the recording's poses are
-    where that starts. People who were not seen well enough to have a skeleton keep their poses; the provenance names the others
-    (``fitted_people``).
+    where that starts, and where the fitted ones are written: of an hour, both take much memory. People who were not seen well
+    enough to have a skeleton keep their poses; the provenance names the others (``fitted_people``).
     """
     poses, rig = recording.poses, recording.rig
     chosen = hidden_people(poses) if only_hidden else set(poses.person_id.tolist())
     if not chosen:
         return recording
     fitted: list[int] = []
-    planes: dict[str, Any] = {}
     for n, person in enumerate(poses.person_id.tolist()):
         if person not in chosen:
             continue
@@ -227,18 +226,16 @@ def with_bodies(
         start = poses.people(alone)
         rays = ViewsAtJointCentres(start, rig, views.people(alone), centres)
         try:
-            fit = fit_views(start, rig, rays, settings, lengths=usual_length_prior(), with_joints=False)
+            fit = fit_views(start, rig, rays, settings, lengths=usual_length_prior(), in_place=True)
         except InputError:  # this person has no skeleton, or left and right are swapped
             continue
         fitted += sorted(fit.bodies)
-        if len(poses.person_id) == 1:
-            poses = fit.poses
-        else:
-            # not before: in an hour, they take as much memory as what a fit works on
-            planes = planes or {name: getattr(poses, name).copy() for name in ("xyz_world", "cov_world", "kind")}
-            for name, plane in planes.items():
+        if len(poses.person_id) > 1:
+            for name in ("xyz_world", "cov_world", "kind"):
+                plane = getattr(poses, name)
+                take_back(plane)
                 plane[:, n] = getattr(fit.poses, name)[:, 0]
+                give_away(plane)
     if not fitted:
         return recording
-    give_away(*planes.values())
-    return replace(recording, poses=replace(poses, **planes), provenance={**recording.provenance, "fitted_people": fitted})
+    return replace(recording, provenance={**recording.provenance, "fitted_people": fitted})

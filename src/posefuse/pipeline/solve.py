@@ -24,7 +24,7 @@ from posefuse.foundation.settings import settings_from_mapping
 from .config import TrackConfig
 from .edits import NO_EDITS, Edits, check_edits, only_person, used_frames
 from .following import PeopleFollower
-from .second_pass import long_enough, poses_over_time, with_bodies
+from .second_pass import fit_bodies_in_place, long_enough, poses_over_time
 from .time_steps import common_timeline, stored_steps
 
 # in the provenance of a recording whose extrinsics were refined from its people
@@ -84,7 +84,7 @@ def solve_followed(observations: Observations, rig: Rig, provenance: Mapping[str
     recording = Recording(rig=rig, poses=poses, observations=kept, provenance=provenance)
     if not fits_bodies(config, centres):
         return recording
-    return with_bodies(recording, views, config.whole_body, centres, only_hidden=config.body == "auto")
+    return fit_bodies_in_place(recording, views, config.whole_body, centres, only_hidden=config.body == "auto")
 
 
 def fits_bodies(config: TrackConfig, centres: JointCentres | None) -> bool:

@@ -229,25 +229,28 @@ class ImageTimeSteps:
         timeline: Timeline,
         on_lost: OnLost | None = None,
     ) -> None:
-        self._rig, self._detector, self._timeline, self._on_lost = rig, detector, timeline, on_lost
+        self._rig, self._timeline, self._on_lost = rig, timeline, on_lost
+        self._detector: Detector | None = detector
         self._sources = sources
         self._counted: list[CountedSource] = []
         self._sets: Generator[FrameSet] | None = None
 
     def steps(self, stored: Observations | None = None) -> Iterator[ImageStep]:
         """The time steps after those of `stored`; may be called once."""
-        line, first = self._timeline, 0 if stored is None else len(stored.step_t_ns)
+        line, first, detector = self._timeline, 0 if stored is None else len(stored.step_t_ns), self._detector
+        assert detector is not None  # a session is opened once
         self._counted = [self._from(source, first, stored) for source in self._sources]
         self._sets = decoded(self._counted, line.t_ns(first), line.period_ns, line.t_ns(line.count - 1), self._on_lost)
         for frame_set in self._sets:
-            yield ImageStep(frame_set.t_ns, frame_set.frames, self._rig, self._detector)
+            yield ImageStep(frame_set.t_ns, frame_set.frames, self._rig, detector)
 
     def close(self) -> None:
-        """Stop decoding."""
+        """Stop decoding, and let the detector go: its network takes as much memory as some minutes of results."""
         if self._sets is not None:
             self._sets.close()
         for source in self._sources:
             source.close()
+        self._detector = self._sets = None
 
     def incomplete(self) -> list[str]:
         """One line for each camera of which part cannot be read, or that ends before the others."""

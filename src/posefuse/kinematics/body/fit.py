@@ -8,16 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posefuse.core import JointAngles, Kind, PoseSequence, Rig, Views
-from posefuse.core.arrays import Array, give_away
+from posefuse.core.arrays import Array, give_away, take_back
 from posefuse.core.view_sequences import PartsOfViews
 from posefuse.kinematics.joints import FrameBuffers, frames_of, joints_from_poses, joints_value
 from posefuse.kinematics.settings import BodySettings, JointSettings
 from posefuse.kinematics.sides import SIDES
 
-from .contacts import FOOT, contacts_of, foot_rows
+from .contacts import FOOT, Contacts, contacts_of, foot_rows
 from .filter import BodyFilter, Measurement, of_points, smoothed
 from .model import BodyModel, bodies_from_poses
-from .result import StateReader
+from .result import Fitted, StateReader
 from .shape import LengthPrior, nearest_in_time, with_solved_lengths, with_stand_ins
 
 # views of so many time steps are made at once: those of an hour take much memory
@@ -63,7 +63,9 @@ def fit_poses(
     """
     settings, joint_settings = settings or BodySettings(), joint_settings or JointSettings()
     bodies = bodies if bodies is not None else bodies_from_poses(sequence, settings, joint_settings)
-    return _fit(sequence, _points_of(sequence), settings, bodies, joint_settings, with_joints=True)
+    work = FrameBuffers(sequence.skeleton, joint_settings)
+    poses = _Poses(sequence, settings, joint_settings, with_joints=True, in_place=False)
+    return poses.fit(_fit(sequence, _points_of(sequence), settings, bodies, work, poses))
 
 
 def _points_of(sequence: PoseSequence) -> _Measured:
@@ -82,22 +84,26 @@ def fit_views(
     joint_settings: JointSettings | None = None,
     lengths: LengthPrior | None = None,
     *,
-    with_joints: bool = True,
+    in_place: bool = False,
 ) -> BodyFit:
     """Fit each person's skeleton directly to the rays of all views: a joint seen by one camera still counts.
 
     `views` are of the people and times of `sequence`, to which the bodies are fitted first (`fit_poses`): that is where rays
     start. Segment lengths start as medians over time. With `lengths` as a prior they are then solved together with poses
-    (`with_solved_lengths`), and a shoulder or hip without any 3D is no obstacle (`with_stand_ins`). Without `with_joints`,
-    those of the fit are of no person: in an hour they take much memory. Raises as `fit_poses`.
+    (`with_solved_lengths`), and a shoulder or hip without any 3D is no obstacle (`with_stand_ins`). Raises as `fit_poses`.
+
+    With `in_place` the poses are written where those of `sequence` lie, which nothing may read any more, and the joints are of
+    no person: of an hour, each takes much memory.
     """
     settings, joint_settings = settings or BodySettings(), joint_settings or JointSettings()
-    projections = rig.projections()
+    projections, work = rig.projections(), FrameBuffers(sequence.skeleton, joint_settings)
     start = sequence if lengths is None else with_stand_ins(sequence, lengths)
     if bodies is None:
         bodies = bodies_from_poses(start, settings, joint_settings)
     # keypoints of one body: among fused ones that do not belong together, rays may lead to a pose that explains only a few
-    near_world = nearest_in_time(_fit(start, _points_of(start), settings, bodies, joint_settings).poses)
+    near = _Points(start, settings.most_sigma_m)
+    _fit(start, _points_of(start), settings, bodies, work, near)
+    near_world = nearest_in_time(near.xyz, sequence.skeleton)
 
     def seen_by(view: Views, i: int, n: int, at: Array) -> Measurement:
         xy, inverse_var = _rays_of(rig, view.xy_img[n][:, at], view.score[n][:, at], view.sigma_px[n][:, at])
@@ -107,7 +113,6 @@ def fit_views(
     blocks = _Blocks(views)
 
     if lengths is not None:
-        work = FrameBuffers(sequence.skeleton, joint_settings)
         steps = np.unique(np.linspace(0, len(sequence) - 1, settings.length_steps).astype(int)).tolist()
         places = {person: n for n, person in enumerate(sequence.person_id.tolist())}
         spread = [(i, views.part(slice(i, i + 1)).at(0)) for i in steps]
@@ -121,7 +126,8 @@ def fit_views(
     def measured(i: int, n: int, at: Array) -> Measurement:
         return seen_by(blocks.at(i), i, n, at)
 
-    return _fit(sequence, measured, settings, bodies, joint_settings, by_rays=True, with_joints=with_joints)
+    poses = _Poses(sequence, settings, joint_settings, with_joints=not in_place, in_place=in_place)
+    return poses.fit(_fit(sequence, measured, settings, bodies, work, poses, by_rays=True))
 
 
 class _Blocks:
@@ -148,24 +154,98 @@ def _rays_of(rig: Rig, xy_img: Array, score: Array, sigma_px: Array) -> tuple[Ar
     return np.ascontiguousarray(np.swapaxes(np.where(seen[..., None], xy, 0.0), 0, 1)), np.ascontiguousarray(inverse_var.T)
 
 
-def _with_contacts(
-    body: BodyModel, seen: _Seen, t_ns: Array, settings: BodySettings, work: FrameBuffers
-) -> Iterator[Measurement]:
-    """What was seen, with the places of feet that stand; a first fit shows which do."""
-    feet = [row for side in SIDES for row in foot_rows(body.skeleton, body.keypoint, side, FOOT)]
-    points, cov = np.full((len(t_ns), len(feet), 3), np.nan), np.full((len(t_ns), len(feet), 3, 3), np.nan)
-    filter_ = BodyFilter(body, settings, work)
-    reader = StateReader(filter_, work)
-    for i, (_, state) in enumerate(smoothed(filter_, seen())):
-        if state is not None:
-            points[i], cov[i] = (values[feet] for values in reader.points(state))
-    contacts = contacts_of(t_ns, points, cov, body.skeleton, body.keypoint[feet])
-    # a generator keeps its variables to its end
-    del points, cov
-    standing, shared = np.full((len(body.keypoint), 3), np.nan), np.zeros((len(body.keypoint), 3, 3))
-    for i, one in enumerate(seen()):
-        standing[feet], shared[feet] = contacts.xyz[i], contacts.cov[i]
-        yield replace(one, standing=standing.copy(), standing_cov=shared.copy())
+class _FarOff:
+    """In how many time steps each keypoint (A,) of one person's fit is far from the fused one."""
+
+    def __init__(self, sequence: PoseSequence, n: int, at: Array) -> None:
+        self._xyz, self._cov, self._at = sequence.xyz_world[:, n], sequence.cov_world[:, n], at
+        self._count, self._far, self._known = 0, np.zeros(len(at), int), np.zeros(len(at), int)
+
+    def add(self, i: int, fitted: Array) -> None:
+        """Where the fit has the keypoints (A, 3) at time step `i`."""
+        off_m = np.linalg.norm(fitted - self._xyz[i, self._at], axis=-1)
+        sigma_m = np.sqrt(np.trace(self._cov[i, self._at], axis1=-2, axis2=-1))
+        self._count += 1
+        self._far += off_m > np.maximum(_FAILED_M, _FAILED_SIGMAS * sigma_m)
+        self._known += np.isfinite(off_m) & np.isfinite(sigma_m)
+
+    @property
+    def failed(self) -> bool:
+        """Whether the fit found nothing, or another pose than was seen."""
+        return not self._count or bool((self._far > _FAILED_SHARE * np.maximum(self._known, self._count / 2)).any())
+
+
+class _Points:
+    """The points (T, N, K, 3) of a sequence into which fits are written."""
+
+    def __init__(self, sequence: PoseSequence, most_sigma_m: float) -> None:
+        self._sequence, self._most_var = sequence, 3 * most_sigma_m**2
+        self.xyz = sequence.xyz_world.copy()
+
+    def write(self, i: int, n: int, at: Array, fitted: Fitted) -> None:
+        """One person at one time step."""
+        taken = self._taken(i, n, at, fitted)
+        self.xyz[i, n, at[taken]] = fitted.xyz[taken]
+
+    def undo(self, n: int) -> None:
+        """One person as before."""
+        self.xyz[:, n] = self._sequence.xyz_world[:, n]
+
+    def _taken(self, i: int, n: int, at: Array, fitted: Fitted) -> Array:
+        """(A,) of which keypoints the fit counts: those that were seen, and of the others those that are sure."""
+        sure = np.trace(fitted.cov, axis1=-2, axis2=-1) < self._most_var
+        return np.asarray(sure | (self._sequence.kind[i, n, at] != Kind.MISSING))
+
+
+class _Poses(_Points):
+    """The poses of a sequence, and the joints if wanted, into which fits are written."""
+
+    def __init__(
+        self, sequence: PoseSequence, settings: BodySettings, joint_settings: JointSettings, *, with_joints: bool, in_place: bool
+    ) -> None:
+        self._sequence, self._most_var = sequence, 3 * settings.most_sigma_m**2
+        self._with_joints, self._in_place, self._joint_settings = with_joints, in_place, joint_settings
+        self._planes: list[Array] = []
+
+    def write(self, i: int, n: int, at: Array, fitted: Fitted) -> None:
+        if not self._planes:
+            # not before: of an hour they take much memory, and so does what shows which feet stand
+            self._planes = self._before()
+            if self._in_place:
+                take_back(*self._planes[:3])
+            else:
+                self._planes = [plane.copy() for plane in self._planes]
+        taken = self._taken(i, n, at, fitted)
+        xyz, cov, kind, *of_joints = self._planes
+        kept = at[taken]
+        xyz[i, n, kept], cov[i, n, kept] = fitted.xyz[taken], fitted.cov[taken]
+        kind[i, n, kept] = np.where(kind[i, n, kept] == Kind.MISSING, Kind.INTERPOLATED, Kind.SMOOTHED)
+        if self._with_joints:
+            values = (*frames_of(fitted.rotation, fitted.origin), fitted.angles, fitted.sigmas)
+            for plane, value in zip(of_joints, values, strict=True):
+                plane[i, n] = value
+
+    def undo(self, n: int) -> None:
+        if self._planes:
+            for plane, unfitted in zip(self._planes, self._before(), strict=True):
+                plane[:, n : n + 1] = unfitted[:, n : n + 1]
+
+    def fit(self, bodies: Mapping[int, BodyModel]) -> BodyFit:
+        """All that was written."""
+        xyz, cov, kind, *of_joints = self._planes or self._before()
+        give_away(xyz, cov, kind)
+        people = self._sequence.person_id[: of_joints[0].shape[1]]
+        return BodyFit(
+            replace(self._sequence, xyz_world=xyz, cov_world=cov, kind=kind),
+            joints_value(self._sequence.t_ns, people, *of_joints),
+            bodies,
+        )
+
+    def _before(self) -> list[Array]:
+        poses = self._sequence
+        joints = joints_from_poses(poses if self._with_joints else poses.people(slice(0)), self._joint_settings)
+        frames = joints.world_from_segment
+        return [poses.xyz_world, poses.cov_world, poses.kind, frames.wxyz, frames.xyz, joints.angle_rad, joints.sigma_rad]
 
 
 def _fit(
@@ -173,74 +253,60 @@ def _fit(
     measured: _Measured,
     settings: BodySettings,
     bodies: Mapping[int, BodyModel],
-    joint_settings: JointSettings,
+    work: FrameBuffers,
+    written: _Points,
     *,
     by_rays: bool = False,
-    with_joints: bool = False,
-) -> BodyFit:
-    work = FrameBuffers(sequence.skeleton, joint_settings)
-
-    def before() -> list[Array]:
-        joints = joints_from_poses(sequence if with_joints else sequence.people(slice(0)), joint_settings)
-        return _planes_of(sequence, joints)
-
-    planes: list[Array] = []
-    fitted_bodies = {}
+) -> dict[int, BodyModel]:
+    """Fit each person and write it; returns the bodies of those whose fit did not fail."""
+    fitted = {}
     for n, person in enumerate(sequence.person_id.tolist()):
         if person not in bodies:
             continue
-        body = bodies[person]
-        at = body.keypoint
+        body, at = bodies[person], bodies[person].keypoint
 
         def seen(n: int = n, at: Array = at) -> Iterator[Measurement]:
             return (measured(i, n, at) for i in range(len(sequence)))
 
-        with_feet = by_rays and settings.contact_sigma_m > 0
+        far_off = _FarOff(sequence, n, at)
+        steps = _after_a_first_pass(body, seen, sequence.t_ns, settings, work, far_off) if by_rays else seen()
+        if by_rays and far_off.failed:
+            continue
         filter_ = BodyFilter(body, settings, work)
         reader = StateReader(filter_, work)
-        count, far, known = 0, np.zeros(len(at), int), np.zeros(len(at), int)
-        steps = _with_contacts(body, seen, sequence.t_ns, settings, work) if with_feet else seen()
         for i, (one, state) in enumerate(smoothed(filter_, steps)):
-            # not before: of an hour they take much memory, and so does what shows which feet stand
-            planes = planes or [plane.copy() for plane in before()]
-            if state is None:
-                continue
-            xyz, cov, kind, *of_joints = planes
-            fitted = reader.read(state, one)
-            off = _off(fitted.xyz, sequence.xyz_world[i, n, at], sequence.cov_world[i, n, at])
-            count, far, known = count + 1, far + off[0], known + off[1]
-            missing = kind[i, n, at] == Kind.MISSING
-            sure = np.trace(fitted.cov, axis1=-2, axis2=-1) < 3 * settings.most_sigma_m**2
-            kept = at[~missing | sure]
-            xyz[i, n, kept], cov[i, n, kept] = fitted.xyz[~missing | sure], fitted.cov[~missing | sure]
-            kind[i, n, kept] = np.where(missing, Kind.INTERPOLATED, Kind.SMOOTHED)[~missing | sure]
-            if with_joints:
-                values = (*frames_of(fitted.rotation, fitted.origin), fitted.angles, fitted.sigmas)
-                for plane, value in zip(of_joints, values, strict=True):
-                    plane[i, n] = value
-        if count and not _failed(count, far, known):
-            fitted_bodies[person] = body
+            if state is not None:
+                found = reader.read(state, one)
+                written.write(i, n, at, found)
+                if not by_rays:
+                    far_off.add(i, found.xyz)
+        if far_off.failed:
+            written.undo(n)
         else:
-            for plane, unfitted in zip(planes, before(), strict=True):
-                plane[:, n : n + 1] = unfitted[:, n : n + 1]
-    xyz, cov, kind, *of_joints = planes or before()
-    give_away(xyz, cov, kind)
-    poses = replace(sequence, xyz_world=xyz, cov_world=cov, kind=kind)
-    people = sequence.person_id[: of_joints[0].shape[1]]
-    return BodyFit(poses, joints_value(sequence.t_ns, people, *of_joints), fitted_bodies)
+            fitted[person] = body
+    return fitted
 
 
-def _planes_of(poses: PoseSequence, joints: JointAngles) -> list[Array]:
-    frames = joints.world_from_segment
-    return [poses.xyz_world, poses.cov_world, poses.kind, frames.wxyz, frames.xyz, joints.angle_rad, joints.sigma_rad]
+def _after_a_first_pass(
+    body: BodyModel, seen: _Seen, t_ns: Array, settings: BodySettings, work: FrameBuffers, far_off: _FarOff
+) -> Iterator[Measurement]:
+    """What was seen, with the places of feet that stand; a first fit shows which do, and whether it can be trusted."""
+    feet = [row for side in SIDES for row in foot_rows(body.skeleton, body.keypoint, side, FOOT)]
+    points, cov = np.full((len(t_ns), len(feet), 3), np.nan), np.full((len(t_ns), len(feet), 3, 3), np.nan)
+    filter_ = BodyFilter(body, settings, work)
+    reader = StateReader(filter_, work)
+    for i, (_, state) in enumerate(smoothed(filter_, seen())):
+        if state is not None:
+            xyz, spread = reader.points(state)
+            far_off.add(i, xyz)
+            points[i], cov[i] = xyz[feet], spread[feet]
+    if not settings.contact_sigma_m:
+        return seen()
+    return _standing(seen(), feet, contacts_of(t_ns, points, cov, body.skeleton, body.keypoint[feet]), len(body.keypoint))
 
 
-def _off(fitted: Array, fused: Array, fused_cov: Array) -> tuple[Array, Array]:
-    """(..., A) which keypoints (..., A, 3) a fit puts far from the fused ones, and which of these are known."""
-    off_m, sigma_m = np.linalg.norm(fitted - fused, axis=-1), np.sqrt(np.trace(fused_cov, axis1=-2, axis2=-1))
-    return off_m > np.maximum(_FAILED_M, _FAILED_SIGMAS * sigma_m), np.isfinite(off_m) & np.isfinite(sigma_m)
-
-
-def _failed(count: int, far: Array, known: Array) -> bool:
-    """Whether a fit of `count` time steps found another pose than was seen: in how many each keypoint (A,) is far, and known."""
-    return bool((far > _FAILED_SHARE * np.maximum(known, count / 2)).any())
+def _standing(seen: Iterator[Measurement], feet: list[int], contacts: Contacts, count: int) -> Iterator[Measurement]:
+    standing, shared = np.full((count, 3), np.nan), np.zeros((count, 3, 3))
+    for i, one in enumerate(seen):
+        standing[feet], shared[feet] = contacts.xyz[i], contacts.cov[i]
+        yield replace(one, standing=standing.copy(), standing_cov=shared.copy())

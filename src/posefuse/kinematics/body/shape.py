@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posefuse.core import PoseSequence
+from posefuse.core import PoseSequence, Skeleton
 from posefuse.core.arrays import Array, give_away
 from posefuse.core.view_sequences import nearest_frames
 from posefuse.kinematics.joints import FrameBuffers
@@ -227,13 +227,12 @@ def _fill(xyz: Array, left: int, right: int, line: Array) -> None:
             xyz[gaps, missing] = xyz[gaps, known] + sign * line[gaps]
 
 
-def nearest_in_time(sequence: PoseSequence) -> Array:
-    """(T, N, K, 3) points of a recording; a missing one is where it was nearest in time, carried along by the hips.
+def nearest_in_time(filled: Array, skeleton: Skeleton) -> Array:
+    """Fill points (T, N, K, 3) in place: a missing one is where it was nearest in time, carried along by the hips.
 
     Only a place to start from: a limb that begins bent the wrong way may stay so, since rays far off count little.
     """
-    hips = [sequence.skeleton.index(f"{side}_hip") for side in ("left", "right")]
-    filled = sequence.xyz_world.copy()
+    hips = [skeleton.index(f"{side}_hip") for side in ("left", "right")]
     for n in range(filled.shape[1]):
         middle = filled[:, n, hips].mean(axis=1)
         for k in range(filled.shape[2]):
