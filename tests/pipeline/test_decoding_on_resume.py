@@ -41,7 +41,7 @@ def test_few_frames_before_the_first_missing_one_are_decoded(
     write_video(tmp_path / "a.mp4", images, "mpeg4", options={"g": str(GOP)})
     sources = [VideoConfig(tmp_path / "a.mp4", name).build() for name in rig.names]
     images = ImageTimeSteps(
-        rig, sources, None, common_timeline({one.camera: one.times_ns() for one in sources}, None, None, None), None
+        rig, sources, object(), common_timeline({one.camera: one.times_ns() for one in sources}, None, None, None), None
     )
     whole = list(images.steps())
     log = log_of(whole[:DONE], rig)

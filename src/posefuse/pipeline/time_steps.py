@@ -238,7 +238,7 @@ class ImageTimeSteps:
     def steps(self, stored: Observations | None = None) -> Iterator[ImageStep]:
         """The time steps after those of `stored`; may be called once."""
         line, first, detector = self._timeline, 0 if stored is None else len(stored.step_t_ns), self._detector
-        assert detector is not None  # a session is opened once
+        assert detector is not None  # time steps are read before closing
         self._counted = [self._from(source, first, stored) for source in self._sources]
         self._sets = decoded(self._counted, line.t_ns(first), line.period_ns, line.t_ns(line.count - 1), self._on_lost)
         for frame_set in self._sets:
