@@ -140,18 +140,45 @@ def test_a_long_session_stays_sound(posed):
     assert np.mean(sigma[-50:]) == pytest.approx(np.mean(sigma[200:250]), rel=0.02)
 
 
-def test_rays_see_what_points_cannot(noisy, fitted, ring_rig):
-    """A wrist seen by one camera only has no 3D point, but its ray still bounds it."""
+@pytest.fixture
+def rays(noisy, ring_rig):
+    """Four cameras, and what they see of the person; an arm is for a while in the image of one camera alone."""
     clean, seen = noisy
     rig, rng = ring_rig(4), np.random.default_rng(2)
     xy = np.moveaxis(rig.project(clean.xyz_world), 0, 2) + rng.normal(size=(150, 1, 4, len(clean.skeleton), 2)) * 1.0
     score = np.ones(xy.shape[:-1])
-    wrist = clean.skeleton.index("left_wrist")
     score[60:85, :, 1:, clean.skeleton.indices(HIDDEN)] = 0
-    views = view_sequence(rig, seen, np.where(score[..., None] > 0, xy, np.nan), score)
-    by_rays = fit_views(seen, rig, views, WHITE, fitted.bodies)
+    return rig, view_sequence(rig, seen, np.where(score[..., None] > 0, xy, np.nan), score)
+
+
+def test_rays_see_what_points_cannot(noisy, fitted, rays):
+    """A wrist seen by one camera only has no 3D point, but its ray still bounds it."""
+    clean, seen = noisy
+    wrist = clean.skeleton.index("left_wrist")
+    by_rays = fit_views(seen, *rays, WHITE, fitted.bodies)
     errors = [np.linalg.norm(f.poses.xyz_world - clean.xyz_world, axis=-1)[60:85, 0, wrist].mean() for f in (fitted, by_rays)]
     assert errors[1] < 0.7 * errors[0]
+
+
+def test_a_fit_in_place_is_that_of_a_copy(noisy, fitted, rays):
+    seen = noisy[1]
+    own = dataclasses.replace(seen, **arrays_of(seen, np.array))
+    copied, placed = fit_views(seen, *rays, WHITE, fitted.bodies), fit_views(own, *rays, WHITE, fitted.bodies, in_place=True)
+    for name in ("xyz_world", "cov_world", "kind"):
+        np.testing.assert_array_equal(getattr(placed.poses, name), getattr(copied.poses, name))
+        assert np.shares_memory(getattr(placed.poses, name), getattr(own, name))
+        assert not np.shares_memory(getattr(copied.poses, name), getattr(seen, name))
+        assert not getattr(placed.poses, name).flags.writeable
+    assert placed.bodies == copied.bodies and len(placed.joints.person_id) == 0
+
+
+def test_a_fit_in_place_that_fails_writes_nothing(noisy, rays):
+    clean, seen = noisy
+    giant = bodies_from_poses(dataclasses.replace(clean, xyz_world=clean.xyz_world * 1.6), WHITE)
+    own = dataclasses.replace(seen, **arrays_of(seen, np.array))
+    assert not fit_views(own, *rays, WHITE, giant, in_place=True).bodies
+    for name in ("xyz_world", "cov_world", "kind"):
+        np.testing.assert_array_equal(getattr(own, name), getattr(seen, name))
 
 
 def test_an_outlier_moves_the_fit_little(noisy, fitted):

@@ -1,5 +1,6 @@
 """What --resume decodes: from the key frame before the first time step that is missing, where all before it is known."""
 
+import weakref
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,28 @@ def log_of(steps: list[ImageStep], rig: Rig) -> Observations:
     return Observations.from_batches(COCO17, rig.names, batches)
 
 
+class Detector:
+    """Looks at nothing."""
+
+
+def time_steps(rig: Rig, path: Path, detector: Any) -> ImageTimeSteps:
+    """Of a video that all cameras share."""
+    write_video(path, [np.full((48, 64, 3), 2 * i, np.uint8) for i in range(COUNT)], "mpeg4", options={"g": str(GOP)})
+    sources = [VideoConfig(path, name).build() for name in rig.names]
+    line = common_timeline({one.camera: one.times_ns() for one in sources}, None, None, None)
+    return ImageTimeSteps(rig, sources, detector, line, None)
+
+
+def test_the_detector_is_let_go_before_the_solve(ring_rig: Callable[..., Rig], tmp_path: Path) -> None:
+    """Its network would take memory that an hour needs."""
+    detector = Detector()
+    images, held = time_steps(ring_rig(2), tmp_path / "a.mp4", detector), weakref.ref(detector)
+    del detector
+    assert len(list(images.steps())) == COUNT and held() is not None
+    images.close()
+    assert held() is None
+
+
 @pytest.mark.parametrize("missing", [False, True])
 def test_few_frames_before_the_first_missing_one_are_decoded(
     ring_rig: Callable[..., Rig], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, missing: bool
@@ -37,12 +60,7 @@ def test_few_frames_before_the_first_missing_one_are_decoded(
             decoded[0] += 1
             yield one
 
-    images = [np.full((48, 64, 3), 2 * i, np.uint8) for i in range(COUNT)]
-    write_video(tmp_path / "a.mp4", images, "mpeg4", options={"g": str(GOP)})
-    sources = [VideoConfig(tmp_path / "a.mp4", name).build() for name in rig.names]
-    images = ImageTimeSteps(
-        rig, sources, object(), common_timeline({one.camera: one.times_ns() for one in sources}, None, None, None), None
-    )
+    images = time_steps(rig, tmp_path / "a.mp4", Detector())
     whole = list(images.steps())
     log = log_of(whole[:DONE], rig)
     if missing:  # one frame whose detections are not known, as where it could not be read
