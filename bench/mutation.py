@@ -45,13 +45,11 @@ PACKAGES = {
     "recorded pipeline": (
         tuple(f"src/posefuse/pipeline/{name}.py" for name in _RECORDED),
         (
-            "tests/pipeline/test_following.py",
-            "tests/pipeline/test_second_pass.py",
-            "tests/pipeline/test_session.py",
-            "tests/pipeline/test_edits.py",
+            "tests/pipeline",
             "tests/ros/test_live_recording.py",
             "tests/pipeline/test_whole_body.py",
             "tests/cli/test_interruptions.py",
+            "tests/cli/test_limits.py",
             "tests/truth/test_recorded_pipeline.py",
         ),
     ),

@@ -191,6 +191,13 @@ def test_the_timeline_is_in_phase_with_the_fastest_camera_and_covers_all() -> No
         common_timeline({"slow": slow, "fast": fast}, None, 5.0, 6.0)
 
 
+@pytest.mark.parametrize("early_ms", [3, 8, 13, 18, 199])
+def test_the_first_time_step_is_the_one_nearest_to_the_first_frame(early_ms: int) -> None:
+    fast = np.arange(10, 40) * 20_000_000
+    line = common_timeline({"early": np.array([early_ms * 1_000_000]), "fast": fast}, None, None, None)
+    assert abs(line.start_ns - early_ms * 1_000_000) <= line.period_ns // 2
+
+
 @pytest.mark.parametrize("to_ns", [1_000, 1_000_000])
 def test_the_rate_is_that_of_the_camera_however_its_file_rounds_times(to_ns: int) -> None:
     frames = np.delete(np.arange(3000), [7, 1200, 1201])
