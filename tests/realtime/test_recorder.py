@@ -21,6 +21,7 @@ from memory_source import Clip
 
 import posefuse as pf
 from posefuse.api import record as recording
+from posefuse.api.playback import session_with_videos
 from posefuse.api.record import kept_videos
 from posefuse.calibration.targets.kinds import Markers, write_target
 from posefuse.cli.command_line import parse
@@ -39,7 +40,6 @@ from posefuse.realtime.video_keeping import VideoKeeper, read_counts, wait_for_v
 from posefuse.realtime.watching import CameraFeed, exposure_warning, watched
 from posefuse.sources.arriving import Arrived, with_earlier
 from posefuse.sources.video import VideoConfig
-from posefuse_studio.playback import session_with_videos
 
 GOOD = np.linspace(20, 230, 48 * 64, dtype=np.uint8).reshape(48, 64, 1).repeat(3, axis=2)
 STAMPS_NS = (0, 33_000_000, 67_000_000, 180_000_000, 210_000_000)
@@ -406,3 +406,10 @@ def test_a_live_recording_has_its_videos_on_its_own_time_and_the_names_that_were
         inside = own[(own >= times[0]) & (own <= times[-1])]
         assert len(inside) > 3
         assert np.abs(inside[:, None] - times[None]).min(axis=1).max() <= 1_000
+
+
+@pytest.mark.parametrize("content", ["{", "[]", '{"written": "many"}', '{"lost": 3, "finished": true}'])
+def test_counts_that_are_damaged_are_those_of_a_video_that_was_not_finished(content: str, tmp_path: Path) -> None:
+    (tmp_path / "cam00.json").write_text(content)
+    [counts] = read_counts(tmp_path, ["cam00"]).values()
+    assert counts.fault.startswith("was not finished") and not counts.finished
