@@ -37,7 +37,7 @@ from posefuse.realtime import video_keeping
 from posefuse.realtime.capture import Capture, LiveInput
 from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.realtime.video_keeping import VideoKeeper, read_counts, wait_for_videos
-from posefuse.realtime.watching import CameraFeed, exposure_warning, watched
+from posefuse.realtime.watching import CameraFeed, exposure_warning
 from posefuse.sources.arriving import Arrived, with_earlier
 from posefuse.sources.video import VideoConfig
 
@@ -53,7 +53,7 @@ def clip(name: str) -> Clip:
 def test_every_frame_is_kept_at_its_own_time(tmp_path: Path) -> None:
     inputs = [LiveInput(name, "clip", clip(name), reopen=False) for name in ("a", "b")]
     with CameraFeed(inputs) as feed:
-        for _ in watched(feed, tmp_path, duration_s=20.0, judged=True):
+        for _ in feed.watched(tmp_path, duration_s=20.0, judged=True):
             pass
     for name, counts in read_counts(tmp_path, ["a", "b"]).items():
         assert (counts.written, counts.dropped, counts.finished) == (5, 0, True)
@@ -80,7 +80,7 @@ class Late(Clip):
 def test_the_duration_counts_from_the_first_frame_of_the_last_camera(tmp_path: Path) -> None:
     inputs = [LiveInput(name, "clip", Late(name, GOOD, wait_s=wait_s), reopen=False) for name, wait_s in (("a", 0.0), ("b", 1.0))]
     with CameraFeed(inputs) as feed:
-        for _ in watched(feed, tmp_path, duration_s=0.5, judged=True):
+        for _ in feed.watched(tmp_path, duration_s=0.5, judged=True):
             pass
     last = read_counts(tmp_path, ["a", "b"])["b"]
     assert last.last_s - last.first_s > 0.3

@@ -16,7 +16,15 @@ from posefuse.calibration.clocks.sync import ClockEstimate, clocks_from_person
 from posefuse.calibration.extrinsics import target as moving_target
 from posefuse.calibration.extrinsics.own_intrinsics import cameras_of, start_sigma
 from posefuse.calibration.extrinsics.pipeline import Options
-from posefuse.calibration.extrinsics.world import FloorMarker, ThreePoints, check_floor, lens_sigma, with_floor, world_rule
+from posefuse.calibration.extrinsics.world import (
+    FloorMarker,
+    ThreePoints,
+    check_floor,
+    lens_sigma,
+    with_floor,
+    without_floor,
+    world_rule,
+)
 from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration, after
 from posefuse.calibration.targets.corners import CornerObservations
@@ -45,8 +53,8 @@ from posefuse.pipeline.calibration import (
 from posefuse.pipeline.config import CONFIG_FILE, changed_config, read_config
 
 from .arguments import checked, shown
-from .calibration_results import ClockCalibration, IntrinsicsCalibration, RigCalibration, RigVerification
-from .values import read_rig, rig_of
+from .calibration_results import ClockCalibration, IntrinsicsCalibration, RigCalibration, RigVerification, saved_clocks
+from .values import rig_of
 
 ClockMode = Literal["auto", "together", "offset", "drift"]
 RigLike = core.Rig | str | Path
@@ -180,7 +188,7 @@ def calibrate_extrinsics(
         >>> found = pf.calibrate_extrinsics(videos, intrinsics="lenses.toml", target="cube.toml")  # doctest: +SKIP
         >>> found.save("rig.toml", report="rig.html")  # doctest: +SKIP
     """
-    lenses, kind = None if intrinsics is None else _rig(intrinsics), target_of(target)
+    lenses, kind = None if intrinsics is None else rig_of(intrinsics), target_of(target)
     if lenses is None and focal_known_to_percent is not None:
         raise InputError("`focal_known_to_percent=P`: needs `intrinsics=FILE` to refine; without them, all are estimated")
     check_floor(floor, kind)
@@ -195,9 +203,10 @@ def calibrate_extrinsics(
             seen = observe_sources(sources, with_floor(kind, floor), every, report)
         if on_seen is not None:
             on_seen(seen)
-        require_target_seen(seen, sources, kind)
         seen = replace(seen, recordings=tuple(paths_by_camera(inputs).items()))
     observations, world = world_rule(floor, seen, kind)
+    sources = open_sources(dict(seen.recordings))
+    require_target_seen(observations, sources, without_floor(kind, floor))
     options = Options(clocks=clocks, any_size=any_size, own_intrinsics=lenses is None)
     rescaled: tuple[str, ...] = ()
     if lenses is None:
@@ -208,7 +217,7 @@ def calibrate_extrinsics(
     options = replace(options, lens_sigma=sigma)
     try:
         found = after(
-            background_of(open_sources(dict(seen.recordings)), cameras).report,
+            background_of(sources, cameras).report,
             lambda: moving_target.calibrate_extrinsics(observations, cameras, kind, options, world, tuple(upside_down)),
         )
     except RefusedCalibration as refused:
@@ -268,7 +277,7 @@ def calibrate_person(
         >>> found = pf.calibrate_person(videos, intrinsics="lenses.toml", height_m=1.80)  # doctest: +SKIP
         >>> found.save("rig.toml", report="rig.html")  # doctest: +SKIP
     """
-    paths, lenses = paths_by_camera(inputs), _rig(intrinsics)
+    paths, lenses = paths_by_camera(inputs), rig_of(intrinsics)
     check_recordings(paths)
     chosen = core.Rig(tuple(lenses[name] for name in paths))
     length = _known_length(height_m, camera_distance, chosen)
@@ -352,21 +361,26 @@ def verify(
         target: what the cameras see: a board, or an object with markers.
         every: use every `every`-th frame only.
         progress: True for bars on stderr, or a function (see `Progress`).
-        clock_offset_s: clock offsets found by the calibration, by camera name; others are 0.
+        clock_offset_s: clock offsets found by the calibration, by camera name; others are 0. None: those that
+            ``posefuse.toml`` next to a rig file states.
 
     Returns:
         The errors and the checks, also where a check fails: see `RigVerification.passed`.
 
     Raises:
         CalibrationError: a camera the rig does not have, or no length that two cameras see.
-        InputError: unusable recordings.
+        InputError: unusable recordings, or clocks that drift next to the rig file.
 
     Examples:
         >>> import posefuse as pf
         >>> found = pf.verify("rig.toml", {"cam00": "cam00.mp4", "cam01": "cam01.mp4"}, target="cube.toml")  # doctest: +SKIP
         >>> found.passed, found.report  # doctest: +SKIP
     """
-    cameras, kind = rig_of(_rig(rig)), target_of(target)
+    cameras, kind, notes = rig_of(rig, placed=True), target_of(target), tuple[str, ...]()
+    if clock_offset_s is None and not isinstance(rig, core.Rig):
+        settings = Path(rig).with_name(CONFIG_FILE)
+        if clock_offset_s := saved_clocks(settings, cameras):
+            notes = (f"clock offsets of {', '.join(clock_offset_s)} from {settings}",)
     offsets = {cameras[name].name: value for name, value in (clock_offset_s or {}).items()}
     late_s: Array = np.array([offsets.get(name, 0.0) for name in cameras.names])
     seen = (
@@ -374,15 +388,11 @@ def verify(
     )
     fitted, rescaled = rescaled_cameras(cameras.cameras, _sizes_wh(seen))
     measured = verification.verify(replace(cameras, cameras=fitted), seen, kind, late_s)
-    return RigVerification(rig=cameras, report=replace(measured.report, notes=rescaled), measured=measured)
+    return RigVerification(rig=cameras, report=replace(measured.report, notes=(*notes, *rescaled)), measured=measured)
 
 
 def _sizes_wh(seen: CornerObservations) -> dict[str, tuple[int, int]]:
     return dict(zip(seen.cameras, seen.sizes_wh, strict=True))
-
-
-def _rig(rig: RigLike) -> core.Rig:
-    return rig if isinstance(rig, core.Rig) else read_rig(rig)
 
 
 def target_of(target: TargetLike) -> Target:

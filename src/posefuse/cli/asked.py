@@ -14,7 +14,6 @@ from .terminal import quoted
 
 if TYPE_CHECKING:
     from posefuse.calibration.report import CalibrationReport
-    from posefuse.core import Rig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,13 +120,13 @@ def recordings_of(inputs: Sequence[str]) -> dict[str, Path]:
     return named
 
 
-def clock_offsets_s(offsets: Sequence[str], rig: Rig) -> dict[str, float]:
+def clock_offsets_s(offsets: Sequence[str]) -> dict[str, float]:
     """Clock offsets in s by camera name, from texts ``CAMERA=MS``."""
     found: dict[str, float] = {}
     for text in offsets:
         name, _, value = text.partition("=")
         try:
-            found[rig[name].name] = float(value) / 1e3
+            found[name] = float(value) / 1e3
         except ValueError:
             raise InputError(f"--offset-ms {text}: expected CAMERA=MILLISECONDS") from None
     return found

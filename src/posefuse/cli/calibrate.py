@@ -460,24 +460,16 @@ def calibrate_verify(*inputs: CameraRecordings, options: VerifyOptions, terminal
     Args:
         inputs: Video or folder of images per camera; NAME defaults to the file's name.
     """
-    from posefuse.api.calibration_results import saved_clocks
-    from posefuse.formats.rig import read_placed_rig
-    from posefuse.pipeline.config import CONFIG_FILE
-
     from .asked import Asked, check_files, clock_offsets_s, recordings_of, reported
 
     check_files(options, inputs)
-    rig, settings = read_placed_rig(options.rig), options.rig.with_name(CONFIG_FILE)
-    late_s = clock_offsets_s(options.offset_ms, rig) if options.offset_ms else saved_clocks(settings, rig)
-    if late_s and not options.offset_ms:
-        terminal.note(f"clock offsets of {', '.join(late_s)} from {settings}")
     with terminal.stages() as progress:
         found = pf.verify(
-            rig,
+            options.rig,
             recordings_of(inputs),
             target=options.target,
             every=options.every,
-            clock_offset_s=late_s,
+            clock_offset_s=clock_offsets_s(options.offset_ms) if options.offset_ms else None,
             progress=progress,
         )
     terminal.show(found.report.summary())
