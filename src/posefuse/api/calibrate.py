@@ -70,8 +70,8 @@ def observe_target(
     """Find a target in the recordings of several cameras, for `calibrate_extrinsics` and `verify`.
 
     Args:
-        inputs: videos or folders of images: a mapping by camera name, or paths whose stems are the cameras' names; or one session
-            folder with ``videos``.
+        inputs: videos or folders of images: a mapping by camera name, paths whose stems are the cameras' names, or texts
+            ``NAME=PATH``; or one session folder with ``videos``.
         target: what the cameras see, or the path of its target file. every: look at every `every`-th frame only.
         progress: True for bars on stderr, or a function (see `Progress`).
 

@@ -13,14 +13,13 @@ from posefuse import core
 from posefuse.core import Closing, PosefuseError, SourceError
 from posefuse.core.arrays import Array
 from posefuse.formats.kept_video import VIDEOS_FOLDER
-from posefuse.foundation.platform import usable_cores
 from posefuse.outputs.drawing import image_tile, jpeg_of, view_tile
-from posefuse.pipeline.config import TrackConfig
+from posefuse.pipeline.opening import source_config
 from posefuse.pipeline.session import Input, Session, find_session
 from posefuse.pipeline.solve import config_of
 from posefuse.pipeline.writing import lies_in, nearby_session
 from posefuse.realtime.video_keeping import read_counts
-from posefuse.sources import ImagesConfig, ImagesSeeker, Seeker, VideoConfig, VideoSeeker, nearest
+from posefuse.sources import ImagesSeeker, Seeker, VideoConfig, VideoSeeker, nearest
 
 if TYPE_CHECKING:
     from .recording import Recording
@@ -188,21 +187,13 @@ def _tile_wh(size_wh: tuple[int, int], width_px: int) -> tuple[int, int]:
 
 
 def _opened(recording: core.Recording, session: Session, problems: dict[str, str]) -> Mapping[str, Seeker]:
-    config, seekers = config_of(recording.provenance), {}
-    # cameras are decoded side by side: threads of their own help only where there are more cores than cameras
-    threads = usable_cores() > len(session.inputs)
+    config, seekers = config_of(recording.provenance), dict[str, Seeker]()
     for entry in session.inputs:
         if entry.camera not in recording.rig.names or entry.kind == "pose2d":
             continue
         try:
-            seekers[entry.camera] = _seeker(entry, config, threads=threads)
+            one = source_config(entry, config, len(session.inputs))
+            seekers[entry.camera] = VideoSeeker(one) if isinstance(one, VideoConfig) else ImagesSeeker(one.build())
         except SourceError as error:
             problems[entry.camera] = str(error)
     return seekers
-
-
-def _seeker(entry: Input, config: TrackConfig, *, threads: bool) -> Seeker:
-    offset_s, drift_ppm = entry.settings.offset_s, entry.settings.drift_ppm
-    if entry.kind == "videos":
-        return VideoSeeker(VideoConfig(entry.path, entry.camera, offset_s, drift_ppm, threads=threads))
-    return ImagesSeeker(ImagesConfig(entry.path, entry.camera, config.rate_hz, offset_s, drift_ppm).build())

@@ -102,24 +102,6 @@ def option_name(name: str) -> str:
     return f"--{name.replace('_', '-')}"
 
 
-def recordings_of(inputs: Sequence[str]) -> dict[str, Path]:
-    """``NAME=PATH`` texts as recordings by camera name, which defaults to the file's; a session folder gives all of its videos.
-
-    Raises:
-        InputError: one name twice.
-    """
-    from posefuse.calibration.targets.recordings import named_recordings
-
-    named: dict[str, Path] = {}
-    for text in inputs:
-        name, equals, path = text.partition("=")
-        for camera, file in {name: Path(path)}.items() if equals else named_recordings(Path(text)).items():
-            if camera in named:
-                raise InputError(f"{text}: camera {camera} has a recording already ({named[camera]}); name them as NAME=PATH")
-            named[camera] = file
-    return named
-
-
 def clock_offsets_s(offsets: Sequence[str]) -> dict[str, float]:
     """Clock offsets in s by camera name, from texts ``CAMERA=MS``."""
     found: dict[str, float] = {}
@@ -141,10 +123,11 @@ def check_files(options: Any, inputs: Sequence[str] = ()) -> list[Path]:
     Returns:
         What the step reads: the recordings, and the files that its options name.
     """
+    from posefuse.calibration.targets.recordings import paths_by_camera
     from posefuse.foundation.output_file import check_output_file
 
     named = [getattr(options, name, None) for name in ("target", "intrinsics", "rig", "floor_points")]
-    read = [*recordings_of(inputs).values(), *(path for path in named if path is not None)]
+    read = [*paths_by_camera(inputs).values(), *(path for path in named if path is not None)]
     for name in ("out", "report"):
         if (path := getattr(options, name, None)) is not None:
             check_output_file(path, option=option_name(name), inputs=read, replace=options.force)

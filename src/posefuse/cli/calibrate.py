@@ -298,15 +298,13 @@ def calibrate_intrinsics(*inputs: CameraRecordings, options: IntrinsicsOptions, 
     """
     from posefuse.calibration.report import RefusedCalibration
 
-    from .asked import Asked, check_files, recordings_of, reported
+    from .asked import Asked, check_files, reported
 
     check_files(options, inputs)
     with reported(options.report, Asked(step="intrinsics", inputs=inputs, options=options)):
         try:
             with terminal.stages() as progress:
-                found = pf.calibrate_intrinsics(
-                    recordings_of(inputs), target=options.target, every=options.every, progress=progress
-                )
+                found = pf.calibrate_intrinsics(inputs, target=options.target, every=options.every, progress=progress)
         except RefusedCalibration as refused:
             if refused.kept is not None:
                 _save_intrinsics(refused.kept, options, terminal)
@@ -340,7 +338,7 @@ def calibrate_extrinsics(*inputs: CameraRecordings, options: ExtrinsicsOptions, 
     from posefuse.calibration.result_files import coverage_path, write_coverage
     from posefuse.foundation.output_file import check_output_file
 
-    from .asked import Asked, check_files, recordings_of, reported
+    from .asked import Asked, check_files, reported
 
     coverage, read = coverage_path(options.out), check_files(options, inputs)
     # a refused run leaves the image, and must not stop the next one; an older image is kept as a copy
@@ -348,7 +346,7 @@ def calibrate_extrinsics(*inputs: CameraRecordings, options: ExtrinsicsOptions, 
     kind, asked = target_of(options.target), Asked(step="extrinsics", inputs=inputs, options=options)
     with reported(options.report, asked), terminal.stages() as progress:
         found = pf.calibrate_extrinsics(
-            recordings_of(inputs),
+            inputs,
             intrinsics=options.intrinsics,
             target=kind,
             every=options.every,
@@ -398,13 +396,13 @@ def calibrate_person(*inputs: CameraRecordings, options: PersonOptions, terminal
     Args:
         inputs: Video, or 2D poses of another tool, per camera; NAME defaults to the file's name.
     """
-    from .asked import Asked, check_files, recordings_of, reported
+    from .asked import Asked, check_files, reported
 
     check_files(options, inputs)
     asked = Asked(step="person", inputs=inputs, options=options)
     with reported(options.report, asked), terminal.stages() as progress:
         found = pf.calibrate_person(
-            recordings_of(inputs),
+            inputs,
             intrinsics=options.intrinsics,
             height_m=options.height_m,
             camera_distance=options.apart,
@@ -460,13 +458,13 @@ def calibrate_verify(*inputs: CameraRecordings, options: VerifyOptions, terminal
     Args:
         inputs: Video or folder of images per camera; NAME defaults to the file's name.
     """
-    from .asked import Asked, check_files, clock_offsets_s, recordings_of, reported
+    from .asked import Asked, check_files, clock_offsets_s, reported
 
     check_files(options, inputs)
     with terminal.stages() as progress:
         found = pf.verify(
             options.rig,
-            recordings_of(inputs),
+            inputs,
             target=options.target,
             every=options.every,
             clock_offset_s=clock_offsets_s(options.offset_ms) if options.offset_ms else None,

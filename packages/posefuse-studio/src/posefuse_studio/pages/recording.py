@@ -197,10 +197,8 @@ def _output_card(studio: Studio, name: str, recording: pf.Recording) -> None:
 def _curve(joints: JointAngles, n: int, text: str) -> Curve:
     """An angle of the person at place n, by the words that choose it."""
     joint, angle = text.split(" ", 1)
-    q = joints.joints.index(joint)
-    values = np.degrees(joints.angle_rad[:, n, q, joints.angle_names[q].index(angle)])
     side = joint.split("_")[0]
-    return Curve(words(text), values, side if side in _SIDES else "mid")
+    return Curve(words(text), joints.of(int(joints.person_id[n]))[joint, angle].deg, side if side in _SIDES else "mid")
 
 
 _ALL = "all cameras (a bad stretch)"

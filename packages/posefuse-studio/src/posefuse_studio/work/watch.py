@@ -19,7 +19,7 @@ import numpy as np
 
 from posefuse.api.calibrate import target_of
 from posefuse.api.record import watch
-from posefuse.calibration.targets.coverage import TargetCoverage, coverage_picture
+from posefuse.calibration.targets.coverage import coverage_picture
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.outputs.drawing import jpeg_of, shrunk_wh
@@ -80,11 +80,7 @@ class _Watch:
     @property
     def enough(self) -> bool:
         """Whether what is covered is enough for the step."""
-        return enough_for(self._step, self._covered, self._near_far)
-
-    @property
-    def _covered(self) -> TargetCoverage:
-        return self._feed.guidance.coverage
+        return enough_for(self._step, self._feed.guidance.coverage, self._near_far)
 
     @property
     def _near_far(self) -> Array | None:
@@ -119,12 +115,12 @@ class _Watch:
         size = shrunk_wh(fed.frame.size_wh, _SHOWN_PX)
         small: Any = cv2.resize(fed.frame.image, size, interpolation=cv2.INTER_AREA)
         if self._guided:
-            small = coverage_picture(self._covered.cells[fed.camera], size, small)
+            small = coverage_picture(self._feed.guidance.coverage.cells[fed.camera], size, small)
         factor = min(1.0, _SHOWN_PX / max(fed.frame.size_wh))
         return image_message(fed.t_ns / 1e9, fed.camera, jpeg_of(small, _QUALITY), size, detected_px=(xy * factor)[None])
 
     def _status(self) -> SessionStatus:
-        covered = self._covered
+        covered = self._feed.guidance.coverage
         return SessionStatus(
             cameras={one.camera: self._camera(one) for one in self._news},
             recording=self._record,
