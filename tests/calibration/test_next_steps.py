@@ -62,7 +62,7 @@ class Room:
     asked: list[dict[str, Any]] = field(default_factory=list)
 
     def calculate(self, *given: Any, **options: Any) -> Any:
-        self.asked.append({name: value for name, value in options.items() if name not in ("progress", "on_seen", "intrinsics")})
+        self.asked.append({name: value for name, value in options.items() if name not in ("progress", "coverage", "intrinsics")})
         if self.refusal is None:
             raise ArrivedError
         report = CalibrationReport("test", (self.refusal,))

@@ -8,7 +8,7 @@ import pytest
 
 from posefuse.calibration.targets.kinds import Charuco, Markers, read_target
 from posefuse.core import InputError
-from posefuse.realtime.inputs import inputs_from_arguments, looped
+from posefuse.realtime.inputs import inputs_from_arguments, shown_again
 from posefuse.realtime.watching import detail_left, focus_warning
 from posefuse.sources.video import length_s
 from posefuse_studio.calibrations import print_targets, targets, without_floor
@@ -68,11 +68,11 @@ def test_files_are_named_inside_the_workspace(workspace: StudioWorkspace) -> Non
 def test_the_bundled_clip_is_a_setup_whose_videos_begin_again(workspace: StudioWorkspace) -> None:
     demo = setup_named(workspace, DEMO)
     rig = rig_of_setup(workspace, demo)
-    inputs = looped(inputs_from_arguments(sources_of_setup(workspace, demo), rig), "shortest")
+    inputs = shown_again(inputs_from_arguments(sources_of_setup(workspace, demo), rig), "shortest")
     assert [entry.camera for entry in inputs] == list(rig.names)
     [loop_s] = {entry.loop_s for entry in inputs}
     assert loop_s == min(length_s(entry.config.path) for entry in inputs) > 1
-    assert {entry.loop_s for entry in looped(inputs, None)} == {None}
+    assert {entry.loop_s for entry in shown_again(inputs, None)} == {None}
 
 
 def test_targets_are_printed_with_what_describes_them(workspace: StudioWorkspace) -> None:

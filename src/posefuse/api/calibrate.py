@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -21,12 +21,13 @@ from posefuse.calibration.extrinsics.world import (
     ThreePoints,
     check_floor,
     lens_sigma,
+    moved_target,
     with_floor,
-    without_floor,
     world_rule,
 )
 from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration, after
+from posefuse.calibration.result_files import write_coverage
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.detection import detect_corners
 from posefuse.calibration.targets.kinds import Target, read_target
@@ -52,7 +53,7 @@ from posefuse.pipeline.calibration import (
 )
 from posefuse.pipeline.config import CONFIG_FILE, changed_config, read_config
 
-from .arguments import checked, shown
+from .arguments import checked, lines_of, shown
 from .calibration_results import ClockCalibration, IntrinsicsCalibration, RigCalibration, RigVerification, saved_clocks
 from .values import rig_of
 
@@ -157,7 +158,7 @@ def calibrate_extrinsics(
     upside_down: Sequence[str] = (),
     any_size: bool = False,
     keep_refused: bool = False,
-    on_seen: Callable[[CornerObservations], None] | None = None,
+    coverage: str | Path | None = None,
     progress: Progress | bool | None = None,
 ) -> RigCalibration:
     """Find the poses of the cameras from a target that is moved in front of them.
@@ -175,7 +176,8 @@ def calibrate_extrinsics(
         upside_down: cameras that are mounted upside down.
         any_size: also accept a rig that is far smaller or larger than a room.
         keep_refused: return a refused calibration too. Its rig is marked as refused, and `report.failed` states why.
-        on_seen: is given what was found in the recordings before anything is solved, which may be refused.
+        coverage: PNG that shows which part of each image the target has covered, written before anything is solved, which may be
+            refused; an older one is kept as ``NAME.replaced-TIME``.
 
     Raises:
         RefusedCalibration: a check fails; `report` names it and the next step.
@@ -201,12 +203,12 @@ def calibrate_extrinsics(
                 lenses[source.camera]
         with shown(progress) as report:
             seen = observe_sources(sources, with_floor(kind, floor), every, report)
-        if on_seen is not None:
-            on_seen(seen)
+            if coverage is not None:
+                lines_of(report, "coverage")(f"{coverage}: {write_coverage(Path(coverage), seen).advice()}")
         seen = replace(seen, recordings=tuple(paths_by_camera(inputs).items()))
     observations, world = world_rule(floor, seen, kind)
     sources = open_sources(dict(seen.recordings))
-    require_target_seen(observations, sources, without_floor(kind, floor))
+    require_target_seen(observations, sources, moved_target(kind, floor))
     options = Options(clocks=clocks, any_size=any_size, own_intrinsics=lenses is None)
     rescaled: tuple[str, ...] = ()
     if lenses is None:

@@ -28,7 +28,7 @@ from posefuse.health.cameras import Event
 from posefuse.pipeline.config import read_changed
 from posefuse.realtime.config import LiveConfig, RunOptions
 from posefuse.realtime.fusion import Fusion
-from posefuse.realtime.inputs import inputs_from_arguments, looped, rig_of_inputs
+from posefuse.realtime.inputs import inputs_from_arguments, rig_of_inputs, shown_again
 from posefuse.realtime.latency import STAGES
 from posefuse.realtime.messages import SessionClock
 from posefuse.realtime.networks import fetch_networks
@@ -71,7 +71,7 @@ def live_plan(
     check_live_outputs(configs)
     return LivePlan(
         rig=cameras,
-        inputs=looped(inputs_from_arguments(sources, cameras, ros), loop_s),
+        inputs=shown_again(inputs_from_arguments(sources, cameras, ros), loop_s),
         config=chosen,
         outputs=configs,
         duration_s=run.duration_s,

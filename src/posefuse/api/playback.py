@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -21,8 +21,7 @@ from posefuse.pipeline.writing import lies_in, nearby_session
 from posefuse.realtime.video_keeping import read_counts
 from posefuse.sources import ImagesSeeker, Seeker, VideoConfig, VideoSeeker, nearest
 
-if TYPE_CHECKING:
-    from .recording import Recording
+R = TypeVar("R", bound=core.Recording)
 
 
 def session_with_videos(recording: core.Recording, path: Path, within: Path | None = None) -> Session | None:
@@ -84,7 +83,7 @@ class PlaybackStep:
     projected_px: Array
 
 
-class Playback(Closing):
+class Playback(Closing, Generic[R]):
     """The images of a recording; made by `Recording.playback`, a context manager. May be asked from several threads.
 
     Args:
@@ -94,7 +93,7 @@ class Playback(Closing):
         recording: the result. problems: by camera, why there are no images of it.
     """
 
-    def __init__(self, recording: Recording, session: Session | None) -> None:
+    def __init__(self, recording: R, session: Session | None) -> None:
         self.recording = recording
         self.problems: dict[str, str] = {}
         self._seekers = _opened(recording, session, self.problems) if session is not None else {}

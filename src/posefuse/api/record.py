@@ -18,7 +18,7 @@ from posefuse.formats.rig import write_rig
 from posefuse.foundation.output_folder import check_replaceable, find_unfinished, output_folder, read_mark
 from posefuse.foundation.summary import Block, Heading, Note, Table
 from posefuse.realtime.capture import LiveInput
-from posefuse.realtime.inputs import check_any, inputs_from_arguments, looped
+from posefuse.realtime.inputs import check_any, inputs_from_arguments, shown_again
 from posefuse.realtime.session import stop_requests
 from posefuse.realtime.video_keeping import KeptCounts, read_counts, write_found_counts
 from posefuse.realtime.watching import CameraFeed, Watched, guide
@@ -223,7 +223,7 @@ def watch(
     """
     from .calibrate import target_of
 
-    inputs = looped(inputs_from_arguments(sources, None), loop_s)
+    inputs = shown_again(inputs_from_arguments(sources, None), loop_s)
     # packets of files come in any encoding, and again from the start where a video begins again: they are encoded again
     packets = keep and all(entry.kind != "video" for entry in inputs)
     return CameraFeed(inputs, packets=packets, target=None if target is None else target_of(target))

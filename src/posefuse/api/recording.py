@@ -249,7 +249,7 @@ class Recording(core.Recording):
         near = self.path is not None and not (within is not None and self.is_live)
         return nearby_session(self, self.path, None if within is None else Path(within)) if self.path and near else None
 
-    def playback(self, *, within: str | Path | None = None) -> Playback:
+    def playback(self, *, within: str | Path | None = None) -> Playback[Recording]:
         """What each camera saw at any time as a small image, from the videos that it was made from; use as a context manager.
 
         Args:

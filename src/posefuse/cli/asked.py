@@ -138,13 +138,12 @@ def check_files(options: Any, inputs: Sequence[str] = ()) -> list[Path]:
 def reported(path: Path | None, asked: Asked) -> Iterator[None]:
     """Write the report of a refused calibration, and note the next command, before the error is raised further."""
     from posefuse.calibration.report import RefusedCalibration
-    from posefuse.calibration.result_files import write_calibration_report
 
     try:
         yield
     except RefusedCalibration as refused:
         if path is not None:
-            write_calibration_report(path, refused.report, {})
+            refused.report.save(path)
         command, purpose = next_after(refused.report, asked)
         refused.add_note(f"next: {command}  ({purpose})")
         raise

@@ -335,12 +335,11 @@ def calibrate_extrinsics(*inputs: CameraRecordings, options: ExtrinsicsOptions, 
     """
     from posefuse.api.calibrate import target_of
     from posefuse.api.targets import floor_of
-    from posefuse.calibration.result_files import coverage_path, write_coverage
     from posefuse.foundation.output_file import check_output_file
 
     from .asked import Asked, check_files, reported
 
-    coverage, read = coverage_path(options.out), check_files(options, inputs)
+    coverage, read = options.out.with_name(f"{options.out.stem}_coverage.png"), check_files(options, inputs)
     # a refused run leaves the image, and must not stop the next one; an older image is kept as a copy
     check_output_file(coverage, option="--out", inputs=read, replace=True)
     kind, asked = target_of(options.target), Asked(step="extrinsics", inputs=inputs, options=options)
@@ -356,7 +355,7 @@ def calibrate_extrinsics(*inputs: CameraRecordings, options: ExtrinsicsOptions, 
             upside_down=options.upside_down,
             any_size=options.any_size,
             keep_refused=options.keep_refused,
-            on_seen=lambda seen: terminal.note(f"{coverage}: {write_coverage(coverage, seen).advice()}"),
+            coverage=coverage,
             progress=progress,
         )
     if found.report.failed:

@@ -51,7 +51,7 @@ def inputs_from_arguments(
     return tuple(found[name] for name in (found if rig is None else rig.names) if name in found)
 
 
-def looped(inputs: Sequence[LiveInput], loop_s: float | Literal["shortest"] | None) -> tuple[LiveInput, ...]:
+def shown_again(inputs: Sequence[LiveInput], loop_s: float | Literal["shortest"] | None) -> tuple[LiveInput, ...]:
     """The inputs, recorded ones shown again after so long; ``shortest``: as long as the shortest video, None: not.
 
     Raises:

@@ -24,7 +24,7 @@ TILE_PX = 480
 _PLAY_HZ = 12.0
 
 
-def open_recording(path: Path, within: Path) -> Playback:
+def open_recording(path: Path, within: Path) -> Playback[pf.Recording]:
     """Read a recording and open its videos, if they lie in the folder `within`; takes seconds for a long one.
 
     Raises:
@@ -60,7 +60,7 @@ class ResultPlayer:
         t_s: current position, session seconds. playing: whether playback runs. speed: of playback.
     """
 
-    def __init__(self, playback: Playback, stream: Stream) -> None:
+    def __init__(self, playback: Playback[pf.Recording], stream: Stream) -> None:
         self.playback, self._stream = playback, stream
         self.recording = playback.recording
         self.times_s: Array = self.recording.poses.t_ns / 1e9

@@ -320,7 +320,7 @@ def with_floor(target: Target, floor: FloorMarker | ThreePoints | None) -> Targe
     return replace(target, ids=(*target.ids, floor.id))
 
 
-def without_floor(target: Target, floor: FloorMarker | ThreePoints | None) -> Target:
+def moved_target(target: Target, floor: FloorMarker | ThreePoints | None) -> Target:
     """What of a target is moved: its markers without the one on the floor."""
     if not isinstance(floor, FloorMarker) or not isinstance(target, Markers):
         return target

@@ -44,7 +44,7 @@ def paths_by_camera(inputs: Inputs) -> dict[str, Path]:
 
 
 def _named(given: str | Path) -> dict[str, Path]:
-    """A recording under the name that a text states, or its file's; of a session folder (``SESSION/videos``), every video in it."""
+    """A recording under the name that a text states, or its file's; of a session folder, every video in ``SESSION/videos``."""
     path, (name, equals, place) = Path(given), str(given).partition("=")
     if equals and isinstance(given, str) and not path.exists():
         return {name: Path(place)}
