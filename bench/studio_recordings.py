@@ -18,13 +18,13 @@ import numpy as np
 from harness import DEMO, answer, arguments, truth_of
 from studio_server import free_port, in_chromium, server
 
+from posefuse.api.playback import Playback
 from posefuse.api.recording import recording_of
 from posefuse.core import Camera, DetectionBatch, Detections2D, Kind, LookKind, Observations, Pose3D, PoseSequence, Recording
 from posefuse.core.values import keypoint_boxes
 from posefuse.foundation.parsing import plain
 from posefuse.pipeline.config import TrackConfig
 from posefuse.pipeline.writing import session_of_recording
-from posefuse_studio.playback import Playback
 
 TILE_PX = 480
 
@@ -127,7 +127,7 @@ def in_python(session: Path, result: Path, seeks: int) -> dict[str, float]:
             t_ns = int(share * recording.poses.t_ns[-1])
             began = time.perf_counter()
             for camera in playback.cameras:
-                playback.moment(camera, t_ns, TILE_PX)
+                playback.at(camera, t_ns, TILE_PX)
             taken.append(1000 * (time.perf_counter() - began))
     return {**spread(taken), "open_s": opened_s}
 

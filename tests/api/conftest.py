@@ -1,11 +1,13 @@
 """A small recording as the front door gives it: two or one people, four cameras, a walk of a second with exact views."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import built
 import matplotlib
 import numpy as np
 import pytest
+from small_session import saved_session
 
 import posefuse as pf
 from posefuse import core
@@ -14,6 +16,12 @@ from posefuse.core import Kind
 from posefuse.core.skeleton import BLAZEPOSE33
 
 matplotlib.use("Agg")
+
+
+@pytest.fixture
+def saved_walk(tmp_path: Path, ring_rig: Callable[..., core.Rig]) -> tuple[Path, Path]:
+    """(session, result), see `small_session`."""
+    return saved_session(tmp_path, ring_rig)
 
 
 @pytest.fixture

@@ -5,14 +5,17 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import built
 import numpy as np
 import pytest
 from checks import assert_same, refusal
 
 import posefuse as pf
 from posefuse import core
+from posefuse.api.recording import recording_of
 from posefuse.api.values import rig_of
 from posefuse.core import DependencyError, InputError
+from posefuse.formats.truth import read_truth
 
 Make = Callable[..., pf.Recording]
 
@@ -95,6 +98,45 @@ def test_saving_does_not_touch_what_is_there(make_recording: Make, tmp_path: Pat
     (tmp_path / "result" / "thesis.txt").write_text("years of work")
     refusal(InputError, r"thesis\.txt", lambda: make_recording().save(tmp_path / "result", replace=True))
     assert (tmp_path / "result" / "thesis.txt").read_text() == "years of work"
+
+
+def test_corrections_are_kept_with_a_result_until_they_are_changed(saved_walk: tuple[Path, Path], make_recording: Make) -> None:
+    _, result = saved_walk
+    recording, left_out = pf.read(result), pf.Edits(exclusions=(pf.Exclusion(start_s=0.2, end_s=0.4, camera="cam01"),))
+    assert recording.edits == pf.Edits()
+    assert recording.keep_edits(left_out).parent == result
+    elsewhere = pf.Edits(exclusions=(pf.Exclusion(start_s=0.2, end_s=0.4, camera="cam9"),))
+    refusal(InputError, "no camera 'cam9'", recording.keep_edits, elsewhere)
+    assert pf.read(result).edits == recording.edits == left_out
+    memory = make_recording()
+    refusal(InputError, "read from a file or saved", memory.keep_edits, pf.Edits())
+    made = replace(memory, provenance={**memory.provenance, "edits": {"person": 7}})
+    assert (memory.edits, made.edits) == (pf.Edits(), pf.Edits(person=7))
+
+
+def test_its_report_has_a_usual_place(saved_walk: tuple[Path, Path], make_recording: Make, tmp_path: Path) -> None:
+    _, result = saved_walk
+    assert make_recording().report_page is None
+    assert pf.read(result).report_page == result / "biomechanics" / "report.html"
+    live = replace(make_recording(), path=tmp_path / "walk.mcap")
+    assert live.report_page == tmp_path / "walk_biomechanics" / "report.html"
+
+
+def test_who_walks_has_a_gait_and_who_does_not_has_none(make_recording: Make, demo_session: Path) -> None:
+    assert make_recording(people=(7, 3)).gait() == (None, None)
+    truth = read_truth(demo_session / "truth" / "truth.npz")
+    walk = built.poses(truth.xyz_world, 1e-3, t_ns=truth.t_ns, skeleton=truth.skeleton, ids=truth.person_id)
+    [gait] = recording_of(built.recording(truth.rig, walk)).gait()
+    assert gait is not None and all(len(gait.strike_s[side]) > 1 for side in ("left", "right"))
+
+
+def test_without_its_videos_nothing_is_played(saved_walk: tuple[Path, Path], make_recording: Make, tmp_path: Path) -> None:
+    _, result = saved_walk
+    for recording, within, images in ((pf.read(result), None, True), (pf.read(result), tmp_path / "other", False),
+                                      (make_recording(), None, False)):  # fmt: skip
+        with recording.playback(within=within) as playback:
+            seen = playback.at(recording.rig.names[0], int(recording.poses.t_ns[3]), 480)
+            assert playback.has_images == images == (seen is not None)
 
 
 def test_one_without_settings_cannot_be_solved_again(make_recording: Make) -> None:

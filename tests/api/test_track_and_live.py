@@ -3,6 +3,7 @@
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,6 +27,15 @@ def test_other_settings_are_used_and_remembered(tracked: pf.Recording) -> None:
     assert raw.provenance["config"]["fuse"]["weights"] == "score"
     assert not np.array_equal(raw.poses.xyz_world, tracked.poses.xyz_world)
     refusal(ConfigError, "wieghts", tracked.solve, settings={"fuse.wieghts": "score"})
+
+
+def test_a_study_takes_a_network_and_a_processor_as_a_session_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Any] = []
+    monkeypatch.setattr("posefuse.pipeline.batch.run_study", lambda *_, settings, **__: asked.append(settings))
+    pf.batch("study", "out", networks="rtmpose_m", device="cpu", settings={"rate_hz": 30})
+    pf.batch("study", "out")
+    chosen = {"detector.name": "onnx", "detector.options.card": "rtmpose_m", "detector.options.device": "cpu"}
+    assert asked == [{**chosen, "rate_hz": 30}, {}]
 
 
 def test_progress_is_reported_in_order(demo_session: Path, models: None) -> None:

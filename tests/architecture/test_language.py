@@ -57,7 +57,8 @@ def odd_names(code: str) -> list[str]:
 
 
 def test_tests_are_named_in_standard_terms() -> None:
-    found = {path.name: odd_names(path.read_text(encoding="utf-8")) for path in sorted((ROOT / "tests").rglob("test_*.py"))}
+    files = sorted((ROOT / "tests").rglob("test_*.py"))
+    found = {path.relative_to(ROOT).as_posix(): odd_names(path.read_text(encoding="utf-8")) for path in files}
     assert {path: names for path, names in found.items() if names} == {}
 
 

@@ -10,6 +10,7 @@ import pytest
 from posefuse.api.calibrate import calibrate_extrinsics, calibrate_person, verify
 from posefuse.api.calibration_results import ClockCalibration, RigCalibration, clock_blocks
 from posefuse.api.targets import print_target
+from posefuse.api.values import rig_of
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.extrinsics import target as moving_target
 from posefuse.calibration.extrinsics.own_intrinsics import in_a_plane, starting_cameras
@@ -17,7 +18,9 @@ from posefuse.calibration.extrinsics.world import FloorMarker
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
 from posefuse.calibration.targets.kinds import Charuco, Markers
 from posefuse.calibration.targets.recordings import paths_by_camera
-from posefuse.core import CalibrationError, ConfigError, InputError
+from posefuse.core import SE3, CalibrationError, ConfigError, InputError
+from posefuse.formats.kept_video import KeptVideo
+from posefuse.formats.pixels import RgbPixels
 from posefuse.formats.rig import read_rig
 from posefuse.foundation.summary import Table, column_texts
 
@@ -87,6 +90,30 @@ def test_intrinsics_and_rigs_of_twice_the_size_are_rescaled_and_it_is_said(lab: 
     squeezed = replace(lab.rig, cameras=tuple(camera.scaled((640, 360)) for camera in lab.rig))
     with pytest.raises(CalibrationError, match=r"images are 640x480 px, its calibration \(640, 360\), in other proportions"):
         verify(squeezed, seen, target=lab.target)
+
+
+def test_a_rig_file_is_verified_with_the_clocks_next_to_it(lab: Any, tmp_path: Path) -> None:
+    seen, path = lab.watch(motion=replace(lab.motion, seconds=4.0)), rig_of(lab.rig).save(tmp_path / "rig.toml")
+    (tmp_path / "posefuse.toml").write_text("[cameras.cam01]\noffset_s = -0.05\n")
+    found = verify(path, seen, target=lab.target)
+    assert found.report.notes == (f"clock offsets of cam01 from {tmp_path / 'posefuse.toml'}",)
+    stated = verify(read_rig(path), seen, target=lab.target, clock_offset_s={"cam01": 0.05})
+    assert found.report.numbers == stated.report.numbers and stated.report.notes == ()
+    assert verify(path, seen, target=lab.target, clock_offset_s={}).report.numbers != stated.report.numbers
+    here = replace(lab.rig, cameras=tuple(replace(camera, cam_from_world=SE3.identity()) for camera in lab.rig))
+    with pytest.raises(CalibrationError, match="these are intrinsics only"):
+        verify(rig_of(here).save(tmp_path / "lenses.toml"), seen, target=lab.target)
+
+
+def test_a_camera_that_sees_the_marker_on_the_floor_alone_is_named(lab: Any, tmp_path: Path) -> None:
+    seen, floor = lab.watch(motion=replace(lab.motion, seconds=4.0)), FloorMarker(43)
+    with KeptVideo(tmp_path / "cam00.mp4") as video:
+        for i in range(3):
+            video.write(RgbPixels(np.full((480, 640, 3), 128, np.uint8)), i * 50_000_000)
+    patch = np.where(seen.camera == 0, floor.id, seen.patch)
+    alone = replace(seen, patch=patch, recordings=(("cam00", tmp_path / "cam00.mp4"),))
+    with pytest.raises(CalibrationError, match="camera cam00: the target is in none of"):
+        calibrate_extrinsics(alone, intrinsics=lab.rig, target=lab.target, floor=floor)
 
 
 def test_clock_offsets_become_settings_and_never_overwrite_them(lab: Any, tmp_path: Path) -> None:

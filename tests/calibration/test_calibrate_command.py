@@ -15,7 +15,6 @@ from posefuse.api.calibration_results import ClockCalibration, save_clocks
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.extrinsics.world import FloorMarker, read_floor_points, with_floor
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
-from posefuse.calibration.result_files import calibration_page
 from posefuse.calibration.targets.coverage import coverage, coverage_sheet
 from posefuse.calibration.targets.detection import TargetDetector
 from posefuse.calibration.targets.kinds import Charuco, Chessboard, Markers, Target, dictionary_of, read_target, write_target
@@ -215,7 +214,7 @@ def test_a_report_shows_remedies_only_for_what_failed(read_page: Any, tmp_path: 
     good, bad = Check("a", True, "fine <1>", "not shown"), Check("b", False, "broken", "do this")
     report, rig = CalibrationReport("thing", (good, bad), ("left out",), {"n": 3.0}), ring_rig(3)
     images = {"heat <b>": np.zeros((8, 8, 3), np.uint8)}
-    page = read_page(write_page(tmp_path / "r.html", calibration_page(report, images, rig)))
+    page = read_page(write_page(tmp_path / "r.html", report.page(images, rig)))
     assert page.headings[0] == "thing: refused: b" and "left out" in page.text
     assert page.tables[0][1:] == [["pass", "a", "fine <1>"], ["FAIL", "b", "broken; do this"]]
     assert page.classes == {"pass": "good", "FAIL": "bad"} and "not shown" not in page.text
@@ -223,7 +222,7 @@ def test_a_report_shows_remedies_only_for_what_failed(read_page: Any, tmp_path: 
     [cameras] = [one for one in page.plot("Plan of the cameras")["series"] if one["name"] == "cameras"]
     np.testing.assert_allclose(np.stack([cameras["x"], cameras["y"]], axis=1), rig.centres_world()[:, :2], atol=1e-3)
     assert [label.split()[0] for label in cameras["labels"]] == list(rig.names)
-    bare = read_page(write_page(tmp_path / "bare.html", calibration_page(CalibrationReport("thing", (good,)))))
+    bare = read_page(write_page(tmp_path / "bare.html", CalibrationReport("thing", (good,)).page()))
     assert bare.headings == ["thing: passed", "Checks"]
     with pytest.raises(RefusedCalibration, match="thing: b: broken; do this"):
         CalibrationReport("thing", (good, bad)).require()

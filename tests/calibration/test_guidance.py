@@ -53,10 +53,10 @@ class Unplugged(Clip):
 def test_at_the_cameras_frames_are_counted_and_a_dead_one_is_named() -> None:
     shown: list[str] = []
     inputs = [LiveInput(name, "fake", Clip(name, marker_page(), (0,)), reopen=False) for name in ("a", "b")]
-    with CameraFeed(inputs) as feed:
-        found = guide(feed, Markers(0.1), lambda state: shown.append(state.words), 5.0)
+    with CameraFeed(inputs, target=Markers(0.1)) as feed:
+        found = guide(feed, lambda state: shown.append(state.words), 5.0)
     assert found.coverage.together.tolist() == [[1, 1], [1, 1]]
     assert shown == ["show the target to a and to b at the same time"]
     broken = LiveInput("b", "fake", Unplugged("b"), reopen=False)
-    with CameraFeed([inputs[0], broken]) as feed, pytest.raises(SourceError, match="camera b: unplugged"):
-        guide(feed, Markers(0.1), lambda state: None, 5.0)
+    with CameraFeed([inputs[0], broken], target=Markers(0.1)) as feed, pytest.raises(SourceError, match="camera b: unplugged"):
+        guide(feed, lambda state: None, 5.0)

@@ -15,7 +15,8 @@ from posefuse.api.calibration_results import save_clocks, saved_clocks
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.report import CalibrationReport, Check, CheckKind, RefusedCalibration
 from posefuse.calibration.targets.kinds import Charuco, Markers, write_target
-from posefuse.cli.asked import Asked, next_after, recordings_of
+from posefuse.calibration.targets.recordings import paths_by_camera
+from posefuse.cli.asked import Asked, next_after
 from posefuse.cli.command_line import parse
 from posefuse.cli.terminal import Terminal
 from posefuse.core import InputError, Rig
@@ -61,7 +62,7 @@ class Room:
     asked: list[dict[str, Any]] = field(default_factory=list)
 
     def calculate(self, *given: Any, **options: Any) -> Any:
-        self.asked.append({name: value for name, value in options.items() if name not in ("progress", "on_seen", "intrinsics")})
+        self.asked.append({name: value for name, value in options.items() if name not in ("progress", "coverage", "intrinsics")})
         if self.refusal is None:
             raise ArrivedError
         report = CalibrationReport("test", (self.refusal,))
@@ -160,9 +161,18 @@ def test_verification_reads_the_clocks_that_a_calibration_wrote(lab: Any, tmp_pa
 def test_a_session_folder_stands_for_its_videos(tmp_path: Path) -> None:
     (tmp_path / "videos").mkdir()
     with pytest.raises(InputError, match="expected videos"):
-        recordings_of([str(tmp_path)])
+        paths_by_camera([str(tmp_path)])
     for name in ("cam02.mp4", "cam01.mp4", "cam01.json"):
         (tmp_path / "videos" / name).touch()
-    found = recordings_of([str(tmp_path), f"other={tmp_path / 'x.mp4'}"])
+    found = paths_by_camera([str(tmp_path), f"other={tmp_path / 'x.mp4'}"])
     assert list(found) == ["cam01", "cam02", "other"]
     assert found["cam02"] == tmp_path / "videos" / "cam02.mp4"
+
+
+def test_a_text_names_a_recording_unless_a_file_has_that_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("speed=3.mp4").touch()
+    assert paths_by_camera(["speed=3.mp4", "left=a=b.mp4"]) == {"speed=3": Path("speed=3.mp4"), "left": Path("a=b.mp4")}
+    assert paths_by_camera([Path("right=c.mp4")]) == {"right=c": Path("right=c.mp4")}
+    with pytest.raises(InputError, match="two recordings are named left; give each camera its own name, as NAME=PATH"):
+        paths_by_camera(["left=a.mp4", "videos/left.mp4"])

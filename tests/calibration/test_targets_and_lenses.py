@@ -34,6 +34,7 @@ from posefuse.calibration.targets.kinds import (
     write_target,
 )
 from posefuse.calibration.targets.printing import Sheet, board_sheets, cube_sheets, write_pdf
+from posefuse.calibration.targets.recordings import paths_by_camera
 from posefuse.core import SE3, CalibrationError, ConfigError, Rig
 from posefuse.formats.rig import read_rig
 from posefuse.sources import ImagesConfig
@@ -153,7 +154,7 @@ def test_one_refused_camera_does_not_lose_the_others(
     good = watched[1]
     few = good.rows(np.isin(good.t_ns, np.unique(good.t_ns)[:2]))
     seen = {"cam01": good, "cam02": few, "cam03": good, "cam04": few}
-    monkeypatch.setattr(api, "open_sources", lambda inputs: [SimpleNamespace(camera=name) for name in inputs])
+    monkeypatch.setattr(api, "open_sources", lambda inputs: [SimpleNamespace(camera=name) for name in paths_by_camera(inputs)])
     monkeypatch.setattr(api, "detect_corners", lambda source, *_: replace(seen[source.camera], cameras=(source.camera,)))
     out = tmp_path / "lenses.toml"
     target = write_target(tmp_path / "board.toml", Charuco(columns=8, rows=6, square_m=0.07, marker_m=0.05))

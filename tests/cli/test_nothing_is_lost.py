@@ -185,7 +185,7 @@ def experimented(results: Path, out: Path, force: bool) -> None:
 def calibrated(results: Path, out: Path, force: bool) -> None:
     """What `posefuse calibrate extrinsics`, `intrinsics` and `person` do before and after their work."""
     rig = read_rig(results / "R" / "rig.toml")
-    path, report, coverage = out / "rig.toml", out / "report.html", result_files.coverage_path(out / "rig.toml")
+    path, report, coverage = out / "rig.toml", out / "report.html", out / "rig_coverage.png"
     few = np.arange(4)
     seen = CornerObservations(
         cameras=("a", "b"), sizes_wh=((64, 48),) * 2, frame_count=(2, 2), camera=few // 2, t_ns=few, patch=few * 0,
@@ -199,7 +199,7 @@ def calibrated(results: Path, out: Path, force: bool) -> None:
     check_output_file(coverage, option="--out", replace=force)
     result_files.write_coverage(coverage, seen)
     result_files.write_rig_file(path, rig)
-    result_files.write_calibration_report(report, CalibrationReport("rig", ()), {}, rig)
+    CalibrationReport("rig", ()).save(report, rig=rig)
     save_clocks(out / CONFIG_FILE, rig.names, ClockEstimate.known(0.1 * np.arange(len(rig)), 0.0))
 
 

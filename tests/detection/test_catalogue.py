@@ -27,7 +27,7 @@ BGR = ("rtmo", "yolox")
 
 
 @pytest.mark.parametrize("name", CARDS)
-def test_a_card_says_where_it_comes_from_and_under_which_terms(name):
+def test_a_card_states_where_it_comes_from_and_under_which_terms(name):
     card = CARDS[name]
     urls = card.source.urls if isinstance(card.source, UrlSource) else ()
     assert all(url.startswith("https://") for url in (*urls, card.published))

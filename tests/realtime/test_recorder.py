@@ -21,6 +21,7 @@ from memory_source import Clip
 
 import posefuse as pf
 from posefuse.api import record as recording
+from posefuse.api.playback import session_with_videos
 from posefuse.api.record import kept_videos
 from posefuse.calibration.targets.kinds import Markers, write_target
 from posefuse.cli.command_line import parse
@@ -36,10 +37,9 @@ from posefuse.realtime import video_keeping
 from posefuse.realtime.capture import Capture, LiveInput
 from posefuse.realtime.inputs import inputs_from_arguments
 from posefuse.realtime.video_keeping import VideoKeeper, read_counts, wait_for_videos
-from posefuse.realtime.watching import CameraFeed, exposure_warning, watched
+from posefuse.realtime.watching import CameraFeed, exposure_warning
 from posefuse.sources.arriving import Arrived, with_earlier
 from posefuse.sources.video import VideoConfig
-from posefuse_studio.playback import session_with_videos
 
 GOOD = np.linspace(20, 230, 48 * 64, dtype=np.uint8).reshape(48, 64, 1).repeat(3, axis=2)
 STAMPS_NS = (0, 33_000_000, 67_000_000, 180_000_000, 210_000_000)
@@ -53,7 +53,7 @@ def clip(name: str) -> Clip:
 def test_every_frame_is_kept_at_its_own_time(tmp_path: Path) -> None:
     inputs = [LiveInput(name, "clip", clip(name), reopen=False) for name in ("a", "b")]
     with CameraFeed(inputs) as feed:
-        for _ in watched(feed, tmp_path, duration_s=20.0, judged=True):
+        for _ in feed.watched(tmp_path, duration_s=20.0, judged=True):
             pass
     for name, counts in read_counts(tmp_path, ["a", "b"]).items():
         assert (counts.written, counts.dropped, counts.finished) == (5, 0, True)
@@ -80,7 +80,7 @@ class Late(Clip):
 def test_the_duration_counts_from_the_first_frame_of_the_last_camera(tmp_path: Path) -> None:
     inputs = [LiveInput(name, "clip", Late(name, GOOD, wait_s=wait_s), reopen=False) for name, wait_s in (("a", 0.0), ("b", 1.0))]
     with CameraFeed(inputs) as feed:
-        for _ in watched(feed, tmp_path, duration_s=0.5, judged=True):
+        for _ in feed.watched(tmp_path, duration_s=0.5, judged=True):
             pass
     last = read_counts(tmp_path, ["a", "b"])["b"]
     assert last.last_s - last.first_s > 0.3
@@ -406,3 +406,10 @@ def test_a_live_recording_has_its_videos_on_its_own_time_and_the_names_that_were
         inside = own[(own >= times[0]) & (own <= times[-1])]
         assert len(inside) > 3
         assert np.abs(inside[:, None] - times[None]).min(axis=1).max() <= 1_000
+
+
+@pytest.mark.parametrize("content", ["{", "[]", '{"written": "many"}', '{"lost": 3, "finished": true}'])
+def test_counts_that_are_damaged_are_those_of_a_video_that_was_not_finished(content: str, tmp_path: Path) -> None:
+    (tmp_path / "cam00.json").write_text(content)
+    [counts] = read_counts(tmp_path, ["cam00"]).values()
+    assert counts.fault.startswith("was not finished") and not counts.finished

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from posefuse.api.calibration_results import RigCalibration
+from posefuse.api.calibration_results import RigCalibration, saved_clocks
 from posefuse.api.values import rig_of
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.report import CalibrationReport, Check, CheckKind, RefusedCalibration
@@ -156,13 +156,12 @@ def test_clocks_of_an_earlier_calibration_are_not_applied(tmp_path: Path, monkey
     save_project(workspace, READY)
     recording = recorded(workspace, "extrinsics")
     cube, _ = print_targets(workspace, SIZES, "a4", "verify")
-    seen = SimpleNamespace(patch=np.zeros(0), rows=lambda keep: None, of_patches=lambda ids: ())
+    seen = SimpleNamespace(of_patches=lambda ids: ())
     monkeypatch.setattr(calibrate, "observe_target", lambda *_, **__: seen)
-    monkeypatch.setattr(calibrate, "require_target_seen", lambda *_: None)
     rig, applied = rig_of(ring_rig(2)), []
 
-    def verified(*_: Any, clock_offset_s: Any, **__: Any) -> None:
-        applied.append(clock_offset_s)
+    def verified(path: Path, *_: Any, **__: Any) -> None:
+        applied.append(saved_clocks(path.with_name("posefuse.toml"), rig))
         raise RefusedCalibration(CalibrationReport("rig", (Check("lengths", False, ""),)))
 
     monkeypatch.setattr(calibrate.pf, "verify", verified)

@@ -154,10 +154,10 @@ def test_a_study_has_the_network_that_was_chosen(
     [(_, arguments)] = started
     tracked: list[Any] = []
     study = SimpleNamespace(failed={}, trials=(), page=tmp_path / "study")
-    monkeypatch.setattr(recordings.pf, "batch", lambda *_, settings, **__: [tracked.append(settings), study][1])
+    monkeypatch.setattr(recordings.pf, "batch", lambda *_, networks, **__: [tracked.append(networks), study][1])
     for one in (arguments, {**arguments, "networks": ""}):
         recordings.batch_job(one, StudioWorkspace(tmp_path), lambda *_: None)
-    assert tracked == [{"detector.name": "onnx", "detector.options.card": NETWORK}, {}]
+    assert tracked == [NETWORK, None]
 
 
 def test_networks_are_those_that_find_keypoints() -> None:

@@ -226,7 +226,7 @@ def test_a_recording_begins_where_there_are_images_and_states_where_there_are_no
 def test_videos_outside_the_workspace_are_not_shown(workspace: StudioWorkspace) -> None:
     (workspace.root / "walk").rename(workspace.root.parent / "walk")
     opened = open_recording(workspace.path("result"), workspace.root)
-    assert opened.moment("cam00", 0, 480) is None
+    assert opened.at("cam00", 0, 480) is None
     assert pf.read(workspace.path("result")).provenance["session"] == "walk"
 
 

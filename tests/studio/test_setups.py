@@ -8,18 +8,20 @@ import pytest
 
 from posefuse.calibration.targets.kinds import Charuco, Markers, read_target
 from posefuse.core import InputError
+from posefuse.realtime.inputs import inputs_from_arguments, shown_again
 from posefuse.realtime.watching import detail_left, focus_warning
+from posefuse.sources.video import length_s
 from posefuse_studio.calibrations import print_targets, targets, without_floor
 from posefuse_studio.setups import (
     DEMO,
     Setup,
     delete_setup,
-    inputs_of_setup,
     rig_of_setup,
     save_setup,
     setup_named,
     setups,
     source_text,
+    sources_of_setup,
 )
 from posefuse_studio.workspace import StudioWorkspace
 
@@ -66,9 +68,11 @@ def test_files_are_named_inside_the_workspace(workspace: StudioWorkspace) -> Non
 def test_the_bundled_clip_is_a_setup_whose_videos_begin_again(workspace: StudioWorkspace) -> None:
     demo = setup_named(workspace, DEMO)
     rig = rig_of_setup(workspace, demo)
-    inputs = inputs_of_setup(workspace, demo)
+    inputs = shown_again(inputs_from_arguments(sources_of_setup(workspace, demo), rig), "shortest")
     assert [entry.camera for entry in inputs] == list(rig.names)
-    assert {entry.loop_s for entry in inputs} == {inputs[0].loop_s} and (inputs[0].loop_s or 0) > 1
+    [loop_s] = {entry.loop_s for entry in inputs}
+    assert loop_s == min(length_s(entry.config.path) for entry in inputs) > 1
+    assert {entry.loop_s for entry in shown_again(inputs, None)} == {None}
 
 
 def test_targets_are_printed_with_what_describes_them(workspace: StudioWorkspace) -> None:

@@ -5,18 +5,20 @@ from typing import Any
 
 import pytest
 
+from posefuse.realtime.capture import LiveInput
+from posefuse.realtime.watching import CameraFeed
 from posefuse_studio.work import watch
 
 SOON_S = 0.2
 
 
-class Feed:
+class Feed(CameraFeed):
     """Cameras that give no frame and never end."""
 
-    cameras = ("a", "b")
     over = False
 
     def __init__(self) -> None:
+        super().__init__([LiveInput(name, "none", None, reopen=True) for name in ("a", "b")])
         self.checks = 0
 
     def begin(self, videos: Any) -> None:
@@ -55,7 +57,7 @@ class Shown:
 def watched(record: str, rounds: int, monkeypatch: pytest.MonkeyPatch) -> Feed:
     monkeypatch.setattr(watch, "_UNSEEN_S", SOON_S)
     feed = Feed()
-    one = watch._Watch(feed, None, record, "extrinsics", False)
+    one = watch._Watch(feed, False, record, "extrinsics", False)
     one.host = Shown(feed, rounds)
     one.run(None)
     return feed

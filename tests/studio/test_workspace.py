@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from posefuse.core import InputError
-from posefuse_studio.setups import Setup, inputs_of_setup, save_setup, setup_named
+from posefuse.realtime.inputs import inputs_from_arguments
+from posefuse_studio.setups import Setup, save_setup, setup_named, sources_of_setup
 from posefuse_studio.workspace import StudioWorkspace, check_name, recording_place
 
 
@@ -70,7 +71,8 @@ def test_names_of_people_and_places_are_taken(workspace: StudioWorkspace, name: 
     check_name(unicodedata.normalize("NFD", name))
     assert workspace.folder(name).is_dir()
     save_setup(workspace, Setup(name=name, sources={name: "usb:/dev/video0"}))
-    assert [entry.camera for entry in inputs_of_setup(workspace, setup_named(workspace, name))] == [name]
+    inputs = inputs_from_arguments(sources_of_setup(workspace, setup_named(workspace, name)), None)
+    assert [entry.camera for entry in inputs] == [name]
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no colon in names")

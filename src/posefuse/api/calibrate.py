@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -16,9 +16,18 @@ from posefuse.calibration.clocks.sync import ClockEstimate, clocks_from_person
 from posefuse.calibration.extrinsics import target as moving_target
 from posefuse.calibration.extrinsics.own_intrinsics import cameras_of, start_sigma
 from posefuse.calibration.extrinsics.pipeline import Options
-from posefuse.calibration.extrinsics.world import FloorMarker, ThreePoints, check_floor, lens_sigma, with_floor, world_rule
+from posefuse.calibration.extrinsics.world import (
+    FloorMarker,
+    ThreePoints,
+    check_floor,
+    lens_sigma,
+    moved_target,
+    with_floor,
+    world_rule,
+)
 from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration, after
+from posefuse.calibration.result_files import write_coverage
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.detection import detect_corners
 from posefuse.calibration.targets.kinds import Target, read_target
@@ -44,9 +53,9 @@ from posefuse.pipeline.calibration import (
 )
 from posefuse.pipeline.config import CONFIG_FILE, changed_config, read_config
 
-from .arguments import checked, shown
-from .calibration_results import ClockCalibration, IntrinsicsCalibration, RigCalibration, RigVerification
-from .values import read_rig, rig_of
+from .arguments import checked, lines_of, shown
+from .calibration_results import ClockCalibration, IntrinsicsCalibration, RigCalibration, RigVerification, saved_clocks
+from .values import rig_of
 
 ClockMode = Literal["auto", "together", "offset", "drift"]
 RigLike = core.Rig | str | Path
@@ -62,8 +71,8 @@ def observe_target(
     """Find a target in the recordings of several cameras, for `calibrate_extrinsics` and `verify`.
 
     Args:
-        inputs: videos or folders of images: a mapping by camera name, or paths whose stems are the cameras' names; or one session
-            folder with ``videos``.
+        inputs: videos or folders of images: a mapping by camera name, paths whose stems are the cameras' names, or texts
+            ``NAME=PATH``; or one session folder with ``videos``.
         target: what the cameras see, or the path of its target file. every: look at every `every`-th frame only.
         progress: True for bars on stderr, or a function (see `Progress`).
 
@@ -149,7 +158,7 @@ def calibrate_extrinsics(
     upside_down: Sequence[str] = (),
     any_size: bool = False,
     keep_refused: bool = False,
-    on_seen: Callable[[CornerObservations], None] | None = None,
+    coverage: str | Path | None = None,
     progress: Progress | bool | None = None,
 ) -> RigCalibration:
     """Find the poses of the cameras from a target that is moved in front of them.
@@ -167,7 +176,8 @@ def calibrate_extrinsics(
         upside_down: cameras that are mounted upside down.
         any_size: also accept a rig that is far smaller or larger than a room.
         keep_refused: return a refused calibration too. Its rig is marked as refused, and `report.failed` states why.
-        on_seen: is given what was found in the recordings before anything is solved, which may be refused.
+        coverage: PNG that shows which part of each image the target has covered, written before anything is solved, which may be
+            refused; an older one is kept as ``NAME.replaced-TIME``.
 
     Raises:
         RefusedCalibration: a check fails; `report` names it and the next step.
@@ -180,7 +190,7 @@ def calibrate_extrinsics(
         >>> found = pf.calibrate_extrinsics(videos, intrinsics="lenses.toml", target="cube.toml")  # doctest: +SKIP
         >>> found.save("rig.toml", report="rig.html")  # doctest: +SKIP
     """
-    lenses, kind = None if intrinsics is None else _rig(intrinsics), target_of(target)
+    lenses, kind = None if intrinsics is None else rig_of(intrinsics), target_of(target)
     if lenses is None and focal_known_to_percent is not None:
         raise InputError("`focal_known_to_percent=P`: needs `intrinsics=FILE` to refine; without them, all are estimated")
     check_floor(floor, kind)
@@ -193,11 +203,12 @@ def calibrate_extrinsics(
                 lenses[source.camera]
         with shown(progress) as report:
             seen = observe_sources(sources, with_floor(kind, floor), every, report)
-        if on_seen is not None:
-            on_seen(seen)
-        require_target_seen(seen, sources, kind)
+            if coverage is not None:
+                lines_of(report, "coverage")(f"{coverage}: {write_coverage(Path(coverage), seen).advice()}")
         seen = replace(seen, recordings=tuple(paths_by_camera(inputs).items()))
     observations, world = world_rule(floor, seen, kind)
+    sources = open_sources(dict(seen.recordings))
+    require_target_seen(observations, sources, moved_target(kind, floor))
     options = Options(clocks=clocks, any_size=any_size, own_intrinsics=lenses is None)
     rescaled: tuple[str, ...] = ()
     if lenses is None:
@@ -208,7 +219,7 @@ def calibrate_extrinsics(
     options = replace(options, lens_sigma=sigma)
     try:
         found = after(
-            background_of(open_sources(dict(seen.recordings)), cameras).report,
+            background_of(sources, cameras).report,
             lambda: moving_target.calibrate_extrinsics(observations, cameras, kind, options, world, tuple(upside_down)),
         )
     except RefusedCalibration as refused:
@@ -268,7 +279,7 @@ def calibrate_person(
         >>> found = pf.calibrate_person(videos, intrinsics="lenses.toml", height_m=1.80)  # doctest: +SKIP
         >>> found.save("rig.toml", report="rig.html")  # doctest: +SKIP
     """
-    paths, lenses = paths_by_camera(inputs), _rig(intrinsics)
+    paths, lenses = paths_by_camera(inputs), rig_of(intrinsics)
     check_recordings(paths)
     chosen = core.Rig(tuple(lenses[name] for name in paths))
     length = _known_length(height_m, camera_distance, chosen)
@@ -352,21 +363,26 @@ def verify(
         target: what the cameras see: a board, or an object with markers.
         every: use every `every`-th frame only.
         progress: True for bars on stderr, or a function (see `Progress`).
-        clock_offset_s: clock offsets found by the calibration, by camera name; others are 0.
+        clock_offset_s: clock offsets found by the calibration, by camera name; others are 0. None: those that
+            ``posefuse.toml`` next to a rig file states.
 
     Returns:
         The errors and the checks, also where a check fails: see `RigVerification.passed`.
 
     Raises:
         CalibrationError: a camera the rig does not have, or no length that two cameras see.
-        InputError: unusable recordings.
+        InputError: unusable recordings, or clocks that drift next to the rig file.
 
     Examples:
         >>> import posefuse as pf
         >>> found = pf.verify("rig.toml", {"cam00": "cam00.mp4", "cam01": "cam01.mp4"}, target="cube.toml")  # doctest: +SKIP
         >>> found.passed, found.report  # doctest: +SKIP
     """
-    cameras, kind = rig_of(_rig(rig)), target_of(target)
+    cameras, kind, notes = rig_of(rig, placed=True), target_of(target), tuple[str, ...]()
+    if clock_offset_s is None and not isinstance(rig, core.Rig):
+        settings = Path(rig).with_name(CONFIG_FILE)
+        if clock_offset_s := saved_clocks(settings, cameras):
+            notes = (f"clock offsets of {', '.join(clock_offset_s)} from {settings}",)
     offsets = {cameras[name].name: value for name, value in (clock_offset_s or {}).items()}
     late_s: Array = np.array([offsets.get(name, 0.0) for name in cameras.names])
     seen = (
@@ -374,15 +390,11 @@ def verify(
     )
     fitted, rescaled = rescaled_cameras(cameras.cameras, _sizes_wh(seen))
     measured = verification.verify(replace(cameras, cameras=fitted), seen, kind, late_s)
-    return RigVerification(rig=cameras, report=replace(measured.report, notes=rescaled), measured=measured)
+    return RigVerification(rig=cameras, report=replace(measured.report, notes=(*notes, *rescaled)), measured=measured)
 
 
 def _sizes_wh(seen: CornerObservations) -> dict[str, tuple[int, int]]:
     return dict(zip(seen.cameras, seen.sizes_wh, strict=True))
-
-
-def _rig(rig: RigLike) -> core.Rig:
-    return rig if isinstance(rig, core.Rig) else read_rig(rig)
 
 
 def target_of(target: TargetLike) -> Target:

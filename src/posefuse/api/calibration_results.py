@@ -11,7 +11,7 @@ from typing import Any
 
 from posefuse.calibration.clocks.sync import ClockEstimate, clock_figures
 from posefuse.calibration.report import CalibrationReport
-from posefuse.calibration.result_files import clock_settings, heat_map_image, numbered, write_calibration_report, write_rig_file
+from posefuse.calibration.result_files import clock_settings, heat_map_image, numbered, write_rig_file
 from posefuse.calibration.targets.coverage import coverage_picture
 from posefuse.calibration.verify import Verification
 from posefuse.core import CalibrationError, Camera, InputError
@@ -53,7 +53,7 @@ class IntrinsicsCalibration:
         write_rig_file(target, dataclasses.replace(self.rig, cameras=(*other_intrinsics(target, self.rig.names), *self.rig)))
         for camera in self.rig if report is not None else ():
             page = _checked(numbered(Path(str(report)), camera.name, len(self.rig)), replace)
-            write_calibration_report(page, self.reports[camera.name], _covered(camera, self.cells))
+            self.reports[camera.name].save(page, _covered(camera, self.cells))
         return target
 
 
@@ -115,7 +115,7 @@ class RigCalibration(_WithClocks):
         write_rig_file(target, self.rig)
         if report is not None:
             pictures = {title: picture for camera in self.rig for title, picture in _covered(camera, self.cells).items()}
-            write_calibration_report(_checked(report, replace), self.report, pictures, self.rig)
+            self.report.save(_checked(report, replace), pictures, self.rig)
         return target
 
 
@@ -151,7 +151,7 @@ class ClockCalibration(_WithClocks):
             InputError: the file exists and `replace` is not set, or it cannot be written.
         """
         target = _checked(path, replace)
-        write_calibration_report(target, self.report, {}, self.rig)
+        self.report.save(target, rig=self.rig)
         return target
 
 
@@ -183,7 +183,7 @@ class RigVerification:
             for i, camera in enumerate(self.rig)
         }
         target = _checked(path, replace)
-        write_calibration_report(target, self.report, pictures, self.rig)
+        self.report.save(target, pictures, self.rig)
         return target
 
 

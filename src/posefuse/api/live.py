@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 from posefuse import core
 from posefuse.core import (
@@ -269,7 +269,7 @@ def live(
     settings: Mapping[str, Any] | None = None,
     config: str | Path | None = None,
     ros: Mapping[str, Any] | None = None,
-    loop_s: float | None = None,
+    loop_s: float | Literal["shortest"] | None = None,
     progress: Progress | bool | None = None,
 ) -> LiveSession:
     """Track people in the images of calibrated cameras as they come.
@@ -288,7 +288,8 @@ def live(
         settings: any other setting by dotted key, as for ``posefuse live --set``. config: settings file.
         ros: where topics of ``ros:`` sources are: ``domain_id``, ``peers``, ``interface``, ``local_only``, ``sim_time``; see
             docs/ros.md. Outputs take the same, unless `outputs` has it, e.g. ``{"ros2": {"domain_id": 5}}``.
-        loop_s: show the first seconds of videos and simulated sessions again and again.
+        loop_s: show the first seconds of videos and simulated sessions again and again; ``shortest``: as many as the shortest
+            video has.
         progress: True shows the session's news on stderr.
 
     Raises:

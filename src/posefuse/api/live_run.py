@@ -6,9 +6,9 @@ import json
 import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from posefuse import __version__, core
 from posefuse.core import InputError, LiveOutputConfig, Progress
 from posefuse.core.arrays import Array
 from posefuse.formats.page import Line, Page, Plot, Plots, Series, Spikes, write_page
-from posefuse.formats.rig import read_placed_rig, rig_warnings
+from posefuse.formats.rig import rig_warnings
 from posefuse.foundation.output_file import check_output_file
 from posefuse.foundation.output_folder import check_replaceable, output_folder
 from posefuse.foundation.parsing import plain
@@ -28,7 +28,7 @@ from posefuse.health.cameras import Event
 from posefuse.pipeline.config import read_changed
 from posefuse.realtime.config import LiveConfig, RunOptions
 from posefuse.realtime.fusion import Fusion
-from posefuse.realtime.inputs import inputs_from_arguments, rig_of_inputs
+from posefuse.realtime.inputs import inputs_from_arguments, rig_of_inputs, shown_again
 from posefuse.realtime.latency import STAGES
 from posefuse.realtime.messages import SessionClock
 from posefuse.realtime.networks import fetch_networks
@@ -38,6 +38,7 @@ from posefuse.realtime.video_keeping import read_counts
 
 from .arguments import lines_of, shown
 from .record import check_videos_folder, kept_videos, video_figures
+from .values import rig_of
 
 _TOP_OF_P95 = 2.0
 JSON_FILE, PAGE_FILE = "latency.json", "latency.html"
@@ -53,15 +54,16 @@ def live_plan(
     ros: Mapping[str, Any] | None = None,
     axes: str | None = None,
     duration_s: float | None = None,
-    loop_s: float | None = None,
+    loop_s: float | Literal["shortest"] | None = None,
 ) -> LivePlan:
     """What `posefuse.live` and others are asked for, checked; what is odd about the rig is a `UserWarning`.
 
     Raises:
         PosefuseError: settings, sources or outputs that cannot be.
     """
-    run = settings_from_mapping({"duration_s": duration_s, "loop_s": loop_s}, RunOptions, where="options")
-    cameras = rig if isinstance(rig, core.Rig) else read_placed_rig(Path(rig))
+    stated_s = None if loop_s == "shortest" else loop_s
+    run = settings_from_mapping({"duration_s": duration_s, "loop_s": stated_s}, RunOptions, where="options")
+    cameras = rig_of(rig, placed=True)
     for note in rig_warnings("live" if isinstance(rig, core.Rig) else rig, cameras):
         warnings.warn(note, UserWarning, stacklevel=3)
     chosen = read_changed(None if config is None else Path(config), settings or {}, LiveConfig)
@@ -69,7 +71,7 @@ def live_plan(
     check_live_outputs(configs)
     return LivePlan(
         rig=cameras,
-        inputs=tuple(replace(entry, loop_s=run.loop_s) for entry in inputs_from_arguments(sources, cameras, ros)),
+        inputs=shown_again(inputs_from_arguments(sources, cameras, ros), loop_s),
         config=chosen,
         outputs=configs,
         duration_s=run.duration_s,

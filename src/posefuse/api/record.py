@@ -9,21 +9,22 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from posefuse import core
 from posefuse.core import InputError, PosefuseError, Progress, Rig, SourceError
 from posefuse.formats.kept_video import VIDEOS_FOLDER
-from posefuse.formats.rig import read_rig, write_rig
+from posefuse.formats.rig import write_rig
 from posefuse.foundation.output_folder import check_replaceable, find_unfinished, output_folder, read_mark
 from posefuse.foundation.summary import Block, Heading, Note, Table
 from posefuse.realtime.capture import LiveInput
-from posefuse.realtime.inputs import check_any, inputs_from_arguments
+from posefuse.realtime.inputs import check_any, inputs_from_arguments, shown_again
 from posefuse.realtime.session import stop_requests
 from posefuse.realtime.video_keeping import KeptCounts, read_counts, write_found_counts
-from posefuse.realtime.watching import CameraFeed, Watched, guide, watched
+from posefuse.realtime.watching import CameraFeed, Watched, guide
 
 from .arguments import checked, shown
+from .values import rig_of
 
 if TYPE_CHECKING:
     from posefuse.calibration.targets.coverage import Guidance
@@ -174,7 +175,7 @@ def record(
     if out is None and target is None:
         raise InputError("record: expected a folder `out` for the videos, or a target to look at")
     folder, kind = None if out is None else Path(out), None if target is None else target_of(target)
-    cameras = rig if isinstance(rig, core.Rig) or rig is None else read_rig(Path(rig))
+    cameras = None if rig is None else rig_of(rig)
     inputs = inputs_from_arguments(sources, cameras, ros)
     check_any(inputs)
     if folder is not None:
@@ -183,20 +184,49 @@ def record(
     with (
         shown(progress) as report,
         stop_requests() as stopped,
-        CameraFeed(inputs, rig=placed, packets=folder is not None) as feed,
+        CameraFeed(inputs, rig=placed, packets=folder is not None, target=kind) as feed,
         kept_videos(folder, placed, inputs, command="record") as videos,
     ):
         found = None
         if kind is not None:
-            found = guide(feed, kind, on_coverage or (lambda _: None), duration_s, videos=videos, stopped=stopped)
+            found = guide(feed, on_coverage or (lambda _: None), duration_s, videos=videos, stopped=stopped)
         elif videos is not None:
             end = "Ctrl-C ends" if duration_s is None else f"{duration_s:g} s"
             report("record", 0, None, f"recording {', '.join(names)}; {end}")
-            _report_news(watched(feed, videos, duration_s, stopped, judged=True), report)
-        counts = {} if videos is None else read_counts(videos, names)
+            _report_news(feed.watched(videos, duration_s, stopped, judged=True), report)
+        counts = feed.counts()
         if videos is not None:
             _check_recorded(videos, counts, stopped)
     return RecordedVideos(folder=folder, videos=video_figures(counts), guidance=found, stopped_by=stopped[0] if stopped else "")
+
+
+def watch(
+    sources: Mapping[str, str] | Sequence[str],
+    *,
+    target: TargetLike | None = None,
+    keep: bool = False,
+    loop_s: float | Literal["shortest"] | None = None,
+) -> CameraFeed:
+    """Cameras to look at without tracking: open in a `with` block, in which `CameraFeed.watched` gives their newest frames.
+
+    Args:
+        sources, loop_s: as for `live`. target: what is moved in front of the cameras. keep: whether videos are to be kept.
+
+    Raises:
+        SourceError: no source, or one that cannot be read. ConfigError: a target file that cannot be used.
+
+    Examples:
+        >>> from posefuse.api.record import watch
+        >>> with watch({"cam1": "usb:0"}) as cameras:  # doctest: +SKIP
+        ...     for frames, news in cameras.watched(judged=True):
+        ...         print([one.warning for one in news])
+    """
+    from .calibrate import target_of
+
+    inputs = shown_again(inputs_from_arguments(sources, None), loop_s)
+    # packets of files come in any encoding, and again from the start where a video begins again: they are encoded again
+    packets = keep and all(entry.kind != "video" for entry in inputs)
+    return CameraFeed(inputs, packets=packets, target=None if target is None else target_of(target))
 
 
 def resume_recording(folder: str | Path) -> RecordedVideos:

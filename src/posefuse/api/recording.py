@@ -23,11 +23,12 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
 
-    from posefuse.pipeline.catalogue import Listed
+    from posefuse.kinematics.gait import Gait
     from posefuse.pipeline.edits import Edits
     from posefuse.pipeline.session import Session
 
     from .outcome import RunOutcome
+    from .playback import Playback
 
 Fit = Literal["points", "rays", "none"]
 
@@ -248,6 +249,62 @@ class Recording(core.Recording):
         near = self.path is not None and not (within is not None and self.is_live)
         return nearby_session(self, self.path, None if within is None else Path(within)) if self.path and near else None
 
+    def playback(self, *, within: str | Path | None = None) -> Playback[Recording]:
+        """What each camera saw at any time as a small image, from the videos that it was made from; use as a context manager.
+
+        Args:
+            within: a folder that the videos must lie in; None: anywhere.
+
+        Examples:
+            >>> import posefuse as pf
+            >>> with pf.read("RESULT").playback() as playback:  # doctest: +SKIP
+            ...     seen = playback.at("cam01", t_ns=1_500_000_000, width_px=640)
+            >>> seen.jpeg, seen.detected_px, seen.projected_px  # doctest: +SKIP
+        """
+        from .playback import Playback, session_with_videos
+
+        place = None if within is None else Path(within)
+        return Playback(self, None if self.path is None else session_with_videos(self, self.path, place))
+
+    @property
+    def edits(self) -> Edits:
+        """The corrections kept with it where it was read from, else those that it was made with.
+
+        Raises:
+            InputError: a file of edits that posefuse did not write. ConfigError: a wrong value in it.
+        """
+        from posefuse.pipeline.edits import NO_EDITS, read_edits
+        from posefuse.pipeline.solve import edits_of
+
+        kept = NO_EDITS if self.path is None else read_edits(self.path)
+        return kept if kept != NO_EDITS else edits_of(self.provenance)
+
+    def keep_edits(self, edits: Edits) -> Path:
+        """Keep corrections with the result, in place of earlier ones, for the next `posefuse.solve`; returns their file.
+
+        Raises:
+            InputError: edits about what is not there, a recording in memory only, or a file that cannot be written.
+        """
+        from posefuse.pipeline.edits import check_edits, write_edits
+
+        if self.path is None:
+            raise InputError("keep_edits: expected a recording that was read from a file or saved")
+        check_edits(edits, self)
+        return write_edits(self.path, edits)
+
+    def gait(self) -> tuple[Gait | None, ...]:
+        """Foot strikes, steps and strides of each person, in the order of `poses.person_id`; None for one who does not walk."""
+        from posefuse.kinematics.gait import gait_from_poses
+
+        return tuple(gait_from_poses(self.poses, n) for n in range(len(self.poses.person_id)))
+
+    @property
+    def report_page(self) -> Path | None:
+        """Where `report` writes its page unless it is given a folder; None for a recording in memory only."""
+        from posefuse.pipeline.reports import PAGE_FILE, report_folder
+
+        return None if self.path is None else report_folder(self.path) / PAGE_FILE
+
     @checked
     def report(
         self,
@@ -389,30 +446,3 @@ def view(result: str | Path, *, session: str | Path | None = None, progress: Pro
 
     check_rerun()
     return read(result).view(session=session, progress=progress)
-
-
-def recordings(folder: str | Path, *, search: str = "") -> list[Listed]:
-    """The results and live recordings below a folder with how good each is, the newest first.
-
-    What was found out is kept in the cache folder: the second time takes a fraction of the first.
-
-    Args:
-        folder: looked through, five folders deep; at most 2000 recordings. search: words of path, session, date or people.
-
-    Returns:
-        One entry each; those that cannot be read have a `problem`.
-
-    Raises:
-        InputError: no such folder.
-
-    Examples:
-        >>> import posefuse as pf
-        >>> [one.path.name for one in pf.recordings("STUDY", search="walk") if one.sigma_mm > 20]  # doctest: +SKIP
-        ['P03_walk2']
-    """
-    from posefuse.pipeline.catalogue import find_recordings, listed
-
-    place = Path(folder)
-    if not place.is_dir():
-        raise InputError(f"{place}: no such folder")
-    return [one for path in find_recordings(place) if (one := listed(path)).matches(search)]

@@ -268,6 +268,8 @@ def batch(
     study: str | Path,
     out: str | Path,
     *,
+    networks: str | None = None,
+    device: str | int | None = None,
     formats: Sequence[str] | None = None,
     report: bool = True,
     jobs: int | None = None,
@@ -284,6 +286,7 @@ def batch(
     Args:
         study: folder with sessions below it, e.g. ``P01/walk1``; a calibration may lie with the session or above it.
         out: folder for the results: a result folder per trial, the table ``study.csv`` and the page ``study.html``.
+        networks, device: as in `track`.
         formats: outputs of each trial, see `posefuse plugins`; None: those of `config`, else trc, c3d and csv.
         report: write joint angles, gait and the report of each trial.
         jobs: trials at once on this machine; None: as many as its cores and its free memory allow.
@@ -307,9 +310,10 @@ def batch(
         >>> study.failed  # doctest: +SKIP
         {}
     """
+    from posefuse.detection.build import network_settings
     from posefuse.pipeline.batch import run_study
 
-    changes, named = study_settings(config, settings or {})
+    changes, named = study_settings(config, network_settings(networks, device) | dict(settings or {}))
     with shown(progress) as reported:
         return run_study(
             Path(study),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -64,8 +65,11 @@ class Rig(core.Rig):
         return target
 
 
-def read_rig(path: str | Path) -> Rig:
+def read_rig(path: str | Path, *, placed: bool = False) -> Rig:
     """Read a calibration file: posefuse, Anipose/Pose2Sim or caliscope TOML, Qualisys, OpenCV YAML/JSON, ROS camera_info.
+
+    Args:
+        placed: the poses of the cameras are needed, too; False: intrinsics will do.
 
     Raises:
         CalibrationError: no such file, an unknown format, or cameras that cannot be.
@@ -75,18 +79,16 @@ def read_rig(path: str | Path) -> Rig:
         >>> pf.read_rig("examples/demo/rig.toml")
         Rig(4 cameras: cam00, cam01, cam02, cam03; id ece765de63ef; world set by simulated)
     """
-    from posefuse.formats.rig import read_rig as read
+    from posefuse.formats import rig as files
 
-    return rig_of(read(Path(path)))
+    return rig_of(files.read_placed_rig(path) if placed else files.read_rig(path))
 
 
-def rig_of(value: core.Rig) -> Rig:
-    """The same cameras as the rig of the public interface."""
-    return (
-        value
-        if isinstance(value, Rig)
-        else Rig(cameras=value.cameras, world_set_by=value.world_set_by, residual_px=value.residual_px, refused=value.refused)
-    )
+def rig_of(rig: core.Rig | str | Path, *, placed: bool = False) -> Rig:
+    """The same cameras as the rig of the public interface; of a file as `read_rig` reads it."""
+    if not isinstance(rig, core.Rig):
+        return read_rig(rig, placed=placed)
+    return rig if isinstance(rig, Rig) else Rig(**{field.name: getattr(rig, field.name) for field in fields(core.Rig)})
 
 
 class ImageDetector:

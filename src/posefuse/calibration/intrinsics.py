@@ -15,7 +15,7 @@ import numpy as np
 from posefuse.calibration.report import CalibrationReport, Check
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import coverage
-from posefuse.calibration.targets.kinds import BOARD_PATCH, Markers, Target
+from posefuse.calibration.targets.kinds import BOARD_PATCH, LEAST_CORNERS, Target, check_board
 from posefuse.core import SE3, CalibrationError, Camera
 from posefuse.core.arrays import Array, frozen
 
@@ -23,7 +23,6 @@ PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 
 _MOST_VIEWS = 40
 _LEAST_VIEWS = 4
-_LEAST_CORNERS = 8
 _LEAST_SHARPNESS = 0.4
 _OUTLIER_RATIO = 2.5
 _SIGNIFICANT = 3.0
@@ -90,7 +89,7 @@ def calibrate_intrinsics(observations: CornerObservations, target: Target, most_
     views = _views(observations, target)
     if len(views) < _LEAST_VIEWS:
         raise CalibrationError(
-            f"camera {name}: expected at least {_LEAST_VIEWS} views with {_LEAST_CORNERS} corners or more, got {len(views)}"
+            f"camera {name}: expected at least {_LEAST_VIEWS} views with {LEAST_CORNERS} corners or more, got {len(views)}"
             f" in {observations.frame_count[0]} frames; show the board from more places and slants"
         )
     views = _spread(_sharp(views), most_views)
@@ -104,24 +103,12 @@ def calibrate_intrinsics(observations: CornerObservations, target: Target, most_
     return _result(name, size_wh, observations, views, solved, dropped)
 
 
-def check_board(target: Target) -> None:
-    """Raise CalibrationError for a target from which no intrinsics can be calibrated, however it is shown."""
-    if isinstance(target, Markers):
-        raise CalibrationError("target: intrinsics need a board; loose markers serve extrinsics")
-    corners = len(target.corners(BOARD_PATCH))
-    if corners < _LEAST_CORNERS:
-        raise CalibrationError(
-            f"target: expected a board with at least {_LEAST_CORNERS} corners for intrinsics, got {corners} on one of"
-            f" {target.columns} x {target.rows}; take one with more squares"
-        )
-
-
 def _views(observations: CornerObservations, target: Target) -> list[_View]:
     board = target.corners(BOARD_PATCH)
     starts = observations.view_starts()
     views = []
     for first, end in zip(starts, np.append(starts[1:], len(observations)), strict=True):
-        if end - first < _LEAST_CORNERS:
+        if end - first < LEAST_CORNERS:
             continue
         xyz, xy = board[observations.corner[first:end]], observations.xy_img[first:end]
         if np.linalg.matrix_rank(xyz[:, :2] - xyz[:, :2].mean(axis=0), tol=1e-9) < 2:

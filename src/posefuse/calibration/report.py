@@ -4,9 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, Literal, TypeVar
 
-from posefuse.core import CalibrationError
+import numpy as np
+
+from posefuse.core import CalibrationError, Rig
+from posefuse.core.arrays import Array
+from posefuse.formats.page import Dots, Images, Line, Page, Plot, Plots, Series, write_page
+from posefuse.foundation.output_file import keep_copy
 from posefuse.foundation.summary import Block, Cell, Heading, Note, Table
 
 Result = TypeVar("Result")
@@ -71,6 +77,43 @@ class CalibrationReport:
         rows = [[Cell("pass", "good") if one.passed else Cell("FAIL", "bad"), one.name, one.line] for one in self.checks]
         notes = [Note(f"note: {note}") for note in self.notes]
         return [Heading(self.subject), Table(["", "check", "found"], rows, text=True), *notes]
+
+    def page(self, images: Mapping[str, Array] | None = None, rig: Rig | None = None) -> Page:
+        """For a browser. `images` maps captions to RGB images (H, W, 3); `rig` adds a plan of the cameras."""
+        verdict = "passed" if not self.failed else f"refused: {self.failed[0].name}"
+        blocks = [Heading("Checks"), *self.summary()[1:]]
+        if rig is not None:
+            blocks += [Heading("Cameras from above"), Plots([camera_plan_plot(rig)])]
+        if images:
+            blocks += [Heading("Images"), Images(images, lossless=True)]
+        if self.numbers:
+            rows = [[name, f"{value:.4g}"] for name, value in self.numbers.items()]
+            blocks += [Heading("Numbers"), Table(["number", "value"], rows)]
+        return Page(f"{self.subject}: {verdict}", blocks)
+
+    def save(self, path: Path, images: Mapping[str, Array] | None = None, rig: Rig | None = None) -> None:
+        """Write its `page` (HTML); an older one is kept as NAME.replaced-TIME. Raises InputError where it cannot be written."""
+        keep_copy(path)
+        write_page(path, self.page(images, rig))
+
+
+_LOOK_M = 0.6
+
+
+def camera_plan_plot(rig: Rig) -> Plot:
+    """Cameras seen from above with their viewing directions and heights, and the axes of the world, 1 m long."""
+    centres = rig.centres_world()
+    forward = np.stack([camera.cam_from_world.matrix()[2] for camera in rig])
+    gap = np.full(len(centres), np.nan)
+    looks = np.stack([centres[:, :2], centres[:, :2] + _LOOK_M * forward[:, :2], np.stack([gap, gap], axis=-1)], axis=1)
+    names = [f"{camera.name} ({centre[2]:.2f} m up)" for camera, centre in zip(rig, centres, strict=True)]
+    series: list[Series] = [
+        Line("viewing direction", *looks.reshape(-1, 2).T, colour="ink"),
+        Dots("cameras", *centres[:, :2].T, colour="c0", labels=names),
+        Line("x, 1 m", np.array([0.0, 1]), np.zeros(2), colour="bad"),
+        Line("y, 1 m", np.zeros(2), np.array([0.0, 1]), colour="mid"),
+    ]
+    return Plot("Plan of the cameras", series, x_label="x, m", y_label="y, m", equal=True)
 
 
 class RefusedCalibration(CalibrationError):

@@ -1,9 +1,9 @@
-"""What a calibration leaves behind: rig file, report page, coverage image, and clock offsets as settings of `posefuse track`."""
+"""What a calibration leaves behind: rig file, coverage image, and clock offsets as settings of `posefuse track`."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -11,46 +11,12 @@ import numpy as np
 
 from posefuse.core import Rig
 from posefuse.core.arrays import Array
-from posefuse.formats.page import Dots, Heading, Images, Line, Page, Plot, Plots, Series, Table, write_page
 from posefuse.formats.rig import write_rig
 from posefuse.foundation.output_file import atomic_file, keep_copy
 
 from .clocks.sync import ClockEstimate
-from .report import CalibrationReport
 from .targets.corners import CornerObservations
 from .targets.coverage import TargetCoverage, coverage, coverage_sheet
-
-_LOOK_M = 0.6
-
-
-def calibration_page(report: CalibrationReport, images: Mapping[str, Array] | None = None, rig: Rig | None = None) -> Page:
-    """The page. `images` maps captions to RGB images (H, W, 3); `rig` adds a plan of the cameras."""
-    verdict = "passed" if not report.failed else f"refused: {report.failed[0].name}"
-    blocks = [Heading("Checks"), *report.summary()[1:]]
-    if rig is not None:
-        blocks += [Heading("Cameras from above"), Plots([camera_plan_plot(rig)])]
-    if images:
-        blocks += [Heading("Images"), Images(images, lossless=True)]
-    if report.numbers:
-        rows = [[name, f"{value:.4g}"] for name, value in report.numbers.items()]
-        blocks += [Heading("Numbers"), Table(["number", "value"], rows)]
-    return Page(f"{report.subject}: {verdict}", blocks)
-
-
-def camera_plan_plot(rig: Rig) -> Plot:
-    """Cameras seen from above with their viewing directions and heights, and the axes of the world, 1 m long."""
-    centres = rig.centres_world()
-    forward = np.stack([camera.cam_from_world.matrix()[2] for camera in rig])
-    gap = np.full(len(centres), np.nan)
-    looks = np.stack([centres[:, :2], centres[:, :2] + _LOOK_M * forward[:, :2], np.stack([gap, gap], axis=-1)], axis=1)
-    names = [f"{camera.name} ({centre[2]:.2f} m up)" for camera, centre in zip(rig, centres, strict=True)]
-    series: list[Series] = [
-        Line("viewing direction", *looks.reshape(-1, 2).T, colour="ink"),
-        Dots("cameras", *centres[:, :2].T, colour="c0", labels=names),
-        Line("x, 1 m", np.array([0.0, 1]), np.zeros(2), colour="bad"),
-        Line("y, 1 m", np.zeros(2), np.array([0.0, 1]), colour="mid"),
-    ]
-    return Plot("Plan of the cameras", series, x_label="x, m", y_label="y, m", equal=True)
 
 
 def heat_map_image(values: Array, size_wh: tuple[int, int], full: float) -> Array:
@@ -66,14 +32,6 @@ def heat_map_image(values: Array, size_wh: tuple[int, int], full: float) -> Arra
     return np.asarray(picture)
 
 
-def write_calibration_report(
-    path: Path, report: CalibrationReport, pictures: Mapping[str, Array], rig: Rig | None = None
-) -> None:
-    """The HTML page with images by caption (RGB arrays); an older one is kept as NAME.replaced-TIME."""
-    keep_copy(path)
-    write_page(path, calibration_page(report, pictures, rig))
-
-
 def write_rig_file(path: Path, rig: Rig) -> None:
     """The rig file; an older one is kept as NAME.replaced-TIME."""
     keep_copy(path)
@@ -83,11 +41,6 @@ def write_rig_file(path: Path, rig: Rig) -> None:
 def numbered(path: Path, name: str, count: int) -> Path:
     """The report's path for one camera of several."""
     return path if count == 1 else path.with_stem(f"{path.stem}_{name}")
-
-
-def coverage_path(rig_path: Path) -> Path:
-    """Where the coverage image of a rig file goes."""
-    return rig_path.with_name(f"{rig_path.stem}_coverage.png")
 
 
 def write_coverage(path: Path, observations: CornerObservations) -> TargetCoverage:

@@ -11,6 +11,9 @@ from posefuse.foundation.settings import settings
 # squares of a board along one side, and a target of 10 m
 _Squares = Annotated[int, Ge(1), Le(200)]
 _Millimetres = Annotated[float, Gt(0), Le(10_000)]
+# of paper, across and up
+PAGES_M = {"a4": (0.210, 0.297), "a3": (0.297, 0.420), "a2": (0.420, 0.594), "a1": (0.594, 0.841), "a0": (0.841, 1.189),
+           "letter": (0.2159, 0.2794)}  # fmt: skip
 TargetKind = Literal["markers", "charuco", "chessboard"]
 
 

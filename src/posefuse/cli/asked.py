@@ -14,7 +14,6 @@ from .terminal import quoted
 
 if TYPE_CHECKING:
     from posefuse.calibration.report import CalibrationReport
-    from posefuse.core import Rig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,31 +102,13 @@ def option_name(name: str) -> str:
     return f"--{name.replace('_', '-')}"
 
 
-def recordings_of(inputs: Sequence[str]) -> dict[str, Path]:
-    """``NAME=PATH`` texts as recordings by camera name, which defaults to the file's; a session folder gives all of its videos.
-
-    Raises:
-        InputError: one name twice.
-    """
-    from posefuse.calibration.targets.recordings import named_recordings
-
-    named: dict[str, Path] = {}
-    for text in inputs:
-        name, equals, path = text.partition("=")
-        for camera, file in {name: Path(path)}.items() if equals else named_recordings(Path(text)).items():
-            if camera in named:
-                raise InputError(f"{text}: camera {camera} has a recording already ({named[camera]}); name them as NAME=PATH")
-            named[camera] = file
-    return named
-
-
-def clock_offsets_s(offsets: Sequence[str], rig: Rig) -> dict[str, float]:
+def clock_offsets_s(offsets: Sequence[str]) -> dict[str, float]:
     """Clock offsets in s by camera name, from texts ``CAMERA=MS``."""
     found: dict[str, float] = {}
     for text in offsets:
         name, _, value = text.partition("=")
         try:
-            found[rig[name].name] = float(value) / 1e3
+            found[name] = float(value) / 1e3
         except ValueError:
             raise InputError(f"--offset-ms {text}: expected CAMERA=MILLISECONDS") from None
     return found
@@ -142,10 +123,11 @@ def check_files(options: Any, inputs: Sequence[str] = ()) -> list[Path]:
     Returns:
         What the step reads: the recordings, and the files that its options name.
     """
+    from posefuse.calibration.targets.recordings import paths_by_camera
     from posefuse.foundation.output_file import check_output_file
 
     named = [getattr(options, name, None) for name in ("target", "intrinsics", "rig", "floor_points")]
-    read = [*recordings_of(inputs).values(), *(path for path in named if path is not None)]
+    read = [*paths_by_camera(inputs).values(), *(path for path in named if path is not None)]
     for name in ("out", "report"):
         if (path := getattr(options, name, None)) is not None:
             check_output_file(path, option=option_name(name), inputs=read, replace=options.force)
@@ -156,13 +138,12 @@ def check_files(options: Any, inputs: Sequence[str] = ()) -> list[Path]:
 def reported(path: Path | None, asked: Asked) -> Iterator[None]:
     """Write the report of a refused calibration, and note the next command, before the error is raised further."""
     from posefuse.calibration.report import RefusedCalibration
-    from posefuse.calibration.result_files import write_calibration_report
 
     try:
         yield
     except RefusedCalibration as refused:
         if path is not None:
-            write_calibration_report(path, refused.report, {})
+            refused.report.save(path)
         command, purpose = next_after(refused.report, asked)
         refused.add_note(f"next: {command}  ({purpose})")
         raise

@@ -298,15 +298,13 @@ def calibrate_intrinsics(*inputs: CameraRecordings, options: IntrinsicsOptions, 
     """
     from posefuse.calibration.report import RefusedCalibration
 
-    from .asked import Asked, check_files, recordings_of, reported
+    from .asked import Asked, check_files, reported
 
     check_files(options, inputs)
     with reported(options.report, Asked(step="intrinsics", inputs=inputs, options=options)):
         try:
             with terminal.stages() as progress:
-                found = pf.calibrate_intrinsics(
-                    recordings_of(inputs), target=options.target, every=options.every, progress=progress
-                )
+                found = pf.calibrate_intrinsics(inputs, target=options.target, every=options.every, progress=progress)
         except RefusedCalibration as refused:
             if refused.kept is not None:
                 _save_intrinsics(refused.kept, options, terminal)
@@ -337,18 +335,17 @@ def calibrate_extrinsics(*inputs: CameraRecordings, options: ExtrinsicsOptions, 
     """
     from posefuse.api.calibrate import target_of
     from posefuse.api.targets import floor_of
-    from posefuse.calibration.result_files import coverage_path, write_coverage
     from posefuse.foundation.output_file import check_output_file
 
-    from .asked import Asked, check_files, recordings_of, reported
+    from .asked import Asked, check_files, reported
 
-    coverage, read = coverage_path(options.out), check_files(options, inputs)
+    coverage, read = options.out.with_name(f"{options.out.stem}_coverage.png"), check_files(options, inputs)
     # a refused run leaves the image, and must not stop the next one; an older image is kept as a copy
     check_output_file(coverage, option="--out", inputs=read, replace=True)
     kind, asked = target_of(options.target), Asked(step="extrinsics", inputs=inputs, options=options)
     with reported(options.report, asked), terminal.stages() as progress:
         found = pf.calibrate_extrinsics(
-            recordings_of(inputs),
+            inputs,
             intrinsics=options.intrinsics,
             target=kind,
             every=options.every,
@@ -358,7 +355,7 @@ def calibrate_extrinsics(*inputs: CameraRecordings, options: ExtrinsicsOptions, 
             upside_down=options.upside_down,
             any_size=options.any_size,
             keep_refused=options.keep_refused,
-            on_seen=lambda seen: terminal.note(f"{coverage}: {write_coverage(coverage, seen).advice()}"),
+            coverage=coverage,
             progress=progress,
         )
     if found.report.failed:
@@ -398,13 +395,13 @@ def calibrate_person(*inputs: CameraRecordings, options: PersonOptions, terminal
     Args:
         inputs: Video, or 2D poses of another tool, per camera; NAME defaults to the file's name.
     """
-    from .asked import Asked, check_files, recordings_of, reported
+    from .asked import Asked, check_files, reported
 
     check_files(options, inputs)
     asked = Asked(step="person", inputs=inputs, options=options)
     with reported(options.report, asked), terminal.stages() as progress:
         found = pf.calibrate_person(
-            recordings_of(inputs),
+            inputs,
             intrinsics=options.intrinsics,
             height_m=options.height_m,
             camera_distance=options.apart,
@@ -460,24 +457,16 @@ def calibrate_verify(*inputs: CameraRecordings, options: VerifyOptions, terminal
     Args:
         inputs: Video or folder of images per camera; NAME defaults to the file's name.
     """
-    from posefuse.api.calibration_results import saved_clocks
-    from posefuse.formats.rig import read_placed_rig
-    from posefuse.pipeline.config import CONFIG_FILE
-
-    from .asked import Asked, check_files, clock_offsets_s, recordings_of, reported
+    from .asked import Asked, check_files, clock_offsets_s, reported
 
     check_files(options, inputs)
-    rig, settings = read_placed_rig(options.rig), options.rig.with_name(CONFIG_FILE)
-    late_s = clock_offsets_s(options.offset_ms, rig) if options.offset_ms else saved_clocks(settings, rig)
-    if late_s and not options.offset_ms:
-        terminal.note(f"clock offsets of {', '.join(late_s)} from {settings}")
     with terminal.stages() as progress:
         found = pf.verify(
-            rig,
-            recordings_of(inputs),
+            options.rig,
+            inputs,
             target=options.target,
             every=options.every,
-            clock_offset_s=late_s,
+            clock_offset_s=clock_offsets_s(options.offset_ms) if options.offset_ms else None,
             progress=progress,
         )
     terminal.show(found.report.summary())

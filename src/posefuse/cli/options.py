@@ -63,7 +63,7 @@ class NetworkOptions(NamedSettings):
     @property
     def changes(self) -> dict[str, Any]:
         """Those of the network, too."""
-        from posefuse.detection.build import network_settings
+        from posefuse.detection import network_settings
 
         return {**super().changes, **network_settings(self.networks, self.device)}
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -95,7 +96,7 @@ class Rig:
         """Raw pixels (C, ..., 2) of world points (..., 3)."""
         return np.stack([camera.project(xyz_world) for camera in self.cameras])
 
-    def only(self, names: Iterable[str]) -> Rig:
+    def only(self, names: Iterable[str]) -> Self:
         """The rig of these cameras, in this order; raises CalibrationError for a name that is not there."""
         return replace(self, cameras=tuple(self[name] for name in names))
 

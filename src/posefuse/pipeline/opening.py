@@ -139,17 +139,19 @@ def _check_rate(session: Session, config: TrackConfig) -> None:
         )
 
 
-def build_source(entry: Input, config: TrackConfig, cameras: int = 1) -> RecordedSource:
-    """Open the videos or images of one camera, of so many that are decoded at the same time."""
+def source_config(entry: Input, config: TrackConfig, cameras: int = 1) -> VideoConfig | ImagesConfig:
+    """How the video or images of one camera are read, of so many that are decoded at the same time."""
     offset_s, drift_ppm = entry.settings.offset_s, entry.settings.drift_ppm
-    source: RecordedSource
-    if entry.kind == "videos":
-        # threads of its own cost a video a third more processor time: they help only where cameras leave cores idle
-        threads = usable_cores() > cameras
-        source = VideoConfig(entry.path, entry.camera, offset_s, drift_ppm, threads=threads).build()
-    else:
-        source = ImagesConfig(entry.path, entry.camera, config.rate_hz, offset_s, drift_ppm).build()
-    return DepthSource(source, entry.depth, offset_s, drift_ppm) if entry.depth else source
+    if entry.kind != "videos":
+        return ImagesConfig(entry.path, entry.camera, config.rate_hz, offset_s, drift_ppm)
+    # threads of its own cost a video a third more processor time: they help only where cameras leave cores idle
+    return VideoConfig(entry.path, entry.camera, offset_s, drift_ppm, threads=usable_cores() > cameras)
+
+
+def build_source(entry: Input, config: TrackConfig, cameras: int = 1) -> RecordedSource:
+    """Open the video or images of one camera, see `source_config`, with its depth images where there are any."""
+    source, given = source_config(entry, config, cameras).build(), entry.settings
+    return DepthSource(source, entry.depth, given.offset_s, given.drift_ppm) if entry.depth else source
 
 
 # 2D poses in files of other tools. Their frame rate: as set, as the project or the videos next to them state it.

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from posefuse.core import ConfigError, Rig, SourceError
 from posefuse.core.errors import choices
 from posefuse.foundation.plugins import from_package
+from posefuse.sources.video import length_s
 
 from .capture import LiveInput
 from .config import CameraInfoUse
@@ -47,6 +49,17 @@ def inputs_from_arguments(
                 raise SourceError(f"source {argument}: camera {entry.camera} has a source already")
             found[entry.camera] = entry
     return tuple(found[name] for name in (found if rig is None else rig.names) if name in found)
+
+
+def shown_again(inputs: Sequence[LiveInput], loop_s: float | Literal["shortest"] | None) -> tuple[LiveInput, ...]:
+    """The inputs, recorded ones shown again after so long; ``shortest``: as long as the shortest video, None: not.
+
+    Raises:
+        SourceError: a video that cannot be read.
+    """
+    lengths_s = (length_s(entry.config.path) for entry in inputs if entry.kind == "video")
+    turn_s = loop_s if not isinstance(loop_s, str) else min(lengths_s, default=0.0) or None
+    return tuple(replace(entry, loop_s=turn_s) for entry in inputs)
 
 
 def check_any(inputs: Sequence[LiveInput]) -> None:

@@ -7,16 +7,18 @@ import json
 import queue
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
-from posefuse.core import InputError, SourceError
+from posefuse.core import InputError, PosefuseError, SourceError
 from posefuse.core.encoded import EncodedFrame
 from posefuse.formats.kept_video import KeptVideo
 from posefuse.formats.pixels import Pixels
 from posefuse.foundation.output_file import write_text
+from posefuse.foundation.parsing import parse_json, read_text
 from posefuse.foundation.platform import lower_thread_priority
 from posefuse.foundation.requests_to_end import wait_while_working
+from posefuse.foundation.settings import settings_from_mapping
 from posefuse.sources.video import VideoConfig
 
 # of frames that wait for the disk: half a second of images of 1920 x 1080 px, a minute of packets
@@ -192,11 +194,9 @@ def read_counts(folder: Path, cameras: Iterable[str]) -> dict[str, KeptCounts]:
 
 
 def _counts_of(about: Path) -> KeptCounts:
-    known = {field.name for field in fields(KeptCounts)}
     try:
-        content = json.loads(about.read_text(encoding="utf-8"))
-        return KeptCounts(**{name: value for name, value in content.items() if name in known})
-    except (OSError, ValueError):
+        return settings_from_mapping(parse_json(str(about), read_text(about)), KeptCounts, where=str(about))
+    except PosefuseError:
         return KeptCounts(fault="was not finished: its process ended, or the disk was full")
 
 

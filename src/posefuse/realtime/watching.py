@@ -5,14 +5,14 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from posefuse.calibration.targets.coverage import Guidance, new_guidance, seen
-from posefuse.calibration.targets.detection import TargetDetector
+from posefuse.calibration.targets.detection import Corners, TargetDetector
 from posefuse.calibration.targets.kinds import Target
 from posefuse.core import Closing, Frame, Rig, SourceError
 from posefuse.core.arrays import Array
@@ -20,7 +20,7 @@ from posefuse.health.cameras import CameraState
 
 from .capture import Capture, LiveInput, keeping_packets
 from .messages import SessionClock
-from .video_keeping import VideoKeeper, wait_for_videos
+from .video_keeping import KeptCounts, VideoKeeper, read_counts, wait_for_videos
 
 _FIRST_S = 30.0
 _REPORT_EVERY_S, _REST_S = 1.0, 0.005
@@ -45,11 +45,33 @@ class FedFrame:
 
     Attributes:
         camera: its number. t_ns: time of exposure since the session's zero. frame: the image.
+        corners: of the target in it; None where none is looked for.
     """
 
     camera: int
     t_ns: int
     frame: Frame
+    corners: Corners | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraNews:
+    """One camera during the last second.
+
+    Attributes:
+        camera: its name. state: see `CameraState`. rate_hz: frames that came. missing: frames that it counted and never
+            delivered, since the beginning.
+        warning: what is wrong, and what to do; empty where nothing is.
+    """
+
+    camera: str
+    state: str
+    rate_hz: float
+    missing: int
+    warning: str
+
+
+Watched = Iterator[tuple[list[FedFrame], tuple[CameraNews, ...]]]
 
 
 class CameraFeed(Closing):
@@ -58,13 +80,21 @@ class CameraFeed(Closing):
     Args:
         inputs: one per camera. rig: whose image sizes they must have; None takes any.
         packets: give frames in the camera's own encoding too, for videos.
+        target: what is moved in front of them, and looked for in what `watched` gives; None: nothing.
+
+    Attributes:
+        cameras: names. guidance: what of the target was covered so far.
 
     Raises:
         SourceError: at the start of the block: a source that cannot be opened.
     """
 
-    def __init__(self, inputs: Sequence[LiveInput], *, rig: Rig | None = None, packets: bool = False) -> None:
+    def __init__(
+        self, inputs: Sequence[LiveInput], *, rig: Rig | None = None, packets: bool = False, target: Target | None = None
+    ) -> None:
         self.cameras = tuple(entry.camera for entry in inputs)
+        self.guidance, self._detector = new_guidance(self.cameras), None if target is None else TargetDetector(target)
+        self._videos: Path | None = None
         self._news = threading.Condition()
         # when the first frames were asked for, and when each camera had delivered one
         self._begun_s = 0.0
@@ -89,6 +119,7 @@ class CameraFeed(Closing):
         Raises:
             InputError: a video that cannot be made.
         """
+        self._videos = videos
         for capture in self._captures:
             if videos is not None:
                 capture.keep(VideoKeeper(videos, capture.entry.camera))
@@ -101,6 +132,53 @@ class CameraFeed(Closing):
         """Close the sources and finish the videos; safe to call twice."""
         captures, self._captures = self._captures, []
         wait_for_videos([keeper for capture in captures for keeper in capture.close()])
+
+    def watched(
+        self, videos: Path | None = None, duration_s: float | None = None, stopped: Sequence[str] = (), *, judged: bool
+    ) -> Watched:
+        """The newest frames, and once a second news of each camera, else none.
+
+        It ends when the sources do, `stopped` has an entry, or `duration_s` with all cameras is over; then it closes the cameras.
+
+        Args:
+            videos: an existing folder that keeps every frame; None: none are kept.
+            judged: an image of each camera is judged for its news; in large images that takes tens of milliseconds.
+
+        Raises:
+            SourceError: a source that fails and is not opened again. InputError: a video that cannot be made.
+        """
+        self.begin(videos)
+        found: dict[str, str] = {}
+        judged_s = dict.fromkeys(self.cameras, -_REPORT_EVERY_S)
+        counts, reported = [0] * len(self.cameras), time.monotonic()
+        while not stopped:
+            # asked before the frames are taken, so that the last ones are not lost
+            over = self.over
+            self.check()
+            frames = [self._with_corners(fed) for fed in self.newest()]
+            for fed in frames if judged else ():
+                camera, now_s = self.cameras[fed.camera], time.monotonic()
+                if now_s - judged_s[camera] >= _REPORT_EVERY_S:
+                    judged_s[camera], found[camera] = now_s, image_warning(fed.frame.image)
+            since_s = time.monotonic() - reported
+            over = over or (duration_s is not None and self.seconds() >= duration_s)
+            news: tuple[CameraNews, ...] = ()
+            if since_s >= _REPORT_EVERY_S and not over:
+                before, counts, reported = counts, self.came(), reported + since_s
+                rates = [(now - then) / since_s for now, then in zip(counts, before, strict=True)]
+                news = _news(self.states(), rates, found)
+            yield frames, news
+            if over:
+                break
+            time.sleep(_REST_S)
+        self.close()
+
+    def _with_corners(self, fed: FedFrame) -> FedFrame:
+        if self._detector is None:
+            return fed
+        corners = self._detector.detect(cv2.cvtColor(fed.frame.image, cv2.COLOR_RGB2GRAY))
+        self.guidance = seen(self.guidance, fed.camera, fed.t_ns, corners.xy_img, fed.frame.size_wh)
+        return replace(fed, corners=corners)
 
     def newest(self) -> list[FedFrame]:
         """What came since the last call, the newest frame of each camera.
@@ -123,6 +201,10 @@ class CameraFeed(Closing):
         """Frames of each camera so far, those that are kept without being decoded included."""
         return [capture.came for capture in self._captures]
 
+    def counts(self) -> dict[str, KeptCounts]:
+        """What the videos hold by camera, when they are finished; empty where none were kept."""
+        return {} if self._videos is None else read_counts(self._videos, self.cameras)
+
     def seconds(self) -> float:
         """Since the first frame of the last camera; one that has sent none for half a minute is not waited for."""
         now_s = time.monotonic()
@@ -141,72 +223,6 @@ class CameraFeed(Closing):
         for capture, state in zip(self._captures, self.states(), strict=True):
             if state.state == "lost" and not capture.entry.reopen:
                 raise SourceError(state.text)
-
-
-@dataclass(frozen=True, kw_only=True)
-class CameraNews:
-    """One camera during the last second.
-
-    Attributes:
-        camera: its name. state: see `CameraState`. rate_hz: frames that came. missing: frames that it counted and never
-            delivered, since the beginning.
-        warning: what is wrong, and what to do; empty where nothing is.
-    """
-
-    camera: str
-    state: str
-    rate_hz: float
-    missing: int
-    warning: str
-
-
-Watched = Iterator[tuple[list[FedFrame], tuple[CameraNews, ...]]]
-
-
-def watched(
-    feed: CameraFeed,
-    videos: Path | None,
-    duration_s: float | None = None,
-    stopped: Sequence[str] = (),
-    *,
-    judged: bool,
-) -> Watched:
-    """The newest frames, and once a second news of each camera, else none.
-
-    It ends when the sources do, `stopped` has an entry, or `duration_s` with all cameras is over; then it closes the feed.
-
-    Args:
-        feed: open cameras that have not begun. videos: an existing folder that keeps every frame; None: none are kept.
-        judged: an image of each camera is judged for its news; in large images that takes tens of milliseconds.
-
-    Raises:
-        SourceError: a source that fails and is not opened again. InputError: a video that cannot be made.
-    """
-    feed.begin(videos)
-    found: dict[str, str] = {}
-    judged_s = dict.fromkeys(feed.cameras, -_REPORT_EVERY_S)
-    counts, reported = [0] * len(feed.cameras), time.monotonic()
-    while not stopped:
-        # asked before the frames are taken, so that the last ones are not lost
-        over = feed.over
-        feed.check()
-        frames = feed.newest()
-        for fed in frames if judged else ():
-            camera, now_s = feed.cameras[fed.camera], time.monotonic()
-            if now_s - judged_s[camera] >= _REPORT_EVERY_S:
-                judged_s[camera], found[camera] = now_s, image_warning(fed.frame.image)
-        since_s = time.monotonic() - reported
-        over = over or (duration_s is not None and feed.seconds() >= duration_s)
-        news: tuple[CameraNews, ...] = ()
-        if since_s >= _REPORT_EVERY_S and not over:
-            before, counts, reported = counts, feed.came(), reported + since_s
-            rates = [(now - then) / since_s for now, then in zip(counts, before, strict=True)]
-            news = _news(feed.states(), rates, found)
-        yield frames, news
-        if over:
-            break
-        time.sleep(_REST_S)
-    feed.close()
 
 
 def _news(states: Sequence[CameraState], rates: Sequence[float], found: Mapping[str, str]) -> tuple[CameraNews, ...]:
@@ -276,29 +292,24 @@ def _state_warning(state: CameraState, rate_hz: float, usual_hz: float) -> str:
 
 def guide(
     feed: CameraFeed,
-    target: Target,
     report: Callable[[Guidance], None],
     duration_s: float | None = None,
     *,
     videos: Path | None = None,
     stopped: Sequence[str] = (),
 ) -> Guidance:
-    """Watch until enough is covered, the sources end, `stopped` has an entry, or `duration_s` with all cameras; close the feed.
+    """Watch until enough of the target is covered, or `CameraFeed.watched` ends; close the feed.
 
     `report` is called once a second and at the end. With `videos`, a folder, every frame of every camera is kept there.
 
     Raises:
         SourceError: a source that fails and is not opened again. InputError: a video that cannot be made.
     """
-    detector, state = TargetDetector(target), new_guidance(feed.cameras)
-    for frames, news in watched(feed, videos, duration_s, stopped, judged=False):
-        for fed in frames:
-            corners = detector.detect(cv2.cvtColor(fed.frame.image, cv2.COLOR_RGB2GRAY))
-            state = seen(state, fed.camera, fed.t_ns, corners.xy_img, fed.frame.size_wh)
-        if state.enough:
+    for _, news in feed.watched(videos, duration_s, stopped, judged=False):
+        if feed.guidance.enough:
             break
         if news:
-            report(state)
+            report(feed.guidance)
     feed.close()
-    report(state)
-    return state
+    report(feed.guidance)
+    return feed.guidance

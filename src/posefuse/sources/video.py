@@ -254,6 +254,12 @@ def opened_video(config: VideoConfig) -> av.container.InputContainer:
     return container
 
 
+def length_s(path: Path) -> float:
+    """As the file states it, 0 where it does not; raises SourceError for one that cannot be opened."""
+    with opened_video(VideoConfig(path, path.stem)) as container:
+        return container.duration / av.time_base if container.duration else 0.0
+
+
 class _Listed(NamedTuple):
     """What a file lists, in ticks of `base_s`, sorted: times of frames, and when key frames are decoded by their times.
 

@@ -18,10 +18,10 @@ import numpy as np
 from pydantic import ConfigDict
 
 import posefuse as pf
-from posefuse.calibration.intrinsics import check_board
+from posefuse.api.calibrate import target_of
 from posefuse.calibration.report import CalibrationReport, Check
 from posefuse.calibration.targets.coverage import ENOUGH_SHARE, ENOUGH_TOGETHER, TargetCoverage
-from posefuse.calibration.targets.kinds import Charuco, Markers, Target, read_target
+from posefuse.calibration.targets.kinds import Charuco, Markers, Target, check_board
 from posefuse.core import InputError, PosefuseError
 from posefuse.core.arrays import Array
 from posefuse_studio.stored import read_stored, write_stored
@@ -363,7 +363,7 @@ def targets(workspace: StudioWorkspace, step: Step) -> list[str]:
     folder, found = workspace.path(TARGETS), []
     for path in sorted(folder.glob("*.toml")) if folder.is_dir() else []:
         with suppress(PosefuseError):
-            check_target(read_target(path), step)
+            check_target(target_of(path), step)
             found.append(f"{TARGETS}/{path.name}")
     return found
 

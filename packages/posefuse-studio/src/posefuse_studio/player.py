@@ -10,14 +10,13 @@ from pathlib import Path
 import numpy as np
 
 import posefuse as pf
+from posefuse.api.playback import Playback
 from posefuse.core import InputError, JointAngles
 from posefuse.core.arrays import Array
-from posefuse.kinematics.gait import gait_from_poses
 from posefuse.outputs.drawing import person_rgb
 from posefuse_studio.scene.messages import scene_setup
 from posefuse_studio.state import Stream
 
-from .playback import Playback, session_with_videos
 from .scene.messages import image_message, page_message, poses_message
 
 TILE_PX = 480
@@ -25,15 +24,15 @@ TILE_PX = 480
 _PLAY_HZ = 12.0
 
 
-def open_recording(path: Path, within: Path) -> Playback:
+def open_recording(path: Path, within: Path) -> Playback[pf.Recording]:
     """Read a recording and open its videos, if they lie in the folder `within`; takes seconds for a long one.
 
     Raises:
         PosefuseError: not a recording, or damaged.
     """
     recording = pf.read(path)
-    _ = recording.views  # kept for every moment that follows
-    return Playback(recording, session_with_videos(recording, path, within))
+    _ = recording.views  # kept for every image that follows
+    return recording.playback(within=within)
 
 
 def angles_and_strikes(path: Path) -> tuple[JointAngles | None, Sequence[Mapping[str, Array]]]:
@@ -43,8 +42,7 @@ def angles_and_strikes(path: Path) -> tuple[JointAngles | None, Sequence[Mapping
     """
     recording = pf.read(path)
     begin_s = float(recording.poses.t_ns[0]) / 1e9 if len(recording.poses.t_ns) else 0.0
-    gaits = [gait_from_poses(recording.poses, n) for n in range(len(recording.poses.person_id))]
-    strikes = [{side: begin_s + times for side, times in gait.strike_s.items()} if gait else {} for gait in gaits]
+    strikes = [{side: begin_s + times for side, times in gait.strike_s.items()} if gait else {} for gait in recording.gait()]
     try:
         return recording.joint_angles(fit="none"), strikes
     except InputError:
@@ -62,7 +60,7 @@ class ResultPlayer:
         t_s: current position, session seconds. playing: whether playback runs. speed: of playback.
     """
 
-    def __init__(self, playback: Playback, stream: Stream) -> None:
+    def __init__(self, playback: Playback[pf.Recording], stream: Stream) -> None:
         self.playback, self._stream = playback, stream
         self.recording = playback.recording
         self.times_s: Array = self.recording.poses.t_ns / 1e9
@@ -127,11 +125,11 @@ class ResultPlayer:
 
     async def _show_camera(self, c: int, t_s: float) -> None:
         playback = self.playback
-        moment = await asyncio.to_thread(playback.moment, playback.cameras[c], round(t_s * 1e9), TILE_PX)
-        if moment is None:
+        seen = await asyncio.to_thread(playback.at, playback.cameras[c], round(t_s * 1e9), TILE_PX)
+        if seen is None:
             image = image_message(t_s, c, b"", playback.shown_wh(c, TILE_PX))
         else:
             rgba = [(*person_rgb(person), 255) for person in self.recording.poses.person_id.tolist()]
-            drawn = {"detected_px": moment.detected_px, "projected_px": moment.projected_px, "rgba": rgba}
-            image = image_message(moment.t_ns / 1e9, c, moment.jpeg, moment.size_wh, **drawn)  # type: ignore[arg-type]
+            drawn = {"detected_px": seen.detected_px, "projected_px": seen.projected_px, "rgba": rgba}
+            image = image_message(seen.t_ns / 1e9, c, seen.jpeg, seen.size_wh, **drawn)  # type: ignore[arg-type]
         self._stream.publish(("image", c), image, keep=True)

@@ -8,10 +8,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import posefuse as pf
-from posefuse.core import InputError, PosefuseError, Rig
+from posefuse.core import InputError, PosefuseError
 from posefuse.foundation.platform import usb_cameras
 from posefuse.foundation.plugins import from_package
-from posefuse.realtime.capture import LiveInput
 from posefuse_studio.calibrations import FOLDER
 from posefuse_studio.stored import read_stored, write_stored
 from posefuse_studio.workspace import StudioWorkspace, check_name
@@ -85,58 +84,24 @@ def source_text(workspace: StudioWorkspace, what: str) -> str:
     return f"{kind}:{workspace.existing(rest)}" if colon and kind in _FILES else what
 
 
-def rig_of_setup(workspace: StudioWorkspace, setup: Setup) -> Rig:
+def rig_of_setup(workspace: StudioWorkspace, setup: Setup) -> pf.Rig:
     """The calibrated cameras of a setup.
 
     Raises:
         InputError: it has no rig yet. CalibrationError: a rig file that cannot be read, or without poses.
     """
-    from posefuse.formats.rig import read_placed_rig
-
     if setup.name == DEMO:
-        return read_placed_rig(pf.demo_session() / "rig.toml")
+        return pf.read_rig(pf.demo_session() / "rig.toml", placed=True)
     if not setup.rig:
         raise InputError(f"setup {setup.name}: its cameras are not calibrated yet; go to Calibrate, or choose a rig file")
-    return read_placed_rig(workspace.existing(setup.rig))
+    return pf.read_rig(workspace.existing(setup.rig), placed=True)
 
 
-def sources_of_setup(workspace: StudioWorkspace, setup: Setup) -> tuple[dict[str, str], float | None]:
-    """Its sources by camera name, as `posefuse.live` takes them, and the length in s of its shortest video (None: it has none).
-
-    Videos are shown again and again, so long.
-
-    Raises:
-        InputError: a file that is not in the workspace.
-    """
+def sources_of_setup(workspace: StudioWorkspace, setup: Setup) -> dict[str, str]:
+    """Its sources by camera name, as `posefuse.live` takes them; raises InputError for a file that is not in the workspace."""
     if setup.name == DEMO:
-        sources = {path.stem: f"video:{path}" for path in sorted((pf.demo_session() / "videos").glob("*.mp4"))}
-    else:
-        sources = {camera: source_text(workspace, what) for camera, what in setup.sources.items()}
-    videos = [what.partition(":")[2] for what in sources.values() if what.startswith("video:")]
-    return sources, min((_seconds(Path(path)) for path in videos), default=0.0) or None
-
-
-def inputs_of_setup(workspace: StudioWorkspace, setup: Setup) -> tuple[LiveInput, ...]:
-    """Its sources, open for looking at them; videos are shown again and again, as long as the shortest.
-
-    Raises:
-        SourceError: a source that cannot be read.
-    """
-    from posefuse.realtime.inputs import inputs_from_arguments
-
-    sources, loop_s = sources_of_setup(workspace, setup)
-    return tuple(replace(entry, loop_s=loop_s) for entry in inputs_from_arguments(sources, None))
-
-
-def _seconds(path: Path) -> float:
-    """Length of a video."""
-    import av
-
-    from posefuse.sources import VideoConfig
-    from posefuse.sources.video import opened_video
-
-    with opened_video(VideoConfig(path, path.stem)) as container:
-        return container.duration / av.time_base if container.duration else 0.0
+        return {path.stem: f"video:{path}" for path in sorted((pf.demo_session() / "videos").glob("*.mp4"))}
+    return {camera: source_text(workspace, what) for camera, what in setup.sources.items()}
 
 
 VIDEOS = (".mp4", ".mkv", ".mov", ".avi", ".webm")

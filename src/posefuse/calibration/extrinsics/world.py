@@ -320,6 +320,13 @@ def with_floor(target: Target, floor: FloorMarker | ThreePoints | None) -> Targe
     return replace(target, ids=(*target.ids, floor.id))
 
 
+def moved_target(target: Target, floor: FloorMarker | ThreePoints | None) -> Target:
+    """What of a target is moved: its markers without the one on the floor."""
+    if not isinstance(floor, FloorMarker) or not isinstance(target, Markers):
+        return target
+    return replace(target, ids=tuple(one for one in target.ids if one != floor.id))
+
+
 def world_rule(
     floor: FloorMarker | ThreePoints | None, observations: CornerObservations, target: Target
 ) -> tuple[CornerObservations, WorldRule | None]:

@@ -159,16 +159,6 @@ class Guidance:
     shared_ns: Array
 
     @property
-    def covered(self) -> Array:
-        """(C,) from 0 to 1, enough: how far each camera's image is covered."""
-        return np.minimum(1.0, self.coverage.share / ENOUGH_SHARE)
-
-    @property
-    def linked(self) -> Array:
-        """(C, C) from 0 to 1, enough: how far two cameras have seen the target together."""
-        return np.minimum(1.0, self.coverage.together / ENOUGH_TOGETHER)
-
-    @property
     def enough(self) -> bool:
         """See `TargetCoverage.enough`."""
         return self.coverage.enough

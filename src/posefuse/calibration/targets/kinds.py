@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 
 from posefuse.calibration.settings import TargetDescription, TargetKind
-from posefuse.core import SE3, ConfigError, InputError, PosefuseError
+from posefuse.core import SE3, CalibrationError, ConfigError, InputError, PosefuseError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse.foundation.output_file import keep_copy, write_text
@@ -187,6 +187,22 @@ def _grid(columns: int, rows: int, step_m: float) -> Array:
     """(columns*rows, 3) points row by row from the top left; the last row lies on y = 0."""
     row, column = np.divmod(np.arange(columns * rows), columns)
     return np.stack([column, rows - 1 - row, np.zeros_like(row)], axis=-1) * step_m
+
+
+# of a view from which intrinsics can be calibrated
+LEAST_CORNERS = 8
+
+
+def check_board(target: Target) -> None:
+    """Raise CalibrationError for a target from which no intrinsics can be calibrated, however it is shown."""
+    if isinstance(target, Markers):
+        raise CalibrationError("target: intrinsics need a board; loose markers serve extrinsics")
+    corners = len(target.corners(BOARD_PATCH))
+    if corners < LEAST_CORNERS:
+        raise CalibrationError(
+            f"target: expected a board with at least {LEAST_CORNERS} corners for intrinsics, got {corners} on one of"
+            f" {target.columns} x {target.rows}; take one with more squares"
+        )
 
 
 _MM = 1e3

@@ -12,13 +12,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from posefuse.calibration.settings import PAGES_M
 from posefuse.core import ConfigError
 from posefuse.core.arrays import Array
 
 from .kinds import BACK_PATCH, Charuco, Markers, dictionary_of, sides
 
-PAGES_M = {"a4": (0.210, 0.297), "a3": (0.297, 0.420), "a2": (0.420, 0.594), "a1": (0.594, 0.841), "a0": (0.841, 1.189),
-           "letter": (0.2159, 0.2794)}  # fmt: skip
 _POINTS_PER_M = 72 / 0.0254
 _MARGIN_M = 0.010
 _RULER_M = 0.100

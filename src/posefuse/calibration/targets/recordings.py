@@ -18,8 +18,8 @@ from .detection import detect_corners, why_nothing
 from .kinds import Target
 
 Inputs = Mapping[str, str | Path] | Sequence[str | Path] | str | Path
-"""Recordings by camera name, or paths, whose file names without suffix are the cameras' names; a session folder stands for its
-videos."""
+"""Recordings by camera name, or paths, whose file names without suffix are the cameras' names, or texts ``NAME=PATH``; a session
+folder stands for its videos."""
 STAGE = "looking for the target"
 
 # images without times are paired by their place in the folder, for which any rate does
@@ -35,7 +35,7 @@ def paths_by_camera(inputs: Inputs) -> dict[str, Path]:
     if isinstance(inputs, Mapping):
         return {name: Path(path) for name, path in sorted(inputs.items())}
     paths = [inputs] if isinstance(inputs, str | Path) else inputs
-    pairs = [pair for path in paths for pair in named_recordings(Path(path)).items()]
+    pairs = [pair for path in paths for pair in _named(path).items()]
     names = [name for name, _ in pairs]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
@@ -43,8 +43,11 @@ def paths_by_camera(inputs: Inputs) -> dict[str, Path]:
     return dict(sorted(pairs))
 
 
-def named_recordings(path: Path) -> dict[str, Path]:
-    """A recording under its file's name; of a session folder (``SESSION/videos``), every video in it."""
+def _named(given: str | Path) -> dict[str, Path]:
+    """A recording under the name that a text states, or its file's; of a session folder, every video in ``SESSION/videos``."""
+    path, (name, equals, place) = Path(given), str(given).partition("=")
+    if equals and isinstance(given, str) and not path.exists():
+        return {name: Path(place)}
     videos = path / VIDEOS_FOLDER
     if not videos.is_dir():
         return {path.stem: path}

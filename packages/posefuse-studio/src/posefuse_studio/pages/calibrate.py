@@ -12,9 +12,8 @@ import numpy as np
 from nicegui import ui
 
 import posefuse as pf
-from posefuse.calibration.settings import TargetDescription
+from posefuse.calibration.settings import PAGES_M, TargetDescription
 from posefuse.calibration.targets.coverage import ENOUGH_TOGETHER
-from posefuse.calibration.targets.printing import PAGES_M
 from posefuse.core import InputError, PosefuseError
 from posefuse_studio.calibrations import (
     FLOOR_ID,

@@ -12,15 +12,13 @@ from typing import Any
 import numpy as np
 from nicegui import run, ui
 
-from posefuse.core import JointAngles, PosefuseError, Recording
+import posefuse as pf
+from posefuse.core import JointAngles, PosefuseError
 from posefuse.core.arrays import Array
 from posefuse.core.joint_angles import angle_labels
 from posefuse.core.palette import LEFT, MIDDLE, RIGHT
 from posefuse.foundation.parsing import plain
 from posefuse.foundation.plugins import list_plugins
-from posefuse.pipeline.edits import NO_EDITS, Edits, Exclusion, check_edits, read_edits, write_edits
-from posefuse.pipeline.reports import PAGE_FILE, report_folder
-from posefuse.pipeline.solve import edits_of
 from posefuse_studio.player import ResultPlayer, angles_and_strikes, open_recording
 from posefuse_studio.scene.view import CameraTile, RigScene, first_angles
 from posefuse_studio.shell import card, file_address, icon_button, job_lines, light, recent, redrawn, refused, small, title, words
@@ -93,7 +91,7 @@ class _Recording:
         with ui.element("div").classes("pf-split"):
             self._edit = EditCard(studio, name, player.recording, lambda: self._player.t_s)
             with ui.element("div").classes("pf-column"):
-                _output_card(studio, name)
+                _output_card(studio, name, player.recording)
                 job_lines(studio, recent("solve", "report", "export", about=name))
         ui.timer(_POLL_S, self._follow)
 
@@ -172,10 +170,9 @@ class _Recording:
         self._timeline.mark(self._edit.edits.exclusions, self._edit.marked_s)
 
 
-def _output_card(studio: Studio, name: str) -> None:
+def _output_card(studio: Studio, name: str, recording: pf.Recording) -> None:
     """What can be made of a recording: its report, and files for other programs."""
-    workspace = studio.workspace
-    page = report_folder(workspace.existing(name)) / PAGE_FILE
+    workspace, page = studio.workspace, recording.report_page
     formats = [one.name for one in list_plugins("outputs") if one.config is not None]
 
     def start(work: str, what: str, **more: object) -> None:
@@ -188,7 +185,7 @@ def _output_card(studio: Studio, name: str) -> None:
     with card("Report and files"):
         with ui.row().classes("pf-tools"):
             ui.button("Make the report", icon="description", on_click=lambda: start("report", "Report"))
-            if page.is_file():
+            if page is not None and page.is_file():
                 ui.link("Open the earlier report", file_address(workspace.name_of(page)), new_tab=True)
         with ui.row().classes("pf-tools"):
             first = [one for one in _FIRST_FORMATS if one in formats]
@@ -200,10 +197,8 @@ def _output_card(studio: Studio, name: str) -> None:
 def _curve(joints: JointAngles, n: int, text: str) -> Curve:
     """An angle of the person at place n, by the words that choose it."""
     joint, angle = text.split(" ", 1)
-    q = joints.joints.index(joint)
-    values = np.degrees(joints.angle_rad[:, n, q, joints.angle_names[q].index(angle)])
     side = joint.split("_")[0]
-    return Curve(words(text), values, side if side in _SIDES else "mid")
+    return Curve(words(text), joints.of(int(joints.person_id[n]))[joint, angle].deg, side if side in _SIDES else "mid")
 
 
 _ALL = "all cameras (a bad stretch)"
@@ -220,14 +215,12 @@ class EditCard:
         edits: as they are kept.
     """
 
-    def __init__(self, studio: Studio, name: str, recording: Recording, now: Callable[[], float]) -> None:
+    def __init__(self, studio: Studio, name: str, recording: pf.Recording, now: Callable[[], float]) -> None:
         self._studio, self._name, self._recording, self._now = studio, name, recording, now
-        self._path = studio.workspace.existing(name)
         self._from_s: float | None = None
-        self.edits = NO_EDITS
+        self.edits = pf.Edits()
         try:
-            kept = read_edits(self._path)
-            self.edits = kept if kept != NO_EDITS else edits_of(recording.provenance)
+            self.edits = recording.edits
         except PosefuseError as error:
             refused(str(error))
         with card("Corrections"):
@@ -280,7 +273,7 @@ class EditCard:
             start_s, end_s = (round(t_s, 3) for t_s in self.marked_s)
             camera = None if self._camera.value == _ALL else self._camera.value
             self._mark(None)
-            self._change(exclusions=(*self.edits.exclusions, Exclusion(start_s=start_s, end_s=end_s, camera=camera)))
+            self._change(exclusions=(*self.edits.exclusions, pf.Exclusion(start_s=start_s, end_s=end_s, camera=camera)))
 
     def _rename(self, person: int, name: str) -> None:
         if name.strip():
@@ -291,13 +284,12 @@ class EditCard:
             self._change(names=tuple(names))
 
     def _change(self, **changes: object) -> None:
-        edits: Edits = dataclasses.replace(self.edits, **changes)  # type: ignore[arg-type]
-        check_edits(edits, self._recording)
-        write_edits(self._path, edits)
+        edits: pf.Edits = dataclasses.replace(self.edits, **changes)  # type: ignore[arg-type]
+        self._recording.keep_edits(edits)
         self.edits = edits
         self._show()
 
-    def _list(self, exclusions: tuple[Exclusion, ...]) -> None:
+    def _list(self, exclusions: tuple[pf.Exclusion, ...]) -> None:
         for one in exclusions:
             with ui.row().classes("pf-edit"):
                 ui.icon("content_cut")
@@ -377,7 +369,7 @@ class CurveTimeline:
         self._cursor.style(f"left: {self.share(t_s):.3%}")
         self._frame.props(f"aria-valuenow={t_s}")
 
-    def mark(self, exclusions: Sequence[Exclusion], marked_s: tuple[float, float] | None) -> None:
+    def mark(self, exclusions: Sequence[pf.Exclusion], marked_s: tuple[float, float] | None) -> None:
         """Show excluded ranges, and the one that is being marked."""
         bands = [(one.start_s, one.end_s, "pf-excluded", one.camera or "all cameras") for one in exclusions]
         bands += [(*marked_s, "pf-marked", "")] if marked_s is not None else []

@@ -15,18 +15,14 @@ import cv2
 import numpy as np
 
 import posefuse as pf
-from posefuse.api.calibrate import observe_target
-from posefuse.api.calibration_results import saved_clocks
-from posefuse.calibration.extrinsics.world import FloorMarker
+from posefuse.api.calibrate import observe_target, target_of
+from posefuse.api.targets import best_view, floor_of
 from posefuse.calibration.report import RefusedCalibration
 from posefuse.calibration.targets.coverage import coverage_picture
-from posefuse.calibration.targets.detection import TargetDetector
-from posefuse.calibration.targets.kinds import Target, read_target
-from posefuse.calibration.targets.recordings import open_sources, require_target_seen
+from posefuse.calibration.targets.kinds import Target
 from posefuse.core import InputError, PosefuseError
 from posefuse.core.arrays import Array
 from posefuse.outputs.drawing import jpeg_of, shrunk_wh
-from posefuse.sources import VideoConfig, VideoSeeker
 from posefuse_studio.calibrations import (
     FLOOR_ID,
     LENSES,
@@ -55,7 +51,7 @@ def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any)
         raise InputError(f"calibrate: unknown step {step!r}")
     recording, folder = (workspace.existing(str(arguments[name])) for name in ("recording", "folder"))
     videos = {path.stem: path for path in sorted((recording / "videos").glob("*.mp4"))}
-    target = read_target(workspace.existing(str(arguments["target"])))
+    target = target_of(workspace.existing(str(arguments["target"])))
     check_target(target, step)
     made_from = rests_on(folder, step)
     try:
@@ -79,13 +75,12 @@ def _intrinsics(folder: Path, videos: Mapping[str, Path], target: Target, progre
 def _extrinsics(folder: Path, videos: Mapping[str, Path], target: Target, progress: Any) -> StepResult:
     lenses = folder / LENSES
     seen = observe_target(videos, target=target, every=_EVERY, progress=progress)
-    require_target_seen(seen.rows(seen.patch != FLOOR_ID), open_sources(videos), without_floor(target))
     on_floor = len(seen.of_patches([FLOOR_ID])) > 0 and without_floor(target) != target
     found = pf.calibrate_extrinsics(
         seen,
         intrinsics=lenses if lenses.is_file() else None,
         target=target,
-        floor=FloorMarker(FLOOR_ID) if on_floor else None,
+        floor=floor_of(target, marker=FLOOR_ID if on_floor else None),
         progress=progress,
     )
     found.save(folder / RIG, report=folder / "rig.html", replace=True)
@@ -101,14 +96,11 @@ def _extrinsics(folder: Path, videos: Mapping[str, Path], target: Target, progre
 
 
 def _verify(folder: Path, videos: Mapping[str, Path], target: Target, progress: Any) -> StepResult:
-    rig = pf.read_rig(folder / RIG)
-    clocks = saved_clocks(folder / CLOCKS, rig)
-    found = pf.verify(rig, videos, target=target, every=_EVERY, clock_offset_s=clocks, progress=progress)
+    found = pf.verify(folder / RIG, videos, target=target, every=_EVERY, progress=progress)
     found.save(folder / "verified.html", replace=True)
     return StepResult(passed=found.passed, cameras=list(found.rig.names), reports=[found.report])
 
 
-_LOOKS = 9
 _WIDTH_PX, _QUALITY = 480, 80
 _CORNER_RGB = (255, 40, 200)
 
@@ -120,11 +112,11 @@ def refusal_pictures(
 
     Each shows the image with most corners of the target among some of its video, these corners, and what was covered.
     """
-    detector, made = TargetDetector(target), {}
+    made = {}
     for camera in filter(result.blames, videos):
         cells = dict(zip(seen.cameras, seen.cells, strict=False)).get(camera) if seen is not None else None
         try:
-            image = _drawn(videos[camera], camera, detector, None if cells is None else np.asarray(cells))
+            image = _drawn(videos[camera], camera, target, None if cells is None else np.asarray(cells))
         except PosefuseError:
             # the check itself reports a video without any frame
             continue
@@ -134,8 +126,8 @@ def refusal_pictures(
     return made
 
 
-def _drawn(video: Path, camera: str, detector: TargetDetector, cells: Array | None) -> Array:
-    image, corners = _best(VideoSeeker(VideoConfig(video, camera)), detector)
+def _drawn(video: Path, camera: str, target: Target, cells: Array | None) -> Array:
+    image, corners = best_view(video, target)
     size_wh = shrunk_wh((image.shape[1], image.shape[0]), _WIDTH_PX)
     drawn = np.ascontiguousarray(cv2.resize(image, size_wh, interpolation=cv2.INTER_AREA))
     if cells is not None:
@@ -146,15 +138,3 @@ def _drawn(video: Path, camera: str, detector: TargetDetector, cells: Array | No
     cv2.rectangle(drawn, (0, 0), (size_wh[0], 30), (20, 28, 34), -1)
     cv2.putText(drawn, text, (10, 21), cv2.FONT_HERSHEY_SIMPLEX, 0.6, (255, 255, 255), 1, cv2.LINE_AA)
     return drawn
-
-
-def _best(seeker: VideoSeeker, detector: TargetDetector) -> tuple[Array, Array]:
-    """The image (H, W, 3) with most corners (n, 2) of those looked at; the middle one where there are none."""
-    try:
-        places = np.linspace(0, len(seeker.times_ns) - 1, _LOOKS + 2).round().astype(int)[1:-1]
-        images = [seeker.at(i).image for i in dict.fromkeys(places.tolist())]
-    finally:
-        seeker.close()
-    found = [(image, detector.detect(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)).xy_img) for image in images]
-    middle = len(found) // 2
-    return max(enumerate(found), key=lambda one: (len(one[1][1]), one[0] == middle))[1]

@@ -12,7 +12,7 @@ import numpy as np
 
 import posefuse as pf
 from posefuse.api.live import LiveSession
-from posefuse.core import Detections2D, JointAngles, LivePreview, Pose3D, PosefuseError, Rig, Skeleton
+from posefuse.core import Detections2D, JointAngles, LivePreview, Pose3D, PosefuseError, Skeleton
 from posefuse.core.arrays import Array
 from posefuse.core.joint_angles import angle_labels
 from posefuse.outputs.drawing import person_rgb
@@ -32,10 +32,10 @@ def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any)
     """Until it is cancelled or its sources end."""
     setup = setup_named(workspace, str(arguments["setup"]))
     rig = rig_of_setup(workspace, setup)
-    sources, loop_s = sources_of_setup(workspace, setup)
+    sources = sources_of_setup(workspace, setup)
     rig = rig.only([name for name in rig.names if name in sources])
     networks = str(arguments.get("networks") or "") or None
-    session = pf.live(rig, sources, networks=networks, settings=arguments.get("settings"), loop_s=loop_s, progress=progress)
+    session = pf.live(rig, sources, networks=networks, settings=arguments.get("settings"), loop_s="shortest", progress=progress)
     shown = _Shown(session, rig, workspace, progress)
     session.on_image = shown.image
     progress("start", 0, None, "starting the cameras and the network")
@@ -48,7 +48,7 @@ def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any)
 class _Shown:
     """The session as pages see it."""
 
-    def __init__(self, session: LiveSession, rig: Rig, workspace: StudioWorkspace, progress: Any) -> None:
+    def __init__(self, session: LiveSession, rig: pf.Rig, workspace: StudioWorkspace, progress: Any) -> None:
         self._session, self._rig, self._workspace, self._progress = session, rig, workspace, progress
         self._places = {name: number for number, name in enumerate(rig.names)}
         requests: dict[str, Callable[..., None]] = {
@@ -198,14 +198,12 @@ class _Shown:
 
     def _record(self, name: str, poses: bool, videos: bool) -> None:
         """Into a new folder, which `posefuse track` takes as a session when it has videos."""
-        from posefuse.formats.rig import write_rig
-
         if self._recording:
             return
         check_name(name)
         place = self._workspace.free_name("recordings", name)
         folder = self._workspace.folder(place)
-        write_rig(folder / "rig.toml", self._rig)
+        self._rig.save(folder / "rig.toml")
         if poses:
             self._session.switch_on("record", {"path": folder / POSES_FILE})
         if videos:

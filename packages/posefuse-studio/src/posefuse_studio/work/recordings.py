@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import posefuse as pf
-from posefuse.detection import network_settings
 from posefuse_studio.workspace import StudioWorkspace
 
 Arguments = Mapping[str, Any]
@@ -54,7 +53,7 @@ def compare_job(arguments: Arguments, workspace: StudioWorkspace, progress: pf.P
 def batch_job(arguments: Arguments, workspace: StudioWorkspace, progress: pf.Progress) -> Result:
     """Every session of ``study``, to ``out``, by the ``networks`` of a name; empty: the usual ones."""
     place, out = workspace.existing(arguments["study"]), workspace.path(arguments["out"])
-    study = pf.batch(place, out, settings=network_settings(arguments.get("networks") or None), progress=progress)
+    study = pf.batch(place, out, networks=arguments.get("networks") or None, progress=progress)
     for name, reason in study.failed.items():
         progress("batch", len(study.trials), len(study.trials), f"warning: {name}: {reason}")
     return {"page": workspace.name_of(study.page), "trials": len(study.trials), "failed": dict(study.failed)}

@@ -17,18 +17,17 @@ from typing import Any
 import cv2
 import numpy as np
 
-from posefuse.calibration.targets.coverage import Guidance, coverage_picture, new_guidance, seen
-from posefuse.calibration.targets.detection import TargetDetector
-from posefuse.calibration.targets.kinds import read_target
+from posefuse.api.calibrate import target_of
+from posefuse.api.record import watch
+from posefuse.calibration.targets.coverage import coverage_picture
 from posefuse.core import InputError
 from posefuse.core.arrays import Array
 from posefuse.outputs.drawing import jpeg_of, shrunk_wh
-from posefuse.realtime.video_keeping import read_counts
-from posefuse.realtime.watching import CameraFeed, CameraNews, FedFrame, watched
+from posefuse.realtime.watching import CameraFeed, CameraNews, FedFrame
 from posefuse_studio.calibrations import SEEN, SeenTarget, Step, advice_for, enough_for, near_far_of, size_of, without_floor
 from posefuse_studio.scene.messages import image_message, page_message, scene_setup
 from posefuse_studio.session import CameraStatus, Host, Pace, SessionStatus, status_pace
-from posefuse_studio.setups import Setup, inputs_of_setup
+from posefuse_studio.setups import Setup, sources_of_setup
 from posefuse_studio.stored import write_stored
 from posefuse_studio.workspace import StudioWorkspace
 
@@ -41,14 +40,13 @@ _SHOWN_PX, _QUALITY = 480, 70
 def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any) -> dict[str, Any]:
     """Watch until the end; see the module."""
     target, record = str(arguments.get("target") or ""), str(arguments.get("record") or "")
-    detector = TargetDetector(without_floor(read_target(workspace.existing(target)))) if target else None
+    moved = without_floor(target_of(workspace.existing(target))) if target else None
     if record and workspace.path(record).exists():
         raise InputError(f"{record}: exists already; choose another name")
-    inputs = inputs_of_setup(workspace, Setup(sources=dict(arguments["sources"])))
-    # packets of files come in any encoding, and again from the start where a video begins again: they are encoded again
-    with CameraFeed(inputs, packets=bool(record) and all(entry.kind != "video" for entry in inputs)) as feed:
+    sources = sources_of_setup(workspace, Setup(sources=dict(arguments["sources"])))
+    with watch(sources, target=moved, keep=bool(record), loop_s="shortest") as feed:
         videos = workspace.folder(f"{record}/videos") if record else None
-        shown = _Watch(feed, detector, record, arguments.get("step") or "extrinsics", bool(arguments.get("lenses")))
+        shown = _Watch(feed, moved is not None, record, arguments.get("step") or "extrinsics", bool(arguments.get("lenses")))
         progress.listens(shown.host.address)
         # a user who has seen enough ends it: what was recorded is complete then, too
         with suppress(KeyboardInterrupt):
@@ -56,10 +54,10 @@ def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any)
         enough = shown.enough
         progress("finish the videos", 0, None, "" if enough or not record else "stopped before enough was seen")
     if videos is not None:
-        for name, one in read_counts(videos, feed.cameras).items():
+        for name, one in feed.counts().items():
             if not one.finished:
                 raise InputError(f"{record}: the video of {name} is not complete ({one.fault}); record again")
-        found = shown.guidance.coverage
+        found = feed.guidance.coverage
         cells, together = found.cells.tolist(), found.together.tolist()
         seen_target = SeenTarget(cameras=list(found.cameras), cells=cells, together=together, target=target, enough=enough)
         write_stored(workspace.path(record) / SEEN, seen_target)
@@ -69,10 +67,9 @@ def run(arguments: Mapping[str, Any], workspace: StudioWorkspace, progress: Any)
 class _Watch:
     """The loop over the newest frames."""
 
-    def __init__(self, feed: CameraFeed, detector: TargetDetector | None, record: str, step: Step, lenses: bool) -> None:
+    def __init__(self, feed: CameraFeed, guided: bool, record: str, step: Step, lenses: bool) -> None:
         self.host = Host()
-        self.guidance: Guidance = new_guidance(feed.cameras)
-        self._feed, self._detector, self._record, self._step = feed, detector, record, step
+        self._feed, self._guided, self._record, self._step = feed, guided, record, step
         self._sizes_px: list[list[float]] | None = [[] for _ in feed.cameras] if lenses else None
         self._paces = [Pace(1 / IMAGES_HZ) for _ in feed.cameras]
         self._news: tuple[CameraNews, ...] = ()
@@ -83,7 +80,7 @@ class _Watch:
     @property
     def enough(self) -> bool:
         """Whether what is covered is enough for the step."""
-        return enough_for(self._step, self.guidance.coverage, self._near_far)
+        return enough_for(self._step, self._feed.guidance.coverage, self._near_far)
 
     @property
     def _near_far(self) -> Array | None:
@@ -92,7 +89,7 @@ class _Watch:
     def run(self, videos: Path | None) -> None:
         """Until the sources end, enough of a target is covered, or no page shows them; an interrupt ends it, too."""
         pace, seen_s = Pace(status_pace(True)), time.monotonic()
-        for frames, news in watched(self._feed, videos, judged=True):
+        for frames, news in self._feed.watched(videos, judged=True):
             self._news = news or self._news
             for fed in frames:
                 self._take(fed)
@@ -100,37 +97,35 @@ class _Watch:
             if pace.due():
                 self.host.status(self._status())
             seen_s = time.monotonic() if self.host.watched or self._record else seen_s
-            if time.monotonic() - seen_s > _UNSEEN_S or (self._detector is not None and self.enough):
+            if time.monotonic() - seen_s > _UNSEEN_S or (self._guided and self.enough):
                 return
 
     def _take(self, fed: FedFrame) -> None:
-        name, image = self._feed.cameras[fed.camera], fed.frame.image
+        name = self._feed.cameras[fed.camera]
         self._sizes[name] = fed.frame.size_wh
         xy: Array = np.zeros((0, 2))
-        if self._detector is not None:
-            corners = self._detector.detect(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
-            xy = corners.xy_img
-            if self._sizes_px is not None and np.isfinite(size_px := size_of(xy, corners.patch)):
+        if fed.corners is not None:
+            xy = fed.corners.xy_img
+            if self._sizes_px is not None and np.isfinite(size_px := size_of(xy, fed.corners.patch)):
                 self._sizes_px[fed.camera].append(size_px)
-            self.guidance = seen(self.guidance, fed.camera, fed.t_ns, xy, fed.frame.size_wh)
         if self.host.watched and self._paces[fed.camera].due():
             self.host.publish(f"image {name}", self._packed(fed, xy))
 
     def _packed(self, fed: FedFrame, xy: Array) -> bytes:
         size = shrunk_wh(fed.frame.size_wh, _SHOWN_PX)
         small: Any = cv2.resize(fed.frame.image, size, interpolation=cv2.INTER_AREA)
-        if self._detector is not None:
-            small = coverage_picture(self.guidance.coverage.cells[fed.camera], size, small)
+        if self._guided:
+            small = coverage_picture(self._feed.guidance.coverage.cells[fed.camera], size, small)
         factor = min(1.0, _SHOWN_PX / max(fed.frame.size_wh))
         return image_message(fed.t_ns / 1e9, fed.camera, jpeg_of(small, _QUALITY), size, detected_px=(xy * factor)[None])
 
     def _status(self) -> SessionStatus:
-        covered = self.guidance.coverage
+        covered = self._feed.guidance.coverage
         return SessionStatus(
             cameras={one.camera: self._camera(one) for one in self._news},
             recording=self._record,
             seconds=time.monotonic() - self._begun_s,
-            target=self._detector is not None,
+            target=self._guided,
             words=advice_for(self._step, covered, self._near_far),
             enough=self.enough,
             together=covered.together.tolist(),

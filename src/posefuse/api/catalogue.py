@@ -15,14 +15,15 @@ from typing import Any, Literal
 
 import numpy as np
 
-from posefuse.core import PosefuseError
+from posefuse.core import InputError, PosefuseError
 from posefuse.formats.recording import ABOUT_FILE, ARRAYS_FILE, read_result_poses
 from posefuse.foundation.output_file import atomic_file
 from posefuse.foundation.places import default_cache_dir
 from posefuse.outputs.facts import recorded_utc
+from posefuse.pipeline.batch.page import quality_figures
+from posefuse.pipeline.reading import LIVE_SUFFIX, is_live, is_result, read_result
 
-from .batch.page import quality_figures
-from .reading import LIVE_SUFFIX, is_live, is_result, read_result
+from .recording import recording_of
 
 CACHE_FOLDER = "recordings"
 # how deep recordings may lie below the folder: STUDY/P01/walk1/RESULT
@@ -73,6 +74,31 @@ class Listed:
         """Whether every word of the search is in its path, session, date or people; capital letters make no difference."""
         text = " ".join((str(self.path), self.session, self.recorded, *self.people)).lower()
         return all(word in text for word in search.lower().split())
+
+
+def recordings(folder: str | Path, *, search: str = "") -> list[Listed]:
+    """The results and live recordings below a folder with how good each is, the newest first.
+
+    What was found out is kept in the cache folder: the second time takes a fraction of the first.
+
+    Args:
+        folder: looked through, five folders deep; at most 2000 recordings. search: words of path, session, date or people.
+
+    Returns:
+        One entry each; those that cannot be read have a `problem`.
+
+    Raises:
+        InputError: no such folder.
+
+    Examples:
+        >>> import posefuse as pf
+        >>> [one.path.name for one in pf.recordings("STUDY", search="walk") if one.sigma_mm > 20]  # doctest: +SKIP
+        ['P03_walk2']
+    """
+    place = Path(folder)
+    if not place.is_dir():
+        raise InputError(f"{place}: no such folder")
+    return [one for path in find_recordings(place) if (one := listed(path)).matches(search)]
 
 
 def find_recordings(folder: Path, most: int = 2000) -> list[Path]:
@@ -183,3 +209,41 @@ def _looked_at(path: Path) -> Listed:
         reprojection_px=figures["median_reprojection_px"],
         edited=bool(made.get("edits")),
     )
+
+
+# A small image of a recording, for lists; kept in the cache folder, as figures of it are.
+
+_IMAGE_WH = (320, 180)
+_QUALITY = 82
+
+
+def thumbnail(path: Path, within: Path | None = None) -> bytes:
+    """A small JPEG of a recording: its best seen view with the skeleton on top, from the cache where there is one.
+
+    Args:
+        within: a folder that its videos must lie in; None: anywhere.
+
+    Raises:
+        PosefuseError: the recording cannot be read.
+    """
+    place = cache_place(path, "jpg")
+    if place.is_file():
+        return place.read_bytes()
+    made = _small_image(path, within)
+    keep_cached(place, made)
+    return made
+
+
+def _small_image(path: Path, within: Path | None) -> bytes:
+    from posefuse.outputs.drawing import jpeg_of
+    from posefuse.outputs.overview import best_time_step, stage_picture
+
+    from .playback import Playback, session_with_videos
+
+    recording = recording_of(read_result(path, lambda line: None), path=path)
+    i, session = best_time_step(recording), session_with_videos(recording, path, within)
+    if session is None:
+        return jpeg_of(stage_picture(recording, i, _IMAGE_WH), _QUALITY)
+    camera = recording.rig.names[int(np.argmax((recording.views.score[i] > 0).sum(axis=(0, 2))))]
+    with Playback(recording, session) as playback:
+        return playback.tile_jpeg(camera, int(recording.poses.t_ns[i]), _IMAGE_WH[0], quality=_QUALITY)

@@ -11,10 +11,9 @@ import pytest
 from checks import refusal
 
 import posefuse as pf
+from posefuse.api import catalogue
+from posefuse.api.catalogue import find_recordings, listed, thumbnail
 from posefuse.core import InputError
-from posefuse.pipeline import catalogue
-from posefuse.pipeline.catalogue import find_recordings, listed
-from posefuse_studio.playback import thumbnail
 
 Saved = tuple[Path, Path]
 

@@ -9,13 +9,13 @@ import pytest
 from small_session import COUNT, PERIOD_NS, SIZE_WH, grey, walk
 
 import posefuse as pf
+from posefuse.api.playback import Playback, session_with_videos
 from posefuse.api.recording import recording_of
 from posefuse.core.observations import observations_from_frames
 from posefuse.formats.pixels import RgbPixels
 from posefuse.formats.rig import write_rig
 from posefuse.pipeline.writing import nearby_session, session_of_recording
 from posefuse.realtime.video_keeping import VideoKeeper, wait_for_videos
-from posefuse_studio.playback import Playback, session_with_videos
 
 Saved = tuple[Path, Path]
 
@@ -30,7 +30,7 @@ def test_every_moment_shows_its_own_frame_in_any_order(saved_walk: Saved) -> Non
     with Playback(recording, session_of_recording(recording, session)) as playback:
         for i in (0, 29, 7, 8, 3, 15):
             for c, camera in enumerate(playback.cameras):
-                moment = playback.moment(camera, i * PERIOD_NS + PERIOD_NS // 3, 480)
+                moment = playback.at(camera, i * PERIOD_NS + PERIOD_NS // 3, 480)
                 assert moment.t_ns == pytest.approx(i * PERIOD_NS, abs=2000)
                 assert abs(np.median(image_of(moment.jpeg)) - grey(c, i)) < 3
 
@@ -39,7 +39,7 @@ def test_keypoints_are_in_the_pixels_of_the_image(saved_walk: Saved) -> None:
     session, result = saved_walk
     recording = pf.read(result)
     with Playback(recording, session_of_recording(recording, session)) as playback:
-        moment = playback.moment("cam01", 12 * PERIOD_NS, SIZE_WH[0] // 2)
+        moment = playback.at("cam01", 12 * PERIOD_NS, SIZE_WH[0] // 2)
     assert moment.size_wh == (SIZE_WH[0] // 2, SIZE_WH[1] // 2)
     exact = recording.rig["cam01"].scaled(moment.size_wh).project(recording.poses.xyz_world[12])
     np.testing.assert_allclose(moment.projected_px, exact, atol=1e-9)
@@ -50,7 +50,7 @@ def test_beyond_the_video_there_is_no_frame(saved_walk: Saved) -> None:
     session, result = saved_walk
     recording = pf.read(result)
     with Playback(recording, session_of_recording(recording, session)) as playback:
-        assert playback.moment("cam00", (COUNT + 3) * PERIOD_NS, 480) is None
+        assert playback.at("cam00", (COUNT + 3) * PERIOD_NS, 480) is None
         assert playback.step_at(10**12) == COUNT - 1
 
 
@@ -58,13 +58,13 @@ def test_without_videos_and_with_a_damaged_one_the_rest_is_shown(saved_walk: Sav
     session, result = saved_walk
     recording = pf.read(result)
     with Playback(recording, None) as playback:
-        assert playback.moment("cam00", 0, 480) is None
+        assert playback.at("cam00", 0, 480) is None
         assert image_of(playback.tile_jpeg("cam00", 0, 480)).shape[:2] == (SIZE_WH[1], SIZE_WH[0])
     (session / "videos" / "cam01.mp4").write_bytes(b"damaged")
     with Playback(recording, nearby_session(recording, result)) as playback:
         assert list(playback.problems) == ["cam01"]
-        assert playback.moment("cam01", 0, 480) is None
-        assert playback.moment("cam02", 0, 480) is not None
+        assert playback.at("cam01", 0, 480) is None
+        assert playback.at("cam02", 0, 480) is not None
 
 
 def live_walk(folder: Path, ring_rig, *, zero_ns: int, finished: bool = True) -> tuple[pf.Recording, Path]:
@@ -98,7 +98,7 @@ def test_videos_of_a_live_session_are_on_the_time_of_its_recording(tmp_path: Pat
         assert playback.has_images
         for i in (0, 20, 7):
             for c, camera in enumerate(playback.cameras):
-                step = playback.moment(camera, i * PERIOD_NS, 480)
+                step = playback.at(camera, i * PERIOD_NS, 480)
                 assert step.t_ns == pytest.approx(i * PERIOD_NS, abs=2000)
                 assert abs(np.median(image_of(step.jpeg)) - grey(c, i + 3)) < 4
     # kept in a folder next to the file
@@ -109,7 +109,7 @@ def test_videos_of_a_live_session_are_on_the_time_of_its_recording(tmp_path: Pat
     assert not solved.is_live and solved.provenance["start_ns"] == recording.provenance["start_ns"]
     with Playback(solved, session_with_videos(solved, tmp_path / "a-edited", tmp_path)) as playback:
         t_ns = int(solved.poses.t_ns[5])
-        step = playback.moment(playback.cameras[1], t_ns, 480)
+        step = playback.at(playback.cameras[1], t_ns, 480)
         assert (
             abs(step.t_ns - t_ns) < PERIOD_NS and abs(np.median(image_of(step.jpeg)) - grey(1, round(t_ns / PERIOD_NS) + 3)) < 4
         )

@@ -1,32 +1,30 @@
-"""A recording and the videos that it was made from, on one timeline: any moment of any camera as a small image."""
+"""A recording and the videos that it was made from, on one timeline: any camera at any time as a small image."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Generic, TypeVar
 
 import numpy as np
 
-from posefuse.core import Closing, PosefuseError, Recording, SourceError
+from posefuse import core
+from posefuse.core import Closing, PosefuseError, SourceError
 from posefuse.core.arrays import Array
 from posefuse.formats.kept_video import VIDEOS_FOLDER
-from posefuse.foundation.platform import usable_cores
 from posefuse.outputs.drawing import image_tile, jpeg_of, view_tile
-from posefuse.outputs.overview import best_time_step, stage_picture
-from posefuse.pipeline.catalogue import cache_place, keep_cached
-from posefuse.pipeline.config import TrackConfig
-from posefuse.pipeline.reading import read_result
+from posefuse.pipeline.opening import source_config
 from posefuse.pipeline.session import Input, Session, find_session
 from posefuse.pipeline.solve import config_of
 from posefuse.pipeline.writing import lies_in, nearby_session
-from posefuse.sources import ImagesConfig, ImagesSeeker, Seeker, VideoConfig, VideoSeeker, nearest
+from posefuse.realtime.video_keeping import read_counts
+from posefuse.sources import ImagesSeeker, Seeker, VideoConfig, VideoSeeker, nearest
 
-# The videos that were kept during a live session, on the time of its recording.
+R = TypeVar("R", bound=core.Recording)
 
 
-def session_with_videos(recording: Recording, path: Path, within: Path | None = None) -> Session | None:
+def session_with_videos(recording: core.Recording, path: Path, within: Path | None = None) -> Session | None:
     """The session that shows a recording, of `posefuse track` or live; None where there is none.
 
     Args:
@@ -41,7 +39,7 @@ def session_with_videos(recording: Recording, path: Path, within: Path | None = 
     return next((session for session in found if session is not None), None)
 
 
-def _kept(recording: Recording, folder: Path, within: Path | None) -> Session | None:
+def _kept(recording: core.Recording, folder: Path, within: Path | None) -> Session | None:
     """The videos in a folder, if they were kept while the recording was made; each with the offset to its time."""
     try:
         session = find_session(folder, config_of(recording.provenance))
@@ -53,39 +51,17 @@ def _kept(recording: Recording, folder: Path, within: Path | None) -> Session | 
     return replace(session, inputs=inputs)
 
 
-def _in_time(recording: Recording, session: Session) -> Iterator[Input]:
-    """Cameras of the recording whose videos overlap with it, with the times of the recording."""
-    start_ns, end_ns = recording.provenance.get("start_ns"), int(recording.poses.t_ns[-1])
+def _in_time(recording: core.Recording, session: Session) -> Iterator[Input]:
+    """Cameras of the recording whose finished videos overlap with it, with the times of the recording."""
+    start_ns, end_s = recording.provenance.get("start_ns"), int(recording.poses.t_ns[-1]) / 1e9
     for entry in session.inputs:
-        kept = read_kept_times(entry.path) if entry.kind == "videos" else None
-        if kept is None or not isinstance(start_ns, int) or entry.camera not in recording.rig.names:
+        [kept] = read_counts(entry.path.parent, [entry.path.stem]).values()
+        complete = entry.kind == "videos" and kept.finished and kept.written and kept.zero_ns
+        if not complete or not isinstance(start_ns, int) or entry.camera not in recording.rig.names:
             return
-        offset_ns = kept.zero_ns - start_ns
-        if offset_ns + kept.first_ns <= end_ns and offset_ns + kept.last_ns >= 0:
-            yield replace(entry, settings=replace(entry.settings, offset_s=offset_ns / 1e9, drift_ppm=0.0))
-
-
-@dataclass(frozen=True, kw_only=True)
-class KeptTimes:
-    """Attributes:
-    zero_ns: time 0 of the video on the session's clock. first_ns, last_ns: its first and last frame, from there.
-    """
-
-    zero_ns: int
-    first_ns: int
-    last_ns: int
-
-
-def read_kept_times(video: Path) -> KeptTimes | None:
-    """When a video was kept, from the ``CAMERA.json`` next to it; None where that is missing, or the video was not finished."""
-    try:
-        content = json.loads(video.with_suffix(".json").read_text(encoding="utf-8"))
-        if not (content["finished"] and content["written"] and content["zero_ns"]):
-            return None
-        first_ns, last_ns = (round(1e9 * float(content[name])) for name in ("first_s", "last_s"))
-        return KeptTimes(zero_ns=int(content["zero_ns"]), first_ns=first_ns, last_ns=last_ns)
-    except (OSError, ValueError, TypeError, KeyError, OverflowError):
-        return None
+        offset_s = (kept.zero_ns - start_ns) / 1e9
+        if offset_s + kept.first_s <= end_s and offset_s + kept.last_s >= 0:
+            yield replace(entry, settings=replace(entry.settings, offset_s=offset_s, drift_ppm=0.0))
 
 
 JPEG_QUALITY = 75
@@ -93,7 +69,7 @@ JPEG_QUALITY = 75
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PlaybackStep:
-    """One camera at one moment.
+    """One camera at one time.
 
     Attributes:
         t_ns: session time of the frame shown. jpeg: the image, of size_wh px.
@@ -107,17 +83,17 @@ class PlaybackStep:
     projected_px: Array
 
 
-class Playback(Closing):
-    """The moments of a recording; a context manager. May be asked from several threads.
+class Playback(Closing, Generic[R]):
+    """The images of a recording; made by `Recording.playback`, a context manager. May be asked from several threads.
 
     Args:
-        recording: a result. session: that it was made from, see `session_images`; None: skeletons on plain ground.
+        session: that it was made from, see `session_with_videos`; None: skeletons on plain ground.
 
     Attributes:
-        problems: by camera, why there are no images of it.
+        recording: the result. problems: by camera, why there are no images of it.
     """
 
-    def __init__(self, recording: Recording, session: Session | None) -> None:
+    def __init__(self, recording: R, session: Session | None) -> None:
         self.recording = recording
         self.problems: dict[str, str] = {}
         self._seekers = _opened(recording, session, self.problems) if session is not None else {}
@@ -150,7 +126,7 @@ class Playback(Closing):
         """The time step nearest to a time."""
         return nearest(self.recording.poses.t_ns, t_ns)
 
-    def moment(self, camera: str, t_ns: int, width_px: int, *, quality: int = JPEG_QUALITY) -> PlaybackStep | None:
+    def at(self, camera: str, t_ns: int, width_px: int, *, quality: int = JPEG_QUALITY) -> PlaybackStep | None:
         """What a camera saw nearest to a time; None where it has no frame there.
 
         Args:
@@ -209,57 +185,14 @@ def _tile_wh(size_wh: tuple[int, int], width_px: int) -> tuple[int, int]:
     return round(size_wh[0] * scale), round(size_wh[1] * scale)
 
 
-def _opened(recording: Recording, session: Session, problems: dict[str, str]) -> Mapping[str, Seeker]:
-    config, seekers = config_of(recording.provenance), {}
-    # cameras are decoded side by side: threads of their own help only where there are more cores than cameras
-    threads = usable_cores() > len(session.inputs)
+def _opened(recording: core.Recording, session: Session, problems: dict[str, str]) -> Mapping[str, Seeker]:
+    config, seekers = config_of(recording.provenance), dict[str, Seeker]()
     for entry in session.inputs:
         if entry.camera not in recording.rig.names or entry.kind == "pose2d":
             continue
         try:
-            seekers[entry.camera] = _seeker(entry, config, threads=threads)
+            one = source_config(entry, config, len(session.inputs))
+            seekers[entry.camera] = VideoSeeker(one) if isinstance(one, VideoConfig) else ImagesSeeker(one.build())
         except SourceError as error:
             problems[entry.camera] = str(error)
     return seekers
-
-
-def _seeker(entry: Input, config: TrackConfig, *, threads: bool) -> Seeker:
-    offset_s, drift_ppm = entry.settings.offset_s, entry.settings.drift_ppm
-    if entry.kind == "videos":
-        return VideoSeeker(VideoConfig(entry.path, entry.camera, offset_s, drift_ppm, threads=threads))
-    return ImagesSeeker(ImagesConfig(entry.path, entry.camera, config.rate_hz, offset_s, drift_ppm).build())
-
-
-# A small image of a recording, for lists; kept in the cache folder, as figures of it are.
-
-_PICTURE_WH = (320, 180)
-_SMALL_QUALITY = 82
-
-
-def thumbnail(path: Path, within: Path | None = None) -> bytes:
-    """A small JPEG of a recording: its best seen view with the skeleton on top, from the cache where there is one.
-
-    Args:
-        within: a folder that its videos must lie in; None: anywhere.
-
-    Raises:
-        PosefuseError: the recording cannot be read.
-    """
-    place = cache_place(path, "jpg")
-    if place.is_file():
-        return place.read_bytes()
-    made = _picture(path, within)
-    keep_cached(place, made)
-    return made
-
-
-def _picture(path: Path, within: Path | None) -> bytes:
-    recording = read_result(path, lambda line: None)
-    i = best_time_step(recording)
-    session = session_with_videos(recording, path, within)
-    if session is None:
-        return jpeg_of(stage_picture(recording, i, _PICTURE_WH), _SMALL_QUALITY)
-    seen = (recording.views.score[i] > 0).sum(axis=(0, 2))
-    camera = recording.rig.names[int(np.argmax(seen))]
-    with Playback(recording, session) as playback:
-        return playback.tile_jpeg(camera, int(recording.poses.t_ns[i]), _PICTURE_WH[0], quality=_SMALL_QUALITY)
