@@ -112,6 +112,11 @@ def test_corrections_are_kept_with_a_result_until_they_are_changed(saved_walk: t
     refusal(InputError, "read from a file or saved", memory.keep_edits, pf.Edits())
     made = replace(memory, provenance={**memory.provenance, "edits": {"person": 7}})
     assert (memory.edits, made.edits) == (pf.Edits(), pf.Edits(person=7))
+    # all corrections taken back is what was kept last
+    made = replace(made, path=result)
+    assert made.edits == left_out
+    recording.keep_edits(pf.Edits())
+    assert made.edits == pf.Edits()
 
 
 def test_its_report_has_a_usual_place(saved_walk: tuple[Path, Path], make_recording: Make, tmp_path: Path) -> None:

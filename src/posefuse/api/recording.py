@@ -273,11 +273,11 @@ class Recording(core.Recording):
         Raises:
             InputError: a file of edits that posefuse did not write. ConfigError: a wrong value in it.
         """
-        from posefuse.pipeline.edits import NO_EDITS, read_edits
+        from posefuse.pipeline.edits import read_edits
         from posefuse.pipeline.solve import edits_of
 
-        kept = NO_EDITS if self.path is None else read_edits(self.path)
-        return kept if kept != NO_EDITS else edits_of(self.provenance)
+        kept = None if self.path is None else read_edits(self.path)
+        return edits_of(self.provenance) if kept is None else kept
 
     def keep_edits(self, edits: Edits) -> Path:
         """Keep corrections with the result, in place of earlier ones, for the next `posefuse.solve`; returns their file.

@@ -108,14 +108,14 @@ def edits_path(result: Path) -> Path:
     return result.with_name(f"{result.stem}.{EDITS_FILE}") if is_live(result) else result / EDITS_FILE
 
 
-def read_edits(result: Path) -> Edits:
-    """The edits kept for a result; empty where there are none.
+def read_edits(result: Path) -> Edits | None:
+    """The edits kept for a result; None where nothing was kept, which is not the same as that all were taken back.
 
     Raises:
         InputError: a file of this name that posefuse did not write. ConfigError: a wrong value in it.
     """
     path = edits_path(result)
-    return _content(path) if path.is_file() else NO_EDITS
+    return _content(path) if path.is_file() else None
 
 
 def write_edits(result: Path, edits: Edits) -> Path:
