@@ -1,4 +1,4 @@
-"""Any moment of a recording: the frame that was taken then, and the skeleton in its pixels."""
+"""Any time of a recording: the frame that was taken then, and the skeleton in its pixels."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -24,26 +24,26 @@ def image_of(jpeg: bytes) -> np.ndarray:
     return cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
 
 
-def test_every_moment_shows_its_own_frame_in_any_order(saved_walk: Saved) -> None:
+def test_every_time_shows_its_own_frame_in_any_order(saved_walk: Saved) -> None:
     session, result = saved_walk
     recording = pf.read(result)
     with Playback(recording, session_of_recording(recording, session)) as playback:
         for i in (0, 29, 7, 8, 3, 15):
             for c, camera in enumerate(playback.cameras):
-                moment = playback.at(camera, i * PERIOD_NS + PERIOD_NS // 3, 480)
-                assert moment.t_ns == pytest.approx(i * PERIOD_NS, abs=2000)
-                assert abs(np.median(image_of(moment.jpeg)) - grey(c, i)) < 3
+                shown = playback.at(camera, i * PERIOD_NS + PERIOD_NS // 3, 480)
+                assert shown.t_ns == pytest.approx(i * PERIOD_NS, abs=2000)
+                assert abs(np.median(image_of(shown.jpeg)) - grey(c, i)) < 3
 
 
 def test_keypoints_are_in_the_pixels_of_the_image(saved_walk: Saved) -> None:
     session, result = saved_walk
     recording = pf.read(result)
     with Playback(recording, session_of_recording(recording, session)) as playback:
-        moment = playback.at("cam01", 12 * PERIOD_NS, SIZE_WH[0] // 2)
-    assert moment.size_wh == (SIZE_WH[0] // 2, SIZE_WH[1] // 2)
-    exact = recording.rig["cam01"].scaled(moment.size_wh).project(recording.poses.xyz_world[12])
-    np.testing.assert_allclose(moment.projected_px, exact, atol=1e-9)
-    np.testing.assert_allclose(moment.detected_px, exact, atol=1e-3)
+        shown = playback.at("cam01", 12 * PERIOD_NS, SIZE_WH[0] // 2)
+    assert shown.size_wh == (SIZE_WH[0] // 2, SIZE_WH[1] // 2)
+    exact = recording.rig["cam01"].scaled(shown.size_wh).project(recording.poses.xyz_world[12])
+    np.testing.assert_allclose(shown.projected_px, exact, atol=1e-9)
+    np.testing.assert_allclose(shown.detected_px, exact, atol=1e-3)
 
 
 def test_beyond_the_video_there_is_no_frame(saved_walk: Saved) -> None:

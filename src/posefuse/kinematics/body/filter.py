@@ -143,11 +143,11 @@ class BodyFilter:
         if self._last is not None and (seen.t_ns - self._seen_ns) * 1e-9 > _LOST_S:
             self._last = None
         seen, information = self._with_contacts(seen, information)
-        moment = self._start(seen, information) if self._last is None else self._next(self._last, seen, information)
-        self._last = moment
+        filtered = self._start(seen, information) if self._last is None else self._next(self._last, seen, information)
+        self._last = filtered
         if usable.any():
             self._seen_ns = seen.t_ns
-        return moment
+        return filtered
 
     def _with_contacts(self, seen: Measurement, information: Array) -> tuple[Measurement, Array]:
         """The feet's places on the floor in place of points that do not count themselves."""
@@ -236,20 +236,22 @@ def _smoothed_block(
     states: list[State | None] = []
     after, later = None, None
     for place in range(len(kept) - 1, -1, -1):
-        moment = kept[place][1]
-        later = _smoothed_state(packed, moment, after, later)
-        after = moment
+        filtered = kept[place][1]
+        later = _smoothed_state(packed, filtered, after, later)
+        after = filtered
         if place < count:
             states.append(later)
     return ((kept[place][0], state) for place, state in enumerate(reversed(states)))
 
 
-def _smoothed_state(packed: Packed, moment: FilteredStep | None, after: FilteredStep | None, later: State | None) -> State | None:
+def _smoothed_state(
+    packed: Packed, filtered: FilteredStep | None, after: FilteredStep | None, later: State | None
+) -> State | None:
     """One step backwards; `after`, `later`: the next step as filtered and as smoothed."""
-    if moment is None:
+    if filtered is None:
         return None
     if after is None or later is None or after.expected is None or after.transition is None:
-        return moment.state
+        return filtered.state
     tree = packed.tree
     change = np.concatenate(
         [
@@ -257,10 +259,10 @@ def _smoothed_state(packed: Packed, moment: FilteredStep | None, after: Filtered
             later.velocity - after.expected.velocity,
         ]
     )
-    step, cov = fit_kernels.smooth_step(moment.state.cov, *after.transition, after.expected.cov, later.cov, change)
-    q, rot = moment.state.q.copy(), moment.state.rot.copy()
+    step, cov = fit_kernels.smooth_step(filtered.state.cov, *after.transition, after.expected.cov, later.cov, change)
+    q, rot = filtered.state.q.copy(), filtered.state.rot.copy()
     tree_kernels.retract(tree.kind, tree.dof, step[: packed.size], q, rot)
-    return replace(moment.state, q=q, rot=rot, velocity=moment.state.velocity + step[packed.size :], cov=cov)
+    return replace(filtered.state, q=q, rot=rot, velocity=filtered.state.velocity + step[packed.size :], cov=cov)
 
 
 def _information(cov: Array) -> Array:
