@@ -16,7 +16,7 @@ from calibrating import differences, run
 
 from bench.faults.waved_props import Faults, Waving, board, observe_prop
 from posefuse.api import calibrate as api
-from posefuse.calibration.extrinsics.pipeline import Options, key_snapshots, link
+from posefuse.calibration.extrinsics.pipeline import Options, Task, key_snapshots, link
 from posefuse.calibration.extrinsics.target import calibrate_extrinsics
 from posefuse.calibration.intrinsics import PARAMETERS, calibrate_intrinsics
 from posefuse.calibration.report import RefusedCalibration
@@ -238,8 +238,9 @@ def test_the_back_of_a_board_links_cameras_that_face_each_other(facing: Rig) -> 
         (TWO_SIDED, seen, 2),
         (replace(TWO_SIDED, thickness_m=None), seen.of_patches([0]), 1),
     ):
-        key = key_snapshots(views, replace(OPTIONS, time_steps=20), np.zeros((2, 2)))
-        assert len(link(facing.cameras, target, key).placed if len(key.camera) else [0]) == linked
+        task = Task(views, facing.cameras, target, replace(OPTIONS, time_steps=20))
+        key = key_snapshots(task, np.zeros((2, 2)))
+        assert len(link(task, key).placed if len(key.camera) else [0]) == linked
 
 
 @pytest.mark.slow

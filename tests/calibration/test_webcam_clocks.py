@@ -17,7 +17,7 @@ from calibrating import differences
 from scipy.optimize import least_squares
 from scipy.sparse import coo_array
 
-from posefuse.calibration.extrinsics.pipeline import Options, Solved, key_snapshots, link, solve_linked, starting_clocks
+from posefuse.calibration.extrinsics.pipeline import Options, Solved, Task, solve, starting_clocks
 from posefuse.calibration.extrinsics.snapshots import snapshots
 from posefuse.calibration.extrinsics.target import Calibration, calibrate_extrinsics
 from posefuse.calibration.extrinsics.world import triangulate_linear
@@ -178,11 +178,8 @@ def usual_residual_px(solved: Solved, cameras: int) -> np.ndarray:
 
 def solved_freely(views: CornerObservations, lenses: Rig, board: Charuco) -> Solved:
     """The solve without its checks, which would refuse some of the shortened recordings."""
-    options, cameras = Options(clocks="offset"), lenses.cameras
-    delay_s = starting_clocks(views, cameras, board, options)
-    seen = key_snapshots(views, options, delay_s)
-    links = link(cameras, board, seen)
-    return solve_linked(views, cameras, board, options, links, delay_s)
+    task = Task(views, lenses.cameras, board, Options(clocks="offset"))
+    return solve(task, starting_clocks(task))
 
 
 def free_points_in_step(views: CornerObservations, start: Rig) -> tuple[Rig, float]:

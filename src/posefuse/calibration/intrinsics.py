@@ -34,11 +34,11 @@ _MOST_CENTRE_SHARE = 0.2
 _MOST_ASPECT = 1.25
 _LEAST_SLANT_RAD = np.deg2rad(12)
 
-# lens models from rich to poor; each is tried until its last coefficient is worth having
+# lens models from rich to poor, with their last coefficients; each is tried until these are worth having
 _MODELS = (
-    (0, ("k1", "k2", "p1", "p2", "k3")),
-    (cv2.CALIB_FIX_K3, ("k1", "k2", "p1", "p2")),
-    (cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST, ("k1", "k2")),
+    (0, ("k3",)),
+    (cv2.CALIB_FIX_K3, ("p1", "p2")),
+    (cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST, ("k2",)),
     (cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K2, ("k1",)),
 )
 
@@ -175,11 +175,10 @@ class _Solved:
 def _solve(views: list[_View], size_wh: tuple[int, int]) -> _Solved:
     """The richest lens model whose last coefficients all differ from 0 by three standard errors."""
     solved = None
-    for flags, names in _MODELS:
+    for flags, newest in _MODELS:
         solved = _solve_model(views, size_wh, flags)
         values = dict(zip(PARAMETERS[4:], solved.distortion, strict=True))
         sigma = dict(zip(PARAMETERS, solved.sigma, strict=True))
-        newest = {"k3": ("k3",), "p2": ("p1", "p2"), "k2": ("k2",), "k1": ("k1",)}[names[-1]]
         if any(abs(values[n]) > _SIGNIFICANT * sigma[n] for n in newest):
             break
     assert solved is not None

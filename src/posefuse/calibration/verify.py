@@ -154,14 +154,9 @@ def _against(rig: Rig, views: Snapshots, target: Target, c: int, others: Iterabl
     shared = np.unique(views.time_step[np.isin(views.camera, trusted)])
     seen = views.rows(np.isin(views.camera, [*trusted, c]) & np.isin(views.time_step, shared))
     count = len(np.unique(seen.time_step[seen.camera == c]))
-    if count < VERIFY_LIMITS.views or not trusted:
-        return CameraError(name=rig.names[c], views=count)
-    freed = _freed(rig, seen, target, c)
-    return (
-        CameraError(name=rig.names[c], views=count)
-        if freed is None
-        else _error(rig, freed[0], freed[1], target=target, c=c, count=count)
-    )
+    enough = trusted and count >= VERIFY_LIMITS.views
+    freed = _freed(rig, seen, target, c) if enough else None
+    return CameraError(name=rig.names[c], views=count) if freed is None else _error(rig, *freed, target=target, c=c, count=count)
 
 
 def _freed(rig: Rig, seen: Snapshots, target: Target, c: int) -> tuple[PropSolution, Snapshots] | None:
@@ -371,9 +366,7 @@ def _rms(square: Array) -> Array:
     """(C,) root mean square of what is known of (C, P); NaN for a camera without any."""
     known = np.isfinite(square)
     with np.errstate(invalid="ignore"):
-        return np.asarray(
-            np.sqrt(np.where(known, square, 0.0).sum(axis=1) / np.where(known.any(axis=1), known.sum(axis=1), np.nan))
-        )
+        return np.asarray(np.sqrt(np.where(known, square, 0.0).sum(axis=1) / known.sum(axis=1)))
 
 
 def _exchanged(rig: Rig, xy: Array) -> str:

@@ -55,8 +55,7 @@ def seeds_of(candidates: Poses, most: int) -> Poses:
     """The alternatives of at most so many of the (n, h) candidates, spread over all of them, as one stack."""
     n = len(candidates)
     picked = np.unique(np.linspace(0, n - 1, min(n, most)).astype(np.int64))
-    seeds = Poses(candidates.R[picked].reshape(-1, 3, 3), candidates.t[picked].reshape(-1, 3))
-    return seeds[np.isfinite(seeds.t).all(axis=1)]
+    return candidates[picked].listed
 
 
 def best_seed(seeds: Poses, square: Array) -> Edge:
@@ -246,11 +245,8 @@ def _together(camera: Array, time_step: Array, patch: Array, count: int) -> dict
 
 def _relative(cam_from_a: Poses, cam_from_b: Poses) -> Poses:
     """(n, 4) a_from_b of all combinations of alternatives (n, 2) and (n, 2)."""
-    a_from_cam = cam_from_a.inverse()
-    left = Poses(a_from_cam.R[:, :, None], a_from_cam.t[:, :, None])
-    right = Poses(cam_from_b.R[:, None], cam_from_b.t[:, None])
-    both = left @ right
-    return Poses(both.R.reshape(len(both.R), 4, 3, 3), both.t.reshape(len(both.t), 4, 3))
+    both = cam_from_a.inverse()[:, :, None] @ cam_from_b[:, None]
+    return Poses(both.R.reshape(-1, 4, 3, 3), both.t.reshape(-1, 4, 3))
 
 
 _CAMERA_ANGLE_RAD = np.deg2rad(6)
@@ -296,10 +292,7 @@ def prop_views(seen: Snapshots, views: PlanarViews, shape: PropShape, corners: A
 
 def _candidates(views: PlanarViews, shape: PropShape, rows: Array) -> Poses:
     patch_from_prop = stacked([shape.prop_from_patch[int(p)] for p in views.patch[rows]]).inverse()
-    cam_from_patch = views.cam_from_patch[rows]
-    both = cam_from_patch @ Poses(patch_from_prop.R[:, None], patch_from_prop.t[:, None])
-    flat = Poses(both.R.reshape(-1, 3, 3), both.t.reshape(-1, 3))
-    return flat[np.isfinite(flat.t).all(axis=1)]
+    return (views.cam_from_patch[rows] @ patch_from_prop[:, None]).listed
 
 
 def _image_points(
@@ -350,12 +343,8 @@ def camera_edges(views: PropViews, camera_count: int, cam_from_prop: Poses | Non
 
 def _camera_vote(a_from_prop: Poses, b_from_prop: Poses) -> Edge:
     """a_from_b of most agreement; two cameras agree where b's prop lands on a's, which is what is well known."""
-    b_from_props = Poses(b_from_prop.R[:, None], b_from_prop.t[:, None])
-    prop_from_b = b_from_props.inverse()
-    candidates = Poses(a_from_prop.R[:, :, None], a_from_prop.t[:, :, None]) @ prop_from_b
-    candidates = Poses(candidates.R.reshape(-1, 4, 3, 3), candidates.t.reshape(-1, 4, 3))
-    seeds = seeds_of(candidates, _MOST_SEEDS)
-    moved = Poses(seeds.R[:, None, None], seeds.t[:, None, None]) @ Poses(b_from_prop.R[None], b_from_prop.t[None])
+    seeds = seeds_of(a_from_prop[:, :, None] @ b_from_prop[:, None].inverse(), _MOST_SEEDS)
+    moved = seeds[:, None, None] @ b_from_prop[None]
     depth = np.maximum(a_from_prop.t[:, :1, 2], 1e-6)
     off = np.linalg.norm(moved.t[:, :, None] - a_from_prop.t[None, :, :, None], axis=-1) / (_CAMERA_DISTANCE * depth[..., None])
     cosine = (np.einsum("snkij,nhij->snhk", moved.R, a_from_prop.R) - 1) / 2
@@ -381,16 +370,13 @@ def prop_track(
     for k in np.unique(views.time_step):
         mine = views.time_step == k
         world_from_cam = cam_from_world[views.camera[mine]].inverse()
-        both = Poses(world_from_cam.R[:, None], world_from_cam.t[:, None]) @ views.cam_from_prop[mine]
-        flat = Poses(both.R.reshape(-1, 3, 3), both.t.reshape(-1, 3))
-        flat = flat[np.isfinite(flat.t).all(axis=1)]
+        flat = (world_from_cam[:, None] @ views.cam_from_prop[mine]).listed
         rows = np.arange(first_row[k], first_row[k + 1])
         rows = rows[np.isfinite(xyz_prop[rows]).all(axis=1)]
         cost = np.zeros(len(flat))
         for c in np.unique(seen.camera[rows]):
             some = rows[seen.camera[rows] == c]
-            in_cam = Poses(cam_from_world.R[c][None], cam_from_world.t[c][None]) @ flat
-            cost += _misfit(in_cam, xyz_prop[some], norm[some])
+            cost += _misfit(cam_from_world[c : c + 1] @ flat, xyz_prop[some], norm[some])
         best = int(np.argmin(cost))
         R[k], t[k] = flat.R[best], flat.t[best]
     return Poses(R, t)

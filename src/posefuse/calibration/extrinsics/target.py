@@ -16,9 +16,10 @@ from posefuse.core.arrays import Array
 
 from . import self_checks as checks
 from .bootstrap import rough_offsets
-from .causes import Trouble, base_spread_px, cause_check, likely_target_causes
-from .pipeline import Options, Solved, key_snapshots, link, solve_linked, starting_clocks, thinned
-from .self_checks import IN_STEP, check_same_video_by_corners, check_target_size, solution_checks, usual_distance_m
+from .causes import cause_check, likely_target_causes
+from .freedoms import IN_STEP
+from .pipeline import Options, Solved, Task, key_snapshots, link, solve_linked, starting_clocks
+from .self_checks import check_same_video_by_corners, check_target_size, solution_checks, usual_distance_m
 from .snapshots import middle_ns
 from .world import UP_FROM_CAMERAS, WorldRule, aligned
 
@@ -83,29 +84,27 @@ def calibrate_extrinsics(
     options = options or Options()
     intrinsics = Rig(tuple(replace(camera, cam_from_world=SE3.identity()) for camera in cameras))
     _check_input(observations, intrinsics, target)
-    task = _Task(aligned(observations, intrinsics), intrinsics.cameras, target, world or UP_FROM_CAMERAS, upside_down)
+    task = Task(aligned(observations, intrinsics), intrinsics.cameras, target, options)
+    wanted = _World(world or UP_FROM_CAMERAS, upside_down)
     if options.clocks != "auto":
-        return _explained(task, options, _attempt(task, options))
-    first = _attempt(task, replace(options, clocks="together"))
-    if not first.failed or not _may_be_clocks(task, first, options):
-        return _explained(task, replace(options, clocks="together"), first)
-    second = _attempt(task, replace(options, clocks="offset"))
+        return _explained(_attempt(task, wanted), wanted)
+    first = _attempt(replace(task, options=replace(options, clocks="together")), wanted)
+    if not first.failed or not _may_be_clocks(first):
+        return _explained(first, wanted)
+    second = _attempt(replace(task, options=replace(options, clocks="offset")), wanted)
     if second.solved is None:
-        return _explained(task, replace(options, clocks="together"), first)
+        return _explained(first, wanted)
     note = "the cameras are not synchronised: their clock offsets were estimated and must be applied when they are used"
     if second.failed:
         note = f"taken as synchronised it is refused as well: {'; '.join(check.line for check in first.failed[:2])}"
-    return _explained(task, replace(options, clocks="offset"), replace(second, notes=(*second.notes, note)))
+    return _explained(replace(second, notes=(note,)), wanted)
 
 
 @dataclass(frozen=True, eq=False)
-class _Task:
-    """What does not change from one attempt to the next; cameras in the order of the observations, without poses."""
+class _World:
+    """How the world is set, and the cameras that really hang upside down in it."""
 
-    observations: CornerObservations
-    cameras: tuple[Camera, ...]
-    target: Target
-    world: WorldRule
+    rule: WorldRule
     upside_down: tuple[str, ...]
 
 
@@ -114,9 +113,11 @@ class _Attempt:
     """A solution with its checks, or how far it came.
 
     Attributes:
-        done: checks. solved: None where the cameras could not be linked. notes: besides those of the solution.
+        task: that was tried. done: checks. solved: None where the cameras could not be linked. notes: besides those of the
+            solution.
     """
 
+    task: Task
     done: tuple[Check, ...]
     solved: Solved | None
     notes: tuple[str, ...] = ()
@@ -125,8 +126,13 @@ class _Attempt:
     def failed(self) -> tuple[Check, ...]:
         return tuple(check for check in self.done if not check.passed)
 
+    @property
+    def says_why(self) -> bool:
+        """Whether a check failed that names its cause."""
+        return any(check.name in SAID_BY_ITSELF for check in self.failed)
 
-def _attempt(task: _Task, options: Options) -> _Attempt:
+
+def _attempt(task: Task, world: _World) -> _Attempt:
     """Solve and check as far as that goes."""
     done: list[Check] = [
         checks.check_target_seen(task.observations), checks.check_target_moves(task.observations),
@@ -136,46 +142,46 @@ def _attempt(task: _Task, options: Options) -> _Attempt:
     solved: Solved | None = None
     try:
         _stop_if_failed(done)
-        solved = _solve(task.observations, task.cameras, task.target, options, done)
-        done += solution_checks(task.observations, task.cameras, task.target, options, solved, done)
-        done += world_checks(_in_world(task, solved)[0], task.world.has_floor, task.upside_down)
+        solved = _solve(task, done)
+        done += solution_checks(task, solved, done)
+        done += world_checks(_in_world(solved, world.rule)[0], world.rule.has_floor, world.upside_down)
     except RefusedCalibration as refused:
-        return _Attempt(refused.report.checks, solved)
-    return _Attempt(tuple(done), solved)
+        return _Attempt(task, refused.report.checks, solved)
+    return _Attempt(task, tuple(done), solved)
 
 
-def _explained(task: _Task, options: Options, attempt: _Attempt) -> Calibration:
+def _explained(attempt: _Attempt, world: _World) -> Calibration:
     """The calibration; where checks fail, the refusal with its likely cause in front."""
+    task, solved = attempt.task, attempt.solved
     if not attempt.failed:
-        assert attempt.solved is not None
-        return _calibration(task, attempt.solved, attempt.done, attempt.notes)
+        assert solved is not None
+        return _calibration(attempt, solved, world.rule)
     # what speaks for itself first: it explains the others (an image upside down, where its principal point seems to be)
     done = tuple(sorted(attempt.done, key=lambda check: check.passed or check.name not in SAID_BY_ITSELF))
-    if not any(check.name in SAID_BY_ITSELF for check in attempt.failed):
-        trouble = Trouble(
-            task.observations, task.cameras, task.target, options, None if attempt.solved is None else thinned(attempt.solved)
-        )
-        causes = likely_target_causes(trouble)
+    if not attempt.says_why:
+        less = None if solved is None else solved.thinned
+        causes = likely_target_causes(task, less)
         # blur leaves few markers, which no residual shows
         sharp = checks.check_sharp(task.observations)
-        named = (cause_check(causes, base_spread_px(trouble)),) if causes else () if sharp.passed else (sharp,)
+        named = (cause_check(causes, less),) if causes else () if sharp.passed else (sharp,)
         done = (*named, *done)
-    if attempt.solved is None:
+    if solved is None:
         raise RefusedCalibration(CalibrationReport("extrinsics", done, attempt.notes))
-    kept = _calibration(task, attempt.solved, done, attempt.notes)
+    kept = _calibration(replace(attempt, done=done), solved, world.rule)
     raise RefusedCalibration(kept.report, kept)
 
 
-def _in_world(task: _Task, solved: Solved) -> tuple[Rig, SE3]:
+def _in_world(solved: Solved, rule: WorldRule) -> tuple[Rig, SE3]:
     """The rig in the world asked for, and the motion that takes it there."""
-    rig = _rig(task.cameras, solved)
-    new_from_old = task.world.new_from_old(rig)
-    return replace(rig.moved(new_from_old), world_set_by=task.world.words), new_from_old
+    rig = _rig(solved)
+    new_from_old = rule.new_from_old(rig)
+    return replace(rig.moved(new_from_old), world_set_by=rule.words), new_from_old
 
 
-def _may_be_clocks(task: _Task, attempt: _Attempt, options: Options) -> bool:
+def _may_be_clocks(attempt: _Attempt) -> bool:
     """Whether a refused attempt that took the cameras as synchronised may fail for their clocks."""
-    if any(check.name in SAID_BY_ITSELF for check in attempt.failed):
+    task = attempt.task
+    if attempt.says_why:
         return False
     if any(check.name == IN_STEP for check in attempt.failed):
         return True
@@ -199,30 +205,26 @@ def _stop_if_failed(done: list[Check]) -> None:
     CalibrationReport("extrinsics", tuple(done)).require()
 
 
-def _solve(
-    observations: CornerObservations, cameras: tuple[Camera, ...], target: Target, options: Options, done: list[Check]
-) -> Solved:
-    delay_s = starting_clocks(observations, cameras, target, options)
-    seen = key_snapshots(observations, options, delay_s)
+def _solve(task: Task, done: list[Check]) -> Solved:
+    delay_s = starting_clocks(task)
+    seen = key_snapshots(task, delay_s)
     if len(seen.camera) == 0:
         alone = Check("cameras are linked", False, "no two cameras ever see the target at the same time",
                       "hold it where two cameras see it; are the recordings on one clock?")  # fmt: skip
         raise RefusedCalibration(CalibrationReport("extrinsics", (*done, alone)))
-    links = link(cameras, target, seen)
-    present = np.zeros((len(links.seen.t_s), len(cameras)), np.int64)
-    present[links.seen.time_step, links.seen.camera] = 1
-    linked = checks.check_links(observations.cameras, links, present.T @ present)
-    done.append(linked)
+    links = link(task, seen)
+    present = np.zeros((len(seen.t_s), len(task.cameras)), np.int64)
+    present[seen.time_step, seen.camera] = 1
+    done.append(checks.check_links(task.observations.cameras, links, present.T @ present))
     _stop_if_failed(done)
-    solved = solve_linked(observations, cameras, target, options, links, delay_s)
-    enough = checks.check_amount(solved)
-    done.append(enough)
+    solved = solve_linked(task, links, delay_s)
+    done.append(checks.check_amount(solved))
     _stop_if_failed(done)
     return solved
 
 
-def _rig(cameras: tuple[Camera, ...], solved: Solved) -> Rig:
-    state = solved.solution.state
+def _rig(solved: Solved) -> Rig:
+    cameras, state = solved.cameras, solved.solution.state
     lenses = Lenses(cameras, state.lens_delta)
     pose = state.cam_from_world.se3()
     placed = tuple(
@@ -279,13 +281,14 @@ def _numbers(solved: Solved, rig: Rig, distance_m: float) -> dict[str, float]:
     return numbers
 
 
-def _calibration(task: _Task, solved: Solved, done: tuple[Check, ...], notes: tuple[str, ...]) -> Calibration:
-    rig, new_from_old = _in_world(task, solved)
+def _calibration(attempt: _Attempt, solved: Solved, rule: WorldRule) -> Calibration:
+    task, done = attempt.task, attempt.done
+    rig, new_from_old = _in_world(solved, rule)
     failed = [check.name for check in done if not check.passed]
     if failed:
         rig = replace(rig, refused=", ".join(failed))
     report = CalibrationReport(
-        "extrinsics", done, (*_notes(solved, task.target), *notes), _numbers(solved, rig, usual_distance_m(solved))
+        "extrinsics", done, (*_notes(solved, task.target), *attempt.notes), _numbers(solved, rig, usual_distance_m(solved))
     )
     turn, state = new_from_old.matrix(), solved.solution.state
     return Calibration(
