@@ -17,7 +17,7 @@ from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import coverage
 from posefuse.calibration.targets.kinds import BOARD_PATCH, Markers, Target
 from posefuse.core import SE3, CalibrationError, Camera
-from posefuse.core.arrays import Array, frozen
+from posefuse.core.arrays import Array, freeze_fields
 
 PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 
@@ -49,24 +49,16 @@ class Intrinsics:
 
     Attributes:
         camera: with its pose at the origin.
-        sigma: (9,) standard errors of `PARAMETERS`; 0 for a coefficient held at 0.
-        rms_px: over all corners used. view_t_ns: (V,) the views used. view_rms_px: (V,).
         cells: (rows, columns) frames that covered each part of the image, from the views used.
-        report: checks made.
+        report: checks made; its numbers hold standard errors of `PARAMETERS`, 0 for a coefficient held at 0.
     """
 
     camera: Camera
-    sigma: Array
-    rms_px: float
-    view_t_ns: Array
-    view_rms_px: Array
     cells: Array
     report: CalibrationReport
 
     def __post_init__(self) -> None:
-        for name in ("sigma", "view_t_ns", "view_rms_px", "cells"):
-            dtype = np.int64 if name in ("view_t_ns", "cells") else np.float64
-            object.__setattr__(self, name, frozen(getattr(self, name), dtype, f"Intrinsics.{name}"))
+        freeze_fields(self, {"cells": np.int64})
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +70,7 @@ class _View:
     feature: Array
 
 
-def calibrate_intrinsics(observations: CornerObservations, target: Target, most_views: int = _MOST_VIEWS) -> Intrinsics:
+def calibrate_intrinsics(observations: CornerObservations, target: Target) -> Intrinsics:
     """Intrinsics of the one camera in `observations`.
 
     Raises:
@@ -93,7 +85,7 @@ def calibrate_intrinsics(observations: CornerObservations, target: Target, most_
             f"camera {name}: expected at least {_LEAST_VIEWS} views with {_LEAST_CORNERS} corners or more, got {len(views)}"
             f" in {observations.frame_count[0]} frames; show the board from more places and slants"
         )
-    views = _spread(_sharp(views), most_views)
+    views = _spread(_sharp(views))
     solved = _solve(views, size_wh)
     # a view that fits far worse than the others was blurred or wrongly detected
     good = solved.view_rms_px <= _OUTLIER_RATIO * np.median(solved.view_rms_px)
@@ -149,14 +141,14 @@ def _sharp(views: list[_View]) -> list[_View]:
     return [view for view, ok in zip(views, keep, strict=True) if ok] if keep.sum() >= _LEAST_VIEWS else views
 
 
-def _spread(views: list[_View], most: int) -> list[_View]:
-    """At most `most` views, each the farthest from those taken before; sharpness decides the first."""
-    if len(views) <= most:
+def _spread(views: list[_View]) -> list[_View]:
+    """Not too many views, each the farthest from those taken before; sharpness decides the first."""
+    if len(views) <= _MOST_VIEWS:
         return views
     features = np.array([view.feature for view in views])
     taken = [int(np.argmax([view.sharpness for view in views]))]
     distance = np.full(len(views), np.inf)
-    while len(taken) < most:
+    while len(taken) < _MOST_VIEWS:
         distance = np.minimum(distance, np.linalg.norm(features - features[taken[-1]], axis=1))
         taken.append(int(np.argmax(distance)))
     return [views[i] for i in sorted(taken)]
@@ -215,15 +207,7 @@ def _result(
     )
     report.require()
     camera = Camera(name=name, size_wh=size_wh, K=solved.K, cam_from_world=SE3.identity(), distortion=solved.distortion)
-    return Intrinsics(
-        camera=camera,
-        sigma=solved.sigma,
-        rms_px=solved.rms_px,
-        view_t_ns=times,
-        view_rms_px=solved.view_rms_px,
-        cells=cells,
-        report=report,
-    )
+    return Intrinsics(camera=camera, cells=cells, report=report)
 
 
 def _checks(size_wh: tuple[int, int], solved: _Solved, cells: Array, count: int) -> tuple[Check, ...]:

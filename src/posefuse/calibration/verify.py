@@ -14,7 +14,7 @@ from posefuse.calibration.extrinsics.world import aligned, patch_track, rig_stat
 from posefuse.calibration.solving.projection import Lenses
 from posefuse.calibration.solving.rotations import angle_between, centre_covariance_m2
 from posefuse.calibration.targets.corners import CornerObservations
-from posefuse.calibration.targets.coverage import CELLS_WH
+from posefuse.calibration.targets.coverage import CELLS_WH, cell_of
 from posefuse.calibration.targets.kinds import Target, patch_corners
 from posefuse.core import CalibrationError, Rig
 from posefuse.core.arrays import Array
@@ -353,7 +353,7 @@ def _cells(rig: Rig, xy: Array, square: Array) -> Array:
     out = np.full((len(rig), rows, columns), np.nan)
     for c, camera in enumerate(rig):
         good = np.isfinite(square[c])
-        cell = np.clip(((xy[c, good] + 0.5) / camera.size_wh * CELLS_WH).astype(np.int64), 0, np.array(CELLS_WH) - 1)
+        cell = cell_of(xy[c, good], camera.size_wh)
         flat = cell[:, 1] * columns + cell[:, 0]
         count = np.bincount(flat, minlength=rows * columns)
         total = np.bincount(flat, square[c, good], rows * columns)

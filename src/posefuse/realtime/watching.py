@@ -295,7 +295,7 @@ def guide(
         for fed in frames:
             corners = detector.detect(cv2.cvtColor(fed.frame.image, cv2.COLOR_RGB2GRAY))
             state = seen(state, fed.camera, fed.t_ns, corners.xy_img, fed.frame.size_wh)
-        if state.enough:
+        if state.coverage.enough:
             break
         if news:
             report(state)

@@ -14,7 +14,7 @@ from posefuse.calibration.solving.bundle import Linearised, Problem, ResidualBlo
 from posefuse.calibration.solving.projection import LENS_PARAMETERS, Lenses
 from posefuse.calibration.solving.rotations import Poses, hat
 from posefuse.core import Camera
-from posefuse.core.arrays import SIGMA_PER_MAD, Array
+from posefuse.core.arrays import Array
 
 from .snapshots import Snapshots
 
@@ -116,21 +116,15 @@ def solve_prop(seen: Snapshots, corners: Array, cameras: tuple[Camera, ...], sta
     with; the clock columns move them along their image velocity from there.
     """
     first = solve_bundle(_problem(seen, corners, cameras, start, freedom, _ROUGH_SIGMA_PX, cauchy=1.0), start)
-    sigma_px = _spread_px(first.residual * _ROUGH_SIGMA_PX, first.weight)
+    sigma_px = first.spread_px(_ROUGH_SIGMA_PX, _LEAST_SIGMA_PX)
     second = solve_bundle(_problem(seen, corners, cameras, start, freedom, sigma_px, cauchy=_CAUCHY), first.state)
     return _summary(second, sigma_px, freedom, seen)
-
-
-def _spread_px(residual_px: Array, weight: Array) -> float:
-    """Of a coordinate, by the median."""
-    usable = residual_px[np.isfinite(residual_px).all(axis=1) & (weight > 0)]
-    return max(float(SIGMA_PER_MAD * np.median(np.abs(usable))), _LEAST_SIGMA_PX) if len(usable) else _ROUGH_SIGMA_PX
 
 
 def _summary(solution: Solution[PropState], assumed_px: float, freedom: Freedom, seen: Snapshots) -> PropSolution:
     """Standard errors by the noise that was found instead of the noise that was assumed."""
     residual_px = solution.residual * assumed_px
-    sigma_px = _spread_px(residual_px, solution.weight)
+    sigma_px = solution.spread_px(assumed_px, _LEAST_SIGMA_PX)
     scale = (sigma_px / assumed_px) ** 2
     count = len(solution.state.cam_from_world)
     free = np.concatenate([mask.ravel() for mask in _free(solution.state, freedom)])

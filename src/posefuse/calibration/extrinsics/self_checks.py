@@ -187,21 +187,9 @@ def position_cov_m2(solved: Solved) -> Array:
 def camera_differences(first: Poses, second: Poses) -> tuple[Array, Array]:
     """Distance (C,) m and angle (C,) rad between two sets of cam_from_world, after the best common rigid motion."""
     a, b = first.inverse(), second.inverse()
-    turn = _common_turn(a, b)
+    turn = mean_rotation(a.R @ np.swapaxes(b.R, 1, 2), np.ones(len(a)))
     moved = (b.t - b.t.mean(axis=0)) @ turn.T
     return np.linalg.norm(a.t - a.t.mean(axis=0) - moved, axis=1), angle_between(a.R, turn @ b.R)
-
-
-def scale_of(first: Poses, second: Poses) -> float:
-    """How many times as large as the second set of cam_from_world the first is, by the cameras' centres in least squares."""
-    a, b = first.inverse(), second.inverse()
-    moved = (b.t - b.t.mean(axis=0)) @ _common_turn(a, b).T
-    return float(((a.t - a.t.mean(axis=0)) * moved).sum() / (moved**2).sum())
-
-
-def _common_turn(a: Poses, b: Poses) -> Array:
-    """(3, 3) mean rotation that takes the cameras' axes world_from_cam of b to those of a."""
-    return mean_rotation(a.R @ np.swapaxes(b.R, 1, 2), np.ones(len(a)))
 
 
 def check_facing(solved: Solved) -> Check:

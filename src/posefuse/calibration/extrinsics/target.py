@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
 from posefuse.calibration.solving.projection import Lenses
 from posefuse.calibration.targets.corners import CornerObservations
@@ -42,23 +43,15 @@ class Calibration:
     """A rig that passed its checks, and what it came from.
 
     Attributes:
-        rig: in the world asked for. report: the checks. coverage: of the recording.
-        position_sigma_m: (C,) standard error of each camera's place against the reference camera.
-        position_cov_m2: (C, 3, 3) the same as covariance, in world coordinates.
-        delay_s, delay_sigma_s: (C, 2) clocks (offset s, drift s/s) against the reference camera, and their standard errors, as
-            `ClockEstimate` has them. middle_ns: middle of the recording, from which drift counts.
-        prop_from_patch: per marker id.
+        rig: in the world asked for. report: the checks. coverage: of the recording. clocks: against the reference camera.
+        position_cov_m2: (C, 3, 3) of each camera's place against the reference camera, in world coordinates.
     """
 
     rig: Rig
     report: CalibrationReport
     coverage: TargetCoverage
-    position_sigma_m: Array
     position_cov_m2: Array
-    delay_s: Array
-    delay_sigma_s: Array
-    middle_ns: int
-    prop_from_patch: dict[int, SE3]
+    clocks: ClockEstimate
 
 
 def calibrate_extrinsics(
@@ -236,10 +229,11 @@ def _rig(solved: Solved) -> Rig:
     return Rig(placed, residual_px=rms)
 
 
-def delay_against_reference(solved: Solved) -> Array:
-    """(C, 2) clocks against the camera whose clock was held."""
+def _clocks(task: Task, solved: Solved) -> ClockEstimate:
+    """Against the camera whose clock was held."""
     late = solved.solution.state.delay_s
-    return np.asarray(late - late[solved.links.reference])
+    (offset_s, drift), (offset_sigma_s, drift_sigma) = (late - late[solved.links.reference]).T, solved.solution.delay_sigma_s.T
+    return ClockEstimate(offset_s, drift, offset_sigma_s, drift_sigma, middle_ns(task.observations) / 1e9)
 
 
 def world_checks(rig: Rig, has_floor: bool, upside_down: tuple[str, ...] = ()) -> list[Check]:
@@ -267,17 +261,17 @@ def _notes(solved: Solved, target: Target) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _numbers(solved: Solved, rig: Rig, distance_m: float) -> dict[str, float]:
-    sigma, late = checks.position_sigma_m(solved), delay_against_reference(solved)
+def _numbers(solved: Solved, rig: Rig, clocks: ClockEstimate) -> dict[str, float]:
+    sigma = checks.position_sigma_m(solved)
     numbers = {
         "residual_px": rig.residual_px,
         "sigma_px": solved.solution.sigma_px,
         "instants": float(len(np.unique(solved.seen.time_step))),
-        "usual_distance_m": distance_m,
+        "usual_distance_m": usual_distance_m(solved),
     }
     for i, name in enumerate(rig.names):
         numbers[f"{name}_position_sigma_mm"] = float(sigma[i] * 1e3)
-        numbers[f"{name}_offset_ms"] = float(late[i, 0] * 1e3)
+        numbers[f"{name}_offset_ms"] = float(clocks.offset_s[i] * 1e3)
     return numbers
 
 
@@ -287,18 +281,12 @@ def _calibration(attempt: _Attempt, solved: Solved, rule: WorldRule) -> Calibrat
     failed = [check.name for check in done if not check.passed]
     if failed:
         rig = replace(rig, refused=", ".join(failed))
-    report = CalibrationReport(
-        "extrinsics", done, (*_notes(solved, task.target), *attempt.notes), _numbers(solved, rig, usual_distance_m(solved))
-    )
-    turn, state = new_from_old.matrix(), solved.solution.state
+    turn, clocks = new_from_old.matrix(), _clocks(task, solved)
+    notes = (*_notes(solved, task.target), *attempt.notes)
     return Calibration(
         rig=rig,
-        report=report,
+        report=CalibrationReport("extrinsics", done, notes, _numbers(solved, rig, clocks)),
         coverage=coverage(task.observations),
-        position_sigma_m=checks.position_sigma_m(solved),
         position_cov_m2=turn @ checks.position_cov_m2(solved) @ turn.T,
-        delay_s=delay_against_reference(solved),
-        delay_sigma_s=solved.solution.delay_sigma_s,
-        middle_ns=middle_ns(task.observations),
-        prop_from_patch={int(solved.seen.patches[p]): state.prop_from_patch[p].se3() for p in np.unique(solved.seen.patch)},
+        clocks=clocks,
     )

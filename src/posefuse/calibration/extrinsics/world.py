@@ -263,16 +263,6 @@ def triangulate_linear(rig: Rig, xy_img: Array) -> Array:
     return linear_points(rig, np.stack([camera.norm_from_px(xy) for camera, xy in zip(rig, xy_img, strict=True)]))
 
 
-def beside_others(rig: Rig, xy_img: Array) -> Array:
-    """(C, P, 2) px from what each camera saw (C, P, 2) to where the rays of the others meet; NaN with fewer than two others."""
-    norm = np.stack([camera.norm_from_px(xy) for camera, xy in zip(rig, xy_img, strict=True)])
-    apart = np.empty(xy_img.shape)
-    for c, camera in enumerate(rig):
-        mine = np.arange(len(rig)) == c
-        apart[c] = camera.project(linear_points(rig, np.where(mine[:, None, None], np.nan, norm))) - xy_img[c]
-    return apart
-
-
 def linear_points(rig: Rig, norm: Array) -> Array:
     """(P, 3) where the rays of ideal image points (C, P, 2), NaN where unseen, meet: least squares (DLT); NaN below 2 views."""
     count = norm.shape[1]

@@ -55,27 +55,25 @@ def check_same_video_by_person(views: PersonViews) -> Check:
 
 def person_solution_checks(skeleton: Skeleton, solved: PersonSolution, rig: Rig, xyz: Array) -> list[Check]:
     """The keypoints fit, the cameras agree, nothing is mirrored, and no two cameras share a place."""
-    cameras, sigma_px, limit, share = solved.cameras, solved.solution.sigma_px, _spread_limit_px(solved.cameras), solved.agreeing
-    worst = int(np.argmin(share))
+    return [*fit_checks(solved), check_mirror(skeleton, xyz), self_checks.check_cameras_apart(solved.cameras, poses_of(rig))]
+
+
+def fit_checks(solved: PersonSolution) -> list[Check]:
+    """The keypoints fit, and the cameras agree."""
+    cameras, sigma_px, share = solved.cameras, solved.solution.sigma_px, solved.agreeing
+    limit, worst = _MOST_SIGMA_PX_PER_1000 * max(max(camera.size_wh) for camera in cameras) / 1000, int(np.argmin(share))
     return [
         Check("keypoints fit", sigma_px <= limit, f"spread {sigma_px:.1f} px (limit {limit:.1f})",
               "wrong intrinsics, cameras unsynchronised, or different people in different cameras"),
         Check("cameras agree", bool(share[worst] >= _LEAST_INLIER_SHARE),
               f"{cameras[worst].name} agrees worst: {share[worst]:.0%} of its keypoints (needed {_LEAST_INLIER_SHARE:.0%})",
               "it follows another person, moved, or is unsynchronised"),
-        check_mirror(skeleton, xyz),
-        self_checks.check_cameras_apart(cameras, poses_of(rig)),
     ]  # fmt: skip
 
 
 def solution_fits(solved: PersonSolution) -> bool:
     """Whether the keypoints fit, and all cameras agree."""
-    agree = (solved.agreeing >= _LEAST_INLIER_SHARE).all()
-    return bool(agree and solved.solution.sigma_px <= _spread_limit_px(solved.cameras))
-
-
-def _spread_limit_px(cameras: tuple[Camera, ...]) -> float:
-    return _MOST_SIGMA_PX_PER_1000 * max(max(camera.size_wh) for camera in cameras) / 1000
+    return all(check.passed for check in fit_checks(solved))
 
 
 def check_walk(hips: Array, distance_m: float) -> Check:

@@ -14,7 +14,7 @@ from typing import Generic, TypeVar
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from posefuse.core.arrays import Array
+from posefuse.core.arrays import SIGMA_PER_MAD, Array
 
 State = TypeVar("State")
 
@@ -96,6 +96,11 @@ class Solution(Generic[State]):
     covariance: Array
     scores: Array
     iterations: int
+
+    def spread_px(self, assumed_px: float, least_px: float) -> float:
+        """Robust standard deviation of a coordinate, its residuals being in units of `assumed_px`, which it is without any."""
+        usable = self.residual[np.isfinite(self.residual).all(axis=1)] * assumed_px
+        return max(float(SIGMA_PER_MAD * np.median(np.abs(usable))), least_px) if len(usable) else assumed_px
 
 
 def grouped_sum(values: Array, index: Array, count: int) -> Array:

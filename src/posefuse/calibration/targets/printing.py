@@ -9,13 +9,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from posefuse.core import ConfigError
 from posefuse.core.arrays import Array
 
-from .kinds import BACK_PATCH, Charuco, Markers, dictionary_of, sides
+from .kinds import BACK_PATCH, Charuco, Markers, black_modules, dictionary_of, sides
 
 PAGES_M = {"a4": (0.210, 0.297), "a3": (0.297, 0.420), "a2": (0.420, 0.594), "a1": (0.594, 0.841), "a0": (0.841, 1.189),
            "letter": (0.2159, 0.2794)}  # fmt: skip
@@ -88,8 +87,7 @@ def _bits(dictionary: str, marker: int) -> Array:
     made = dictionary_of(dictionary)
     if not 0 <= marker < len(made.bytesList):
         raise ConfigError(f"marker {marker}: {dictionary} has ids 0 to {len(made.bytesList) - 1}")
-    count = made.markerSize + 2
-    return np.asarray(cv2.aruco.generateImageMarker(made, marker, count, borderBits=1) < 128)
+    return black_modules(made, marker)
 
 
 def _rectangles(black: Array, left: float, bottom: float, scale: float) -> tuple[tuple[float, float, float, float], ...]:
