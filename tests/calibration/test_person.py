@@ -46,12 +46,10 @@ def test_a_walk_gives_the_rig_and_its_stature_the_scale(lab: Any, found: PersonC
 
 def test_the_distance_of_two_cameras_gives_the_scale(lab: Any) -> None:
     apart_m = float(np.linalg.norm(lab.rig["cam00"].centre_world - lab.rig["cam02"].centre_world))
-    rig = calibrate_from_person(
-        watched(lab.rig), lab.rig.cameras, KnownLength(cameras=("cam00", "cam02"), distance_m=apart_m)
-    ).rig
+    rig = calibrate_from_person(watched(lab.rig), lab.rig.cameras, KnownLength(apart=("cam00", "cam02", apart_m))).rig
     assert lab.errors(rig)[0].max() < 10
     with pytest.raises(CalibrationError, match=r"no camera 'cam09'.*cam00"):
-        calibrate_from_person(watched(lab.rig), lab.rig.cameras, KnownLength(cameras=("cam00", "cam09"), distance_m=apart_m))
+        calibrate_from_person(watched(lab.rig), lab.rig.cameras, KnownLength(apart=("cam00", "cam09", apart_m)))
 
 
 def refused(lab: Any, views: PersonViews, cameras: tuple[Camera, ...]) -> str:

@@ -96,7 +96,7 @@ def test_a_refused_rig_is_marked_in_its_file(lab: Any, tmp_path: Path) -> None:
     [
         ({"stature_m": 0.5}, "height of the person: .*got 0.5"),
         ({"stature_m": 178.0}, "height of the person: .*did you mean 1.78 m"),
-        ({"cameras": ("cam00", "cam00"), "distance_m": 3.4}, "expected the distance of two cameras, got cam00 twice"),
+        ({"apart": ("cam00", "cam00", 3.4)}, "expected the distance of two cameras, got cam00 twice"),
     ],
 )
 def test_a_length_that_cannot_be_is_refused(known: dict[str, Any], said: str) -> None:

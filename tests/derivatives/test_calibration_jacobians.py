@@ -96,7 +96,7 @@ def test_refined_fisheye_lenses_are_as_uncertain_as_stated(ring_rig: Callable[..
         lenses = Lenses(rig.cameras, off)
         given = tuple(replace(c, K=lenses.camera_matrix(i), distortion=lenses.distortion(i)) for i, c in enumerate(rig))
         found = solve(Task(seen, given, target, options), nothing).solution
-        ratios.append((found.state.lens_delta + off) / found.lens_sigma)
+        ratios.append((found.state.lens_delta + off) / np.sqrt(np.diagonal(found.lens_covariance, axis1=1, axis2=2)))
     assert 0.5 < float((np.array(ratios) ** 2).mean()) < 1.6
 
 

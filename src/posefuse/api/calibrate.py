@@ -394,4 +394,4 @@ def _known_length(height_m: float | None, camera_distance: tuple[str, str, float
     if camera_distance is None:
         return KnownLength(stature_m=height_m)
     first, second, metres = camera_distance
-    return KnownLength(cameras=(rig[first].name, rig[second].name), distance_m=metres)
+    return KnownLength(apart=(rig[first].name, rig[second].name, metres))

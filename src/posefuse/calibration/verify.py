@@ -273,11 +273,6 @@ class Verification:
     cameras: tuple[CameraError, ...]
     report: CalibrationReport
 
-    @property
-    def length_rms_m(self) -> float:
-        """Root mean square of the length errors."""
-        return float(np.sqrt((self.length_error_m**2).mean()))
-
 
 def verify(rig: Rig, observations: CornerObservations, target: Target, late_s: Array | None = None) -> Verification:
     """Triangulate a target's corners wherever 2 cameras see them, and compare the distances between them with the truth.
@@ -314,13 +309,9 @@ def verify(rig: Rig, observations: CornerObservations, target: Target, late_s: A
         )
     error, true, noise_m = error[measured], true[measured], noise_m[measured]
     square = (off**2).sum(axis=-1)
-    scale = float(np.median(1 + error / true))
-    reprojection_px = _rms(square)
     rms_m = float(np.sqrt((noise_m**2).mean()))
     exchanged = "" if all(one.excess <= 1 for one in found if one.noise_px > 0) else _exchanged(rig, xy)
-    report = _report(rig, error, true, exchanged=exchanged,
-                     scale=scale, noise_m=rms_m, reprojection_px=reprojection_px,
-                     found=found)  # fmt: skip
+    report = _report(rig, error, true, exchanged=exchanged, noise_m=rms_m, reprojection_px=_rms(square), found=found)
     return Verification(length_error_m=error, cell_px=_cells(rig, xy, square), cameras=found, report=report)
 
 
@@ -416,12 +407,11 @@ def _report(
     error: Array,
     true: Array,
     exchanged: str,
-    scale: float,
     noise_m: float,
     reprojection_px: Array,
     found: tuple[CameraError, ...],
 ) -> CalibrationReport:
-    rms = float(np.sqrt((error**2).mean()))
+    rms, scale = float(np.sqrt((error**2).mean())), float(np.median(1 + error / true))
     limit = float(np.hypot(_MOST_LENGTH_RMS_SHARE * np.median(true), _NOISE_FACTOR * noise_m))
     worst = int(np.nanargmax(reprojection_px))
     width_px = max(rig.cameras[worst].size_wh)

@@ -325,10 +325,9 @@ def _misfit(cam_from_prop: Poses, xyz: Array, xy: Array) -> Array:
     return np.asarray(np.minimum(square, _REPROJECTION_CUT_NORM**2).sum(axis=1))
 
 
-def camera_edges(views: PropViews, camera_count: int, cam_from_prop: Poses | None = None) -> dict[tuple[int, int], Edge]:
+def camera_edges(views: PropViews, camera_count: int) -> dict[tuple[int, int], Edge]:
     """Relative poses of cameras, from time steps at which two of them see the prop."""
     edges: dict[tuple[int, int], Edge] = {}
-    poses = views.cam_from_prop if cam_from_prop is None else cam_from_prop
     time_steps, place = np.unique(views.time_step, return_inverse=True)
     row = np.full((len(time_steps), camera_count), -1, np.int64)
     row[place, views.camera] = np.arange(len(views.camera))
@@ -336,8 +335,7 @@ def camera_edges(views: PropViews, camera_count: int, cam_from_prop: Poses | Non
         for b in range(a + 1, camera_count):
             both = (row[:, a] >= 0) & (row[:, b] >= 0)
             if both.any():
-                in_a, in_b = poses[row[both, a]], poses[row[both, b]]
-                edges[(a, b)] = _camera_vote(in_a, in_b)
+                edges[(a, b)] = _camera_vote(*(views.cam_from_prop[row[both, c]] for c in (a, b)))
     return edges
 
 

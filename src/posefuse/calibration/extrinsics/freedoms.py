@@ -51,7 +51,7 @@ def clocks_freed(solved: Solved) -> Freed:
 def turn_freed(solved: Solved, offset: bool) -> Freed:
     """Cameras that may turn, with nearly free intrinsics, for which a turn must not stand."""
     free = lenses_freed(solved, offset, turning=tuple(range(len(solved.cameras))))
-    return Freed(check_turning(free), free, 3 * len(solved.cameras))
+    return Freed(check_turning(free), free, 9 * len(solved.cameras))
 
 
 def lenses_freed(solved: Solved, offset: bool, of: tuple[int, ...] | None = None, turning: tuple[int, ...] = ()) -> Solved:
@@ -135,7 +135,7 @@ class LensChange:
         """(C, 3) of the sizes."""
         bend_px = [LIMITS.bend_px_per_1000 * max(camera.size_wh) / 1000 for camera in self.cameras]
         least = [(LIMITS.focal_share, LIMITS.centre_rad, px) for px in bend_px]
-        return np.maximum(least, LIMITS.lens_sigma * self.sigma)
+        return np.asarray(np.maximum(least, LIMITS.lens_sigma * self.sigma))
 
     @property
     def excess(self) -> Array:

@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 
 from posefuse.calibration.report import Check
-from posefuse.calibration.solving.projection import Lenses
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import ENOUGH_SHARE, coverage
 from posefuse.calibration.targets.kinds import Target
@@ -54,21 +53,17 @@ def cameras_of(observations: CornerObservations, target: Target, options: Option
     free = replace(options, lens_sigma=start_sigma(cameras), time_steps=min(options.time_steps, 2 * TIME_STEPS))
     task = Task(observations, cameras, target, free)
     try:
-        solved = solve(task, starting_clocks(task))
+        return solve(task, starting_clocks(task)).refined
     except CalibrationError:
         # the error of the calibration itself names the camera and the reason
         return cameras
-    lenses = Lenses(cameras, solved.solution.state.lens_delta)
-    return tuple(replace(camera, K=lenses.camera_matrix(i), distortion=lenses.distortion(i)) for i, camera in enumerate(cameras))
 
 
 def check_carried(observations: CornerObservations, solved: Solved) -> Check:
     """The recording determines the intrinsics: near and far, over the image, and by the standard errors of the solve."""
     seen, solution = solved.seen, solved.solution
     share = coverage(observations).share
-    in_cam = solution.state.cam_from_world[seen.camera].move(solution.state.world_from_prop.t[seen.time_step])
-    distance_m = np.linalg.norm(in_cam, axis=1)
-    problems = []
+    distance_m, problems = solved.distance_m, []
     for c, camera in enumerate(solved.cameras):
         sigma = np.sqrt(np.diag(solution.lens_covariance[c]))
         focal = float(np.hypot(sigma[0], sigma[1]) / np.sqrt(2) / camera.K[0, 0])

@@ -128,12 +128,26 @@ class Solved:
         np.maximum.at(worst, self.seen.group, square)
         return np.asarray(worst <= _INLIER_SIGMA**2)
 
+    @property
+    def refined(self) -> tuple[Camera, ...]:
+        """The cameras with their intrinsics as found."""
+        lenses = Lenses(self.cameras, self.solution.state.lens_delta)
+        return tuple(
+            replace(camera, K=lenses.camera_matrix(i), distortion=lenses.distortion(i)) for i, camera in enumerate(self.cameras)
+        )
+
+    @property
+    def distance_m(self) -> Array:
+        """(N,) of the prop from the camera that sees it, of each corner."""
+        seen, state = self.seen, self.solution.state
+        in_cam = state.cam_from_world[seen.camera].move(state.world_from_prop.t[seen.time_step])
+        return np.asarray(np.linalg.norm(in_cam, axis=1))
+
     @cached_property
     def thinned(self) -> Solved:
         """The solution on fewer time steps: enough to distinguish hypotheses."""
         rows = np.isin(self.seen.time_step, evenly(np.unique(self.seen.time_step), TIME_STEPS))
-        solution = self.solution
-        less = replace(solution, residual_px=solution.residual_px[rows], weight=solution.weight[rows])
+        less = replace(self.solution, residual_px=self.solution.residual_px[rows])
         return replace(self, seen=self.seen.rows(rows), solution=less)
 
     def again(self, **freed: Any) -> Solved:

@@ -82,31 +82,23 @@ class PropSolution:
 
     Attributes:
         state: unknowns. sigma_px: robust spread of a corner coordinate.
-        residual_px: (N, 2) predicted minus observed. weight: (N,) robust.
+        residual_px: (N, 2) predicted minus observed.
         camera_covariance: (C, 6, 6) of rotation vector (rad) and translation (m) of cam_from_world, relative to the reference;
             like all standard errors here at least the scatter between parts of the recording.
         delay_sigma_s: (C, 2) standard errors of the clocks; 0 where held.
         lens_covariance: (C, 6, 6) of `LENS_PARAMETERS`; 0 where held.
         turn_covariance: (C, 3, 3) of `turn_rad_s`; 0 where held.
         predicted_sigma_px: (N,) standard error of where the camera as found sees a point, by its pose, clock and intrinsics.
-        iterations: steps tried.
     """
 
     state: PropState
     sigma_px: float
     residual_px: Array
-    weight: Array
     camera_covariance: Array
     delay_sigma_s: Array
     lens_covariance: Array
     turn_covariance: Array
     predicted_sigma_px: Array
-    iterations: int
-
-    @property
-    def lens_sigma(self) -> Array:
-        """(C, 6) standard errors of `LENS_PARAMETERS`; 0 where held."""
-        return np.asarray(np.sqrt(np.diagonal(self.lens_covariance, axis1=1, axis2=2)))
 
 
 def solve_prop(seen: Snapshots, corners: Array, cameras: tuple[Camera, ...], start: PropState, freedom: Freedom) -> PropSolution:
@@ -145,13 +137,11 @@ def _summary(solution: Solution[PropState], assumed_px: float, freedom: Freedom,
         state=solution.state,
         sigma_px=sigma_px,
         residual_px=residual_px,
-        weight=solution.weight,
         camera_covariance=joint[:, :6, :6],
         delay_sigma_s=np.sqrt(np.diagonal(joint[:, 6:8, 6:8], axis1=1, axis2=2)) * _DELAY_SCALE_S,
         lens_covariance=joint[:, 8:14, 8:14],
         turn_covariance=joint[:, 14:, 14:] * _TURN_SCALE_RAD_S**2,
         predicted_sigma_px=np.sqrt(np.maximum(predicted_px2, 0.0)),
-        iterations=solution.iterations,
     )
 
 

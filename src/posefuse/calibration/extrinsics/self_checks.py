@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -68,18 +69,17 @@ def check_same_video_by_corners(observations: CornerObservations) -> Check:
     place = np.unique(key, axis=0, return_inverse=True)[1].ravel()
     xy = np.full((len(observations.cameras), int(place.max(initial=-1)) + 1, 2), np.nan)
     xy[observations.camera, place] = observations.xy_img
+    return check_videos_differ(observations.cameras, xy, _SAME_VIDEO_CORNERS, _SAME_VIDEO_PX)
+
+
+def check_videos_differ(names: Sequence[str], xy_img: Array, least: int, most_px: float) -> Check:
+    """No two cameras have `least` points or more of (C, ..., 2) in common, usually within `most_px` of each other."""
     alike = []
-    for a in range(len(xy)):
-        for b in range(a + 1, len(xy)):
-            off = np.linalg.norm(xy[a] - xy[b], axis=1)
-            off = off[np.isfinite(off)]
-            if len(off) >= _SAME_VIDEO_CORNERS and float(np.median(off)) < _SAME_VIDEO_PX:
-                alike.append(f"{observations.cameras[a]} and {observations.cameras[b]}")
-    return videos_differ(alike)
-
-
-def videos_differ(alike: Sequence[str]) -> Check:
-    """No pair of cameras is in `alike`, in words."""
+    for a, b in combinations(range(len(names)), 2):
+        off = np.linalg.norm(xy_img[a] - xy_img[b], axis=-1)
+        off = off[np.isfinite(off)]
+        if len(off) >= least and float(np.median(off)) < most_px:
+            alike.append(f"{names[a]} and {names[b]}")
     detail = f"{', '.join(alike)} show the same video" if alike else "no two cameras show the same"
     return Check("videos differ", not alike, detail, "give each camera its own video", "input")
 
@@ -166,7 +166,7 @@ def check_still(solved: Solved) -> Check:
 def check_determined(solved: Solved) -> Check:
     """Standard errors of the camera positions are small."""
     sigma = position_sigma_m(solved)
-    worst, limit = int(np.argmax(sigma)), LIMITS.position_sigma_share * usual_distance_m(solved)
+    worst, limit = int(np.argmax(sigma)), LIMITS.position_sigma_share * float(np.median(solved.distance_m))
     return Check(
         "cameras are determined", bool(sigma[worst] <= limit),
         f"standard error of {solved.cameras[worst].name}'s position {sigma[worst] * 1e3:.1f} mm (limit {limit * 1e3:.1f})",
@@ -356,7 +356,7 @@ def check_target_size(target: Target) -> Check:
 
 def check_rig_size(task: Task, solved: Solved) -> Check:
     """Target and cameras are as far from each other as in a room in which a person moves."""
-    cameras, target, distance_m = solved.cameras, task.target, usual_distance_m(solved)
+    cameras, target, distance_m = solved.cameras, task.target, float(np.median(solved.distance_m))
     a, b, apart_m = nearest_two(solved.solution.state.cam_from_world.inverse().t)
     least_m, most_m = LIMITS.distance_m
     return Check(
@@ -394,10 +394,3 @@ def solution_checks(task: Task, solved: Solved, before: list[Check]) -> list[Che
     if synchronised:
         done.append(clocks_freed(solved).check)
     return done
-
-
-def usual_distance_m(solved: Solved) -> float:
-    """Median distance of the target from the cameras."""
-    seen, state = solved.seen, solved.solution.state
-    in_cam = state.cam_from_world[seen.camera].move(state.world_from_prop.t[seen.time_step])
-    return float(np.median(np.linalg.norm(in_cam, axis=1)))

@@ -8,7 +8,6 @@ import numpy as np
 
 from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
-from posefuse.calibration.solving.projection import Lenses
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import TargetCoverage, coverage
 from posefuse.calibration.targets.kinds import Chessboard, Markers, Target
@@ -20,7 +19,7 @@ from .bootstrap import rough_offsets
 from .causes import cause_check, likely_target_causes
 from .freedoms import IN_STEP
 from .pipeline import Options, Solved, Task, key_snapshots, link, solve_linked, starting_clocks
-from .self_checks import check_same_video_by_corners, check_target_size, solution_checks, usual_distance_m
+from .self_checks import check_same_video_by_corners, check_target_size, solution_checks
 from .snapshots import middle_ns
 from .world import UP_FROM_CAMERAS, WorldRule, aligned
 
@@ -79,12 +78,10 @@ def calibrate_extrinsics(
     _check_input(observations, intrinsics, target)
     task = Task(aligned(observations, intrinsics), intrinsics.cameras, target, options)
     wanted = _World(world or UP_FROM_CAMERAS, upside_down)
-    if options.clocks != "auto":
-        return _explained(_attempt(task, wanted), wanted)
-    first = _attempt(replace(task, options=replace(options, clocks="together")), wanted)
-    if not first.failed or not _may_be_clocks(first):
+    first = _attempt(task, wanted, "together" if options.clocks == "auto" else options.clocks)
+    if options.clocks != "auto" or not first.failed or not _may_be_clocks(first):
         return _explained(first, wanted)
-    second = _attempt(replace(task, options=replace(options, clocks="offset")), wanted)
+    second = _attempt(task, wanted, "offset")
     if second.solved is None:
         return _explained(first, wanted)
     note = "the cameras are not synchronised: their clock offsets were estimated and must be applied when they are used"
@@ -125,8 +122,9 @@ class _Attempt:
         return any(check.name in SAID_BY_ITSELF for check in self.failed)
 
 
-def _attempt(task: Task, world: _World) -> _Attempt:
+def _attempt(task: Task, world: _World, clocks: str) -> _Attempt:
     """Solve and check as far as that goes."""
+    task = replace(task, options=replace(task.options, clocks=clocks))
     done: list[Check] = [
         checks.check_target_seen(task.observations), checks.check_target_moves(task.observations),
         checks.check_doubled(task.observations),
@@ -217,13 +215,8 @@ def _solve(task: Task, done: list[Check]) -> Solved:
 
 
 def _rig(solved: Solved) -> Rig:
-    cameras, state = solved.cameras, solved.solution.state
-    lenses = Lenses(cameras, state.lens_delta)
-    pose = state.cam_from_world.se3()
-    placed = tuple(
-        replace(camera, K=lenses.camera_matrix(i), distortion=lenses.distortion(i), cam_from_world=pose[i])
-        for i, camera in enumerate(cameras)
-    )
+    pose = solved.solution.state.cam_from_world.se3()
+    placed = tuple(replace(camera, cam_from_world=pose[i]) for i, camera in enumerate(solved.refined))
     good = solved.inlier[solved.seen.group]
     rms = float(np.sqrt((solved.solution.residual_px[good] ** 2).sum(axis=1).mean()))
     return Rig(placed, residual_px=rms)
@@ -267,7 +260,7 @@ def _numbers(solved: Solved, rig: Rig, clocks: ClockEstimate) -> dict[str, float
         "residual_px": rig.residual_px,
         "sigma_px": solved.solution.sigma_px,
         "instants": float(len(np.unique(solved.seen.time_step))),
-        "usual_distance_m": usual_distance_m(solved),
+        "usual_distance_m": float(np.median(solved.distance_m)),
     }
     for i, name in enumerate(rig.names):
         numbers[f"{name}_position_sigma_mm"] = float(sigma[i] * 1e3)

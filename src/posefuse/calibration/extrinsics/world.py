@@ -295,19 +295,17 @@ class FloorMarker:
 
 def check_floor(floor: FloorMarker | ThreePoints | None, target: Target) -> None:
     """Raise InputError where the floor needs another target, ConfigError where the dictionary has no such marker."""
-    if isinstance(floor, FloorMarker) and not isinstance(target, Markers):
-        raise InputError("a marker on the floor needs a target of markers, of the same dictionary")
-    if isinstance(floor, FloorMarker) and isinstance(target, Markers):
+    if isinstance(floor, FloorMarker):
+        if not isinstance(target, Markers):
+            raise InputError("a marker on the floor needs a target of markers, of the same dictionary")
         _tile(floor, target)
 
 
 def with_floor(target: Target, floor: FloorMarker | ThreePoints | None) -> Target:
     """What to look for in the images: the target, and the marker on the floor where the target has markers of its own only."""
-    if not isinstance(floor, FloorMarker) or not isinstance(target, Markers):
-        return target
-    if not target.ids or floor.id in target.ids:
-        return target
-    return replace(target, ids=(*target.ids, floor.id))
+    if isinstance(floor, FloorMarker) and isinstance(target, Markers) and target.ids and floor.id not in target.ids:
+        return replace(target, ids=(*target.ids, floor.id))
+    return target
 
 
 def world_rule(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import numpy as np
 
@@ -23,7 +22,7 @@ from .views import PersonViews
 _MOST_SIGMA_PX_PER_1000 = 12.0
 _LEAST_INLIER_SHARE = 0.7
 _LEAST_WALK_SHARE = 0.04
-_SAME_VIDEO_PX = 2.0
+SAME_VIDEO_PX = 2.0
 _LEAST_TRUE_SIDED = 0.5
 # of free focal lengths and clocks: the best precision that a person allows, and standard errors
 _FOCAL_SHARE, _LATE_S, _TERM_SIGMA = 0.05, 0.015, 6.0
@@ -41,16 +40,6 @@ def check_person_in_views(views: PersonViews) -> Check:
     seen = views.usable.any(axis=2).sum(axis=1)
     blind = [f"{name} ({n} of {len(views.t_ns)} frames)" for name, n in zip(views.cameras, seen, strict=True) if n < 5]
     return person_seen(blind)
-
-
-def check_same_video_by_person(views: PersonViews) -> Check:
-    """No two cameras have the person at the same pixels all the time."""
-    alike = []
-    for a, b in combinations(range(len(views.cameras)), 2):
-        off = np.linalg.norm(views.xy_img[a] - views.xy_img[b], axis=-1)
-        if np.isfinite(off).any() and float(np.nanmedian(off)) < _SAME_VIDEO_PX:
-            alike.append(f"{views.cameras[a]} and {views.cameras[b]}")
-    return self_checks.videos_differ(alike)
 
 
 def person_solution_checks(skeleton: Skeleton, solved: PersonSolution, rig: Rig, xyz: Array) -> list[Check]:

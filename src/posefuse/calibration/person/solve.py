@@ -26,21 +26,21 @@ from posefuse.calibration.clocks.sync import (
     middle_s,
     moving_keypoints,
 )
-from posefuse.calibration.extrinsics.self_checks import camera_differences
+from posefuse.calibration.extrinsics.self_checks import camera_differences, check_videos_differ
 from posefuse.calibration.extrinsics.target import world_checks
 from posefuse.calibration.extrinsics.world import WorldRule, floor_from_feet, floor_under_body, triangulate_linear
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
 from posefuse.calibration.solving.point_solve import DRIFT, LATE
-from posefuse.calibration.solving.rotations import Poses
+from posefuse.calibration.solving.rotations import poses_of
 from posefuse.core import SE3, CalibrationError, Camera, Rig, Skeleton
 from posefuse.core.arrays import Array
 
 from .bundle import PersonSolution, solve_person_bundle
 from .checks import (
+    SAME_VIDEO_PX,
     STANDING_POINTS,
     check_intrinsics,
     check_person_in_views,
-    check_same_video_by_person,
     check_standing,
     check_synchronised,
     check_walk,
@@ -88,7 +88,7 @@ def calibrate_from_person(
     Raises:
         CalibrationError: input that cannot be used. RefusedCalibration (one of them, with the report): a check fails.
     """
-    done = [check_person_in_views(views), check_same_video_by_person(views)]
+    done = [check_person_in_views(views), check_videos_differ(views.cameras, views.xy_img, 1, SAME_VIDEO_PX)]
     CalibrationReport(_SUBJECT, tuple(done)).require()
     solved = solve_person_bundle(views, cameras)
     rig, xyz = _scaled(views, solved, length)
@@ -156,8 +156,7 @@ def _check_halves(views: PersonViews, cameras: tuple[Camera, ...], distance_m: f
     found = []
     for half in (0, 1):
         part = views.at(stretch == half)
-        one, _ = _scaled(part, solve_person_bundle(part, cameras), length)
-        found.append(Poses(np.stack([c.cam_from_world.matrix() for c in one]), np.stack([c.cam_from_world.xyz for c in one])))
+        found.append(poses_of(_scaled(part, solve_person_bundle(part, cameras), length)[0]))
     apart_m, turned = camera_differences(found[0], found[1])
     limit = _HALVES_SHARE * distance_m
     worst = int(np.argmax(np.maximum(apart_m / limit, turned / _HALVES_RAD)))

@@ -52,9 +52,9 @@ def marker_sheets(target: Markers, ids: Sequence[int], page: str = "a4") -> list
     return sheets
 
 
-def cube_sheets(target: Markers, first_id: int = 0, page: str = "a4") -> list[Sheet]:
+def cube_sheets(target: Markers, page: str = "a4") -> list[Sheet]:
     """Six pages, one per face of a cube of edge side * (modules + 2) / modules; where each goes does not matter."""
-    return marker_sheets(target, range(first_id, first_id + CUBE_IDS), page)
+    return marker_sheets(target, range(CUBE_IDS), page)
 
 
 def board_sheets(target: Charuco, page: str = "a3") -> list[Sheet]:
