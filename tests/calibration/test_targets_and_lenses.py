@@ -16,7 +16,7 @@ from calibrating import differences, run
 
 from bench.faults.waved_props import Faults, Waving, board, observe_prop
 from posefuse.api import calibrate as api
-from posefuse.calibration.extrinsics.pipeline import Options, Task, key_snapshots, link, solve
+from posefuse.calibration.extrinsics.pipeline import Options, RigTask, key_snapshots, link, solve
 from posefuse.calibration.extrinsics.target import calibrate_extrinsics
 from posefuse.calibration.intrinsics import PARAMETERS, calibrate_intrinsics
 from posefuse.calibration.report import RefusedCalibration
@@ -239,7 +239,7 @@ def test_the_back_of_a_board_links_cameras_that_face_each_other(facing: Rig) -> 
         (TWO_SIDED, seen, 2),
         (replace(TWO_SIDED, thickness_m=None), seen.of_patches([0]), 1),
     ):
-        task = Task(views, facing.cameras, target, replace(OPTIONS, time_steps=20))
+        task = RigTask(views, facing.cameras, target, replace(OPTIONS, time_steps=20))
         key = key_snapshots(task, np.zeros((2, 2)))
         assert len(link(task, key).placed if len(key.camera) else [0]) == linked
 
@@ -253,7 +253,7 @@ def test_a_back_that_is_glued_on_badly_does_no_harm(facing: Rig) -> None:
     metres, radians = differences(facing, found.rig)
     assert metres.max() < 0.005
     assert np.rad2deg(radians.max()) < 0.06
-    sides_found = solve(Task(seen, facing.cameras, TWO_SIDED, OPTIONS), np.zeros((2, 2))).solution.state.prop_from_patch.se3()
+    sides_found = solve(RigTask(seen, facing.cameras, TWO_SIDED, OPTIONS), np.zeros((2, 2))).solution.state.prop_from_patch.se3()
     off = sides(TWO_SIDED)[1].inverse() @ sides_found[0].inverse() @ sides_found[1]
     np.testing.assert_allclose(off.xyz, glued.xyz, atol=1.5e-3)
 

@@ -17,7 +17,7 @@ from calibrating import differences
 from scipy.optimize import least_squares
 from scipy.sparse import coo_array
 
-from posefuse.calibration.extrinsics.pipeline import Options, Solved, Task, solve, starting_clocks
+from posefuse.calibration.extrinsics.pipeline import Options, RigTask, Solved, solve, starting_clocks
 from posefuse.calibration.extrinsics.snapshots import snapshots
 from posefuse.calibration.extrinsics.target import Calibration, calibrate_extrinsics
 from posefuse.calibration.extrinsics.world import triangulate_linear
@@ -178,7 +178,7 @@ def usual_residual_px(solved: Solved, cameras: int) -> np.ndarray:
 
 def solved_freely(views: CornerObservations, lenses: Rig, board: Charuco) -> Solved:
     """The solve without its checks, which would refuse some of the shortened recordings."""
-    task = Task(views, lenses.cameras, board, Options(clocks="offset"))
+    task = RigTask(views, lenses.cameras, board, Options(clocks="offset"))
     return solve(task, starting_clocks(task))
 
 

@@ -24,7 +24,7 @@ from posefuse.core.arrays import Array
 
 from .bootstrap import PropShape, planar_views, prop_track, prop_views, rough_offsets
 from .freedoms import Freed, board_freed, check_clocks, clocks_freed, lens_change, lenses_freed, most_turned, turn_freed
-from .pipeline import TIME_STEPS, Solved, Task, solve
+from .pipeline import TIME_STEPS, RigTask, Solved, solve
 from .snapshots import middle_ns, snapshots
 
 # residuals beyond so many standard deviations count ever less
@@ -46,10 +46,10 @@ class Cause:
     explained: float
 
 
-Hypothesis = Callable[[Task, Solved], Iterable[Freed]]
+Hypothesis = Callable[[RigTask, Solved], Iterable[Freed]]
 
 
-def likely_target_causes(task: Task, solved: Solved | None) -> tuple[Cause, ...]:
+def likely_target_causes(task: RigTask, solved: Solved | None) -> tuple[Cause, ...]:
     """The best explanation, or the two best when they cannot be distinguished; none where nothing explains enough.
 
     `solved`: the solution that was refused; None where the cameras could not be linked.
@@ -109,7 +109,7 @@ def _cost(solved: Solved, lost: int, sigma_px: float) -> float:
     return (1 - share) * mean + share * _LOST
 
 
-def solve_from_scratch(task: Task, observations: CornerObservations, clocks: str, delay_s: Array) -> tuple[Solved, int]:
+def solve_from_scratch(task: RigTask, observations: CornerObservations, clocks: str, delay_s: Array) -> tuple[Solved, int]:
     """Everything from the beginning on fewer time steps: the solution, and how many corners it could not place.
 
     Raises:
@@ -127,7 +127,7 @@ _SHARED_TIME, _AT_ONCE_S = 0.25, 0.05
 _FOCUS = "focus or zoom has changed since they were calibrated, or they are of another camera: calibrate them again"
 
 
-def intrinsics_wrong(task: Task, solved: Solved) -> Iterator[Freed]:
+def intrinsics_wrong(task: RigTask, solved: Solved) -> Iterator[Freed]:
     """The intrinsics of one camera, two, or all are free; or the given ones belong to other cameras."""
     free = lenses_freed(solved, False)
     yield from _permuted(solved, free)
@@ -168,7 +168,7 @@ def _bend(camera: Camera) -> Array:
     return np.concatenate([camera.distortion, np.zeros(2)])[:2]
 
 
-def clocks_off(task: Task) -> Iterator[Freed]:
+def clocks_off(task: RigTask) -> Iterator[Freed]:
     """Each camera has a clock of its own, seconds apart; or running at its own rate."""
     count, late = len(task.cameras), rough_offsets(task.observations, task.cameras, task.target)
     if not np.isfinite(late).any():
@@ -199,7 +199,7 @@ def _see_together(observations: CornerObservations, delay_s: Array) -> bool:
     return len(linked_groups(linked | linked.T)) == 1
 
 
-def unsteady(task: Task, solved: Solved) -> Iterator[Freed]:
+def unsteady(task: RigTask, solved: Solved) -> Iterator[Freed]:
     """What the checks of a solution let free, and what did not stay; of the cameras only the one that turns most."""
     turning, clocks = turn_freed(solved, task.options.clocks != "together"), clocks_freed(solved)
     boards = [board_freed(solved)] if isinstance(task.target, Charuco) else []
@@ -213,7 +213,7 @@ _CANDIDATES = 2
 _LEAST_STEPS = 6
 
 
-def moved_camera(task: Task, solved: Solved) -> Iterator[Freed]:
+def moved_camera(task: RigTask, solved: Solved) -> Iterator[Freed]:
     """One camera has another pose from some time step on."""
     changes = [(_change_step(solved, c)[0], c) for c in range(len(task.cameras))]
     for _, c in sorted(changes, reverse=True)[:_CANDIDATES]:
@@ -278,7 +278,7 @@ def _camera_means(solved: Solved, c: int) -> tuple[Array, Array, Array, Array]:
     return steps, clipped[:, 0], clipped[:, 1], velocity / 100.0
 
 
-def _split(task: Task, solved: Solved, c: int, step: int) -> Freed:
+def _split(task: RigTask, solved: Solved, c: int, step: int) -> Freed:
     """Solve with the camera taken as two, before and after the step."""
     t_s, count, state, seen = float(solved.seen.t_s[step]), len(solved.cameras), solved.solution.state, solved.seen
     every = np.r_[:count, c]
@@ -351,7 +351,7 @@ class FrameTimes:
         return words, "read the true time of each frame from the camera, or fix its exposure so that it keeps its frame rate"
 
 
-def wrong_stamps(task: Task, solved: Solved) -> Iterator[Freed]:
+def wrong_stamps(task: RigTask, solved: Solved) -> Iterator[Freed]:
     """Frames of one camera are stamped late or early, some or all from a time on: they get the time at which they fit."""
     for c in _worst_cameras(solved):
         part = _middle_part(task.observations, c)

@@ -17,7 +17,7 @@ from posefuse.core.arrays import Array
 
 from .freedoms import rim_radius
 from .limits import LIMITS
-from .pipeline import TIME_STEPS, Options, Solved, Task, solve, starting_clocks
+from .pipeline import TIME_STEPS, Options, RigTask, Solved, solve, starting_clocks
 
 # views of one patch that start a camera, and the least that can
 _VIEWS, _LEAST_VIEWS, _LEAST_CORNERS = 120, 12, 4
@@ -51,7 +51,7 @@ def cameras_of(observations: CornerObservations, target: Target, options: Option
     """
     cameras = starting_cameras(observations, target)
     free = replace(options, lens_sigma=start_sigma(cameras), time_steps=min(options.time_steps, 2 * TIME_STEPS))
-    task = Task(observations, cameras, target, free)
+    task = RigTask(observations, cameras, target, free)
     try:
         return solve(task, starting_clocks(task)).refined
     except CalibrationError:

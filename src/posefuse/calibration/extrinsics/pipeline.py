@@ -68,7 +68,7 @@ class Options:
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class RigTask:
     """What is to be solved.
 
     Attributes:
@@ -156,7 +156,7 @@ class Solved:
         return replace(self, solution=solve_prop(self.seen, self.corners, self.cameras, self.solution.state, freedom))
 
 
-def link(task: Task, seen: Snapshots) -> Links:
+def link(task: RigTask, seen: Snapshots) -> Links:
     """The rough answer: markers on the prop, the prop in every image, cameras to each other."""
     corners, lenses, count = patch_corners(task.target, seen.patches), Lenses(task.cameras), len(task.cameras)
     views = planar_views(seen, corners, lenses)
@@ -167,14 +167,14 @@ def link(task: Task, seen: Snapshots) -> Links:
     return Links(edges, placed, reference, shape, seen, in_images)
 
 
-def key_snapshots(task: Task, delay_s: Array) -> Snapshots:
+def key_snapshots(task: RigTask, delay_s: Array) -> Snapshots:
     """Corners at the key time steps."""
     options = task.options
     time_steps = pick_time_steps(task.observations, options.time_steps, delay_s, prefer_slow=options.clocks == "together")
     return snapshots(task.observations, time_steps, delay_s)
 
 
-def starting_clocks(task: Task) -> Array:
+def starting_clocks(task: RigTask) -> Array:
     """(C, 2) clocks to start from: 0 for synchronised cameras, else from the paths of the prop."""
     delay_s = np.zeros((len(task.cameras), 2))
     if task.options.clocks != "together":
@@ -183,7 +183,7 @@ def starting_clocks(task: Task) -> Array:
     return delay_s
 
 
-def solve(task: Task, delay_s: Array) -> Solved:
+def solve(task: RigTask, delay_s: Array) -> Solved:
     """From key time steps, read at clocks (C, 2), to the rig; raises CalibrationError where a camera cannot be linked."""
     seen = key_snapshots(task, delay_s)
     if len(seen.camera) == 0:
@@ -195,7 +195,7 @@ def solve(task: Task, delay_s: Array) -> Solved:
     return solve_linked(task, links, delay_s)
 
 
-def solve_linked(task: Task, links: Links, delay_s: Array) -> Solved:
+def solve_linked(task: RigTask, links: Links, delay_s: Array) -> Solved:
     """Bundle adjustment from the rough answer, all cameras being linked; patches that disagree are left out by name."""
     seen, cameras, options, placed = links.seen, task.cameras, task.options, links.shape.prop_from_patch
     corners, lenses = patch_corners(task.target, seen.patches), Lenses(cameras)

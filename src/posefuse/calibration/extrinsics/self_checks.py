@@ -20,7 +20,7 @@ from posefuse.core.arrays import Array
 from .freedoms import board_freed, check_lenses, clocks_freed, lens_change, lenses_freed, turn_freed
 from .limits import LIMITS
 from .own_intrinsics import check_carried
-from .pipeline import LEAST_TIME_STEPS, TIME_STEPS, Links, Solved, Task, solve
+from .pipeline import LEAST_TIME_STEPS, TIME_STEPS, Links, RigTask, Solved, solve
 from .snapshots import middle_ns
 
 # two cameras that stand apart never see so many corners within this of each other
@@ -260,7 +260,7 @@ class Halves:
     ratio: Array
 
 
-def solve_halves(task: Task, solved: Solved) -> Halves:
+def solve_halves(task: RigTask, solved: Solved) -> Halves:
     """The first and the second half from scratch; where a camera lacks one, every other fifth of them."""
     observations, story = task.observations, ""
     steps_ns = np.round(solved.seen.t_s * 1e9).astype(np.int64) + middle_ns(observations)
@@ -326,7 +326,7 @@ def _half_of(t_ns: Array, observations: CornerObservations, count: int) -> Array
     return np.asarray((t_ns - first) * count // (last - first) % _HALVES)
 
 
-def _solve_half(task: Task, part: CornerObservations, solved: Solved) -> Solved:
+def _solve_half(task: RigTask, part: CornerObservations, solved: Solved) -> Solved:
     """With the clocks of the whole recording; raises CalibrationError where a camera cannot be placed."""
     options = task.options
     if set(np.unique(part.camera)) != set(range(len(task.cameras))):
@@ -354,7 +354,7 @@ def check_target_size(target: Target) -> Check:
     )  # fmt: skip
 
 
-def check_rig_size(task: Task, solved: Solved) -> Check:
+def check_rig_size(task: RigTask, solved: Solved) -> Check:
     """Target and cameras are as far from each other as in a room in which a person moves."""
     cameras, target, distance_m = solved.cameras, task.target, float(np.median(solved.distance_m))
     a, b, apart_m = nearest_two(solved.solution.state.cam_from_world.inverse().t)
@@ -368,7 +368,7 @@ def check_rig_size(task: Task, solved: Solved) -> Check:
     )  # fmt: skip
 
 
-def solution_checks(task: Task, solved: Solved, before: list[Check]) -> list[Check]:
+def solution_checks(task: RigTask, solved: Solved, before: list[Check]) -> list[Check]:
     """All checks of a solution; raises RefusedCalibration after the quick ones, since the others take further solves."""
     synchronised = task.options.clocks == "together"
     determined = check_determined(solved)

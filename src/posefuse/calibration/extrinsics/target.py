@@ -18,7 +18,7 @@ from . import self_checks as checks
 from .bootstrap import rough_offsets
 from .causes import cause_check, likely_target_causes
 from .freedoms import IN_STEP
-from .pipeline import Options, Solved, Task, key_snapshots, link, solve_linked, starting_clocks
+from .pipeline import Options, RigTask, Solved, key_snapshots, link, solve_linked, starting_clocks
 from .self_checks import check_same_video_by_corners, check_target_size, solution_checks
 from .snapshots import middle_ns
 from .world import UP_FROM_CAMERAS, WorldRule, aligned
@@ -76,7 +76,7 @@ def calibrate_extrinsics(
     options = options or Options()
     intrinsics = Rig(tuple(replace(camera, cam_from_world=SE3.identity()) for camera in cameras))
     _check_input(observations, intrinsics, target)
-    task = Task(aligned(observations, intrinsics), intrinsics.cameras, target, options)
+    task = RigTask(aligned(observations, intrinsics), intrinsics.cameras, target, options)
     wanted = _World(world or UP_FROM_CAMERAS, upside_down)
     first = _attempt(task, wanted, "together" if options.clocks == "auto" else options.clocks)
     if options.clocks != "auto" or not first.failed or not _may_be_clocks(first):
@@ -107,7 +107,7 @@ class _Attempt:
             solution.
     """
 
-    task: Task
+    task: RigTask
     done: tuple[Check, ...]
     solved: Solved | None
     notes: tuple[str, ...] = ()
@@ -122,7 +122,7 @@ class _Attempt:
         return any(check.name in SAID_BY_ITSELF for check in self.failed)
 
 
-def _attempt(task: Task, world: _World, clocks: str) -> _Attempt:
+def _attempt(task: RigTask, world: _World, clocks: str) -> _Attempt:
     """Solve and check as far as that goes."""
     task = replace(task, options=replace(task.options, clocks=clocks))
     done: list[Check] = [
@@ -196,7 +196,7 @@ def _stop_if_failed(done: list[Check]) -> None:
     CalibrationReport("extrinsics", tuple(done)).require()
 
 
-def _solve(task: Task, done: list[Check]) -> Solved:
+def _solve(task: RigTask, done: list[Check]) -> Solved:
     delay_s = starting_clocks(task)
     seen = key_snapshots(task, delay_s)
     if len(seen.camera) == 0:
@@ -222,7 +222,7 @@ def _rig(solved: Solved) -> Rig:
     return Rig(placed, residual_px=rms)
 
 
-def _clocks(task: Task, solved: Solved) -> ClockEstimate:
+def _clocks(task: RigTask, solved: Solved) -> ClockEstimate:
     """Against the camera whose clock was held."""
     late = solved.solution.state.delay_s
     (offset_s, drift), (offset_sigma_s, drift_sigma) = (late - late[solved.links.reference]).T, solved.solution.delay_sigma_s.T

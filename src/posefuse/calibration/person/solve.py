@@ -195,6 +195,7 @@ def unplaced_clocks(
     zero = ClockEstimate.known(np.zeros(len(tracks)), middle_s(tracks))
     if clocks == "auto" and _synchronised(tracks, cameras):
         return None
+    near: ClockEstimate | None = None
     with suppress(CalibrationError):
         near, solved = _settled(tracks, cameras, zero, clocks == "drift")
         if solution_fits(solved):
@@ -210,7 +211,9 @@ def unplaced_clocks(
         except RefusedCalibration as refused:
             raise RefusedCalibration(replace(refused.report, checks=(*refused.report.checks, *report.failed))) from None
     report.require()
-    return _settled(tracks, cameras, ClockEstimate.known(rough.offset_s, zero.middle_s), clocks == "drift")[0]
+    start = ClockEstimate.known(rough.offset_s, zero.middle_s)
+    # not once more from where it began before
+    return near if near is not None and not start.offset_s.any() else _settled(tracks, cameras, start, clocks == "drift")[0]
 
 
 def at_clocks(tracks: Sequence[PersonTrack], clocks: ClockEstimate) -> tuple[PersonTrack, ...]:
