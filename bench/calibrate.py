@@ -63,7 +63,7 @@ def errors(rig: Rig, found: Calibration, late: np.ndarray) -> dict[str, float]:
     """Of the worst camera; scale counts, where the world is does not."""
     true, got = (poses_of(one) for one in (rig, found.rig))
     metres, radians = camera_differences(true, got)
-    clock = found.delay_s[:, 0] - late
+    clock = found.clocks.offset_s - late
     return {
         "position_mm": float(metres.max() * 1e3),
         "rotation_deg": float(np.rad2deg(radians.max())),

@@ -18,13 +18,13 @@ from itertools import combinations
 from pathlib import Path
 
 import numpy as np
+from faults.sessions import off_others_px, scale_of
 from harness import answer, arguments, note, rendered
 
 from paper.scenes.scenes import scene_name, walking_scene
 from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks
 from posefuse.calibration.clocks.sync import ClockEstimate, clocks_from_person
-from posefuse.calibration.extrinsics.self_checks import camera_differences, scale_of
-from posefuse.calibration.extrinsics.world import beside_others
+from posefuse.calibration.extrinsics.self_checks import camera_differences
 from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.person.solve import (
     PersonCalibration,
@@ -145,7 +145,7 @@ def real(data: Path) -> dict[str, list[dict]]:
 def off_px(rig: Rig, views: PersonViews) -> dict:
     """Per camera, median (x, y) over all keypoints and time steps from what it saw to where the others' rays meet."""
     xy = np.where((views.score >= LEAST_SCORE)[..., None], views.xy_img, np.nan)
-    off = beside_others(rig, xy.reshape(len(rig), -1, 2))
+    off = off_others_px(rig, xy.reshape(len(rig), -1, 2))
     return dict(zip(rig.names, np.nanmedian(off, axis=1).round(1).tolist(), strict=True))
 
 

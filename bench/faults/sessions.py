@@ -10,7 +10,8 @@ import numpy as np
 from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.self_checks import camera_differences
 from posefuse.calibration.extrinsics.target import calibrate_extrinsics
-from posefuse.calibration.solving.rotations import Poses, stacked
+from posefuse.calibration.extrinsics.world import triangulate_linear
+from posefuse.calibration.solving.rotations import Poses, mean_rotation, stacked
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Charuco, Markers, Target
 from posefuse.core import SE3, CalibrationError, Camera, Rig
@@ -142,3 +143,20 @@ def zoomed(camera: Camera, by: float) -> Camera:
 def one_changed(cameras: tuple[Camera, ...], index: int, changed: Camera) -> tuple[Camera, ...]:
     """All cameras, one of them changed."""
     return (*cameras[:index], changed, *cameras[index + 1 :])
+
+
+def scale_of(first: Poses, second: Poses) -> float:
+    """How many times as large as the second set of cam_from_world the first is, by the cameras' centres in least squares."""
+    a, b = first.inverse(), second.inverse()
+    turn = mean_rotation(a.R @ np.swapaxes(b.R, 1, 2), np.ones(len(a)))
+    moved = (b.t - b.t.mean(axis=0)) @ turn.T
+    return float(((a.t - a.t.mean(axis=0)) * moved).sum() / (moved**2).sum())
+
+
+def off_others_px(rig: Rig, xy_img: Array) -> Array:
+    """(C, P, 2) px from what each camera saw (C, P, 2) to where the rays of the others meet; NaN with fewer than two others."""
+    off = np.empty(xy_img.shape)
+    for c, camera in enumerate(rig):
+        mine = (np.arange(len(rig)) == c)[:, None, None]
+        off[c] = camera.project(triangulate_linear(rig, np.where(mine, np.nan, xy_img))) - xy_img[c]
+    return off

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import posefuse as pf
+from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.extrinsics import target as moving_target
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration, after
 from posefuse.calibration.targets.coverage import coverage
@@ -166,12 +167,8 @@ def test_cameras_that_turn_at_different_times_refuse_a_calibration_that_fits(
         rig=lab.rig,
         report=CalibrationReport("extrinsics", (Check("corners fit", True, "all"),)),
         coverage=coverage(seen),
-        position_sigma_m=np.zeros(4),
         position_cov_m2=np.zeros((4, 3, 3)),
-        delay_s=np.zeros((4, 2)),
-        delay_sigma_s=np.zeros((4, 2)),
-        middle_ns=0,
-        prop_from_patch={},
+        clocks=ClockEstimate.known(np.zeros(4), 0.0),
     )
     monkeypatch.setattr(moving_target, "calibrate_extrinsics", lambda *_: fits)
     arguments = {"intrinsics": lab.rig, "target": lab.target}

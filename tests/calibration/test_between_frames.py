@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from bench.faults.sessions import scale_of
 from bench.faults.waved_props import Faults, Waving, cube, observe_prop
 from posefuse.calibration.extrinsics.causes import FrameTimes
 from posefuse.calibration.extrinsics.pipeline import Options
-from posefuse.calibration.extrinsics.self_checks import scale_of
 from posefuse.calibration.extrinsics.snapshots import Snapshots, snapshots
 from posefuse.calibration.extrinsics.target import calibrate_extrinsics
 from posefuse.calibration.report import RefusedCalibration

@@ -22,26 +22,26 @@ def everywhere() -> np.ndarray:
 
 def test_it_is_enough_when_all_images_are_covered_and_all_cameras_hang_together() -> None:
     state = new_guidance(("a", "b", "c"))
-    assert state.words == "show the target to a, b, c"
+    assert state.coverage.advice() == "show the target to a, b, c"
     for k in range(40):
         for camera in (0, 1):
             state = seen(state, camera, k * 10**9 + camera * 10**7, everywhere(), SIZE)
     assert state.coverage.together[0, 1] == state.coverage.together[1, 0] == 40
-    assert not state.enough
+    assert not state.coverage.enough
     # seen by c alone, half a second next to the others: still not linked
     for k in range(40):
         state = seen(state, 2, k * 10**9 + 5 * 10**8, everywhere(), SIZE)
-    assert not state.enough
-    assert state.words == "show the target to one of a, b and to c at the same time"
+    assert not state.coverage.enough
+    assert state.coverage.advice() == "show the target to one of a, b and to c at the same time"
     for k in range(40, 80):
         state = seen(seen(state, 0, k * 10**9, everywhere(), SIZE), 2, k * 10**9, everywhere(), SIZE)
-    assert state.enough
+    assert state.coverage.enough
     corner = everywhere()[:4]
     poor = new_guidance(("a", "b"))
     for k in range(80):
         poor = seen(seen(poor, 0, k, everywhere(), SIZE), 1, k, corner, SIZE)
-    assert not poor.enough
-    assert "b: " in poor.words
+    assert not poor.coverage.enough
+    assert "b: " in poor.coverage.advice()
     assert seen(poor, 0, 99, np.zeros((0, 2)), SIZE) is poor
 
 
@@ -54,7 +54,7 @@ def test_at_the_cameras_frames_are_counted_and_a_dead_one_is_named() -> None:
     shown: list[str] = []
     inputs = [LiveInput(name, "fake", Clip(name, marker_page(), (0,)), reopen=False) for name in ("a", "b")]
     with CameraFeed(inputs, target=Markers(0.1)) as feed:
-        found = guide(feed, lambda state: shown.append(state.words), 5.0)
+        found = guide(feed, lambda state: shown.append(state.coverage.advice()), 5.0)
     assert found.coverage.together.tolist() == [[1, 1], [1, 1]]
     assert shown == ["show the target to a and to b at the same time"]
     broken = LiveInput("b", "fake", Unplugged("b"), reopen=False)

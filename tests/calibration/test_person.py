@@ -12,7 +12,7 @@ from synthetic_walk import BODY, STATURE_M, walker
 from synthetic_walk import watch_walker as watched
 
 from posefuse.calibration.clocks.person_tracks import PersonTrack, person_tracks, prominent
-from posefuse.calibration.person.bundle import freed, solve_person_bundle
+from posefuse.calibration.person.bundle import solve_person_bundle
 from posefuse.calibration.person.scale import KnownLength
 from posefuse.calibration.person.several_people import ChosenPerson, choose_person, people_tracks
 from posefuse.calibration.person.solve import (
@@ -46,12 +46,10 @@ def test_a_walk_gives_the_rig_and_its_stature_the_scale(lab: Any, found: PersonC
 
 def test_the_distance_of_two_cameras_gives_the_scale(lab: Any) -> None:
     apart_m = float(np.linalg.norm(lab.rig["cam00"].centre_world - lab.rig["cam02"].centre_world))
-    rig = calibrate_from_person(
-        watched(lab.rig), lab.rig.cameras, KnownLength(cameras=("cam00", "cam02"), distance_m=apart_m)
-    ).rig
+    rig = calibrate_from_person(watched(lab.rig), lab.rig.cameras, KnownLength(apart=("cam00", "cam02", apart_m))).rig
     assert lab.errors(rig)[0].max() < 10
     with pytest.raises(CalibrationError, match=r"no camera 'cam09'.*cam00"):
-        calibrate_from_person(watched(lab.rig), lab.rig.cameras, KnownLength(cameras=("cam00", "cam09"), distance_m=apart_m))
+        calibrate_from_person(watched(lab.rig), lab.rig.cameras, KnownLength(apart=("cam00", "cam09", apart_m)))
 
 
 def refused(lab: Any, views: PersonViews, cameras: tuple[Camera, ...]) -> str:
@@ -64,7 +62,7 @@ def test_focal_lengths_and_clocks_let_free_scatter_as_their_standard_errors_say(
     off = []
     for seed in range(4):
         views = watched(lab.rig, seconds=10.0, seed=seed)
-        free = freed(lab.rig.cameras, solve_person_bundle(views, lab.rig.cameras), focal=True)
+        free = solve_person_bundle(views, lab.rig.cameras).freed(focal=True).solution
         held = free.terms_sigma > 0
         assert held.sum() == 2 * len(lab.rig) - 1
         off.append((free.state.terms / np.where(held, free.terms_sigma, 1.0))[held])

@@ -41,7 +41,7 @@ def moved_at(rig: Rig, at_s: dict[int, float], degrees: float) -> PersonViews:
 
 
 def standing(rig: Rig, views: PersonViews) -> Any:
-    return check_standing(rig.cameras, solve_person_bundle(views, rig.cameras, 600))
+    return check_standing(solve_person_bundle(views, rig.cameras, 600))
 
 
 @pytest.mark.parametrize("at_s", [10.0, 15.0])

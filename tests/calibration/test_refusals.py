@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,11 +12,12 @@ from built import turned
 from bench.faults import command_cases, file_cases, good_sessions, person_cases, prop_cases, verify_cases
 from bench.faults.verdict import RIGHT, SILENT, verdict
 from bench.faults.waved_props import Faults, Waving, board, cube, observe_prop
-from posefuse.calibration.extrinsics.causes import Cause, CauseTrial, Trouble, best_causes, cause_check
+from posefuse.calibration.extrinsics.causes import best_causes, cause_check
+from posefuse.calibration.extrinsics.freedoms import Freed
 from posefuse.calibration.extrinsics.pipeline import Options
 from posefuse.calibration.extrinsics.target import calibrate_extrinsics
 from posefuse.calibration.person.scale import KnownLength
-from posefuse.calibration.report import RefusedCalibration
+from posefuse.calibration.report import Check, RefusedCalibration
 from posefuse.calibration.solving.bundle import clustered_covariance
 from posefuse.calibration.targets.kinds import Charuco, Markers
 from posefuse.calibration.verify import verify
@@ -37,38 +39,35 @@ def test_standard_errors_grow_where_blocks_share_errors_and_never_shrink() -> No
     np.testing.assert_array_equal(clustered_covariance(covariance, alone, np.zeros(200)), covariance)
 
 
-def trial(words: str, spread_px: float, frees: int) -> CauseTrial:
-    residual = np.random.default_rng(1).normal(0, spread_px, (400, 2))
-    return CauseTrial(words, f"mend {words}", np.repeat([0, 1], 200), residual, 0, frees)
+def solved(spread_px: float) -> Any:
+    residual_px = np.random.default_rng(1).normal(0, spread_px, (400, 2))
+    return SimpleNamespace(seen=SimpleNamespace(camera=np.repeat([0, 1], 200)), solution=SimpleNamespace(residual_px=residual_px))
 
 
-def trouble_of(spread_px: float) -> Trouble:
-    class Solved:
-        seen = type("Seen", (), {"camera": np.repeat([0, 1], 200)})
-        solution = type("Solution", (), {"residual_px": np.random.default_rng(1).normal(0, spread_px, (400, 2))})
-
-    return Trouble(None, (), None, Options(), Solved())
+def trial(words: str, spread_px: float, frees: int) -> Freed:
+    return Freed(Check("cause", False, words, f"mend {words}"), solved(spread_px), frees)
 
 
-def named(*trials: CauseTrial, spread_px: float = 3.0) -> tuple[Cause, ...]:
-    return best_causes(trouble_of(spread_px), trials)
+def named(*trials: Freed) -> list[str]:
+    return [cause.freed.check.detail for cause in best_causes(solved(3.0), trials)]
 
 
 def test_the_explanation_that_frees_least_among_equals_is_named() -> None:
     swapped, free = trial("names swapped", 0.3, 0), trial("intrinsics", 0.29, 12)
-    assert [cause.trial.words for cause in named(free, swapped)] == ["names swapped"]
+    assert named(free, swapped) == ["names swapped"]
     # one that explains far more wins though it frees more
-    assert [cause.trial.words for cause in named(trial("turned", 2.0, 0), free)] == ["intrinsics"]
+    assert named(trial("turned", 2.0, 0), free) == ["intrinsics"]
 
 
 def test_two_explanations_that_cannot_be_separated_are_both_named() -> None:
-    found = named(trial("moved", 0.3, 6), trial("zoomed", 0.3, 6))
-    assert {cause.trial.words for cause in found} == {"moved", "zoomed"}
-    assert "moved or zoomed (the images do not show which" in cause_check(found, 3.0).line
+    refused = solved(3.0)
+    found = best_causes(refused, [trial("moved", 0.3, 6), trial("zoomed", 0.3, 6)])
+    assert {cause.freed.check.detail for cause in found} == {"moved", "zoomed"}
+    assert "moved or zoomed (the images do not show which" in cause_check(found, refused).line
 
 
 def test_what_explains_little_is_not_named() -> None:
-    assert named(trial("moved", 2.7, 6)) == ()
+    assert named(trial("moved", 2.7, 6)) == []
 
 
 def test_a_side_in_other_units_is_refused_before_and_after_the_solve(lab: Any) -> None:
@@ -97,7 +96,7 @@ def test_a_refused_rig_is_marked_in_its_file(lab: Any, tmp_path: Path) -> None:
     [
         ({"stature_m": 0.5}, "height of the person: .*got 0.5"),
         ({"stature_m": 178.0}, "height of the person: .*did you mean 1.78 m"),
-        ({"cameras": ("cam00", "cam00"), "distance_m": 3.4}, "expected the distance of two cameras, got cam00 twice"),
+        ({"apart": ("cam00", "cam00", 3.4)}, "expected the distance of two cameras, got cam00 twice"),
     ],
 )
 def test_a_length_that_cannot_be_is_refused(known: dict[str, Any], said: str) -> None:

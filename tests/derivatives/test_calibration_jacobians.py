@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bench.faults.waved_props import Faults, Waving, cube, observe_prop
-from posefuse.calibration.extrinsics.pipeline import Options, key_snapshots, link, solve_linked
+from posefuse.calibration.extrinsics.pipeline import Options, RigTask, key_snapshots, link, solve
 from posefuse.calibration.extrinsics.prop_solve import Freedom, PropState, _Model
 from posefuse.calibration.solving.bundle import grouped_sum
 from posefuse.calibration.solving.projection import Lenses
@@ -20,10 +20,10 @@ STEP = 1e-6
 
 def test_every_block_of_the_prop_solve(ring_rig: Callable[..., Rig]) -> None:
     rig, target = ring_rig(3, distortion=(-0.12, 0.05, 0.001, -0.0005, 0.01)), Markers(0.24)
-    seen = key_snapshots(
-        observe_prop(rig, cube(0.3), target, Waving(seconds=4), Faults()), Options(time_steps=8), np.zeros((3, 2))
-    )
-    links = link(rig.cameras, target, seen)
+    waved = observe_prop(rig, cube(0.3), target, Waving(seconds=4), Faults())
+    task = RigTask(waved, rig.cameras, target, Options(time_steps=8))
+    seen = key_snapshots(task, np.zeros((3, 2)))
+    links = link(task, seen)
     patches = len(seen.patches)
     poses = [links.shape.prop_from_patch.get(i, Poses(np.eye(3), np.zeros(3))) for i in range(patches)]
     random = np.random.default_rng(0)
@@ -95,9 +95,8 @@ def test_refined_fisheye_lenses_are_as_uncertain_as_stated(ring_rig: Callable[..
         off = random.normal(0, prior, (3, 6))
         lenses = Lenses(rig.cameras, off)
         given = tuple(replace(c, K=lenses.camera_matrix(i), distortion=lenses.distortion(i)) for i, c in enumerate(rig))
-        links = link(given, target, key_snapshots(seen, options, nothing))
-        found = solve_linked(seen, given, target, options, links, nothing).solution
-        ratios.append((found.state.lens_delta + off) / found.lens_sigma)
+        found = solve(RigTask(seen, given, target, options), nothing).solution
+        ratios.append((found.state.lens_delta + off) / np.sqrt(np.diagonal(found.lens_covariance, axis1=1, axis2=2)))
     assert 0.5 < float((np.array(ratios) ** 2).mean()) < 1.6
 
 

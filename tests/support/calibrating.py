@@ -6,7 +6,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from posefuse.calibration.extrinsics.self_checks import camera_differences, scale_of
+from bench.faults.sessions import scale_of
+from posefuse.calibration.extrinsics.self_checks import camera_differences
 from posefuse.calibration.solving.rotations import Poses, poses_of
 from posefuse.calibration.targets.kinds import dictionary_of
 from posefuse.cli.command_line import parse

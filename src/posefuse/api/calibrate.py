@@ -12,7 +12,7 @@ import numpy as np
 from posefuse import core
 from posefuse.calibration import intrinsics as board
 from posefuse.calibration import verify as verification
-from posefuse.calibration.clocks.sync import ClockEstimate, clocks_from_person
+from posefuse.calibration.clocks.sync import clocks_from_person
 from posefuse.calibration.extrinsics import target as moving_target
 from posefuse.calibration.extrinsics.own_intrinsics import cameras_of, start_sigma
 from posefuse.calibration.extrinsics.pipeline import Options
@@ -229,12 +229,10 @@ def calibrate_extrinsics(
             raise
         names = ", ".join(check.name for check in refused.report.failed)
         found = replace(refused.kept, report=refused.report, rig=replace(refused.kept.rig, refused=names))
-    (offset_s, drift), (offset_sigma_s, drift_sigma) = found.delay_s.T, found.delay_sigma_s.T
-    estimate = ClockEstimate(offset_s, drift, offset_sigma_s, drift_sigma, found.middle_ns / 1e9)
     return RigCalibration(
         rig=rig_of(found.rig),
         report=replace(found.report, notes=(*rescaled, *found.report.notes)),
-        clocks=estimate if estimate.offset_s.any() or estimate.drift.any() else None,
+        clocks=found.clocks if found.clocks.offset_s.any() or found.clocks.drift.any() else None,
         cells={camera.name: found.coverage.cells[i] for i, camera in enumerate(found.rig)},
         position_cov_m2={camera.name: found.position_cov_m2[i] for i, camera in enumerate(found.rig)},
     )
@@ -408,4 +406,4 @@ def _known_length(height_m: float | None, camera_distance: tuple[str, str, float
     if camera_distance is None:
         return KnownLength(stature_m=height_m)
     first, second, metres = camera_distance
-    return KnownLength(cameras=(rig[first].name, rig[second].name), distance_m=metres)
+    return KnownLength(apart=(rig[first].name, rig[second].name, metres))

@@ -120,8 +120,9 @@ class RecordedVideos:
         found: dict[str, Any] = {"videos": dict(self.videos)} if self.folder is not None else {}
         if self.guidance is None:
             return {"session": str(self.folder), **found}
-        covered = zip(self.guidance.coverage.cameras, self.guidance.coverage.share.tolist(), strict=True)
-        return {"enough": self.guidance.enough, "covered": dict(covered), "next": self.guidance.words, **found}
+        seen = self.guidance.coverage
+        covered = zip(seen.cameras, seen.share.tolist(), strict=True)
+        return {"enough": seen.enough, "covered": dict(covered), "next": seen.advice(), **found}
 
     def summary(self) -> list[Block]:
         """A table, and a warning of each camera that lost frames."""

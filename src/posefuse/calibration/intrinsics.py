@@ -17,7 +17,7 @@ from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import coverage
 from posefuse.calibration.targets.kinds import BOARD_PATCH, LEAST_CORNERS, Target, check_board
 from posefuse.core import SE3, CalibrationError, Camera
-from posefuse.core.arrays import Array, frozen
+from posefuse.core.arrays import Array, freeze_fields
 
 PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 
@@ -33,11 +33,11 @@ _MOST_CENTRE_SHARE = 0.2
 _MOST_ASPECT = 1.25
 _LEAST_SLANT_RAD = np.deg2rad(12)
 
-# lens models from rich to poor; each is tried until its last coefficient is worth having
+# lens models from rich to poor, with their last coefficients; each is tried until these are worth having
 _MODELS = (
-    (0, ("k1", "k2", "p1", "p2", "k3")),
-    (cv2.CALIB_FIX_K3, ("k1", "k2", "p1", "p2")),
-    (cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST, ("k1", "k2")),
+    (0, ("k3",)),
+    (cv2.CALIB_FIX_K3, ("p1", "p2")),
+    (cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST, ("k2",)),
     (cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K2, ("k1",)),
 )
 
@@ -48,24 +48,16 @@ class Intrinsics:
 
     Attributes:
         camera: with its pose at the origin.
-        sigma: (9,) standard errors of `PARAMETERS`; 0 for a coefficient held at 0.
-        rms_px: over all corners used. view_t_ns: (V,) the views used. view_rms_px: (V,).
         cells: (rows, columns) frames that covered each part of the image, from the views used.
-        report: checks made.
+        report: checks made; its numbers hold standard errors of `PARAMETERS`, 0 for a coefficient held at 0.
     """
 
     camera: Camera
-    sigma: Array
-    rms_px: float
-    view_t_ns: Array
-    view_rms_px: Array
     cells: Array
     report: CalibrationReport
 
     def __post_init__(self) -> None:
-        for name in ("sigma", "view_t_ns", "view_rms_px", "cells"):
-            dtype = np.int64 if name in ("view_t_ns", "cells") else np.float64
-            object.__setattr__(self, name, frozen(getattr(self, name), dtype, f"Intrinsics.{name}"))
+        freeze_fields(self, {"cells": np.int64})
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +69,7 @@ class _View:
     feature: Array
 
 
-def calibrate_intrinsics(observations: CornerObservations, target: Target, most_views: int = _MOST_VIEWS) -> Intrinsics:
+def calibrate_intrinsics(observations: CornerObservations, target: Target) -> Intrinsics:
     """Intrinsics of the one camera in `observations`.
 
     Raises:
@@ -92,7 +84,7 @@ def calibrate_intrinsics(observations: CornerObservations, target: Target, most_
             f"camera {name}: expected at least {_LEAST_VIEWS} views with {LEAST_CORNERS} corners or more, got {len(views)}"
             f" in {observations.frame_count[0]} frames; show the board from more places and slants"
         )
-    views = _spread(_sharp(views), most_views)
+    views = _spread(_sharp(views))
     solved = _solve(views, size_wh)
     # a view that fits far worse than the others was blurred or wrongly detected
     good = solved.view_rms_px <= _OUTLIER_RATIO * np.median(solved.view_rms_px)
@@ -136,14 +128,14 @@ def _sharp(views: list[_View]) -> list[_View]:
     return [view for view, ok in zip(views, keep, strict=True) if ok] if keep.sum() >= _LEAST_VIEWS else views
 
 
-def _spread(views: list[_View], most: int) -> list[_View]:
-    """At most `most` views, each the farthest from those taken before; sharpness decides the first."""
-    if len(views) <= most:
+def _spread(views: list[_View]) -> list[_View]:
+    """Not too many views, each the farthest from those taken before; sharpness decides the first."""
+    if len(views) <= _MOST_VIEWS:
         return views
     features = np.array([view.feature for view in views])
     taken = [int(np.argmax([view.sharpness for view in views]))]
     distance = np.full(len(views), np.inf)
-    while len(taken) < most:
+    while len(taken) < _MOST_VIEWS:
         distance = np.minimum(distance, np.linalg.norm(features - features[taken[-1]], axis=1))
         taken.append(int(np.argmax(distance)))
     return [views[i] for i in sorted(taken)]
@@ -162,11 +154,10 @@ class _Solved:
 def _solve(views: list[_View], size_wh: tuple[int, int]) -> _Solved:
     """The richest lens model whose last coefficients all differ from 0 by three standard errors."""
     solved = None
-    for flags, names in _MODELS:
+    for flags, newest in _MODELS:
         solved = _solve_model(views, size_wh, flags)
         values = dict(zip(PARAMETERS[4:], solved.distortion, strict=True))
         sigma = dict(zip(PARAMETERS, solved.sigma, strict=True))
-        newest = {"k3": ("k3",), "p2": ("p1", "p2"), "k2": ("k2",), "k1": ("k1",)}[names[-1]]
         if any(abs(values[n]) > _SIGNIFICANT * sigma[n] for n in newest):
             break
     assert solved is not None
@@ -203,15 +194,7 @@ def _result(
     )
     report.require()
     camera = Camera(name=name, size_wh=size_wh, K=solved.K, cam_from_world=SE3.identity(), distortion=solved.distortion)
-    return Intrinsics(
-        camera=camera,
-        sigma=solved.sigma,
-        rms_px=solved.rms_px,
-        view_t_ns=times,
-        view_rms_px=solved.view_rms_px,
-        cells=cells,
-        report=report,
-    )
+    return Intrinsics(camera=camera, cells=cells, report=report)
 
 
 def _checks(size_wh: tuple[int, int], solved: _Solved, cells: Array, count: int) -> tuple[Check, ...]:

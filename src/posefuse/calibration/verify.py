@@ -14,7 +14,7 @@ from posefuse.calibration.extrinsics.world import aligned, patch_track, rig_stat
 from posefuse.calibration.solving.projection import Lenses
 from posefuse.calibration.solving.rotations import angle_between, centre_covariance_m2
 from posefuse.calibration.targets.corners import CornerObservations
-from posefuse.calibration.targets.coverage import CELLS_WH
+from posefuse.calibration.targets.coverage import CELLS_WH, cell_of
 from posefuse.calibration.targets.kinds import Target, patch_corners
 from posefuse.core import CalibrationError, Rig
 from posefuse.core.arrays import Array
@@ -154,14 +154,9 @@ def _against(rig: Rig, views: Snapshots, target: Target, c: int, others: Iterabl
     shared = np.unique(views.time_step[np.isin(views.camera, trusted)])
     seen = views.rows(np.isin(views.camera, [*trusted, c]) & np.isin(views.time_step, shared))
     count = len(np.unique(seen.time_step[seen.camera == c]))
-    if count < VERIFY_LIMITS.views or not trusted:
-        return CameraError(name=rig.names[c], views=count)
-    freed = _freed(rig, seen, target, c)
-    return (
-        CameraError(name=rig.names[c], views=count)
-        if freed is None
-        else _error(rig, freed[0], freed[1], target=target, c=c, count=count)
-    )
+    enough = trusted and count >= VERIFY_LIMITS.views
+    freed = _freed(rig, seen, target, c) if enough else None
+    return CameraError(name=rig.names[c], views=count) if freed is None else _error(rig, *freed, target=target, c=c, count=count)
 
 
 def _freed(rig: Rig, seen: Snapshots, target: Target, c: int) -> tuple[PropSolution, Snapshots] | None:
@@ -278,11 +273,6 @@ class Verification:
     cameras: tuple[CameraError, ...]
     report: CalibrationReport
 
-    @property
-    def length_rms_m(self) -> float:
-        """Root mean square of the length errors."""
-        return float(np.sqrt((self.length_error_m**2).mean()))
-
 
 def verify(rig: Rig, observations: CornerObservations, target: Target, late_s: Array | None = None) -> Verification:
     """Triangulate a target's corners wherever 2 cameras see them, and compare the distances between them with the truth.
@@ -319,13 +309,9 @@ def verify(rig: Rig, observations: CornerObservations, target: Target, late_s: A
         )
     error, true, noise_m = error[measured], true[measured], noise_m[measured]
     square = (off**2).sum(axis=-1)
-    scale = float(np.median(1 + error / true))
-    reprojection_px = _rms(square)
     rms_m = float(np.sqrt((noise_m**2).mean()))
     exchanged = "" if all(one.excess <= 1 for one in found if one.noise_px > 0) else _exchanged(rig, xy)
-    report = _report(rig, error, true, exchanged=exchanged,
-                     scale=scale, noise_m=rms_m, reprojection_px=reprojection_px,
-                     found=found)  # fmt: skip
+    report = _report(rig, error, true, exchanged=exchanged, noise_m=rms_m, reprojection_px=_rms(square), found=found)
     return Verification(length_error_m=error, cell_px=_cells(rig, xy, square), cameras=found, report=report)
 
 
@@ -358,7 +344,7 @@ def _cells(rig: Rig, xy: Array, square: Array) -> Array:
     out = np.full((len(rig), rows, columns), np.nan)
     for c, camera in enumerate(rig):
         good = np.isfinite(square[c])
-        cell = np.clip(((xy[c, good] + 0.5) / camera.size_wh * CELLS_WH).astype(np.int64), 0, np.array(CELLS_WH) - 1)
+        cell = cell_of(xy[c, good], camera.size_wh)
         flat = cell[:, 1] * columns + cell[:, 0]
         count = np.bincount(flat, minlength=rows * columns)
         total = np.bincount(flat, square[c, good], rows * columns)
@@ -371,9 +357,7 @@ def _rms(square: Array) -> Array:
     """(C,) root mean square of what is known of (C, P); NaN for a camera without any."""
     known = np.isfinite(square)
     with np.errstate(invalid="ignore"):
-        return np.asarray(
-            np.sqrt(np.where(known, square, 0.0).sum(axis=1) / np.where(known.any(axis=1), known.sum(axis=1), np.nan))
-        )
+        return np.asarray(np.sqrt(np.where(known, square, 0.0).sum(axis=1) / known.sum(axis=1)))
 
 
 def _exchanged(rig: Rig, xy: Array) -> str:
@@ -423,12 +407,11 @@ def _report(
     error: Array,
     true: Array,
     exchanged: str,
-    scale: float,
     noise_m: float,
     reprojection_px: Array,
     found: tuple[CameraError, ...],
 ) -> CalibrationReport:
-    rms = float(np.sqrt((error**2).mean()))
+    rms, scale = float(np.sqrt((error**2).mean())), float(np.median(1 + error / true))
     limit = float(np.hypot(_MOST_LENGTH_RMS_SHARE * np.median(true), _NOISE_FACTOR * noise_m))
     worst = int(np.nanargmax(reprojection_px))
     width_px = max(rig.cameras[worst].size_wh)

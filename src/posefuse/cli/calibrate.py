@@ -268,7 +268,7 @@ def calibrate_guide(*, options: GuideOptions, ros_2: Ros2Options = Ros2Options()
         rows = [(name, f"{share:.0%}", *counts) for name, share, counts in
                 zip(covered.cameras, covered.share, covered.together.tolist(), strict=True)]  # fmt: skip
         terminal.show([Heading("seen together with"), Table(("camera", "covered", *covered.cameras), rows)])
-        terminal.note(state.words)
+        terminal.note(covered.advice())
 
     found = pf.record(
         options.source,

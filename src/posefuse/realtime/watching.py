@@ -306,7 +306,7 @@ def guide(
         SourceError: a source that fails and is not opened again. InputError: a video that cannot be made.
     """
     for _, news in feed.watched(videos, duration_s, stopped, judged=False):
-        if feed.guidance.enough:
+        if feed.guidance.coverage.enough:
             break
         if news:
             report(feed.guidance)

@@ -145,13 +145,10 @@ def _pair(grids: Sequence[EvenTrack], a: int, b: int, cost: Cost, most: int) -> 
         if len(both) * STEP_S >= _LEAST_S:
             rows = both[:: max(1, len(both) // _MOMENTS)]
             left[i], share[i] = cost(rows, rows + late - apart), len(both) / most_seen
+    usual = np.nanmedian(left) if np.isfinite(left).any() else np.nan
     with np.errstate(all="ignore"):
         # a short stretch is easily explained: it counts as little as it is long
-        return _Pair(
-            a,
-            b,
-            np.nan_to_num(share * np.log(np.nanmedian(left) / np.maximum(left, 1e-9))) if np.isfinite(left).any() else share * 0,
-        )
+        return _Pair(a, b, np.nan_to_num(share * np.log(usual / np.maximum(left, 1e-9))))
 
 
 def _peaks(worth: Array, most: int) -> list[tuple[float, int]]:

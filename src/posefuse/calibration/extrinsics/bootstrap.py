@@ -55,8 +55,7 @@ def seeds_of(candidates: Poses, most: int) -> Poses:
     """The alternatives of at most so many of the (n, h) candidates, spread over all of them, as one stack."""
     n = len(candidates)
     picked = np.unique(np.linspace(0, n - 1, min(n, most)).astype(np.int64))
-    seeds = Poses(candidates.R[picked].reshape(-1, 3, 3), candidates.t[picked].reshape(-1, 3))
-    return seeds[np.isfinite(seeds.t).all(axis=1)]
+    return candidates[picked].listed
 
 
 def best_seed(seeds: Poses, square: Array) -> Edge:
@@ -246,11 +245,8 @@ def _together(camera: Array, time_step: Array, patch: Array, count: int) -> dict
 
 def _relative(cam_from_a: Poses, cam_from_b: Poses) -> Poses:
     """(n, 4) a_from_b of all combinations of alternatives (n, 2) and (n, 2)."""
-    a_from_cam = cam_from_a.inverse()
-    left = Poses(a_from_cam.R[:, :, None], a_from_cam.t[:, :, None])
-    right = Poses(cam_from_b.R[:, None], cam_from_b.t[:, None])
-    both = left @ right
-    return Poses(both.R.reshape(len(both.R), 4, 3, 3), both.t.reshape(len(both.t), 4, 3))
+    both = cam_from_a.inverse()[:, :, None] @ cam_from_b[:, None]
+    return Poses(both.R.reshape(-1, 4, 3, 3), both.t.reshape(-1, 4, 3))
 
 
 _CAMERA_ANGLE_RAD = np.deg2rad(6)
@@ -296,10 +292,7 @@ def prop_views(seen: Snapshots, views: PlanarViews, shape: PropShape, corners: A
 
 def _candidates(views: PlanarViews, shape: PropShape, rows: Array) -> Poses:
     patch_from_prop = stacked([shape.prop_from_patch[int(p)] for p in views.patch[rows]]).inverse()
-    cam_from_patch = views.cam_from_patch[rows]
-    both = cam_from_patch @ Poses(patch_from_prop.R[:, None], patch_from_prop.t[:, None])
-    flat = Poses(both.R.reshape(-1, 3, 3), both.t.reshape(-1, 3))
-    return flat[np.isfinite(flat.t).all(axis=1)]
+    return (views.cam_from_patch[rows] @ patch_from_prop[:, None]).listed
 
 
 def _image_points(
@@ -332,10 +325,9 @@ def _misfit(cam_from_prop: Poses, xyz: Array, xy: Array) -> Array:
     return np.asarray(np.minimum(square, _REPROJECTION_CUT_NORM**2).sum(axis=1))
 
 
-def camera_edges(views: PropViews, camera_count: int, cam_from_prop: Poses | None = None) -> dict[tuple[int, int], Edge]:
+def camera_edges(views: PropViews, camera_count: int) -> dict[tuple[int, int], Edge]:
     """Relative poses of cameras, from time steps at which two of them see the prop."""
     edges: dict[tuple[int, int], Edge] = {}
-    poses = views.cam_from_prop if cam_from_prop is None else cam_from_prop
     time_steps, place = np.unique(views.time_step, return_inverse=True)
     row = np.full((len(time_steps), camera_count), -1, np.int64)
     row[place, views.camera] = np.arange(len(views.camera))
@@ -343,19 +335,14 @@ def camera_edges(views: PropViews, camera_count: int, cam_from_prop: Poses | Non
         for b in range(a + 1, camera_count):
             both = (row[:, a] >= 0) & (row[:, b] >= 0)
             if both.any():
-                in_a, in_b = poses[row[both, a]], poses[row[both, b]]
-                edges[(a, b)] = _camera_vote(in_a, in_b)
+                edges[(a, b)] = _camera_vote(*(views.cam_from_prop[row[both, c]] for c in (a, b)))
     return edges
 
 
 def _camera_vote(a_from_prop: Poses, b_from_prop: Poses) -> Edge:
     """a_from_b of most agreement; two cameras agree where b's prop lands on a's, which is what is well known."""
-    b_from_props = Poses(b_from_prop.R[:, None], b_from_prop.t[:, None])
-    prop_from_b = b_from_props.inverse()
-    candidates = Poses(a_from_prop.R[:, :, None], a_from_prop.t[:, :, None]) @ prop_from_b
-    candidates = Poses(candidates.R.reshape(-1, 4, 3, 3), candidates.t.reshape(-1, 4, 3))
-    seeds = seeds_of(candidates, _MOST_SEEDS)
-    moved = Poses(seeds.R[:, None, None], seeds.t[:, None, None]) @ Poses(b_from_prop.R[None], b_from_prop.t[None])
+    seeds = seeds_of(a_from_prop[:, :, None] @ b_from_prop[:, None].inverse(), _MOST_SEEDS)
+    moved = seeds[:, None, None] @ b_from_prop[None]
     depth = np.maximum(a_from_prop.t[:, :1, 2], 1e-6)
     off = np.linalg.norm(moved.t[:, :, None] - a_from_prop.t[None, :, :, None], axis=-1) / (_CAMERA_DISTANCE * depth[..., None])
     cosine = (np.einsum("snkij,nhij->snhk", moved.R, a_from_prop.R) - 1) / 2
@@ -381,16 +368,13 @@ def prop_track(
     for k in np.unique(views.time_step):
         mine = views.time_step == k
         world_from_cam = cam_from_world[views.camera[mine]].inverse()
-        both = Poses(world_from_cam.R[:, None], world_from_cam.t[:, None]) @ views.cam_from_prop[mine]
-        flat = Poses(both.R.reshape(-1, 3, 3), both.t.reshape(-1, 3))
-        flat = flat[np.isfinite(flat.t).all(axis=1)]
+        flat = (world_from_cam[:, None] @ views.cam_from_prop[mine]).listed
         rows = np.arange(first_row[k], first_row[k + 1])
         rows = rows[np.isfinite(xyz_prop[rows]).all(axis=1)]
         cost = np.zeros(len(flat))
         for c in np.unique(seen.camera[rows]):
             some = rows[seen.camera[rows] == c]
-            in_cam = Poses(cam_from_world.R[c][None], cam_from_world.t[c][None]) @ flat
-            cost += _misfit(in_cam, xyz_prop[some], norm[some])
+            cost += _misfit(cam_from_world[c : c + 1] @ flat, xyz_prop[some], norm[some])
         best = int(np.argmin(cost))
         R[k], t[k] = flat.R[best], flat.t[best]
     return Poses(R, t)

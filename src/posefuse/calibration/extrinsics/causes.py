@@ -7,25 +7,24 @@ away; among those that take away about as much, the one that frees least is name
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from posefuse.calibration.report import Check, CheckKind
+from posefuse.calibration.report import Check
 from posefuse.calibration.solving.projection import Lenses
 from posefuse.calibration.solving.rotations import Poses, angle_between
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import linked_groups
-from posefuse.calibration.targets.kinds import Charuco, Target
-from posefuse.core import Camera
+from posefuse.calibration.targets.kinds import Charuco
+from posefuse.core import CalibrationError, Camera
 from posefuse.core.arrays import Array
 
 from .bootstrap import PropShape, planar_views, prop_track, prop_views, rough_offsets
-from .lens_check import best_stretch, check_board_shape, lens_change
-from .pipeline import TIME_STEPS, Options, Solved, key_snapshots, link, solve_linked
-from .prop_solve import Freedom, PropSolution, PropState, solve_prop
-from .self_checks import check_clocks, check_turning, let_cameras_turn, let_clocks_free, let_lenses_free, most_turned
+from .freedoms import Freed, board_freed, check_clocks, clocks_freed, lens_change, lenses_freed, most_turned, turn_freed
+from .pipeline import TIME_STEPS, RigTask, Solved, solve
 from .snapshots import middle_ns, snapshots
 
 # residuals beyond so many standard deviations count ever less
@@ -40,148 +39,86 @@ _ENOUGH, _FREES_LITTLE = 0.85, 1
 
 
 @dataclass(frozen=True, eq=False)
-class Trouble:
-    """A calibration that was refused.
-
-    Attributes:
-        observations, cameras, target, options: its input. solved: its solution; None where the cameras could not be linked.
-    """
-
-    observations: CornerObservations
-    cameras: tuple[Camera, ...]
-    target: Target
-    options: Options
-    solved: Solved | None
-
-
-@dataclass(frozen=True, eq=False)
-class CauseTrial:
-    """One explanation, solved.
-
-    Attributes:
-        words: the cause, with its figures. remedy: what to do.
-        camera, residual_px: (N,), (N, 2) of the corners that it placed. lost: corners that it could not place.
-        frees: unknowns it has more than the solution that was refused. kind: what mends it, as in `Check`.
-    """
-
-    words: str
-    remedy: str
-    camera: Array
-    residual_px: Array
-    lost: int
-    frees: int
-    kind: CheckKind = "record"
-
-
-@dataclass(frozen=True, eq=False)
 class Cause:
     """An explanation with the share (0 to 1) of the excess residual that it removes."""
 
-    trial: CauseTrial
+    freed: Freed
     explained: float
-    spread_px: float
 
 
-Hypothesis = Callable[[Trouble, Solved], Iterable[CauseTrial]]
+Hypothesis = Callable[[RigTask, Solved], Iterable[Freed]]
 
 
-def likely_target_causes(trouble: Trouble) -> tuple[Cause, ...]:
-    """The best explanation, or the two best when they cannot be distinguished; none where nothing explains enough."""
-    trials: list[CauseTrial] = []
-    if trouble.solved is not None:
-        trials = [trial for explain in _NEAR for trial in explain(trouble, trouble.solved)]
-        found = best_causes(trouble, trials)
-        if found and found[0].explained >= _ENOUGH and found[0].trial.frees <= _FREES_LITTLE:
+def likely_target_causes(task: RigTask, solved: Solved | None) -> tuple[Cause, ...]:
+    """The best explanation, or the two best when they cannot be distinguished; none where nothing explains enough.
+
+    `solved`: the solution that was refused; None where the cameras could not be linked.
+    """
+    trials: list[Freed] = []
+    if solved is not None:
+        trials = [trial for explain in _NEAR for trial in explain(task, solved)]
+        found = best_causes(solved, trials)
+        if found and found[0].explained >= _ENOUGH and found[0].freed.frees <= _FREES_LITTLE:
             return found
-    return best_causes(trouble, [*trials, *clocks_off(trouble)])
+    return best_causes(solved, [*trials, *clocks_off(task)])
 
 
-def best_causes(trouble: Trouble, trials: Sequence[CauseTrial]) -> tuple[Cause, ...]:
+def best_causes(refused: Solved | None, trials: Sequence[Freed]) -> tuple[Cause, ...]:
     """Of trials, as `likely_target_causes`."""
     if not trials:
         return ()
-    base = _base(trouble)
-    sigma_px = float(np.clip(min(_spread_px(trial) for trial in trials), _LEAST_SIGMA_PX, _MOST_SIGMA_PX))
-    before = _cost(base, sigma_px)
+    sigma_px = float(np.clip(min(_spread_px(trial.solved) for trial in trials), _LEAST_SIGMA_PX, _MOST_SIGMA_PX))
+    before = _LOST if refused is None else _cost(refused, 0, sigma_px)
     if before <= _NOISE:
         # there is no misfit to explain
         return ()
-    causes = [Cause(trial, (before - _cost(trial, sigma_px)) / (before - _NOISE), _spread_px(trial)) for trial in trials]
-    causes = [cause for cause in causes if cause.explained >= _LEAST_EXPLAINED]
-    if not causes:
-        return ()
+    causes = [Cause(trial, (before - _cost(trial.solved, trial.lost, sigma_px)) / (before - _NOISE)) for trial in trials]
     most = max(cause.explained for cause in causes)
-    near = sorted(
-        (cause for cause in causes if cause.explained >= most - _ABOUT_AS_MUCH), key=lambda c: (c.trial.frees, -c.explained)
-    )
-    first = near[0]
-    alike = [c for c in near[1:] if c.trial.frees == first.trial.frees and c.explained >= first.explained - _INSEPARABLE]
-    return (first, *alike[:1])
+    enough = max(_LEAST_EXPLAINED, most - _ABOUT_AS_MUCH)
+    near = sorted((c for c in causes if c.explained >= enough), key=lambda c: (c.freed.frees, -c.explained))
+    alike = [c for c in near[1:] if c.freed.frees == near[0].freed.frees and c.explained >= near[0].explained - _INSEPARABLE]
+    return (*near[:1], *alike[:1])
 
 
-def cause_check(causes: Sequence[Cause], before_px: float) -> Check:
+def cause_check(causes: Sequence[Cause], refused: Solved | None) -> Check:
     """The causes as a failed check, with the evidence."""
-    words = " or ".join(cause.trial.words for cause in causes)
+    first, checks = causes[0], [cause.freed.check for cause in causes]
+    words = " or ".join(check.detail for check in checks)
     evidence = (
-        f"it takes away {min(causes[0].explained, 1.0):.0%} of the misfit" if len(causes) == 1 else "the images do not show which"
+        f"it takes away {min(first.explained, 1.0):.0%} of the misfit" if len(causes) == 1 else "the images do not show which"
     )
-    spread = "" if np.isnan(before_px) else f": corners spread {causes[0].spread_px:.2f} px instead of {before_px:.2f} px"
-    remedy = " or ".join(dict.fromkeys(cause.trial.remedy for cause in causes))
-    return Check("cause", False, f"{words} ({evidence}{spread})", remedy, causes[0].trial.kind)
+    if refused is not None:
+        evidence += f": corners spread {_spread_px(first.freed.solved):.2f} px instead of {_spread_px(refused):.2f} px"
+    return Check("cause", False, f"{words} ({evidence})", " or ".join(dict.fromkeys(c.remedy for c in checks)), checks[0].kind)
 
 
-def _base(trouble: Trouble) -> CauseTrial:
-    if trouble.solved is None:
-        return CauseTrial("", "", np.zeros(0, np.int64), np.zeros((0, 2)), 1, 0)
-    return CauseTrial("", "", trouble.solved.seen.camera, trouble.solved.solution.residual_px, 0, 0)
-
-
-def base_spread_px(trouble: Trouble) -> float:
-    """Usual residual of a corner coordinate in the refused solution; NaN without one."""
-    return float("nan") if trouble.solved is None else _spread_px(_base(trouble))
-
-
-def _spread_px(trial: CauseTrial) -> float:
-    size = np.linalg.norm(trial.residual_px, axis=1)
+def _spread_px(solved: Solved) -> float:
+    """Usual residual of a corner coordinate."""
+    size = np.linalg.norm(solved.solution.residual_px, axis=1)
     size = size[np.isfinite(size)]
     return float(np.median(size) / 1.1774) if len(size) else np.inf
 
 
-def _cost(trial: CauseTrial, sigma_px: float) -> float:
+def _cost(solved: Solved, lost: int, sigma_px: float) -> float:
     """Mean over the cameras of the robust cost of a corner."""
-    square = np.nan_to_num((trial.residual_px**2).sum(axis=1), nan=np.inf) / (2 * sigma_px**2)
-    each = np.minimum(np.log1p(square / _ROBUST**2), _LOST)
-    mine = [each[trial.camera == c] for c in np.unique(trial.camera)]
+    square = np.nan_to_num((solved.solution.residual_px**2).sum(axis=1), nan=np.inf) / (2 * sigma_px**2)
+    each, camera = np.minimum(np.log1p(square / _ROBUST**2), _LOST), solved.seen.camera
+    mine = [each[camera == c] for c in np.unique(camera)]
     mean = float(np.mean([one.mean() for one in mine])) if mine else _LOST
-    lost = trial.lost / max(trial.lost + len(each), 1)
-    return (1 - lost) * mean + lost * _LOST
+    share = lost / max(lost + len(each), 1)
+    return (1 - share) * mean + share * _LOST
 
 
-def near_solve(solved: Solved, cameras: tuple[Camera, ...], state: PropState, freedom: Freedom | None = None) -> PropSolution:
-    """The same corners with other cameras or another start."""
-    free = freedom or Freedom(reference=solved.links.reference, held_patches=solved.links.shape.held)
-    return solve_prop(solved.seen, solved.corners, cameras, state, free)
+def solve_from_scratch(task: RigTask, observations: CornerObservations, clocks: str, delay_s: Array) -> tuple[Solved, int]:
+    """Everything from the beginning on fewer time steps: the solution, and how many corners it could not place.
 
-
-def _trial(check: Check, solved: Solved, solution: PropSolution, frees: int, lost: int = 0) -> CauseTrial:
-    """A check that fails, as an explanation: with the solve in which what it is about was free."""
-    return CauseTrial(check.detail, check.remedy, solved.seen.camera, solution.residual_px, lost, frees, kind=check.kind)
-
-
-def solve_from_scratch(
-    trouble: Trouble, observations: CornerObservations, clocks: str, delay_s: Array
-) -> tuple[Solved | None, int]:
-    """Everything from the beginning on fewer time steps: the solution, and how many corners it could not place."""
-    options: Options = replace(trouble.options, time_steps=min(trouble.options.time_steps, TIME_STEPS), clocks=clocks)
-    cameras, target = trouble.cameras, trouble.target
-    seen = key_snapshots(observations, options, delay_s)
-    if len(seen.camera) == 0:
-        return None, 0
-    links = link(cameras, target, seen)
-    if len(links.placed) < len(cameras):
-        return None, len(seen.camera)
-    solved = solve_linked(observations, cameras, target, options, links, delay_s)
+    Raises:
+        CalibrationError: a camera cannot be linked.
+    """
+    options = replace(task.options, time_steps=min(task.options.time_steps, TIME_STEPS), clocks=clocks)
+    solved = solve(replace(task, observations=observations, options=options), delay_s)
     # what is not read again at the clocks found, since a neighbouring frame lacks it, is no evidence against them
+    seen = solved.links.seen
     used = np.isin(seen.time_step, np.unique(solved.seen.time_step)) & np.isin(seen.patch, np.unique(solved.seen.patch))
     return solved, int((~used).sum())
 
@@ -190,32 +127,28 @@ _SHARED_TIME, _AT_ONCE_S = 0.25, 0.05
 _FOCUS = "focus or zoom has changed since they were calibrated, or they are of another camera: calibrate them again"
 
 
-def intrinsics_wrong(trouble: Trouble, solved: Solved) -> Iterator[CauseTrial]:
+def intrinsics_wrong(task: RigTask, solved: Solved) -> Iterator[Freed]:
     """The intrinsics of one camera, two, or all are free; or the given ones belong to other cameras."""
-    cameras = trouble.cameras
-    free = let_lenses_free(cameras, solved, False)
-    excess = lens_change(cameras, solved.solution, free, solved.seen).excess(cameras).max(axis=1)
-    yield from _permuted(trouble, solved, free)
-    worst = np.argsort(-excess)
-    pairs = {(int(worst[0]),), tuple(sorted(int(i) for i in worst[:2]))} if len(cameras) > 2 else set()
-    for some in (*sorted(pairs), tuple(range(len(cameras)))):
-        one = free if len(some) == len(cameras) else let_lenses_free(cameras, solved, False, some)
-        words = _lens_story(cameras, solved, one, some)
-        yield CauseTrial(words, _FOCUS, solved.seen.camera, one.residual_px, 0, 6 * len(some), kind="lenses")
+    free = lenses_freed(solved, False)
+    yield from _permuted(solved, free)
+    count, worst = len(solved.cameras), np.argsort(-lens_change(solved, free).excess.max(axis=1))
+    pairs = {(int(worst[0]),), tuple(sorted(int(i) for i in worst[:2]))} if count > 2 else set()
+    for some in (*sorted(pairs), tuple(range(count))):
+        one = free if len(some) == count else lenses_freed(solved, False, some)
+        yield Freed(Check("cause", False, _lens_story(solved, one, some), _FOCUS, "lenses"), one, 6 * len(some))
 
 
-def _lens_story(cameras: tuple[Camera, ...], solved: Solved, free: PropSolution, some: tuple[int, ...]) -> str:
-    change = lens_change(cameras, solved.solution, free, solved.seen)
-    excess = change.excess(cameras)
-    wrong = [i for i in some if excess[i].max() > 1] or list(some)
+def _lens_story(solved: Solved, free: Solved, some: tuple[int, ...]) -> str:
+    change, cameras = lens_change(solved, free), solved.cameras
+    wrong = [i for i in some if change.excess[i].max() > 1] or list(some)
     whose = "all cameras" if len(wrong) == len(cameras) else " and ".join(cameras[i].name for i in wrong)
-    words = [change.words(cameras, i, int(np.argmax(excess[i]))) for i in wrong[:3]]
+    words = [change.words(i, int(np.argmax(change.excess[i]))) for i in wrong[:3]]
     return f"the intrinsics of {whose} are wrong: {', '.join(words)}"
 
 
-def _permuted(trouble: Trouble, solved: Solved, free: PropSolution) -> Iterator[CauseTrial]:
+def _permuted(solved: Solved, free: Solved) -> Iterator[Freed]:
     """The given intrinsics are right, but not in this order."""
-    cameras, delta, covariance = trouble.cameras, free.state.lens_delta, free.lens_covariance
+    cameras, delta, covariance = solved.cameras, free.solution.state.lens_delta, free.solution.lens_covariance
     given = np.array([[c.K[0, 0], c.K[1, 1], c.K[0, 2], c.K[1, 2], *_bend(c)] for c in cameras])
     sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)) + 1e-3 * np.array([1, 1, 1, 1, 1e-2, 1e-2]) * given[:, :1]
     away = (((given + delta)[:, None] - given[None]) / sigma[:, None]) ** 2
@@ -225,40 +158,29 @@ def _permuted(trouble: Trouble, solved: Solved, free: PropSolution) -> Iterator[
         return
     swapped = tuple(replace(c, K=cameras[j].K, distortion=cameras[j].distortion, model=cameras[j].model)
                     for c, j in zip(cameras, order, strict=True))  # fmt: skip
-    again = near_solve(solved, swapped, solved.solution.state)
     names = [cameras[i].name for i in other]
     words = f"the names of {', '.join(names[:-1])} and {names[-1]} are swapped: each other's intrinsics fit"
     remedy = "name the videos, or the intrinsics, the other way round"
-    yield CauseTrial(words, remedy, solved.seen.camera, again.residual_px, 0, 0, kind="input")
+    yield Freed(Check("cause", False, words, remedy, "input"), replace(solved, cameras=swapped).again(), 0)
 
 
 def _bend(camera: Camera) -> Array:
     return np.concatenate([camera.distortion, np.zeros(2)])[:2]
 
 
-def clocks_near(trouble: Trouble, solved: Solved) -> Iterator[CauseTrial]:
-    """Each camera has a clock of its own, within what the motion of the corners extrapolates to."""
-    free = let_clocks_free(trouble.cameras, solved)
-    check = check_clocks(trouble.cameras, free)
-    if not check.passed:
-        yield _trial(check, solved, free, len(trouble.cameras) - 1)
-
-
-def clocks_off(trouble: Trouble) -> Iterator[CauseTrial]:
+def clocks_off(task: RigTask) -> Iterator[Freed]:
     """Each camera has a clock of its own, seconds apart; or running at its own rate."""
-    cameras = trouble.cameras
-    late = rough_offsets(trouble.observations, cameras, trouble.target)
+    count, late = len(task.cameras), rough_offsets(task.observations, task.cameras, task.target)
     if not np.isfinite(late).any():
         return
     late = np.nan_to_num(late - np.nanmedian(late))
-    start = np.stack([late, np.zeros(len(cameras))], axis=1)
+    start = np.stack([late, np.zeros(count)], axis=1)
     for clocks, frees in (("offset", 1), ("drift", 2)):
-        solved, lost = solve_from_scratch(trouble, trouble.observations, clocks, start)
-        if solved is None or not _see_together(trouble.observations, solved.solution.state.delay_s[:, 0]):
-            continue
-        check = check_clocks(cameras, solved.solution)
-        if not check.passed:
-            yield _trial(check, solved, solved.solution, frees * (len(cameras) - 1), lost)
+        with suppress(CalibrationError):
+            solved, lost = solve_from_scratch(task, task.observations, clocks, start)
+            check = check_clocks(solved)
+            if not check.passed and _see_together(task.observations, solved.solution.state.delay_s[:, 0]):
+                yield Freed(check, solved, frees * (count - 1), lost)
 
 
 def _see_together(observations: CornerObservations, delay_s: Array) -> bool:
@@ -277,13 +199,13 @@ def _see_together(observations: CornerObservations, delay_s: Array) -> bool:
     return len(linked_groups(linked | linked.T)) == 1
 
 
-def board_stretched(trouble: Trouble, solved: Solved) -> Iterator[CauseTrial]:
-    """The board stretched in print, as far as fits best."""
-    if isinstance(trouble.target, Charuco):
-        found = best_stretch(solved, trouble.cameras)
-        check = check_board_shape(found)
-        if found is not None and not check.passed:
-            yield _trial(check, solved, found.solution, 1)
+def unsteady(task: RigTask, solved: Solved) -> Iterator[Freed]:
+    """What the checks of a solution let free, and what did not stay; of the cameras only the one that turns most."""
+    turning, clocks = turn_freed(solved, task.options.clocks != "together"), clocks_freed(solved)
+    boards = [board_freed(solved)] if isinstance(task.target, Charuco) else []
+    if not turning.check.passed:
+        yield Freed(turning.check, solved.again(turning=most_turned(turning.solved)[:1]), 3)
+    yield from (freed for freed in (*boards, clocks) if not freed.check.passed)
 
 
 # stretches of a camera's residuals are compared for so many cameras, and have so many time steps at least
@@ -291,44 +213,40 @@ _CANDIDATES = 2
 _LEAST_STEPS = 6
 
 
-def moved_camera(trouble: Trouble, solved: Solved) -> Iterator[CauseTrial]:
+def moved_camera(task: RigTask, solved: Solved) -> Iterator[Freed]:
     """One camera has another pose from some time step on."""
-    changes = [(_change_step(solved, c)[0], c) for c in range(len(trouble.cameras))]
+    changes = [(_change_step(solved, c)[0], c) for c in range(len(task.cameras))]
     for _, c in sorted(changes, reverse=True)[:_CANDIDATES]:
         # the refused solution lies between before and after, and so do its residuals: they do not show the time
-        others = _solved_by_others(trouble, solved, c)
+        others = _solved_by_others(solved, c)
         step = _change_step(others, c)[1]
         if step >= 0:
-            yield _split(trouble, others, c, step)
+            yield _split(task, others, c, step)
 
 
-def _solved_by_others(trouble: Trouble, solved: Solved, c: int) -> Solved:
+def _solved_by_others(solved: Solved, c: int) -> Solved:
     """The solution of the other cameras; with the residuals of camera `c` there, whose pose and clock stay as they were."""
     seen, rows = solved.seen, solved.seen.camera == c
     reference = solved.links.reference if solved.links.reference != c else int(c == 0)
-    moving = tuple(i for i in range(len(trouble.cameras)) if i not in (c, reference))
-    freedom = Freedom(reference=reference, held_patches=solved.links.shape.held, moving=moving)
-    found = near_solve(replace(solved, seen=seen.rows(~rows)), trouble.cameras, solved.solution.state, freedom)
+    moving = tuple(i for i in range(len(solved.cameras)) if i not in (c, reference))
+    found = replace(solved, seen=seen.rows(~rows)).again(reference=reference, moving=moving).solution
     state, camera, patch = found.state, seen.camera[rows], seen.patch[rows]
     xyz_prop = state.prop_from_patch[patch].move(solved.corners[patch, seen.corner[rows]])
     xyz_cam = state.cam_from_world[camera].move(state.world_from_prop[seen.time_step[rows]].move(xyz_prop))
     residual_px = np.empty_like(solved.solution.residual_px)
     residual_px[~rows] = found.residual_px
-    residual_px[rows] = Lenses(trouble.cameras, state.lens_delta).px(camera, xyz_cam) - seen.xy_img[rows]
+    residual_px[rows] = Lenses(solved.cameras, state.lens_delta).px(camera, xyz_cam) - seen.xy_img[rows]
     return replace(solved, solution=replace(found, residual_px=residual_px))
 
 
 def _change_step(solved: Solved, c: int) -> tuple[float, int]:
     """How much better two stretches of one camera's residuals are explained apart, and the time step where they part."""
-    steps, x, y, v, weight = _camera_means(solved, c)
+    steps, x, y, v = _camera_means(solved, c)
     if len(steps) < 2 * _LEAST_STEPS:
         return 0.0, -1
 
-    def cumulated(values: Array) -> Array:
-        return np.cumsum(weight * values)
-
     # residual = a + b * velocity, before and after: squares from running sums
-    sums = {name: cumulated(value) for name, value in {
+    sums = {name: np.cumsum(value) for name, value in {
         "n": np.ones(len(steps)), "x": x, "y": y, "xx": x**2 + y**2, "vx": v[:, 0], "vy": v[:, 1], "vv": (v**2).sum(axis=1),
         "xv": x * v[:, 0] + y * v[:, 1]}.items()}  # fmt: skip
 
@@ -347,8 +265,8 @@ def _change_step(solved: Solved, c: int) -> tuple[float, int]:
     return whole - float(both[best]), int(steps[best + 1])
 
 
-def _camera_means(solved: Solved, c: int) -> tuple[Array, Array, Array, Array, Array]:
-    """Per time step of a camera: number, mean residual x and y, mean velocity (n, 2), and a robust weight."""
+def _camera_means(solved: Solved, c: int) -> tuple[Array, Array, Array, Array]:
+    """Per time step of a camera: number, mean residual x and y, large ones cut, and mean velocity (n, 2)."""
     seen, residual = solved.seen, solved.solution.residual_px
     rows = (seen.camera == c) & np.isfinite(residual).all(axis=1)
     steps, place, count = np.unique(seen.time_step[rows], return_inverse=True, return_counts=True)
@@ -357,16 +275,15 @@ def _camera_means(solved: Solved, c: int) -> tuple[Array, Array, Array, Array, A
     size = np.linalg.norm(mean, axis=1)
     cut = max(3 * float(np.median(size)), 1.0) if len(size) else 1.0
     clipped = mean * np.minimum(1.0, 4 * cut / np.maximum(size, 1e-9))[:, None]
-    return steps, clipped[:, 0], clipped[:, 1], velocity / 100.0, np.ones(len(steps))
+    return steps, clipped[:, 0], clipped[:, 1], velocity / 100.0
 
 
-def _split(trouble: Trouble, solved: Solved, c: int, step: int) -> CauseTrial:
+def _split(task: RigTask, solved: Solved, c: int, step: int) -> Freed:
     """Solve with the camera taken as two, before and after the step."""
-    t_s, count, state = float(solved.seen.t_s[step]), len(trouble.cameras), solved.solution.state
+    t_s, count, state, seen = float(solved.seen.t_s[step]), len(solved.cameras), solved.solution.state, solved.seen
     every = np.r_[:count, c]
-    seen = solved.seen
-    seen = replace(seen, camera=np.where((seen.camera == c) & (seen.t_s[seen.time_step] >= t_s), count, seen.camera))
-    apart = replace(solved, seen=seen.rows(np.ones(len(seen.camera), bool)))
+    camera = np.where((seen.camera == c) & (seen.t_s[seen.time_step] >= t_s), count, seen.camera)
+    apart = replace(seen, camera=camera).rows(np.ones(len(camera), bool))
     start = replace(
         state,
         cam_from_world=state.cam_from_world[every],
@@ -374,24 +291,15 @@ def _split(trouble: Trouble, solved: Solved, c: int, step: int) -> CauseTrial:
         lens_delta=state.lens_delta[every],
         turn_rad_s=state.turn_rad_s[every],
     )
-    solution = near_solve(apart, tuple(trouble.cameras[i] for i in every), start)
-    pose = solution.state.cam_from_world
+    cameras, solution = tuple(solved.cameras[i] for i in every), replace(solved.solution, state=start)
+    found = replace(solved, cameras=cameras, seen=apart, solution=solution).again()
+    pose = found.solution.state.cam_from_world
     shift_m = float(np.linalg.norm(pose.inverse().t[count] - pose.inverse().t[c]))
     turn_deg = float(np.rad2deg(angle_between(pose.R[count], pose.R[c])))
-    at_s = t_s + (middle_ns(trouble.observations) - trouble.observations.t_ns.min()) / 1e9
-    words = f"{trouble.cameras[c].name} was moved at {at_s:.0f} s by {shift_m * 1e3:.0f} mm and {turn_deg:.2f} deg"
-    camera = np.where(apart.seen.camera == count, c, apart.seen.camera)
-    return CauseTrial(words, "calibrate again, or use the part before or after", camera, solution.residual_px, 0, 7)
-
-
-def turning_camera(trouble: Trouble, solved: Solved) -> Iterator[CauseTrial]:
-    """The camera that seems to turn most turns at a constant rate."""
-    free = let_cameras_turn(trouble.cameras, solved, trouble.options.clocks != "together")
-    check = check_turning(trouble.cameras, free, solved)
-    if not check.passed:
-        worst, _, _ = most_turned(free, solved)
-        one = Freedom(reference=solved.links.reference, held_patches=solved.links.shape.held, turning=(worst,))
-        yield _trial(check, solved, near_solve(solved, trouble.cameras, solved.solution.state, one), 3)
+    at_s = t_s + (middle_ns(task.observations) - task.observations.t_ns.min()) / 1e9
+    words = f"{cameras[c].name} was moved at {at_s:.0f} s by {shift_m * 1e3:.0f} mm and {turn_deg:.2f} deg"
+    as_one = replace(found, seen=replace(apart, camera=np.where(apart.camera == count, c, apart.camera)))
+    return Freed(Check("cause", False, words, "calibrate again, or use the part before or after"), as_one, 7)
 
 
 _LEAST_FRAMES, _MOST_FRAMES = 24, 600
@@ -443,11 +351,11 @@ class FrameTimes:
         return words, "read the true time of each frame from the camera, or fix its exposure so that it keeps its frame rate"
 
 
-def wrong_stamps(trouble: Trouble, solved: Solved) -> Iterator[CauseTrial]:
+def wrong_stamps(task: RigTask, solved: Solved) -> Iterator[Freed]:
     """Frames of one camera are stamped late or early, some or all from a time on: they get the time at which they fit."""
-    for c in _worst_cameras(trouble, solved):
-        part = _middle_part(trouble.observations, c)
-        times = frame_times(part, middle_ns(trouble.observations), trouble, solved, c)
+    for c in _worst_cameras(solved):
+        part = _middle_part(task.observations, c)
+        times = frame_times(part, middle_ns(task.observations), solved, c)
         if times is None or not _LEAST_WRONG < times.wrong.mean() < _MOST_WRONG:
             continue
         frame = np.minimum(np.searchsorted(times.t_ns, part.t_ns), len(times.t_ns) - 1)
@@ -455,19 +363,17 @@ def wrong_stamps(trouble: Trouble, solved: Solved) -> Iterator[CauseTrial]:
         restamped = replace(part, t_ns=part.t_ns - np.round(late_s * 1e9).astype(np.int64))
         # against the others, the usual frame may be late too, by more than the step of the search
         shifted = abs(times.usual_s) > 1.5 * times.period_s / _STEPS
-        delay_s = solved.solution.state.delay_s + np.outer(np.arange(len(trouble.cameras)) == c, [times.usual_s * shifted, 0.0])
-        clocks = "offset" if delay_s.any() else "together"
-        again, lost = solve_from_scratch(trouble, restamped, clocks, delay_s)
-        if again is not None:
-            words, remedy = times.story(int(trouble.observations.t_ns.min()))
-            yield CauseTrial(words, remedy, again.seen.camera, again.solution.residual_px, lost, 2 if shifted else 1)
+        delay_s = solved.solution.state.delay_s + np.outer(np.arange(len(task.cameras)) == c, [times.usual_s * shifted, 0.0])
+        with suppress(CalibrationError):
+            again, lost = solve_from_scratch(task, restamped, "offset" if delay_s.any() else "together", delay_s)
+            words, remedy = times.story(int(task.observations.t_ns.min()))
+            yield Freed(Check("cause", False, words, remedy), again, 2 if shifted else 1, lost)
 
 
-def _worst_cameras(trouble: Trouble, solved: Solved) -> list[int]:
+def _worst_cameras(solved: Solved) -> list[int]:
     """Cameras of which the fewest views agree."""
-    camera = solved.seen.camera[solved.seen.group_starts()]
-    count = np.bincount(camera, minlength=len(trouble.cameras))
-    share = np.bincount(camera, solved.inlier, len(trouble.cameras)) / np.maximum(count, 1)
+    camera, count = solved.seen.camera[solved.seen.group_starts()], len(solved.cameras)
+    share = np.bincount(camera, solved.inlier, count) / np.maximum(np.bincount(camera, minlength=count), 1)
     return [int(c) for c in np.argsort(share)[:_CANDIDATES]]
 
 
@@ -479,7 +385,7 @@ def _middle_part(observations: CornerObservations, c: int) -> CornerObservations
     return observations.rows((observations.t_ns >= kept[0]) & (observations.t_ns <= kept[-1])) if len(kept) else observations
 
 
-def frame_times(observations: CornerObservations, zero_ns: int, trouble: Trouble, solved: Solved, c: int) -> FrameTimes | None:
+def frame_times(observations: CornerObservations, zero_ns: int, solved: Solved, c: int) -> FrameTimes | None:
     """The time of each frame of camera `c` with corners in `observations`; None where they are few.
 
     `zero_ns`: zero of the session time of `solved`.
@@ -491,11 +397,11 @@ def frame_times(observations: CornerObservations, zero_ns: int, trouble: Trouble
     if len(t_ns) < _LEAST_FRAMES or len(t_ns) == len(observations):
         return None
     period_s = float(np.median(np.diff(t_ns))) / 1e9
-    path_s, path = _path_by_others(observations, zero_ns, trouble, solved, c, period_s)
+    path_s, path = _path_by_others(observations, zero_ns, solved, c, period_s)
     patch, camera = np.searchsorted(solved.seen.patches, seen.patch), np.full(len(seen), c)
     xyz_prop = solved.solution.state.prop_from_patch[patch].move(solved.corners[patch, seen.corner])
-    xy_norm = Lenses(trouble.cameras).norm_from_px(camera, seen.xy_img)
-    cam_from_world, focal_px = solved.solution.state.cam_from_world[camera], trouble.cameras[c].K[0, 0]
+    xy_norm = Lenses(solved.cameras).norm_from_px(camera, seen.xy_img)
+    cam_from_world, focal_px = solved.solution.state.cam_from_world[camera], solved.cameras[c].K[0, 0]
     row_s = (seen.t_ns - zero_ns) / 1e9 - solved.solution.state.delay_s[c, 0]
     tried_s = np.arange(-_MOST_PERIODS, _MOST_PERIODS + 0.5 / _STEPS, 1 / _STEPS) * period_s
     off_px = np.empty((len(tried_s), len(t_ns)))
@@ -507,7 +413,7 @@ def frame_times(observations: CornerObservations, zero_ns: int, trouble: Trouble
         off_px[k] = np.bincount(frame, each, len(t_ns)) / np.bincount(frame, minlength=len(t_ns))
     late_s = _late_s(off_px, tried_s)
     usual_s = _usual(late_s[np.isfinite(late_s)])
-    return FrameTimes(trouble.cameras[c].name, t_ns, late_s - usual_s, usual_s, period_s)
+    return FrameTimes(solved.cameras[c].name, t_ns, late_s - usual_s, usual_s, period_s)
 
 
 def _prop(solved: Solved) -> PropShape:
@@ -536,7 +442,7 @@ def _usual(values: Array) -> float:
 
 
 def _path_by_others(
-    observations: CornerObservations, zero_ns: int, trouble: Trouble, solved: Solved, c: int, period_s: float
+    observations: CornerObservations, zero_ns: int, solved: Solved, c: int, period_s: float
 ) -> tuple[Array, Poses]:
     """Times (T,) s and world_from_prop (T,) as the other cameras see the prop; NaN where they do not."""
     others = observations.rows(observations.camera != c)
@@ -544,7 +450,7 @@ def _path_by_others(
     seen = snapshots(others, steps_ns, solved.solution.state.delay_s)
     known = solved.seen.patches
     seen = replace(seen, patch=np.searchsorted(known, seen.patches[seen.patch]), patches=known)
-    lenses, shape = Lenses(trouble.cameras), _prop(solved)
+    lenses, shape = Lenses(solved.cameras), _prop(solved)
     views = prop_views(seen, planar_views(seen, solved.corners, lenses), shape, solved.corners, lenses)
     path = prop_track(seen, views, shape, solved.corners, lenses, solved.solution.state.cam_from_world)
     return (steps_ns - zero_ns) / 1e9, path
@@ -560,4 +466,4 @@ def _moved(path_s: Array, path: Poses, t_s: Array, xyz_prop: Array) -> Array:
 
 
 # near ones start from the solution at hand, and so take little time
-_NEAR: tuple[Hypothesis, ...] = (intrinsics_wrong, moved_camera, turning_camera, wrong_stamps, board_stretched, clocks_near)
+_NEAR: tuple[Hypothesis, ...] = (intrinsics_wrong, moved_camera, unsteady, wrong_stamps)

@@ -9,16 +9,15 @@ import cv2
 import numpy as np
 
 from posefuse.calibration.report import Check
-from posefuse.calibration.solving.projection import Lenses
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import ENOUGH_SHARE, coverage
 from posefuse.calibration.targets.kinds import Target
 from posefuse.core import SE3, CalibrationError, Camera
 from posefuse.core.arrays import Array
 
-from .lens_check import rim_radius
+from .freedoms import rim_radius
 from .limits import LIMITS
-from .pipeline import TIME_STEPS, Options, Solved, key_snapshots, link, solve_linked, starting_clocks
+from .pipeline import TIME_STEPS, Options, RigTask, Solved, solve, starting_clocks
 
 # views of one patch that start a camera, and the least that can
 _VIEWS, _LEAST_VIEWS, _LEAST_CORNERS = 120, 12, 4
@@ -52,27 +51,20 @@ def cameras_of(observations: CornerObservations, target: Target, options: Option
     """
     cameras = starting_cameras(observations, target)
     free = replace(options, lens_sigma=start_sigma(cameras), time_steps=min(options.time_steps, 2 * TIME_STEPS))
-    delay_s = starting_clocks(observations, cameras, target, free)
-    seen = key_snapshots(observations, free, delay_s)
-    if len(seen.camera) == 0:
-        return cameras
-    links = link(cameras, target, seen)
-    if len(links.placed) < len(cameras):
+    task = RigTask(observations, cameras, target, free)
+    try:
+        return solve(task, starting_clocks(task)).refined
+    except CalibrationError:
         # the error of the calibration itself names the camera and the reason
         return cameras
-    solved = solve_linked(observations, cameras, target, free, links, delay_s)
-    lenses = Lenses(cameras, solved.solution.state.lens_delta)
-    return tuple(replace(camera, K=lenses.camera_matrix(i), distortion=lenses.distortion(i)) for i, camera in enumerate(cameras))
 
 
-def check_carried(cameras: Sequence[Camera], observations: CornerObservations, solved: Solved) -> Check:
+def check_carried(observations: CornerObservations, solved: Solved) -> Check:
     """The recording determines the intrinsics: near and far, over the image, and by the standard errors of the solve."""
     seen, solution = solved.seen, solved.solution
     share = coverage(observations).share
-    in_cam = solution.state.cam_from_world[seen.camera].move(solution.state.world_from_prop.t[seen.time_step])
-    distance_m = np.linalg.norm(in_cam, axis=1)
-    problems = []
-    for c, camera in enumerate(cameras):
+    distance_m, problems = solved.distance_m, []
+    for c, camera in enumerate(solved.cameras):
         sigma = np.sqrt(np.diag(solution.lens_covariance[c]))
         focal = float(np.hypot(sigma[0], sigma[1]) / np.sqrt(2) / camera.K[0, 0])
         rim = rim_radius(camera, seen.xy_img[seen.camera == c])

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -10,7 +12,7 @@ from posefuse.calibration.solving.projection import Lenses
 from posefuse.calibration.solving.rotations import Poses, stacked
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.kinds import Target, patch_corners
-from posefuse.core import Camera, ConfigError
+from posefuse.core import CalibrationError, Camera, ConfigError
 from posefuse.core.arrays import Array
 
 from .bootstrap import (
@@ -66,6 +68,20 @@ class Options:
 
 
 @dataclass(frozen=True, eq=False)
+class RigTask:
+    """What is to be solved.
+
+    Attributes:
+        observations: of all cameras. cameras: in their order; their poses are not used. target: that was moved. options: how.
+    """
+
+    observations: CornerObservations
+    cameras: tuple[Camera, ...]
+    target: Target
+    options: Options
+
+
+@dataclass(frozen=True, eq=False)
 class Links:
     """Who could be linked to whom before the solve.
 
@@ -82,16 +98,22 @@ class Links:
     seen: Snapshots
     in_images: PropViews
 
+    @property
+    def freedom(self) -> Freedom:
+        """Of the poses of cameras and patches alone."""
+        return Freedom(reference=self.reference, held_patches=self.shape.held)
+
 
 @dataclass(frozen=True, eq=False)
 class Solved:
     """A solved rig before any check; the world is the reference camera.
 
     Attributes:
-        seen: the corners used. corners: (M, n, 3) of each patch. links: the rough answer.
+        cameras: as given. seen: the corners used. corners: (M, n, 3) of each patch. links: the rough answer.
         solution: unknowns and residuals. dropped: patches (ids) left out, with the reason.
     """
 
+    cameras: tuple[Camera, ...]
     seen: Snapshots
     corners: Array
     links: Links
@@ -100,54 +122,86 @@ class Solved:
 
     @property
     def inlier(self) -> Array:
-        """(groups,) whether a marker in an image agrees with the solution."""
-        return inlier_groups(self.seen, self.solution)
+        """(groups,) whether a marker in an image agrees with the solution: every corner within 4 robust standard deviations."""
+        square = np.nan_to_num(((self.solution.residual_px / self.solution.sigma_px) ** 2).mean(axis=1), nan=np.inf)
+        worst = np.zeros(self.seen.group_count)
+        np.maximum.at(worst, self.seen.group, square)
+        return np.asarray(worst <= _INLIER_SIGMA**2)
+
+    @property
+    def refined(self) -> tuple[Camera, ...]:
+        """The cameras with their intrinsics as found."""
+        lenses = Lenses(self.cameras, self.solution.state.lens_delta)
+        return tuple(
+            replace(camera, K=lenses.camera_matrix(i), distortion=lenses.distortion(i)) for i, camera in enumerate(self.cameras)
+        )
+
+    @property
+    def distance_m(self) -> Array:
+        """(N,) of the prop from the camera that sees it, of each corner."""
+        seen, state = self.seen, self.solution.state
+        in_cam = state.cam_from_world[seen.camera].move(state.world_from_prop.t[seen.time_step])
+        return np.asarray(np.linalg.norm(in_cam, axis=1))
+
+    @cached_property
+    def thinned(self) -> Solved:
+        """The solution on fewer time steps: enough to distinguish hypotheses."""
+        rows = np.isin(self.seen.time_step, evenly(np.unique(self.seen.time_step), TIME_STEPS))
+        less = replace(self.solution, residual_px=self.solution.residual_px[rows])
+        return replace(self, seen=self.seen.rows(rows), solution=less)
+
+    def again(self, **freed: Any) -> Solved:
+        """Solved once more from here, with the fields `freed` of `Freedom` besides the poses of cameras and patches."""
+        freedom = replace(self.links.freedom, **freed)
+        return replace(self, solution=solve_prop(self.seen, self.corners, self.cameras, self.solution.state, freedom))
 
 
-def inlier_groups(seen: Snapshots, solution: PropSolution) -> Array:
-    """(groups,) every corner within 4 robust standard deviations."""
-    square = np.nan_to_num(((solution.residual_px / solution.sigma_px) ** 2).mean(axis=1), nan=np.inf)
-    worst = np.zeros(seen.group_count)
-    np.maximum.at(worst, seen.group, square)
-    return np.asarray(worst <= _INLIER_SIGMA**2)
-
-
-def link(cameras: tuple[Camera, ...], target: Target, seen: Snapshots) -> Links:
+def link(task: RigTask, seen: Snapshots) -> Links:
     """The rough answer: markers on the prop, the prop in every image, cameras to each other."""
-    corners, lenses = patch_corners(target, seen.patches), Lenses(cameras)
+    corners, lenses, count = patch_corners(task.target, seen.patches), Lenses(task.cameras), len(task.cameras)
     views = planar_views(seen, corners, lenses)
-    shape = shape_of(target, seen, views)
+    shape = shape_of(task.target, seen, views)
     in_images = prop_views(seen, views, shape, corners, lenses)
-    edges = camera_edges(in_images, len(cameras))
-    reference, placed = tree(len(cameras), strong_camera_edges(edges))
+    edges = camera_edges(in_images, count)
+    reference, placed = tree(count, strong_camera_edges(edges))
     return Links(edges, placed, reference, shape, seen, in_images)
 
 
-def key_snapshots(observations: CornerObservations, options: Options, delay_s: Array) -> Snapshots:
+def key_snapshots(task: RigTask, delay_s: Array) -> Snapshots:
     """Corners at the key time steps."""
-    time_steps = pick_time_steps(observations, options.time_steps, delay_s, prefer_slow=options.clocks == "together")
-    return snapshots(observations, time_steps, delay_s)
+    options = task.options
+    time_steps = pick_time_steps(task.observations, options.time_steps, delay_s, prefer_slow=options.clocks == "together")
+    return snapshots(task.observations, time_steps, delay_s)
 
 
-def starting_clocks(observations: CornerObservations, cameras: tuple[Camera, ...], target: Target, options: Options) -> Array:
+def starting_clocks(task: RigTask) -> Array:
     """(C, 2) clocks to start from: 0 for synchronised cameras, else from the paths of the prop."""
-    delay_s = np.zeros((len(cameras), 2))
-    if options.clocks != "together":
-        delay_s[:, 0] = np.nan_to_num(rough_offsets(observations, cameras, target))
+    delay_s = np.zeros((len(task.cameras), 2))
+    if task.options.clocks != "together":
+        delay_s[:, 0] = np.nan_to_num(rough_offsets(task.observations, task.cameras, task.target))
         delay_s[:, 0] -= np.median(delay_s[:, 0])
     return delay_s
 
 
-def solve_linked(
-    observations: CornerObservations, cameras: tuple[Camera, ...], target: Target, options: Options, links: Links, delay_s: Array
-) -> Solved:
+def solve(task: RigTask, delay_s: Array) -> Solved:
+    """From key time steps, read at clocks (C, 2), to the rig; raises CalibrationError where a camera cannot be linked."""
+    seen = key_snapshots(task, delay_s)
+    if len(seen.camera) == 0:
+        raise CalibrationError("no shared views")
+    links = link(task, seen)
+    lost = [camera.name for i, camera in enumerate(task.cameras) if i not in links.placed]
+    if lost:
+        raise CalibrationError(f"{', '.join(lost)} not linked")
+    return solve_linked(task, links, delay_s)
+
+
+def solve_linked(task: RigTask, links: Links, delay_s: Array) -> Solved:
     """Bundle adjustment from the rough answer, all cameras being linked; patches that disagree are left out by name."""
-    seen = links.seen
-    corners, lenses = patch_corners(target, seen.patches), Lenses(cameras)
+    seen, cameras, options, placed = links.seen, task.cameras, task.options, links.shape.prop_from_patch
+    corners, lenses = patch_corners(task.target, seen.patches), Lenses(cameras)
     cam_from_world = stacked([links.placed[i] for i in range(len(cameras))]).inverse()
     track = prop_track(seen, links.in_images, links.shape, corners, lenses, cam_from_world)
     known = np.asarray(np.isfinite(track.t).all(axis=1))
-    placed = links.shape.prop_from_patch
     dropped = {
         int(seen.patches[i]): "never seen together with the rest of the prop, or moving independently of it"
         for i in range(len(seen.patches))
@@ -156,54 +210,36 @@ def solve_linked(
     patch = stacked([placed.get(i, Poses(np.eye(3), np.zeros(3))) for i in range(len(seen.patches))])
     state = PropState.starting(cam_from_world, track, patch, delay_s)
     lens_sigma = None if options.lens_sigma is None else np.array(options.lens_sigma)
-    freedom = Freedom(
-        reference=links.reference,
-        held_patches=links.shape.held,
-        offset=options.clocks != "together",
-        drift=options.clocks == "drift",
-        lens_sigma=lens_sigma,
-    )
-    use = known[seen.time_step] & np.isin(seen.patch, list(placed))
-    seen = seen.rows(use)
-    solution = solve_prop(seen, corners, cameras, state, freedom)
-    bad = _disagreeing_patches(seen, solution, links.shape)
+    freed: dict[str, Any] = {"offset": options.clocks != "together", "drift": options.clocks == "drift", "lens_sigma": lens_sigma}
+    seen = seen.rows(known[seen.time_step] & np.isin(seen.patch, list(placed)))
+    freedom = replace(links.freedom, **freed)
+    solved = Solved(cameras, seen, corners, links, solve_prop(seen, corners, cameras, state, freedom), dropped)
+    bad = _disagreeing_patches(solved)
     if bad:
-        dropped |= {int(seen.patches[p]): f"{1 - share:.0%} of its views disagree with the prop" for p, share in bad.items()}
-        seen = seen.rows(~np.isin(seen.patch, list(bad)))
-        solution = solve_prop(seen, corners, cameras, solution.state, freedom)
-    solved = Solved(seen, corners, links, solution, dropped)
-    return _settle_clocks(observations, cameras, solved, freedom) if freedom.offset else solved
+        named = {int(seen.patches[p]): f"{1 - share:.0%} of its views disagree with the prop" for p, share in bad.items()}
+        solved = replace(solved, seen=seen.rows(~np.isin(seen.patch, list(bad))), dropped=dropped | named).again(**freed)
+    return _settle_clocks(task.observations, solved, freed) if freedom.offset else solved
 
 
-def _disagreeing_patches(seen: Snapshots, solution: PropSolution, shape: PropShape) -> dict[int, float]:
+def _disagreeing_patches(solved: Solved) -> dict[int, float]:
     """Patches with mostly misfitting views, with the fitting share; the held one stays, as all others are placed by it."""
+    seen = solved.seen
     patch = seen.patch[seen.group_starts()]
-    inlier = inlier_groups(seen, solution)
     count = np.bincount(patch, minlength=len(seen.patches))
-    share = np.bincount(patch, inlier, len(seen.patches)) / np.maximum(count, 1)
+    share = np.bincount(patch, solved.inlier, len(seen.patches)) / np.maximum(count, 1)
     bad = (count > 0) & (share < _LEAST_PATCH_SHARE)
-    return {int(p): float(share[p]) for p in np.flatnonzero(bad) if p != shape.held[0]}
+    return {int(p): float(share[p]) for p in np.flatnonzero(bad) if p != solved.links.shape.held[0]}
 
 
-def _settle_clocks(observations: CornerObservations, cameras: tuple[Camera, ...], solved: Solved, freedom: Freedom) -> Solved:
+def _settle_clocks(observations: CornerObservations, solved: Solved, freed: dict[str, Any]) -> Solved:
     """Read the corners again at the clocks found and solve again, until the clocks stay."""
-    instants_ns = np.round(solved.seen.t_s * 1e9).astype(np.int64) + middle_ns(observations)
+    steps_ns = np.round(solved.seen.t_s * 1e9).astype(np.int64) + middle_ns(observations)
     patches, time_steps = np.unique(solved.seen.patch), np.unique(solved.seen.time_step)
     for _ in range(_MOST_CLOCK_ROUNDS):
-        state = solved.solution.state
-        seen = snapshots(observations, instants_ns, state.delay_s)
+        before_s = solved.solution.state.delay_s
+        seen = snapshots(observations, steps_ns, before_s)
         seen = seen.rows(np.isin(seen.patch, patches) & np.isin(seen.time_step, time_steps))
-        solved = replace(solved, seen=seen, solution=solve_prop(seen, solved.corners, cameras, state, freedom))
-        if np.abs(solved.solution.state.delay_s[:, 0] - state.delay_s[:, 0]).max() < _CLOCK_SETTLED_S:
+        solved = replace(solved, seen=seen).again(**freed)
+        if np.abs(solved.solution.state.delay_s[:, 0] - before_s[:, 0]).max() < _CLOCK_SETTLED_S:
             break
     return solved
-
-
-def thinned(solved: Solved) -> Solved:
-    """The solution on fewer time steps: enough to distinguish hypotheses."""
-    used = np.unique(solved.seen.time_step)
-    rows = np.isin(solved.seen.time_step, evenly(used, TIME_STEPS))
-    return replace(
-        solved, seen=solved.seen.rows(rows), solution=replace(
-            solved.solution, residual_px=solved.solution.residual_px[rows], weight=solved.solution.weight[rows])
-    )  # fmt: skip

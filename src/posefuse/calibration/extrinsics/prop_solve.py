@@ -14,7 +14,7 @@ from posefuse.calibration.solving.bundle import Linearised, Problem, ResidualBlo
 from posefuse.calibration.solving.projection import LENS_PARAMETERS, Lenses
 from posefuse.calibration.solving.rotations import Poses, hat
 from posefuse.core import Camera
-from posefuse.core.arrays import SIGMA_PER_MAD, Array
+from posefuse.core.arrays import Array
 
 from .snapshots import Snapshots
 
@@ -82,31 +82,23 @@ class PropSolution:
 
     Attributes:
         state: unknowns. sigma_px: robust spread of a corner coordinate.
-        residual_px: (N, 2) predicted minus observed. weight: (N,) robust.
+        residual_px: (N, 2) predicted minus observed.
         camera_covariance: (C, 6, 6) of rotation vector (rad) and translation (m) of cam_from_world, relative to the reference;
             like all standard errors here at least the scatter between parts of the recording.
         delay_sigma_s: (C, 2) standard errors of the clocks; 0 where held.
         lens_covariance: (C, 6, 6) of `LENS_PARAMETERS`; 0 where held.
         turn_covariance: (C, 3, 3) of `turn_rad_s`; 0 where held.
         predicted_sigma_px: (N,) standard error of where the camera as found sees a point, by its pose, clock and intrinsics.
-        iterations: steps tried.
     """
 
     state: PropState
     sigma_px: float
     residual_px: Array
-    weight: Array
     camera_covariance: Array
     delay_sigma_s: Array
     lens_covariance: Array
     turn_covariance: Array
     predicted_sigma_px: Array
-    iterations: int
-
-    @property
-    def lens_sigma(self) -> Array:
-        """(C, 6) standard errors of `LENS_PARAMETERS`; 0 where held."""
-        return np.asarray(np.sqrt(np.diagonal(self.lens_covariance, axis1=1, axis2=2)))
 
 
 def solve_prop(seen: Snapshots, corners: Array, cameras: tuple[Camera, ...], start: PropState, freedom: Freedom) -> PropSolution:
@@ -116,21 +108,15 @@ def solve_prop(seen: Snapshots, corners: Array, cameras: tuple[Camera, ...], sta
     with; the clock columns move them along their image velocity from there.
     """
     first = solve_bundle(_problem(seen, corners, cameras, start, freedom, _ROUGH_SIGMA_PX, cauchy=1.0), start)
-    sigma_px = _spread_px(first.residual * _ROUGH_SIGMA_PX, first.weight)
+    sigma_px = first.spread_px(_ROUGH_SIGMA_PX, _LEAST_SIGMA_PX)
     second = solve_bundle(_problem(seen, corners, cameras, start, freedom, sigma_px, cauchy=_CAUCHY), first.state)
     return _summary(second, sigma_px, freedom, seen)
-
-
-def _spread_px(residual_px: Array, weight: Array) -> float:
-    """Of a coordinate, by the median."""
-    usable = residual_px[np.isfinite(residual_px).all(axis=1) & (weight > 0)]
-    return max(float(SIGMA_PER_MAD * np.median(np.abs(usable))), _LEAST_SIGMA_PX) if len(usable) else _ROUGH_SIGMA_PX
 
 
 def _summary(solution: Solution[PropState], assumed_px: float, freedom: Freedom, seen: Snapshots) -> PropSolution:
     """Standard errors by the noise that was found instead of the noise that was assumed."""
     residual_px = solution.residual * assumed_px
-    sigma_px = _spread_px(residual_px, solution.weight)
+    sigma_px = solution.spread_px(assumed_px, _LEAST_SIGMA_PX)
     scale = (sigma_px / assumed_px) ** 2
     count = len(solution.state.cam_from_world)
     free = np.concatenate([mask.ravel() for mask in _free(solution.state, freedom)])
@@ -151,13 +137,11 @@ def _summary(solution: Solution[PropState], assumed_px: float, freedom: Freedom,
         state=solution.state,
         sigma_px=sigma_px,
         residual_px=residual_px,
-        weight=solution.weight,
         camera_covariance=joint[:, :6, :6],
         delay_sigma_s=np.sqrt(np.diagonal(joint[:, 6:8, 6:8], axis1=1, axis2=2)) * _DELAY_SCALE_S,
         lens_covariance=joint[:, 8:14, 8:14],
         turn_covariance=joint[:, 14:, 14:] * _TURN_SCALE_RAD_S**2,
         predicted_sigma_px=np.sqrt(np.maximum(predicted_px2, 0.0)),
-        iterations=solution.iterations,
     )
 
 

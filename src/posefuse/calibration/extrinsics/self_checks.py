@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -13,17 +14,15 @@ from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import linked_groups
 from posefuse.calibration.targets.detection import BLURRED_EDGE_PX
 from posefuse.calibration.targets.kinds import Charuco, Target, scale_m
-from posefuse.core import SE3, Camera
+from posefuse.core import CalibrationError, Camera
 from posefuse.core.arrays import Array
 
-from .lens_check import LensChange, best_stretch, check_board_shape, check_lenses, lens_change
+from .freedoms import board_freed, check_lenses, clocks_freed, lens_change, lenses_freed, turn_freed
 from .limits import LIMITS
 from .own_intrinsics import check_carried
-from .pipeline import LEAST_TIME_STEPS, TIME_STEPS, Links, Options, Solved, key_snapshots, link, solve_linked, thinned
-from .prop_solve import Freedom, PropSolution, solve_prop
+from .pipeline import LEAST_TIME_STEPS, TIME_STEPS, Links, RigTask, Solved, solve
 from .snapshots import middle_ns
 
-IN_STEP = "cameras are synchronised"
 # two cameras that stand apart never see so many corners within this of each other
 _SAME_VIDEO_CORNERS, _SAME_VIDEO_PX = 40, 1.0
 
@@ -70,18 +69,17 @@ def check_same_video_by_corners(observations: CornerObservations) -> Check:
     place = np.unique(key, axis=0, return_inverse=True)[1].ravel()
     xy = np.full((len(observations.cameras), int(place.max(initial=-1)) + 1, 2), np.nan)
     xy[observations.camera, place] = observations.xy_img
+    return check_videos_differ(observations.cameras, xy, _SAME_VIDEO_CORNERS, _SAME_VIDEO_PX)
+
+
+def check_videos_differ(names: Sequence[str], xy_img: Array, least: int, most_px: float) -> Check:
+    """No two cameras have `least` points or more of (C, ..., 2) in common, usually within `most_px` of each other."""
     alike = []
-    for a in range(len(xy)):
-        for b in range(a + 1, len(xy)):
-            off = np.linalg.norm(xy[a] - xy[b], axis=1)
-            off = off[np.isfinite(off)]
-            if len(off) >= _SAME_VIDEO_CORNERS and float(np.median(off)) < _SAME_VIDEO_PX:
-                alike.append(f"{observations.cameras[a]} and {observations.cameras[b]}")
-    return videos_differ(alike)
-
-
-def videos_differ(alike: Sequence[str]) -> Check:
-    """No pair of cameras is in `alike`, in words."""
+    for a, b in combinations(range(len(names)), 2):
+        off = np.linalg.norm(xy_img[a] - xy_img[b], axis=-1)
+        off = off[np.isfinite(off)]
+        if len(off) >= least and float(np.median(off)) < most_px:
+            alike.append(f"{names[a]} and {names[b]}")
     detail = f"{', '.join(alike)} show the same video" if alike else "no two cameras show the same"
     return Check("videos differ", not alike, detail, "give each camera its own video", "input")
 
@@ -100,11 +98,9 @@ def check_sharp(observations: CornerObservations) -> Check:
 
 def check_links(names: Sequence[str], links: Links, views_together: Array) -> Check:
     """All cameras hang together through time steps at which two of them see the prop and agree."""
-    linked = np.zeros((len(names), len(names)), bool)
-    for i in links.placed:
-        for j in links.placed:
-            linked[i, j] = True
-    groups = linked_groups(linked | np.eye(len(names), dtype=bool))
+    linked = np.eye(len(names), dtype=bool)
+    linked[np.ix_(list(links.placed), list(links.placed))] = True
+    groups = linked_groups(linked)
     if len(groups) == 1:
         weakest = min(int(np.sort(row)[-2]) for row in views_together) if len(names) > 1 else 0
         return Check("cameras are linked", True, f"every camera shares at least {weakest} key time steps with another")
@@ -135,22 +131,22 @@ def check_amount(solved: Solved) -> Check:
     return Check("enough time steps", used >= LEAST_TIME_STEPS, detail, "wave the prop longer, where several cameras see it")
 
 
-def check_fit(cameras: Sequence[Camera], solved: Solved) -> Check:
+def check_fit(solved: Solved) -> Check:
     """The corners fit as well as detection can be trusted."""
-    limit = LIMITS.corner_spread_px_per_1000 * max(max(camera.size_wh) for camera in cameras) / 1000
+    limit = LIMITS.corner_spread_px_per_1000 * max(max(camera.size_wh) for camera in solved.cameras) / 1000
     sigma = solved.solution.sigma_px
     return Check("corners fit", sigma <= limit, f"spread of a corner coordinate {sigma:.2f} px (limit {limit:.2f})",
                  "blur, cameras unsynchronised (try clocks = offset), wrong intrinsics, or a prop that bends")  # fmt: skip
 
 
-def check_still(cameras: Sequence[Camera], solved: Solved) -> Check:
+def check_still(solved: Solved) -> Check:
     """No camera agrees for a part of the recording only."""
     first = solved.seen.group_starts()
     camera, inlier = solved.seen.camera[first], solved.inlier
     t_s = solved.seen.t_s[solved.seen.time_step[first]]
     edges = np.linspace(t_s.min(), t_s.max() + 1e-9, LIMITS.segments + 1)
     segment = np.clip(np.searchsorted(edges, t_s, side="right") - 1, 0, LIMITS.segments - 1)
-    for c, named in enumerate(cameras):
+    for c, named in enumerate(solved.cameras):
         count = np.bincount(segment[camera == c], minlength=LIMITS.segments)
         share = np.bincount(segment[camera == c], inlier[camera == c], LIMITS.segments) / np.maximum(count, 1)
         bad = (count >= LIMITS.segment_views) & (share < LIMITS.segment_share)
@@ -167,13 +163,13 @@ def check_still(cameras: Sequence[Camera], solved: Solved) -> Check:
     return Check("cameras stand still", True, "every camera agrees over the whole recording")
 
 
-def check_determined(cameras: Sequence[Camera], solved: Solved, distance_m: float) -> Check:
+def check_determined(solved: Solved) -> Check:
     """Standard errors of the camera positions are small."""
     sigma = position_sigma_m(solved)
-    worst, limit = int(np.argmax(sigma)), LIMITS.position_sigma_share * distance_m
+    worst, limit = int(np.argmax(sigma)), LIMITS.position_sigma_share * float(np.median(solved.distance_m))
     return Check(
         "cameras are determined", bool(sigma[worst] <= limit),
-        f"standard error of {cameras[worst].name}'s position {sigma[worst] * 1e3:.1f} mm (limit {limit * 1e3:.1f})",
+        f"standard error of {solved.cameras[worst].name}'s position {sigma[worst] * 1e3:.1f} mm (limit {limit * 1e3:.1f})",
         "let this camera see the prop more often, nearer and together with others",
     )  # fmt: skip
 
@@ -191,24 +187,12 @@ def position_cov_m2(solved: Solved) -> Array:
 def camera_differences(first: Poses, second: Poses) -> tuple[Array, Array]:
     """Distance (C,) m and angle (C,) rad between two sets of cam_from_world, after the best common rigid motion."""
     a, b = first.inverse(), second.inverse()
-    turn = _common_turn(a, b)
+    turn = mean_rotation(a.R @ np.swapaxes(b.R, 1, 2), np.ones(len(a)))
     moved = (b.t - b.t.mean(axis=0)) @ turn.T
     return np.linalg.norm(a.t - a.t.mean(axis=0) - moved, axis=1), angle_between(a.R, turn @ b.R)
 
 
-def scale_of(first: Poses, second: Poses) -> float:
-    """How many times as large as the second set of cam_from_world the first is, by the cameras' centres in least squares."""
-    a, b = first.inverse(), second.inverse()
-    moved = (b.t - b.t.mean(axis=0)) @ _common_turn(a, b).T
-    return float(((a.t - a.t.mean(axis=0)) * moved).sum() / (moved**2).sum())
-
-
-def _common_turn(a: Poses, b: Poses) -> Array:
-    """(3, 3) mean rotation that takes the cameras' axes world_from_cam of b to those of a."""
-    return mean_rotation(a.R @ np.swapaxes(b.R, 1, 2), np.ones(len(a)))
-
-
-def check_facing(cameras: Sequence[Camera], solved: Solved) -> Check:
+def check_facing(solved: Solved) -> Check:
     """The printed faces look at the cameras that see them: a mirrored board looks away."""
     seen, state = solved.seen, solved.solution.state
     first = seen.group_starts()
@@ -218,7 +202,7 @@ def check_facing(cameras: Sequence[Camera], solved: Solved) -> Check:
     facing = ((cam_from_patch.R[:, :, 2] * middle).sum(axis=1) < 0) & (middle[:, 2] > 0)
     share = {
         camera.name: float(facing[seen.camera[first] == c].mean())
-        for c, camera in enumerate(cameras)
+        for c, camera in enumerate(solved.cameras)
         if (seen.camera[first] == c).any()
     }
     worst = min(share, key=lambda name: share[name])
@@ -226,26 +210,6 @@ def check_facing(cameras: Sequence[Camera], solved: Solved) -> Check:
         "nothing is mirrored", share[worst] >= LIMITS.facing_share,
         f"{share[worst]:.0%} of {worst}'s views see the printed face (needed {LIMITS.facing_share:.0%})",
         "the board is described mirrored, the image is flipped, or the markers are too small to show their slant", "input",
-    )  # fmt: skip
-
-
-def check_clocks(cameras: Sequence[Camera], free: PropSolution) -> Check:
-    """Clocks that are let free stay: against the median, since the held one may be the one that is off."""
-    late_s, sigma_s = free.state.delay_s - np.median(free.state.delay_s, axis=0), free.delay_sigma_s
-    least = np.array([LIMITS.late_s, LIMITS.drift])
-    off = np.abs(late_s) > np.maximum(least, LIMITS.late_sigma * sigma_s)
-    words = [
-        f"the clock of {camera.name} runs {drift * 1e6:+.0f} ppm fast (drift)" if drifts else
-        f"the clock of {camera.name} is off by {late * 1e3:+.1f} ms"
-        for camera, (late, drift), (is_late, drifts) in zip(cameras, late_s, off, strict=True) if is_late or drifts
-    ]  # fmt: skip
-    worst = int(np.argmax(np.abs(late_s[:, 0])))
-    fine = f"{cameras[worst].name} is off most, by {late_s[worst, 0] * 1e3:+.1f} ± {sigma_s[worst, 0] * 1e3:.1f} ms"
-    drifting = bool(off[:, 1].any())
-    return Check(
-        IN_STEP, not words, f"{', '.join(words) or fine} (limit {LIMITS.late_s * 1e3:.0f} ms)",
-        f"the cameras are not synchronised: calibrate with `clocks={'drift' if drifting else 'offset'}`",
-        "drift" if drifting else "clocks",
     )  # fmt: skip
 
 
@@ -288,39 +252,32 @@ class Halves:
 
     Attributes:
         solved: of each half; empty where the data are not enough. story: why.
-        together, apart: (2, C) px usual size of each half's residuals in the common solve, and in the half's own.
+        ratio: (C,) how many times as far corners usually are off in the common solve as in the half's own, of the worse half.
     """
 
     solved: tuple[Solved, ...]
     story: str
-    together: Array
-    apart: Array
+    ratio: Array
 
 
-def solve_halves(
-    observations: CornerObservations, cameras: tuple[Camera, ...], target: Target, options: Options, solved: Solved
-) -> Halves:
+def solve_halves(task: RigTask, solved: Solved) -> Halves:
     """The first and the second half from scratch; where a camera lacks one, every other fifth of them."""
-    story = ""
+    observations, story = task.observations, ""
+    steps_ns = np.round(solved.seen.t_s * 1e9).astype(np.int64) + middle_ns(observations)
     for stretches in (_HALVES, 5 * _HALVES):
-        found: list[Solved] = []
-        for half in range(_HALVES):
-            part = observations.rows(_half_of(observations.t_ns, observations, stretches) == half)
-            one, story = _solve_half(part, cameras, target, options, solved)
-            if one is None:
-                break
-            found.append(one)
-        if len(found) == _HALVES:
-            steps_ns = np.round(solved.seen.t_s * 1e9).astype(np.int64) + middle_ns(observations)
-            half_of = _half_of(steps_ns, observations, stretches)
-            together = np.stack([spread_px(solved, half_of == half, len(cameras)) for half in range(_HALVES)])
-            apart = np.stack([spread_px(one, np.ones(len(one.seen.t_s), bool), len(cameras)) for one in found])
-            return Halves(tuple(found), "", together, apart)
-    nothing = np.full((_HALVES, len(cameras)), np.nan)
-    return Halves((), story, nothing, nothing)
+        row_half, step_half = (_half_of(t_ns, observations, stretches) for t_ns in (observations.t_ns, steps_ns))
+        try:
+            found = tuple(_solve_half(task, observations.rows(row_half == half), solved) for half in range(_HALVES))
+        except CalibrationError as error:
+            story = str(error)
+            continue
+        together = np.stack([spread_px(solved, step_half == half) for half in range(_HALVES)])
+        apart = np.stack([spread_px(one, np.ones(len(one.seen.t_s), bool)) for one in found])
+        return Halves(found, "", np.nan_to_num(together / np.maximum(apart, 1e-6), nan=1.0).max(axis=0))
+    return Halves((), story, np.ones(len(task.cameras)))
 
 
-def check_one_place(cameras: Sequence[Camera], halves: Halves) -> Check:
+def check_one_place(halves: Halves) -> Check:
     """One rig fits both halves as well as each fits its own, or the difference is none of the poses.
 
     Larger residuals alone refuse nothing: uneven time stamps, or a lens model that fits one region better, also cause them.
@@ -331,7 +288,7 @@ def check_one_place(cameras: Sequence[Camera], halves: Halves) -> Check:
             "one place per camera", False, f"half of the data is not enough to solve: {halves.story}",
             "wave the target longer, so that every camera sees it in both halves",
         )  # fmt: skip
-    ratio = np.nan_to_num(halves.together / np.maximum(halves.apart, 1e-6), nan=1.0).max(axis=0)
+    cameras, ratio = halves.solved[0].cameras, halves.ratio
     first, second = (one.solution for one in halves.solved)
     apart_m, turned_rad = camera_differences(first.state.cam_from_world, second.state.cam_from_world)
     sigma_m = np.hypot(*(position_sigma_m(one) for one in halves.solved))
@@ -350,47 +307,16 @@ def check_one_place(cameras: Sequence[Camera], halves: Halves) -> Check:
     )  # fmt: skip
 
 
-def check_turning(cameras: Sequence[Camera], free: PropSolution, solved: Solved) -> Check:
-    """No camera turns all the time: its rate, when it is let free with the intrinsics, is none.
-
-    The halves show that badly: each scatters by half of the turn, and their standard errors grow with it.
-    """
-    c, angle_rad, sigmas = most_turned(free, solved)
-    wrong = angle_rad > LIMITS.turned_rad and sigmas > LIMITS.lens_sigma
-    words = f"{cameras[c].name} was moved slowly: it turned by" if wrong else f"{cameras[c].name} turns most, by"
-    return Check(
-        "no camera turns", not wrong,
-        f"{words} {np.rad2deg(angle_rad):.2f} deg over the recording, {sigmas:.1f} standard errors (limits"
-        f" {np.rad2deg(LIMITS.turned_rad):.2f} deg and {LIMITS.lens_sigma:.0f})",
-        "fasten it, and calibrate again",
-    )  # fmt: skip
-
-
-def most_turned(free: PropSolution, solved: Solved) -> tuple[int, float, float]:
-    """The camera whose turn is farthest over its limits, by how many rad it turns over the recording, and how many standard
-    errors its own turn is.
-
-    Against the median: cameras in a row hardly determine a turn that all share about that row, and it moves none against another.
-    """
-    rate = free.state.turn_rad_s
-    world = np.einsum("cji,cj->ci", free.state.cam_from_world.R, rate)
-    square = (rate * np.linalg.solve(free.turn_covariance, rate[..., None])[..., 0]).sum(axis=1)
-    angle_rad = np.linalg.norm(world - np.median(world, axis=0), axis=1) * np.ptp(solved.seen.t_s)
-    sigmas = np.sqrt(np.maximum(square, 0.0))
-    c = int(np.argmax(np.minimum(angle_rad / LIMITS.turned_rad, sigmas / LIMITS.lens_sigma)))
-    return c, float(angle_rad[c]), float(sigmas[c])
-
-
 def _shared(sigma: Array) -> Array:
     """Standard errors (C,) with the reference camera's, which is held at 0, as that of a usual camera."""
     return np.maximum(sigma, float(np.median(sigma[sigma > 0])) if (sigma > 0).any() else 0.0)
 
 
-def spread_px(solved: Solved, steps: Array, cameras: int) -> Array:
+def spread_px(solved: Solved, steps: Array) -> Array:
     """(C,) median size of a corner's residual at some of the time steps; NaN where there are none."""
     size = np.linalg.norm(solved.solution.residual_px, axis=1)
     rows = steps[solved.seen.time_step] & np.isfinite(size)
-    mine = [rows & (solved.seen.camera == c) for c in range(cameras)]
+    mine = [rows & (solved.seen.camera == c) for c in range(len(solved.cameras))]
     return np.array([np.median(size[m]) if m.any() else np.nan for m in mine])
 
 
@@ -400,21 +326,14 @@ def _half_of(t_ns: Array, observations: CornerObservations, count: int) -> Array
     return np.asarray((t_ns - first) * count // (last - first) % _HALVES)
 
 
-def _solve_half(
-    part: CornerObservations, cameras: tuple[Camera, ...], target: Target, options: Options, solved: Solved
-) -> tuple[Solved | None, str]:
-    delay_s = solved.solution.state.delay_s
-    together = replace(options, clocks="together", time_steps=max(options.time_steps // 2, min(options.time_steps, TIME_STEPS)))
-    if set(np.unique(part.camera)) != set(range(len(cameras))):
-        return None, "a camera sees nothing in it"
-    seen = key_snapshots(part, together, delay_s)
-    if len(seen.camera) == 0:
-        return None, "no shared views"
-    links = link(cameras, target, seen)
-    if len(links.placed) < len(cameras):
-        lost = [camera.name for i, camera in enumerate(cameras) if i not in links.placed]
-        return None, f"{', '.join(lost)} not linked"
-    return solve_linked(part, cameras, target, together, links, delay_s), ""
+def _solve_half(task: RigTask, part: CornerObservations, solved: Solved) -> Solved:
+    """With the clocks of the whole recording; raises CalibrationError where a camera cannot be placed."""
+    options = task.options
+    if set(np.unique(part.camera)) != set(range(len(task.cameras))):
+        raise CalibrationError("a camera sees nothing in it")
+    time_steps = max(options.time_steps // 2, min(options.time_steps, TIME_STEPS))
+    together = replace(options, clocks="together", time_steps=time_steps)
+    return solve(replace(task, observations=part, options=together), solved.solution.state.delay_s)
 
 
 _MM = 1000.0
@@ -435,12 +354,13 @@ def check_target_size(target: Target) -> Check:
     )  # fmt: skip
 
 
-def check_rig_size(target: Target, cameras: tuple[Camera, ...], cam_from_world: SE3, distance_m: float, any_size: bool) -> Check:
+def check_rig_size(task: RigTask, solved: Solved) -> Check:
     """Target and cameras are as far from each other as in a room in which a person moves."""
-    a, b, apart_m = nearest_two(cam_from_world.inverse().xyz)
+    cameras, target, distance_m = solved.cameras, task.target, float(np.median(solved.distance_m))
+    a, b, apart_m = nearest_two(solved.solution.state.cam_from_world.inverse().t)
     least_m, most_m = LIMITS.distance_m
     return Check(
-        "rig has a plausible size", any_size or least_m <= distance_m <= most_m,
+        "rig has a plausible size", task.options.any_size or least_m <= distance_m <= most_m,
         f"with a {_edge(target)} of {scale_m(target) * _MM:g} mm the target was {distance_m:.2f} m from the cameras, and"
         f" {cameras[a].name} and {cameras[b].name} are {apart_m:.2f} m apart"
         f" (expected a distance of {least_m:g} to {most_m:g} m)",
@@ -448,98 +368,29 @@ def check_rig_size(target: Target, cameras: tuple[Camera, ...], cam_from_world: 
     )  # fmt: skip
 
 
-_FREE_FOCAL, _FREE_LENS = 0.2, (10.0, 10.0, 0.05, 0.05)
-
-
-def solution_checks(
-    observations: CornerObservations,
-    cameras: tuple[Camera, ...],
-    target: Target,
-    options: Options,
-    solved: Solved,
-    before: list[Check],
-) -> list[Check]:
+def solution_checks(task: RigTask, solved: Solved, before: list[Check]) -> list[Check]:
     """All checks of a solution; raises RefusedCalibration after the quick ones, since the others take further solves."""
-    state, distance_m = solved.solution.state, usual_distance_m(solved)
-    determined = check_determined(cameras, solved, distance_m)
+    synchronised = task.options.clocks == "together"
+    determined = check_determined(solved)
     quick = [
-        check_still(cameras, solved),
-        check_facing(cameras, solved),
-        check_fit(cameras, solved),
+        *([check_carried(task.observations, solved)] if task.options.own_intrinsics else []),
+        check_still(solved),
+        check_facing(solved),
+        check_fit(solved),
         determined,
-        check_cameras_apart(cameras, state.cam_from_world),
-        check_rig_size(target, cameras, state.cam_from_world.se3(), distance_m, options.any_size),
+        check_cameras_apart(solved.cameras, solved.solution.state.cam_from_world),
+        check_rig_size(task, solved),
     ]
-    if options.own_intrinsics:
-        quick.insert(0, check_carried(cameras, observations, solved))
-    if options.clocks == "together" and [check for check in quick if not check.passed] == [determined]:
+    if synchronised and [check for check in quick if not check.passed] == [determined]:
         # a camera that is late spreads the corners, and the poses with them
-        quick.append(check_clocks(cameras, let_clocks_free(cameras, solved)))
+        quick.append(clocks_freed(solved).check)
     CalibrationReport("extrinsics", (*before, *quick)).require()
-    halves = solve_halves(observations, cameras, target, options, solved)
-    done = [
-        *quick,
-        check_one_place(cameras, halves),
-        check_turning(cameras, let_cameras_turn(cameras, solved, options.clocks != "together"), solved),
-        check_lenses(cameras, _lens_change(cameras, solved, halves, options)),
-    ]
-    if isinstance(target, Charuco):
-        done.append(check_board_shape(best_stretch(thinned(solved), cameras)))
-    if options.clocks == "together":
-        done.append(check_clocks(cameras, let_clocks_free(cameras, solved)))
+    halves = solve_halves(task, solved)
+    parts = [lens_change(half, lenses_freed(half, False)) for half in halves.solved]
+    lenses = lens_change(solved, lenses_freed(solved, not synchronised)).confirmed_by(parts)
+    done = [*quick, check_one_place(halves), turn_freed(solved, not synchronised).check, check_lenses(lenses)]
+    if isinstance(task.target, Charuco):
+        done.append(board_freed(solved.thinned).check)
+    if synchronised:
+        done.append(clocks_freed(solved).check)
     return done
-
-
-def let_clocks_free(cameras: tuple[Camera, ...], solved: Solved) -> PropSolution:
-    """The solve again with a clock of its own for every camera."""
-    freedom = Freedom(reference=solved.links.reference, held_patches=solved.links.shape.held, offset=True)
-    return solve_prop(solved.seen, solved.corners, cameras, solved.solution.state, freedom)
-
-
-def _lens_change(cameras: tuple[Camera, ...], solved: Solved, halves: Halves, options: Options) -> LensChange:
-    parts = [_change_of(cameras, half, False) for half in halves.solved]
-    return _change_of(cameras, solved, options.clocks != "together").confirmed_by(parts)
-
-
-def _change_of(cameras: tuple[Camera, ...], solved: Solved, offset: bool) -> LensChange:
-    free = let_lenses_free(cameras, solved, offset)
-    return lens_change(cameras, solved.solution, free, solved.seen)
-
-
-def let_cameras_turn(cameras: tuple[Camera, ...], solved: Solved, offset: bool) -> PropSolution:
-    """The solve again with nearly free intrinsics, which a turn must not stand for, and with cameras that may turn."""
-    return let_lenses_free(cameras, solved, offset, turning=tuple(range(len(cameras))))
-
-
-def let_lenses_free(
-    cameras: tuple[Camera, ...],
-    solved: Solved,
-    offset: bool,
-    of: tuple[int, ...] | None = None,
-    turning: tuple[int, ...] = (),
-) -> PropSolution:
-    """The solve again with nearly free intrinsics, of all cameras or of some."""
-    focal_px = _FREE_FOCAL * float(focal_lengths_px(cameras).mean())
-    sigma = np.array([focal_px, focal_px, *_FREE_LENS])
-    freedom = Freedom(
-        reference=solved.links.reference,
-        held_patches=solved.links.shape.held,
-        offset=offset,
-        drift=False,
-        lens_sigma=sigma,
-        lens_of=of,
-        turning=turning,
-    )
-    return solve_prop(solved.seen, solved.corners, cameras, solved.solution.state, freedom)
-
-
-def focal_lengths_px(cameras: tuple[Camera, ...]) -> Array:
-    """(C,) fx."""
-    return np.array([camera.K[0, 0] for camera in cameras])
-
-
-def usual_distance_m(solved: Solved) -> float:
-    """Median distance of the target from the cameras."""
-    seen, state = solved.seen, solved.solution.state
-    in_cam = state.cam_from_world[seen.camera].move(state.world_from_prop.t[seen.time_step])
-    return float(np.median(np.linalg.norm(in_cam, axis=1)))

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from posefuse.calibration.clocks.sync import ClockEstimate
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
-from posefuse.calibration.solving.projection import Lenses
 from posefuse.calibration.targets.corners import CornerObservations
 from posefuse.calibration.targets.coverage import TargetCoverage, coverage
 from posefuse.calibration.targets.kinds import Chessboard, Markers, Target
@@ -16,9 +16,10 @@ from posefuse.core.arrays import Array
 
 from . import self_checks as checks
 from .bootstrap import rough_offsets
-from .causes import Trouble, base_spread_px, cause_check, likely_target_causes
-from .pipeline import Options, Solved, key_snapshots, link, solve_linked, starting_clocks, thinned
-from .self_checks import IN_STEP, check_same_video_by_corners, check_target_size, solution_checks, usual_distance_m
+from .causes import cause_check, likely_target_causes
+from .freedoms import IN_STEP
+from .pipeline import Options, RigTask, Solved, key_snapshots, link, solve_linked, starting_clocks
+from .self_checks import check_same_video_by_corners, check_target_size, solution_checks
 from .snapshots import middle_ns
 from .world import UP_FROM_CAMERAS, WorldRule, aligned
 
@@ -41,23 +42,15 @@ class Calibration:
     """A rig that passed its checks, and what it came from.
 
     Attributes:
-        rig: in the world asked for. report: the checks. coverage: of the recording.
-        position_sigma_m: (C,) standard error of each camera's place against the reference camera.
-        position_cov_m2: (C, 3, 3) the same as covariance, in world coordinates.
-        delay_s, delay_sigma_s: (C, 2) clocks (offset s, drift s/s) against the reference camera, and their standard errors, as
-            `ClockEstimate` has them. middle_ns: middle of the recording, from which drift counts.
-        prop_from_patch: per marker id.
+        rig: in the world asked for. report: the checks. coverage: of the recording. clocks: against the reference camera.
+        position_cov_m2: (C, 3, 3) of each camera's place against the reference camera, in world coordinates.
     """
 
     rig: Rig
     report: CalibrationReport
     coverage: TargetCoverage
-    position_sigma_m: Array
     position_cov_m2: Array
-    delay_s: Array
-    delay_sigma_s: Array
-    middle_ns: int
-    prop_from_patch: dict[int, SE3]
+    clocks: ClockEstimate
 
 
 def calibrate_extrinsics(
@@ -83,29 +76,25 @@ def calibrate_extrinsics(
     options = options or Options()
     intrinsics = Rig(tuple(replace(camera, cam_from_world=SE3.identity()) for camera in cameras))
     _check_input(observations, intrinsics, target)
-    task = _Task(aligned(observations, intrinsics), intrinsics.cameras, target, world or UP_FROM_CAMERAS, upside_down)
-    if options.clocks != "auto":
-        return _explained(task, options, _attempt(task, options))
-    first = _attempt(task, replace(options, clocks="together"))
-    if not first.failed or not _may_be_clocks(task, first, options):
-        return _explained(task, replace(options, clocks="together"), first)
-    second = _attempt(task, replace(options, clocks="offset"))
+    task = RigTask(aligned(observations, intrinsics), intrinsics.cameras, target, options)
+    wanted = _World(world or UP_FROM_CAMERAS, upside_down)
+    first = _attempt(task, wanted, "together" if options.clocks == "auto" else options.clocks)
+    if options.clocks != "auto" or not first.failed or not _may_be_clocks(first):
+        return _explained(first, wanted)
+    second = _attempt(task, wanted, "offset")
     if second.solved is None:
-        return _explained(task, replace(options, clocks="together"), first)
+        return _explained(first, wanted)
     note = "the cameras are not synchronised: their clock offsets were estimated and must be applied when they are used"
     if second.failed:
         note = f"taken as synchronised it is refused as well: {'; '.join(check.line for check in first.failed[:2])}"
-    return _explained(task, replace(options, clocks="offset"), replace(second, notes=(*second.notes, note)))
+    return _explained(replace(second, notes=(note,)), wanted)
 
 
 @dataclass(frozen=True, eq=False)
-class _Task:
-    """What does not change from one attempt to the next; cameras in the order of the observations, without poses."""
+class _World:
+    """How the world is set, and the cameras that really hang upside down in it."""
 
-    observations: CornerObservations
-    cameras: tuple[Camera, ...]
-    target: Target
-    world: WorldRule
+    rule: WorldRule
     upside_down: tuple[str, ...]
 
 
@@ -114,9 +103,11 @@ class _Attempt:
     """A solution with its checks, or how far it came.
 
     Attributes:
-        done: checks. solved: None where the cameras could not be linked. notes: besides those of the solution.
+        task: that was tried. done: checks. solved: None where the cameras could not be linked. notes: besides those of the
+            solution.
     """
 
+    task: RigTask
     done: tuple[Check, ...]
     solved: Solved | None
     notes: tuple[str, ...] = ()
@@ -125,9 +116,15 @@ class _Attempt:
     def failed(self) -> tuple[Check, ...]:
         return tuple(check for check in self.done if not check.passed)
 
+    @property
+    def says_why(self) -> bool:
+        """Whether a check failed that names its cause."""
+        return any(check.name in SAID_BY_ITSELF for check in self.failed)
 
-def _attempt(task: _Task, options: Options) -> _Attempt:
+
+def _attempt(task: RigTask, world: _World, clocks: str) -> _Attempt:
     """Solve and check as far as that goes."""
+    task = replace(task, options=replace(task.options, clocks=clocks))
     done: list[Check] = [
         checks.check_target_seen(task.observations), checks.check_target_moves(task.observations),
         checks.check_doubled(task.observations),
@@ -136,46 +133,46 @@ def _attempt(task: _Task, options: Options) -> _Attempt:
     solved: Solved | None = None
     try:
         _stop_if_failed(done)
-        solved = _solve(task.observations, task.cameras, task.target, options, done)
-        done += solution_checks(task.observations, task.cameras, task.target, options, solved, done)
-        done += world_checks(_in_world(task, solved)[0], task.world.has_floor, task.upside_down)
+        solved = _solve(task, done)
+        done += solution_checks(task, solved, done)
+        done += world_checks(_in_world(solved, world.rule)[0], world.rule.has_floor, world.upside_down)
     except RefusedCalibration as refused:
-        return _Attempt(refused.report.checks, solved)
-    return _Attempt(tuple(done), solved)
+        return _Attempt(task, refused.report.checks, solved)
+    return _Attempt(task, tuple(done), solved)
 
 
-def _explained(task: _Task, options: Options, attempt: _Attempt) -> Calibration:
+def _explained(attempt: _Attempt, world: _World) -> Calibration:
     """The calibration; where checks fail, the refusal with its likely cause in front."""
+    task, solved = attempt.task, attempt.solved
     if not attempt.failed:
-        assert attempt.solved is not None
-        return _calibration(task, attempt.solved, attempt.done, attempt.notes)
+        assert solved is not None
+        return _calibration(attempt, solved, world.rule)
     # what speaks for itself first: it explains the others (an image upside down, where its principal point seems to be)
     done = tuple(sorted(attempt.done, key=lambda check: check.passed or check.name not in SAID_BY_ITSELF))
-    if not any(check.name in SAID_BY_ITSELF for check in attempt.failed):
-        trouble = Trouble(
-            task.observations, task.cameras, task.target, options, None if attempt.solved is None else thinned(attempt.solved)
-        )
-        causes = likely_target_causes(trouble)
+    if not attempt.says_why:
+        less = None if solved is None else solved.thinned
+        causes = likely_target_causes(task, less)
         # blur leaves few markers, which no residual shows
         sharp = checks.check_sharp(task.observations)
-        named = (cause_check(causes, base_spread_px(trouble)),) if causes else () if sharp.passed else (sharp,)
+        named = (cause_check(causes, less),) if causes else () if sharp.passed else (sharp,)
         done = (*named, *done)
-    if attempt.solved is None:
+    if solved is None:
         raise RefusedCalibration(CalibrationReport("extrinsics", done, attempt.notes))
-    kept = _calibration(task, attempt.solved, done, attempt.notes)
+    kept = _calibration(replace(attempt, done=done), solved, world.rule)
     raise RefusedCalibration(kept.report, kept)
 
 
-def _in_world(task: _Task, solved: Solved) -> tuple[Rig, SE3]:
+def _in_world(solved: Solved, rule: WorldRule) -> tuple[Rig, SE3]:
     """The rig in the world asked for, and the motion that takes it there."""
-    rig = _rig(task.cameras, solved)
-    new_from_old = task.world.new_from_old(rig)
-    return replace(rig.moved(new_from_old), world_set_by=task.world.words), new_from_old
+    rig = _rig(solved)
+    new_from_old = rule.new_from_old(rig)
+    return replace(rig.moved(new_from_old), world_set_by=rule.words), new_from_old
 
 
-def _may_be_clocks(task: _Task, attempt: _Attempt, options: Options) -> bool:
+def _may_be_clocks(attempt: _Attempt) -> bool:
     """Whether a refused attempt that took the cameras as synchronised may fail for their clocks."""
-    if any(check.name in SAID_BY_ITSELF for check in attempt.failed):
+    task = attempt.task
+    if attempt.says_why:
         return False
     if any(check.name == IN_STEP for check in attempt.failed):
         return True
@@ -199,45 +196,37 @@ def _stop_if_failed(done: list[Check]) -> None:
     CalibrationReport("extrinsics", tuple(done)).require()
 
 
-def _solve(
-    observations: CornerObservations, cameras: tuple[Camera, ...], target: Target, options: Options, done: list[Check]
-) -> Solved:
-    delay_s = starting_clocks(observations, cameras, target, options)
-    seen = key_snapshots(observations, options, delay_s)
+def _solve(task: RigTask, done: list[Check]) -> Solved:
+    delay_s = starting_clocks(task)
+    seen = key_snapshots(task, delay_s)
     if len(seen.camera) == 0:
         alone = Check("cameras are linked", False, "no two cameras ever see the target at the same time",
                       "hold it where two cameras see it; are the recordings on one clock?")  # fmt: skip
         raise RefusedCalibration(CalibrationReport("extrinsics", (*done, alone)))
-    links = link(cameras, target, seen)
-    present = np.zeros((len(links.seen.t_s), len(cameras)), np.int64)
-    present[links.seen.time_step, links.seen.camera] = 1
-    linked = checks.check_links(observations.cameras, links, present.T @ present)
-    done.append(linked)
+    links = link(task, seen)
+    present = np.zeros((len(seen.t_s), len(task.cameras)), np.int64)
+    present[seen.time_step, seen.camera] = 1
+    done.append(checks.check_links(task.observations.cameras, links, present.T @ present))
     _stop_if_failed(done)
-    solved = solve_linked(observations, cameras, target, options, links, delay_s)
-    enough = checks.check_amount(solved)
-    done.append(enough)
+    solved = solve_linked(task, links, delay_s)
+    done.append(checks.check_amount(solved))
     _stop_if_failed(done)
     return solved
 
 
-def _rig(cameras: tuple[Camera, ...], solved: Solved) -> Rig:
-    state = solved.solution.state
-    lenses = Lenses(cameras, state.lens_delta)
-    pose = state.cam_from_world.se3()
-    placed = tuple(
-        replace(camera, K=lenses.camera_matrix(i), distortion=lenses.distortion(i), cam_from_world=pose[i])
-        for i, camera in enumerate(cameras)
-    )
+def _rig(solved: Solved) -> Rig:
+    pose = solved.solution.state.cam_from_world.se3()
+    placed = tuple(replace(camera, cam_from_world=pose[i]) for i, camera in enumerate(solved.refined))
     good = solved.inlier[solved.seen.group]
     rms = float(np.sqrt((solved.solution.residual_px[good] ** 2).sum(axis=1).mean()))
     return Rig(placed, residual_px=rms)
 
 
-def delay_against_reference(solved: Solved) -> Array:
-    """(C, 2) clocks against the camera whose clock was held."""
+def _clocks(task: RigTask, solved: Solved) -> ClockEstimate:
+    """Against the camera whose clock was held."""
     late = solved.solution.state.delay_s
-    return np.asarray(late - late[solved.links.reference])
+    (offset_s, drift), (offset_sigma_s, drift_sigma) = (late - late[solved.links.reference]).T, solved.solution.delay_sigma_s.T
+    return ClockEstimate(offset_s, drift, offset_sigma_s, drift_sigma, middle_ns(task.observations) / 1e9)
 
 
 def world_checks(rig: Rig, has_floor: bool, upside_down: tuple[str, ...] = ()) -> list[Check]:
@@ -265,37 +254,32 @@ def _notes(solved: Solved, target: Target) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _numbers(solved: Solved, rig: Rig, distance_m: float) -> dict[str, float]:
-    sigma, late = checks.position_sigma_m(solved), delay_against_reference(solved)
+def _numbers(solved: Solved, rig: Rig, clocks: ClockEstimate) -> dict[str, float]:
+    sigma = checks.position_sigma_m(solved)
     numbers = {
         "residual_px": rig.residual_px,
         "sigma_px": solved.solution.sigma_px,
         "instants": float(len(np.unique(solved.seen.time_step))),
-        "usual_distance_m": distance_m,
+        "usual_distance_m": float(np.median(solved.distance_m)),
     }
     for i, name in enumerate(rig.names):
         numbers[f"{name}_position_sigma_mm"] = float(sigma[i] * 1e3)
-        numbers[f"{name}_offset_ms"] = float(late[i, 0] * 1e3)
+        numbers[f"{name}_offset_ms"] = float(clocks.offset_s[i] * 1e3)
     return numbers
 
 
-def _calibration(task: _Task, solved: Solved, done: tuple[Check, ...], notes: tuple[str, ...]) -> Calibration:
-    rig, new_from_old = _in_world(task, solved)
+def _calibration(attempt: _Attempt, solved: Solved, rule: WorldRule) -> Calibration:
+    task, done = attempt.task, attempt.done
+    rig, new_from_old = _in_world(solved, rule)
     failed = [check.name for check in done if not check.passed]
     if failed:
         rig = replace(rig, refused=", ".join(failed))
-    report = CalibrationReport(
-        "extrinsics", done, (*_notes(solved, task.target), *notes), _numbers(solved, rig, usual_distance_m(solved))
-    )
-    turn, state = new_from_old.matrix(), solved.solution.state
+    turn, clocks = new_from_old.matrix(), _clocks(task, solved)
+    notes = (*_notes(solved, task.target), *attempt.notes)
     return Calibration(
         rig=rig,
-        report=report,
+        report=CalibrationReport("extrinsics", done, notes, _numbers(solved, rig, clocks)),
         coverage=coverage(task.observations),
-        position_sigma_m=checks.position_sigma_m(solved),
         position_cov_m2=turn @ checks.position_cov_m2(solved) @ turn.T,
-        delay_s=delay_against_reference(solved),
-        delay_sigma_s=solved.solution.delay_sigma_s,
-        middle_ns=middle_ns(task.observations),
-        prop_from_patch={int(solved.seen.patches[p]): state.prop_from_patch[p].se3() for p in np.unique(solved.seen.patch)},
+        clocks=clocks,
     )

@@ -263,16 +263,6 @@ def triangulate_linear(rig: Rig, xy_img: Array) -> Array:
     return linear_points(rig, np.stack([camera.norm_from_px(xy) for camera, xy in zip(rig, xy_img, strict=True)]))
 
 
-def beside_others(rig: Rig, xy_img: Array) -> Array:
-    """(C, P, 2) px from what each camera saw (C, P, 2) to where the rays of the others meet; NaN with fewer than two others."""
-    norm = np.stack([camera.norm_from_px(xy) for camera, xy in zip(rig, xy_img, strict=True)])
-    apart = np.empty(xy_img.shape)
-    for c, camera in enumerate(rig):
-        mine = np.arange(len(rig)) == c
-        apart[c] = camera.project(linear_points(rig, np.where(mine[:, None, None], np.nan, norm))) - xy_img[c]
-    return apart
-
-
 def linear_points(rig: Rig, norm: Array) -> Array:
     """(P, 3) where the rays of ideal image points (C, P, 2), NaN where unseen, meet: least squares (DLT); NaN below 2 views."""
     count = norm.shape[1]
@@ -305,19 +295,17 @@ class FloorMarker:
 
 def check_floor(floor: FloorMarker | ThreePoints | None, target: Target) -> None:
     """Raise InputError where the floor needs another target, ConfigError where the dictionary has no such marker."""
-    if isinstance(floor, FloorMarker) and not isinstance(target, Markers):
-        raise InputError("a marker on the floor needs a target of markers, of the same dictionary")
-    if isinstance(floor, FloorMarker) and isinstance(target, Markers):
+    if isinstance(floor, FloorMarker):
+        if not isinstance(target, Markers):
+            raise InputError("a marker on the floor needs a target of markers, of the same dictionary")
         _tile(floor, target)
 
 
 def with_floor(target: Target, floor: FloorMarker | ThreePoints | None) -> Target:
     """What to look for in the images: the target, and the marker on the floor where the target has markers of its own only."""
-    if not isinstance(floor, FloorMarker) or not isinstance(target, Markers):
-        return target
-    if not target.ids or floor.id in target.ids:
-        return target
-    return replace(target, ids=(*target.ids, floor.id))
+    if isinstance(floor, FloorMarker) and isinstance(target, Markers) and target.ids and floor.id not in target.ids:
+        return replace(target, ids=(*target.ids, floor.id))
+    return target
 
 
 def moved_target(target: Target, floor: FloorMarker | ThreePoints | None) -> Target:

@@ -100,17 +100,36 @@ def _resected(xyz: Array, norm: Array, focal_px: float) -> tuple[int, Poses] | N
 MOST_POINTS = 4000
 # stretches of the recording whose errors count as independent
 _TIME_BLOCKS = 12
+_INLIER_SIGMA = 4.0
 # speeds are read over so long before and after
 _SPEED_S = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class PersonSolution:
-    """The solution of any scale, its rows, and what was free."""
+    """The solution of any scale, its cameras and rows, and what was free."""
 
+    cameras: tuple[Camera, ...]
     solution: PointSolution
     rows: PointViews
     freedom: PointFreedom
+
+    @property
+    def inlier(self) -> Array:
+        """(N,) whether a row lies within 4 robust standard deviations, as noisy as it is itself."""
+        size = np.abs(self.solution.residual_px).max(axis=1) / self.rows.relative_sigma
+        return np.asarray(size <= _INLIER_SIGMA * self.solution.sigma_px)
+
+    @property
+    def agreeing(self) -> Array:
+        """(C,) share of each camera's keypoints that agree."""
+        good, camera = self.inlier, self.rows.camera
+        return np.array([good[camera == c].mean() if (camera == c).any() else 0.0 for c in range(len(self.cameras))])
+
+    def freed(self, *, focal: bool = False, drift: bool = False) -> PersonSolution:
+        """Solved once more from here, with every camera's clock free, and on request its focal length and its clock's rate."""
+        freedom = replace(self.freedom, clocks=True, focal=focal, drift=drift)
+        return replace(self, solution=solve_points(self.rows, self.cameras, self.solution.state, freedom))
 
 
 def solve_person_bundle(
@@ -134,7 +153,7 @@ def solve_person_bundle(
     point_of = point_of[good]
     rows = _rows(views, usable, point_of)
     start = PointState(poses, xyz, np.zeros((len(cameras), 3)))
-    return PersonSolution(solve_points(rows, cameras, start, freedom), rows, freedom)
+    return PersonSolution(cameras, solve_points(rows, cameras, start, freedom), rows, freedom)
 
 
 def _start_points(
@@ -177,9 +196,3 @@ def _velocity_px_s(views: PersonViews) -> Array:
         apart_s = (views.t_ns[2 * lag :] - views.t_ns[: -2 * lag]) / 1e9
         out[:, lag:-lag] = (views.xy_img[:, 2 * lag :] - views.xy_img[:, : -2 * lag]) / apart_s[:, None, None]
     return np.nan_to_num(out)
-
-
-def freed(cameras: tuple[Camera, ...], solved: PersonSolution, *, focal: bool = False, drift: bool = False) -> PointSolution:
-    """The solve once more, with every camera's clock free, and on request its focal length and the rate of its clock."""
-    freedom = replace(solved.freedom, clocks=True, focal=focal, drift=drift)
-    return solve_points(solved.rows, cameras, solved.solution.state, freedom)

@@ -4,25 +4,25 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import numpy as np
 
 from posefuse.calibration.clocks.sync import person_seen
 from posefuse.calibration.extrinsics import self_checks
+from posefuse.calibration.extrinsics.freedoms import IN_STEP
 from posefuse.calibration.report import Check
-from posefuse.calibration.solving.point_solve import FOCAL, LATE, PointSolution, PointState, PointViews, solve_points
+from posefuse.calibration.solving.point_solve import FOCAL, LATE, PointState, solve_points
 from posefuse.calibration.solving.rotations import poses_of
 from posefuse.core import CalibrationError, Camera, Rig, Skeleton
 from posefuse.core.arrays import Array
 
-from .bundle import PersonSolution, freed, solve_person_bundle
+from .bundle import PersonSolution, solve_person_bundle
 from .views import PersonViews
 
 _MOST_SIGMA_PX_PER_1000 = 12.0
-_LEAST_INLIER_SHARE, _INLIER_SIGMA = 0.7, 4.0
+_LEAST_INLIER_SHARE = 0.7
 _LEAST_WALK_SHARE = 0.04
-_SAME_VIDEO_PX = 2.0
+SAME_VIDEO_PX = 2.0
 _LEAST_TRUE_SIDED = 0.5
 # of free focal lengths and clocks: the best precision that a person allows, and standard errors
 _FOCAL_SHARE, _LATE_S, _TERM_SIGMA = 0.05, 0.015, 6.0
@@ -42,47 +42,27 @@ def check_person_in_views(views: PersonViews) -> Check:
     return person_seen(blind)
 
 
-def check_same_video_by_person(views: PersonViews) -> Check:
-    """No two cameras have the person at the same pixels all the time."""
-    alike = []
-    for a, b in combinations(range(len(views.cameras)), 2):
-        off = np.linalg.norm(views.xy_img[a] - views.xy_img[b], axis=-1)
-        if np.isfinite(off).any() and float(np.nanmedian(off)) < _SAME_VIDEO_PX:
-            alike.append(f"{views.cameras[a]} and {views.cameras[b]}")
-    return self_checks.videos_differ(alike)
-
-
-def person_solution_checks(
-    skeleton: Skeleton, cameras: tuple[Camera, ...], solution: PointSolution, rows: PointViews, rig: Rig, xyz: Array
-) -> list[Check]:
+def person_solution_checks(skeleton: Skeleton, solved: PersonSolution, rig: Rig, xyz: Array) -> list[Check]:
     """The keypoints fit, the cameras agree, nothing is mirrored, and no two cameras share a place."""
-    limit, share = _spread_limit_px(cameras), agreeing_shares(solution, rows, len(cameras))
-    worst = int(np.argmin(share))
+    return [*fit_checks(solved), check_mirror(skeleton, xyz), self_checks.check_cameras_apart(solved.cameras, poses_of(rig))]
+
+
+def fit_checks(solved: PersonSolution) -> list[Check]:
+    """The keypoints fit, and the cameras agree."""
+    cameras, sigma_px, share = solved.cameras, solved.solution.sigma_px, solved.agreeing
+    limit, worst = _MOST_SIGMA_PX_PER_1000 * max(max(camera.size_wh) for camera in cameras) / 1000, int(np.argmin(share))
     return [
-        Check("keypoints fit", solution.sigma_px <= limit, f"spread {solution.sigma_px:.1f} px (limit {limit:.1f})",
+        Check("keypoints fit", sigma_px <= limit, f"spread {sigma_px:.1f} px (limit {limit:.1f})",
               "wrong intrinsics, cameras unsynchronised, or different people in different cameras"),
         Check("cameras agree", bool(share[worst] >= _LEAST_INLIER_SHARE),
               f"{cameras[worst].name} agrees worst: {share[worst]:.0%} of its keypoints (needed {_LEAST_INLIER_SHARE:.0%})",
               "it follows another person, moved, or is unsynchronised"),
-        check_mirror(skeleton, xyz),
-        self_checks.check_cameras_apart(cameras, poses_of(rig)),
     ]  # fmt: skip
 
 
-def solution_fits(cameras: tuple[Camera, ...], solution: PointSolution, rows: PointViews) -> bool:
+def solution_fits(solved: PersonSolution) -> bool:
     """Whether the keypoints fit, and all cameras agree."""
-    agree = (agreeing_shares(solution, rows, len(cameras)) >= _LEAST_INLIER_SHARE).all()
-    return bool(agree and solution.sigma_px <= _spread_limit_px(cameras))
-
-
-def _spread_limit_px(cameras: tuple[Camera, ...]) -> float:
-    return _MOST_SIGMA_PX_PER_1000 * max(max(camera.size_wh) for camera in cameras) / 1000
-
-
-def agreeing_shares(solution: PointSolution, rows: PointViews, cameras: int) -> Array:
-    """(C,) share of each camera's keypoints that agree."""
-    good = inliers(solution, rows)
-    return np.array([good[rows.camera == c].mean() if (rows.camera == c).any() else 0.0 for c in range(cameras)])
+    return all(check.passed for check in fit_checks(solved))
 
 
 def check_walk(hips: Array, distance_m: float) -> Check:
@@ -105,9 +85,9 @@ def check_mirror(skeleton: Skeleton, xyz: Array) -> Check:
     )  # fmt: skip
 
 
-def check_intrinsics(cameras: tuple[Camera, ...], free: PointSolution) -> Check:
+def check_intrinsics(free: PersonSolution) -> Check:
     """Focal lengths that are let free stay where they are."""
-    longer, sigma = free.state.terms[:, FOCAL], free.terms_sigma[:, FOCAL]
+    cameras, longer, sigma = free.cameras, free.solution.state.terms[:, FOCAL], free.solution.terms_sigma[:, FOCAL]
     limit = np.maximum(_FOCAL_SHARE, _TERM_SIGMA * sigma)
     wrong = np.flatnonzero(np.abs(longer) > limit)
     worst = int(np.argmax(np.abs(longer) / limit))
@@ -119,13 +99,13 @@ def check_intrinsics(cameras: tuple[Camera, ...], free: PointSolution) -> Check:
                  "lenses")  # fmt: skip
 
 
-def check_synchronised(cameras: tuple[Camera, ...], free: PointSolution) -> Check:
+def check_synchronised(free: PersonSolution) -> Check:
     """Clocks that are let free stay where they are."""
-    late_s, sigma_s = free.state.terms[:, LATE], free.terms_sigma[:, LATE]
+    cameras, late_s, sigma_s = free.cameras, free.solution.state.terms[:, LATE], free.solution.terms_sigma[:, LATE]
     late_s = late_s - np.median(late_s)
     ratio = np.abs(late_s) / np.maximum(_LATE_S, _TERM_SIGMA * np.maximum(sigma_s, np.median(sigma_s)))
     worst = int(np.argmax(ratio))
-    return Check(self_checks.IN_STEP, bool(ratio[worst] <= 1),
+    return Check(IN_STEP, bool(ratio[worst] <= 1),
                  f"the clock of {cameras[worst].name} is {late_s[worst] * 1e3:+.0f} ms late (standard error"
                  f" {sigma_s[worst] * 1e3:.1f} ms, limit {_LATE_S * 1e3:.0f} ms)",
                  "the cameras are not synchronised: calibrate with `clocks=offset`", "clocks")  # fmt: skip
@@ -158,38 +138,32 @@ def spread_m(points: Array) -> Array:
     return np.asarray(np.linalg.svd(near - near.mean(axis=0), compute_uv=False) / np.sqrt(len(near)))
 
 
-def inliers(solution: PointSolution, rows: PointViews) -> Array:
-    """(N,) whether a row lies within 4 robust standard deviations, as noisy as it is itself."""
-    size = np.abs(solution.residual_px).max(axis=1) / rows.relative_sigma
-    return np.asarray(size <= _INLIER_SIGMA * solution.sigma_px)
-
-
 # an explanation leaves so much of the spread at most, and lets every camera agree
 _MOST_LEFT = 0.8
 
 
-def likely_person_causes(views: PersonViews, cameras: tuple[Camera, ...], solved: PersonSolution) -> tuple[Check, ...]:
+def likely_person_causes(views: PersonViews, solved: PersonSolution) -> tuple[Check, ...]:
     """The first explanation that makes all cameras agree, as a failed check; none where there is none.
 
     Tried are one camera's image flipped back, focal lengths and clocks let free, and cameras that move.
     """
-    worst = int(np.argmin(agreeing_shares(solved.solution, solved.rows, len(cameras))))
+    cameras, worst = solved.cameras, int(np.argmin(solved.agreeing))
     with suppress(CalibrationError):
         again = solve_person_bundle(_flipped(views, cameras, worst), cameras, STANDING_POINTS)
-        if _explains(cameras, again.solution, again.rows, solved):
+        if _explains(again, solved):
             words = f"the image of {cameras[worst].name} is mirrored"
             return (Check("cause", False, words, "switch the mirror mode of the camera off"),)
-    free = freed(cameras, solved, focal=True)
-    if _explains(cameras, free, solved.rows, solved):
-        failed = [check for check in (check_synchronised(cameras, free), check_intrinsics(cameras, free)) if not check.passed]
+    free = solved.freed(focal=True)
+    if _explains(free, solved):
+        failed = [check for check in (check_synchronised(free), check_intrinsics(free)) if not check.passed]
         return tuple(replace(check, name="cause") for check in failed[:1])
-    standing = check_standing(cameras, solve_person_bundle(views, cameras, STANDING_POINTS, solved))
+    standing = check_standing(solve_person_bundle(views, cameras, STANDING_POINTS, solved))
     return () if standing.passed else (replace(standing, name="cause"),)
 
 
-def _explains(cameras: tuple[Camera, ...], solution: PointSolution, rows: PointViews, before: PersonSolution) -> bool:
-    less = solution.sigma_px <= max(_MOST_LEFT * before.solution.sigma_px, 1.0)
-    return less and solution_fits(cameras, solution, rows) and not solution_fits(cameras, before.solution, before.rows)
+def _explains(solved: PersonSolution, before: PersonSolution) -> bool:
+    less = solved.solution.sigma_px <= max(_MOST_LEFT * before.solution.sigma_px, 1.0)
+    return less and solution_fits(solved) and not solution_fits(before)
 
 
 def _flipped(views: PersonViews, cameras: tuple[Camera, ...], camera: int) -> PersonViews:
@@ -216,32 +190,31 @@ class _Split:
     """A solve in which camera `of` has one pose before a time and another one afterwards.
 
     Attributes:
-        solved: with the second pose as one more camera, the last one. cameras: of it. words: when it moved, and how far.
+        solved: with the second pose as one more camera, the last one. words: when it moved, and how far.
         ratio: the move over its limit. cost: of the keypoints, robust.
     """
 
     of: int
     solved: PersonSolution
-    cameras: tuple[Camera, ...]
     words: str
     ratio: float
     cost: float
 
 
-def check_standing(cameras: tuple[Camera, ...], solved: PersonSolution) -> Check:
+def check_standing(solved: PersonSolution) -> Check:
     """No camera moves during the recording; all that do are named, each with the time."""
-    now, everyone, worst = solved, cameras, 0.0
+    now, worst = solved, 0.0
     words: list[str] = []
-    left = list(range(len(cameras)))
+    left = list(range(len(solved.cameras)))
     while len(left) > 1 or not words:
-        splits = [_split(everyone, now, c) for c in left]
+        splits = [_split(now, c) for c in left]
         worst = max(worst, max(split.ratio for split in splits))
         moved = sorted((split for split in splits if split.ratio > 1), key=lambda split: split.cost)
         if not moved:
             break
         alike = [one for one in moved[1:] if one.cost < moved[0].cost * (1 + _ALIKE)]
         words.append(" or ".join(split.words for split in (moved[0], *alike)))
-        now, everyone = moved[0].solved, moved[0].cameras
+        now = moved[0].solved
         left = [c for c in left if c not in [one.of for one in (moved[0], *alike)]]
     detail = f"the largest move is {worst:.0%} of what would be noticed" if not words else "; ".join(words)
     return Check(
@@ -249,37 +222,35 @@ def check_standing(cameras: tuple[Camera, ...], solved: PersonSolution) -> Check
     )
 
 
-def _split(cameras: tuple[Camera, ...], solved: PersonSolution, c: int) -> _Split:
+def _split(solved: PersonSolution, c: int) -> _Split:
+    camera = solved.cameras[c]
     mine = np.flatnonzero(solved.rows.camera == c)
     since_s = solved.rows.since_s[mine]
     order = np.argsort(since_s, kind="stable")
     stretch = np.empty(len(mine), np.int64)
     stretch[order] = np.arange(len(mine)) * _STRETCHES // max(len(mine), 1)
-    all_cameras, free = _with_poses(cameras, solved, c, mine, stretch)
-    poses = free.solution.state.cam_from_world[np.r_[c, len(cameras) : len(all_cameras)]]
+    free = _with_poses(solved, c, mine, stretch)
+    poses = free.solution.state.cam_from_world[np.r_[c, len(solved.cameras) : len(free.cameras)]]
     seen = free.solution.state.xyz[solved.rows.point[mine[:: max(1, len(mine) // _MOST_COMPARED)]]]
-    xy = np.stack([replace(cameras[c], cam_from_world=poses[i].se3()).project(seen) for i in range(len(poses))])
-    focal_px = float(cameras[c].K[0, 0])
+    xy = np.stack([replace(camera, cam_from_world=poses[i].se3()).project(seen) for i in range(len(poses))])
+    focal_px = float(camera.K[0, 0])
     ratio, first, last, step_px = _largest_step(xy, _LEAST_RAD * focal_px)
     edges = np.sort(since_s)[np.arange(1, _STRETCHES) * len(mine) // _STRETCHES] if len(mine) else np.zeros(_STRETCHES - 1)
     at_s = float(edges[first - 1 : last].mean())
-    two_cameras, two = _with_poses(cameras, solved, c, mine, (since_s >= at_s).astype(np.int64))
-    words = (f"{cameras[c].name} was moved at about {at_s - solved.rows.since_s.min():.0f} s, its view by"
+    two = _with_poses(solved, c, mine, (since_s >= at_s).astype(np.int64))
+    words = (f"{camera.name} was moved at about {at_s - solved.rows.since_s.min():.0f} s, its view by"
              f" {np.rad2deg(step_px / focal_px):.1f} deg")  # fmt: skip
-    return _Split(c, two, two_cameras, words, ratio, _cost(two, solved.solution.sigma_px))
+    return _Split(c, two, words, ratio, _cost(two, solved.solution.sigma_px))
 
 
-def _with_poses(
-    cameras: tuple[Camera, ...], solved: PersonSolution, c: int, mine: Array, part: Array
-) -> tuple[tuple[Camera, ...], PersonSolution]:
+def _with_poses(solved: PersonSolution, c: int, mine: Array, part: Array) -> PersonSolution:
     """The solve again with another pose of camera c for each part (n,) of its rows `mine` (n,) but the first."""
-    more, camera, state = int(part.max(initial=0)), solved.rows.camera.copy(), solved.solution.state
-    camera[mine] = np.where(part > 0, len(cameras) + part - 1, c)
-    every = np.r_[: len(cameras), np.full(more, c)]
-    all_cameras = (*cameras, *[cameras[c]] * more)
-    rows = replace(solved.rows, camera=camera)
+    count, camera, state = len(solved.cameras), solved.rows.camera.copy(), solved.solution.state
+    camera[mine] = np.where(part > 0, count + part - 1, c)
+    every = np.r_[:count, np.full(int(part.max(initial=0)), c)]
+    cameras, rows = tuple(solved.cameras[i] for i in every), replace(solved.rows, camera=camera)
     start = PointState(state.cam_from_world[every], state.xyz, state.terms[every])
-    return all_cameras, PersonSolution(solve_points(rows, all_cameras, start, solved.freedom), rows, solved.freedom)
+    return PersonSolution(cameras, solve_points(rows, cameras, start, solved.freedom), rows, solved.freedom)
 
 
 def _largest_step(xy: Array, least_px: float) -> tuple[float, int, int, float]:

@@ -25,18 +25,17 @@ _SIDES = ("left", "right")
 
 @dataclass(frozen=True)
 class KnownLength:
-    """What sets the scale: the person's stature, or the distance of two cameras, in metres; exactly one of them."""
+    """What sets the scale: the person's stature in metres, or two cameras and their distance in metres; exactly one of them."""
 
     stature_m: float | None = None
-    cameras: tuple[str, str] | None = None
-    distance_m: float | None = None
+    apart: tuple[str, str, float] | None = None
 
     def __post_init__(self) -> None:
-        if (self.stature_m is None) == (self.distance_m is None) or (self.cameras is None) != (self.distance_m is None):
+        if (self.stature_m is None) == (self.apart is None):
             raise CalibrationError("scale: give either the person's stature, or two cameras and their distance")
-        if self.cameras is not None and self.cameras[0] == self.cameras[1]:
-            raise CalibrationError(f"scale: expected the distance of two cameras, got {self.cameras[0]} twice")
-        metres = self.distance_m if self.stature_m is None else self.stature_m
+        if self.apart is not None and self.apart[0] == self.apart[1]:
+            raise CalibrationError(f"scale: expected the distance of two cameras, got {self.apart[0]} twice")
+        metres = self.stature_m if self.apart is None else self.apart[2]
         if not (metres is not None and np.isfinite(metres) and metres > 0):
             raise CalibrationError(f"scale: expected a length > 0 m, got {metres}")
         least_m, most_m = _STATURES_M
@@ -48,9 +47,9 @@ class KnownLength:
         """By how much a rig of any scale, and the person's keypoints (T, K, 3) in it, have to grow."""
         if self.stature_m is not None:
             return self.stature_m / stature_m(skeleton, xyz)
-        assert self.cameras is not None and self.distance_m is not None
-        ends = [rig[name].centre_world for name in self.cameras]
-        return self.distance_m / float(np.linalg.norm(ends[1] - ends[0]))
+        assert self.apart is not None
+        first, second, distance_m = self.apart
+        return distance_m / float(np.linalg.norm(rig[second].centre_world - rig[first].centre_world))
 
 
 def limb_lengths_m(skeleton: Skeleton, xyz: Array) -> Array:

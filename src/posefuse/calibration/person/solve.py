@@ -26,25 +26,24 @@ from posefuse.calibration.clocks.sync import (
     middle_s,
     moving_keypoints,
 )
-from posefuse.calibration.extrinsics.self_checks import camera_differences
+from posefuse.calibration.extrinsics.self_checks import camera_differences, check_videos_differ
 from posefuse.calibration.extrinsics.target import world_checks
 from posefuse.calibration.extrinsics.world import WorldRule, floor_from_feet, floor_under_body, triangulate_linear
 from posefuse.calibration.report import CalibrationReport, Check, RefusedCalibration
-from posefuse.calibration.solving.point_solve import DRIFT, LATE, PointSolution
-from posefuse.calibration.solving.rotations import Poses
+from posefuse.calibration.solving.point_solve import DRIFT, LATE
+from posefuse.calibration.solving.rotations import poses_of
 from posefuse.core import SE3, CalibrationError, Camera, Rig, Skeleton
 from posefuse.core.arrays import Array
 
-from .bundle import PersonSolution, freed, solve_person_bundle
+from .bundle import PersonSolution, solve_person_bundle
 from .checks import (
+    SAME_VIDEO_PX,
     STANDING_POINTS,
     check_intrinsics,
     check_person_in_views,
-    check_same_video_by_person,
     check_standing,
     check_synchronised,
     check_walk,
-    inliers,
     likely_person_causes,
     person_solution_checks,
     solution_fits,
@@ -75,7 +74,7 @@ class PersonCalibration:
 
 def rough_rig(views: PersonViews, cameras: tuple[Camera, ...], length: KnownLength) -> Rig:
     """The rig in metres without a check and with the first camera as the world: to look again, not to be kept."""
-    return _scaled(views, cameras, solve_person_bundle(views, cameras), length)[0]
+    return _scaled(views, solve_person_bundle(views, cameras), length)[0]
 
 
 def calibrate_from_person(
@@ -89,39 +88,38 @@ def calibrate_from_person(
     Raises:
         CalibrationError: input that cannot be used. RefusedCalibration (one of them, with the report): a check fails.
     """
-    done = [check_person_in_views(views), check_same_video_by_person(views)]
+    done = [check_person_in_views(views), check_videos_differ(views.cameras, views.xy_img, 1, SAME_VIDEO_PX)]
     CalibrationReport(_SUBJECT, tuple(done)).require()
     solved = solve_person_bundle(views, cameras)
-    solution, rows = solved.solution, solved.rows
-    rig, xyz = _scaled(views, cameras, solved, length)
+    rig, xyz = _scaled(views, solved, length)
     distance_m = float(np.nanmedian(np.linalg.norm(rig.cameras[0].cam_from_world @ xyz.reshape(-1, 3), axis=1)))
     hips = xyz[:, views.skeleton.indices(_HIPS)].mean(axis=1)
-    done += [*person_solution_checks(views.skeleton, cameras, solution, rows, rig, xyz), check_walk(hips, distance_m)]
+    done += [*person_solution_checks(views.skeleton, solved, rig, xyz), check_walk(hips, distance_m)]
     if CalibrationReport(_SUBJECT, tuple(done)).failed:
-        CalibrationReport(_SUBJECT, (*likely_person_causes(views, cameras, solved), *done)).require()
-    free = freed(cameras, solved, focal=True)
-    done += [check_intrinsics(cameras, free), check_synchronised(cameras, free)]
+        CalibrationReport(_SUBJECT, (*likely_person_causes(views, solved), *done)).require()
+    free = solved.freed(focal=True)
+    done += [check_intrinsics(free), check_synchronised(free)]
     # the others take more solves, which do not help a rig that already fails
     CalibrationReport(_SUBJECT, tuple(done)).require()
-    done.append(check_standing(cameras, solve_person_bundle(views, cameras, STANDING_POINTS, solved)))
+    done.append(check_standing(solve_person_bundle(views, cameras, STANDING_POINTS, solved)))
     done.append(_check_halves(views, cameras, distance_m, length))
     rule = _floor(views.skeleton, xyz)
-    residual = solution.residual_px[inliers(solution, rows)]
+    residual = solved.solution.residual_px[solved.inlier]
     rms_px = float(np.sqrt((residual**2).sum(axis=1).mean()))
     rig = replace(rig.moved(rule.new_from_old(rig)), world_set_by=rule.words, residual_px=rms_px)
     done += world_checks(rig, rule.has_floor, upside_down)
     report = CalibrationReport(
         _SUBJECT, tuple(done),
-        numbers={"sigma_px": solution.sigma_px, "points": float(rows.point_count), "residual_px": rig.residual_px}
+        numbers={"sigma_px": solved.solution.sigma_px, "points": float(solved.rows.point_count), "residual_px": rig.residual_px}
         | ({} if length.stature_m is None else {"scale_sigma_percent": 100 * STATURE_SIGMA}),
     )  # fmt: skip
     report.require()
     return PersonCalibration(rig, report)
 
 
-def _scaled(views: PersonViews, cameras: tuple[Camera, ...], solved: PersonSolution, length: KnownLength) -> tuple[Rig, Array]:
+def _scaled(views: PersonViews, solved: PersonSolution, length: KnownLength) -> tuple[Rig, Array]:
     """The rig in metres and the person's keypoints (T, K, 3) in it."""
-    pose = solved.solution.state.cam_from_world.se3()
+    cameras, pose = solved.cameras, solved.solution.state.cam_from_world.se3()
     rig = Rig(tuple(replace(camera, cam_from_world=pose[i]) for i, camera in enumerate(cameras)))
     shape = views.xy_img.shape[1:3]
     xy = np.full(views.xy_img.shape, np.nan)
@@ -158,8 +156,7 @@ def _check_halves(views: PersonViews, cameras: tuple[Camera, ...], distance_m: f
     found = []
     for half in (0, 1):
         part = views.at(stretch == half)
-        one, _ = _scaled(part, cameras, solve_person_bundle(part, cameras), length)
-        found.append(Poses(np.stack([c.cam_from_world.matrix() for c in one]), np.stack([c.cam_from_world.xyz for c in one])))
+        found.append(poses_of(_scaled(part, solve_person_bundle(part, cameras), length)[0]))
     apart_m, turned = camera_differences(found[0], found[1])
     limit = _HALVES_SHARE * distance_m
     worst = int(np.argmax(np.maximum(apart_m / limit, turned / _HALVES_RAD)))
@@ -198,9 +195,10 @@ def unplaced_clocks(
     zero = ClockEstimate.known(np.zeros(len(tracks)), middle_s(tracks))
     if clocks == "auto" and _synchronised(tracks, cameras):
         return None
+    near: ClockEstimate | None = None
     with suppress(CalibrationError):
         near, solved = _settled(tracks, cameras, zero, clocks == "drift")
-        if solution_fits(cameras, solved.solution, solved.rows):
+        if solution_fits(solved):
             return near
     # farther apart than the steps of a solve reach
     rough = rough_clocks_unplaced(cameras, moving, most_s)
@@ -213,7 +211,9 @@ def unplaced_clocks(
         except RefusedCalibration as refused:
             raise RefusedCalibration(replace(refused.report, checks=(*refused.report.checks, *report.failed))) from None
     report.require()
-    return _settled(tracks, cameras, ClockEstimate.known(rough.offset_s, zero.middle_s), clocks == "drift")[0]
+    start = ClockEstimate.known(rough.offset_s, zero.middle_s)
+    # not once more from where it began before
+    return near if near is not None and not start.offset_s.any() else _settled(tracks, cameras, start, clocks == "drift")[0]
 
 
 def at_clocks(tracks: Sequence[PersonTrack], clocks: ClockEstimate) -> tuple[PersonTrack, ...]:
@@ -225,8 +225,7 @@ def _synchronised(tracks: Sequence[PersonTrack], cameras: tuple[Camera, ...]) ->
     """Whether a rig fits the cameras as their stamps are, and clocks that are let free stay."""
     with suppress(CalibrationError):
         solved = solve_person_bundle(person_views(tracks), cameras, _POINTS)
-        fits = solution_fits(cameras, solved.solution, solved.rows)
-        return fits and check_synchronised(cameras, freed(cameras, solved, focal=True)).passed
+        return solution_fits(solved) and check_synchronised(solved.freed(focal=True)).passed
     return False
 
 
@@ -258,7 +257,7 @@ def calibrate_tracks(
     left = replace(both, offset_sigma_s=sigma_s)
     checks = [check_clocks_determined(names, left), _check_clocks_of_halves(names, apart_s)]
     if not with_drift:
-        checks.append(_check_steady(names, freed(cameras, solved, drift=True), -float(solved.rows.since_s.min())))
+        checks.append(_check_steady(solved.freed(drift=True)))
     report = replace(found.report, checks=(*found.report.checks, *checks))
     report.require()
     return replace(found, report=report), first.then(left)
@@ -285,15 +284,17 @@ def _check_clocks_of_halves(names: Sequence[str], apart_s: Array) -> Check:
     )  # fmt: skip
 
 
-def _check_steady(names: Sequence[str], free: PointSolution, half_s: float) -> Check:
+def _check_steady(free: PersonSolution) -> Check:
     """Clock rates that are let free stay where they are: against the median, since the held one may be the one that drifts."""
-    drift, sigma = free.state.terms[:, DRIFT], free.terms_sigma[:, DRIFT]
+    drift, sigma = free.solution.state.terms[:, DRIFT], free.solution.terms_sigma[:, DRIFT]
+    half_s = -float(free.rows.since_s.min())
     apart_s = (drift - np.median(drift)) * half_s
     limit_s = np.maximum(MOST_JUMP_S, LATE_SIGMA * np.maximum(sigma, np.median(sigma)) * half_s)
     c = int(np.argmax(np.abs(apart_s) / limit_s))
     return Check(
         "parts agree", bool(abs(apart_s[c]) <= limit_s[c]),
-        f"{names[c]} runs {apart_s[c] * 1e3:+.1f} ms later in the second half than in the first (limit {limit_s[c] * 1e3:.1f})",
+        f"{free.cameras[c].name} runs {apart_s[c] * 1e3:+.1f} ms later in the second half than in the first"
+        f" (limit {limit_s[c] * 1e3:.1f})",
         "its clock runs at another rate: try `clocks=drift`; or frames were lost, or come at no constant rate, without a note in"
         " its file: use the part before or after", "drift",
     )  # fmt: skip
@@ -307,17 +308,17 @@ def _settled(
     for _ in range(_MOST_ROUNDS):
         views = person_views(tracks, clocks)
         solved = solve_person_bundle(views, cameras, _POINTS, near)
-        free = freed(cameras, solved, drift=with_drift)
-        near = replace(solved, solution=free)
-        left = _left(free, clocks.middle_s)
+        near = solved.freed(drift=with_drift)
+        left = _left(near, clocks.middle_s)
         clocks = clocks.then(left)
         if np.abs(left.offset_s).max() < _SETTLED_S:
             break
     return clocks, solved
 
 
-def _left(free: PointSolution, middle_s: float) -> ClockEstimate:
+def _left(free: PersonSolution, middle_s: float) -> ClockEstimate:
     """What is left of clocks and their rates, against the first camera."""
-    apart, sigma = free.state.terms - free.state.terms[0], np.hypot(free.terms_sigma, free.terms_sigma[0])
+    terms, sigma = free.solution.state.terms, free.solution.terms_sigma
+    apart, sigma = terms - terms[0], np.hypot(sigma, sigma[0])
     sigma[0] = 0
     return ClockEstimate(apart[:, LATE], apart[:, DRIFT], sigma[:, LATE], sigma[:, DRIFT], middle_s)

@@ -14,7 +14,7 @@ from typing import Generic, TypeVar
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from posefuse.core.arrays import Array
+from posefuse.core.arrays import SIGMA_PER_MAD, Array
 
 State = TypeVar("State")
 
@@ -86,7 +86,6 @@ class Solution(Generic[State]):
         state: the unknowns. residual: (N, 2) there. weight: (N,) robust weights there. linear: the problem about it.
         covariance: (G, G) of the free global unknowns, in the order of the blocks, for unit observation noise.
         scores: (L, G) pull of the observations of each local unknown on the free global ones; their sum is about 0.
-        iterations: steps tried.
     """
 
     state: State
@@ -95,7 +94,11 @@ class Solution(Generic[State]):
     linear: Linearised
     covariance: Array
     scores: Array
-    iterations: int
+
+    def spread_px(self, assumed_px: float, least_px: float) -> float:
+        """Robust standard deviation of a coordinate, its residuals being in units of `assumed_px`, which it is without any."""
+        usable = self.residual[np.isfinite(self.residual).all(axis=1)] * assumed_px
+        return max(float(SIGMA_PER_MAD * np.median(np.abs(usable))), least_px) if len(usable) else assumed_px
 
 
 def grouped_sum(values: Array, index: Array, count: int) -> Array:
@@ -104,15 +107,15 @@ def grouped_sum(values: Array, index: Array, count: int) -> Array:
     return np.asarray(chooser @ values.reshape(len(index), -1)).reshape(count, *values.shape[1:])
 
 
-def solve_bundle(problem: Problem[State], start: State, most_iterations: int = _MOST_ITERATIONS) -> Solution[State]:
+def solve_bundle(problem: Problem[State], start: State) -> Solution[State]:
     """Minimise the robust cost from a start that is roughly right."""
     state, damping = start, _DAMPING_START
     residual = problem.residual(state)
     cost = _cost(problem, residual) + problem.prior_cost(state)
     converged, iteration = False, 0
-    while iteration < most_iterations and not converged:
+    while iteration < _MOST_ITERATIONS and not converged:
         system = _System(problem, problem.linearise(state), _weights(problem, residual))
-        while iteration < most_iterations:
+        while iteration < _MOST_ITERATIONS:
             iteration += 1
             global_steps, local_steps = system.steps(damping)
             trial = problem.step(state, global_steps, local_steps)
@@ -137,7 +140,6 @@ def solve_bundle(problem: Problem[State], start: State, most_iterations: int = _
         linear=linear,
         covariance=system.covariance(),
         scores=system.scores(linear, weight),
-        iterations=iteration,
     )
 
 

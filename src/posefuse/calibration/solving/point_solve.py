@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from posefuse.core import Camera
-from posefuse.core.arrays import SIGMA_PER_MAD, Array
+from posefuse.core.arrays import Array
 
 from .bundle import Linearised, Problem, ResidualBlock, Solution, clustered_covariance, solve_bundle
 from .projection import Lenses
@@ -89,17 +89,11 @@ class PointFreedom:
 def solve_points(views: PointViews, cameras: tuple[Camera, ...], start: PointState, freedom: PointFreedom) -> PointSolution:
     """A robust solve with a wide loss, and one with the spread found."""
     first = solve_bundle(_problem(views, cameras, freedom, _ROUGH_SIGMA_PX), start)
-    sigma = _spread(first.residual * _ROUGH_SIGMA_PX)
+    sigma = first.spread_px(_ROUGH_SIGMA_PX, _LEAST_SIGMA_PX)
     second = solve_bundle(_problem(views, cameras, freedom, sigma), first.state)
-    residual = second.residual * sigma
-    found = _spread(residual)
+    found = second.spread_px(sigma, _LEAST_SIGMA_PX)
     terms_sigma = _terms_sigma(second, views, freedom, (found / sigma) ** 2)
-    return PointSolution(second.state, found, residual * views.relative_sigma[:, None], terms_sigma)
-
-
-def _spread(residual: Array) -> float:
-    good = residual[np.isfinite(residual).all(axis=1)]
-    return max(float(SIGMA_PER_MAD * np.median(np.abs(good))), _LEAST_SIGMA_PX) if len(good) else _ROUGH_SIGMA_PX
+    return PointSolution(second.state, found, second.residual * sigma * views.relative_sigma[:, None], terms_sigma)
 
 
 def _free(count: int, freedom: PointFreedom) -> tuple[Array, Array]:

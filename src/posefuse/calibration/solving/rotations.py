@@ -42,6 +42,12 @@ class Poses:
     def __len__(self) -> int:
         return len(self.t)
 
+    @property
+    def listed(self) -> Poses:
+        """All that are known, as one stack: those with a NaN are left out."""
+        flat = Poses(self.R.reshape(-1, 3, 3), self.t.reshape(-1, 3))
+        return flat[np.isfinite(flat.t).all(axis=1)]
+
     def inverse(self) -> Poses:
         """b_from_a of a_from_b."""
         back = np.swapaxes(self.R, -1, -2)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from posefuse.core.arrays import Array, frozen
+from posefuse.core.arrays import Array, freeze_fields
 
 from .corners import CornerObservations
 
@@ -35,8 +35,7 @@ class TargetCoverage:
     together: Array
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "cells", frozen(self.cells, np.int64, "TargetCoverage.cells"))
-        object.__setattr__(self, "together", frozen(self.together, np.int64, "TargetCoverage.together"))
+        freeze_fields(self, {"cells": np.int64, "together": np.int64})
 
     @property
     def share(self) -> Array:
@@ -83,13 +82,17 @@ def coverage_sheet(found: TargetCoverage, sizes_wh: Sequence[tuple[int, int]], w
     return np.concatenate([np.concatenate(padded[i : i + 2], axis=1) for i in range(0, len(padded), 2)])
 
 
+def cell_of(xy_img: Array, size_wh: Array | tuple[int, int]) -> Array:
+    """(N, 2) column and row of the cell in which each point (N, 2) px lies, of one image size or of one each."""
+    return np.clip(((xy_img + 0.5) / size_wh * CELLS_WH).astype(np.int64), 0, np.array(CELLS_WH) - 1)
+
+
 def coverage(observations: CornerObservations) -> TargetCoverage:
     """Coverage of all observations; cameras count as together when they saw the target within `SAME_MOMENT_NS`."""
     columns, rows = CELLS_WH
     count = len(observations.cameras)
     cells = np.zeros((count, rows, columns), np.int64)
-    sizes = np.array(observations.sizes_wh, np.float64)[observations.camera]
-    cell = np.clip(((observations.xy_img + 0.5) / sizes * CELLS_WH).astype(np.int64), 0, np.array(CELLS_WH) - 1)
+    cell = cell_of(observations.xy_img, np.array(observations.sizes_wh, np.float64)[observations.camera])
     frame = np.unique(observations.t_ns, return_inverse=True)[1]
     seen = np.unique(((observations.camera * (frame.max(initial=0) + 1) + frame) * rows + cell[:, 1]) * columns + cell[:, 0])
     place = np.unravel_index(seen, (count, int(frame.max(initial=0)) + 1, rows, columns))
@@ -158,16 +161,6 @@ class Guidance:
     last_ns: Array
     shared_ns: Array
 
-    @property
-    def enough(self) -> bool:
-        """See `TargetCoverage.enough`."""
-        return self.coverage.enough
-
-    @property
-    def words(self) -> str:
-        """What to do next."""
-        return self.coverage.advice()
-
 
 def new_guidance(cameras: tuple[str, ...]) -> Guidance:
     """Nothing seen yet."""
@@ -181,7 +174,7 @@ def seen(guidance: Guidance, camera: int, t_ns: int, xy_img: Array, size_wh: tup
     if len(xy_img) == 0:
         return guidance
     cells, together = guidance.coverage.cells.copy(), guidance.coverage.together.copy()
-    column, row = np.unique(np.clip(((xy_img + 0.5) / size_wh * CELLS_WH).astype(np.int64), 0, np.array(CELLS_WH) - 1), axis=0).T
+    column, row = np.unique(cell_of(xy_img, size_wh), axis=0).T
     cells[camera, row, column] += 1
     last, shared = guidance.last_ns.copy(), guidance.shared_ns.copy()
     # a frame pairs with one frame of another camera, not with that before and that after it

@@ -14,7 +14,7 @@ from posefuse.core import Frame, Source
 from posefuse.core.arrays import Array
 
 from .corners import CornerObservations
-from .kinds import BOARD_PATCH, DICTIONARIES, Charuco, Chessboard, Markers, Target, dictionary_of, sides
+from .kinds import BOARD_PATCH, DICTIONARIES, Charuco, Chessboard, Markers, Target, black_modules, dictionary_of, sides
 from .marker_fit import fit_marker
 
 # a step in focus is 2 to 4 px wide; one that is wider than this is out of focus, or moved during the exposure
@@ -255,15 +255,12 @@ def _markers(grey: Array, detector: Any) -> tuple[Array, Array, tuple[int, ...]]
     once = np.array([counts[i] == 1 for i in ids.tolist()])
     twice = tuple(sorted(i for i, times in counts.items() if times > 1))
     dictionary = detector.getDictionary()
-    fitted = [fit_marker(grey, quad, _black_modules(dictionary, i)) for i, quad in zip(ids[once].tolist(), xy[once], strict=True)]
+    fitted = [
+        fit_marker(grey, quad, black_modules(dictionary, i).astype(float))
+        for i, quad in zip(ids[once].tolist(), xy[once], strict=True)
+    ]
     fits = np.array([corners is not None for corners in fitted], bool)
     return ids[once][fits], np.array([corners for corners in fitted if corners is not None]).reshape(-1, 4, 2), twice
-
-
-def _black_modules(dictionary: Any, marker_id: int) -> Array:
-    """(n, n) 1 where a marker is black, its border included."""
-    modules = dictionary.markerSize + 2
-    return np.asarray(dictionary.generateImageMarker(marker_id, modules) < 128, np.float64)
 
 
 def _marker_finder(target: Markers) -> Callable[[Array], Corners]:

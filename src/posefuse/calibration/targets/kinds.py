@@ -37,6 +37,11 @@ def dictionary_of(name: str) -> Any:
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
 
 
+def black_modules(dictionary: Any, marker: int) -> Array:
+    """(n, n) bool, True where a marker of OpenCV's dictionary is black, border included."""
+    return np.asarray(dictionary.generateImageMarker(marker, dictionary.markerSize + 2) < 128)
+
+
 def _check_positive(owner: str, **values: float) -> None:
     for name, value in values.items():
         if not (np.isfinite(value) and value > 0):

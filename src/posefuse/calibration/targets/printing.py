@@ -9,14 +9,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from posefuse.calibration.settings import PAGES_M
 from posefuse.core import ConfigError
 from posefuse.core.arrays import Array
 
-from .kinds import BACK_PATCH, Charuco, Markers, dictionary_of, sides
+from .kinds import BACK_PATCH, Charuco, Markers, black_modules, dictionary_of, sides
 
 _POINTS_PER_M = 72 / 0.0254
 _MARGIN_M = 0.010
@@ -52,9 +51,9 @@ def marker_sheets(target: Markers, ids: Sequence[int], page: str = "a4") -> list
     return sheets
 
 
-def cube_sheets(target: Markers, first_id: int = 0, page: str = "a4") -> list[Sheet]:
+def cube_sheets(target: Markers, page: str = "a4") -> list[Sheet]:
     """Six pages, one per face of a cube of edge side * (modules + 2) / modules; where each goes does not matter."""
-    return marker_sheets(target, range(first_id, first_id + CUBE_IDS), page)
+    return marker_sheets(target, range(CUBE_IDS), page)
 
 
 def board_sheets(target: Charuco, page: str = "a3") -> list[Sheet]:
@@ -87,8 +86,7 @@ def _bits(dictionary: str, marker: int) -> Array:
     made = dictionary_of(dictionary)
     if not 0 <= marker < len(made.bytesList):
         raise ConfigError(f"marker {marker}: {dictionary} has ids 0 to {len(made.bytesList) - 1}")
-    count = made.markerSize + 2
-    return np.asarray(cv2.aruco.generateImageMarker(made, marker, count, borderBits=1) < 128)
+    return black_modules(made, marker)
 
 
 def _rectangles(black: Array, left: float, bottom: float, scale: float) -> tuple[tuple[float, float, float, float], ...]:

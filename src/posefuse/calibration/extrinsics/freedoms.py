@@ -1,0 +1,254 @@
+"""What a solved rig would rather have for clocks, camera rotations, intrinsics or the shape of its board, when let free.
+
+Each is a check of a solution: what is let free has to stay. And it is a likely cause where a solution is refused (`causes`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from posefuse.calibration.report import Check
+from posefuse.core import Camera
+from posefuse.core.arrays import Array
+
+from .limits import LIMITS
+from .pipeline import Solved
+from .prop_solve import PropSolution
+
+IN_STEP = "cameras are synchronised"
+_FREE_FOCAL, _FREE_LENS = 0.2, (10.0, 10.0, 0.05, 0.05)
+# what remains of the radius of a camera's image points when the farthest are left out
+_RIM_QUANTILE = 0.95
+# by so many standard errors each half must show a change, so that one bad stretch of time stamps does not make it
+_EACH_PART_SIGMA = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Freed:
+    """A solve in which one thing was free.
+
+    Attributes:
+        check: what it found, and what mends it. solved: the solution. frees: unknowns more than in the solution it began with.
+        lost: corners that it could not place.
+    """
+
+    check: Check
+    solved: Solved
+    frees: int
+    lost: int = 0
+
+
+def clocks_freed(solved: Solved) -> Freed:
+    """A clock of its own for every camera, within what the motion of the corners extrapolates to."""
+    free = solved.again(offset=True)
+    return Freed(check_clocks(free), free, len(solved.cameras) - 1)
+
+
+def turn_freed(solved: Solved, offset: bool) -> Freed:
+    """Cameras that may turn, with nearly free intrinsics, for which a turn must not stand."""
+    free = lenses_freed(solved, offset, turning=tuple(range(len(solved.cameras))))
+    return Freed(check_turning(free), free, 9 * len(solved.cameras))
+
+
+def lenses_freed(solved: Solved, offset: bool, of: tuple[int, ...] | None = None, turning: tuple[int, ...] = ()) -> Solved:
+    """Nearly free intrinsics, of all cameras or of some."""
+    focal_px = _FREE_FOCAL * float(np.mean([camera.K[0, 0] for camera in solved.cameras]))
+    sigma = np.array([focal_px, focal_px, *_FREE_LENS])
+    return solved.again(offset=offset, lens_sigma=sigma, lens_of=of, turning=turning)
+
+
+def check_clocks(free: Solved) -> Check:
+    """Clocks that are let free stay: against the median, since the held one may be the one that is off."""
+    cameras, delay_s, sigma_s = free.cameras, free.solution.state.delay_s, free.solution.delay_sigma_s
+    late_s = delay_s - np.median(delay_s, axis=0)
+    least = np.array([LIMITS.late_s, LIMITS.drift])
+    off = np.abs(late_s) > np.maximum(least, LIMITS.late_sigma * sigma_s)
+    words = [
+        f"the clock of {camera.name} runs {drift * 1e6:+.0f} ppm fast (drift)" if drifts else
+        f"the clock of {camera.name} is off by {late * 1e3:+.1f} ms"
+        for camera, (late, drift), (is_late, drifts) in zip(cameras, late_s, off, strict=True) if is_late or drifts
+    ]  # fmt: skip
+    worst = int(np.argmax(np.abs(late_s[:, 0])))
+    fine = f"{cameras[worst].name} is off most, by {late_s[worst, 0] * 1e3:+.1f} ± {sigma_s[worst, 0] * 1e3:.1f} ms"
+    drifting = bool(off[:, 1].any())
+    return Check(
+        IN_STEP, not words, f"{', '.join(words) or fine} (limit {LIMITS.late_s * 1e3:.0f} ms)",
+        f"the cameras are not synchronised: calibrate with `clocks={'drift' if drifting else 'offset'}`",
+        "drift" if drifting else "clocks",
+    )  # fmt: skip
+
+
+def check_turning(free: Solved) -> Check:
+    """No camera turns all the time: its rate, when it is let free with the intrinsics, is none.
+
+    The halves show that badly: each scatters by half of the turn, and their standard errors grow with it.
+    """
+    c, angle_rad, sigmas = most_turned(free)
+    wrong = angle_rad > LIMITS.turned_rad and sigmas > LIMITS.lens_sigma
+    name = free.cameras[c].name
+    words = f"{name} was moved slowly: it turned by" if wrong else f"{name} turns most, by"
+    return Check(
+        "no camera turns", not wrong,
+        f"{words} {np.rad2deg(angle_rad):.2f} deg over the recording, {sigmas:.1f} standard errors (limits"
+        f" {np.rad2deg(LIMITS.turned_rad):.2f} deg and {LIMITS.lens_sigma:.0f})",
+        "fasten it, and calibrate again",
+    )  # fmt: skip
+
+
+def most_turned(free: Solved) -> tuple[int, float, float]:
+    """The camera whose turn is farthest over its limits, by how many rad it turns over the recording, and how many standard
+    errors its own turn is.
+
+    Against the median: cameras in a row hardly determine a turn that all share about that row, and it moves none against another.
+    """
+    state, rate = free.solution.state, free.solution.state.turn_rad_s
+    world = np.einsum("cji,cj->ci", state.cam_from_world.R, rate)
+    square = (rate * np.linalg.solve(free.solution.turn_covariance, rate[..., None])[..., 0]).sum(axis=1)
+    angle_rad = np.linalg.norm(world - np.median(world, axis=0), axis=1) * np.ptp(free.seen.t_s)
+    sigmas = np.sqrt(np.maximum(square, 0.0))
+    c = int(np.argmax(np.minimum(angle_rad / LIMITS.turned_rad, sigmas / LIMITS.lens_sigma)))
+    return c, float(angle_rad[c]), float(sigmas[c])
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LensChange:
+    """Change of each camera's intrinsics (C,) when they are let free.
+
+    Attributes:
+        cameras: as given.
+        size, sigma: (C, 3) with standard errors, of the focal length as a share, of the principal point as an angle, and of the
+            image points at the rim of what was seen, by distortion alone, in px.
+        confirmed: (C, 3) whether these may be called wrong.
+    """
+
+    cameras: tuple[Camera, ...]
+    size: Array
+    sigma: Array
+    confirmed: Array
+
+    @property
+    def limit(self) -> Array:
+        """(C, 3) of the sizes."""
+        bend_px = [LIMITS.bend_px_per_1000 * max(camera.size_wh) / 1000 for camera in self.cameras]
+        least = [(LIMITS.focal_share, LIMITS.centre_rad, px) for px in bend_px]
+        return np.asarray(np.maximum(least, LIMITS.lens_sigma * self.sigma))
+
+    @property
+    def excess(self) -> Array:
+        """(C, 3) over their limits: more than 1 is wrong."""
+        excess = np.abs(self.size) / self.limit
+        return np.where(self.confirmed, excess, np.minimum(excess, 1.0))
+
+    def confirmed_by(self, parts: Sequence[LensChange]) -> LensChange:
+        """The same, counting only what two parts of the data show alike: each by some standard errors, and by as much.
+
+        Noise makes standard errors; a lens model that is not quite the lens errs differently in each part, and by far more. Half
+        the difference of the parts is the standard error of their mean that they themselves show: the change is to be two of it.
+        """
+        if len(parts) != 2:
+            return self
+        one, two = (part.size / np.maximum(part.sigma, 1e-12) for part in parts)
+        sure = (np.minimum(np.abs(one), np.abs(two)) >= _EACH_PART_SIGMA) & (one * two > 0)
+        return replace(self, confirmed=sure & (np.abs(parts[0].size - parts[1].size) <= np.abs(self.size)))
+
+    def words(self, camera: int, kind: int) -> str:
+        """What one camera's intrinsics would rather be: kind 0 focal length, 1 principal point, 2 distortion."""
+        size, sigma, limit = (float(one[camera, kind]) for one in (self.size, self.sigma, self.limit))
+        if kind == 0:
+            said, error = f"focal length would rather be {size:+.1%}", f"{sigma:.2%}, limit {limit:.1%}"
+        elif kind == 1:
+            size, sigma, limit = np.rad2deg([size, sigma, limit])
+            said, error = f"principal point would rather be {size:.1f} deg elsewhere", f"{sigma:.1f} deg, limit {limit:.1f}"
+        else:
+            said, error = (
+                f"distortion would rather move points at the rim by {size:+.1f} px",
+                f"{sigma:.1f} px, limit {limit:.1f}",
+            )
+        return f"{self.cameras[camera].name}'s {said} (standard error {error})"
+
+
+def lens_change(solved: Solved, free: Solved) -> LensChange:
+    """How the intrinsics of `free` differ from those of the same solve with them held."""
+    cameras, seen = solved.cameras, solved.seen
+    focal_px = np.array([camera.K[0, 0] for camera in cameras])
+    delta = free.solution.state.lens_delta - solved.solution.state.lens_delta
+    covariance = free.solution.lens_covariance
+    rim = np.array([rim_radius(camera, seen.xy_img[seen.camera == i]) for i, camera in enumerate(cameras)])
+    slope = np.zeros((2, len(cameras), 6))
+    slope[0, :, :2] = 0.5 / focal_px[:, None]
+    slope[1, :, 4], slope[1, :, 5] = focal_px * rim**3, focal_px * rim**5
+    focal, bend = (slope * delta).sum(axis=-1)
+    focal_sigma, bend_sigma = np.sqrt(np.einsum("kci,cij,kcj->kc", slope, covariance, slope))
+    centre = np.linalg.norm(delta[:, 2:4], axis=1) / focal_px
+    centre_sigma = np.sqrt(np.trace(covariance[:, 2:4, 2:4], axis1=1, axis2=2)) / focal_px
+    return LensChange(
+        cameras=cameras, size=np.stack([focal, centre, bend], axis=1),
+        sigma=np.stack([focal_sigma, centre_sigma, bend_sigma], axis=1),
+        confirmed=np.ones((len(cameras), 3), bool),
+    )  # fmt: skip
+
+
+def rim_radius(camera: Camera, xy_img: Array) -> float:
+    """Radius on the ideal image plane within which most of the points lie."""
+    if len(xy_img) == 0:
+        return 0.0
+    return float(np.quantile(np.linalg.norm((xy_img - camera.K[:2, 2]) / camera.K[0, 0], axis=1), _RIM_QUANTILE))
+
+
+def check_lenses(change: LensChange) -> Check:
+    """The intrinsics, when they are let free, stay."""
+    excess = change.excess
+    worst, kind = (int(i) for i in np.unravel_index(np.argmax(excess), excess.shape))
+    unsure = "" if change.confirmed[worst, kind] else "; the halves of the recording do not agree on it"
+    return Check(
+        "intrinsics fit", bool(excess[worst, kind] <= 1), change.words(worst, kind) + unsure,
+        "focus or zoom has changed since they were calibrated, or they belong to another camera or image size:"
+        " calibrate them again, or let them move with `focal_known_to_percent=3`", "lenses",
+    )  # fmt: skip
+
+
+# shares tried on both sides, first roughly, then about what was found
+_STEPS, _FARTHEST = (0.02, 0.005), 0.1
+
+
+@lru_cache(maxsize=1)
+def board_freed(solved: Solved) -> Freed:
+    """A board that is longer in one direction than described, by parabolas through three solves each.
+
+    As described where more of it never fits worse. The last answer is kept: the cause of a refusal asks what the check has found.
+    """
+    middle = (solved.corners.max(axis=(0, 1)) + solved.corners.min(axis=(0, 1))) / 2
+
+    def solved_at(share: float) -> Solved:
+        return replace(solved, corners=solved.corners + share * (solved.corners - middle) * [0, 1, 0]).again()
+
+    share, sigma = 0.0, 0.0
+    for step in _STEPS:
+        tried = [solved_at(share + k * step).solution for k in (-1, 0, 1)]
+        low, level, high = (_cost(one, min(other.sigma_px for other in tried)) for one in tried)
+        curve = low + high - 2 * level
+        if curve <= 0:
+            return Freed(check_board_shape(0.0, 0.0), solved, 1)
+        share = float(np.clip(share + step * (low - high) / (2 * curve), -_FARTHEST, _FARTHEST))
+        # the cost is twice the negative logarithm of the likelihood
+        sigma = float(step * np.sqrt(2 / curve))
+    return Freed(check_board_shape(share, sigma), solved_at(share), 1)
+
+
+def _cost(solution: PropSolution, sigma_px: float) -> float:
+    square = np.nan_to_num((solution.residual_px**2).sum(axis=1) / sigma_px**2, nan=1e3)
+    return float((9 * np.log1p(square / 9)).sum())
+
+
+def check_board_shape(share: float, sigma: float) -> Check:
+    """The board is as long in one direction as in the other, as described."""
+    return Check(
+        "board is as described", abs(share) <= max(LIMITS.stretch_share, LIMITS.lens_sigma * sigma),
+        f"the board fits best as {share:+.2%} longer in one direction (standard error {sigma:.2%}, limit"
+        f" {LIMITS.stretch_share:.0%})",
+        "print at 100 % in both directions, glue it to a flat plate, and measure it along both sides", "input",
+    )  # fmt: skip
