@@ -6,7 +6,7 @@ import pytest
 from built import standing
 
 from posefuse.association import Assignment, AssociateSettings, assign, associate, hints_after, newcomers
-from posefuse.association.candidates import agreement
+from posefuse.association.candidates import agreement, candidates_from_detections, pair_midpoints, refined_members
 from posefuse.core import SKELETONS, Detections2D, Rig, ShapeError
 from posefuse.core.depth import keypoint_depth
 from posefuse.core.skeleton import COCO17
@@ -57,6 +57,28 @@ def test_a_lone_person_is_found_in_every_camera(ring_rig, body, count):
     assert views.person_id.tolist() == [0]
     assert_is(views, 0, reports, order, 0)
     np.testing.assert_array_equal(views.sigma_px[0, 1], reports[1].sigma_px[0])
+
+
+def test_rays_of_a_pair_are_as_far_apart_as_least_squares_finds(ring_rig, body):
+    """Numpy solves for the two ends: where along both rays they are nearest to each other."""
+    found = candidates_from_detections(detections(ring_rig(3), crowd(body, "here"), noise_px=20)[0], ring_rig(3))
+    middle, gap = pair_midpoints(found, np.array([[0, 2]]))
+    for k in range(17):
+        along = np.stack([found.direction[0, k], -found.direction[2, k]], axis=1)
+        base = found.centre[2] - found.centre[0]
+        (s, t), (square,), *_ = np.linalg.lstsq(along, base, rcond=None)
+        assert gap[0, k] == pytest.approx(np.sqrt(square), rel=1e-9)
+        ends = found.centre[0] + s * found.direction[0, k], found.centre[2] + t * found.direction[2, k]
+        np.testing.assert_allclose(middle[0, k], np.mean(ends, axis=0), atol=1e-9)
+
+
+def test_two_detections_of_a_person_find_those_of_the_other_cameras(ring_rig, body):
+    rig = ring_rig(4)
+    found = candidates_from_detections(detections(rig, crowd(body, "here"))[0], rig)
+    free, settings = np.ones(4, bool), AssociateSettings()
+    assert refined_members(found, np.array([0, 2]), free, settings).tolist() == [0, 1, 2, 3]
+    assert refined_members(found, np.array([0, 2]), free & (found.camera != 3), settings).tolist() == [0, 1, 2]
+    assert refined_members(found, np.array([1]), free, settings).tolist() == [1]
 
 
 @pytest.mark.parametrize("followed", [0, 1, 2])
