@@ -90,6 +90,10 @@ test-realtime: setup
 $(PARTS:%=test-%): test-%: with-dev$$(EXTRA_$$*)
 	$(BIN)/python -m pytest -rs -m "$(QUICK)" $(PART_$*:%=tests/%)
 
+# one package built: `make test-ros wheel-ros VENV=out/ros` installs, tests and builds it alone
+wheel-%:
+	$(BIN)/python -m pip wheel --no-deps --wheel-dir dist packages/posefuse-$*
+
 test-promises: setup
 	$(BIN)/python -m pytest -rs -m "slow and not realtime" $(PROMISES)
 
