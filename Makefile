@@ -88,7 +88,7 @@ test-realtime: setup
 
 .SECONDEXPANSION:
 $(PARTS:%=test-%): test-%: with-dev$$(EXTRA_$$*)
-	$(BIN)/python -m pytest -rs -m "$(QUICK)" $(PART_$*:%=tests/%)
+	$(BIN)/python -m pytest -rs -n auto --maxprocesses 4 --dist loadfile -m "$(QUICK)" $(PART_$*:%=tests/%)
 
 # one package built: `make test-ros wheel-ros VENV=out/ros` installs, tests and builds it alone
 wheel-%:
@@ -118,7 +118,7 @@ calibration-faults: with-dev$(MORE)
 	nice $(BIN)/python bench/calibration_faults.py --page docs/calibration_faults.md
 
 mutation: with-dev$(MORE),mutation
-	nice $(BIN)/python bench/mutation.py --count 20 --minutes 60 --survivors --page docs/mutation.md
+	nice $(BIN)/python bench/mutation.py --count 7 --seed 20261128 --survivors --page docs/mutation.md
 
 bench-live: with-dev$(MORE)
 	for name in live live_tracking; do $(BIN)/python bench/$$name.py --write docs/benchmarks.md || exit; done
