@@ -161,12 +161,12 @@ def segment_bone(segment: str) -> str:
 
 def rest_keypoints(mesh: RestMesh) -> dict[str, Array]:
     """Each `ANATOMICAL23` keypoint (3,) on the rest mesh."""
-    return dict(zip(KEYPOINTS.keypoints, mesh.keypoint_weight @ mesh.vertices, strict=True))
+    return dict(zip(KEYPOINTS.keypoints, mesh.keypoint_weight @ mesh.vertices_rest, strict=True))
 
 
 def turning_centres(mesh: RestMesh) -> Array:
     """(B, 3) rest point each bone turns about: the joint centre where there is one, else the rig's bone head."""
-    centre = mesh.world_from_bone[:, :3, 3].copy()
+    centre = mesh.world_from_bone_rest[:, :3, 3].copy()
     points = rest_keypoints(mesh)
     index = mesh.bone_names.index
     for side, letter in SIDES.items():
@@ -186,10 +186,10 @@ def keypoint_moments(mesh: RestMesh) -> tuple[Array, Array]:
     keypoint = sum over bones of rotation_b @ moment_b + share_b * translation_b, with the rigid motion of each bone from rest.
     """
     count = len(mesh.bone_names)
-    skin = np.zeros((len(mesh.vertices), count))
+    skin = np.zeros((len(mesh.vertices_rest), count))
     np.add.at(skin, (np.arange(len(skin))[:, None], mesh.bone_index), mesh.bone_weight)
     share = mesh.keypoint_weight @ skin
-    moment = np.einsum("kv,vb,vx->kbx", mesh.keypoint_weight, skin, mesh.vertices, optimize=True)
+    moment = np.einsum("kv,vb,vx->kbx", mesh.keypoint_weight, skin, mesh.vertices_rest, optimize=True)
     for k, (name, point) in enumerate(rest_keypoints(mesh).items()):
         side, _, joint = name.partition("_")
         if joint in _HINGE_BONE:
@@ -215,7 +215,7 @@ def rest_segment_frames(mesh: RestMesh) -> tuple[Array, Array]:
 
 def _limb_frames(mesh: RestMesh, points: dict[str, Array], side: str) -> dict[str, tuple[Array, Array]]:
     at = {name.removeprefix(f"{side}_"): point for name, point in points.items()}
-    heads = {b: mesh.world_from_bone[mesh.bone_names.index(f"{b}.{SIDES[side]}"), :3, 3] for b in ("finger2-1", "finger5-1")}
+    heads = {b: mesh.world_from_bone_rest[mesh.bone_names.index(f"{b}.{SIDES[side]}"), :3, 3] for b in ("finger2-1", "finger5-1")}
     thumb_side = heads["finger2-1"] - heads["finger5-1"]
     radial = thumb_side if side == "right" else -thumb_side
     knuckles = (heads["finger2-1"] + heads["finger5-1"]) / 2

@@ -16,6 +16,7 @@ from posefuse.core import ConfigError
 from posefuse.core.arrays import Array
 from posefuse.formats.gltf import vertex_normals
 from posefuse_sim.body import SimulatedBody
+from posefuse_sim.body.body import GROUPS
 from posefuse_sim.props import Prop
 
 from .collada import MOST_WEIGHTS, ColladaSkeleton, Mesh, Surface, joint_name
@@ -193,7 +194,7 @@ def _body_mesh(body: SimulatedBody) -> Mesh:
     group = body.colour_group[body.faces[:, 0]]
     parts = {
         name: (Surface(colour=(float(r), float(g), float(b))), body.faces[group == i])
-        for i, (name, (r, g, b)) in enumerate(zip(body.colour_names, body.colours, strict=True))
+        for i, (name, (r, g, b)) in enumerate(zip(GROUPS, body.colours, strict=True))
     }
     worn = {name: part for name, part in parts.items() if len(part[1])}
     uv = np.zeros((len(body.vertices_rest), 2))

@@ -9,6 +9,7 @@ import numpy as np
 from posefuse.core.arrays import Array
 from posefuse.core.se3 import quaternion_product, wxyz_from_matrix, wxyz_from_rotvec
 from posefuse_sim.body import SimulatedBody
+from posefuse_sim.body.body import GROUPS
 from posefuse_sim.build import LiveScene
 from posefuse_sim.props import Prop
 from posefuse_sim.surroundings import RoomSettings
@@ -101,7 +102,7 @@ class _Builder:
         for bone in range(len(body.bone_names)):
             self._world.add_body(name=f"p{i}b{bone}", mocap=True)
         group_of_face = body.colour_group[body.faces[:, 0]]
-        for group, name in enumerate(body.colour_names):
+        for group, name in enumerate(GROUPS):
             faces = body.faces[group_of_face == group]
             if len(faces):
                 self._skin(f"p{i}", name, body, faces, body.colours[group])
