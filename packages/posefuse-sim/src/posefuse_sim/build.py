@@ -22,7 +22,7 @@ from .motion.recorded import from_result, from_trc, retargeted
 from .motion.routes import route
 from .motion.settings import MotionSettings, StandSettings, WalkSettings
 from .motion.standing import standing_motion
-from .props import CarriedPath, Prop, poses_in_hand, poses_on_path, prop_from_settings
+from .props import CarriedPath, Prop, poses_on_path, prop_from_settings
 from .scene import Scene, check_scene
 from .surroundings import Box, boxes_of
 
@@ -41,7 +41,7 @@ class LiveScene:
     Attributes:
         scene: the settings. room_size_m: (x, y) of the floor.
         placed: cameras as set. rig: the exact cameras. shots: what each exposes when, in the order of the rig.
-        bodies, people: N of each. boxes: occluders. props: P calibration objects.
+        people: N. boxes: occluders. props: P calibration objects.
     """
 
     scene: Scene
@@ -49,7 +49,6 @@ class LiveScene:
     placed: tuple[PlacedCamera, ...]
     rig: Rig
     shots: tuple[Shots, ...]
-    bodies: tuple[SimulatedBody, ...]
     people: tuple[MovingPerson, ...]
     boxes: tuple[Box, ...]
     props: tuple[Prop, ...]
@@ -78,9 +77,10 @@ class LiveScene:
         since_start = self._since_start(t_s)
         if not isinstance(prop.path, CarriedPath):
             return poses_on_path(prop.path, since_start, self.scene.seed * 1000 + i)
-        body, person = self.bodies[prop.path.person], self.people[prop.path.person]
-        hand, bone_from_prop = _grip(body, prop.path)
-        return poses_in_hand(person.at(since_start).world_from_bone, hand, bone_from_prop)
+        person = self.people[prop.path.person]
+        hand, bone_from_prop = _grip(person.body, prop.path)
+        bone = person.at(since_start).world_from_bone[:, hand]
+        return SE3.from_matrix(bone[:, :3, :3], bone[:, :3, 3]) @ bone_from_prop
 
     def _since_start(self, t_s: Array) -> Array:
         return np.asarray(t_s, np.float64) - self.scene.start_s
@@ -107,10 +107,8 @@ def live_scene(scene: Scene) -> LiveScene:
         )
         for i, camera in enumerate(placed)
     )
-    bodies = tuple(_body(person.body) for person in scene.people)
     people = tuple(
-        build_person(body, person.motion, scene.seed * 1000 + i)
-        for i, (body, person) in enumerate(zip(bodies, scene.people, strict=True))
+        build_person(_body(person.body), person.motion, scene.seed * 1000 + i) for i, person in enumerate(scene.people)
     )
     live = LiveScene(
         scene=scene,
@@ -118,7 +116,6 @@ def live_scene(scene: Scene) -> LiveScene:
         placed=placed,
         rig=rig,
         shots=shots,
-        bodies=bodies,
         people=people,
         boxes=boxes_of(scene.occluders, scene.seed),
         props=tuple(prop_from_settings(prop) for prop in scene.props),

@@ -16,7 +16,6 @@ from pydantic import Field
 from posefuse.core import SE3, ConfigError
 from posefuse.core.arrays import Array, frozen
 from posefuse.core.errors import choices
-from posefuse.core.se3 import wxyz_from_matrix
 from posefuse.foundation.settings import settings
 
 Point = tuple[float, float, float]
@@ -111,14 +110,6 @@ def _turned(yaw_pitch_roll: Array, xyz: Array) -> SE3:
     pitch = SE3.from_rotvec(np.stack([zero, yaw_pitch_roll[..., 1], zero], axis=-1), np.zeros_like(xyz))
     roll = SE3.from_rotvec(np.stack([yaw_pitch_roll[..., 2], zero, zero], axis=-1), np.zeros_like(xyz))
     return yaw @ pitch @ roll
-
-
-def poses_in_hand(world_from_bone: Array, hand: int, bone_from_prop: SE3) -> SE3:
-    """World poses (T,) of a thing fixed to bone number `hand` of (T, B, 4, 4) bone poses."""
-    bone = world_from_bone[:, hand]
-    return SE3(wxyz_from_matrix(bone[:, :3, :3]), bone[:, :3, 3]) @ SE3(
-        np.broadcast_to(bone_from_prop.wxyz, (len(bone), 4)), np.broadcast_to(bone_from_prop.xyz, (len(bone), 3))
-    )
 
 
 _FACE_PX = 512

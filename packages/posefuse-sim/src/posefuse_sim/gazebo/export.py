@@ -180,7 +180,7 @@ def _write_truth(live: LiveScene, folder: Path) -> None:
 
 def _actors(live: LiveScene, rate_hz: float, folder: Path) -> tuple[list[tuple[str, str]], tuple[float, ...]]:
     """Everything that moves, written: name and file of each, and its keys per second."""
-    moving = [(f"person{i}", partial(person_actor, body), _bones(live, i)) for i, body in enumerate(live.bodies)]
+    moving = [(f"person{i}", partial(person_actor, person.body), _bones(live, i)) for i, person in enumerate(live.people)]
     for i, prop in enumerate(live.props):
         if not isinstance(prop.path, StillPath):
             _write_picture(folder, prop.name, prop.texture)

@@ -41,8 +41,8 @@ def render_model(live: LiveScene, largest_wh: tuple[int, int], backend: str) -> 
     scene, room, seed = _Builder(mujoco_with(backend)), live.scene.room, live.scene.seed
     scene.look(room, live.room_size_m, largest_wh)
     scene.picture("cloth", textures.cloth_picture(np.random.default_rng([seed, 31])), specular=0.05, shininess=0.1)
-    for i, body in enumerate(live.bodies):
-        scene.person(i, body)
+    for i, person in enumerate(live.people):
+        scene.person(i, person.body)
     for i, prop in enumerate(live.props):
         scene.prop(f"prop{i}", prop)
     for box in live.boxes:
