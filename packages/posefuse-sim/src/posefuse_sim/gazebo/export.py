@@ -47,8 +47,6 @@ _EXECUTABLE = 0o755
 # at least so many time steps per second of truth: linear interpolation between them is then within 0.1 mm for an acceleration of
 # 50 m/s^2
 _TRUTH_HZ = 240.0
-# how far the animation may be from the true motion between its keys
-_MOST_BETWEEN_KEYS_M = 0.0005
 # longest animation that is baked: one minute of a walk takes about 30 MB
 _MOST_ANIMATION_S = 600.0
 
@@ -187,7 +185,7 @@ def _actors(live: LiveScene, rate_hz: float, folder: Path) -> tuple[list[tuple[s
             moving.append((prop.name, partial(prop_actor, prop, f"{prop.name}.png"), _prop_poses(live, i)))
     keys_hz, duration_s = [], live.scene.duration_s
     for name, actor, poses_at in moving:
-        mesh, skeleton = actor(poses_at, duration_s, rate_hz, _MOST_BETWEEN_KEYS_M)
+        mesh, skeleton = actor(poses_at, duration_s, rate_hz)
         keys_hz.append(len(skeleton.t_s) / duration_s)
         write_collada(folder / _mesh_name(name), mesh, skeleton)
     return [(name, _mesh_name(name)) for name, *_ in moving], tuple(keys_hz)

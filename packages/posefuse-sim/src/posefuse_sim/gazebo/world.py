@@ -24,14 +24,13 @@ from posefuse.core import SE3, Camera, ConfigError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
 from posefuse_sim.render import textures
+from posefuse_sim.render.model import AMBIENT, FILL, FILL_DIRECTIONS, LAMP
 from posefuse_sim.surroundings import Box, RoomSettings
 
 from .collada import Mesh, Surface, write_collada
 
 SDF_VERSION = "1.9"
 WORLD = "posefuse"
-# the ambient light and the lamps of `render.model`, as shares of full brightness
-_AMBIENT, _LAMP, _FILL = 0.40, 0.48, 0.27
 _NEAR_M, _FAR_M = 0.05, 80.0
 # of simulation time; images are stamped with multiples of it
 _STEP_S = 0.001
@@ -118,17 +117,14 @@ def _plugin(release: Release, system: str, name: str) -> Content:
 
 
 def _lights(room: RoomSettings, lamp_m: float) -> list[tuple[str, Content]]:
-    ambient, shadows = _grey(_AMBIENT * room.brightness), "true" if room.shadows else "false"
+    ambient, shadows = _grey(AMBIENT * room.brightness), "true" if room.shadows else "false"
     lamp = {
         "pose": f"0.8 -0.6 {_numbers(lamp_m)} 0 0 0",
-        **_shine(_LAMP * room.brightness, shadows, (0.0, 0.0, -1.0)),
+        **_shine(LAMP * room.brightness, shadows, (0.0, 0.0, -1.0)),
         "attenuation": {"range": "100", "constant": "1", "linear": "0", "quadratic": "0"},
         "spot": {"inner_angle": "1.2", "outer_angle": "2.16", "falloff": "0.5"},
     }
-    fills = [
-        {"pose": "0 0 6 0 0 0", **_shine(_FILL * room.brightness, "false", direction)}
-        for direction in ((-0.9, 0.3, -0.35), (0.4, -0.9, -0.25))
-    ]
+    fills = [{"pose": "0 0 6 0 0 0", **_shine(FILL * room.brightness, "false", direction)} for direction in FILL_DIRECTIONS]
     return [
         ("scene", {"ambient": ambient, "background": "0.74 0.76 0.78 1", "shadows": shadows, "grid": "false"}),
         ("light", {"@name": "lamp", "@type": "spot", **lamp}),

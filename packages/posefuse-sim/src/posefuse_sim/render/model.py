@@ -22,8 +22,9 @@ _SHADOW_PX = 2048
 _SAMPLES = 4
 # so high that its cone reaches the corners
 _LAMP_PER_DIAGONAL = 0.42
-# directions of the two lamps that fill the shadows
-_FILL_DIRECTIONS = ((-0.9, 0.3, -0.35), (0.4, -0.9, -0.25))
+# the ambient light, the lamp and each of those that fill the shadows, as shares of full brightness; directions of the latter
+AMBIENT, LAMP, FILL = 0.40, 0.48, 0.27
+FILL_DIRECTIONS = ((-0.9, 0.3, -0.35), (0.4, -0.9, -0.25))
 _LEAST_WEIGHT = 1e-4
 # how often the cloth pattern repeats per metre
 _CLOTH_PER_M = 2.5
@@ -69,7 +70,7 @@ class _Builder:
         spec.stat.center, spec.stat.extent = [0, 0, 1], float(np.hypot(*size_m)) / 2
         spec.visual.global_.offwidth, spec.visual.global_.offheight = largest_wh
         spec.visual.quality.offsamples, spec.visual.quality.shadowsize = _SAMPLES, _SHADOW_PX
-        spec.visual.headlight.ambient = [0.40 * room.brightness] * 3
+        spec.visual.headlight.ambient = [AMBIENT * room.brightness] * 3
         spec.visual.headlight.diffuse = spec.visual.headlight.specular = [0, 0, 0]
         spec.add_texture(
             name="sky",
@@ -82,11 +83,11 @@ class _Builder:
         )
         lamp = self._world.add_light(pos=[0.8, -0.6, lamp_height_m(room, size_m)], dir=[0, 0, -1], castshadow=room.shadows)
         lamp.cutoff, lamp.exponent = 62, 0.5
-        lamp.diffuse, lamp.specular = [0.48 * room.brightness] * 3, [0.1] * 3
-        for direction in _FILL_DIRECTIONS:
+        lamp.diffuse, lamp.specular = [LAMP * room.brightness] * 3, [0.1] * 3
+        for direction in FILL_DIRECTIONS:
             fill = self._world.add_light(pos=[0, 0, 6], dir=direction, castshadow=False)
             fill.type = mj.mjtLightType.mjLIGHT_DIRECTIONAL
-            fill.diffuse, fill.specular = [0.27 * room.brightness] * 3, [0, 0, 0]
+            fill.diffuse, fill.specular = [FILL * room.brightness] * 3, [0, 0, 0]
 
     def picture(self, name: str, image: Array, **looks: Any) -> None:
         """A texture (H, W, 3), and a material of the same name that shows it."""
