@@ -39,7 +39,7 @@ from posefuse_sim.scene import Scene, motion_files, write_scene
 
 from .animation import person_actor, prop_actor, prop_mesh
 from .collada import write_collada
-from .world import CameraSensor, Release, StillModel, release_named, room_models, world_text
+from .world import CameraSensor, Release, StillModel, release_named, room_parts, world_text
 
 _COMMAND = "simulate --gazebo"
 _MESHES = "meshes"
@@ -122,10 +122,6 @@ def export_world(
         folder = made.folder
         (folder / _MESHES).mkdir()
         actors, keys_hz = _actors(live, shown.rate_hz, folder)
-        models = [
-            *room_models(live.scene.room, live.room_size_m, scene.seed, folder / _MESHES, _MESHES),
-            *_still_props(live, folder),
-        ]
         topics = [ros_name(camera.name) for camera in live.rig]
         sensors = [
             CameraSensor(
@@ -141,7 +137,7 @@ def export_world(
             room=live.scene.room,
             lamp_m=lamp_height_m(live.scene.room, live.room_size_m),
             boxes=live.boxes,
-            models=models,
+            models=_still_models(live, folder),
             actors=actors,
             cameras=sensors,
         )
@@ -199,14 +195,19 @@ def _prop_poses(live: LiveScene, i: int) -> Callable[[Array], Array]:
     return lambda t_s: live.prop_poses(t_s)[i].matrix4()
 
 
-def _still_props(live: LiveScene, folder: Path) -> list[StillModel]:
-    models = []
+def _still_models(live: LiveScene, folder: Path) -> list[StillModel]:
+    """Floor, walls and the props that do not move, written."""
+    room = room_parts(live.scene.room, live.room_size_m, live.scene.seed)
+    parts = [(f"room_{name}", name, picture, mesh, SE3.identity()) for name, picture, mesh in room]
     for i, prop in enumerate(live.props):
         if isinstance(prop.path, StillPath):
-            texture = _write_picture(folder, prop.name, prop.texture)
-            write_collada(folder / _mesh_name(prop.name), prop_mesh(prop, f"{prop.name}.png"))
             pose: SE3 = live.prop_poses(np.zeros(1))[i][0]
-            models.append(StillModel(name=prop.name, mesh=_mesh_name(prop.name), texture=texture, world_from_model=pose))
+            parts.append((prop.name, prop.name, prop.texture, prop_mesh(prop, f"{prop.name}.png"), pose))
+    models = []
+    for model, name, picture, mesh, pose in parts:
+        texture = _write_picture(folder, name, picture)
+        write_collada(folder / _mesh_name(name), mesh)
+        models.append(StillModel(name=model, mesh=_mesh_name(name), texture=texture, world_from_model=pose))
     return models
 
 

@@ -12,9 +12,8 @@ is exported as an ideal camera wide enough for all that the lens sees (`core.ide
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
@@ -27,7 +26,7 @@ from posefuse_sim.render import textures
 from posefuse_sim.render.model import AMBIENT, FILL, FILL_DIRECTIONS, LAMP
 from posefuse_sim.surroundings import Box, RoomSettings
 
-from .collada import Mesh, Surface, write_collada
+from .collada import Mesh, Surface
 
 SDF_VERSION = "1.9"
 WORLD = "posefuse"
@@ -248,24 +247,20 @@ def world_from_link(camera: Camera) -> SE3:
 _UP = np.array([0.0, 0.0, 1.0])
 
 
-def room_models(room: RoomSettings, size_m: tuple[float, float], seed: int, folder: Path, beside_world: str) -> list[StillModel]:
-    """Write floor and walls into `folder`, which the world file calls `beside_world`; the models that show them."""
+def room_parts(room: RoomSettings, size_m: tuple[float, float], seed: int) -> Iterator[tuple[str, Array, Mesh]]:
+    """Floor and walls: name, image and mesh of each; the mesh shows the image file of that name."""
     rng = np.random.default_rng([seed, 32])
-    pictures = {"floor": (textures.floor_picture(room.floor, rng), _floor(size_m))}
-    if room.walls != "none":
-        for i, (corner, along) in enumerate(_walls(size_m)):
-            picture = textures.wall_picture(room.walls, float(np.linalg.norm(along)), room.height_m, rng)
-            pictures[f"wall{i}"] = picture, _rectangle(corner, along, room.height_m * _UP)
-    models = []
-    for name, (picture, (vertices, uv, faces)) in pictures.items():
-        (folder / f"{name}.png").write_bytes(textures.png(picture))
-        normal = np.cross(vertices[1] - vertices[0], vertices[2] - vertices[0])
-        normals = np.tile(normal / np.linalg.norm(normal), (len(vertices), 1))
-        parts = {"picture": (Surface(texture=f"{name}.png"), faces)}
-        write_collada(folder / f"{name}.dae", Mesh(vertices=vertices, normals=normals, uv=uv, parts=parts))
-        file = f"{beside_world}/{name}"
-        models.append(StillModel(name=f"room_{name}", mesh=f"{file}.dae", texture=f"{file}.png", world_from_model=SE3.identity()))
-    return models
+    yield "floor", textures.floor_picture(room.floor, rng), _shown_on("floor", *_floor(size_m))
+    for i, (corner, along) in enumerate(_walls(size_m) if room.walls != "none" else ()):
+        picture = textures.wall_picture(room.walls, float(np.linalg.norm(along)), room.height_m, rng)
+        yield f"wall{i}", picture, _shown_on(f"wall{i}", *_rectangle(corner, along, room.height_m * _UP))
+
+
+def _shown_on(name: str, vertices: Array, uv: Array, faces: Array) -> Mesh:
+    """A flat mesh that shows an image."""
+    normal = np.cross(vertices[1] - vertices[0], vertices[2] - vertices[0])
+    normals = np.tile(normal / np.linalg.norm(normal), (len(vertices), 1))
+    return Mesh(vertices=vertices, normals=normals, uv=uv, parts={"picture": (Surface(texture=f"{name}.png"), faces)})
 
 
 def _floor(size_m: tuple[float, float]) -> tuple[Array, Array, Array]:
