@@ -117,11 +117,10 @@ def plan(scene: Scene | str | Path, *, area_m: tuple[float, float] | None = None
         True
     """
     from posefuse_sim.build import room_size
-    from posefuse_sim.cameras import placed_cameras, rig_from_cameras
-    from posefuse_sim.rig_plan import plan_rig
+    from posefuse_sim.rig_plan import plan_rig, rig_of_scene
     from posefuse_sim.scene import read_scene
     from posefuse_sim.surroundings import boxes_of
 
     chosen = read_scene(Path(scene)) if isinstance(scene, str | Path) else scene
-    rig = rig_from_cameras(placed_cameras(chosen.cameras))
+    rig = rig_of_scene(chosen)
     return plan_rig(rig, area_m or room_size(chosen, rig), step_m=step_m, boxes=boxes_of(chosen.occluders, chosen.seed))

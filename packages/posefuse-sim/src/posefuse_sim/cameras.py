@@ -293,11 +293,12 @@ def shots_of(
     period_s = 1 / rate_hz / (1 + sensor.drift_ppm * 1e-6)
     count = max(0, int(np.ceil((duration_s - sensor.phase_s) / period_s - 1e-9)))
     seq = np.arange(count)
-    jitter_s = sensor.jitter_s * _normals(seed, "jitter", index, count)
+    jitter_s = sensor.jitter_s * _rng(seed, "jitter", index).standard_normal(count)
     jitter_s = np.clip(jitter_s, -_JITTER_LIMIT_PERIODS * period_s, _JITTER_LIMIT_PERIODS * period_s)
     # nothing is exposed before the scene begins
     t_s = np.maximum(start_s + sensor.phase_s + seq * period_s + jitter_s, start_s)
-    stamp_s = sensor.offset_s + t_s * (1 + sensor.drift_ppm * 1e-6) + sensor.stamp_noise_s * _normals(seed, "stamp", index, count)
+    noise_s = sensor.stamp_noise_s * _rng(seed, "stamp", index).standard_normal(count)
+    stamp_s = sensor.offset_s + t_s * (1 + sensor.drift_ppm * 1e-6) + noise_s
     kept = _rng(seed, "drop", index).random(count) >= sensor.drop_fraction
     if not kept.any():
         raise ConfigError(
@@ -317,7 +318,3 @@ def shots_of(
 
 def _rng(seed: int, purpose: str, index: int) -> np.random.Generator:
     return np.random.default_rng([seed, _PURPOSE[purpose], index])
-
-
-def _normals(seed: int, purpose: str, index: int, count: int) -> Array:
-    return _rng(seed, purpose, index).standard_normal(count)
