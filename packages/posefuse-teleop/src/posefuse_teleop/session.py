@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -179,9 +179,9 @@ def run_control_loop(
     robot: RobotLink,
     settings: TeleoperationSettings,
     *,
-    watch: Callable[[Operator, Order | None], None] | None = None,
+    watches: Sequence[Callable[[Operator, Order | None], None]] = (),
 ) -> Summary:
-    """Teleoperate until the session or the robot's process has ended. watch: called with every step."""
+    """Teleoperate until the session or the robot's process has ended. watches: called with every step."""
     period_s = 1.0 / settings.robot.rate_hz
     operator, summary, begun_s = Operator(), Summary(), time.monotonic()
     used_ns: int | None = None
@@ -198,7 +198,7 @@ def run_control_loop(
             if order is not None:
                 robot.send(order)
             image_ns = _count(summary, operator, robot, image_ns)
-            if watch is not None:
+            for watch in watches:
                 watch(operator, order)
     except PosefuseError as error:
         summary.fault = str(error)
