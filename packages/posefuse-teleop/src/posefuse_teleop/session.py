@@ -70,52 +70,41 @@ def step_operator(
     heartbeats = operator.heartbeats
     for beat in news.heartbeats:
         heartbeats = heartbeats.with_beat(beat, now_ns)
-    view, robot = news.view or operator.view, news.robot or operator.robot
-    cameras = news.cameras or operator.cameras
-    body = remembered(operator.body, news.view) if news.view is not None else operator.body
-    distance_m, share = float("nan"), 1.0
+    operator = replace(
+        operator,
+        heartbeats=heartbeats,
+        view=news.view or operator.view,
+        cameras=news.cameras or operator.cameras,
+        robot=news.robot or operator.robot,
+        separation_m=float("nan"),
+        seq=operator.seq + 1,
+    )
+    if news.view is not None:
+        # the gate goes by the hand as it was measured, the target by the steady one
+        operator = replace(operator, body=remembered(operator.body, news.view), steady=steadied(operator.steady, news.view))
+    share = 1.0
     if settings.robot.shared:
-        distance_m = separation_m(body, robot.spheres_world, now_ns, settings.separation) if robot is not None else distance_m
-        share = speed_share(distance_m, settings.separation)
+        if operator.robot is not None:
+            spheres = operator.robot.spheres_world
+            operator = replace(operator, separation_m=separation_m(operator.body, spheres, now_ns, settings.separation))
+        share = speed_share(operator.separation_m, settings.separation)
     seen = Seen(
         now_ns=now_ns,
-        view=view,
+        view=operator.view,
         heartbeats=heartbeats,
-        cameras=cameras,
-        robot=robot,
+        cameras=operator.cameras,
+        robot=operator.robot,
         separation_share=share,
         emergency=news.emergency,
         reset=news.reset,
     )
-    gate = step_gate(operator.gate, seen, settings.gate)
-    steady = operator.steady
-    if news.view is not None:
-        # the gate goes by the hand as it was measured, the target by the steady one
-        steady = steadied(steady, news.view)
-    clutch = _clutch(operator.clutch, gate, view, steady, robot, settings)
-    after = Operator(
-        gate=gate,
-        heartbeats=heartbeats,
-        body=body,
-        clutch=clutch,
-        steady=steady,
-        view=view,
-        cameras=cameras,
-        robot=robot,
-        separation_m=distance_m,
-        seq=operator.seq + 1,
-    )
-    return after, _order(after, settings, now_ns)
+    operator = replace(operator, gate=step_gate(operator.gate, seen, settings.gate))
+    operator = replace(operator, clutch=_clutch(operator, settings))
+    return operator, _order(operator, settings, now_ns)
 
 
-def _clutch(
-    clutch: Clutch | None,
-    gate: Gate,
-    view: OperatorView | None,
-    steady: Steady | None,
-    robot: RobotState | None,
-    settings: TeleoperationSettings,
-) -> Clutch | None:
+def _clutch(operator: Operator, settings: TeleoperationSettings) -> Clutch | None:
+    clutch, gate, view, steady, robot = operator.clutch, operator.gate, operator.view, operator.steady, operator.robot
     if gate.phase is not Phase.ENGAGED or view is None or steady is None or robot is None:
         return clutch
     if gate.engages or clutch is None:
