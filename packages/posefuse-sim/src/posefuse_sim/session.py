@@ -232,7 +232,8 @@ def runs_of(live: LiveScene, paths: SessionPaths) -> list[FrameRun]:
 def finish_session(live: LiveScene, paths: SessionPaths) -> None:
     """Join the runs, write rig and truth, and remove the runs."""
     runs = runs_of(live, paths)
-    visible, times = [], {}
+    visible: list[Array] = []
+    times: dict[str, Array] = {}
     for c, shots in enumerate(live.shots):
         times |= {f"seq{c}": shots.seq, f"t{c}_ns": shots.t_ns, f"stamp{c}_ns": shots.stamp_ns}
         own = [run for run in runs if run.camera == c]
