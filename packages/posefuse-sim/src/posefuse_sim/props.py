@@ -14,7 +14,7 @@ from annotated_types import Ge, Gt
 from pydantic import Field
 
 from posefuse.core import SE3, ConfigError
-from posefuse.core.arrays import Array, frozen
+from posefuse.core.arrays import Array, freeze_fields
 from posefuse.core.errors import choices
 from posefuse.foundation.settings import settings
 
@@ -223,10 +223,8 @@ class Prop:
     path: Path
 
     def __post_init__(self) -> None:
-        for name, dtype in (("marker_id", np.int64), ("faces", np.int32), ("texture", np.uint8)):
-            object.__setattr__(self, name, frozen(getattr(self, name), dtype, f"Prop.{name}"))
-        for name in ("corners_prop", "chess_prop", "vertices", "uv"):
-            object.__setattr__(self, name, frozen(getattr(self, name), np.float64, f"Prop.{name}"))
+        dtypes = {"marker_id": np.int64, "faces": np.int32, "texture": np.uint8}
+        freeze_fields(self, dtypes | dict.fromkeys(("corners_prop", "chess_prop", "vertices", "uv"), np.float64))
 
     @property
     def points_prop(self) -> Array:

@@ -16,7 +16,7 @@ from annotated_types import Ge, Gt, Le
 from pydantic import Field
 
 from posefuse.core import SE3, Camera, ConfigError
-from posefuse.core.arrays import Array, frozen
+from posefuse.core.arrays import Array, freeze_fields
 from posefuse.core.skeleton import ANATOMICAL23
 from posefuse.foundation.settings import settings
 
@@ -112,7 +112,7 @@ class Box:
     colour: Colour
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "half_m", frozen(self.half_m, np.float64, "Box.half_m"))
+        freeze_fields(self, {"half_m": np.float64})
 
     def contains(self, xyz_world: Array) -> Array:
         """(...) whether points (..., 3) are inside."""
