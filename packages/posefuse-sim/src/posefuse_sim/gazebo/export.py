@@ -33,7 +33,6 @@ from posefuse_sim.build import LiveScene, live_scene
 from posefuse_sim.cameras import ListedCameras, SensorSettings, placed_cameras
 from posefuse_sim.exact import prop_truth, truth_with, visible_to_all
 from posefuse_sim.props import StillPath
-from posefuse_sim.render.model import lamp_height_m
 from posefuse_sim.render.textures import png
 from posefuse_sim.scene import Scene, motion_files, write_scene
 
@@ -134,9 +133,7 @@ def export_world(
         ]
         text = world_text(
             names,
-            room=live.scene.room,
-            lamp_m=lamp_height_m(live.scene.room, live.room_size_m),
-            boxes=live.boxes,
+            live,
             models=_still_models(live, folder),
             actors=actors,
             cameras=sensors,

@@ -22,8 +22,9 @@ import numpy as np
 from posefuse.core import SE3, Camera, ConfigError
 from posefuse.core.arrays import Array
 from posefuse.core.errors import choices
+from posefuse_sim.build import LiveScene
 from posefuse_sim.render import textures
-from posefuse_sim.render.model import AMBIENT, FILL, FILL_DIRECTIONS, LAMP
+from posefuse_sim.render.model import AMBIENT, FILL, FILL_DIRECTIONS, LAMP, lamp_height_m
 from posefuse_sim.surroundings import Box, RoomSettings
 
 from .collada import Mesh, Surface
@@ -63,10 +64,8 @@ class StillModel:
 
 def world_text(
     release: Release,
+    live: LiveScene,
     *,
-    room: RoomSettings,
-    lamp_m: float,
-    boxes: Sequence[Box],
     models: Sequence[StillModel],
     actors: Sequence[tuple[str, str]],
     cameras: Sequence[CameraSensor],
@@ -74,15 +73,15 @@ def world_text(
     """The world file.
 
     Args:
-        lamp_m: height of the lamp. actors: name and .dae of each, relative to the world file.
+        live: whose lights and boxes. actors: name and .dae of each, relative to the world file.
     """
     children = [
         # nothing falls or collides: time passes as fast as images are drawn, at most as fast as the clock
         ("physics", {"@name": "steps", "@type": "ignored", "max_step_size": _numbers(_STEP_S), "real_time_factor": "1"}),
         *(("plugin", _plugin(release, *system)) for system in _SYSTEMS),
-        *_lights(room, lamp_m),
+        *_lights(live.scene.room, lamp_height_m(live.scene.room, live.room_size_m)),
         *(("model", _still(model)) for model in models),
-        *(("model", _box(f"occluder{i}", box)) for i, box in enumerate(boxes)),
+        *(("model", _box(f"occluder{i}", box)) for i, box in enumerate(live.boxes)),
         *(("actor", _actor(name, mesh)) for name, mesh in actors),
         *(("model", _camera(sensor)) for sensor in cameras),
     ]
