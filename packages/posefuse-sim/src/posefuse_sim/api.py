@@ -47,10 +47,9 @@ def simulate(
     from posefuse.foundation.places import check_outside_inputs
     from posefuse_sim import read_scene
     from posefuse_sim import simulate as render
-    from posefuse_sim.scene import motion_files
 
     chosen, place = read_scene(Path(scene)), Path(out)
-    check_outside_inputs(place, (Path(scene), *motion_files(chosen)))
+    check_outside_inputs(place, (Path(scene),))
     try:
         with shown(progress) as report:
             steps = lambda done, total: report("rendering", done, total)  # noqa: E731
@@ -86,10 +85,9 @@ def gazebo_world(scene: str | Path, out: str | Path, *, release: str = "harmonic
     from posefuse.foundation.places import check_outside_inputs
     from posefuse_sim import read_scene
     from posefuse_sim.gazebo import export_world
-    from posefuse_sim.scene import motion_files
 
     chosen = read_scene(Path(scene))
-    check_outside_inputs(Path(out), (Path(scene), *motion_files(chosen)))
+    check_outside_inputs(Path(out), (Path(scene),))
     return export_world(chosen, Path(out), release=release, replace_older=replace)
 
 

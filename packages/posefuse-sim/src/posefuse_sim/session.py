@@ -53,7 +53,7 @@ _DEPTH_BYTES = 1.0
 def simulate(
     scene: Scene,
     out: Path,
-    progress: Progress | None = None,
+    progress: Progress = lambda done, total: None,
     processes: int | None = None,
     *,
     replace: bool = False,
@@ -151,7 +151,7 @@ def _job(live: LiveScene, backend: str, largest_wh: tuple[int, int]) -> RenderJo
     )
 
 
-def _render(live: LiveScene, job: RenderJob, paths: SessionPaths, progress: Progress | None, processes: int) -> None:
+def _render(live: LiveScene, job: RenderJob, paths: SessionPaths, progress: Progress, processes: int) -> None:
     runs = runs_of(live, paths)
     if not isinstance(live.scene.record, H264Settings):
         for name in live.rig.names:
@@ -162,12 +162,10 @@ def _render(live: LiveScene, job: RenderJob, paths: SessionPaths, progress: Prog
     total = sum(len(shots) for shots in live.shots)
     missing = [run for run in runs if not run.done.is_file()]
     done = total - sum(run.frames.stop - run.frames.start for run in missing)
-    if progress:
-        progress(done, total)
+    progress(done, total)
     for frames in render_all(job, _tasks(live, paths, missing), min(processes, max(1, len(missing)))):
         done += frames
-        if progress:
-            progress(done, total)
+        progress(done, total)
 
 
 def _tasks(live: LiveScene, paths: SessionPaths, runs: list[FrameRun]) -> Iterator[RenderTask]:
