@@ -48,14 +48,20 @@ SEGMENTS = ("pelvis", "thorax", "head") + tuple(
 _TRUNK = ("flexion", "bend_right", "rotation_left")
 _SIDE_JOINTS = {
     "shoulder": ("thorax", "upper_arm", ("plane_of_elevation", "elevation", "internal_rotation")),
-    "elbow": ("upper_arm", "forearm", ("flexion", "carrying", "pronation")),
-    "wrist": ("forearm", "hand", ("flexion", "ulnar_deviation", "internal_rotation")),
+    "elbow": ("{}_upper_arm", "forearm", ("flexion", "carrying", "pronation")),
+    "wrist": ("{}_forearm", "hand", ("flexion", "ulnar_deviation", "internal_rotation")),
     "hip": ("pelvis", "thigh", ("flexion", "adduction", "internal_rotation")),
-    "knee": ("thigh", "shank", ("flexion", "adduction", "internal_rotation")),
-    "ankle": ("shank", "foot", ("dorsiflexion", "inversion", "internal_rotation")),
+    "knee": ("{}_thigh", "shank", ("flexion", "adduction", "internal_rotation")),
+    "ankle": ("{}_shank", "foot", ("dorsiflexion", "inversion", "internal_rotation")),
 }
-JOINTS = ("trunk", "neck") + tuple(f"{side}_{joint}" for side in ("left", "right") for joint in _SIDE_JOINTS)
-ANGLE_NAMES = (_TRUNK, _TRUNK) + tuple(names for _ in range(2) for _, _, names in _SIDE_JOINTS.values())
+# joint -> its proximal and its distal segment, and its angles
+_JOINTS = {"trunk": ("pelvis", "thorax", _TRUNK), "neck": ("thorax", "head", _TRUNK)} | {
+    f"{side}_{joint}": (proximal.format(side), f"{side}_{distal}", names)
+    for side in ("left", "right")
+    for joint, (proximal, distal, names) in _SIDE_JOINTS.items()
+}
+JOINTS = tuple(_JOINTS)
+ANGLE_NAMES = tuple(names for _, _, names in _JOINTS.values())
 # joints whose flexion turns the distal segment backwards about Z
 _FLEXES_BACK = ("trunk", "neck", "left_knee", "right_knee")
 _MIRROR = np.array([1.0, 1.0, -1.0])
@@ -64,13 +70,7 @@ _DEGENERATE = 1e-7
 
 def joint_segments(joint: str) -> tuple[str, str]:
     """Names of the proximal and the distal segment of a joint."""
-    if joint == "trunk":
-        return "pelvis", "thorax"
-    if joint == "neck":
-        return "thorax", "head"
-    side, part = joint.split("_")
-    proximal, distal, _ = _SIDE_JOINTS[part]
-    return (proximal if proximal in ("pelvis", "thorax") else f"{side}_{proximal}"), f"{side}_{distal}"
+    return _JOINTS[joint][:2]
 
 
 def joint_angles_from_rotations(rotation_world: Array) -> Array:
