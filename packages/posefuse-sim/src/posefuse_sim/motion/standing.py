@@ -268,9 +268,9 @@ def _wave(stander: Stander, t_s: Array) -> Stance:
     side = stander.settings.side
     centre, axes = _idle(stander, t_s)
     swing = np.deg2rad(28.0) * np.sin(2 * np.pi * t_s / stander.period_s)
-    still = np.zeros_like(swing)
     # raised in the plane 25 degrees before the shoulders, forearm up: turned out by a quarter
-    shoulder = np.stack([still + np.deg2rad(25), still + np.deg2rad(85) + 0.1 * swing, still - np.deg2rad(85)], axis=-1)
+    angles = np.deg2rad(25), np.deg2rad(85) + 0.1 * swing, -np.deg2rad(85)
+    shoulder = np.stack(np.broadcast_arrays(*angles), axis=-1)
     upper = axes["thorax"] @ rotation_of(f"{side}_shoulder", shoulder)
     elbow = np.deg2rad(80.0) + swing
     return centre, axes | arm_axes(stander.body, side, upper, elbow, np.deg2rad(80.0))
